@@ -215,7 +215,7 @@ def test_it_says_how_each_world_ended(written: Path, tables: dict[str, dict[str,
         np.testing.assert_array_equal(np.array(texts).astype(column.dtype), column, err_msg=name)
 
 
-def test_the_manifest_has_units_of_all_columns(written: Path, tables: dict[str, dict[str, np.ndarray]]):
+def test_columns_have_units(written: Path, tables: dict[str, dict[str, np.ndarray]]):
     columns = json.loads((written / "manifest.json").read_text())["columns"]
     assert set(columns) == {*tables["table"], *tables["worlds"]}
     units = {name: column["unit"] for name, column in columns.items()}
@@ -224,9 +224,6 @@ def test_the_manifest_has_units_of_all_columns(written: Path, tables: dict[str, 
     assert (units["balloon.mass"], units["balloon.position.1"]) == ("kg", "m")
     assert columns["balloon.mass"]["meaning"].startswith("Mass of the whole balloon")
     assert all(column["meaning"] for column in columns.values())
-
-
-def test_every_column_that_there_may_be_has_a_unit():
     gas = Balloon(mesh=quad_sphere(2), inflation=Inflation(pump=[(0, 0), (1, 0.1)]))
     vary = ("balloon.mesh", "balloon.scale", "balloon.stiffness.seed", "balloon.inflation.pump", "atmosphere.wind.0")
     told = describe_columns(ending_scene(balloon=[gas], box=Box(lower=(0, 0, 0), upper=(1, 1, 1))), vary)
@@ -285,15 +282,12 @@ def test_what_is_replaced_is_written_again(tmp_path):
     assert found["mesh"].tolist() == ["a", "b"] * 3
 
 
-def test_many_rows_are_parquet_and_few_are_text(monkeypatch):
+def test_many_rows_are_parquet_and_few_are_text_and_mistakes_are_told(monkeypatch, tmp_path):
     few, many = table.MOST_CSV_ROWS, table.MOST_CSV_ROWS + 1
     assert [table.settled_table("auto", rows) for rows in (few, many)] == ["csv", "parquet"]
     assert table.settled_table("csv", many) == "csv"
     monkeypatch.setattr(table, "has_parquet", lambda: False)
     assert table.settled_table("auto", many) == "csv"
-
-
-def test_mistakes_are_told(tmp_path, monkeypatch):
     with pytest.raises(InputError, match=r"^--table xlsx: expected auto, csv, parquet$"):
         run_batch(scene(), tmp_path, 2, device="cpu", table="xlsx")
 

@@ -132,12 +132,18 @@ def test_strings_of_no_said_length_reach_from_each_worlds_anchor_to_its_balloon(
     np.testing.assert_array_equal(lengths[:, 1], 0.5)
 
 
-def test_several_things_differ_at_once_and_the_last_named_wins():
+def test_overrides_keep_all_else_and_the_last_named_wins():
     vary = {"balloon.mass": np.array([0.1, 0.2]), "balloon.0.mass": np.array([0.15, 0.3]), "gravity": [1.0, 2.0]}
     batch = run(Simulator(everything(), "cpu", 2, vary, schedule="lanes"))
     overrides = [("balloon.mass", 0.2), ("balloon.0.mass", 0.3), ("gravity", 2.0)]
     alone = run(Simulator(override_scene(everything(), overrides), "cpu", schedule="lanes"))
     np.testing.assert_array_equal(end_state(batch, 1), end_state(alone, 0))
+    scene = everything()
+    changed = override_scene(scene, [("sphere.0.mass", 7.0)])
+    assert changed.sphere[0].mass == 7.0
+    assert changed.balloon[0].mesh is scene.balloon[0].mesh
+    back = override_scene(changed, [("sphere.0.mass", scene.sphere[0].mass)])
+    assert back.model_dump(exclude={"balloon"}) == scene.model_dump(exclude={"balloon"})
 
 
 STIFF = {
@@ -193,15 +199,6 @@ def test_many_worlds_are_planned_without_a_loop_over_them():
     assert lines_executed(lambda: plan_worlds(len(draw))) <= 1.1 * lines_executed(lambda: plan_worlds(16))
     np.testing.assert_array_equal(plan.parameters["mass"], np.stack([draw, draw], axis=1))
     assert plan.parameters["helium"].shape == (1, 2)
-
-
-def test_overriding_a_scene_keeps_all_else():
-    scene = everything()
-    changed = override_scene(scene, [("sphere.0.mass", 7.0)])
-    assert changed.sphere[0].mass == 7.0
-    assert changed.balloon[0].mesh is scene.balloon[0].mesh
-    back = override_scene(changed, [("sphere.0.mass", scene.sphere[0].mass)])
-    assert back.model_dump(exclude={"balloon"}) == scene.model_dump(exclude={"balloon"})
 
 
 @pytest.mark.parametrize("world", [-1, 2])

@@ -91,11 +91,16 @@ def test_each_world_is_seen_as_it_is_alone(device: str):
     assert (together.depth.numpy()[0] != together.depth.numpy()[1]).mean() > 0.2
 
 
-def test_the_ground_is_where_it_is():
+def test_a_capsule_a_plane_and_the_ground_are_where_they_are():
+    """A capsule seen along its axis is a ball at its near end; a plane is the ground."""
     toward = rays()
     with np.errstate(divide="ignore"):
         told = np.where(toward[..., 1] < 0.0, -2.0 / toward[..., 1], np.inf)
     np.testing.assert_allclose(depths(scene(ground=Ground(height=-2.0)))[0], told, rtol=1e-5)
+    lying = scene(obstacle=[Obstacle(radius=RADIUS, length=1.0, rotation=(90.0, 0.0, 0.0), position=(0.3, -0.1, 0.0))])
+    np.testing.assert_allclose(depths(lying)[0], depths_of_sphere(), rtol=2e-5)
+    plane = scene(obstacle=[Obstacle(shape="plane", position=(0.0, -2.0, 0.0))])
+    np.testing.assert_allclose(depths(plane), depths(scene(ground=Ground(height=-2.0))), rtol=1e-5)
 
 
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
@@ -122,14 +127,6 @@ def test_a_box_is_seen_as_a_mesh_a_body_and_a_balloon_of_that_shape_are():
     )
     for other in others:
         np.testing.assert_allclose(depths(other), told, rtol=2e-5)
-
-
-def test_a_capsule_and_a_plane_are_where_they_are():
-    """A capsule seen along its axis is a ball at its near end; a plane is the ground."""
-    lying = scene(obstacle=[Obstacle(radius=RADIUS, length=1.0, rotation=(90.0, 0.0, 0.0), position=(0.3, -0.1, 0.0))])
-    np.testing.assert_allclose(depths(lying)[0], depths_of_sphere(), rtol=2e-5)
-    plane = scene(obstacle=[Obstacle(shape="plane", position=(0.0, -2.0, 0.0))])
-    np.testing.assert_allclose(depths(plane), depths(scene(ground=Ground(height=-2.0))), rtol=1e-5)
 
 
 def test_from_inside_a_balloon_its_inside_is_all_around():

@@ -154,15 +154,12 @@ def test_a_single_path_with_many_values_fills_even_rows(tmp_path):
     assert 2 * SIZE[1] < height < 4 * SIZE[1]
 
 
-def test_long_labels_are_broken_and_stay_over_their_tile():
+def test_long_labels_are_broken_and_a_wide_table_is_not_cut_off(capsys):
     black = np.zeros((64, 96, 3), dtype=np.uint8)
     short = compose_sheet([Tile(["a"], black, "")], 1, SIZE)
     sheet = compose_sheet([Tile(["word " * 12], black, ""), Tile([], black, "")], 2, SIZE)
     assert len(sheet) > len(short) + 24  # two lines more at least
     assert (sheet[: len(sheet) - len(short), -SIZE[0] :] == 255).all()  # nothing over the other tile
-
-
-def test_a_table_of_many_figures_is_not_cut_off(capsys):
     figures = {f"sphere_{number}_height": 0.5 for number in range(8)} | {"particles": 8, "substeps": 4}
     values = [{"picture_frame": number, "balloon.inflation.k_normal.1.1": 7} for number in (1, 2)]
     runs = [Run(own, "done", "", {"frame": own["picture_frame"], **figures}) for own in values]

@@ -185,12 +185,17 @@ def test_a_number_has_one_control():
         simulator.controls.open("balloon.0.damping", 0.0, 1.0)
 
 
-def test_the_step_allows_for_the_stiffest_values_within_the_bounds():
+def test_the_step_and_the_laws_are_those_of_the_bounds():
     scene = SCENE.model_copy(update={"substeps": "auto"})
     stiff = Simulator(scene.model_copy(update={"balloon": [replace_mass(0.01)]}), "cpu")
     controlled = Simulator(scene, "cpu")
     controlled.controls.open("balloon.mass", 0.01, 1.0)
     assert controlled.model.substeps == stiff.model.substeps
+    simulator = Simulator(SCENE, "cpu")
+    before = acting_laws(simulator.model)
+    simulator.controls.open("balloon.drag_coefficient", 0.0, 1.0)
+    assert len(acting_laws(simulator.model)) == len(before) + 1
+    assert acting_laws(replace(simulator.model, reach={})) == before
 
 
 def replace_mass(mass: float) -> Balloon:
@@ -206,14 +211,6 @@ def test_arrays_of_others_are_taken():
         assert pressure.numpy().tolist() == [1.0, 2.0]
     simulator.controls[PRESSURE] = 4.0
     assert pressure.numpy().tolist() == [4.0, 4.0]
-
-
-def test_laws_act_only_where_bounds_let_them():
-    simulator = Simulator(SCENE, "cpu")
-    before = acting_laws(simulator.model)
-    simulator.controls.open("balloon.drag_coefficient", 0.0, 1.0)
-    assert len(acting_laws(simulator.model)) == len(before) + 1
-    assert acting_laws(replace(simulator.model, reach={})) == before
 
 
 @pytest.mark.full

@@ -285,11 +285,6 @@ def test_foil_of_an_inflated_size_is_drawn_larger(tmp_path, monkeypatch):
     assert "--inflated-size, --height: " in str(said.exception)
 
 
-def test_foil_of_a_mesh_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"target: foil without panels needs letters or a drawing"):
-        bw.design(pear(), of="foil", folder=tmp_path)
-
-
 COARSE = quad_sphere(3)
 TRIANGLES = Ruler(COARSE).triangles
 EDGE = float(np.linalg.norm(np.diff(COARSE.points[mesh_edges(COARSE).ends], axis=1), axis=2).mean())
@@ -435,7 +430,7 @@ def through() -> np.ndarray:
     return np.where(top[:, None], [0.0, -2.2 * size, 0.0], 0.01 * points)
 
 
-def test_moves_are_held_back_only_where_the_surface_would_cross_itself():
+def test_surfaces_that_cross_themselves_are_held_back_and_no_others():
     moves = through()
     assert crossing_count(replace(FINE, points=FINE.points + moves)) > 0
     held = uncrossed(FINE, moves, means())
@@ -443,14 +438,8 @@ def test_moves_are_held_back_only_where_the_surface_would_cross_itself():
     same = np.all(held == moves, axis=1)
     assert 0.2 < same.mean() < 1.0  # the sides go on
     assert (np.linalg.norm(held, axis=1) <= np.linalg.norm(moves, axis=1) + 1e-12).all()
-
-
-def test_moves_that_cross_nothing_stay_as_they_are():
     moves = 0.1 * FINE.points
     np.testing.assert_array_equal(uncrossed(FINE, moves, means()), moves)
-
-
-def test_pairs_that_may_cross_are_those_that_do():
     moves = through()
     near = NearPairs.of(FINE, float(np.linalg.norm(moves, axis=1).max()))
     there = FINE.points + moves

@@ -51,12 +51,9 @@ def test_gymnasium_finds_nothing_wrong():
     check_env(gymnasium.make("BalloonWarp/Target-v0", device="cpu").unwrapped, skip_render_check=True)
 
 
-def test_gymnasium_knows_all_tasks():
+def test_gymnasium_knows_all_tasks_and_makes_many_worlds_by_name():
     assert set(TASKS) == {*SHORT, "Altitude"}
     assert all(f"BalloonWarp/{name}-v0" in gymnasium.registry for name in TASKS)
-
-
-def test_many_worlds_are_made_by_name():
     env = gymnasium.make_vec("BalloonWarp/Target-v0", num_envs=3, device="cpu", autoreset_mode="SameStep")
     assert isinstance(env, BalloonVectorEnv)
     assert env.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP

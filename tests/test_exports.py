@@ -6,6 +6,7 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
 from base64 import b64decode
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -154,11 +155,10 @@ def test_a_failure_keeps_what_was_there_and_the_checkpoints(tmp_path, monkeypatc
     ("name", "complaint"),
     [
         ("out.fbx", r"cannot write \.fbx; expected \.usdc, .*\.glb, .*\.abc"),
-        (
-            "out.obj",
-            r"is one file for all frames; expected #### in the name for the frame number, such as out\.####\.obj",
-        ),
+        ("out", r"out: cannot write a file without a suffix; expected"),
+        ("out.obj", r"is one file for all frames; expected #### in the name for the frame .*, such as out\.####\.obj"),
         ("missing/out.glb", "the folder .* does not exist"),
+        ("missing/out.usdc", "the folder .* does not exist"),
         ("stage.usdc", "is the input stage"),
     ],
 )
@@ -197,14 +197,6 @@ def test_blender_writes_alembic(written: Path, tmp_path):
     assert done.returncode == 0, done.stderr
     expected = points(written, "/World/ball", FRAMES)[:, [0, 2, 1]] * [1, -1, 1]
     np.testing.assert_allclose(np.load(tmp_path / "ball.npy"), expected, atol=1e-5)
-
-
-def test_every_writer_is_there():
-    from importlib import import_module
-
-    for place in export.WRITERS.values():
-        module, function = place.split(".")
-        assert callable(getattr(import_module(f"balloon_warp.outputs.exports.{module}"), function))
 
 
 @pytest.mark.parametrize("height", [0.0, 2.0])
@@ -342,6 +334,12 @@ def test_xarray_makes_a_zarr_store_of_it_as_its_page_says(page_file: Path, monke
         exec(line, {"found": found})
     with xarray.open_zarr(page_file.parent / "squirrel.zarr") as kept:
         assert kept["mesh_pos"].dims == ("time", "particle", "axis")
+
+
+def test_every_writer_is_there():
+    for place in export.WRITERS.values():
+        module, function = place.split(".")
+        assert callable(getattr(import_module(f"balloon_warp.outputs.exports.{module}"), function))
 
 
 def test_edges_are_the_sides_of_faces():

@@ -323,12 +323,14 @@ def test_a_folder_that_vanishes_is_told(kind: str, scene: Scene, tmp_path):
     assert contents(folder) == {}  # USD makes the folder anew, and leaves it empty
 
 
-def test_a_folder_that_takes_no_files_is_told_before_the_run(scene: Scene):
+def test_a_folder_that_takes_no_files_is_told_before_the_run(scene: Scene, tmp_path):
     """A folder of the kernel's is refused before the run: not even the superuser may write to it."""
     frames = []
+    animate(scene.model_copy(update={"frames": 1}), tmp_path / "ball.usdc", device="cpu")
     for write_there in (
         lambda: animate(scene, "/proc/self/ball.usdc", device="cpu", on_frame=frames.append),
         lambda: run_batch(scene, "/proc/self/fdinfo", 2, device="cpu", on_frame=frames.append),
+        lambda: render_stage(tmp_path / "ball.usdc", "/proc/a.png", on_frame=lambda *_: frames.append(0), device="cpu"),
     ):
         with pytest.raises(InputError, match="cannot be written: "):
             write_there()

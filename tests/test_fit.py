@@ -192,14 +192,11 @@ def test_curves_that_cannot_be_get_a_sentence(words: list[str], rows: str, sente
     assert sentence in str(said.exception)
 
 
-def test_columns_may_be_separated_by_semicolons(tmp_path):
+def test_plots_have_round_ticks_and_columns_may_be_separated_by_semicolons(tmp_path):
     (tmp_path / "curve.csv").write_text("Pressure [Pa];Volume [m3]\n" + "".join(f"1,5;0,{k}\n" for k in range(1, 7)))
     curve = read_curve(tmp_path / "curve.csv")
     np.testing.assert_allclose(curve.volumes, 0.1 * np.arange(1, 7))
     np.testing.assert_allclose(curve.pressures, 1.5)
-
-
-def test_the_plot_has_round_ticks():
     assert ticks(0.0, 0.0687) == pytest.approx([0.0, 0.02, 0.04, 0.06])
     assert ticks(0.0, 1845.0) == pytest.approx([0.0, 500.0, 1000.0, 1500.0])
 
@@ -400,7 +397,7 @@ def test_what_cannot_be_fitted_is_refused_in_a_sentence(case: str):
         bw.fit(FLIGHT, device="cpu", starts=1, **more)
 
 
-def test_a_loss_that_raises_ends_all_starts():
+def test_losses_that_raise_or_have_no_shape_end_a_fit():
     calls = []
 
     def broken(moved: bw.Trajectories) -> Any:
@@ -411,9 +408,6 @@ def test_a_loss_that_raises_ends_all_starts():
 
     with pytest.raises(RuntimeError, match="no more"):
         bw.fit(FLIGHT, of={"balloon.velocity.1": (-2.0, 6.0)}, loss=broken, starts=3, device="cpu")
-
-
-def test_a_target_of_another_shape_is_refused():
     with pytest.raises(bw.InputError, match="distance: target: expected a place, three numbers"):
         bw.losses.distance((1.0, 2.0))
 

@@ -67,13 +67,10 @@ def test_a_balloon_that_is_far_away_as_a_whole_is_good_until_float32_does_not_re
     assert found(points, spheres, device) == [HEALTHY, int(CUBE.face_vertex_indices[0])]
 
 
-def test_a_burst_balloon_is_good(device: str):
+def test_what_is_far_fixed_burst_or_unused_is_good(device: str):
     points, spheres = places(1)
     points *= 0.1 * MOST_SPAN
     assert found(points, spheres, device) == [HEALTHY]
-
-
-def test_fixed_particles_and_unused_vertices_are_good_wherever_they_are(device: str):
     points, spheres = places(1)
     points[0, 5] = 10.0 * MOST_SPAN
     assert found(points, spheres, device, fixed=[5]) == [HEALTHY]

@@ -38,15 +38,9 @@ def done_of(work: list[Callable[[Interrupts], None]], message: str) -> int:
     return done
 
 
-def test_ctrl_c_waits_until_it_is_delivered():
+def test_ctrl_c_waits_until_it_is_delivered_but_for_the_second():
     assert done_of([press, lambda _: None, lambda interrupts: interrupts.deliver("so far")], "so far") == 2
-
-
-def test_ctrl_c_that_nobody_delivered_comes_at_the_end():
     assert done_of([press, lambda _: None], "") == 2
-
-
-def test_a_second_ctrl_c_is_not_held_back():
     assert done_of([press, press, lambda _: None], "") == 1
 
 

@@ -308,11 +308,7 @@ def moved(stage: Path) -> Path:
 
 
 def assert_sides(path: Path, prim: str | None = None) -> None:
-    """Require that each face of a mesh has its side's color in a file that is read again."""
-    found = seen_sides(load_mesh(path, prim))
-    assert {side for side, _ in found} == set(range(6))
-    for side, color in found:
-        assert color == SIDES[side]
+    assert_painted(load_mesh(path, prim))
 
 
 @pytest.mark.parametrize("kind", ["glb", "obj", "usda"])

@@ -46,11 +46,17 @@ def test_the_page_says_where_it_is(host, place, tmp_path, monkeypatch):
     page.stop()
 
 
-def test_the_page_is_on_loopback_alone(tmp_path):
+def test_the_page_is_on_loopback_alone_and_refuses_a_taken_port(tmp_path):
     page = served(tmp_path)
     assert page.server.get_host() == "127.0.0.1"
     assert page.server.request_share_url() is None
     page.stop()
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        result = CliRunner().invoke(app, ["view", "squirrel_inflate", "--port", str(port)])
+    assert str(result.exception) == f"--port {port}: cannot listen on 127.0.0.1: Address already in use"
 
 
 @pytest.mark.parametrize(
@@ -65,15 +71,6 @@ def test_mistakes_are_refused_in_a_sentence(arguments, sentence):
     result = CliRunner().invoke(app, ["view", *arguments])
     assert isinstance(result.exception, InputError)
     assert str(result.exception).startswith(sentence)
-
-
-def test_a_port_that_is_taken_is_refused():
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        port = taken.getsockname()[1]
-        result = CliRunner().invoke(app, ["view", "squirrel_inflate", "--port", str(port)])
-    assert str(result.exception) == f"--port {port}: cannot listen on 127.0.0.1: Address already in use"
 
 
 def test_the_page_sees_as_far_as_a_string_lets_a_balloon_come():

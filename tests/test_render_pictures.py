@@ -90,12 +90,9 @@ def test_each_device_makes_the_same_picture(device: str, tmp_path):
     assert np.abs(seen[0] - seen[1]).mean() < 0.1
 
 
-def test_which_axis_is_up_does_not_show(tmp_path):
+def test_units_axes_and_devices_do_not_show(tmp_path):
     seen = [picture(_small_world(tmp_path / f"{up}.usda", up)) for up in ("Y", "Z")]
     assert (seen[0] == seen[1]).all()
-
-
-def test_units_do_not_show(tmp_path):
     seen = []
     for factor in (1.0, 1000.0):
         stage = _small_world(tmp_path / f"{factor}.usda", "Y")
@@ -315,13 +312,10 @@ def test_an_open_shutter_smears_what_moves_along_its_way(tmp_path):
     assert smeared.sum() == pytest.approx(sharp.sum(), rel=0.05)
 
 
-def test_the_shutter_stays_within_the_stage():
+def test_the_shutter_stays_within_the_stage_and_moments_add_up_as_light_does():
     assert moments(5, 0.0, 9) == [5]
     assert 5.0 < min(moments(5, 0.5, 9)) < max(moments(5, 0.5, 9)) < 5.5
     assert 8.5 < min(moments(9, 0.5, 9)) < max(moments(9, 0.5, 9)) < 9.0
-
-
-def test_moments_add_up_as_light_does():
     black, white = np.zeros((1, 1, 3), np.uint8), np.full((1, 1, 3), 255, np.uint8)
     assert one_over_the_other([black, white])[0, 0, 0] == 188  # half of the light
     gray = np.arange(256, dtype=np.uint8).repeat(3).reshape(1, 256, 3)
@@ -417,7 +411,7 @@ def saturation(colors: np.ndarray) -> float:
     return float(1.0 - mean.min() / mean.max())
 
 
-def test_a_wall_makes_no_light_and_an_opaque_one_lets_none_through():
+def test_walls_of_rubber_make_no_light_deepen_and_fade():
     many = np.random.default_rng(3)
     opacity = np.append(many.uniform(0.0, 1.0, 500), 1.0)
     clear, back, forth = walls(opacity, many.uniform(0.05, 4.0, 501), many.uniform(0.0, 1.0, 501))
@@ -426,8 +420,6 @@ def test_a_wall_makes_no_light_and_an_opaque_one_lets_none_through():
     assert (clear[-1] + forth[-1]).max() < 1e-4
     assert back[-1, 0] > 0.5
 
-
-def test_color_deepens_with_the_way_through_and_fades_with_stretch():
     def redness(shares: np.ndarray) -> np.ndarray:
         return shares[:, 0] / shares[:, 1]
 

@@ -44,7 +44,7 @@ def test_the_camera_has_all_that_moves_in_view(tmp_path, up_axis: str):
     assert up["XYZ".index(up_axis)] > 0.9
 
 
-def test_pictures_find_their_own_camera(tmp_path):
+def test_pictures_and_exports_find_their_own_camera_and_backdrop(tmp_path):
     animate(scene(frames=2), tmp_path / "out.usda", device="cpu")
     stage = read_stage(tmp_path / "out.usda")
     assert stage.camera(0, 16 / 9) is None
@@ -53,6 +53,11 @@ def test_pictures_find_their_own_camera(tmp_path):
     own.Save()
     stage = read_stage(tmp_path / "out.usda")
     assert stage.camera(0, 16 / 9) is not None
+    staged(tmp_path)
+    animate(scene(frames=2), tmp_path / "plain.usdc", device="cpu", lights=False)
+    drawn = [read_stage(tmp_path / name) for name in ("out.usdc", "plain.usdc")]
+    assert len(drawn[0].meshes) == len(drawn[1].meshes)
+    assert "Backdrop" not in {part.name for part in Animation(tmp_path / "out.usdc").parts}
 
 
 def test_lights_and_ground_can_be_left_out(tmp_path):
@@ -228,14 +233,6 @@ def test_the_scene_may_look_nearer(tmp_path):
     frustum = cameras[1].GetCamera(0).frustum
     middle = (frustum.ComputeViewMatrix() * frustum.ComputeProjectionMatrix()).Transform(Gf.Vec3d(*at))
     assert np.allclose(middle[:2], 0.0, atol=1e-6)
-
-
-def test_our_pictures_and_exports_bring_their_own_backdrop(tmp_path):
-    staged(tmp_path)
-    animate(scene(frames=2), tmp_path / "plain.usdc", device="cpu", lights=False)
-    drawn = [read_stage(tmp_path / name) for name in ("out.usdc", "plain.usdc")]
-    assert len(drawn[0].meshes) == len(drawn[1].meshes)
-    assert "Backdrop" not in {part.name for part in Animation(tmp_path / "out.usdc").parts}
 
 
 @pytest.mark.full

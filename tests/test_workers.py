@@ -20,7 +20,7 @@ from balloon_warp.sweep.child import begin_children, start_child
 from balloon_warp.sweep.cluster import worker_environments
 
 
-def test_jobs_run_in_order_off_the_main_thread_and_only_so_many_wait():
+def test_jobs_run_in_order_and_their_errors_are_raised_where_the_batch_runs():
     done, gate = [], threading.Event()
 
     def job(number: int) -> None:
@@ -34,9 +34,6 @@ def test_jobs_run_in_order_off_the_main_thread_and_only_so_many_wait():
         background.submit(job, WAITING + 1)
         assert gate.is_set()  # it had to wait for a place
     assert done == [(number, False) for number in range(WAITING + 2)]
-
-
-def test_an_error_of_a_job_is_raised_where_the_batch_runs():
     with pytest.raises(OSError, match="disk full"), Background() as background:
         background.submit(_fail)
 

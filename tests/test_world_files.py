@@ -118,7 +118,7 @@ def test_contact_forces_on_particles_add_up(tmp_path):
         assert found.keys() - without.keys() == {"contact_force", "particle_contact_force"}
 
 
-def test_they_say_what_differs(data: Path):
+def test_they_say_what_differs_and_the_manifest_lists_them(data: Path):
     for world in range(WORLDS):
         told = attributes_of(world_file(data, world))
         assert (told["world"], told["health"], told["every"]) == (world, 1, 2)
@@ -127,9 +127,6 @@ def test_they_say_what_differs(data: Path):
         assert told["gravity"] == VARY["gravity"][world]
         assert told["string.0.length"] == 1.5
         assert json.loads(told["units"])["balloon.0.mass"] == "kg"
-
-
-def test_the_manifest_lists_them(data: Path):
     said = manifest(data)
     assert sorted(name for names in said["splits"].values() for name in names) == sorted(
         str(path.relative_to(data)) for path in data.glob("*/world_*")
@@ -138,9 +135,6 @@ def test_the_manifest_lists_them(data: Path):
     assert said["fields"]["mesh_pos"]["unit"] == "m"
     assert (said["blew_up"], said["restarted"], said["scene"]) == ([], [], describe_scene(scene(contacts=True)))
     assert not list(data.glob("partial*"))
-
-
-def test_readers_of_folders_take_them(data: Path):
     folders = [data / split for split, names in manifest(data)["splits"].items() if names]
     samples = [arrays_of(path) for folder in folders for path in sorted(folder.iterdir())]
     assert len(samples) == WORLDS
@@ -311,13 +305,7 @@ def never(frame: int) -> None:
     raise AssertionError(frame)
 
 
-def test_a_disk_that_is_too_small_is_told(tmp_path, monkeypatch):
-    monkeypatch.setattr(writer.shutil, "disk_usage", lambda folder: type("Disk", (), {"free": 10}))
-    with pytest.raises(InputError, match=r"data: the trajectories need 0\.00 GiB, and the disk has 0\.00 GiB;"):
-        run_batch(scene(), tmp_path / "out", 2, device="cpu", trajectories=tmp_path / "data", on_frame=never)
-
-
-def test_without_h5py_it_says_which_extra(tmp_path, monkeypatch):
+def test_a_missing_extra_and_a_disk_that_is_too_small_are_told(tmp_path, monkeypatch):
     def missing(name: str) -> None:
         raise ImportError(name)
 
@@ -325,6 +313,10 @@ def test_without_h5py_it_says_which_extra(tmp_path, monkeypatch):
     with pytest.raises(MissingExtraError, match=r"h5py: pip install 'balloon-warp\[data\]'"):
         run_batch(scene(), tmp_path / "out", 2, device="cpu", trajectories=tmp_path / "data")
     run_batch(scene(), tmp_path / "out", 2, device="cpu", trajectories=TrajectoryFiles(tmp_path / "data", format="npz"))
+    monkeypatch.undo()
+    monkeypatch.setattr(writer.shutil, "disk_usage", lambda folder: type("Disk", (), {"free": 10}))
+    with pytest.raises(InputError, match=r"data: the trajectories need 0\.00 GiB, and the disk has 0\.00 GiB;"):
+        run_batch(scene(), tmp_path / "out", 2, device="cpu", trajectories=tmp_path / "data", on_frame=never)
 
 
 def test_those_of_another_batch_are_not_gone_on_with(tmp_path):

@@ -170,7 +170,7 @@ def test_frames_are_read_beside_as_many_that_are_not(monkeypatch):
     assert result.ratio == result.rate / result.peer_rate
 
 
-def test_a_process_simulates_a_first_frame():
+def test_a_process_simulates_a_first_frame_or_says_that_it_does_not(tmp_path):
     wp.init()
     cache = Path(str(wp.config.kernel_cache_dir)).parent  # Warp adds its version
     seconds, said = first_frame._simulate(FirstFrameCase("", cold=False), wp.get_device("cpu"), str(cache))
@@ -178,9 +178,6 @@ def test_a_process_simulates_a_first_frame():
     schedule, particles = said.split()
     assert schedule in SCHEDULES
     assert int(particles) == 2494
-
-
-def test_a_process_without_a_frame_is_told(tmp_path):
     with pytest.raises(subprocess.CalledProcessError):
         first_frame._simulate(FirstFrameCase("", cold=False, scene="none"), wp.get_device("cpu"), str(tmp_path))
 
@@ -193,9 +190,6 @@ def test_gathers_bound_is_the_launch_for_few_particles_and_issue_or_bytes_for_ma
     assert bound.gather_bound(10**8, 10**4, 1.5e-6, obstacles=False) == pytest.approx(10.1376e12 / 172, rel=1e-3)
     with_sphere = bound.gather_bound(10**8, 132, 1.5e-6, obstacles=True)
     assert with_sphere < bound.gather_bound(10**8, 132, 1.5e-6, obstacles=False)
-
-
-def test_the_bound_is_for_gpus():
     model = build_model(Case("", "gather", 1, cells=2).scene(), "cpu")
     assert bound.bound(model, "gather") is None
 
@@ -291,14 +285,11 @@ def bench(*words: str) -> int:
     return status_of("bench", *words)
 
 
-def test_json_is_all_that_is_printed(capsys):
+def test_a_table_is_printed_and_the_json_written_or_json_alone(capsys, tmp_path):
     assert bench("--device", "cpu", "--json") == 0
     said = capsys.readouterr()
     assert json.loads(said.out) == [result.as_json() for result in RESULTS]
     assert said.err.splitlines() == ["1 balloon (gather): 2e+08", "[s] (lanes): 3"]
-
-
-def test_a_table_is_printed_and_the_json_written(tmp_path, capsys):
     assert bench("--device", "cpu", "-o", str(tmp_path / "results.json")) == 0
     cases = [line.split("|")[1].strip() for line in capsys.readouterr().out.splitlines() if line.startswith("|")]
     assert [case for case in cases if not case.startswith("-")] == ["case", "1 balloon", "[s]"]
@@ -324,14 +315,11 @@ def test_bundled_scenes_are_measured_in_each_schedule_beside_auto(monkeypatch, c
     assert json.loads(capsys.readouterr().out) == [result.as_json() for result in measured]
 
 
-def test_two_sets_of_cases_at_once_are_refused(capsys):
-    assert bench("--scenes", "--quick") == 2
-    assert capsys.readouterr().err == "error: --quick, --scenes, and --gpus or --workers: expected only one of them\n"
-
-
-def test_variants_of_scenes_can_be_built():
+def test_variants_of_scenes_can_be_built_and_two_sets_at_once_are_refused(capsys):
     for source, overrides in auto.VARIANTS.values():
         assert load_scene(source, overrides) != load_scene(source)
+    assert bench("--scenes", "--quick") == 2
+    assert capsys.readouterr().err == "error: --quick, --scenes, and --gpus or --workers: expected only one of them\n"
 
 
 CASE = CrowdCase("", "newton", cells=4)

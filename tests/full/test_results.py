@@ -19,8 +19,12 @@ def in_the_project(monkeypatch):
     monkeypatch.chdir(ROOT)
 
 
-def test_the_page_is_what_the_command_writes():
+def test_the_page_is_what_the_command_writes_and_every_record_is_linked():
     assert PAGE.read_text(encoding="utf-8") == as_markdown(map(read, files().values()))
+    listed = (RECORDS / "README.md").read_text(encoding="utf-8")
+    for page in {*RECORDS.glob("*.md")} - {RECORDS / "README.md"}:
+        assert f"]({page.name})" in listed, page.name
+        assert page.read_text(encoding="utf-8").startswith(("# Why ", "# How ", "# What ")), page.name
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in (ROOT / FOLDER).glob("*.toml")))
@@ -65,10 +69,3 @@ def test_a_command_without_a_table_and_an_unknown_name_are_refused(monkeypatch):
     with pytest.raises(InputError, match=r"benchmarks\.health cpu: expected a table \(status 0\)"):
         again(read(files()["health"]))
     assert PAGE.read_bytes() == before
-
-
-def test_every_record_is_linked():
-    listed = (RECORDS / "README.md").read_text(encoding="utf-8")
-    for page in {*RECORDS.glob("*.md")} - {RECORDS / "README.md"}:
-        assert f"]({page.name})" in listed, page.name
-        assert page.read_text(encoding="utf-8").startswith(("# Why ", "# How ", "# What ")), page.name

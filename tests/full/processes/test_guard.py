@@ -119,13 +119,10 @@ def test_the_page_serves_no_file_but_its_own(page: Page, path: str):
     assert ask(page, "/index.html", "Host: localhost").startswith("HTTP/1.1 200")  # by the same way
 
 
-def test_no_link_leads_out_of_what_is_served(page: Page):
+def test_what_is_served_has_no_link_out_and_a_page_is_guarded_or_not_there(page: Page):
     root = page.server._websock_server._http_server_root
     assert root is not None
     assert not [path for path in Path(root).rglob("*") if path.is_symlink()]
-
-
-def test_a_page_is_guarded_or_not_there():
     with pytest.raises(RuntimeError, match="not guarded"), guarded("127.0.0.1", lambda _: None, Origins([], print)):
         pass
 

@@ -29,13 +29,10 @@ def harm() -> Count:
     return Count("harm", 5, {"same": 4, "damaged": 1}, ["1 damaged"])
 
 
-def test_the_table_of_meshes_is_counted():
+def test_the_table_of_meshes_is_counted_and_all_kinds_are_tried():
     count = trust.bad_meshes()
     assert count.tried == sum(count.outcomes.values()) > 60
     assert not count.failures
-
-
-def test_all_kinds_are_tried():
     names = [trust._name(effort) for effort in efforts_of(trust.FULL)]
     assert names[0] == "bad meshes"
     assert {name.partition(" ")[0] for name in names[1:]} == {"mutated", "killed", "viewer"}

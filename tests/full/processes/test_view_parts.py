@@ -55,15 +55,12 @@ def test_pace_keeps_real_time_where_the_machine_can(speed):
     assert pace.rate == pytest.approx(speed, rel=0.02)
 
 
-def test_pace_slows_down_where_the_machine_cannot():
+def test_pace_slows_down_where_the_machine_cannot_and_does_not_catch_up_on_a_long_stop():
     """A frame of 1/60 s that costs 1/30 s runs at half of real time, and the pace reports that."""
     pace = Pace()
     simulated, seconds = play(pace, 1 / 30, 10.0)
     assert simulated == pytest.approx(0.5 * seconds, rel=0.02)
     assert pace.rate == pytest.approx(0.5, rel=0.02)
-
-
-def test_pace_does_not_catch_up_on_a_long_stop():
     pace = Pace()
     play(pace, 0.001, 1.0)
     now, frames = 102.0, 0
@@ -72,16 +69,13 @@ def test_pace_does_not_catch_up_on_a_long_stop():
     assert frames <= MOST_BEHIND * 60 + 1
 
 
-def test_a_ray_hits_the_nearest_side_of_a_cube():
+def test_rays_hit_the_nearest_side_of_a_cube_and_the_ground_from_above_only():
     mesh = cube()
     triangles, _ = triangulate(mesh)
     assert hit_distance((0.3, 0.4, -2.0), (0.0, 0.0, 1.0), mesh.points, triangles) == pytest.approx(2.0)
     assert hit_distance((0.3, 0.4, 0.5), (0.0, 0.0, 1.0), mesh.points, triangles) == pytest.approx(0.5)
     assert hit_distance((1.3, 0.4, -2.0), (0.0, 0.0, 1.0), mesh.points, triangles) is None
     assert hit_distance((0.3, 0.4, -2.0), (0.0, 0.0, -1.0), mesh.points, triangles) is None
-
-
-def test_a_ray_meets_the_ground_from_above_only():
     down = np.array([3.0, -4.0, 0.0]) / 5.0
     assert ground_distance((0.0, 5.0, 0.0), down, UP, 1.0) == pytest.approx(5.0)
     assert ground_distance((0.0, 5.0, 0.0), -down, UP, 1.0) is None
@@ -113,13 +107,22 @@ def until(happened, what: str) -> None:
         time.sleep(0.01)
 
 
-def test_strain_bands_follow_the_stretch(session):
+def test_strain_and_measures_are_those_of_the_shape(session):
     """A balloon inflated to 1.25 times its size is in the band from 1.15 to 1.4 all over."""
     picture = session.picture
     frame = picture.frame
     object.__setattr__(frame, "points", [1.25 * picture.model.shapes[0].mesh.points.astype(np.float32)])
     bands = Drawing(picture.model).strain_bands(picture, 0)
     assert [len(band) > 0 for band in bands] == [False, False, False, False, True, False, False]
+    picture, drawing = session.picture, Drawing(session.picture.model)
+    rest = picture.model.shapes[0].mesh.points.astype(np.float32)
+    measures = []
+    for size in (1.0, 2.0):
+        object.__setattr__(picture.frame, "points", [size * rest])
+        measures.append(drawing.measures(picture))
+    assert measures[1]["volume"] == pytest.approx(8.0 * measures[0]["volume"], rel=1e-5)
+    assert measures[0]["stretch"] == pytest.approx(1.0, abs=1e-5)
+    assert measures[1]["stretch"] == pytest.approx(2.0, abs=1e-5)
 
 
 def test_the_surface_that_is_drawn_is_catmull_and_clarks():
@@ -148,18 +151,6 @@ def test_an_open_border_keeps_its_course():
     assert (drawn.min(axis=0) == 0.0).all()
     np.testing.assert_array_equal(drawn.max(axis=0), [2.0, 2.0, 0.0])
     np.testing.assert_allclose(drawn[[1, 4]], points[[1, 4]], atol=1e-6)  # in the middle of a side, and of all
-
-
-def test_measures_are_those_of_the_shape(session):
-    picture, drawing = session.picture, Drawing(session.picture.model)
-    rest = picture.model.shapes[0].mesh.points.astype(np.float32)
-    measures = []
-    for size in (1.0, 2.0):
-        object.__setattr__(picture.frame, "points", [size * rest])
-        measures.append(drawing.measures(picture))
-    assert measures[1]["volume"] == pytest.approx(8.0 * measures[0]["volume"], rel=1e-5)
-    assert measures[0]["stretch"] == pytest.approx(1.0, abs=1e-5)
-    assert measures[1]["stretch"] == pytest.approx(2.0, abs=1e-5)
 
 
 def test_the_pressure_that_is_plotted_is_the_balloons():
