@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+import small_batch
 from clusters import address_of, batch, start_workers, write_ball
 from meshes import quad_sphere
 from pxr import Sdf
-from small_batch import scene
 
 from balloon_warp import Cluster, InputError, MissingExtraError, Scene, TrajectoryFiles, WorkersLostError, run_batch
 from balloon_warp.mesh.obj import write_obj
@@ -33,6 +33,7 @@ distributed = pytest.importorskip("distributed")
 psutil = pytest.importorskip("psutil")
 
 WORLDS = 24
+scene = functools.partial(small_batch.scene, frames=4)
 
 
 @pytest.fixture(autouse=True)
@@ -77,19 +78,12 @@ def test_two_workers_give_what_one_process_gives(vary: dict, tmp_path):
     export = [1, 7, 22]
     files = [TrajectoryFiles(tmp_path / name, 2, "npz") for name in ("data_alone", "data_both")]
     how = {"export": export, "name": "small"}
-    alone = run_batch(scene(frames=4), tmp_path / "alone", WORLDS, vary, **how, device="cpu", trajectories=files[0])
+    alone = run_batch(scene(), tmp_path / "alone", WORLDS, vary, **how, device="cpu", trajectories=files[0])
     gone = functools.partial(remove, list(map(str, set(vary["balloon.0.mesh"]))))
     seen = []
     local = Cluster(workers=2, prepare=gone)
     together = run_batch(
-        scene(frames=4),
-        tmp_path / "both",
-        WORLDS,
-        vary,
-        **how,
-        cluster=local,
-        on_frame=seen.append,
-        trajectories=files[1],
+        scene(), tmp_path / "both", WORLDS, vary, **how, cluster=local, on_frame=seen.append, trajectories=files[1]
     )
     assert not any(path.exists() for path in vary["balloon.0.mesh"])
     assert_same_files(tmp_path / "both", tmp_path / "alone")
@@ -114,7 +108,7 @@ def test_the_workers_end_before_the_table_is_written(tmp_path, monkeypatch):
 
     finish = BatchOutput.finish
     monkeypatch.setattr(BatchOutput, "finish", finish_without_children)
-    run_batch(scene(frames=4), tmp_path / "out", 2, cluster=Cluster(workers=1))
+    run_batch(scene(), tmp_path / "out", 2, cluster=Cluster(workers=1))
     assert len((tmp_path / "out" / "table.csv").read_text().splitlines()) == 1 + 5 * 2
 
 
@@ -133,7 +127,7 @@ def remove(paths: list[str]) -> None:
 
 
 def test_the_share_of_a_killed_worker_is_done_again(tmp_path):
-    run_batch(scene(frames=4), tmp_path / "alone", 4, export=[0, 3], device="cpu")
+    run_batch(scene(), tmp_path / "alone", 4, export=[0, 3], device="cpu")
     (tmp_path / "starts").mkdir()
     killed = []
 
@@ -143,7 +137,7 @@ def test_the_share_of_a_killed_worker_is_done_again(tmp_path):
             os.kill(killed[0], signal.SIGKILL)
 
     local = Cluster(workers=2, prepare=functools.partial(note_starts, str(tmp_path)))
-    run_batch(scene(frames=4), tmp_path / "both", 4, export=[0, 3], cluster=local, on_frame=kill)
+    run_batch(scene(), tmp_path / "both", 4, export=[0, 3], cluster=local, on_frame=kill)
     assert_same_files(tmp_path / "both", tmp_path / "alone")
     assert not psutil.pid_exists(killed[0])
     starts = [path.stat().st_size for path in (tmp_path / "starts").iterdir()]
@@ -168,7 +162,7 @@ def note_starts(folder: str) -> None:
 def test_a_share_that_ends_processes_here_is_given_up(tmp_path, monkeypatch):
     monkeypatch.setattr(local_workers, "MOST_LOSSES", 1)
     with pytest.raises(WorkersLostError, match=r"^a share of the batch crashed 2 workers in a row"):
-        run_batch(scene(frames=4), tmp_path / "out", 1, cluster=Cluster(workers=1, prepare=end_in_share))
+        run_batch(scene(), tmp_path / "out", 1, cluster=Cluster(workers=1, prepare=end_in_share))
     assert list((tmp_path / "out").iterdir()) == []
     assert not workers_here()
 
@@ -191,7 +185,7 @@ def test_a_share_that_ends_every_worker_is_given_up(tmp_path):
         cluster = Cluster(address=address_of(workers), prepare=end_worker)
         lost = r"^(a share of the batch crashed 4 workers in a row|all workers ended)"
         with pytest.raises(WorkersLostError, match=lost):
-            run_batch(scene(frames=4), tmp_path / "out", 1, cluster=cluster, device="cpu")
+            run_batch(scene(), tmp_path / "out", 1, cluster=cluster, device="cpu")
     assert list((tmp_path / "out").iterdir()) == []
 
 
@@ -200,18 +194,14 @@ def test_workers_that_are_all_gone_are_not_waited_for_for_ever(tmp_path, monkeyp
     with start_workers(1) as workers:
         cluster = Cluster(address=address_of(workers))
         with pytest.raises(WorkersLostError, match=r"^all workers ended, and none came for 1 s; "):
-            run_batch(
-                scene(frames=4), tmp_path, 8, cluster=cluster, device="cpu", on_frame=lambda frame: workers.scale(0)
-            )
+            run_batch(scene(), tmp_path, 8, cluster=cluster, device="cpu", on_frame=lambda frame: workers.scale(0))
 
 
 def test_a_scheduler_that_is_gone_is_told(tmp_path):
     with start_workers(1) as workers:
         cluster = Cluster(address=address_of(workers))
         with pytest.raises(WorkersLostError, match=r"^the scheduler is gone"):
-            run_batch(
-                scene(frames=4), tmp_path, 8, cluster=cluster, device="cpu", on_frame=lambda frame: workers.close()
-            )
+            run_batch(scene(), tmp_path, 8, cluster=cluster, device="cpu", on_frame=lambda frame: workers.close())
     assert [path.name for path in tmp_path.iterdir()] in ([], ["partial"])  # a share may have been done, and is saved
 
 
@@ -222,7 +212,7 @@ def test_workers_of_this_machine_listen_nowhere(tmp_path):
         if not seen:
             seen.extend(each.net_connections() for each in workers_here())
 
-    run_batch(scene(frames=4), tmp_path / "out", 4, cluster=Cluster(workers=2), on_frame=look)
+    run_batch(scene(), tmp_path / "out", 4, cluster=Cluster(workers=2), on_frame=look)
     assert seen == [[], []]
 
 
@@ -239,9 +229,7 @@ def test_an_interrupt_leaves_the_good_files(address: str, tmp_path):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run_batch(
-            scene(frames=4), tmp_path, 8, export=[0], device="cpu", cluster=Cluster(address=address), on_frame=interrupt
-        )
+        run_batch(scene(), tmp_path, 8, export=[0], device="cpu", cluster=Cluster(address=address), on_frame=interrupt)
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == good
 
 
@@ -261,7 +249,7 @@ def test_the_command_spreads_over_a_scheduler(address: str, tmp_path, monkeypatc
 
 def test_a_device_that_is_not_there_or_named_twice_is_told(address: str, tmp_path, monkeypatch):
     with pytest.raises(InputError, match=r"^--device cuda:99: no such device"):
-        run_batch(scene(frames=4), tmp_path / "out", 2, cluster=Cluster(address=address), device="cuda:99")
+        run_batch(scene(), tmp_path / "out", 2, cluster=Cluster(address=address), device="cuda:99")
     assert list(tmp_path.iterdir()) == []
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "1,0,1")
     with pytest.raises(InputError, match=r"^CUDA_VISIBLE_DEVICES=1,0,1: names a GPU twice$"):
@@ -270,7 +258,7 @@ def test_a_device_that_is_not_there_or_named_twice_is_told(address: str, tmp_pat
 
 def test_the_first_gpu_is_this_process_s(tmp_path, monkeypatch):
     """A thread simulates beside a process, to the same bytes; here both on the CPU."""
-    run_batch(scene(frames=4), tmp_path / "alone", 8, export=[0, 3], device="cpu")
+    run_batch(scene(), tmp_path / "alone", 8, export=[0, 3], device="cpu")
     monkeypatch.setattr(local_workers, "worker_environments", lambda cluster: [{}] * cluster.gpus)
     monkeypatch.setattr(Cluster, "device", lambda *_: "cpu")
     here = set()
@@ -281,7 +269,7 @@ def test_the_first_gpu_is_this_process_s(tmp_path, monkeypatch):
 
     lay_out = shares.lay_out
     monkeypatch.setattr(shares, "lay_out", note_thread)
-    run_batch(scene(frames=4), tmp_path / "both", 8, export=[0, 3], cluster=Cluster(gpus=2))
+    run_batch(scene(), tmp_path / "both", 8, export=[0, 3], cluster=Cluster(gpus=2))
     assert_same_files(tmp_path / "both", tmp_path / "alone")
     assert here == {"first GPU"}
 
@@ -330,11 +318,11 @@ def test_no_workers_and_no_extra_are_told(tmp_path, monkeypatch):
         start_workers(0) as nobody,
         pytest.raises(InputError, match=r"^--cluster tcp://.*: the scheduler has no worker after 0\.5 s"),
     ):
-        run_batch(scene(frames=4), tmp_path / "out", 2, cluster=Cluster(address=address_of(nobody)))
+        run_batch(scene(), tmp_path / "out", 2, cluster=Cluster(address=address_of(nobody)))
     assert list(tmp_path.iterdir()) == []
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'balloon-warp\[cluster\]'"):
-        run_batch(scene(frames=4), tmp_path, 2, cluster=Cluster("tcp://127.0.0.1:1"))
+        run_batch(scene(), tmp_path, 2, cluster=Cluster("tcp://127.0.0.1:1"))
 
 
 ROOM_WORLDS = 16

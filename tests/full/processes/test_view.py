@@ -48,26 +48,6 @@ from balloon_warp.viewer.status import KEYS
 SAVES = "Saves an animated stage (USD), and a scene that replays it from its start."
 
 
-def page_of_a_ball(folder: Path) -> Page:
-    return Page(Session("ball", tethered(), "cpu", folder), port=free_port("127.0.0.1", 0))
-
-
-def bring_the_ball_back(served: Page) -> None:
-    served.session.load("ball", tethered)
-    wait_until(lambda: served.session.picture.name == "ball", "the ball is back")
-
-
-def blue_pixels(window, more: float) -> int:
-    """Return the number of pixels that have so many times as much blue as red."""
-    red, _, blue = np.moveaxis(picture_of(window), 2, 0)
-    return int((blue > more * red).sum())
-
-
-def run_again(served: Page, window) -> None:
-    see(window, served, window.get_by_text("Run", exact=True).is_visible, "it can go on")
-    window.get_by_text("Run", exact=True).click()
-
-
 def test_the_slider_changes_the_volume(fresh, served):
     asked(served, 60)  # it settles
     before = volume(served)
@@ -92,7 +72,8 @@ def test_keys_inflate_pause_and_step(fresh, served):
     served.controls.hands_on.inflation.value = 0.0  # a slider that did not follow
     fresh.keyboard.press("ArrowUp")
     wait_until(lambda: served.session.picture.inflation > was, "inflation by key, from where it is")
-    run_again(served, fresh)
+    see(fresh, served, fresh.get_by_text("Run", exact=True).is_visible, "it can go on")
+    fresh.get_by_text("Run", exact=True).click()
     wait_until(lambda: served.session.picture.frame.number > number + 5, "run by button")
 
 
@@ -210,7 +191,8 @@ def test_a_blow_up_is_caught_and_undone(fresh, served):
     see(fresh, served, lambda: not banner.inner_text(), "and nothing is wrong any more")
     assert volume(served) == pytest.approx(before, rel=0.2)
     assert served.session.picture.scene.balloon[0].stiffness.structural < 1e9
-    run_again(served, fresh)
+    see(fresh, served, fresh.get_by_text("Run", exact=True).is_visible, "it can go on")
+    fresh.get_by_text("Run", exact=True).click()
     asked(served, 10)
 
 
@@ -218,7 +200,8 @@ def test_a_second_window_joins_and_leaves(browser, fresh, served):
     second = open_window(browser, served)
     see(second, served, second.get_by_text("Pause", exact=True).is_visible, "it can be stopped")
     second.get_by_text("Pause", exact=True).click()
-    run_again(served, fresh)
+    see(fresh, served, fresh.get_by_text("Run", exact=True).is_visible, "the other window sees it")
+    fresh.get_by_text("Run", exact=True).click()
     wait_until(lambda: served.session.picture.running, "run by button")
     threads = threading.active_count()
     second.close()
@@ -228,7 +211,7 @@ def test_a_second_window_joins_and_leaves(browser, fresh, served):
 
 
 def test_time_stands_still_while_nobody_watches(browser, tmp_path):
-    page = page_of_a_ball(tmp_path)
+    page = Page(Session("ball", tethered(), "cpu", tmp_path), port=free_port("127.0.0.1", 0))
     page.ahead = AskedAhead()
     before = threading.active_count()
     page.start()
@@ -249,7 +232,7 @@ def test_time_stands_still_while_nobody_watches(browser, tmp_path):
 
 @pytest.mark.parametrize("size", [(1100, 600), (390, 844)])
 def test_a_splash_is_seen_until_something_moves(browser, tmp_path, size):
-    page = page_of_a_ball(tmp_path)
+    page = Page(Session("ball", tethered(), "cpu", tmp_path), port=free_port("127.0.0.1", 0))
     page.ahead = asked = AskedAhead()
     page.layers.draw(page.session.picture)
     page.controls.follow(page.session.picture)
@@ -270,11 +253,15 @@ def test_a_splash_is_seen_until_something_moves(browser, tmp_path, size):
 
 def test_a_sphere_is_seen_at_once(fresh, served):
 
+    def blue() -> int:
+        red, _, blue = np.moveaxis(picture_of(fresh), 2, 0)
+        return int((blue > 1.5 * red).sum())
+
     done = threading.Event()
     served.session.ask(lambda _: done.wait(LIMIT))
     try:
         click_the_balloon(fresh, lambda: served.layers._coming, "a sphere is foreseen")
-        see(fresh, served, lambda: blue_pixels(fresh, 1.5) > 50, "it is seen")
+        see(fresh, served, lambda: blue() > 50, "it is seen")
         assert not served.session.picture.scene.sphere
         wait_until(lambda: fresh.locator("#bw-wait").inner_text().startswith("getting ready"), "it says why it waits")
     finally:
@@ -320,7 +307,8 @@ def test_a_print_is_seen(fresh, served, tmp_path):
         green, blue = columns()
         assert np.median(green) < np.median(blue)
     finally:
-        bring_the_ball_back(served)
+        served.session.load("ball", tethered)
+        wait_until(lambda: served.session.picture.name == "ball", "the ball is back")
 
 
 def test_contact_forces_are_arrows_where_a_scene_tells_them(fresh, served):
@@ -338,7 +326,8 @@ def test_contact_forces_are_arrows_where_a_scene_tells_them(fresh, served):
         assert served.layers._balloons[0].opacity is None
     finally:
         served.layers.shown["contacts"] = True
-        bring_the_ball_back(served)
+        served.session.load("ball", tethered)
+        wait_until(lambda: served.session.picture.name == "ball", "the ball is back")
 
 
 def test_water_is_seen_where_its_level_is(fresh, served):
@@ -347,15 +336,20 @@ def test_water_is_seen_where_its_level_is(fresh, served):
     served.session.load("pool", lambda: tethered().model_copy(update={"water": Water(level=0.1, density=1.0)}))
     served.session.run(False)
 
+    def blue() -> int:
+        red, _, blue = np.moveaxis(picture_of(fresh), 2, 0)
+        return int((blue > 1.2 * red).sum())
+
     try:
-        see(fresh, served, lambda: blue_pixels(fresh, 1.2) > 20_000, "water is seen")
+        see(fresh, served, lambda: blue() > 20_000, "water is seen")
         above = redness(fresh)
         served.session.set("water.level", -2.0)
         served.session.step_once()
-        see(fresh, served, lambda: blue_pixels(fresh, 1.2) < 1_000, "the ground hides it")
+        see(fresh, served, lambda: blue() < 1_000, "the ground hides it")
         assert redness(fresh) > 1.3 * above
     finally:
-        bring_the_ball_back(served)
+        served.session.load("ball", tethered)
+        wait_until(lambda: served.session.picture.name == "ball", "the ball is back")
 
 
 def test_the_panel_leaves_the_balloon_in_the_middle_of_the_view(fresh, served):
@@ -543,7 +537,7 @@ def test_a_recording_can_be_downloaded(fresh, served):
 
 @pytest.mark.parametrize("name", ["balloon_bunch", "squirrel_tether"])
 def test_a_scene_fills_the_view(name: str, tmp_path):
-    page = page_of_a_ball(tmp_path)
+    page = Page(Session("ball", tethered(), "cpu", tmp_path), port=free_port("127.0.0.1", 0))
     page.layers.draw(page.session.picture)
     other = Session(name, load_scene(name), "cpu", tmp_path)
     other._load += 1
