@@ -13,6 +13,7 @@ import pytest
 import warp as wp
 from batches import OFTEN
 from meshes import cube, open_cube, quad_sphere
+from pyarrow import parquet
 from stopped_batch import scene, stop_after
 
 from balloon_warp import InputError, MissingExtraError, run_batch
@@ -238,8 +239,6 @@ def test_columns_have_units(written: Path, tables: dict[str, dict[str, np.ndarra
 KINDS_VARY = {"gravity": [1.0, 5.0, 9.0], "balloon.inflation.k_normal": [0.2, 9e11, 0.4]}
 """world 1 blows up"""
 
-pytest.importorskip("pyarrow", reason="needs the extra `data`")
-
 
 @pytest.mark.full
 def test_parquet_has_the_numbers_of_the_npz(tmp_path):
@@ -314,9 +313,6 @@ sys.exit("pandas" in sys.modules)
     expected = {"world": [0, 1], "frame": [3, 3], "time": [0.5, 0.5], "k": [1.5, 2.5], "a": [4.0, 5.0]}
     assert rows == {**expected, "health": [0, 1]}
 
-
-arrow = pytest.importorskip("pyarrow", reason="needs the extra `data`")
-parquet = pytest.importorskip("pyarrow.parquet")
 
 PARTS_FRAMES, PARTS_WORLDS = 40, 300
 COLUMNS = ("world", "frame", "time", "mesh", "mass", "height", "health")

@@ -7,7 +7,7 @@ import pytest
 import warp as wp
 from meshes import quad_sphere
 
-from balloon_warp import InputError, Simulator
+from balloon_warp import BlowUpError, InputError, Simulator
 from balloon_warp.foil.make import foil_mesh
 from balloon_warp.model.acting import acting_laws
 from balloon_warp.scene import Balloon, Change, Ground, Inflation, Obstacle, Scene, Sphere, String
@@ -215,8 +215,6 @@ def test_arrays_of_others_are_taken():
 
 @pytest.mark.full
 def test_a_blow_up_is_explained_by_the_frame_that_it_came_in():
-    from balloon_warp import BlowUpError
-
     simulator = Simulator(SCENE, "cpu", 2)
     pressure = simulator.controls["balloon.inflation.pressure"]
     simulator.step()

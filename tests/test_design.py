@@ -9,9 +9,11 @@ import pytest
 import scipy.sparse as sparse
 from meshes import quad_sphere
 from PIL import Image
+from typer.testing import CliRunner
 
 import balloon_warp as bw
-from balloon_warp.designing import picture
+from balloon_warp.cli.app import app
+from balloon_warp.designing import of_foil, picture
 from balloon_warp.designing.crossings import NearPairs, crossing_count
 from balloon_warp.designing.descent import Reached, begin, descend
 from balloon_warp.designing.gaps import Gaps
@@ -19,10 +21,12 @@ from balloon_warp.designing.job import Job
 from balloon_warp.designing.measure import Ruler
 from balloon_warp.designing.mould import MouldProblem, ThicknessProblem
 from balloon_warp.designing.of_latex import STALLED, _descended, _film
+from balloon_warp.designing.pattern import write_pattern
 from balloon_warp.designing.response import Response
 from balloon_warp.designing.smooth_step import SmoothAim, Smoothing, smooth_step
 from balloon_warp.designing.target import target_of
 from balloon_warp.designing.uncrossed import uncrossed
+from balloon_warp.designing.where import places_off
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.obj import write_obj
@@ -200,8 +204,6 @@ def test_numbers_that_cannot_be_are_refused(asked: dict, sentence: str, tmp_path
 
 
 def test_where_a_shape_is_off_is_said():
-    from balloon_warp.designing.where import places_off
-
     cut = replace(BALL, points=BALL.points / np.linalg.norm(BALL.points, axis=1)[:, None])
     flat = replace(cut, points=np.maximum(cut.points, [-9.0, -0.5, -9.0]))
     sentence = places_off(Ruler(flat), cut.points, "; push")[0]
@@ -211,10 +213,6 @@ def test_where_a_shape_is_off_is_said():
 
 
 def test_command(tmp_path):
-    from typer.testing import CliRunner
-
-    from balloon_warp.cli.app import app
-
     write_obj(tmp_path / "pear.obj", pear())
     asked = ["design", str(tmp_path / "pear.obj"), "-o", str(tmp_path / "out"), "--steps", "2", "--device", "cpu"]
     said = CliRunner().invoke(app, asked)
@@ -229,9 +227,6 @@ CIRCLE = '<svg xmlns="http://www.w3.org/2000/svg" width="90" height="90"><circle
 @pytest.mark.full
 def test_foil_gets_an_outline_that_shrinks_to_the_wanted_one(tmp_path, monkeypatch):
     """A circle's foil pattern is larger by 1 / 0.7627, as theory says, and its drawing in millimeters has that size."""
-    pytest.importorskip("shapely")
-    from balloon_warp.designing import of_foil
-
     monkeypatch.setattr(of_foil, "EDGES", 12)
     (tmp_path / "circle.svg").write_text(CIRCLE)
     asked = {"of": "foil", "size": 0.3, "thickness": 1e-4, "folder": tmp_path / "out", "device": "cpu"}
@@ -251,9 +246,6 @@ def test_foil_gets_an_outline_that_shrinks_to_the_wanted_one(tmp_path, monkeypat
 
 
 def test_parts_of_a_pattern_do_not_overlap(tmp_path):
-    pytest.importorskip("shapely")
-    from balloon_warp.designing.pattern import write_pattern
-
     square = np.array([[0.0, 0.0], [0.1, 0.0], [0.1, 0.1], [0.0, 0.1]])
     rims = [square, square + [0.05, 0.0], square + [0.5, 0.0]]
     write_pattern(tmp_path / "pattern.svg", rims, [[np.arange(4)]] * 3)
@@ -266,12 +258,6 @@ def test_parts_of_a_pattern_do_not_overlap(tmp_path):
 
 def test_foil_of_an_inflated_size_is_drawn_larger(tmp_path, monkeypatch):
     """A circle by `foil --inflated-size` is larger flat by 1 / 0.7627; its scene brings it to the size."""
-    pytest.importorskip("shapely")
-    from typer.testing import CliRunner
-
-    from balloon_warp.cli.app import app
-    from balloon_warp.designing import of_foil
-
     monkeypatch.setattr(of_foil, "EDGES", 12)
     monkeypatch.setattr(of_foil, "CORRECTIONS", 2)
     (tmp_path / "circle.svg").write_text(CIRCLE)

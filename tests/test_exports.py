@@ -9,6 +9,8 @@ from base64 import b64decode
 from importlib import import_module
 from pathlib import Path
 
+import h5py
+import meshio
 import numpy as np
 import pytest
 import trimesh
@@ -25,7 +27,7 @@ from balloon_warp import InputError, MissingExtraError, PolygonMesh, animate, ex
 from balloon_warp.mesh.corners import edges_of
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.outputs import hdf5_arrays
-from balloon_warp.outputs.exports import export, glb
+from balloon_warp.outputs.exports import alembic, export, glb
 from balloon_warp.outputs.knot import AROUND, PROFILE
 from balloon_warp.outputs.round_shapes import capsule_mesh, sphere_mesh, tube_points, tube_topology
 from balloon_warp.scene import Balloon
@@ -180,8 +182,6 @@ def test_an_empty_stage_has_nothing_to_export(tmp_path):
 
 
 def test_alembic_needs_blenders_module(written: Path, tmp_path, monkeypatch):
-    from balloon_warp.outputs.exports import alembic
-
     monkeypatch.setattr(alembic, "find_spec", lambda name: None)
     with pytest.raises(MissingExtraError, match=r"an \.abc needs Blender's Python module: pip install bpy"):
         export_stage(written, tmp_path / "out.abc")
@@ -253,7 +253,6 @@ def arrays(path: Path) -> dict[str, np.ndarray]:
 
 @pytest.mark.full
 def test_h5py_reads_all_that_moved(written: Path, tmp_path):
-    h5py = pytest.importorskip("h5py")
     export_stage(written, tmp_path / "out.h5")
     stage = Usd.Stage.Open(str(written))
     with h5py.File(tmp_path / "out.h5") as file:
@@ -285,7 +284,6 @@ def test_xarray_knows_the_dimensions(written: Path, tmp_path):
 @pytest.fixture(scope="module")
 def page_file(tmp_path_factory) -> Path:
     """Write points.h5 of a balloon called "squirrel", as in docs/OUTPUTS.md."""
-    h5py = pytest.importorskip("h5py")
     folder = tmp_path_factory.mktemp("page")
     animate(scene(balloon=[Balloon(mesh=BALL, name="squirrel")]), folder / "out.usdc", device="cpu")
     export_stage(folder / "out.usdc", folder / "points.h5")
@@ -295,7 +293,6 @@ def page_file(tmp_path_factory) -> Path:
 
 @pytest.mark.full
 def test_a_file_has_what_its_page_says(page_file: Path):
-    h5py = pytest.importorskip("h5py")
     rows = [line.split("|")[1:3] for line in PAGE.splitlines() if re.match(r"\| `\w+`.*\| \(", line)]
     said = {}
     for names, shapes in rows:
@@ -327,7 +324,6 @@ def test_xarray_opens_it_as_its_page_says(page_file: Path, monkeypatch):
 
 
 def test_xarray_makes_a_zarr_store_of_it_as_its_page_says(page_file: Path, monkeypatch):
-    pytest.importorskip("zarr")
     monkeypatch.chdir(page_file.parent)
     (line,) = re.findall(r"^(found\.to_zarr.*)$", PAGE, re.MULTILINE)
     with xarray.open_dataset(page_file, group="squirrel", engine="h5netcdf") as found:
@@ -373,7 +369,6 @@ def test_a_grid_for_each_frame_and_a_list_of_their_times(written: Path, tmp_path
 
 
 def test_meshio_reads_the_grids(written: Path, tmp_path):
-    meshio = pytest.importorskip("meshio")
     export_stage(written, tmp_path / "out.pvd")
     found = meshio.read(tmp_path / "out.0003.vtu")
     np.testing.assert_allclose(found.points[: len(BALL.points)], points(written, "/World/ball", 3), atol=1e-6)
@@ -382,7 +377,6 @@ def test_meshio_reads_the_grids(written: Path, tmp_path):
 
 
 def test_points_are_saved_beside_the_stage(tmp_path):
-    pytest.importorskip("h5py")
     small = scene(frames=2)
     summary = animate(small, tmp_path / "out.usdc", save_points=tmp_path / "points.h5", device="cpu")
     assert summary.points == str(tmp_path / "points.h5")

@@ -12,11 +12,14 @@ from meshes import quad_sphere
 from typer.testing import CliRunner
 
 import balloon_warp as bw
+from balloon_warp.benchmarks import fit as fit_benchmark
 from balloon_warp.cli.app import app
+from balloon_warp.cli.warn import note, warn
 from balloon_warp.errors import InputError, StoppedError
 from balloon_warp.fitting.by_loss import least_loss
 from balloon_warp.fitting.curve import fit_curve, sphere_pressures
 from balloon_warp.fitting.fit import ROUNDS
+from balloon_warp.fitting.measured import measured_of
 from balloon_warp.fitting.plot import ticks
 from balloon_warp.fitting.read_curve import Curve, read_curve
 from balloon_warp.fitting.result import fit_of
@@ -106,8 +109,6 @@ def test_points_give_back_what_moved_them(tmp_path):
     assert fit.misfit == pytest.approx(1.0, abs=0.1)
     assert abs(fit.values["balloon.mass"] - 0.03) < 4.0 * fit.errors["balloon.mass"]
     np.savez(tmp_path / "points.npz", **seen)
-    from balloon_warp.fitting.measured import measured_of
-
     read = measured_of(tmp_path / "points.npz", moved.points[0].shape[1], 0.2)
     assert (read.particles == particles).all()
 
@@ -210,8 +211,6 @@ def test_a_value_at_its_bound_is_told():
 
 
 def test_words_on_a_terminal_stay_as_they_are(capsys):
-    from balloon_warp.cli.warn import note, warn
-
     warn("a=a:b: expected")
     note("a=a:b: expected")
     assert capsys.readouterr().err.count("a=a:b: expected") == 2
@@ -242,9 +241,7 @@ def test_a_flight_with_a_bounce_gives_back_its_rubber():
     The bounce makes the misfit rough: its small minima lie up to 10% off the modulus. The result is within three of the
     reported standard deviations, and these are of the size that noise and jumps leave open. A mesh of a quarter of the
     points would not do: its jumps are larger, and 6 of 20 seeds are more than three deviations off."""
-    from balloon_warp.benchmarks.fit import flight
-
-    row = flight(seed=0)
+    row = fit_benchmark.flight(seed=0)
     for path, off in row.off.items():
         assert abs(off) < 3.0 * row.error(path)
     modulus, *others = row.off.values()
@@ -256,9 +253,7 @@ def test_a_flight_with_a_bounce_gives_back_its_rubber():
 
 def test_a_hundred_and_fifty_rows_of_a_curve_give_a_hundredth():
     """95% of draws are within 1%, and as many within one and two reported deviations as of a normal distribution."""
-    from balloon_warp.benchmarks.fit import curve
-
-    row = curve("mooney_rivlin", 150, draws=100)
+    row = fit_benchmark.curve("mooney_rivlin", 150, draws=100)
     assert (row.within < 0.0115).all()  # 1%, and what the 95th of 100 draws strays
     assert (row.within > 0.8 * row.bound).all()
     for covered, expected in zip(row.covered, (0.683, 0.954), strict=True):

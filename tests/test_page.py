@@ -20,16 +20,17 @@ from balloon_warp.model import build_model
 from balloon_warp.scene import Atmosphere, Balloon, Change, Ground, Inflation, Material, Scene, String, Touch, Water
 from balloon_warp.simulator import Simulator
 from balloon_warp.viewer.geometry import string_reach
+from balloon_warp.viewer.hands_on import span
 from balloon_warp.viewer.notebook import show
+from balloon_warp.viewer.page import Page
+from balloon_warp.viewer.plots import span_of
+from balloon_warp.viewer.server import free_port
 from balloon_warp.viewer.session import Session
+from balloon_warp.viewer.sliders import VALUES, does_something, of_tables
 from balloon_warp.viewer.status import COMPILING, status_line
 
 
 def served(tmp_path: Path):
-    pytest.importorskip("viser")
-    from balloon_warp.viewer.page import Page
-    from balloon_warp.viewer.server import free_port
-
     return Page(
         Session("ball", Scene(balloon=[Balloon(mesh=quad_sphere(3))]), "cpu", tmp_path), port=free_port("127.0.0.1", 0)
     )
@@ -90,9 +91,6 @@ def test_the_page_sees_as_far_as_a_string_lets_a_balloon_come():
     ("most", "end"), [(16.0, 16.0), (13.743272, 14.0), (0.0123, 0.013), (100.0, 100.0), (995.0, 1000.0), (0.3, 0.3)]
 )
 def test_a_slider_ends_at_a_value_with_two_digits(most: float, end: float):
-    pytest.importorskip("viser", reason="needs the extra `view`")
-    from balloon_warp.viewer.hands_on import span
-
     slider = SimpleNamespace()
     span(slider, most, signed=True)
     assert (slider.min, slider.max, slider.step) == (-end, end, pytest.approx(end / 500))
@@ -102,9 +100,6 @@ def test_a_slider_ends_at_a_value_with_two_digits(most: float, end: float):
 
 def shown(scene: Scene) -> dict[str, list[str]]:
     """Return the sliders of a scene, beside those that every scene has."""
-    pytest.importorskip("viser")
-    from balloon_warp.viewer.sliders import does_something, of_tables
-
     return {
         name: [value.row.name for value in values if does_something(scene, value.row)]
         for name, values in of_tables().items()
@@ -127,9 +122,6 @@ def test_contacts_materials_air_and_gas_have_sliders_where_a_scene_has_them():
 
 
 def test_what_does_nothing_as_things_are_has_no_slider():
-    pytest.importorskip("viser")
-    from balloon_warp.viewer.sliders import VALUES, does_something
-
     def springs(material: Material) -> list[str]:
         scene = Scene(balloon=[Balloon(mesh=quad_sphere(2), material=material)])
         rows = [value.row for value in VALUES if does_something(scene, value.row)]
@@ -148,7 +140,6 @@ def test_what_does_nothing_as_things_are_has_no_slider():
 
 
 def test_a_simulator_shows_the_page_until_it_is_closed(tmp_path):
-    pytest.importorskip("viser")
     simulator = Simulator(Scene(balloon=[Balloon(mesh=quad_sphere(3))]), "cpu")
     simulator.step()
     shown = show(simulator, folder=tmp_path, height=500)
@@ -166,7 +157,6 @@ def test_a_simulator_shows_the_page_until_it_is_closed(tmp_path):
 
 
 def test_the_page_begins_where_a_simulator_is(tmp_path):
-    pytest.importorskip("viser")
     helium = Balloon(mesh=quad_sphere(3), helium=5.0)
     scene = Scene(balloon=[helium], change=[Change(time=2.0 / 60.0, set={"balloon.0.helium": 50.0})])
     simulator = Simulator(scene, "cpu", world_count=2)
@@ -226,9 +216,6 @@ def test_the_line_of_status_says_how_fast_time_runs_and_why():
 )
 def test_ticks_of_a_plot_differ(curve: list[float]):
     """A plot's range covers the curve, and its five ticks differ in the three digits that plots have."""
-    pytest.importorskip("viser")
-    from balloon_warp.viewer.plots import span_of
-
     low, high = span_of(np.array(curve))
     assert low <= min(curve)
     assert high >= max(curve)

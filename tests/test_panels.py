@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 from meshes import mesh_of, quad_sphere
 
 import balloon_warp as bw
@@ -100,7 +101,6 @@ def test_what_can_be_laid_flat_is_laid_flat_without_strain(tmp_path):
 
 
 def test_marks_that_have_the_same_number_meet(tmp_path):
-    shapely = pytest.importorskip("shapely")
     panels = panels_of(cylinder(), seams_file(tmp_path / "seams.obj"), 0.4)
     flat = laid_out(panels, flattened(panels, panels.mesh.points))
     lines, labels = PanelPattern(panels, flat).drawn
@@ -119,7 +119,6 @@ def test_marks_that_have_the_same_number_meet(tmp_path):
 
 
 def test_a_ball_of_gores_becomes_round_from_rest(tmp_path):
-    pytest.importorskip("shapely")
 
     def stop(stage: str) -> None:
         if stage.startswith("correction 0"):

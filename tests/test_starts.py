@@ -1,5 +1,6 @@
 """Restarts of worlds by a mask, with values drawn for each, and their observations."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -170,8 +171,6 @@ def test_contact_forces_on_particles_add_up_to_those_on_the_balloon():
 
 
 def shape_of(simulator: Simulator, number: int, points: np.ndarray) -> Any:
-    from dataclasses import replace
-
     return replace(simulator.model.shapes[number].mesh, points=points.astype(np.float64))
 
 

@@ -16,6 +16,7 @@ import warp as wp
 from balloon_warp import Cluster
 from balloon_warp.errors import WorkersLostError
 from balloon_warp.outputs.background import WAITING, Background
+from balloon_warp.sweep import dask_workers
 from balloon_warp.sweep.child import begin_children, start_child
 from balloon_warp.sweep.cluster import worker_environments
 
@@ -85,10 +86,6 @@ def test_a_fork_server_leaves_ctrl_c_to_its_parent():
     blocked = int(re.search(r"^SigBlk:\s*(\w+)", status, re.M)[1], 16)  # pyright: ignore[reportOptionalSubscript]
     assert blocked & 1 << signal.SIGINT - 1
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
-
-
-dask_workers = pytest.importorskip("balloon_warp.sweep.dask_workers")
-pytest.importorskip("distributed")
 
 
 class FarAway:

@@ -15,7 +15,19 @@ from commands import status_of
 from meshes import quad_sphere as looped_quad_sphere
 from pxr import Usd, UsdGeom
 
-from balloon_warp.benchmarks import auto, bound, crowd_rate, export, first_frame, measure, rate, reading, run
+from balloon_warp.benchmarks import (
+    auto,
+    bound,
+    crowd_rate,
+    export,
+    first_frame,
+    health,
+    measure,
+    rate,
+    reading,
+    run,
+    solvers,
+)
 from balloon_warp.benchmarks.cases import (
     CPU_CASES,
     GPU_CASES,
@@ -236,8 +248,6 @@ def test_blender_simulates_the_same_balloon():
 
 
 def test_explicit_and_implicit_steps_are_measured_on_the_same_motion(monkeypatch):
-    from balloon_warp.benchmarks import solvers
-
     monkeypatch.setattr(solvers, "STIFFNESS", (1.0,))
     monkeypatch.setattr(solvers, "STEPS", ((1, 4), (8, 4)))
     monkeypatch.setattr(solvers, "WORLDS", {"cpu": (1,)})
@@ -248,8 +258,6 @@ def test_explicit_and_implicit_steps_are_measured_on_the_same_motion(monkeypatch
 
 
 def test_what_it_costs_to_look_after_worlds_is_measured_beside_their_frame(monkeypatch):
-    from balloon_warp.benchmarks import health
-
     cpu, tiny = wp.get_device("cpu"), Case("tiny", "gather", 1, cells=2, substeps=4)
     measured = health.cost_of(tiny, cpu)
     assert min(measured.frame, measured.copy) > 0.0  # the look is a difference, lost in the noise of so few particles
@@ -264,8 +272,6 @@ def test_what_it_costs_to_look_after_worlds_is_measured_beside_their_frame(monke
 
 @pytest.mark.parametrize(("look", "status"), [(0.004, 0), (0.011, 1)])
 def test_looking_after_worlds_at_too_high_a_cost_is_the_status(look: float, status: int, monkeypatch):
-    from balloon_warp.benchmarks import health
-
     monkeypatch.setattr(health, "cost_of", lambda case, _: health.Cost(case.name, 1.0, look * (case.worlds > 1), 0.002))
     assert status_of("cpu", main=health.main) == status
 

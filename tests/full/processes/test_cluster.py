@@ -12,7 +12,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import distributed
 import numpy as np
+import psutil
 import pytest
 import small_batch
 from clusters import address_of, batch, start_workers, write_ball
@@ -27,10 +29,6 @@ from balloon_warp.sweep import cluster as cluster_module
 from balloon_warp.sweep import dask_workers, local_workers, shares
 from balloon_warp.sweep.output import BatchOutput
 from balloon_warp.warp_logging import quiet_warp
-
-dask = pytest.importorskip("dask", reason="needs the extra `cluster`")
-distributed = pytest.importorskip("distributed")
-psutil = pytest.importorskip("psutil")
 
 WORLDS = 24
 scene = functools.partial(small_batch.scene, frames=4)

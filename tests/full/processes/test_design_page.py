@@ -8,8 +8,6 @@ from browsing import LIMIT, picture_of, wait_until
 from meshes import quad_sphere
 from typer.testing import CliRunner
 
-pytest.importorskip("viser")
-
 from balloon_warp.cli import watched
 from balloon_warp.cli.app import app
 from balloon_warp.designing import of_panels, picture

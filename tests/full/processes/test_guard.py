@@ -8,20 +8,17 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import psutil
 import pytest
 from meshes import quad_sphere
 from strangers import PROTOCOL, joined, served
+from websockets.exceptions import InvalidStatus
 
 from balloon_warp.mesh.obj import write_obj
-
-viser = pytest.importorskip("viser")
-
-from websockets.exceptions import InvalidStatus  # noqa: E402
-
-from balloon_warp.viewer.guard import guarded, is_ours, names_of  # noqa: E402
-from balloon_warp.viewer.origins import Origins  # noqa: E402
-from balloon_warp.viewer.page import Page  # noqa: E402
-from balloon_warp.viewer.server import free_port  # noqa: E402
+from balloon_warp.viewer.guard import guarded, is_ours, names_of
+from balloon_warp.viewer.origins import Origins
+from balloon_warp.viewer.page import Page
+from balloon_warp.viewer.server import free_port
 
 
 @pytest.fixture(scope="module")
@@ -131,7 +128,6 @@ def test_what_is_served_has_no_link_out_and_a_page_is_guarded_or_not_there(page:
     ("host", "heard_at"), [(None, "127.0.0.1"), ("localhost", "127.0.0.1"), ("0.0.0.0", "0.0.0.0")]
 )
 def test_a_page_for_others_warns_and_no_stranger_fills_the_terminal(host: str | None, heard_at: str, tmp_path):
-    psutil = pytest.importorskip("psutil")
     write_obj(tmp_path / "ball.obj", quad_sphere(3))
     port = free_port("127.0.0.1", 0)
     command = [sys.executable, "-m", "balloon_warp", "view", "ball.obj", "--device", "cpu", "--port", str(port)]

@@ -109,7 +109,6 @@ def test_a_process_that_is_told_to_end_finishes_its_frame_and_saves_it(ball: Pat
 @pytest.fixture(scope="module")
 def address() -> Iterator[str]:
     """Yield the address of a scheduler with two workers."""
-    pytest.importorskip("distributed", reason="needs the extra `cluster`")
     with start_workers(2) as workers:
         yield str(workers.scheduler_address)
 

@@ -10,9 +10,11 @@ from typing import Any
 import pytest
 from commands import status_of
 
-from balloon_warp.benchmarks import kills, trust
+from balloon_warp.benchmarks import kills, trust, viewer_nonsense
 from balloon_warp.benchmarks.kills import KINDS, judge, kill_at_random
 from balloon_warp.benchmarks.trust import Count, counted, efforts_of
+from balloon_warp.benchmarks.worker_kills import kill_workers
+from balloon_warp.viewer.session import Session
 
 GOOD = Count("good", 3, {"accepted": 3}, [])
 
@@ -84,16 +86,10 @@ def test_a_failure_is_the_status(options: list[str], counts: list[Count], status
 
 
 def test_a_killed_worker_leaves_the_batch_of_one_process(tmp_path):
-    from balloon_warp.benchmarks.worker_kills import kill_workers
-
     assert kill_workers(1, tmp_path) == {"same": 1}
 
 
 def test_nonsense_does_not_stop_the_viewer(monkeypatch):
-    pytest.importorskip("viser", reason="needs the extra `view`")
-    from balloon_warp.benchmarks import viewer_nonsense
-    from balloon_warp.viewer.session import Session
-
     assert viewer_nonsense.send_nonsense(200) == {viewer_nonsense.WENT_ON: 1}
     monkeypatch.setattr(viewer_nonsense, "PATIENCE", 0.5)
     monkeypatch.setattr(Session, "run", lambda *_: None)

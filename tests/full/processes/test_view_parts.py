@@ -15,11 +15,13 @@ import pytest
 import trimesh
 from meshes import cube, quad_sphere
 from motion import assert_valid
+from pxr import Usd, UsdGeom
 
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import triangulate
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene, String, load_scene
 from balloon_warp.simulator import Simulator
+from balloon_warp.viewer.following import Follower
 from balloon_warp.viewer.geometry import Drawing
 from balloon_warp.viewer.pace import MOST_BEHIND, Pace
 from balloon_warp.viewer.rays import ground_distance, hit_distance, throw_at
@@ -238,8 +240,6 @@ def test_a_recording_is_a_valid_stage(session, tmp_path, monkeypatch):
     session.record(False)
     until(lambda: session.recording is None, "it ends")
     until(lambda: any("wrote" in notice for notice in session.notices), "it is written")
-    from pxr import Usd, UsdGeom
-
     stage = Usd.Stage.Open(str(tmp_path / "ball_1.usdc"))
     points = UsdGeom.Mesh(stage.GetPrimAtPath("/World/mesh")).GetPointsAttr()
     times = points.GetTimeSamples()
@@ -259,8 +259,6 @@ def test_a_recorded_scene_file_replays_its_stage(tmp_path):
     session.set("gravity", 5.0)
     until(lambda: session.picture.frame.number > 8, "it records")
     session.stop()  # which saves it
-    from pxr import Usd, UsdGeom
-
     stage = Usd.Stage.Open(str(tmp_path / "squirrel_1.usdc"))
     points = UsdGeom.Mesh(stage.GetPrimAtPath("/World/squirrel")).GetPointsAttr()
     scene = load_scene(tmp_path / "squirrel_1.toml")
@@ -307,9 +305,6 @@ CENTER = np.array([0.0, 3.0, 0.0])
 
 @pytest.fixture
 def follower():
-    pytest.importorskip("viser")
-    from balloon_warp.viewer.following import Follower
-
     return Follower()
 
 
@@ -393,7 +388,6 @@ def is_there(process: int) -> bool:
 
 
 def test_a_first_touch_compiles_nothing(tmp_path):
-    pytest.importorskip("viser")
     said, wrong = page(tmp_path, PLAYED).communicate(timeout=600)
     assert "compiled []" in said, wrong
     assert list(tmp_path.rglob("balloon_warp_ahead_*"))
@@ -404,7 +398,6 @@ def test_a_first_touch_compiles_nothing(tmp_path):
 @pytest.mark.parametrize("killed", [False, True])
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="asks /proc")
 def test_the_process_ends_with_the_page(killed: bool, tmp_path):
-    pytest.importorskip("viser")
     process = page(tmp_path, PAGE + ("time.sleep(600)" if killed else "time.sleep(4.0); ahead.end()"))
     assert process.stdout
     ahead = int(process.stdout.readline().split()[1])
