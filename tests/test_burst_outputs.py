@@ -77,11 +77,9 @@ def test_what_a_tear_cut_off_is_not_framed(tmp_path):
 
 
 def test_the_table_of_a_batch_says_which_worlds_burst(device: str):
-    times = {"balloon.material.needle_time": [1e9, 1e-3]}
     scene = scene_of(quad_sphere(3, 0.1)).model_copy(update={"frames_per_second": 1000.0})
-    simulator = Simulator(scene, device, 2, times)
-    recorder = Recorder(simulator, np.zeros(0, dtype=np.int64))
-    column = columns_of(scene).index("burst")
+    simulator = Simulator(scene, device, 2, {"balloon.material.needle_time": [1e9, 1e-3]})
+    recorder, column = Recorder(simulator, np.zeros(0, dtype=np.int64)), columns_of(scene).index("burst")
     assert recorder.read().measures[:, column].tolist() == [0.0, 0.0]
     for _ in range(3):
         simulator.step()

@@ -138,16 +138,18 @@ def test_its_command_has_the_same_hashes(folder: Path):
 
 def test_what_cannot_be_repeated_is_told(folder: Path):
     path = folder / "first" / "manifest.json"
+
+    def refused(complaint: str) -> None:
+        with pytest.raises(InputError, match=complaint):
+            repeat_batch(path, folder / "again")
+
     write_obj(folder / "other.obj", quad_sphere(4))
-    with pytest.raises(InputError, match=r"other\.obj: has changed since the batch: its SHA-256 is "):
-        repeat_batch(path, folder / "again")
+    refused(r"other\.obj: has changed since the batch: its SHA-256 is ")
     (folder / "other.obj").unlink()
-    with pytest.raises(InputError, match=r"its mesh other\.obj is missing"):
-        repeat_batch(path, folder / "again")
+    refused(r"its mesh other\.obj is missing")
     for text in ("[]", "{}", "{", "\x00"):
         path.write_text(text)
-        with pytest.raises(InputError, match="manifest"):
-            repeat_batch(path, folder / "again")
+        refused("manifest")
     assert not (folder / "again").exists()
 
 

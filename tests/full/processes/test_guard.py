@@ -75,17 +75,9 @@ def ask(page: Page, path: str, *headers: str) -> str:
 
 def talks(page: Page, host: str, origin: str) -> str:
     """Return the answer where a web socket is to open."""
-    return ask(
-        page,
-        "/",
-        f"Host: {host}",
-        f"Origin: {origin}",
-        "Upgrade: websocket",
-        "Connection: Upgrade",
-        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",
-        "Sec-WebSocket-Version: 13",
-        f"Sec-WebSocket-Protocol: {PROTOCOL}",
-    )
+    upgrade = ("Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==")
+    version = ("Sec-WebSocket-Version: 13", f"Sec-WebSocket-Protocol: {PROTOCOL}")
+    return ask(page, "/", f"Host: {host}", f"Origin: {origin}", *upgrade, *version)
 
 
 @pytest.mark.parametrize(
