@@ -3,6 +3,7 @@
 import importlib
 import importlib.util
 import sys
+from collections.abc import Callable
 from typing import Any
 
 import gymnasium
@@ -324,11 +325,17 @@ def test_skrl_s_wrapper_sees_the_same(output: str, plain: tuple[list[Any], list[
             np.testing.assert_array_equal(found, wanted.reshape(found.shape))
 
 
-def test_stable_baselines_sees_the_same(plain: tuple[list[Any], list[Any]]):
+@pytest.fixture
+def stable_env() -> Callable[[str], Any]:
+    """Return an environment of Stable-Baselines3 for a mode of resets."""
     pytest.importorskip("stable_baselines3")
     from balloon_warp.envs.stable_baselines import StableBaselinesEnv
 
-    env = StableBaselinesEnv(brief("SameStep"))
+    return lambda mode: StableBaselinesEnv(brief(mode))
+
+
+def test_stable_baselines_sees_the_same(plain: tuple[list[Any], list[Any]], stable_env):
+    env = stable_env("SameStep")
     env.seed(5)
     np.testing.assert_array_equal(env.reset(), plain[0][0])
     for actions, expected in zip(ACTIONS, plain[1], strict=True):
@@ -343,25 +350,17 @@ def test_stable_baselines_sees_the_same(plain: tuple[list[Any], list[Any]]):
                 assert told[world]["TimeLimit.truncated"]
     assert env.get_attr("num_envs", [0, 2]) == [WORLDS, WORLDS]
     assert env.env_is_wrapped(object) == [False] * WORLDS
+    with pytest.raises(InputError, match=r"autoreset_mode: Stable-Baselines3 needs \"SameStep\" \(got 'NextStep'\)"):
+        stable_env("NextStep")
 
 
-def test_stable_baselines_learns_a_little():
+def test_stable_baselines_learns_a_little(stable_env):
     library, vectors = (pytest.importorskip(f"stable_baselines3{part}") for part in ("", ".common.vec_env"))
-    from balloon_warp.envs.stable_baselines import StableBaselinesEnv
-
-    env = vectors.VecMonitor(StableBaselinesEnv(brief("SameStep")))
+    env = vectors.VecMonitor(stable_env("SameStep"))
     learner = library.PPO("MlpPolicy", env, n_steps=6, batch_size=18, seed=0)
     learner.learn(36)
     assert learner.num_timesteps == 36
     assert {episode["l"] for episode in learner.ep_info_buffer} == {4}
-
-
-def test_stable_baselines_needs_worlds_that_begin_anew_at_once():
-    pytest.importorskip("stable_baselines3")
-    from balloon_warp.envs.stable_baselines import StableBaselinesEnv
-
-    with pytest.raises(InputError, match=r"autoreset_mode: Stable-Baselines3 needs \"SameStep\" \(got 'NextStep'\)"):
-        StableBaselinesEnv(brief("NextStep"))
 
 
 def test_stable_baselines_is_asked_for_where_it_is_missing(monkeypatch):

@@ -142,24 +142,23 @@ def test_another_thread_or_file_of_the_same_process_is_a_living_one(tmp_path):
     assert names(tmp_path) == ["a.txt", "system"]
 
 
-@pytest.mark.parametrize("write", ["run", "run to .glb", "batch", "convert", "checkpoints"])
-def test_the_next_that_writes_there_clears_it_away(write: str, tmp_path):
-    place = tmp_path / "place"
-    place.mkdir()
+WRITERS: dict[str, Callable[[Path], object]] = {
+    "run": lambda place: animate(SCENE, place / "out.usdc", device="cpu"),
+    "run to .glb": lambda place: animate(SCENE, place / "out.glb", device="cpu"),
+    "batch": lambda place: run_batch(SCENE, place, 2, device="cpu"),
+    "convert": lambda place: export_stage(place / "in.usdc", place / "out.usdz"),
+    "checkpoints": lambda place: animate(SCENE, place / "out.usdc", device="cpu", checkpoint_seconds=1e-9),
+}
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_the_next_that_writes_there_clears_it_away(kind: str, tmp_path):
+    (place := tmp_path / "place").mkdir()
     animate(SCENE, place / "in.usdc", device="cpu")
     kill(begin(place / "out.usdc"))
     kill(begin(place / "in.usdc"))
     assert len(names(place)) > 2
-    if write == "run":
-        animate(SCENE, place / "out.usdc", device="cpu")
-    elif write == "run to .glb":
-        animate(SCENE, place / "out.glb", device="cpu")
-    elif write == "batch":
-        run_batch(SCENE, place, 2, device="cpu")
-    elif write == "convert":
-        export_stage(place / "in.usdc", place / "out.usdz")
-    else:
-        animate(SCENE, place / "out.usdc", device="cpu", checkpoint_seconds=1e-9)
+    WRITERS[kind](place)
     assert [name for name in names(place) if "partial" in name] == []
 
 
@@ -355,14 +354,8 @@ def test_a_full_disk_leaves_the_good_file(scene: Scene, tmp_path):
     if shutil.which("unshare") is None or subprocess.run([*names, "mount", "-t", "tmpfs", "none", "/mnt"]).returncode:
         pytest.skip("needs a mount namespace")
     animate(scene.model_copy(update={"frames": 2}), tmp_path / "good.usdc", device="cpu")
-    done = subprocess.run(
-        [*names, "sh", "-c", FULL_DISK, sys.executable],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        env={**os.environ, "NO_COLOR": "1"},
-    )
+    command, plain = [*names, "sh", "-c", FULL_DISK, sys.executable], {**os.environ, "NO_COLOR": "1"}
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120, env=plain)
     assert done.returncode == 2, done.stderr
     first, swells, last = done.stderr.splitlines()
     assert first.startswith("note: ball.obj inflates above a floor. ")

@@ -140,11 +140,22 @@ def test_what_is_short_or_not_to_be_saved_leaves_nothing(seconds: float, tmp_pat
 def test_another_scene_is_refused(tmp_path):
     output = tmp_path / "out.usdc"
     folder = stop(SCENE, output)
-    with pytest.raises(
-        InputError, match=r"out\.usdc\.partial belongs to another run: scene\.gravity is 9\.81 there and 3"
-    ):
+    other = r"out\.usdc\.partial belongs to another run: scene\.gravity is 9\.81 there and 3"
+    with pytest.raises(InputError, match=other):
         animate(SCENE.model_copy(update={"gravity": 3.0}), output, resume=True)
     assert folder.exists()
+
+
+OTHERS = {"versions.warp-lang": "0.1", "versions.balloon-warp": "0.0.1", "device": "another", "schedule": "lanes"}
+
+
+@pytest.mark.parametrize(("path", "value"), [*OTHERS.items(), ("substeps", 1)])
+def test_what_else_the_bits_depend_on_is_compared(path: str, value: object, tmp_path):
+    output = tmp_path / "out.usdc"
+    tamper(stop(SCENE, output) / "job.json", path, value)
+    there = rf"belongs to another run: {path} is {json.dumps(value)} there and .* here; expected"
+    with pytest.raises(InputError, match=there):
+        animate(SCENE, output, resume=True)
 
 
 @pytest.mark.full
@@ -156,25 +167,6 @@ def test_another_mesh_is_refused(tmp_path):
     write_obj(mesh, quad_sphere(3, 0.6))
     with pytest.raises(InputError, match=r"belongs to another run: meshes\..*ball\.obj is "):
         animate(scene, output, resume=True)
-
-
-@pytest.mark.parametrize(
-    ("path", "value"),
-    [
-        ("versions.warp-lang", "0.1"),
-        ("versions.balloon-warp", "0.0.1"),
-        ("device", "another"),
-        ("schedule", "lanes"),
-        ("substeps", 1),
-    ],
-)
-def test_what_else_the_bits_depend_on_is_compared(path: str, value: object, tmp_path):
-    output = tmp_path / "out.usdc"
-    tamper(stop(SCENE, output) / "job.json", path, value)
-    with pytest.raises(
-        InputError, match=rf"belongs to another run: {path} is {json.dumps(value)} there and .* here; expected"
-    ):
-        animate(SCENE, output, resume=True)
 
 
 @pytest.mark.parametrize("name", ["out.usdc.partial", "out.usdc.partial.old"])
@@ -224,16 +216,13 @@ def test_where_two_jobs_differ_is_said(there: dict, here: dict, phrases: list[st
     assert list(differences(there, here)) == phrases
 
 
-def test_a_run_too_short_for_a_checkpoint_leaves_an_earlier_one_as_it_is(tmp_path):
-    folder = stop(SCENE, tmp_path / "out.usdc")
-    animate(SCENE.model_copy(update={"gravity": 3.0}), tmp_path / "out.usdc")
-    assert folder.exists()
-
-
-def test_nothing_to_resume_is_the_start(tmp_path):
+def test_nothing_to_resume_is_the_start_and_short_runs_leave_an_earlier_checkpoint_as_it_is(tmp_path):
     output, notes = tmp_path / "out.usdc", []
     assert animate(SCENE, output, resume=True, on_note=notes.append).begin == 0
     assert "starting from the beginning" in notes[0]
+    folder = stop(SCENE, output)
+    animate(SCENE.model_copy(update={"gravity": 3.0}), output)
+    assert folder.exists()
 
 
 @pytest.mark.parametrize("name", ["frames_000003.usdc", "state_000006_0000.npz", "job.json"])
