@@ -139,7 +139,7 @@ def test_a_rod_is_found_between_particles(stage: Stage):
     assert crossing.depth == pytest.approx(0.02, abs=0.003)
 
 
-def test_what_is_swallowed_is_found_but_not_in_a_room(stage: Stage):
+def test_what_is_swallowed_is_found(stage: Stage):
     """A ball in the middle of a box is found, though no surfaces cross."""
     stage.obstacle("box", trimesh.creation.box((3.0, 3.0, 3.0)))
     stage.balloon("ball", BALL, (0, 0, 0))

@@ -186,6 +186,7 @@ def test_what_touches_itself_along_edges_does_not_cross():
 @pytest.mark.parametrize(
     ("asked", "sentence"),
     [
+        ({"of": "foil"}, r"target: foil without panels needs letters or a drawing"),
         ({"of": "steel"}, r"of: must be springs or latex or foil \(got 'steel'\)"),
         ({"hold": "none"}, r"hold: must be tension or any"),
         ({"stretch": 3.0}, r"stretch: must be from 1.02 to 2 for springs"),

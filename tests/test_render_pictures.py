@@ -90,7 +90,7 @@ def test_each_device_makes_the_same_picture(device: str, tmp_path):
     assert np.abs(seen[0] - seen[1]).mean() < 0.1
 
 
-def test_units_axes_and_devices_do_not_show(tmp_path):
+def test_units_and_axes_do_not_show(tmp_path):
     seen = [picture(_small_world(tmp_path / f"{up}.usda", up)) for up in ("Y", "Z")]
     assert (seen[0] == seen[1]).all()
     seen = []
