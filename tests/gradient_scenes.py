@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from float64_run import motion
 from meshes import mesh_of, quad_sphere
+from reference_runs import Run, run
 
 import balloon_warp as bw
 from balloon_warp.mesh.triangles import triangles_of
@@ -119,12 +119,12 @@ def far(moved: Trajectories) -> tuple[np.ndarray, dict[str, Any]]:
 
 
 def far_in_float64(of: bw.Scene, values: dict[str, float]) -> float:
-    return far_of(of, *motion(of, values)[:2])
+    return far_of(of, run(of, values))
 
 
-def far_of(of: bw.Scene, points: np.ndarray, velocities: np.ndarray) -> float:
+def far_of(of: bw.Scene, moved: Run) -> float:
     """Return the loss of places and velocities in all frames."""
-    volume = Volume(plan_model(of).shapes[0].mesh)
+    volume, points, velocities = Volume(plan_model(of).shapes[0].mesh), moved.points[0], moved.velocities[0]
     sizes = [volume.of(each) ** 2 for each in points[1:]]
     return float((WEIGHTS * (points[-1] - TARGET) ** 2).sum() + 0.1 * (velocities[1] ** 2).sum() + sum(sizes))
 

@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from float64_run import motion
 from gradient_scenes import scene
+from reference_runs import run
 
 import balloon_warp as bw
 
@@ -30,7 +30,7 @@ def height(moved: bw.Trajectories) -> tuple[float, dict[str, list[np.ndarray]]]:
 
 def height_in_float64(of: bw.Scene, values: dict[str, float]) -> np.ndarray:
     """Return the loss `height` of a run in float64, from each frame."""
-    points, _, _ = motion(of, values)
+    points = run(of, values).points[0]
     return points[..., 1].mean(axis=1) + (points[..., 0] ** 2).mean(axis=1)
 
 

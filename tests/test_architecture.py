@@ -26,7 +26,7 @@ LAYERS = (
     ("model", "provenance"),
     ("schedules", "advice", "contacts", "beginning", "inspection", "saved_state", "solids", "swelling"),
     ("solvers", "frame"),
-    ("reading", "statics", "steering"),
+    ("reading", "reference", "statics", "steering"),
     ("blow_ups", "outputs", "outcomes", "frame_reader", "resting"),
     ("simulator",),
     ("resume",),

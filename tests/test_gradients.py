@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 import warp as wp
-from float64_run import motion
 from gradient_scenes import CASES, N, far, require_way, scene, told_loss, told_of, value_at, ways_of
+from reference_runs import run
 
 import balloon_warp as bw
 from balloon_warp.trajectories import Trajectories
@@ -40,8 +40,8 @@ def test_gradients_are_the_slopes_of_a_run_in_double_precision(case: str, way: s
 
 
 def ends_at(of: bw.Scene, weights: Any, shifts: Any) -> float:
-    points, velocities, _ = motion(of, {}, shifts)
-    return float((weights[0] * points[-1]).sum() + (weights[1] * velocities[-1]).sum())
+    moved = run(of, {}, shifts)
+    return float((weights[0] * moved.points[0][-1]).sum() + (weights[1] * moved.velocities[0][-1]).sum())
 
 
 SHIFTED = {case: CASES[case][0] for case in ("pressure", "gas", "torsion", "wind", "gas on the ground")}

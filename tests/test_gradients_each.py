@@ -8,35 +8,35 @@ from typing import Any
 
 import numpy as np
 import pytest
-from float64_run import Motion
 from gradient_scenes import BALL, CASES, SPRINGS, far, far_of, scene
+from reference_runs import run
 
 import balloon_warp as bw
+from balloon_warp.kernels.laws.membrane import THICKNESS
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.springs.membrane import build_membrane
+from balloon_warp.model import plan_model
+from balloon_warp.reference.of_scene import film_of
+from balloon_warp.springs.membrane import Membrane, build_membrane
 
-Change = Callable[[Motion, float], None]
+Change = Callable[[Any, float], None]
+"""Function of a balloon of the reference, and of how far it is changed"""
 RNG = np.random.default_rng(21)
 
 
-class Loose(Motion):
-    """Motion whose springs' constants are shifted one by one [N/m]."""
-
-    shift: Any = 0.0
-
-    @property
-    def constants(self) -> np.ndarray:
-        return super().constants + self.shift
-
-
 def slope(of: bw.Scene, change: Change, h: float) -> float:
-    """Return the central difference of the loss by how far a motion is changed."""
-    ends = []
-    for sign in (1.0, -1.0):
-        run = Loose(of, {}, 0)
-        change(run, sign * h)
-        ends.append(far_of(of, *run.frames(0.0, 0.0)[:2]))
-    return (ends[0] - ends[1]) / (2.0 * h)
+    """Return the central difference of the loss by how far a balloon's tables are changed."""
+    more, less = (
+        far_of(of, run(of, change=lambda reference: change(reference.balloons[0], sign * h)))  # noqa: B023
+        for sign in (1.0, -1.0)
+    )
+    return (more - less) / (2.0 * h)
+
+
+def remould(balloon: Any, membrane: Membrane, edges: np.ndarray) -> None:
+    """Give a balloon's film other edges at rest, with the same thickness."""
+    sizes = [np.linalg.norm(np.cross(each[:, 0], each[:, 1]), axis=1) for each in (membrane.edges, edges)]
+    other = replace(membrane, edges=edges, areas=membrane.areas * sizes[1] / sizes[0])
+    balloon.film = film_of(other, "mooney_rivlin")
 
 
 @pytest.fixture(scope="module")
@@ -54,20 +54,20 @@ def test_of_each_spring(device: str):
     found = bw.gradient(
         of, of=SPRINGS, each=["rest_lengths", "spring_constants", "rest_points"], loss=far, device=device
     )
-    shape = Motion(of, {}, 0).shape
+    shape = plan_model(of).shapes[0]
     np.testing.assert_array_equal(found.spring_pairs[0], shape.springs.pairs)
     lengths, points = shape.springs.rest_lengths, shape.mesh.points
     ways = [lengths * RNG.normal(size=lengths.shape), 10.0 * RNG.normal(size=lengths.shape)]
     ways.append(0.1 * RNG.normal(size=points.shape))
 
-    def longer(run: Motion, h: float) -> None:
-        run.lengths = run.lengths + h * ways[0]
+    def longer(balloon: Any, h: float) -> None:
+        balloon.springs.lengths = balloon.springs.lengths + h * ways[0][:, None]
 
-    def stiffer(run: Motion, h: float) -> None:
-        run.shift = h * ways[1]
+    def stiffer(balloon: Any, h: float) -> None:
+        balloon.springs.constants = balloon.springs.constants + h * ways[1][:, None]
 
-    def reshaped(run: Motion, h: float) -> None:
-        run.lengths = shape.springs.resting_at(points + h * ways[2]).rest_lengths
+    def reshaped(balloon: Any, h: float) -> None:
+        balloon.springs.lengths = shape.springs.resting_at(points + h * ways[2]).rest_lengths[:, None]
 
     for (name, arrays), way, change in zip(found.by_each.items(), ways, (longer, stiffer, reshaped), strict=True):
         error = (arrays[0] * way).sum() - slope(of, change, 1e-5)
@@ -79,17 +79,15 @@ def test_of_each_spring(device: str):
 @pytest.mark.full
 def test_of_each_face(rubber: bw.Scene, device: str):
     found = bw.gradient(rubber, each=["thicknesses", "rest_points"], loss=far, device=device).by_each
-    membrane = Motion(rubber, {}, 0).shape.membrane
+    membrane = plan_model(rubber).shapes[0].membrane
     ways = [1e-4 * RNG.normal(size=BALL.face_count), 0.1 * RNG.normal(size=BALL.points.shape)]
 
-    def thicker(run: Motion, h: float) -> None:
-        assert run.film
-        shares = run.film.skins / run.of("thickness")
-        run.film = replace(run.film, skins=run.film.skins + h * ways[0][membrane.faces] * shares)
+    def thicker(balloon: Any, h: float) -> None:
+        balloon.film.areas = membrane.areas * (1.0 + h * ways[0][membrane.faces] / THICKNESS.default)
 
-    def reshaped(run: Motion, h: float) -> None:
-        assert run.film
-        run.film = run.film.with_mould(0.9 * BALL.points + h * ways[1])
+    def reshaped(balloon: Any, h: float) -> None:
+        corners = (0.9 * BALL.points + h * ways[1])[membrane.corners]
+        remould(balloon, membrane, corners[:, 1:] - corners[:, :1])
 
     for (name, arrays), way, change in zip(found.items(), ways, (thicker, reshaped), strict=True):
         error = (arrays[0] * way).sum() - slope(rubber, change, 1e-5)
@@ -105,10 +103,9 @@ def test_of_panels_before_they_are_sewn(tmp_path: Path, device: str):
     (found,) = bw.gradient(of, each=["rest_points"], loss=far, device=device).by_each["rest_points"]
     way = 0.1 * RNG.normal(size=points.shape)
 
-    def recut(run: Motion, h: float) -> None:
-        assert run.film
+    def recut(balloon: Any, h: float) -> None:
         corners = (points + h * way)[build_membrane(panels).corners]
-        run.film = replace(run.film, rest_edges=corners[:, 1:] - corners[:, :1])
+        remould(balloon, plan_model(of).shapes[0].membrane, corners[:, 1:] - corners[:, :1])
 
     assert abs((found * way).sum() - slope(of, recut, 1e-5)) < 1e-4 * np.linalg.norm(found * way)
 
@@ -144,7 +141,7 @@ def test_blocks_are_refused():
 
 
 def test_rest_points_need_springs_that_follow_from_them(tmp_path: Path):
-    springs = Motion(scene(), {}, 0).shape.springs
+    springs = plan_model(scene()).shapes[0].springs
     lengths = 0.9 * springs.rest_lengths
     np.savez(tmp_path / "own.npz", pairs=springs.pairs, rest_lengths=lengths, constants=np.full(springs.count, 50.0))
     of = scene()

@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 from dot_products import require_adjoint
-from float64_run import started
 from gradient_scenes import scene, value_at
-from test_gradients_spheres import ends, ends_in_float64, value_of
+from reference_runs import run
+from test_gradients_spheres import SPHERE_TRACKS, ends, ends_in_float64, value_of
 
 import balloon_warp as bw
 
@@ -50,13 +50,12 @@ def paths_of(of: bw.Scene) -> list[str]:
 @pytest.mark.parametrize("case", CASES)
 def test_contacts_are_those_of_the_run_in_double_precision(case: str):
     of, contacts = CASES[case]
-    run = started(of, {})
-    points, _, _ = run.frames(0.0, 0.0)
-    assert (run.small.contacts, run.small.lumped) == contacts
+    told = run(of)
+    small = told.reference.around.contacts.small
+    assert (small.contacts, small.lumped) == contacts
     moved = bw.simulate(of, device="cpu", schedule="gather")
-    np.testing.assert_allclose(moved.points[0], points, atol=2e-6)
-    positions = [places for places, _ in run.tracks]
-    np.testing.assert_allclose(moved.sphere_positions, positions, atol=5e-6)
+    np.testing.assert_allclose(moved.points[0], told.points[0], atol=2e-6)
+    np.testing.assert_allclose(moved.sphere_positions, told.sphere_positions, atol=5e-6)
 
 
 @pytest.mark.full
@@ -66,10 +65,9 @@ def test_what_a_shift_of_the_start_does_to_the_end_is_what_the_end_says_of_the_s
     of, _ = CASES[case]
 
     def at_end(values: dict[str, float], shifts: Any) -> Any:
-        run = started(of, values)
-        points, velocities, _ = run.frames(*shifts)
-        courses = dict(zip(("sphere_positions", "sphere_velocities"), map(np.array, run.tracks[-1]), strict=True))
-        return [points[-1]], [velocities[-1]], courses
+        told = run(of, values, shifts)
+        courses = {name: getattr(told, name)[-1] for name in SPHERE_TRACKS}
+        return [told.points[0][-1]], [told.velocities[0][-1]], courses
 
     require_adjoint(of, at_end, {path: value_at(of, path) for path in paths_of(of)}, device)
 

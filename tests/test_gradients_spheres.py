@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 from dot_products import require_adjoint
-from float64_run import motion_of_spheres
 from gradient_scenes import CASES, PRESSED, far, scene, value_at
+from reference_runs import run
 
 import balloon_warp as bw
 from balloon_warp.trajectories import Trajectories
@@ -115,12 +115,9 @@ SPHERE_TRACKS = ("sphere_positions", "sphere_velocities")
 
 
 def ends_in_float64(of: bw.Scene, values: dict[str, float]) -> float:
-    obstacles = [
-        obstacle.model_copy(update={"restitution": values.get(f"obstacle.{number}.restitution", obstacle.restitution)})
-        for number, obstacle in enumerate(of.obstacle)
-    ]
-    points, _, *courses = motion_of_spheres(of.model_copy(update={"obstacle": obstacles}), values)
-    tracks = zip((points, *courses), (WEIGHTS, *OF_COURSES), strict=True)
+    told = run(of, values)
+    courses = (told.points[0], *(getattr(told, name) for name in SPHERE_TRACKS))
+    tracks = zip(courses, (WEIGHTS, *OF_COURSES), strict=True)
     return float(sum((weights[: track.shape[1]] * track[-1]).sum() for track, weights in tracks))
 
 
@@ -192,8 +189,9 @@ def test_what_a_shift_of_the_start_does_to_the_end_is_what_the_end_says_of_the_s
     of, paths = (BESIDE, PATHS) if case == "penalty" else (exchange(), OF_EXCHANGE)
 
     def ends(values: dict[str, float], shifts: Any) -> Any:
-        points, velocities, *courses = (track[-1] for track in motion_of_spheres(of, values, shifts))
-        return [points], [velocities], dict(zip(SPHERE_TRACKS, courses, strict=True))
+        told = run(of, values, shifts)
+        courses = {name: getattr(told, name)[-1] for name in SPHERE_TRACKS}
+        return [told.points[0][-1]], [told.velocities[0][-1]], courses
 
     require_adjoint(of, ends, {path: value_at(of, path) for path in paths}, device)
 

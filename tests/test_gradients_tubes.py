@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 from dot_products import require_adjoint
-from float64_tubes import courses_by_tubes, motion_by_tubes
 from gradient_scenes import BALL, scene
+from reference_runs import run
 
 import balloon_warp as bw
 from balloon_warp.statics.volume import Volume
@@ -55,7 +55,7 @@ def sizes(moved: Trajectories) -> tuple[Any, dict[str, Any]]:
 
 
 def sizes_in_float64(of: bw.Scene, values: dict[str, float]) -> float:
-    volume, places = Volume(BALL), motion_by_tubes(of, values)
+    volume, places = Volume(BALL), run(of, values).points
     return sum(
         (number + 1.0) * sum(volume.of(each) for each in part[1:]) + 0.1 * part[-1, :, 1].sum()
         for number, part in enumerate(places)
@@ -101,6 +101,6 @@ def test_what_a_shift_of_the_start_does_to_the_end_is_what_the_end_says_of_the_s
     of = tubed(count)
 
     def ends(values: dict[str, float], shifts: Any) -> Any:
-        return *([part[-1] for part in parts] for parts in courses_by_tubes(of, values, shifts)), {}
+        return *([part[-1] for part in parts] for parts in run(of, values, shifts)[:2]), {}
 
     require_adjoint(of, ends, {path: value_at(of, path) for path in OF}, device)

@@ -148,7 +148,8 @@ def quad_wear(features: Features, at: Any, world_of: Any) -> Any:
                 )  # fmt: skip
                 left[lane] = of_one
                 kept[lane] = greatest
-            for lane in range(LANE_COUNT):
+            for back in range(LANE_COUNT):
+                lane = LANE_COUNT - 1 - back  # lanes beyond the last world are copies of it: its own comes last
                 triangle = of_lane(numbers, lane)
                 if triangle >= 0:
                     peaks[world_of(t, params, lane), triangle] = kept[lane]

@@ -1,0 +1,272 @@
+"""Step of the reference: a scene's balloons, gases and spheres through one substep, in the order of the product's list.
+
+It is written to be read, and the arbiter of all schedules: NumPy in float64, no Warp, and no thought of speed.
+"""
+
+from collections.abc import Mapping
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from balloon_warp.reference import gas as gases
+from balloon_warp.reference import laws, of_scene
+from balloon_warp.reference.around import Around
+from balloon_warp.scene import Scene
+
+Array = np.ndarray
+
+
+class Reference:
+    """A scene in float64, advanced by substeps or by frames.
+
+    Args:
+        values: Values of the scene that are others, by their paths.
+        shifts: Offsets of all particles' places [m] and velocities [m/s] at the start, numbers or (particles, 3).
+    """
+
+    def __init__(self, scene: Scene, values: Mapping[str, float] | None = None, shifts: tuple[Any, Any] = (0.0, 0.0)):
+        self.plan, self.parameters = of_scene.planned(scene, dict(values or {}))
+        self.scene = self.plan.scene
+        self.substeps: Any = self.plan.substeps
+        count = len(self.plan.shapes)
+        self.balloons = [of_scene.balloon_of(self.plan, number) for number in range(count)]
+        starts = [of_scene.start_of_balloon(self.plan, self.parameters, number) for number in range(count)]
+        self.x, self.v = (np.concatenate(each) for each in zip(*starts, strict=True))
+        self.x, self.v = self.x + shifts[0], self.v + shifts[1]
+        """Places and velocities of all particles, shape (particles, 3)"""
+        self.v[np.concatenate([balloon.share for balloon in self.balloons]) == 0.0] = 0.0
+        self.owner = np.repeat(np.arange(count), [len(x) for x, _ in starts])
+        self.parts = [np.flatnonzero(self.owner == number) for number in range(count)]
+        self.up, self.frame_number, self.substep_number = np.array(self.scene.up), 0, 0
+        names = "initial_gas_amounts", "initial_free_volumes", "initial_pressures", "initial_loads"
+        given = (self.parameters[name][0] for name in names)
+        self.gases = [
+            SimpleNamespace(amount=n, free_volume=free, pressure=p, load=load[0], rise=load[1], along=0.0, vent=0.0)
+            for n, free, p, load in zip(*given, strict=True)
+        ]
+        self.around = Around(self.plan, self.parameters, self.owner)
+        self._take_parameters()
+
+    spheres = property(lambda self: self.around.spheres)
+    bodies = property(lambda self: self.around.bodies)
+    points = property(lambda self: [self.x[part] for part in self.parts])
+    velocities = property(lambda self: [self.v[part] for part in self.parts])
+    pressures = property(lambda self: np.array([gas.pressure for gas in self.gases]))
+    gas_amounts = property(lambda self: np.array([gas.amount for gas in self.gases]))
+
+    @property
+    def volumes(self) -> Array:
+        """Volumes of the balloons [m^3]."""
+        return np.array([laws.volume(x, b.faces)[0] for x, b in zip(self.points, self.balloons, strict=True)])
+
+    @property
+    def time(self) -> float:
+        """Time since the start [s]."""
+        return (self.frame_number + self.substep_number / self.substeps) / self.scene.frames_per_second
+
+    @property
+    def h(self) -> float:
+        """Length of a substep [s]."""
+        return 1.0 / self.scene.frames_per_second / self.substeps
+
+    @staticmethod
+    def lacks(scene: Scene) -> list[str]:
+        """Name what a scene asks for that the reference does not have."""
+        asked = {
+            "projective": scene.solver == "projective",
+            "tears": any(balloon.material.strength is not None for balloon in scene.balloon),
+            "solids of meshes": any(solid.shape == "mesh" for solid in (*scene.obstacle, *scene.body)),
+            "changes of gamma": any(path.endswith("gamma") for change in scene.change for path in change.set),
+        }
+        return [name for name, is_asked in asked.items() if is_asked]
+
+    def frame(self) -> None:
+        """Advance by the substeps that are left of a frame."""
+        number = self.frame_number
+        while self.frame_number == number:
+            self.substep()
+
+    def substep(self) -> None:
+        """Advance by a substep."""
+        if self.substep_number == 0:
+            self._begin_frame()
+        h, start = self.h, self.x
+        self.around.move(h, self.frame_number, [(self.substep_number + end) / self.substeps for end in (0, 1)])
+        self._pump()
+        self.mass = self._masses()
+        gain = np.where(self.mass > 0.0, h / np.where(self.mass > 0.0, self.mass, 1.0), 0.0)[:, None]
+        each = [self._forces(number) for number in range(len(self.balloons))]
+        force, area = (np.concatenate(parts) for parts in zip(*each, strict=True))
+        self._drive(force)
+        force += self.around.touch(self.x, self.v)
+        self._find_pressures(self.v + gain * force, area, gain)
+        inflation = self._inflate(area)
+        old, self.v = self.v, self.v + gain * (force + inflation)
+        self.x = self.x + h * (old if self.scene.solver == "forward_euler" else self.v)
+        if self.scene.correction != "none":
+            self._correct()
+        x, v = self.around.meet(start, self.x, self.v, self.mass, inflation)
+        self.x, self.v = np.where(gain > 0.0, x, self.x), np.where(gain > 0.0, v, self.v)
+        self.substep_number += 1
+        if self.substep_number == self.substeps:
+            self.frame_number, self.substep_number = self.frame_number + 1, 0
+            self.around.hold_late_spheres(self.frame_number)
+
+    def _take_parameters(self) -> None:
+        """Take parameters from the scene's, which change over time."""
+        self.p = [of_scene.numbers(self.plan, self.parameters, number) for number in range(len(self.balloons))]
+        for balloon, p in zip(self.balloons, self.p, strict=True):
+            constants = np.array([p.structural, p.shear, p.flexion])[balloon.kinds] * balloon.scales
+            balloon.springs.constants = constants[:, None]
+        self.around.settle(self.scene, self.parameters, self.p[0])
+        self.waves = of_scene.waves_of(int(self.p[0].gust_seed))
+
+    def _begin_frame(self) -> None:
+        """Make the changes that the scene plans, and find the air around balloons."""
+        for change in self.plan.due_changes:
+            if change.frame == self.frame_number:
+                self.parameters = of_scene.changed(self.plan, change, self.parameters)
+                self.scene = self.scene.model_copy(update={n: getattr(change.scene, n) for n in change.methods})
+                self.substeps = self.scene.substeps if "substeps" in change.methods else self.substeps
+                self._take_parameters()
+        for x, balloon, gas, p in zip(self.points, self.balloons, self.gases, self.p, strict=True):
+            gas.outside, gas.temperature, gas.density = gases.air(x[0] @ self.up, p)
+            if balloon.kind == "gas":
+                inside = gases.ATMOSPHERE / (gas.outside + gas.pressure)
+                gas.along = p.added_mass * gas.density * gases.there(gas.free_volume, gas.temperature, p)
+                gas.along *= inside ** (1.0 / p.gamma)
+            gas.least = gases.EMPTY * balloon.volume * gas.outside / (gases.R * gas.temperature)
+        self.around.begin_frame(self.x, self.v, self.h)
+
+    def _given(self, number: int, part: float) -> float:
+        """Interpolate keyframes over a frame, between their values at its ends."""
+        rate, values = self.scene.frames_per_second, self.parameters["keyframe_values"][0, number]
+        ends = [(self.frame_number + end) / rate for end in (0, 1)]
+        times = self.balloons[number].times
+        first, last = np.interp(ends, times, values[: len(times)])
+        return first + part * (last - first)
+
+    def _pump(self) -> None:
+        """Pump gas in, or out until a balloon is flat."""
+        middle = (self.substep_number + 0.5) / self.substeps
+        for number, (balloon, gas, p) in enumerate(zip(self.balloons, self.gases, self.p, strict=True)):
+            if balloon.kind == "gas":
+                pumped = self.h * self._given(number, middle)
+                moles = gases.filled(gas, p, self.h, self.time, pumped, balloon.curve)
+                if moles:
+                    moles = max(moles, min(gas.least - gas.amount, 0.0))
+                    gases.take(gas, moles, p, gas.temperature)
+
+    def _masses(self) -> Array:
+        """Return the masses that move: of particles, with their parts of the gas and of the air around."""
+        each = zip(self.balloons, self.gases, self.p, strict=True)
+        return np.concatenate([b.share * (p.mass + gas.amount * p.molar_mass + gas.along) for b, gas, p in each])
+
+    def _forces(self, number: int) -> tuple[Array, Array]:
+        """Return the forces on a balloon but for its inflation and contact, and its area vectors."""
+        balloon, p, up = self.balloons[number], self.p[number], self.up
+        x, v, mass = self.points[number], self.velocities[number], balloon.share[:, None] * p.mass
+        _, area = laws.volume(x, balloon.faces)
+
+        def density_at(place: Array) -> Array:
+            return gases.air(laws.dot(place, up), p)[2] + 0.0 * laws.dot(place, up)
+
+        def wind_at(place: Array) -> Array:
+            return laws.wind(place, self.time, up, p, self.waves)
+
+        force = mass * (p.helium - p.gravity) * up - balloon.share[:, None] * p.damping * v
+        limit = p.correction_limit if self.scene.correction == "tarantino" else None
+        force = force + laws.springs(x, v, balloon.springs, p.viscosity, p.yield_stretch, limit)
+        if balloon.film:
+            pull, balloon.peak = laws.membrane(x, v, balloon.film, balloon.peak, p)
+            force = force + pull
+        if p.torsion:
+            force = force + laws.torsion(x, balloon.hinges, p.torsion)
+        if p.drag_coefficient:
+            force = force + laws.drag(v - wind_at(x), area, density_at(x), p.drag_coefficient)
+        if p.face_drag or p.face_friction:
+            force = force + laws.face_air(x, v, balloon.faces, wind_at, density_at, p.face_drag, p.face_friction)
+        if self.scene.water is not None:
+            force = force + laws.water(x, v, balloon.faces, self.h / np.where(mass > 0.0, mass, np.inf), up, p)
+        if opening := self._opening(number):
+            edges, gas = balloon.neck.edges, self.gases[number]
+            out = np.cross(x[edges[:, 0]], x[edges[:, 1]]).sum(axis=0)
+            thrust = 2.0 * opening * np.maximum(gas.load + gas.rise * (x @ up), 0.0)
+            force = force - (balloon.neck.weights * thrust)[:, None] * out / np.linalg.norm(out)
+        return force, area
+
+    def _opening(self, number: int) -> float:
+        """Return C_d A of a neck [m^2], 0 while it is shut."""
+        p = self.p[number]
+        opened = len(self.balloons[number].neck.edges) and p.neck_opens <= self.time < p.neck_closes
+        return 0.25 * np.pi * p.neck_diameter**2 * p.neck_discharge if opened else 0.0
+
+    def _drive(self, force: Array) -> None:
+        """Add strings and outer forces."""
+        first = np.searchsorted(self.owner, [string.balloon for string in self.scene.string])
+        held = (first + self.plan.held).astype(int)
+        names = "string_anchor", "string_length", "string_stiffness"
+        anchors, lengths, constants = (self.parameters[name][0] for name in names)
+        force += laws.strings(self.x, held, anchors, lengths[:, None], constants[:, None])
+        driven = self.plan.driven
+        newtons = driven.shares[:, None] * self.parameters["force_newtons"][0][driven.forces]
+        force += laws.summed(len(force), driven.particles, newtons)
+
+    def _find_pressures(self, free: Array, area: Array, gain: Array) -> None:
+        """Find the pressures of gases over the step, and let gas flow.
+
+        Args:
+            free: velocities after the step without inflation.
+        """
+        of_gas = [number for number, balloon in enumerate(self.balloons) if balloon.kind == "gas"]
+        if not of_gas:
+            return
+        heights = self.x @ self.up
+        loads, rises = (np.array([getattr(gas, name) for gas in self.gases]) for name in ("load", "rise"))
+        before = (loads[self.owner] + rises[self.owner] * heights)[:, None]
+        course = free + gain * before * area
+        end = self.x + self.h * course
+        stood, normals = self.around.foresee(self.x, end, course)
+        detour = np.where(gain > 0.0, (stood - end) / self.h, 0.0)
+        along = area - laws.dot(area, normals) * normals
+        swings = (gain * laws.dot(along, along))[:, 0]
+        for number in of_gas:
+            part, share, gas, p = self.parts[number], self.balloons[number].share, self.gases[number], self.p[number]
+            k = (1.0 - p.breathing_damping) / (1.0 + 3.0 * p.breathing_damping)
+            k, damping = (0.0, 1.0) if self.scene.solver == "forward_euler" else (k, p.breathing_damping)
+            rates = laws.dot(area, course + detour - k * self.v)[:, 0] - before[:, 0] * swings
+            volume = laws.volume(self.x[part], self.balloons[number].faces)[0]
+            moments = swings[part].sum(), rates[part].sum(), share @ heights[part], swings[part] @ heights[part]
+            now = SimpleNamespace(**{**vars(p), "breathing_damping": damping})
+            gases.implicit_pressure(gas, now, self.h, volume, *moments)
+        tubes = [
+            (*tube.balloons, conductance)
+            for tube, conductance in zip(self.scene.tube, self.parameters["tube_conductance"][0], strict=True)
+        ]
+        openings = [self._opening(number) + p.leak for number, p in enumerate(self.p)]
+        gases.flow(self.gases, tubes, openings, self.p, self.h)
+
+    def _inflate(self, area: Array) -> Array:
+        """Return the forces of the inflation: a pressure times area vectors, or the paper's normal forces."""
+        found = []
+        part = self.substep_number / self.substeps
+        for number, (balloon, gas) in enumerate(zip(self.balloons, self.gases, strict=True)):
+            x = self.points[number]
+            if balloon.kind == "normal_force":
+                if self.substep_number == 0 or self.scene.normals == "fresh":
+                    balloon.directions = laws.normal_directions(x, balloon.faces)
+                found.append(100.0 * self._given(number, part) * balloon.directions)
+                continue
+            if balloon.kind == "pressure":
+                gas.pressure = gas.load = self._given(number, part)
+                gas.rise = 0.0
+            found.append((gas.load + gas.rise * laws.dot(x, self.up)) * area[self.parts[number]])
+        return np.concatenate(found)
+
+    def _correct(self) -> None:
+        """Shorten springs that are too long, in sweeps."""
+        for part, balloon, p in zip(self.parts, self.balloons, self.p, strict=True):
+            for _ in range(self.scene.correction_sweeps):
+                given = self.x[part], self.v[part], balloon.springs, balloon.share, p.correction_limit, self.h
+                self.x[part], self.v[part] = laws.shortened(*given)

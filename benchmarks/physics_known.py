@@ -1,0 +1,59 @@
+"""Failures that docs/LIMITS.md lists under "Found by the fuzzer, not mended yet", each by a narrow condition.
+
+The fuzzer counts them, and goes on. Whoever mends one removes its line there and here, and keeps its scene in
+tests/found/.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from balloon_warp.benchmarks.physics_runs import Case
+
+FLAT = 0.3
+"""Height over that at the start, below which a gas balloon is pressed flat"""
+
+
+class Known(NamedTuple):
+    """A failure that is known."""
+
+    line: str
+    """Beginning of its line in docs/LIMITS.md"""
+    properties: tuple[str, ...]
+    """Names of the properties that fail"""
+    meets: Callable[[Case], bool]
+    """Condition that a scene meets"""
+
+
+def is_pressed_flat(case: Case) -> bool:
+    """Return whether something that moves has pressed a gas balloon flat."""
+    if not any(obstacle.motion for obstacle in case.scene.obstacle):
+        return False
+    offsets, up = case.run.model.particle_offsets, np.array(case.scene.up)
+    for number, balloon in enumerate(case.scene.balloon):
+        points = case.run.states["points"][:, offsets[number] : offsets[number + 1]]
+        heights = np.ptp(points @ up, axis=1)
+        if balloon.inflation.kind == "gas" and (~(heights > FLAT * heights[0])).any():
+            return True
+    return False
+
+
+def balloons_touch(case: Case) -> bool:
+    """Return whether balloons may have touched."""
+    return case.scene.touches
+
+
+KNOWN = (
+    Known(
+        "A gas balloon that is pressed flat",
+        ("stays_finite", "keeps_volume", "slopes_are_differences"),
+        is_pressed_flat,
+    ),
+    Known("Coarse balloons that touch", ("is_as_in_reference",), balloons_touch),
+)
+
+
+def known(case: Case, name: str) -> str | None:
+    """Return the line of a failure that is known, or None."""
+    return next((each.line for each in KNOWN if name in each.properties and each.meets(case)), None)

@@ -1,0 +1,135 @@
+"""Every schedule against the reference, in every feature set: over a substep, a frame and three frames."""
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from feature_sets import SETS, feature_set, varied
+
+from balloon_warp.model import build_model
+from balloon_warp.reference import Reference
+from balloon_warp.scene import Scene, load_scene
+from balloon_warp.schedules.features import model_features
+from balloon_warp.simulator import Simulator
+
+MOVE = 1e-6
+"""Offset of all places at the start [m], of balloons of a meter, which shows how a scene amplifies the rounding of
+float32: a place there is rounded by 6e-8, a force has several such errors, and each substep adds its own"""
+ULP = 6e-8
+"""Rounding of a float32 over its value"""
+LENGTHS = {"substep": ("substep", 1), "frame": ("frames", 1), "three frames": ("frames", 3)}
+"""Lengths of runs: of frames that are as long as a substep, or of the set's own, and how many"""
+MOST = 3
+
+
+def scene_of(name: str, kind: str) -> Scene:
+    """Return the scene of a set, of frames that are as long as a substep, or of its own."""
+    scene = feature_set(name)
+    if kind == "frames":
+        return scene
+    return scene.model_copy(update={"frames_per_second": scene.frames_per_second * scene.substeps, "substeps": 1})
+
+
+def state_of(reference: Reference) -> dict[str, np.ndarray]:
+    """Return what a frame has, by the names of `Simulator.state`."""
+    balls = [[ball[name] for ball in reference.spheres] for name in ("position", "velocity")]
+    bodies = [[body[name] for body in reference.bodies] for name in ("position", "velocity")]
+    things = [np.reshape(each, (-1, 3)) for each in (*balls, *bodies)]
+    names = ("sphere_positions", "sphere_velocities", "body_positions", "body_velocities")
+    return {
+        "points": np.concatenate(reference.points), "velocities": np.concatenate(reference.velocities),
+        "pressures": reference.pressures, "gas_amounts": reference.gas_amounts, **dict(zip(names, things, strict=True)),
+    }  # fmt: skip
+
+
+def course(scene: Scene, frames: int, offsets: Any) -> list[dict[str, np.ndarray]]:
+    """Return the states of the reference at the start and after each frame, from places that are moved by offsets."""
+    reference = Reference(scene, shifts=(offsets, 0.0))
+    found = [state_of(reference)]
+    for _ in range(frames):
+        reference.frame()
+        found.append(state_of(reference))
+    return found
+
+
+@cache
+def told(name: str, kind: str) -> list[tuple[dict[str, np.ndarray], dict[str, float]]]:
+    """Return the states at the start and after each frame, and the tolerance of each array."""
+    scene, frames, rng = scene_of(name, kind), MOST if kind == "frames" else 1, np.random.default_rng(1)
+    ways = course(scene, frames, 0.0)
+    shape = ways[0]["points"].shape
+    others = [course(scene, frames, MOVE * rng.uniform(-1.0, 1.0, shape)) for _ in range(2)]
+    both = enumerate(zip(ways, *others, strict=True))
+    return [(way, tolerances(scene, ways[0], way, aside, frame)) for frame, (way, *aside) in both]
+
+
+def tolerances(scene: Scene, start: Any, way: Any, others: list[Any], frames: int) -> dict[str, float]:
+    """Return four times the difference that moved starts make, and some roundings, which add up as a random walk."""
+    assert isinstance(scene.substeps, int)
+    steps, rate = frames * scene.substeps, scene.frames_per_second
+    most, roundings = {}, ULP * (8.0 + 4.0 * np.sqrt(steps))
+    for field, values in way.items():
+        amplified = max(np.abs(other[field] - values).max(initial=0.0) for other in others)
+        most[field] = 4.0 * amplified + roundings * np.abs(values).max(initial=0.0)
+    for thing in ("sphere", "body"):
+        most[f"{thing}_positions"] += most[f"{thing}_velocities"] * frames / rate  # which they follow
+    flowed = np.abs(way["gas_amounts"] - start["gas_amounts"]).max()
+    most["gas_amounts"] = 1e-4 * flowed  # kept in float64; pressures, whose roots flows are, are known to 1e-5
+    if scene.correction != "none":  # a velocity changes by what a place is corrected, over the substep
+        most["velocities"] += roundings * np.abs(way["points"]).max() * rate * scene.substeps
+    if any(balloon.inflation.kind == "gas" for balloon in scene.balloon):
+        most["pressures"] += 8.0 * ULP * scene.atmosphere.pressure  # which is subtracted
+    return most
+
+
+def require_same(name: str, length: str, schedule: str, device: str) -> None:
+    """Require that a schedule comes to where the reference does."""
+    kind, frames = LENGTHS[length]
+    scene = scene_of(name, kind)
+    if lacks := Reference.lacks(scene):
+        pytest.skip(f"the reference has no {', '.join(lacks)}")
+    expected, most = told(name, kind)[frames]
+    simulator = Simulator(scene, device, schedule=schedule)
+    for _ in range(frames):
+        simulator.step_unread()
+    for field, values in expected.items():
+        found = getattr(simulator.state, field).numpy()[0].astype(float)
+        off = np.abs(found - values).max(initial=0.0)
+        assert off <= most[field], (field, off, most[field])
+
+
+@pytest.mark.parametrize("length", LENGTHS)
+@pytest.mark.parametrize("name", SETS)
+def test_the_schedule_of_a_device_does_what_the_reference_does(name: str, length: str, device: str):
+    require_same(name, length, "auto", device)
+
+
+NOTHING: dict[str, dict[str, Any]] = {
+    "springs": {f"balloon.0.{name}": 0.0 for name in ("damping", "stiffness.torsion", "stiffness.viscosity")},
+    "gas": {
+        "balloon.0.inflation.leak": 0.0,
+        "balloon.0.neck.diameter": 0.0,
+        "balloon.0.inflation.breathing_damping": 1.0,
+    },
+    "air and water": {"balloon.0.drag_coefficient": 0.0, "balloon.0.face_drag": 0.0, "atmosphere.gusts": 0.0},
+}
+"""Values by which laws do nothing"""
+
+
+@pytest.mark.parametrize("name", NOTHING)
+def test_values_that_do_nothing_need_no_other_kernel(name: str):
+    """The features are those of the set, from which kernels follow; without the set's own values they are others."""
+    scenes = feature_set(name), varied(name, NOTHING[name]), load_scene(feature_set(name), NOTHING[name])
+    own, kept, lost = (model_features(build_model(scene, "cpu")) for scene in scenes)
+    assert own == kept != lost
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("length", LENGTHS)
+@pytest.mark.parametrize("name", SETS)
+@pytest.mark.parametrize("schedule", ["scatter", "gather", "block", "lanes", "octets"])
+def test_every_schedule_does_what_the_reference_does(name: str, length: str, schedule: str, device: str):
+    if device != "cpu" and schedule in ("lanes", "octets"):
+        pytest.skip(f"{schedule} is for the CPU")
+    require_same(name, length, schedule, device)
