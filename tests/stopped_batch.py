@@ -39,8 +39,7 @@ def stop_after(last: int) -> Callable[[int], None]:
 
 def stop_batch(folder: Path) -> Path:
     """Return a folder with a batch that was stopped after frame 3, and saved after frame 2."""
+    often = {"checkpoint_seconds": OFTEN, "on_frame": stop_after(3)}
     with pytest.raises(RuntimeError):
-        run_batch(
-            scene(), folder, 2, {"gravity": [1, 9]}, device="cpu", checkpoint_seconds=OFTEN, on_frame=stop_after(3)
-        )
+        run_batch(scene(), folder, 2, {"gravity": [1, 9]}, device="cpu", **often)
     return folder

@@ -234,9 +234,8 @@ def test_the_grid_is_square_and_centered(up_axis: str, flat: int):
     shifts = grid_shifts(9, 2.0, up_axis)
     across = np.delete(shifts, flat, axis=1)
     np.testing.assert_array_equal(shifts[:, flat], 0.0)
-    np.testing.assert_array_equal(
-        np.unique(across, axis=0), [(2.0 * i, 2.0 * j) for i in (-1, 0, 1) for j in (-1, 0, 1)]
-    )
+    square = [(2.0 * i, 2.0 * j) for i in (-1, 0, 1) for j in (-1, 0, 1)]
+    np.testing.assert_array_equal(np.unique(across, axis=0), square)
 
 
 def test_saving_often_gives_the_same_samples(written: Path, vary: dict, tmp_path, monkeypatch):

@@ -120,9 +120,8 @@ def test_a_world_of_a_batch_is_the_overridden_scene_alone(path: str, values: tup
 
 
 def test_strings_of_no_said_length_reach_from_each_worlds_anchor_to_its_balloon():
-    scene = everything().model_copy(
-        update={"string": [String(anchor=(0.0, -2.0, 0.0)), String(anchor=(1, 0, 0), length=0.5)]}
-    )
+    strings = [String(anchor=(0.0, -2.0, 0.0)), String(anchor=(1, 0, 0), length=0.5)]
+    scene = everything().model_copy(update={"string": strings})
     heights, anchors = np.array([0.0, 0.4, 1.0]), np.array([0.0, 0.3, 0.0])
     plan = plan_model(scene, 3, {"balloon.0.position.1": heights, "string.0.anchor.0": anchors})
     lengths = plan.parameters["string_length"]

@@ -1,6 +1,7 @@
 """Comparison of a scene's runs side by side."""
 
 import csv
+import itertools
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -88,9 +89,8 @@ def test_the_figures_are_those_of_the_frame_that_is_shown(tmp_path):
     # float32 sums of 54 faces
     np.testing.assert_allclose(figures["volume"], signed_volume(shape), rtol=1e-5)
     np.testing.assert_allclose(figures["area"], total_area(shape), rtol=1e-5)
-    np.testing.assert_allclose(
-        figures["roundness"], 36 * np.pi * signed_volume(shape) ** 2 / total_area(shape) ** 3, rtol=5e-5
-    )
+    roundness = 36 * np.pi * signed_volume(shape) ** 2 / total_area(shape) ** 3
+    np.testing.assert_allclose(figures["roundness"], roundness, rtol=5e-5)
     assert compared(tmp_path, {K_NORMAL: [0.5]}, frame=6).runs[0].figures["volume"] > figures["volume"]
 
 
@@ -186,9 +186,8 @@ def test_the_command_prints_a_table_and_says_what_it_wrote(tmp_path, monkeypatch
     lines = captured.out.splitlines()
     assert lines[0] == "frame 2"
     assert lines[1].split()[:3] == ["mesh", "normals", "volume"]
-    assert [line.split()[:2] for line in lines[2:8]] == [
-        [mesh, normals] for mesh in ("ball.obj", "other.obj") for normals in ("cached", "fresh", "stale")
-    ]
+    pairs = itertools.product(("ball.obj", "other.obj"), ("cached", "fresh", "stale"))
+    assert [line.split()[:2] for line in lines[2:8]] == list(map(list, pairs))
     assert lines[8].startswith("refused: balloon.mesh = ball.obj, normals = stale: normals: must be 'cached' or")
     assert lines[-2:] == ["wrote ball_compare.png", "wrote t.csv"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["ball.obj", "ball_compare.png", "other.obj", "t.csv"]

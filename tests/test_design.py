@@ -153,9 +153,8 @@ def crossed() -> PolygonMesh:
     """Return a ball whose top is pushed through its bottom."""
     x, y, z = BALL.points.T
     pushed = z > 0.6 * z.max()
-    return replace(
-        BALL, points=np.stack([x + 0.1 * pushed, y + 0.07 * pushed, z - 2.6 * pushed], axis=1), name="crossed"
-    )
+    points = np.stack([x + 0.1 * pushed, y + 0.07 * pushed, z - 2.6 * pushed], axis=1)
+    return replace(BALL, points=points, name="crossed")
 
 
 def opened() -> PolygonMesh:

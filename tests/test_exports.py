@@ -236,9 +236,8 @@ TYPES = {"Float32": np.float32, "Int64": np.int64, "UInt8": np.uint8}
 def arrays(path: Path) -> dict[str, np.ndarray]:
     """Return the arrays of a .vtu file, by VTK's description of the format."""
     root = ElementTree.parse(path).getroot()
-    assert (root.get("type"), root.get("header_type"), root.get("byte_order")) == (
-        *("UnstructuredGrid", "UInt64", "LittleEndian"),
-    )
+    said = [root.get(name) for name in ("type", "header_type", "byte_order")]
+    assert said == ["UnstructuredGrid", "UInt64", "LittleEndian"]
     found = {}
     for array in root.iter("DataArray"):
         data = b64decode(array.text or "")
@@ -355,9 +354,8 @@ def test_a_grid_for_each_frame_and_a_list_of_their_times(written: Path, tmp_path
         grid = arrays(tmp_path / str(entry.get("file")))
         ball = grid["points"][: len(BALL.points)]
         np.testing.assert_allclose(ball, points(written, "/World/ball", frame), atol=1e-6)
-        np.testing.assert_array_equal(
-            grid["connectivity"][: len(BALL.face_vertex_indices), 0], BALL.face_vertex_indices
-        )
+        corners = grid["connectivity"][: len(BALL.face_vertex_indices), 0]
+        np.testing.assert_array_equal(corners, BALL.face_vertex_indices)
         np.testing.assert_array_equal(grid["offsets"][: BALL.face_count, 0], np.cumsum(BALL.face_vertex_counts))
         assert set(grid["types"][:, 0].tolist()) == {9}
         assert grid["connectivity"].max() == len(grid["points"]) - 1

@@ -122,38 +122,37 @@ def test_what_is_not_seen_is_told():
     assert any("hardly be told apart" in doubt for doubt in fit.doubts)
 
 
-@pytest.mark.parametrize(
-    ("data", "sentence"),
-    [
-        ({}, "data: expected times, and points"),
-        ({"times": [0.0], "points": np.zeros((1, 3, 3))}, r"points: expected shape \(1, 26, 3\) \(got \(1, 3, 3\)\)"),
-        ({"times": [9.0], "volumes": [1.0]}, "data: times: expected from 0 to 0.2 s"),
-        ({"times": [0.1], "volumes": [np.nan]}, "data: volumes: holds no number"),
-        ({"times": [0.1], "volumes": [1.0], "pressures": [1.0]}, "volume_noise and pressure_noise: is missing"),
-        ({"times": [0.1], "volumes": [1.0], "volume_noise": 0.0}, "noise: expected one standard deviation above 0"),
-        ({"times": [0.1], "volumes": [1.0], "volume_noise": "low"}, "volume_noise: expected numbers"),
-        ({"times": ["soon"], "volumes": [1.0]}, "data: times: expected numbers"),
-        ({"times": [0.1], "points": np.zeros((1, 1, 3)), "particles": ["x"]}, "data: particles: expected numbers"),
-    ],
-)
-def test_data_of_something_else_is_refused(data: dict, sentence: str):
-    with pytest.raises(InputError, match=sentence):
-        bw.fit(falling(), data, free=FREE, device="cpu")
+SEEN = {"times": [0.1], "volumes": [1.0]}
 
 
 @pytest.mark.parametrize(
-    ("free", "sentence"),
+    ("data", "free", "sentence"),
     [
-        ({}, "free: expected at least one path"),
-        ({"balloon.mass": (2.0, 1.0)}, "balloon.mass: expected a lowest value below the highest"),
-        ({"balloon.mass": 2.0}, "balloon.mass: expected the lowest and the highest value"),
-        ({"balloon.mas": (1.0, 2.0)}, r"balloon.0.mas: unknown field"),
+        ({}, FREE, "data: expected times, and points"),
+        (
+            {"times": [0.0], "points": np.zeros((1, 3, 3))},
+            FREE,
+            r"points: expected shape \(1, 26, 3\) \(got \(1, 3, 3\)",
+        ),
+        ({"times": [9.0], "volumes": [1.0]}, FREE, "data: times: expected from 0 to 0.2 s"),
+        ({"times": [0.1], "volumes": [np.nan]}, FREE, "data: volumes: holds no number"),
+        (SEEN | {"pressures": [1.0]}, FREE, "volume_noise and pressure_noise: is missing"),
+        (SEEN | {"volume_noise": 0.0}, FREE, "noise: expected one standard deviation above 0"),
+        (SEEN | {"volume_noise": "low"}, FREE, "volume_noise: expected numbers"),
+        ({"times": ["soon"], "volumes": [1.0]}, FREE, "data: times: expected numbers"),
+        (
+            {"times": [0.1], "points": np.zeros((1, 1, 3)), "particles": ["x"]},
+            *(FREE, "data: particles: expected numbers"),
+        ),
+        (SEEN, {}, "free: expected at least one path"),
+        (SEEN, {"balloon.mass": (2.0, 1.0)}, "balloon.mass: expected a lowest value below the highest"),
+        (SEEN, {"balloon.mass": 2.0}, "balloon.mass: expected the lowest and the highest value"),
+        (SEEN, {"balloon.mas": (1.0, 2.0)}, r"balloon.0.mas: unknown field"),
     ],
 )
-def test_what_cannot_be_free_is_refused(free: dict, sentence: str):
-    seen = {"times": [0.1], "volumes": [1.0]}
+def test_data_of_something_else_and_what_cannot_be_free_are_refused(data: dict, free: dict, sentence: str):
     with pytest.raises(InputError, match=sentence):
-        bw.fit(falling(), seen, free=free, device="cpu", starts=1)
+        bw.fit(falling(), data, free=free, device="cpu", starts=1)
 
 
 def test_command_of_a_curve(tmp_path):

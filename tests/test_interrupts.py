@@ -76,9 +76,8 @@ def test_ctrl_c_while_the_program_loads_is_a_word_too(tmp_path):
     one would have to meet a few tenths of a second."""
     (tmp_path / "typer.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n")
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), os.environ["PYTHONPATH"]])}
-    done = subprocess.run(
-        [sys.executable, "-m", "balloon_warp", "scenes"], env=environment, capture_output=True, text=True
-    )
+    command = [sys.executable, "-m", "balloon_warp", "scenes"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "error: interrupted before the start\n")
 
 

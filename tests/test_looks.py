@@ -59,13 +59,12 @@ def torn_up(mesh: PolygonMesh) -> PolygonMesh:
     numbers = np.arange(corners.size).reshape(corners.shape)[order]
     numbers[0] = numbers[0, ::-1]
     numbers = np.concatenate([np.full_like(numbers[:1], numbers[2, 0]), numbers, numbers[-1:]])
+    own = np.arange(numbers.size, dtype=np.int32)
     return replace(
         mesh,
         points=mesh.points[mesh.face_vertex_indices[numbers.ravel()]],
         face_vertex_counts=np.full(len(numbers), corners.shape[1], np.int32),
-        face_vertex_indices=np.where(np.arange(numbers.size) < numbers.shape[1], 0, np.arange(numbers.size)).astype(
-            np.int32
-        ),
+        face_vertex_indices=np.where(own < numbers.shape[1], np.int32(0), own),
         texture_coordinates=mesh.texture_coordinates[numbers.ravel()],
         looks=mesh.looks.at(numbers.ravel()),
     )
@@ -103,14 +102,11 @@ def test_materials_of_an_obj_stay_on_their_faces(tmp_path):
 
 
 def test_faces_without_places_stand_beside_some_with_an_image(tmp_path):
-    path = write_obj_cube(
-        tmp_path, PLAIN.replace("newmtl 0\n", "newmtl paint\nmap_Kd images/the atlas.png\nnewmtl no\n")
-    )
+    painted = PLAIN.replace("newmtl 0\n", "newmtl paint\nmap_Kd images/the atlas.png\nnewmtl no\n")
+    path = write_obj_cube(tmp_path, painted)
     lines = path.read_text().splitlines()
-    bare = [
-        " ".join(word.split("/")[0] for word in line.split(" ")) if n > 34 else line for n, line in enumerate(lines)
-    ]
-    path.write_text("\n".join(bare))
+    bare = [" ".join(word.split("/")[0] for word in line.split(" ")) for line in lines[35:]]
+    path.write_text("\n".join(lines[:35] + bare))
     mesh = load_mesh(path)
     assert mesh.texture_coordinates.shape == (24, 2)
     np.testing.assert_allclose(mesh.texture_coordinates[:4], places()[0], atol=1e-6)
@@ -193,9 +189,8 @@ def test_a_texture_transform_moves_the_places(tmp_path):
     text = json.dumps(tree).encode()
     text += b" " * (-len(text) % 4)
     rest = data[20 + length :]
-    path.write_bytes(
-        struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(rest), len(text), 0x4E4F534A) + text + rest
-    )
+    header = struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(rest), len(text), 0x4E4F534A)
+    path.write_bytes(header + text + rest)
     assert_painted(load_mesh(path))
 
 
@@ -318,10 +313,9 @@ def test_the_stage_has_the_image_and_where_it_lies(kind: str, tmp_path):
     cube = stage.GetPrimAtPath("/World/cube")
     assert UsdGeom.PrimvarsAPI(cube).GetPrimvar("st").GetInterpolation() == UsdGeom.Tokens.faceVarying
     material, _ = UsdShade.MaterialBindingAPI(cube).ComputeBoundMaterial()
-    [texture] = [
-        each for each in material.GetPrim().GetChildren() if UsdShade.Shader(each).GetIdAttr().Get() == "UsdUVTexture"
-    ]
-    file = UsdShade.Shader(texture).GetInput("file").Get()
+    shaders = map(UsdShade.Shader, material.GetPrim().GetChildren())
+    [texture] = [each for each in shaders if each.GetIdAttr().Get() == "UsdUVTexture"]
+    file = texture.GetInput("file").Get()
     assert file.path.startswith("./textures/")
     assert Path(file.resolvedPath).is_file()
     assert_sides(path)
@@ -369,9 +363,7 @@ def test_a_stage_made_of_another_has_its_image_beside_it(tmp_path):
     shutil.rmtree(stage.parent)
     shutil.rmtree(tmp_path / "images")
     assert_sides(tmp_path / "there/other.usda")
-    assert [path.name for path in (tmp_path / "there").rglob("*.png")] == [
-        p.name for p in (tmp_path / "there/textures").iterdir()
-    ]
+    assert list((tmp_path / "there").rglob("*.png")) == list((tmp_path / "there/textures").iterdir())
 
 
 def test_several_materials_are_subsets_that_share_out_the_faces(tmp_path):

@@ -30,13 +30,10 @@ def kinds(*arguments: Any, **fields: Any) -> list[str]:
 def two_balls(apart: float) -> PolygonMesh:
     """Return two components, of which the second is smaller."""
     small = quad_sphere(4, 0.3)
-    return PolygonMesh(
-        points=np.concatenate([BALL.points, small.points + np.array([apart, 0.0, 0.0])]),
-        face_vertex_counts=np.concatenate([BALL.face_vertex_counts, small.face_vertex_counts]),
-        face_vertex_indices=np.concatenate(
-            [BALL.face_vertex_indices, small.face_vertex_indices + np.int32(BALL.vertex_count)]
-        ),
-    )
+    points = np.concatenate([BALL.points, small.points + np.array([apart, 0.0, 0.0])])
+    indices = [BALL.face_vertex_indices, small.face_vertex_indices + np.int32(BALL.vertex_count)]
+    counts = np.concatenate([BALL.face_vertex_counts, small.face_vertex_counts])
+    return PolygonMesh(points, counts, np.concatenate(indices))
 
 
 def test_a_balloon_that_grows_turns_and_moves_has_not_ended_badly():

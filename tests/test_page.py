@@ -31,9 +31,8 @@ from balloon_warp.viewer.status import COMPILING, status_line
 
 
 def served(tmp_path: Path):
-    return Page(
-        Session("ball", Scene(balloon=[Balloon(mesh=quad_sphere(3))]), "cpu", tmp_path), port=free_port("127.0.0.1", 0)
-    )
+    scene = Scene(balloon=[Balloon(mesh=quad_sphere(3))])
+    return Page(Session("ball", scene, "cpu", tmp_path), port=free_port("127.0.0.1", 0))
 
 
 @pytest.mark.parametrize(

@@ -45,9 +45,8 @@ def test_a_stage_says_what_it_takes_to_make_it_again(tmp_path, monkeypatch, caps
     )
     assert said["versions"]["warp-lang"] == metadata.version("warp-lang")
     assert said["meshes"] == {"balloon.0.mesh": hashlib.sha256((tmp_path / "ball.obj").read_bytes()).hexdigest()}
-    assert [said[name] for name in ("device", "schedule", "substeps")] == [
-        *("cpu", summary["schedule"], summary["substeps"])
-    ]
+    taken = said["device"], said["schedule"], said["substeps"]
+    assert taken == ("cpu", summary["schedule"], summary["substeps"])
     scene = Scene.model_validate_json(said["scene"])
     assert (scene.frames, scene.balloon[0].mesh, scene.balloon[0].mass) == (2, Path("ball.obj"), 0.5)
 
@@ -124,9 +123,8 @@ def test_hashes_are_those_of_a_repeated_batch_and_of_no_other(folder: Path):
     said["vary"]["balloon.inflation.k_normal"][7] += 0.1
     (folder / "changed.json").write_text(json.dumps(said))
     repeat_batch(folder / "changed.json", folder / "again")
-    assert all(
-        manifest(folder / "again")["outputs"][name] != said["outputs"][name] for name in ("table.npz", "table.csv")
-    )
+    again = manifest(folder / "again")["outputs"]
+    assert all(again[name] != said["outputs"][name] for name in ("table.npz", "table.csv"))
 
 
 def test_its_command_has_the_same_hashes(folder: Path):

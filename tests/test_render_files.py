@@ -65,9 +65,7 @@ def test_the_stage_names_its_picture(stage: Path, tmp_path, data: object, shown:
 
 def test_gif_takes_as_long_as_the_stage(stage: Path, tmp_path):
     done = []
-    frames = render_stage(
-        stage, tmp_path / "a.gif", on_frame=lambda number, count: done.append((number, count)), **SMALL
-    )
+    frames = render_stage(stage, tmp_path / "a.gif", on_frame=lambda *both: done.append(both), **SMALL)
     # 24 frames a second are more than the 20 that a GIF gets: every other one.
     assert frames == list(range(0, 48, 2))
     assert done == [(number, 24) for number in range(1, 25)]
@@ -409,9 +407,8 @@ def test_one_picture_has_no_rate_and_words_are_understood(rise: RenderStage, tmp
 
 
 def test_a_part_at_another_rate_keeps_its_speed(rise: RenderStage, tmp_path):
-    shown = render_stage(
-        rise.path, tmp_path / "out.gif", size=(192, 108), samples=1, frames=(4, None), frames_per_second=10.0
-    )
+    how = {"size": (192, 108), "samples": 1, "frames": (4, None), "frames_per_second": 10.0}
+    shown = render_stage(rise.path, tmp_path / "out.gif", **how)
     assert shown == [4, 8, 12, 16, 20]
     with Image.open(tmp_path / "out.gif") as picture:
         assert (picture.n_frames, picture.info["duration"]) == (5, 100)

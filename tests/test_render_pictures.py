@@ -335,9 +335,8 @@ def test_a_transparent_picture_lies_over_its_backdrop_as_if_taken_before_it(tmp_
     assert opacity[20, 20] == opacity[180, 100] == 0.0
     assert 0.6 < opacity[100, 145] < 0.98
     # The backdrop is nearly even: without it, the pixels are what is left once its share is taken away.
-    together = (
-        opacity[..., None] * (over[..., :3] / 255.0) ** 2.2 + (1 - opacity[..., None]) * (whole[5, 100] / 255) ** 2.2
-    )
+    share = opacity[..., None]
+    together = share * (over[..., :3] / 255.0) ** 2.2 + (1 - share) * (whole[5, 100] / 255) ** 2.2
     assert np.abs(together - (whole / 255.0) ** 2.2)[65:135].mean() < 0.02
 
 

@@ -184,9 +184,8 @@ def test_an_earlier_run_is_mentioned_and_kept_aside_until_another_is_done(tmp_pa
     saved = {path.name: path.read_bytes() for path in folder.iterdir()}
     other, aside = SCENE.model_copy(update={"gravity": 3.0}), tmp_path / "out.usdc.partial.old"
     stop(other, output, on_note=notes.append)
-    assert notes == [
-        f"{folder} holds an earlier run that --resume would continue; it is kept as {aside.name} until this run is done"
-    ]
+    kept = f"it is kept as {aside.name} until this run is done"
+    assert notes == [f"{folder} holds an earlier run that --resume would continue; {kept}"]
     assert {path.name: path.read_bytes() for path in aside.iterdir()} == saved
     assert animate(other, output, resume=True).begin == STOPPED_AT - 1
     assert [path.name for path in tmp_path.iterdir()] == ["out.usdc"]

@@ -96,9 +96,8 @@ def test_they_stand_where_they_are_simulated(stage: Usd.Stage):
             np.testing.assert_allclose(placed(stage, f"/World/Obstacles/{name}", frame.number), matrix, atol=1e-6)
     turned = expected_matrix(frames[-1].obstacle_poses[1])
     np.testing.assert_allclose(turned[:3, 3], [2.0, 0.0, 0.25], atol=1e-6)
-    np.testing.assert_allclose(
-        turned[:3, :3], Rotation.from_euler("xyz", (90, 0, 30), degrees=True).as_matrix(), atol=1e-6
-    )
+    rotation = Rotation.from_euler("xyz", (90, 0, 30), degrees=True).as_matrix()
+    np.testing.assert_allclose(turned[:3, :3], rotation, atol=1e-6)
 
 
 def test_a_plane_is_drawn_below_the_balloons(stage: Usd.Stage):
@@ -182,9 +181,8 @@ def test_a_recorded_frame_alone_has_them(tmp_path):
     with StageWriter(tmp_path / "one.usda", build_model(everything(), "cpu")) as writer:
         writer.write(frame)
     stage = Usd.Stage.Open(str(tmp_path / "one.usda"))
-    np.testing.assert_allclose(
-        placed(stage, "/World/Obstacles/capsule", 3), expected_matrix(frame.obstacle_poses[1]), atol=1e-6
-    )
+    found = placed(stage, "/World/Obstacles/capsule", 3)
+    np.testing.assert_allclose(found, expected_matrix(frame.obstacle_poses[1]), atol=1e-6)
 
 
 PATHS = ("/World/Bodies/box", "/World/Bodies/rod", "/World/Bodies/mesh", "/World/Bodies/mesh_1")

@@ -139,9 +139,7 @@ def test_observations_are_what_frames_say():
         centers = [points.mean(axis=0) for points in frame.points]
         np.testing.assert_allclose(seen["centers"].numpy()[1], centers, atol=1e-6)
         np.testing.assert_allclose(seen["velocities"].numpy()[1], [v.mean(axis=0) for v in frame.velocities], atol=1e-6)
-        volumes = [
-            signed_volume(mesh) for mesh in (shape_of(simulator, n, points) for n, points in enumerate(frame.points))
-        ]
+        volumes = [signed_volume(shape_of(simulator, n, points)) for n, points in enumerate(frame.points)]
         np.testing.assert_allclose(seen["volumes"].numpy()[1], volumes, rtol=1e-5)
         np.testing.assert_array_equal(seen["pressures"].numpy()[1], frame.pressures)
         np.testing.assert_array_equal(chosen.numpy()[1], np.concatenate(frame.points)[[3, 60]])

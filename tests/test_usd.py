@@ -225,19 +225,9 @@ def test_blender_reads_the_stage(written: Path):
     np.testing.assert_allclose(points, expected, atol=1e-4)
 
 
-@pytest.fixture(scope="module")
-def string_stage(tmp_path_factory) -> Usd.Stage:
-    """Return a stage of a ball that rises on a string."""
-    path: Path = tmp_path_factory.mktemp("stage") / "string.usdc"
-    ball = Balloon(mesh=quad_sphere(3), name="ball", position=(0, 2, 0), helium=20.0)
-    scene = Scene(balloon=[ball], string=[String(anchor=(0, 0, 0), length=2.0)], frames=FRAMES)
-    animate(scene, path, device="cpu")
-    return Usd.Stage.Open(str(path))
-
-
-def test_strings_go_from_anchor_to_particle(string_stage: Usd.Stage, tmp_path):
-    curve = UsdGeom.BasisCurves(string_stage.GetPrimAtPath("/World/Strings/String_0"))
-    ball = UsdGeom.Mesh(string_stage.GetPrimAtPath("/World/ball"))
+def test_strings_go_from_anchor_to_particle(stage: Usd.Stage, tmp_path):
+    curve = UsdGeom.BasisCurves(stage.GetPrimAtPath("/World/Strings/String_0"))
+    ball = UsdGeom.Mesh(stage.GetPrimAtPath("/World/ball"))
     held = int(quad_sphere(3).points[:, 1].argmin())
     assert curve.GetTypeAttr().Get() == "linear"
     for time in range(FRAMES + 1):
@@ -247,14 +237,13 @@ def test_strings_go_from_anchor_to_particle(string_stage: Usd.Stage, tmp_path):
     balloons = [Balloon(mesh=cube(), name="first"), Balloon(mesh=quad_sphere(3), name="second", position=(5, 3, 0))]
     scene = Scene(balloon=balloons, string=[String(anchor=(5, 0, 0), balloon=1)], frames=3)
     animate(scene, tmp_path / "two.usda", device="cpu")
-    string_stage = Usd.Stage.Open(str(tmp_path / "two.usda"))
-    curve = UsdGeom.BasisCurves(string_stage.GetPrimAtPath("/World/Strings/String_0"))
-    second = UsdGeom.Mesh(string_stage.GetPrimAtPath("/World/second"))
+    stage = Usd.Stage.Open(str(tmp_path / "two.usda"))
+    curve = UsdGeom.BasisCurves(stage.GetPrimAtPath("/World/Strings/String_0"))
+    second = UsdGeom.Mesh(stage.GetPrimAtPath("/World/second"))
     held = int(quad_sphere(3).points[:, 1].argmin())
     for time in range(4):
-        np.testing.assert_allclose(
-            curve.GetPointsAttr().Get(time)[-1], second.GetPointsAttr().Get(time)[held], atol=1e-6
-        )
+        end = curve.GetPointsAttr().Get(time)[-1]
+        np.testing.assert_allclose(end, second.GetPointsAttr().Get(time)[held], atol=1e-6)
 
 
 def test_a_slack_string_hangs_by_its_length_and_a_taut_one_is_straight():
@@ -268,9 +257,9 @@ def test_a_slack_string_hangs_by_its_length_and_a_taut_one_is_straight():
     assert np.isfinite(string_curve((0, 0, 0), (0, 0, 0), 1.0, (0, 1, 0), 0.0)).all()
 
 
-def test_a_mesh_goes_around_each_string(string_stage: Usd.Stage):
-    curve = UsdGeom.BasisCurves(string_stage.GetPrimAtPath("/World/Strings/String_0"))
-    mesh = UsdGeom.Mesh(string_stage.GetPrimAtPath("/World/Strings/String_0_Mesh"))
+def test_a_mesh_goes_around_each_string(stage: Usd.Stage):
+    curve = UsdGeom.BasisCurves(stage.GetPrimAtPath("/World/Strings/String_0"))
+    mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/World/Strings/String_0_Mesh"))
     assert UsdGeom.Imageable(curve).GetPurposeAttr().Get() == "proxy"
     prim, purpose = mesh.ComputeProxyPrim()
     assert (prim, purpose.GetName()) == (curve.GetPrim(), "String_0_Mesh")

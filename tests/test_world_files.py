@@ -128,9 +128,8 @@ def test_they_say_what_differs_and_the_manifest_lists_them(data: Path):
         assert told["string.0.length"] == 1.5
         assert json.loads(told["units"])["balloon.0.mass"] == "kg"
     said = manifest(data)
-    assert sorted(name for names in said["splits"].values() for name in names) == sorted(
-        str(path.relative_to(data)) for path in data.glob("*/world_*")
-    )
+    listed = sorted(name for names in said["splits"].values() for name in names)
+    assert listed == sorted(str(path.relative_to(data)) for path in data.glob("*/world_*"))
     assert set(said["fields"]) <= set(arrays_of(world_file(data, 0)))
     assert said["fields"]["mesh_pos"]["unit"] == "m"
     assert (said["blew_up"], said["restarted"], said["scene"]) == ([], [], describe_scene(scene(contacts=True)))
@@ -191,10 +190,9 @@ def test_a_batch_that_was_stopped_goes_on_to_the_same_bytes(format_: str, tmp_pa
     whole = batch(tmp_path / "whole", format_, BLOWS_UP)
     monkeypatch.setattr(writer, "BLOCK_BYTES", 1)
     for last in (1, 4):
+        how = {"checkpoint_seconds": OFTEN, "resume": True, "on_frame": stop_after(last)}
         with pytest.raises(RuntimeError, match="stopped"):
-            batch(
-                tmp_path / "parts", format_, BLOWS_UP, checkpoint_seconds=OFTEN, resume=True, on_frame=stop_after(last)
-            )
+            batch(tmp_path / "parts", format_, BLOWS_UP, **how)
     notes: list[str] = []
     data = batch(tmp_path / "parts", format_, BLOWS_UP, resume=True, on_note=notes.append)
     assert notes[0].startswith("resuming after frame 3")

@@ -262,9 +262,8 @@ def test_what_it_costs_to_look_after_worlds_is_measured_beside_their_frame(monke
     measured = health.cost_of(tiny, cpu)
     assert min(measured.frame, measured.copy) > 0.0  # the look is a difference, lost in the noise of so few particles
     monkeypatch.setattr(health, "seconds_a_frame", lambda schedules, _: (2.0, 1.5, 9.0, 4.0, 0.4))
-    alone, batch, block = (
-        health.cost_of(case, cpu) for case in (tiny, replace(tiny, worlds=3), replace(tiny, schedule="block", worlds=3))
-    )
+    cases = tiny, replace(tiny, worlds=3), replace(tiny, schedule="block", worlds=3)
+    alone, batch, block = (health.cost_of(case, cpu) for case in cases)
     assert alone.look == batch.look == 5.0 / health.REPEATS / 2.0
     assert block.look == 0.25
     assert (alone.copy, batch.copy) == (0.4 / KEPT_FRAMES / 2.0, 0.0)

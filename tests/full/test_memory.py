@@ -81,9 +81,8 @@ def test_worlds_that_do_not_fit_are_refused_with_the_number_that_would(monkeypat
     world = world_bytes(model) + schedule_named("scatter", model).world_bytes(model)
     monkeypatch.setattr(memory, "free_memory", lambda device: int(10.5 * world / memory.USABLE))
     assert len(Simulator(scene(), "cpu", 10, schedule="scatter").state.points) == 10
-    with pytest.raises(
-        InputError, match=r"^64 worlds do not fit: they need .* GiB, and cpu has .* enough for 10 worlds$"
-    ):
+    sentence = r"^64 worlds do not fit: they need .* GiB, and cpu has .* enough for 10 worlds$"
+    with pytest.raises(InputError, match=sentence):
         Simulator(scene(), "cpu", 64, schedule="scatter")
 
 

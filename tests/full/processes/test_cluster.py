@@ -80,9 +80,8 @@ def test_two_workers_give_what_one_process_gives(vary: dict, tmp_path):
     gone = functools.partial(remove, list(map(str, set(vary["balloon.0.mesh"]))))
     seen = []
     local = Cluster(workers=2, prepare=gone)
-    together = run_batch(
-        scene(), tmp_path / "both", WORLDS, vary, **how, cluster=local, on_frame=seen.append, trajectories=files[1]
-    )
+    how |= {"cluster": local, "on_frame": seen.append, "trajectories": files[1]}
+    together = run_batch(scene(), tmp_path / "both", WORLDS, vary, **how)
     assert not any(path.exists() for path in vary["balloon.0.mesh"])
     assert_same_files(tmp_path / "both", tmp_path / "alone")
     both = [{path.name: path.read_bytes() for path in Path(each.folder).rglob("*.npz")} for each in files]
@@ -238,9 +237,8 @@ def test_the_command_spreads_over_a_scheduler(address: str, tmp_path, monkeypatc
     assert batch(*arguments, "-o", "alone") == 0
     assert batch(*arguments, "-o", "both", "--cluster", address) == 0
     captured = capfd.readouterr()
-    assert [line.partition(". ")[0] for line in captured.err.splitlines()] == 2 * [
-        "note: ball.obj inflates above a floor"
-    ]
+    said = [line.partition(". ")[0] for line in captured.err.splitlines()]
+    assert said == 2 * ["note: ball.obj inflates above a floor"]
     assert " on 1 x cpu, schedule " in captured.out.splitlines()[7]
     assert_same_files(tmp_path / "both", tmp_path / "alone")
 
@@ -346,9 +344,8 @@ def simulate(folder: Path, cluster: Cluster | None, notes: list[str]) -> bytes:
     """Simulate a small batch, and return its table."""
     scene = Scene(balloon=[Balloon(mesh=quad_sphere(3))], frames=3)
     vary = {"balloon.mass": np.linspace(0.1, 0.2, ROOM_WORLDS)}
-    run_batch(
-        scene, folder, ROOM_WORLDS, vary, device=None if cluster else "cpu", cluster=cluster, on_note=notes.append
-    )
+    where = {"device": None if cluster else "cpu", "cluster": cluster}
+    run_batch(scene, folder, ROOM_WORLDS, vary, **where, on_note=notes.append)
     return (folder / "table.csv").read_bytes()
 
 

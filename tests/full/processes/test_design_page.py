@@ -87,6 +87,5 @@ def test_command_shows_it_and_stays(asked: list[str], labels: list[str], tmp_pat
 def test_outlines_of_foil_are_not_shown(tmp_path):
     said = CliRunner().invoke(app, ["design", "HEY", "--of", "foil", "-o", str(tmp_path / "hey"), "--view"])
     assert isinstance(said.exception, InputError)
-    assert str(said.exception) == (
-        "--view: needs --of springs, --of latex or panels of foil (got --of foil without --panels)"
-    )
+    needs = "--view: needs --of springs, --of latex or panels of foil (got --of foil without --panels)"
+    assert str(said.exception) == needs

@@ -18,13 +18,9 @@ from balloon_warp.viewer.playground import MOST_THROWN, Playground
 
 def on_a_string(**fields) -> Scene:
     fields = {"ground": Ground(height=-1.0), "normals": "cached"} | fields
-    return Scene(
-        balloon=[
-            Balloon(mesh=quad_sphere(4, 0.5), helium=10.0, inflation=Inflation(k_normal=[(0.0, 0.2), (9.0, 1.0)]))
-        ],
-        string=[String(anchor=(0.0, -1.0, 0.0))],
-        **fields,
-    )
+    inflation = Inflation(k_normal=[(0.0, 0.2), (9.0, 1.0)])
+    ball = Balloon(mesh=quad_sphere(4, 0.5), helium=10.0, inflation=inflation)
+    return Scene(balloon=[ball], string=[String(anchor=(0.0, -1.0, 0.0))], **fields)
 
 
 def steps(playground: Playground, count: int) -> None:
@@ -142,10 +138,8 @@ def test_touching_ends_what_was_planned(device, touched):
 
 
 def test_an_untouched_scene_is_played_as_planned(device):
-    scene = on_a_string(
-        change=[Change(time=2 / 60, set={"gravity": 50.0})], sphere=[Sphere(position=(0, 0, 0), start=3 / 60)]
-    )
-    playground = Playground(scene, device)
+    later, late = [Change(time=2 / 60, set={"gravity": 50.0})], [Sphere(position=(0, 0, 0), start=3 / 60)]
+    playground = Playground(on_a_string(change=later, sphere=late), device)
     steps(playground, 6)
     np.testing.assert_array_equal(replayed(playground).state.points.numpy()[0], playground.points)
     assert playground.simulator.model.parameters["gravity"].numpy() == 50.0
