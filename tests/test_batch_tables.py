@@ -11,10 +11,9 @@ import numpy as np
 import pandas as pd
 import pytest
 import warp as wp
-from batches import OFTEN
+from batches import OFTEN, scene, stop_after
 from meshes import cube, open_cube, quad_sphere
 from pyarrow import parquet
-from stopped_batch import scene, stop_after
 
 from balloon_warp import InputError, MissingExtraError, run_batch
 from balloon_warp.mesh import PolygonMesh

@@ -4,12 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from batches import OFTEN, contents
+from batches import OFTEN, contents, stop_after
 from meshes import mesh_of, quad_sphere
 from motion import assert_valid
 from pxr import Usd, UsdGeom
 from render_stages import read_stage
-from stopped_batch import stop_after
 from test_bursting import BALL, filled, scene_of
 
 from balloon_warp import run_batch

@@ -6,10 +6,23 @@ from typing import Any
 
 import numpy as np
 import pytest
-from batches import NAMES, OFTEN, contents, files_limited_to, plant_spy, press_ctrl_c_once, tamper, watch_names
+from batches import (
+    FRAMES,
+    NAMES,
+    OFTEN,
+    WORLDS,
+    contents,
+    files_limited_to,
+    plant_spy,
+    press_ctrl_c_once,
+    scene,
+    stop_after,
+    stop_batch,
+    tamper,
+    watch_names,
+)
 from meshes import cube, quad_sphere
 from pxr import Usd, UsdGeom
-from stopped_batch import FRAMES, WORLDS, scene, stop_after, stop_batch
 
 from balloon_warp import InputError, run_batch
 from balloon_warp.blow_ups import BlowUp, Pull

@@ -9,10 +9,9 @@ import h5py
 import numpy as np
 import pytest
 import xarray
-from batches import OFTEN
+from batches import FRAMES, OFTEN, scene, stop_after
 from meshes import cube, quad_sphere
 from numpy.typing import NDArray
-from stopped_batch import FRAMES, scene, stop_after
 
 from balloon_warp import InputError, MissingExtraError, TrajectoryFiles, run_batch, simulate
 from balloon_warp.mesh.obj import write_obj
