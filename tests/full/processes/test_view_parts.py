@@ -13,13 +13,15 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from meshes import cube, quad_sphere
+from meshes import cube
 from motion import assert_valid
 from pxr import Usd, UsdGeom
+from strangers import ball
+from strangers import wait_until as until
 
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import triangulate
-from balloon_warp.scene import Balloon, Ground, Inflation, Scene, String, load_scene
+from balloon_warp.scene import Balloon, Inflation, Scene, load_scene
 from balloon_warp.simulator import Simulator
 from balloon_warp.viewer.following import Follower
 from balloon_warp.viewer.geometry import Drawing
@@ -31,11 +33,6 @@ from balloon_warp.viewer.smooth import Smooth
 from balloon_warp.viewer.wishes import MOST_ASKED
 
 UP = (0.0, 1.0, 0.0)
-
-
-def ball(**fields) -> Scene:
-    balloon = Balloon(mesh=quad_sphere(3, 0.5), helium=9.81, inflation=Inflation(k_normal=0.3))
-    return Scene(balloon=[balloon], string=[String(anchor=(0, -1, 0))], **fields)
 
 
 def play(pace: Pace, cost: float, seconds: float, speed: float = 1.0) -> tuple[float, float]:
@@ -95,18 +92,11 @@ def test_a_thrown_body_arrives():
 
 @pytest.fixture
 def session(tmp_path):
-    session = Session("ball", ball(ground=Ground(height=-1.0)), "cpu", tmp_path)
+    session = Session("ball", ball(), "cpu", tmp_path)
     session.watched = True
     session.start()
     yield session
     session.stop()
-
-
-def until(happened, what: str) -> None:
-    deadline = time.monotonic() + 120.0
-    while not happened():
-        assert time.monotonic() < deadline, f"{what}: not within two minutes"
-        time.sleep(0.01)
 
 
 def test_strain_and_measures_are_those_of_the_shape(session):
