@@ -176,30 +176,30 @@ def is_at_work() -> bool:
     return True
 
 
-def test_a_share_that_ends_every_worker_is_given_up(tmp_path):
-    """A share that kills every worker ends the batch, also where Dask did not restart one that died as it joined."""
+def end_worker() -> None:
+    if is_at_work():
+        os._exit(1)
+
+
+LOST = {
+    # also where Dask did not restart a worker that died as it joined
+    "by a share": (end_worker, None, r"^(a share of the batch crashed 4 workers in a row|all workers ended)"),
+    "all": (None, lambda workers: workers.scale(0), r"^all workers ended, and none came for 1 s; "),
+    "the scheduler": (None, lambda workers: workers.close(), r"^the scheduler is gone"),
+}
+"""what prepares a worker, what happens to all of them at each frame, and the sentence"""
+
+
+@pytest.mark.parametrize("which", LOST)
+def test_workers_that_are_gone_are_not_waited_for_for_ever(which: str, tmp_path, monkeypatch):
+    prepare, happens, sentence = LOST[which]
+    monkeypatch.setattr(dask_workers, "ALONE_SECONDS", 1.0 if which == "all" else dask_workers.ALONE_SECONDS)
     with start_workers(1) as workers:
-        cluster = Cluster(address=address_of(workers), prepare=end_worker)
-        lost = r"^(a share of the batch crashed 4 workers in a row|all workers ended)"
-        with pytest.raises(WorkersLostError, match=lost):
-            run_batch(scene(), tmp_path / "out", 1, cluster=cluster, device="cpu")
-    assert list((tmp_path / "out").iterdir()) == []
-
-
-def test_workers_that_are_all_gone_are_not_waited_for_for_ever(tmp_path, monkeypatch):
-    monkeypatch.setattr(dask_workers, "ALONE_SECONDS", 1.0)
-    with start_workers(1) as workers:
-        cluster = Cluster(address=address_of(workers))
-        with pytest.raises(WorkersLostError, match=r"^all workers ended, and none came for 1 s; "):
-            run_batch(scene(), tmp_path, 8, cluster=cluster, device="cpu", on_frame=lambda frame: workers.scale(0))
-
-
-def test_a_scheduler_that_is_gone_is_told(tmp_path):
-    with start_workers(1) as workers:
-        cluster = Cluster(address=address_of(workers))
-        with pytest.raises(WorkersLostError, match=r"^the scheduler is gone"):
-            run_batch(scene(), tmp_path, 8, cluster=cluster, device="cpu", on_frame=lambda frame: workers.close())
-    assert [path.name for path in tmp_path.iterdir()] in ([], ["partial"])  # a share may have been done, and is saved
+        cluster = Cluster(address=address_of(workers), prepare=prepare)
+        count, happen = 8 if happens else 1, lambda frame: happens and happens(workers)
+        with pytest.raises(WorkersLostError, match=sentence):
+            run_batch(scene(), tmp_path, count, cluster=cluster, device="cpu", on_frame=happen)
+    assert [path.name for path in tmp_path.iterdir()] in ([], ["partial"] if happens else [])  # a share may be done
 
 
 def test_workers_of_this_machine_listen_nowhere(tmp_path):
@@ -211,11 +211,6 @@ def test_workers_of_this_machine_listen_nowhere(tmp_path):
 
     run_batch(scene(), tmp_path / "out", 4, cluster=Cluster(workers=2), on_frame=look)
     assert seen == [[], []]
-
-
-def end_worker() -> None:
-    if is_at_work():
-        os._exit(1)
 
 
 def test_an_interrupt_leaves_the_good_files(address: str, tmp_path):
