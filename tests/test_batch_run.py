@@ -208,7 +208,7 @@ def heights_of(stage: Usd.Stage, name: str) -> list[float]:
     boxes = UsdGeom.BBoxCache(Usd.TimeCode(0), [UsdGeom.Tokens.default_])
     planes = [boxes.ComputeWorldBound(mesh_in(stage, world, name).GetPrim()).ComputeAlignedRange() for world in (0, 1)]
     assert all(plane.GetMin()[1] == plane.GetMax()[1] for plane in planes)
-    return [plane.GetMin()[1] for plane in planes]
+    return [float(plane.GetMin()[1]) for plane in planes]
 
 
 def test_where_grounds_anchors_and_water_differ_each_world_has_its_own(tmp_path):
