@@ -107,11 +107,11 @@ class Energies:
         forces = np.abs(np.array([self._forces(frame) for frame in range(len(self.run.points))])).sum(axis=(1, 2)).max()
         weight = self.scene.gravity * self._all_masses.sum()
         swelling = sum(
-            np.abs(np.diff(self._volumes(number))).sum() * self.scene.atmosphere.pressure
+            (4.0 * EPSILON * np.abs(np.diff(volumes)).sum() + 1.0e-15 * volumes.max()) * self.scene.atmosphere.pressure
             for number, balloon in enumerate(self.scene.balloon)
-            if balloon.inflation.kind == "gas"
-        )
-        return 4.0 * EPSILON * ((forces + weight) * self.reach() + swelling)
+            if balloon.inflation.kind == "gas" and np.size(volumes := self._volumes(number))
+        )  # and of the air's work, a difference of float64
+        return 4.0 * EPSILON * (forces + weight) * self.reach() + swelling
 
     def _volumes(self, number: int) -> Array:
         begin, end = self.model.particle_offsets[number : number + 2]

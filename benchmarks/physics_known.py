@@ -44,7 +44,18 @@ def balloons_touch(case: Case) -> bool:
     return case.scene.touches
 
 
+def is_heavy_gas(case: Case) -> bool:
+    """Return whether a gas falls that weighs a hundredth of its skin or more."""
+    amounts = case.run.states["gas_amounts"][0]
+    pairs = zip(case.scene.balloon, amounts, strict=True)
+    return case.scene.gravity != 0.0 and any(
+        balloon.inflation.kind == "gas" and amount * balloon.inflation.molar_mass > 0.01 * balloon.mass
+        for balloon, amount in pairs
+    )
+
+
 KNOWN = (
+    Known("A heavy gas that falls", ("stays_finite", "keeps_volume"), is_heavy_gas),
     Known(
         "A gas balloon that is pressed flat",
         ("stays_finite", "keeps_volume", "slopes_are_differences"),

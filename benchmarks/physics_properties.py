@@ -165,7 +165,8 @@ def stays_outside(case: Case) -> Measure | None:
             deepest = max(deepest, depth_in(obstacle.kind, obstacle.size, np.array(scene.up), pose, points))
     if not np.isfinite(deepest):
         return None
-    return Measure(float(deepest), 16.0 * EPSILON * float(np.abs(places).max()), "depth [m]")
+    farthest = max([0.0, *(np.abs(each.position).max() + max(each.size) for each in scene.obstacle)])
+    return Measure(float(deepest), 16.0 * EPSILON * (float(np.abs(places).max()) + farthest), "depth [m]")
 
 
 def repeats(case: Case) -> Measure:

@@ -118,8 +118,7 @@ class Case:
 
     def with_substeps(self, times: int, tables: Tables | None = None) -> Scene:
         """Return the scene, or a twin of it, with a multiple of the substeps that `auto` chose."""
-        tables = self.tables if tables is None else tables
-        return Scene.model_validate({**tables, "substeps": times * self.substeps})
+        return Scene.model_validate((tables or self.tables) | {"substeps": times * self.substeps})
 
 
 def simulated(scene: Scene, device: str, schedule: str = "auto", vary: Vary | None = None) -> Run:

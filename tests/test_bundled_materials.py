@@ -57,6 +57,7 @@ def test_foil_letters_fill_without_stretching():
         assert across < 0.35 * 0.1 * np.sqrt(len(full.points))
 
 
+@pytest.mark.full
 def test_the_stems_of_foil_letters_are_round():
     """A flat tube of width w becomes one of diameter 2 w / pi."""
     model, frames = played("foil_letters")

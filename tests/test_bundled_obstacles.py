@@ -38,6 +38,7 @@ def test_no_balloon_goes_through_the_table():
             assert distance(seen_from(frame, 0, balloon)).min() > -ROUNDING
 
 
+@pytest.mark.full
 def test_balloons_roll_off_the_table():
     """Balloons roll without slipping, within a third; and those nearer to the edge fall first."""
     model, frames = played("table")

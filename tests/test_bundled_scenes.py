@@ -73,6 +73,7 @@ def ends_of(name: str) -> tuple[Model, Frame]:
     return model, frames[-1]
 
 
+@pytest.mark.full
 def test_turtle_provot_keeps_neck_and_belly_closer_to_the_rest_shape():
     """The belly bulges by less than three quarters as much, and the neck thickens by less than half, under the same
     inflation (figure 12 beside 11)."""
@@ -274,6 +275,7 @@ def test_none_ends_badly(name: str):
     assert bad_endings(model, frames[-1]) == []
 
 
+@pytest.mark.full
 def test_bunch_in_wind_leans_as_far_as_drag_and_lift_say_and_sways():
     """The lean is drag over lift: at the mean wind of its height, 1.7 m/s, a balloon's drag, C_d = 4/3 C_n + 8/3 C_t,
     is 0.66 of its lift; gusts and the swing account for the remaining eighth. Balloons stay apart on taut strings."""
@@ -293,6 +295,7 @@ def test_bunch_in_wind_leans_as_far_as_drag_and_lift_say_and_sways():
     assert (centers[..., 1].min(axis=0) > 0.9).all()
 
 
+@pytest.mark.full
 def test_the_pieces_of_pop_lie_on_the_ground_as_skin():
     """The pieces lie at the end as large as at rest, in heaps no higher than a third of the whole balloon."""
     model, frames = played("pop")

@@ -49,6 +49,7 @@ def test_the_script_refuses_what_makes_no_pit(
     assert [path.read_text() for path in tmp_path.iterdir()] == ["mine"]
 
 
+@pytest.mark.full
 def test_a_hundred_balloons_keep_out_of_each_other_and_of_the_box():
     """Overlap stays below a fiftieth of the radius, while the balloons fall and settle, and after the ball lands, from
     2 s on. How many it drives out of the box is chaotic: 88 and 92 stay in two schedules; all would without it."""
@@ -96,6 +97,7 @@ def test_a_long_balloon_ties_itself_and_keeps_out_of_itself():
     assert np.ptp(middle[:, 1]) > 4.0 * TUBE  # three strands of the knot on each other
 
 
+@pytest.mark.full
 def test_a_balloon_slips_through_the_slot():
     """The balloon is below the plate, then above it, and never in it; as narrow as the hole on the way."""
     model, frames = played("letter_slot")

@@ -278,6 +278,7 @@ def tube(rings: int, around: int) -> PolygonMesh:
     return mesh_of([*points, (-1.04, 0.0, 0.0), (1.04, 0.0, 0.0)], faces)
 
 
+@pytest.mark.full
 def test_the_airbag_unfolds_without_a_crossing():
     """The airbag unfolds from its packet to more than 0.15 m^3, without a crossing in every eighth frame."""
     model, frames = played("airbag")

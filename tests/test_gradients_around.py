@@ -72,6 +72,7 @@ def test_gradients_are_the_slopes_of_a_run_in_double_precision(case: str, device
         assert found.gradients[path][0] == pytest.approx(slope(of, path), rel=2e-4, abs=1e-6), path
 
 
+@pytest.mark.full
 def test_a_world_in_a_batch_has_the_gradients_that_it_has_alone(device: str):
     of, paths = AMONG, OF_AMONG[:3]
     places = np.array([-0.02, -0.021])

@@ -89,6 +89,7 @@ def test_gradients_are_those_of_a_run_in_double_precision(case: str, device: str
     np.testing.assert_allclose(parts, slopes, rtol=1e-4, atol=1e-5 * np.abs(slopes).max())
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("case", ["fast", "as one"])
 def test_worlds_of_a_batch_have_the_gradients_and_frames_that_they_have_alone(case: str, device: str):
     of, _ = CASES[case]

@@ -213,6 +213,7 @@ def test_spheres_that_exchange_momentum_have_the_slopes_of_a_run_in_double_preci
     require_slopes(of, paths, bw.gradient(of, of=paths, loss=ends, device=device), of)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("case", CASES_OF_SPHERES)
 def test_an_exchange_in_a_batch_has_the_gradients_and_frames_that_it_has_alone(case: str, device: str):
     of, paths = CASES_OF_SPHERES[case]

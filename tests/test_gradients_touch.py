@@ -162,6 +162,7 @@ def test_what_a_shift_of_the_start_does_to_the_end_is_what_the_end_says_of_the_s
     require_adjoint(of, ends, {path: value_at(of, path) for path in paths}, device)
 
 
+@pytest.mark.full
 def test_a_world_in_a_batch_has_the_gradients_that_it_has_alone(device: str):
     """Each world's gradients are the same to the bit alone, and its frames those without gradients."""
     of, paths = CASES["as said"]

@@ -96,6 +96,7 @@ def test_gas_through_tubes_has_the_slopes_of_a_run_in_double_precision(
     np.testing.assert_array_equal(found.trajectories.points[1], told.points[1])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("count", [1, 2])
 def test_what_a_shift_of_the_start_does_to_the_end_is_what_the_end_says_of_the_start(count: int, device: str):
     of = tubed(count)

@@ -25,6 +25,7 @@ from balloon_warp.schedules.outlook import has_free_frames
 PAGE = Path(__file__).parent.parent / "docs" / "MATRIX.md"
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("name", "scene"), SCENES.items(), ids=SCENES)
 def test_a_schedule_gives_scatters_trajectory(name, scene, schedule, device):
     """Schedules agree with `scatter`. On a CPU each takes some scenes, which cover all pairs of features."""
@@ -38,6 +39,7 @@ def test_a_schedule_gives_scatters_trajectory(name, scene, schedule, device):
     assert_close(found, expected, tolerance_of(scene))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("correction", ["provot", "tarantino"])
 def test_corrections_show_in_the_scene_with_everything(correction, device):
     """Corrections act within a frame, as the test above requires."""
@@ -47,6 +49,7 @@ def test_corrections_show_in_the_scene_with_everything(correction, device):
     assert np.abs(plain - with_it).max() > 100 * tolerance_of(corrected(correction))
 
 
+@pytest.mark.full
 def test_the_scene_with_everything_has_contacts(device):
     """The scene has contacts, as the test above requires."""
     state = arrays(after_frames(SCENES["everything"], "scatter", device, frames=4))

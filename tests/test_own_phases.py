@@ -104,6 +104,7 @@ def test_the_phase_of_the_docs_goes_in_as_it_stands_there(monkeypatch, tmp_path,
     np.testing.assert_allclose(heat, np.where(heat > 0.0, 0.5 * (1.2**2 - 1.0) * squared, 0.0), rtol=1e-5)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_blocks_of_any_layout_keep_values(layout, listed, monkeypatch):
     layout_of, cells = LAYOUTS[layout]
@@ -129,6 +130,7 @@ def test_a_phase_without_effect_is_left_out(listed):
     assert Simulator.of_model(model).state.kept == {}
 
 
+@pytest.mark.full
 def test_what_is_kept_goes_on_bit_for_bit(listed, schedule, device):
     """State of a phase is bit-identical after a restore, and in the world simulated again to explain a blow-up."""
     one = simulated(WARMED, schedule, device, 1)
@@ -161,6 +163,7 @@ def test_a_phase_may_begin_and_end_while_it_is_simulated(listed, device):
     changing.step()
 
 
+@pytest.mark.full
 def test_worlds_that_are_simulated_again_keep_what_they_had(listed, schedule, device):
     """Repeated frames do not warm twice, beside an obstacle so near that no frame is free."""
     beside = scene_with(WARMED).model_copy(update={"obstacle": [Obstacle(position=(0.0, -1.01, 0.0), size=(1, 1, 1))]})

@@ -41,6 +41,7 @@ def test_what_was_found_stays_mended(path: Path):
     check(read_scene(path.read_text("utf-8")), PROPERTIES, "cpu", Counter())
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "path", sorted((Path(__file__).parent / "found" / "known").glob("*.toml")), ids=lambda path: path.stem
 )
@@ -58,7 +59,9 @@ def test_limits_has_what_is_known():
 
 
 @pytest.mark.usefixtures("cheap")
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.full if name == "all" else ()) for name in KINDS]
+)
 def test_fixed_scenes_hold_to_the_properties(name: str):
     counts: Counter[str] = Counter()
     fuzz(KINDS[name], SCENES, 0, counts)

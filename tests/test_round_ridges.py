@@ -84,6 +84,7 @@ def test_it_repeats_to_the_bit_and_worlds_stay_apart() -> None:
     assert np.abs(three[2] - three[0]).max() > 1e-3
 
 
+@pytest.mark.full
 def test_one_that_comes_later_meets_faces_from_then_on(tmp_path: Path) -> None:
     scene = thrown(pressure=15.0, frames=40)
     late = scene.sphere[0].model_copy(update={"start": 0.2})

@@ -60,6 +60,7 @@ def test_a_run_repeats_to_the_last_bit(name, schedule, device):
         np.testing.assert_array_equal(first[field], second[field], err_msg=field)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["everything", "fresh", "in air", "tarantino", "impulse"])
 def test_a_world_alone_is_the_same_world_in_a_batch(name, schedule, device):
     """A world alone is bit-identical to that in a batch, also of a size that no eight divide."""
@@ -112,6 +113,7 @@ def states_of_worlds(name: str, factors: list[float], schedule: str, device: str
     return [state.points.numpy(), state.sphere_positions.numpy(), state.pressures.numpy()]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["everything", "rubber", "in air", "tarantino"])
 def test_parameters_of_worlds_may_differ(name, schedule, device):
     """Worlds of other parameters are bit-identical to each alone. No factor is 1: a yield stretch that is as good as

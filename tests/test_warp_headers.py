@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 COMPILE_THREE = """
 import sys
 from pathlib import Path
@@ -24,6 +26,7 @@ print(*("found" if each.is_symlink() else "made" for each in folder_of_process()
 """
 
 
+@pytest.mark.full
 def test_a_process_finds_the_headers_that_another_has_compiled(tmp_path: Path):
     """The first process makes them, the second finds them; one that finds them spoilt makes them again, for others."""
     script = tmp_path / "compile.py"
