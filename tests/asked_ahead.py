@@ -8,7 +8,7 @@ from balloon_warp.viewer.ahead import Ahead
 
 
 class AskedAhead(Ahead):
-    """Stand-in that records the scenes to compile and compiles none, as test_view_ahead.py does: on a machine of two
+    """Stand-in that records the scenes to compile and compiles none, as test_view_parts.py does: on a machine of two
     cores compilation would take time that the page itself lacks."""
 
     def __init__(self) -> None:

@@ -1,16 +1,22 @@
-"""Helpers of the tests of stopped runs and batches."""
+"""Helpers of the tests of stopped runs and batches, and a small batch that can be stopped."""
 
 import json
 import os
+import resource
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
+from meshes import quad_sphere
 
+from balloon_warp import Scene, run_batch
+from balloon_warp.scene import Balloon, Ground, Inflation, Sphere, String
 from balloon_warp.sweep.output import STAGE_NAME
 
+FRAMES, WORLDS = 6, 5
 OFTEN = 1e-9
 """seconds between checkpoints: one after every frame"""
 NAMES = ("table.npz", "table.csv", "worlds.npz", "worlds.csv", STAGE_NAME)
@@ -28,6 +34,17 @@ def tamper(job: Path, path: str, value: object) -> None:
     assert place[name] != value
     place[name] = value
     job.write_text(json.dumps(said))
+
+
+@contextmanager
+def files_limited_to(size: int) -> Iterator[None]:
+    """Let no file become larger than a number of bytes."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 def watch_names(monkeypatch: pytest.MonkeyPatch) -> set[Path]:
@@ -66,3 +83,35 @@ def press_ctrl_c_once(begun: Callable[[int], bool]) -> Callable[[int], None]:
             os.kill(os.getpid(), signal.SIGINT)
 
     return press
+
+
+def scene(**fields) -> Scene:
+    """Return a small scene with one of each kind of thing."""
+    fields = {
+        "balloon": [Balloon(mesh=quad_sphere(3), position=(0, 2, 0), helium=20.0, inflation=Inflation(k_normal=0.2))],
+        "sphere": [Sphere(position=(0, 4, 0), radius=0.3, start=0.03)],
+        "string": [String(anchor=(0, 0, 0), length=1.5)],
+        "ground": Ground(),
+        "frames": FRAMES,
+        "substeps": 40,
+        "faces": False,
+    } | fields
+    return Scene(**fields)
+
+
+def stop_after(last: int) -> Callable[[int], None]:
+    """Return a callback that kills a batch once that frame is simulated, before any of it is saved."""
+
+    def stop(frame: int) -> None:
+        if frame == last:
+            raise RuntimeError("stopped")
+
+    return stop
+
+
+def stop_batch(folder: Path) -> Path:
+    """Return a folder with a batch that was stopped after frame 3, and saved after frame 2."""
+    often = {"checkpoint_seconds": OFTEN, "on_frame": stop_after(3)}
+    with pytest.raises(RuntimeError):
+        run_batch(scene(), folder, 2, {"gravity": [1, 9]}, device="cpu", **often)
+    return folder

@@ -1,16 +1,14 @@
 """Helpers of the tests of clusters."""
 
 import logging
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import pytest
+from commands import status_of
 from meshes import quad_sphere
 
-from balloon_warp.cli import main
 from balloon_warp.mesh.obj import write_obj
 
 
@@ -33,12 +31,8 @@ def address_of(workers: Any) -> str:
     return workers.scheduler_address
 
 
-def batch(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
-    """Run the command in this process and return its exit status."""
-    monkeypatch.setattr(sys, "argv", ["balloon-warp", "batch", "ball.obj", *arguments])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    return int(ended.value.code or 0)
+def batch(*words: str) -> int:
+    return status_of("batch", "ball.obj", *words)
 
 
 def write_ball(folder: Path) -> Path:

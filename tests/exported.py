@@ -24,10 +24,7 @@ def scene(**fields) -> Scene:
             Balloon(mesh=textured, name="ball", position=(0, 2, 0), inflation=Inflation(k_normal=0.2)),
             Balloon(mesh=cube(), name="box", position=(4, 3, 0), color=(0.1, 0.2, 0.3)),
         ],
-        "sphere": [
-            Sphere(position=(0, 5, 0), radius=0.3),
-            Sphere(position=(2, 5, 0), radius=0.1, start=2.0 / RATE),
-        ],
+        "sphere": [Sphere(position=(0, 5, 0), radius=0.3), Sphere(position=(2, 5, 0), radius=0.1, start=2.0 / RATE)],
         "string": [String(anchor=(0, 0, 0), length=2.0)],
         "obstacle": [
             Obstacle(

@@ -1,7 +1,15 @@
-"""Motion in a stage, compared with the simulated one."""
+"""Stages as they are read back: whether USD finds them valid, and their motion."""
 
 import numpy as np
-from pxr import UsdGeom
+from pxr import Usd, UsdGeom, UsdValidation
+
+
+def assert_valid(stage: Usd.Stage) -> None:
+    """Require that every validator of USD passes."""
+    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    assert len(validators) >= 20
+    errors = UsdValidation.ValidationContext(validators).Validate(stage)
+    assert [error.GetMessage() for error in errors] == []
 
 
 def assert_velocities_are_those_of_the_points(prim: UsdGeom.Mesh, frames_per_second: float) -> None:

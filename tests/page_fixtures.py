@@ -22,7 +22,7 @@ def browser() -> Iterator:
 
 
 @pytest.fixture(scope="module")
-def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator:
+def served(tmp_path_factory) -> Iterator:
     """Yield a page that plays a small balloon."""
     pytest.importorskip("viser")
     from asked_ahead import AskedAhead

@@ -1,9 +1,13 @@
-"""Small stages to render."""
+"""Small stages to render, and stages as the renderer reads them."""
 
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
+
+from balloon_warp.outputs.render import render_stage
+from balloon_warp.outputs.render.stage_reader import RenderStage
 
 LATEX = {"roughness": 0.2, "opacity": 0.92, "clearcoat": 1.0}
 
@@ -18,6 +22,27 @@ def new_stage(path: Path, up_axis: str = "Y", frames: int = 1) -> Usd.Stage:
     stage.SetStartTimeCode(0)
     stage.SetEndTimeCode(frames - 1)
     return stage
+
+
+def before_camera(path: Path, frames: int = 1) -> Usd.Stage:
+    """Return an empty stage with a camera 10 away, whose square picture is 4 wide at the origin."""
+    stage = new_stage(path, frames=frames)
+    add_camera(stage, distance=10.0, focal_length=60.0)
+    return stage
+
+
+def read_stage(path: Path, frame: int = 0) -> RenderStage:
+    stage = RenderStage(path)
+    stage.read_prims(frame)
+    return stage
+
+
+def picture(stage: Usd.Stage, **options) -> np.ndarray:
+    """Return the stage's picture, sRGB, shape (height, width, 3 or 4), which lies beside it."""
+    stage.GetRootLayer().Save()
+    path = Path(stage.GetRootLayer().realPath)
+    render_stage(path, path.with_suffix(".png"), **{"size": (200, 200), "device": "cpu"} | options)
+    return np.asarray(Image.open(path.with_suffix(".png"))).astype(int)
 
 
 def upright(stage: Usd.Stage, points) -> np.ndarray:

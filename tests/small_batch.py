@@ -13,15 +13,10 @@ FRAMES, WORLDS = 5, 5
 
 def scene(**fields) -> Scene:
     """Return a small scene with one of each kind of thing."""
+    inflation = Inflation(k_normal=0.2)
     balloons = [
-        Balloon(mesh=quad_sphere(3), name="ball", position=(0, 2, 0), helium=20.0, inflation=Inflation(k_normal=0.2)),
-        Balloon(
-            mesh=cube(),
-            name="Sphere_0",
-            position=(3, 0.5, 0),
-            color=(0.1, 0.2, 0.3),
-            inflation=Inflation(k_normal=0.2),
-        ),
+        Balloon(mesh=quad_sphere(3), name="ball", position=(0, 2, 0), helium=20.0, inflation=inflation),
+        Balloon(mesh=cube(), name="Sphere_0", position=(3, 0.5, 0), color=(0.1, 0.2, 0.3), inflation=inflation),
     ]
     fields = {
         "description": "one of each",
@@ -29,11 +24,7 @@ def scene(**fields) -> Scene:
         "sphere": [Sphere(position=(0, 4, 0), radius=0.3)],
         "string": [String(anchor=(0, 0, 0), length=1.5), String(anchor=(4, 0, 0), balloon=1, particle=6)],
         "ground": Ground(),
-        "frames": FRAMES,
-        "frames_per_second": 30,
-        "substeps": 40,
-        "faces": False,
-        "touch": False,
+        **{"frames": FRAMES, "frames_per_second": 30, "substeps": 40, "faces": False, "touch": False},
     } | fields
     return Scene(**fields)
 

@@ -1,4 +1,4 @@
-"""Worlds of a batch that blow up, and their neighbors."""
+"""Worlds of a batch that blow up, and their neighbors; and a run that blows up."""
 
 import csv
 import json
@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 from meshes import cube
 from numpy.typing import NDArray
-from pxr import Gf, Usd
+from pxr import Gf, Sdf, Usd
 
+from balloon_warp.blow_ups import with_half_the_step
 from balloon_warp.errors import BlowUpError, InputError
+from balloon_warp.job import animate
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere, String
+from balloon_warp.scene import Balloon, Change, Ground, Inflation, Scene, Sphere, Stiffness, String
 from balloon_warp.sweep import shares
 from balloon_warp.sweep.batch import BatchSummary, run_batch
 from balloon_warp.sweep.cluster import Cluster
@@ -70,6 +72,16 @@ def rows(folder: Path) -> list[list[str]]:
     return list(worlds.values())
 
 
+def assert_same_samples(ours: dict[str, NDArray], theirs: dict[str, NDArray]) -> None:
+    assert ours.keys() == theirs.keys()
+    assert all(np.array_equal(value, theirs[path]) for path, value in ours.items())
+
+
+def assert_same_files(ours: Path, theirs: Path, *names: str) -> None:
+    for name in ("table.csv", "table.npz", *names):
+        assert (ours / name).read_bytes() == (theirs / name).read_bytes()
+
+
 def samples(folder: Path, place: int) -> dict[str, NDArray[np.float64]]:
     """Return the time samples of the world at a place in the stage, by attribute path and time."""
     stage, found = Usd.Stage.Open(str(folder / "worlds.usdc")), {}
@@ -100,7 +112,7 @@ def assert_finite(folder: Path, exported: int) -> None:
 
 
 @pytest.fixture(params=WAYS)
-def way(request: pytest.FixtureRequest, device: str) -> tuple[Scene, str]:
+def way(request, device: str) -> tuple[Scene, str]:
     """Return a scene, and the schedule that simulates it."""
     if device != "cpu" and request.param in ("octets", "lanes"):
         pytest.skip("simulates on the CPU")
@@ -110,8 +122,7 @@ def way(request: pytest.FixtureRequest, device: str) -> tuple[Scene, str]:
 
 
 @pytest.mark.full
-def test_a_frozen_world_is_marked_and_the_others_are_as_if_it_were_not_there(way, device: str, tmp_path: Path):
-    """Freezing a world leaves the table and the stage of the others bit-identical."""
+def test_a_frozen_world_is_marked_and_the_others_are_as_if_it_were_not_there(way, device: str, tmp_path):
     scene, schedule = way
     lifts = np.insert(LIFTS, BAD, ASTRAY)
     with_it, without = tmp_path / "with", tmp_path / "without"
@@ -122,9 +133,7 @@ def test_a_frozen_world_is_marked_and_the_others_are_as_if_it_were_not_there(way
     others = [world for world in range(WORLDS + 1) if world != BAD]
     assert [rows(with_it)[world] for world in others] == rows(without)
     for alone, world in enumerate(others):
-        expected, found = samples(without, alone), samples(with_it, world)
-        assert expected.keys() == found.keys()
-        assert all(np.array_equal(value, found[path]) for path, value in expected.items())
+        assert_same_samples(samples(without, alone), samples(with_it, world))
 
     assert (summary.unhealthy_worlds, summary.restarted_worlds, len(summary.blow_ups)) == (1, 0, 1)
     assert f"blew up in frame {LAST_GOOD + 1}, world {BAD}" in summary.blow_ups[0]
@@ -148,36 +157,32 @@ def batch(folder: Path, on_blowup: str, **options: Any) -> BatchSummary:
 
 
 @pytest.mark.parametrize("schedule", ["gather", "lanes", "block"])
-def test_restarted_worlds_are_those_of_a_batch_in_shorter_steps(schedule: str, device: str, tmp_path: Path):
+def test_restarted_worlds_are_those_of_a_batch_in_shorter_steps(schedule: str, device: str, tmp_path):
     if device != "cpu" and schedule == "lanes":
         pytest.skip("simulates on the CPU")
-    options = {"device": device, "schedule": schedule}
-    summary = batch(tmp_path / "restarted", "restart", **options)
+    options, restarted = {"device": device, "schedule": schedule}, tmp_path / "restarted"
+    summary = batch(restarted, "restart", **options)
     assert (summary.unhealthy_worlds, summary.restarted_worlds) == (1, len(SUBSTEPS))
     assert [sentence.partition("world ")[2][0] for sentence in summary.blow_ups] == ["1", "3", "4"]
-    assert_finite(tmp_path / "restarted", len(EXPORT))
-    found = rows(tmp_path / "restarted")
+    assert_finite(restarted, len(EXPORT))
+    found = rows(restarted)
     for substeps in (3, 6, 12):
         folder = tmp_path / str(substeps)
         finer = GAINS_ENERGY.model_copy(update={"substeps": substeps})
         run_batch(finer, folder, 6, VARY, export=EXPORT, **options)
         expected = rows(folder)
-        for world in range(5):
-            if SUBSTEPS.get(world, 3) == substeps:
-                health = 2 if world in SUBSTEPS else 1
-                assert found[world] == [row.rpartition(",")[0] + f",{health}" for row in expected[world]]
-                if world in EXPORT:
-                    place = EXPORT.index(world)
-                    ours, theirs = samples(tmp_path / "restarted", place), samples(folder, place)
-                    assert ours.keys() == theirs.keys()
-                    assert all(np.array_equal(value, theirs[path]) for path, value in ours.items())
-    health = table(tmp_path / "restarted")["health"]
+        for world in (world for world in range(5) if SUBSTEPS.get(world, 3) == substeps):
+            health = 2 if world in SUBSTEPS else 1
+            assert found[world] == [row.rpartition(",")[0] + f",{health}" for row in expected[world]]
+            if world in EXPORT:
+                assert_same_samples(*(samples(each, EXPORT.index(world)) for each in (restarted, folder)))
+    health = table(restarted)["health"]
     assert health[0].tolist() == [1, 2, 1, 2, 2, 2]
     assert health[-1].tolist() == [1, 2, 1, 2, 2, 0]
 
 
 @pytest.mark.full
-def test_the_manifest_says_what_blew_up_and_repeats_it(tmp_path: Path):
+def test_the_manifest_says_what_blew_up_and_repeats_it(tmp_path):
     write_obj(tmp_path / "cube.obj", cube())
     balloon = GAINS_ENERGY.balloon[0].model_copy(update={"mesh": tmp_path / "cube.obj"})
     scene = GAINS_ENERGY.model_copy(update={"balloon": [balloon]})
@@ -189,13 +194,11 @@ def test_the_manifest_says_what_blew_up_and_repeats_it(tmp_path: Path):
     assert manifest["blow_ups"][0]["sentence"].startswith("the simulation blew up in frame 14, world 1, substep ")
     assert manifest["blow_ups"][0]["spring"]["stretch"] > 1e3
     repeat_batch(tmp_path / "first" / "manifest.json", tmp_path / "again")
-    for name in ("table.csv", "table.npz"):
-        assert (tmp_path / "first" / name).read_bytes() == (tmp_path / "again" / name).read_bytes()
+    assert_same_files(tmp_path / "first", tmp_path / "again")
 
 
 @pytest.mark.full
-def test_a_batch_that_is_stopped_while_worlds_begin_again_goes_on_to_the_same_files(tmp_path: Path):
-    """A resumed batch is bit-identical, with a checkpoint after every frame: worlds that restarted do so again."""
+def test_a_batch_that_is_stopped_while_worlds_begin_again_goes_on_to_the_same_files(tmp_path):
     notes: list[str] = []
 
     def stop(sentence: str) -> None:
@@ -208,36 +211,142 @@ def test_a_batch_that_is_stopped_while_worlds_begin_again_goes_on_to_the_same_fi
         batch(tmp_path / "stopped", "restart", device="cpu", checkpoint_seconds=1e-9, on_note=stop)
     assert notes == ["4 of 6 worlds blew up: restarting them with half the step"]
     assert batch(tmp_path / "stopped", "restart", device="cpu", resume=True).restarted_worlds == len(SUBSTEPS)
-    for name in ("table.csv", "table.npz", "worlds.usdc"):
-        assert (tmp_path / "stopped" / name).read_bytes() == (tmp_path / "expected" / name).read_bytes()
+    assert_same_files(tmp_path / "stopped", tmp_path / "expected", "worlds.usdc")
 
 
 @pytest.mark.parametrize("workers", [None, 2])
-def test_to_stop_leaves_nothing(workers: int | None, tmp_path: Path):
+def test_to_stop_leaves_nothing(workers: int | None, tmp_path):
     where: dict[str, Any] = {"cluster": Cluster(workers=workers)} if workers else {"device": "cpu"}
     with pytest.raises(BlowUpError, match=r"blew up in frame \d+, world [1345], "):
         batch(tmp_path / "stopped", "stop", **where)
     assert list((tmp_path / "stopped").iterdir()) == []
 
 
-def test_another_policy_is_refused(tmp_path: Path):
-    with pytest.raises(InputError, match=r"^--on-blowup pray: expected freeze, stop, restart$"):
-        batch(tmp_path / "prayed", "pray")
-    assert not (tmp_path / "prayed").exists()
+def test_another_policy_is_refused(tmp_path):
+    for run in (
+        lambda: batch(tmp_path / "a", "pray"),
+        lambda: animate(HOPELESS, tmp_path / "a.usdc", on_blowup="pray"),
+    ):
+        with pytest.raises(InputError, match=r"^--on-blowup pray: expected freeze, stop, restart$"):
+            run()
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.full
-def test_a_cluster_restarts_what_one_process_does(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+def test_a_cluster_restarts_what_one_process_does(monkeypatch, tmp_path):
     monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 1))  # a share for each world
     alone = batch(tmp_path / "alone", "restart", device="cpu")
     together = batch(tmp_path / "together", "restart", cluster=Cluster(workers=2))
     assert together.blow_ups == alone.blow_ups
     assert (together.unhealthy_worlds, together.restarted_worlds) == (1, len(SUBSTEPS))
-    for name in ("table.csv", "table.npz"):
-        assert (tmp_path / "alone" / name).read_bytes() == (tmp_path / "together" / name).read_bytes()
+    assert_same_files(tmp_path / "alone", tmp_path / "together")
+    folders = tmp_path / "alone", tmp_path / "together"
     for place in range(len(EXPORT)):
-        ours, theirs = samples(tmp_path / "alone", place), samples(tmp_path / "together", place)
-        assert ours.keys() == theirs.keys()
-        assert all(np.array_equal(value, theirs[path]) for path, value in ours.items())
-    kept = [json.loads((tmp_path / name / "manifest.json").read_text()) for name in ("alone", "together")]
-    assert kept[0]["restarted_worlds"] == kept[1]["restarted_worlds"]
+        assert_same_samples(*(samples(folder, place) for folder in folders))
+    kept = [json.loads((folder / "manifest.json").read_text())["restarted_worlds"] for folder in folders]
+    assert kept[0] == kept[1]
+
+
+BURSTS = Inflation(k_normal=[(0.0, 1.0), (0.1, 1.0), (0.15, 9e11)])
+"""stronger than any step is short, from frame 7 on"""
+HOPELESS = Scene(
+    balloon=[Balloon(mesh=cube(), inflation=BURSTS)], sphere=[Sphere(position=(0, 4, 0))], frames=12, faces=False
+)
+RESTARTS = Scene(
+    balloon=[Balloon(mesh=cube(), mass=1.0, damping=50.0, stiffness=Stiffness(structural=3000.0))],
+    string=[String(anchor=(0.0, -1.0, 0.0))],
+    solver="forward_euler",
+    substeps=3,
+    frames=40,
+)
+"""too long a step for forward Euler, and so is its half, but not a quarter of it"""
+
+
+def samples_of(layer: Sdf.Layer) -> dict[tuple[str, float], np.ndarray]:
+    """Return the numbers that change with time, by the attribute's path and the time."""
+    found, stage = {}, Usd.Stage.Open(layer)
+    for path in [prim.GetPath() for prim in stage.Traverse()]:
+        for prop in layer.GetPrimAtPath(path).properties:
+            for time in layer.ListTimeSamplesForPath(prop.path):
+                value = layer.QueryTimeSample(prop.path, time)
+                if not isinstance(value, str):
+                    found[str(prop.path), time] = np.array(value, dtype=np.float64)
+    return found
+
+
+@pytest.mark.full
+def test_frozen_the_stage_ends_at_the_last_good_frame(device: str, tmp_path):
+    warnings: list[str] = []
+    how = {"device": device, "schedule": "gather", "checkpoint_seconds": 1e-9}
+    summary = animate(HOPELESS, tmp_path / "a.usdc", on_blowup="freeze", on_warning=warnings.append, **how)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.usdc"]  # what was saved meanwhile is in it
+    assert summary.frames == 6
+    assert "blew up in frame 7, " in (summary.blow_up or "")
+    assert warnings[-1].rpartition(". ")[2] == "The stage ends at frame 6, the last good one"
+    layer = Sdf.Layer.FindOrOpen(str(tmp_path / "a.usdc"))
+    assert layer.endTimeCode == 6
+    found = samples_of(layer)
+    assert all(np.isfinite(value).all() for value in found.values())
+    assert {time for _, time in found} == set(range(7))
+    animate(HOPELESS.model_copy(update={"frames": 6}), tmp_path / "b.usdc", device=device, schedule="gather")
+    expected = samples_of(Sdf.Layer.FindOrOpen(str(tmp_path / "b.usdc")))
+    assert found.keys() == expected.keys()
+    for key, value in expected.items():
+        np.testing.assert_array_equal(found[key], value)
+
+
+@pytest.mark.full
+def test_restarted_it_is_the_run_with_as_many_substeps_byte_by_byte(device: str, tmp_path):
+    warnings: list[str] = []
+    how = {"device": device, "schedule": "gather"}  # which is deterministic
+    restarted, expected = tmp_path / "restarted.usdc", tmp_path / "expected.usdc"
+    summary = animate(RESTARTS, restarted, on_blowup="restart", on_warning=warnings.append, **how)
+    assert (summary.restarts, summary.substeps, summary.frames, summary.blow_up) == (2, 12, 40, None)
+    said = [sentence.rpartition(". ")[2] for sentence in warnings]
+    assert said == [f"It restarts with {substeps} substeps a frame" for substeps in (6, 12)]
+    scene = RESTARTS.model_copy(update={"substeps": summary.substeps})
+    assert animate(scene, expected, **how).restarts == 0
+    assert restarted.read_bytes() == expected.read_bytes()
+    with pytest.raises(BlowUpError):
+        animate(scene.model_copy(update={"substeps": summary.substeps // 2}), tmp_path / "longer.usdc", **how)
+
+
+@pytest.mark.full
+def test_stopped_in_shorter_steps_it_goes_on_in_these(device: str, tmp_path):
+
+    class StopError(Exception):
+        pass
+
+    frames: list[int] = []
+
+    def stop(frame: int) -> None:
+        frames.append(frame)
+        if frames.count(5) == 3:
+            raise StopError
+
+    how = {"device": device, "schedule": "gather", "on_blowup": "restart"}
+    animate(RESTARTS, tmp_path / "whole.usdc", **how)
+    with pytest.raises(StopError):
+        animate(RESTARTS, tmp_path / "out.usdc", checkpoint_seconds=1e-9, on_frame=stop, **how)
+    assert not (tmp_path / "out.usdc.partial.old").exists()
+    summary = animate(RESTARTS, tmp_path / "out.usdc", resume=True, **how)
+    assert (summary.begin, summary.restarts, summary.substeps) == (4, 2, 12)
+    assert (tmp_path / "out.usdc").read_bytes() == (tmp_path / "whole.usdc").read_bytes()
+
+
+@pytest.mark.parametrize("on_blowup", ["stop", "restart"])
+def test_where_it_ends_in_a_blow_up_the_old_stage_stays(on_blowup: str, tmp_path):
+    (tmp_path / "a.usdc").write_text("old")
+    said = {"restart": "The 4 longer steps blew up as well", "stop": "less force helps"}
+    with pytest.raises(BlowUpError, match=said[on_blowup]):
+        animate(HOPELESS, tmp_path / "a.usdc", device="cpu", on_blowup=on_blowup)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.usdc"]
+    assert (tmp_path / "a.usdc").read_text() == "old"
+
+
+def test_half_the_step_holds_for_what_the_scene_changes_it_to():
+    settings = [{"substeps": 20, "gravity": 1.0}, {"substeps": "auto"}, {"gravity": 2.0}]
+    changes = [Change(time=0.1 * (number + 1), set=each) for number, each in enumerate(settings)]
+    halved = with_half_the_step(RESTARTS.model_copy(update={"change": changes}), 7)
+    assert halved.substeps == 14
+    assert [change.set for change in halved.change] == [{**settings[0], "substeps": 40}, *settings[1:]]

@@ -1,28 +1,39 @@
-"""Outputs of a batch: the table in both forms, and the stage of the chosen worlds."""
+"""Outputs of a batch: the table in both forms, the stage of the chosen worlds, the command, and refusals."""
 
+import contextlib
 import csv
+import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from commands import status_of
 from meshes import quad_sphere
-from motion import assert_velocities_are_those_of_the_points
-from pxr import Sdf, Usd, UsdGeom, UsdShade, UsdValidation
+from motion import assert_valid, assert_velocities_are_those_of_the_points
+from pxr import Sdf, Usd, UsdGeom, UsdShade
 from small_batch import FRAMES, WORLDS, scene, write_meshes
 
-from balloon_warp import Simulator, run_batch
+from balloon_warp import Cluster, InputError, Scene, Simulator, load_scene, run_batch
+from balloon_warp.device import pick_device
+from balloon_warp.mesh.obj import write_obj
+from balloon_warp.model import lay_out, memory, shape, world_bytes
 from balloon_warp.outputs.usd import growing
 from balloon_warp.outputs.usd.grid_layout import grid_shifts
 from balloon_warp.outputs.usd.string_curve import string_curve
 from balloon_warp.scene import Water
 from balloon_warp.scene.overrides import override_scene
+from balloon_warp.schedules.lanes import LanesSchedule
+from balloon_warp.sweep import batch as batch_module
+from balloon_warp.sweep import memory as sweep_memory
+from balloon_warp.sweep.groups import Group, plan_groups
 
-RADII = np.array([0.1, 0.2, 0.3, 0.4, 0.5])
+RADII, CHOSEN = np.array([0.1, 0.2, 0.3, 0.4, 0.5]), (1, 2, 4)
+"""of the spheres, and worlds that are exported"""
 
 
 @pytest.fixture(scope="module")
-def meshes(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+def meshes(tmp_path_factory) -> list[Path]:
     return write_meshes(tmp_path_factory.mktemp("meshes"))
 
 
@@ -37,13 +48,16 @@ def vary(meshes: list[Path]) -> dict:
 
 
 def alone(vary: dict, world: int) -> Simulator:
-    return Simulator(
-        override_scene(scene(), [(path, values[world]) for path, values in vary.items()]), "cpu", schedule="lanes"
-    )
+    overrides = [(path, values[world]) for path, values in vary.items()]
+    return Simulator(override_scene(scene(), overrides), "cpu", schedule="lanes")
+
+
+def mesh_in(stage: Usd.Stage, world: int, name: str = "ball") -> UsdGeom.Mesh:
+    return UsdGeom.Mesh(stage.GetPrimAtPath(f"/World/World_{world}/{name}"))
 
 
 @pytest.fixture(scope="module")
-def written(tmp_path_factory: pytest.TempPathFactory, vary: dict) -> Path:
+def written(tmp_path_factory, vary: dict) -> Path:
     folder = tmp_path_factory.mktemp("batch") / "out"
     summary = run_batch(scene(), folder, WORLDS, vary, export=[4, 1, 2], device="cpu", name="small")
     assert summary.worlds == WORLDS
@@ -67,17 +81,9 @@ def stage(written: Path) -> Usd.Stage:
 
 
 def test_the_table_has_a_row_for_each_world_and_frame(table: dict[str, np.ndarray], meshes: list[Path]):
-    measures = [
-        "volume",
-        "area",
-        "pressure",
-        "center_height",
-        "largest_stretch",
-        "kinetic_energy",
-        "sphere_0_height",
-        "health",
-    ]
-    assert list(table) == ["world", "frame", "time", "balloon.0.mesh", "sphere.0.radius", "string.1.length", *measures]
+    measures = ["volume", "area", "pressure", "center_height", "largest_stretch", "kinetic_energy", "sphere_0_height"]
+    varied = ["balloon.0.mesh", "sphere.0.radius", "string.1.length"]
+    assert list(table) == ["world", "frame", "time", *varied, *measures, "health"]
     np.testing.assert_array_equal(table["world"], list(range(WORLDS)) * (FRAMES + 1))
     np.testing.assert_array_equal(table["frame"], np.repeat(np.arange(FRAMES + 1), WORLDS))
     np.testing.assert_array_equal(table["time"], table["frame"] / 30)
@@ -97,33 +103,26 @@ def test_csv_and_npz_are_the_same_to_the_last_bit(written: Path, table: dict[str
 
 def test_each_world_is_as_it_is_alone(table: dict[str, np.ndarray], stage: Usd.Stage, vary: dict):
     """A world is bit-identical alone and in a batch on the CPU; the stage has the chosen worlds only."""
-    assert [p.GetName() for p in stage.GetDefaultPrim().GetChildren() if p.GetName().startswith("World_")] == [
-        "World_1",
-        "World_2",
-        "World_4",
-    ]
+    names = [prim.GetName() for prim in stage.GetDefaultPrim().GetChildren()]
+    assert [name for name in names if name.startswith("World_")] == ["World_1", "World_2", "World_4"]
     for world in range(WORLDS):
         heights = []
         for frame in alone(vary, world).run():
             heights.append(frame.sphere_positions[0, 1])
-            if world in (1, 2, 4):
+            if world in CHOSEN:
                 for number, name in enumerate(("ball", "Sphere_0_1")):
-                    prim = UsdGeom.Mesh(stage.GetPrimAtPath(f"/World/World_{world}/{name}"))
-                    np.testing.assert_array_equal(prim.GetPointsAttr().Get(frame.number), frame.points[number])
+                    points = mesh_in(stage, world, name).GetPointsAttr().Get(frame.number)
+                    np.testing.assert_array_equal(points, frame.points[number])
                 sphere = UsdGeom.Sphere(stage.GetPrimAtPath(f"/World/World_{world}/Sphere_0"))
                 moved = sphere.GetLocalTransformation(Usd.TimeCode(frame.number)).ExtractTranslation()
                 np.testing.assert_array_equal(moved, frame.sphere_positions[0])
         np.testing.assert_array_equal(table["sphere_0_height"][table["world"] == world], heights)
-
-
-def test_velocities_are_those_of_the_points(stage: Usd.Stage):
-    for world in (1, 2, 4):
-        prim = UsdGeom.Mesh(stage.GetPrimAtPath(f"/World/World_{world}/ball"))
-        assert_velocities_are_those_of_the_points(prim, 30.0)
+    for world in CHOSEN:
+        assert_velocities_are_those_of_the_points(mesh_in(stage, world), 30.0)
 
 
 def test_each_world_says_what_differs_in_it(stage: Usd.Stage, meshes: list[Path], vary: dict):
-    for world in (1, 2, 4):
+    for world in CHOSEN:
         prim = stage.GetPrimAtPath(f"/World/World_{world}")
         said = {attribute.GetDisplayName(): attribute for attribute in prim.GetPropertiesInNamespace("userProperties")}
         assert {path: attribute.GetName() for path, attribute in said.items()} == {
@@ -136,14 +135,8 @@ def test_each_world_says_what_differs_in_it(stage: Usd.Stage, meshes: list[Path]
             assert said[path].Get() == vary[path][world]
 
 
-def test_every_validator_passes(stage: Usd.Stage):
-    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
-    assert len(validators) >= 20
-    errors = UsdValidation.ValidationContext(validators).Validate(stage)
-    assert [error.GetMessage() for error in errors] == []
-
-
-def test_stage_says_what_it_is(stage: Usd.Stage):
+def test_the_stage_is_valid_and_says_what_it_is(stage: Usd.Stage):
+    assert_valid(stage)
     assert stage.GetDefaultPrim().GetPath() == "/World"
     assert (UsdGeom.GetStageUpAxis(stage), UsdGeom.GetStageMetersPerUnit(stage)) == ("Y", 1.0)
     assert stage.GetTimeCodesPerSecond() == stage.GetFramesPerSecond() == 30.0
@@ -151,20 +144,13 @@ def test_stage_says_what_it_is(stage: Usd.Stage):
 
 
 def test_topology_is_stored_once_for_each_mesh(stage: Usd.Stage):
-    """Only the layer's prototypes have faces and materials; each world composes them."""
-    with_faces, with_materials = [], []
-
-    def look(path: Any) -> None:
-        if path.name == "faceVertexIndices":
-            with_faces.append(path.GetPrimPath().name)
-        if path.name == "material:binding" and path.GetPrimPath().HasPrefix("/World/World_1"):
-            with_materials.append(path)
-
-    stage.GetRootLayer().Traverse("/", look)
-    assert sorted(with_faces) == ["Ground", "Sphere_0_1", "String_0_Knot", "String_1_Knot", "ball", "ball_1"]
-    assert with_materials == []
+    found = {"faceVertexIndices": [], "material:binding": []}
+    stage.GetRootLayer().Traverse("/", lambda path: found.get(path.name, []).append(path.GetPrimPath()))
+    with_faces = ["Ground", "Sphere_0_1", "String_0_Knot", "String_1_Knot", "ball", "ball_1"]  # prototypes
+    assert sorted(path.name for path in found["faceVertexIndices"]) == with_faces
+    assert [path for path in found["material:binding"] if path.HasPrefix("/World/World_1")] == []
     for world, mesh in ((1, quad_sphere(4)), (2, quad_sphere(3)), (4, quad_sphere(3))):
-        prim = UsdGeom.Mesh(stage.GetPrimAtPath(f"/World/World_{world}/ball"))
+        prim = mesh_in(stage, world)
         np.testing.assert_array_equal(prim.GetFaceVertexIndicesAttr().Get(), mesh.face_vertex_indices)
         assert prim.GetSubdivisionSchemeAttr().Get() == "catmullClark"
     for prim in stage.Traverse():
@@ -186,7 +172,7 @@ def test_extents_hold_at_every_sample(stage: Usd.Stage):
 def test_worlds_stand_side_by_side_with_their_own_spheres(stage: Usd.Stage):
     boxes = UsdGeom.BBoxCache(Usd.TimeCode(0), [UsdGeom.Tokens.default_])
     footprints = []
-    for world in (1, 2, 4):
+    for world in CHOSEN:
         sphere = UsdGeom.Sphere(stage.GetPrimAtPath(f"/World/World_{world}/Sphere_0"))
         assert sphere.GetRadiusAttr().Get() == RADII[world]
         box = boxes.ComputeWorldBound(stage.GetPrimAtPath(f"/World/World_{world}")).ComputeAlignedRange()
@@ -200,49 +186,47 @@ def test_worlds_stand_side_by_side_with_their_own_spheres(stage: Usd.Stage):
 
 
 def test_strings_hang_by_their_own_lengths_from_anchor_to_particle(stage: Usd.Stage, vary: dict):
-    for world in (1, 2, 4):
-        box = UsdGeom.Mesh(stage.GetPrimAtPath(f"/World/World_{world}/Sphere_0_1")).GetPointsAttr()
+    for world in CHOSEN:
+        box = mesh_in(stage, world, "Sphere_0_1").GetPointsAttr()
         string = UsdGeom.BasisCurves(stage.GetPrimAtPath(f"/World/World_{world}/String_1")).GetPointsAttr()
         for time_code in range(FRAMES + 1):
             expected = string_curve((4, 0, 0), box.Get(time_code)[6], vary["string.1.length"][world], (0, 1, 0), 0.0)
             np.testing.assert_array_equal(string.Get(time_code), expected)
             shift = stage.GetPrimAtPath(f"/World/World_{world}").GetAttribute("xformOp:translate").Get()
-            knot = UsdGeom.Mesh(stage.GetPrimAtPath(f"/World/World_{world}/String_1_Knot"))
-            place = np.array(knot.ComputeLocalToWorldTransform(time_code))[3, :3] - np.array(shift)
-            np.testing.assert_allclose(place, expected[-1], atol=1e-6)
+            knot = mesh_in(stage, world, "String_1_Knot").ComputeLocalToWorldTransform(time_code)
+            np.testing.assert_allclose(np.array(knot)[3, :3] - np.array(shift), expected[-1], atol=1e-6)
 
 
-def test_where_grounds_and_anchors_differ_each_world_has_its_own(tmp_path: Path):
-    heights, anchors = np.array([-1.0, 0.25]), np.array([0.5, 2.0])
-    vary = {"ground.height": heights, "string.1.anchor.1": anchors}
-    run_batch(scene(), tmp_path / "out", 2, vary, export=[0, 1], device="cpu")
-    stage = Usd.Stage.Open(str(tmp_path / "out" / "worlds.usdc"))
-    assert not stage.GetPrimAtPath("/World/Ground")
+def exported(folder: Path, vary: dict, **fields: Any) -> Usd.Stage:
+    """Return the stage of a batch of two worlds."""
+    run_batch(scene(**fields), folder, 2, vary, export=[0, 1], device="cpu")
+    return Usd.Stage.Open(str(folder / "worlds.usdc"))
+
+
+def heights_of(stage: Usd.Stage, name: str) -> list[float]:
+    """Return the height of a level plane in each world."""
     boxes = UsdGeom.BBoxCache(Usd.TimeCode(0), [UsdGeom.Tokens.default_])
+    planes = [boxes.ComputeWorldBound(mesh_in(stage, world, name).GetPrim()).ComputeAlignedRange() for world in (0, 1)]
+    assert all(plane.GetMin()[1] == plane.GetMax()[1] for plane in planes)
+    return [float(plane.GetMin()[1]) for plane in planes]
+
+
+def test_where_grounds_anchors_and_water_differ_each_world_has_its_own(tmp_path):
+    heights, anchors, levels = [-1.0, 0.25], [0.5, 2.0], [-1.5, 0.125]
+    afloat = {"water": Water(density=1.0)}
+    vary = {"ground.height": heights, "string.1.anchor.1": anchors}
+    stage = exported(tmp_path / "out", vary | {"water.level": levels}, **afloat)
+    assert not stage.GetPrimAtPath("/World/Ground")
+    assert not stage.GetPrimAtPath("/World/Water")
+    assert (heights_of(stage, "Floor"), heights_of(stage, "Pool")) == (heights, levels)
     for world in (0, 1):
-        floor = boxes.ComputeWorldBound(stage.GetPrimAtPath(f"/World/World_{world}/Floor")).ComputeAlignedRange()
-        assert floor.GetMin()[1] == floor.GetMax()[1] == heights[world]
         string = UsdGeom.BasisCurves(stage.GetPrimAtPath(f"/World/World_{world}/String_1")).GetPointsAttr().Get(0)
         assert tuple(string[0]) == (4.0, anchors[world], 0.0)
-    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
-    assert UsdValidation.ValidationContext(validators).Validate(stage) == []
-    run_batch(scene(), tmp_path / "alike", 2, {"ground.height": heights[[1, 1]]}, export=[0, 1], device="cpu")
-    stage = Usd.Stage.Open(str(tmp_path / "alike" / "worlds.usdc"))
-    assert UsdGeom.Mesh(stage.GetPrimAtPath("/World/Ground")).GetPointsAttr().Get()[0][1] == heights[1]
+    assert_valid(stage)
+    stage = exported(tmp_path / "alike", {"ground.height": [0.25, 0.25]} | {"water.level": levels}, **afloat)
+    assert UsdGeom.Mesh(stage.GetPrimAtPath("/World/Ground")).GetPointsAttr().Get()[0][1] == 0.25
     assert not stage.GetPrimAtPath("/World/World_0/Floor")
-
-
-def test_where_water_differs_each_world_has_its_own(tmp_path: Path):
-    levels = np.array([-1.0, 0.25])
-    afloat = scene(water=Water(density=1.0))
-    run_batch(afloat, tmp_path / "out", 2, {"water.level": levels}, export=[0, 1], device="cpu")
-    stage = Usd.Stage.Open(str(tmp_path / "out" / "worlds.usdc"))
-    assert not stage.GetPrimAtPath("/World/Water")
-    assert stage.GetPrimAtPath("/World/Ground")  # which is alike in both
-    boxes = UsdGeom.BBoxCache(Usd.TimeCode(0), [UsdGeom.Tokens.default_])
-    for world in (0, 1):
-        pool = boxes.ComputeWorldBound(stage.GetPrimAtPath(f"/World/World_{world}/Pool")).ComputeAlignedRange()
-        assert pool.GetMin()[1] == pool.GetMax()[1] == levels[world]
+    assert stage.GetPrimAtPath("/World/World_0/Pool")
 
 
 @pytest.mark.parametrize(("up_axis", "flat"), [("Y", 1), ("Z", 2)])
@@ -250,49 +234,269 @@ def test_the_grid_is_square_and_centered(up_axis: str, flat: int):
     shifts = grid_shifts(9, 2.0, up_axis)
     across = np.delete(shifts, flat, axis=1)
     np.testing.assert_array_equal(shifts[:, flat], 0.0)
-    np.testing.assert_array_equal(
-        np.unique(across, axis=0), [(2.0 * i, 2.0 * j) for i in (-1, 0, 1) for j in (-1, 0, 1)]
-    )
+    square = [(2.0 * i, 2.0 * j) for i in (-1, 0, 1) for j in (-1, 0, 1)]
+    np.testing.assert_array_equal(np.unique(across, axis=0), square)
 
 
-def test_saving_often_gives_the_same_samples(
-    written: Path, vary: dict, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    """A file that is appended to after each frame has the samples of one that is written once."""
+def test_saving_often_gives_the_same_samples(written: Path, vary: dict, tmp_path, monkeypatch):
     monkeypatch.setattr(growing, "SAVE_BYTES", 0)
     run_batch(scene(), tmp_path / "out", WORLDS, vary, export=[4, 1, 2], device="cpu")
     often, once = (Sdf.Layer.FindOrOpen(str(folder / "worlds.usdc")) for folder in (tmp_path / "out", written))
     assert often.ExportToString() == once.ExportToString()
 
 
-def test_no_export_no_stage(tmp_path: Path):
+def test_no_export_no_stage(tmp_path):
     summary = run_batch(scene(frames=1), tmp_path, 2, device="cpu")
     assert summary.stage is None
     assert {path.stem for path in tmp_path.iterdir()} == {"manifest", "table", "worlds"}
     assert not (tmp_path / "worlds.usdc").exists()
 
 
+def test_a_failed_batch_leaves_the_good_files(tmp_path):
+    run_batch(scene(frames=1), tmp_path, 2, export=[0], device="cpu")
+    good = {path: path.read_bytes() for path in tmp_path.iterdir()}
+
+    def interrupt(frame: int) -> None:
+        if frame == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_batch(scene(), tmp_path, 3, export=[0, 1], device="cpu", on_frame=interrupt)
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == good
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        ({"world_count": 0}, r"^--worlds 0: expected at least 1$"),
+        ({"export": [7]}, r"^export: expected worlds 0 to 4 \(got 7 to 7\)$"),
+        ({"vary": {"balloon.mesh": ["a.obj"] * 3}}, r"^balloon\.mesh: expected a mesh for each of 5 worlds \(got 3\)$"),
+        ({"vary": {"balloon.0.mesh": ["none.obj"] * 5}}, r"^none\.obj: no such file"),
+        ({"vary": {"balloon.7.mesh": ["none.obj"] * 5}}, r"^balloon\.7\.mesh: no balloon 7, the scene has "),
+        ({"folder": "missing/out"}, r"out: the folder .*missing does not exist$"),
+        ({"folder": "file"}, r"file: is a file; expected a folder$"),
+    ],
+)
+def test_mistakes_are_told_before_the_run(tmp_path, change: dict, complaint: str):
+    (tmp_path / "file").touch()
+    arguments = {"folder": "out", "world_count": 5, "vary": {}} | change
+    arguments["folder"] = tmp_path / arguments["folder"]
+    with pytest.raises(InputError, match=complaint):
+        run_batch(scene(), **arguments, device="cpu", on_frame=never)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.parametrize("cluster", [None, Cluster(workers=2)])
+def test_far_too_many_worlds_are_refused_before_they_get_values(tmp_path, monkeypatch, cluster: Cluster | None):
+    monkeypatch.setattr(batch_module, "plan_groups", never)
+    with pytest.raises(InputError, match=r"^100000000 worlds do not fit: they need .* GiB, and cpu has "):
+        run_batch(scene(frames=400), tmp_path, 10**8, device=None if cluster else "cpu", cluster=cluster)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_refused_early_would_be_refused_late(monkeypatch):
+    monkeypatch.setattr(memory, "free_memory", lambda device: 2**30)
+    monkeypatch.setattr(sweep_memory, "MANY", 1)
+    model = lay_out(plan_groups(scene(), 4096, {"balloon.mass": np.ones(4096)})[0].plan, pick_device("cpu"))
+    bytes_of_all = 4096 * (world_bytes(model) + LanesSchedule.world_bytes(model) + sweep_memory.table_bytes(scene()))
+    for room, refused in ((1.02, False), (0.9, True)):
+        monkeypatch.setattr(memory, "free_memory", lambda device, room=room: room * bytes_of_all / memory.USABLE)
+        with pytest.raises(InputError, match="do not fit") if refused else contextlib.nullcontext():
+            sweep_memory.require_room(scene(), 4096, ["balloon.mass"], "cpu")
+
+
+def test_far_too_many_worlds_are_refused_without_finding_what_is_thin(tmp_path, monkeypatch):
+    """The early check of memory skips the search for thin parts, which takes longest and adds no memory."""
+    monkeypatch.setattr(shape, "relative_thickness", never)
+    thin = {"balloon.stiffness.thin": "softer"}
+    with pytest.raises(InputError, match=r"^100000000 worlds do not fit: "):
+        run_batch(load_scene(scene(), thin), tmp_path, 10**8, device="cpu")
+
+
+def test_a_step_that_only_soft_thin_parts_allow_is_no_reason_for_an_early_refusal(monkeypatch):
+    monkeypatch.setattr(sweep_memory, "MANY", 1)
+    stable = plan_groups(load_scene("squirrel_tether"), 1, {})[0].plan.substeps
+    stiffer = plan_groups(load_scene("squirrel_tether", {"balloon.stiffness.thin": "alike"}), 1, {})[0].plan.substeps
+    assert stable < stiffer
+    sweep_memory.require_room(load_scene("squirrel_tether", {"substeps": stable}), 2, device="cpu")
+
+
+def never(*_: Any) -> None:
+    raise AssertionError("is not to be called")
+
+
+def test_a_varied_value_is_told_with_its_world_in_the_whole_batch(meshes: list[Path], tmp_path):
+    vary = {"balloon.0.mesh": [meshes[n % 2] for n in range(5)], "balloon.mass": [1.0, 1.0, 1.0, -1.0, 1.0]}
+    with pytest.raises(InputError, match=r"^balloon\.0\.mass: must be greater than 0 \(got -1\.0\), in world 3$"):
+        run_batch(scene(), tmp_path, 5, vary, device="cpu")
+
+
+def test_all_groups_take_the_step_of_the_stiffest_world(meshes: list[Path]):
+    """The step of a batch is that of its stiffest world, whichever group that is in. All are so light that stability
+    asks for more substeps than spheres do."""
+    automatic = scene(substeps="auto")
+    vary = {"balloon.0.mesh": [meshes[0], meshes[1], meshes[0]], "balloon.mass": [1e-4, 1e-4, 2e-5]}
+    alone = [plan_groups(automatic, 1, {path: [values[n]] for path, values in vary.items()}) for n in range(3)]
+    groups = plan_groups(automatic, 3, vary)
+    assert [group.worlds.tolist() for group in groups] == [[0, 2], [1]]
+    assert [group.plan.substeps for group in groups] == [max(one[0].plan.substeps for one in alone)] * 2
+    assert len({one[0].plan.substeps for one in alone}) == 3
+
+
+def simulated_bytes(groups: list[Group]) -> int:
+    models = [lay_out(group.plan, "cpu") for group in groups]
+    return sum(model.world_count * (world_bytes(model) + LanesSchedule.world_bytes(model)) for model in models)
+
+
+def test_a_batch_that_does_not_fit_is_refused_before_anything_is_made(tmp_path, meshes: list[Path], monkeypatch):
+    """The memory check counts all groups, the exported worlds and the table: in each case the rest alone would fit."""
+    varied = {"balloon.0.mesh": meshes * 20}
+    one_mesh = simulated_bytes(plan_groups(scene(), 40, {}))
+    two_meshes = simulated_bytes(plan_groups(scene(), 40, varied))
+    sums = 40 * (2 * 32 * 40 + 4 * 7)  # 32 lanes of each balloon, seven measures
+    row = 40 * 4 * 8  # of the table: seven measures and the health
+    table = (FRAMES + 1) * row
+    exported = 40 * 5 * (12 * (56 + 8) + 12)  # on the device, and four frames under way
+
+    def refused(usable: float, needed: int, scene: Scene, **arguments: Any) -> None:
+        assert usable < needed
+        monkeypatch.setattr(memory, "free_memory", lambda device: int(usable / memory.USABLE))
+        with pytest.raises(InputError, match=r"^40 worlds do not fit: ") as refusal:
+            run_batch(scene, tmp_path / "out", 40, device="cpu", **arguments)
+        fitting = int(str(refusal.value).split()[-2])
+        assert fitting == pytest.approx(40 * usable / needed, abs=1)  # rounded down
+        assert list(tmp_path.iterdir()) == []
+
+    refused(0.6 * (two_meshes + sums + table), two_meshes + sums + table, scene(), vary=varied)
+    refused(one_mesh + sums + table, one_mesh + sums + table + exported, scene(), export=range(40))
+    long = scene(frames=FRAMES + 1000)
+    refused(one_mesh + sums + table, one_mesh + sums + table + 1000 * row, long)
+
+
+SCENE = """
+frames = 3
+[[balloon]]
+mesh = "ball.obj"
+[balloon.inflation]
+k_normal = 0.2
+[[sphere]]
+position = [0, 4, 0]
+radius = 1.2
+"""
+
+TABLES = ("table.npz", "table.csv", "worlds.npz", "worlds.csv")
+BELOW = "must be greater than 0 (got -1.0), in world 1"
+BETWEEN_RUNS = "cannot differ between worlds, only between runs of `compare`"
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch) -> Path:
+    (tmp_path / "scenes").mkdir()
+    (tmp_path / "scenes" / "ball.toml").write_text(SCENE)
+    write_obj(tmp_path / "scenes" / "ball.obj", quad_sphere(2))
+    write_obj(tmp_path / "other.obj", quad_sphere(3))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def batch(*words: str) -> int:
+    return status_of("batch", "scenes/ball.toml", "--device", "cpu", *words)
+
+
+def test_a_batch_in_which_nothing_varies_says_so(folder: Path, capsys):
+    assert batch("--worlds", "2") == 0
+    assert "\nnote: all worlds are alike; --vary PATH=LOW:HIGH" in capsys.readouterr().err
+    assert batch("--worlds", "2", "--vary", "sphere.0.mass=10,10") == 0
+    assert "\nnote: all worlds are alike" in capsys.readouterr().err
+    assert batch("--worlds", "1") == 0
+    assert "note: " not in capsys.readouterr().err
+
+
+def test_the_summary_is_one_object_and_the_files_are_where_it_says(folder: Path, capsys):
+    varied = ["--vary", "balloon.inflation.k_normal=0:8", "--vary", "sphere.0.mass=1,10,100", "--grid"]
+    assert batch("--worlds", "9", *varied, "--export", "0,5", "-o", "out", "--json") == 0
+    captured = capsys.readouterr()
+    (line,) = captured.err.splitlines()
+    assert line.startswith("ball: 9 worlds, 234 particles, ")
+    summary = json.loads(captured.out)
+    assert (summary["worlds"], summary["exported_worlds"], summary["unhealthy_worlds"]) == (9, 2, 0)
+    assert (summary["scene"], summary["frames"], summary["particles"]) == ("ball", 3, 9 * 26)
+    assert summary["table"] == ["out/table.npz", "out/table.csv"]
+    with np.load(folder / "out" / "table.npz") as table:
+        np.testing.assert_array_equal(table["balloon.inflation.k_normal"][:9], np.arange(9.0))
+        np.testing.assert_array_equal(table["sphere.0.mass"][:9], [1, 10, 100] * 3)
+        volume = table["volume"].reshape(4, 9)
+    assert (np.diff(volume[-1]) > 0.0).all()  # the more a balloon is inflated, the larger it is
+    stage = Usd.Stage.Open(summary["stage"])
+    names = [prim.GetName() for prim in stage.GetDefaultPrim().GetChildren()]
+    assert [name for name in names if name.startswith("World_")] == ["World_0", "World_5"]
+
+
+def test_meshes_differ_and_the_same_seed_gives_the_same_table(folder: Path):
+    varied = ["--worlds", "4", "--vary", "balloon.mesh=ball.obj,other.obj", "--vary", "gravity=1:9"]
+    for seed, out in (("0", "a"), ("0", "b"), ("1", "c")):
+        assert batch(*varied, "--seed", seed, "-o", out) == 0
+    first, again, other = ((folder / out / "table.csv").read_text() for out in "abc")
+    assert first == again != other
+    assert first.splitlines()[2].startswith("1,0,0.0,other.obj,")
+
+
 @pytest.mark.full
-def test_a_world_that_blows_up_is_marked_and_never_written(tmp_path: Path):
-    """A pull that no step is small enough for marks its world; the other world is as it is alone."""
-    vary = {"balloon.inflation.k_normal": [0.2, 9e11]}
-    summary = run_batch(scene(), tmp_path, 2, vary, export=[0, 1], device="cpu")
-    assert summary.unhealthy_worlds == 1
-    with np.load(tmp_path / "table.npz") as table:
-        health = table["health"].reshape(FRAMES + 1, 2)
-        volume = table["volume"].reshape(FRAMES + 1, 2)
-        assert all(np.isfinite(table[name]).all() for name in table)
-    assert health[:, 0].all()
-    assert health[:, 1].tolist() == [1] + [0] * FRAMES
-    np.testing.assert_array_equal(volume[:, 1], volume[0, 1])
-    stage = Usd.Stage.Open(str(tmp_path / "worlds.usdc"))
-    for time_code in range(FRAMES + 1):
-        bad = UsdGeom.Mesh(stage.GetPrimAtPath("/World/World_1/ball")).GetPointsAttr()
-        np.testing.assert_array_equal(bad.Get(time_code), bad.Get(0))
-    assert np.ptp([attribute_height(stage, time_code) for time_code in (0, FRAMES)]) > 0.0
+def test_what_blew_up_is_told(folder: Path, capsys):
+    assert batch("--worlds", "3", "--vary", "balloon.inflation.k_normal=0,9e11,0") == 0
+    captured = capsys.readouterr()
+    said, warned = captured.out.splitlines(), captured.err.splitlines()[1:]
+    assert said[0].startswith("ball: 3 worlds, 78 particles, 3 frames of ")
+    assert warned[0].startswith("warning: the simulation blew up in frame 1, world 1, substep 1 of ")
+    assert warned[1:] == ["warning: 1 of 3 worlds blew up: health 0; their rows repeat the last good frame"]
+    assert said[1:] == [f"wrote ball_batch/{name}" for name in (*TABLES, "manifest.json")]
 
 
-def attribute_height(stage: Usd.Stage, time_code: int) -> float:
-    return float(
-        np.mean(np.array(UsdGeom.Mesh(stage.GetPrimAtPath("/World/World_0/ball")).GetPointsAttr().Get(time_code)))
+def test_the_stage_of_an_earlier_batch_does_not_stay_beside_a_later_table(folder: Path, capsys):
+    assert batch("--worlds", "2", "--export", "all") == 0
+    assert (
+        "wrote ball_batch/worlds.usdc: 0.05 s at 60 frames/s; in Blender, set the frame rate to 60, "
+        in capsys.readouterr().out
     )
+    assert batch("--worlds", "2", "--vary", "gravity=2:1") == 2
+    assert (folder / "ball_batch" / "worlds.usdc").exists()  # a batch that is refused leaves all as it was
+    capsys.readouterr()
+    assert batch("--worlds", "3") == 0
+    assert capsys.readouterr().out.splitlines()[-1].startswith("removed ball_batch/worlds.usdc")
+    left = sorted(path.name for path in (folder / "ball_batch").iterdir())
+    assert left == sorted([*TABLES, "manifest.json"])
+    assert batch("--worlds", "3") == 0
+    assert "removed" not in capsys.readouterr().out
+
+
+def test_one_is_one_and_names_are_as_they_are(folder: Path, capsys):
+    assert batch("--worlds", "1", "--set", "frames=1", "--set", "substeps=10", "-o", "a [bold] one") == 0
+    said = capsys.readouterr().out.splitlines()
+    assert said[0].startswith("ball: 1 world, 26 particles, 1 frame of 10 substeps in ")
+    assert said[1] == "wrote a [bold] one/table.npz"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--vary", "balloon.mas=1:2"], "--vary balloon.mas: balloon.0.mas: unknown field; did you mean mass?\n"),
+        (["--vary", "balloon.mass=1,-1"], f"--vary balloon.mass: balloon.0.mass: {BELOW}\n"),
+        (["--vary", "balloon.scale=1,-1"], f"--vary balloon.scale: balloon.0.scale: {BELOW}\n"),
+        (["--vary", "water.level=0:1"], "--vary water.level: cannot differ between worlds, the scene has no water\n"),
+        (["--vary", "balloon.mass"], "--vary balloon.mass: expected PATH=LOW:HIGH with LOW below HIGH"),
+        (["--vary", "balloon.mass=-2:-1"], "--vary balloon.mass: balloon.0.mass: must be greater than 0"),
+        (["--vary", "frames=1,2"], f"--vary frames: {BETWEEN_RUNS}; what can: "),
+        (["--vary", "substeps=1:9"], f"--vary substeps: {BETWEEN_RUNS}; "),
+        (["--vary", "normals=cached,fresh"], "--vary normals=cached,fresh: expected PATH=LOW:HIGH with LOW below HIGH"),
+        (["--export", "64"], "--export 64: no world 64, the batch has worlds 0 to 63"),
+        (["--worlds", "0", "--vary", "gravity=1,2"], "--worlds 0: expected at least 1"),
+        (["--worlds", "-2", "--vary", "gravity=1:2", "--grid"], "--worlds -2: expected at least 1"),
+    ],
+)
+def test_a_mistake_gets_one_sentence_and_status_2(folder: Path, capsys, arguments, sentence):
+    assert batch(*arguments) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith(f"error: {sentence}")
+    assert len(captured.err.splitlines()) == 1
+    assert not (folder / "ball_batch").exists()

@@ -27,14 +27,11 @@ def second():
 '''
 
 
-def test_each_line_is_of_one_kind() -> None:
+def test_each_line_is_of_one_kind_in_all_folders():
     found = kinds_of(TEXT)
     assert found["lines"] == len(TEXT.splitlines()) == sum(found[kind] for kind in KINDS)
     assert [found[kind] for kind in KINDS] == [2, 5, 2, 5, 2, 6]
     assert found["functions"] == 2
-
-
-def test_all_folders_are_counted() -> None:
     found = folders()
     assert {"laws", "phases", "schedules", "adjoints"} <= found.keys()
     assert all(counts["lines"] == sum(counts[kind] for kind in KINDS) for counts in found.values())

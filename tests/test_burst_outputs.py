@@ -1,20 +1,19 @@
 """Outputs of balloons that burst: stages, pictures, tables, and the scene that shows them."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from batches import OFTEN, contents
+from batches import OFTEN, contents, stop_after
 from meshes import mesh_of, quad_sphere
-from pxr import Usd, UsdGeom, UsdValidation
-from stopped_batch import stop_after
+from motion import assert_valid
+from pxr import Usd, UsdGeom
+from render_stages import read_stage
 from test_bursting import BALL, filled, scene_of
 
 from balloon_warp import run_batch
 from balloon_warp.mesh.corners import beside_faces
 from balloon_warp.mesh.geometry import signed_volume, total_area
-from balloon_warp.outputs.render.stage_reader import RenderStage
 from balloon_warp.outputs.usd import StageWriter
 from balloon_warp.scene import Balloon, Inflation, Scene, load_scene
 from balloon_warp.simulator import Simulator
@@ -23,7 +22,7 @@ from balloon_warp.sweep.recorder import Recorder, columns_of
 
 
 @pytest.mark.full
-def test_the_stage_loses_the_faces_that_tear(tmp_path: Path, device: str):
+def test_the_stage_loses_the_faces_that_tear(tmp_path, device: str):
     """Torn faces collapse to one vertex: validators accept the stage, areas exclude them, volumes are of what holds
     gas, and pictures do not draw them."""
     scene = scene_of(quad_sphere(4, 0.1), needle_time=1e-3, tear_strength=1e6)
@@ -50,12 +49,8 @@ def test_the_stage_loses_the_faces_that_tear(tmp_path: Path, device: str):
     whole = simulator.model.shapes[0].mesh.face_vertex_indices.reshape(-1, 4)[~frame.torn[0]]
     left = mesh_of(frame.points[0].astype(np.float64), whole.tolist())
     assert frame.areas[0] == pytest.approx(total_area(left), rel=1e-5)
-    errors = UsdValidation.ValidationContext(UsdValidation.ValidationRegistry().GetOrLoadAllValidators()).Validate(
-        stage
-    )
-    assert not errors, [error.GetMessage() for error in errors]
-    drawn = RenderStage(path)
-    drawn.read_prims(0)
+    assert_valid(stage)
+    drawn = read_stage(path)
     first, last = drawn.gone(0), drawn.gone(7)
     assert first is not None
     assert last is not None
@@ -63,8 +58,7 @@ def test_the_stage_loses_the_faces_that_tear(tmp_path: Path, device: str):
     assert last.mean() == pytest.approx(gone[-1].mean())
 
 
-def test_what_a_tear_cut_off_is_not_framed(tmp_path: Path):
-    """A particle without faces flies far, and neither the extent nor the stage's camera includes it."""
+def test_what_a_tear_cut_off_is_not_framed(tmp_path):
     simulator = Simulator(scene_of(quad_sphere(4, 0.1)), "cpu")
     frame = simulator.read_frame()
     mesh, points = frame.meshes[0], frame.points[0].copy()
@@ -82,11 +76,9 @@ def test_what_a_tear_cut_off_is_not_framed(tmp_path: Path):
 
 
 def test_the_table_of_a_batch_says_which_worlds_burst(device: str):
-    times = {"balloon.material.needle_time": [1e9, 1e-3]}
     scene = scene_of(quad_sphere(3, 0.1)).model_copy(update={"frames_per_second": 1000.0})
-    simulator = Simulator(scene, device, 2, times)
-    recorder = Recorder(simulator, np.zeros(0, dtype=np.int64))
-    column = columns_of(scene).index("burst")
+    simulator = Simulator(scene, device, 2, {"balloon.material.needle_time": [1e9, 1e-3]})
+    recorder, column = Recorder(simulator, np.zeros(0, dtype=np.int64)), columns_of(scene).index("burst")
     assert recorder.read().measures[:, column].tolist() == [0.0, 0.0]
     for _ in range(3):
         simulator.step()
@@ -95,7 +87,7 @@ def test_the_table_of_a_batch_says_which_worlds_burst(device: str):
 
 
 @pytest.mark.full
-def test_a_batch_exports_worlds_that_burst(tmp_path: Path):
+def test_a_batch_exports_worlds_that_burst(tmp_path):
     """A needle in one of two worlds bursts it: that goes on, and is in stage and tables as a run alone is, without torn
     faces, and at last without volume. A resumed batch agrees."""
     balloon = scene_of(quad_sphere(4, 0.1), needle_time=1e9, tear_strength=1e5).balloon[0]
@@ -124,10 +116,7 @@ def test_a_batch_exports_worlds_that_burst(tmp_path: Path):
     assert frame.torn[0].sum() > 2
     assert table["volume"][-1, 0] > 0.0 == table["volume"][-1, 1]
     assert table["burst"][-1].tolist() == [0.0, 1.0]
-    errors = UsdValidation.ValidationContext(UsdValidation.ValidationRegistry().GetOrLoadAllValidators()).Validate(
-        stage
-    )
-    assert not errors, [error.GetMessage() for error in errors]
+    assert_valid(stage)
     again = {"export": [0, 1], "device": "cpu", "checkpoint_seconds": OFTEN}
     with pytest.raises(RuntimeError):
         run_batch(scene, tmp_path / "stopped", 2, vary, on_frame=stop_after(4), **again)

@@ -54,7 +54,7 @@ def ball(center: np.ndarray = CENTER, cells: int = 12) -> Balloon:
     return Balloon(mesh=quad_sphere(cells, RADIUS), position=tuple(center), inflation=STILL)
 
 
-def test_a_sphere_is_as_far_as_the_formula_says(device: str) -> None:
+def test_a_sphere_is_as_far_as_the_formula_says(device: str):
     of = scene(sphere=[Sphere(position=tuple(CENTER), radius=RADIUS)])
     camera = Simulator(of, device).observations.camera(EYE, (0.0, 0.0, 0.0), *SIZE, ANGLE)
     assert camera.depth.shape == (1, SIZE[1], SIZE[0])
@@ -63,7 +63,7 @@ def test_a_sphere_is_as_far_as_the_formula_says(device: str) -> None:
     np.testing.assert_allclose(camera.depth.numpy()[0], told, rtol=1e-5)
 
 
-def test_a_balloon_is_as_far_as_its_sphere_and_has_no_gap(device: str) -> None:
+def test_a_balloon_is_as_far_as_its_sphere_and_has_no_gap(device: str):
     """Depth of a balloon is that of its sphere up to a chord's sagitta over the cosine of the viewing angle."""
     camera = Simulator(scene(balloon=[ball()]), device).observations.camera(EYE, (0.0, 0.0, 0.0), *SIZE, ANGLE)
     found, told = camera.depth.numpy()[0], depths_of_sphere()
@@ -78,7 +78,7 @@ def test_a_balloon_is_as_far_as_its_sphere_and_has_no_gap(device: str) -> None:
     assert (off <= 1.5 * sag / facing[seen]).all()
 
 
-def test_each_world_is_seen_as_it_is_alone(device: str) -> None:
+def test_each_world_is_seen_as_it_is_alone(device: str):
     vary = {"balloon.0.position.0": np.array([0.0, 0.4, -0.5])}
     eyes = np.array([EYE, (0.0, 1.0, 4.0), (-1.0, 0.0, 6.0)])
     of = scene(balloon=[ball()], sphere=[Sphere(position=(0.9, 0.0, 1.0), radius=0.3)], ground=Ground(height=-1.0))
@@ -91,15 +91,20 @@ def test_each_world_is_seen_as_it_is_alone(device: str) -> None:
     assert (together.depth.numpy()[0] != together.depth.numpy()[1]).mean() > 0.2
 
 
-def test_the_ground_is_where_it_is() -> None:
+def test_a_capsule_a_plane_and_the_ground_are_where_they_are():
+    """A capsule seen along its axis is a ball at its near end; a plane is the ground."""
     toward = rays()
     with np.errstate(divide="ignore"):
         told = np.where(toward[..., 1] < 0.0, -2.0 / toward[..., 1], np.inf)
     np.testing.assert_allclose(depths(scene(ground=Ground(height=-2.0)))[0], told, rtol=1e-5)
+    lying = scene(obstacle=[Obstacle(radius=RADIUS, length=1.0, rotation=(90.0, 0.0, 0.0), position=(0.3, -0.1, 0.0))])
+    np.testing.assert_allclose(depths(lying)[0], depths_of_sphere(), rtol=2e-5)
+    plane = scene(obstacle=[Obstacle(shape="plane", position=(0.0, -2.0, 0.0))])
+    np.testing.assert_allclose(depths(plane), depths(scene(ground=Ground(height=-2.0))), rtol=1e-5)
 
 
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
-def test_a_camera_may_look_straight_down(up_axis: str) -> None:
+def test_a_camera_may_look_straight_down(up_axis: str):
     eye = (0.0, 3.0, 0.0) if up_axis == "Y" else (0.0, 0.0, 3.0)
     camera = camera_in(scene(up_axis=up_axis, ground=Ground(height=-1.0)), eye)
     np.testing.assert_allclose(camera.depth.numpy(), 4.0, rtol=1e-5)
@@ -109,8 +114,7 @@ def test_a_camera_may_look_straight_down(up_axis: str) -> None:
 TURNED = {"position": tuple(CENTER), "rotation": (20.0, 30.0, 10.0)}
 
 
-def test_a_box_is_seen_as_a_mesh_a_body_and_a_balloon_of_that_shape_are() -> None:
-    """The depth of a box is that of the same shape as a mesh obstacle, a resting body, and a balloon."""
+def test_a_box_is_seen_as_a_mesh_a_body_and_a_balloon_of_that_shape_are():
     mesh = replace(cube(), points=cube().points - 0.5)
     size = np.ptp(mesh.points, axis=0)
     told = depths(scene(obstacle=[Obstacle(size=tuple(size), **TURNED)]))
@@ -125,15 +129,7 @@ def test_a_box_is_seen_as_a_mesh_a_body_and_a_balloon_of_that_shape_are() -> Non
         np.testing.assert_allclose(depths(other), told, rtol=2e-5)
 
 
-def test_a_capsule_and_a_plane_are_where_they_are() -> None:
-    """A capsule seen along its axis is a ball at its near end; a plane is the ground."""
-    lying = scene(obstacle=[Obstacle(radius=RADIUS, length=1.0, rotation=(90.0, 0.0, 0.0), position=(0.3, -0.1, 0.0))])
-    np.testing.assert_allclose(depths(lying)[0], depths_of_sphere(), rtol=2e-5)
-    plane = scene(obstacle=[Obstacle(shape="plane", position=(0.0, -2.0, 0.0))])
-    np.testing.assert_allclose(depths(plane), depths(scene(ground=Ground(height=-2.0))), rtol=1e-5)
-
-
-def test_from_inside_a_balloon_its_inside_is_all_around() -> None:
+def test_from_inside_a_balloon_its_inside_is_all_around():
     center = np.zeros(3)
     found = depths(scene(balloon=[ball(center)]), (0.0, 0.1, 0.0), (1.0, 0.2, 0.3))
     assert np.isfinite(found).all()
@@ -141,8 +137,7 @@ def test_from_inside_a_balloon_its_inside_is_all_around() -> None:
     assert found.max() < RADIUS + 0.1
 
 
-def test_frames_refresh_what_is_seen_and_cameras_move(device: str) -> None:
-    """A camera is updated within the recorded frame, and agrees with a new one; a keyframed obstacle, too."""
+def test_frames_refresh_what_is_seen_and_cameras_move(device: str):
     moving = Obstacle(size=(0.5, 0.5, 0.5), position=(0.0, -1.4, 0.0), motion=[(0.0, (0, 0, 0)), (0.1, (0.5, 0, 0))])
     flying = ball().model_copy(update={"velocity": (0.0, 3.0, 0.0)})
     simulator = Simulator(scene(balloon=[flying], obstacle=[moving]), device, 2)
@@ -159,7 +154,7 @@ def test_frames_refresh_what_is_seen_and_cameras_move(device: str) -> None:
     assert (camera.depth.numpy()[0] != camera.depth.numpy()[1]).any()
 
 
-def test_colors_are_those_of_things() -> None:
+def test_colors_are_those_of_things():
     red, blue = ball(), ball(CENTER + [0.0, 0.0, -3.0], 4)
     of = scene(
         balloon=[red.model_copy(update={"color": (0.7, 0.0, 0.0)}), blue.model_copy(update={"color": (0.0, 0.0, 0.7)})],
@@ -182,7 +177,7 @@ def test_colors_are_those_of_things() -> None:
     assert np.ptp(lit) > 20, "light comes from somewhere"
 
 
-def test_holes_are_seen_through() -> None:
+def test_holes_are_seen_through():
     torn = Balloon(mesh=quad_sphere(4, RADIUS), inflation=Inflation(pressure=1.0), material=Material(preset="latex"))
     bursting = torn.model_copy(update={"material": Material(preset="latex", strength=1e9)})
     simulator = Simulator(scene(balloon=[bursting]), "cpu")
@@ -212,13 +207,13 @@ MISTAKES: dict[str, tuple[dict[str, Any], str]] = {
 
 
 @pytest.mark.parametrize("case", MISTAKES)
-def test_a_camera_that_cannot_be_is_refused(case: str) -> None:
+def test_a_camera_that_cannot_be_is_refused(case: str):
     given, sentence = MISTAKES[case]
     with pytest.raises(InputError, match=sentence):
         Simulator(scene(), "cpu", 2).observations.camera(**{"eye": EYE, "target": (0.0, 0.0, 0.0)} | given)
 
 
-def test_a_world_that_blew_up_is_seen_without_its_balloon() -> None:
+def test_a_world_that_blew_up_is_seen_without_its_balloon():
     simulator = Simulator(scene(balloon=[ball()]), "cpu", 2)
     points = simulator.state.points.numpy()
     points[1] = np.nan

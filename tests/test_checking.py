@@ -75,18 +75,18 @@ class Stage:
 
 
 @pytest.fixture
-def stage(tmp_path: Path) -> Stage:
+def stage(tmp_path) -> Stage:
     return Stage(tmp_path / "stage.usda")
 
 
-def test_what_is_apart_passes(stage: Stage) -> None:
+def test_what_is_apart_passes(stage: Stage):
     stage.balloon("one", BALL, (0, 0, 0)).balloon("two", BALL, (1.01, 0, 0)).sphere(0.1, (0, 0.61, 0)).ground(-0.5)
     report = check_stage(stage.save())
     assert report.passed
     assert (report.frames, len(report.things)) == (FRAMES, 4)
 
 
-def test_balloons_that_cross_are_found_at_their_frame(stage: Stage) -> None:
+def test_balloons_that_cross_are_found_at_their_frame(stage: Stage):
     stage.balloon("one", BALL, (0, 0, 0)).balloon("two", BALL, (1.01, 0, 0), (0.97, 0, 0), (1.01, 0, 0))
     (crossing,) = check_stage(stage.save()).crossings
     assert (crossing.frame, crossing.first, crossing.second) == (1, "balloon one", "balloon two")
@@ -94,7 +94,7 @@ def test_balloons_that_cross_are_found_at_their_frame(stage: Stage) -> None:
     np.testing.assert_allclose(crossing.place, (0.485, 0.0, 0.0), atol=0.13)
 
 
-def test_parts_of_a_balloon_that_cross_are_found(stage: Stage) -> None:
+def test_parts_of_a_balloon_that_cross_are_found(stage: Stage):
     double = BALL + BALL.copy().apply_translation((0.9, 0, 0))
     stage.balloon("ball", double, (0, 0, 0))
     crossings = check_stage(stage.save()).crossings
@@ -104,8 +104,7 @@ def test_parts_of_a_balloon_that_cross_are_found(stage: Stage) -> None:
 
 
 @pytest.mark.parametrize("cells", [1, 40], ids=["coarse", "fine"])
-def test_a_sheet_is_as_deep_on_any_mesh(stage: Stage, cells: int) -> None:
-    """A sheet on edge, its top 0.1 m in a ball, is found at that depth on any mesh."""
+def test_a_sheet_is_as_deep_on_any_mesh(stage: Stage, cells: int):
     z, y = np.meshgrid(np.linspace(-1, 1, cells + 1), np.linspace(-2, -0.4, cells + 1))
     number = np.arange((cells + 1) ** 2).reshape(cells + 1, -1)
     corners = [number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]]
@@ -121,8 +120,7 @@ def test_a_sheet_is_as_deep_on_any_mesh(stage: Stage, cells: int) -> None:
 
 
 @pytest.mark.parametrize(("deep", "found"), [(0.15 * EDGE, True), (0.02 * EDGE, False)])
-def test_a_needle_in_a_face_is_found_beyond_the_thickness(stage: Stage, deep: float, found: bool) -> None:
-    """A sphere far smaller than a face is found in it."""
+def test_a_needle_in_a_face_is_found_beyond_the_thickness(stage: Stage, deep: float, found: bool):
     middle = BALL.triangles_center[0]
     outward = BALL.face_normals[0]
     radius = 0.2 * EDGE
@@ -133,7 +131,7 @@ def test_a_needle_in_a_face_is_found_beyond_the_thickness(stage: Stage, deep: fl
         assert crossing.depth == pytest.approx(deep, rel=1e-3)
 
 
-def test_a_rod_is_found_between_particles(stage: Stage) -> None:
+def test_a_rod_is_found_between_particles(stage: Stage):
     middle, outward = BALL.triangles_center[0], BALL.face_normals[0]
     stage.balloon("ball", BALL, (0, 0, 0)).capsule(0.02, 0.001, middle + 0.002 * outward)
     crossing = check_stage(stage.save()).crossings[0]
@@ -141,14 +139,14 @@ def test_a_rod_is_found_between_particles(stage: Stage) -> None:
     assert crossing.depth == pytest.approx(0.02, abs=0.003)
 
 
-def test_what_is_swallowed_is_found(stage: Stage) -> None:
+def test_what_is_swallowed_is_found(stage: Stage):
     """A ball in the middle of a box is found, though no surfaces cross."""
     stage.obstacle("box", trimesh.creation.box((3.0, 3.0, 3.0)))
     stage.balloon("ball", BALL, (0, 0, 0))
     assert check_stage(stage.save()).crossings[0].depth == pytest.approx(1.5 - 0.5 / np.sqrt(3.0), abs=0.05)
 
 
-def test_a_room_swallows_nothing(stage: Stage) -> None:
+def test_a_room_swallows_nothing(stage: Stage):
     room = trimesh.creation.box((3.0, 3.0, 3.0))
     room.invert()
     stage.obstacle("room", room)
@@ -156,7 +154,7 @@ def test_a_room_swallows_nothing(stage: Stage) -> None:
     assert check_stage(stage.save()).passed
 
 
-def test_the_ground_is_as_deep_as_it_is(stage: Stage) -> None:
+def test_the_ground_is_as_deep_as_it_is(stage: Stage):
     stage.balloon("ball", BALL, (0, 0, 0)).ground(-0.4)
     crossing = check_stage(stage.save()).crossings[0]
     assert crossing.second == "the ground"
@@ -164,8 +162,7 @@ def test_the_ground_is_as_deep_as_it_is(stage: Stage) -> None:
 
 
 @pytest.mark.full
-def test_a_run_passes_or_does_not(tmp_path: Path) -> None:
-    """Two balls that fly at each other pass with contact and fail without."""
+def test_a_run_passes_or_does_not(tmp_path):
     ball = {"mesh": str(_ball(tmp_path)), "mass": 0.05}
     balls = [
         {**ball, "name": name, "position": [x, 0, 0], "velocity": [speed, 0, 0]}
@@ -192,13 +189,13 @@ def _ball(folder: Path) -> Path:
         ({"within": -1.0}, "expected at least 0 m"),
     ],
 )
-def test_bad_input_gets_a_sentence(stage: Stage, given: dict[str, Any], said: str) -> None:
+def test_bad_input_gets_a_sentence(stage: Stage, given: dict[str, Any], said: str):
     stage.balloon("ball", BALL, (0, 0, 0))
     with pytest.raises(InputError, match=said.replace("(", r"\(").replace(")", r"\)")):
         check_stage(stage.save(), **given)
 
 
-def test_an_empty_stage_gets_a_sentence(stage: Stage) -> None:
+def test_an_empty_stage_gets_a_sentence(stage: Stage):
     with pytest.raises(InputError, match="has nothing to check"):
         check_stage(stage.save())
     with pytest.raises(InputError, match="no such file"):
@@ -206,7 +203,7 @@ def test_an_empty_stage_gets_a_sentence(stage: Stage) -> None:
 
 
 @pytest.mark.full
-def test_the_command_says_where_and_ends_with_one(stage: Stage) -> None:
+def test_the_command_says_where_and_ends_with_one(stage: Stage):
     stage.balloon("one", BALL, (0, 0, 0)).balloon("two", BALL, (0.9, 0, 0))
     path = stage.save()
     words = [sys.executable, "-m", "balloon_warp", "check", str(path), "--device", "cpu"]

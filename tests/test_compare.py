@@ -1,19 +1,19 @@
 """Comparison of a scene's runs side by side."""
 
 import csv
+import itertools
 import re
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from commands import status_of
 from meshes import open_cube, quad_sphere
 from PIL import Image
 
 from balloon_warp import BlowUpError, InputError, Scene, Simulator
-from balloon_warp.cli import main
 from balloon_warp.cli.compare import figure_console, print_comparison
 from balloon_warp.comparison.choices import parse_choices
 from balloon_warp.comparison.compare import Comparison, compare
@@ -29,9 +29,7 @@ BALL = Scene(
     gravity=0.0,
     frames=6,
     picture_frame=4,
-    balloon=[
-        Balloon(mesh=quad_sphere(3), color=(0.0, 1.0, 0.0), damping=1.0, inflation=Inflation(k_normal=0.2)),
-    ],
+    balloon=[Balloon(mesh=quad_sphere(3), color=(0.0, 1.0, 0.0), damping=1.0, inflation=Inflation(k_normal=0.2))],
 )
 K_NORMAL = "balloon.inflation.k_normal"
 
@@ -70,7 +68,7 @@ def test_choices_without_path_or_value_are_refused(text: str):
         parse_choices(text)
 
 
-def test_every_value_meets_every_other_and_the_last_path_makes_the_columns(tmp_path: Path):
+def test_every_value_meets_every_other_and_the_last_path_makes_the_columns(tmp_path):
     result = compared(tmp_path, {"frames_per_second": [60, 120], K_NORMAL: [0.0, 1.0, 2.0]})
     assert [tuple(run.values.values()) for run in result.runs] == [(f, k) for f in (60, 120) for k in (0.0, 1.0, 2.0)]
     assert {run.outcome for run in result.runs} == {"done"}
@@ -81,7 +79,7 @@ def test_every_value_meets_every_other_and_the_last_path_makes_the_columns(tmp_p
     assert others[0] < others[1] < others[2]
 
 
-def test_the_figures_are_those_of_the_frame_that_is_shown(tmp_path: Path):
+def test_the_figures_are_those_of_the_frame_that_is_shown(tmp_path):
     result = compared(tmp_path, {K_NORMAL: [0.5]})
     simulator = Simulator(override_scene(BALL, [(K_NORMAL, 0.5)]), "cpu")
     *_, last = (frame for frame in simulator.run() if frame.number <= 4)
@@ -91,14 +89,13 @@ def test_the_figures_are_those_of_the_frame_that_is_shown(tmp_path: Path):
     # float32 sums of 54 faces
     np.testing.assert_allclose(figures["volume"], signed_volume(shape), rtol=1e-5)
     np.testing.assert_allclose(figures["area"], total_area(shape), rtol=1e-5)
-    np.testing.assert_allclose(
-        figures["roundness"], 36 * np.pi * signed_volume(shape) ** 2 / total_area(shape) ** 3, rtol=5e-5
-    )
+    roundness = 36 * np.pi * signed_volume(shape) ** 2 / total_area(shape) ** 3
+    np.testing.assert_allclose(figures["roundness"], roundness, rtol=5e-5)
     assert compared(tmp_path, {K_NORMAL: [0.5]}, frame=6).runs[0].figures["volume"] > figures["volume"]
 
 
 @pytest.mark.full
-def test_only_one_closed_balloon_is_round(tmp_path: Path):
+def test_only_one_closed_balloon_is_round(tmp_path):
     """Roundness is reported for a single closed balloon only: summed volumes and areas have no shape."""
     alone = compared(tmp_path, {K_NORMAL: [0.0]}).runs[0].figures
     assert 0.5 < alone["roundness"] < 1.0
@@ -110,14 +107,14 @@ def test_only_one_closed_balloon_is_round(tmp_path: Path):
         assert "roundness" not in run.figures
 
 
-def test_each_of_several_frames_is_shown_and_one_past_the_end_is_refused(tmp_path: Path):
+def test_each_of_several_frames_is_shown_and_one_past_the_end_is_refused(tmp_path):
     result = compared(tmp_path, {"picture_frame": [2, 5, 7]})
     assert [run.figures.get("frame") for run in result.runs] == [2, 5, None]
     assert result.runs[2].sentence == "frame: 7 is not in the scene; expected 0 to 6"
 
 
 @pytest.mark.full
-def test_refused_and_exploded_runs_stand_beside_the_others(tmp_path: Path):
+def test_refused_and_exploded_runs_stand_beside_the_others(tmp_path):
     result = compared(tmp_path, {K_NORMAL: [0.1, 9e11, "much"]}, table=tmp_path / "out.csv")
     assert [run.outcome for run in result.runs] == ["done", "blew up", "refused"]
     rows = list(csv.DictReader((tmp_path / "out.csv").open(encoding="utf-8")))
@@ -144,31 +141,25 @@ def test_refused_and_exploded_runs_stand_beside_the_others(tmp_path: Path):
         ({K_NORMAL: [1]}, {"table": "out.txt"}, InputError, "cannot write .txt; expected .csv"),
     ],
 )
-def test_where_no_run_is_good_nothing_is_written(
-    tmp_path: Path, vary: dict, options: dict, error: type[Exception], sentence: str
-):
+def test_where_no_run_is_good_nothing_is_written(tmp_path, vary, options, error, sentence):
     with pytest.raises(error, match=sentence):
         compared(tmp_path, vary, **options)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_single_path_with_many_values_fills_even_rows(tmp_path: Path):
+def test_a_single_path_with_many_values_fills_even_rows(tmp_path):
     compared(tmp_path, {K_NORMAL: [0.0, 0.1, 0.2, 0.3, 0.4, 0.5]}, frame=0)
     width, height = Image.open(tmp_path / "out.png").size
     assert 3 * SIZE[0] < width < 4 * SIZE[0]
     assert 2 * SIZE[1] < height < 4 * SIZE[1]
 
 
-def test_long_labels_are_broken_and_stay_over_their_tile():
+def test_long_labels_are_broken_and_a_wide_table_is_not_cut_off(capsys):
     black = np.zeros((64, 96, 3), dtype=np.uint8)
     short = compose_sheet([Tile(["a"], black, "")], 1, SIZE)
     sheet = compose_sheet([Tile(["word " * 12], black, ""), Tile([], black, "")], 2, SIZE)
     assert len(sheet) > len(short) + 24  # two lines more at least
     assert (sheet[: len(sheet) - len(short), -SIZE[0] :] == 255).all()  # nothing over the other tile
-
-
-def test_a_table_of_many_figures_is_not_cut_off(capsys: pytest.CaptureFixture[str]):
-    """A wide table is not truncated in a narrow terminal: its header is one line, and every name is whole."""
     figures = {f"sphere_{number}_height": 0.5 for number in range(8)} | {"particles": 8, "substeps": 4}
     values = [{"picture_frame": number, "balloon.inflation.k_normal.1.1": 7} for number in (1, 2)]
     runs = [Run(own, "done", "", {"frame": own["picture_frame"], **figures}) for own in values]
@@ -184,25 +175,19 @@ def test_a_table_of_many_figures_is_not_cut_off(capsys: pytest.CaptureFixture[st
     assert [row.split() for row in rows] == [[number, "7", number, *["0.5"] * 8] for number in "12"]
 
 
-def test_the_command_prints_a_table_and_says_what_it_wrote(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_the_command_prints_a_table_and_says_what_it_wrote(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     write_obj(tmp_path / "ball.obj", quad_sphere(2))
     write_obj(tmp_path / "other.obj", quad_sphere(6))  # which takes other substeps
     words = "compare ball.obj --set frames=2 --device cpu --table t.csv --vary balloon.mesh=ball.obj,other.obj"
-    monkeypatch.setattr(sys, "argv", ["balloon-warp", *words.split(), "--vary", "normals=cached,fresh,stale"])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert not ended.value.code
+    assert status_of(*words.split(), "--vary", "normals=cached,fresh,stale") == 0
     captured = capsys.readouterr()
     assert [line.split(": ")[0] for line in captured.err.splitlines()] == [f"ball, run {n} of 6" for n in (1, 2, 4, 5)]
     lines = captured.out.splitlines()
     assert lines[0] == "frame 2"
     assert lines[1].split()[:3] == ["mesh", "normals", "volume"]
-    assert [line.split()[:2] for line in lines[2:8]] == [
-        [mesh, normals] for mesh in ("ball.obj", "other.obj") for normals in ("cached", "fresh", "stale")
-    ]
+    pairs = itertools.product(("ball.obj", "other.obj"), ("cached", "fresh", "stale"))
+    assert [line.split()[:2] for line in lines[2:8]] == list(map(list, pairs))
     assert lines[8].startswith("refused: balloon.mesh = ball.obj, normals = stale: normals: must be 'cached' or")
     assert lines[-2:] == ["wrote ball_compare.png", "wrote t.csv"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["ball.obj", "ball_compare.png", "other.obj", "t.csv"]

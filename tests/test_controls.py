@@ -1,4 +1,4 @@
-"""Controls: values written on the device, which the next frame uses."""
+"""Controls: values written on the device, which the next frame uses, and that are saved."""
 
 from dataclasses import replace
 
@@ -7,7 +7,8 @@ import pytest
 import warp as wp
 from meshes import quad_sphere
 
-from balloon_warp import InputError, Simulator
+from balloon_warp import BlowUpError, InputError, Simulator
+from balloon_warp.foil.make import foil_mesh
 from balloon_warp.model.acting import acting_laws
 from balloon_warp.scene import Balloon, Change, Ground, Inflation, Obstacle, Scene, Sphere, String
 
@@ -66,8 +67,7 @@ def values_of(frame: int, world_count: int) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.full
-def test_a_control_is_what_set_sets_bit_for_bit(schedule: str) -> None:
-    """A control is bit-identical to `set`, for laws that did not act until then, too."""
+def test_a_control_is_what_set_sets_bit_for_bit(schedule: str):
     controlled, told = opened(3, schedule=schedule), Simulator(SCENE, "cpu", 3, schedule=schedule)
     for frame in range(3):
         for path, values in values_of(frame, 3).items():
@@ -79,8 +79,7 @@ def test_a_control_is_what_set_sets_bit_for_bit(schedule: str) -> None:
     assert np.ptp(points(controlled), axis=0).max() > 1e-4
 
 
-def test_an_obstacle_that_is_steered_goes_as_one_that_moves_by_keyframes(schedule: str, device: str) -> None:
-    """A steered obstacle agrees with one moved by keyframes, askew and up into a ball that it drags by friction."""
+def test_an_obstacle_that_is_steered_goes_as_one_that_moves_by_keyframes(schedule: str, device: str):
     ball = BALL.model_copy(update={"position": (0.0, 0.52, 0.0), "velocity": (0.0, -0.5, 0.0)})
     plate = Obstacle(
         shape="box", size=(3.0, 0.2, 3.0), position=(0.0, -0.1, 0.0), rotation=(0.0, 0.0, 5.0), friction=0.6
@@ -102,7 +101,7 @@ def test_an_obstacle_that_is_steered_goes_as_one_that_moves_by_keyframes(schedul
     assert np.abs(points(alone) - points(told))[..., 0].max() > 0.01, "it is taken along"
 
 
-def test_a_control_is_what_the_scene_plans_bit_for_bit(device: str) -> None:
+def test_a_control_is_what_the_scene_plans_bit_for_bit(device: str):
     change = Change(time=2 / 60, set={"balloon.inflation.pressure": 9.0, "gravity": 3.0})
     planned = Simulator(SCENE.model_copy(update={"change": [change]}), device)
     controlled = Simulator(SCENE, device)
@@ -116,7 +115,7 @@ def test_a_control_is_what_the_scene_plans_bit_for_bit(device: str) -> None:
     np.testing.assert_array_equal(points(controlled), points(planned))
 
 
-def test_a_batch_is_what_each_world_is_alone() -> None:
+def test_a_batch_is_what_each_world_is_alone():
     batch, alone = opened(3), opened(1)
     for frame in range(2):
         for path, values in values_of(frame, 3).items():
@@ -127,7 +126,7 @@ def test_a_batch_is_what_each_world_is_alone() -> None:
     np.testing.assert_array_equal(points(batch)[2:], points(alone))
 
 
-def test_an_array_begins_with_what_the_scene_has_and_stays(device: str) -> None:
+def test_an_array_begins_with_what_the_scene_has_and_stays(device: str):
     simulator = Simulator(SCENE, device, 2, {PRESSURE: [1.0, 2.0]})
     pressure = simulator.controls[PRESSURE]
     assert pressure.numpy().tolist() == [1.0, 2.0]
@@ -142,7 +141,7 @@ def test_an_array_begins_with_what_the_scene_has_and_stays(device: str) -> None:
     np.testing.assert_array_equal(simulator.step().points[0], again.step().points[0])
 
 
-def test_what_is_beyond_the_bounds_is_clipped(device: str) -> None:
+def test_what_is_beyond_the_bounds_is_clipped(device: str):
     clipped, within = (Simulator(SCENE, device) for _ in range(2))
     clipped.controls.open("gravity", 0.0, 5.0).fill_(1e9)
     within.controls.open("gravity", 0.0, 5.0).fill_(5.0)
@@ -150,7 +149,7 @@ def test_what_is_beyond_the_bounds_is_clipped(device: str) -> None:
 
 
 @pytest.mark.parametrize(("value", "beyond"), [(np.nan, "clip"), (np.inf, "clip"), (9.0, "end")])
-def test_a_world_ends_and_the_others_go_on(value: float, beyond: str) -> None:
+def test_a_world_ends_and_the_others_go_on(value: float, beyond: str):
     simulator, sound = (Simulator(SCENE, "cpu", 3) for _ in range(2))
     simulator.controls.open("gravity", 0.0, 5.0, beyond).assign([1.0, value, 2.0])
     sound.controls.open("gravity", 0.0, 5.0).assign([1.0, 9.8, 2.0])
@@ -164,7 +163,7 @@ def test_a_world_ends_and_the_others_go_on(value: float, beyond: str) -> None:
 
 
 @pytest.mark.parametrize("case", MISTAKES)
-def test_what_cannot_be_a_control_is_refused(case: str) -> None:
+def test_what_cannot_be_a_control_is_refused(case: str):
     path, bounds, sentence = MISTAKES[case]
     simulator = Simulator(SCENE.model_copy(update={"ground": Ground()}), "cpu", 2)
     with pytest.raises(InputError, match=sentence):
@@ -173,32 +172,37 @@ def test_what_cannot_be_a_control_is_refused(case: str) -> None:
 
 
 @pytest.mark.parametrize("values", [[1.0], [[1.0, 2.0]], "much", [1.0, "b"]])
-def test_values_of_another_shape_are_refused(values: object) -> None:
+def test_values_of_another_shape_are_refused(values: object):
     simulator = Simulator(SCENE, "cpu", 2)
     with pytest.raises(InputError, match=r"inflation\.pressure: expected a (value|number) for each world"):
         simulator.controls[PRESSURE] = values
 
 
-def test_a_number_has_one_control() -> None:
+def test_a_number_has_one_control():
     simulator = Simulator(SCENE, "cpu", 2)
     simulator.controls.open("balloon.damping", 0.0, 1.0)
     with pytest.raises(InputError, match=r"balloon\.0\.damping: is already written by the control balloon\.damping"):
         simulator.controls.open("balloon.0.damping", 0.0, 1.0)
 
 
-def test_the_step_allows_for_the_stiffest_values_within_the_bounds() -> None:
+def test_the_step_and_the_laws_are_those_of_the_bounds():
     scene = SCENE.model_copy(update={"substeps": "auto"})
     stiff = Simulator(scene.model_copy(update={"balloon": [replace_mass(0.01)]}), "cpu")
     controlled = Simulator(scene, "cpu")
     controlled.controls.open("balloon.mass", 0.01, 1.0)
     assert controlled.model.substeps == stiff.model.substeps
+    simulator = Simulator(SCENE, "cpu")
+    before = acting_laws(simulator.model)
+    simulator.controls.open("balloon.drag_coefficient", 0.0, 1.0)
+    assert len(acting_laws(simulator.model)) == len(before) + 1
+    assert acting_laws(replace(simulator.model, reach={})) == before
 
 
 def replace_mass(mass: float) -> Balloon:
     return BALL.model_copy(update={"mass": mass})
 
 
-def test_arrays_of_others_are_taken() -> None:
+def test_arrays_of_others_are_taken():
     simulator = Simulator(SCENE, "cpu", 2)
     pressure = simulator.controls[PRESSURE]
     for given in (wp.array([1.0, 2.0], dtype=float, device="cpu"), np.array([1, 2]), [1.0, 2.0]):
@@ -209,22 +213,77 @@ def test_arrays_of_others_are_taken() -> None:
     assert pressure.numpy().tolist() == [4.0, 4.0]
 
 
-def test_laws_act_only_where_bounds_let_them() -> None:
-    simulator = Simulator(SCENE, "cpu")
-    before = acting_laws(simulator.model)
-    simulator.controls.open("balloon.drag_coefficient", 0.0, 1.0)
-    assert len(acting_laws(simulator.model)) == len(before) + 1
-    assert acting_laws(replace(simulator.model, reach={})) == before
-
-
 @pytest.mark.full
-def test_a_blow_up_is_explained_by_the_frame_that_it_came_in() -> None:
-    """The report of a blow-up names the values of its own frame, none written before."""
-    from balloon_warp import BlowUpError
-
+def test_a_blow_up_is_explained_by_the_frame_that_it_came_in():
     simulator = Simulator(SCENE, "cpu", 2)
     pressure = simulator.controls["balloon.inflation.pressure"]
     simulator.step()
     pressure.assign([5.0, 1e9])
     with pytest.raises(BlowUpError, match=r"in frame 2, world 1.* inflation pushed it"):
         simulator.step()
+
+
+SAVED_BALL = Balloon(mesh=quad_sphere(3, 0.5), position=(0.0, 2.0, 0.0), inflation=Inflation(pressure=5.0))
+PLATE = Obstacle(shape="box", size=(1.0, 0.1, 1.0), position=(0.0, 1.0, 0.0))
+SAVED_SCENE = Scene(balloon=[SAVED_BALL], obstacle=[PLATE], substeps=24)
+
+
+def controlled() -> Simulator:
+    """Return three worlds, of which one was ended by its control."""
+    simulator = Simulator(SAVED_SCENE, "cpu", 3)
+    simulator.controls["balloon.inflation.pressure"] = [1.0, 2.0, 3.0]
+    simulator.controls.open("obstacle.0.velocity", -2.0, 2.0)
+    simulator.controls["obstacle.0.velocity"] = np.array([[0, 1, 0], [0, 2, 0], [0, np.nan, 0]], dtype=np.float32)
+    for _ in range(3):
+        simulator.advance()
+    return simulator
+
+
+def followed(simulator: Simulator) -> list[np.ndarray]:
+    """Return the state three frames later, with other values meanwhile."""
+    simulator.advance()
+    simulator.controls["balloon.inflation.pressure"] = [4.0, 5.0, 6.0]
+    for _ in range(2):
+        simulator.advance()
+    places = simulator.observations["obstacle_positions"].numpy().copy()
+    return [simulator.state.points.numpy().copy(), places, simulator.controls.faults.numpy().copy()]
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("where", ["in itself", "in another", "in another with those controls", "from a file"])
+def test_a_saved_simulator_goes_on_with_its_controls(where: str, tmp_path):
+    first = controlled()
+    saved = first.save()
+    np.savez(tmp_path / "here.npz", **saved)
+    expected = followed(first)
+    other = controlled() if "those" in where else first if "itself" in where else Simulator(SAVED_SCENE, "cpu", 3)
+    other.restore(dict(np.load(tmp_path / "here.npz")) if "file" in where else saved)
+    assert set(other.controls) == {"balloon.inflation.pressure", "obstacle.0.velocity"}
+    assert other.controls.faults.numpy().tolist() == [0, 0, 2]
+    for found, before in zip(followed(other), expected, strict=True):
+        np.testing.assert_array_equal(found, before)
+
+
+@pytest.mark.parametrize("flat", [False, True])
+def test_turns_are_those_by_which_points_were_turned(flat: bool):
+    mesh = foil_mesh("o", height=0.3) if flat else quad_sphere(4, 0.5)
+    scene = Scene(balloon=[Balloon(mesh=mesh, inflation=Inflation(pressure=5.0))])
+    simulator = Simulator(scene, "cpu", 4)
+    turns = simulator.observations["turns"]
+    np.testing.assert_allclose(turns.numpy()[:, 0], [[0, 0, 0, 1]] * 4, atol=1e-5)
+    draw = np.random.default_rng(0)
+    quaternions = draw.normal(size=(4, 4))
+    quaternions *= (np.sign(quaternions[:, 3]) / np.linalg.norm(quaternions, axis=1))[:, None]
+    start = simulator.state.points.numpy()[0].astype(np.float64)
+    turned = [rotation(quaternion) @ (1.3 * start).T for quaternion in quaternions]
+    ways = draw.normal(size=(4, 1, 3))
+    simulator.state.points.assign(wp.array(np.swapaxes(turned, 1, 2) + ways, dtype=wp.vec3, device="cpu"))
+    simulator.observations.refresh()
+    np.testing.assert_allclose(turns.numpy()[:, 0], quaternions, atol=2e-4)  # float32, of sums over all particles
+
+
+def rotation(quaternion: np.ndarray) -> np.ndarray:
+    """Return the rotation matrix of a quaternion x, y, z, w."""
+    x, y, z, w = quaternion
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + 2 * w * cross + 2 * cross @ cross

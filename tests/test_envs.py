@@ -1,5 +1,9 @@
-"""Environments of Gymnasium, and the tasks that come with them."""
+"""Environments of Gymnasium, the tasks that come with them, and libraries that learn."""
 
+import importlib
+import importlib.util
+import sys
+from collections.abc import Callable
 from typing import Any
 
 import gymnasium
@@ -44,17 +48,13 @@ def steps(env: BalloonVectorEnv, count: int, seed: int = 0) -> list[Any]:
 
 
 @pytest.mark.full
-def test_gymnasium_finds_nothing_wrong() -> None:
-    """Gymnasium's checker passes one task, whose code all share."""
+def test_gymnasium_finds_nothing_wrong():
     check_env(gymnasium.make("BalloonWarp/Target-v0", device="cpu").unwrapped, skip_render_check=True)
 
 
-def test_gymnasium_knows_all_tasks() -> None:
+def test_gymnasium_knows_all_tasks_and_makes_many_worlds_by_name():
     assert set(TASKS) == {*SHORT, "Altitude"}
     assert all(f"BalloonWarp/{name}-v0" in gymnasium.registry for name in TASKS)
-
-
-def test_many_worlds_are_made_by_name() -> None:
     env = gymnasium.make_vec("BalloonWarp/Target-v0", num_envs=3, device="cpu", autoreset_mode="SameStep")
     assert isinstance(env, BalloonVectorEnv)
     assert env.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
@@ -67,8 +67,7 @@ def test_many_worlds_are_made_by_name() -> None:
     assert rewards.shape == terminated.shape == truncated.shape == info["cause"].shape == (3,)
 
 
-def test_episodes_repeat_whatever_the_number_of_worlds() -> None:
-    """Episodes follow from the seed, after other episodes, too."""
+def test_episodes_repeat_whatever_the_number_of_worlds():
     few, many = BalloonVectorEnv(Brief(), 2, device="cpu"), BalloonVectorEnv(Brief(), 9, device="cpu")
     once = steps(many, 7)
     for told, of_many in ((steps(few, 7), once), (steps(few, 7), once)):
@@ -79,7 +78,7 @@ def test_episodes_repeat_whatever_the_number_of_worlds() -> None:
     assert not np.array_equal(steps(few, 1, seed=5)[0], once[0][:2])
 
 
-def test_worlds_that_are_over_begin_anew_as_asked() -> None:
+def test_worlds_that_are_over_begin_anew_as_asked():
     modes = {mode: BalloonVectorEnv(Brief(), 3, device="cpu", autoreset_mode=mode) for mode in AutoresetMode}
     told = {mode: steps(env, 6) for mode, env in modes.items()}
     later, same, never = (told[mode] for mode in AutoresetMode)
@@ -98,7 +97,7 @@ def test_worlds_that_are_over_begin_anew_as_asked() -> None:
     assert not same[5][3].any()
 
 
-def test_a_mask_says_which_worlds_begin_anew() -> None:
+def test_a_mask_says_which_worlds_begin_anew():
     env = BalloonVectorEnv(Brief(), 3, device="cpu", autoreset_mode="Disabled")
     before = steps(env, 4)[-1][0]
     observations, _ = env.reset(options={"reset_mask": np.array([False, True, False])})
@@ -110,7 +109,7 @@ def test_a_mask_says_which_worlds_begin_anew() -> None:
         env.reset(options={"reset_mask": np.array([True, False])})
 
 
-def test_worlds_that_a_mask_leaves_out_begin_anew_in_the_next_step() -> None:
+def test_worlds_that_a_mask_leaves_out_begin_anew_in_the_next_step():
     """A mask resets one of the worlds that are over; the others are reset as they would have been without."""
     envs = [BalloonVectorEnv(Brief(), 3, device="cpu") for _ in range(2)]
     for env in envs:
@@ -123,7 +122,7 @@ def test_worlds_that_a_mask_leaves_out_begin_anew_in_the_next_step() -> None:
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_an_action_that_is_not_finite_ends_its_world(bad: float) -> None:
+def test_an_action_that_is_not_finite_ends_its_world(bad: float):
     envs = [BalloonVectorEnv(Target(), 3, device="cpu") for _ in range(2)]
     for env in envs:
         env.reset(seed=0)
@@ -155,7 +154,7 @@ class Bursting(Target):
         simulator.controls.open("balloon.inflation.pressure")
 
 
-def test_a_world_that_blows_up_ends_and_the_other_goes_on() -> None:
+def test_a_world_that_blows_up_ends_and_the_other_goes_on():
     env = BalloonVectorEnv(Bursting(), 2, device="cpu", autoreset_mode="SameStep")
     for observations, rewards, terminated, _, info in steps(env, 6)[1:]:
         assert np.isfinite(observations).all()
@@ -169,7 +168,7 @@ def test_a_world_that_blows_up_ends_and_the_other_goes_on() -> None:
 
 
 @pytest.mark.parametrize("case", MISTAKES)
-def test_actions_that_cannot_be_are_refused(case: str) -> None:
+def test_actions_that_cannot_be_are_refused(case: str):
     actions, sentence = MISTAKES[case]
     env = make_vec("Target", 3, device="cpu")
     env.reset(seed=0)
@@ -187,12 +186,12 @@ def test_actions_that_cannot_be_are_refused(case: str) -> None:
         ({"task": "Fly"}, r"Fly: no such task; known are Altitude, Inflate, Juggle, Press, Target"),
     ],
 )
-def test_what_cannot_be_made_is_refused(options: dict[str, Any], sentence: str) -> None:
+def test_what_cannot_be_made_is_refused(options: dict[str, Any], sentence: str):
     with pytest.raises(InputError, match=sentence):
         make_vec(**{"task": "Target", "device": "cpu", **options})
 
 
-def test_torch_is_asked_for_where_it_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_torch_is_asked_for_where_it_is_missing(monkeypatch):
     monkeypatch.setattr("balloon_warp.envs.arrays.find_spec", lambda name: None)
     with pytest.raises(MissingExtraError, match="needs torch: pip install torch"):
         make_vec("Target", device="cpu", output="torch")
@@ -214,14 +213,14 @@ def returns(name: str, policy: Any) -> float:
 
 @pytest.mark.full
 @pytest.mark.parametrize("name", SHORT)
-def test_a_simple_policy_earns_more_than_a_random_one(name: str) -> None:
+def test_a_simple_policy_earns_more_than_a_random_one(name: str):
     least, most = RETURNS[name]
     task, chance = task_named(name), np.random.default_rng(0)
     assert returns(name, task.policy) > least
     assert returns(name, lambda seen: chance.uniform(-1.0, 1.0, (len(seen), task.actions))) < most
 
 
-def test_the_envelope_is_that_of_the_balloon_learning_environment() -> None:
+def test_the_envelope_is_that_of_the_balloon_learning_environment():
     """The volume follows V = 1804 m^3 + 0.0199 m^3/Pa, within 3%: the film thins by 1% in area to 1,000 Pa."""
     scene = Altitude().scene()
     film = scene.balloon[0].model_copy(update={"inflation": Inflation(pressure=0.0), "damping": 1000.0})
@@ -237,7 +236,7 @@ def test_the_envelope_is_that_of_the_balloon_learning_environment() -> None:
 
 
 @pytest.mark.full
-def test_a_balloon_sinks_with_air_pumped_in_and_rises_without() -> None:
+def test_a_balloon_sinks_with_air_pumped_in_and_rises_without():
     env = make_vec("Altitude", 3, device="cpu")
     env.reset(seed=0)
     for _ in range(24):
@@ -250,9 +249,122 @@ def test_a_balloon_sinks_with_air_pumped_in_and_rises_without() -> None:
     assert abs(still) < 0.01
 
 
-def test_a_world_is_seen() -> None:
+def test_a_world_is_seen():
     env = make("Target", device="cpu", render_mode="rgb_array")
     env.reset(seed=0)
     picture = env.render()
     assert picture.shape == (180, 320, 3)
     assert np.ptp(picture) > 100
+
+
+WORLDS, STEPS = 3, 6
+CHANCE = np.random.default_rng(0)
+ACTIONS = CHANCE.uniform(-1.0, 1.0, (STEPS, WORLDS, 3)).astype(np.float32)
+
+
+def brief(mode: str, **options: Any) -> BalloonVectorEnv:
+    return BalloonVectorEnv(Brief(), WORLDS, device="cpu", autoreset_mode=AutoresetMode(mode), **options)
+
+
+@pytest.fixture(scope="module")
+def plain() -> tuple[list[Any], list[Any]]:
+    """Observations that steps begin with, and what they bring, of our own environment."""
+    env = brief("SameStep")
+    seen, told = [env.reset(seed=5)[0]], []
+    for actions in ACTIONS:
+        told.append(env.step(actions))
+        seen.append(told[-1][0])
+    assert told[3][3].all()
+    return seen, told
+
+
+def last_seen(told: Any) -> np.ndarray:
+    """Return what was seen at the end of a step, before worlds began anew."""
+    return np.where(told[4]["_final_obs"][:, None], told[4]["final_obs"], told[0])
+
+
+def test_the_mode_is_told_as_gymnasium_s_own_environments_tell_it():
+    assert make_vec("Target", device="cpu").autoreset_mode is AutoresetMode.NEXT_STEP
+
+
+@pytest.mark.parametrize("mode", ["SameStep", "Disabled"])
+@pytest.mark.parametrize("output", ["numpy", "torch"])
+def test_torchrl_s_wrapper_sees_the_same(mode: str, output: str, plain: tuple[list[Any], list[Any]]):
+    """TorchRL gives observations before and after a step; it resets all worlds once more if all are over at once."""
+    torchrl, torch = pytest.importorskip("torchrl.envs"), pytest.importorskip("torch")
+    env = torchrl.GymWrapper(brief(mode, output=output))
+    assert tuple(env.batch_size) == (WORLDS,)
+    torchrl.check_env_specs(env)
+    env = torchrl.GymWrapper(brief(mode, output=output))
+    env.rollout(1)  # it needs one to see what is told beside observations
+    now = told = env.reset(seed=5)
+    for actions, seen, expected in zip(ACTIONS[: Brief.most_steps], plain[0], plain[1], strict=False):
+        told, after = env.step_and_maybe_reset(now.set("action", torch.from_numpy(actions)))
+        np.testing.assert_array_equal(told["observation"], seen)
+        np.testing.assert_array_equal(told["next", "observation"], last_seen(expected))
+        np.testing.assert_array_equal(told["next", "reward"][:, 0], expected[1])
+        np.testing.assert_array_equal(told["next", "truncated"][:, 0], expected[3])
+        now = after
+    assert told["next", "truncated"].all()
+    assert not now["truncated"].any()
+    assert (now["observation"][:, 3:] == 0.0).all()  # at rest again
+
+
+@pytest.mark.filterwarnings("ignore:To copy construct from a tensor")
+@pytest.mark.parametrize("output", ["numpy", "torch"])
+def test_skrl_s_wrapper_sees_the_same(output: str, plain: tuple[list[Any], list[Any]]):
+    wrappers, torch = pytest.importorskip("skrl.envs.wrappers.torch"), pytest.importorskip("torch")
+    inner = brief("SameStep", output=output)
+    env = wrappers.wrap_env(inner, wrapper="gymnasium")
+    assert env.num_envs == WORLDS
+    env.reset()
+    inner.reset(seed=5)
+    for actions, expected in zip(ACTIONS, plain[1], strict=True):
+        seen, rewards, terminated, truncated, _ = env.step(torch.from_numpy(actions))
+        for found, wanted in zip((seen, rewards, terminated, truncated), expected, strict=False):
+            np.testing.assert_array_equal(found, wanted.reshape(found.shape))
+
+
+@pytest.fixture
+def stable_env() -> Callable[[str], Any]:
+    """Return an environment of Stable-Baselines3 for a mode of resets."""
+    pytest.importorskip("stable_baselines3")
+    from balloon_warp.envs.stable_baselines import StableBaselinesEnv
+
+    return lambda mode: StableBaselinesEnv(brief(mode))
+
+
+def test_stable_baselines_sees_the_same(plain: tuple[list[Any], list[Any]], stable_env):
+    env = stable_env("SameStep")
+    env.seed(5)
+    np.testing.assert_array_equal(env.reset(), plain[0][0])
+    for actions, expected in zip(ACTIONS, plain[1], strict=True):
+        seen, rewards, over, told = env.step(actions)
+        np.testing.assert_array_equal(seen, expected[0])
+        np.testing.assert_array_equal(rewards, expected[1])
+        np.testing.assert_array_equal(over, expected[2] | expected[3])
+        for world in range(WORLDS):
+            assert bool(told[world]) == over[world]
+            if over[world]:
+                np.testing.assert_array_equal(told[world]["terminal_observation"], expected[4]["final_obs"][world])
+                assert told[world]["TimeLimit.truncated"]
+    assert env.get_attr("num_envs", [0, 2]) == [WORLDS, WORLDS]
+    assert env.env_is_wrapped(object) == [False] * WORLDS
+    with pytest.raises(InputError, match=r"autoreset_mode: Stable-Baselines3 needs \"SameStep\" \(got 'NextStep'\)"):
+        stable_env("NextStep")
+
+
+def test_stable_baselines_learns_a_little(stable_env):
+    library, vectors = (pytest.importorskip(f"stable_baselines3{part}") for part in ("", ".common.vec_env"))
+    env = vectors.VecMonitor(stable_env("SameStep"))
+    learner = library.PPO("MlpPolicy", env, n_steps=6, batch_size=18, seed=0)
+    learner.learn(36)
+    assert learner.num_timesteps == 36
+    assert {episode["l"] for episode in learner.ep_info_buffer} == {4}
+
+
+def test_stable_baselines_is_asked_for_where_it_is_missing(monkeypatch):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    monkeypatch.delitem(sys.modules, "balloon_warp.envs.stable_baselines", raising=False)
+    with pytest.raises(MissingExtraError, match="needs Stable-Baselines3: pip install stable-baselines3"):
+        importlib.import_module("balloon_warp.envs.stable_baselines")

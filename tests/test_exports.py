@@ -1,24 +1,36 @@
 """Stages as files of other kinds, read back by programs that are not ours, or by their specification alone."""
 
+import itertools
+import re
 import subprocess
 import sys
+import xml.etree.ElementTree as ElementTree
+from base64 import b64decode
+from importlib import import_module
 from pathlib import Path
 
+import h5py
+import meshio
 import numpy as np
 import pytest
 import trimesh
-from exported import FRAMES, points, scene
+import xarray
+from exported import BALL, FRAMES, RATE, STRING, points, scene
 from glb_files import Glb
-from pxr import Usd, UsdGeom, UsdUtils, UsdValidation
+from motion import assert_valid
+from pxr import Usd, UsdGeom, UsdUtils
 from test_resume import FRAMES as RESUMED_FRAMES
 from test_resume import SCENE as RESUMED_SCENE
 from test_resume import press_ctrl_c, stop
 
 from balloon_warp import InputError, MissingExtraError, PolygonMesh, animate, export_stage
+from balloon_warp.mesh.corners import edges_of
 from balloon_warp.mesh.geometry import signed_volume
-from balloon_warp.outputs.exports import export, glb
+from balloon_warp.outputs import hdf5_arrays
+from balloon_warp.outputs.exports import alembic, export, glb
 from balloon_warp.outputs.knot import AROUND, PROFILE
 from balloon_warp.outputs.round_shapes import capsule_mesh, sphere_mesh, tube_points, tube_topology
+from balloon_warp.scene import Balloon
 
 READ_ALEMBIC = """
 import sys
@@ -34,14 +46,14 @@ numpy.save(sys.argv[2], [ball.matrix_world @ vertex.co for vertex in ball.data.v
 
 
 @pytest.fixture(scope="module", params=["Y", "Z"])
-def written(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def written(request, tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("exports") / "stage.usdc"
     animate(scene(up_axis=request.param), path, device="cpu")
     return path
 
 
 @pytest.mark.parametrize("suffix", [".obj", ".ply"])
-def test_a_file_for_each_frame_in_meters_with_y_up(written: Path, tmp_path: Path, suffix: str):
+def test_a_file_for_each_frame_in_meters_with_y_up(written: Path, tmp_path, suffix: str):
     export_stage(written, tmp_path / f"out.####{suffix}")
     names = sorted(path.name for path in tmp_path.iterdir())
     assert names == [f"out.{frame:04d}{suffix}" for frame in range(FRAMES + 1)]
@@ -60,7 +72,7 @@ def test_a_file_for_each_frame_in_meters_with_y_up(written: Path, tmp_path: Path
         assert len(here.faces) == 2 * (54 + 6 + obstacle + string + knot + spheres * (14 * 32 + 2 * 16))
 
 
-def test_a_ply_has_normals_and_colors(written: Path, tmp_path: Path):
+def test_a_ply_has_normals_and_colors(written: Path, tmp_path):
     export_stage(written, tmp_path / "out.##.ply")
     found = trimesh.load(tmp_path / "out.00.ply", process=False)
     ball = points(written, "/World/ball", 0)
@@ -73,7 +85,7 @@ def test_a_ply_has_normals_and_colors(written: Path, tmp_path: Path):
     np.testing.assert_allclose(found.visual.vertex_colors[box][0, :3], 255 * linear ** (1 / 2.2), atol=4.0)
 
 
-def test_what_is_left_of_a_longer_sequence_is_named(written: Path, tmp_path: Path):
+def test_what_is_left_of_a_longer_sequence_is_named(written: Path, tmp_path):
     (tmp_path / "out.0099.ply").write_text("old")
     told: list[str] = []
     export_stage(written, tmp_path / "out.####.ply", on_note=told.append)
@@ -81,11 +93,10 @@ def test_what_is_left_of_a_longer_sequence_is_named(written: Path, tmp_path: Pat
     assert (tmp_path / "out.0099.ply").read_text() == "old"
 
 
-def test_a_package_passes_every_validator(written: Path, tmp_path: Path):
+def test_a_package_passes_every_validator(written: Path, tmp_path):
     export_stage(written, tmp_path / "out.usdz")
     stage = Usd.Stage.Open(str(tmp_path / "out.usdz"))
-    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
-    assert [error.GetMessage() for error in UsdValidation.ValidationContext(validators).Validate(stage)] == []
+    assert_valid(stage)
     _, assets, unresolved = UsdUtils.ComputeAllDependencies(str(tmp_path / "out.usdz"))
     assert not unresolved
     assert not assets
@@ -98,8 +109,7 @@ def test_a_package_passes_every_validator(written: Path, tmp_path: Path):
 
 @pytest.mark.full
 @pytest.mark.parametrize("kind", ["glb", "usdz", "usda"])
-def test_run_writes_what_convert_makes_of_its_stage(tmp_path: Path, kind: str):
-    """A run writes what `convert` makes of its stage, and no other file but the requested picture."""
+def test_run_writes_what_convert_makes_of_its_stage(tmp_path, kind: str):
     small = scene(frames=2)
     animate(small, tmp_path / "stage.usdc", device="cpu")
     folder = tmp_path / "run"
@@ -113,7 +123,7 @@ def test_run_writes_what_convert_makes_of_its_stage(tmp_path: Path, kind: str):
 
 
 @pytest.mark.full
-def test_a_run_that_is_stopped_goes_on_to_the_same_glb(tmp_path: Path):
+def test_a_run_that_is_stopped_goes_on_to_the_same_glb(tmp_path):
     whole, output = tmp_path / "whole.glb", tmp_path / "out.glb"
     animate(RESUMED_SCENE, whole, device="cpu")
     output.write_bytes(b"good")
@@ -126,8 +136,7 @@ def test_a_run_that_is_stopped_goes_on_to_the_same_glb(tmp_path: Path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out.glb", "whole.glb"]
 
 
-def test_a_failure_keeps_what_was_there_and_the_checkpoints(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """A failed write, such as on a full disk, keeps the old file and the checkpoints: hours of a run are safe."""
+def test_a_failure_keeps_what_was_there_and_the_checkpoints(tmp_path, monkeypatch):
 
     def fail(*_: object) -> None:
         raise OSError(28, "No space left on device")
@@ -148,15 +157,14 @@ def test_a_failure_keeps_what_was_there_and_the_checkpoints(tmp_path: Path, monk
     ("name", "complaint"),
     [
         ("out.fbx", r"cannot write \.fbx; expected \.usdc, .*\.glb, .*\.abc"),
-        (
-            "out.obj",
-            r"is one file for all frames; expected #### in the name for the frame number, such as out\.####\.obj",
-        ),
+        ("out", r"out: cannot write a file without a suffix; expected"),
+        ("out.obj", r"is one file for all frames; expected #### in the name for the frame .*, such as out\.####\.obj"),
         ("missing/out.glb", "the folder .* does not exist"),
+        ("missing/out.usdc", "the folder .* does not exist"),
         ("stage.usdc", "is the input stage"),
     ],
 )
-def test_mistakes_are_told_before_any_work(written: Path, tmp_path: Path, name: str, complaint: str):
+def test_mistakes_are_told_before_any_work(written: Path, tmp_path, name: str, complaint: str):
     (tmp_path / "stage.usdc").write_bytes(written.read_bytes())
     with pytest.raises(InputError, match=complaint):
         export_stage(tmp_path / "stage.usdc", tmp_path / name)
@@ -167,21 +175,19 @@ def test_mistakes_are_told_before_any_work(written: Path, tmp_path: Path, name: 
     assert told == []
 
 
-def test_an_empty_stage_has_nothing_to_export(tmp_path: Path):
+def test_an_empty_stage_has_nothing_to_export(tmp_path):
     (tmp_path / "empty.usda").write_text("#usda 1.0\n")
     with pytest.raises(InputError, match=r"empty\.usda: has no mesh, cube, sphere, capsule or linear curves to export"):
         export_stage(tmp_path / "empty.usda", tmp_path / "out.glb")
 
 
-def test_alembic_needs_blenders_module(written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    from balloon_warp.outputs.exports import alembic
-
+def test_alembic_needs_blenders_module(written: Path, tmp_path, monkeypatch):
     monkeypatch.setattr(alembic, "find_spec", lambda name: None)
     with pytest.raises(MissingExtraError, match=r"an \.abc needs Blender's Python module: pip install bpy"):
         export_stage(written, tmp_path / "out.abc")
 
 
-def test_blender_writes_alembic(written: Path, tmp_path: Path):
+def test_blender_writes_alembic(written: Path, tmp_path):
     pytest.importorskip("bpy")
     """And reads it back: the ball in the last frame, with Blender's Z up."""
     export_stage(written, tmp_path / "out.abc")
@@ -191,15 +197,6 @@ def test_blender_writes_alembic(written: Path, tmp_path: Path):
     assert done.returncode == 0, done.stderr
     expected = points(written, "/World/ball", FRAMES)[:, [0, 2, 1]] * [1, -1, 1]
     np.testing.assert_allclose(np.load(tmp_path / "ball.npy"), expected, atol=1e-5)
-
-
-def test_every_writer_is_there():
-    """Writers that the table names, to be imported late, exist."""
-    from importlib import import_module
-
-    for place in export.WRITERS.values():
-        module, function = place.split(".")
-        assert callable(getattr(import_module(f"balloon_warp.outputs.exports.{module}"), function))
 
 
 @pytest.mark.parametrize("height", [0.0, 2.0])
@@ -216,7 +213,6 @@ def test_round_shapes_enclose_what_they_should(height: float, axis: int):
 
 
 def test_tubes_follow_their_curves():
-    """A tube along a circle has the volume of its cross section times the length of the curve, and open ends."""
     turn = np.linspace(0.0, np.pi, 200)
     curve = np.stack([np.cos(turn), np.sin(turn), np.zeros(200)], axis=1)
     lengths = np.array([200, 2], np.int32)
@@ -231,3 +227,172 @@ def test_tubes_follow_their_curves():
     normals = np.cross(places[first[:, 1]] - places[first[:, 0]], places[first[:, 3]] - places[first[:, 0]])
     assert ((places[first[:, 0]] - centers[0]) * normals).sum(axis=1).min() > 0.0  # outward
     assert mesh.face_count == len(counts)
+
+
+PAGE = (Path(__file__).parent.parent / "docs" / "OUTPUTS.md").read_text(encoding="utf-8")
+TYPES = {"Float32": np.float32, "Int64": np.int64, "UInt8": np.uint8}
+
+
+def arrays(path: Path) -> dict[str, np.ndarray]:
+    """Return the arrays of a .vtu file, by VTK's description of the format."""
+    root = ElementTree.parse(path).getroot()
+    said = [root.get(name) for name in ("type", "header_type", "byte_order")]
+    assert said == ["UnstructuredGrid", "UInt64", "LittleEndian"]
+    found = {}
+    for array in root.iter("DataArray"):
+        data = b64decode(array.text or "")
+        assert int.from_bytes(data[:8], "little") == len(data) - 8
+        values = np.frombuffer(data[8:], TYPES[array.get("type", "")])
+        found[array.get("name") or array.get("Name", "")] = values.reshape(-1, int(array.get("NumberOfComponents", 1)))
+    piece = next(root.iter("Piece"))
+    assert int(piece.get("NumberOfPoints", 0)) == len(found["points"]) == len(found["velocity"])
+    assert int(piece.get("NumberOfCells", 0)) == len(found["types"]) == len(found["pressure"])
+    return found
+
+
+@pytest.mark.full
+def test_h5py_reads_all_that_moved(written: Path, tmp_path):
+    export_stage(written, tmp_path / "out.h5")
+    stage = Usd.Stage.Open(str(written))
+    with h5py.File(tmp_path / "out.h5") as file:
+        assert set(file) == {"ball", "box", "Sphere_0", "Sphere_1", *STRING, "Obstacles_box"}
+        assert file.attrs["up_axis"] == UsdGeom.GetStageUpAxis(stage)
+        ball, prim = file["ball"], UsdGeom.Mesh(stage.GetPrimAtPath("/World/ball"))
+        assert ball["mesh_pos"].shape == (FRAMES + 1, len(BALL.points), 3)
+        np.testing.assert_allclose(ball["time"], np.arange(FRAMES + 1) / RATE)
+        for frame in range(FRAMES + 1):
+            np.testing.assert_array_equal(ball["mesh_pos"][frame], prim.GetPointsAttr().Get(frame))
+            np.testing.assert_array_equal(ball["velocity"][frame], prim.GetVelocitiesAttr().Get(frame))
+            volume = prim.GetPrim().GetAttribute("userProperties:volume").Get(frame)
+            assert ball["volume"][frame] == volume
+        np.testing.assert_array_equal(ball["face_vertex_indices"], BALL.face_vertex_indices)
+        assert len(ball["edges"]) == len(BALL.points) + BALL.face_count - 2  # Euler's formula
+        sphere = UsdGeom.XformCache(3.0).GetLocalToWorldTransform(stage.GetPrimAtPath("/World/Spheres/Sphere_0"))
+        np.testing.assert_allclose(file["Sphere_0"]["pose"][3], np.array(sphere), rtol=1e-6)
+
+
+def test_xarray_knows_the_dimensions(written: Path, tmp_path):
+    export_stage(written, tmp_path / "out.h5")
+    with xarray.open_dataset(tmp_path / "out.h5", group="ball", engine="h5netcdf") as found:
+        assert found["mesh_pos"].dims == found["velocity"].dims == ("time", "particle", "axis")
+        assert found["mesh_pos"].attrs["units"] == "m"
+        assert found["edges"].dims == ("edge", "end")
+        assert float(found["volume"].sel(time=3.0 / RATE, method="nearest")) > 0.0
+
+
+@pytest.fixture(scope="module")
+def page_file(tmp_path_factory) -> Path:
+    """Write points.h5 of a balloon called "squirrel", as in docs/OUTPUTS.md."""
+    folder = tmp_path_factory.mktemp("page")
+    animate(scene(balloon=[Balloon(mesh=BALL, name="squirrel")]), folder / "out.usdc", device="cpu")
+    export_stage(folder / "out.usdc", folder / "points.h5")
+    assert h5py.is_hdf5(folder / "points.h5")
+    return folder / "points.h5"
+
+
+@pytest.mark.full
+def test_a_file_has_what_its_page_says(page_file: Path):
+    rows = [line.split("|")[1:3] for line in PAGE.splitlines() if re.match(r"\| `\w+`.*\| \(", line)]
+    said = {}
+    for names, shapes in rows:
+        found = zip(re.findall(r"`(\w+)`", names), itertools.cycle(re.findall(r"\(([^)]*)\)", shapes)))
+        said |= {name: [size.strip() for size in shape.split(",") if size.strip()] for name, shape in found}
+    assert len(said) >= 10
+    sizes: dict[str, int] = {"3": 3, "2": 2, "T": FRAMES + 1, "N": len(BALL.points), "faces": BALL.face_count}
+    with h5py.File(page_file) as file:
+        # Lengths alone, such as of "particle", stand beside them, as netCDF has it.
+        assert set(said) == {name for name, data in file["squirrel"].items() if name == "time" or not data.is_scale}
+        for name, shape in said.items():
+            there = file["squirrel"][name].shape
+            assert [sizes.setdefault(size, n) for size, n in zip(shape, there, strict=True)] == list(there), name
+        for attribute in ("up_axis", "meters_per_unit", "frames_per_second"):
+            assert attribute in PAGE
+            assert attribute in file.attrs
+        for group in ("Sphere_0", "box", "String_0_Knot"):
+            ((count, three), pose) = (file[group][name].shape for name in ("points", "pose"))
+            assert (count > 0, three, pose) == (True, 3, (FRAMES + 1, 4, 4))
+
+
+def test_xarray_opens_it_as_its_page_says(page_file: Path, monkeypatch):
+    monkeypatch.chdir(page_file.parent)
+    (line,) = re.findall(r"^(found = xarray\..*)$", PAGE, re.MULTILINE)
+    said: dict[str, xarray.Dataset] = {}
+    exec(line, {"xarray": xarray}, said)
+    with said["found"] as found:
+        assert found["mesh_pos"].dims == ("time", "particle", "axis")
+
+
+def test_xarray_makes_a_zarr_store_of_it_as_its_page_says(page_file: Path, monkeypatch):
+    monkeypatch.chdir(page_file.parent)
+    (line,) = re.findall(r"^(found\.to_zarr.*)$", PAGE, re.MULTILINE)
+    with xarray.open_dataset(page_file, group="squirrel", engine="h5netcdf") as found:
+        exec(line, {"found": found})
+    with xarray.open_zarr(page_file.parent / "squirrel.zarr") as kept:
+        assert kept["mesh_pos"].dims == ("time", "particle", "axis")
+
+
+def test_every_writer_is_there():
+    for place in export.WRITERS.values():
+        module, function = place.split(".")
+        assert callable(getattr(import_module(f"balloon_warp.outputs.exports.{module}"), function))
+
+
+def test_edges_are_the_sides_of_faces():
+    pairs = edges_of(BALL)
+    assert (pairs[:, 0] < pairs[:, 1]).all()
+    assert len(np.unique(pairs, axis=0)) == len(pairs) == 2 * BALL.face_count  # closed, of quads
+
+
+def test_a_grid_for_each_frame_and_a_list_of_their_times(written: Path, tmp_path):
+    export_stage(written, tmp_path / "out.pvd")
+    listed = list(ElementTree.parse(tmp_path / "out.pvd").getroot().iter("DataSet"))
+    assert [entry.get("file") for entry in listed] == [f"out.{frame:04d}.vtu" for frame in range(FRAMES + 1)]
+    np.testing.assert_allclose([float(entry.get("timestep", -1)) for entry in listed], np.arange(FRAMES + 1) / RATE)
+    stage = Usd.Stage.Open(str(written))
+    fastest = 0.0
+    for frame, entry in enumerate(listed):
+        grid = arrays(tmp_path / str(entry.get("file")))
+        ball = grid["points"][: len(BALL.points)]
+        np.testing.assert_allclose(ball, points(written, "/World/ball", frame), atol=1e-6)
+        corners = grid["connectivity"][: len(BALL.face_vertex_indices), 0]
+        np.testing.assert_array_equal(corners, BALL.face_vertex_indices)
+        np.testing.assert_array_equal(grid["offsets"][: BALL.face_count, 0], np.cumsum(BALL.face_vertex_counts))
+        assert set(grid["types"][:, 0].tolist()) == {9}
+        assert grid["connectivity"].max() == len(grid["points"]) - 1
+        pressure = stage.GetPrimAtPath("/World/ball").GetAttribute("userProperties:pressure").Get(frame)
+        np.testing.assert_allclose(grid["pressure"][: BALL.face_count], pressure, rtol=1e-6)
+        assert len(np.unique(grid["part"])) == 6 + (frame >= 2)
+        fastest = max(fastest, float(np.abs(grid["velocity"]).max()))
+    assert fastest > 0.0
+
+
+def test_meshio_reads_the_grids(written: Path, tmp_path):
+    export_stage(written, tmp_path / "out.pvd")
+    found = meshio.read(tmp_path / "out.0003.vtu")
+    np.testing.assert_allclose(found.points[: len(BALL.points)], points(written, "/World/ball", 3), atol=1e-6)
+    assert [cells.type for cells in found.cells] == ["quad"]
+    assert set(found.cell_data) == {"part", "pressure"}
+
+
+def test_points_are_saved_beside_the_stage(tmp_path):
+    small = scene(frames=2)
+    summary = animate(small, tmp_path / "out.usdc", save_points=tmp_path / "points.h5", device="cpu")
+    assert summary.points == str(tmp_path / "points.h5")
+    export_stage(tmp_path / "out.usdc", tmp_path / "same.h5")
+    assert (tmp_path / "same.h5").read_bytes() == (tmp_path / "points.h5").read_bytes()
+
+
+def test_mistakes_of_points_are_told_before_any_work(written: Path, tmp_path, monkeypatch):
+    told: list[int] = []
+    with pytest.raises(InputError, match=r"points\.npy: cannot hold points; expected \.h5 or \.hdf5"):
+        animate(scene(), tmp_path / "out.usdc", save_points=tmp_path / "points.npy", on_frame=told.append)
+
+    def missing(name: str) -> None:
+        raise ImportError(name)
+
+    monkeypatch.setattr(hdf5_arrays, "import_module", missing)
+    for output, how in (("out.h5", {}), ("out.usdc", {"save_points": tmp_path / "points.h5"})):
+        with pytest.raises(MissingExtraError, match=r"an \.h5 needs h5py: pip install 'balloon-warp\[data\]'"):
+            animate(scene(), tmp_path / output, on_frame=told.append, **how)
+    assert told == []
+    assert list(tmp_path.iterdir()) == []

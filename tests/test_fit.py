@@ -1,8 +1,10 @@
-"""Fits: curves of rubber, and scenes that moved as was measured."""
+"""Fits: curves of rubber, scenes that moved as was measured, and minima of a loss."""
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,13 +12,19 @@ from meshes import quad_sphere
 from typer.testing import CliRunner
 
 import balloon_warp as bw
+from balloon_warp.benchmarks import fit as fit_benchmark
 from balloon_warp.cli.app import app
-from balloon_warp.errors import InputError
+from balloon_warp.cli.warn import note, warn
+from balloon_warp.errors import InputError, StoppedError
+from balloon_warp.fitting.by_loss import least_loss
 from balloon_warp.fitting.curve import fit_curve, sphere_pressures
 from balloon_warp.fitting.fit import ROUNDS
+from balloon_warp.fitting.measured import measured_of
 from balloon_warp.fitting.plot import ticks
 from balloon_warp.fitting.read_curve import Curve, read_curve
+from balloon_warp.fitting.result import fit_of
 from balloon_warp.fitting.search import search
+from balloon_warp.fitting.together import minima_together
 from balloon_warp.mesh.obj import write_obj
 
 TRUE = {
@@ -36,7 +44,6 @@ def curve_of(kind: str, noise: float = 0.0, seed: int = 0) -> Curve:
 
 @pytest.mark.parametrize("kind", TRUE)
 def test_a_curve_gives_back_its_rubber(kind: str):
-    """A curve's fit recovers its rubber, exactly without noise; and its text pastes into a scene."""
     found = fit_curve(curve_of(kind), kind=kind, thickness=THICKNESS, radius=RADIUS)
     for name, true in TRUE[kind].items():
         assert found.fit.values[name] == pytest.approx(true, rel=1e-3)
@@ -64,8 +71,7 @@ def test_the_radius_is_found_where_nobody_says_it():
 
 
 @pytest.mark.full
-def test_a_curve_of_a_mesh_is_that_of_what_is_simulated(tmp_path: Path):
-    """A fit by statics recovers the rubber of an egg that the simulation inflates."""
+def test_a_curve_of_a_mesh_is_that_of_what_is_simulated(tmp_path):
     egg = replace(quad_sphere(2), points=0.05 * quad_sphere(2).points * [1.0, 1.0, 1.5])
     write_obj(tmp_path / "egg.obj", egg)
     material = bw.Material(preset="latex", thickness=THICKNESS)
@@ -89,8 +95,7 @@ def falling() -> bw.Scene:
 FREE = {"balloon.mass": (0.005, 0.08), "balloon.inflation.pressure": (5.0, 60.0)}
 
 
-def test_points_give_back_what_moved_them(tmp_path: Path):
-    """A fit recovers the parameters of a motion from noisy, partly hidden points, between frames, too."""
+def test_points_give_back_what_moved_them(tmp_path):
     scene = bw.load_scene(falling(), {"balloon.mass": 0.03, "balloon.inflation.pressure": 25.0})
     moved = bw.simulate(scene, device="cpu")
     rng = np.random.default_rng(0)
@@ -104,14 +109,11 @@ def test_points_give_back_what_moved_them(tmp_path: Path):
     assert fit.misfit == pytest.approx(1.0, abs=0.1)
     assert abs(fit.values["balloon.mass"] - 0.03) < 4.0 * fit.errors["balloon.mass"]
     np.savez(tmp_path / "points.npz", **seen)
-    from balloon_warp.fitting.measured import measured_of
-
     read = measured_of(tmp_path / "points.npz", moved.points[0].shape[1], 0.2)
     assert (read.particles == particles).all()
 
 
 def test_what_is_not_seen_is_told():
-    """Parameters that the data cannot separate, here helium and gravity, are reported."""
     moved = bw.simulate(falling(), device="cpu")
     seen = {"times": moved.times, "points": moved.points[0], "noise": 1e-3}
     free = {"balloon.helium": (0.1, 5.0), "gravity": (5.0, 12.0)}
@@ -120,47 +122,40 @@ def test_what_is_not_seen_is_told():
     assert any("hardly be told apart" in doubt for doubt in fit.doubts)
 
 
+SEEN = {"times": [0.1], "volumes": [1.0]}
+
+
 @pytest.mark.parametrize(
-    ("data", "sentence"),
+    ("data", "free", "sentence"),
     [
-        ({}, "data: expected times, and points"),
+        ({}, FREE, "data: expected times, and points"),
         (
             {"times": [0.0], "points": np.zeros((1, 3, 3))},
-            r"points: expected shape \(1, 26, 3\) \(got \(1, 3, 3\)\)",
+            FREE,
+            r"points: expected shape \(1, 26, 3\) \(got \(1, 3, 3\)",
         ),
-        ({"times": [9.0], "volumes": [1.0]}, "data: times: expected from 0 to 0.2 s"),
-        ({"times": [0.1], "volumes": [np.nan]}, "data: volumes: holds no number"),
-        ({"times": [0.1], "volumes": [1.0], "pressures": [1.0]}, "volume_noise and pressure_noise: is missing"),
+        ({"times": [9.0], "volumes": [1.0]}, FREE, "data: times: expected from 0 to 0.2 s"),
+        ({"times": [0.1], "volumes": [np.nan]}, FREE, "data: volumes: holds no number"),
+        (SEEN | {"pressures": [1.0]}, FREE, "volume_noise and pressure_noise: is missing"),
+        (SEEN | {"volume_noise": 0.0}, FREE, "noise: expected one standard deviation above 0"),
+        (SEEN | {"volume_noise": "low"}, FREE, "volume_noise: expected numbers"),
+        ({"times": ["soon"], "volumes": [1.0]}, FREE, "data: times: expected numbers"),
         (
-            {"times": [0.1], "volumes": [1.0], "volume_noise": 0.0},
-            "noise: expected one standard deviation above 0",
+            {"times": [0.1], "points": np.zeros((1, 1, 3)), "particles": ["x"]},
+            *(FREE, "data: particles: expected numbers"),
         ),
-        ({"times": [0.1], "volumes": [1.0], "volume_noise": "low"}, "volume_noise: expected numbers"),
-        ({"times": ["soon"], "volumes": [1.0]}, "data: times: expected numbers"),
-        ({"times": [0.1], "points": np.zeros((1, 1, 3)), "particles": ["x"]}, "data: particles: expected numbers"),
+        (SEEN, {}, "free: expected at least one path"),
+        (SEEN, {"balloon.mass": (2.0, 1.0)}, "balloon.mass: expected a lowest value below the highest"),
+        (SEEN, {"balloon.mass": 2.0}, "balloon.mass: expected the lowest and the highest value"),
+        (SEEN, {"balloon.mas": (1.0, 2.0)}, r"balloon.0.mas: unknown field"),
     ],
 )
-def test_data_of_something_else_is_refused(data: dict, sentence: str):
+def test_data_of_something_else_and_what_cannot_be_free_are_refused(data: dict, free: dict, sentence: str):
     with pytest.raises(InputError, match=sentence):
-        bw.fit(falling(), data, free=FREE, device="cpu")
+        bw.fit(falling(), data, free=free, device="cpu", starts=1)
 
 
-@pytest.mark.parametrize(
-    ("free", "sentence"),
-    [
-        ({}, "free: expected at least one path"),
-        ({"balloon.mass": (2.0, 1.0)}, "balloon.mass: expected a lowest value below the highest"),
-        ({"balloon.mass": 2.0}, "balloon.mass: expected the lowest and the highest value"),
-        ({"balloon.mas": (1.0, 2.0)}, r"balloon.0.mas: unknown field"),
-    ],
-)
-def test_what_cannot_be_free_is_refused(free: dict, sentence: str):
-    seen = {"times": [0.1], "volumes": [1.0]}
-    with pytest.raises(InputError, match=sentence):
-        bw.fit(falling(), seen, free=free, device="cpu", starts=1)
-
-
-def test_command_of_a_curve(tmp_path: Path):
+def test_command_of_a_curve(tmp_path):
     curve = curve_of("mooney_rivlin", 0.005)
     rows = [f"{p:.3f},{v:.9g}" for v, p in zip(curve.volumes, curve.pressures, strict=True)]
     (tmp_path / "curve.csv").write_text("\n".join(["pressure [Pa],volume [m3]", *rows]))
@@ -190,28 +185,23 @@ def test_command_of_a_curve(tmp_path: Path):
         (["--resume"], "1,2\n" * 6, "a fit to a curve takes seconds; expected no --resume"),
     ],
 )
-def test_curves_that_cannot_be_get_a_sentence(words: list[str], rows: str, sentence: str, tmp_path: Path):
+def test_curves_that_cannot_be_get_a_sentence(words: list[str], rows: str, sentence: str, tmp_path):
     (tmp_path / "curve.csv").write_text(rows)
     said = CliRunner().invoke(app, ["fit", str(tmp_path / "curve.csv"), *words])
     assert isinstance(said.exception, InputError)
     assert sentence in str(said.exception)
 
 
-def test_columns_may_be_separated_by_semicolons(tmp_path: Path):
-    """Columns may be separated by semicolons, as spreadsheets write them where decimals have commas."""
+def test_plots_have_round_ticks_and_columns_may_be_separated_by_semicolons(tmp_path):
     (tmp_path / "curve.csv").write_text("Pressure [Pa];Volume [m3]\n" + "".join(f"1,5;0,{k}\n" for k in range(1, 7)))
     curve = read_curve(tmp_path / "curve.csv")
     np.testing.assert_allclose(curve.volumes, 0.1 * np.arange(1, 7))
     np.testing.assert_allclose(curve.pressures, 1.5)
-
-
-def test_the_plot_has_round_ticks():
     assert ticks(0.0, 0.0687) == pytest.approx([0.0, 0.02, 0.04, 0.06])
     assert ticks(0.0, 1845.0) == pytest.approx([0.0, 500.0, 1000.0, 1500.0])
 
 
 def test_a_value_at_its_bound_is_told():
-    """A fit that ends at a bound says so: a sphere heavier than allowed gets the largest mass."""
     moved = bw.simulate(bw.load_scene(falling(), {"balloon.mass": 0.05}), device="cpu")
     seen = {"times": moved.times[1:], "points": moved.points[0][1:]}
     fit = bw.fit(falling(), seen, free={"balloon.mass": (0.001, 0.01)}, starts=1, rounds=8, device="cpu")
@@ -219,10 +209,7 @@ def test_a_value_at_its_bound_is_told():
     assert any("balloon.mass lies at its bound, 0.01" in doubt for doubt in fit.doubts)
 
 
-def test_words_on_a_terminal_stay_as_they_are(capsys: pytest.CaptureFixture[str]):
-    """Colons in a message are not turned into emoji."""
-    from balloon_warp.cli.warn import note, warn
-
+def test_words_on_a_terminal_stay_as_they_are(capsys):
     warn("a=a:b: expected")
     note("a=a:b: expected")
     assert capsys.readouterr().err.count("a=a:b: expected") == 2
@@ -253,9 +240,7 @@ def test_a_flight_with_a_bounce_gives_back_its_rubber():
     The bounce makes the misfit rough: its small minima lie up to 10% off the modulus. The result is within three of the
     reported standard deviations, and these are of the size that noise and jumps leave open. A mesh of a quarter of the
     points would not do: its jumps are larger, and 6 of 20 seeds are more than three deviations off."""
-    from balloon_warp.benchmarks.fit import flight
-
-    row = flight(seed=0)
+    row = fit_benchmark.flight(seed=0)
     for path, off in row.off.items():
         assert abs(off) < 3.0 * row.error(path)
     modulus, *others = row.off.values()
@@ -267,10 +252,240 @@ def test_a_flight_with_a_bounce_gives_back_its_rubber():
 
 def test_a_hundred_and_fifty_rows_of_a_curve_give_a_hundredth():
     """95% of draws are within 1%, and as many within one and two reported deviations as of a normal distribution."""
-    from balloon_warp.benchmarks.fit import curve
-
-    row = curve("mooney_rivlin", 150, draws=100)
+    row = fit_benchmark.curve("mooney_rivlin", 150, draws=100)
     assert (row.within < 0.0115).all()  # 1%, and what the 95th of 100 draws strays
     assert (row.within > 0.8 * row.bound).all()
     for covered, expected in zip(row.covered, (0.683, 0.954), strict=True):
         assert (np.abs(covered - expected) < 3.0 * np.sqrt(expected * (1.0 - expected) / 100)).all()
+
+
+BALL = bw.Balloon(mesh=quad_sphere(2), mass=0.5, damping=0.0, inflation=bw.Inflation(pressure=0.0))
+FLIGHT = bw.Scene(balloon=[BALL], frames=12, substeps=8, gravity=9.81)
+STEP, COUNT = 1.0 / 60.0 / 8.0, 12 * 8
+FALLEN = 9.81 * STEP**2 * COUNT * (COUNT + 1) / 2
+THROW = {"balloon.velocity.0": (-3.0, 4.0), "balloon.velocity.1": (-2.0, 6.0)}
+
+
+@pytest.mark.full
+def test_a_throw_hits_its_target():
+    """A fitted throw hits its target along symplectic Euler's parabola: v = (way + fall) / time."""
+    target = np.array([0.3, 0.2, 0.0])
+    found = bw.fit(FLIGHT, of=THROW, loss=bw.losses.distance(target), starts=4, device="cpu")
+    assert found.values["balloon.velocity.0"] == pytest.approx(0.3 / (STEP * COUNT), rel=1e-3)
+    assert found.values["balloon.velocity.1"] == pytest.approx((0.2 + FALLEN) / (STEP * COUNT), rel=1e-3)
+    assert found.loss < 1e-8
+    assert found.starts.shape == (4,)
+    assert (np.diff(found.starts) >= 0.0).all()
+    assert found.starts[-1] < 1e-6  # a parabola has one minimum, which all starts find
+
+
+def test_a_start_that_blows_up_leaves_the_others_alone():
+
+    def derive(of: list[str], vary: dict[str, np.ndarray], world_count: int) -> Any:
+        if (vary["drag"] > 0.7).any():
+            raise bw.BlowUpError("world 0 blew up")
+        off = vary["drag"] - 0.3
+        return SimpleNamespace(loss=off**2, gradients={"drag": 2.0 * off})
+
+    first = np.linspace(0.1, 0.9, 6)[:, None]
+    found = least_loss(derive, {"drag": (0.0, 1.0)}, first, 9, lambda stage: None)
+    assert found.values["drag"] == pytest.approx(0.3, abs=1e-5)
+    assert np.isinf(found.starts).sum() == 2
+    assert found.starts[3] < 1e-9
+
+
+@pytest.mark.full
+def test_a_value_without_influence_is_named_and_left_where_it_began():
+    said: list[str] = []
+    of = {"balloon.velocity.0": (-3.0, 4.0), "balloon.velocity.2": (-1.0, 1.0)}
+    found = bw.fit(FLIGHT, of=of, loss=along_x, starts=1, device="cpu", on_stage=said.append)
+    assert found.without_influence == ("balloon.velocity.2",)
+    assert "the loss does not depend on balloon.velocity.2 at any start" in said
+    assert found.values["balloon.velocity.0"] == pytest.approx(0.3 / (STEP * COUNT), rel=1e-3)
+    with pytest.raises(bw.InputError, match=r"depends on none of the values .* balloon\.velocity\.2;"):
+        bw.fit(FLIGHT, of={"balloon.velocity.2": (-1.0, 1.0)}, loss=along_x, starts=1, device="cpu")
+
+
+def along_x(moved: bw.Trajectories) -> tuple[Any, dict[str, Any]]:
+    """Return the squared distance of the center from 0.3 m along x in the end, and its derivatives."""
+    points = moved.points[0]
+    off = points[..., -1, :, 0].mean(axis=-1) - 0.3
+    slopes = np.zeros(points.shape)
+    slopes[..., -1, :, 0] = (2.0 * off / points.shape[-2])[..., None]
+    return off**2, {"points": [slopes]}
+
+
+LOSSES = {
+    "distance": bw.losses.distance((0.1, 0.2, 0.3)),
+    "distance of all frames": bw.losses.distance((0.1, 0.2, 0.3), frame=None),
+    "distance of particles": bw.losses.distance(quad_sphere(2).points + 0.1, frame=3),
+    "height": bw.losses.height(0.5),
+    "height of all frames": bw.losses.height(0.5, frame=None),
+    "volume": bw.losses.volume(3.0, frame=None),
+    "pressure": bw.losses.pressure(10.0, frame=2),
+}
+LOSSES["together"] = bw.losses.together(list(LOSSES.values()), [0.5 + number for number in range(len(LOSSES))])
+
+
+@pytest.mark.parametrize("name", LOSSES)
+@pytest.mark.parametrize("worlds", [1, 2])
+def test_the_derivatives_of_a_loss_are_its_slopes(name: str, worlds: int):
+    """Derivatives by everything that a loss sees agree with central differences along a random direction, which are
+    exact for quadratic losses."""
+    moved = bw.simulate(FLIGHT.model_copy(update={"frames": 4}), world_count=worlds, device="cpu")
+    rng, loss = np.random.default_rng(1), LOSSES[name]
+    _, slopes = loss(moved)
+    sides, along = [], np.zeros(worlds)
+    ways = {key: rng.normal(size=np.shape(array[0] if key == "points" else array)) for key, array in slopes.items()}
+    for key, way in ways.items():
+        array = slopes[key][0] if key == "points" else slopes[key]
+        along += (array * way).reshape(worlds, -1).sum(axis=1)
+    for sign in (1e-3, -1e-3):
+        changed: dict[str, Any] = {}
+        for key, way in ways.items():
+            told = getattr(moved, key)
+            changed[key] = [told[0].astype(float) + sign * way] if key == "points" else told.astype(float) + sign * way
+        seen: Any = Seen(moved, changed)
+        sides.append(np.reshape(loss(seen)[0], worlds))
+    np.testing.assert_allclose(along, (sides[0] - sides[1]) / 2e-3, rtol=1e-6)
+
+
+class Seen:
+    """Trajectories with some tracks in place of theirs."""
+
+    def __init__(self, moved: bw.Trajectories, tracks: dict[str, Any]):
+        self._moved, self._tracks = moved, tracks
+
+    def __getattr__(self, name: str) -> Any:
+        return self._tracks[name] if name in self._tracks else getattr(self._moved, name)
+
+
+def test_starts_are_asked_together():
+    asked = []
+
+    def ask(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        asked.append(places.shape)
+        return ((places - 0.4) ** 2).sum(axis=1), 2.0 * (places - 0.4)
+
+    first = np.random.default_rng(0).uniform(size=(5, 2))
+    places, count = minima_together(ask, first, 20, lambda number, loss: None)
+    np.testing.assert_allclose(places, 0.4, atol=1e-6)
+    assert set(asked) == {(5, 2)}
+    assert count == len(asked)
+
+
+REFUSED: dict[str, tuple[dict[str, Any], str]] = {
+    "neither": ({}, "fit: expected either measured data and `free`, or a `loss` and `of`"),
+    "no bounds": ({"loss": bw.losses.height(1.0)}, "of: expected at least one path"),
+    "wrong bounds": ({"loss": bw.losses.height(1.0), "of": {"gravity": (2.0, 1.0)}}, "of: gravity: expected a lowest"),
+    "unknown": ({"loss": bw.losses.height(1.0), "of": {"balloon.mas": (1.0, 2.0)}}, "unknown field"),
+    "a balloon": ({"loss": bw.losses.height(1.0, balloon=2), "of": THROW}, "balloon: expected a number below 1"),
+    "a frame": ({"loss": bw.losses.height(1.0, frame=99), "of": THROW}, "frame: expected a number from -13 to 12"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_cannot_be_fitted_is_refused_in_a_sentence(case: str):
+    more, sentence = REFUSED[case]
+    with pytest.raises(bw.InputError, match=re.escape(sentence)):
+        bw.fit(FLIGHT, device="cpu", starts=1, **more)
+
+
+def test_losses_that_raise_or_have_no_shape_end_a_fit():
+    calls = []
+
+    def broken(moved: bw.Trajectories) -> Any:
+        calls.append(1)
+        if len(calls) == 3:
+            raise RuntimeError("no more")
+        return bw.losses.height(3.0)(moved)
+
+    with pytest.raises(RuntimeError, match="no more"):
+        bw.fit(FLIGHT, of={"balloon.velocity.1": (-2.0, 6.0)}, loss=broken, starts=3, device="cpu")
+    with pytest.raises(bw.InputError, match="distance: target: expected a place, three numbers"):
+        bw.losses.distance((1.0, 2.0))
+
+
+Values = np.ndarray
+ROWS, STARTS, OF_ROUGH, SEEDS = 3000, 8, 16, 20
+SLOPES = np.random.default_rng(5).standard_normal((ROWS, 2)) * [30.0, 60.0]
+"""of residuals over the noise, by places"""
+CONTACTS = 6
+"""Number of contacts, each of which comes a step earlier or later as the first value changes"""
+
+
+def jumps(strength: float) -> Callable[[Values], Values]:
+    """Return a function of residuals by rounding a contact's time to steps: a sawtooth for each contact."""
+    rng = np.random.default_rng(7)
+    widths, phases = rng.uniform(0.01, 0.04, CONTACTS), rng.uniform(size=CONTACTS)
+    ways = rng.standard_normal((CONTACTS, ROWS)) * strength / np.sqrt(ROWS)
+
+    def rough(places: Values) -> Values:
+        teeth = places[:, :1] / widths + phases
+        return (teeth - np.floor(teeth) - 0.5) @ ways
+
+    return rough
+
+
+def pulls(strength: float) -> Values:
+    """Return the pulls of both values, errors over the reported standard deviations, of all seeds, shape (SEEDS, 2)."""
+    rough, found = jumps(strength), []
+    for seed in range(SEEDS):
+        rng = np.random.default_rng(seed)
+        true, noise = rng.uniform(0.3, 0.7, 2), rng.standard_normal(ROWS)
+        there = rough(true[None])
+
+        def forward(places: Values, true: Values = true, noise: Values = noise, there: Values = there) -> Values:
+            return (places - true) @ SLOPES.T + rough(places) - there + noise
+
+        best = search(forward, rng.uniform(0.1, 0.9, (STARTS, 2)), OF_ROUGH, lambda number, misfit: None, seed).best
+        fit = fit_of(
+            ["a", "b"], best.place, best.jacobian, np.sqrt(best.cost), True, np.zeros(1), None, best.roughness(True)
+        )
+        found.append((best.place - true) / np.array(list(fit.errors.values())))
+    return np.array(found)
+
+
+@pytest.mark.parametrize("strength", [0.0, 100.0], ids=["smooth", "rough"])
+def test_error_bars_are_as_wide_as_values_are_off(strength: float):
+    """Pulls have a deviation of 1, which 20 draws of it know to 0.16; clouds that see jumps would tell 0.02."""
+    deviations = np.sqrt((pulls(strength) ** 2).mean(axis=0))
+    assert (deviations > 0.5).all()
+    assert (deviations < 1.5).all()
+
+
+def test_a_fit_that_was_stopped_goes_on(tmp_path):
+    moved = bw.simulate(falling(), device="cpu")
+    seen = {"times": moved.times[1:], "points": moved.points[0][1:], "noise": 1e-3}
+    kept, asked = tmp_path / "fit.progress", {"free": FREE, "starts": 2, "rounds": 3, "device": "cpu"}
+
+    def stop(stage: str) -> None:
+        if stage.startswith("round 3"):
+            raise KeyboardInterrupt
+
+    with pytest.raises(InputError, match="has no fit to --resume"):
+        bw.fit(falling(), seen, **asked, progress=kept, resume=True)
+    with pytest.raises(KeyboardInterrupt):
+        bw.fit(falling(), seen, **asked, progress=kept, on_stage=stop)
+    kept.write_bytes(kept.read_bytes()[:-9])
+    with pytest.raises(InputError, match="has another fit; --resume needs"):
+        bw.fit(falling(), seen, **{**asked, "starts": 3}, progress=kept, resume=True)
+    told: list[str] = []
+    resumed = bw.fit(falling(), seen, **asked, progress=kept, resume=True, on_stage=told.append)
+    assert "resuming after round 2" in told
+    assert resumed.values == bw.fit(falling(), seen, **asked).values
+    assert not kept.exists()
+
+
+@pytest.mark.full
+def test_ctrl_c_says_how_to_go_on(tmp_path, monkeypatch):
+    np.savez(tmp_path / "volumes.npz", times=[0.1], volumes=[1.0])
+    words = ["fit", str(tmp_path / "volumes.npz"), "knot", "--free", "balloon.damping=0.1:2", "--device", "cpu"]
+
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("balloon_warp.fitting.by_data.search", stop)
+    said = CliRunner().invoke(app, words)
+    assert isinstance(said.exception, StoppedError)
+    assert f"--resume continues from {tmp_path / 'volumes.progress'}" in str(said.exception)

@@ -58,7 +58,7 @@ VIEWS = {"front": {}, "above": {"elevation": 70.0}, "clear": {"transparent": Tru
 
 
 @pytest.mark.parametrize("name", VIEWS)
-def test_a_small_world_looks_as_it_did(name: str, tmp_path: Path):
+def test_a_small_world_looks_as_it_did(name: str, tmp_path):
     """A regression of the picture fails. To accept a change: python tests/test_gallery.py, and look at tests/kept."""
     made, kept = tmp_path / "made.png", KEPT / f"{name}.png"
     render_stage(small_world(tmp_path / "world.usda"), made, size=(160, 90), samples=16, device="cpu", **VIEWS[name])

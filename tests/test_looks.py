@@ -1,4 +1,4 @@
-"""Looks of a mesh's own file as they are read, and after mesh preparation."""
+"""Looks of a mesh's own file: as they are read, after mesh preparation, and in outputs."""
 
 # A mesh may have no looks: these have some, or the test fails.
 # pyright: reportOptionalMemberAccess=false, reportOptionalSubscript=false
@@ -6,7 +6,9 @@
 import base64
 import io
 import json
+import shutil
 import struct
+import zipfile
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -14,14 +16,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from painted import CORNERS, QUADS, SIDES, atlas, linear, places, seen_sides, write_obj_cube, write_painted
+from motion import assert_valid
+from painted import CORNERS, QUADS, SIDES, atlas, color_in, linear, places, seen_sides, write_obj_cube, write_painted
 from PIL import Image
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
 
+from balloon_warp import export_stage, load_scene
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.prepare import Treatment, prepared
+from balloon_warp.model import build_model, plan_model
+from balloon_warp.outputs.render import render_stage
+from balloon_warp.outputs.usd import StageWriter
+from balloon_warp.outputs.usd.grid import GridGroup, GridWriter
+from balloon_warp.scene.colors import palette_color
 
 KINDS = ["glb", "gltf", "obj", "usda"]
 PLAIN = "".join(f"newmtl {side}\nKd {0.1 * side:g} 0.5 0.25\n" for side in range(6))
@@ -36,7 +45,7 @@ def assert_painted(mesh: PolygonMesh) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_an_image_lies_on_each_side_as_its_file_says(kind: str, tmp_path: Path):
+def test_an_image_lies_on_each_side_as_its_file_says(kind: str, tmp_path):
     mesh = load_mesh(write_painted(tmp_path, kind))
     assert_painted(mesh)
     assert mesh.warnings == ()
@@ -50,26 +59,25 @@ def torn_up(mesh: PolygonMesh) -> PolygonMesh:
     numbers = np.arange(corners.size).reshape(corners.shape)[order]
     numbers[0] = numbers[0, ::-1]
     numbers = np.concatenate([np.full_like(numbers[:1], numbers[2, 0]), numbers, numbers[-1:]])
+    own = np.arange(numbers.size, dtype=np.int32)
     return replace(
         mesh,
         points=mesh.points[mesh.face_vertex_indices[numbers.ravel()]],
         face_vertex_counts=np.full(len(numbers), corners.shape[1], np.int32),
-        face_vertex_indices=np.where(np.arange(numbers.size) < numbers.shape[1], 0, np.arange(numbers.size)).astype(
-            np.int32
-        ),
+        face_vertex_indices=np.where(own < numbers.shape[1], np.int32(0), own),
         texture_coordinates=mesh.texture_coordinates[numbers.ravel()],
         looks=mesh.looks.at(numbers.ravel()),
     )
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_seams_and_turned_faces_keep_their_places_in_the_image(kind: str, tmp_path: Path):
+def test_seams_and_turned_faces_keep_their_places_in_the_image(kind: str, tmp_path):
     mesh = prepared(torn_up(load_mesh(write_painted(tmp_path, kind))), "cube", Treatment())
     assert_painted(mesh)
     assert len(np.unique(mesh.face_vertex_indices)) == 8
 
 
-def test_a_lid_has_the_material_of_what_is_around_it(tmp_path: Path):
+def test_a_lid_has_the_material_of_what_is_around_it(tmp_path):
     ball = trimesh.creation.icosphere(2)
     upper = ball.triangles_center[:, 1] > 0.0
     top = int(ball.triangles_center[:, 1].argmax())
@@ -85,7 +93,7 @@ def test_a_lid_has_the_material_of_what_is_around_it(tmp_path: Path):
     assert (colors[-1] == (1, 0, 0)).all()
 
 
-def test_materials_of_an_obj_stay_on_their_faces(tmp_path: Path):
+def test_materials_of_an_obj_stay_on_their_faces(tmp_path):
     path = write_obj_cube(tmp_path, PLAIN.replace("newmtl 3\nKd 0.3 0.5 0.25", "newmtl 3\nmap_Kd images/the atlas.png"))
     for mesh in (load_mesh(path), prepared(torn_up(load_mesh(path)), "cube", Treatment())):
         for side, color in seen_sides(mesh):
@@ -93,23 +101,19 @@ def test_materials_of_an_obj_stay_on_their_faces(tmp_path: Path):
             np.testing.assert_allclose(color, expected, atol=1e-6)
 
 
-def test_faces_without_places_stand_beside_some_with_an_image(tmp_path: Path):
-    """Faces without texture coordinates stand beside some with an image, as exporters write materials without one."""
-    path = write_obj_cube(
-        tmp_path, PLAIN.replace("newmtl 0\n", "newmtl paint\nmap_Kd images/the atlas.png\nnewmtl no\n")
-    )
+def test_faces_without_places_stand_beside_some_with_an_image(tmp_path):
+    painted = PLAIN.replace("newmtl 0\n", "newmtl paint\nmap_Kd images/the atlas.png\nnewmtl no\n")
+    path = write_obj_cube(tmp_path, painted)
     lines = path.read_text().splitlines()
-    bare = [
-        " ".join(word.split("/")[0] for word in line.split(" ")) if n > 34 else line for n, line in enumerate(lines)
-    ]
-    path.write_text("\n".join(bare))
+    bare = [" ".join(word.split("/")[0] for word in line.split(" ")) for line in lines[35:]]
+    path.write_text("\n".join(lines[:35] + bare))
     mesh = load_mesh(path)
     assert mesh.texture_coordinates.shape == (24, 2)
     np.testing.assert_allclose(mesh.texture_coordinates[:4], places()[0], atol=1e-6)
     assert dict(seen_sides(mesh))[0] == SIDES[0]
 
 
-def test_without_places_a_material_has_its_color(tmp_path: Path):
+def test_without_places_a_material_has_its_color(tmp_path):
     path = write_obj_cube(tmp_path, "newmtl paint\nKd 0.5 0.25 0.125\nmap_Kd images/the atlas.png\n")
     path.write_text(path.read_text().replace("vt 0", "vt nan", 1))
     mesh = load_mesh(path)
@@ -120,14 +124,14 @@ def test_without_places_a_material_has_its_color(tmp_path: Path):
 @pytest.mark.parametrize(
     "line", ["images\\the atlas.png", "-s 1 1 1 -clamp on images/the atlas.png", "C:\\mine\\images\\other.png"]
 )
-def test_names_of_images_are_understood(line: str, tmp_path: Path):
+def test_names_of_images_are_understood(line: str, tmp_path):
     atlas().save(tmp_path / "other.png")
     assert_painted(load_mesh(write_obj_cube(tmp_path, f"newmtl paint\nmap_Kd {line}\n")))
 
 
 @pytest.mark.parametrize(("data", "said"), [(None, "is missing"), (b"hello", "cannot be read as an image")])
 @pytest.mark.parametrize("kind", ["gltf", "obj", "usda"])
-def test_an_image_that_cannot_be_had_is_one_sentence(kind: str, data: bytes | None, said: str, tmp_path: Path):
+def test_an_image_that_cannot_be_had_is_one_sentence(kind: str, data: bytes | None, said: str, tmp_path):
     path = write_painted(tmp_path, kind)
     for image in tmp_path.rglob("*.png"):
         image.unlink() if data is None else image.write_bytes(data)
@@ -138,7 +142,7 @@ def test_an_image_that_cannot_be_had_is_one_sentence(kind: str, data: bytes | No
     assert mesh.looks is None or not mesh.looks.pictures
 
 
-def test_a_cut_off_image_is_no_image(tmp_path: Path):
+def test_a_cut_off_image_is_no_image(tmp_path):
     path = write_painted(tmp_path, "obj")
     image = tmp_path / "images/the atlas.png"
     big = np.random.default_rng(0).integers(0, 255, (64, 64, 3), dtype=np.uint8)
@@ -147,8 +151,7 @@ def test_a_cut_off_image_is_no_image(tmp_path: Path):
     assert load_mesh(path).warnings[0].endswith("cannot be read as an image; it is left out.")
 
 
-def test_parts_of_a_glb_keep_their_colors(tmp_path: Path):
-    """Parts with vertex colors, with a factor, and with none keep their colors."""
+def test_parts_of_a_glb_keep_their_colors(tmp_path):
     ball = trimesh.creation.icosphere(0)
     parts = []
     for number in range(3):
@@ -169,8 +172,7 @@ def test_parts_of_a_glb_keep_their_colors(tmp_path: Path):
         np.testing.assert_allclose(colors[part == number], np.tile(color, ((part == number).sum(), 1)), atol=1e-6)
 
 
-def test_a_texture_transform_moves_the_places(tmp_path: Path):
-    """A texture transform moves the coordinates to a quarter of an image of twice the size."""
+def test_a_texture_transform_moves_the_places(tmp_path):
     path = write_painted(tmp_path, "glb")
     data = path.read_bytes()
     (length,) = struct.unpack_from("<I", data, 12)
@@ -187,9 +189,8 @@ def test_a_texture_transform_moves_the_places(tmp_path: Path):
     text = json.dumps(tree).encode()
     text += b" " * (-len(text) % 4)
     rest = data[20 + length :]
-    path.write_bytes(
-        struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(rest), len(text), 0x4E4F534A) + text + rest
-    )
+    header = struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(rest), len(text), 0x4E4F534A)
+    path.write_bytes(header + text + rest)
     assert_painted(load_mesh(path))
 
 
@@ -198,7 +199,7 @@ PLACES = ["materials", "textures", "images", "attributes", "TEXCOORD_0", "baseCo
 
 @pytest.mark.parametrize("place", PLACES)
 @pytest.mark.parametrize("wrong", [None, -1, 99, "x", [], {}, [None, None, None]])
-def test_a_gltf_that_says_nonsense_of_its_looks_is_a_mesh_or_a_sentence(place: str, wrong: object, tmp_path: Path):
+def test_a_gltf_that_says_nonsense_of_its_looks_is_a_mesh_or_a_sentence(place: str, wrong: object, tmp_path):
     path = write_painted(tmp_path, "gltf")
     tree = json.loads(path.read_text())
     primitive = tree["meshes"][0]["primitives"][0]
@@ -211,7 +212,7 @@ def test_a_gltf_that_says_nonsense_of_its_looks_is_a_mesh_or_a_sentence(place: s
 
 
 @pytest.mark.parametrize("kind", ["ply", "obj"])
-def test_colors_of_vertices_are_taken(kind: str, tmp_path: Path):
+def test_colors_of_vertices_are_taken(kind: str, tmp_path):
     ball = trimesh.creation.icosphere(1)
     ball.visual.vertex_colors = np.tile([[200, 100, 0, 255]], (len(ball.vertices), 1))
     ball.export(tmp_path / f"ball.{kind}")
@@ -221,12 +222,12 @@ def test_colors_of_vertices_are_taken(kind: str, tmp_path: Path):
 
 
 @pytest.mark.parametrize("kind", ["stl", "ply", "off", "glb", "obj"])
-def test_a_file_that_says_no_color_has_no_looks(kind: str, tmp_path: Path):
+def test_a_file_that_says_no_color_has_no_looks(kind: str, tmp_path):
     trimesh.creation.icosphere(1).export(tmp_path / f"ball.{kind}")
     assert load_mesh(tmp_path / f"ball.{kind}").looks is None
 
 
-def test_a_mesh_of_trimesh_keeps_its_looks(tmp_path: Path):
+def test_a_mesh_of_trimesh_keeps_its_looks(tmp_path):
     assert_painted(load_mesh(trimesh.load(write_painted(tmp_path, "glb"), process=False).to_mesh()))
     ball = trimesh.creation.icosphere(1)
     assert load_mesh(ball).looks is None
@@ -246,7 +247,7 @@ def usd_cube(folder: Path, interpolation: str = "", colors=()) -> tuple[Usd.Stag
     return stage, mesh
 
 
-def test_display_colors_are_taken(tmp_path: Path):
+def test_display_colors_are_taken(tmp_path):
     sides = np.array(SIDES) / 255.0
     for interpolation, colors in (("constant", sides[:1]), ("uniform", sides), ("vertex", CORNERS / 2.0 + 0.5)):
         (tmp_path / interpolation).mkdir()
@@ -257,7 +258,7 @@ def test_display_colors_are_taken(tmp_path: Path):
         np.testing.assert_allclose(mesh.looks.color_at_corners((0, 0, 0)), expected, atol=1e-6)
 
 
-def test_subsets_of_usd_keep_their_materials(tmp_path: Path):
+def test_subsets_of_usd_keep_their_materials(tmp_path):
     stage, cube = usd_cube(tmp_path, "constant", [(0.3, 0.4, 0.5)])
     for name, faces, color in (("a", [1, 4], (0.9, 0.1, 0.1)), ("b", [2], (0.1, 0.9, 0.1))):
         material = UsdShade.Material.Define(stage, f"/{name}")
@@ -272,3 +273,191 @@ def test_subsets_of_usd_keep_their_materials(tmp_path: Path):
     expected = np.tile([(0.3, 0.4, 0.5)], (6, 1))
     expected[[1, 4]], expected[2] = (0.9, 0.1, 0.1), (0.1, 0.9, 0.1)
     np.testing.assert_allclose(colors, expected, atol=1e-6)
+
+
+SCENE = """
+[[balloon]]
+mesh = "{mesh}"
+holes = "keep"
+"""
+MATERIALS = "newmtl 0\nKd 0.9 0.1 0.1\nnewmtl 1\nKd 0.1 0.9 0.1\nnewmtl paint\nmap_Kd images/the atlas.png\n"
+
+
+def written(mesh: Path, more: str = "", suffix: str = "usda") -> Path:
+    """Return a stage of a scene before anything moves, in a folder of its own."""
+    folder = mesh.parent / "out"
+    folder.mkdir(exist_ok=True)
+    scene = mesh.parent / "scene.toml"
+    scene.write_text(SCENE.format(mesh=mesh.name) + more)
+    with StageWriter(folder / f"stage.{suffix}", build_model(load_scene(scene), "cpu")) as writer:
+        writer.stage.SetEndTimeCode(0)
+    return folder / f"stage.{suffix}"
+
+
+def moved(stage: Path) -> Path:
+    """Return the stage moved to another folder with the files beside it, and nothing left behind."""
+    for path in stage.parent.parent.iterdir():
+        if path != stage.parent:
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+    return stage.parent.rename(stage.parent.with_name("moved")) / stage.name
+
+
+def assert_sides(path: Path, prim: str | None = None) -> None:
+    assert_painted(load_mesh(path, prim))
+
+
+@pytest.mark.parametrize("kind", ["glb", "obj", "usda"])
+def test_the_stage_has_the_image_and_where_it_lies(kind: str, tmp_path):
+    path = moved(written(write_painted(tmp_path, kind)))
+    stage = Usd.Stage.Open(str(path))
+    cube = stage.GetPrimAtPath("/World/cube")
+    assert UsdGeom.PrimvarsAPI(cube).GetPrimvar("st").GetInterpolation() == UsdGeom.Tokens.faceVarying
+    material, _ = UsdShade.MaterialBindingAPI(cube).ComputeBoundMaterial()
+    shaders = map(UsdShade.Shader, material.GetPrim().GetChildren())
+    [texture] = [each for each in shaders if each.GetIdAttr().Get() == "UsdUVTexture"]
+    file = texture.GetInput("file").Get()
+    assert file.path.startswith("./textures/")
+    assert Path(file.resolvedPath).is_file()
+    assert_sides(path)
+    assert_valid(Usd.Stage.Open(str(path)))
+
+
+def seen_from(path: Path, azimuth: float) -> np.ndarray:
+    """Return the mean color in the middle of a picture, from 0 to 255."""
+    picture = path.with_suffix(".png")
+    render_stage(path, picture, size=(64, 48), samples=1, device="cpu", azimuth=azimuth, elevation=0.0)
+    return np.asarray(Image.open(picture).convert("RGB"))[18:30, 26:38].mean(axis=(0, 1))
+
+
+@pytest.mark.parametrize("kind", ["glb", "obj"])
+def test_pictures_show_each_side_in_its_color(kind: str, tmp_path):
+    path = written(write_painted(tmp_path, kind))
+    for azimuth, side in ((0.0, 5), (90.0, 1), (180.0, 4), (270.0, 0)):
+        seen, color = seen_from(path, azimuth), np.array(SIDES[side])
+        # Light and gloss change how bright it is, not which channels are strong.
+        assert seen[color > 150].min() > 1.5 * seen[color < 80].max()
+
+
+def test_a_glb_has_the_image_and_where_it_lies(tmp_path):
+    stage = written(write_painted(tmp_path, "obj"))
+    export_stage(stage, tmp_path / "out.glb")
+    [cube] = trimesh.load(tmp_path / "out.glb", process=False).geometry.values()
+    for face, normal in zip(cube.faces, cube.face_normals, strict=True):
+        side = 2 * int(np.abs(normal).argmax()) + int(normal.sum() > 0.0)
+        assert color_in(cube.visual.material.baseColorTexture, cube.visual.uv[face].mean(axis=0)) == SIDES[side]
+    assert_sides(tmp_path / "out.glb")
+
+
+def test_a_package_has_its_image_in_it(tmp_path):
+    export_stage(written(write_painted(tmp_path, "glb")), tmp_path / "cube.usdz")
+    assert sum(name.endswith(".png") for name in zipfile.ZipFile(tmp_path / "cube.usdz").namelist()) == 1
+    (tmp_path / "alone").mkdir()
+    path = (tmp_path / "cube.usdz").rename(tmp_path / "alone/cube.usdz")
+    assert_sides(path)
+
+
+def test_a_stage_made_of_another_has_its_image_beside_it(tmp_path):
+    stage = written(write_painted(tmp_path, "obj"))
+    (tmp_path / "there").mkdir()
+    export_stage(stage, tmp_path / "there/other.usda")
+    shutil.rmtree(stage.parent)
+    shutil.rmtree(tmp_path / "images")
+    assert_sides(tmp_path / "there/other.usda")
+    assert list((tmp_path / "there").rglob("*.png")) == list((tmp_path / "there/textures").iterdir())
+
+
+def test_several_materials_are_subsets_that_share_out_the_faces(tmp_path):
+    path = written(write_obj_cube(tmp_path, MATERIALS))
+    stage = Usd.Stage.Open(str(path))
+    subsets = UsdShade.MaterialBindingAPI(stage.GetPrimAtPath("/World/cube")).GetMaterialBindSubsets()
+    faces = {subset.GetPrim().GetName(): list(subset.GetIndicesAttr().Get()) for subset in subsets}
+    assert sorted(face for some in faces.values() for face in some) == list(range(6))
+    assert_valid(Usd.Stage.Open(str(path)))
+    export_stage(path, tmp_path / "out.glb")
+    for read in (path, tmp_path / "out.glb"):
+        found = dict(seen_sides(load_mesh(read)))
+        np.testing.assert_allclose((found[0], found[1]), [(0.9, 0.1, 0.1), (0.1, 0.9, 0.1)], atol=1e-6)
+        assert [found[side] for side in range(2, 6)] == SIDES[2:]
+    red, cyan = seen_from(path, 270.0), seen_from(path, 0.0)
+    assert red.argmax() == 0
+    assert cyan.argmin() == 0
+
+
+def test_colors_of_vertices_are_in_all_outputs(tmp_path):
+    ball = trimesh.creation.icosphere(2)
+    ball.visual.vertex_colors = np.where(ball.vertices[:, :1] > 1e-6, [[230, 20, 20, 255]], [[20, 20, 230, 255]])
+    ball.export(tmp_path / "ball.ply")
+    path = written(tmp_path / "ball.ply")
+    assert_valid(Usd.Stage.Open(str(path)))
+    assert seen_from(path, 90.0).argmax() == 0
+    assert seen_from(path, 270.0).argmax() == 2
+    export_stage(path, tmp_path / "out.glb")
+    for read in (path, tmp_path / "out.glb"):
+        mesh = load_mesh(read)
+        right = mesh.points[mesh.face_vertex_indices][:, 0] > 1e-6
+        colors = mesh.looks.color_at_corners((0, 0, 0))
+        assert (colors.argmax(axis=1) == np.where(right, 0, 2)).all()
+
+
+def test_what_the_scene_says_counts_for_more(tmp_path):
+    path = written(write_painted(tmp_path, "obj"), "color = [0.1, 0.2, 0.3]\n")
+    assert not (path.parent / "textures").exists()
+    looks = load_mesh(path).looks
+    np.testing.assert_allclose(looks.color_at_corners((0, 0, 0)), np.tile([(0.1, 0.2, 0.3)], (24, 1)), atol=1e-6)
+
+
+def test_a_file_in_the_place_of_the_folder_is_found_before_the_work(tmp_path):
+    mesh = write_painted(tmp_path, "obj")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out/textures").write_text("mine")
+    with pytest.raises(InputError, match="textures"):
+        written(mesh)
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["textures"]
+
+
+SOLIDS = """
+color = [0.5, 0.5, 0.5]
+[[obstacle]]
+mesh = "cube.obj"
+position = [4, 0, 0]
+[[body]]
+mesh = "cube.obj"
+position = [8, 0, 0]
+[[body]]
+mesh = "cube.obj"
+position = [8, 8, 0]
+color = [0.5, 0.5, 0.5]
+"""
+
+
+def test_obstacles_and_bodies_keep_their_looks(tmp_path):
+    path = written(write_painted(tmp_path, "obj"), SOLIDS)
+    assert_sides(path, "/World/Obstacles/mesh")
+    assert_sides(path, "/World/Bodies/mesh")
+    assert not load_mesh(path, "/World/Bodies/mesh_1").looks.pictures
+
+
+def test_a_batch_keeps_them(tmp_path):
+    mesh = write_painted(tmp_path, "obj")
+    written(mesh)
+    plan = plan_model(load_scene(tmp_path / "scene.toml"))
+    (tmp_path / "batch").mkdir()
+    with GridWriter(tmp_path / "batch/worlds.usda", [GridGroup(plan, np.array([0]), np.array([0]))]):
+        pass
+    stage = Usd.Stage.Open(str(tmp_path / "batch/worlds.usda"))
+    [cube] = [prim for prim in stage.Traverse() if UsdGeom.Mesh(prim)]
+    material, _ = UsdShade.MaterialBindingAPI(cube).ComputeBoundMaterial()
+    assert stage.GetPrimAtPath(material.GetPath().AppendChild("Print"))
+    assert UsdGeom.PrimvarsAPI(cube).GetPrimvar("st").HasValue()
+    assert [file.suffix for file in (tmp_path / "batch/textures").iterdir()] == [".png"]
+
+
+def test_without_looks_each_balloon_has_another_color_and_one_is_red(tmp_path):
+    colors = np.array([palette_color(number) for number in range(20)])
+    apart = np.abs(colors[:, None] - colors).max(axis=2) + np.eye(20)
+    assert apart.min() > 0.02
+    trimesh.creation.icosphere(1).export(tmp_path / "ball.stl")
+    path = written(tmp_path / "ball.stl", SCENE.format(mesh="ball.stl"))
+    for name, color in (("ball", (0.80, 0.07, 0.06)), ("ball_1", (0.05, 0.30, 0.75))):
+        looks = load_mesh(path, f"/World/{name}").looks
+        np.testing.assert_allclose(looks.color_at_corners((0, 0, 0))[0], color, atol=1e-6)

@@ -30,13 +30,10 @@ def kinds(*arguments: Any, **fields: Any) -> list[str]:
 def two_balls(apart: float) -> PolygonMesh:
     """Return two components, of which the second is smaller."""
     small = quad_sphere(4, 0.3)
-    return PolygonMesh(
-        points=np.concatenate([BALL.points, small.points + np.array([apart, 0.0, 0.0])]),
-        face_vertex_counts=np.concatenate([BALL.face_vertex_counts, small.face_vertex_counts]),
-        face_vertex_indices=np.concatenate(
-            [BALL.face_vertex_indices, small.face_vertex_indices + np.int32(BALL.vertex_count)]
-        ),
-    )
+    points = np.concatenate([BALL.points, small.points + np.array([apart, 0.0, 0.0])])
+    indices = [BALL.face_vertex_indices, small.face_vertex_indices + np.int32(BALL.vertex_count)]
+    counts = np.concatenate([BALL.face_vertex_counts, small.face_vertex_counts])
+    return PolygonMesh(points, counts, np.concatenate(indices))
 
 
 def test_a_balloon_that_grows_turns_and_moves_has_not_ended_badly():
@@ -64,7 +61,6 @@ def test_a_balloon_that_grew_past_recognition_has_swollen():
 
 
 def test_a_balloon_that_was_to_stand_and_does_not_has_collapsed():
-    """A balloon that should stand has collapsed; not one that was asked to be soft, or is pressed."""
     (crumpled,) = endings(0.94 * BALL.points)
     assert str(crumpled) == "mesh crumpled to 83% of the volume of its mesh; less weight or more pressure helps"
     wide = BALL.points * np.array([1.2, 0.72, 1.2])
@@ -142,7 +138,6 @@ def test_a_balloon_with_nothing_below_it_falls_for_ever():
 
 
 def test_a_balloon_above_an_obstacle_lands():
-    """A balloon lands on an obstacle below it, or on a plane; not on one that it fell past, nor under a ceiling."""
     size = np.ptp(BALL.points, axis=0).max()
     low = BALL.points - np.array([0.0, 6.0 * size, 0.0])
     for obstacle, expected in [
@@ -151,10 +146,7 @@ def test_a_balloon_above_an_obstacle_lands():
         (Obstacle(position=(0.0, -3.0 * size, 0.0)), ["falling"]),
         (Obstacle(shape="plane", position=(0.0, -9.0 * size, 0.0), rotation=(30.0, 0.0, 0.0)), []),
         (Obstacle(shape="plane", position=(0.0, 2.0 * size, 0.0), rotation=(180.0, 0.0, 0.0)), ["falling"]),
-        (
-            Obstacle(position=(0.0, -3.0 * size, 0.0), motion=[(0.0, (0.0, -4.0 * size, 0.0))]),
-            [],
-        ),
+        (Obstacle(position=(0.0, -3.0 * size, 0.0), motion=[(0.0, (0.0, -4.0 * size, 0.0))]), []),
     ]:
         assert kinds(low, speed=1.0, ground=None, obstacle=[obstacle]) == expected
 
@@ -165,26 +157,23 @@ def test_what_happened_to_many_is_said_once():
     assert ending_sentences([*many, other]) == ["a falls (and 2 more like it)", "d folded"]
 
 
+CUBES = [Balloon(mesh=cube(), damping=0.0, inflation=Inflation(k_normal=0.0))]
+FALLING = Scene(frames=63, gravity=9.9, balloon=CUBES, substeps=8)
+FALLS = "mesh falls forever: 5 times its size below the start; a [ground] would stop it"
+
+
 def test_a_run_says_it_in_a_sentence_and_in_its_summary(tmp_path):
-    """A run reports the outcome in a sentence and in its summary: a cube falls by five times its size."""
-    cubes = [Balloon(mesh=cube(), damping=0.0, inflation=Inflation(k_normal=0.0))]
-    scene = Scene(frames=63, gravity=9.9, balloon=cubes, substeps=8)
     warnings: list[str] = []
-    summary = animate(scene, tmp_path / "fall.usdc", device="cpu", on_warning=warnings.append)
-    assert warnings == ["mesh falls forever: 5 times its size below the start; a [ground] would stop it"]
+    summary = animate(FALLING, tmp_path / "fall.usdc", device="cpu", on_warning=warnings.append)
+    assert warnings == [FALLS]
     (said,) = json.loads(json.dumps(summary.as_json()))["bad_endings"]
-    assert said["kind"] == "falling"
-    assert said["balloon"] == "mesh"
+    assert (said["kind"], said["balloon"]) == ("falling", "mesh")
     assert said["measure"] == pytest.approx(0.5 * 9.9 * (63 / 60) ** 2, rel=0.01)  # the step adds 0.002
 
 
 def test_a_batch_says_it_of_the_worlds_that_it_exports(tmp_path):
-    """A batch reports the outcome of exported worlds: of falling cubes, of which two are light enough to float."""
-    cubes = [Balloon(mesh=cube(), damping=0.0, inflation=Inflation(k_normal=0.0))]
-    scene = Scene(frames=63, gravity=9.9, balloon=cubes, substeps=8)
-    lift, warnings = {"balloon.helium": [0.0, 9.9, 9.9, 0.0, 0.0]}, list[str]()
-    summary = run_batch(scene, tmp_path, 5, lift, export=[0, 1, 2, 3], device="cpu", on_warning=warnings.append)
-    falls = "mesh falls forever: 5 times its size below the start; a [ground] would stop it"
-    assert warnings == [f"world 0: {falls} (and 1 more like it)"]
-    assert [str(ending) for ending in summary.bad_endings] == [f"world 0: {falls}", f"world 3: {falls}"]
-    assert run_batch(scene, tmp_path, 5, lift, device="cpu").bad_endings == []
+    lift, warnings = {"balloon.helium": [0.0, 9.9, 9.9, 0.0, 0.0]}, list[str]()  # two are light enough to float
+    summary = run_batch(FALLING, tmp_path, 5, lift, export=[0, 1, 2, 3], device="cpu", on_warning=warnings.append)
+    assert warnings == [f"world 0: {FALLS} (and 1 more like it)"]
+    assert [str(ending) for ending in summary.bad_endings] == [f"world 0: {FALLS}", f"world 3: {FALLS}"]
+    assert run_batch(FALLING, tmp_path, 5, lift, device="cpu").bad_endings == []

@@ -20,19 +20,19 @@ from balloon_warp.model import build_model
 from balloon_warp.scene import Atmosphere, Balloon, Change, Ground, Inflation, Material, Scene, String, Touch, Water
 from balloon_warp.simulator import Simulator
 from balloon_warp.viewer.geometry import string_reach
+from balloon_warp.viewer.hands_on import span
 from balloon_warp.viewer.notebook import show
+from balloon_warp.viewer.page import Page
+from balloon_warp.viewer.plots import span_of
+from balloon_warp.viewer.server import free_port
 from balloon_warp.viewer.session import Session
+from balloon_warp.viewer.sliders import VALUES, does_something, of_tables
 from balloon_warp.viewer.status import COMPILING, status_line
 
 
 def served(tmp_path: Path):
-    pytest.importorskip("viser")
-    from balloon_warp.viewer.page import Page
-    from balloon_warp.viewer.server import free_port
-
-    return Page(
-        Session("ball", Scene(balloon=[Balloon(mesh=quad_sphere(3))]), "cpu", tmp_path), port=free_port("127.0.0.1", 0)
-    )
+    scene = Scene(balloon=[Balloon(mesh=quad_sphere(3))])
+    return Page(Session("ball", scene, "cpu", tmp_path), port=free_port("127.0.0.1", 0))
 
 
 @pytest.mark.parametrize(
@@ -46,11 +46,17 @@ def test_the_page_says_where_it_is(host, place, tmp_path, monkeypatch):
     page.stop()
 
 
-def test_the_page_is_on_loopback_alone(tmp_path):
+def test_the_page_is_on_loopback_alone_and_refuses_a_taken_port(tmp_path):
     page = served(tmp_path)
     assert page.server.get_host() == "127.0.0.1"
     assert page.server.request_share_url() is None
     page.stop()
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        result = CliRunner().invoke(app, ["view", "squirrel_inflate", "--port", str(port)])
+    assert str(result.exception) == f"--port {port}: cannot listen on 127.0.0.1: Address already in use"
 
 
 @pytest.mark.parametrize(
@@ -65,15 +71,6 @@ def test_mistakes_are_refused_in_a_sentence(arguments, sentence):
     result = CliRunner().invoke(app, ["view", *arguments])
     assert isinstance(result.exception, InputError)
     assert str(result.exception).startswith(sentence)
-
-
-def test_a_port_that_is_taken_is_refused():
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        port = taken.getsockname()[1]
-        result = CliRunner().invoke(app, ["view", "squirrel_inflate", "--port", str(port)])
-    assert str(result.exception) == f"--port {port}: cannot listen on 127.0.0.1: Address already in use"
 
 
 def test_the_page_sees_as_far_as_a_string_lets_a_balloon_come():
@@ -93,9 +90,6 @@ def test_the_page_sees_as_far_as_a_string_lets_a_balloon_come():
     ("most", "end"), [(16.0, 16.0), (13.743272, 14.0), (0.0123, 0.013), (100.0, 100.0), (995.0, 1000.0), (0.3, 0.3)]
 )
 def test_a_slider_ends_at_a_value_with_two_digits(most: float, end: float):
-    pytest.importorskip("viser", reason="needs the extra `view`")
-    from balloon_warp.viewer.hands_on import span
-
     slider = SimpleNamespace()
     span(slider, most, signed=True)
     assert (slider.min, slider.max, slider.step) == (-end, end, pytest.approx(end / 500))
@@ -105,9 +99,6 @@ def test_a_slider_ends_at_a_value_with_two_digits(most: float, end: float):
 
 def shown(scene: Scene) -> dict[str, list[str]]:
     """Return the sliders of a scene, beside those that every scene has."""
-    pytest.importorskip("viser")
-    from balloon_warp.viewer.sliders import does_something, of_tables
-
     return {
         name: [value.row.name for value in values if does_something(scene, value.row)]
         for name, values in of_tables().items()
@@ -115,7 +106,6 @@ def shown(scene: Scene) -> dict[str, list[str]]:
 
 
 def test_contacts_materials_air_and_gas_have_sliders_where_a_scene_has_them():
-    """Sliders of contacts, materials, air and gas are made from the rows, so that none is missing."""
     plain = shown(Scene(balloon=[Balloon(mesh=quad_sphere(2))]))
     assert plain["Contacts"] == plain["Material"] == plain["Gas"] == []
     latex = Balloon(mesh=quad_sphere(2), material=Material(preset="latex"), inflation=Inflation(kind="gas"))
@@ -131,10 +121,6 @@ def test_contacts_materials_air_and_gas_have_sliders_where_a_scene_has_them():
 
 
 def test_what_does_nothing_as_things_are_has_no_slider():
-    """Parameters without effect have no slider: springs of rubber, gusts in calm air, air that no balloon feels."""
-    pytest.importorskip("viser")
-    from balloon_warp.viewer.sliders import VALUES, does_something
-
     def springs(material: Material) -> list[str]:
         scene = Scene(balloon=[Balloon(mesh=quad_sphere(2), material=material)])
         rows = [value.row for value in VALUES if does_something(scene, value.row)]
@@ -153,8 +139,6 @@ def test_what_does_nothing_as_things_are_has_no_slider():
 
 
 def test_a_simulator_shows_the_page_until_it_is_closed(tmp_path):
-    """A simulator shows the page in an IFrame until it is closed; the simulator itself does not move."""
-    pytest.importorskip("viser")
     simulator = Simulator(Scene(balloon=[Balloon(mesh=quad_sphere(3))]), "cpu")
     simulator.step()
     shown = show(simulator, folder=tmp_path, height=500)
@@ -172,8 +156,6 @@ def test_a_simulator_shows_the_page_until_it_is_closed(tmp_path):
 
 
 def test_the_page_begins_where_a_simulator_is(tmp_path):
-    """The page begins at a simulator's second world and continues like it; a reset goes to the scene's start."""
-    pytest.importorskip("viser")
     helium = Balloon(mesh=quad_sphere(3), helium=5.0)
     scene = Scene(balloon=[helium], change=[Change(time=2.0 / 60.0, set={"balloon.0.helium": 50.0})])
     simulator = Simulator(scene, "cpu", world_count=2)
@@ -206,7 +188,6 @@ def test_showing_without_the_extra_is_refused_in_a_sentence(monkeypatch):
 
 
 def test_the_line_of_status_says_how_fast_time_runs_and_why():
-    """The status line gives the speed and, where it is below the requested one, a reason that fits its numbers."""
     picture = Session("ball", Scene(balloon=[Balloon(mesh=quad_sphere(2))]), "cpu").picture
 
     def said(busy: float = 0.0, **how) -> tuple[str, str]:
@@ -234,9 +215,6 @@ def test_the_line_of_status_says_how_fast_time_runs_and_why():
 )
 def test_ticks_of_a_plot_differ(curve: list[float]):
     """A plot's range covers the curve, and its five ticks differ in the three digits that plots have."""
-    pytest.importorskip("viser")
-    from balloon_warp.viewer.plots import span_of
-
     low, high = span_of(np.array(curve))
     assert low <= min(curve)
     assert high >= max(curve)

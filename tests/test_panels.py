@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 from meshes import mesh_of, quad_sphere
 
 import balloon_warp as bw
@@ -50,7 +51,7 @@ def seams_file(path: Path, *, opened: bool = True) -> Path:
 
 
 @pytest.fixture(autouse=True)
-def small(monkeypatch: pytest.MonkeyPatch):
+def small(monkeypatch):
     monkeypatch.setattr(picture, "SIZE", (96, 84))
     monkeypatch.setattr(picture, "SAMPLES", 1)
     monkeypatch.setattr(of_panels, "EDGES", 8)
@@ -79,7 +80,7 @@ def test_gores_of_a_ball_are_those_of_the_textbook(count: int):
         assert height == pytest.approx(np.pi * 0.15, rel=off)
 
 
-def test_what_can_be_laid_flat_is_laid_flat_without_strain(tmp_path: Path):
+def test_what_can_be_laid_flat_is_laid_flat_without_strain(tmp_path):
     """A developable surface is flattened without strain: a cylinder, cut along its rims and a line, becomes two lids
     and a rectangle, and no panel overlaps another."""
     panels = panels_of(cylinder(), seams_file(tmp_path / "seams.obj"), 0.2)
@@ -99,9 +100,7 @@ def test_what_can_be_laid_flat_is_laid_flat_without_strain(tmp_path: Path):
             assert apart.max() > 0.016  # two allowances
 
 
-def test_marks_that_have_the_same_number_meet(tmp_path: Path):
-    """Marks of one number are at the same place of the seam, on both panels, and point out of them."""
-    shapely = pytest.importorskip("shapely")
+def test_marks_that_have_the_same_number_meet(tmp_path):
     panels = panels_of(cylinder(), seams_file(tmp_path / "seams.obj"), 0.4)
     flat = laid_out(panels, flattened(panels, panels.mesh.points))
     lines, labels = PanelPattern(panels, flat).drawn
@@ -119,9 +118,7 @@ def test_marks_that_have_the_same_number_meet(tmp_path: Path):
     assert text.count('class="mark"') == 2 * len(texts)
 
 
-def test_a_ball_of_gores_becomes_round_from_rest(tmp_path: Path):
-    """A ball of gores becomes round; its folder runs by itself, and a resumed design agrees."""
-    pytest.importorskip("shapely")
+def test_a_ball_of_gores_becomes_round_from_rest(tmp_path):
 
     def stop(stage: str) -> None:
         if stage.startswith("correction 0"):
@@ -164,7 +161,7 @@ def grouped(path: Path, kind: str) -> Path:
 
 
 @pytest.mark.parametrize(("said", "kind"), [("groups", "g"), ("materials", "usemtl")])
-def test_panels_between_parts_of_a_file(said: str, kind: str, tmp_path: Path):
+def test_panels_between_parts_of_a_file(said: str, kind: str, tmp_path):
     assert panels_of(grouped(tmp_path / "halves.obj", kind), said, 0.3).count == 2
 
 
@@ -184,13 +181,13 @@ def tube() -> PolygonMesh:
         (BALL, "# none", r"has no seam; expected lines of vertices"),
     ],
 )
-def test_seams_that_do_not_cut_are_refused(mesh: PolygonMesh, seams: str, sentence: str, tmp_path: Path):
+def test_seams_that_do_not_cut_are_refused(mesh: PolygonMesh, seams: str, sentence: str, tmp_path):
     (tmp_path / "seams.txt").write_text(seams)
     with pytest.raises(InputError, match=sentence):
         panels_of(mesh, tmp_path / "seams.txt", 0.3)
 
 
-def test_panels_that_cannot_be_are_refused(tmp_path: Path):
+def test_panels_that_cannot_be_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"piece of 128 triangles about .* of cylinder has 2 borders or a handle"):
         panels_of(cylinder(), seams_file(tmp_path / "seams.obj", opened=False), 0.3)
     with pytest.raises(InputError, match=r"panels: must be from 3 to 64 gores \(got 2\)"):
@@ -216,7 +213,7 @@ def test_panels_that_cannot_be_are_refused(tmp_path: Path):
 
 @pytest.mark.full
 @pytest.mark.parametrize(("mesh", "said", "most"), [(BALL, 24, 0.05), (lids(), "groups", 0.15)], ids=["gores", "lids"])
-def test_stiff_film_comes_to_rest_at_the_step_of_auto(mesh: PolygonMesh, said: int | str, most: float, tmp_path: Path):
+def test_stiff_film_comes_to_rest_at_the_step_of_auto(mesh: PolygonMesh, said: int | str, most: float, tmp_path):
     """Film comes to rest at the automatic step, though it hardly stretches, so that its triangles keep changing between
     taut and wrinkled.
 

@@ -63,10 +63,7 @@ def test_rays_meet_capsules_where_marching_finds_them():
     distances = wp.zeros(count, dtype=float, device="cpu")
     vectors = [wp.array(each, dtype=wp.vec3, device="cpu") for each in (origins, directions, begins, ends)]
     wp.launch(
-        measure_capsules,
-        count,
-        inputs=[*vectors, wp.array(radii, dtype=float, device="cpu"), distances],
-        device="cpu",
+        measure_capsules, count, inputs=[*vectors, wp.array(radii, dtype=float, device="cpu"), distances], device="cpu"
     )
     hit = marched < 20.0
     # Rays that pass within a hair of the outline may go either way; there are none among these.

@@ -66,9 +66,7 @@ def stop(scene: Scene, output: Path, how: Callable[[int], None] = crash, **optio
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize("save_bytes", [0, 2**26])
 @pytest.mark.parametrize("suffix", [".usdc", ".usda"])
-def test_the_bytes_are_those_of_a_run_that_was_never_stopped(
-    name: str, save_bytes: int, suffix: str, device: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_the_bytes_are_those_of_a_run_that_was_never_stopped(name, save_bytes, suffix, device, tmp_path, monkeypatch):
     monkeypatch.setattr(growing, "SAVE_BYTES", save_bytes)
     whole, output = tmp_path / f"whole{suffix}", tmp_path / f"out{suffix}"
     animate(SCENES[name], whole, device=device)
@@ -80,7 +78,7 @@ def test_the_bytes_are_those_of_a_run_that_was_never_stopped(
     assert not folder.exists()
 
 
-def test_ctrl_c_saves_the_frames_so_far_in_a_stage_that_opens(tmp_path: Path):
+def test_ctrl_c_saves_the_frames_so_far_in_a_stage_that_opens(tmp_path):
     whole, output = tmp_path / "whole.usdc", tmp_path / "out.usdc"
     animate(SCENE, whole)
     output.write_bytes(b"good")
@@ -102,8 +100,7 @@ def test_ctrl_c_saves_the_frames_so_far_in_a_stage_that_opens(tmp_path: Path):
     assert output.read_bytes() == whole.read_bytes()
 
 
-def test_a_checkpoint_waits_for_frames_that_are_still_being_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """A checkpoint waits for frames that a background thread still writes, here slowly."""
+def test_a_checkpoint_waits_for_frames_that_are_still_being_written(tmp_path, monkeypatch):
     write = usd_stage.StageWriter.write
 
     def write_slowly(self: usd_stage.StageWriter, frame: Any) -> None:
@@ -120,7 +117,7 @@ def test_a_checkpoint_waits_for_frames_that_are_still_being_written(tmp_path: Pa
     assert output.read_bytes() == whole.read_bytes()
 
 
-def test_several_parts_are_played_one_after_the_other(tmp_path: Path):
+def test_several_parts_are_played_one_after_the_other(tmp_path):
     folder = stop(SCENE, tmp_path / "out.usdc")
     assert len(list(folder.glob("frames_*.usdc"))) == STOPPED_AT
     assert len(list(folder.glob("state_*.npz"))) == 1
@@ -135,23 +132,34 @@ def test_several_parts_are_played_one_after_the_other(tmp_path: Path):
 
 
 @pytest.mark.parametrize("seconds", [0.0, 1e6])
-def test_what_is_short_or_not_to_be_saved_leaves_nothing(seconds: float, tmp_path: Path):
+def test_what_is_short_or_not_to_be_saved_leaves_nothing(seconds: float, tmp_path):
     assert not stop(SCENE, tmp_path / "out.usdc", checkpoint_seconds=seconds).exists()
     assert list(tmp_path.iterdir()) == []
 
 
-def test_another_scene_is_refused(tmp_path: Path):
+def test_another_scene_is_refused(tmp_path):
     output = tmp_path / "out.usdc"
     folder = stop(SCENE, output)
-    with pytest.raises(
-        InputError, match=r"out\.usdc\.partial belongs to another run: scene\.gravity is 9\.81 there and 3"
-    ):
+    other = r"out\.usdc\.partial belongs to another run: scene\.gravity is 9\.81 there and 3"
+    with pytest.raises(InputError, match=other):
         animate(SCENE.model_copy(update={"gravity": 3.0}), output, resume=True)
     assert folder.exists()
 
 
+OTHERS = {"versions.warp-lang": "0.1", "versions.balloon-warp": "0.0.1", "device": "another", "schedule": "lanes"}
+
+
+@pytest.mark.parametrize(("path", "value"), [*OTHERS.items(), ("substeps", 1)])
+def test_what_else_the_bits_depend_on_is_compared(path: str, value: object, tmp_path):
+    output = tmp_path / "out.usdc"
+    tamper(stop(SCENE, output) / "job.json", path, value)
+    there = rf"belongs to another run: {path} is {json.dumps(value)} there and .* here; expected"
+    with pytest.raises(InputError, match=there):
+        animate(SCENE, output, resume=True)
+
+
 @pytest.mark.full
-def test_another_mesh_is_refused(tmp_path: Path):
+def test_another_mesh_is_refused(tmp_path):
     mesh, output = tmp_path / "ball.obj", tmp_path / "out.usdc"
     scene = SCENE.model_copy(update={"balloon": [Balloon(mesh=mesh, position=(0.0, 1.2, 0.0))]})
     write_obj(mesh, quad_sphere(3))
@@ -161,28 +169,8 @@ def test_another_mesh_is_refused(tmp_path: Path):
         animate(scene, output, resume=True)
 
 
-@pytest.mark.parametrize(
-    ("path", "value"),
-    [
-        ("versions.warp-lang", "0.1"),
-        ("versions.balloon-warp", "0.0.1"),
-        ("device", "another"),
-        ("schedule", "lanes"),
-        ("substeps", 1),
-    ],
-)
-def test_what_else_the_bits_depend_on_is_compared(path: str, value: object, tmp_path: Path):
-    """A run resumes only with the same version, schedule and step, on which its bits depend."""
-    output = tmp_path / "out.usdc"
-    tamper(stop(SCENE, output) / "job.json", path, value)
-    with pytest.raises(
-        InputError, match=rf"belongs to another run: {path} is {json.dumps(value)} there and .* here; expected"
-    ):
-        animate(SCENE, output, resume=True)
-
-
 @pytest.mark.parametrize("name", ["out.usdc.partial", "out.usdc.partial.old"])
-def test_something_else_of_that_name_is_told_before_the_run(name: str, tmp_path: Path):
+def test_something_else_of_that_name_is_told_before_the_run(name: str, tmp_path):
     (tmp_path / name).mkdir()
     (tmp_path / name / "thesis.txt").write_text("not ours")
     with pytest.raises(InputError, match=rf"{name}: is where checkpoints go; expected no file of that name$"):
@@ -190,21 +178,20 @@ def test_something_else_of_that_name_is_told_before_the_run(name: str, tmp_path:
     assert (tmp_path / name / "thesis.txt").read_text() == "not ours"
 
 
-def test_an_earlier_run_is_mentioned_and_kept_aside_until_another_is_done(tmp_path: Path):
+def test_an_earlier_run_is_mentioned_and_kept_aside_until_another_is_done(tmp_path):
     output, notes = tmp_path / "out.usdc", []
     folder = stop(SCENE, output)
     saved = {path.name: path.read_bytes() for path in folder.iterdir()}
     other, aside = SCENE.model_copy(update={"gravity": 3.0}), tmp_path / "out.usdc.partial.old"
     stop(other, output, on_note=notes.append)
-    assert notes == [
-        f"{folder} holds an earlier run that --resume would continue; it is kept as {aside.name} until this run is done"
-    ]
+    kept = f"it is kept as {aside.name} until this run is done"
+    assert notes == [f"{folder} holds an earlier run that --resume would continue; {kept}"]
     assert {path.name: path.read_bytes() for path in aside.iterdir()} == saved
     assert animate(other, output, resume=True).begin == STOPPED_AT - 1
     assert [path.name for path in tmp_path.iterdir()] == ["out.usdc"]
 
 
-def test_of_runs_that_were_begun_anew_the_last_is_kept_aside(tmp_path: Path):
+def test_of_runs_that_were_begun_anew_the_last_is_kept_aside(tmp_path):
     output = tmp_path / "out.usdc"
     for gravity in (3.0, 4.0, 5.0):
         stop(SCENE.model_copy(update={"gravity": gravity}), output)
@@ -228,20 +215,17 @@ def test_where_two_jobs_differ_is_said(there: dict, here: dict, phrases: list[st
     assert list(differences(there, here)) == phrases
 
 
-def test_a_run_too_short_for_a_checkpoint_leaves_an_earlier_one_as_it_is(tmp_path: Path):
-    folder = stop(SCENE, tmp_path / "out.usdc")
-    animate(SCENE.model_copy(update={"gravity": 3.0}), tmp_path / "out.usdc")
-    assert folder.exists()
-
-
-def test_nothing_to_resume_is_the_start(tmp_path: Path):
+def test_nothing_to_resume_is_the_start_and_short_runs_leave_an_earlier_checkpoint_as_it_is(tmp_path):
     output, notes = tmp_path / "out.usdc", []
     assert animate(SCENE, output, resume=True, on_note=notes.append).begin == 0
     assert "starting from the beginning" in notes[0]
+    folder = stop(SCENE, output)
+    animate(SCENE.model_copy(update={"gravity": 3.0}), output)
+    assert folder.exists()
 
 
 @pytest.mark.parametrize("name", ["frames_000003.usdc", "state_000006_0000.npz", "job.json"])
-def test_a_damaged_checkpoint_is_refused(name: str, tmp_path: Path):
+def test_a_damaged_checkpoint_is_refused(name: str, tmp_path):
     output = tmp_path / "out.usdc"
     damaged = stop(SCENE, output) / name
     damaged.write_bytes(damaged.read_bytes()[:40])
@@ -251,8 +235,7 @@ def test_a_damaged_checkpoint_is_refused(name: str, tmp_path: Path):
 
 
 @pytest.mark.parametrize("name", [f"state_{STOPPED_AT - 2:06d}_0000.npz", f"frames_{STOPPED_AT:06d}.usdc"])
-def test_a_kill_between_the_files_of_a_checkpoint_does_no_harm(name: str, tmp_path: Path):
-    """A kill between the files of a checkpoint does no harm: an old state or discarded frames are left."""
+def test_a_kill_between_the_files_of_a_checkpoint_does_no_harm(name: str, tmp_path):
     whole, output = tmp_path / "whole.usdc", tmp_path / "out.usdc"
     animate(SCENE, whole)
     folder = stop(SCENE, output)
@@ -262,7 +245,7 @@ def test_a_kill_between_the_files_of_a_checkpoint_does_no_harm(name: str, tmp_pa
     assert output.read_bytes() == whole.read_bytes()
 
 
-def test_nothing_in_a_checkpoint_is_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_nothing_in_a_checkpoint_is_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     path = stop(SCENE, tmp_path / "out.usdc") / f"state_{STOPPED_AT - 1:06d}_0000.npz"
     plant_spy(path, "points")
@@ -271,13 +254,12 @@ def test_nothing_in_a_checkpoint_is_run(tmp_path: Path, monkeypatch: pytest.Monk
     assert not (tmp_path / "run").exists()
 
 
-def test_each_file_of_a_checkpoint_appears_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Files of a checkpoint are renamed into place once they are whole, as outputs are."""
+def test_each_file_of_a_checkpoint_appears_whole(tmp_path, monkeypatch):
     whole = watch_names(monkeypatch)
     assert {*stop(SCENE, tmp_path / "out.usdc").iterdir()} <= whole
 
 
-def test_checkpoints_go_all_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_checkpoints_go_all_at_once(tmp_path, monkeypatch):
     """Checkpoints are removed at once: a kill meanwhile leaves nothing that --resume takes for a run."""
     output = tmp_path / "out.usdc"
     folder = stop(SCENE, output)
@@ -286,7 +268,7 @@ def test_checkpoints_go_all_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert not folder.exists()
 
 
-def test_a_checkpoint_that_cannot_be_written_ends_the_run_and_harms_nothing(tmp_path: Path):
+def test_a_checkpoint_that_cannot_be_written_ends_the_run_and_harms_nothing(tmp_path):
     output = tmp_path / "out.usdc"
     output.write_bytes(b"good")
 

@@ -1,105 +1,119 @@
 """Resumed batches, stopped or killed: the same files, byte by byte, as of an uninterrupted one."""
 
-import resource
+import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from batches import NAMES, OFTEN, contents, press_ctrl_c_once, watch_names
-from meshes import quad_sphere
+from batches import (
+    FRAMES,
+    NAMES,
+    OFTEN,
+    WORLDS,
+    contents,
+    files_limited_to,
+    plant_spy,
+    press_ctrl_c_once,
+    scene,
+    stop_after,
+    stop_batch,
+    tamper,
+    watch_names,
+)
+from meshes import cube, quad_sphere
 from pxr import Usd, UsdGeom
-from stopped_batch import FRAMES, WORLDS, scene, stop_after, stop_batch
 
 from balloon_warp import InputError, run_batch
+from balloon_warp.blow_ups import BlowUp, Pull
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.outputs.usd import growing
 from balloon_warp.resume import Checkpoints, Part
+from balloon_warp.scene import Balloon, Ground, Inflation, Scene
+from balloon_warp.sweep import shares
+from balloon_warp.sweep.batch import BatchSummary
+from balloon_warp.sweep.blow_ups import Failures
+from balloon_warp.sweep.checkpoints import batch_checkpoints
+from balloon_warp.sweep.groups import plan_groups
+from balloon_warp.sweep.journal import FAILURES, ShareJournal
+from balloon_warp.sweep.manifest import describe_batch
 from balloon_warp.sweep.output import BatchOutput
+from balloon_warp.sweep.task import BatchTask
 
 
 @pytest.fixture(params=["gather", "lanes", "block", "octets"])
-def schedule(request: pytest.FixtureRequest, device: str) -> str:
+def schedule(request, device: str) -> str:
     if device != "cpu" and request.param in ("octets", "lanes"):
         pytest.skip("simulates on the CPU")
     return request.param
 
 
 @pytest.fixture
-def vary(tmp_path: Path) -> dict:
+def vary(tmp_path) -> dict:
     """Return two meshes, which make two groups, and a push under which the last world blows up."""
     paths = [tmp_path / "coarse.obj", tmp_path / "fine.obj"]
-    for path, mesh in zip(paths, (quad_sphere(2), quad_sphere(3)), strict=True):
-        write_obj(path, mesh)
+    for number, path in enumerate(paths):
+        write_obj(path, quad_sphere(2 + number))
     return {
         "balloon.mesh": [paths[world % 2] for world in range(WORLDS)],
         "balloon.inflation.k_normal": [0.2, 0.3, 0.4, 0.5, 9e11],
     }
 
 
+def run(folder: Path, worlds: int = 2, **how: Any) -> BatchSummary:
+    """Simulate a batch whose worlds differ in gravity, which was stopped in `folder` or is begun there."""
+    how = {"vary": {"gravity": np.linspace(1, 9, worlds).tolist()}, "device": "cpu", **how}
+    return run_batch(scene(), folder, worlds, **how)
+
+
+def resumed(folder: Path, worlds: int = 2, **how: Any) -> list[str]:
+    """Go on with such a batch, require the files of one that was never stopped, and return its messages."""
+    notes: list[str] = []
+    run(folder, worlds, resume=True, on_note=notes.append, **how)
+    run(folder.with_name("whole"), worlds, **how)
+    assert contents(folder) == contents(folder.with_name("whole"))
+    return notes
+
+
 @pytest.mark.full
-def test_it_goes_on_to_the_same_bytes(
-    vary: dict, schedule: str, device: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    """A batch stopped twice resumes to the same bytes, before and after the last world blew up."""
+def test_it_goes_on_to_the_same_bytes(vary: dict, schedule: str, device: str, tmp_path, monkeypatch):
+    """Stopped twice: before and after the last world blew up."""
     monkeypatch.setattr(growing, "SAVE_BYTES", 10_000)
-    how = {"export": [1, 4], "device": device, "schedule": schedule}
-    run_batch(scene(), tmp_path / "whole", WORLDS, vary, **how)
+    how = {"vary": vary, "export": [1, 4], "device": device, "schedule": schedule}
+    parts, frames, notes = tmp_path / "parts", [], []
+    run(tmp_path / "whole", WORLDS, **how)
     for last in (2, 5):
         with pytest.raises(RuntimeError, match="stopped"):
-            run_batch(
-                scene(),
-                tmp_path / "parts",
-                WORLDS,
-                vary,
-                **how,
-                checkpoint_seconds=OFTEN,
-                resume=True,
-                on_frame=stop_after(last),
-            )
-    assert contents(tmp_path / "parts") == {}
-    frames, notes = [], []
-    summary = run_batch(
-        scene(), tmp_path / "parts", WORLDS, vary, **how, resume=True, on_frame=frames.append, on_note=notes.append
-    )
+            run(parts, WORLDS, **how, checkpoint_seconds=OFTEN, resume=True, on_frame=stop_after(last))
+    assert contents(parts) == {}
+    summary = run(parts, WORLDS, **how, resume=True, on_frame=frames.append, on_note=notes.append)
     assert frames == [5, 6]
-    assert notes == [f"resuming after frame 4, from {tmp_path / 'parts' / 'partial'}"]
+    assert notes == [f"resuming after frame 4, from {parts / 'partial'}"]
     assert summary.resumed == pytest.approx(4 / FRAMES, abs=1e-3)
     assert summary.unhealthy_worlds == 1
-    assert contents(tmp_path / "parts") == contents(tmp_path / "whole")
-    assert sorted(path.name for path in (tmp_path / "parts").iterdir()) == sorted([*NAMES, "manifest.json"])
+    assert contents(parts) == contents(tmp_path / "whole")
+    assert sorted(path.name for path in parts.iterdir()) == sorted([*NAMES, "manifest.json"])
 
 
-def test_what_was_saved_opens(tmp_path: Path):
+def test_what_was_saved_opens(tmp_path):
     """Saved parts open: rows in NumPy, worlds as a stage, with the frames that they promise; and all together."""
+    partial, whole = tmp_path / "partial", tmp_path / "whole"
     with pytest.raises(RuntimeError):
-        run_batch(
-            scene(),
-            tmp_path,
-            3,
-            {"gravity": [1, 5, 9]},
-            export=[2],
-            device="cpu",
-            checkpoint_seconds=OFTEN,
-            on_frame=stop_after(4),
-        )
-    run_batch(scene(), tmp_path / "whole", 3, {"gravity": [1, 5, 9]}, export=[2], device="cpu")
-    stages = sorted((tmp_path / "partial").glob("frames_*.usdc"))
-    tables = sorted((tmp_path / "partial").glob("rows_*.npz"))
+        run(tmp_path, 3, export=[2], checkpoint_seconds=OFTEN, on_frame=stop_after(4))
+    run(whole, 3, export=[2])
+    stages, tables = sorted(partial.glob("frames_*.usdc")), sorted(partial.glob("rows_*.npz"))
     assert len(stages) == len(tables) == 4
-    whole = Usd.Stage.Open(str(tmp_path / "whole" / "worlds.usdc"))
-    path = next(
-        str(prim.GetPath()) for prim in whole.Traverse() if "World_2" in str(prim.GetPath()) and prim.IsA(UsdGeom.Mesh)
-    )
-    with np.load(tmp_path / "whole" / "table.npz") as table:
+    opened, played = Usd.Stage.Open(str(whole / "worlds.usdc")), Usd.Stage.Open(str(partial / "frames.usda"))
+    meshes = (str(prim.GetPath()) for prim in opened.Traverse() if prim.IsA(UsdGeom.Mesh))
+    path = next(mesh for mesh in meshes if "World_2" in mesh)
+    with np.load(whole / "table.npz") as table:
         volumes = table["volume"].reshape(FRAMES + 1, 3)
-    played = Usd.Stage.Open(str(tmp_path / "partial" / "frames.usda"))
     assert (played.GetStartTimeCode(), played.GetEndTimeCode()) == (0, 3)
     for number, (stage_path, rows) in enumerate(zip(stages, tables, strict=True)):
         stage = Usd.Stage.Open(str(stage_path))
         assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (number, number)
         alone, together, expected = (
-            UsdGeom.Mesh(each.GetPrimAtPath(path)).GetPointsAttr().Get(number) for each in (stage, played, whole)
+            UsdGeom.Mesh(each.GetPrimAtPath(path)).GetPointsAttr().Get(number) for each in (stage, played, opened)
         )
         np.testing.assert_array_equal(alone, expected)
         np.testing.assert_array_equal(together, expected)
@@ -107,10 +121,10 @@ def test_what_was_saved_opens(tmp_path: Path):
             assert saved["frames"].tolist() == [number]
             assert saved["worlds"].tolist() == [0, 1, 2]
             np.testing.assert_array_equal(saved["values"][0, :, saved["columns"] == "volume"][0], volumes[number])
-    assert [path.name for path in (tmp_path / "partial").glob("state_*")] == ["state_000003_0000.npz"]
+    assert [path.name for path in partial.glob("state_*")] == ["state_000003_0000.npz"]
 
 
-def test_a_batch_that_is_soon_done_writes_no_checkpoint(tmp_path: Path):
+def test_a_batch_that_is_soon_done_writes_no_checkpoint(tmp_path):
     def look(frame: int) -> None:
         assert not (tmp_path / "partial").exists()
 
@@ -119,34 +133,28 @@ def test_a_batch_that_is_soon_done_writes_no_checkpoint(tmp_path: Path):
 
 
 @pytest.fixture
-def stopped(tmp_path: Path) -> Path:
+def stopped(tmp_path) -> Path:
     return stop_batch(tmp_path / "stopped")
 
 
-def test_rows_without_their_stage_are_never_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_rows_without_their_stage_are_never_there(tmp_path, monkeypatch):
     """A stage's part without its rows does not count, as a kill between the two leaves it."""
-    how = {"vary": {"gravity": [1, 9]}, "export": [1], "device": "cpu"}
-
-    rows = BatchOutput.rows
+    rows, out = BatchOutput.rows, tmp_path / "out"
 
     def kill(self: BatchOutput, part: Part) -> dict[str, np.ndarray]:
         if part.frames.start == 2:
-            assert (tmp_path / "out" / "partial" / "frames_000002.usdc").exists()
+            assert (out / "partial" / "frames_000002.usdc").exists()
             raise RuntimeError("killed")
         return rows(self, part)
 
     monkeypatch.setattr(BatchOutput, "rows", kill)
     with pytest.raises(RuntimeError, match="killed"):
-        run_batch(scene(), tmp_path / "out", 2, **how, checkpoint_seconds=OFTEN)
+        run(out, export=[1], checkpoint_seconds=OFTEN)
     monkeypatch.undo()
-    notes: list[str] = []
-    run_batch(scene(), tmp_path / "out", 2, **how, resume=True, on_note=notes.append)
-    assert notes == [f"resuming after frame 1, from {tmp_path / 'out' / 'partial'}"]
-    run_batch(scene(), tmp_path / "whole", 2, **how)
-    assert contents(tmp_path / "out") == contents(tmp_path / "whole")
+    assert resumed(out, export=[1]) == [f"resuming after frame 1, from {out / 'partial'}"]
 
 
-def test_rows_without_their_state_are_never_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_rows_without_their_state_are_never_there(tmp_path, monkeypatch):
     """Rows without their state do not count, as a kill between the two leaves them."""
     save_state = Checkpoints.save_state
 
@@ -157,12 +165,11 @@ def test_rows_without_their_state_are_never_there(tmp_path: Path, monkeypatch: p
 
     monkeypatch.setattr(Checkpoints, "save_state", kill)
     with pytest.raises(RuntimeError, match="killed"):
-        run_batch(scene(), tmp_path, 2, device="cpu", checkpoint_seconds=OFTEN)
+        run(tmp_path, checkpoint_seconds=OFTEN)
     assert sorted(path.name for path in (tmp_path / "partial").glob("rows_*")) == ["rows_000000.npz", "rows_000001.npz"]
 
 
-def test_each_file_of_a_checkpoint_appears_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Files of a checkpoint are renamed into place once they are whole."""
+def test_each_file_of_a_checkpoint_appears_whole(tmp_path, monkeypatch):
     whole = watch_names(monkeypatch)
     with pytest.raises(RuntimeError):
         run_batch(scene(), tmp_path, 2, export=[0], device="cpu", checkpoint_seconds=OFTEN, on_frame=stop_after(FRAMES))
@@ -184,7 +191,7 @@ def test_what_an_earlier_batch_left_is_told_and_stays_until_the_first_checkpoint
 
 
 @pytest.mark.parametrize("name", ["partial", "partial.old"])
-def test_something_else_of_that_name_is_told_before_the_batch(name: str, tmp_path: Path):
+def test_something_else_of_that_name_is_told_before_the_batch(name: str, tmp_path):
     (tmp_path / name).mkdir()
     (tmp_path / name / "thesis.txt").write_text("not ours")
     with pytest.raises(InputError, match=rf"{name}: is where checkpoints go; expected no file of that name$"):
@@ -192,41 +199,30 @@ def test_something_else_of_that_name_is_told_before_the_batch(name: str, tmp_pat
     assert (tmp_path / name / "thesis.txt").read_text() == "not ours"
 
 
-def test_a_checkpoint_that_cannot_be_written_leaves_what_was_there(stopped: Path, tmp_path: Path):
-    """A checkpoint that cannot be written gives one sentence, and the run resumes from the last good one."""
+def test_a_checkpoint_that_cannot_be_written_leaves_what_was_there(stopped: Path, tmp_path):
+    partial = tmp_path / "gone" / "partial"
+
+    def move(frame: int) -> None:
+        if frame == 2:
+            partial.rename(tmp_path / "away")
+
     with pytest.raises(InputError, match=r"partial/.*: cannot be written: ") as refusal:
-        run_batch(
-            scene(),
-            tmp_path / "gone",
-            2,
-            device="cpu",
-            checkpoint_seconds=OFTEN,
-            on_frame=lambda frame: frame == 2 and (tmp_path / "gone" / "partial").rename(tmp_path / "away"),
-        )
+        run(tmp_path / "gone", checkpoint_seconds=OFTEN, on_frame=move)
     assert len(str(refusal.value).splitlines()) == 1
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (2000, before[1]))
-    try:
-        with pytest.raises(InputError, match=r"(state|rows)_.*: cannot be written: ") as refusal:
-            run_batch(scene(), stopped, 2, {"gravity": [1, 9]}, device="cpu", resume=True, checkpoint_seconds=OFTEN)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    with files_limited_to(2000), pytest.raises(InputError, match=r"(state|rows)_.*: cannot be written: ") as refusal:
+        run(stopped, resume=True, checkpoint_seconds=OFTEN)
     assert len(str(refusal.value).splitlines()) == 1
-    notes: list[str] = []
-    run_batch(scene(), stopped, 2, {"gravity": [1, 9]}, device="cpu", resume=True, on_note=notes.append)
-    assert notes == [f"resuming after frame 2, from {stopped / 'partial'}"]
-    run_batch(scene(), tmp_path / "whole", 2, {"gravity": [1, 9]}, device="cpu")
-    assert contents(stopped) == contents(tmp_path / "whole")
+    assert resumed(stopped) == [f"resuming after frame 2, from {stopped / 'partial'}"]
 
 
-def test_nothing_to_resume_begins_at_the_start(tmp_path: Path):
+def test_nothing_to_resume_begins_at_the_start(tmp_path):
     notes: list[str] = []
     summary = run_batch(scene(), tmp_path, 2, device="cpu", resume=True, on_note=notes.append)
     assert notes == [f"no checkpoint in {tmp_path / 'partial'} to resume from: starting from the beginning"]
     assert summary.resumed == 0.0
 
 
-def test_ctrl_c_saves_the_frame_that_it_finds(tmp_path: Path):
+def test_ctrl_c_saves_the_frame_that_it_finds(tmp_path):
     """Ctrl-C saves the current frame, without an earlier checkpoint, and no later frame is simulated."""
     frames: list[int] = []
     press = press_ctrl_c_once(lambda frame: frame == 3)
@@ -235,13 +231,110 @@ def test_ctrl_c_saves_the_frame_that_it_finds(tmp_path: Path):
         frames.append(frame)
         press(frame)
 
-    how = {"vary": {"gravity": [1, 9]}, "export": [1], "device": "cpu"}
-    with pytest.raises(
-        KeyboardInterrupt, match=r"partial/frames\.usda plays the frames so far, and --resume continues from them$"
-    ):
-        run_batch(scene(), tmp_path / "out", 2, **how, checkpoint_seconds=0.0, on_frame=look)
+    plays = r"partial/frames\.usda plays the frames so far, and --resume continues from them$"
+    with pytest.raises(KeyboardInterrupt, match=plays):
+        run(tmp_path / "out", export=[1], checkpoint_seconds=0.0, on_frame=look)
     assert frames == [0, 1, 2, 3]
-    run_batch(scene(), tmp_path / "out", 2, **how, resume=True, on_frame=frames.append)
+    run(tmp_path / "out", export=[1], resume=True, on_frame=frames.append)
     assert frames == [*range(FRAMES + 1)]
-    run_batch(scene(), tmp_path / "whole", 2, **how)
+    run(tmp_path / "whole", export=[1])
     assert contents(tmp_path / "out") == contents(tmp_path / "whole")
+
+
+@pytest.mark.parametrize(
+    ("change", "difference"),
+    [
+        ({"vary": {"gravity": [1, 8]}}, "vary.gravity.1 is 9.0 there and 8.0 here"),
+        ({"world_count": 3, "vary": {"gravity": [1, 9, 9]}}, "vary.gravity is a list of 2 there and a list of 3 here"),
+        ({"export": [0]}, "export is a list of 0 there and a list of 1 here"),
+        ({"schedule": "gather"}, 'schedules.0 is "lanes" there and "gather" here'),
+        ({"scene": scene(frames=9)}, "scene.frames is 6 there and 9 here"),
+        ({"scene": scene(balloon=[Balloon(mesh=cube())])}, "meshes."),
+    ],
+)
+def test_another_batch_is_refused(stopped: Path, change: dict, difference: str):
+    before = {path: path.read_bytes() for path in stopped.rglob("*") if path.is_file()}
+    arguments = {"scene": scene(), "folder": stopped, "world_count": 2, "vary": {"gravity": [1, 9]}} | change
+    with pytest.raises(InputError) as refusal:
+        run_batch(**arguments, device="cpu", resume=True, on_frame=stop_after(0))
+    assert str(refusal.value).startswith(f"--resume: {stopped / 'partial'} belongs to another batch: {difference}")
+    assert len(str(refusal.value).splitlines()) == 1
+    assert {path: path.read_bytes() for path in stopped.rglob("*") if path.is_file()} == before
+
+
+OTHERS = {"versions.warp-lang": "0.1", "device": "another", "substeps": 1, "on_blowup": "restart"}
+
+
+@pytest.mark.parametrize(("path", "value"), [*OTHERS.items(), ("simulated", "in 3 shares")])
+def test_what_else_the_bits_depend_on_is_compared(stopped: Path, path: str, value: object):
+    tamper(stopped / "partial" / "job.json", path, value)
+    with pytest.raises(InputError, match=rf"batch: {path} is {json.dumps(value)} there and .* here; expected the same"):
+        run(stopped, resume=True)
+
+
+@pytest.mark.parametrize("name", ["rows_000001.npz", "state_000002_0000.npz", "job.json"])
+def test_a_damaged_checkpoint_is_told(stopped: Path, name: str):
+    path = stopped / "partial" / name
+    path.write_bytes(path.read_bytes()[:100])
+    with pytest.raises(InputError, match=rf"{name}: cannot be read: ") as refusal:
+        run(stopped, resume=True)
+    assert len(str(refusal.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(("name", "array"), [("rows_000000.npz", "values"), ("state_000002_0000.npz", "points")])
+def test_nothing_in_a_checkpoint_is_run(stopped: Path, tmp_path, monkeypatch, name: str, array: str):
+    monkeypatch.chdir(tmp_path)
+    plant_spy(stopped / "partial" / name, array)
+    with pytest.raises(InputError, match=rf"{name}: cannot be read: "):
+        run(stopped, resume=True)
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_state_without_its_rows_is_not_gone_on_from(stopped: Path):
+    """As a kill between the two leaves it."""
+    (stopped / "partial" / "state_000003_0000.npz").write_bytes(b"of a frame whose rows are not there")
+    assert resumed(stopped) == [f"resuming after frame 2, from {stopped / 'partial'}"]
+
+
+BALL = Balloon(mesh=quad_sphere(3), position=(0, 2, 0), inflation=Inflation(k_normal=0.2))
+SCENE = Scene(balloon=[BALL], ground=Ground(), frames=6, substeps=40)
+
+
+def test_what_blew_up_in_a_share_is_kept_with_it():
+    spring = Pull("the structural spring to particle 7", 3.5, stretch=np.inf)
+    blow_up = BlowUp(5, 2, 40, 1e-4, "particle 7", 3, np.inf, spring, touched=("the ground",), stable_step=2e-5)
+    failures = Failures([blow_up], {3: 80, 11: 160})
+    assert FAILURES.validate_python(json.loads(json.dumps(FAILURES.dump_python(failures)))) == failures
+
+
+@pytest.mark.full
+def test_shares_that_are_done_are_taken_up_with_what_became_of_them(device: str, tmp_path, monkeypatch):
+    monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 1))
+    vary = {"balloon.inflation.k_normal": [9e11, 0.2, 0.3, 0.4]}
+    task = BatchTask(SCENE, plan_groups(SCENE, 4, vary), vary, np.array([0, 3]), tmp_path, on_blowup="restart")
+    cut = shares.cut_into_shares(task.groups, "cpu")
+
+    def journal(output: BatchOutput, resume: bool) -> ShareJournal:
+        notes: list[str] = []
+        safe = batch_checkpoints(task, describe_batch(task), 0.0, resume, notes.append)
+        return ShareJournal(task, output, safe, "cpu")
+
+    with BatchOutput(task, cut) as output:
+        first = journal(output, resume=False)
+        for number in (3, 0):
+            share = cut[number], task.chosen, device, "gather", 4, task.on_blowup
+            first.add(number, shares.simulate_share(*share, on_frame=lambda frame: None))
+            first.save()
+    played = Usd.Stage.Open(str(tmp_path / "partial" / "frames.usda"))
+    for part, world in enumerate((3, 0)):
+        alone = Usd.Stage.Open(str(tmp_path / "partial" / f"frames_{part:06d}.usdc"))
+        points, there = (stage.GetAttributeAtPath(f"/World/World_{world}/mesh.points") for stage in (played, alone))
+        assert points.GetNumTimeSamples() == SCENE.frames + 1
+        for frame in range(SCENE.frames + 1):
+            np.testing.assert_array_equal(points.Get(frame), there.Get(frame))
+    assert [report.world for report in first.failures.reports] == [0]
+    with BatchOutput(task, cut) as output_again:
+        again = journal(output_again, resume=True)
+    assert (again.schedules, again.failures, again.resumed) == (first.schedules, first.failures, 0.5)
+    np.testing.assert_array_equal(output_again.table.values, output.table.values)
+    np.testing.assert_array_equal(output_again.table.health, output.table.health)

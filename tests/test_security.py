@@ -56,22 +56,13 @@ ON_CPU = ["--device", "cpu"]
 BALL = ["ball.obj", "beside.mtl", "beside.png"]
 """the mesh, its library of materials and the texture that this names"""
 BATCH = ["batch", "scene.toml", "--worlds", "3", "--vary", "gravity=1:9", "--export", "1", "-o", "out", *ON_CPU]
+TABLES = [f"out/{name}" for name in ("table.npz", "table.csv", "worlds.npz", "worlds.csv", "worlds.usdc")]
+BOTH = ["compare", "scene.toml", "--vary", "gravity=1,9", "-o", "both.png", *ON_CPU]
 COMMANDS = {
     "inspect": (["inspect", "ball.obj"], BALL, []),
     "run": (["run", "scene.toml", "--picture", *ON_CPU], ["scene.toml", *BALL], ["scene.usdc", "scene.png"]),
-    "batch": (
-        BATCH,
-        ["scene.toml", *BALL],
-        [
-            *(f"out/{name}" for name in ("table.npz", "table.csv", "worlds.npz", "worlds.csv", "worlds.usdc")),
-            "out/manifest.json",
-        ],
-    ),
-    "compare": (
-        ["compare", "scene.toml", "--vary", "gravity=1,9", "-o", "both.png", *ON_CPU],
-        ["scene.toml", *BALL],
-        ["both.png"],
-    ),
+    "batch": (BATCH, ["scene.toml", *BALL], [*TABLES, "out/manifest.json"]),
+    "compare": (BOTH, ["scene.toml", *BALL], ["both.png"]),
     "render": (["render", "textured.usda", "-o", "face.png"], ["textured.usda"], ["face.png"]),
     "convert": (["convert", "textured.usda", "-o", "face.glb"], ["textured.usda"], ["face.glb"]),
     "remesh": (["remesh", "ball.obj", "-o", "quads.obj", "--cells", "6"], BALL, ["quads.obj"]),
@@ -83,7 +74,7 @@ STARTED = ("subprocess.Popen ('uname', ",)
 
 
 @pytest.fixture(scope="module")
-def told(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, dict]]:
+def told(tmp_path_factory) -> tuple[Path, dict[str, dict]]:
     """Return the actions of each command, in one process: see watched.py."""
     if not sys.platform.startswith("linux"):
         pytest.skip("needs inotify")
@@ -105,7 +96,6 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, dict
 @pytest.mark.full
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_command_opens_and_writes_what_it_is_given_alone(command: str, told: tuple[Path, dict]):
-    """A command opens and writes its given files alone, in its folder, and leaves no hidden ones."""
     folder, done = told[0], told[1][command]
     _, given, written = COMMANDS[command]
     assert done["status"] in (None, 0)
@@ -142,8 +132,7 @@ def test_nothing_is_fetched_listened_to_or_started(command: str, told: tuple[Pat
 
 
 @pytest.mark.full
-def test_what_is_watched_is_seen(tmp_path: Path):
-    """The watch sees files elsewhere, those that native code opens, and connections."""
+def test_what_is_watched_is_seen(tmp_path):
     (tmp_path / "work").mkdir()
     write_obj(tmp_path / "away.obj", quad_sphere(2))
     (tmp_path / "work/scene.toml").write_text('frames = 1\n[[balloon]]\nmesh = "../away.obj"\n')

@@ -17,7 +17,6 @@ MESHES = {"ball": quad_sphere(6), "prism": prism(7), "torus": torus(12, 7), "two
 
 @pytest.mark.parametrize("mesh", MESHES.values(), ids=MESHES)
 def test_they_are_those_of_trimesh(mesh, device):
-    """Mass properties agree with trimesh's for float32 points, turned and far from the origin."""
     placed = place_mesh(mesh, "Y", 0.3, (20.0, 40.0, 70.0), (5.0, -8.0, 3.0))
     simulator = Simulator(Scene(balloon=[Balloon(mesh=placed)]), device)
     found = simulator.mass_properties()
@@ -43,7 +42,6 @@ def test_a_box_has_the_inertia_of_textbooks(device):
 
 @pytest.mark.full
 def test_every_balloon_of_every_world_is_measured_while_it_moves(device):
-    """Mass properties are bit-identical in each world and from run to run; the open cube is reported as open."""
     closed = Balloon(mesh=quad_sphere(5), helium=20.0, inflation=Inflation(k_normal=0.2))
     scene = Scene(balloon=[closed, Balloon(mesh=open_cube(), position=(4, 0, 0))])
     vary = {"balloon.0.inflation.k_normal": [0.0, 2.0, 2.0]}
@@ -73,7 +71,6 @@ def test_a_flat_balloon_has_no_volume_and_no_nan(device):
 
 
 def test_bundled_meshes_agree_with_trimesh(device):
-    """A large mesh, with thin ears and a tail, agrees with trimesh."""
     simulator = Simulator(load_scene("squirrel_inflate"), device)
     found, expected = simulator.mass_properties(), fans(simulator.model.shapes[0].mesh)
     np.testing.assert_allclose(found.volume[0, 0], expected.volume, rtol=1e-5)

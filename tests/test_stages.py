@@ -3,7 +3,6 @@
 import io
 import threading
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, ClassVar
 
 import pytest
@@ -35,7 +34,7 @@ class Later:
 
 
 @pytest.fixture
-def timers(monkeypatch: pytest.MonkeyPatch) -> list[Later]:
+def timers(monkeypatch) -> list[Later]:
     monkeypatch.setattr(Later, "all", [])
     monkeypatch.setattr(threading, "Timer", Later)
     return Later.all
@@ -108,9 +107,7 @@ def test_what_is_short_shows_nothing(timers: list[Later]):
 
 
 @pytest.mark.parametrize("words", [["remesh", "ball.obj", "-o", "out.obj"], ["inspect", "ball.obj"]])
-def test_remesh_and_inspect_say_what_they_do(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, timers: list[Later], words: list[str]
-):
+def test_remesh_and_inspect_say_what_they_do(tmp_path, monkeypatch, timers: list[Later], words: list[str]):
     monkeypatch.chdir(tmp_path)
     write_obj(tmp_path / "ball.obj", quad_sphere(4))
     done = CliRunner().invoke(app, words)

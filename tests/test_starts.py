@@ -1,15 +1,19 @@
-"""Restarts of worlds by a mask, with values drawn for each, and their observations."""
+"""Restarts of worlds by a mask, with drawn values, and restored simulations, which are those that went on."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+import warp as wp
 from beginning_worlds import ALONE, BALL, TOUCHING, arrays, stepped
-from meshes import cube
+from meshes import cube, quad_sphere
 
 from balloon_warp import InputError, Simulator
 from balloon_warp.mesh.geometry import signed_volume
-from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Scene, Sphere
+from balloon_warp.model import Vary
+from balloon_warp.outputs.npz import write_npz
+from balloon_warp.scene import Balloon, Body, Change, Ground, Inflation, Obstacle, Scene, Sphere, String, Water
 
 MISTAKES = {
     "a name": (("balloon.mas", 0.0, 1.0), r"balloon\.mas: cannot change"),
@@ -26,8 +30,7 @@ MISTAKES = {
 }
 
 
-def test_a_world_that_begins_anew_is_as_one_that_begins(schedule: str) -> None:
-    """A restarted world is bit-identical to a new one, with all state of schedules, while the others go on."""
+def test_a_world_that_begins_anew_is_as_one_that_begins(schedule: str):
     scene = TOUCHING if schedule == "gather" else TOUCHING.model_copy(update={"contacts": False, "body": []})
     whole, masked = (Simulator(scene, "cpu", 2, schedule=schedule) for _ in range(2))
     stepped(whole, 8)
@@ -40,7 +43,7 @@ def test_a_world_that_begins_anew_is_as_one_that_begins(schedule: str) -> None:
         np.testing.assert_array_equal(array[:1], gone_on[name][:1], err_msg=name)
 
 
-def test_what_varies_between_worlds_begins_as_it_began() -> None:
+def test_what_varies_between_worlds_begins_as_it_began():
     vary = {"balloon.0.velocity.1": [-1.0, -2.0, -3.0], "balloon.1.inflation.start_pressure": [0.0, 50.0, 90.0]}
     simulator = Simulator(TOUCHING, "cpu", 3, vary)
     began = arrays(simulator)
@@ -68,7 +71,7 @@ def drawn(simulator: Simulator) -> dict[str, np.ndarray]:
     }
 
 
-def test_values_follow_from_the_seed_the_world_and_the_episode() -> None:
+def test_values_follow_from_the_seed_the_world_and_the_episode():
     many, few, other = drawing(64), drawing(3), drawing(3, seed=1)
     episodes = []
     for _ in range(2):
@@ -82,7 +85,7 @@ def test_values_follow_from_the_seed_the_world_and_the_episode() -> None:
     assert few.starts.episodes.numpy().tolist() == [2, 2, 2]
 
 
-def test_values_have_the_distribution_that_is_asked() -> None:
+def test_values_have_the_distribution_that_is_asked():
     """Drawn values have the requested distribution: means within four of their standard errors, 256 worlds."""
     simulator = drawing(256)
     simulator.reset(np.ones(256))
@@ -97,7 +100,7 @@ def test_values_have_the_distribution_that_is_asked() -> None:
     assert abs(np.corrcoef(found["center"].T)[0, 1]) < error
 
 
-def test_worlds_are_what_the_values_say() -> None:
+def test_worlds_are_what_the_values_say():
     simulator = drawing(4)
     simulator.reset(np.ones(4))
     found = drawn(simulator)
@@ -114,13 +117,13 @@ def test_worlds_are_what_the_values_say() -> None:
 
 
 @pytest.mark.parametrize("mask", [[1], [[0, 1]], "all", [0, 1, 0]])
-def test_a_mask_of_another_length_is_refused(mask: Any) -> None:
+def test_a_mask_of_another_length_is_refused(mask: Any):
     with pytest.raises(InputError, match=r"reset: expected a (value|number) for each world"):
         Simulator(ALONE, "cpu", 2).reset(mask)
 
 
 @pytest.mark.parametrize("case", MISTAKES)
-def test_what_cannot_be_drawn_is_refused(case: str) -> None:
+def test_what_cannot_be_drawn_is_refused(case: str):
     told, sentence = MISTAKES[case]
     late = Sphere(position=(3.0, 0.0, 0.0), radius=0.1, start=0.5)
     simulator = Simulator(TOUCHING.model_copy(update={"sphere": [*TOUCHING.sphere, late]}), "cpu", 2)
@@ -128,7 +131,7 @@ def test_what_cannot_be_drawn_is_refused(case: str) -> None:
         simulator.starts.draw(*told)
 
 
-def test_observations_are_what_frames_say() -> None:
+def test_observations_are_what_frames_say():
     simulator = Simulator(TOUCHING, "cpu", 2, {"balloon.0.mass": [0.1, 0.2]})
     names = ("centers", "velocities", "volumes", "pressures", "contact_forces", "sphere_positions", "body_positions")
     seen = {name: simulator.observations[name] for name in names}
@@ -138,9 +141,7 @@ def test_observations_are_what_frames_say() -> None:
         centers = [points.mean(axis=0) for points in frame.points]
         np.testing.assert_allclose(seen["centers"].numpy()[1], centers, atol=1e-6)
         np.testing.assert_allclose(seen["velocities"].numpy()[1], [v.mean(axis=0) for v in frame.velocities], atol=1e-6)
-        volumes = [
-            signed_volume(mesh) for mesh in (shape_of(simulator, n, points) for n, points in enumerate(frame.points))
-        ]
+        volumes = [signed_volume(shape_of(simulator, n, points)) for n, points in enumerate(frame.points)]
         np.testing.assert_allclose(seen["volumes"].numpy()[1], volumes, rtol=1e-5)
         np.testing.assert_array_equal(seen["pressures"].numpy()[1], frame.pressures)
         np.testing.assert_array_equal(chosen.numpy()[1], np.concatenate(frame.points)[[3, 60]])
@@ -151,8 +152,7 @@ def test_observations_are_what_frames_say() -> None:
             stepped(simulator, 3)
 
 
-def test_contact_forces_on_particles_add_up_to_those_on_the_balloon() -> None:
-    """Contact forces on the particles of a ball in a corner sum to the balloon's, to rounding; others have none."""
+def test_contact_forces_on_particles_add_up_to_those_on_the_balloon():
     wall = Obstacle(shape="plane", position=(-0.5, 0.0, 0.0), rotation=(0.0, 0.0, -90.0))
     ball = BALL.model_copy(update={"position": (0.0, 0.5, 0.0), "velocity": (-1.0, -1.0, 0.0)})
     scene = Scene(balloon=[ball], obstacle=[wall], ground=Ground(), contacts=True)
@@ -171,8 +171,6 @@ def test_contact_forces_on_particles_add_up_to_those_on_the_balloon() -> None:
 
 
 def shape_of(simulator: Simulator, number: int, points: np.ndarray) -> Any:
-    from dataclasses import replace
-
     return replace(simulator.model.shapes[number].mesh, points=points.astype(np.float64))
 
 
@@ -183,27 +181,25 @@ def shape_of(simulator: Simulator, number: int, points: np.ndarray) -> Any:
         ("contact_forces", r"contact_forces: needs contacts = true in the scene"),
     ],
 )
-def test_what_is_not_there_cannot_be_observed(name: str, sentence: str) -> None:
+def test_what_is_not_there_cannot_be_observed(name: str, sentence: str):
     with pytest.raises(InputError, match=sentence):
         _ = Simulator(ALONE, "cpu").observations[name]
 
 
 @pytest.mark.parametrize("numbers", [[-1], [56], [], [0.5], [[1]]])
-def test_particles_that_are_not_there_cannot_be_observed(numbers: Any) -> None:
+def test_particles_that_are_not_there_cannot_be_observed(numbers: Any):
     with pytest.raises(InputError, match=r"particles: must be numbers from 0 to 55"):
         Simulator(ALONE, "cpu").observations.particles(numbers)
 
 
-def test_a_cube_has_its_volume() -> None:
-    """The observed volume of a cube is exact far from the origin, too."""
+def test_a_cube_has_its_volume():
     still = Balloon(mesh=cube(), position=(100.0, 0.0, 0.0), inflation=Inflation(pressure=0.0))
     simulator = Simulator(Scene(balloon=[still], touch=False), "cpu")
     expected = signed_volume(cube())
     np.testing.assert_allclose(simulator.observations["volumes"].numpy(), [[expected]], rtol=1e-5)
 
 
-def test_only_worlds_that_begin_anew_are_observed_again(device: str) -> None:
-    """Observations of restarted worlds are those of the first frame; others' stay, whatever stands there."""
+def test_only_worlds_that_begin_anew_are_observed_again(device: str):
     simulator = Simulator(TOUCHING, device, 3)
     names = ("centers", "velocities", "volumes", "stretches", "turns", "pressures", "points", "particle_contact_forces")
     seen = {name: simulator.observations[name] for name in (*names, "obstacle_positions", "first_bad")}
@@ -218,3 +214,135 @@ def test_only_worlds_that_begin_anew_are_observed_again(device: str) -> None:
     for name, array in seen.items():
         np.testing.assert_array_equal(array.numpy()[1], began[name][1], err_msg=name)
         assert (array.numpy()[::2] == 7).all(), name
+
+
+def test_a_saved_simulator_draws_next_what_it_would_have_drawn():
+
+    def drawn(simulator: Simulator) -> wp.array:
+        simulator.starts.draw("balloon.damping", 0.1, 0.9)
+        return simulator.starts.value("goal", 0.0, 1.0)
+
+    simulator, other = (Simulator(ALONE, "cpu", 2) for _ in range(2))
+    goals = {id(each): drawn(each) for each in (simulator, other)}
+    simulator.starts.seed = 7
+    for mask in ([1, 1], [0, 1], [0, 1]):
+        simulator.step_unread()
+        simulator.reset(mask)
+    saved = simulator.save()
+    kept = goals[id(simulator)].numpy().copy()
+
+    def next_of(each: Simulator) -> tuple[np.ndarray, np.ndarray]:
+        each.step_unread()
+        each.reset([1, 1])
+        return each.controls["balloon.damping"].numpy().copy(), goals[id(each)].numpy().copy()
+
+    told = next_of(simulator)
+    for each in (other, simulator):
+        each.restore(saved)
+        np.testing.assert_array_equal(goals[id(each)].numpy(), kept)
+        np.testing.assert_array_equal(next_of(each), told)
+    assert len(np.unique([*kept, *told[1]])) == 4
+
+
+SAVED_FRAMES, SAVED_AT, WORLDS = 6, 3, 3
+SECONDS = 1 / 60
+"""of a frame"""
+BALLOON = Balloon(mesh=quad_sphere(3), position=(0.0, 1.2, 0.0), inflation=Inflation(k_normal=0.2))
+PLAIN = Scene(
+    balloon=[BALLOON],
+    normals="cached",
+    sphere=[Sphere(position=(0.2, 2.1, 0.0), radius=0.3)],
+    string=[String(anchor=(0.0, 0.0, 0.0), length=0.1)],
+    ground=Ground(),
+)
+PUMPED = BALLOON.model_copy(update={"inflation": Inflation(kind="gas", pump=[(0.0, 0.0), (0.1, 0.5)])})
+CHANGES = [
+    Change(time=SECONDS, set={"gravity": 3.0}),
+    Change(time=2 * SECONDS, set={"normals": "fresh"}),
+    Change(time=SAVED_AT * SECONDS, set={"balloon.damping": 0.5}),
+]
+STACK = [  # which comes down while it is saved
+    Body(size=(0.4, 0.2, 0.4), position=(2.0, 0.1, 0.0)),
+    Body(size=(0.2, 0.2, 0.2), position=(2.05, 0.302, 0.0), rotation=(0.0, 20.0, 0.0), mass=20.0),
+]
+SCENES = {
+    "plain": PLAIN,
+    "impulse": PLAIN.model_copy(update={"contact": "impulse"}),
+    "gas": PLAIN.model_copy(update={"balloon": [PUMPED]}),
+    "water": PLAIN.model_copy(update={"water": Water(level=1.0)}),
+    "changes": PLAIN.model_copy(update={"change": CHANGES}),
+    "changes of solver": PLAIN.model_copy(
+        update={"change": [Change(time=2 * SECONDS, set={"solver": "projective", "substeps": 4})]}
+    ),
+    "bodies": PLAIN.model_copy(update={"body": STACK}),
+    "limit": PLAIN.model_copy(update={"correction": "provot"}),
+    "projective": PLAIN.model_copy(update={"solver": "projective"}),
+}
+WAYS = {
+    **{(name, schedule): SCENES[name] for name in SCENES for schedule in ("gather", "lanes", "block")},
+    ("plain", "octets"): PLAIN,
+    ("projective", "auto"): SCENES["projective"],
+    ("changes of solver", "auto"): SCENES["changes of solver"],
+}
+for name in ("gather", "lanes", "block"):  # these are the other solver's
+    del WAYS["projective", name], WAYS["changes of solver", name]
+
+
+def simulators(way: tuple[str, str], device: str) -> list[Simulator]:
+    name, schedule = way
+    if device != "cpu" and schedule in ("octets", "lanes"):
+        pytest.skip("simulates on the CPU")
+    vary: Vary = {"balloon.mass": 0.1 + 0.01 * np.arange(WORLDS)}
+    return [Simulator(WAYS[name, schedule], device, WORLDS, vary, schedule) for _ in range(2)]
+
+
+def bytes_of(simulator: Simulator) -> dict[str, bytes]:
+    return {name: array.numpy().tobytes() for name, array in simulator.state.arrays.items()}
+
+
+@pytest.mark.parametrize(
+    "way",
+    [
+        pytest.param(way, marks=() if way[1] in ("octets", "auto") else pytest.mark.full, id="-".join(way))
+        for way in WAYS
+    ],
+)
+def test_the_same_bits_follow(way: tuple[str, str], device: str, tmp_path):
+    left, restored = simulators(way, device)
+    for _ in range(SAVED_AT):
+        left.step()
+    scene_then = left.model.scene
+    write_npz(tmp_path / "state.npz", ((name, array.numpy()) for name, array in left.state.arrays.items()))
+    for _ in range(SAVED_FRAMES - SAVED_AT):
+        left.step()
+    with np.load(tmp_path / "state.npz") as saved:
+        restored.restore(saved)
+    assert restored.frame_number == SAVED_AT
+    assert restored.model.scene == scene_then
+    assert bytes_of(restored) != bytes_of(left)
+    for _ in range(SAVED_FRAMES - SAVED_AT):
+        restored.step()
+    assert bytes_of(restored) == bytes_of(left)
+    assert restored.frame_number == SAVED_FRAMES
+
+
+def test_a_world_that_blew_up_is_still_known(device: str):
+    bad = Scene(balloon=[Balloon(mesh=cube(), inflation=Inflation(k_normal=0.2))])
+    vary: Vary = {"balloon.inflation.k_normal": [0.2, 9e11]}
+    left, restored = (Simulator(bad, device, 2, vary) for _ in range(2))
+    for _ in range(3):
+        left.advance()
+    restored.restore({name: array.numpy() for name, array in left.state.arrays.items()})
+    np.testing.assert_array_equal(restored.state.first_bad.numpy(), left.state.first_bad.numpy())
+    assert restored.state.first_bad.numpy()[0] != restored.state.first_bad.numpy()[1]
+
+
+def test_what_a_scene_does_not_have_need_not_be_saved():
+    """A checkpoint may lack state that the scene does not have, as one from before balloons could touch."""
+    simulator = Simulator("squirrel_tether", "cpu")
+    simulator.step()
+    saved = {name: array.numpy() for name, array in simulator.state.arrays.items() if array.size}
+    assert "holds" not in saved
+    again = Simulator("squirrel_tether", "cpu")
+    again.restore(saved)
+    np.testing.assert_array_equal(again.read_frame().points[0], simulator.read_frame().points[0])

@@ -24,22 +24,17 @@ def test_the_table_is_that_of_the_json():
 
 
 @pytest.mark.parametrize("name", validation.CASES)
-def test_curves_are_near_their_formulas(name: str):
+def test_curves_are_near_their_formulas_and_have_pictures(name: str):
     for each in KEPT[name]["curves"]:
         assert validation.Curve(**each).error < MOST[name]
         assert np.ptp(each["x"]) > 0.5 * np.abs(each["x"]).max()
         assert np.ptp(each["simulated"]) > 0.3 * np.abs(each["simulated"]).max()
+    assert (DOCS / "pictures" / f"validation_{name}.svg").read_text("utf-8").count("<svg") == 1
+    assert f"(pictures/validation_{name}.svg)" in (DOCS / "VALIDATION.md").read_text("utf-8")
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("name", ["gas", "drag"])
 def test_the_kept_curves_are_simulated_again(name: str):
-    """The stored curves are reproduced within rounding of other compilers and processors."""
     for found, kept in zip(validation.CASES[name]().curves, KEPT[name]["curves"], strict=True):
         np.testing.assert_allclose(found.simulated, kept["simulated"], rtol=1e-3, atol=1e-3 * max(kept["simulated"]))
-
-
-@pytest.mark.parametrize("name", validation.CASES)
-def test_every_case_has_its_picture(name: str):
-    assert (DOCS / "pictures" / f"validation_{name}.svg").read_text("utf-8").count("<svg") == 1
-    assert f"(pictures/validation_{name}.svg)" in (DOCS / "VALIDATION.md").read_text("utf-8")

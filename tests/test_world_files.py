@@ -1,6 +1,7 @@
-"""Files of worlds: their contents and readers."""
+"""Files of worlds: their contents and readers; they are whole, and the same by any path of a batch."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -8,22 +9,81 @@ import h5py
 import numpy as np
 import pytest
 import xarray
-from meshes import quad_sphere
-from stopped_batch import FRAMES, scene
-from world_file_batches import VARY, WORLDS, arrays_of, attributes_of, batch, manifest, world_file
+from batches import FRAMES, OFTEN, scene, stop_after
+from meshes import cube, quad_sphere
+from numpy.typing import NDArray
 
-from balloon_warp import TrajectoryFiles, run_batch, simulate
+from balloon_warp import InputError, MissingExtraError, TrajectoryFiles, run_batch, simulate
+from balloon_warp.mesh.obj import write_obj
+from balloon_warp.outputs import hdf5_arrays
 from balloon_warp.outputs.world_files import FORMATS
 from balloon_warp.provenance import describe_scene
-from balloon_warp.scene import Balloon, Ground, Scene
+from balloon_warp.scene import Balloon, Ground, Inflation, Scene
+from balloon_warp.sweep import shares
+from balloon_warp.sweep.checkpoints import batch_checkpoints
+from balloon_warp.sweep.groups import plan_groups
+from balloon_warp.sweep.journal import ShareJournal
+from balloon_warp.sweep.manifest import describe_batch
+from balloon_warp.sweep.output import BatchOutput
+from balloon_warp.sweep.repeat import repeat_batch
+from balloon_warp.sweep.task import BatchTask
+from balloon_warp.sweep.world_files import writer
+from balloon_warp.sweep.world_files.splits import splits_of
+
+WORLDS = 5
+VARY = {"balloon.mass": np.linspace(1.0, 2.0, WORLDS), "gravity": np.linspace(1.0, 9.0, WORLDS)}
+BLOWS_UP = {"balloon.inflation.k_normal": [0.2, 9e11, 0.4, 0.5, 0.3]}
+"""world 1 does"""
+
+
+def batch(folder: Path, format_: str = "h5", vary: dict[str, Any] = VARY, every: int = 1, **how: Any) -> Path:
+    """Run a small batch and return the folder of its trajectories."""
+    files = TrajectoryFiles(folder / "data", every, format_)
+    run_batch(scene(contacts=True), folder / "out", WORLDS, vary, device="cpu", trajectories=files, **how)
+    return folder / "data"
+
+
+def manifest(data: Path) -> dict[str, Any]:
+    return json.loads((data / "manifest.json").read_text())
+
+
+def files_of(data: Path) -> dict[str, bytes]:
+    """Return the bytes of files, of folders those of the files in them."""
+    return {str(path.relative_to(data)): path.read_bytes() for path in sorted(data.rglob("*")) if path.is_file()}
+
+
+def world_file(data: Path, world: int) -> Path:
+    return next(data.glob(f"*/world_{world:06d}.*"))
+
+
+def arrays_of(path: Path) -> dict[str, NDArray]:
+    """Return the arrays as a reader without our package does."""
+    if path.suffix == ".npz":
+        with np.load(path) as saved:
+            return {name: saved[name] for name in saved if name != "attributes"}
+    if path.suffix == ".zarr":
+        group = pytest.importorskip("zarr").open_group(path, mode="r")
+        return {name: array[:] for name, array in group.arrays()}
+    with h5py.File(path) as file:
+        return {name: data[:] for name, data in file.items()}
+
+
+def attributes_of(path: Path) -> dict[str, Any]:
+    if path.suffix == ".npz":
+        with np.load(path) as saved:
+            return json.loads(str(saved["attributes"]))
+    if path.suffix == ".zarr":
+        return json.loads((path / ".zattrs").read_text())
+    with h5py.File(path) as file:
+        return dict(file.attrs)
 
 
 @pytest.fixture(scope="module", params=list(FORMATS))
-def data(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def data(request, tmp_path_factory) -> Path:
     return batch(tmp_path_factory.mktemp(request.param), request.param, every=2)
 
 
-def test_they_hold_what_moved(data: Path) -> None:
+def test_they_hold_what_moved(data: Path):
     moved = simulate(scene(contacts=True), world_count=WORLDS, vary=VARY, every=2, device="cpu")
     assert moved.volumes.shape[:2] == (WORLDS, 4)
     for world in range(WORLDS):
@@ -42,8 +102,7 @@ def test_they_hold_what_moved(data: Path) -> None:
         np.testing.assert_array_equal(found["rest_pos"], mesh.points.astype(np.float32))
 
 
-def test_contact_forces_on_particles_add_up(tmp_path: Path) -> None:
-    """Contact forces on particles sum to the balloon's in every frame; a scene without contacts has neither."""
+def test_contact_forces_on_particles_add_up(tmp_path):
     ball = Balloon(mesh=quad_sphere(3, 0.5), position=(0.0, 0.5, 0.0), velocity=(0.0, -1.0, 0.0))
     for contacts in (True, False):
         falling = Scene(balloon=[ball], ground=Ground(), contacts=contacts, frames=4)
@@ -58,7 +117,7 @@ def test_contact_forces_on_particles_add_up(tmp_path: Path) -> None:
         assert found.keys() - without.keys() == {"contact_force", "particle_contact_force"}
 
 
-def test_they_say_what_differs(data: Path) -> None:
+def test_they_say_what_differs_and_the_manifest_lists_them(data: Path):
     for world in range(WORLDS):
         told = attributes_of(world_file(data, world))
         assert (told["world"], told["health"], told["every"]) == (world, 1, 2)
@@ -67,21 +126,13 @@ def test_they_say_what_differs(data: Path) -> None:
         assert told["gravity"] == VARY["gravity"][world]
         assert told["string.0.length"] == 1.5
         assert json.loads(told["units"])["balloon.0.mass"] == "kg"
-
-
-def test_the_manifest_lists_them(data: Path) -> None:
     said = manifest(data)
-    assert sorted(name for names in said["splits"].values() for name in names) == sorted(
-        str(path.relative_to(data)) for path in data.glob("*/world_*")
-    )
+    listed = sorted(name for names in said["splits"].values() for name in names)
+    assert listed == sorted(str(path.relative_to(data)) for path in data.glob("*/world_*"))
     assert set(said["fields"]) <= set(arrays_of(world_file(data, 0)))
     assert said["fields"]["mesh_pos"]["unit"] == "m"
     assert (said["blew_up"], said["restarted"], said["scene"]) == ([], [], describe_scene(scene(contacts=True)))
     assert not list(data.glob("partial*"))
-
-
-def test_readers_of_folders_take_them(data: Path) -> None:
-    """PhysicsNeMo's readers accept the folders: a sample a file, with the same arrays at the top of each."""
     folders = [data / split for split, names in manifest(data)["splits"].items() if names]
     samples = [arrays_of(path) for folder in folders for path in sorted(folder.iterdir())]
     assert len(samples) == WORLDS
@@ -92,7 +143,7 @@ def test_readers_of_folders_take_them(data: Path) -> None:
 
 
 @pytest.mark.parametrize("data", ["h5", "zarr"], indirect=True)
-def test_xarray_knows_the_dimensions(data: Path) -> None:
+def test_xarray_knows_the_dimensions(data: Path):
     engine = {".h5": "h5netcdf", ".zarr": "zarr"}[world_file(data, 0).suffix]
     pytest.importorskip(engine)
     with xarray.open_dataset(world_file(data, 0), engine=engine) as found:
@@ -104,7 +155,7 @@ def test_xarray_knows_the_dimensions(data: Path) -> None:
 
 
 @pytest.mark.parametrize("data", ["h5"], indirect=True)
-def test_torch_makes_batches_of_them(data: Path) -> None:
+def test_torch_makes_batches_of_them(data: Path):
     torch = pytest.importorskip("torch")
 
     class Worlds(torch.utils.data.Dataset):
@@ -119,3 +170,155 @@ def test_torch_makes_batches_of_them(data: Path) -> None:
 
     (several,) = torch.utils.data.DataLoader(Worlds(), batch_size=WORLDS)
     assert several.shape == (WORLDS, *h5py.File(Worlds.files[0])["mesh_pos"].shape)
+
+
+GAINS_ENERGY = Scene(
+    balloon=[Balloon(mesh=cube(), mass=1.0, damping=50.0, inflation=Inflation(k_normal=0.2))],
+    solver="forward_euler",
+    substeps=3,
+    frames=40,
+)
+"""with a stiff spring, in such steps"""
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("format_", ["h5", "npz"])
+def test_a_batch_that_was_stopped_goes_on_to_the_same_bytes(format_: str, tmp_path, monkeypatch):
+    (tmp_path / "whole").mkdir()
+    (tmp_path / "parts").mkdir()
+    whole = batch(tmp_path / "whole", format_, BLOWS_UP)
+    monkeypatch.setattr(writer, "BLOCK_BYTES", 1)
+    for last in (1, 4):
+        how = {"checkpoint_seconds": OFTEN, "resume": True, "on_frame": stop_after(last)}
+        with pytest.raises(RuntimeError, match="stopped"):
+            batch(tmp_path / "parts", format_, BLOWS_UP, **how)
+    notes: list[str] = []
+    data = batch(tmp_path / "parts", format_, BLOWS_UP, resume=True, on_note=notes.append)
+    assert notes[0].startswith("resuming after frame 3")
+    assert files_of(data) == files_of(whole)
+
+
+@pytest.mark.full
+def test_shares_in_any_order_give_the_same_bytes(tmp_path, monkeypatch):
+    monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 1))
+    stiff = {"balloon.stiffness.structural": [100.0, 3000.0, 200.0]}
+    groups, none = plan_groups(GAINS_ENERGY, 3, stiff), np.array([], dtype=np.int64)
+    alone, apart = (TrajectoryFiles(tmp_path / name, every=3) for name in ("alone", "apart"))
+    how = {"device": "cpu", "schedule": "gather", "on_blowup": "restart"}
+    run_batch(GAINS_ENERGY, tmp_path / "out", 3, stiff, **how, trajectories=alone)
+    task = BatchTask(GAINS_ENERGY, groups, stiff, none, tmp_path / "other", "gather", "restart", apart)
+    cut = shares.cut_into_shares(task.groups, "cpu")
+    assert len(cut) == 3
+    with BatchOutput(task, cut) as output:
+        journal = ShareJournal(task, output, batch_checkpoints(task, describe_batch(task), 0.0), "cpu")
+        output.begin_trajectories(False)
+        for number in (2, 0, 1):
+            told = (task.chosen, "cpu", "gather", 3, "restart", lambda frame: None, task.every)
+            journal.add(number, shares.simulate_share(cut[number], *told))
+        for _ in range(GAINS_ENERGY.frames + 1):
+            output.end_frame()
+    writer.remove_partial(apart)
+    assert files_of(tmp_path / "apart") == files_of(tmp_path / "alone")
+    assert manifest(tmp_path / "apart")["restarted"] == ["train/world_000001.h5"]
+    restarted = arrays_of(world_file(tmp_path / "apart", 1))
+    assert (restarted["health"] == 2).all()
+    assert (np.diff(restarted["mesh_pos"], axis=0) != 0.0).any(axis=(1, 2)).all()
+
+
+@pytest.mark.parametrize("format_", list(FORMATS))
+def test_a_world_that_blew_up_has_its_flag_and_no_bad_number(format_: str, tmp_path):
+    data = batch(tmp_path, format_, BLOWS_UP)
+    bad = arrays_of(world_file(data, 1))
+    first = int(np.argmin(bad["health"]))
+    assert 0 < first <= FRAMES
+    assert all(np.isfinite(array).all() for array in bad.values())
+    for name in ("mesh_pos", "velocity", "volume"):
+        for frame in range(first, FRAMES + 1):
+            np.testing.assert_array_equal(bad[name][frame], bad[name][first - 1])
+    told = [attributes_of(world_file(data, world))["health"] for world in range(WORLDS)]
+    assert told == [1, 0, 1, 1, 1]
+    assert manifest(data)["blew_up"] == [str(world_file(data, 1).relative_to(data))]
+
+
+def test_a_batch_repeats_them(tmp_path):
+    write_obj(tmp_path / "ball.obj", quad_sphere(2))
+    ball = Scene(balloon=[Balloon(mesh=tmp_path / "ball.obj")], frames=3)
+    files = TrajectoryFiles(tmp_path / "data", every=2, format="npz", seed=4)
+    run_batch(ball, tmp_path / "out", 2, {"balloon.mass": [1.0, 2.0]}, device="cpu", trajectories=files)
+    repeat_batch(tmp_path / "out" / "manifest.json", tmp_path / "again", trajectories=tmp_path / "more")
+    assert files_of(tmp_path / "more") == files_of(tmp_path / "data")
+    run_batch(ball, tmp_path / "bare", 1, device="cpu")
+    with pytest.raises(InputError, match=r"manifest\.json: has no trajectories; expected those of a batch with"):
+        repeat_batch(tmp_path / "bare" / "manifest.json", tmp_path / "again", trajectories=tmp_path / "none")
+
+
+def test_a_failed_batch_leaves_the_good_files(tmp_path):
+    data = batch(tmp_path)
+    good = files_of(data)
+    with pytest.raises(RuntimeError, match="stopped"):
+        batch(tmp_path, vary={"gravity": [9.0] * WORLDS}, on_frame=stop_after(4))
+    assert files_of(data) == good
+
+
+@pytest.mark.parametrize("second", ["h5", "npz"])
+def test_another_batch_takes_the_place_of_all(second: str, tmp_path):
+    data = batch(tmp_path)
+    (data / "notes.txt").touch()
+    run_batch(scene(), tmp_path / "out", 2, device="cpu", trajectories=TrajectoryFiles(data, format=second))
+    left = {path.name for path in data.rglob("*") if path.is_file()}
+    assert left == {"notes.txt", "manifest.json", f"world_000000.{second}", f"world_000001.{second}"}
+
+
+def test_splits_depend_on_seed_and_number():
+    many = splits_of(1000, 3)
+    assert np.bincount(many).tolist() == [800, 100, 100]
+    np.testing.assert_array_equal(splits_of(137, 3), many[:137])
+    assert (splits_of(1000, 4) != many).any()
+
+
+def blocked(folder: Path) -> dict[str, Any]:
+    (folder / "taken").touch()
+    return {"trajectories": folder / "taken"}
+
+
+@pytest.mark.parametrize(
+    ("how", "complaint"),
+    [
+        (lambda at: {"trajectories": at / "missing" / "data"}, r"data: the folder .*missing does not exist$"),
+        (blocked, r"taken: is a file; expected a folder$"),
+        (lambda at: {"trajectories": at / "out"}, r"^--trajectories .*out: is the batch's own folder; expected"),
+        (lambda at: {"trajectories": TrajectoryFiles(at, every=0)}, r"^--every 0: expected a whole number"),
+        (lambda at: {"trajectories": TrajectoryFiles(at, seed=-1)}, r"^--seed -1: expected a whole number"),
+        (lambda at: {"trajectories": TrajectoryFiles(at, format="csv")}, r"^--format csv: expected h5, zarr, npz$"),
+        (lambda at: {"trajectories": 3}, r"^trajectories: expected a folder, or TrajectoryFiles \(got 3\)$"),
+    ],
+)
+def test_mistakes_are_told_before_the_run(how: Callable[[Path], dict[str, Any]], complaint: str, tmp_path):
+    with pytest.raises(InputError, match=complaint):
+        run_batch(scene(), tmp_path / "out", 2, device="cpu", **how(tmp_path), on_frame=never)
+
+
+def never(frame: int) -> None:
+    raise AssertionError(frame)
+
+
+def test_a_missing_extra_and_a_disk_that_is_too_small_are_told(tmp_path, monkeypatch):
+    def missing(name: str) -> None:
+        raise ImportError(name)
+
+    monkeypatch.setattr(hdf5_arrays, "import_module", missing)
+    with pytest.raises(MissingExtraError, match=r"h5py: pip install 'balloon-warp\[data\]'"):
+        run_batch(scene(), tmp_path / "out", 2, device="cpu", trajectories=tmp_path / "data")
+    run_batch(scene(), tmp_path / "out", 2, device="cpu", trajectories=TrajectoryFiles(tmp_path / "data", format="npz"))
+    monkeypatch.undo()
+    monkeypatch.setattr(writer.shutil, "disk_usage", lambda folder: type("Disk", (), {"free": 10}))
+    with pytest.raises(InputError, match=r"data: the trajectories need 0\.00 GiB, and the disk has 0\.00 GiB;"):
+        run_batch(scene(), tmp_path / "out", 2, device="cpu", trajectories=tmp_path / "data", on_frame=never)
+
+
+def test_those_of_another_batch_are_not_gone_on_with(tmp_path):
+    with pytest.raises(RuntimeError):
+        batch(tmp_path, checkpoint_seconds=OFTEN, on_frame=stop_after(3))
+    run_batch(scene(), tmp_path / "other", 2, device="cpu", trajectories=tmp_path / "data")
+    with pytest.raises(InputError, match=r"^--resume: .*partial lacks the trajectories of this batch; expected"):
+        batch(tmp_path, resume=True)

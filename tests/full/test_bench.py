@@ -1,17 +1,33 @@
-"""Peer of the benchmark simulates the same balloons, and its cases are what they say."""
+"""Benchmarks: their cases, their peers, which simulate the same balloons, and the command."""
 
+import json
 import subprocess
-import sys
+from collections.abc import Iterator
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import warp as wp
+from commands import status_of
 from meshes import quad_sphere as looped_quad_sphere
 from pxr import Usd, UsdGeom
 
-from balloon_warp.benchmarks import bound, export, first_frame, measure, rate, reading
+from balloon_warp.benchmarks import (
+    auto,
+    bound,
+    crowd_rate,
+    export,
+    first_frame,
+    health,
+    measure,
+    rate,
+    reading,
+    run,
+    solvers,
+)
 from balloon_warp.benchmarks.cases import (
     CPU_CASES,
     GPU_CASES,
@@ -22,14 +38,19 @@ from balloon_warp.benchmarks.cases import (
     RealTimeCase,
     beside,
 )
+from balloon_warp.benchmarks.crowd import CrowdCase
 from balloon_warp.benchmarks.measure import FRAMES, REPEATS, seconds_a_frame
+from balloon_warp.benchmarks.result import Result
 from balloon_warp.benchmarks.rubber import RADIUS, rubber_cases
 from balloon_warp.benchmarks.run import run_case
 from balloon_warp.blow_ups import KEPT_FRAMES
+from balloon_warp.device import pick_device
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.quad_sphere import quad_sphere
 from balloon_warp.model import Model, State, build_model, initial_state, lay_out, plan_model
+from balloon_warp.scene import load_scene
 from balloon_warp.schedules import SCHEDULES, make_schedule
+from balloon_warp.schedules.choose import fastest_schedule
 from balloon_warp.simulator import Simulator
 
 
@@ -53,7 +74,6 @@ def test_the_cases_can_be_built(case):
 
 @pytest.mark.parametrize("case", list(rubber_cases("octets", 1)), ids=lambda case: case.law)
 def test_rubber_of_the_cases_is_stretched(case):
-    """Rubber of a case is stretched to half as large again as at rest, and as heavy as its peer without rubber."""
     simulator = Simulator(case.scene(), "cpu", schedule=case.schedule)
     for _ in range(60):
         simulator.step()
@@ -66,7 +86,6 @@ def test_rubber_of_the_cases_is_stretched(case):
 
 @pytest.mark.parametrize("spheres", [1, 8])
 def test_spheres_of_the_cases_touch_the_balloon_and_nothing_blows_up(spheres):
-    """Spheres touch the balloon in the timed frames, and all points stay finite."""
     model = build_model(Case("", "lanes", 1, spheres=spheres, ground=True).scene(), "cpu")
     state = initial_state(model)
     schedule = make_schedule(model, "lanes")
@@ -78,7 +97,7 @@ def test_spheres_of_the_cases_touch_the_balloon_and_nothing_blows_up(spheres):
     assert np.isfinite(state.points.numpy()).all()
 
 
-def test_every_frame_that_is_timed_is_simulated(monkeypatch: pytest.MonkeyPatch):
+def test_every_frame_that_is_timed_is_simulated(monkeypatch):
     """Each contender runs a warm-up, its repeat, and the repeats that count; recorded frames are replayed."""
     states = []
 
@@ -102,8 +121,7 @@ def test_growing_cases_change_one_thing_and_keep_the_particles():
     assert len(spheres.scene().sphere) == 4
 
 
-def test_a_growing_case_is_measured_beside_its_base(monkeypatch: pytest.MonkeyPatch):
-    """Rates follow the particle-substeps where all frames take the same time."""
+def test_a_growing_case_is_measured_beside_its_base(monkeypatch):
     monkeypatch.setattr(rate, "seconds_a_frame", lambda contenders, states: [0.5] * len(contenders))
     (case,) = beside(Case("64 balloons", "lanes", 64), substeps=(8,))
     result = run_case(case, wp.get_device("cpu"))
@@ -111,7 +129,7 @@ def test_a_growing_case_is_measured_beside_its_base(monkeypatch: pytest.MonkeyPa
     assert result.ratio == 0.25
 
 
-def test_a_case_gives_the_promised_keys(monkeypatch: pytest.MonkeyPatch):
+def test_a_case_gives_the_promised_keys(monkeypatch):
     monkeypatch.setattr(measure, "FRAMES", 2)
     result = run_case(Case("two balloons", "lanes", 2, cells=2), wp.get_device("cpu")).as_json()
     names = "case device schedule worlds particles rate peer peer_rate ratio bound_fraction overlap peer_overlap"
@@ -121,7 +139,7 @@ def test_a_case_gives_the_promised_keys(monkeypatch: pytest.MonkeyPatch):
     assert result["rate"] > 0.0
 
 
-def test_an_export_is_of_every_frame_and_of_worlds_that_differ(tmp_path: Path):
+def test_an_export_is_of_every_frame_and_of_worlds_that_differ(tmp_path):
     case = ExportCase("", 3, cells=2, frames=4)
     plan = plan_model(case.scene(), 3, {"balloon.inflation.k_normal": [0.1, 0.2, 0.3]})
     simulator = Simulator.of_model(lay_out(plan, "cpu"))
@@ -138,8 +156,7 @@ def test_an_export_is_of_every_frame_and_of_worlds_that_differ(tmp_path: Path):
 
 
 @pytest.mark.parametrize("cold", [True, False])
-def test_a_cold_first_frame_has_no_kernels_and_a_warm_one_has_them(cold: bool, monkeypatch: pytest.MonkeyPatch):
-    """The first process finds an empty kernel cache and the second a filled one, as a stand-in process reports."""
+def test_a_cold_first_frame_has_no_kernels_and_a_warm_one_has_them(cold: bool, monkeypatch):
     found = []
 
     def process(case: FirstFrameCase, device: wp.Device, cache: str) -> tuple[float, str]:
@@ -156,7 +173,7 @@ def test_a_cold_first_frame_has_no_kernels_and_a_warm_one_has_them(cold: bool, m
     assert result.rate == len(found) - first_frame.REPEATS // 2  # the median of the last
 
 
-def test_frames_are_read_beside_as_many_that_are_not(monkeypatch: pytest.MonkeyPatch):
+def test_frames_are_read_beside_as_many_that_are_not(monkeypatch):
     monkeypatch.setattr(reading, "FRAMES", 2)
     monkeypatch.setattr(reading, "REPEATS", 1)
     result = run_case(ReadingCase("", 2, "two_balloons"), wp.get_device("cpu"))
@@ -165,7 +182,7 @@ def test_frames_are_read_beside_as_many_that_are_not(monkeypatch: pytest.MonkeyP
     assert result.ratio == result.rate / result.peer_rate
 
 
-def test_a_process_simulates_a_first_frame():
+def test_a_process_simulates_a_first_frame_or_says_that_it_does_not(tmp_path):
     wp.init()
     cache = Path(str(wp.config.kernel_cache_dir)).parent  # Warp adds its version
     seconds, said = first_frame._simulate(FirstFrameCase("", cold=False), wp.get_device("cpu"), str(cache))
@@ -173,9 +190,6 @@ def test_a_process_simulates_a_first_frame():
     schedule, particles = said.split()
     assert schedule in SCHEDULES
     assert int(particles) == 2494
-
-
-def test_a_process_without_a_frame_is_told(tmp_path: Path):
     with pytest.raises(subprocess.CalledProcessError):
         first_frame._simulate(FirstFrameCase("", cold=False, scene="none"), wp.get_device("cpu"), str(tmp_path))
 
@@ -188,9 +202,6 @@ def test_gathers_bound_is_the_launch_for_few_particles_and_issue_or_bytes_for_ma
     assert bound.gather_bound(10**8, 10**4, 1.5e-6, obstacles=False) == pytest.approx(10.1376e12 / 172, rel=1e-3)
     with_sphere = bound.gather_bound(10**8, 132, 1.5e-6, obstacles=True)
     assert with_sphere < bound.gather_bound(10**8, 132, 1.5e-6, obstacles=False)
-
-
-def test_the_bound_is_for_gpus():
     model = build_model(Case("", "gather", 1, cells=2).scene(), "cpu")
     assert bound.bound(model, "gather") is None
 
@@ -222,7 +233,6 @@ def test_newton_gives_the_same_trajectory(normals, device):
 
 
 def test_blender_simulates_the_same_balloon():
-    """Blender simulates the same mesh under pressure frame by frame, and it stays a balloon."""
     pytest.importorskip("bpy")
     from balloon_warp.benchmarks.blender_peer import BlenderPeer
 
@@ -238,9 +248,6 @@ def test_blender_simulates_the_same_balloon():
 
 
 def test_explicit_and_implicit_steps_are_measured_on_the_same_motion(monkeypatch):
-    """Smaller steps come closer to the reference, by either method; a row each."""
-    from balloon_warp.benchmarks import solvers
-
     monkeypatch.setattr(solvers, "STIFFNESS", (1.0,))
     monkeypatch.setattr(solvers, "STEPS", ((1, 4), (8, 4)))
     monkeypatch.setattr(solvers, "WORLDS", {"cpu": (1,)})
@@ -250,30 +257,188 @@ def test_explicit_and_implicit_steps_are_measured_on_the_same_motion(monkeypatch
     assert 0.0 < explicit.error < small.error < 0.5 * large.error
 
 
-def test_what_it_costs_to_look_after_worlds_is_measured_beside_their_frame(monkeypatch: pytest.MonkeyPatch):
-    """Cost of the health check is the difference to a schedule without it; a batch keeps no states."""
-    from balloon_warp.benchmarks import health
-
+def test_what_it_costs_to_look_after_worlds_is_measured_beside_their_frame(monkeypatch):
     cpu, tiny = wp.get_device("cpu"), Case("tiny", "gather", 1, cells=2, substeps=4)
     measured = health.cost_of(tiny, cpu)
     assert min(measured.frame, measured.copy) > 0.0  # the look is a difference, lost in the noise of so few particles
     monkeypatch.setattr(health, "seconds_a_frame", lambda schedules, _: (2.0, 1.5, 9.0, 4.0, 0.4))
-    alone, batch, block = (
-        health.cost_of(case, cpu) for case in (tiny, replace(tiny, worlds=3), replace(tiny, schedule="block", worlds=3))
-    )
+    cases = tiny, replace(tiny, worlds=3), replace(tiny, schedule="block", worlds=3)
+    alone, batch, block = (health.cost_of(case, cpu) for case in cases)
     assert alone.look == batch.look == 5.0 / health.REPEATS / 2.0
     assert block.look == 0.25
     assert (alone.copy, batch.copy) == (0.4 / KEPT_FRAMES / 2.0, 0.0)
 
 
 @pytest.mark.parametrize(("look", "status"), [(0.004, 0), (0.011, 1)])
-def test_looking_after_worlds_at_too_high_a_cost_is_the_status(
-    look: float, status: int, monkeypatch: pytest.MonkeyPatch
-):
-    from balloon_warp.benchmarks import health
-
-    monkeypatch.setattr(sys, "argv", ["health", "cpu"])
+def test_looking_after_worlds_at_too_high_a_cost_is_the_status(look: float, status: int, monkeypatch):
     monkeypatch.setattr(health, "cost_of", lambda case, _: health.Cost(case.name, 1.0, look * (case.worlds > 1), 0.002))
-    with pytest.raises(SystemExit) as end:
-        health.main()
-    assert end.value.code == status
+    assert status_of("cpu", main=health.main) == status
+
+
+RESULTS = [Result("1 balloon", "cpu", "gather", 1, 488, 2.0e8), Result("[s]", "cpu", "lanes", 8, 26, 3.0, "peer", 2.0)]
+
+
+@pytest.fixture(autouse=True)
+def measured(monkeypatch) -> None:
+    def results(device: object, quick: bool) -> Iterator[Result]:
+        yield from RESULTS
+
+    monkeypatch.setattr(run, "run_cases", results)
+
+
+def bench(*words: str) -> int:
+    return status_of("bench", *words)
+
+
+def test_a_table_is_printed_and_the_json_written_or_json_alone(capsys, tmp_path):
+    assert bench("--device", "cpu", "--json") == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out) == [result.as_json() for result in RESULTS]
+    assert said.err.splitlines() == ["1 balloon (gather): 2e+08", "[s] (lanes): 3"]
+    assert bench("--device", "cpu", "-o", str(tmp_path / "results.json")) == 0
+    cases = [line.split("|")[1].strip() for line in capsys.readouterr().out.splitlines() if line.startswith("|")]
+    assert [case for case in cases if not case.startswith("-")] == ["case", "1 balloon", "[s]"]
+    assert json.loads((tmp_path / "results.json").read_text()) == [result.as_json() for result in RESULTS]
+
+
+def test_bundled_scenes_are_measured_in_each_schedule_beside_auto(monkeypatch, capsys):
+    monkeypatch.setattr(auto, "measured_scenes", lambda: ["two_balloons"])
+    monkeypatch.setattr(auto, "WORLDS", (1, 2))
+    monkeypatch.setattr(auto, "FRAME_SECONDS", 0.0)  # one at a time
+    measured = list(auto.scene_results(pick_device("cpu"), auto.WORLDS))
+    assert [(each.schedule, each.worlds) for each in measured] == [(name, n) for n in (1, 2) for name in auto.ON_CPU]
+    for each in measured:
+        model = build_model(load_scene("two_balloons"), "cpu", each.worlds)
+        assert (each.case, each.particles, each.rate > 0.0) == ("two_balloons", 820, True)
+        taken = fastest_schedule(model, each.worlds)
+        assert each.peer == f"auto: {taken}"
+        assert each.peer_rate is not None
+        assert each.ratio == pytest.approx(each.rate / each.peer_rate)
+        assert each.schedule != taken or each.ratio == 1.0
+    monkeypatch.setattr(auto, "scene_results", lambda device: measured)
+    assert bench("--device", "cpu", "--scenes", "--json") == 0
+    assert json.loads(capsys.readouterr().out) == [result.as_json() for result in measured]
+
+
+def test_variants_of_scenes_can_be_built_and_two_sets_at_once_are_refused(capsys):
+    for source, overrides in auto.VARIANTS.values():
+        assert load_scene(source, overrides) != load_scene(source)
+    assert bench("--scenes", "--quick") == 2
+    assert capsys.readouterr().err == "error: --quick, --scenes, and --gpus or --workers: expected only one of them\n"
+
+
+CASE = CrowdCase("", "newton", cells=4)
+CROWD_FRAMES = 20
+
+
+def parts_of(points: np.ndarray, model: Model) -> list[np.ndarray]:
+    return [points[begin:end].astype(np.float64) for begin, end in pairwise(model.particle_offsets)]
+
+
+def widths(points: np.ndarray, model: Model) -> np.ndarray:
+    """Return the mean distance of each balloon's particles from their middle, over the radius at the start."""
+    parts = parts_of(points, model)
+    return np.array([np.linalg.norm(part - part.mean(axis=0), axis=1).mean() for part in parts]) / CASE.radius
+
+
+def check_motion(peer: Any, model: Model, frames: int) -> np.ndarray:
+    """Return a peer's final points, and require that the same balloons get wider while fixed particles stay."""
+    np.testing.assert_allclose(peer.points, model.initial_points.numpy(), atol=1e-6)
+    held = model.particle_mass_share.numpy() == 0.0
+    assert 8 <= held.sum() < model.particle_count // 4
+    unused = initial_state(model)
+    for _ in range(frames):
+        peer.advance_frame(unused)
+    points = np.asarray(peer.points)
+    assert np.isfinite(points).all()
+    np.testing.assert_allclose(points[held], model.initial_points.numpy()[held], atol=1e-5)
+    return points
+
+
+def test_the_balloons_are_apart_at_first_and_press_each_other_then():
+    model = build_model(CASE.scene(), "cpu")
+    state = initial_state(model)
+    start = state.points.numpy()[0]
+    assert crowd_rate._overlap(start, model) == 0.0
+    schedule = make_schedule(model)
+    for _ in range(CROWD_FRAMES):
+        schedule.advance_frame(state)
+    ended = state.points.numpy()[0]
+    assert (state.holds.numpy()[0, :, 3] != 0.0).sum() >= 24  # four pairs in each direction, two sides each
+    assert 1.05 < widths(ended, model).min() < widths(ended, model).max() < 1.3
+    assert crowd_rate._overlap(ended, model) < 0.02 * CASE.radius
+    alone = build_model(CASE.scene().model_copy(update={"touch": False}), "cpu")
+    free, passing = make_schedule(alone), initial_state(alone)
+    for _ in range(CROWD_FRAMES):
+        free.advance_frame(passing)
+    assert crowd_rate._overlap(passing.points.numpy()[0], alone) > 0.1 * CASE.radius  # else there is nothing to do
+
+
+def test_newton_blows_them_up_alike():
+    """Newton's balloons get as wide as ours, to a few percent, with the same springs and pressure though by implicit
+    steps; and they do not interpenetrate."""
+    pytest.importorskip("newton")
+    from balloon_warp.benchmarks.newton_crowd import NewtonCrowd
+
+    model = build_model(CASE.scene(), "cpu")
+    points = check_motion(NewtonCrowd(model), model, CROWD_FRAMES)
+    assert crowd_rate._overlap(points, model) < 0.02 * CASE.radius
+    state, schedule = initial_state(model), make_schedule(model)
+    for _ in range(CROWD_FRAMES):
+        schedule.advance_frame(state)
+    np.testing.assert_allclose(widths(points, model), widths(state.points.numpy()[0], model), rtol=0.05)
+
+
+def test_blender_blows_them_up_alike():
+    """Blender's balloons get a seventh wider, as ours, on the measured mesh, for which its pressure was chosen."""
+    pytest.importorskip("bpy")
+    from balloon_warp.benchmarks.blender_peer import BlenderPeer
+
+    model = build_model(replace(CASE, cells=8).scene(), "cpu")
+    points = check_motion(BlenderPeer(model, crowd_rate.BLENDER_PRESSURE), model, CROWD_FRAMES)
+    np.testing.assert_allclose(widths(points, model), 8 / 7, rtol=0.03)
+
+
+class Mover:
+    """Peer whose second balloon ends a tenth of its radius in the first."""
+
+    def __init__(self, model: Model):
+        self.model = model
+        parts = parts_of(model.initial_points.numpy(), model)
+        apart = parts[1].mean(axis=0) - parts[0].mean(axis=0)
+        parts[1] = parts[1] - apart * (1.0 - 1.9 * CASE.radius / np.linalg.norm(apart))
+        self.points = np.concatenate(parts)
+
+
+def test_ratio_and_overlaps_are_of_the_same_run(monkeypatch):
+    asked = []
+
+    def seconds(contenders: list[Any], frames: int, states: list[State]) -> list[float]:
+        asked.append((frames, len(contenders), len(states)))
+        return [0.5, 1.0]
+
+    monkeypatch.setattr(crowd_rate, "seconds_a_frame", seconds)
+    monkeypatch.setattr(crowd_rate, "peers_of", lambda case, model: [Mover(model)])
+    result = run_case(CASE, wp.get_device("cpu"))
+    assert asked == [(CASE.frames, 2, 2)]
+    assert (result.rate, result.peer, result.peer_rate, result.ratio) == (2 / 24, "newton", 1 / 24, 2.0)
+    assert (result.worlds, result.particles, result.overlap) == (1, 8 * 98, 0.0)
+    assert result.peer_overlap == pytest.approx(0.1, abs=0.02)  # a vertex of the mesh is not quite the deepest
+
+
+def test_both_peers_are_cases_of_a_processor():
+    crowds = [case for case in CPU_CASES if isinstance(case, CrowdCase)]
+    assert [case.peer for case in crowds] == ["newton", "blender"]
+    assert replace(crowds[0], peer="blender") == crowds[1]
+    assert build_model(crowds[0].scene(), "cpu").particle_count == 8 * 386
+
+
+def test_newton_gives_the_same_gradient():
+    """Derivatives through the same springs agree to 1e-3 of the largest: both are float32, over 32 substeps."""
+    pytest.importorskip("newton")
+    from balloon_warp.benchmarks.newton_gradients import Case
+
+    case = Case("springs", 1, 1, "cpu")
+    ours, its = case.ours().gradient(), case.newton().gradient()
+    assert np.abs(ours).max() > 0.0
+    np.testing.assert_allclose(its, ours, rtol=1e-3, atol=1e-3 * np.abs(ours).max())

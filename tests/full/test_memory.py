@@ -76,18 +76,17 @@ def test_lanes_counts_the_worlds_that_fill_up_the_last_eight():
     assert 9 * kept(nine) == pytest.approx(2 * kept(one), rel=1e-3)  # rounded to whole bytes
 
 
-def test_worlds_that_do_not_fit_are_refused_with_the_number_that_would(monkeypatch: pytest.MonkeyPatch):
+def test_worlds_that_do_not_fit_are_refused_with_the_number_that_would(monkeypatch):
     model = build_model(scene(), "cpu")
     world = world_bytes(model) + schedule_named("scatter", model).world_bytes(model)
     monkeypatch.setattr(memory, "free_memory", lambda device: int(10.5 * world / memory.USABLE))
     assert len(Simulator(scene(), "cpu", 10, schedule="scatter").state.points) == 10
-    with pytest.raises(
-        InputError, match=r"^64 worlds do not fit: they need .* GiB, and cpu has .* enough for 10 worlds$"
-    ):
+    sentence = r"^64 worlds do not fit: they need .* GiB, and cpu has .* enough for 10 worlds$"
+    with pytest.raises(InputError, match=sentence):
         Simulator(scene(), "cpu", 64, schedule="scatter")
 
 
-def test_a_schedule_that_keeps_less_lets_more_worlds_in(monkeypatch: pytest.MonkeyPatch):
+def test_a_schedule_that_keeps_less_lets_more_worlds_in(monkeypatch):
     model = build_model(scene(), "cpu", 64)
     kept = {name: schedule_named(name, model).world_bytes(model) for name in SCHEDULES}
     assert kept["block"] < kept["scatter"] < kept["lanes"]

@@ -15,12 +15,16 @@ RECORDS = ROOT / "docs" / "design"
 
 
 @pytest.fixture(autouse=True)
-def in_the_project(monkeypatch: pytest.MonkeyPatch):
+def in_the_project(monkeypatch):
     monkeypatch.chdir(ROOT)
 
 
-def test_the_page_is_what_the_command_writes():
+def test_the_page_is_what_the_command_writes_and_every_record_is_linked():
     assert PAGE.read_text(encoding="utf-8") == as_markdown(map(read, files().values()))
+    listed = (RECORDS / "README.md").read_text(encoding="utf-8")
+    for page in {*RECORDS.glob("*.md")} - {RECORDS / "README.md"}:
+        assert f"]({page.name})" in listed, page.name
+        assert page.read_text(encoding="utf-8").startswith(("# Why ", "# How ", "# What ")), page.name
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in (ROOT / FOLDER).glob("*.toml")))
@@ -34,8 +38,7 @@ def test_a_measurement_has_its_day_machine_and_command(name: str):
     assert as_toml(measurement) == path.read_text(encoding="utf-8")
 
 
-def test_a_measurement_is_made_again(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    """A measurement is repeated by its own command, and the page gets its new table."""
+def test_a_measurement_is_made_again(monkeypatch, tmp_path):
     monkeypatch.setattr(results, "FOLDER", tmp_path)
     monkeypatch.setattr(results, "PAGE", tmp_path / "RESULTS.md")
     (tmp_path / "01_health.toml").write_text(as_toml(read(files_of(ROOT / FOLDER)["health"])), encoding="utf-8")
@@ -57,7 +60,7 @@ def files_of(folder: Path) -> dict[str, Path]:
     return {path.stem.partition("_")[2]: path for path in folder.glob("*.toml")}
 
 
-def test_a_command_without_a_table_and_an_unknown_name_are_refused(monkeypatch: pytest.MonkeyPatch):
+def test_a_command_without_a_table_and_an_unknown_name_are_refused(monkeypatch):
     before = PAGE.read_bytes()
     with pytest.raises(InputError, match=r"^nothing: there is no such measurement; expected one of gpu, "):
         main(["nothing"])
@@ -66,10 +69,3 @@ def test_a_command_without_a_table_and_an_unknown_name_are_refused(monkeypatch: 
     with pytest.raises(InputError, match=r"benchmarks\.health cpu: expected a table \(status 0\)"):
         again(read(files()["health"]))
     assert PAGE.read_bytes() == before
-
-
-def test_every_record_is_linked():
-    listed = (RECORDS / "README.md").read_text(encoding="utf-8")
-    for page in {*RECORDS.glob("*.md")} - {RECORDS / "README.md"}:
-        assert f"]({page.name})" in listed, page.name
-        assert page.read_text(encoding="utf-8").startswith(("# Why ", "# How ", "# What ")), page.name

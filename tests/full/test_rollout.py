@@ -38,7 +38,6 @@ def test_it_has_the_frames_and_derivatives_of_gradient(device: str):
 
 
 def test_a_policy_learns_within_the_loop(device: str):
-    """The derivative by a policy's one weight, pump rate over height, agrees with differences."""
     rollout = bw.Rollout(pumped(), of=["balloon.0.inflation.pump.0.1"], device=device)
 
     def height(gain: float) -> "torch.Tensor":

@@ -1,50 +1,41 @@
-"""Batch on many workers: the files are those of one process, whoever simulated it."""
+"""Batch on many workers: the files are those of one process, and faults get a sentence."""
 
 import contextlib
 import functools
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import distributed
 import numpy as np
+import psutil
 import pytest
+import small_batch
 from clusters import address_of, batch, start_workers, write_ball
-from meshes import cube, quad_sphere
+from meshes import quad_sphere
 from pxr import Sdf
 
-from balloon_warp import Cluster, InputError, Scene, TrajectoryFiles, WorkersLostError, run_batch
+from balloon_warp import Cluster, InputError, MissingExtraError, Scene, TrajectoryFiles, WorkersLostError, run_batch
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.scene import Balloon, Ground, Sphere, String
+from balloon_warp.model import memory
+from balloon_warp.scene import Balloon
+from balloon_warp.sweep import cluster as cluster_module
 from balloon_warp.sweep import dask_workers, local_workers, shares
 from balloon_warp.sweep.output import BatchOutput
-
-dask = pytest.importorskip("dask", reason="needs the extra `cluster`")
-distributed = pytest.importorskip("distributed")
-psutil = pytest.importorskip("psutil")
+from balloon_warp.warp_logging import quiet_warp
 
 WORLDS = 24
-
-
-def scene(**fields) -> Scene:
-    """Return a small scene with one of each kind of thing."""
-    balloons = [Balloon(mesh=quad_sphere(3), position=(0, 2, 0), helium=20.0), Balloon(mesh=cube(), position=(3, 1, 0))]
-    fields = {
-        "balloon": balloons,
-        "sphere": [Sphere(position=(0, 4, 0), radius=0.3)],
-        "string": [String(anchor=(0, 0, 0), length=1.5)],
-        "ground": Ground(),
-        "frames": 4,
-        "substeps": 40,
-    } | fields
-    return Scene(**fields)
+scene = functools.partial(small_batch.scene, frames=4)
 
 
 @pytest.fixture(autouse=True)
-def fine_grain(monkeypatch: pytest.MonkeyPatch) -> None:
+def fine_grain(monkeypatch) -> None:
     """Split small batches, too, and allow a busy machine more time."""
     monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 1))
     monkeypatch.setattr(shares, "SHARES", 8)
@@ -53,7 +44,7 @@ def fine_grain(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def vary(tmp_path: Path) -> dict:
+def vary(tmp_path) -> dict:
     """Return two meshes in turn, which makes two groups, and a mass of its own for each world."""
     paths = [tmp_path / "coarse.obj", tmp_path / "fine.obj"]
     for path, size in zip(paths, (3, 4), strict=True):
@@ -80,7 +71,7 @@ def assert_same_files(folder: Path, expected: Path) -> None:
     assert stages[0].ExportToString() == stages[1].ExportToString()
 
 
-def test_two_workers_give_what_one_process_gives(vary: dict, tmp_path: Path):
+def test_two_workers_give_what_one_process_gives(vary: dict, tmp_path):
     """Two workers write the files of one process, bit-identical, without the mesh files: shares carry their data."""
     export = [1, 7, 22]
     files = [TrajectoryFiles(tmp_path / name, 2, "npz") for name in ("data_alone", "data_both")]
@@ -89,9 +80,8 @@ def test_two_workers_give_what_one_process_gives(vary: dict, tmp_path: Path):
     gone = functools.partial(remove, list(map(str, set(vary["balloon.0.mesh"]))))
     seen = []
     local = Cluster(workers=2, prepare=gone)
-    together = run_batch(
-        scene(), tmp_path / "both", WORLDS, vary, **how, cluster=local, on_frame=seen.append, trajectories=files[1]
-    )
+    how |= {"cluster": local, "on_frame": seen.append, "trajectories": files[1]}
+    together = run_batch(scene(), tmp_path / "both", WORLDS, vary, **how)
     assert not any(path.exists() for path in vary["balloon.0.mesh"])
     assert_same_files(tmp_path / "both", tmp_path / "alone")
     both = [{path.name: path.read_bytes() for path in Path(each.folder).rglob("*.npz")} for each in files]
@@ -103,7 +93,7 @@ def test_two_workers_give_what_one_process_gives(vary: dict, tmp_path: Path):
     assert seen[-1] == 4
 
 
-def test_the_workers_end_before_the_table_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_the_workers_end_before_the_table_is_written(tmp_path, monkeypatch):
     """Processes are gone when rows are written: they would keep the memory of GPUs."""
 
     def finish_without_children(output: BatchOutput, frames: int) -> dict[str, str]:
@@ -133,8 +123,7 @@ def remove(paths: list[str]) -> None:
         Path(path).unlink(missing_ok=True)
 
 
-def test_the_share_of_a_killed_worker_is_done_again(tmp_path: Path):
-    """The share of a killed worker is simulated again: the first process to start one waits, to be killed."""
+def test_the_share_of_a_killed_worker_is_done_again(tmp_path):
     run_batch(scene(), tmp_path / "alone", 4, export=[0, 3], device="cpu")
     (tmp_path / "starts").mkdir()
     killed = []
@@ -167,7 +156,7 @@ def note_starts(folder: str) -> None:
     shares.lay_out = note_and_lay_out
 
 
-def test_a_share_that_ends_processes_here_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_share_that_ends_processes_here_is_given_up(tmp_path, monkeypatch):
     monkeypatch.setattr(local_workers, "MOST_LOSSES", 1)
     with pytest.raises(WorkersLostError, match=r"^a share of the batch crashed 2 workers in a row"):
         run_batch(scene(), tmp_path / "out", 1, cluster=Cluster(workers=1, prepare=end_in_share))
@@ -187,33 +176,33 @@ def is_at_work() -> bool:
     return True
 
 
-def test_a_share_that_ends_every_worker_is_given_up(tmp_path: Path):
-    """A share that kills every worker ends the batch, also where Dask did not restart one that died as it joined."""
+def end_worker() -> None:
+    if is_at_work():
+        os._exit(1)
+
+
+LOST = {
+    # also where Dask did not restart a worker that died as it joined
+    "by a share": (end_worker, None, r"^(a share of the batch crashed 4 workers in a row|all workers ended)"),
+    "all": (None, lambda workers: workers.scale(0), r"^all workers ended, and none came for 1 s; "),
+    "the scheduler": (None, lambda workers: workers.close(), r"^the scheduler is gone"),
+}
+"""what prepares a worker, what happens to all of them at each frame, and the sentence"""
+
+
+@pytest.mark.parametrize("which", LOST)
+def test_workers_that_are_gone_are_not_waited_for_for_ever(which: str, tmp_path, monkeypatch):
+    prepare, happens, sentence = LOST[which]
+    monkeypatch.setattr(dask_workers, "ALONE_SECONDS", 1.0 if which == "all" else dask_workers.ALONE_SECONDS)
     with start_workers(1) as workers:
-        cluster = Cluster(address=address_of(workers), prepare=end_worker)
-        lost = r"^(a share of the batch crashed 4 workers in a row|all workers ended)"
-        with pytest.raises(WorkersLostError, match=lost):
-            run_batch(scene(), tmp_path / "out", 1, cluster=cluster, device="cpu")
-    assert list((tmp_path / "out").iterdir()) == []
+        cluster = Cluster(address=address_of(workers), prepare=prepare)
+        count, happen = 8 if happens else 1, lambda frame: happens and happens(workers)
+        with pytest.raises(WorkersLostError, match=sentence):
+            run_batch(scene(), tmp_path, count, cluster=cluster, device="cpu", on_frame=happen)
+    assert [path.name for path in tmp_path.iterdir()] in ([], ["partial"] if happens else [])  # a share may be done
 
 
-def test_workers_that_are_all_gone_are_not_waited_for_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(dask_workers, "ALONE_SECONDS", 1.0)
-    with start_workers(1) as workers:
-        cluster = Cluster(address=address_of(workers))
-        with pytest.raises(WorkersLostError, match=r"^all workers ended, and none came for 1 s; "):
-            run_batch(scene(), tmp_path, 8, cluster=cluster, device="cpu", on_frame=lambda frame: workers.scale(0))
-
-
-def test_a_scheduler_that_is_gone_is_told(tmp_path: Path):
-    with start_workers(1) as workers:
-        cluster = Cluster(address=address_of(workers))
-        with pytest.raises(WorkersLostError, match=r"^the scheduler is gone"):
-            run_batch(scene(), tmp_path, 8, cluster=cluster, device="cpu", on_frame=lambda frame: workers.close())
-    assert [path.name for path in tmp_path.iterdir()] in ([], ["partial"])  # a share may have been done, and is saved
-
-
-def test_workers_of_this_machine_listen_nowhere(tmp_path: Path):
+def test_workers_of_this_machine_listen_nowhere(tmp_path):
     seen: list[Any] = []
 
     def look(frame: int) -> None:
@@ -224,12 +213,7 @@ def test_workers_of_this_machine_listen_nowhere(tmp_path: Path):
     assert seen == [[], []]
 
 
-def end_worker() -> None:
-    if is_at_work():
-        os._exit(1)
-
-
-def test_an_interrupt_leaves_the_good_files(address: str, tmp_path: Path):
+def test_an_interrupt_leaves_the_good_files(address: str, tmp_path):
     run_batch(scene(frames=1), tmp_path, 2, export=[0], device="cpu")
     good = {path: path.read_bytes() for path in tmp_path.iterdir()}
 
@@ -241,29 +225,29 @@ def test_an_interrupt_leaves_the_good_files(address: str, tmp_path: Path):
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == good
 
 
-def test_the_command_spreads_over_a_scheduler(
-    address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-):
+def test_the_command_spreads_over_a_scheduler(address: str, tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     write_ball(tmp_path)
     arguments = ["--worlds", "6", "--vary", "gravity=1:9", "--export", "2", "--set", "frames=3", "--device", "cpu"]
-    assert batch(monkeypatch, *arguments, "-o", "alone") == 0
-    assert batch(monkeypatch, *arguments, "-o", "both", "--cluster", address) == 0
+    assert batch(*arguments, "-o", "alone") == 0
+    assert batch(*arguments, "-o", "both", "--cluster", address) == 0
     captured = capfd.readouterr()
-    assert [line.partition(". ")[0] for line in captured.err.splitlines()] == 2 * [
-        "note: ball.obj inflates above a floor"
-    ]
+    said = [line.partition(". ")[0] for line in captured.err.splitlines()]
+    assert said == 2 * ["note: ball.obj inflates above a floor"]
     assert " on 1 x cpu, schedule " in captured.out.splitlines()[7]
     assert_same_files(tmp_path / "both", tmp_path / "alone")
 
 
-def test_a_worker_that_lacks_the_device_is_told(address: str, tmp_path: Path):
+def test_a_device_that_is_not_there_or_named_twice_is_told(address: str, tmp_path, monkeypatch):
     with pytest.raises(InputError, match=r"^--device cuda:99: no such device"):
         run_batch(scene(), tmp_path / "out", 2, cluster=Cluster(address=address), device="cuda:99")
     assert list(tmp_path.iterdir()) == []
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "1,0,1")
+    with pytest.raises(InputError, match=r"^CUDA_VISIBLE_DEVICES=1,0,1: names a GPU twice$"):
+        cluster_module.worker_environments(Cluster(gpus=2))
 
 
-def test_the_first_gpu_is_this_process_s(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_the_first_gpu_is_this_process_s(tmp_path, monkeypatch):
     """A thread simulates beside a process, to the same bytes; here both on the CPU."""
     run_batch(scene(), tmp_path / "alone", 8, export=[0, 3], device="cpu")
     monkeypatch.setattr(local_workers, "worker_environments", lambda cluster: [{}] * cluster.gpus)
@@ -279,3 +263,101 @@ def test_the_first_gpu_is_this_process_s(tmp_path: Path, monkeypatch: pytest.Mon
     run_batch(scene(), tmp_path / "both", 8, export=[0, 3], cluster=Cluster(gpus=2))
     assert_same_files(tmp_path / "both", tmp_path / "alone")
     assert here == {"first GPU"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--cluster", "localhost"], "--cluster localhost: expected an address such as tcp://192.168.0.1:8786"),
+        (["--cluster", "tcp://127.0.0.1:1"], "--cluster tcp://127.0.0.1:1: no scheduler answered within 1 s"),
+        (["--workers", "0"], "--workers 0: expected at least 1"),
+        (["--gpus", "99"], "--gpus 99: this machine has "),
+        (["--gpus", "1", "--workers", "2"], "--cluster, --gpus, --workers: expected only one of them"),
+        (["--workers", "1", "--device", "cpu"], "--device cpu: needs --cluster"),
+    ],
+)
+def test_a_mistake_gets_one_sentence_and_status_2(tmp_path, monkeypatch, capfd, arguments: list[str], sentence: str):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(dask_workers, "CONNECT_SECONDS", 1.0)
+    write_ball(tmp_path)
+    assert batch(*arguments) == 2
+    captured = capfd.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith(f"error: {sentence}")
+    assert len(captured.err.splitlines()) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["ball.obj"]
+
+
+def test_a_script_without_a_guard_is_told(tmp_path):
+    """A script without a main guard is reported: each worker imports it, and would start workers of its own."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import balloon_warp as bw\n"
+        f"ball = bw.load_mesh({str(write_ball(tmp_path))!r})\n"
+        "scene = bw.Scene(balloon=[{'mesh': ball}], frames=1)\n"
+        "bw.run_batch(scene, 'out', 2, cluster=bw.Cluster(workers=1))\n"
+    )
+    ended = subprocess.run([sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    assert ended.returncode == 1
+    assert ended.stderr.splitlines()[-1].startswith("balloon_warp.errors.InputError: --workers 1: the workers do not")
+    assert not (tmp_path / "out").exists()
+
+
+def test_no_workers_and_no_extra_are_told(tmp_path, monkeypatch):
+    monkeypatch.setattr(dask_workers, "WORKER_SECONDS", 0.5)
+    with (
+        start_workers(0) as nobody,
+        pytest.raises(InputError, match=r"^--cluster tcp://.*: the scheduler has no worker after 0\.5 s"),
+    ):
+        run_batch(scene(), tmp_path / "out", 2, cluster=Cluster(address=address_of(nobody)))
+    assert list(tmp_path.iterdir()) == []
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'balloon-warp\[cluster\]'"):
+        run_batch(scene(), tmp_path, 2, cluster=Cluster("tcp://127.0.0.1:1"))
+
+
+ROOM_WORLDS = 16
+
+
+def fill_first(folder: str, most: int) -> None:
+    """Let the memory of a worker be full, if it is one of the first to ask."""
+    quiet_warp()
+    claims = [Path(folder) / str(number) for number in range(most)]
+    if any(claim.exists() and claim.read_text() == str(os.getpid()) for claim in claims):
+        return
+    for claim in claims:
+        try:
+            with claim.open("x") as file:
+                file.write(str(os.getpid()))
+        except FileExistsError:
+            continue
+        memory.free_memory = lambda device: 1024
+        return
+
+
+def simulate(folder: Path, cluster: Cluster | None, notes: list[str]) -> bytes:
+    """Simulate a small batch, and return its table."""
+    scene = Scene(balloon=[Balloon(mesh=quad_sphere(3))], frames=3)
+    vary = {"balloon.mass": np.linspace(0.1, 0.2, ROOM_WORLDS)}
+    where = {"device": None if cluster else "cpu", "cluster": cluster}
+    run_batch(scene, folder, ROOM_WORLDS, vary, **where, on_note=notes.append)
+    return (folder / "table.csv").read_bytes()
+
+
+def test_others_do_what_does_not_fit(tmp_path):
+    notes: list[str] = []
+    (claims := tmp_path / "claims").mkdir()
+    cluster = Cluster(workers=2, prepare=functools.partial(fill_first, str(claims), 1))
+    table = simulate(tmp_path / "two", cluster, notes)
+    assert len(notes) == 1
+    assert "2 worlds do not fit: they need" in notes[0]
+    assert notes[0].endswith("; the other workers do its share")
+    assert table == simulate(tmp_path / "one", None, [])
+
+
+def test_where_all_are_full_the_batch_is_refused(tmp_path):
+    (claims := tmp_path / "claims").mkdir()
+    cluster = Cluster(workers=2, prepare=functools.partial(fill_first, str(claims), 2))
+    with pytest.raises(InputError, match=r"worlds do not fit: they need"):
+        simulate(tmp_path / "out", cluster, [])
+    assert not (tmp_path / "out" / "table.csv").exists()

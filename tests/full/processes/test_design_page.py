@@ -1,15 +1,12 @@
 """Page of a design while it converges: in headless Chromium, and from the command line."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from browsing import LIMIT, picture_of, wait_until
 from meshes import quad_sphere
 from typer.testing import CliRunner
-
-pytest.importorskip("viser")
 
 from balloon_warp.cli import watched
 from balloon_warp.cli.app import app
@@ -36,7 +33,6 @@ def colors(window) -> tuple[int, int]:
 
 
 def test_colors_say_how_far_it_is_off(browser):
-    """A window opened at any time shows the balloon's current shape, error colors and message."""
     page = DesignPage(port=free_port("127.0.0.1", 0))
     page.show(step(0, 1.4))
     window = browser.new_page(viewport={"width": 1100, "height": 600})
@@ -64,10 +60,7 @@ def test_colors_say_how_far_it_is_off(browser):
     ],
     ids=["springs", "latex", "foil"],
 )
-def test_command_shows_it_and_stays(
-    asked: list[str], labels: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    """The command shows each step and the final simulation from rest, and stays until Ctrl-C."""
+def test_command_shows_it_and_stays(asked: list[str], labels: list[str], tmp_path, monkeypatch):
     monkeypatch.setattr(picture, "SIZE", (96, 84))
     monkeypatch.setattr(of_panels, "EDGES", 6)
     shown: list[DesignStep] = []
@@ -91,9 +84,8 @@ def test_command_shows_it_and_stays(
     assert stopped == [True]
 
 
-def test_outlines_of_foil_are_not_shown(tmp_path: Path):
+def test_outlines_of_foil_are_not_shown(tmp_path):
     said = CliRunner().invoke(app, ["design", "HEY", "--of", "foil", "-o", str(tmp_path / "hey"), "--view"])
     assert isinstance(said.exception, InputError)
-    assert str(said.exception) == (
-        "--view: needs --of springs, --of latex or panels of foil (got --of foil without --panels)"
-    )
+    needs = "--view: needs --of springs, --of latex or panels of foil (got --of foil without --panels)"
+    assert str(said.exception) == needs

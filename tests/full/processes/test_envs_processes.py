@@ -56,8 +56,7 @@ def spread() -> Iterator[SpreadVectorEnv]:
     env.close()
 
 
-def test_worlds_have_the_bits_of_a_single_process(spread: SpreadVectorEnv) -> None:
-    """Observations, rewards, ends and the next episodes do, whatever is reset on the way."""
+def test_worlds_have_the_bits_of_a_single_process(spread: SpreadVectorEnv):
     whole = make_vec(Brief(), WORLDS, device="cpu", autoreset_mode="SameStep")
     assert [len(worlds) for worlds in spread.parts] == [2, 3]
     first = [env.reset(seed=11)[0] for env in (whole, spread)]
@@ -74,8 +73,7 @@ def test_worlds_have_the_bits_of_a_single_process(spread: SpreadVectorEnv) -> No
     np.testing.assert_array_equal(*again)
 
 
-def test_a_policy_sits_in_each_process(spread: SpreadVectorEnv) -> None:
-    """Returns are those of one process, and no process is this one."""
+def test_a_policy_sits_in_each_process(spread: SpreadVectorEnv):
     whole = make_vec(Brief(), WORLDS, device="cpu", autoreset_mode="SameStep")
     told = spread.on_each(returns_by_policy, STEPS, 0.5)
     np.testing.assert_array_equal(np.concatenate([sums for sums, _ in told]), returns_by_policy(whole, STEPS, 0.5)[0])
@@ -96,7 +94,7 @@ def is_gone(process: int, seconds: float = 10.0) -> bool:
     return False
 
 
-def test_a_process_that_ends_ends_all() -> None:
+def test_a_process_that_ends_ends_all():
     env = make_vec(Brief(), 2, workers=2)
     processes = env.on_each(lambda _: os.getpid())
     with pytest.raises(WorkersLostError, match=r"--workers 2: process 0 ended"):
@@ -104,7 +102,7 @@ def test_a_process_that_ends_ends_all() -> None:
     assert all(is_gone(process) for process in processes)
 
 
-def test_what_a_function_raises_is_raised_here_and_ends_all() -> None:
+def test_what_a_function_raises_is_raised_here_and_ends_all():
     """Gymnasium makes such an environment by its name."""
     env: Any = gymnasium.make_vec("BalloonWarp/Target-v0", num_envs=2, workers=2)
     assert isinstance(env, SpreadVectorEnv)
@@ -135,7 +133,7 @@ if __name__ == "__main__":
 """
 
 
-def test_processes_are_gone_after_the_one_that_started_them(tmp_path: Any) -> None:
+def test_processes_are_gone_after_the_one_that_started_them(tmp_path):
     """SIGKILL leaves the parent no time to end them, and a function keeps them busy."""
     (tmp_path / "wait.py").write_text(SCRIPT)
     with subprocess.Popen([sys.executable, tmp_path / "wait.py"], stdout=subprocess.PIPE, text=True) as script:
@@ -171,12 +169,12 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize(("options", "message"), MISTAKES.values(), ids=MISTAKES)
-def test_bad_input_is_told_in_a_sentence(options: dict[str, Any], message: str) -> None:
+def test_bad_input_is_told_in_a_sentence(options: dict[str, Any], message: str):
     with pytest.raises(InputError, match=message):
         make_vec(**{"task": "Target", "num_envs": 2, **options})
 
 
-def test_actions_and_masks_are_checked_before_they_are_sent(spread: SpreadVectorEnv) -> None:
+def test_actions_and_masks_are_checked_before_they_are_sent(spread: SpreadVectorEnv):
     with pytest.raises(InputError, match=r"actions: expected shape \(5, 3\) \(got \(2, 3\)\)"):
         spread.step(np.zeros((2, 3)))
     with pytest.raises(InputError, match=r"reset: expected a value for each world, of shape \(5,\) \(got \(2,\)\)"):
@@ -185,7 +183,7 @@ def test_actions_and_masks_are_checked_before_they_are_sent(spread: SpreadVector
 
 
 @pytest.mark.skipif(wp.get_cuda_device_count() < 2, reason="needs two GPUs")
-def test_two_gpus_have_the_bits_of_one() -> None:
+def test_two_gpus_have_the_bits_of_one():
     """Tensors of a policy stay on its GPU."""
     torch = pytest.importorskip("torch")
     one, two = make_vec(Brief(), 300, device="cuda:0"), make_vec(Brief(), 300, gpus=2, output="torch")

@@ -8,24 +8,21 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import psutil
 import pytest
 from meshes import quad_sphere
 from strangers import PROTOCOL, joined, served
+from websockets.exceptions import InvalidStatus
 
 from balloon_warp.mesh.obj import write_obj
-
-viser = pytest.importorskip("viser")
-
-from websockets.exceptions import InvalidStatus  # noqa: E402
-
-from balloon_warp.viewer.guard import guarded, is_ours, names_of  # noqa: E402
-from balloon_warp.viewer.origins import Origins  # noqa: E402
-from balloon_warp.viewer.page import Page  # noqa: E402
-from balloon_warp.viewer.server import free_port  # noqa: E402
+from balloon_warp.viewer.guard import guarded, is_ours, names_of
+from balloon_warp.viewer.origins import Origins
+from balloon_warp.viewer.page import Page
+from balloon_warp.viewer.server import free_port
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+def page(tmp_path_factory) -> Iterator[Page]:
     with served(tmp_path_factory.mktemp("recordings")) as page:
         yield page
 
@@ -78,17 +75,9 @@ def ask(page: Page, path: str, *headers: str) -> str:
 
 def talks(page: Page, host: str, origin: str) -> str:
     """Return the answer where a web socket is to open."""
-    return ask(
-        page,
-        "/",
-        f"Host: {host}",
-        f"Origin: {origin}",
-        "Upgrade: websocket",
-        "Connection: Upgrade",
-        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",
-        "Sec-WebSocket-Version: 13",
-        f"Sec-WebSocket-Protocol: {PROTOCOL}",
-    )
+    upgrade = ("Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==")
+    version = ("Sec-WebSocket-Version: 13", f"Sec-WebSocket-Protocol: {PROTOCOL}")
+    return ask(page, "/", f"Host: {host}", f"Origin: {origin}", *upgrade, *version)
 
 
 @pytest.mark.parametrize(
@@ -119,13 +108,10 @@ def test_the_page_serves_no_file_but_its_own(page: Page, path: str):
     assert ask(page, "/index.html", "Host: localhost").startswith("HTTP/1.1 200")  # by the same way
 
 
-def test_no_link_leads_out_of_what_is_served(page: Page):
+def test_what_is_served_has_no_link_out_and_a_page_is_guarded_or_not_there(page: Page):
     root = page.server._websock_server._http_server_root
     assert root is not None
     assert not [path for path in Path(root).rglob("*") if path.is_symlink()]
-
-
-def test_a_page_is_guarded_or_not_there():
     with pytest.raises(RuntimeError, match="not guarded"), guarded("127.0.0.1", lambda _: None, Origins([], print)):
         pass
 
@@ -133,9 +119,7 @@ def test_a_page_is_guarded_or_not_there():
 @pytest.mark.parametrize(
     ("host", "heard_at"), [(None, "127.0.0.1"), ("localhost", "127.0.0.1"), ("0.0.0.0", "0.0.0.0")]
 )
-def test_a_page_for_others_warns_and_no_stranger_fills_the_terminal(host: str | None, heard_at: str, tmp_path: Path):
-    """The page listens on this machine alone unless asked, and warns in one sentence where it does not."""
-    psutil = pytest.importorskip("psutil")
+def test_a_page_for_others_warns_and_no_stranger_fills_the_terminal(host: str | None, heard_at: str, tmp_path):
     write_obj(tmp_path / "ball.obj", quad_sphere(3))
     port = free_port("127.0.0.1", 0)
     command = [sys.executable, "-m", "balloon_warp", "view", "ball.obj", "--device", "cpu", "--port", str(port)]

@@ -18,13 +18,9 @@ from balloon_warp.viewer.playground import MOST_THROWN, Playground
 
 def on_a_string(**fields) -> Scene:
     fields = {"ground": Ground(height=-1.0), "normals": "cached"} | fields
-    return Scene(
-        balloon=[
-            Balloon(mesh=quad_sphere(4, 0.5), helium=10.0, inflation=Inflation(k_normal=[(0.0, 0.2), (9.0, 1.0)]))
-        ],
-        string=[String(anchor=(0.0, -1.0, 0.0))],
-        **fields,
-    )
+    inflation = Inflation(k_normal=[(0.0, 0.2), (9.0, 1.0)])
+    ball = Balloon(mesh=quad_sphere(4, 0.5), helium=10.0, inflation=inflation)
+    return Scene(balloon=[ball], string=[String(anchor=(0.0, -1.0, 0.0))], **fields)
 
 
 def steps(playground: Playground, count: int) -> None:
@@ -82,7 +78,6 @@ def test_the_journal_replays(device):
 
 
 def test_the_journal_replays_from_its_file(device, tmp_path):
-    """The journal replays from its file, which has every digit, and finds the mesh."""
     playground = Playground(load_scene("squirrel_tether"), device)
     steps(playground, 2)
     playground.set("gravity", 1.0 / 3.0)
@@ -105,7 +100,6 @@ def test_a_scene_survives_being_written(name, tmp_path):
 
 
 def test_the_default_pressure_is_a_number_that_stays(device):
-    """The default pressure is fixed once a run begins: springs that change later leave it alone. Replays agree."""
     scene = Scene(balloon=[Balloon(mesh=quad_sphere(4, 0.5))], frames_per_second=4.0)
     playground = Playground(scene, device)
     steps(playground, 4)
@@ -144,10 +138,8 @@ def test_touching_ends_what_was_planned(device, touched):
 
 
 def test_an_untouched_scene_is_played_as_planned(device):
-    scene = on_a_string(
-        change=[Change(time=2 / 60, set={"gravity": 50.0})], sphere=[Sphere(position=(0, 0, 0), start=3 / 60)]
-    )
-    playground = Playground(scene, device)
+    later, late = [Change(time=2 / 60, set={"gravity": 50.0})], [Sphere(position=(0, 0, 0), start=3 / 60)]
+    playground = Playground(on_a_string(change=later, sphere=late), device)
     steps(playground, 6)
     np.testing.assert_array_equal(replayed(playground).state.points.numpy()[0], playground.points)
     assert playground.simulator.model.parameters["gravity"].numpy() == 50.0
@@ -189,7 +181,6 @@ def test_reset_goes_back_to_the_start(device):
 
 
 def test_a_moment_brings_everything_back(device):
-    """A saved moment restores the simulation bit-identically, and drops later entries of the journal."""
     playground = Playground(on_a_string(), device)
     steps(playground, 3)
     playground.throw(np.array([0.0, 1.5, 0.0]), np.array([0.0, -6.0, 0.0]), 0.2, 1.0)
@@ -227,7 +218,6 @@ def test_stiffer_springs_get_more_substeps_unless_told_not_to():
 
 
 def test_what_takes_too_many_substeps_is_refused_unless_they_stay():
-    """A value that takes too many substeps is refused; with fixed substeps, forward Euler may be watched to blow up."""
     playground = Playground(on_a_string(), "cpu")
     with pytest.raises(InputError, match=r"^a stable step needs [0-9,]+ substeps a frame, too many for real time"):
         playground.set("balloon.stiffness.structural", 1e7)
@@ -272,7 +262,6 @@ def test_a_journal_does_not_grow_forever(monkeypatch):
 
 @pytest.mark.parametrize("name", bundled_scenes())
 def test_bundled_scenes_can_be_played_with(name):
-    """Bundled scenes replay bit-identically."""
     if name not in some_bundled_scenes():
         pytest.skip("has nothing that others do not have")
     playground = Playground(load_scene(name), "cpu")
@@ -290,7 +279,6 @@ def test_bundled_scenes_can_be_played_with(name):
 
 
 def test_wind_carries_a_balloon_along(device):
-    """Wind moves a balloon that had no drag in air until then."""
     playground = Playground(on_a_string(ground=None), device)
     steps(playground, 2)
     was = playground.points[:, 0].mean()

@@ -28,7 +28,7 @@ WORLDS = 8
 
 
 @pytest.fixture(scope="module")
-def ball(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def ball(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("ball")
     write_obj(folder / "ball.obj", quad_sphere(6))
     return folder
@@ -86,7 +86,7 @@ def end(ball: Path, folder: Path, number: int, *words: str) -> tuple[int, str]:
     return process.returncode, rest
 
 
-def test_a_killed_process_is_gone_on_from(ball: Path, whole: dict[str, bytes], tmp_path: Path):
+def test_a_killed_process_is_gone_on_from(ball: Path, whole: dict[str, bytes], tmp_path):
     assert end(ball, tmp_path / "out", signal.SIGKILL, "--device", "cpu") == (-signal.SIGKILL, "")
     assert contents(tmp_path / "out") == {}
     notes = go_on(ball, tmp_path / "out")
@@ -95,9 +95,7 @@ def test_a_killed_process_is_gone_on_from(ball: Path, whole: dict[str, bytes], t
     assert not (tmp_path / "out" / "partial").exists()
 
 
-def test_a_process_that_is_told_to_end_finishes_its_frame_and_saves_it(
-    ball: Path, whole: dict[str, bytes], tmp_path: Path
-):
+def test_a_process_that_is_told_to_end_finishes_its_frame_and_saves_it(ball: Path, whole: dict[str, bytes], tmp_path):
     status, said = end(ball, tmp_path / "out", signal.SIGTERM, "--device", "cpu")
     assert status == 128 + signal.SIGTERM
     stopped = r"error: ball was interrupted after frame (\d+) of 200"
@@ -111,35 +109,24 @@ def test_a_process_that_is_told_to_end_finishes_its_frame_and_saves_it(
 @pytest.fixture(scope="module")
 def address() -> Iterator[str]:
     """Yield the address of a scheduler with two workers."""
-    pytest.importorskip("distributed", reason="needs the extra `cluster`")
     with start_workers(2) as workers:
         yield str(workers.scheduler_address)
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
-def test_a_cluster_goes_on_without_the_shares_that_are_done(
-    ball: Path,
-    whole: dict[str, bytes],
-    address: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    number: int,
-):
-    """A cluster resumes without the finished shares, one of each world; Ctrl-C comes before any checkpoint is due."""
+def test_a_cluster_goes_on_without_the_shares_that_are_done(ball, whole, address, tmp_path, monkeypatch, number):
     monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 1))
     out = tmp_path / "out"
     if number == signal.SIGKILL:
         end(ball, out, number, "--cluster", address, "--device", "cpu")
     else:
         press = press_ctrl_c_once(lambda frame: frame > LONG / 2)  # at most two shares are between start and end
-        with pytest.raises(
-            KeyboardInterrupt, match=r"partial/frames\.usda plays the frames so far, and --resume continues from them$"
-        ):
+        plays = r"partial/frames\.usda plays the frames so far, and --resume continues from them$"
+        with pytest.raises(KeyboardInterrupt, match=plays):
             go_on(ball, out, address, on_frame=press, checkpoint_seconds=0.0)
     assert contents(out) == {}
-    together, expected = (
-        Usd.Stage.Open(str(path)) for path in (out / "partial/frames.usda", ball / "whole" / STAGE_NAME)
-    )
+    stages = out / "partial/frames.usda", ball / "whole" / STAGE_NAME
+    together, expected = (Usd.Stage.Open(str(path)) for path in stages)
     assert together.GetEndTimeCode() == LONG
     done = np.concatenate([np.load(path)["worlds"] for path in out.glob("partial/rows_*")])
     for world in range(WORLDS):

@@ -1,15 +1,20 @@
-"""Fuzzing command: its cases, and no lost failure."""
+"""Fuzzing command: its cases, and no lost failure; and outputs of processes that are killed."""
 
 import json
 import os
-import sys
+import signal
 from collections import Counter
-from pathlib import Path
+from multiprocessing.process import BaseProcess
+from typing import Any
 
 import pytest
+from commands import status_of
 
-from balloon_warp.benchmarks import kills, trust
+from balloon_warp.benchmarks import kills, trust, viewer_nonsense
+from balloon_warp.benchmarks.kills import KINDS, judge, kill_at_random
 from balloon_warp.benchmarks.trust import Count, counted, efforts_of
+from balloon_warp.benchmarks.worker_kills import kill_workers
+from balloon_warp.viewer.session import Session
 
 GOOD = Count("good", 3, {"accepted": 3}, [])
 
@@ -26,14 +31,10 @@ def harm() -> Count:
     return Count("harm", 5, {"same": 4, "damaged": 1}, ["1 damaged"])
 
 
-def test_the_table_of_meshes_is_counted():
+def test_the_table_of_meshes_is_counted_and_all_kinds_are_tried():
     count = trust.bad_meshes()
     assert count.tried == sum(count.outcomes.values()) > 60
     assert not count.failures
-
-
-def test_all_kinds_are_tried():
-    """Kinds of the fuzzer are the reader's files, each kind of output, the cluster and the viewer."""
     names = [trust._name(effort) for effort in efforts_of(trust.FULL)]
     assert names[0] == "bad meshes"
     assert {name.partition(" ")[0] for name in names[1:]} == {"mutated", "killed", "viewer"}
@@ -62,7 +63,7 @@ HARM = {
 
 
 @pytest.mark.parametrize("finder", HARM)
-def test_what_did_harm_is_a_failure(finder: str, monkeypatch: pytest.MonkeyPatch):
+def test_what_did_harm_is_a_failure(finder: str, monkeypatch):
     for module in {"viewer_nonsense": ["viser"]}.get(finder.partition(".")[0], []):
         pytest.importorskip(module, reason="needs an extra")
     effort, found, failure = HARM[finder]
@@ -72,18 +73,9 @@ def test_what_did_harm_is_a_failure(finder: str, monkeypatch: pytest.MonkeyPatch
 
 @pytest.mark.parametrize("options", [[], ["--json"]])
 @pytest.mark.parametrize(("counts", "status"), [([GOOD], 0), ([GOOD, harm()], 1)])
-def test_a_failure_is_the_status(
-    options: list[str],
-    counts: list[Count],
-    status: int,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-):
+def test_a_failure_is_the_status(options: list[str], counts: list[Count], status: int, monkeypatch, capsys):
     monkeypatch.setattr(trust, "counted", lambda efforts: iter(counts))
-    monkeypatch.setattr(sys, "argv", ["trust", "--quick", *options])
-    with pytest.raises(SystemExit) as end:
-        trust.main()
-    assert end.value.code == status
+    assert status_of("--quick", *options, main=trust.main) == status
     said = capsys.readouterr().out
     if options:
         assert json.loads(said)["failures"] == status
@@ -93,20 +85,46 @@ def test_a_failure_is_the_status(
         assert ("FAILED: 1 damaged" in said) == bool(status)
 
 
-def test_a_killed_worker_leaves_the_batch_of_one_process(tmp_path: Path):
-    from balloon_warp.benchmarks.worker_kills import kill_workers
-
+def test_a_killed_worker_leaves_the_batch_of_one_process(tmp_path):
     assert kill_workers(1, tmp_path) == {"same": 1}
 
 
-def test_nonsense_does_not_stop_the_viewer(monkeypatch: pytest.MonkeyPatch):
-    """Nonsense does not stop the viewer, and a viewer that stands still, as nothing lets it go on, is found."""
-    pytest.importorskip("viser", reason="needs the extra `view`")
-    from balloon_warp.benchmarks import viewer_nonsense
-    from balloon_warp.viewer.session import Session
-
+def test_nonsense_does_not_stop_the_viewer(monkeypatch):
     assert viewer_nonsense.send_nonsense(200) == {viewer_nonsense.WENT_ON: 1}
     monkeypatch.setattr(viewer_nonsense, "PATIENCE", 0.5)
     monkeypatch.setattr(Session, "run", lambda *_: None)
     monkeypatch.setattr(Session, "start", lambda *_: None)
     assert viewer_nonsense.send_nonsense(1) == {viewer_nonsense.STOOD_STILL: 1}
+
+
+BEFORE, AFTER = {"a": b"old", "b": b"older"}, {"a": b"new", "b": b"newer"}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_killed_process_leaves_good_files(kind: str, tmp_path, monkeypatch):
+    processes, start = [], kills._start_to_write
+
+    def watch(*how: Any) -> BaseProcess:
+        processes.append(start(*how))
+        return processes[-1]
+
+    monkeypatch.setattr(kills, "_start_to_write", watch)
+    outcomes = kill_at_random(kind, 4, tmp_path)
+    assert -signal.SIGKILL in [process.exitcode for process in processes]
+    assert outcomes.total() - outcomes["resumed"] == 4
+    assert outcomes["damaged"] == 0
+
+
+@pytest.mark.parametrize(
+    ("found", "outcome"),
+    [
+        (BEFORE, "kept"),
+        (AFTER, "replaced"),
+        ({"a": b"new", "b": b"older"}, "between"),
+        ({"a": b"ne", "b": b"newer"}, "damaged"),
+        ({"a": b"newer", "b": b"newer"}, "damaged"),
+        ({"a": None, "b": b"older"}, "damaged"),
+    ],
+)
+def test_damage_is_seen(found: dict[str, bytes | None], outcome: str):
+    assert judge(found, BEFORE, AFTER) == outcome

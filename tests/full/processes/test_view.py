@@ -4,17 +4,26 @@ import threading
 import time
 import urllib.error
 import urllib.request
+from collections.abc import Callable
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 from asked_ahead import AskedAhead
 from browsing import (
+    LIMIT,
+    again,
     asked,
+    box,
     click_inside,
     click_the_balloon,
+    highlights,
     inflation_is,
     middle_of_the_balloon,
     open_window,
+    picture_of,
     redness,
     see,
     slide,
@@ -24,14 +33,17 @@ from browsing import (
     volume,
     wait_until,
 )
+from PIL import Image
 from pxr import Usd, UsdGeom
 
-viser = pytest.importorskip("viser")
-pytest.importorskip("playwright.sync_api")
-
-from balloon_warp.viewer.page import Page  # noqa: E402
-from balloon_warp.viewer.server import free_port  # noqa: E402
-from balloon_warp.viewer.session import Session  # noqa: E402
+from balloon_warp import scenes
+from balloon_warp.scene import Balloon, Ground, Scene, Water, load_scene
+from balloon_warp.viewer.notebook import Shown
+from balloon_warp.viewer.page import Page
+from balloon_warp.viewer.presses import CLEAR
+from balloon_warp.viewer.server import free_port
+from balloon_warp.viewer.session import Session
+from balloon_warp.viewer.status import KEYS
 
 SAVES = "Saves an animated stage (USD), and a scene that replays it from its start."
 
@@ -216,3 +228,326 @@ def test_time_stands_still_while_nobody_watches(browser, tmp_path):
     with pytest.raises(urllib.error.URLError):
         urllib.request.urlopen(page.address, timeout=60)
     wait_until(lambda: threading.active_count() <= before, "its threads end")
+
+
+@pytest.mark.parametrize("size", [(1100, 600), (390, 844)])
+def test_a_splash_is_seen_until_something_moves(browser, tmp_path, size):
+    page = Page(Session("ball", tethered(), "cpu", tmp_path), port=free_port("127.0.0.1", 0))
+    page.ahead = asked = AskedAhead()
+    page.layers.draw(page.session.picture)
+    page.controls.follow(page.session.picture)
+    window = browser.new_page(viewport={"width": size[0], "height": size[1]})
+    window.set_default_timeout(1000.0 * LIMIT)
+    window.goto(page.address)
+    window.locator(".bw-status").wait_for(state="attached")
+    splash = window.locator("#bw-splash")
+    assert splash.is_visible()
+    page.start()
+    splash.wait_for(state="detached")
+    assert page.session.picture.frame.number > 0
+    wait_until(lambda: asked.scenes, "it compiles ahead")
+    assert asked.scenes == [page.session.picture.model.scene]
+    window.close()
+    page.stop()
+
+
+def test_a_sphere_is_seen_at_once(fresh, served):
+
+    def blue() -> int:
+        red, _, blue = np.moveaxis(picture_of(fresh), 2, 0)
+        return int((blue > 1.5 * red).sum())
+
+    done = threading.Event()
+    served.session.ask(lambda _: done.wait(LIMIT))
+    try:
+        click_the_balloon(fresh, lambda: served.layers._coming, "a sphere is foreseen")
+        see(fresh, served, lambda: blue() > 50, "it is seen")
+        assert not served.session.picture.scene.sphere
+        wait_until(lambda: fresh.locator("#bw-wait").inner_text().startswith("getting ready"), "it says why it waits")
+    finally:
+        done.set()
+    wait_until(lambda: served.session.picture.scene.sphere, "it flies")
+    wait_until(lambda: served.layers._coming is None, "there is one")
+    wait_until(lambda: not fresh.locator("#bw-wait").is_visible(), "nothing waits")
+
+
+MODELS = Path(scenes.__file__).parent
+
+
+def test_the_balloon_shines(fresh, served):
+    see(fresh, served, lambda: redness(fresh) > 10_000, "the balloon is red")
+    see(fresh, served, lambda: highlights(fresh) > 100, "it shines")
+
+
+def test_the_page_says_that_what_was_asked_for_takes_long(fresh, served):
+    done = threading.Event()
+    served.session.ask(lambda _: done.wait(LIMIT))
+    try:
+        wait_until(lambda: fresh.get_by_text("getting ready").count(), "the window says it")
+    finally:
+        done.set()
+    wait_until(lambda: not fresh.get_by_text("getting ready").count(), "it says how fast time runs again")
+
+
+def test_a_print_is_seen(fresh, served, tmp_path):
+    """A pillow's print, half green and half blue, shows by its texture coordinates: green to the left."""
+    image = np.zeros((8, 8, 3), np.uint8)
+    image[:, :4, 1] = image[:, 4:, 2] = 255
+    Image.fromarray(image).save(tmp_path / "halves.png")
+    pillow = Balloon(mesh=MODELS / "pillow.obj", print=tmp_path / "halves.png", rotation=(70.0, 0.0, 0.0))
+    served.session.load("pillow", lambda: Scene(balloon=[pillow], gravity=0.0))
+    served.session.run(False)
+
+    def columns() -> tuple[np.ndarray, np.ndarray]:
+        red, green, blue = np.moveaxis(picture_of(fresh), 2, 0)
+        return np.nonzero(green > 1.5 * np.maximum(red, blue))[1], np.nonzero(blue > 1.5 * np.maximum(red, green))[1]
+
+    try:
+        see(fresh, served, lambda: min(len(half) for half in columns()) > 1000, "both colors are seen")
+        green, blue = columns()
+        assert np.median(green) < np.median(blue)
+    finally:
+        served.session.load("ball", tethered)
+        wait_until(lambda: served.session.picture.name == "ball", "the ball is back")
+
+
+def test_contact_forces_are_arrows_where_a_scene_tells_them(fresh, served):
+    told = fresh.get_by_label("contact forces", exact=True)
+    unfold(fresh, "Show", "smooth balloon")
+    assert not told.is_visible()
+    served.session.load("told", lambda: Scene(**{**dict(tethered()), "contacts": True, "ground": Ground(height=-0.45)}))
+    try:
+        wait_until(lambda: served.session.picture.name == "told", "the scene is there")
+        wait_until(lambda: served.layers._presses._arrows.visible, "the ground presses it")
+        assert served.layers._balloons[0].opacity == CLEAR
+        unfold(fresh, "Show", "smooth balloon")
+        again(told.click, lambda: not served.layers.shown["contacts"], "they are switched off")
+        wait_until(lambda: not served.layers._presses._arrows.visible, "no arrow is left")
+        assert served.layers._balloons[0].opacity is None
+    finally:
+        served.layers.shown["contacts"] = True
+        served.session.load("ball", tethered)
+        wait_until(lambda: served.session.picture.name == "ball", "the ball is back")
+
+
+def test_water_is_seen_where_its_level_is(fresh, served):
+    """Water tints what is below its level blue, red included. With the level below the ground only a line at the
+    horizon is left, where the ground fades."""
+    served.session.load("pool", lambda: tethered().model_copy(update={"water": Water(level=0.1, density=1.0)}))
+    served.session.run(False)
+
+    def blue() -> int:
+        red, _, blue = np.moveaxis(picture_of(fresh), 2, 0)
+        return int((blue > 1.2 * red).sum())
+
+    try:
+        see(fresh, served, lambda: blue() > 20_000, "water is seen")
+        above = redness(fresh)
+        served.session.set("water.level", -2.0)
+        served.session.step_once()
+        see(fresh, served, lambda: blue() < 1_000, "the ground hides it")
+        assert redness(fresh) > 1.3 * above
+    finally:
+        served.session.load("ball", tethered)
+        wait_until(lambda: served.session.picture.name == "ball", "the ball is back")
+
+
+def test_the_panel_leaves_the_balloon_in_the_middle_of_the_view(fresh, served):
+    see(fresh, served, lambda: redness(fresh) > 10_000, "the balloon is red")
+    free, panel = box(fresh, "canvas[data-engine]"), fresh.get_by_text("Reset", exact=True).bounding_box()
+    assert 0 < free["x"] + free["width"] <= panel["x"]
+    fresh.set_viewport_size({"width": 390, "height": 844})
+    try:
+        drawer = '[style*="max-height: 60%"]'
+        wait_until(lambda: 0 < box(fresh, drawer)["height"] < 100, "the drawer is folded")
+        wait_until(lambda: above(fresh, drawer), "the view is above")
+        fresh.locator(f'{drawer} [style*="cursor: pointer"]').first.click()
+        wait_until(lambda: box(fresh, drawer)["height"] > 300, "the drawer opens")
+        wait_until(lambda: above(fresh, drawer), "the view is above")
+        assert box(fresh, drawer)["width"] == 390
+    finally:
+        fresh.set_viewport_size({"width": 1100, "height": 600})
+    fresh.get_by_text("Reset", exact=True).wait_for()
+
+
+def test_keys_are_on_a_sheet(fresh, served):
+    fresh.mouse.click(20, 400, button="right")
+    fresh.keyboard.press("?")
+    sheet = fresh.locator(".bw-sheet")
+    sheet.wait_for()
+    assert sheet.locator("tr").count() == len(KEYS)
+    fresh.keyboard.press("?")
+    sheet.wait_for(state="detached")
+    button = box(fresh, ".bw-keys-button")
+    fresh.mouse.click(button["x"] + button["width"] / 2, button["y"] + button["height"] / 2)
+    sheet.wait_for()
+    fresh.keyboard.press("Escape")
+    sheet.wait_for(state="detached")
+
+
+def test_the_camera_follows(fresh, served):
+    [client] = served.server.get_clients().values()
+    camera, follows = client.camera, lambda: served.follower.follows(client)
+
+    def beside() -> float:
+        return float(np.linalg.norm(np.array(camera.look_at) - served.session.picture.frame.points[0].mean(axis=0)))
+
+    fresh.mouse.click(20, 400, button="right")
+    fresh.keyboard.press("f")
+    wait_until(follows, "it follows")
+    served.session.ask(lambda playground: playground.cut_all())  # and so it rises
+    served.session.set("balloon.helium", 30.0)
+    start = served.session.picture.frame.points[0].mean(axis=0)[1]
+    wait_until(lambda: served.session.picture.frame.points[0].mean(axis=0)[1] > start + 2.0, "it rises")
+    wait_until(lambda: beside() < 0.3, "the camera rises along")
+    fresh.keyboard.press("f")
+    wait_until(lambda: not follows(), "it stays")
+    wait_until(lambda: beside() > 1.0, "the balloon goes on")
+    served.session.reset()
+    wait_until(lambda: served.session.picture.frame.points[0].mean(axis=0)[1] < start + 0.5, "it is back")
+    for _ in range(2):  # look at it, and stay, for whoever comes next
+        fresh.keyboard.press("f")
+    wait_until(lambda: beside() < 0.3 and not follows(), "the camera is back")
+
+
+def test_a_notebook_shows_the_page(browser, fresh, served):
+    html = Shown(served, ("100%", 400))._repr_html_()
+
+    class Notebook(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            self.send_response(200)
+            self.send_header("Content-Type", "text/html")
+            self.end_headers()
+            self.wfile.write(html.encode())
+
+        def log_message(self, format: str, *args: object) -> None:
+            """Log nothing."""
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Notebook) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        notebook, said = browser.new_page(), []
+        notebook.on("console", lambda message: said.append(message.text))
+        notebook.goto(f"http://elsewhere.localhost:{server.server_port}")
+        wait_until(lambda: notebook.wait_for_timeout(20) or any("frame-ancestors" in text for text in said), "refused")
+        notebook.goto(f"http://localhost:{server.server_port}")
+        notebook.frame_locator("iframe").get_by_text("Reset", exact=True).wait_for(timeout=1000.0 * LIMIT)
+        notebook.close()
+        server.shutdown()
+    wait_until(lambda: len(served.server.get_clients()) == 1, "the notebook is closed")
+
+
+def above(window, drawer: str) -> bool:
+    """Return whether the view ends where the drawer begins, to a pixel."""
+    return abs(box(window, "canvas[data-engine]")["height"] - box(window, drawer)["y"]) <= 1.0
+
+
+FIELD_OF_VIEW = np.radians(75.0)
+"""of viser's camera, from bottom to top"""
+
+
+def test_what_people_reach_for_is_large_and_first(fresh, served):
+    boxes = {
+        name: fresh.get_by_role("button", name=name, exact=True).first.bounding_box()
+        for name in ("Inflate", "Deflate", "Pause", "Step", "Reset", "Follow")
+    }
+    large, row = list(boxes.values())[:2], list(boxes.values())[2:]
+    for side_by_side in (large, row):
+        assert len({round(box["y"]) for box in side_by_side}) == 1
+        assert all(a["x"] + a["width"] <= b["x"] for a, b in pairwise(side_by_side))
+    assert min(box["height"] for box in large) > 36
+    assert large[0]["y"] < row[0]["y"] < fresh.get_by_text("scene", exact=True).bounding_box()["y"]
+
+
+def test_a_button_that_is_held_inflates_on(fresh, served):
+    """A held button inflates until released, and the other deflates: presses under way at the release still count, so
+    each is held until the number has passed."""
+
+    def hold(name: str, happened: Callable[[], bool]) -> None:
+        button = fresh.get_by_role("button", name=name, exact=True).bounding_box()
+        fresh.mouse.move(button["x"] + 20, button["y"] + 20)
+        fresh.mouse.down()
+        wait_until(happened, f"{name} goes on")
+        fresh.mouse.up()
+
+    was = served.session.picture.inflation
+    hold("Inflate", lambda: served.session.picture.inflation > was + 0.1)
+    hold("Deflate", lambda: served.session.picture.inflation < was + 0.05)
+
+
+def test_a_number_stays_within_its_slider_and_says_so(fresh, served):
+    [dial] = [
+        each for _, dials in served.controls._folders for each in dials if each.value.label == "structural springs"
+    ]
+
+    def stiffness() -> float:
+        return served.session.picture.scene.balloon[0].stiffness.structural
+
+    unfold(fresh, "Balloon", "structural springs")
+    slide(fresh, "structural springs", 1e9, lambda: stiffness() == 400.0)
+    see(fresh, served, fresh.get_by_text("structural springs: 400 is the maximum here").first.is_visible, "it says so")
+    assert dial.slider.value == 1.0
+    slide(fresh, "structural springs", 4.0, lambda: stiffness() == 4.0)
+    assert dial.slider.value == pytest.approx(-1.0)
+    slide(fresh, "structural springs", 40.0, lambda: stiffness() == 40.0)
+    assert dial.slider.value == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("material", ["latex", "foil", "nylon"])
+def test_the_menu_makes_balloons_of_another_material(fresh, served, material):
+
+    def choose(name: str) -> None:
+        fresh.locator("xpath=//label[normalize-space()='material']/following::input[1]").click()
+        fresh.get_by_role("option", name=name, exact=True).click()
+
+    load = served.session.picture.load
+    choose(material)
+    wait_until(lambda: served.session.picture.load > load, "it is loaded")
+    made = served.session.picture.scene.balloon[0]
+    assert made.material.preset == ("latex" if material == "latex" else None)
+    assert made.look == (None if material == "latex" else "foil")
+    asked(served, 5)
+    wait_until(lambda: served.controls.hands_on.material.value == material, "the menu says it")
+    choose("springs")
+    wait_until(lambda: served.session.picture.load > load + 1, "it is loaded")
+    again = served.session.picture.scene.balloon[0]
+    assert (again.material.preset, again.look, again.stiffness.structural) == (None, None, 40.0)
+
+
+def test_balloons_take_a_color(fresh, served):
+    see(fresh, served, lambda: redness(fresh) > 10_000, "the balloon is red")
+    served.controls.hands_on._paint((20, 60, 220))
+    see(fresh, served, lambda: redness(fresh) < 2000, "it is blue")
+    assert served.session.playground.journal.scene(3).balloon[0].color[2] > 0.5
+    served.controls.hands_on._paint((220, 40, 30))
+    see(fresh, served, lambda: redness(fresh) > 10_000, "it is red again")
+
+
+def test_a_recording_can_be_downloaded(fresh, served):
+    served.session.record(True)
+    asked(served, 5)
+    served.session.record(False)
+    wait_until(lambda: served.session.saved, "it is written")
+    unfold(fresh, "Recording", "Saves an animated stage (USD), and a scene that replays it from its start.")
+    for label, written in zip(("Stage", "Scene"), served.session.saved, strict=True):
+        with fresh.expect_download() as downloading:
+            fresh.get_by_role("button", name=label, exact=True).click()
+        assert downloading.value.suggested_filename == written.name
+        assert Path(downloading.value.path()).read_bytes() == written.read_bytes()
+
+
+@pytest.mark.parametrize("name", ["balloon_bunch", "squirrel_tether"])
+def test_a_scene_fills_the_view(name: str, tmp_path):
+    page = Page(Session("ball", tethered(), "cpu", tmp_path), port=free_port("127.0.0.1", 0))
+    page.layers.draw(page.session.picture)
+    other = Session(name, load_scene(name), "cpu", tmp_path)
+    other._load += 1
+    other._show()
+    page.layers.draw(other.picture)
+    position, middle = page.layers.home
+    anchors = np.array([string.anchor for string in other.picture.scene.string])
+    seen = np.concatenate([*other.picture.frame.points, anchors]) - position
+    ahead = (middle - position) / np.linalg.norm(middle - position)
+    up = np.array([0.0, 1.0, 0.0]) - ahead[1] * ahead
+    heights = (seen @ up / np.linalg.norm(up)) / (seen @ ahead) / np.tan(FIELD_OF_VIEW / 2)
+    assert 1.0 < heights.max() - heights.min() < 2.0
+    page.stop()

@@ -1,7 +1,11 @@
 """Parts of the page, without a browser."""
 
+import os
+import subprocess
+import sys
 import threading
 import time
+from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -9,12 +13,17 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from meshes import cube, quad_sphere
+from meshes import cube
+from motion import assert_valid
+from pxr import Usd, UsdGeom
+from strangers import ball
+from strangers import wait_until as until
 
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import triangulate
-from balloon_warp.scene import Balloon, Ground, Inflation, Scene, String, load_scene
+from balloon_warp.scene import Balloon, Inflation, Scene, load_scene
 from balloon_warp.simulator import Simulator
+from balloon_warp.viewer.following import Follower
 from balloon_warp.viewer.geometry import Drawing
 from balloon_warp.viewer.pace import MOST_BEHIND, Pace
 from balloon_warp.viewer.rays import ground_distance, hit_distance, throw_at
@@ -24,11 +33,6 @@ from balloon_warp.viewer.smooth import Smooth
 from balloon_warp.viewer.wishes import MOST_ASKED
 
 UP = (0.0, 1.0, 0.0)
-
-
-def ball(**fields) -> Scene:
-    balloon = Balloon(mesh=quad_sphere(3, 0.5), helium=9.81, inflation=Inflation(k_normal=0.3))
-    return Scene(balloon=[balloon], string=[String(anchor=(0, -1, 0))], **fields)
 
 
 def play(pace: Pace, cost: float, seconds: float, speed: float = 1.0) -> tuple[float, float]:
@@ -50,16 +54,12 @@ def test_pace_keeps_real_time_where_the_machine_can(speed):
     assert pace.rate == pytest.approx(speed, rel=0.02)
 
 
-def test_pace_slows_down_where_the_machine_cannot():
+def test_pace_slows_down_where_the_machine_cannot_and_does_not_catch_up_on_a_long_stop():
     """A frame of 1/60 s that costs 1/30 s runs at half of real time, and the pace reports that."""
     pace = Pace()
     simulated, seconds = play(pace, 1 / 30, 10.0)
     assert simulated == pytest.approx(0.5 * seconds, rel=0.02)
     assert pace.rate == pytest.approx(0.5, rel=0.02)
-
-
-def test_pace_does_not_catch_up_on_a_long_stop():
-    """After a stop of a second, the pace catches up by its limit at most."""
     pace = Pace()
     play(pace, 0.001, 1.0)
     now, frames = 102.0, 0
@@ -68,16 +68,13 @@ def test_pace_does_not_catch_up_on_a_long_stop():
     assert frames <= MOST_BEHIND * 60 + 1
 
 
-def test_a_ray_hits_the_nearest_side_of_a_cube():
+def test_rays_hit_the_nearest_side_of_a_cube_and_the_ground_from_above_only():
     mesh = cube()
     triangles, _ = triangulate(mesh)
     assert hit_distance((0.3, 0.4, -2.0), (0.0, 0.0, 1.0), mesh.points, triangles) == pytest.approx(2.0)
     assert hit_distance((0.3, 0.4, 0.5), (0.0, 0.0, 1.0), mesh.points, triangles) == pytest.approx(0.5)
     assert hit_distance((1.3, 0.4, -2.0), (0.0, 0.0, 1.0), mesh.points, triangles) is None
     assert hit_distance((0.3, 0.4, -2.0), (0.0, 0.0, -1.0), mesh.points, triangles) is None
-
-
-def test_a_ray_meets_the_ground_from_above_only():
     down = np.array([3.0, -4.0, 0.0]) / 5.0
     assert ground_distance((0.0, 5.0, 0.0), down, UP, 1.0) == pytest.approx(5.0)
     assert ground_distance((0.0, 5.0, 0.0), -down, UP, 1.0) is None
@@ -95,27 +92,29 @@ def test_a_thrown_body_arrives():
 
 @pytest.fixture
 def session(tmp_path):
-    session = Session("ball", ball(ground=Ground(height=-1.0)), "cpu", tmp_path)
+    session = Session("ball", ball(), "cpu", tmp_path)
     session.watched = True
     session.start()
     yield session
     session.stop()
 
 
-def until(happened, what: str) -> None:
-    deadline = time.monotonic() + 120.0
-    while not happened():
-        assert time.monotonic() < deadline, f"{what}: not within two minutes"
-        time.sleep(0.01)
-
-
-def test_strain_bands_follow_the_stretch(session):
+def test_strain_and_measures_are_those_of_the_shape(session):
     """A balloon inflated to 1.25 times its size is in the band from 1.15 to 1.4 all over."""
     picture = session.picture
     frame = picture.frame
     object.__setattr__(frame, "points", [1.25 * picture.model.shapes[0].mesh.points.astype(np.float32)])
     bands = Drawing(picture.model).strain_bands(picture, 0)
     assert [len(band) > 0 for band in bands] == [False, False, False, False, True, False, False]
+    picture, drawing = session.picture, Drawing(session.picture.model)
+    rest = picture.model.shapes[0].mesh.points.astype(np.float32)
+    measures = []
+    for size in (1.0, 2.0):
+        object.__setattr__(picture.frame, "points", [size * rest])
+        measures.append(drawing.measures(picture))
+    assert measures[1]["volume"] == pytest.approx(8.0 * measures[0]["volume"], rel=1e-5)
+    assert measures[0]["stretch"] == pytest.approx(1.0, abs=1e-5)
+    assert measures[1]["stretch"] == pytest.approx(2.0, abs=1e-5)
 
 
 def test_the_surface_that_is_drawn_is_catmull_and_clarks():
@@ -136,7 +135,6 @@ def test_the_surface_that_is_drawn_is_catmull_and_clarks():
 
 
 def test_an_open_border_keeps_its_course():
-    """An open border keeps its course: a square of four quads keeps its width, but for its corners."""
     x, y = np.meshgrid([0.0, 1.0, 2.0], [0.0, 1.0, 2.0])
     points = np.stack([x.ravel(), y.ravel(), np.zeros(9)], axis=1)
     corners = np.array([[a, a + 1, a + 4, a + 3] for a in (0, 1, 3, 4)])
@@ -147,21 +145,7 @@ def test_an_open_border_keeps_its_course():
     np.testing.assert_allclose(drawn[[1, 4]], points[[1, 4]], atol=1e-6)  # in the middle of a side, and of all
 
 
-def test_measures_are_those_of_the_shape(session):
-    """Doubled size gives eight times the volume and twice the stretch."""
-    picture, drawing = session.picture, Drawing(session.picture.model)
-    rest = picture.model.shapes[0].mesh.points.astype(np.float32)
-    measures = []
-    for size in (1.0, 2.0):
-        object.__setattr__(picture.frame, "points", [size * rest])
-        measures.append(drawing.measures(picture))
-    assert measures[1]["volume"] == pytest.approx(8.0 * measures[0]["volume"], rel=1e-5)
-    assert measures[0]["stretch"] == pytest.approx(1.0, abs=1e-5)
-    assert measures[1]["stretch"] == pytest.approx(2.0, abs=1e-5)
-
-
 def test_the_pressure_that_is_plotted_is_the_balloons():
-    """The plotted pressure is the balloon's given one, without reading forces."""
     balloon = Balloon(mesh=cube(), inflation=Inflation(kind="pressure", pressure=7.0))
     simulator = Simulator(Scene(balloon=[balloon]), "cpu")
     simulator.step()
@@ -187,7 +171,6 @@ def test_what_goes_wrong_in_a_wish_does_not_stop_the_simulation(session, capsys)
 
 
 def test_wishes_do_not_pile_up(session):
-    """Only the last of many requests with one key is carried out, and excess requests are dropped."""
     hold, busy, free = [], threading.Event(), threading.Event()
     session.ask(lambda playground: busy.set() or free.wait())
     busy.wait()
@@ -201,7 +184,6 @@ def test_wishes_do_not_pile_up(session):
 
 
 def test_who_asks_for_much_does_not_stop_time(session):
-    """Requests that take a second together are spread over many frames."""
     frames = []
 
     def wish(playground) -> None:
@@ -215,7 +197,6 @@ def test_who_asks_for_much_does_not_stop_time(session):
 
 
 def test_two_recordings_in_a_row_are_two(session, tmp_path, monkeypatch):
-    """A second recording ends while the first is still being written, and both are saved."""
     both_ended = threading.Event()
 
     def write(*arguments) -> list[Path]:
@@ -239,7 +220,6 @@ def test_a_sphere_out_of_bounds_is_refused_in_a_sentence(session):
 
 
 def test_a_recording_is_a_valid_stage(session, tmp_path, monkeypatch):
-    """A recording is a valid stage from its start to its end, written by another process while this one keeps time."""
     monkeypatch.setattr("balloon_warp.viewer.saving.write_recording", lambda *_: pytest.fail("it is written here"))
     until(lambda: session.picture.frame.number > 3, "some frames")
     session.record(True)
@@ -250,16 +230,11 @@ def test_a_recording_is_a_valid_stage(session, tmp_path, monkeypatch):
     session.record(False)
     until(lambda: session.recording is None, "it ends")
     until(lambda: any("wrote" in notice for notice in session.notices), "it is written")
-    from pxr import Usd, UsdGeom, UsdValidation
-
     stage = Usd.Stage.Open(str(tmp_path / "ball_1.usdc"))
     points = UsdGeom.Mesh(stage.GetPrimAtPath("/World/mesh")).GetPointsAttr()
     times = points.GetTimeSamples()
     assert times[0] == stage.GetStartTimeCode() == 0
-    errors = UsdValidation.ValidationContext(UsdValidation.ValidationRegistry().GetOrLoadAllValidators()).Validate(
-        stage
-    )
-    assert [error.GetMessage() for error in errors] == []
+    assert_valid(stage)
     said = stage.GetRootLayer().customLayerData["balloonWarp"]
     assert {"scene", "meshes", "substeps", "versions"} <= set(said)
     assert said["firstFrame"] > 3
@@ -267,7 +242,6 @@ def test_a_recording_is_a_valid_stage(session, tmp_path, monkeypatch):
 
 
 def test_a_recorded_scene_file_replays_its_stage(tmp_path):
-    """A recorded scene replays its stage bit-identically; its mesh has a file, as every scene from the command line."""
     session = Session("squirrel", load_scene("squirrel_tether"), "cpu", tmp_path)
     session.watched = True
     session.start()
@@ -275,8 +249,6 @@ def test_a_recorded_scene_file_replays_its_stage(tmp_path):
     session.set("gravity", 5.0)
     until(lambda: session.picture.frame.number > 8, "it records")
     session.stop()  # which saves it
-    from pxr import Usd, UsdGeom
-
     stage = Usd.Stage.Open(str(tmp_path / "squirrel_1.usdc"))
     points = UsdGeom.Mesh(stage.GetPrimAtPath("/World/squirrel")).GetPointsAttr()
     scene = load_scene(tmp_path / "squirrel_1.toml")
@@ -288,3 +260,144 @@ def test_a_recorded_scene_file_replays_its_stage(tmp_path):
             np.testing.assert_array_equal(np.array(points.Get(frame.number - first)), frame.points[0])
             compared += 1
     assert compared > 5
+
+
+class SlowCamera:
+    """Camera whose place takes a while to be read and set, so that threads race."""
+
+    look_at = (0.0, 0.0, 0.0)
+
+    def __init__(self) -> None:
+        self._position = (0.0, 0.0, 4.0)
+
+    @property
+    def position(self) -> tuple[float, ...]:
+        time.sleep(0.05)
+        return self._position
+
+    @position.setter
+    def position(self, place: tuple[float, ...]) -> None:
+        time.sleep(0.1)
+        self._position = place
+
+
+class Window:
+    client_id = 7
+
+    def __init__(self) -> None:
+        self.camera = SlowCamera()
+
+    atomic = staticmethod(nullcontext)
+
+
+CENTER = np.array([0.0, 3.0, 0.0])
+
+
+@pytest.fixture
+def follower():
+    return Follower()
+
+
+def together(*calls) -> None:
+    threads = [threading.Thread(target=call) for call in calls]
+    for thread in threads:
+        thread.start()
+        time.sleep(0.02)
+    for thread in threads:
+        thread.join()
+
+
+def test_two_presses_at_once_follow_and_stay(follower):
+    window = Window()
+    together(*[lambda: follower.toggle(window, CENTER, 2.0)] * 2)
+    assert not follower.follows(window)
+    np.testing.assert_allclose(window.camera.look_at, CENTER)
+    np.testing.assert_allclose(window.camera.position, CENTER + [0.0, 0.0, 2.0])
+
+
+def test_a_press_while_it_is_drawn_ends_following(follower):
+    window = Window()
+    follower.toggle(window, CENTER, 2.0)
+    together(lambda: follower.follow({7: window}, CENTER + 1.0), lambda: follower.toggle(window, CENTER, 2.0))
+    assert not follower.follows(window)
+
+
+def test_a_window_that_closed_is_forgotten(follower):
+    window = Window()
+    follower.toggle(window, CENTER, 2.0)
+    follower.follow({}, CENTER)
+    assert not follower.follows(window)
+
+
+PAGE = """
+import sys, time
+import numpy as np
+import warp as wp
+from browsing import tethered
+from balloon_warp.viewer.ahead import Ahead
+from balloon_warp.viewer.playground import Playground
+
+wp.config.optimization_level = 0
+playground, ahead = Playground(tethered(), "cpu"), Ahead()
+playground.step()
+ahead.begin(playground.start, "cpu")
+print("process", ahead._process and ahead._process.pid, flush=True)
+"""
+"""what the page does first, with kernels that stay as they are written: it is about which are compiled"""
+PLAYED = (
+    PAGE
+    + """
+while ahead.busy:
+    time.sleep(0.05)
+from pathlib import Path
+kernels = lambda: {path for path in Path(sys.argv[1]).rglob("*.o")}
+before = kernels()
+playground.throw(playground.points.mean(axis=0) + [0.0, 2.0, 0.0], np.zeros(3), 0.2, 1.0)
+playground.step()
+playground.grab("hand", 5, playground.points[5] + [0.0, 0.2, 0.0])
+playground.step()
+print("compiled", sorted(map(str, kernels() - before)))
+ahead.end()
+"""
+)
+
+
+def page(folder: Path, script: str) -> subprocess.Popen:
+    """Start a process with a kernel cache of its own, in a folder."""
+    found = {**os.environ, "WARP_CACHE_PATH": str(folder), "PYTHONPATH": str(Path(__file__).parents[2])}
+    command = [sys.executable, "-c", script, str(folder)]
+    return subprocess.Popen(command, env=found, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def is_there(process: int) -> bool:
+    """Return whether a process lives: one that ended and waits to be noticed does not."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def test_a_first_touch_compiles_nothing(tmp_path):
+    said, wrong = page(tmp_path, PLAYED).communicate(timeout=600)
+    assert "compiled []" in said, wrong
+    assert list(tmp_path.rglob("balloon_warp_ahead_*"))
+    said, wrong = page(tmp_path, PLAYED).communicate(timeout=600)
+    assert "process None" in said, wrong
+
+
+@pytest.mark.parametrize("killed", [False, True])
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="asks /proc")
+def test_the_process_ends_with_the_page(killed: bool, tmp_path):
+    process = page(tmp_path, PAGE + ("time.sleep(600)" if killed else "time.sleep(4.0); ahead.end()"))
+    assert process.stdout
+    ahead = int(process.stdout.readline().split()[1])
+    assert is_there(ahead)
+    time.sleep(3.0)  # it compiles
+    if killed:
+        process.kill()
+    process.communicate(timeout=60)
+    until = time.monotonic() + 30.0
+    while is_there(ahead):
+        assert time.monotonic() < until, "it lives on"
+        time.sleep(0.05)
+    assert list(tmp_path.rglob(f"*_p{ahead}_*")) == []

@@ -1,19 +1,22 @@
-"""Obstacles in the stage, of a run and of a batch, and in pictures of it."""
+"""Obstacles and free bodies in the stage, in pictures of it, in batches and in checkpoints."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
 from meshes import cube, grid, quad_sphere
-from pxr import Gf, Usd, UsdGeom, UsdShade, UsdValidation
+from motion import assert_valid
+from pxr import Gf, Usd, UsdGeom, UsdPhysics, UsdShade
+from render_stages import read_stage
 from scipy.spatial.transform import Rotation
 
-from balloon_warp import Obstacle, Scene, Simulator, animate, run_batch
+from balloon_warp import Body, Obstacle, Scene, Simulator, animate, run_batch
 from balloon_warp.model import build_model
 from balloon_warp.outputs.render.framing import frame_action
-from balloon_warp.outputs.render.stage_reader import RenderStage
 from balloon_warp.outputs.usd import StageWriter
-from balloon_warp.scene import Balloon, Change
+from balloon_warp.scene import Balloon, Change, Ground
+from balloon_warp.scene.load import load_scene
+from balloon_warp.scene.write import scene_toml
 
 FRAMES = 4
 MOTION = [(0.0, (0.0, 0.0, 0.0)), (0.1, (0.5, 0.0, 0.25), (90.0, 0.0, 30.0))]
@@ -46,7 +49,7 @@ def expected_matrix(pose: np.ndarray) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def written(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("stage") / "obstacles.usdc"
     animate(everything(), path, device="cpu", schedule="gather")
     return path
@@ -58,14 +61,12 @@ def stage(written: Path) -> Usd.Stage:
 
 
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
-def test_every_validator_passes(tmp_path: Path, up_axis: str):
+def test_every_validator_passes(tmp_path, up_axis: str):
     path = tmp_path / "stage.usda"
     simulator = Simulator(everything(up_axis=up_axis, obstacle=everything().obstacle[:2]), "cpu", schedule="gather")
     with StageWriter(path, simulator.model) as writer:
         writer.write(simulator.read_frame())
-    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
-    errors = UsdValidation.ValidationContext(validators).Validate(Usd.Stage.Open(str(path)))
-    assert [error.GetMessage() for error in errors] == []
+    assert_valid(Usd.Stage.Open(str(path)))
 
 
 def test_each_is_a_gprim_of_its_shape(stage: Usd.Stage):
@@ -95,9 +96,8 @@ def test_they_stand_where_they_are_simulated(stage: Usd.Stage):
             np.testing.assert_allclose(placed(stage, f"/World/Obstacles/{name}", frame.number), matrix, atol=1e-6)
     turned = expected_matrix(frames[-1].obstacle_poses[1])
     np.testing.assert_allclose(turned[:3, 3], [2.0, 0.0, 0.25], atol=1e-6)
-    np.testing.assert_allclose(
-        turned[:3, :3], Rotation.from_euler("xyz", (90, 0, 30), degrees=True).as_matrix(), atol=1e-6
-    )
+    rotation = Rotation.from_euler("xyz", (90, 0, 30), degrees=True).as_matrix()
+    np.testing.assert_allclose(turned[:3, :3], rotation, atol=1e-6)
 
 
 def test_a_plane_is_drawn_below_the_balloons(stage: Usd.Stage):
@@ -112,8 +112,7 @@ def test_a_plane_is_drawn_below_the_balloons(stage: Usd.Stage):
 
 
 @pytest.mark.full
-def test_a_change_moves_an_obstacle(tmp_path: Path):
-    """A planned change moves an obstacle at once, and one that stays gets no samples."""
+def test_a_change_moves_an_obstacle(tmp_path):
     change = [Change(time=2 / 30, set={"obstacle.0.position": (0.0, -2.5, 0.0)})]
     scene = everything(change=change, obstacle=[everything().obstacle[0], everything().obstacle[3]])
     animate(scene, tmp_path / "change.usda", device="cpu", schedule="gather")
@@ -124,14 +123,12 @@ def test_a_change_moves_an_obstacle(tmp_path: Path):
     assert (box.TransformMightBeTimeVarying(), tile.TransformMightBeTimeVarying()) == (True, False)
 
 
-def test_worlds_of_a_batch_share_shapes_and_have_places_of_their_own(tmp_path: Path):
+def test_worlds_of_a_batch_share_shapes_and_have_places_of_their_own(tmp_path):
     heights = [-2.0, -2.5, -3.0]
     vary = {"obstacle.0.position.1": heights, "obstacle.1.position.0": [1.5, 1.75, 2.0]}
     run_batch(everything(), tmp_path, 3, vary, export=[0, 2], device="cpu", schedule="gather")
     stage = Usd.Stage.Open(str(tmp_path / "worlds.usdc"))
-    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
-    errors = UsdValidation.ValidationContext(validators).Validate(stage)
-    assert [error.GetMessage() for error in errors] == []
+    assert_valid(stage)
     frames = list(Simulator(everything(), "cpu", schedule="gather").run())
     for world in (0, 2):
         shift = placed(stage, f"/World/World_{world}", 0)[:3, 3]
@@ -152,9 +149,7 @@ def test_worlds_of_a_batch_share_shapes_and_have_places_of_their_own(tmp_path: P
 
 
 def test_pictures_have_them_at_their_places(written: Path, stage: Usd.Stage):
-    """Sides of the box, ends of the capsule and points of the mesh are where the stage's own matrices have them."""
-    reader = RenderStage(written)
-    reader.read_prims(0)
+    reader = read_stage(written)
     box, mesh = reader.meshes[1], reader.meshes[3]
     for frame in (0, FRAMES):
         points = reader.points(frame)
@@ -172,15 +167,13 @@ def test_pictures_have_them_at_their_places(written: Path, stage: Usd.Stage):
 
 
 def test_the_camera_frames_the_balloons_and_not_a_plane(written: Path):
-    reader = RenderStage(written)
-    reader.read_prims(0)
+    reader = read_stage(written)
     framing = frame_action([(reader, frame) for frame in range(FRAMES + 1)], 16 / 9)
     assert framing.size < 8.0  # from the tile to the sheet
     assert max(np.ptp(points, axis=0).max() for points in reader.points(0)) > 30.0
 
 
-def test_a_recorded_frame_alone_has_them(tmp_path: Path):
-    """A stage of a single late frame, as a snapshot is, has the obstacles' poses."""
+def test_a_recorded_frame_alone_has_them(tmp_path):
     simulator = Simulator(everything(), "cpu", schedule="gather")
     for _ in range(3):
         simulator.step()
@@ -188,6 +181,95 @@ def test_a_recorded_frame_alone_has_them(tmp_path: Path):
     with StageWriter(tmp_path / "one.usda", build_model(everything(), "cpu")) as writer:
         writer.write(frame)
     stage = Usd.Stage.Open(str(tmp_path / "one.usda"))
-    np.testing.assert_allclose(
-        placed(stage, "/World/Obstacles/capsule", 3), expected_matrix(frame.obstacle_poses[1]), atol=1e-6
-    )
+    found = placed(stage, "/World/Obstacles/capsule", 3)
+    np.testing.assert_allclose(found, expected_matrix(frame.obstacle_poses[1]), atol=1e-6)
+
+
+PATHS = ("/World/Bodies/box", "/World/Bodies/rod", "/World/Bodies/mesh", "/World/Bodies/mesh_1")
+
+
+def bodies(**fields) -> Scene:
+    """Return a small balloon beside one body of each shape, turning."""
+    bodies = [
+        Body(size=(0.2, 0.3, 0.4), position=(2, 1, 0), angular_velocity=(1, 2, 3), mass=2.5, color=(0.1, 0.2, 0.3)),
+        Body(radius=0.1, length=0.5, position=(-2, 1, 0), rotation=(40, 0, 20), name="rod", velocity=(0, 1, 0)),
+        Body(mesh=quad_sphere(3, 0.5), scale=0.5, position=(0, 3, 0), density=100.0, rotation=(0, 30, 0)),
+        Body(mesh=grid(2, 3), position=(0, 5, 0), thickness=0.05),
+    ]
+    table = {"balloon": [Balloon(mesh=quad_sphere(3, 0.5))], "body": bodies, "frames": FRAMES, "frames_per_second": 30}
+    return Scene(**table | fields)
+
+
+@pytest.fixture(scope="module")
+def written_bodies(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("stage") / "bodies.usdc"
+    animate(bodies(), path, device="cpu")
+    return path
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("up_axis", ["Y", "Z"])
+def test_every_validator_passes_bodies(tmp_path, up_axis: str):
+    path = tmp_path / "stage.usda"
+    animate(bodies(up_axis=up_axis), path, device="cpu")
+    assert_valid(Usd.Stage.Open(str(path)))
+
+
+def test_the_stage_has_the_poses_of_the_simulation(written_bodies: Path):
+    stage, simulator = Usd.Stage.Open(str(written_bodies)), Simulator(bodies(), "cpu")
+    for number in range(FRAMES + 1):
+        poses = simulator.read_frame().body_poses
+        assert poses.shape == (4, 7)
+        for path, pose in zip(PATHS, poses, strict=True):
+            prim = stage.GetPrimAtPath(path)
+            found = np.array(UsdGeom.XformCache(number).GetLocalToWorldTransform(prim)).T
+            scale = UsdGeom.Xformable(prim).GetOrderedXformOps()[2:]
+            size = np.array(scale[0].Get()) if scale else np.ones(3)
+            np.testing.assert_allclose(found[:3, 3], pose[:3], atol=1e-6)
+            np.testing.assert_allclose(found[:3, :3] / size, Rotation.from_quat(pose[3:]).as_matrix(), atol=5e-6)
+        simulator.step()
+
+
+def test_the_stage_says_what_they_weigh(written_bodies: Path):
+    stage = Usd.Stage.Open(str(written_bodies))
+    box = UsdPhysics.MassAPI(stage.GetPrimAtPath(PATHS[0]))
+    assert box.GetMassAttr().Get() == 2.5
+    sides = 2.5 / 12.0 * np.array([0.3**2 + 0.4**2, 0.2**2 + 0.4**2, 0.2**2 + 0.3**2])
+    np.testing.assert_allclose(sorted(box.GetDiagonalInertiaAttr().Get()), sorted(sides), rtol=1e-6)
+    q = box.GetPrincipalAxesAttr().Get()
+    axes = Rotation.from_quat([*q.GetImaginary(), q.GetReal()]).as_matrix()
+    tensor = axes @ np.diag(box.GetDiagonalInertiaAttr().Get()) @ axes.T
+    np.testing.assert_allclose(tensor, np.diag(sides), atol=1e-6)
+
+
+def test_pictures_have_bodies_at_their_places(written_bodies: Path):
+    reader, simulator = read_stage(written_bodies), Simulator(bodies(), "cpu")
+    for number in range(FRAMES + 1):
+        box, rod = simulator.read_frame().body_poses[:2].astype(float)
+        own = Rotation.from_quat(box[3:]).inv().apply(reader.points(number)[1] - box[:3])
+        np.testing.assert_allclose([-own.min(axis=0), own.max(axis=0)], np.tile([0.1, 0.15, 0.2], (2, 1)), atol=1e-6)
+        (begin,), (end,), (radius,) = reader.capsules(number)
+        up = Rotation.from_quat(rod[3:]).apply((0, 0.25, 0))
+        np.testing.assert_allclose([begin, end], [rod[:3] - up, rod[:3] + up], atol=1e-6)
+        assert radius == pytest.approx(0.1)
+        simulator.step()
+
+
+def test_a_scene_with_bodies_is_written_and_read_again(tmp_path):
+    scene = bodies(body=[Body(size=(0.2, 0.3, 0.4), position=(2, 1, 0), mass=2.5, friction=0.1)])
+    balloon = scene.balloon[0].model_copy(update={"mesh": Path("ball.obj")})
+    path = tmp_path / "scene.toml"
+    path.write_text(scene_toml(scene.model_copy(update={"balloon": [balloon]}), tmp_path))
+    assert load_scene(path, {"body.0.mass": 7.0}).body[0] == scene.body[0].model_copy(update={"mass": 7.0})
+
+
+def test_they_go_on_from_a_checkpoint_bit_for_bit():
+    scene = bodies(ground=Ground(height=0.5), frames=30)
+    first, again = Simulator(scene, "cpu"), Simulator(scene, "cpu")
+    for _ in range(10):
+        first.step()
+    again.restore({name: np.array(array.numpy()) for name, array in first.state.arrays.items()})
+    for _ in range(10):
+        first.step()
+        again.step()
+    np.testing.assert_array_equal(first.read_frame().body_poses, again.read_frame().body_poses)

@@ -1,0 +1,343 @@
+"""Tables of a batch: their measures, units and kinds."""
+
+import csv
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import warp as wp
+from batches import OFTEN, scene, stop_after
+from meshes import cube, open_cube, quad_sphere
+from pyarrow import parquet
+
+from balloon_warp import InputError, MissingExtraError, run_batch
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.geometry import signed_volume, total_area
+from balloon_warp.outputs import table, table_parquet
+from balloon_warp.scene import Balloon, Box, Inflation, Scene, Sphere, Stiffness
+from balloon_warp.simulator import Simulator
+from balloon_warp.sweep.columns import describe_columns
+from balloon_warp.sweep.recorder import Record, Recorder, columns_of
+
+FLOAT32 = 1.2e-7
+"""relative rounding of float32"""
+STILL = {"stiffness": Stiffness(structural=0.0, shear=0.0, flexion=0.0), "inflation": Inflation(k_normal=0.0)}
+
+
+def record(simulator: Simulator, chosen: tuple[int, ...] = ()) -> Record:
+    return Recorder(simulator, np.array(chosen, dtype=np.int64)).read()
+
+
+def measured(simulator: Simulator, world: int = 0) -> dict[str, float]:
+    row = record(simulator).measures[world]
+    return dict(zip(columns_of(simulator.model.scene), row.tolist(), strict=True))
+
+
+def put(array: wp.array, values: np.ndarray) -> None:
+    wp.copy(array, wp.array(values, dtype=wp.vec3, device=array.device))
+
+
+def test_a_moving_box_is_measured_exactly(device):
+    scene = Scene(balloon=[Balloon(mesh=cube(), mass=0.5, **STILL)], sphere=[Sphere(position=(7.0, 3.5, 0.0))])
+    simulator = Simulator(scene, device)
+    put(simulator.state.points, (cube().points * [1, 2, 1])[None])
+    put(simulator.state.velocities, np.full((1, 8, 3), [1.0, 2.0, 2.0]))
+    expected = {"volume": 2.0, "area": 10.0, "pressure": 0.0, "center_height": 1.0, "largest_stretch": 2.0}
+    expected |= {"kinetic_energy": 0.5 * 0.5 * 9.0, "sphere_0_height": 3.5}
+    # a mass share of an eighth, and areas and lengths that are powers of two: no rounding but the thirds of the volume
+    np.testing.assert_allclose(list(measured(simulator).values()), list(expected.values()), rtol=2 * FLOAT32)
+    assert list(measured(simulator)) == list(expected)
+
+
+def test_what_is_in_the_box_is_counted(device):
+    places = [(0.0, 0.0, 0.0), (0.9, 0.0, 0.0), (0.0, -1.7, 0.0), (0.0, 0.0, 5.0)]
+    balloons = [Balloon(mesh=cube(), position=place, **STILL) for place in places]
+    box = Box(lower=(-0.2, -1.0, 0.0), upper=(1.5, 1.0, 1.0))
+    scene = Scene(balloon=balloons, sphere=[Sphere(position=(0.1, 0.2, 0.3))], box=box, touch=False)
+    simulator = Simulator(scene, device, 2, {"balloon.1.position.0": [0.9, 1.2]})
+    assert [measured(simulator, world)["in_box"] for world in (0, 1)] == [2.0, 1.0]
+    assert "in_box" not in measured(Simulator(scene.model_copy(update={"box": None}), device))
+
+
+def test_balloons_are_summed_and_their_centers_weighed_by_mass(device):
+    large = Balloon(mesh=cube(), mass=3.0, scale=2.0, position=(5.0, 4.0, 0.0), **STILL)
+    scene = Scene(balloon=[Balloon(mesh=cube(), mass=1.0, **STILL), large], up_axis="Z")
+    up = scene.model_copy(update={"up_axis": "Y"})
+    for turned, height in ((up, 0.25 * 0.5 + 0.75 * 5.0), (scene, 0.25 * 0.5 + 0.75 * 1.0)):
+        simulator = Simulator(turned, device)
+        if turned is scene:  # the meshes are Y-up: laid out as they were, so that only the axis differs
+            put(simulator.state.points, Simulator(up, device).state.points.numpy())
+        found = measured(simulator)
+        np.testing.assert_allclose([found["volume"], found["area"]], [9.0, 30.0], rtol=4 * FLOAT32)
+        np.testing.assert_allclose(found["center_height"], height, rtol=4 * FLOAT32)
+
+
+def deformed(mesh: PolygonMesh, shift: float) -> PolygonMesh:
+    """Return a mesh bent and dented, far from the origin, at places that float32 holds."""
+    points = mesh.points * [1.0, 1.4, 0.8] + 0.15 * np.sin(4.0 * mesh.points[:, [1, 2, 0]]) + shift
+    return replace(mesh, points=points.astype(np.float32).astype(np.float64))
+
+
+def test_volume_and_area_are_those_of_the_host_in_float64(device):
+    """Volume and area agree with the host, closed and open, at the origin and 100 m away: about its own center a
+    balloon keeps the digits of float32.
+
+    About the origin the volume at 100 m would be off by some 100^3 times float32's rounding, a tenth."""
+    for mesh in (quad_sphere(9), open_cube(), quad_sphere(2)):
+        for shift in (0.0, 100.0):
+            bent = deformed(mesh, shift)
+            simulator = Simulator(Scene(balloon=[Balloon(mesh=bent, **STILL)]), device)
+            found = measured(simulator)
+            np.testing.assert_allclose(found["volume"], signed_volume(bent), rtol=20 * FLOAT32)
+            np.testing.assert_allclose(found["area"], total_area(bent), rtol=20 * FLOAT32)
+            center = bent.points[bent.face_vertex_indices].mean(axis=0)[1]
+            np.testing.assert_allclose(found["center_height"], center, rtol=4 * FLOAT32, atol=4 * FLOAT32)
+
+
+def test_largest_stretch_and_kinetic_energy_are_those_of_the_host(device):
+    rng = np.random.default_rng(5)
+    mesh = quad_sphere(6)
+    simulator = Simulator(Scene(balloon=[Balloon(mesh=mesh, mass=0.3, fixed=[4, 9])]), device)
+    points = mesh.points + rng.normal(0.0, 0.05, mesh.points.shape)
+    velocities = rng.normal(0.0, 1.0, mesh.points.shape)
+    put(simulator.state.points, points[None])
+    put(simulator.state.velocities, velocities[None])
+    springs, shares = simulator.model.shapes[0].springs, simulator.model.shapes[0].mass_share
+    lengths = np.linalg.norm(points[springs.pairs[:, 1]] - points[springs.pairs[:, 0]], axis=1)
+    found = measured(simulator)
+    np.testing.assert_allclose(found["largest_stretch"], np.max(lengths / springs.rest_lengths), rtol=1e-6)
+    energy = 0.5 * np.sum(0.3 * shares * np.sum(velocities**2, axis=1))
+    np.testing.assert_allclose(found["kinetic_energy"], energy, rtol=20 * FLOAT32)
+
+
+def test_measures_have_the_same_bits_every_time_and_in_any_batch(device):
+    scene = Scene(balloon=[Balloon(mesh=quad_sphere(7)), Balloon(mesh=cube(), position=(3, 0, 0))])
+    batch, alone = Simulator(scene, device, 40), Simulator(scene, device)
+    points = deformed(quad_sphere(7), 0.3).points
+    for simulator in (batch, alone):
+        every = simulator.state.points.numpy().copy()
+        every[:, : len(points)] = points
+        put(simulator.state.points, every)
+    rows = [record(batch).measures for _ in range(3)]
+    np.testing.assert_array_equal(rows[0], rows[1])
+    np.testing.assert_array_equal(rows[0], rows[2])
+    np.testing.assert_array_equal(rows[0], np.repeat(record(alone).measures, 40, axis=0))
+
+
+def test_a_world_whose_speeds_overflow_is_bad_before_its_places_are(device):
+    simulator = Simulator(Scene(balloon=[Balloon(mesh=cube())]), device, 2)
+    recorder = Recorder(simulator, np.array([], dtype=np.int64))
+    recorder.read()
+    velocities = np.zeros((2, 8, 3))
+    velocities[1, 3, 0] = 1e25  # its square is beyond float32
+    put(simulator.state.velocities, velocities)
+    after = recorder.read()
+    assert after.healthy.tolist() == [1, 0]
+    assert np.isfinite(after.measures).all()
+
+
+@pytest.mark.full
+def test_pressure_is_the_mean_by_area(device):
+    """The pressure is averaged over area: a cube of 6 m^2 under 10 Pa, one of 24 m^2 whose gas starts at 40 Pa, and 100
+    k_normal over the 6 m^2 of a third; at the start, and after all keyframes."""
+    balloons = [
+        Balloon(mesh=cube(), inflation=Inflation(kind="pressure", pressure=[(0.0, 10.0), (0.02, 30.0)])),
+        Balloon(mesh=cube(), scale=2.0, inflation=Inflation(kind="gas", start_pressure=40.0)),
+        Balloon(mesh=cube(), inflation=Inflation(k_normal=[(0.0, 0.6), (0.02, 1.2)])),
+    ]
+    still = [balloon.model_copy(update={"fixed": list(range(8))}) for balloon in balloons]
+    scene = Scene(balloon=still, frames_per_second=50, substeps=1000, touch=False)
+    simulator = Simulator(scene, device)
+    np.testing.assert_allclose(measured(simulator)["pressure"], (6 * 10.0 + 24 * 40.0 + 60.0) / 36, rtol=1e-3)
+    simulator.step()
+    np.testing.assert_allclose(measured(simulator)["pressure"], (6 * 30.0 + 24 * 40.0 + 120.0) / 36, rtol=1e-3)
+
+
+FRAMES, WORLDS = 8, 4
+VARY = {
+    "balloon.mass": [0.1, 0.2, 0.1, 0.3],
+    "balloon.inflation.k_normal": [0.2, 0.4, 9e11, 0.2],
+    "balloon.position.1": [0.0, 1.0, 2.0, 3.0],
+}
+"""of which one blows up, and all fall"""
+
+
+def ending_scene(**fields) -> Scene:
+    balloon = Balloon(mesh=quad_sphere(2, 0.1), inflation=Inflation(k_normal=0.2))
+    fields = {"balloon": [balloon], "frames": FRAMES, "frames_per_second": 8.0, "substeps": 60} | fields
+    return Scene(sphere=[Sphere(position=(0, 9, 0))], **fields)
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("out")
+    summary = run_batch(ending_scene(), folder, WORLDS, VARY, export=[0, 2, 3], device="cpu")
+    assert [Path(path).name for path in summary.worlds_table] == ["worlds.npz", "worlds.csv"]
+    return folder
+
+
+@pytest.fixture(scope="module")
+def tables(written: Path) -> dict[str, dict[str, np.ndarray]]:
+    return {name: dict(np.load(written / f"{name}.npz")) for name in ("table", "worlds")}
+
+
+@pytest.mark.full
+def test_each_world_has_a_row_of_ends_and_extremes(tables: dict[str, dict[str, np.ndarray]]):
+    table, worlds = tables["table"], tables["worlds"]
+    measures = columns_of(ending_scene())
+    ends = [f"{name}_{end}" for name in measures for end in ("end", "min", "max")]
+    assert list(worlds) == ["world", *VARY, "health", "ending", "last_frame", *ends]
+    assert worlds["world"].tolist() == [0, 1, 2, 3]
+    for path, values in VARY.items():
+        np.testing.assert_array_equal(worlds[path], values)
+    for name in measures:
+        of_frames = table[name].reshape(FRAMES + 1, WORLDS)
+        for end, expected in {"end": of_frames[-1], "min": of_frames.min(0), "max": of_frames.max(0)}.items():
+            np.testing.assert_array_equal(worlds[f"{name}_{end}"], expected)
+    assert (worlds["center_height_max"] > worlds["center_height_end"] + 1.0)[[0, 1, 3]].all()
+
+
+def test_it_says_how_each_world_ended(written: Path, tables: dict[str, dict[str, np.ndarray]]):
+    """Falling forever is detected in worlds of the stage. The text has the same numbers."""
+    worlds = tables["worlds"]
+    assert worlds["health"].tolist() == [1, 1, 0, 1]
+    assert worlds["ending"].tolist() == ["falling", "finished", "blew up", "falling"]
+    assert worlds["last_frame"].tolist() == [FRAMES, FRAMES, 0, FRAMES]
+    with (written / "worlds.csv").open(newline="") as file:
+        header, *rows = csv.reader(file)
+    assert header == list(worlds)
+    for (name, column), texts in zip(worlds.items(), zip(*rows, strict=True), strict=True):
+        np.testing.assert_array_equal(np.array(texts).astype(column.dtype), column, err_msg=name)
+
+
+def test_columns_have_units(written: Path, tables: dict[str, dict[str, np.ndarray]]):
+    columns = json.loads((written / "manifest.json").read_text())["columns"]
+    assert set(columns) == {*tables["table"], *tables["worlds"]}
+    units = {name: column["unit"] for name, column in columns.items()}
+    assert units["time"] == "s"
+    assert (units["volume"], units["volume_max"], units["sphere_0_height_min"]) == ("m^3", "m^3", "m")
+    assert (units["balloon.mass"], units["balloon.position.1"]) == ("kg", "m")
+    assert columns["balloon.mass"]["meaning"].startswith("Mass of the whole balloon")
+    assert all(column["meaning"] for column in columns.values())
+    gas = Balloon(mesh=quad_sphere(2), inflation=Inflation(pump=[(0, 0), (1, 0.1)]))
+    vary = ("balloon.mesh", "balloon.scale", "balloon.stiffness.seed", "balloon.inflation.pump", "atmosphere.wind.0")
+    told = describe_columns(ending_scene(balloon=[gas], box=Box(lower=(0, 0, 0), upper=(1, 1, 1))), vary)
+    assert all(column["meaning"] for column in told.values())
+    units = {name: column["unit"] for name, column in told.items()}
+    assert {name: units[name] for name in (*vary, "moles_end", "thrust_max", "in_box")} == {
+        **{"balloon.mesh": "", "balloon.scale": "1", "balloon.stiffness.seed": "1", "balloon.inflation.pump": "mol/s"},
+        **{"atmosphere.wind.0": "m/s", "moles_end": "mol", "thrust_max": "N", "in_box": "1"},
+    }
+
+
+KINDS_VARY = {"gravity": [1.0, 5.0, 9.0], "balloon.inflation.k_normal": [0.2, 9e11, 0.4]}
+"""world 1 blows up"""
+
+
+@pytest.mark.full
+def test_parquet_has_the_numbers_of_the_npz(tmp_path):
+    run_batch(scene(), tmp_path, 3, KINDS_VARY, device="cpu", table="parquet")
+    found = pd.read_parquet(tmp_path / "table.parquet")
+    with np.load(tmp_path / "table.npz") as columns:
+        assert list(found) == list(columns)
+        for name in columns:
+            assert found[name].dtype == columns[name].dtype
+            np.testing.assert_array_equal(found[name], columns[name])
+    said = json.loads((tmp_path / "manifest.json").read_text())
+    assert said["table"] == "parquet"
+    assert {"table.npz", "table.parquet"} <= said["outputs"].keys()
+    assert not (tmp_path / "table.csv").exists()
+
+
+def test_a_batch_that_was_stopped_goes_on_to_the_same_parquet(tmp_path, monkeypatch):
+    monkeypatch.setattr(table_parquet, "ROWS", 1)
+    run_batch(scene(), tmp_path / "whole", 3, KINDS_VARY, device="cpu", table="parquet")
+    run_batch(scene(), tmp_path / "parts", 3, KINDS_VARY, device="cpu")
+    how = {"device": "cpu", "table": "parquet", "checkpoint_seconds": OFTEN}
+    with pytest.raises(RuntimeError):
+        run_batch(scene(), tmp_path / "parts", 3, KINDS_VARY, **how, on_frame=stop_after(3))
+    assert (tmp_path / "parts" / "table.csv").exists()
+    run_batch(scene(), tmp_path / "parts", 3, KINDS_VARY, **how, resume=True)
+    parts, whole = (tmp_path / name / "table.parquet" for name in ("parts", "whole"))
+    assert parts.read_bytes() == whole.read_bytes()
+    assert not (tmp_path / "parts" / "table.csv").exists()
+
+
+def test_what_is_replaced_is_written_again(tmp_path):
+    columns = (tmp_path, 3, 60.0, {"mesh": np.array(["a", "b"])}, ["height"], 2, "parquet")
+    with table.TableWriter(*columns) as rows:
+        for _ in range(3):
+            rows.write_frame()
+        rows.values[:] = 7.0
+        rows.write_again()
+    found = pd.read_parquet(tmp_path / "table.parquet")
+    assert found["height"].tolist() == [7.0] * 6
+    assert found["mesh"].tolist() == ["a", "b"] * 3
+
+
+def test_many_rows_are_parquet_and_few_are_text_and_mistakes_are_told(monkeypatch, tmp_path):
+    few, many = table.MOST_CSV_ROWS, table.MOST_CSV_ROWS + 1
+    assert [table.settled_table("auto", rows) for rows in (few, many)] == ["csv", "parquet"]
+    assert table.settled_table("csv", many) == "csv"
+    monkeypatch.setattr(table, "has_parquet", lambda: False)
+    assert table.settled_table("auto", many) == "csv"
+    with pytest.raises(InputError, match=r"^--table xlsx: expected auto, csv, parquet$"):
+        run_batch(scene(), tmp_path, 2, device="cpu", table="xlsx")
+
+    def missing(name: str) -> None:
+        raise ImportError(name)
+
+    monkeypatch.setattr(table_parquet, "import_module", missing)
+    with pytest.raises(MissingExtraError, match=r"^Parquet needs pyarrow: pip install 'balloon-warp\[data\]'$"):
+        run_batch(scene(), tmp_path, 2, device="cpu", table="parquet")
+
+
+def test_numbers_load_no_pandas(tmp_path):
+    script = f"""
+import sys, pathlib, numpy as np
+from balloon_warp.outputs.table_parquet import ParquetRows
+rows = ParquetRows(pathlib.Path({str(tmp_path / "rows.parquet")!r}), ["world", "frame", "time", "k", "a", "health"],
+                   {{"k": np.array([1.5, 2.5])}}, 2)
+rows.write(3, 0.5, np.array([[4.0, 5.0]], np.float32), np.array([0, 1], np.int32))
+rows.close()
+sys.exit("pandas" in sys.modules)
+"""
+    assert subprocess.run([sys.executable, "-c", script], check=False).returncode == 0
+    rows = pd.read_parquet(tmp_path / "rows.parquet").to_dict("list")
+    expected = {"world": [0, 1], "frame": [3, 3], "time": [0.5, 0.5], "k": [1.5, 2.5], "a": [4.0, 5.0]}
+    assert rows == {**expected, "health": [0, 1]}
+
+
+PARTS_FRAMES, PARTS_WORLDS = 40, 300
+COLUMNS = ("world", "frame", "time", "mesh", "mass", "height", "health")
+VARIED = {
+    "mesh": np.array([f"mesh {world % 7}" for world in range(PARTS_WORLDS)]),
+    "mass": np.linspace(0.1, 0.2, PARTS_WORLDS),
+}
+
+
+def test_row_groups_that_are_encoded_side_by_side_are_those_of_one_writer(tmp_path, monkeypatch):
+    """Twenty row groups, which is a long list in Thrift, have the bytes that Arrow itself writes in turn."""
+    monkeypatch.setattr(table_parquet, "ROWS", 2 * PARTS_WORLDS)
+    heights = np.random.default_rng(0).normal(size=(PARTS_FRAMES, 1, PARTS_WORLDS)).astype(np.float32)
+    health = np.ones(PARTS_WORLDS, dtype=np.int32)
+    rows = table_parquet.ParquetRows(tmp_path / "parts.parquet", COLUMNS, VARIED, PARTS_WORLDS)
+    for frame in range(PARTS_FRAMES):
+        rows.write(frame, frame / 60.0, heights[frame], health)
+    rows.close()
+    found = parquet.ParquetFile(tmp_path / "parts.parquet")
+    assert found.num_row_groups == PARTS_FRAMES // 2
+    together = found.read()
+    np.testing.assert_array_equal(together["height"].to_numpy(), heights.ravel())
+    assert together["mesh"].to_pylist() == PARTS_FRAMES * VARIED["mesh"].tolist()
+    options = {"compression": "zstd", "compression_level": 1}
+    options["use_dictionary"] = [name for name in COLUMNS if name != "height"]
+    with parquet.ParquetWriter(tmp_path / "whole.parquet", found.schema_arrow, **options) as writer:
+        for frame in range(0, PARTS_FRAMES, 2):
+            writer.write_table(together.slice(frame * PARTS_WORLDS, 2 * PARTS_WORLDS), row_group_size=2**31 - 1)
+    assert (tmp_path / "parts.parquet").read_bytes() == (tmp_path / "whole.parquet").read_bytes()
