@@ -1,5 +1,6 @@
-"""Command line as a user meets it: in a process of its own, in an empty folder."""
+"""Command line: commands, options, mistakes, terminals and logs."""
 
+import io
 import json
 import os
 import re
@@ -8,14 +9,25 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
+from importlib import metadata
 from pathlib import Path
 
 import pytest
 from meshes import cube, quad_sphere
 from PIL import Image
+from rich.console import Console
 
-from balloon_warp import bundled_scenes, load_scene
+import balloon_warp
+from balloon_warp import bundled_scenes, doctor, load_scene
+from balloon_warp.beginning import Beginning
 from balloon_warp.cli import main
+from balloon_warp.cli.app import app
+from balloon_warp.cli.changes import Changes
+from balloon_warp.cli.estimate import FirstEstimate, time_left
+from balloon_warp.cli.options import LengthOptions
+from balloon_warp.cli.progress import FrameProgress
+from balloon_warp.cli.words import counted
 from balloon_warp.mesh.obj import read_obj, write_obj
 
 SUMMARY_KEYS = [
@@ -39,8 +51,6 @@ SUMMARY_KEYS = [
     "wall_seconds",
     "particle_substeps_per_second",
 ]
-
-
 ONE_FACE = """#usda 1.0
 def Mesh "face"
 {
@@ -82,7 +92,6 @@ def command(
 
 
 FIRST_LINE = "note: ball.obj inflates above a floor. Its unit is not known"
-
 SECOND_LINE = "note: auto pressure 44.6 Pa, volume 1.00 -> 1.33"
 
 
@@ -297,3 +306,350 @@ def test_a_batch_of_one_process_that_exports_nothing_loads_no_usd_and_no_event_l
     )
     done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=300)
     assert done.stdout.strip() == "set()"
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    write_obj(tmp_path / "ball.obj", quad_sphere(2))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def typed(monkeypatch: pytest.MonkeyPatch, words: str) -> int:
+    """Return the exit status of a command line."""
+    monkeypatch.setattr(sys, "argv", ["balloon-warp", *words.split()])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    return int(ended.value.code or 0)
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ("rnu ball.obj", "rnu: no such command; did you mean run?"),
+        ("ball.obj", "ball.obj: no such command; did you mean balloon-warp run ball.obj?"),
+        ("net_forces --picture", "net_forces: no such command; did you mean balloon-warp run net_forces?"),
+        ("xyz run ball.obj", "xyz: no such command; commands are run, view, batch, compare, "),
+        ("--vers", "--vers: unknown option of balloon-warp; did you mean --version?"),
+        ("run", "run: SCENE is missing; balloon-warp run --help explains"),
+        ("run squirel_tether", "squirel_tether: no such scene or file; did you mean squirrel_tether?"),
+        ("run bal.obj", "bal.obj: no such scene or file; did you mean ball.obj?"),
+        ("render bal.usdc", "bal.usdc: no such file; expected a USD stage"),
+        ("remesh ball.obj", "remesh: --output is missing; balloon-warp remesh --help explains"),
+        ("run ball.obj --frames", "--frames: has no value; expected --frames COUNT; balloon-warp run --help explains"),
+        ("run ball.obj --set", "--set: has no value; expected --set PATH=VALUE; balloon-warp run --help explains"),
+        ("run ball.obj --picture=3", "--picture: takes no value; balloon-warp run --help explains"),
+        ("run ball.obj --zoom 2", "--zoom: needs --picture"),
+        ("run ball.obj --picture --shutter 2", "shutter: 2; expected 0 to 1 of a frame"),
+        ("run ball.obj --picture --look-at 1,2", "--look-at 1,2: expected X,Y,Z"),
+        ("run ball.obj --picture --look-at Ball", "look-at: 'Ball' is not visible in ball.usdc; did you mean"),
+        ("run ball.obj --pictur", "--pictur: unknown option of run; did you mean --picture?"),
+        ("run ball.obj -frames 3", "-frames: unknown option of run; did you mean --frames?"),
+        ("run ball.obj balloon.mass=3", "run: did not expect balloon.mass=3; --set goes before PATH=VALUE; balloon-"),
+        ("run ball.obj --frames few", "--frames: must be a valid integer (got few); balloon-warp run --help explains"),
+        ("batch ball.obj --seed -1", "--seed: must be greater than or equal to 0 (got -1); balloon-warp batch"),
+        ("run ball.obj --frames 0", "--frames 0: must be greater than or equal to 1 (got 0)"),
+        ("run ball.obj --fps 0", "--fps 0: must be greater than 0 (got 0.0)"),
+        ("run ball.obj --seconds -1", "--seconds -1: expected a time above 0"),
+        ("run ball.obj --frames 3 --seconds 1", "--frames, --seconds: expected only one of them"),
+        ("run two_balloons --fps 0.5", "--fps 0.5: balloon.0.inflation.pump: keyframes must be at least a frame"),
+        ("run ball.obj --set sphere.2.mass=1", "--set sphere.2.mass: cannot be set, the scene has no sphere"),
+        ("inspect ball.obj --set baloon.mass=1", "--set baloon.mass: baloon: unknown table; did you mean balloon?"),
+        ("batch ball.obj --set gravity=low", "--set gravity: must be a valid number (got 'low')"),
+        ("compare ball.obj", "--vary: is missing; expected a value to vary, as in --vary normals="),
+        ("compare ball.obj --vary gravity=1:3", "--vary gravity=1:3: takes values, as in --vary gravity=1,3; ranges "),
+        ("bench --json x.json", "bench: did not expect x.json; balloon-warp bench --help explains"),
+        ("bench -o x.txt", "x.txt: cannot write .txt; expected .json"),
+    ],
+)
+def test_it_gets_one_sentence(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], words: str, sentence: str
+):
+    assert typed(monkeypatch, words) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    (mistake,) = [line for line in said.err.splitlines() if not line.startswith("note: ")]  # of the scene, before it
+    assert mistake.startswith(f"error: {sentence}")
+    assert [path.name for path in folder.iterdir()] == ["ball.obj"]
+
+
+def test_without_a_command_the_help_is_printed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    assert typed(monkeypatch, "") == 0
+    assert "balloon-warp run squirrel_tether --picture" in capsys.readouterr().out
+
+
+def read_all(terminal: int) -> str:
+    """Return the text written to a pseudo-terminal until its other end closed."""
+    parts = []
+    while True:
+        try:
+            part = os.read(terminal, 65536)
+        except OSError:  # how Linux says that the other end has closed
+            part = b""
+        if not part:
+            return b"".join(parts).decode()
+        parts.append(part)
+
+
+def test_a_process_of_its_own_runs_the_package_under_test(tmp_path: Path):
+    program = "import balloon_warp; print(balloon_warp.__path__[0])"
+    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert Path(done.stdout.strip()) == Path(balloon_warp.__path__[0]).resolve()
+
+
+@pytest.mark.full
+def test_a_run_on_a_terminal_shows_frames_a_second(tmp_path: Path):
+    """A terminal shows frames a second on standard error; standard output is that of a pipe."""
+    pty = pytest.importorskip("pty", reason="needs pseudo-terminals")
+    write_obj(tmp_path / "ball.obj", quad_sphere(3))
+    terminal, end = pty.openpty()
+    command = [sys.executable, "-m", "balloon_warp", "run", "ball.obj", "--device", "cpu", "--set", "frames=40"]
+    environment = {**os.environ, "TERM": "xterm", "COLUMNS": "200"}
+    process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=end, text=True, env=environment)
+    os.close(end)
+    shown = read_all(terminal)
+    os.close(terminal)
+    printed, _ = process.communicate(timeout=120)
+    assert process.returncode == 0
+    assert [line.partition(":")[0] for line in printed.splitlines()[1:]] == ["wrote ball.usdc"]
+    assert "40/40" in shown
+    assert any(int(rate) > 0 for rate in re.findall(r"(\d+) frames/s", shown))
+
+
+def test_a_log_gets_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch):
+    """A log gets a line of progress, speed and time left after every half minute."""
+    now = [100.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    log = io.StringIO()
+    with FrameProgress(Console(file=log)) as progress:
+        progress.get_time = lambda: now[0]
+        task = progress.add_task("squirrel", total=1200)
+        for frame in range(0, 1200, 10):
+            now[0] += 1.0
+            progress.update(task, completed=frame)
+    lines = log.getvalue().splitlines()
+    assert lines[0] == "squirrel: about 2 min (1,170 frames at 10 frames/s)"
+    assert lines[1] == "squirrel: frame 290 of 1,200, 10 frames/s, 91 s left"
+    assert len(lines) == 1 + 4  # of two minutes
+    assert log.getvalue().isascii()
+
+
+def test_a_log_does_not_count_the_frame_in_which_kernels_are_compiled(monkeypatch: pytest.MonkeyPatch):
+    """The estimate excludes the frame in which kernels compile, or half a minute would become twenty."""
+    now, log = [0.0], io.StringIO()
+    monkeypatch.setattr("balloon_warp.cli.progress.time.monotonic", lambda: now[0])
+    with FrameProgress(Console(file=log)) as progress:
+        progress.get_time = lambda: now[0]
+        task = progress.add_task("squirrel", total=48)
+        progress.update(task, completed=0)
+        for frame in range(1, 48):
+            now[0] += 31.0 if frame == 1 else 1.0
+            progress.update(task, completed=frame)
+    assert log.getvalue().splitlines() == ["squirrel: frame 1 of 48", "squirrel: frame 31 of 48, 1 frames/s, 17 s left"]
+
+
+BEGINNING = Beginning(
+    worlds=1,
+    particles=2494,
+    frames=600,
+    substeps=13,
+    frames_per_second=60.0,
+    device="cpu",
+    schedule="octets",
+)
+
+
+def test_a_log_says_first_what_is_simulated():
+    with FrameProgress(Console(file=io.StringIO())) as progress:
+        task = progress.add_task("squirrel", total=600)
+        said = [progress.begin(task, each) for each in (BEGINNING, replace(BEGINNING, worlds=64, workers=2))]
+    what = "2,494 particles, 13 substeps a frame, 600 frames at 60 frames/s"
+    assert said == [
+        f"1 world, {what}, on cpu, schedule octets",
+        f"64 worlds, {what}, on 2 x cpu, schedule octets",
+    ]
+
+
+def test_a_bar_has_what_a_frame_costs_beside_it():
+    screen = io.StringIO()
+    with FrameProgress(Console(file=screen, force_terminal=True, width=200)) as progress:
+        assert progress.begin(progress.add_task("squirrel", total=600), BEGINNING) is None
+    shown = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", screen.getvalue())
+    assert "squirrel 2,494 particles, 13 substeps a frame" in shown
+
+
+@pytest.mark.parametrize(
+    ("words", "opening", "worlds"),
+    [
+        (["run", "ball.toml"], "ball: ", 1),
+        (["run", "ball.obj"], r"note: ball\.obj inflates above a floor\. .*--up Z turns it\. ", 1),
+        (["batch", "ball.toml", "--worlds", "3", "--vary", "balloon.mass=1:2"], "ball: ", 3),
+        (["compare", "ball.toml", "--vary", "balloon.mass=1,2"], "ball, run 1 of 2: ", 1),
+    ],
+)
+def test_the_first_line_of_a_log(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    words: list[str],
+    opening: str,
+    worlds: int,
+):
+    """The first line of a log describes the simulation, before notes and after a mesh's default scene."""
+    monkeypatch.chdir(tmp_path)
+    write_obj(tmp_path / "ball.obj", quad_sphere(3))
+    (tmp_path / "ball.toml").write_text('[[balloon]]\nmesh = "ball.obj"\n')
+    app([*words, "--frames", "2", "--device", "cpu", "--schedule", "gather"], standalone_mode=False)
+    first, *_ = capsys.readouterr().err.splitlines()
+    what = rf"{counted(worlds, 'world')}, {56 * worlds} particles, \d+ substeps? a frame, 2 frames at 60 frames/s"
+    assert re.fullmatch(rf"{opening}{what}, on cpu, schedule gather", first)
+
+
+@pytest.mark.parametrize(
+    ("frames", "seconds", "left", "said"),
+    [
+        (8, 10.0, 600, "about 12 min (600 frames at 0.8 frames/s)"),
+        (3, 90.0, 200, "about 1 h 40 min (200 frames at 0.033 frames/s)"),
+        (3, 900.0, 1000, "about 3 d 11 h (1,000 frames at 0.0033 frames/s)"),
+        (1000, 2.0, 90_000, "about 3 min (90,000 frames at 500 frames/s)"),
+        (2, 100.0, 600, None),  # too few
+        (90, 1.0, 90_000, None),  # too soon
+        (100, 10.0, 500, None),  # soon done
+        (0, 0.0, 10, None),
+    ],
+)
+def test_time_left(frames: int, seconds: float, left: int, said: str | None):
+    assert time_left(frames, seconds, left) == said
+
+
+def test_the_time_is_estimated_once_and_without_what_is_compiled():
+    estimate = FirstEstimate()
+    said = [estimate.after(0, 100, 0.0), estimate.after(1, 100, 60.0)]  # a minute of compiling
+    said += [estimate.after(frame, 100, 60.0 + 2.0 * (frame - 1)) for frame in range(2, 101)]
+    assert [each for each in said if each] == ["about 3 min (96 frames at 0.5 frames/s)"]
+
+
+def test_a_run_that_begins_again_is_estimated_anew():
+    estimate = FirstEstimate()
+    assert [estimate.after(frame, 100, 0.1 * frame) for frame in range(20)] == [None] * 20
+    again = [estimate.after(frame, 100, 100.0 + 2.0 * frame) for frame in range(6)]
+    assert [each for each in again if each] == ["about 3 min (96 frames at 0.5 frames/s)"]
+
+
+@pytest.mark.full
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere names are no bytes")
+def test_names_and_logs_that_are_not_utf8_cost_no_work(tmp_path: Path):
+    """A mesh with a Latin-1 name is simulated under a valid USD name, and reported in a log of any encoding."""
+    mesh = os.fsdecode(b"b\xe9.obj")
+    write_obj(tmp_path / "ball.obj", quad_sphere(2))
+    os.rename(tmp_path / "ball.obj", tmp_path / mesh)
+    command = [sys.executable, "-m", "balloon_warp", "run", mesh, "--device", "cpu", "--frames", "1", "--json"]
+    environment = {**os.environ, "PYTHONIOENCODING": "cp1252"}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["output"] == "b_.usdc"
+    assert (tmp_path / "b_.usdc").exists()
+    folder = tmp_path / os.fsdecode(b"f\xe9")
+    folder.mkdir()
+    os.rename(tmp_path / mesh, folder / "ball.obj")
+    done = subprocess.run([*command[:4], "ball.obj"], cwd=folder, env=environment, capture_output=True, timeout=120)
+    assert done.returncode == 2
+    assert done.stderr == b"error: ball.usdc: the path is not UTF-8; expected one that is, with -o\n"
+
+
+@pytest.fixture
+def ball_path(tmp_path: Path) -> str:
+    """Write a mesh, whose default scene has 120 frames at 60 a second."""
+    write_obj(tmp_path / "ball_path.obj", quad_sphere(2))
+    return str(tmp_path / "ball_path.obj")
+
+
+@pytest.mark.parametrize(
+    ("options", "rate", "frames"),
+    [
+        ({}, 60.0, 120),
+        ({"fps": 24.0}, 24.0, 120),
+        ({"frames": 90}, 60.0, 90),
+        ({"seconds": 5.0}, 60.0, 300),
+        ({"fps": 24.0, "seconds": 5.0}, 24.0, 120),
+        ({"fps": 23.976, "seconds": 10.0}, 23.976, 240),  # the nearest
+        ({"seconds": 0.001}, 60.0, 1),
+    ],
+)
+def test_they_give_rate_and_frames(ball_path: str, options: dict, rate: float, frames: int):
+    scene = Changes(length=LengthOptions(**options)).load(ball_path)
+    assert (scene.frames_per_second, scene.frames) == (rate, frames)
+
+
+def test_they_count_for_more_than_what_is_set(ball_path: str):
+    scene = Changes(["frames=7", "frames_per_second=30"], length=LengthOptions(fps=25.0, frames=8)).load(ball_path)
+    assert (scene.frames_per_second, scene.frames) == (25.0, 8)
+
+
+@pytest.fixture(scope="module")
+def report() -> doctor.Report:
+    return doctor.examine("cpu")
+
+
+def test_the_balloon_falls_by_the_formula_and_grows(report: doctor.Report):
+    """The fall agrees with the formula within float32's sum over substeps: the command's bound is ten times that."""
+    assert report.self_test.passed
+    assert report.self_test.fallen == pytest.approx(report.self_test.expected, rel=1e-5)
+    assert report.self_test.expected == pytest.approx(9.81 / 2, rel=0.05)
+    assert report.self_test.grown > 1.5
+
+
+@pytest.mark.parametrize("wrong", [{"fallen": 4.0}, {"fallen": float("nan")}, {"grown": 1.0}, {"grown": float("nan")}])
+def test_a_balloon_that_does_otherwise_fails(report: doctor.Report, wrong: dict[str, float]):
+    assert not replace(report.self_test, **wrong).passed
+
+
+def test_extras_are_missing_where_a_package_of_theirs_is(monkeypatch: pytest.MonkeyPatch):
+    wanted = [
+        "warp-lang>=1.19",
+        "no-such-package>=2; extra == 'view'",
+        'numpy>=1.26; extra == "view"',
+        "numpy; extra == 'foil'",
+    ]
+    monkeypatch.setattr(metadata, "requires", lambda name: wanted)
+    assert doctor.missing_extras() == {"foil": [], "view": ["no-such-package"]}
+
+
+def test_every_extra_of_the_package_is_looked_at(report: doctor.Report):
+    assert {"bench", "cluster", "docs", "foil", "test", "video", "view"} <= report.missing.keys()
+    assert report.missing["test"] == []
+
+
+def test_it_says_what_there_is(
+    report: doctor.Report, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    found = replace(report, missing={"video": ["imageio-ffmpeg"], "view": []})
+    monkeypatch.setattr(doctor, "examine", lambda device: found)
+    assert typed(monkeypatch, "doctor") == 0
+    said = capsys.readouterr().out
+    assert f"warp-lang {metadata.version('warp-lang')}" in said
+    assert "device         cpu (CPU)" in said
+    assert "extra video    missing imageio-ffmpeg: pip install 'balloon-warp[video]'\n" in said
+    assert "extra view     installed\n" in said
+    assert "self-test      passed in " in said
+
+
+def test_a_failed_test_ends_with_status_1(
+    report: doctor.Report, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    broken = replace(report, self_test=replace(report.self_test, fallen=4.0))
+    monkeypatch.setattr(doctor, "examine", lambda device: broken)
+    assert typed(monkeypatch, "doctor") == 1
+    assert "self-test      FAILED in " in capsys.readouterr().out
+    assert typed(monkeypatch, "doctor --json") == 1
+    assert json.loads(capsys.readouterr().out)["passed"] is False
+
+
+def test_an_unknown_device_gets_a_sentence(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    assert typed(monkeypatch, "doctor --device cuda:77") == 2
+    assert "error: --device cuda:77: no such device; this machine has " in capsys.readouterr().err
+
+
+def test_the_version_is_the_package_s(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    assert typed(monkeypatch, "--version") == 0
+    assert capsys.readouterr().out.strip() == metadata.version("balloon-warp")

@@ -1,30 +1,41 @@
-"""Code on the pages of the docs: their Python runs, and their commands exist."""
+"""Pages of the docs and docstrings: their code runs, their links lead somewhere, and they are complete."""
 
+import ast
 import importlib.util
+import os
 import re
 import shlex
+import shutil
+import subprocess
+import sys
 import tomllib
 from collections.abc import Iterable, Iterator
 from functools import partial
 from importlib.util import find_spec
+from itertools import pairwise
 from pathlib import Path
+from types import ModuleType
 
+import numpy as np
 import pytest
 import typer
 from meshes import quad_sphere
 from typer.testing import CliRunner
 
+from balloon_warp.benchmarks.performance import RESULTS, rates
 from balloon_warp.cli.app import app
+from balloon_warp.kernels.laws.law import LAW_INPUTS
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.outputs import render as package
 from balloon_warp.outputs.render import render_stage
-from balloon_warp.scene import bundled_scenes
+from balloon_warp.scene import Scene, bundled_scenes
+from balloon_warp.simulator import Simulator
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", ROOT / "SECURITY.md", *sorted((ROOT / "docs").glob("*.md"))]
 COMMANDS = typer.main.get_command(app).commands  # pyright: ignore[reportAttributeAccessIssue]
 RUN_ELSEWHERE = {"README.md", "PYTHON.md", "LAWS.md", "ARCHITECTURE.md"}
-"""pages with Python that test_readme.py and test_law_docs.py run, since they look at what comes of it"""
+"""pages with Python that tests below run, since they look at what comes of it"""
 
 
 def code(page: Path, language: str) -> list[str]:
@@ -132,3 +143,261 @@ def test_nothing_is_left_out():
     assert unsaid("GALLERY.md", bundled_scenes(), "`{}`") == []
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
     assert unsaid("INSTALL.md", extras, "| `{}` |") == []
+
+
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def block(language: str, page: str = README) -> str:
+    return re.findall(rf"```{language}\n(.*?)```", page, re.DOTALL)[0]
+
+
+def test_it_is_short_and_begins_with_the_two_commands():
+    """The README is short, and its first two lines that begin with `pip install` are those of CI."""
+    assert README.count("\n") <= 110
+    commands = re.findall(r"^pip install .*", README, re.MULTILINE)
+    assert commands == [
+        "pip install . && balloon-warp run squirrel_tether --picture",
+        "pip install '.[test]' && pytest",
+    ]
+
+
+def test_python_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    exec(block("python"), names := {})
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["squirrel.png", "squirrel.usdc"]
+    assert names["moved"].points[0].shape[:2] == (2, 61)
+
+
+def test_the_python_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Blocks of the page run one after the other."""
+    monkeypatch.chdir(tmp_path)
+    write_obj(Path("ball.obj"), quad_sphere(2))
+    page = (ROOT / "docs" / "PYTHON.md").read_text(encoding="utf-8")
+    exec("".join(re.findall(r"```python\n(.*?)```", page, re.DOTALL)), names := {})
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["ball.obj", "compare.png", "out"]
+    assert names["heavy"].balloon[0].mass == 2.0
+    assert names["many"].points[0].shape == (8, 3, 26, 3)
+    assert names["pinned"].fixed
+
+
+def test_scene_example_is_valid():
+    start = (ROOT / "docs" / "START.md").read_text(encoding="utf-8")
+    scene = Scene.model_validate(tomllib.loads(block("toml", start)))
+    assert (len(scene.balloon), len(scene.sphere), len(scene.string)) == (1, 1, 1)
+
+
+@pytest.mark.parametrize(
+    "page", ["README.md", "SECURITY.md", *(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md"))]
+)
+def test_links_lead_somewhere(page: str):
+    path = ROOT / page
+    links = re.findall(r"\]\(([^)]+)\)", path.read_text(encoding="utf-8"))
+    files = [path.parent / link.partition("#")[0] for link in links if not link.startswith("http") and link[0] != "#"]
+    assert files
+    assert [file for file in files if not file.exists()] == []
+
+
+def test_its_speeds_are_those_that_were_measured():
+    """Speeds in the README are the measured ones, to their two digits."""
+    found = rates((ROOT / RESULTS).read_text(encoding="utf-8"))
+    for name, (ours, peer) in found.items():
+        cells = next(line for line in README.splitlines() if line.startswith(f"| {name} |")).split("|")[2:5]
+        assert f"{float(cells[0].split()[0]):.2g} million" == f"{ours:.2g} million"
+        if peer:
+            assert float(cells[1].split()[0]) == pytest.approx(peer, rel=0.03)
+            assert float(cells[2].split()[0]) == pytest.approx(ours / peer, abs=1.0)
+
+
+GLOSSARY = ROOT / "docs" / "GLOSSARY.md"
+ROWS = re.findall(
+    r"^\| ([a-z][^|]*?) \| ([^|]+) \| ([^|]*\]\([^|]*) \|$", GLOSSARY.read_text(encoding="utf-8"), re.MULTILINE
+)
+
+
+def stem(word: str) -> str:
+    """Return the common stem of a word and its other forms."""
+    return re.sub(r"(es|e|s|ed|y)$", "", word)
+
+
+def test_there_is_a_glossary():
+    assert len(ROWS) > 30
+    words = [word for row in ROWS for word in row[0].split(", ")]
+    assert len(words) == len(set(words))
+
+
+@pytest.mark.parametrize(("words", "_meaning", "home"), ROWS, ids=[row[0] for row in ROWS])
+def test_a_word_stands_where_it_is_at_home(words: str, _meaning: str, home: str):
+    files = [(GLOSSARY.parent / link).resolve() for link in re.findall(r"\]\(([^)]+)\)", home)]
+    said = " ".join(f"{file.stem} {file.read_text(encoding='utf-8')}" for file in files).lower()
+    said = re.sub(r"[\s_-]+", " ", said)
+    for word in words.split(", "):
+        assert all(stem(part) in said for part in re.split("[ -]", word.lower())), word
+
+
+LAWS = (ROOT / "docs" / "LAWS.md").read_text(encoding="utf-8")
+RUN = """
+import warp as wp
+from balloon_warp.scene import load_scene
+from balloon_warp.simulator import Simulator
+wp.config.optimization_level = 0
+for charge in (0.0, 0.5):
+    simulator = Simulator(load_scene("net_forces", {"balloon.law.charge.charge": charge}), "cpu", schedule="scatter")
+    simulator.step()
+    print([law.name for law in simulator.model.laws][-1], float(simulator.state.points.numpy().sum()))
+"""
+"""with a law of the package's, without and with it, by kernels that stay as they are written: for a frame"""
+
+
+@pytest.fixture(scope="module")
+def laws_code(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
+    """Return the page's code as one module, in a file: Warp reads the source of laws."""
+    folder = tmp_path_factory.mktemp("laws")
+    file = folder / "laws_of_the_docs.py"
+    file.write_text("\n\n".join(re.findall(r"```python\n(.*?)```", LAWS, re.DOTALL)), encoding="utf-8")
+    spec = importlib.util.spec_from_file_location(file.stem, file)
+    assert spec
+    assert spec.loader
+    module = importlib.util.module_from_spec(spec)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.full
+def test_the_code_runs(laws_code: ModuleType):
+    assert laws_code.frame.number == 4
+    assert [law.name for law in laws_code.laws] == ["magnet", "stiffening", "gust"]
+    assert (Path(laws_code.__file__ or "").parent / "out" / "table.csv").exists()
+
+
+@pytest.mark.full
+def test_each_law_acts(laws_code: ModuleType):
+    """Worlds with a law and without it differ after a frame of the batch."""
+    vary = {
+        "balloon.law.magnet.strength": [20.0, 0.0, 20.0, 20.0],
+        "balloon.law.stiffening.hardness": [3.0, 3.0, 0.0, 3.0],
+        "law.gust.gust_velocity.0": [4.0, 4.0, 4.0, 0.0],
+    }
+    scene = laws_code.scene.model_copy(update={"frames": 20})
+    batch = Simulator(scene, "cpu", world_count=4, vary=vary, laws=laws_code.laws)
+    for _ in range(20):
+        batch.step()
+    points = batch.state.points.numpy()
+    for without in points[1:]:
+        assert np.abs(without - points[0]).max() > 1e-3
+
+
+def test_the_mistake_is_said_as_it_stands_there(laws_code: ModuleType):
+    assert f"> {laws_code.mistake}\n" in LAWS
+
+
+def given_tables() -> str:
+    """Return the arguments of laws of one's own, as the page has them."""
+    tables = []
+    for kind in ("particle", "spring", "face"):
+        rows = [
+            f"| `{each.name}` | {each.type} | {each.meaning.replace('|', chr(92) + '|')} |" for each in LAW_INPUTS[kind]
+        ]
+        tables.append("\n".join([f"| of a {kind} | type | |", "|---|---|---|", *rows]))
+    return "\n\n".join(tables)
+
+
+def test_the_tables_are_those_of_the_code():
+    (tables,) = re.findall(r"<!-- given -->\n\n(.*?)\n\n<!-- end -->", LAWS, re.DOTALL)
+    assert tables == given_tables()
+
+
+def test_a_law_goes_in_with_one_file_and_its_name(tmp_path: Path):
+    """A new law takes one file and its name in the list: in a copy of the source it acts, and tests cover it."""
+    for folder in ("balloon_warp", "kernels", "scenes", "tests"):
+        shutil.copytree(ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("__pycache__"))
+    page = (ROOT / "docs" / "ARCHITECTURE.md").read_text(encoding="utf-8")
+    (code,) = (each for each in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "CHARGE = Law(" in each)
+    (tmp_path / "kernels" / "laws" / "charge.py").write_text(code, encoding="utf-8")
+    listed = tmp_path / "kernels" / "laws" / "__init__.py"
+    source = listed.read_text(encoding="utf-8")
+    (laws,) = re.findall(r"^LAWS: .*?\((.*?)\)$", source, re.MULTILINE | re.DOTALL)
+    imported = "from balloon_warp.kernels.laws.charge import CHARGE\n"
+    first = source.index("from balloon_warp")
+    listed.write_text(source[:first] + imported + source[first:].replace(laws, laws + ", CHARGE"), encoding="utf-8")
+
+    def python(*arguments: str) -> str:
+        environment = os.environ | {"PYTHONPATH": str(tmp_path)}
+        command = [sys.executable, *arguments]
+        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout
+
+    without, with_it = (line.split() for line in python("-c", RUN).splitlines() if line.startswith("charge"))
+    assert without != with_it
+    files = [f"tests/{name}.py" for name in ("test_laws", "test_law_steps", "test_law_schedules")]
+    tested = python("-m", "pytest", "-n", "0", *files, "-k", "charge and not block", "-v", "-p", "no:cacheprovider")
+    assert tested.count("[charge] PASSED") >= 6
+    assert re.search(r"in_every_schedule\[.*charge.*\] PASSED", tested)
+
+
+FOLDERS = ("balloon_warp", "kernels", "scenes", "benchmarks", "docs", "tests")
+OPENING = re.compile(
+    r"^(Of|What|Whatever|Where|Wherever|Who|Whose|Which|Whichever|Those|These|They|Their|Them|It|Its|This|That"
+    r"|The same|Same|Such|How|However|By|If|When|Whether|From|For|In|On|At|With|Within|Without|As|To|And|But|Or|Nor"
+    r"|So|Not|All|One|Once|Like|Over|Then|Here|There)\b"
+)
+"""beginnings of half a sentence: a preposition, a conjunction, or a pronoun that leads nowhere"""
+POINTING = re.compile(
+    r"^\w+ (down |in |out )?(of |all of |all that |what |where |whether |how |if |that )?"
+    r"(it|its|they|them|those|these|this|ones|such)\b(?! itself)"
+)
+"""a verb whose object is a pronoun: "Write it down." """
+
+
+def docstrings(folder: Path) -> Iterator[tuple[str, str]]:
+    """Yield each docstring with its place."""
+    for path in sorted(folder.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)) and (text := ast.get_docstring(node)):
+                yield f"{path.relative_to(ROOT)}:{node.body[0].lineno}", text
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_docstrings_begin_with_a_noun_or_a_verb(folder: str):
+    found = list(docstrings(ROOT / folder))
+    assert len(found) > 10
+    wrong = [f"{place}: {text.splitlines()[0]}" for place, text in found if OPENING.match(text) or POINTING.match(text)]
+    assert wrong == []
+
+
+def meanings(folder: Path) -> Iterator[tuple[str, str]]:
+    """Yield the meaning that stands below each field and constant, with its place."""
+    for path in sorted(folder.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            for each, below in pairwise(node.body if isinstance(node, (ast.Module, ast.ClassDef)) else []):
+                is_text = isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant)
+                if isinstance(each, (ast.Assign, ast.AnnAssign)) and is_text and isinstance(below.value.value, str):
+                    yield f"{path.relative_to(ROOT)}:{below.lineno}", below.value.value
+
+
+@pytest.mark.parametrize("folder", ["balloon_warp", "kernels"])
+def test_meanings_of_fields_begin_with_a_noun(folder: str):
+    found = [(place, text) for place, text in meanings(ROOT / folder) if not text.startswith("Whether ")]
+    assert len(found) > 500
+    assert [f"{place}: {text}" for place, text in found if OPENING.match(text)] == []
+
+
+@pytest.mark.parametrize(
+    "text", ["Of the box [m].", "The same of smaller faces.", "Where one looks from.", "All of them, loop by loop."]
+)
+def test_half_a_sentence_is_found(text: str):
+    assert OPENING.match(text)
+
+
+@pytest.mark.parametrize("text", ["Write it down.", "Return whether it is visible.", "Forget them."])
+def test_a_pronoun_in_place_of_a_noun_is_found(text: str):
+    assert POINTING.match(text)
+
+
+@pytest.mark.parametrize("text", ["Return the points.", "Offset of a spring [m].", "Oneness of a thing."])
+def test_a_whole_sentence_is_left_alone(text: str):
+    assert not OPENING.match(text)
+    assert not POINTING.match(text)

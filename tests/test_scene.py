@@ -1,21 +1,33 @@
-"""Scene files, overrides, and the sentences that a bad one gets."""
+"""Scene files, overrides, the default scene of a mesh, and the sentences that a bad one gets."""
 
 import os
+import re
+import shutil
 import tomllib
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from meshes import cube, quad_sphere
+import trimesh
+from meshes import cube, grid, quad_sphere
+from pxr import Usd, UsdGeom
 
-from balloon_warp import InputError, bundled_scenes, load_scene
+from balloon_warp import InputError, Scene, Simulator, bundled_scenes, load_scene
+from balloon_warp.cli import main
+from balloon_warp.cli.app import app
+from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.model import build_model
-from balloon_warp.scene import Balloon, Scene, Stiffness, String
-from balloon_warp.scene.load import scene_name
+from balloon_warp.model import build_model, plan_model
+from balloon_warp.model.obstacles import shape_obstacle
+from balloon_warp.scene import Balloon, Obstacle, Scene, Sphere, Stiffness, String, load_scene
+from balloon_warp.scene.load import bundled_scenes, scene_name
 from balloon_warp.scene.overrides import parse_override
+from balloon_warp.scene.reference import as_markdown, tables
+from balloon_warp.scene.schema import MESHED
+from balloon_warp.scene.schema.field_help import first_line
 from balloon_warp.scene.schema.fields import missed_between_frames
+from balloon_warp.scene.write import scene_toml, write_scene
 
 SCENE = """
 description = "a box and two balls"
@@ -290,3 +302,368 @@ def test_keyframes_closer_than_a_frame_are_taken_where_little_is_missed():
     assert missed_between_frames([(0.0, 1.0), (1.0, 2.0)], 0.5) == pytest.approx(0.0)
     assert missed_between_frames([(0.51, 0.0), (0.52, 1.0), (0.53, 0.0)], 0.5) == pytest.approx(1.0)
     assert missed_between_frames([(0.0, 0.0), (0.01, 0.0)], 0.5) == 0.0
+
+
+Y_IS_UP = ". The file names no up axis, so Y is up; --up Z turns it"
+
+
+@pytest.mark.parametrize("kind", ["normal_force", "pressure"])
+@pytest.mark.parametrize("scale", [0.01, 200.0])
+def test_a_mesh_gets_a_scene_scaled_to_its_size(tmp_path: Path, scale: float, kind: str):
+    """The motion is the same at any size of a mesh, up to rounding."""
+
+    def motion(factor: float) -> np.ndarray:
+        mesh = quad_sphere(3)
+        mesh.points[:] *= factor
+        write_obj(tmp_path / "ball.obj", mesh)
+        scene = load_with(tmp_path / "ball.obj", f"balloon.inflation.kind={kind}")
+        simulator = Simulator(scene, "cpu")
+        for _ in range(60):
+            simulator.step()
+        points = simulator.read_frame().points[0]
+        assert np.ptp(points, axis=0)[0] > 1.02 * np.ptp(mesh.points, axis=0)[0]  # it has begun to grow
+        assert scene.ground is not None
+        assert points[:, 1].min() == pytest.approx(scene.ground.height)  # it has fallen to the floor below it
+        return points / factor
+
+    np.testing.assert_allclose(motion(scale), motion(1.0), atol=1e-3)
+
+
+def test_the_numbers_of_its_scene_are_short_and_the_floor_is_below_it_anywhere(tmp_path: Path):
+    for shift in (0.0, 123.45678):
+        mesh = quad_sphere(3)
+        mesh.points[:] = 0.123456789 * mesh.points + np.array([0.0, shift, 0.0])
+        write_obj(tmp_path / "ball.obj", mesh)
+        scene = load_with(tmp_path / "ball.obj")
+        ball = scene.balloon[0]
+        for value in (scene.gravity, ball.mass, ball.helium, ball.damping):
+            assert len(repr(value).replace(".", "").lstrip("0")) <= 6
+        size, low = np.ptp(mesh.points, axis=0).max(), mesh.points[:, 1].min()
+        assert scene.ground is not None
+        assert scene.ground.height == pytest.approx(low - 0.05 * size, abs=1e-5 * size)
+        assert len(repr(scene.ground.height)) <= 12
+
+
+@pytest.mark.full
+def test_a_mesh_by_itself_gets_half_as_much_gas_again_unless_it_is_said_how_much(tmp_path: Path):
+    write_obj(tmp_path / "ball.obj", quad_sphere(3))
+
+    def amounts(*overrides: str) -> list[float]:
+        scene = load_with(tmp_path / "ball.obj", "balloon.inflation.kind=gas", "frames=95", *overrides)
+        return [float(frame.gas_amounts[0]) for frame in Simulator(scene, "cpu").run()]
+
+    pumped = amounts()
+    assert pumped[95] / pumped[0] == pytest.approx(1.5, rel=1e-3)  # the ramp is pumped in steps
+    assert np.ptp(amounts("balloon.inflation.start_pressure=100")) == 0.0
+    assert np.ptp(amounts("balloon.inflation.amount=160")) == 0.0
+
+
+@pytest.mark.parametrize(
+    "said", ["litres=200", "breaths=3", "moles=5", "pump_curve=[[0, 1], [500, 0]]", "fill_to_pressure=50", "pump=0.5"]
+)
+def test_a_mesh_by_itself_takes_gas_as_one_says_it(tmp_path: Path, said: str):
+    """A mesh by itself takes fields of gas with or without the kind, and without a default pump."""
+    write_obj(tmp_path / "ball.obj", quad_sphere(3))
+    for kind in ([], ["balloon.inflation.kind=gas"]):
+        scene = load_with(tmp_path / "ball.obj", f"balloon.inflation.{said}", *kind)
+        inflation = scene.balloon[0].inflation
+        assert inflation.kind == "gas"
+        assert inflation.pump == (0.5 if said == "pump=0.5" else 0.0)
+        plan_model(scene)
+
+
+@pytest.mark.parametrize("kind", ["normal_force", "pressure", "gas"])
+@pytest.mark.parametrize("scale", [1e-6, 1e8])
+def test_a_mesh_of_any_size_gets_a_scene(tmp_path: Path, scale: float, kind: str):
+    mesh = quad_sphere(2)
+    mesh.points[:] *= scale
+    write_obj(tmp_path / "ball.obj", mesh)
+    assert load_with(tmp_path / "ball.obj", f"balloon.inflation.kind={kind}").balloon[0].inflation.kind == kind
+
+
+def test_an_open_mesh_is_held_at_its_border_unless_that_is_all_of_it(tmp_path: Path):
+    write_obj(tmp_path / "sheet.obj", grid(3, 3))
+    write_obj(tmp_path / "strip.obj", grid(3, 1))
+    inner = {5, 6, 9, 10}
+    assert set(load_scene(tmp_path / "sheet.obj").balloon[0].fixed) == set(range(16)) - inner
+    assert len(load_scene(tmp_path / "strip.obj").balloon[0].fixed) == 4  # its first face
+
+
+def test_a_mesh_scene_follows_how_its_mesh_is_placed(tmp_path: Path):
+    """A scaled mesh gets the scene of the smaller mesh, and a turned one keeps its floor below."""
+    write_obj(tmp_path / "box.obj", cube())
+    small = load_with(tmp_path / "box.obj", "balloon.scale=0.01")
+    assert small.gravity == pytest.approx(0.0981)
+    turned = load_with(tmp_path / "box.obj", "balloon.rotation=[45, 0, 0]")
+    assert turned.ground is not None
+    assert turned.ground.height < build_model(turned, "cpu").initial_points.numpy()[:, 1].min()
+
+
+@pytest.mark.parametrize("kind", ["normal_force", "gas"])
+def test_a_known_unit_gives_true_size_and_gravity(tmp_path: Path, kind: str):
+    """A known unit gives true size and gravity. The balloon sags by its weight as one of a meter does."""
+    mesh = quad_sphere(3)
+    mesh.points[:] *= 50.0 / np.ptp(mesh.points[:, 1])
+    write_obj(tmp_path / "ball.obj", mesh)
+    for unit, size in (("cm", 0.5), ("in", 1.27), ("m", 50.0)):
+        scene = load_with(tmp_path / "ball.obj", f"balloon.unit={unit}", f"balloon.inflation.kind={kind}")
+        (balloon,) = scene.balloon
+        assert scene.gravity == pytest.approx(9.81)
+        assert balloon.mass * (scene.gravity - balloon.helium) == pytest.approx(
+            2.0 * 1.81 * size, rel=1e-5
+        )  # six digits
+        assert np.ptp(build_model(scene, "cpu").shapes[0].mesh.points[:, 1]) == pytest.approx(size)
+        said = f"ball.obj, {size:.3g} m across, inflates above a floor{Y_IS_UP}. Its unit is {unit}, as given"
+        assert scene.description == said
+
+
+def test_gravity_that_is_scaled_to_a_mesh_is_said_with_what_to_do(tmp_path: Path):
+    mesh = cube()
+    mesh.points[:] *= 171.8
+    write_obj(tmp_path / "cow.obj", mesh)
+    said = load_scene(tmp_path / "cow.obj")
+    assert said.gravity == 1685.36
+    assert said.description == (
+        "cow.obj inflates above a floor. Its unit is not known, so gravity is 1685.4 m/s2, which suits its size of "
+        "171.8. --unit m, cm, mm, km, in or ft gives it true size and gravity" + Y_IS_UP
+    )
+    assert load_with(tmp_path / "cow.obj", "gravity=0").description == "cow.obj inflates above a floor" + Y_IS_UP
+
+
+@pytest.mark.parametrize(("said", "gravity"), [(True, 9.81), (False, 0.0981)])
+def test_the_unit_of_a_stage_is_known_where_it_says_one(tmp_path: Path, said: bool, gravity: float):
+    """The unit of a stage is known where it is authored: USD's default is centimeters."""
+    stage = Usd.Stage.CreateNew(str(tmp_path / "box.usda"))
+    if said:
+        UsdGeom.SetStageMetersPerUnit(stage, 0.01)
+    prim, mesh = UsdGeom.Mesh.Define(stage, "/box"), cube()
+    prim.CreatePointsAttr(mesh.points)
+    prim.CreateFaceVertexCountsAttr(mesh.face_vertex_counts)
+    prim.CreateFaceVertexIndicesAttr(mesh.face_vertex_indices)
+    stage.Save()
+    assert load_scene(tmp_path / "box.usda").gravity == pytest.approx(gravity)
+
+
+def test_the_command_says_it_first_and_takes_a_unit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    write_obj(tmp_path / "box.obj", cube())
+    run = ["balloon-warp", "run", str(tmp_path / "box.obj"), "--set", "frames=1", "--device", "cpu"]
+    run += ["-o", str(tmp_path / "out.usdc")]
+    for more, first in (
+        (
+            [],
+            "note: box.obj inflates above a floor. Its unit is not known, so gravity is 9.81 m/s2, which suits its ",
+        ),
+        (["--unit", "ft"], "note: box.obj, 0.305 m across, inflates above a floor"),
+        (["--unit", "furlong"], "error: --unit furlong: expected m, cm, mm, km, in, ft"),
+    ):
+        monkeypatch.setattr("sys.argv", [*run, *more])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        assert capsys.readouterr().err.startswith(first)
+        assert (ended.value.code or 0) == (2 if "furlong" in more else 0)
+
+
+def test_a_closed_mesh_wound_inward_is_turned_outward(tmp_path: Path):
+    mesh = cube()
+    inward = replace(mesh, face_vertex_indices=mesh.face_vertex_indices.reshape(-1, 4)[:, ::-1].ravel())
+    (shape,) = build_model(Scene(balloon=[Balloon(mesh=inward)]), "cpu").shapes
+    assert signed_volume(shape.mesh) == pytest.approx(1.0)
+    assert shape.mesh.warnings == (
+        "1 closed component winds inward; it has face 1, counting from 1. Such a component is flipped outward.",
+    )
+
+
+def test_the_axis_of_a_file_that_points_up_can_be_told(tmp_path: Path):
+    """A cone along Z stands once the up axis is given, in any world; a file that names its axis needs no option."""
+    cone = trimesh.creation.cone(radius=0.3, height=1.2)
+    cone.export(tmp_path / "cone.stl")
+    for world, up_axis in (("Y", 1), ("Z", 2)):
+        for told, height in ((["balloon.up=Z"], 1.2), ([], 0.6)):
+            scene = load_with(tmp_path / "cone.stl", f"up_axis={world}", *told)
+            points = plan_model(scene).shapes[0].mesh.points
+            assert np.ptp(points[:, up_axis]) == pytest.approx(height, rel=0.02)  # of 32 corners
+            up = "Z is up, as given" if told else "The file names no up axis, so Y is up; --up Z turns it"
+            turned = f". It is turned to the scene's {world}" if (world == "Z") != bool(told) else ""
+            assert scene.description.endswith(f". {up}{turned}")
+            asked = [warning for warning in plan_model(scene).warnings if "names no up axis" in warning]
+            assert len(asked) == (world == "Z" and not told)
+            obstacle = Obstacle(mesh=tmp_path / "cone.stl", up="Z" if told else None)
+            shape = shape_obstacle(0, obstacle, scene)
+            assert shape.mesh
+            assert np.ptp(shape.mesh.points[:, up_axis]) == pytest.approx(height, rel=0.02)
+    trimesh.Scene(cone).export(tmp_path / "cone.glb")
+    assert load_scene(tmp_path / "cone.glb").description == (
+        "cone.glb, 1.2 m across, inflates above a floor. Y is up, as its file says. Its unit is m, as its file says"
+    )
+
+
+PAGE = Path(__file__).parent.parent / "docs" / "SCENE.md"
+
+
+def without_meshes(scene: Scene) -> Scene:
+    tables = {
+        name: [table.model_copy(update={"mesh": table.mesh and Path()}) for table in getattr(scene, name)]
+        for name in MESHED
+    }
+    tables["balloon"] = [table.model_copy(update={"print": table.print and Path()}) for table in tables["balloon"]]
+    materials = [table.material for table in tables["balloon"]]
+    materials = [each.model_copy(update={"rest_mesh": each.rest_mesh and Path()}) for each in materials]
+    pairs = zip(tables["balloon"], materials, strict=True)
+    tables["balloon"] = [table.model_copy(update={"material": material}) for table, material in pairs]
+    return scene.model_copy(update=tables)
+
+
+def mesh_files(scene: Scene) -> list[Path]:
+    return [Path(str(table.mesh)) for name in MESHED for table in getattr(scene, name) if table.mesh]
+
+
+@pytest.mark.parametrize("name", bundled_scenes())
+def test_a_bundled_scene_is_written_with_its_meshes_and_can_be_moved(tmp_path: Path, name: str):
+    (tmp_path / "here").mkdir()
+    scene = load_scene(name)
+    written = write_scene(scene, tmp_path / "here" / "mine.toml")
+    assert sorted(written) == sorted((tmp_path / "here").iterdir())
+    moved = load_scene(shutil.move(tmp_path / "here", tmp_path / "there") / "mine.toml")
+    assert without_meshes(moved) == without_meshes(scene)
+    for mesh, own in zip(mesh_files(moved), mesh_files(scene), strict=True):
+        assert mesh.parent == tmp_path / "there"
+        assert mesh.read_bytes() == own.read_bytes()
+    printed = tmp_path / "printed.toml"
+    printed.write_text(scene_toml(scene, tmp_path))
+    assert load_scene(printed) == scene
+
+
+def test_a_copy_of_the_mesh_stays_and_another_file_is_not_replaced(tmp_path: Path):
+    path = tmp_path / "mine.toml"
+    assert write_scene(load_scene("helium_rise"), path) == [path, tmp_path / "ball.obj"]
+    assert write_scene(load_scene("helium_rise"), path) == [path]
+    before = path.read_bytes()
+    (tmp_path / "ball.obj").write_text("of my own")
+    with pytest.raises(
+        InputError, match=r"/ball\.obj: already exists and differs from the scene's file of that name; "
+    ):
+        write_scene(load_scene("two_balloons"), path)
+    assert (path.read_bytes(), (tmp_path / "ball.obj").read_text()) == (before, "of my own")
+
+
+def test_a_mesh_of_ones_own_is_named_from_the_file(tmp_path: Path):
+    """A mesh of one's own is named by its path from the file, however the folder is reached."""
+    for folder in ("meshes", "scenes/real"):
+        (tmp_path / folder).mkdir(parents=True)
+    (tmp_path / "link").symlink_to(tmp_path / "scenes" / "real")
+    write_obj(tmp_path / "meshes" / "ball.obj", quad_sphere(2))
+    path = tmp_path / "link" / "mine.toml"
+    write_scene(load_scene(tmp_path / "meshes" / "ball.obj"), path)
+    assert tomllib.loads(path.read_text())["balloon"][0]["mesh"] == "../../meshes/ball.obj"
+    assert Path(str(load_scene(path).balloon[0].mesh)).exists()
+
+
+def test_each_value_has_its_unit_and_default_beside_it():
+    scene = Scene(
+        substeps=20,
+        solver="forward_euler",
+        balloon=[Balloon(mesh="a.obj", mass=0.2, law={"magnet": {"strength": 5.0}})],
+        sphere=[Sphere(position=(0.0, 1.0, 0.0), mass=3.0)],
+    )
+    text = scene_toml(scene, Path())
+    lines = [re.sub(" +# ", "  # ", line) for line in text.splitlines()]
+    assert "mass = 0.2  # Mass of the whole balloon, shared equally by its particles [kg]; default 0.1" in lines
+    assert "position = [0.0, 1.0, 0.0]  # Position of the center at the start [m]" in lines
+    assert "mass = 3.0                  # Mass [kg]; default 1.0\n" in text  # beneath the other comment
+    assert "[[sphere]]  # A rigid sphere that collides with balloons, spheres, obstacles and the ground." in lines
+    above = lines[: lines.index('solver = "forward_euler"')]
+    assert above[-1].endswith('"symplectic_euler"')  # too long to stand beside it
+    assert above[-3].startswith("# Time integrator: ")
+    assert "law = { magnet = { strength = 5.0 } }" in text
+
+
+def test_the_tables_in_the_docs_are_what_the_schema_says():
+    (tables,) = re.findall(r"<!-- fields -->\n\n(.*?)\n\n<!-- end -->", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    assert tables == as_markdown(), "python -m balloon_warp.scene.reference makes them anew"
+
+
+def test_every_field_of_a_scene_says_what_it_is():
+    """Every field of a scene has a description, shared fields included."""
+    rows = [line.strip("| ").split(" | ") for line in as_markdown().splitlines() if line.startswith("| `")]
+    assert len(rows) > 150
+    assert [row[0] for row in rows if len(row) < 4 or not row[1].strip()] == []
+
+
+def test_what_a_table_is_fits_into_its_first_line():
+    """The first line of a table's description is short enough for a row of SCENE.md and a scene file."""
+    assert [heading for heading, table in tables() if table.__doc__ and not first_line(table).endswith(".")] == []
+
+
+def test_every_default_of_a_scene_stands_in_them():
+    """Every default is printed, unless it is a table, nothing, or empty."""
+    cells = [[cell.strip(" |") for cell in row.split(" | ")] for row in as_markdown().splitlines()]
+    rows = {(row[0], *row[2:]) for row in cells if len(row) == 4}
+    assert ("`gravity`", "number", "`9.81`") in rows
+    assert ("`mesh`", "file", "required") in rows
+    assert ("`molar_mass`", "number ≥ 0", "`0.0040026`") in rows
+    assert ("`particle`", 'whole number ≥ 0 or `"highest"` or `"lowest"`', '`"lowest"`') in rows
+    assert ("`color`", "3 numbers from 0 to 1", "-") in rows
+    assert ("`restitution`", "number from 0 to 1", "`0.3`") in rows
+
+
+def asked(size: float, **said: object) -> list[str]:
+    """Return the questions about a ball of that size."""
+    ball = quad_sphere(4, 0.5)
+    overrides = {f"balloon.{name.replace('__', '.')}": value for name, value in said.items()}
+    scene = load_scene(replace(ball, points=size / np.ptp(ball.points[:, 0]) * ball.points), overrides)
+    return [warning for warning in plan_model(scene).warnings if "?" in warning]
+
+
+@pytest.mark.parametrize("size", [0.03, 0.2, 1.0, 20.0])
+@pytest.mark.parametrize("said", [{}, {"material__preset": "latex"}, {"inflation__kind": "gas"}])
+def test_nothing_is_asked_about_ordinary_ones(size: float, said: dict) -> None:
+    assert asked(size, **said) == []
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("name", bundled_scenes())
+def test_nothing_is_asked_about_bundled_scenes(name: str) -> None:
+    assert not [warning for warning in plan_model(load_scene(name)).warnings if "?" in warning]
+
+
+def test_a_size_a_wall_and_a_mass_are_asked_about() -> None:
+    assert "100 m? --unit cm?" in asked(100.0)[0]
+    assert "2e+03 m? --unit cm?" in asked(2000.0)[0]
+    assert "0.0002 m? balloon.scale = 1" in asked(0.0002)[0]
+    assert asked(100.0, unit="m") == []
+    assert "0.0002 m? --unit mm?" in asked(0.2, unit="mm")[0]
+    wall = asked(0.3, material__kind="neo_hookean", material__thickness=0.2)
+    assert "a wall 0.2 m thick, for a balloon of 0.3 m?" in wall[0]
+    assert "a mass of 500 kg, for a balloon of 1 m?" in asked(1.0, mass=500.0)[0]
+    assert plan_model(load_scene(cube())).warnings == []
+
+
+def test_inspect_asks_too(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    """The report of a mesh asks, with the axis and the unit that are assumed, and so does that of a scene."""
+    ball = quad_sphere(4, 0.5)
+    write_obj(tmp_path / "ball.obj", replace(ball, points=500.0 * ball.points))
+    (tmp_path / "big.toml").write_text('up_axis = "Z"\n[[balloon]]\nmesh = "ball.obj"\nmass = 2.0\n')
+    for source in ("ball.obj", "big.toml"):
+        app(["inspect", str(tmp_path / source)], standalone_mode=False)
+        said = capsys.readouterr().out
+        assert "m? --unit cm?" in said
+        assert "names no up axis" in " ".join(said.split())
+
+
+@pytest.mark.parametrize("command", ["run", "batch --worlds 2", "inspect"])
+@pytest.mark.parametrize("up_axis", ["Y", "Z"])
+@pytest.mark.parametrize("source", ["ball.obj", "ball.toml"])
+def test_the_axis_is_said_once(
+    source: str, up_axis: str, command: str, tmp_path: Path, capfd: pytest.CaptureFixture
+) -> None:
+    """The up axis is named once: in the line about a mesh's default scene, or where a scene's mesh is turned."""
+    write_obj(tmp_path / "ball.obj", quad_sphere(3, 0.5))
+    (tmp_path / "ball.toml").write_text('[[balloon]]\nmesh = "ball.obj"\n')
+    name, *options = command.split()
+    if name != "inspect":
+        options += ["--set", "frames=1", "--device", "cpu", "-o", str(tmp_path / ("out" + ".usdc" * (name == "run")))]
+    app([name, str(tmp_path / source), "--set", f"up_axis={up_axis}", *options], standalone_mode=False)
+    said = " ".join("".join(capfd.readouterr()).split())
+    assert said.count("file names no up axis") == (source == "ball.obj" or up_axis == "Z")
