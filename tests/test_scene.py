@@ -173,7 +173,7 @@ def test_a_pipe_is_refused_unread_and_a_byte_order_mark_is_no_matter(tmp_path: P
         ("zebra", r"^zebra: no such scene or file; bundled scenes are .*squirrel_tether"),
         # without a list of scenes where none has a similar name
         ("elephants_and_mice.obj", r"^elephants_and_mice\.obj: no such file in HERE$"),
-        ("HERE/elephants_and_mice.toml", r"^HERE/elephants_and_mice\.toml: no such file$"),
+        ("HERE/empty/zebra.toml", r"^HERE/empty/zebra\.toml: no such file$"),
         ("squirel_tether", r"^squirel_tether: no such scene or file; did you mean squirrel_tether\?$"),
         ("boxs.toml", r"^boxs\.toml: no such scene or file; did you mean boxes\.toml\?$"),
         ("BOX.OBJ", r"^BOX\.OBJ: no such scene or file; did you mean box\.obj\?$"),
@@ -183,6 +183,7 @@ def test_a_pipe_is_refused_unread_and_a_byte_order_mark_is_no_matter(tmp_path: P
 )
 def test_what_is_not_there_asks_for_what_is_like_it(scene_file: Path, monkeypatch, source: str, sentence: str):
     here = scene_file.parent
+    (here / "empty").mkdir()
     monkeypatch.chdir(here)
     with pytest.raises(InputError, match=sentence.replace("HERE", re.escape(str(here)))):
         load_scene(Path(source.replace("HERE", str(here))) if "HERE" in source else source)
