@@ -432,7 +432,7 @@ def test_time_left(frames: int, seconds: float, left: int, said: str | None):
 
 
 def test_the_time_is_estimated_once_and_without_what_is_compiled():
-    """And anew for a run that begins again."""
+    """The time is estimated anew for a run that begins again."""
     compiled, again = FirstEstimate(), FirstEstimate()
     said = [compiled.after(0, 100, 0.0), compiled.after(1, 100, 60.0)]  # a minute of compiling
     said += [compiled.after(frame, 100, 60.0 + 2.0 * (frame - 1)) for frame in range(2, 101)]

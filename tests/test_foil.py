@@ -235,7 +235,7 @@ def test_parts_are_what_the_whole_is_made_of():
 
 
 def test_a_drawing_stands_upright(tmp_path: Path):
-    """Though SVG counts y down."""
+    """A drawing stands upright, though SVG counts y down."""
     foot, stem = (f'<polygon points="{points}"/>' for points in ("0,80 60,80 60,100 0,100", "0,0 20,0 20,90 0,90"))
     points = foil_mesh(drawing(tmp_path, foot + stem)).points
     low, high = points[points[:, 1] < 0.1 * HEIGHT], points[points[:, 1] > 0.9 * HEIGHT]

@@ -485,7 +485,7 @@ def test_all_meshes_that_are_shown_are_taken_as_one_or_the_named(stage: Usd.Stag
 
 
 def test_parts_of_one_name_are_told_apart(stage: Usd.Stage) -> None:
-    """By their paths, as exporters write a mesh of the same name below each object."""
+    """Paths tell parts of one name apart, as exporters write a mesh of the same name below each object."""
     for x, wheel in enumerate(("left", "right")):
         move(add_mesh(stage, f"/{wheel}/mesh", cube()), 3.0 * x)
     assert sorted(read_again(stage).groups) == ["/left/mesh", "/right/mesh"]

@@ -378,7 +378,7 @@ def test_what_only_touches_counts_twice() -> None:
 
 
 def test_texture_coordinates_stay_with_their_corners(tmp_path: Path) -> None:
-    """Wherever the duplicate stands in the file."""
+    """Texture coordinates stay wherever the duplicate stands in the file."""
     textures = np.random.default_rng(3).random((SOUND.face_count * 4, 2), dtype=np.float32)
     both = replace(joined(SOUND, shuffled(inward(SOUND))), texture_coordinates=np.tile(textures, (2, 1)))
     write_obj(tmp_path / "both.obj", both)
@@ -521,7 +521,7 @@ def test_lids_have_texture_coordinates_of_their_vertices() -> None:
 
 @pytest.mark.filterwarnings("error")
 def test_a_surface_without_area_has_no_holes() -> None:
-    """Without a division by zero; and a sound mesh is left alone."""
+    """A surface without area is left alone, without a division by zero; and a sound mesh, too."""
     flat = mesh_of([(0, 0, 0), (1, 0, 0), (2, 0, 0)], [[0, 1, 2]])
     assert with_lids(flat) is flat
     assert whole(cube()).face_count == 6

@@ -357,7 +357,7 @@ def rod(heights: np.ndarray, radii: np.ndarray) -> PolygonMesh:
 
 @pytest.mark.parametrize("lean", [0.0, 0.3])
 def test_a_rod_of_any_thickness_stays_in_one_piece(lean: float) -> None:
-    """From thinner than a cell of 1/8 to thicker than two."""
+    """A rod stays in one piece, from thinner than a cell of 1/8 to thicker than two."""
     heights = np.linspace(0.0, 3.0, 60)
     mesh = deformed(rod(heights, 0.015 + 0.05 * heights), lambda p: p + np.outer(p[:, 1], [lean, 0.0, 0.0]))
     made = remesh(mesh, 24)

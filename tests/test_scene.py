@@ -316,7 +316,7 @@ def test_a_mesh_by_itself_gets_half_as_much_gas_again_unless_it_is_said_how_much
     "said", ["litres=200", "breaths=3", "moles=5", "pump_curve=[[0, 1], [500, 0]]", "fill_to_pressure=50", "pump=0.5"]
 )
 def test_a_mesh_by_itself_takes_gas_as_one_says_it(tmp_path: Path, said: str):
-    """With or without the kind, and without a default pump."""
+    """Fields of gas count with or without the kind, and without a default pump."""
     for kind in ([], ["balloon.inflation.kind=gas"]):
         scene = scene_of(tmp_path, quad_sphere(3), f"balloon.inflation.{said}", *kind)
         inflation = scene.balloon[0].inflation
