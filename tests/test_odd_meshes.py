@@ -5,6 +5,7 @@ import subprocess
 import sys
 import tracemalloc
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,43 +24,50 @@ from balloon_warp.springs import build_springs
 from balloon_warp.sweep.batch import run_batch
 
 
-def names(cases: list[MeshCase]) -> list[str]:
-    return [case.name for case in cases]
-
-
-WITHOUT_A_BALLOON = ["all vertices at one place", "1e6 from the origin", "a scale of 1e-18", "a scale of 1e18"]
-"""meshes that are reported on all the same"""
-
-
 def written(case: MeshCase, folder: Path) -> Path:
     path = folder / "mesh.obj"
     path.write_bytes(case.content())
     return path
 
 
-@pytest.mark.parametrize("case", REFUSED, ids=names(REFUSED))
-def test_refused_in_a_sentence(
-    case: MeshCase, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+NAMED = {case.name: case for case in (*REFUSED, *ACCEPTED, *WARNED)}
+
+
+def each(cases: list[MeshCase]) -> pytest.MarkDecorator:
+    """Return a mark that starts a test for each case."""
+    return pytest.mark.parametrize("case", cases, ids=[case.name for case in cases])
+
+
+def typed(monkeypatch: pytest.MonkeyPatch, *words: str) -> object:
+    """Return the exit status of a command line."""
+    monkeypatch.setattr(sys, "argv", ["balloon-warp", *words])
+    with pytest.raises(SystemExit) as ending:
+        main()
+    return ending.value.code
+
+
+WITHOUT_A_BALLOON = ["all vertices at one place", "1e6 from the origin", "a scale of 1e-18", "a scale of 1e18"]
+"""meshes that are reported on all the same"""
+
+
+@each(REFUSED)
+def test_refused_in_a_sentence(case: MeshCase, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     path = written(case, tmp_path)
     sets = [f"--set={place}={value}" for place, value in case.overrides]
     for command in (["run", "-o", str(tmp_path / "out.usdc")], ["inspect"]):
-        monkeypatch.setattr(sys, "argv", ["balloon-warp", *command, str(path), *sets])
-        with pytest.raises(SystemExit) as ending:
-            main()
+        status = typed(monkeypatch, *command, str(path), *sets)
         out, err = capsys.readouterr()
         reported = command == ["inspect"] and (case.name in WITHOUT_A_BALLOON or GAS[0] in case.overrides)
-        assert (ending.value.code, "vertices" in out) == (2, reported)
+        assert (status, "vertices" in out) == (2, reported)
         assert reported or not out
-        sentences = [line for line in err.splitlines() if line.strip()]
-        assert len(sentences) == 1
-        assert sentences[0].startswith(f"error: {path if not case.overrides else 'mesh'}")
-        assert case.says in sentences[0]
-        assert len(sentences[0]) < 300 + len(str(path))
+        (sentence,) = [line for line in err.splitlines() if line.strip()]
+        assert sentence.startswith(f"error: {path if not case.overrides else 'mesh'}")
+        assert case.says in sentence
+        assert len(sentence) < 300 + len(str(path))
         assert list(tmp_path.iterdir()) == [path]
 
 
-@pytest.mark.parametrize("case", ACCEPTED, ids=names(ACCEPTED))
+@each(ACCEPTED)
 def test_accepted_without_fuss(case: MeshCase, tmp_path: Path) -> None:
     (tmp_path / "plain.obj").write_bytes(CUBE)
     plain, mesh = load_mesh(tmp_path / "plain.obj"), load_mesh(written(case, tmp_path))
@@ -69,7 +77,7 @@ def test_accepted_without_fuss(case: MeshCase, tmp_path: Path) -> None:
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("case", WARNED, ids=names(WARNED))
+@each(WARNED)
 def test_accepted_with_a_warning(case: MeshCase, tmp_path: Path) -> None:
     path = written(case, tmp_path)
     simulator = Simulator(load_scene(path, case.overrides), device="cpu")
@@ -88,77 +96,55 @@ COMMANDS = {
 }
 
 
-class ClosedPage:
-    """Page whose user presses Ctrl-C at once."""
-
-    def __init__(self, session: object, *_: object, **__: object) -> None:
-        self.session = session
-
-    def start(self) -> None:
-        raise KeyboardInterrupt
-
-    def stop(self) -> None:
-        pass
+def press_ctrl_c(*_: object, **__: object) -> None:
+    raise KeyboardInterrupt
 
 
 @pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.parametrize(
     ("name", "words", "said"),
     [
-        ("duplicate face", [], ["1 face has the corners of an earlier face; it is face 7, counting from 1. Repeated"]),
-        ("seams", ["--weld"], ["16 vertices that lay exactly on others have been welded to them: they keep their"]),
-        ("seams", [], ["16 vertices along seams, exactly on others, have been welded to them: they keep their"]),
+        ("duplicate face", [], "1 face has the corners of an earlier face; it is face 7, counting from 1. Repeated"),
+        ("seams", ["--weld"], "16 vertices that lay exactly on others have been welded to them: they keep their"),
+        ("seams", [], "16 vertices along seams, exactly on others, have been welded to them: they keep their"),
     ],
 )
 def test_commands_warn_on_standard_error(
-    command: str,
-    name: str,
-    words: list[str],
-    said: list[str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    command: str, name: str, words: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
 ) -> None:
     if command == "view":
         pytest.importorskip("viser", reason="needs the extra `view`")
-        monkeypatch.setattr("balloon_warp.viewer.page.Page", ClosedPage)
-    written(next(case for case in WARNED if case.name == name), tmp_path)
+        page = SimpleNamespace(start=press_ctrl_c, stop=lambda: None)
+        monkeypatch.setattr(
+            "balloon_warp.viewer.page.Page", lambda session, *_, **__: setattr(page, "session", session) or page
+        )
+    written(NAMED[name], tmp_path)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", ["balloon-warp", *COMMANDS[command], "mesh.obj", *words, "--device", "cpu"])
-    with pytest.raises(SystemExit) as ending:
-        main()
-    assert not ending.value.code
-    lines = capsys.readouterr().err.splitlines()
+    assert not typed(monkeypatch, *COMMANDS[command], "mesh.obj", *words, "--device", "cpu")
     notes = ("note: mesh.obj inflates above a floor. Its unit is not", "note: auto pressure ")
-    warnings = [line for line in lines if not line.startswith(notes)]
-    assert len(warnings) == len(said)
-    for warning, beginning in zip(warnings, said, strict=True):
-        assert warning.startswith(f"warning: mesh: {beginning}")
+    (warning,) = [line for line in capsys.readouterr().err.splitlines() if not line.startswith(notes)]
+    assert warning.startswith(f"warning: mesh: {said}")
 
 
 SOUND_ONCE_REPAIRED = ["repeated corner", "duplicate face", "duplicate face, wound the other way", "mixed winding"]
 
 
-def frames(path: Path, device: str, *overrides: tuple[str, object]) -> list[np.ndarray]:
-    simulator = Simulator(load_scene(path, [*overrides, ("frames", 3)]), device=device)
-    return [frame.points[0] for frame in simulator.run()]
-
-
 @pytest.mark.parametrize("name", [*SOUND_ONCE_REPAIRED, "inward winding"])
 @pytest.mark.parametrize("inflation", [{"k_normal": 3.0}, {"kind": "pressure", "pressure": 40.0}])
 def test_a_repaired_mesh_moves_as_the_sound_one(name: str, inflation: dict, tmp_path: Path, device: str) -> None:
-    case = next(case for case in WARNED if case.name == name)
     (tmp_path / "plain.obj").write_bytes(CUBE)
-    sound = frames(tmp_path / "plain.obj", device, ("balloon.inflation", inflation))
-    repaired = frames(written(case, tmp_path), device, ("balloon.inflation", inflation))
+    overrides = {"balloon.inflation": inflation, "frames": 3}
+    sound, repaired = (
+        [frame.points[0] for frame in Simulator(load_scene(path, overrides), device=device).run()]
+        for path in (tmp_path / "plain.obj", written(NAMED[name], tmp_path))
+    )
     # Where faces are turned, their corners are summed in another order: float32 of coordinates of 1 m.
     np.testing.assert_allclose(repaired, sound, rtol=0.0, atol=2e-6)
     assert np.ptp(np.asarray(sound)[:, 7], axis=0).max() > 1e-3  # it moves at all
 
 
 def test_unused_vertices_have_no_mass_and_stay(tmp_path: Path) -> None:
-    case = next(case for case in WARNED if case.name == "unused vertices")
-    simulator = Simulator(load_scene(written(case, tmp_path)), device="cpu")
+    simulator = Simulator(load_scene(written(NAMED["unused vertices"], tmp_path)), device="cpu")
     (shape,) = simulator.model.shapes
     # Of an even skin: in proportion to sums of springs, in another order at each corner.
     assert shape.mass_share.tolist() == [*[pytest.approx(0.125, rel=1e-12)] * 8, 0.0, 0.0]
@@ -168,17 +154,15 @@ def test_unused_vertices_have_no_mass_and_stay(tmp_path: Path) -> None:
 
 
 def test_welding_gives_the_springs_of_the_whole_mesh(tmp_path: Path) -> None:
-    case = next(case for case in WARNED if case.name == "welded seams")
     (tmp_path / "plain.obj").write_bytes(CUBE)
-    mesh, plain = welded(load_mesh(written(case, tmp_path))), load_mesh(tmp_path / "plain.obj")
-    sewn, whole = build_springs(mesh), build_springs(plain)
+    mesh = welded(load_mesh(written(NAMED["welded seams"], tmp_path)))
     assert len(mesh.points) == 24  # vertices keep their numbers
-
-    def ends(points: np.ndarray, pairs: np.ndarray) -> set:
-        return {frozenset(map(tuple, points[pair].tolist())) for pair in pairs}
-
-    assert ends(mesh.points, sewn.pairs) == ends(plain.points, whole.pairs)
-    assert sewn.count == whole.count == 24
+    ends = []
+    for each_mesh in (mesh, load_mesh(tmp_path / "plain.obj")):
+        springs = build_springs(each_mesh)
+        assert springs.count == 24
+        ends.append({frozenset(map(tuple, each_mesh.points[pair].tolist())) for pair in springs.pairs})
+    assert ends[0] == ends[1]
 
 
 def test_a_hub_takes_memory_in_proportion(tmp_path: Path) -> None:
@@ -219,11 +203,10 @@ FILES_BESIDE = {
 def test_only_used_materials_and_base_textures_are_opened(name: str, tmp_path: Path) -> None:
     content, others = FILES_BESIDE[name]
     (tmp_path / name).write_bytes(content)
-    (tmp_path / "beside.mtl").write_text(
-        "newmtl a\nmap_Kd beside.png\nmap_Bump other.png\nnewmtl b\nmap_Kd other.png\n"
-    )
-    (tmp_path / "other.png").write_bytes(b"no picture")
-    (tmp_path / "beside.png").write_bytes(b"no picture")
+    materials = "newmtl a\nmap_Kd beside.png\nmap_Bump other.png\nnewmtl b\nmap_Kd other.png\n"
+    (tmp_path / "beside.mtl").write_text(materials)
+    for image in ("other.png", "beside.png"):
+        (tmp_path / image).write_bytes(b"no picture")
     program = (
         "import sys; from pathlib import Path; from balloon_warp.mesh.load import load_mesh\n"
         "def report(event, arguments):\n"
@@ -249,7 +232,7 @@ def simulator_of(content: bytes, folder: Path, device: str, **balloon: object) -
 
 
 def case(name: str) -> bytes:
-    return next(case.content() for case in WARNED if case.name == name)
+    return NAMED[name].content()
 
 
 def move(simulator: Simulator, particle: int, to: tuple[float, float, float]) -> None:
@@ -272,7 +255,6 @@ def test_a_face_without_area_is_inflated_once_it_opens(inflation: dict, pushed: 
 
 @pytest.mark.physics
 def test_coincident_vertices_pull_only_once_they_part(tmp_path: Path, device: str):
-    """Vertices 1 and 9, whose spring has no length, pull once they part."""
     simulator = simulator_of(
         case("coincident vertices"), tmp_path, device, weld=False, inflation={"k_normal": 0.0}, helium=0.0
     )
@@ -316,7 +298,6 @@ def test_free_components_are_inflated_as_one_and_otherwise_apart(tmp_path: Path,
 
 @pytest.mark.physics
 def test_a_mesh_by_itself_is_held_at_its_open_border(tmp_path: Path, device: str):
-    """A mesh by itself is pinned at its open border, and inflated."""
     simulator = simulator_of(case("open border"), tmp_path, device, inflation={"k_normal": 3.0})
     start = simulator.read_frame().points[0]
     for _ in range(5):
@@ -358,7 +339,6 @@ def test_schedules_move_odd_meshes_alike(schedule: str, tmp_path: Path, device: 
 
 @pytest.mark.physics
 def test_a_spring_without_length_is_of_no_stretch_in_a_table(tmp_path: Path, device: str):
-    """A spring of zero rest length has no stretch in the table, and leaves its world healthy."""
     (tmp_path / "mesh.obj").write_bytes(case("coincident vertices"))
     overrides = [("frames", 4), ("balloon.inflation.k_normal", 3.0), ("balloon.fixed", []), ("balloon.weld", False)]
     scene = load_scene(tmp_path / "mesh.obj", overrides)
