@@ -16,7 +16,6 @@ from balloon_warp.mesh.thickness import LEAST, relative_thickness
 from balloon_warp.model import plan_model
 from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness
 from balloon_warp.scene.overrides import override_scene
-from balloon_warp.simulator import Simulator
 from balloon_warp.springs import build_springs
 from balloon_warp.springs.across import springs_across
 from balloon_warp.springs.even import even_scales, film_tension
@@ -117,8 +116,6 @@ def test_an_even_skin_has_the_same_tension_both_ways_at_each_vertex():
 
 
 def test_springs_go_across_what_is_thin_from_wall_to_wall():
-    """Springs join the walls of a thin plate straight across; a ball has none, and two free parts have none between
-    them."""
     plate = solid_shapes.solid("plate")
     pairs = springs_across(plate, between_parts=True).pairs
     ways = plate.points[pairs[:, 1]] - plate.points[pairs[:, 0]]
@@ -177,8 +174,7 @@ def ball_with_handle(handle: float, length: float) -> PolygonMesh:
 
 
 def tube(radius: float, length: float) -> PolygonMesh:
-    heights = np.linspace(0.0, length, 60)
-    return turned(np.full(60, radius), heights)
+    return turned(np.full(60, radius), np.linspace(0.0, length, 60))
 
 
 @pytest.mark.physics
@@ -247,13 +243,9 @@ def test_a_thin_handle_stretches_like_the_ball_it_is_on_where_its_springs_are_so
 @pytest.mark.physics
 def test_softer_springs_change_neither_the_pressure_nor_other_methods_of_stiffness():
     """Default pressure is that of the springs before softening, which multiplies other variations."""
-    mesh = ball_with_handle(0.12, 2.0)
-    plans = [
-        plan_model(
-            Scene(balloon=[Balloon(mesh=mesh, stiffness=Stiffness(variation=0.4, gradient=(1.0, 2.0), thin=thin))])
-        )
-        for thin in ("alike", "softer")
-    ]
+    stiffnesses = [Stiffness(variation=0.4, gradient=(1.0, 2.0), thin=thin) for thin in ("alike", "softer")]
+    balloons = [Balloon(mesh=ball_with_handle(0.12, 2.0), stiffness=stiffness) for stiffness in stiffnesses]
+    plans = [plan_model(Scene(balloon=[balloon])) for balloon in balloons]
     pressures = [plan.parameters["keyframe_values"][0, 0, 1] for plan in plans]
     assert pressures[1] == pytest.approx(pressures[0], rel=1e-12)
     alike, softer = (plan.shapes[0] for plan in plans)
