@@ -10,16 +10,24 @@ from small_batch import FRAMES, scene, write_meshes
 
 from balloon_warp import Cluster, InputError, Scene, load_scene, run_batch
 from balloon_warp.device import pick_device
-from balloon_warp.model import lay_out, memory, shape, world_bytes
+from balloon_warp.model import Model, lay_out, memory, shape, world_bytes
 from balloon_warp.schedules.lanes import LanesSchedule
 from balloon_warp.sweep import batch as batch_module
 from balloon_warp.sweep import memory as sweep_memory
-from balloon_warp.sweep.groups import Group, plan_groups
+from balloon_warp.sweep.groups import plan_groups
 
 
 @pytest.fixture(scope="module")
 def meshes(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return write_meshes(tmp_path_factory.mktemp("meshes"))
+
+
+def never(*_: Any) -> None:
+    raise AssertionError("is not to be called")
+
+
+def bytes_of_worlds(model: Model) -> int:
+    return world_bytes(model) + LanesSchedule.world_bytes(model)
 
 
 def test_a_failed_batch_leaves_the_good_files(tmp_path: Path):
@@ -57,13 +65,15 @@ def test_mistakes_are_told_before_the_run(tmp_path: Path, change: dict, complain
 
 
 @pytest.mark.parametrize("cluster", [None, Cluster(workers=2)])
-def test_far_too_many_worlds_are_refused_before_they_get_values(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cluster: Cluster | None
-):
-    """The size is checked before values are drawn: a hundred million of anything do not fit into memory."""
+def test_far_too_many_worlds_are_refused_before_they_get_values(tmp_path: Path, monkeypatch, cluster: Cluster | None):
+    """The size is checked before values are drawn: a hundred million of anything do not fit into memory. The search for
+    thin parts, which takes longest and adds no memory, is skipped."""
     monkeypatch.setattr(batch_module, "plan_groups", never)
-    with pytest.raises(InputError, match=r"^100000000 worlds do not fit: they need .* GiB, and cpu has "):
-        run_batch(scene(frames=400), tmp_path, 10**8, device=None if cluster else "cpu", cluster=cluster)
+    monkeypatch.setattr(shape, "relative_thickness", never)
+    for overrides in ({}, {"balloon.stiffness.thin": "softer"}):
+        many = load_scene(scene(frames=400), overrides)
+        with pytest.raises(InputError, match=r"^100000000 worlds do not fit: they need .* GiB, and cpu has "):
+            run_batch(many, tmp_path, 10**8, device=None if cluster else "cpu", cluster=cluster)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -72,19 +82,11 @@ def test_what_is_refused_early_would_be_refused_late(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(memory, "free_memory", lambda device: 2**30)
     monkeypatch.setattr(sweep_memory, "MANY", 1)
     model = lay_out(plan_groups(scene(), 4096, {"balloon.mass": np.ones(4096)})[0].plan, pick_device("cpu"))
-    bytes_of_all = 4096 * (world_bytes(model) + LanesSchedule.world_bytes(model) + sweep_memory.table_bytes(scene()))
+    bytes_of_all = 4096 * (bytes_of_worlds(model) + sweep_memory.table_bytes(scene()))
     for room, refused in ((1.02, False), (0.9, True)):
         monkeypatch.setattr(memory, "free_memory", lambda device, room=room: room * bytes_of_all / memory.USABLE)
         with pytest.raises(InputError, match="do not fit") if refused else contextlib.nullcontext():
             sweep_memory.require_room(scene(), 4096, ["balloon.mass"], "cpu")
-
-
-def test_far_too_many_worlds_are_refused_without_finding_what_is_thin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """The early check of memory skips the search for thin parts, which takes longest and adds no memory."""
-    monkeypatch.setattr(shape, "relative_thickness", never)
-    thin = {"balloon.stiffness.thin": "softer"}
-    with pytest.raises(InputError, match=r"^100000000 worlds do not fit: "):
-        run_batch(load_scene(scene(), thin), tmp_path, 10**8, device="cpu")
 
 
 def test_a_step_that_only_soft_thin_parts_allow_is_no_reason_for_an_early_refusal(monkeypatch: pytest.MonkeyPatch):
@@ -93,10 +95,6 @@ def test_a_step_that_only_soft_thin_parts_allow_is_no_reason_for_an_early_refusa
     stiffer = plan_groups(load_scene("squirrel_tether", {"balloon.stiffness.thin": "alike"}), 1, {})[0].plan.substeps
     assert stable < stiffer
     sweep_memory.require_room(load_scene("squirrel_tether", {"substeps": stable}), 2, device="cpu")
-
-
-def never(*_: Any) -> None:
-    raise AssertionError("is not to be called")
 
 
 def test_a_varied_value_is_told_with_its_world_in_the_whole_batch(meshes: list[Path], tmp_path: Path):
@@ -117,21 +115,16 @@ def test_all_groups_take_the_step_of_the_stiffest_world(meshes: list[Path]):
     assert len({one[0].plan.substeps for one in alone}) == 3
 
 
-def simulated_bytes(groups: list[Group]) -> int:
-    models = [lay_out(group.plan, "cpu") for group in groups]
-    return sum(model.world_count * (world_bytes(model) + LanesSchedule.world_bytes(model)) for model in models)
-
-
-def test_a_batch_that_does_not_fit_is_refused_before_anything_is_made(
-    tmp_path: Path, meshes: list[Path], monkeypatch: pytest.MonkeyPatch
-):
+def test_a_batch_that_does_not_fit_is_refused_before_anything_is_made(tmp_path: Path, meshes: list[Path], monkeypatch):
     """The memory check counts all groups, the exported worlds and the table: in each case the rest alone would fit."""
     varied = {"balloon.0.mesh": meshes * 20}
-    one_mesh = simulated_bytes(plan_groups(scene(), 40, {}))
-    two_meshes = simulated_bytes(plan_groups(scene(), 40, varied))
+    one_mesh, two_meshes = (
+        sum(model.world_count * bytes_of_worlds(model) for model in (lay_out(group.plan, "cpu") for group in groups))
+        for groups in (plan_groups(scene(), 40, {}), plan_groups(scene(), 40, varied))
+    )
     sums = 40 * (2 * 32 * 40 + 4 * 7)  # 32 lanes of each balloon, seven measures
     row = 40 * 4 * 8  # of the table: seven measures and the health
-    table = (FRAMES + 1) * row
+    rest = sums + (FRAMES + 1) * row
     exported = 40 * 5 * (12 * (56 + 8) + 12)  # on the device, and four frames under way
 
     def refused(usable: float, needed: int, scene: Scene, **arguments: Any) -> None:
@@ -143,7 +136,6 @@ def test_a_batch_that_does_not_fit_is_refused_before_anything_is_made(
         assert fitting == pytest.approx(40 * usable / needed, abs=1)  # rounded down
         assert list(tmp_path.iterdir()) == []
 
-    refused(0.6 * (two_meshes + sums + table), two_meshes + sums + table, scene(), vary=varied)
-    refused(one_mesh + sums + table, one_mesh + sums + table + exported, scene(), export=range(40))
-    long = scene(frames=FRAMES + 1000)
-    refused(one_mesh + sums + table, one_mesh + sums + table + 1000 * row, long)
+    refused(0.6 * (two_meshes + rest), two_meshes + rest, scene(), vary=varied)
+    refused(one_mesh + rest, one_mesh + rest + exported, scene(), export=range(40))
+    refused(one_mesh + rest, one_mesh + rest + 1000 * row, scene(frames=FRAMES + 1000))
