@@ -6,11 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import Result
 from meshes import cube, grid, joined, mesh_of, open_cube, quad_sphere, tetrahedron
 from numpy.typing import NDArray
 from odd_things import car, hair, haired
-from typer.testing import CliRunner
+from typer.testing import CliRunner, Result
 from work import lines_executed
 
 import balloon_warp as bw
