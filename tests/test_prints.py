@@ -81,7 +81,7 @@ def test_an_image_in_a_package_is_found(image: Path, tmp_path: Path):
 
 
 def test_what_is_no_image_gets_a_sentence(tmp_path: Path):
-    """Without its image a surface has its own color."""
+    """A surface without its image has its own color."""
     square(tmp_path / "none.usda", "none.png")
     for color in quadrants(tmp_path / "none.usda"):
         assert np.ptp(color) < 20
