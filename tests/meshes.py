@@ -1,6 +1,7 @@
 """Meshes that tests share."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import trimesh
@@ -29,24 +30,29 @@ def grid(nx: int, ny: int) -> PolygonMesh:
     return mesh_of(points, faces)
 
 
-def quad_sphere(n: int, radius: float = 1.0) -> PolygonMesh:
-    """Return a cube with n by n quads a side, projected to a sphere, outward: 6 n^2 + 2 vertices, 6 n^2 quads."""
+def box(center: Sequence[float], size: Sequence[float], cells: Sequence[int] = (2, 2, 2)) -> PolygonMesh:
+    """Return a box of quads, so many along each side, winding outward."""
     numbers: dict[tuple[int, ...], int] = {}
     faces = []
     for axis in range(3):
-        for side in (0, n):
-            for i in range(n):
-                for j in range(n):
-                    square = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)]
+        one, two = (axis + 1) % 3, (axis + 2) % 3
+        for side in (0, cells[axis]):
+            for i in range(cells[one]):
+                for j in range(cells[two]):
                     face = []
-                    for a, b in square if side else square[::-1]:
+                    for a, b in [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)][:: 1 if side else -1]:
                         place = [0, 0, 0]
-                        place[axis], place[(axis + 1) % 3], place[(axis + 2) % 3] = side, a, b
+                        place[axis], place[one], place[two] = side, a, b
                         face.append(numbers.setdefault(tuple(place), len(numbers)))
                     faces.append(face)
-    # Equal angles between the lines, which keeps the quads even.
-    points = np.tan((2.0 * np.array(list(numbers)) / n - 1.0) * np.pi / 4.0)
-    return mesh_of(radius * points / np.linalg.norm(points, axis=1, keepdims=True), faces)
+    return mesh_of((np.array(list(numbers)) / np.array(cells) - 0.5) * np.array(size) + np.array(center), faces)
+
+
+def quad_sphere(n: int, radius: float = 1.0) -> PolygonMesh:
+    """Return a cube with n by n quads a side, projected to a sphere, outward: 6 n^2 + 2 vertices, 6 n^2 quads."""
+    sides = box((0.0, 0.0, 0.0), (2.0, 2.0, 2.0), (n, n, n))
+    points = np.tan(sides.points * np.pi / 4.0)  # equal angles between the lines, which keeps the quads even
+    return replace(sides, points=radius * points / np.linalg.norm(points, axis=1, keepdims=True))
 
 
 def cube() -> PolygonMesh:

@@ -1,36 +1,16 @@
 """Meshes whose faces meet oddly: non-manifold edges, inconsistent winding, missing faces, a single side."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from meshes import joined, mesh_of, quad_sphere
+from meshes import box, joined, mesh_of, quad_sphere
 from numpy.typing import NDArray
 
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.corners import corner_faces, with_corners
 from balloon_warp.mesh.geometry import face_centers, first_coincident
 from balloon_warp.mesh.repair import distinct_faces
-
-Size = Sequence[float]
-
-
-def box(center: Size, size: Size, cells: Sequence[int] = (2, 2, 2)) -> PolygonMesh:
-    """Return a box of quads, so many along each side, winding outward."""
-    places, faces = {}, []
-    for axis in range(3):
-        one, two = (axis + 1) % 3, (axis + 2) % 3
-        for side in (0, cells[axis]):
-            for i in range(cells[one]):
-                for j in range(cells[two]):
-                    corners = []
-                    for a, b in [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)][:: 1 if side else -1]:
-                        place = [0, 0, 0]
-                        place[axis], place[one], place[two] = side, a, b
-                        corners.append(places.setdefault(tuple(place), len(places)))
-                    faces.append(corners)
-    points = np.array(list(places)) / np.array(cells) - 0.5
-    return mesh_of(points * np.array(size) + np.array(center), faces)
 
 
 def merged(mesh: PolygonMesh, digits: int = 6) -> PolygonMesh:

@@ -8,23 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import odd_meshes
 from meshes import grid, joined, mesh_of, quad_sphere
 from numpy.typing import NDArray
-from odd_meshes import (
-    band,
-    box,
-    chair,
-    deformed,
-    doubled,
-    finned,
-    klein,
-    merged,
-    t_junction,
-    two_at_a_vertex,
-    two_at_an_edge,
-    walled,
-    without,
-)
+from odd_meshes import band, box, chair, deformed, merged, without
 
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import face_centers
@@ -156,28 +143,14 @@ def car(windshield: bool = True) -> PolygonMesh:
     return replace(joined(*parts), up_axis="Z")
 
 
+IN_ODD_MESHES = "chair walled two_at_an_edge two_at_a_vertex finned klein t_junction doubled"
 ODD: dict[str, Callable[[], PolygonMesh]] = {
-    "chair": chair,
+    **{name: getattr(odd_meshes, name) for name in IN_ODD_MESHES.split()},
     "whole_chair": lambda: chair(holes=False, mixed=False),
     "mixed_chair": lambda: chair(holes=False),
-    "walled": walled,
-    "two_at_an_edge": two_at_an_edge,
-    "two_at_a_vertex": two_at_a_vertex,
-    "finned": finned,
     "moebius": band,
     "twisted": lambda: band(turns=1.0),
-    "klein": klein,
-    "t_junction": t_junction,
-    "doubled": doubled,
-    "ball_with_holes": ball_with_holes,
-    "table": table,
-    "cup": cup,
-    "bowl": bowl,
-    "sword": sword,
-    "head": head,
-    "hair": hair,
-    "haired": haired,
-    "car": car,
+    **{make.__name__: make for make in (ball_with_holes, table, cup, bowl, sword, head, hair, haired, car)},
 }
 """by name"""
 
@@ -186,5 +159,4 @@ if __name__ == "__main__":
     folder = Path(sys.argv[1])
     folder.mkdir(parents=True, exist_ok=True)
     for name, make in ODD.items():
-        mesh = make()
-        write_obj(folder / f"{name}.obj", mesh)
+        write_obj(folder / f"{name}.obj", make())

@@ -2,18 +2,131 @@
 
 import ast
 import ctypes
+import re
 import sys
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
-from import_graph import ROOT, TREES, circle, graph, imports, module_of, unknown_imports
 
 from balloon_warp.kernels.laws import LAWS
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.shown import Shown
 from balloon_warp.simulator import Simulator
+
+ROOT = Path(__file__).parent.parent
+FOLDERS = ("balloon_warp", "kernels", "scenes", "benchmarks", "tests")
+FILES = sorted(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py"))
+TREES = {path.relative_to(ROOT).as_posix(): ast.parse(path.read_text(encoding="utf-8")) for path in FILES}
+FACE = "balloon_warp/__init__.py"
+"""the package's face, which loads each of its names from where it stands, when it is asked for"""
+
+
+def module_of(path: str) -> str:
+    """Return the module name of a file."""
+    parts = [part for part in Path(path).with_suffix("").parts if part != "__init__"]
+    return ".".join(parts if parts[0] in ("balloon_warp", "tests") else ["balloon_warp", *parts])
+
+
+MODULES = {module_of(path): path for path in TREES if not path.startswith("tests/")}
+
+
+def imports(tree: ast.Module, own: str = "") -> Iterator[str]:
+    """Find the modules that a file imports: at its top, within functions, for types alone, and by a string.
+
+    Args:
+        tree: of the file.
+        own: the module that it is, if it is one of ours.
+    """
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (name.name for name in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield from _imported_from(node, own)
+        elif isinstance(node, ast.Call) and _loads_a_module(node):
+            yield from _loaded(node, tree)
+
+
+def _imported_from(node: ast.ImportFrom, own: str) -> Iterator[str]:
+    base = own.split(".")
+    package = base if MODULES.get(own, "").endswith("__init__.py") else base[:-1]
+    above = package[: len(package) - node.level + 1] if node.level else []
+    module = ".".join([*above, *([node.module] if node.module else [])])
+    inner = [f"{module}.{name.name}" for name in node.names]
+    if module == "balloon_warp":  # a name of its face counts as where it is loaded from
+        yield from (name if name in MODULES else _homes().get(name, "balloon_warp") for name in inner)
+        return
+    yield from (name for name in inner if name in MODULES)
+    if any(name not in MODULES for name in inner):
+        yield module
+
+
+@cache
+def _homes() -> dict[str, str]:
+    """Return the module of each name of the package's face."""
+    tables = [node for node in TREES[FACE].body if isinstance(node, ast.Assign)]
+    (homes,) = [node.value for node in tables if ast.unparse(node.targets[0]) == "_HOMES"]
+    rows = ast.literal_eval(homes).items()
+    return {f"balloon_warp.{name}": f"balloon_warp.{module}" for module, names in rows for name in names}
+
+
+def _loads_a_module(call: ast.Call) -> bool:
+    return ast.unparse(call.func).split(".")[-1] in ("import_module", "__import__")
+
+
+def _loaded(call: ast.Call, tree: ast.Module) -> Iterator[str]:
+    """Find the modules that a call may load.
+
+    A text that begins with a name of ours stands for every module with that beginning whose rest is a text of the
+    file."""
+    given = call.args[0]
+    if isinstance(given, ast.Constant):
+        yield str(given.value)
+    elif isinstance(given, ast.JoinedStr) and isinstance(given.values[0], ast.Constant):
+        begin = str(given.values[0].value)
+        texts = {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant)}
+        yield from (name for name in MODULES if name.startswith(begin) and name.removeprefix(begin) in texts)
+    else:
+        yield f"? {ast.unparse(call)}"
+
+
+def unknown_imports() -> list[str]:
+    """Find the files that load a module by a name that is not written in them."""
+    return sorted({path for path, tree in TREES.items() for name in imports(tree) if name.startswith("?")})
+
+
+def graph() -> dict[str, set[str]]:
+    """Return the modules of the package that each file loads, with the packages around each."""
+    return {path: _loads(path) for path in MODULES.values() if path != FACE}
+
+
+def _loads(path: str) -> set[str]:
+    own, found = module_of(path), set()
+    for module in imports(TREES[path], own):
+        around = [module.rsplit(".", depth)[0] for depth in range(1, module.count(".") + 1)]
+        found.update([module, *(package for package in around if not f"{own}.".startswith(f"{package}."))])
+    return {MODULES[module] for module in found if module in MODULES} - {path, FACE}
+
+
+def circle(loads: dict[str, set[str]]) -> list[str]:
+    """Find a cycle of files that load each other, in order; empty where there is none."""
+    done: set[str] = set()
+
+    def follow(path: str, way: list[str]) -> list[str]:
+        if path in way:
+            return [*way[way.index(path) :], path]
+        if path in done:
+            return []
+        for other in sorted(loads.get(path, ())):
+            if found := follow(other, [*way, path]):
+                return found
+        done.add(path)
+        return []
+
+    return next((found for path in sorted(loads) if (found := follow(path, []))), [])
+
 
 LAYERS = (
     ("garbage", "temporaries"),
@@ -40,7 +153,6 @@ LAYERS = (
 )
 """what stands in balloon_warp/, and kernels/, from the bottom up: each imports what is in the lines above its own, and
 itself"""
-
 MOST_FILE_LINES = 800
 MOST_FUNCTION_LINES = 80
 MOST_PARAMETERS = 12
@@ -87,6 +199,8 @@ def test_imports_go_down() -> None:
 def test_nothing_loads_what_loads_it() -> None:
     """Imports have no cycle, be they at a file's top, within functions, for types alone, or by a string."""
     assert not circle(graph()), " loads\n".join(circle(graph()))
+    assert circle({"a": {"b"}, "b": {"c", "d"}, "c": set(), "d": {"b"}}) == ["b", "d", "b"]
+    assert not circle({"a": {"b", "c"}, "b": {"c"}, "c": set()})
 
 
 LOADED_BY_NAME = {
@@ -121,51 +235,44 @@ def test_who_loads_by_a_string_says_what() -> None:
 )
 def test_an_import_is_seen_in_any_form(form: str) -> None:
     assert list(imports(ast.parse(form), "balloon_warp.model.build")) == ["balloon_warp.model.state"]
-
-
-def test_a_name_of_the_package_counts_as_where_it_is_loaded_from() -> None:
+    # a name of the package counts as where it is loaded from
     assert list(imports(ast.parse("from balloon_warp import Simulator"))) == ["balloon_warp.simulator"]
 
 
-def test_a_circle_is_found() -> None:
-    assert circle({"a": {"b"}, "b": {"c", "d"}, "c": set(), "d": {"b"}}) == ["b", "d", "b"]
-    assert not circle({"a": {"b", "c"}, "b": {"c"}, "c": set()})
-
-
-def test_the_simulator_is_one_class() -> None:
+def test_every_room_has_a_layer_and_the_simulator_is_one_class() -> None:
+    listed = [name for layer in LAYERS for name in layer]
+    assert len(listed) == len(set(listed))
+    assert set(listed) - {"kernels", "scenes", "benchmarks"} == set(rooms().values())
     assert Simulator.__mro__ == (Simulator, Shown, object)
 
 
-def test_every_room_has_a_layer() -> None:
-    named = [name for layer in LAYERS for name in layer]
-    assert len(named) == len(set(named))
-    assert set(named) - {"kernels", "scenes", "benchmarks"} == set(rooms().values())
+def importing(folder: str, is_wrong: Callable[[str], bool]) -> str:
+    """Return the imports in a folder that are wrong, a line each."""
+    files = [(path, tree) for path, tree in TREES.items() if path.startswith(folder)]
+    return "\n".join(f"{path} imports {each}" for path, tree in files for each in imports(tree) if is_wrong(each))
 
 
 def test_kernels_import_warp_and_each_other_alone() -> None:
-    others = [
-        f"{path} imports {module}"
-        for path, tree in TREES.items()
-        for module in imports(tree)
-        if path.startswith("kernels/")
-        and not f"{module}.".startswith("balloon_warp.kernels.")
-        and module.split(".")[0] not in {"warp", *sys.stdlib_module_names}
-        and not module.startswith("?")
-    ]
-    assert not others, "\n".join(others)
+    known = {"warp", "?", *sys.stdlib_module_names}
+
+    def is_other(module: str) -> bool:
+        return not f"{module}.".startswith("balloon_warp.kernels.") and re.split("[. ]", module)[0] not in known
+
+    assert not importing("kernels/", is_other)
 
 
-def lines_of(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
-    """Return the number of lines of a function, with those of what it nests."""
-    return (function.end_lineno or 0) - function.lineno + 1
+@pytest.mark.full
+def test_who_executes_a_list_of_phases_knows_none() -> None:
+    of_phases = ("balloon_warp.kernels.laws", "balloon_warp.kernels.phases")
+    assert not importing("kernels/schedules/", lambda module: module.startswith(of_phases))
 
 
 def too_long(path: str) -> Iterator[str]:
-    """Return the parts of a file that are over a limit."""
+    """Return the parts of a file that are over a limit; the lines of a function are with those of what it nests."""
     if (lines := (ROOT / path).read_text(encoding="utf-8").count("\n")) > MOST_FILE_LINES:
         yield f"{path} has {lines} lines"
     for function in functions(TREES[path]):
-        if (length := lines_of(function)) > MOST_FUNCTION_LINES:
+        if (length := (function.end_lineno or 0) - function.lineno + 1) > MOST_FUNCTION_LINES:
             yield f"{path}: {function.name} has {length} lines"
         if (count := parameter_count(function)) > MOST_PARAMETERS and not is_kernel(function):
             yield f"{path}: {function.name} has {count} parameters"
@@ -174,18 +281,6 @@ def too_long(path: str) -> Iterator[str]:
 def test_nothing_is_too_long_to_be_read() -> None:
     excesses = [excess for path in TREES for excess in too_long(path)]
     assert not excesses, "\n".join(excesses)
-
-
-@pytest.mark.full
-def test_who_executes_a_list_of_phases_knows_none() -> None:
-    known = [
-        f"{path} imports {module}"
-        for path, tree in TREES.items()
-        for module in imports(tree)
-        if path.startswith("kernels/schedules/")
-        and module.startswith(("balloon_warp.kernels.laws", "balloon_warp.kernels.phases"))
-    ]
-    assert not known, "\n".join(known)
 
 
 ALSO_ASKED = {
@@ -204,14 +299,11 @@ def words(tree: ast.Module) -> set[str]:
     """Return names and texts in a file's code, and what it imports by name."""
     found: set[str] = set()
     for node in ast.walk(tree):
-        if isinstance(node, ast.Name):
-            found.add(node.id)
-        elif isinstance(node, ast.arg):
-            found.add(node.arg)
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
-            found.add(node.value)
-        elif isinstance(node, ast.ImportFrom):
-            found |= {name.name for name in node.names}
+        match node:
+            case ast.Name(id=name) | ast.arg(arg=name) | ast.Constant(value=str(name)):
+                found.add(name)
+            case ast.ImportFrom(names=names):
+                found |= {each.name for each in names}
     return found
 
 
@@ -219,16 +311,10 @@ def test_laws_stand_in_their_folder() -> None:
     """Code that simulates names no law's parameter and calls no law's function."""
     parameters = {row.name for law in LAWS for row in law.parameters} - ALSO_ASKED.keys()
     functions = {law.force.func.__name__ for law in LAWS} - {"string", "weight", "damping"}  # usual words, too
-    folders = (
-        "kernels/loops/",
-        "kernels/contact/",
-        "kernels/phases/",
-        "kernels/schedules/",
-        "kernels/solvers/",
-        "balloon_warp/schedules/",
-    )
+    folders = [f"kernels/{name}/" for name in ("loops", "contact", "phases", "schedules", "solvers")]
+    files = [f"kernels/{name}.py" for name in ("substep", "compose", "features")]
     for path, tree in TREES.items():
-        if path.startswith(folders) or path in ("kernels/substep.py", "kernels/compose.py", "kernels/features.py"):
+        if path.startswith((*folders, *files, "balloon_warp/schedules/")):
             assert not words(tree) & (parameters | functions), path
 
 

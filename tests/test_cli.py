@@ -1,46 +1,37 @@
-"""Command line as a user meets it: in a process of its own, in an empty folder."""
+"""Command line: commands, options, mistakes, terminals and logs."""
 
+import io
 import json
 import os
 import re
+import shlex
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from importlib import metadata
 from pathlib import Path
 
 import pytest
 from meshes import cube, quad_sphere
 from PIL import Image
+from rich.console import Console
 
-from balloon_warp import bundled_scenes, load_scene
+import balloon_warp as package
+from balloon_warp import bundled_scenes, doctor, load_scene
+from balloon_warp.beginning import Beginning
 from balloon_warp.cli import main
+from balloon_warp.cli.changes import Changes
+from balloon_warp.cli.estimate import FirstEstimate, time_left
+from balloon_warp.cli.options import LengthOptions
+from balloon_warp.cli.progress import FrameProgress
+from balloon_warp.cli.words import counted
 from balloon_warp.mesh.obj import read_obj, write_obj
 
-SUMMARY_KEYS = [
-    "output",
-    "picture",
-    "points",
-    "scene",
-    "device",
-    "schedule",
-    "worlds",
-    "particles",
-    "springs",
-    "frames",
-    "begin",
-    "frames_per_second",
-    "substeps",
-    "restarts",
-    "blow_up",
-    "bad_endings",
-    "inflation",
-    "wall_seconds",
-    "particle_substeps_per_second",
-]
-
-
+SUMMARY_KEYS = """output picture points scene device schedule worlds particles springs frames begin frames_per_second
+substeps restarts blow_up bad_endings inflation wall_seconds particle_substeps_per_second"""
 ONE_FACE = """#usda 1.0
 def Mesh "face"
 {
@@ -51,38 +42,33 @@ def Mesh "face"
 """
 
 
+def process(folder: Path, *arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    words, around = [sys.executable, *arguments], {**os.environ, "NO_COLOR": "1", "COLUMNS": "200", **environment}
+    return subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=600, env=around)
+
+
 def balloon_warp(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "balloon_warp", *arguments],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=600,
-        env={**os.environ, "NO_COLOR": "1", "COLUMNS": "200"},
-    )
+    return process(folder, "-m", "balloon_warp", *arguments)
 
 
 @pytest.fixture
-def command(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> Callable[..., subprocess.CompletedProcess[str]]:
+def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Callable:
     """Run the command line in this process, to test its output and not how a process starts."""
     monkeypatch.setenv("NO_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.chdir(tmp_path)
 
-    def ended(*arguments: str) -> subprocess.CompletedProcess[str]:
-        monkeypatch.setattr(sys, "argv", ["balloon-warp", *arguments])
+    def ended(words: str) -> subprocess.CompletedProcess[str]:
+        monkeypatch.setattr(sys, "argv", ["balloon-warp", *shlex.split(words)])
         with pytest.raises(SystemExit) as end:
             main()
         said = capfd.readouterr()
-        return subprocess.CompletedProcess(arguments, int(end.value.code or 0), said.out, said.err)
+        return subprocess.CompletedProcess(words, int(end.value.code or 0), said.out, said.err)
 
     return ended
 
 
 FIRST_LINE = "note: ball.obj inflates above a floor. Its unit is not known"
-
 SECOND_LINE = "note: auto pressure 44.6 Pa, volume 1.00 -> 1.33"
 
 
@@ -120,29 +106,28 @@ def test_one_is_one(ball: Path):
 def test_run_json_is_one_object_with_the_promised_keys(ball: Path):
     done = balloon_warp(ball, "run", "ball.obj", "-o", "out.usda", "--json", "--set", "frames=2", "--device", "cpu")
     summary = json.loads(done.stdout)
-    assert list(summary) == SUMMARY_KEYS
+    assert list(summary) == SUMMARY_KEYS.split()
     (said,) = summary["inflation"]
     assert f"auto pressure {said['pressure']:.4g} Pa, volume 1.00 -> {said['volume']:.2f}" in SECOND_LINE
     assert [summary[key] for key in ("output", "picture", "points", "scene")] == ["out.usda", None, None, "ball"]
     assert (summary["frames"], summary["worlds"], summary["particles"], summary["device"]) == (2, 1, 56, "cpu")
 
 
-def test_scenes_are_listed_a_line_each(tmp_path: Path):
-    done = balloon_warp(tmp_path, "scenes")
+def test_scenes_are_listed_a_line_each(command: Callable):
+    done = command("scenes")
     assert done.returncode == 0
     assert "squirrel_tether" in done.stdout
     assert len(done.stdout.splitlines()) == 1 + len(bundled_scenes())
 
 
-def test_a_scene_of_ones_own_begins_with_that_of_a_mesh(ball: Path):
+def test_a_scene_of_ones_own_begins_with_that_of_a_mesh(ball: Path, command: Callable):
     """The scene file that `scenes` writes for a mesh equals the scene that `run` makes of it."""
     (ball / "mine").mkdir()
-    done = balloon_warp(ball, "scenes", "ball.obj", "-o", "mine/mine.toml")
+    done = command("scenes ball.obj -o mine/mine.toml")
     assert (done.returncode, done.stdout) == (0, "wrote mine/mine.toml\n"), done.stderr
     mesh = {"balloon.mesh": str(ball / "ball.obj")}
     assert load_scene(ball / "mine" / "mine.toml", mesh) == load_scene(ball / "ball.obj")
-    printed = balloon_warp(ball, "scenes", "ball.obj").stdout
-    assert '\nmesh = "ball.obj"\n' in printed  # where it is seen from here
+    assert '\nmesh = "ball.obj"\n' in command("scenes ball.obj").stdout  # where it is seen from here
 
 
 @pytest.mark.full
@@ -153,64 +138,98 @@ def test_remesh_writes_quads_that_run_can_inflate(ball: Path):
     assert (read_obj(ball / "quads.obj").face_vertex_counts == 4).all()
 
 
-@pytest.mark.parametrize(
-    "named", [[], ["run"], ["compare"], ["scenes"], ["inspect"], ["remesh"], ["foil"], ["render"], ["convert"]]
-)
-def test_help_explains_itself(command: Callable, named: list[str]):
-    done = command(*named, "--help")
+@pytest.mark.parametrize("named", ["", "run", "compare", "scenes", "inspect", "remesh", "foil", "render", "convert"])
+def test_help_explains_itself(command: Callable, named: str):
+    done = command(f"{named} --help")
     assert done.returncode == 0
     assert "Usage: " in done.stdout
 
 
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        (["run", "zebra"], "zebra: no such scene or file; bundled scenes are airbag, balloon_bunch, "),
-        (["run", "ball.obj", "-o", "film.mp4"], ".pvd; `balloon-warp render` renders pictures and films"),
-        (["run", "--fps"], "error: --fps: has no value; expected --fps RATE; balloon-warp run --help explains\n"),
-        (["run", "ball.txt"], "ball.txt: "),
-        (["scenes", "-o", "mine.toml"], "--output mine.toml: needs a SCENE to write"),
-        (["scenes", "squirrel_tether", "-o", "mine.txt"], "mine.txt: cannot write .txt; expected .toml"),
-        (["run", "broken.obj"], "broken.obj, line 1: "),
-        (["run", "bad.toml"], "bad.toml: frames: must be greater than or equal to 1 (got 0)"),
-        (
-            ["run", "ball.obj", "--set", "balloon.mass=-1"],
-            "error: --set balloon.mass: balloon.0.mass: must be greater than 0",
-        ),
-        (
-            ["run", "squirrel_inflate", "--set", "frames=9", "--set", "substep=1"],
-            "error: --set substep: unknown field; did you mean substeps?",
-        ),
-        (["run", "bad.toml", "--set", "substeps=0"], "bad.toml: frames: must be greater than or equal to 1 (got 0)"),
-        (["run", "ball.obj", "--set", "substeps=1"], "substeps: 1 are too few for these springs and masses"),
-        (["run", "ball.obj", "--device", "cuda:77"], "--device cuda:77: no such device; this machine has cpu"),
-        (["run", "ball.obj", "-o", "nowhere/out.usdc"], "nowhere/out.usdc: the folder nowhere does not exist"),
-        (["run", "ball.usda", "-o", "ball.usda"], "ball.usda: is the scene's mesh; expected another name"),
-        (["run", "ball.obj", "-o", "out.png"], "out.png: cannot write .png; expected .usdc, .usda, .usd"),
-        (["inspect", "missing.obj"], "missing.obj: "),
-        (["remesh", "ball.obj", "-o", "out.stl"], "out.stl: cannot write .stl; expected .obj"),
-        (["foil", "L", "-o", "out.stl"], "out.stl: cannot write .stl; expected .obj, .toml"),
-        (["foil", " ", "-o", "out.obj"], "text: has no visible character (got ' '); expected letters, or an .svg file"),
-        (["foil", "missing.svg", "-o", "out.obj"], "missing.svg: cannot be read: No such file or directory"),
-        (["render", "missing.usdc"], "missing.usdc: "),
-        (["convert", "missing.usdc", "-o", "out.glb"], "missing.usdc: "),
-        (["convert", "ball.obj", "-o", "out.ply"], "out.ply: is one file for all frames; expected #### in the name"),
-        (["run", "ball.obj", "-o", "out.fbx"], "out.fbx: cannot write .fbx; expected .usdc, "),
-        (["render", "ball.obj", "--size", "big"], "size: 'big'; expected WIDTHxHEIGHT"),
-    ],
-)
-def test_a_mistake_gets_one_sentence_and_status_2(ball: Path, command: Callable, arguments: list[str], sentence: str):
+def test_without_a_command_the_help_is_printed(command: Callable):
+    done = command("")
+    assert done.returncode == 0
+    assert "balloon-warp run squirrel_tether --picture" in done.stdout
+
+
+MISTAKES = [
+    ("run zebra", "zebra: no such scene or file; bundled scenes are airbag, balloon_bunch, "),
+    ("run ball.obj -o film.mp4", "….pvd; `balloon-warp render` renders pictures and films"),
+    ("run --fps", "--fps: has no value; expected --fps RATE; balloon-warp run --help explains"),
+    ("run ball.txt", "ball.txt: "),
+    ("scenes -o mine.toml", "--output mine.toml: needs a SCENE to write"),
+    ("scenes squirrel_tether -o mine.txt", "mine.txt: cannot write .txt; expected .toml"),
+    ("run broken.obj", "broken.obj, line 1: "),
+    ("run bad.toml", "bad.toml: frames: must be greater than or equal to 1 (got 0)"),
+    ("run ball.obj --set balloon.mass=-1", "--set balloon.mass: balloon.0.mass: must be greater than 0"),
+    ("run squirrel_inflate --set frames=9 --set substep=1", "--set substep: unknown field; did you mean substeps?"),
+    ("run bad.toml --set substeps=0", "bad.toml: frames: must be greater than or equal to 1 (got 0)"),
+    ("run ball.obj --set substeps=1", "…substeps: 1 are too few for these springs and masses"),
+    ("run ball.obj --device cuda:77", "--device cuda:77: no such device; this machine has cpu"),
+    ("run ball.obj -o nowhere/out.usdc", "nowhere/out.usdc: the folder nowhere does not exist"),
+    ("run ball.usda -o ball.usda", "ball.usda: is the scene's mesh; expected another name"),
+    ("run ball.obj -o out.png", "out.png: cannot write .png; expected .usdc, .usda, .usd"),
+    ("inspect missing.obj", "missing.obj: "),
+    ("remesh ball.obj -o out.stl", "out.stl: cannot write .stl; expected .obj"),
+    ("foil L -o out.stl", "out.stl: cannot write .stl; expected .obj, .toml"),
+    ("foil ' ' -o out.obj", "text: has no visible character (got ' '); expected letters, or an .svg file"),
+    ("foil missing.svg -o out.obj", "missing.svg: cannot be read: No such file or directory"),
+    ("render missing.usdc", "missing.usdc: "),
+    ("convert missing.usdc -o out.glb", "missing.usdc: "),
+    ("convert ball.obj -o out.ply", "out.ply: is one file for all frames; expected #### in the name"),
+    ("run ball.obj -o out.fbx", "out.fbx: cannot write .fbx; expected .usdc, "),
+    ("render ball.obj --size big", "size: 'big'; expected WIDTHxHEIGHT"),
+    ("rnu ball.obj", "rnu: no such command; did you mean run?"),
+    ("ball.obj", "ball.obj: no such command; did you mean balloon-warp run ball.obj?"),
+    ("net_forces --picture", "net_forces: no such command; did you mean balloon-warp run net_forces?"),
+    ("xyz run ball.obj", "xyz: no such command; commands are run, view, batch, compare, "),
+    ("--vers", "--vers: unknown option of balloon-warp; did you mean --version?"),
+    ("run", "run: SCENE is missing; balloon-warp run --help explains"),
+    ("run squirel_tether", "squirel_tether: no such scene or file; did you mean squirrel_tether?"),
+    ("run bal.obj", "bal.obj: no such scene or file; did you mean ball.obj?"),
+    ("render bal.usdc", "bal.usdc: no such file; expected a USD stage"),
+    ("remesh ball.obj", "remesh: --output is missing; balloon-warp remesh --help explains"),
+    ("run ball.obj --frames", "--frames: has no value; expected --frames COUNT; balloon-warp run --help explains"),
+    ("run ball.obj --set", "--set: has no value; expected --set PATH=VALUE; balloon-warp run --help explains"),
+    ("run ball.obj --picture=3", "--picture: takes no value; balloon-warp run --help explains"),
+    ("run ball.obj --zoom 2", "--zoom: needs --picture"),
+    ("run ball.obj --picture --shutter 2", "shutter: 2; expected 0 to 1 of a frame"),
+    ("run ball.obj --picture --look-at 1,2", "--look-at 1,2: expected X,Y,Z"),
+    ("run ball.obj --picture --look-at Ball", "look-at: 'Ball' is not visible in ball.usdc; did you mean"),
+    ("run ball.obj --pictur", "--pictur: unknown option of run; did you mean --picture?"),
+    ("run ball.obj -frames 3", "-frames: unknown option of run; did you mean --frames?"),
+    ("run ball.obj balloon.mass=3", "run: did not expect balloon.mass=3; --set goes before PATH=VALUE; balloon-"),
+    ("run ball.obj --frames few", "--frames: must be a valid integer (got few); balloon-warp run --help explains"),
+    ("batch ball.obj --seed -1", "--seed: must be greater than or equal to 0 (got -1); balloon-warp batch"),
+    ("run ball.obj --frames 0", "--frames 0: must be greater than or equal to 1 (got 0)"),
+    ("run ball.obj --fps 0", "--fps 0: must be greater than 0 (got 0.0)"),
+    ("run ball.obj --seconds -1", "--seconds -1: expected a time above 0"),
+    ("run ball.obj --frames 3 --seconds 1", "--frames, --seconds: expected only one of them"),
+    ("run two_balloons --fps 0.5", "--fps 0.5: balloon.0.inflation.pump: keyframes must be at least a frame"),
+    ("run ball.obj --set sphere.2.mass=1", "--set sphere.2.mass: cannot be set, the scene has no sphere"),
+    ("inspect ball.obj --set baloon.mass=1", "--set baloon.mass: baloon: unknown table; did you mean balloon?"),
+    ("batch ball.obj --set gravity=low", "--set gravity: must be a valid number (got 'low')"),
+    ("compare ball.obj", "--vary: is missing; expected a value to vary, as in --vary normals="),
+    ("compare ball.obj --vary gravity=1:3", "--vary gravity=1:3: takes values, as in --vary gravity=1,3; ranges "),
+    ("bench --json x.json", "bench: did not expect x.json; balloon-warp bench --help explains"),
+    ("bench -o x.txt", "x.txt: cannot write .txt; expected .json"),
+    ("doctor --device cuda:77", "--device cuda:77: no such device; this machine has "),
+]
+"""words, and the beginning of the sentence, or a part of it after …"""
+
+
+@pytest.mark.parametrize(("words", "sentence"), MISTAKES)
+def test_a_mistake_gets_one_sentence_and_status_2(ball: Path, command: Callable, words: str, sentence: str):
     (ball / "broken.obj").write_text("v 1 2\nf 1 1 1\n")
     (ball / "ball.txt").write_text("not a mesh")
     (ball / "ball.usda").write_text(ONE_FACE)
     (ball / "bad.toml").write_text("frames = 0\n[[balloon]]\nmesh = 'ball.obj'\n")
     before = {path: path.read_bytes() for path in ball.iterdir()}
-    done = command(*arguments)
-    assert done.returncode == 2
-    assert done.stdout == ""
-    assert sentence in done.stderr
-    assert done.stderr.startswith("error: ")
-    assert len(done.stderr.splitlines()) == 1
+    done = command(words)
+    assert (done.returncode, done.stdout) == (2, "")
+    *notes, mistake = done.stderr.splitlines()
+    assert [note.partition(": ")[0] for note in notes] == []
+    assert sentence[1:] in mistake if sentence[0] == "…" else mistake.startswith(f"error: {sentence}")
+    assert mistake.startswith("error: ")
     assert {path: path.read_bytes() for path in ball.iterdir()} == before
 
 
@@ -272,8 +291,7 @@ def test_a_stopped_run_says_how_far_it_got_and_leaves_no_output(ball: Path, comm
 
 def test_importing_the_package_loads_nothing_heavy(tmp_path: Path):
     program = "import sys, balloon_warp; print([m for m in ('warp', 'pxr', 'trimesh', 'PIL') if m in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=300)
-    assert done.stdout.strip() == "[]"
+    assert process(tmp_path, "-c", program).stdout.strip() == "[]"
 
 
 def test_a_command_does_not_look_for_garbage_in_what_it_loaded(tmp_path: Path):
@@ -284,16 +302,237 @@ def test_a_command_does_not_look_for_garbage_in_what_it_loaded(tmp_path: Path):
         "try: main()\n"
         "finally: print(any(looked), gc.get_freeze_count() > 100_000, file=sys.stderr)"
     )
-    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=300)
-    assert done.stderr.strip() == "False True"
+    assert process(tmp_path, "-c", program).stderr.strip() == "False True"
 
 
 @pytest.mark.full
-def test_a_batch_of_one_process_that_exports_nothing_loads_no_usd_and_no_event_loop(tmp_path: Path):
-    write_obj(tmp_path / "ball.obj", quad_sphere(2))
+def test_a_batch_of_one_process_that_exports_nothing_loads_no_usd_and_no_event_loop(ball: Path):
     program = (
         "import sys, balloon_warp; balloon_warp.run_batch('ball.obj', 'out', 2, device='cpu')\n"
         "print({'pxr', 'trimesh', 'asyncio'} & set(sys.modules))"
     )
-    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=300)
-    assert done.stdout.strip() == "set()"
+    assert process(ball, "-c", program).stdout.strip() == "set()"
+
+
+def read_all(terminal: int) -> str:
+    """Return the text written to a pseudo-terminal until its other end closed."""
+    parts = []
+    while True:
+        try:
+            part = os.read(terminal, 65536)
+        except OSError:  # how Linux says that the other end has closed
+            part = b""
+        if not part:
+            return b"".join(parts).decode()
+        parts.append(part)
+
+
+def test_a_process_of_its_own_runs_the_package_under_test(tmp_path: Path):
+    program = "import balloon_warp; print(balloon_warp.__path__[0])"
+    assert Path(process(tmp_path, "-c", program).stdout.strip()) == Path(package.__path__[0]).resolve()
+
+
+@pytest.mark.full
+def test_a_run_on_a_terminal_shows_frames_a_second(ball: Path):
+    """A terminal shows frames a second on standard error; standard output is that of a pipe."""
+    pty = pytest.importorskip("pty", reason="needs pseudo-terminals")
+    terminal, end = pty.openpty()
+    words = [sys.executable, "-m", "balloon_warp", "run", "ball.obj", "--device", "cpu", "--set", "frames=40"]
+    environment = {**os.environ, "TERM": "xterm", "COLUMNS": "200"}
+    running = subprocess.Popen(words, cwd=ball, stdout=subprocess.PIPE, stderr=end, text=True, env=environment)
+    os.close(end)
+    shown = read_all(terminal)
+    os.close(terminal)
+    printed, _ = running.communicate(timeout=120)
+    assert running.returncode == 0
+    assert [line.partition(":")[0] for line in printed.splitlines()[1:]] == ["wrote ball.usdc"]
+    assert "40/40" in shown
+    assert any(int(rate) > 0 for rate in re.findall(r"(\d+) frames/s", shown))
+
+
+def logged(monkeypatch: pytest.MonkeyPatch, total: int, seconds: Iterable[tuple[int, float]]) -> list[str]:
+    """Return the lines of a log of so many frames, of which some end after so many seconds more."""
+    now, log = [100.0], io.StringIO()
+    monkeypatch.setattr("balloon_warp.cli.progress.time.monotonic", lambda: now[0])
+    with FrameProgress(Console(file=log)) as progress:
+        progress.get_time = lambda: now[0]
+        task = progress.add_task("squirrel", total=total)
+        for frame, more in seconds:
+            now[0] += more
+            progress.update(task, completed=frame)
+    assert log.getvalue().isascii()
+    return log.getvalue().splitlines()
+
+
+def test_a_log_gets_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch):
+    """A log gets a line of progress, speed and time left after every half minute, without the frame in which kernels
+    compile, or half a minute would become twenty."""
+    lines = logged(monkeypatch, 1200, ((frame, 1.0) for frame in range(0, 1200, 10)))
+    assert lines[0] == "squirrel: about 2 min (1,170 frames at 10 frames/s)"
+    assert lines[1] == "squirrel: frame 290 of 1,200, 10 frames/s, 91 s left"
+    assert len(lines) == 1 + 4  # of two minutes
+    compiled = ((frame, 31.0 if frame == 1 else float(frame > 0)) for frame in range(48))
+    expected = ["squirrel: frame 1 of 48", "squirrel: frame 31 of 48, 1 frames/s, 17 s left"]
+    assert logged(monkeypatch, 48, compiled) == expected
+
+
+BEGINNING = Beginning(
+    worlds=1, particles=2494, frames=600, substeps=13, frames_per_second=60.0, device="cpu", schedule="octets"
+)
+
+
+def test_a_log_says_first_what_is_simulated():
+    with FrameProgress(Console(file=io.StringIO())) as progress:
+        task = progress.add_task("squirrel", total=600)
+        said = [progress.begin(task, each) for each in (BEGINNING, replace(BEGINNING, worlds=64, workers=2))]
+    what = "2,494 particles, 13 substeps a frame, 600 frames at 60 frames/s"
+    assert said == [f"1 world, {what}, on cpu, schedule octets", f"64 worlds, {what}, on 2 x cpu, schedule octets"]
+
+
+def test_a_bar_has_what_a_frame_costs_beside_it():
+    screen = io.StringIO()
+    with FrameProgress(Console(file=screen, force_terminal=True, width=200)) as progress:
+        assert progress.begin(progress.add_task("squirrel", total=600), BEGINNING) is None
+    shown = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", screen.getvalue())
+    assert "squirrel 2,494 particles, 13 substeps a frame" in shown
+
+
+@pytest.mark.parametrize(
+    ("words", "opening", "worlds"),
+    [
+        ("run ball.toml", "ball: ", 1),
+        ("run ball.obj", r"note: ball\.obj inflates above a floor\. .*--up Z turns it\. ", 1),
+        ("batch ball.toml --worlds 3 --vary balloon.mass=1:2", "ball: ", 3),
+        ("compare ball.toml --vary balloon.mass=1,2", "ball, run 1 of 2: ", 1),
+    ],
+)
+def test_the_first_line_of_a_log(ball: Path, command: Callable, words: str, opening: str, worlds: int):
+    """The first line of a log describes the simulation, before notes and after a mesh's default scene."""
+    (ball / "ball.toml").write_text('[[balloon]]\nmesh = "ball.obj"\n')
+    first, *_ = command(f"{words} --frames 2 --device cpu --schedule gather").stderr.splitlines()
+    what = rf"{counted(worlds, 'world')}, {56 * worlds} particles, \d+ substeps? a frame, 2 frames at 60 frames/s"
+    assert re.fullmatch(rf"{opening}{what}, on cpu, schedule gather", first)
+
+
+@pytest.mark.parametrize(
+    ("frames", "seconds", "left", "said"),
+    [
+        (8, 10.0, 600, "about 12 min (600 frames at 0.8 frames/s)"),
+        (3, 90.0, 200, "about 1 h 40 min (200 frames at 0.033 frames/s)"),
+        (3, 900.0, 1000, "about 3 d 11 h (1,000 frames at 0.0033 frames/s)"),
+        (1000, 2.0, 90_000, "about 3 min (90,000 frames at 500 frames/s)"),
+        (2, 100.0, 600, None),  # too few
+        (90, 1.0, 90_000, None),  # too soon
+        (100, 10.0, 500, None),  # soon done
+        (0, 0.0, 10, None),
+    ],
+)
+def test_time_left(frames: int, seconds: float, left: int, said: str | None):
+    assert time_left(frames, seconds, left) == said
+
+
+def test_the_time_is_estimated_once_and_without_what_is_compiled():
+    """The time is estimated anew for a run that begins again."""
+    compiled, again = FirstEstimate(), FirstEstimate()
+    said = [compiled.after(0, 100, 0.0), compiled.after(1, 100, 60.0)]  # a minute of compiling
+    said += [compiled.after(frame, 100, 60.0 + 2.0 * (frame - 1)) for frame in range(2, 101)]
+    assert [again.after(frame, 100, 0.1 * frame) for frame in range(20)] == [None] * 20
+    repeated = [again.after(frame, 100, 100.0 + 2.0 * frame) for frame in range(6)]
+    for each in (said, repeated):
+        assert [text for text in each if text] == ["about 3 min (96 frames at 0.5 frames/s)"]
+
+
+@pytest.mark.full
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere names are no bytes")
+def test_names_and_logs_that_are_not_utf8_cost_no_work(tmp_path: Path):
+    """A mesh with a Latin-1 name is simulated under a valid USD name, and reported in a log of any encoding."""
+    mesh = os.fsdecode(b"b\xe9.obj")
+    write_obj(tmp_path / "ball.obj", quad_sphere(2))
+    os.rename(tmp_path / "ball.obj", tmp_path / mesh)
+    command = [sys.executable, "-m", "balloon_warp", "run", mesh, "--device", "cpu", "--frames", "1", "--json"]
+    environment = {**os.environ, "PYTHONIOENCODING": "cp1252"}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["output"] == "b_.usdc"
+    assert (tmp_path / "b_.usdc").exists()
+    folder = tmp_path / os.fsdecode(b"f\xe9")
+    folder.mkdir()
+    os.rename(tmp_path / mesh, folder / "ball.obj")
+    done = subprocess.run([*command[:4], "ball.obj"], cwd=folder, env=environment, capture_output=True, timeout=120)
+    assert done.returncode == 2
+    assert done.stderr == b"error: ball.usdc: the path is not UTF-8; expected one that is, with -o\n"
+
+
+@pytest.mark.parametrize(
+    ("options", "rate", "frames"),
+    [
+        ({}, 60.0, 120),
+        ({"fps": 24.0}, 24.0, 120),
+        ({"frames": 90}, 60.0, 90),
+        ({"seconds": 5.0}, 60.0, 300),
+        ({"fps": 24.0, "seconds": 5.0}, 24.0, 120),
+        ({"fps": 23.976, "seconds": 10.0}, 23.976, 240),  # the nearest
+        ({"seconds": 0.001}, 60.0, 1),
+    ],
+)
+def test_options_give_rate_and_frames_and_count_for_more_than_what_is_set(ball: Path, options, rate, frames):
+    scene = Changes(length=LengthOptions(**options)).load(str(ball / "ball.obj"))
+    assert (scene.frames_per_second, scene.frames) == (rate, frames)
+    length = LengthOptions(fps=25.0, frames=8)
+    scene = Changes(["frames=7", "frames_per_second=30"], length=length).load(str(ball / "ball.obj"))
+    assert (scene.frames_per_second, scene.frames) == (25.0, 8)
+
+
+@pytest.fixture(scope="module")
+def report() -> doctor.Report:
+    return doctor.examine("cpu")
+
+
+def test_the_balloon_falls_by_the_formula_and_grows(report: doctor.Report):
+    """The fall agrees with the formula within float32's sum over substeps: the command's bound is ten times that."""
+    assert report.self_test.passed
+    assert report.self_test.fallen == pytest.approx(report.self_test.expected, rel=1e-5)
+    assert report.self_test.expected == pytest.approx(9.81 / 2, rel=0.05)
+    assert report.self_test.grown > 1.5
+
+
+@pytest.mark.parametrize("wrong", [{"fallen": 4.0}, {"fallen": float("nan")}, {"grown": 1.0}, {"grown": float("nan")}])
+def test_a_balloon_that_does_otherwise_fails(report: doctor.Report, wrong: dict[str, float]):
+    assert not replace(report.self_test, **wrong).passed
+
+
+def test_extras_are_missing_where_a_package_of_theirs_is(report: doctor.Report, monkeypatch: pytest.MonkeyPatch):
+    assert {"bench", "cluster", "docs", "foil", "test", "video", "view"} <= report.missing.keys()
+    assert report.missing["test"] == []
+    wanted = ["warp-lang>=1.19", "no-such-package>=2; extra == 'view'", 'numpy>=1.26; extra == "view"']
+    monkeypatch.setattr(metadata, "requires", lambda name: [*wanted, "numpy; extra == 'foil'"])
+    assert doctor.missing_extras() == {"foil": [], "view": ["no-such-package"]}
+
+
+def test_doctor_says_what_there_is(report: doctor.Report, monkeypatch: pytest.MonkeyPatch, command: Callable):
+    found = replace(report, missing={"video": ["imageio-ffmpeg"], "view": []})
+    monkeypatch.setattr(doctor, "examine", lambda device: found)
+    done = command("doctor")
+    assert done.returncode == 0
+    for line in (
+        f"warp-lang {metadata.version('warp-lang')}",
+        "device         cpu (CPU)",
+        "extra video    missing imageio-ffmpeg: pip install 'balloon-warp[video]'\n",
+        "extra view     installed\n",
+        "self-test      passed in ",
+    ):
+        assert line in done.stdout
+
+
+def test_a_failed_test_ends_with_status_1(report: doctor.Report, monkeypatch: pytest.MonkeyPatch, command: Callable):
+    broken = replace(report, self_test=replace(report.self_test, fallen=4.0))
+    monkeypatch.setattr(doctor, "examine", lambda device: broken)
+    done, as_json = command("doctor"), command("doctor --json")
+    assert (done.returncode, as_json.returncode) == (1, 1)
+    assert "self-test      FAILED in " in done.stdout
+    assert json.loads(as_json.stdout)["passed"] is False
+
+
+def test_the_version_is_the_package_s(command: Callable):
+    done = command("--version")
+    assert (done.returncode, done.stdout.strip()) == (0, metadata.version("balloon-warp"))

@@ -1,35 +1,69 @@
-"""Code on the pages of the docs: their Python runs, and their commands exist."""
+"""Pages of the docs and docstrings: their code runs, their links lead somewhere, and they are complete."""
 
+import ast
+import contextlib
 import importlib.util
+import os
 import re
 import shlex
+import shutil
+import subprocess
+import sys
 import tomllib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from functools import partial
 from importlib.util import find_spec
+from itertools import pairwise
 from pathlib import Path
+from types import ModuleType
 
+import numpy as np
 import pytest
 import typer
 from meshes import quad_sphere
 from typer.testing import CliRunner
 
+from balloon_warp.benchmarks.performance import RESULTS, rates
 from balloon_warp.cli.app import app
+from balloon_warp.kernels.laws.law import LAW_INPUTS
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.outputs import render as package
 from balloon_warp.outputs.render import render_stage
-from balloon_warp.scene import bundled_scenes
+from balloon_warp.scene import Scene, bundled_scenes
+from balloon_warp.simulator import Simulator
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", ROOT / "SECURITY.md", *sorted((ROOT / "docs").glob("*.md"))]
 COMMANDS = typer.main.get_command(app).commands  # pyright: ignore[reportAttributeAccessIssue]
 RUN_ELSEWHERE = {"README.md", "PYTHON.md", "LAWS.md", "ARCHITECTURE.md"}
-"""pages with Python that test_readme.py and test_law_docs.py run, since they look at what comes of it"""
+"""pages with Python that tests below run, since they look at what comes of it"""
 
 
-def code(page: Path, language: str) -> list[str]:
+def text_of(page: Path | str) -> str:
+    return (ROOT / page).read_text(encoding="utf-8")
+
+
+def code(page: Path | str, language: str) -> list[str]:
     """Return the blocks of a page in a language."""
-    return re.findall(rf"```{language}\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    return re.findall(rf"```{language}\n(.*?)```", text_of(page), re.DOTALL)
+
+
+def run_python(page: Path | str, folder: Path) -> ModuleType:
+    """Run a page's Python blocks one after the other, from a file: Warp reads the source of laws."""
+    file = folder / f"page_{Path(page).stem.lower()}.py"
+    file.write_text("\n\n".join(code(page, "python")), encoding="utf-8")
+    spec = importlib.util.spec_from_file_location(file.stem, file)
+    assert spec
+    assert spec.loader
+    module = importlib.util.module_from_spec(spec)
+    with contextlib.chdir(folder):
+        spec.loader.exec_module(module)
+    return module
+
+
+def written_in(folder: Path) -> set[str]:
+    """Return the names in a folder, without the page's own file."""
+    return {path.name for path in folder.iterdir() if not path.name.startswith(("page_", "__"))}
 
 
 def commands(page: Path) -> Iterator[str]:
@@ -37,8 +71,7 @@ def commands(page: Path) -> Iterator[str]:
     for block in code(page, "sh"):
         for line in block.replace("\\\n", " ").splitlines():
             yield from (part.strip() for part in line.split("&&") if part.strip().startswith("balloon-warp "))
-    prose = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
-    yield from re.findall(r"`(balloon-warp [^`]+)`", prose)
+    yield from re.findall(r"`(balloon-warp [^`]+)`", re.sub(r"```.*?```", "", text_of(page), flags=re.DOTALL))
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
@@ -65,22 +98,12 @@ def test_commands_are_ones_that_there_are(page: Path):
     [page for page in PAGES if code(page, "python") and page.name not in RUN_ELSEWHERE],
     ids=lambda page: page.stem,
 )
-def test_the_python_of_a_page_runs(
-    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
-    """A page's Python blocks run one after the other from a file, and print what the page says."""
+def test_the_python_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys):
+    """A page's Python prints what the page says."""
     monkeypatch.setenv("MPLBACKEND", "Agg")
-    file = tmp_path / f"page_{page.stem.lower()}.py"
-    file.write_text("\n\n".join(code(page, "python")), encoding="utf-8")
-    monkeypatch.chdir(tmp_path)
-    spec = importlib.util.spec_from_file_location(file.stem, file)
-    assert spec
-    assert spec.loader
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    assert module.moved.points[0].shape[-1] == 3
+    assert run_python(page, tmp_path).moved.points[0].shape[-1] == 3
     printed = capsys.readouterr().out
-    for said in re.findall(r"It prints `([^`]+)`", page.read_text(encoding="utf-8")):
+    for said in re.findall(r"It prints `([^`]+)`", text_of(page)):
         assert said in printed
 
 
@@ -97,7 +120,7 @@ def test_commands_of_the_first_pages_work(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(package, "render_stage", partial(render_stage, size=(32, 18), samples=1))
     write_obj(Path("MESH.obj"), quad_sphere(4))
-    (scene,) = code(ROOT / "docs" / "START.md", "toml")
+    (scene,) = code("docs/START.md", "toml")
     Path("first.toml").write_text(scene, encoding="utf-8")
     blocks = [block for page in PAGES if page.name in TRIED for block in code(page, "sh")]
     lines = [shlex.split(line, comments=True) for block in blocks for line in block.splitlines()]
@@ -120,15 +143,232 @@ def test_commands_of_the_first_pages_work(tmp_path: Path, monkeypatch: pytest.Mo
 def test_nothing_is_left_out():
     """Every page is in the site's contents, every command in the table of commands, every scene in the gallery, and
     every extra in the installation instructions."""
-    index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8").splitlines()
+    index = text_of("docs/index.md").splitlines()
     pages = [page.stem for page in PAGES if page.parent.name == "docs" and page.stem != "index"]
     assert [page for page in pages if index.count(page) != 1] == []
+    extras = tomllib.loads(text_of("pyproject.toml"))["project"]["optional-dependencies"]
+    for page, names, said in (
+        ("COMMANDS", COMMANDS, "| `balloon-warp {}"),
+        ("GALLERY", bundled_scenes(), "`{}`"),
+        ("INSTALL", extras, "| `{}` |"),
+    ):
+        assert [name for name in names if said.format(name) not in text_of(f"docs/{page}.md")] == []
 
-    def unsaid(page: str, names: Iterable[str], said: str) -> list[str]:
-        text = (ROOT / "docs" / page).read_text(encoding="utf-8")
-        return [name for name in names if said.format(name) not in text]
 
-    assert unsaid("COMMANDS.md", COMMANDS, "| `balloon-warp {}") == []
-    assert unsaid("GALLERY.md", bundled_scenes(), "`{}`") == []
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
-    assert unsaid("INSTALL.md", extras, "| `{}` |") == []
+README = text_of("README.md")
+
+
+def test_it_is_short_and_begins_with_the_two_commands():
+    """The README is short, and its first two lines that begin with `pip install` are those of CI."""
+    assert README.count("\n") <= 110
+    commands = re.findall(r"^pip install .*", README, re.MULTILINE)
+    assert commands == [
+        "pip install . && balloon-warp run squirrel_tether --picture",
+        "pip install '.[test]' && pytest",
+    ]
+
+
+def test_python_example_runs(tmp_path: Path):
+    assert run_python("README.md", tmp_path).moved.points[0].shape[:2] == (2, 61)
+    assert written_in(tmp_path) == {"squirrel.png", "squirrel.usdc"}
+    (scene,) = code("docs/START.md", "toml")
+    scene = Scene.model_validate(tomllib.loads(scene))
+    assert (len(scene.balloon), len(scene.sphere), len(scene.string)) == (1, 1, 1)
+
+
+def test_the_python_page_runs(tmp_path: Path):
+    write_obj(tmp_path / "ball.obj", quad_sphere(2))
+    page = run_python("docs/PYTHON.md", tmp_path)
+    assert written_in(tmp_path) == {"ball.obj", "compare.png", "out"}
+    assert page.heavy.balloon[0].mass == 2.0
+    assert page.many.points[0].shape == (8, 3, 26, 3)
+    assert page.pinned.fixed
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_links_lead_somewhere(page: Path):
+    links = re.findall(r"\]\(([^)]+)\)", text_of(page))
+    files = [page.parent / link.partition("#")[0] for link in links if not link.startswith("http") and link[0] != "#"]
+    assert files
+    assert [file for file in files if not file.exists()] == []
+
+
+def test_its_speeds_are_those_that_were_measured():
+    """Speeds in the README are the measured ones, to their two digits."""
+    for name, (ours, peer) in rates(text_of(RESULTS)).items():
+        cells = next(line for line in README.splitlines() if line.startswith(f"| {name} |")).split("|")[2:5]
+        assert f"{float(cells[0].split()[0]):.2g} million" == f"{ours:.2g} million"
+        if peer:
+            assert float(cells[1].split()[0]) == pytest.approx(peer, rel=0.03)
+            assert float(cells[2].split()[0]) == pytest.approx(ours / peer, abs=1.0)
+
+
+ROWS = re.findall(r"^\| ([a-z][^|]*?) \| ([^|]+) \| ([^|]*\]\([^|]*) \|$", text_of("docs/GLOSSARY.md"), re.MULTILINE)
+
+
+def stem(word: str) -> str:
+    """Return the common stem of a word and its other forms."""
+    return re.sub(r"(es|e|s|ed|y)$", "", word)
+
+
+@pytest.mark.parametrize(("words", "_meaning", "home"), ROWS, ids=[row[0] for row in ROWS])
+def test_a_word_stands_where_it_is_at_home(words: str, _meaning: str, home: str):
+    files = [(ROOT / "docs" / link).resolve() for link in re.findall(r"\]\(([^)]+)\)", home)]
+    said = " ".join(f"{file.stem} {text_of(file)}" for file in files).lower()
+    said = re.sub(r"[\s_-]+", " ", said)
+    for word in words.split(", "):
+        assert all(stem(part) in said for part in re.split("[ -]", word.lower())), word
+
+
+def test_no_word_stands_twice_in_the_glossary():
+    assert len(ROWS) > 30
+    listed = [word for row in ROWS for word in row[0].split(", ")]
+    assert len(listed) == len(set(listed))
+
+
+LAWS = text_of("docs/LAWS.md")
+RUN = """
+import warp as wp
+from balloon_warp.scene import load_scene
+from balloon_warp.simulator import Simulator
+wp.config.optimization_level = 0
+for charge in (0.0, 0.5):
+    simulator = Simulator(load_scene("net_forces", {"balloon.law.charge.charge": charge}), "cpu", schedule="scatter")
+    simulator.step()
+    print([law.name for law in simulator.model.laws][-1], float(simulator.state.points.numpy().sum()))
+"""
+"""with a law of the package's, without and with it, by kernels that stay as they are written: for a frame"""
+
+
+@pytest.fixture(scope="module")
+def laws_code(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
+    return run_python("docs/LAWS.md", tmp_path_factory.mktemp("laws"))
+
+
+@pytest.mark.full
+def test_each_law_of_the_page_acts(laws_code: ModuleType):
+    """Worlds with a law and without it differ after a frame of the batch."""
+    assert laws_code.frame.number == 4
+    assert [law.name for law in laws_code.laws] == ["magnet", "stiffening", "gust"]
+    assert (Path(laws_code.__file__ or "").parent / "out" / "table.csv").exists()
+    vary = {
+        "balloon.law.magnet.strength": [20.0, 0.0, 20.0, 20.0],
+        "balloon.law.stiffening.hardness": [3.0, 3.0, 0.0, 3.0],
+        "law.gust.gust_velocity.0": [4.0, 4.0, 4.0, 0.0],
+    }
+    scene = laws_code.scene.model_copy(update={"frames": 20})
+    batch = Simulator(scene, "cpu", world_count=4, vary=vary, laws=laws_code.laws)
+    for _ in range(20):
+        batch.step()
+    points = batch.state.points.numpy()
+    for without in points[1:]:
+        assert np.abs(without - points[0]).max() > 1e-3
+
+
+def test_the_tables_and_the_mistake_are_those_of_the_code(laws_code: ModuleType):
+    tables = []
+    for kind in ("particle", "spring", "face"):
+        cells = [(each.name, each.type, each.meaning.replace("|", "\\|")) for each in LAW_INPUTS[kind]]
+        rows = [f"| `{name}` | {type} | {meaning} |" for name, type, meaning in cells]
+        tables.append("\n".join([f"| of a {kind} | type | |", "|---|---|---|", *rows]))
+    assert re.findall(r"<!-- given -->\n\n(.*?)\n\n<!-- end -->", LAWS, re.DOTALL) == ["\n\n".join(tables)]
+    assert f"> {laws_code.mistake}\n" in LAWS
+
+
+def test_a_law_goes_in_with_one_file_and_its_name(tmp_path: Path):
+    """A new law takes one file and its name in the list: in a copy of the source it acts, and tests cover it."""
+    for folder in ("balloon_warp", "kernels", "scenes", "tests"):
+        shutil.copytree(ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("__pycache__"))
+    (law,) = (each for each in code("docs/ARCHITECTURE.md", "python") if "CHARGE = Law(" in each)
+    (tmp_path / "kernels" / "laws" / "charge.py").write_text(law, encoding="utf-8")
+    listed = tmp_path / "kernels" / "laws" / "__init__.py"
+    source = listed.read_text(encoding="utf-8")
+    (laws,) = re.findall(r"^LAWS: .*?\((.*?)\)$", source, re.MULTILINE | re.DOTALL)
+    imported = "from balloon_warp.kernels.laws.charge import CHARGE\n"
+    first = source.index("from balloon_warp")
+    listed.write_text(source[:first] + imported + source[first:].replace(laws, laws + ", CHARGE"), encoding="utf-8")
+
+    def python(*arguments: str) -> str:
+        environment = os.environ | {"PYTHONPATH": str(tmp_path)}
+        command = [sys.executable, *arguments]
+        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout
+
+    without, with_it = (line.split() for line in python("-c", RUN).splitlines() if line.startswith("charge"))
+    assert without != with_it
+    files = [f"tests/{name}.py" for name in ("test_laws", "test_law_steps", "test_law_schedules")]
+    tested = python("-m", "pytest", "-n", "0", *files, "-k", "charge and not block", "-v", "-p", "no:cacheprovider")
+    assert tested.count("[charge] PASSED") >= 6
+    assert re.search(r"in_every_schedule\[.*charge.*\] PASSED", tested)
+
+
+FOLDERS = ("balloon_warp", "kernels", "scenes", "benchmarks", "docs", "tests")
+OPENING = re.compile(
+    r"^(Of|What|Whatever|Where|Wherever|Who|Whose|Which|Whichever|Those|These|They|Their|Them|It|Its|This|That"
+    r"|The same|Same|Such|How|However|By|If|When|Whether|From|For|In|On|At|With|Within|Without|As|To|And|But|Or|Nor"
+    r"|So|Not|All|One|Once|Like|Over|Then|Here|There)\b"
+)
+"""beginnings of half a sentence: a preposition, a conjunction, or a pronoun that leads nowhere"""
+POINTING = re.compile(
+    r"^\w+ (down |in |out )?(of |all of |all that |what |where |whether |how |if |that )?"
+    r"(it|its|they|them|those|these|this|ones|such)\b(?! itself)"
+)
+"""a verb whose object is a pronoun: "Write it down." """
+
+
+def python_of(folder: str) -> Iterator[tuple[str, ast.AST]]:
+    """Yield each node of the files of a folder, with its file."""
+    for path in sorted((ROOT / folder).rglob("*.py")):
+        yield from ((str(path.relative_to(ROOT)), node) for node in ast.walk(ast.parse(text_of(path))))
+
+
+def docstrings(folder: str) -> Iterator[tuple[str, str]]:
+    """Yield each docstring with its place."""
+    for path, node in python_of(folder):
+        if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)) and (text := ast.get_docstring(node)):
+            yield f"{path}:{node.body[0].lineno}", text
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_docstrings_begin_with_a_noun_or_a_verb(folder: str):
+    found = list(docstrings(folder))
+    assert len(found) > 10
+    wrong = [f"{place}: {text.splitlines()[0]}" for place, text in found if OPENING.match(text) or POINTING.match(text)]
+    assert wrong == []
+
+
+def meanings(folder: str) -> Iterator[tuple[str, str]]:
+    """Yield the meaning that stands below each field and constant, with its place."""
+    for path, node in python_of(folder):
+        for each, below in pairwise(node.body if isinstance(node, (ast.Module, ast.ClassDef)) else []):
+            is_text = isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant)
+            if isinstance(each, (ast.Assign, ast.AnnAssign)) and is_text and isinstance(below.value.value, str):
+                yield f"{path}:{below.lineno}", below.value.value
+
+
+@pytest.mark.parametrize("folder", ["balloon_warp", "kernels"])
+def test_meanings_of_fields_begin_with_a_noun(folder: str):
+    found = [(place, text) for place, text in meanings(folder) if not text.startswith("Whether ")]
+    assert len(found) > 500
+    assert [f"{place}: {text}" for place, text in found if OPENING.match(text)] == []
+
+
+@pytest.mark.parametrize(
+    ("text", "opening", "pointing"),
+    [
+        ("Of the box [m].", True, False),
+        ("The same of smaller faces.", True, False),
+        ("Where one looks from.", True, False),
+        ("All of them, loop by loop.", True, None),
+        ("Write it down.", False, True),
+        ("Return whether it is visible.", False, True),
+        ("Forget them.", False, True),
+        ("Return the points.", False, False),
+        ("Offset of a spring [m].", False, False),
+        ("Oneness of a thing.", False, False),
+    ],
+)
+def test_half_a_sentence_and_a_pronoun_in_place_of_a_noun_are_found(text: str, opening: bool, pointing: bool | None):
+    assert bool(OPENING.match(text)) == opening
+    assert pointing is None or bool(POINTING.match(text)) == pointing

@@ -31,16 +31,12 @@ def link(kind: str, folder: Path, suffix: str) -> tuple[Path, Path]:
     path, target = home / f"out{suffix}", away / f"real{suffix}"
     if kind in ("file", "chain", "folder"):
         target.write_bytes(b"old")
-    if kind in ("file", "dangling"):
-        path.symlink_to(target)
-    elif kind == "chain":
+    if kind == "chain":
         (home / "middle").symlink_to(target)
-        path.symlink_to("middle")
-    elif kind == "relative":
-        path.symlink_to(f"../away/real{suffix}")
-    else:
+    if "folder" in kind:
         (home / "linked").symlink_to(away)
-        path = home / "linked" / f"real{suffix}"
+        return home / "linked" / target.name, target
+    path.symlink_to({"chain": "middle", "relative": f"../away/real{suffix}"}.get(kind, target))
     return path, target
 
 
@@ -55,28 +51,21 @@ def stage(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def export(stage: Path, output: Path) -> None:
-    export_stage(stage, output)
-
-
-def render(stage: Path, output: Path) -> None:
-    render_stage(stage, output, 1, (32, 32), 1, "cpu")
-
-
-def run(stage: Path, output: Path) -> None:
-    animate(SCENE, output, device="cpu")
+WRITERS: dict[str, Callable[[Path, Path], object]] = {
+    "run": lambda stage, output: animate(SCENE, output, device="cpu"),
+    "export": export_stage,
+    "render": lambda stage, output: render_stage(stage, output, 1, (32, 32), 1, "cpu"),
+}
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize(
-    ("write", "suffix"), [(run, ".usdc"), (run, ".usda"), (run, ".glb"), (export, ".usdz"), (render, ".png")]
+    ("writer", "suffix"), [("run", ".usdc"), ("run", ".usda"), ("run", ".glb"), ("export", ".usdz"), ("render", ".png")]
 )
-def test_the_target_is_written_and_the_links_stay(
-    write: Callable[[Path, Path], None], suffix: str, kind: str, stage: Path, tmp_path: Path
-):
+def test_the_target_is_written_and_the_links_stay(writer: str, suffix: str, kind: str, stage: Path, tmp_path: Path):
     path, target = link(kind, tmp_path, suffix)
     before = links_of(tmp_path)
-    write(stage, path)
+    WRITERS[writer](stage, path)
     assert links_of(tmp_path) == before
     assert not target.is_symlink()
     assert target.stat().st_size > 3
@@ -98,33 +87,33 @@ def test_links_in_a_circle_are_one_sentence(suffix: str, tmp_path: Path):
     assert other.is_symlink()
 
 
-def test_a_link_to_where_there_is_no_folder_is_one_sentence(tmp_path: Path):
-    (tmp_path / "out.usdc").symlink_to(tmp_path / "gone" / "real.usdc")
-    with pytest.raises(InputError, match=r"out\.usdc: the folder .*gone does not exist"):
-        animate(SCENE, tmp_path / "out.usdc", device="cpu")
-
-
-def test_a_device_is_never_replaced(tmp_path: Path):
-    (tmp_path / "out.usdc").symlink_to(os.devnull)
-    with pytest.raises(InputError, match=f"{os.devnull} is neither a file nor a folder"):
-        animate(SCENE, tmp_path / "out.usdc", device="cpu")
+def test_a_device_is_never_replaced_nor_a_folder_made(tmp_path: Path):
+    for target, sentence in (
+        (os.devnull, f"{os.devnull} is neither a file nor a folder"),
+        (tmp_path / "gone" / "real.usdc", r"out\.usdc: the folder .*gone does not exist"),
+    ):
+        (tmp_path / "out.usdc").unlink(missing_ok=True)
+        (tmp_path / "out.usdc").symlink_to(target)
+        with pytest.raises(InputError, match=sentence):
+            animate(SCENE, tmp_path / "out.usdc", device="cpu")
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(InputError, match="neither"), whole_file(tmp_path / "pipe") as path:
         path.touch()
 
 
 def test_a_batch_writes_where_its_folder_and_files_lead(tmp_path: Path):
-    (tmp_path / "away").mkdir()
-    (tmp_path / "batch").symlink_to(tmp_path / "real")
+    away, real, names = tmp_path / "away", tmp_path / "real", ("table.csv", "manifest.json", "worlds.usdc")
+    away.mkdir()
+    (tmp_path / "batch").symlink_to(real)
     run_batch(SCENE, tmp_path / "batch", 2, export=[0], device="cpu")
     assert (tmp_path / "batch").is_symlink()
-    for name in ("table.csv", "manifest.json", "worlds.usdc"):
-        (tmp_path / "real" / name).rename(tmp_path / "away" / name)
-        (tmp_path / "real" / name).symlink_to(tmp_path / "away" / name)
-        (tmp_path / "away" / name).write_bytes(b"old")
+    for name in names:
+        (real / name).rename(away / name)
+        (real / name).symlink_to(away / name)
+        (away / name).write_bytes(b"old")
     run_batch(SCENE, tmp_path / "batch", 2, export=[0], device="cpu")
-    assert set(links_of(tmp_path)) == {"batch", "table.csv", "manifest.json", "worlds.usdc"}
-    assert all((tmp_path / "away" / name).stat().st_size > 3 for name in ("table.csv", "manifest.json", "worlds.usdc"))
+    assert set(links_of(tmp_path)) == {"batch", *names}
+    assert all((away / name).stat().st_size > 3 for name in names)
 
 
 def test_checkpoints_are_beside_the_target_and_either_name_finds_them(tmp_path: Path):
@@ -142,19 +131,21 @@ def test_checkpoints_are_beside_the_target_and_either_name_finds_them(tmp_path: 
     assert [each.name for each in (tmp_path / "away").iterdir()] == ["real.usdc"]
 
 
-@pytest.mark.parametrize("named", ["link.obj", "folder/real.obj", "link to blob.obj"])
+@pytest.mark.parametrize("named", ["link.obj", "folder/real.obj", "link to blob.obj", "scene.toml"])
 def test_a_mesh_is_read_through_links_and_called_as_the_link(named: str, tmp_path: Path):
-    (tmp_path / "away").mkdir()
-    write_obj(tmp_path / "away" / "real.obj", cube())
-    (tmp_path / "away" / "2f3a9c").write_bytes((tmp_path / "away" / "real.obj").read_bytes())
-    (tmp_path / "link.obj").symlink_to("away/real.obj")
-    (tmp_path / "link to blob.obj").symlink_to("away/2f3a9c")
+    """A scene behind a link finds its meshes beside its target."""
+    away = tmp_path / "away"
+    away.mkdir()
+    write_obj(away / "real.obj", cube())
+    (away / "2f3a9c").write_bytes((away / "real.obj").read_bytes())
+    (away / "scene.toml").write_text('[[balloon]]\nmesh = "real.obj"\n')
+    for name, target in (("link.obj", "real.obj"), ("link to blob.obj", "2f3a9c"), ("scene.toml", "scene.toml")):
+        (tmp_path / name).symlink_to(f"away/{target}")
     (tmp_path / "folder").symlink_to("away")
-    scene = load_scene(tmp_path / named, {"frames": 1})
-    animate(scene, tmp_path / "out.usda", device="cpu")
+    animate(load_scene(tmp_path / named, {"frames": 1}), tmp_path / "out.usda", device="cpu")
     stage = Usd.Stage.Open(str(tmp_path / "out.usda"))
     mesh = next(prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh))
-    assert (mesh.GetDisplayName() or mesh.GetName()) == Path(named).stem
+    assert (mesh.GetDisplayName() or mesh.GetName()) == ("real" if named == "scene.toml" else Path(named).stem)
 
 
 def test_textures_are_beside_the_link_and_its_target(tmp_path: Path):
@@ -183,45 +174,30 @@ def test_what_a_mesh_names_is_found_beside_the_link_or_the_file(linked: str, tmp
     assert looks.materials[0].color == (1.0, 0.0, 0.0)
 
 
-def test_a_scene_behind_a_link_finds_its_meshes(tmp_path: Path):
-    (tmp_path / "away").mkdir()
-    write_obj(tmp_path / "away" / "box.obj", cube())
-    (tmp_path / "away" / "scene.toml").write_text('[[balloon]]\nmesh = "box.obj"\n')
-    (tmp_path / "link.toml").symlink_to("away/scene.toml")
-    animate(load_scene(tmp_path / "link.toml", {"frames": 1}), tmp_path / "out.usdc", device="cpu")
-    assert (tmp_path / "out.usdc").is_file()
-
-
-def test_a_stage_is_drawn_and_converted_through_a_link(stage: Path, tmp_path: Path):
-    (tmp_path / "link.usdc").symlink_to(stage)
-    render(tmp_path / "link.usdc", tmp_path / "out.png")
-    export(tmp_path / "link.usdc", tmp_path / "out.glb")
-    assert (tmp_path / "out.glb").is_file()
-
-
 def test_a_mesh_behind_a_link_in_a_circle_is_one_sentence(tmp_path: Path):
+    """A mesh is not written over through a link."""
     (tmp_path / "loop.obj").symlink_to("loop.obj")
+    (tmp_path / "link.obj").symlink_to("box.obj")
     write_obj(tmp_path / "box.obj", cube())
     swapped = load_scene(tmp_path / "box.obj", {"balloon.mesh": str(tmp_path / "loop.obj")})
-    with pytest.raises(InputError, match=r"loop\.obj: no such file; it is a broken link to "):
+    loop = r"loop\.obj: no such file; it is a broken link to "
+    with pytest.raises(InputError, match=loop):
         animate(swapped, tmp_path / "out.usdc", device="cpu")
-    with pytest.raises(InputError, match=r"loop\.obj: no such file; it is a broken link to "):
-        app(["remesh", str(tmp_path / "loop.obj"), "-o", str(tmp_path / "out.obj")], standalone_mode=False)
-
-
-def test_a_mesh_is_not_written_over_through_a_link(tmp_path: Path):
-    write_obj(tmp_path / "box.obj", cube())
-    (tmp_path / "link.obj").symlink_to("box.obj")
-    with pytest.raises(InputError, match=r"link\.obj: is the input mesh"):
-        app(["remesh", str(tmp_path / "box.obj"), "-o", str(tmp_path / "link.obj")], standalone_mode=False)
+    for mesh, output, sentence in (("loop", "out", loop), ("box", "link", r"link\.obj: is the input mesh")):
+        with pytest.raises(InputError, match=sentence):
+            app(["remesh", f"{tmp_path}/{mesh}.obj", "-o", f"{tmp_path}/{output}.obj"], standalone_mode=False)
 
 
 @pytest.mark.parametrize("kind", ["circle", "dangling"])
-def test_a_link_that_leads_nowhere_is_one_sentence_as_an_input(kind: str, tmp_path: Path):
+def test_a_link_that_leads_nowhere_is_one_sentence_as_an_input(kind: str, stage: Path, tmp_path: Path):
     for name in ("mesh.obj", "stage.usdc", "scene.toml"):
         (tmp_path / name).symlink_to(name if kind == "circle" else f"gone_{name}")
     for name in ("mesh.obj", "scene.toml"):
         with pytest.raises(InputError, match=f"{name}: no such .*; it is a broken link to .*{name}$"):
             load_scene(tmp_path / name)
     with pytest.raises(InputError, match=r"stage\.usdc: no such .*; it is a broken link to "):
-        render(tmp_path / "stage.usdc", tmp_path / "out.png")
+        WRITERS["render"](tmp_path / "stage.usdc", tmp_path / "out.png")
+    (tmp_path / "link.usdc").symlink_to(stage)  # one that leads to a stage is drawn and converted
+    for writer, output in (("render", "out.png"), ("export", "out.glb")):
+        WRITERS[writer](tmp_path / "link.usdc", tmp_path / output)
+        assert (tmp_path / output).is_file()

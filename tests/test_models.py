@@ -1,11 +1,12 @@
-"""Bundled models: the files are the script's output, and good meshes of their subjects."""
+"""Solid shapes: bundled models, thin obstacles, points on which bodies stand, and boxes with round edges."""
 
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from meshes import box, joined, quad_sphere
+from quads import assert_none_folded, edge_lengths
 
 import balloon_warp.scenes
 from balloon_warp.mesh import PolygonMesh
@@ -18,7 +19,12 @@ from balloon_warp.mesh.geometry import (
     vertex_normals,
 )
 from balloon_warp.mesh.load import load_mesh
-from balloon_warp.mesh.topology import component_count, genus, inconsistent_edges, mesh_edges
+from balloon_warp.mesh.topology import component_count, genus, inconsistent_edges, is_closed, mesh_edges
+from balloon_warp.model.body_samples import MOST_SAMPLES, sample
+from balloon_warp.model.obstacles import ObstacleShape, shape_obstacle
+from balloon_warp.model.thinness import is_thin
+from balloon_warp.outputs.beveled import OF_LARGEST, OF_LEAST, beveled_box
+from balloon_warp.scene import Balloon, Obstacle, Scene
 from balloon_warp.scenes.model_solids import ellipsoid, mirrored, round_cone, smooth_union, torus, tube
 from balloon_warp.scenes.models import MODELS, make_model
 
@@ -26,11 +32,6 @@ from balloon_warp.scenes.models import MODELS, make_model
 @cache
 def bundled(name: str) -> PolygonMesh:
     return load_mesh(Path(balloon_warp.scenes.__path__[0]) / f"{name}.obj")
-
-
-def edge_lengths(mesh: PolygonMesh) -> NDArray[np.float64]:
-    ends = mesh.points[mesh_edges(mesh).ends]
-    return np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -48,19 +49,14 @@ def test_one_closed_skin_of_even_quads(name: str) -> None:
     assert (mesh.face_vertex_counts == 4).all()
     assert (edges.face_counts == 2).all()
     assert genus(mesh, edges) == (name == "slot")  # its hole; None where the mesh is not manifold
-    assert component_count(mesh, edges) == 1
-    assert len(inconsistent_edges(edges)) == 0
+    assert (component_count(mesh, edges), len(inconsistent_edges(edges))) == (1, 0)
     assert signed_volume(mesh) > 0.0
     valence = np.bincount(edges.ends.ravel())
-    assert valence.min() == 3
-    assert valence.max() <= 6
+    assert (valence.min(), valence.max() <= 6) == (3, True)
     lengths = edge_lengths(mesh)
     # As good as these come: 1.9 for the pillow, 2.2 for the bowl, about 3 where flippers and ears are near a cell thin.
     assert lengths.max() / lengths.min() < 3.3
-    facing = np.einsum(
-        "fcj,fj->fc", vertex_normals(mesh)[mesh.face_vertex_indices.reshape(-1, 4)], face_vector_areas(mesh)
-    )
-    assert (facing > 0.0).all()
+    assert_none_folded(mesh)
 
 
 @pytest.mark.parametrize(
@@ -104,15 +100,12 @@ def test_squirrel_hangs_by_its_tail() -> None:
     assert 0.1 < tip[1] - ears[:, 1].max() < 0.25
 
 
-def test_bowl_is_far_from_a_sphere() -> None:
+def test_bowl_is_far_from_a_sphere_and_a_pillow_thin_and_pointed() -> None:
     mesh = bundled("bowl")
     assert 36.0 * np.pi * signed_volume(mesh) ** 2 / total_area(mesh) ** 3 < 0.3
     # Half of a shell between 0.39 and 0.5, and half of a torus as its rim (Pappus); chords lose about 1 %.
     rim = np.pi * 0.445 * np.pi * 0.055**2
     assert signed_volume(mesh) == pytest.approx(2.0 / 3.0 * np.pi * (0.5**3 - 0.39**3) + rim, rel=2e-2)
-
-
-def test_pillow_is_thin_and_pointed() -> None:
     points = bundled("pillow").points
     assert np.ptp(points[:, 1]) == pytest.approx(0.25, abs=1e-4)
     # The middle of a side is pulled in behind the line from corner to corner.
@@ -136,16 +129,70 @@ def test_solids_measure_distance() -> None:
 
 def test_round_cone_touches_both_its_spheres() -> None:
     """The distance of a round cone's side is that to the tangent line of two circles, here of slope 3/4."""
-    a, b = (0.0, 0.0, 0.0), (0.0, 5.0, 0.0)
     along, across = 4.0 / 5.0, 3.0 / 5.0  # the side's direction for radii 4 and 1: sine (4 - 1) / 5
-    side = np.array([across, along])
-    normal = np.array([along, across])
-    at = 4.0 * normal + 2.0 * np.array([-side[0], side[1]])
-    outside = at + 0.3 * normal
-    distances = round_cone(np.array([[at[0], at[1], 0.0], [outside[0], outside[1], 0.0]]), a, b, 4.0, 1.0)
+    normal = np.array([along, across, 0.0])
+    at = 4.0 * normal + 2.0 * np.array([-across, along, 0.0])
+    distances = round_cone(np.array([at, at + 0.3 * normal]), (0.0, 0.0, 0.0), (0.0, 5.0, 0.0), 4.0, 1.0)
     np.testing.assert_allclose(distances, [0.0, 0.3], atol=1e-12)
-
-
-def test_smooth_union_is_the_union_away_from_the_seam() -> None:
-    a, b = np.array([0.0, 1.0, 0.2]), np.array([1.0, 0.0, 0.2])
+    a, b = np.array([0.0, 1.0, 0.2]), np.array([1.0, 0.0, 0.2])  # a smooth union is one away from the seam
     np.testing.assert_allclose(smooth_union(0.1, a, b), [0.0, 0.0, 0.2 - 0.025])
+
+
+UP = np.array([0.0, 1.0, 0.0])
+
+
+def solid(mesh: PolygonMesh) -> ObstacleShape:
+    """Return an obstacle of that mesh."""
+    return shape_obstacle(0, Obstacle(mesh=mesh), Scene(balloon=[Balloon(mesh=quad_sphere(1))]))
+
+
+def block(width: float, depth: float, height: float, x: float = 0.0, y: float = 0.0) -> PolygonMesh:
+    """Return a block of faces outward, of some size, with its middle at a place."""
+    return box((x, y, 0.0), (width, height, depth), (1, 1, 1))
+
+
+def test_a_large_thing_with_thin_parts_is_thin() -> None:
+    """A top of 40 mm, and legs of 50 mm, though the table is 0.7 m high and 1 m wide."""
+    legs = [block(0.05, 0.05, 0.7, x, -0.4) for x in (-0.4, 0.4)]
+    table = solid(joined(block(1.0, 1.0, 0.04), *legs))
+    assert is_thin(table, 0.1)
+    assert not is_thin(table, 0.03)
+
+
+@pytest.mark.parametrize("mesh", [block(1.0, 1.0, 1.0), quad_sphere(8, 0.5)])
+def test_what_is_thick_everywhere_is_not_thin(mesh: PolygonMesh) -> None:
+    assert not is_thin(solid(mesh), 0.5)
+    assert is_thin(solid(mesh), 1.01)
+
+
+def test_a_mesh_of_many_vertices_stands_on_its_hull() -> None:
+    """The turtle of 2,898 vertices: no plane that it lies on is more than the rounding of an edge into it."""
+    turtle = solid(load_mesh(Path(balloon_warp.scenes.__path__[0]) / "turtle.obj"))
+    samples = sample(turtle, UP)
+    assert len(samples.points) == MOST_SAMPLES
+    ways = np.random.default_rng(0).normal(size=(500, 3))
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    assert turtle.mesh is not None
+    whole = (turtle.mesh.points @ ways.T).max(axis=0)
+    stands = samples.points[: samples.outermost]
+    held = (stands[:, :3] @ ways.T + stands[:, 3:]).max(axis=0)
+    assert (whole - held).max() < 1e-3 * turtle.reach
+
+
+@pytest.mark.parametrize("half", [(0.5, 0.5, 0.5), (1.0, 0.04, 1.0), (0.01, 3.0, 0.2), (1e-3, 1e-3, 1.0)])
+def test_a_box_is_as_large_as_it_is_simulated_with_round_edges(half: tuple[float, float, float]):
+    sides = np.array(half)
+    box, normals = beveled_box(sides)
+    assert is_closed(mesh_edges(box))
+    np.testing.assert_allclose([-box.points.min(axis=0), box.points.max(axis=0)], np.tile(sides, (2, 1)), rtol=1e-9)
+    # Faces look outward and are flat but for the edges, whose radius is some of the sides.
+    radius = 2.0 * min(OF_LARGEST * sides.max(), OF_LEAST * sides.min())
+    corner = box.points[np.argmax(box.points.sum(axis=1))]
+    np.testing.assert_allclose(sides - corner, radius * (1.0 - 1.0 / np.sqrt(3.0)), rtol=1e-6)
+    flat = (np.abs(np.abs(box.points) - sides) < 1e-9 * sides.max()).any(axis=1)
+    assert np.abs(normals[flat]).max(axis=1) == pytest.approx(1.0)
+    assert np.linalg.norm(normals, axis=1) == pytest.approx(1.0)
+    assert np.einsum("ij,ij->i", vertex_normals(box), normals).min() > 0.98
+    areas = np.linalg.norm(face_vector_areas(box), axis=1)
+    assert areas.min() > 0.0
+    assert 0.7 * 8.0 * sides.prod() < signed_volume(box) < 8.0 * sides.prod()

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 import warp as wp
 from exported import BALL
-from meshes import cube, quad_sphere
+from meshes import cube, mesh_of, quad_sphere
 from pxr import Usd, UsdGeom
 
 from balloon_warp import Scene, animate
 from balloon_warp.kernels.pictures.shapes import LEAST_SEEN, turned_to_viewer
-from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.folds import CREASE, SOFT_CREASE, sharp_edges
 from balloon_warp.outputs.render.stage_reader import RenderStage
 from balloon_warp.scene import Balloon
@@ -53,11 +52,9 @@ def test_a_smooth_normal_is_never_much_more_at_a_slant_than_its_face():
 @pytest.mark.parametrize("bend", [30.0, 59.0, 61.0, 120.0])
 def test_an_edge_is_sharp_beyond_its_angle(bend: float):
     """A common edge of two squares, from border to border, is a crease beyond its angle."""
-    angle = np.radians(bend)
-    points = [(0, 0, -1), (0, 0, 1), (-1, 0, -1), (-1, 0, 1)]
-    points += [(np.cos(angle), np.sin(angle), -1), (np.cos(angle), np.sin(angle), 1)]
-    faces = np.array([0, 2, 3, 1, 0, 1, 5, 4], np.int32)
-    card = PolygonMesh(np.array(points, float), np.array([4, 4], np.int32), faces)
+    x, y = np.cos(np.radians(bend)), np.sin(np.radians(bend))
+    points = [(0, 0, -1), (0, 0, 1), (-1, 0, -1), (-1, 0, 1), (x, y, -1), (x, y, 1)]
+    card = mesh_of(points, [[0, 2, 3, 1], [0, 1, 5, 4]])
     assert len(sharp_edges(card, SOFT_CREASE)) == (bend > SOFT_CREASE)
     assert len(sharp_edges(card, CREASE)) == (bend > CREASE)
 
@@ -66,10 +63,8 @@ def test_a_bump_is_no_crease():
     """A bump is no crease: sharp edges about a point pushed out of a fine ball lead nowhere."""
     ball = quad_sphere(8)
     assert len(sharp_edges(ball, SOFT_CREASE)) == 0
-    bump = ball.points.copy()
-    bump[0] *= 1.3
-    pushed = PolygonMesh(bump, ball.face_vertex_counts, ball.face_vertex_indices)
-    assert len(sharp_edges(pushed, SOFT_CREASE)) == 0
+    ball.points[0] *= 1.3
+    assert len(sharp_edges(ball, SOFT_CREASE)) == 0
 
 
 def test_a_box_that_is_inflated_keeps_its_edges(tmp_path: Path):

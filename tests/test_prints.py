@@ -18,17 +18,7 @@ from balloon_warp.scene.write import write_scene
 from balloon_warp.scenes.model_print import dots
 
 WHITE, RED, GREEN, BLUE = (255, 255, 255), (200, 10, 10), (10, 180, 10), (10, 10, 200)
-CLOTH = """
-v -1 -1 0
-v 1 -1 0
-v 1 1 0
-v -1 1 0
-vt 0 0
-vt 1 0
-vt 1 1
-vt 0 1
-f 1/1 2/2 3/3 4/4
-"""
+CLOTH = "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3 4/4\n"
 
 
 def square(path: Path, image: str, interpolation: str = "faceVarying") -> Usd.Stage:
@@ -90,16 +80,14 @@ def test_an_image_in_a_package_is_found(image: Path, tmp_path: Path):
     assert red[0] > 2.0 * red[2]
 
 
-def test_without_its_image_a_surface_has_its_own_color(image: Path, tmp_path: Path):
-    square(tmp_path / "stage.usda", "none.png")
-    for color in quadrants(tmp_path / "stage.usda"):
-        assert np.ptp(color) < 20
-
-
 def test_what_is_no_image_gets_a_sentence(tmp_path: Path):
+    """A surface without its image has its own color."""
+    square(tmp_path / "none.usda", "none.png")
+    for color in quadrants(tmp_path / "none.usda"):
+        assert np.ptp(color) < 20
     (tmp_path / "image.png").write_text("hello")
     square(tmp_path / "stage.usda", "image.png")
-    with pytest.raises(InputError, match=r"/World/Square: its texture .*image\.png cannot be read; expected an image"):
+    with pytest.raises(InputError, match=NO_IMAGE):
         quadrants(tmp_path / "stage.usda")
 
 
@@ -129,6 +117,9 @@ def test_prints_that_cannot_be_get_a_sentence(image: Path, tmp_path: Path):
     (tmp_path / "cloth.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     with pytest.raises(InputError, match=r"cloth\.obj: has no texture coordinates to print image\.png"):
         animate(load_scene(scene), tmp_path / "out.usdc", device="cpu")
+
+
+NO_IMAGE = r"/World/Square: its texture .*image\.png cannot be read; expected an image"
 
 
 def assert_printed(path: Path, corners: int) -> None:
@@ -165,7 +156,7 @@ def test_a_glb_has_images_as_glb_takes_them(image: Path, tmp_path: Path, monkeyp
     [cloth] = trimesh.load(tmp_path / "out.glb").geometry.values()
     assert cloth.visual.material.baseColorTexture.size == (16, 16)
     image.write_text("hello")
-    with pytest.raises(InputError, match=r"/World/Square: its texture .*image\.png cannot be read; expected an image"):
+    with pytest.raises(InputError, match=NO_IMAGE):
         export_stage(tmp_path / "large.usda", tmp_path / "out.glb")
 
 
@@ -188,18 +179,13 @@ def test_balloons_of_one_print_share_it_in_a_glb(image: Path, tmp_path: Path):
 
 
 def test_a_scene_is_copied_with_its_print(tmp_path: Path):
-    bundled = load_scene("pillow_on_water").balloon[0].print
-    assert bundled is not None
+    kept = load_scene("pillow_on_water").balloon[0].print
+    assert kept is not None
     written = write_scene(load_scene("pillow_on_water"), tmp_path / "mine.toml")
     assert [path.name for path in written] == ["mine.toml", "pillow.obj", "pillow.png"]
     assert load_scene(tmp_path / "mine.toml").balloon[0].print == tmp_path / "pillow.png"
-    assert (tmp_path / "pillow.png").read_bytes() == bundled.read_bytes()
-
-
-def test_the_bundled_print_is_what_the_script_makes():
-    kept = load_scene("pillow_on_water").balloon[0].print
-    assert kept is not None
-    # Other machines round square roots their own way.
+    assert (tmp_path / "pillow.png").read_bytes() == kept.read_bytes()
+    # It is what the script makes; other machines round square roots their own way.
     assert np.abs(np.asarray(Image.open(kept)).astype(int) - dots()).max() <= 2
 
 

@@ -1,36 +1,38 @@
-"""Scene files, overrides, and the sentences that a bad one gets."""
+"""Scene files, overrides, the default scene of a mesh, and the sentences that a bad one gets."""
 
 import os
+import re
+import shutil
 import tomllib
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from meshes import cube, quad_sphere
+import trimesh
+from meshes import cube, grid, quad_sphere
+from pxr import Usd, UsdGeom
 
-from balloon_warp import InputError, bundled_scenes, load_scene
+from balloon_warp import InputError, Simulator
+from balloon_warp.cli import main
+from balloon_warp.cli.app import app
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.model import build_model
-from balloon_warp.scene import Balloon, Scene, Stiffness, String
-from balloon_warp.scene.load import scene_name
+from balloon_warp.model import Model, build_model, plan_model
+from balloon_warp.model.obstacles import shape_obstacle
+from balloon_warp.scene import Balloon, Obstacle, Scene, Sphere, Stiffness, String, load_scene
+from balloon_warp.scene.load import bundled_scenes, scene_name
 from balloon_warp.scene.overrides import parse_override
+from balloon_warp.scene.reference import as_markdown, tables
+from balloon_warp.scene.schema import MESHED
+from balloon_warp.scene.schema.field_help import first_line
 from balloon_warp.scene.schema.fields import missed_between_frames
+from balloon_warp.scene.write import scene_toml, write_scene
 
-SCENE = """
-description = "a box and two balls"
-frames = 10
-[[balloon]]
-mesh = "box.obj"
-[[balloon]]
-mesh = "box.obj"
-position = [3, 0, 0]
-[[sphere]]
-position = [0, 2, 0]
-[[sphere]]
-position = [1, 2, 0]
-mass = 7
-"""
+SCENE = 'description = "a box and two balls"\nframes = 10\n[[balloon]]\nmesh = "box.obj"\n'
+SCENE += '[[balloon]]\nmesh = "box.obj"\nposition = [3, 0, 0]\n'
+SCENE += "[[sphere]]\nposition = [0, 2, 0]\n[[sphere]]\nposition = [1, 2, 0]\nmass = 7\n"
 
 
 @pytest.fixture
@@ -45,14 +47,27 @@ def load_with(path: Path, *overrides: str) -> Scene:
     return load_scene(path, [parse_override(text) for text in overrides])
 
 
-def test_a_scene_file_is_read_with_its_meshes_beside_it(scene_file: Path):
+def scene_of(folder: Path, mesh: PolygonMesh, *overrides: str, factor: float = 1.0) -> Scene:
+    """Return the scene of a file with the mesh, so many times as large."""
+    write_obj(folder / "ball.obj", replace(mesh, points=factor * mesh.points))
+    return load_with(folder / "ball.obj", *overrides)
+
+
+def model_of(*balloons: Balloon, **fields: object) -> Model:
+    return build_model(Scene(balloon=list(balloons), **fields), "cpu")
+
+
+def test_a_scene_file_is_read_with_its_meshes_beside_it(scene_file: Path, monkeypatch: pytest.MonkeyPatch):
     scene = load_scene(scene_file)
     assert (scene.frames, len(scene.balloon), scene.sphere[1].mass) == (10, 2, 7.0)
     assert scene.balloon[0].mesh == scene_file.parent / "box.obj"
     assert build_model(scene, "cpu").particle_count == 16
+    monkeypatch.chdir(scene_file.parent)  # where an override seeks a mesh
+    other = load_scene("squirrel_inflate", [("balloon.mesh", "box.obj")])
+    assert build_model(other, "cpu").particle_count == 8
 
 
-def test_an_override_reaches_all_or_one(scene_file: Path):
+def test_an_override_reaches_all_or_one_and_makes_tables_that_are_not_there(scene_file: Path):
     every = load_with(scene_file, "balloon.inflation.k_normal=3", "sphere.mass=100")
     assert [balloon.inflation.k_normal for balloon in every.balloon] == [3.0, 3.0]
     assert [sphere.mass for sphere in every.sphere] == [100.0, 100.0]
@@ -60,12 +75,12 @@ def test_an_override_reaches_all_or_one(scene_file: Path):
     assert one.balloon[1].inflation.keyframes == [(0.0, 1.0), (2.0, 0.5)]
     assert one.balloon[0].inflation == Balloon(mesh="x").inflation
     assert [sphere.mass for sphere in one.sphere] == [100.0, 7.0]
-
-
-def test_an_override_makes_tables_that_are_not_there(scene_file: Path):
     scene = load_with(scene_file, "ground.height=-1", "up_axis=Z")
     assert scene.ground is not None
     assert (scene.ground.height, scene.up_axis) == (-1.0, "Z")
+    values = {"balloon.mass": 3.0, "frames": 7}  # a mapping or pairs
+    assert load_scene(scene_file, values) == load_scene(scene_file, list(values.items()))
+    assert load_scene(scene_file, values).frames == 7
 
 
 @pytest.mark.parametrize(
@@ -126,10 +141,7 @@ def test_a_wrong_value_gets_one_sentence(scene_file: Path, override: str, senten
         (b"", r"balloon: is missing"),
         (b"[[baloon]]\nmesh = 'a.obj'", r"baloon: unknown table; did you mean balloon\?$"),
         (b"[[balloon]]\nmsh = 'a.obj'", r"balloon\.0\.msh: unknown field; did you mean mesh\?$"),
-        (
-            b"[balloon]\nmesh = 'a.obj'",
-            r"balloon: is one table, \[balloon\]; expected a list .* \[\[balloon\]\]$",
-        ),
+        (b"[balloon]\nmesh = 'a.obj'", r"balloon: is one table, \[balloon\]; expected a list .* \[\[balloon\]\]$"),
         (b"[[balloons]]\nmesh = 'a.obj'", r"balloons: unknown table; did you mean balloon\?$"),
         (b"[[balloon]]\nmesh = a.obj", r"Invalid value \(at line 2, column 8\); text needs quotes$"),
         (b"balloon = 3", r"balloon: must be a valid list \(got 3\)"),
@@ -155,31 +167,13 @@ def test_a_pipe_is_refused_unread_and_a_byte_order_mark_is_no_matter(tmp_path: P
     assert load_scene(tmp_path / "marked.toml").frames == 7
 
 
-def test_overrides_are_a_mapping_or_pairs(scene_file: Path):
-    values = {"balloon.mass": 3.0, "frames": 7}
-    assert load_scene(scene_file, values) == load_scene(scene_file, list(values.items()))
-    assert load_scene(scene_file, values).frames == 7
-
-
-def test_an_unknown_scene_lists_the_bundled_ones():
-    with pytest.raises(InputError, match=r"^zebra: no such scene or file; bundled scenes are .*squirrel_tether"):
-        load_scene("zebra")
-
-
-def test_a_file_that_is_missing_is_said_to_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """A missing file is named as such, without a list of scenes where none has a similar name."""
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError) as refused:
-        load_scene("zebra.obj")
-    assert str(refused.value) == f"zebra.obj: no such file in {tmp_path}"
-    with pytest.raises(InputError) as refused:
-        load_scene(tmp_path / "zebra.toml")
-    assert str(refused.value) == f"{tmp_path / 'zebra.toml'}: no such file"
-
-
 @pytest.mark.parametrize(
     ("source", "sentence"),
     [
+        ("zebra", r"^zebra: no such scene or file; bundled scenes are .*squirrel_tether"),
+        # without a list of scenes where none has a similar name
+        ("elephants_and_mice.obj", r"^elephants_and_mice\.obj: no such file in HERE$"),
+        ("HERE/empty/zebra.toml", r"^HERE/empty/zebra\.toml: no such file$"),
         ("squirel_tether", r"^squirel_tether: no such scene or file; did you mean squirrel_tether\?$"),
         ("boxs.toml", r"^boxs\.toml: no such scene or file; did you mean boxes\.toml\?$"),
         ("BOX.OBJ", r"^BOX\.OBJ: no such scene or file; did you mean box\.obj\?$"),
@@ -187,100 +181,68 @@ def test_a_file_that_is_missing_is_said_to_be(tmp_path: Path, monkeypatch: pytes
         ("nowhere/box.obj", r"^nowhere/box\.obj: no such scene or file; no folder nowhere$"),
     ],
 )
-def test_what_is_not_there_asks_for_what_is_like_it(
-    scene_file: Path, monkeypatch: pytest.MonkeyPatch, source: str, sentence: str
-):
-    monkeypatch.chdir(scene_file.parent)
-    with pytest.raises(InputError, match=sentence):
-        load_scene(source)
-
-
-def test_a_mesh_that_is_not_there_asks_for_one_like_it(scene_file: Path):
+def test_what_is_not_there_asks_for_what_is_like_it(scene_file: Path, monkeypatch, source: str, sentence: str):
+    here = scene_file.parent
+    (here / "empty").mkdir()
+    monkeypatch.chdir(here)
+    with pytest.raises(InputError, match=sentence.replace("HERE", re.escape(str(here)))):
+        load_scene(Path(source.replace("HERE", str(here))) if "HERE" in source else source)
     with pytest.raises(InputError, match=r"/bux\.obj: no such file; did you mean .*/box\.obj\?$"):
         build_model(load_scene(scene_file, {"balloon.mesh": "bux.obj"}), "cpu")
 
 
-def test_every_bundled_scene_loads_and_describes_itself_in_a_line():
+@pytest.mark.parametrize("name", bundled_scenes())
+def test_a_bundled_scene_describes_itself_in_a_line_and_names_no_default(name: str):
     assert len(bundled_scenes()) >= 8
-    for name in bundled_scenes():
-        scene = load_scene(name)
-        assert 10 < len(scene.description) < 60  # beside the name, in a terminal of 80 columns
-        assert scene_name(name) == name
-
-
-def test_bundled_scene_files_name_no_default_that_they_do_not_change():
-    """Values in a bundled scene file differ from the schema's defaults."""
-    for name, path in bundled_scenes().items():
-        table = tomllib.loads(path.read_text())
-        scene = load_scene(name)
-        said = {key: getattr(scene, key) for key in table if key not in ("balloon", "sphere", "string", "ground")}
-        defaults = {key: Scene.model_fields[key].default for key in said}
-        assert {key for key in said if said[key] == defaults[key]} == set(), name
-
-
-def test_an_override_seeks_a_mesh_in_the_current_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    write_obj(tmp_path / "box.obj", cube())
-    monkeypatch.chdir(tmp_path)
-    scene = load_scene("squirrel_inflate", [("balloon.mesh", "box.obj")])
-    assert build_model(scene, "cpu").particle_count == 8
+    scene = load_scene(name)
+    assert 10 < len(scene.description) < 60  # beside the name, in a terminal of 80 columns
+    assert scene_name(name) == name
+    assert load_scene(name, {"frames_per_second": 24.0}).frames_per_second == 24.0  # which Blender plays
+    table = tomllib.loads(bundled_scenes()[name].read_text())
+    said = {key: getattr(scene, key) for key in table if key not in ("balloon", "sphere", "string", "ground")}
+    assert [key for key in said if said[key] == Scene.model_fields[key].default] == []
 
 
 @pytest.mark.parametrize(
-    ("scale", "position", "sentence"),
+    ("fields", "sentence"),
     [
-        (1e11, (0.0, 0.0, 0.0), r"is 1e\+11 m across; expected 1e-06 to 1e\+09 m"),
-        (1e-9, (0.0, 0.0, 0.0), r"is 1e-09 m across; expected"),
-        (1.0, (1e7, 0.0, 0.0), r"is 1 m across and 1e\+07 m from the origin, too far for 32-bit floats"),
+        ({"scale": 1e11}, r"box: is 1e\+11 m across; expected 1e-06 to 1e\+09 m"),
+        ({"scale": 1e-9}, r"box: is 1e-09 m across; expected"),
+        ({"position": (1e7, 0.0, 0.0)}, r"box: is 1 m across and 1e\+07 m from the origin, too far for 32-bit floats"),
+        ({"stiffness": Stiffness(structural=1e11), "mass": 1e-6}, "needs more than 100,000 in a frame"),
+        ({"fixed": [8]}, r"box has particles 0 to 7 \(got 8\)"),
     ],
 )
-def test_what_float32_cannot_hold_is_refused(scale: float, position: tuple[float, float, float], sentence: str):
-    balloon = Balloon(mesh=replace(cube(), name="box"), scale=scale, position=position)
-    with pytest.raises(InputError, match=f"box: {sentence}"):
-        build_model(Scene(balloon=[balloon]), "cpu")
+def test_what_a_model_cannot_hold_is_refused(fields: dict, sentence: str):
+    box = replace(cube(), name="box")
+    with pytest.raises(InputError, match=sentence):
+        model_of(Balloon(mesh=box, **fields))
+    with pytest.raises(InputError, match=r"box has particles 0 to 7 \(got 8\)"):
+        model_of(Balloon(mesh=box), string=[String(anchor=(0, 0, 0), particle=8)])
 
 
-def test_absurd_steps_are_refused_and_heavy_balloons_still_get_one_substep():
-    stiff = Balloon(mesh=cube(), stiffness=Stiffness(structural=1e11), mass=1e-6)
-    with pytest.raises(InputError, match="needs more than 100,000 in a frame"):
-        build_model(Scene(balloon=[stiff]), "cpu")
-    soft = Balloon(mesh=cube(), stiffness=Stiffness(structural=0.0, shear=0.0, flexion=0.0), damping=0.0)
-    assert build_model(Scene(balloon=[soft]), "cpu").substeps == 1
+def test_a_heavy_balloon_still_gets_one_substep():
+    soft = Stiffness(structural=0.0, shear=0.0, flexion=0.0)
+    assert model_of(Balloon(mesh=cube(), stiffness=soft, damping=0.0)).substeps == 1
 
 
 def test_strings_find_the_highest_and_lowest_particle():
     mesh = quad_sphere(3)
-    strings = [String(anchor=(0, 0, 0), particle="highest"), String(anchor=(0, 0, 0), particle="lowest")]
-    model = build_model(Scene(balloon=[Balloon(mesh=mesh)], string=strings), "cpu")
+    strings = [String(anchor=(0, 0, 0), particle=which) for which in ("highest", "lowest")]
+    model = model_of(Balloon(mesh=mesh), string=strings)
     heights = mesh.points[model.string_particle.numpy(), 1]
     np.testing.assert_array_equal(heights, [mesh.points[:, 1].max(), mesh.points[:, 1].min()])
     np.testing.assert_allclose(model.parameters["string_length"].numpy(), [[1.0, 1.0]], rtol=1e-6)
 
 
-@pytest.mark.parametrize("field", ["string", "fixed"])
-def test_a_particle_past_the_end_is_refused(field: str):
-    balloon = Balloon(mesh=cube(), name="box", fixed=[8] if field == "fixed" else [])
-    string = [String(anchor=(0, 0, 0), particle=8)] if field == "string" else []
-    with pytest.raises(InputError, match=r"box has particles 0 to 7 \(got 8\)"):
-        build_model(Scene(balloon=[balloon], string=string), "cpu")
-
-
 def test_a_mesh_is_placed_by_scale_rotation_and_position():
     """A mesh is scaled, turned about y (z goes to x), then moved; a Z-up mesh is turned upright first."""
-    mesh = cube()
-    turned = Balloon(mesh=mesh, scale=2.0, rotation=(0, 90, 0), position=(10, 0, 0))
-    points = build_model(Scene(balloon=[turned]), "cpu").initial_points.numpy()
-    expected = np.stack([10 + 2 * mesh.points[:, 2], 2 * mesh.points[:, 1], -2 * mesh.points[:, 0]], axis=1)
-    np.testing.assert_allclose(points, expected, atol=1e-5)
-
-    z_up = replace(mesh, up_axis="Z", meters_per_unit=0.01)
-    points = build_model(Scene(balloon=[Balloon(mesh=z_up)]), "cpu").initial_points.numpy()
-    np.testing.assert_allclose(points[:, 1], 0.01 * mesh.points[:, 2], atol=1e-6)
-    np.testing.assert_allclose(points[:, 2], -0.01 * mesh.points[:, 1], atol=1e-6)
-
-
-@pytest.mark.parametrize("name", bundled_scenes())
-def test_every_bundled_scene_takes_the_rate_that_blender_plays(name: str):
-    assert load_scene(name, {"frames_per_second": 24.0}).frames_per_second == 24.0
+    x, y, z = cube().points.T
+    points = model_of(Balloon(mesh=cube(), scale=2.0, rotation=(0, 90, 0), position=(10, 0, 0))).initial_points.numpy()
+    np.testing.assert_allclose(points, np.stack([10 + 2 * z, 2 * y, -2 * x], axis=1), atol=1e-5)
+    z_up = replace(cube(), up_axis="Z", meters_per_unit=0.01)
+    points = model_of(Balloon(mesh=z_up)).initial_points.numpy()
+    np.testing.assert_allclose(points[:, 1:], np.stack([0.01 * z, -0.01 * y], axis=1), atol=1e-6)
 
 
 def test_keyframes_closer_than_a_frame_are_taken_where_little_is_missed():
@@ -290,3 +252,330 @@ def test_keyframes_closer_than_a_frame_are_taken_where_little_is_missed():
     assert missed_between_frames([(0.0, 1.0), (1.0, 2.0)], 0.5) == pytest.approx(0.0)
     assert missed_between_frames([(0.51, 0.0), (0.52, 1.0), (0.53, 0.0)], 0.5) == pytest.approx(1.0)
     assert missed_between_frames([(0.0, 0.0), (0.01, 0.0)], 0.5) == 0.0
+
+
+Y_IS_UP = ". The file names no up axis, so Y is up; --up Z turns it"
+
+
+@pytest.mark.parametrize("kind", ["normal_force", "pressure"])
+@pytest.mark.parametrize("scale", [0.01, 200.0])
+def test_a_mesh_gets_a_scene_scaled_to_its_size(tmp_path: Path, scale: float, kind: str):
+    """The motion is the same at any size of a mesh, up to rounding."""
+
+    def motion(factor: float) -> np.ndarray:
+        scene = scene_of(tmp_path, quad_sphere(3), f"balloon.inflation.kind={kind}", factor=factor)
+        simulator = Simulator(scene, "cpu")
+        for _ in range(60):
+            simulator.step()
+        points = simulator.read_frame().points[0]
+        assert np.ptp(points[:, 0]) > 1.02 * factor * np.ptp(quad_sphere(3).points[:, 0])  # it has begun to grow
+        assert scene.ground is not None
+        assert points[:, 1].min() == pytest.approx(scene.ground.height)  # it has fallen to the floor below it
+        return points / factor
+
+    np.testing.assert_allclose(motion(scale), motion(1.0), atol=1e-3)
+
+
+@pytest.mark.parametrize("kind", ["normal_force", "pressure", "gas"])
+@pytest.mark.parametrize("scale", [1e-6, 1e8])
+def test_a_mesh_of_any_size_gets_a_scene(tmp_path: Path, scale: float, kind: str):
+    scene = scene_of(tmp_path, quad_sphere(2), f"balloon.inflation.kind={kind}", factor=scale)
+    assert scene.balloon[0].inflation.kind == kind
+
+
+def test_the_numbers_of_its_scene_are_short_and_the_floor_is_below_it_anywhere(tmp_path: Path):
+    for shift in (0.0, 123.45678):
+        mesh = quad_sphere(3)
+        mesh.points[:] = 0.123456789 * mesh.points + np.array([0.0, shift, 0.0])
+        scene = scene_of(tmp_path, mesh)
+        ball = scene.balloon[0]
+        for value in (scene.gravity, ball.mass, ball.helium, ball.damping):
+            assert len(repr(value).replace(".", "").lstrip("0")) <= 6
+        size, low = np.ptp(mesh.points, axis=0).max(), mesh.points[:, 1].min()
+        assert scene.ground is not None
+        assert scene.ground.height == pytest.approx(low - 0.05 * size, abs=1e-5 * size)
+        assert len(repr(scene.ground.height)) <= 12
+    # An open mesh is held at its border, unless that is all of it: at its first face.
+    assert set(scene_of(tmp_path, grid(3, 3)).balloon[0].fixed) == set(range(16)) - {5, 6, 9, 10}
+    assert len(scene_of(tmp_path, grid(3, 1)).balloon[0].fixed) == 4
+
+
+@pytest.mark.full
+def test_a_mesh_by_itself_gets_half_as_much_gas_again_unless_it_is_said_how_much(tmp_path: Path):
+    def amounts(*overrides: str) -> list[float]:
+        scene = scene_of(tmp_path, quad_sphere(3), "balloon.inflation.kind=gas", "frames=95", *overrides)
+        return [float(frame.gas_amounts[0]) for frame in Simulator(scene, "cpu").run()]
+
+    pumped = amounts()
+    assert pumped[95] / pumped[0] == pytest.approx(1.5, rel=1e-3)  # the ramp is pumped in steps
+    assert np.ptp(amounts("balloon.inflation.start_pressure=100")) == 0.0
+    assert np.ptp(amounts("balloon.inflation.amount=160")) == 0.0
+
+
+@pytest.mark.parametrize(
+    "said", ["litres=200", "breaths=3", "moles=5", "pump_curve=[[0, 1], [500, 0]]", "fill_to_pressure=50", "pump=0.5"]
+)
+def test_a_mesh_by_itself_takes_gas_as_one_says_it(tmp_path: Path, said: str):
+    """Fields of gas count with or without the kind, and without a default pump."""
+    for kind in ([], ["balloon.inflation.kind=gas"]):
+        scene = scene_of(tmp_path, quad_sphere(3), f"balloon.inflation.{said}", *kind)
+        inflation = scene.balloon[0].inflation
+        assert (inflation.kind, inflation.pump) == ("gas", 0.5 if said == "pump=0.5" else 0.0)
+        plan_model(scene)
+
+
+def test_a_mesh_scene_follows_how_its_mesh_is_placed(tmp_path: Path):
+    """A scaled mesh gets the scene of the smaller mesh, and a turned one keeps its floor below."""
+    assert scene_of(tmp_path, cube(), "balloon.scale=0.01").gravity == pytest.approx(0.0981)
+    turned = scene_of(tmp_path, cube(), "balloon.rotation=[45, 0, 0]")
+    assert turned.ground is not None
+    assert turned.ground.height < build_model(turned, "cpu").initial_points.numpy()[:, 1].min()
+
+
+@pytest.mark.parametrize("kind", ["normal_force", "gas"])
+@pytest.mark.parametrize(("unit", "size"), [("cm", 0.5), ("in", 1.27), ("m", 50.0)])
+def test_a_known_unit_gives_true_size_and_gravity(tmp_path: Path, unit: str, size: float, kind: str):
+    """The balloon sags by its weight as one of a meter does."""
+    said = f"balloon.unit={unit}", f"balloon.inflation.kind={kind}"
+    scene = scene_of(tmp_path, quad_sphere(3), *said, factor=50.0 / np.ptp(quad_sphere(3).points[:, 1]))
+    (balloon,) = scene.balloon
+    assert scene.gravity == pytest.approx(9.81)
+    weight = balloon.mass * (scene.gravity - balloon.helium)
+    assert weight == pytest.approx(2.0 * 1.81 * size, rel=1e-5)  # six digits
+    assert np.ptp(build_model(scene, "cpu").shapes[0].mesh.points[:, 1]) == pytest.approx(size)
+    begins = f"ball.obj, {size:.3g} m across, inflates above a floor"
+    assert scene.description == f"{begins}{Y_IS_UP}. Its unit is {unit}, as given"
+
+
+def test_gravity_that_is_scaled_to_a_mesh_is_said_with_what_to_do(tmp_path: Path):
+    said = scene_of(tmp_path, cube(), factor=171.8)
+    assert said.gravity == 1685.36
+    assert said.description == (
+        "ball.obj inflates above a floor. Its unit is not known, so gravity is 1685.4 m/s2, which suits its size of "
+        "171.8. --unit m, cm, mm, km, in or ft gives it true size and gravity" + Y_IS_UP
+    )
+    assert scene_of(tmp_path, cube(), "gravity=0").description == "ball.obj inflates above a floor" + Y_IS_UP
+
+
+@pytest.mark.parametrize(("said", "gravity"), [(True, 9.81), (False, 0.0981)])
+def test_the_unit_of_a_stage_is_known_where_it_says_one(tmp_path: Path, said: bool, gravity: float):
+    """The unit of a stage is known where it is authored: USD's default is centimeters."""
+    stage = Usd.Stage.CreateNew(str(tmp_path / "box.usda"))
+    if said:
+        UsdGeom.SetStageMetersPerUnit(stage, 0.01)
+    prim, mesh = UsdGeom.Mesh.Define(stage, "/box"), cube()
+    prim.CreatePointsAttr(mesh.points)
+    prim.CreateFaceVertexCountsAttr(mesh.face_vertex_counts)
+    prim.CreateFaceVertexIndicesAttr(mesh.face_vertex_indices)
+    stage.Save()
+    assert load_scene(tmp_path / "box.usda").gravity == pytest.approx(gravity)
+
+
+def test_the_command_says_it_first_and_takes_a_unit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys):
+    write_obj(tmp_path / "box.obj", cube())
+    run = f"balloon-warp run {tmp_path}/box.obj --set frames=1 --device cpu -o {tmp_path}/out.usdc".split()
+    unknown = "note: box.obj inflates above a floor. Its unit is not known, so gravity is 9.81 m/s2, which suits its "
+    for more, first in (
+        ([], unknown),
+        (["--unit", "ft"], "note: box.obj, 0.305 m across, inflates above a floor"),
+        (["--unit", "furlong"], "error: --unit furlong: expected m, cm, mm, km, in, ft"),
+    ):
+        monkeypatch.setattr("sys.argv", [*run, *more])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        assert capsys.readouterr().err.startswith(first)
+        assert (ended.value.code or 0) == (2 if "furlong" in more else 0)
+
+
+def test_a_closed_mesh_wound_inward_is_turned_outward():
+    inward = replace(cube(), face_vertex_indices=cube().face_vertex_indices.reshape(-1, 4)[:, ::-1].ravel())
+    (shape,) = model_of(Balloon(mesh=inward)).shapes
+    assert signed_volume(shape.mesh) == pytest.approx(1.0)
+    said = "1 closed component winds inward; it has face 1, counting from 1. Such a component is flipped outward."
+    assert shape.mesh.warnings == (said,)
+
+
+def test_the_axis_of_a_file_that_points_up_can_be_told(tmp_path: Path):
+    """A cone along Z stands once the up axis is given, in any world; a file that names its axis needs no option."""
+    cone = trimesh.creation.cone(radius=0.3, height=1.2)
+    cone.export(tmp_path / "cone.stl")
+    for world, up_axis in (("Y", 1), ("Z", 2)):
+        for told, height in ((["balloon.up=Z"], 1.2), ([], 0.6)):
+            scene = load_with(tmp_path / "cone.stl", f"up_axis={world}", *told)
+            points = plan_model(scene).shapes[0].mesh.points
+            assert np.ptp(points[:, up_axis]) == pytest.approx(height, rel=0.02)  # of 32 corners
+            up = "Z is up, as given" if told else "The file names no up axis, so Y is up; --up Z turns it"
+            turned = f". It is turned to the scene's {world}" if (world == "Z") != bool(told) else ""
+            assert scene.description.endswith(f". {up}{turned}")
+            asked = [warning for warning in plan_model(scene).warnings if "names no up axis" in warning]
+            assert len(asked) == (world == "Z" and not told)
+            obstacle = Obstacle(mesh=tmp_path / "cone.stl", up="Z" if told else None)
+            shape = shape_obstacle(0, obstacle, scene)
+            assert shape.mesh
+            assert np.ptp(shape.mesh.points[:, up_axis]) == pytest.approx(height, rel=0.02)
+    trimesh.Scene(cone).export(tmp_path / "cone.glb")
+    assert load_scene(tmp_path / "cone.glb").description == (
+        "cone.glb, 1.2 m across, inflates above a floor. Y is up, as its file says. Its unit is m, as its file says"
+    )
+
+
+PAGE = Path(__file__).parent.parent / "docs" / "SCENE.md"
+
+
+def without_meshes(scene: Scene) -> Scene:
+    tables = {
+        name: [table.model_copy(update={"mesh": table.mesh and Path()}) for table in getattr(scene, name)]
+        for name in MESHED
+    }
+    tables["balloon"] = [table.model_copy(update={"print": table.print and Path()}) for table in tables["balloon"]]
+    materials = [table.material for table in tables["balloon"]]
+    materials = [each.model_copy(update={"rest_mesh": each.rest_mesh and Path()}) for each in materials]
+    pairs = zip(tables["balloon"], materials, strict=True)
+    tables["balloon"] = [table.model_copy(update={"material": material}) for table, material in pairs]
+    return scene.model_copy(update=tables)
+
+
+def mesh_files(scene: Scene) -> list[Path]:
+    return [Path(str(table.mesh)) for name in MESHED for table in getattr(scene, name) if table.mesh]
+
+
+@pytest.mark.parametrize("name", bundled_scenes())
+def test_a_bundled_scene_is_written_with_its_meshes_and_can_be_moved(tmp_path: Path, name: str):
+    (tmp_path / "here").mkdir()
+    scene = load_scene(name)
+    written = write_scene(scene, tmp_path / "here" / "mine.toml")
+    assert sorted(written) == sorted((tmp_path / "here").iterdir())
+    moved = load_scene(shutil.move(tmp_path / "here", tmp_path / "there") / "mine.toml")
+    assert without_meshes(moved) == without_meshes(scene)
+    for mesh, own in zip(mesh_files(moved), mesh_files(scene), strict=True):
+        assert mesh.parent == tmp_path / "there"
+        assert mesh.read_bytes() == own.read_bytes()
+    printed = tmp_path / "printed.toml"
+    printed.write_text(scene_toml(scene, tmp_path))
+    assert load_scene(printed) == scene
+
+
+def test_a_copy_of_the_mesh_stays_and_another_file_is_not_replaced(tmp_path: Path):
+    path = tmp_path / "mine.toml"
+    assert write_scene(load_scene("helium_rise"), path) == [path, tmp_path / "ball.obj"]
+    assert write_scene(load_scene("helium_rise"), path) == [path]
+    before = path.read_bytes()
+    (tmp_path / "ball.obj").write_text("of my own")
+    with pytest.raises(
+        InputError, match=r"/ball\.obj: already exists and differs from the scene's file of that name; "
+    ):
+        write_scene(load_scene("two_balloons"), path)
+    assert (path.read_bytes(), (tmp_path / "ball.obj").read_text()) == (before, "of my own")
+
+
+def test_a_mesh_of_ones_own_is_named_from_the_file(tmp_path: Path):
+    for folder in ("meshes", "scenes/real"):
+        (tmp_path / folder).mkdir(parents=True)
+    (tmp_path / "link").symlink_to(tmp_path / "scenes" / "real")
+    write_obj(tmp_path / "meshes" / "ball.obj", quad_sphere(2))
+    path = tmp_path / "link" / "mine.toml"
+    write_scene(load_scene(tmp_path / "meshes" / "ball.obj"), path)
+    assert tomllib.loads(path.read_text())["balloon"][0]["mesh"] == "../../meshes/ball.obj"
+    assert Path(str(load_scene(path).balloon[0].mesh)).exists()
+
+
+def test_each_value_has_its_unit_and_default_beside_it():
+    scene = Scene(
+        substeps=20,
+        solver="forward_euler",
+        balloon=[Balloon(mesh="a.obj", mass=0.2, law={"magnet": {"strength": 5.0}})],
+        sphere=[Sphere(position=(0.0, 1.0, 0.0), mass=3.0)],
+    )
+    text = scene_toml(scene, Path())
+    lines = [re.sub(" +# ", "  # ", line) for line in text.splitlines()]
+    assert "mass = 0.2  # Mass of the whole balloon, shared equally by its particles [kg]; default 0.1" in lines
+    assert "position = [0.0, 1.0, 0.0]  # Position of the center at the start [m]" in lines
+    assert "mass = 3.0                  # Mass [kg]; default 1.0\n" in text  # beneath the other comment
+    assert "[[sphere]]  # A rigid sphere that collides with balloons, spheres, obstacles and the ground." in lines
+    above = lines[: lines.index('solver = "forward_euler"')]
+    assert above[-1].endswith('"symplectic_euler"')  # too long to stand beside it
+    assert above[-3].startswith("# Time integrator: ")
+    assert "law = { magnet = { strength = 5.0 } }" in text
+
+
+def test_the_tables_in_the_docs_are_what_the_schema_says():
+    """Every field has a description, shared fields included; that of a table fits into a row and a scene file."""
+    (found,) = re.findall(r"<!-- fields -->\n\n(.*?)\n\n<!-- end -->", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    assert found == as_markdown(), "python -m balloon_warp.scene.reference makes them anew"
+    rows = [line.strip("| ").split(" | ") for line in found.splitlines() if line.startswith("| `")]
+    assert len(rows) > 150
+    assert [row[0] for row in rows if len(row) < 4 or not row[1].strip()] == []
+    assert [heading for heading, table in tables() if table.__doc__ and not first_line(table).endswith(".")] == []
+
+
+def test_every_default_of_a_scene_stands_in_them():
+    """Every default is printed, unless it is a table, nothing, or empty."""
+    cells = [[cell.strip(" |") for cell in row.split(" | ")] for row in as_markdown().splitlines()]
+    rows = {(row[0], *row[2:]) for row in cells if len(row) == 4}
+    assert rows >= {
+        ("`gravity`", "number", "`9.81`"),
+        ("`mesh`", "file", "required"),
+        ("`molar_mass`", "number ≥ 0", "`0.0040026`"),
+        ("`particle`", 'whole number ≥ 0 or `"highest"` or `"lowest"`', '`"lowest"`'),
+        ("`color`", "3 numbers from 0 to 1", "-"),
+        ("`restitution`", "number from 0 to 1", "`0.3`"),
+    }
+
+
+def asked(size: float, **said: object) -> list[str]:
+    """Return the questions about a ball of that size."""
+    ball = quad_sphere(4, 0.5)
+    overrides = {f"balloon.{name.replace('__', '.')}": value for name, value in said.items()}
+    scene = load_scene(replace(ball, points=size / np.ptp(ball.points[:, 0]) * ball.points), overrides)
+    return [warning for warning in plan_model(scene).warnings if "?" in warning]
+
+
+@pytest.mark.parametrize("size", [0.03, 0.2, 1.0, 20.0])
+@pytest.mark.parametrize("said", [{}, {"material__preset": "latex"}, {"inflation__kind": "gas"}])
+def test_nothing_is_asked_about_ordinary_ones(size: float, said: dict) -> None:
+    assert asked(size, **said) == []
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("name", bundled_scenes())
+def test_nothing_is_asked_about_bundled_scenes(name: str) -> None:
+    assert not [warning for warning in plan_model(load_scene(name)).warnings if "?" in warning]
+
+
+def test_a_size_a_wall_and_a_mass_are_asked_about() -> None:
+    assert "100 m? --unit cm?" in asked(100.0)[0]
+    assert "2e+03 m? --unit cm?" in asked(2000.0)[0]
+    assert "0.0002 m? balloon.scale = 1" in asked(0.0002)[0]
+    assert asked(100.0, unit="m") == []
+    assert "0.0002 m? --unit mm?" in asked(0.2, unit="mm")[0]
+    wall = asked(0.3, material__kind="neo_hookean", material__thickness=0.2)
+    assert "a wall 0.2 m thick, for a balloon of 0.3 m?" in wall[0]
+    assert "a mass of 500 kg, for a balloon of 1 m?" in asked(1.0, mass=500.0)[0]
+    assert plan_model(load_scene(cube())).warnings == []
+
+
+def test_inspect_asks_too(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    """The report of a mesh asks, with the axis and the unit that are assumed, and so does that of a scene."""
+    ball = quad_sphere(4, 0.5)
+    write_obj(tmp_path / "ball.obj", replace(ball, points=500.0 * ball.points))
+    (tmp_path / "big.toml").write_text('up_axis = "Z"\n[[balloon]]\nmesh = "ball.obj"\nmass = 2.0\n')
+    for source in ("ball.obj", "big.toml"):
+        app(["inspect", str(tmp_path / source)], standalone_mode=False)
+        said = capsys.readouterr().out
+        assert "m? --unit cm?" in said
+        assert "names no up axis" in " ".join(said.split())
+
+
+@pytest.mark.parametrize("command", ["run", "batch --worlds 2", "inspect"])
+@pytest.mark.parametrize("up_axis", ["Y", "Z"])
+@pytest.mark.parametrize("source", ["ball.obj", "ball.toml"])
+def test_the_axis_is_said_once(source: str, up_axis: str, command: str, tmp_path: Path, capfd) -> None:
+    """The up axis is named once: in the line about a mesh's default scene, or where a scene's mesh is turned."""
+    write_obj(tmp_path / "ball.obj", quad_sphere(3, 0.5))
+    (tmp_path / "ball.toml").write_text('[[balloon]]\nmesh = "ball.obj"\n')
+    name, *options = command.split()
+    if name != "inspect":
+        options += ["--set", "frames=1", "--device", "cpu", "-o", str(tmp_path / ("out" + ".usdc" * (name == "run")))]
+    app([name, str(tmp_path / source), "--set", f"up_axis={up_axis}", *options], standalone_mode=False)
+    said = " ".join("".join(capfd.readouterr()).split())
+    assert said.count("file names no up axis") == (source == "ball.obj" or up_axis == "Z")

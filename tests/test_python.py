@@ -1,5 +1,7 @@
-"""First minute of a user of Python: names, sources of scenes and meshes, silence, text and pictures."""
+"""Package as users of Python meet it: names, sources of scenes, silence, mistakes, help and signatures."""
 
+import inspect
+import pydoc
 import subprocess
 import sys
 from collections.abc import Callable
@@ -15,29 +17,26 @@ import warp as wp
 from meshes import cube, quad_sphere
 
 import balloon_warp as bw
+from balloon_warp.errors import InputError
 from balloon_warp.mesh.obj import write_obj
+from balloon_warp.scene.hover import unsaid
+from balloon_warp.scene.reference import tables
+from balloon_warp.scene.schema.field_help import meaning_of
+from balloon_warp.shown import plain_docstring
+from balloon_warp.solids import MassProperties
+from balloon_warp.sweep.batch import BatchSummary
 from balloon_warp.warp_logging import quiet_warp
 
-LOOK_AROUND = """
+SILENT = {
+    "names": """
 import sys
 import balloon_warp as bw
 assert {"Simulator", "load_scene", "__version__"} <= set(dir(bw)), dir(bw)
 assert not {"warp", "numpy", "pydantic"} & set(sys.modules)  # nothing is loaded yet
 import warp
 bw.Simulator(([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]), "cpu").step()
-"""
-
-
-@pytest.mark.full
-def test_names_are_there_before_they_load_and_warp_is_silent(tmp_path: Path):
-    """Names are listed before they load and Warp prints nothing, even if it was imported before."""
-    done = subprocess.run(
-        [sys.executable, "-c", LOOK_AROUND], capture_output=True, text=True, cwd=tmp_path, timeout=600
-    )
-    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
-
-
-LAW = """
+""",
+    "a law first": """
 import warp as wp
 import balloon_warp as bw
 
@@ -46,13 +45,16 @@ def pull(position: wp.vec3, mass: float):
     return -mass * position
 
 bw.particle_law(pull)
-"""
+""",
+}
+"""programs in which Warp prints nothing, imported before or by a law, whose source it reads from its file"""
 
 
-def test_warp_is_silent_where_a_law_is_made_first(tmp_path: Path):
-    """Warp prints nothing where a law is defined first; it reads the law's source, which needs a file."""
-    (tmp_path / "law.py").write_text(LAW)
-    done = subprocess.run([sys.executable, tmp_path / "law.py"], capture_output=True, text=True, timeout=600)
+@pytest.mark.parametrize("name", [pytest.param("names", marks=pytest.mark.full), "a law first"])
+def test_warp_is_silent(name: str, tmp_path: Path):
+    (tmp_path / "program.py").write_text(SILENT[name])
+    words = [sys.executable, tmp_path / "program.py"]
+    done = subprocess.run(words, capture_output=True, text=True, cwd=tmp_path, timeout=600)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
@@ -62,15 +64,12 @@ def test_whoever_asks_warp_for_more_hears_it(monkeypatch: pytest.MonkeyPatch):
     assert wp.config.log_level == wp.LOG_DEBUG
 
 
-def test_the_version_is_that_of_the_package():
-    assert bw.__version__ == metadata.version("balloon-warp")
-
-
-def test_a_name_that_is_not_there_is_asked_about():
+def test_the_package_has_a_version_and_asks_about_a_name_that_is_not_there():
     """A misspelled name gets Python's suggestion, from `dir` of the object in the error."""
     with pytest.raises(AttributeError, match="has no attribute 'Simulater'") as caught:
         _ = bw.Simulater
     assert (caught.value.name, caught.value.obj) == ("Simulater", bw)
+    assert bw.__version__ == metadata.version("balloon-warp")
 
 
 BALL = quad_sphere(3)
@@ -100,8 +99,7 @@ def test_a_mesh_may_be_no_file(kind: str, tmp_path: Path):
 def test_meshes_of_trimesh_are_taken():
     ball, box = trimesh.creation.icosphere(1), trimesh.creation.box()
     box.metadata["name"] = "crate"
-    assert bw.load_mesh(ball).vertex_count == 42
-    assert bw.load_mesh(box).name == "crate"
+    assert (bw.load_mesh(ball).vertex_count, bw.load_mesh(box).name) == (42, "crate")
     assert bw.load_mesh(trimesh.Scene([ball, box])).vertex_count == 42 + 8
 
 
@@ -115,12 +113,6 @@ def test_a_simulator_takes_what_run_takes(tmp_path: Path, monkeypatch: pytest.Mo
     assert bw.Simulator(AS_LISTS, "cpu").model.particle_count == 56
 
 
-def test_a_scene_is_changed_by_making_another():
-    scene = bw.load_scene("squirrel_tether")
-    assert bw.load_scene(scene, {"balloon.mass": 3.0}).balloon[0].mass == 3.0
-    assert scene.balloon[0].mass != 3.0
-
-
 def scene() -> bw.Scene:
     return bw.Scene(balloon=[bw.Balloon(mesh=cube())])
 
@@ -130,14 +122,14 @@ def simulator(**arguments: Any) -> bw.Simulator:
 
 
 def test_numbers_and_arrays_of_numpy_are_taken():
-    balloon = bw.Balloon(
-        mesh=BALL, mass=np.float32(2.0), position=np.arange(3), inflation={"k_normal": np.array([[0, 1], [2, 3]])}
-    )
+    keyframes = {"k_normal": np.array([[0, 1], [2, 3]])}
+    balloon = bw.Balloon(mesh=BALL, mass=np.float32(2.0), position=np.arange(3), inflation=keyframes)
     assert (balloon.mass, balloon.position, balloon.inflation.k_normal) == (2.0, (0.0, 1.0, 2.0), [(0, 1), (2, 3)])
-    changed = bw.load_scene(
-        scene(), {"gravity": np.float64(3.0), "balloon.0.velocity": np.ones(3), "frames": np.int64(4)}
-    )
+    numbers = {"gravity": np.float64(3.0), "balloon.0.velocity": np.ones(3), "frames": np.int64(4)}
+    before = scene()
+    changed = bw.load_scene(before, numbers)
     assert (changed.gravity, changed.balloon[0].velocity, changed.frames) == (3.0, (1.0, 1.0, 1.0), 4)
+    assert (before.gravity, before.frames) != (3.0, 4)  # a scene is changed by making another
 
 
 MISTAKES: dict[str, tuple[Callable[[], Any], str]] = {
@@ -152,10 +144,7 @@ MISTAKES: dict[str, tuple[Callable[[], Any], str]] = {
     "points": (lambda: bw.Balloon(mesh=([[0, 0]], [[0]])), r"^balloon\.mesh\.points: must have shape \(n, 3\)"),
     "faces": (lambda: bw.load_mesh((BALL.points, [["a"]])), r"^faces: face 0 must be point numbers, counted from 0"),
     "no faces": (lambda: bw.load_mesh((BALL.points, 3)), r"^faces: must be lists of point numbers \(got int\)$"),
-    "no point": (
-        lambda: bw.load_mesh((BALL.points, [[0, 1, 56]])),
-        r"^mesh: a face refers to point 56; expected 0",
-    ),
+    "no point": (lambda: bw.load_mesh((BALL.points, [[0, 1, 56]])), r"^mesh: a face refers to point 56; expected 0"),
     "source": (lambda: bw.Simulator(42), r"^scene: must be a Scene, the name of a bundled scene, a file, or"),
     "no source": (lambda: bw.load_mesh(None), r"^mesh: must be a file, a PolygonMesh, a trimesh\.Trimesh, or a pair"),
     "overrides": (lambda: bw.load_scene(scene(), [1]), r"^overrides: must be dotted paths and values"),
@@ -186,3 +175,87 @@ def test_everything_says_what_it_is_in_a_line_or_two():
     assert repr(shown.model.scene.balloon[0]).startswith("Balloon(mesh=PolygonMesh('mesh', 56 vertices, 54 faces), ")
     assert str(shown.model.scene) == f"Scene(balloon=[{shown.model.scene.balloon[0]}])"
     assert repr(shown.read_frame()) == "Frame(0, 0.000 s: ball of 56 particles and 3.72 m^3)"
+
+
+TABLES = list(dict.fromkeys(table for _, table in tables()))
+PYTHONS = ("Annotated[", "FieldInfo", "_SupportsArray", "numpy.dtype", "model_construct", "__dataclass_fields__")
+"""what Python and libraries say and nobody wants to read"""
+SIMULATOR = """controls frame_number mass_properties model observations picture read_frame relax reset restore run save
+set starts state step stiffness time warnings"""
+FRAME = """areas body_poses contacts corners gas_amounts ground_height inflation_forces is_finite meshes net_forces
+number obstacle_poses points pressures sphere_positions sphere_velocities stretches string_anchors string_lengths
+thrusts time torn velocities volumes water_level"""
+
+
+@pytest.fixture(scope="module")
+def shown() -> bw.Simulator:
+    return bw.Simulator(bw.Scene(balloon=[bw.Balloon(mesh=quad_sphere(2))]), "cpu")
+
+
+def helped(thing: object) -> str:
+    """Return the text of help(), without the lines that it draws."""
+    return " ".join(pydoc.render_doc(thing, renderer=pydoc.plaintext).replace("|", " ").split())
+
+
+def test_tab_offers_what_is_public(shown: bw.Simulator):
+    assert [name for name in dir(bw) if not name.startswith("__")] == sorted(bw.__all__)
+    assert dir(shown) == SIMULATOR.split()
+    assert dir(shown.read_frame()) == FRAME.split()
+    assert dir(bw.Ground()) == sorted(bw.Ground.model_fields)
+    of_one = ("controls", "frame_number", "model", "observations", "starts", "state")
+    assert dir(bw.Simulator) == [name for name in SIMULATOR.split() if name not in of_one]
+
+
+@pytest.mark.parametrize("table", TABLES, ids=lambda table: table.__name__)
+def test_help_of_a_table_says_every_field(table: type):
+    said = helped(table)
+    for name, field in table.model_fields.items():
+        default = ", required" if field.is_required() else f" = {' '.join(repr(field.default).split())}"
+        assert f"{name}{default}" in said, name
+        assert meaning_of(table, name).replace("|", " ").replace("  ", " ") in said, name
+    assert not [word for word in PYTHONS if word in said]
+
+
+@pytest.mark.parametrize(
+    "cls", [bw.Frame, bw.Trajectories, bw.PolygonMesh, MassProperties, BatchSummary], ids=lambda cls: cls.__name__
+)
+def test_help_of_a_result_says_every_field(cls: type):
+    said = helped(cls)
+    names = inspect.signature(cls).parameters
+    assert not [name for name in names if f" {name} (" not in said and f" {name} = " not in said]
+    assert not [word for word in PYTHONS[:2] + PYTHONS[4:] if word in said]
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        (
+            bw.Frame,
+            "velocities (list[NDArray[np.float32]]) Velocities of each balloon's particles [m/s], shape (particle_",
+        ),
+        (bw.Balloon, "mass = 0.1 (number > 0) Mass of the whole balloon, shared equally by its particles [kg]"),
+        (bw.Balloon, "position = (0.0, 0.0, 0.0) (3 numbers) Position of the mesh's origin [m]"),
+    ],
+)
+def test_help_has_units_and_shapes(table: type, said: str):
+    assert said in helped(table)
+
+
+@pytest.mark.parametrize("name", [name for name in bw.__all__ if callable(getattr(bw, name))])
+def test_signatures_are_short(name: str):
+    """A function's signature has its types; that of the longest, `animate`, fits into ten lines."""
+    found = getattr(bw, name)
+    if not (inspect.isclass(found) and issubclass(found, Exception)):
+        signature = str(inspect.signature(found))
+        assert len(signature) < (1000 if inspect.isfunction(found) else 500)
+        assert not [word for word in PYTHONS if word in signature]
+
+
+def test_what_is_written_stays_what_it_is():
+    """The plain docstring is that of the source; each field has its description below it, for editors, as `python -m
+    balloon_warp.scene.hover` writes it."""
+    assert plain_docstring(bw.Ground).splitlines()[0] == (bw.Ground.__doc__ or "").splitlines()[0]
+    assert "Fields:" not in plain_docstring(bw.Ground)
+    with pytest.raises(InputError, match="unknown field; did you mean height"):
+        bw.Ground(heigt=1.0)
+    assert [f"{table.__name__}.{field}: {meaning}" for table, field, meaning in unsaid()] == []
