@@ -17,7 +17,7 @@ EPSILON = float(np.finfo(np.float32).eps)
 
 
 class Energies:
-    """What a run keeps, by frame.
+    """Conserved quantities of a run, by frame.
 
     Energies count motion, weight, springs, rubber, given pressures, gas and strings of no balloon, since these are only
     asked for where nothing else acts.

@@ -35,7 +35,7 @@ MOST_GROWTH = 1000.0
 
 
 def stays_finite(case: Case) -> Measure:
-    """All numbers stay finite, or a blow-up names a true cause: `found` counts what is neither.
+    """Numbers stay finite, or a blow-up names a true cause: `found` counts the exceptions.
 
     A pressure that alone blows a balloon up, or a limit point, does so with four times the substeps, too. Where more
     substeps help, four times as many do, or 16 times.

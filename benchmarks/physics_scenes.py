@@ -20,7 +20,7 @@ AIR_PRESSURE = 101325.0
 
 
 class Kind(NamedTuple):
-    """What a batch of scenes has, and so the kernels that it needs: numbers may be tiny, but nothing is left out."""
+    """Features of a batch of scenes, and so its kernels: numbers may be tiny, but no feature is left out."""
 
     mesh: str = "quads"
     """ "quads" of closed meshes, "triangles" or an open "sheet" """

@@ -22,7 +22,7 @@ AXIAL = ("angular_velocity",)
 
 @dataclass(frozen=True)
 class Twin:
-    """The same scene in another guise, and the way back: points' = scale * matrix @ points[order] + shift."""
+    """Twin of a scene in another guise, and the way back: points' = scale * matrix @ points[order] + shift."""
 
     tables: Tables
     matrix: Array = field(default_factory=lambda: np.eye(3))

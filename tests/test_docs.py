@@ -297,8 +297,10 @@ def test_a_law_goes_in_with_one_file_and_its_name(tmp_path: Path):
 
     without, with_it = (line.split() for line in python("-c", RUN).splitlines() if line.startswith("charge"))
     assert without != with_it
-    files = [f"tests/{name}.py" for name in ("test_laws", "test_law_steps", "test_law_schedules")]
-    tested = python("-m", "pytest", "-n", "0", *files, "-k", "charge and not block", "-v", "-p", "no:cacheprovider")
+    files = [f"tests/{name}.py" for name in ("test_laws", "test_law_steps", "full/test_law_schedules")]
+    tested = python(
+        "-m", "pytest", "--full", "-n", "0", *files, "-k", "charge and not block", "-v", "-p", "no:cacheprovider"
+    )
     assert tested.count("[charge] PASSED") >= 6
     assert re.search(r"in_every_schedule\[.*charge.*\] PASSED", tested)
 

@@ -41,7 +41,7 @@ def places(worlds: int) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 3e38, 2.0 * MOST_SPAN])
 def test_a_particle_that_is_no_place_or_away_from_its_balloon_is_bad(bad: float, device: str):
-    """So is a sphere, as a number after the particles."""
+    """A sphere has a number after the particles."""
     points, spheres = places(3)
     points[1, 5, 2] = bad
     spheres[2, 1, 0] = bad if abs(bad) > FARTHEST or np.isnan(bad) else 2.0 * FARTHEST

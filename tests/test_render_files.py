@@ -55,7 +55,7 @@ def test_png_has_the_size_asked_for(stage: Path, tmp_path):
     [({"pictureFrame": 12}, 12), *((data, 47) for data in ("text", *({"pictureFrame": n} for n in ("soon", 0.5, 48))))],
 )
 def test_the_stage_names_its_picture(stage: Path, tmp_path, data: object, shown: int):
-    """Else it is the last frame, and where a call names one, that."""
+    """The last frame is drawn, or the one that a call names."""
     opened = Usd.Stage.Open(str(stage))
     opened.GetRootLayer().customLayerData = {"balloonWarp": data}
     opened.GetRootLayer().Save()

@@ -291,7 +291,7 @@ def test_nothing_in_a_checkpoint_is_run(stopped: Path, tmp_path, monkeypatch, na
 
 
 def test_a_state_without_its_rows_is_not_gone_on_from(stopped: Path):
-    """As a kill between the two leaves it."""
+    """A kill between the two leaves it like that."""
     (stopped / "partial" / "state_000003_0000.npz").write_bytes(b"of a frame whose rows are not there")
     assert resumed(stopped) == [f"resuming after frame 2, from {stopped / 'partial'}"]
 
