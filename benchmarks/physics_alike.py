@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -151,7 +151,7 @@ def slopes_are_differences(case: Case) -> Measure | None:
     weights = np.random.default_rng(5).normal(size=(case.run.model.particle_count, 3))
     parts = np.split(weights, case.run.model.particle_offsets[1:-1])
 
-    def loss(moved: Trajectories) -> tuple[Array, dict[str, list[Array]]]:
+    def loss(moved: Trajectories) -> tuple[Array, dict[str, Any]]:
         shown = [np.zeros_like(points) for points in moved.points]
         for slopes, part in zip(shown, parts, strict=True):
             slopes[..., -1, :, :] = part

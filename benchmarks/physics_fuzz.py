@@ -20,10 +20,11 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
+from balloon_warp.benchmarks.physics_alike import Measure, Property
 from balloon_warp.benchmarks.physics_known import known
 from balloon_warp.benchmarks.physics_meshes import listed
 from balloon_warp.benchmarks.physics_newton import compared_with_newton
-from balloon_warp.benchmarks.physics_properties import PROPERTIES, Measure, Property
+from balloon_warp.benchmarks.physics_properties import PROPERTIES
 from balloon_warp.benchmarks.physics_runs import MOST_SUBSTEPS, Case
 from balloon_warp.benchmarks.physics_scenes import KINDS, Kind, drawn
 from balloon_warp.benchmarks.physics_twins import Tables

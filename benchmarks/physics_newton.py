@@ -11,11 +11,13 @@ import numpy as np
 import warp as wp
 
 from balloon_warp.benchmarks.newton_peer import add_balloons, import_newton
-from balloon_warp.benchmarks.physics_properties import (
+from balloon_warp.benchmarks.physics_alike import (
     is_alike_mirrored,
     is_alike_moved,
     is_alike_relisted,
     is_alike_turned,
+)
+from balloon_warp.benchmarks.physics_properties import (
     keeps_angular_momentum,
     keeps_momentum,
     repeats,

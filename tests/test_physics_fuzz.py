@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from balloon_warp.benchmarks import physics_fuzz
-from balloon_warp.benchmarks.physics_alike import Property, converges
+from balloon_warp.benchmarks.physics_alike import Property, converges, slopes_are_differences
 from balloon_warp.benchmarks.physics_fuzz import PropertyError, check, fuzz, read_scene, scene_file
 from balloon_warp.benchmarks.physics_known import KNOWN
-from balloon_warp.benchmarks.physics_properties import PROPERTIES, slopes_are_differences, tells_contact_forces
+from balloon_warp.benchmarks.physics_properties import PROPERTIES, tells_contact_forces
 from balloon_warp.benchmarks.physics_runs import Case, Run, simulated
 from balloon_warp.benchmarks.physics_scenes import KINDS, drawn
 from balloon_warp.benchmarks.physics_twins import Tables

@@ -95,7 +95,7 @@ def across_of(along: Array, second: Array) -> Array:
 
 def waves_of(seed: int) -> SimpleNamespace:
     """Return the gusts' wave vectors, amplitudes and phases, which a seed draws."""
-    vectors, amplitudes = np.float32(waves()).astype(float).transpose(1, 0, 2)
+    vectors, amplitudes = np.array(waves(), dtype=np.float32).astype(float).transpose(1, 0, 2)
     phases = [(hashed(hashed((seed + hashed(number)) % 2**32)) >> 8) * 2.0**-24 for number in range(len(vectors))]
     return SimpleNamespace(vectors=vectors, amplitudes=amplitudes, phases=np.array(phases))
 
