@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from balloon_warp.benchmarks import physics_fuzz
-from balloon_warp.benchmarks.physics_alike import Property, converges, slopes_are_differences
+from balloon_warp.benchmarks.physics_alike import Measure, Property, converges, slopes_are_differences
 from balloon_warp.benchmarks.physics_fuzz import PropertyError, check, fuzz, read_scene, scene_file
 from balloon_warp.benchmarks.physics_known import KNOWN
 from balloon_warp.benchmarks.physics_properties import PROPERTIES, tells_contact_forces
@@ -159,7 +159,7 @@ def test_a_failure_is_shrunk_and_written_as_a_scene(monkeypatch: pytest.MonkeyPa
     """A property that forbids gravity fails first in some scene; the smallest one has nothing else of note."""
 
     def has_no_gravity(case: Case) -> Any:
-        return physics_fuzz.Measure(case.scene.gravity, 0.0, "gravity")
+        return Measure(case.scene.gravity, 0.0, "gravity")
 
     monkeypatch.setattr(physics_fuzz, "PROPERTIES", (has_no_gravity,))
     with pytest.raises(PropertyError, match=r"has_no_gravity: found 0\.3, allowed 0 \(gravity\)") as found:
@@ -175,7 +175,7 @@ def test_a_failure_is_shrunk_and_written_as_a_scene(monkeypatch: pytest.MonkeyPa
 
 def test_the_command_ends_with_a_failure_and_its_scene(monkeypatch: pytest.MonkeyPatch, capsys: Any):
     def never(case: Case) -> Any:
-        return physics_fuzz.Measure(2.0, 1.0, "planted")
+        return Measure(2.0, 1.0, "planted")
 
     monkeypatch.setattr(physics_fuzz, "PROPERTIES", (never,))
     with pytest.raises(SystemExit) as ended:
