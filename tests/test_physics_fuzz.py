@@ -75,14 +75,14 @@ def test_more_scenes_hold_to_all_properties(name: str):
 
 
 def one_of(name: str) -> Tables:
-    """Return a lively scene of a kind: the last of five, for four frames."""
+    """Return a lively scene of a kind, four frames long: of five, that with the fewest substeps."""
     scenes: list[Tables] = []
 
     def keep(tables: Tables) -> None:
-        scenes.append(tables)
+        scenes.append({**tables, "frames": 4})
 
-    drawn(KINDS[name], 5, 3, keep)
-    return {**scenes[-1], "frames": 4}
+    drawn(KINDS[name], 10, 3, keep)
+    return min(scenes[-5:], key=lambda tables: Case(tables).substeps)
 
 
 def spoiled(run: Run, **states: Callable[[Any], Any]) -> Run:
