@@ -49,6 +49,7 @@ def test_advice_knows_strings_and_passes_over_particles_that_do_not_move():
     assert advise_step(Scene(balloon=[Balloon(mesh=mesh, fixed=[*rest, 5])])).substeps == 1
 
 
+@pytest.mark.full
 def test_strings_that_start_overstretched_are_named_with_how_much():
     """A string that starts overstretched is reported with its strain; a slack one or one tied later is not."""
     ends = [String(anchor=(0, -2, 0), length=length, particle=0) for length in (3.0, 1.0, None)]

@@ -214,6 +214,7 @@ def test_a_batch_that_is_stopped_while_worlds_begin_again_goes_on_to_the_same_fi
     assert_same_files(tmp_path / "stopped", tmp_path / "expected", "worlds.usdc")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("workers", [None, 2])
 def test_to_stop_leaves_nothing(workers: int | None, tmp_path):
     where: dict[str, Any] = {"cluster": Cluster(workers=workers)} if workers else {"device": "cpu"}
@@ -334,6 +335,7 @@ def test_stopped_in_shorter_steps_it_goes_on_in_these(device: str, tmp_path):
     assert (tmp_path / "out.usdc").read_bytes() == (tmp_path / "whole.usdc").read_bytes()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("on_blowup", ["stop", "restart"])
 def test_where_it_ends_in_a_blow_up_the_old_stage_stays(on_blowup: str, tmp_path):
     (tmp_path / "a.usdc").write_text("old")

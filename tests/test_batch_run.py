@@ -211,6 +211,7 @@ def heights_of(stage: Usd.Stage, name: str) -> list[float]:
     return [float(plane.GetMin()[1]) for plane in planes]
 
 
+@pytest.mark.full
 def test_where_grounds_anchors_and_water_differ_each_world_has_its_own(tmp_path):
     heights, anchors, levels = [-1.0, 0.25], [0.5, 2.0], [-1.5, 0.125]
     afloat = {"water": Water(density=1.0)}
@@ -313,6 +314,7 @@ def test_far_too_many_worlds_are_refused_without_finding_what_is_thin(tmp_path, 
         run_batch(load_scene(scene(), thin), tmp_path, 10**8, device="cpu")
 
 
+@pytest.mark.full
 def test_a_step_that_only_soft_thin_parts_allow_is_no_reason_for_an_early_refusal(monkeypatch):
     monkeypatch.setattr(sweep_memory, "MANY", 1)
     stable = plan_groups(load_scene("squirrel_tether"), 1, {})[0].plan.substeps
@@ -403,6 +405,7 @@ def batch(*words: str) -> int:
     return status_of("batch", "scenes/ball.toml", "--device", "cpu", *words)
 
 
+@pytest.mark.full
 def test_a_batch_in_which_nothing_varies_says_so(folder: Path, capsys):
     assert batch("--worlds", "2") == 0
     assert "\nnote: all worlds are alike; --vary PATH=LOW:HIGH" in capsys.readouterr().err
@@ -432,6 +435,7 @@ def test_the_summary_is_one_object_and_the_files_are_where_it_says(folder: Path,
     assert [name for name in names if name.startswith("World_")] == ["World_0", "World_5"]
 
 
+@pytest.mark.full
 def test_meshes_differ_and_the_same_seed_gives_the_same_table(folder: Path):
     varied = ["--worlds", "4", "--vary", "balloon.mesh=ball.obj,other.obj", "--vary", "gravity=1:9"]
     for seed, out in (("0", "a"), ("0", "b"), ("1", "c")):

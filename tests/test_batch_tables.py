@@ -202,6 +202,7 @@ def test_each_world_has_a_row_of_ends_and_extremes(tables: dict[str, dict[str, n
     assert (worlds["center_height_max"] > worlds["center_height_end"] + 1.0)[[0, 1, 3]].all()
 
 
+@pytest.mark.full
 def test_it_says_how_each_world_ended(written: Path, tables: dict[str, dict[str, np.ndarray]]):
     """Falling forever is detected in worlds of the stage. The text has the same numbers."""
     worlds = tables["worlds"]
@@ -254,6 +255,7 @@ def test_parquet_has_the_numbers_of_the_npz(tmp_path):
     assert not (tmp_path / "table.csv").exists()
 
 
+@pytest.mark.full
 def test_a_batch_that_was_stopped_goes_on_to_the_same_parquet(tmp_path, monkeypatch):
     monkeypatch.setattr(table_parquet, "ROWS", 1)
     run_batch(scene(), tmp_path / "whole", 3, KINDS_VARY, device="cpu", table="parquet")

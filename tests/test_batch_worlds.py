@@ -131,6 +131,7 @@ def test_strings_of_no_said_length_reach_from_each_worlds_anchor_to_its_balloon(
     np.testing.assert_array_equal(lengths[:, 1], 0.5)
 
 
+@pytest.mark.full
 def test_overrides_keep_all_else_and_the_last_named_wins():
     vary = {"balloon.mass": np.array([0.1, 0.2]), "balloon.0.mass": np.array([0.15, 0.3]), "gravity": [1.0, 2.0]}
     batch = run(Simulator(everything(), "cpu", 2, vary, schedule="lanes"))
@@ -152,6 +153,7 @@ STIFF = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("path", STIFF)
 def test_the_step_suits_the_stiffest_world(path: str):
     """The stability limit is that of the stiffest world: so stiff and light that it exceeds a sphere's 16 substeps."""
@@ -399,6 +401,7 @@ def test_arrays_hold_what_the_frames_hold():
     assert repr(found) == "Trajectories(mesh of 8 particles, mesh of 56 particles; 6 frames, 0 to 0.1 s)"
 
 
+@pytest.mark.full
 def test_worlds_come_first_and_frames_may_be_left_out():
     """A sphere falls by g t^2 / 2 in each world's gravity, to the first order of the step: v is a step ahead."""
     gravity = np.array([1.0, 2.0, 9.81])

@@ -75,6 +75,7 @@ def test_what_a_tear_cut_off_is_not_framed(tmp_path):
     assert np.linalg.norm(camera.ExtractTranslation()) < 2.0
 
 
+@pytest.mark.full
 def test_the_table_of_a_batch_says_which_worlds_burst(device: str):
     scene = scene_of(quad_sphere(3, 0.1)).model_copy(update={"frames_per_second": 1000.0})
     simulator = Simulator(scene, device, 2, {"balloon.material.needle_time": [1e9, 1e-3]})

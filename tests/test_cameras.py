@@ -137,6 +137,7 @@ def test_from_inside_a_balloon_its_inside_is_all_around():
     assert found.max() < RADIUS + 0.1
 
 
+@pytest.mark.full
 def test_frames_refresh_what_is_seen_and_cameras_move(device: str):
     moving = Obstacle(size=(0.5, 0.5, 0.5), position=(0.0, -1.4, 0.0), motion=[(0.0, (0, 0, 0)), (0.1, (0.5, 0, 0))])
     flying = ball().model_copy(update={"velocity": (0.0, 3.0, 0.0)})

@@ -294,6 +294,7 @@ def test_importing_the_package_loads_nothing_heavy(tmp_path: Path):
     assert process(tmp_path, "-c", program).stdout.strip() == "[]"
 
 
+@pytest.mark.full
 def test_a_command_does_not_look_for_garbage_in_what_it_loaded(tmp_path: Path):
     program = (
         "import gc, sys; from balloon_warp.__main__ import main; looked = []\n"
@@ -397,6 +398,7 @@ def test_a_bar_has_what_a_frame_costs_beside_it():
     assert "squirrel 2,494 particles, 13 substeps a frame" in shown
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("words", "opening", "worlds"),
     [

@@ -68,6 +68,7 @@ def test_choices_without_path_or_value_are_refused(text: str):
         parse_choices(text)
 
 
+@pytest.mark.full
 def test_every_value_meets_every_other_and_the_last_path_makes_the_columns(tmp_path):
     result = compared(tmp_path, {"frames_per_second": [60, 120], K_NORMAL: [0.0, 1.0, 2.0]})
     assert [tuple(run.values.values()) for run in result.runs] == [(f, k) for f in (60, 120) for k in (0.0, 1.0, 2.0)]
@@ -147,6 +148,7 @@ def test_where_no_run_is_good_nothing_is_written(tmp_path, vary, options, error,
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.full
 def test_a_single_path_with_many_values_fills_even_rows(tmp_path):
     compared(tmp_path, {K_NORMAL: [0.0, 0.1, 0.2, 0.3, 0.4, 0.5]}, frame=0)
     width, height = Image.open(tmp_path / "out.png").size
@@ -175,6 +177,7 @@ def test_long_labels_are_broken_and_a_wide_table_is_not_cut_off(capsys):
     assert [row.split() for row in rows] == [[number, "7", number, *["0.5"] * 8] for number in "12"]
 
 
+@pytest.mark.full
 def test_the_command_prints_a_table_and_says_what_it_wrote(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     write_obj(tmp_path / "ball.obj", quad_sphere(2))

@@ -79,6 +79,7 @@ def test_a_control_is_what_set_sets_bit_for_bit(schedule: str):
     assert np.ptp(points(controlled), axis=0).max() > 1e-4
 
 
+@pytest.mark.full
 def test_an_obstacle_that_is_steered_goes_as_one_that_moves_by_keyframes(schedule: str, device: str):
     ball = BALL.model_copy(update={"position": (0.0, 0.52, 0.0), "velocity": (0.0, -0.5, 0.0)})
     plate = Obstacle(
@@ -115,6 +116,7 @@ def test_a_control_is_what_the_scene_plans_bit_for_bit(device: str):
     np.testing.assert_array_equal(points(controlled), points(planned))
 
 
+@pytest.mark.full
 def test_a_batch_is_what_each_world_is_alone():
     batch, alone = opened(3), opened(1)
     for frame in range(2):
@@ -148,6 +150,7 @@ def test_what_is_beyond_the_bounds_is_clipped(device: str):
     np.testing.assert_array_equal(clipped.step().points[0], within.step().points[0])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("value", "beyond"), [(np.nan, "clip"), (np.inf, "clip"), (9.0, "end")])
 def test_a_world_ends_and_the_others_go_on(value: float, beyond: str):
     simulator, sound = (Simulator(SCENE, "cpu", 3) for _ in range(2))
@@ -162,6 +165,7 @@ def test_a_world_ends_and_the_others_go_on(value: float, beyond: str):
         simulator.step()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("case", MISTAKES)
 def test_what_cannot_be_a_control_is_refused(case: str):
     path, bounds, sentence = MISTAKES[case]

@@ -16,6 +16,7 @@ NEXT_TO_POWERS = np.concatenate([(POWERS.view(np.int32) + step).clip(0).view(np.
 RANDOM = np.random.default_rng(0)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "values",
     [

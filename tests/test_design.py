@@ -55,6 +55,7 @@ def small_pictures(monkeypatch):
     monkeypatch.setattr(picture, "SAMPLES", 1)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("of", "stretch", "steps", "most"), [("springs", 1.2, 5, 2e-4), ("latex", 1.5, 8, 2e-3)], ids=["springs", "latex"]
 )
@@ -111,6 +112,7 @@ def test_rubber_that_varies_in_thickness_comes_nearer(tmp_path):
     assert report["thickness_to"] == pytest.approx(2e-4 * max(weights), rel=1e-3)  # as the scene has it, in four digits
 
 
+@pytest.mark.full
 def test_springs_that_may_push_hold_what_tension_does_not(tmp_path):
     found = {
         hold: bw.design(waisted(), hold=hold, size=0.2, folder=tmp_path / hold, steps=4, device="cpu")
@@ -123,6 +125,7 @@ def test_springs_that_may_push_hold_what_tension_does_not(tmp_path):
     assert (springs["rest_lengths"] <= lengths * (1.0 + 1e-9)).all()
 
 
+@pytest.mark.full
 def test_a_design_that_was_stopped_goes_on(tmp_path):
 
     def stop(stage: str) -> None:
@@ -212,6 +215,7 @@ def test_where_a_shape_is_off_is_said():
     assert sentence.endswith("% of the size; push")
 
 
+@pytest.mark.full
 def test_command(tmp_path):
     write_obj(tmp_path / "pear.obj", pear())
     asked = ["design", str(tmp_path / "pear.obj"), "-o", str(tmp_path / "out"), "--steps", "2", "--device", "cpu"]
@@ -256,6 +260,7 @@ def test_parts_of_a_pattern_do_not_overlap(tmp_path):
     assert max(across[1]) < min(across[2])
 
 
+@pytest.mark.full
 def test_foil_of_an_inflated_size_is_drawn_larger(tmp_path, monkeypatch):
     """A circle by `foil --inflated-size` is larger flat by 1 / 0.7627; its scene brings it to the size."""
     monkeypatch.setattr(of_foil, "EDGES", 12)
@@ -378,6 +383,7 @@ def test_the_damping_is_not_eased_at_once_after_a_step_that_failed():
     np.testing.assert_allclose(seen, [8.0, 8.0, 8.0 / 3.0, 64.0 / 3.0])
 
 
+@pytest.mark.full
 def test_a_stalled_mould_begins_anew_with_a_larger_one(tmp_path):
     """A waist at a stretch of 2 stalls where one half swells more, and from a larger mould comes much nearer.
 

@@ -289,6 +289,7 @@ def test_a_state_that_somebody_wrote_to_is_reported_without_what_is_not_known(de
     assert (report.frame, report.substep, report.spring) == (2, None, None)
 
 
+@pytest.mark.full
 def test_nothing_that_is_not_finite_leaves_a_run(device):
     """Overflowing velocities at finite places, which the device does not check, raise the error too: forward Euler
     moves the points by the old velocities, and these overflow in the frame's only step."""

@@ -176,6 +176,7 @@ def test_python_example_runs(tmp_path: Path):
     assert (len(scene.balloon), len(scene.sphere), len(scene.string)) == (1, 1, 1)
 
 
+@pytest.mark.full
 def test_the_python_page_runs(tmp_path: Path):
     write_obj(tmp_path / "ball.obj", quad_sphere(2))
     page = run_python("docs/PYTHON.md", tmp_path)
@@ -265,6 +266,7 @@ def test_each_law_of_the_page_acts(laws_code: ModuleType):
         assert np.abs(without - points[0]).max() > 1e-3
 
 
+@pytest.mark.full
 def test_the_tables_and_the_mistake_are_those_of_the_code(laws_code: ModuleType):
     tables = []
     for kind in ("particle", "spring", "face"):
@@ -275,6 +277,7 @@ def test_the_tables_and_the_mistake_are_those_of_the_code(laws_code: ModuleType)
     assert f"> {laws_code.mistake}\n" in LAWS
 
 
+@pytest.mark.full
 def test_a_law_goes_in_with_one_file_and_its_name(tmp_path: Path):
     """A new law takes one file and its name in the list: in a copy of the source it acts, and tests cover it."""
     for folder in ("balloon_warp", "kernels", "scenes", "tests"):
@@ -332,6 +335,7 @@ def docstrings(folder: str) -> Iterator[tuple[str, str]]:
             yield f"{path}:{node.body[0].lineno}", text
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("folder", FOLDERS)
 def test_docstrings_begin_with_a_noun_or_a_verb(folder: str):
     found = list(docstrings(folder))
@@ -349,6 +353,7 @@ def meanings(folder: str) -> Iterator[tuple[str, str]]:
                 yield f"{path}:{below.lineno}", below.value.value
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("folder", ["balloon_warp", "kernels"])
 def test_meanings_of_fields_begin_with_a_noun(folder: str):
     found = [(place, text) for place, text in meanings(folder) if not text.startswith("Whether ")]

@@ -220,6 +220,7 @@ def test_a_simple_policy_earns_more_than_a_random_one(name: str):
     assert returns(name, lambda seen: chance.uniform(-1.0, 1.0, (len(seen), task.actions))) < most
 
 
+@pytest.mark.full
 def test_the_envelope_is_that_of_the_balloon_learning_environment():
     """The volume follows V = 1804 m^3 + 0.0199 m^3/Pa, within 3%: the film thins by 1% in area to 1,000 Pa."""
     scene = Altitude().scene()

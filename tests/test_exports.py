@@ -52,6 +52,7 @@ def written(request, tmp_path_factory) -> Path:
     return path
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("suffix", [".obj", ".ply"])
 def test_a_file_for_each_frame_in_meters_with_y_up(written: Path, tmp_path, suffix: str):
     export_stage(written, tmp_path / f"out.####{suffix}")
@@ -136,6 +137,7 @@ def test_a_run_that_is_stopped_goes_on_to_the_same_glb(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out.glb", "whole.glb"]
 
 
+@pytest.mark.full
 def test_a_failure_keeps_what_was_there_and_the_checkpoints(tmp_path, monkeypatch):
 
     def fail(*_: object) -> None:
@@ -271,6 +273,7 @@ def test_h5py_reads_all_that_moved(written: Path, tmp_path):
         np.testing.assert_allclose(file["Sphere_0"]["pose"][3], np.array(sphere), rtol=1e-6)
 
 
+@pytest.mark.full
 def test_xarray_knows_the_dimensions(written: Path, tmp_path):
     export_stage(written, tmp_path / "out.h5")
     with xarray.open_dataset(tmp_path / "out.h5", group="ball", engine="h5netcdf") as found:
@@ -313,6 +316,7 @@ def test_a_file_has_what_its_page_says(page_file: Path):
             assert (count > 0, three, pose) == (True, 3, (FRAMES + 1, 4, 4))
 
 
+@pytest.mark.full
 def test_xarray_opens_it_as_its_page_says(page_file: Path, monkeypatch):
     monkeypatch.chdir(page_file.parent)
     (line,) = re.findall(r"^(found = xarray\..*)$", PAGE, re.MULTILINE)
@@ -374,6 +378,7 @@ def test_meshio_reads_the_grids(written: Path, tmp_path):
     assert set(found.cell_data) == {"part", "pressure"}
 
 
+@pytest.mark.full
 def test_points_are_saved_beside_the_stage(tmp_path):
     small = scene(frames=2)
     summary = animate(small, tmp_path / "out.usdc", save_points=tmp_path / "points.h5", device="cpu")

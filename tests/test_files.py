@@ -151,6 +151,7 @@ WRITERS: dict[str, Callable[[Path], object]] = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("kind", WRITERS)
 def test_the_next_that_writes_there_clears_it_away(kind: str, tmp_path):
     (place := tmp_path / "place").mkdir()
@@ -162,6 +163,7 @@ def test_the_next_that_writes_there_clears_it_away(kind: str, tmp_path):
     assert [name for name in names(place) if "partial" in name] == []
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("left", ["nothing yet", "no checkpoint", "a checkpoint"])
 def test_a_folder_of_checkpoints_stays_only_if_it_has_one(left: str, tmp_path):
     folder = tmp_path / "out.usdc.partial"
@@ -186,6 +188,7 @@ def stop_at_3(frame: int) -> None:
         raise RuntimeError("stopped")
 
 
+@pytest.mark.full
 def test_a_folder_that_a_living_run_has_begun_stays(tmp_path):
     begun = """
 import sys, time
@@ -294,6 +297,7 @@ def write(kind: str, scene: Scene, folder: Path, on_frame: Callable[[int], None]
             animate(scene, folder / f"ball{suffix}", device="cpu", on_frame=on_frame)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("kind", [".usdc", ".usda", "table", "worlds", "picture", "mesh"])
 def test_a_file_that_reaches_a_limit_leaves_the_good_one(kind: str, scene: Scene, tmp_path):
     if kind == "picture":
@@ -307,6 +311,7 @@ def test_a_file_that_reaches_a_limit_leaves_the_good_one(kind: str, scene: Scene
     assert contents(tmp_path) == good
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("kind", [".usdc", "table", "worlds"])
 def test_a_folder_that_vanishes_is_told(kind: str, scene: Scene, tmp_path):
     folder = tmp_path / "gone"

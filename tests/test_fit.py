@@ -52,6 +52,7 @@ def test_a_curve_gives_back_its_rubber(kind: str):
     assert f"thickness = {THICKNESS:g}" in table
 
 
+@pytest.mark.full
 def test_errors_are_as_large_as_they_are_said_to_be():
     """Errors are one standard deviation: they cover about two thirds of the noise."""
     inside, off = [], []
@@ -95,6 +96,7 @@ def falling() -> bw.Scene:
 FREE = {"balloon.mass": (0.005, 0.08), "balloon.inflation.pressure": (5.0, 60.0)}
 
 
+@pytest.mark.full
 def test_points_give_back_what_moved_them(tmp_path):
     scene = bw.load_scene(falling(), {"balloon.mass": 0.03, "balloon.inflation.pressure": 25.0})
     moved = bw.simulate(scene, device="cpu")
@@ -250,6 +252,7 @@ def test_a_flight_with_a_bounce_gives_back_its_rubber():
     assert row.fit.misfit < 1.02
 
 
+@pytest.mark.full
 def test_a_hundred_and_fifty_rows_of_a_curve_give_a_hundredth():
     """95% of draws are within 1%, and as many within one and two reported deviations as of a normal distribution."""
     row = fit_benchmark.curve("mooney_rivlin", 150, draws=100)
@@ -327,6 +330,7 @@ LOSSES = {
 LOSSES["together"] = bw.losses.together(list(LOSSES.values()), [0.5 + number for number in range(len(LOSSES))])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", LOSSES)
 @pytest.mark.parametrize("worlds", [1, 2])
 def test_the_derivatives_of_a_loss_are_its_slopes(name: str, worlds: int):
@@ -391,6 +395,7 @@ def test_what_cannot_be_fitted_is_refused_in_a_sentence(case: str):
         bw.fit(FLIGHT, device="cpu", starts=1, **more)
 
 
+@pytest.mark.full
 def test_losses_that_raise_or_have_no_shape_end_a_fit():
     calls = []
 
@@ -446,6 +451,7 @@ def pulls(strength: float) -> Values:
     return np.array(found)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("strength", [0.0, 100.0], ids=["smooth", "rough"])
 def test_error_bars_are_as_wide_as_values_are_off(strength: float):
     """Pulls have a deviation of 1, which 20 draws of it know to 0.16; clouds that see jumps would tell 0.02."""
@@ -454,6 +460,7 @@ def test_error_bars_are_as_wide_as_values_are_off(strength: float):
     assert (deviations < 1.5).all()
 
 
+@pytest.mark.full
 def test_a_fit_that_was_stopped_goes_on(tmp_path):
     moved = bw.simulate(falling(), device="cpu")
     seen = {"times": moved.times[1:], "points": moved.points[0][1:], "noise": 1e-3}

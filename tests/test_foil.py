@@ -165,6 +165,7 @@ LETTERS = [("L", 2, 1), ("O", 0, 1), ("B", -2, 1), ("%", 0 + 2 + 0, 3), ("i", 2,
 LETTERS += [("i!j?", 8, 4), ("HELLO", 8, 5), ("W@", 2 + 0, 2)]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("text", "characteristic", "components"), LETTERS)
 def test_letters_are_closed_and_have_their_holes(text: str, characteristic: int, components: int):
     """Each hole of a sheet is a handle: O is a torus, B has two."""
@@ -177,6 +178,7 @@ def test_letters_are_closed_and_have_their_holes(text: str, characteristic: int,
     assert mesh.points[:, 0].min() == pytest.approx(-mesh.points[:, 0].max(), abs=0.05 * EDGE)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("text", "ABEGKMQRSWXgky&@358?*")
 def test_sheets_are_even_and_as_large_as_their_outline(text: str):
     """Sheets have even quads, none folded over, and fill a letter's outline whatever its corners."""

@@ -57,6 +57,7 @@ def likeness(one: np.ndarray, other: np.ndarray) -> float:
 VIEWS = {"front": {}, "above": {"elevation": 70.0}, "clear": {"transparent": True, "azimuth": 200.0}}
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", VIEWS)
 def test_a_small_world_looks_as_it_did(name: str, tmp_path):
     """A regression of the picture fails. To accept a change: python tests/test_gallery.py, and look at tests/kept."""

@@ -49,6 +49,7 @@ def test_morph_targets_are_the_frames(written: Path, tmp_path: Path):
         assert (outward > 0.0).all()
 
 
+@pytest.mark.full
 def test_trimesh_reads_the_glb(written: Path, tmp_path: Path):
     """Trimesh reads the first frame without ground and water; objects that appear later have negligible size."""
     export_stage(written, tmp_path / "out.glb")

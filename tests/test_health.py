@@ -69,6 +69,7 @@ def test_what_is_burst_fixed_or_unused_is_good_wherever_it_is(device: str):
     assert found(points, spheres, device, fixed=[5]) == [HEALTHY]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "name",
     [

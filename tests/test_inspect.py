@@ -165,6 +165,7 @@ def test_command_prints_a_table_and_warnings(tmp_path: Path) -> None:
     assert rows["warning:"].startswith("160 edges are on open borders")
 
 
+@pytest.mark.full
 def test_command_refuses_a_bad_mesh_with_status_2(tmp_path: Path) -> None:
     """A mesh that makes no balloon is reported all the same."""
     (tmp_path / "bad.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n")

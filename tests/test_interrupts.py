@@ -105,6 +105,7 @@ def test_what_is_ignored_stays_ignored(monkeypatch, capsys):
         signal.signal(signal.SIGINT, before)
 
 
+@pytest.mark.full
 def test_a_picture_that_is_stopped_leaves_the_stage_and_says_so(tmp_path, monkeypatch):
     write_obj(tmp_path / "ball.obj", quad_sphere(2))
     scene = load_scene(tmp_path / "ball.obj", {"frames": 1})

@@ -58,6 +58,7 @@ WRITERS: dict[str, Callable[[Path, Path], object]] = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize(
     ("writer", "suffix"), [("run", ".usdc"), ("run", ".usda"), ("run", ".glb"), ("export", ".usdz"), ("render", ".png")]

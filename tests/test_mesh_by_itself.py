@@ -42,6 +42,7 @@ def at_the_end(mesh: PolygonMesh, seconds: float, **overrides: object) -> tuple[
     return simulator.model.shapes[0].mesh.points, simulator.read_frame().points[0].astype(np.float64)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", SPHERES)
 def test_a_ball_stays_a_ball_however_it_is_meshed(name: str):
     """A ball is as high as wide within 2 %, on the floor, whose push is about 1 %. By springs of one constant a ball of

@@ -189,6 +189,7 @@ MANY = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("what", MANY)
 def test_reading_takes_a_few_times_the_memory_of_the_file(tmp_path: Path, what: str) -> None:
     """The peak memory is a few times the file: the shortest vertex line has 8 bytes, its numbers 28."""
@@ -605,6 +606,7 @@ def test_usd_has_them_at_corners_or_vertices(stage: Usd.Stage, interpolation: st
         np.testing.assert_array_equal(found.texture_coordinates, textured(found).texture_coordinates)
 
 
+@pytest.mark.full
 def test_each_corner_has_what_the_file_names_there_in_the_stage_too(tmp_path: Path):
     np.testing.assert_array_equal(read(tmp_path, TWO_FACES.encode()).texture_coordinates, AT_CORNERS)
     animate(load_scene(tmp_path / "mesh.obj", {"frames": 1}), tmp_path / "out.usdc", device="cpu")

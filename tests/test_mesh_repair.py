@@ -269,6 +269,7 @@ def test_gas_behind_a_wider_seam_says_what_closes_it() -> None:
     plan_model(load_scene(mesh, {**said, "balloon.weld": 2e-4}))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("words", "closed"),
     [

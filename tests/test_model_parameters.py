@@ -88,6 +88,7 @@ def test_every_row_stands_in_a_scene():
         np.testing.assert_array_equal(found, changed.get(row.name, np.broadcast_to(row.default, np.shape(found))))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("row", [*PARAMETERS.values(), *ROWS], ids=lambda row: row.name)
 def test_every_row_may_differ_between_worlds(row):
     scene = scene_that_has(row)
@@ -150,6 +151,7 @@ def test_one_world_has_the_numbers_that_it_has_among_others():
     np.testing.assert_allclose(one.parameters["sphere_mass"].numpy(), [[4.0]])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "path", ["balloon.stiffness.structural", "balloon.mass", "balloon.drag_coefficient", "gravity"]
 )

@@ -34,6 +34,7 @@ def bundled(name: str) -> PolygonMesh:
     return load_mesh(Path(balloon_warp.scenes.__path__[0]) / f"{name}.obj")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", MODELS)
 def test_file_is_what_the_script_makes(name: str) -> None:
     made, file = make_model(name), bundled(name)
@@ -77,6 +78,7 @@ def test_size_and_place(name: str, fewest: int, most: int, longest: float) -> No
     np.testing.assert_allclose(mesh.points[:, [0, 2]].mean(axis=0), 0.0, atol=1e-5)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["squirrel", "turtle"])
 def test_animals_are_symmetric(name: str) -> None:
     points = bundled(name).points

@@ -96,6 +96,7 @@ def fewest_differences(one: ast.AST, other: ast.AST) -> ast.AST | None:
     return fewest_differences(*pairs[0]) if len(pairs) == 1 else one
 
 
+@pytest.mark.full
 def test_all_drawn_mutants_parse_and_differ_in_one_statement_or_expression() -> None:
     drawn = draw(ROOT, mutation.STRATA, 40, seed=7)
     assert len({each.key for each in drawn}) == 40
@@ -238,6 +239,7 @@ def verdicts_on(toy: Path, new: set[str], seconds: float) -> dict[str, tuple[boo
     return {each.new: (each.found, each.by) for each in judge_all(toy, chosen, TRACED, 2, seconds)}
 
 
+@pytest.mark.full
 def test_what_tests_execute_is_traced(toy: Path) -> None:
     traced = trace(toy, 1)
     assert {each.test: each.functions["toy/law.py"] for each in traced} == {
@@ -245,6 +247,7 @@ def test_what_tests_execute_is_traced(toy: Path) -> None:
     }
 
 
+@pytest.mark.full
 def test_a_mutant_is_found_survives_or_is_found_by_chance(toy: Path, tmp_path: Path) -> None:
     """A test that looks at a function's value finds its mutants; one that fails without them, too, does not."""
     (tmp_path / "seen").touch()

@@ -116,6 +116,7 @@ def starts(obstacle: Obstacle, **fields) -> None:
     plan_model(Scene(**{"balloon": [balloon], "obstacle": [obstacle], **fields}))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
 @pytest.mark.parametrize(
     ("fields", "touching", "direction", "kind"),

@@ -100,6 +100,7 @@ def press_ctrl_c(*_: object, **__: object) -> None:
     raise KeyboardInterrupt
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.parametrize(
     ("name", "words", "said"),
@@ -129,6 +130,7 @@ def test_commands_warn_on_standard_error(
 SOUND_ONCE_REPAIRED = ["repeated corner", "duplicate face", "duplicate face, wound the other way", "mixed winding"]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", [*SOUND_ONCE_REPAIRED, "inward winding"])
 @pytest.mark.parametrize("inflation", [{"k_normal": 3.0}, {"kind": "pressure", "pressure": 40.0}])
 def test_a_repaired_mesh_moves_as_the_sound_one(name: str, inflation: dict, tmp_path: Path, device: str) -> None:
@@ -199,6 +201,7 @@ FILES_BESIDE = {
 """meshes, and what they have opened beside them: the materials and the base textures that are used"""
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", FILES_BESIDE)
 def test_only_used_materials_and_base_textures_are_opened(name: str, tmp_path: Path) -> None:
     content, others = FILES_BESIDE[name]
@@ -241,6 +244,7 @@ def move(simulator: Simulator, particle: int, to: tuple[float, float, float]) ->
     simulator.state.points.assign(points)
 
 
+@pytest.mark.full
 @pytest.mark.physics
 @pytest.mark.parametrize(("inflation", "pushed"), [({"k_normal": 3.0}, True), (PRESSURE, False)])
 def test_a_face_without_area_is_inflated_once_it_opens(inflation: dict, pushed: bool, tmp_path: Path, device: str):
@@ -253,6 +257,7 @@ def test_a_face_without_area_is_inflated_once_it_opens(inflation: dict, pushed: 
     assert force > 0.1 if pushed else force == 0.0
 
 
+@pytest.mark.full
 @pytest.mark.physics
 def test_coincident_vertices_pull_only_once_they_part(tmp_path: Path, device: str):
     simulator = simulator_of(
@@ -267,6 +272,7 @@ def test_coincident_vertices_pull_only_once_they_part(tmp_path: Path, device: st
     assert np.isfinite(simulator.read_frame().points[0]).all()
 
 
+@pytest.mark.full
 @pytest.mark.physics
 def test_each_face_of_a_crowded_edge_is_inflated_to_its_side(tmp_path: Path, device: str):
     """A corner away from the spine of an open book belongs to one page, and is pushed along that page's normal."""
@@ -308,6 +314,7 @@ def test_a_mesh_by_itself_is_held_at_its_open_border(tmp_path: Path, device: str
     assert np.delete(moved, border).min() > 1e-3
 
 
+@pytest.mark.full
 @pytest.mark.physics
 @pytest.mark.parametrize("schedule", ["gather", "lanes", "octets", "block"])
 def test_schedules_move_odd_meshes_alike(schedule: str, tmp_path: Path, device: str):

@@ -60,6 +60,7 @@ def test_a_balloon_that_grew_past_recognition_has_swollen():
     assert kinds(3.0 * BALL.points, **under(50.0)) == []
 
 
+@pytest.mark.full
 def test_a_balloon_that_was_to_stand_and_does_not_has_collapsed():
     (crumpled,) = endings(0.94 * BALL.points)
     assert str(crumpled) == "mesh crumpled to 83% of the volume of its mesh; less weight or more pressure helps"

@@ -46,6 +46,7 @@ def schedule(request: pytest.FixtureRequest, device: str) -> str:
     return request.param
 
 
+@pytest.mark.full
 def test_a_law_begins_when_its_parameters_change(device):
     """A law begins with the change of its parameter, half a second after the start."""
     change = Change(time=0.5, set={STRENGTH: 9.0})
@@ -86,6 +87,7 @@ def test_workers_refuse_a_law_that_they_cannot_find(tmp_path: Path):
         bw.run_batch(loose(), tmp_path, 2, cluster=bw.Cluster(workers=1), laws=[nameless])
 
 
+@pytest.mark.full
 def test_a_run_and_a_comparison_have_laws(tmp_path: Path):
     summary = bw.animate(loose(), tmp_path / "out.usdc", device="cpu", laws=[MAGNET])
     assert summary.frames == 6
@@ -95,6 +97,7 @@ def test_a_run_and_a_comparison_have_laws(tmp_path: Path):
     assert volumes[0] > 1.01 * volumes[1]
 
 
+@pytest.mark.full
 def test_a_law_of_a_page_begins_when_its_slider_moves():
     """A law of the page begins when its slider moves, by another kernel, and ends when the slider is back."""
     playground = Playground(loose(0.0), "cpu", [MAGNET])

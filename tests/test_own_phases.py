@@ -64,6 +64,7 @@ def temperatures(simulator: Simulator) -> np.ndarray:
     return simulator.state.kept["temperature"].numpy()
 
 
+@pytest.mark.full
 def test_a_sphere_slows_what_is_near(listed, schedule, device):
     """A sphere slows particles within 0.7 m in a step, as NumPy computes, relative to a run without."""
     one_step = {"frames_per_second": 200.0, "substeps": 1} | SLOWED
@@ -80,6 +81,7 @@ def test_a_sphere_slows_what_is_near(listed, schedule, device):
     np.testing.assert_allclose(found, expected / np.where(near, 1.2, 1.0)[..., None], atol=1e-6)
 
 
+@pytest.mark.full
 def test_temperatures_follow_the_air_s(listed, schedule, device):
     """Temperatures relax exponentially from substep to substep and frame to frame, by world."""
     air = np.array([330.0, 300.0, 280.0])
@@ -146,6 +148,7 @@ def test_what_is_kept_goes_on_bit_for_bit(listed, schedule, device):
     assert (temperatures(one) == 300.0).all()
 
 
+@pytest.mark.full
 def test_a_phase_may_begin_and_end_while_it_is_simulated(listed, device):
     """A phase may begin and end during a simulation, by a planned change, too; its state begins as at the start."""
     simulator = simulated({}, "auto", device, 1)

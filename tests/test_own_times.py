@@ -122,6 +122,7 @@ MOVED = TOUCHING.model_copy(
 )
 
 
+@pytest.mark.full
 def test_keyframes_and_obstacles_follow_a_worlds_own_time(schedule: str) -> None:
     """Bit for bit as in a world that begins; the other goes on as if nothing were, and both do so again."""
     scene = MOVED if schedule == "gather" else MOVED.model_copy(update={"contacts": False, "body": []})
@@ -144,6 +145,7 @@ def test_keyframes_and_obstacles_follow_a_worlds_own_time(schedule: str) -> None
         np.testing.assert_array_equal(array[:1], arrays(fresh)[name], err_msg=name)
 
 
+@pytest.mark.full
 def test_obstacles_of_ones_own_control_do_not_know_the_time(schedule: str) -> None:
     """Worlds with an obstacle that a control moves are bit-identical to new ones, whatever the frame."""
     plate = Obstacle(size=(1.5, 0.2, 1.5), position=(0.0, -0.8, 0.0))
@@ -160,6 +162,7 @@ def test_obstacles_of_ones_own_control_do_not_know_the_time(schedule: str) -> No
         np.testing.assert_array_equal(array, arrays(fresh)[name], err_msg=name)
 
 
+@pytest.mark.full
 def test_a_camera_sees_obstacles_where_they_are_in_each_world() -> None:
     whole, masked = (Simulator(MOVED, "cpu", 2) for _ in range(2))
     cameras = [each.observations.camera((0.0, 0.5, 4.0), (0.0, -0.5, 0.0), 16, 12) for each in (whole, masked)]

@@ -35,6 +35,7 @@ def served(tmp_path: Path):
     return Page(Session("ball", scene, "cpu", tmp_path), port=free_port("127.0.0.1", 0))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("host", "place"),
     [("127.0.0.1", "127.0.0.1"), ("0.0.0.0", "127.0.0.1"), ("::", "[::1]"), ("::1", "[::1]"), ("here.example",) * 2],
@@ -46,6 +47,7 @@ def test_the_page_says_where_it_is(host, place, tmp_path, monkeypatch):
     page.stop()
 
 
+@pytest.mark.full
 def test_the_page_is_on_loopback_alone_and_refuses_a_taken_port(tmp_path):
     page = served(tmp_path)
     assert page.server.get_host() == "127.0.0.1"

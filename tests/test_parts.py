@@ -125,6 +125,7 @@ def test_no_loop_goes_over_particles() -> None:
     assert lines_executed(lambda: tie_pairs(many)) <= 1.5 * lines_executed(lambda: tie_pairs(few))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("parts", ["held", "free"])
 def test_a_ball_hangs_from_one_that_is_fixed_or_falls(parts: str, device: str) -> None:
     """A tied ball of 10 N hangs by some dozen springs of 20 N/m each; a free one falls by 1.2 m in half a second."""
@@ -165,6 +166,7 @@ def test_the_largest_is_by_area() -> None:
         taken(hair(20), "closed")
 
 
+@pytest.mark.full
 def test_commands_take_parts(tmp_path: Path) -> None:
     write_obj(tmp_path / "car.obj", car())
     write_obj(tmp_path / "head.obj", haired())

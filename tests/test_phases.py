@@ -164,6 +164,7 @@ def test_a_source_has_its_phases_in_the_order_of_the_list():
         assert [place.start() for place in places if place] == sorted(place.start() for place in places if place)
 
 
+@pytest.mark.full
 def test_octets_of_a_model_with_bodies_are_launches_and_their_forces_for_eight():
     """Kernels are those that `gather` launches, in the same order, but for the forces."""
     printed, launched = (kernel_source(load_scene("turtle_pillow"), schedule) for schedule in ("octets", "gather"))

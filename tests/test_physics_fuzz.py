@@ -11,7 +11,13 @@ import numpy as np
 import pytest
 
 from balloon_warp.benchmarks import physics_fuzz
-from balloon_warp.benchmarks.physics_alike import Measure, Property, converges, slopes_are_differences
+from balloon_warp.benchmarks.physics_alike import (
+    Measure,
+    Property,
+    converges,
+    is_alike_among_worlds,
+    slopes_are_differences,
+)
 from balloon_warp.benchmarks.physics_fuzz import PropertyError, check, fuzz, read_scene, scene_file
 from balloon_warp.benchmarks.physics_known import KNOWN
 from balloon_warp.benchmarks.physics_properties import PROPERTIES, tells_contact_forces
@@ -24,7 +30,7 @@ from balloon_warp.scene import load_scene
 FOUND = sorted((Path(__file__).parent / "found").glob("*.toml"))
 SCENES = 3
 """Scenes of each kind by default: a minute in all, once their kernels are compiled"""
-OF_THEIR_OWN_KERNELS = (tells_contact_forces, slopes_are_differences)
+OF_THEIR_OWN_KERNELS = (tells_contact_forces, slopes_are_differences, is_alike_among_worlds)
 """Properties that compile more kernels than a default test should"""
 
 

@@ -111,6 +111,7 @@ def test_it_says_what_was_simulated_and_its_hashes_are_those_of_the_files(folder
             assert hashlib.sha256((place / name).read_bytes()).hexdigest() == expected
 
 
+@pytest.mark.full
 def test_hashes_are_those_of_a_repeated_batch_and_of_no_other(folder: Path):
     (folder / "ball.toml").unlink()
     summary = repeat_batch(folder / "first" / "manifest.json", folder / "again")

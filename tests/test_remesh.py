@@ -163,6 +163,7 @@ def test_sheet_becomes_a_slab_and_a_wedge_keeps_its_edge_thin() -> None:
     assert (mesh.points.max(axis=0) < prism.bounds[1] + 1e-4).all()
 
 
+@pytest.mark.full
 def test_far_away_and_tiny_is_as_good() -> None:
     mesh = remesh(deformed(ball(), lambda points: points * 1e-3 + 1e3), CELLS)
     # float64 leaves 1e-13 / 1e-3 of it; the rest is Warp's float32 in cells.
@@ -187,6 +188,7 @@ def test_bad_cells(cells: int) -> None:
         remesh(deformed(ball(), np.ones_like), CELLS)
 
 
+@pytest.mark.full
 def test_command(tmp_path: Path) -> None:
     source, target = tmp_path / "ball.obj", tmp_path / "out.obj"
     write_obj(source, ball())
@@ -255,6 +257,7 @@ KEPT = {
 """mesh, cells, volume, if it is not the mesh's own, and its tolerance"""
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("make", "cells", "volume", "tolerance"), KEPT.values(), ids=KEPT)
 def test_volume_is_kept(make: Callable[[], PolygonMesh], cells: int, volume: float | None, tolerance: float) -> None:
     made = remesh(make(), cells)
@@ -301,6 +304,7 @@ def test_what_folds_goes_back_and_nothing_else() -> None:
     np.testing.assert_array_equal(made.points[other], points[other])
 
 
+@pytest.mark.full
 def test_a_car_is_made_with_the_cells_that_are_asked_for() -> None:
     made = remesh(car(windshield=False), 32)
     assert_closed_quads(made)
@@ -315,6 +319,7 @@ def test_hair_is_refused_before_it_takes_long(monkeypatch: pytest.MonkeyPatch) -
         remesh(haired(), 48)
 
 
+@pytest.mark.full
 def test_patches_of_a_whole_are_no_hair() -> None:
     """24 patches without shared vertices."""
     whole = quad_sphere(8, 0.5)
@@ -355,6 +360,7 @@ def rod(heights: np.ndarray, radii: np.ndarray) -> PolygonMesh:
     return mesh_of(points, faces)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("lean", [0.0, 0.3])
 def test_a_rod_of_any_thickness_stays_in_one_piece(lean: float) -> None:
     """A rod stays in one piece, from thinner than a cell of 1/8 to thicker than two."""
@@ -414,6 +420,7 @@ def within_sides(mesh: PolygonMesh) -> list[tuple[int, tuple[float, ...]]]:
     return [each for each, is_inner in zip(seen_sides(mesh), inner.tolist(), strict=True) if is_inner]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("kind", ["obj", "glb", "usda"])
 def test_a_texture_stays_where_it_was(tmp_path: Path, kind: str):
     """A texture stays in place: each side has a tile of its own, and a quad across an edge lies in one of them."""

@@ -90,6 +90,7 @@ def test_each_device_makes_the_same_picture(device: str, tmp_path):
     assert np.abs(seen[0] - seen[1]).mean() < 0.1
 
 
+@pytest.mark.full
 def test_units_and_axes_do_not_show(tmp_path):
     seen = [picture(_small_world(tmp_path / f"{up}.usda", up)) for up in ("Y", "Z")]
     assert (seen[0] == seen[1]).all()
@@ -102,6 +103,7 @@ def test_units_and_axes_do_not_show(tmp_path):
     assert np.abs(seen[0] - seen[1]).mean() < 0.05
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
 @pytest.mark.parametrize(
     ("azimuth", "elevation", "nearest"),
@@ -175,6 +177,7 @@ def test_curves_have_their_colors_and_stay_visible_when_thin(tmp_path):
         assert (columns.min(), columns.max()) == pytest.approx((50, 149), abs=1)
 
 
+@pytest.mark.full
 def test_latex_shows_what_is_inside_and_an_opaque_wall_does_not(tmp_path):
     differences = []
     for opacity in (0.92, 1.0):
@@ -201,6 +204,7 @@ def test_what_is_hidden_is_not_drawn(tmp_path):
     assert not (seen[..., 1] - seen[..., 0] > 20).any()
 
 
+@pytest.mark.full
 def test_a_mesh_that_moves_looks_the_same_in_an_animation_as_alone(tmp_path):
     path = tmp_path / "stage.usda"
     stage = new_stage(path, frames=3)
@@ -287,6 +291,7 @@ def edge_width(row: np.ndarray) -> float:
     return float((half < 0.1).argmax() - (half < 0.9).argmax())
 
 
+@pytest.mark.full
 def test_a_lens_blurs_what_is_out_of_focus_by_as_much_as_geometry_says(tmp_path):
     """A point of a ball 10 away, with the lens focused at 5, is blurred to a disc of the lens's diameter times (10 - 5)
     / 5, as seen at 10. Of a disc's shadow over an edge nine tenths lie within 0.68 of its diameter."""

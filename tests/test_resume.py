@@ -78,6 +78,7 @@ def test_the_bytes_are_those_of_a_run_that_was_never_stopped(name, save_bytes, s
     assert not folder.exists()
 
 
+@pytest.mark.full
 def test_ctrl_c_saves_the_frames_so_far_in_a_stage_that_opens(tmp_path):
     whole, output = tmp_path / "whole.usdc", tmp_path / "out.usdc"
     animate(SCENE, whole)
@@ -100,6 +101,7 @@ def test_ctrl_c_saves_the_frames_so_far_in_a_stage_that_opens(tmp_path):
     assert output.read_bytes() == whole.read_bytes()
 
 
+@pytest.mark.full
 def test_a_checkpoint_waits_for_frames_that_are_still_being_written(tmp_path, monkeypatch):
     write = usd_stage.StageWriter.write
 
@@ -117,6 +119,7 @@ def test_a_checkpoint_waits_for_frames_that_are_still_being_written(tmp_path, mo
     assert output.read_bytes() == whole.read_bytes()
 
 
+@pytest.mark.full
 def test_several_parts_are_played_one_after_the_other(tmp_path):
     folder = stop(SCENE, tmp_path / "out.usdc")
     assert len(list(folder.glob("frames_*.usdc"))) == STOPPED_AT
@@ -149,6 +152,7 @@ def test_another_scene_is_refused(tmp_path):
 OTHERS = {"versions.warp-lang": "0.1", "versions.balloon-warp": "0.0.1", "device": "another", "schedule": "lanes"}
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("path", "value"), [*OTHERS.items(), ("substeps", 1)])
 def test_what_else_the_bits_depend_on_is_compared(path: str, value: object, tmp_path):
     output = tmp_path / "out.usdc"
@@ -178,6 +182,7 @@ def test_something_else_of_that_name_is_told_before_the_run(name: str, tmp_path)
     assert (tmp_path / name / "thesis.txt").read_text() == "not ours"
 
 
+@pytest.mark.full
 def test_an_earlier_run_is_mentioned_and_kept_aside_until_another_is_done(tmp_path):
     output, notes = tmp_path / "out.usdc", []
     folder = stop(SCENE, output)
@@ -191,6 +196,7 @@ def test_an_earlier_run_is_mentioned_and_kept_aside_until_another_is_done(tmp_pa
     assert [path.name for path in tmp_path.iterdir()] == ["out.usdc"]
 
 
+@pytest.mark.full
 def test_of_runs_that_were_begun_anew_the_last_is_kept_aside(tmp_path):
     output = tmp_path / "out.usdc"
     for gravity in (3.0, 4.0, 5.0):
@@ -215,6 +221,7 @@ def test_where_two_jobs_differ_is_said(there: dict, here: dict, phrases: list[st
     assert list(differences(there, here)) == phrases
 
 
+@pytest.mark.full
 def test_nothing_to_resume_is_the_start_and_short_runs_leave_an_earlier_checkpoint_as_it_is(tmp_path):
     output, notes = tmp_path / "out.usdc", []
     assert animate(SCENE, output, resume=True, on_note=notes.append).begin == 0
@@ -224,6 +231,7 @@ def test_nothing_to_resume_is_the_start_and_short_runs_leave_an_earlier_checkpoi
     assert folder.exists()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["frames_000003.usdc", "state_000006_0000.npz", "job.json"])
 def test_a_damaged_checkpoint_is_refused(name: str, tmp_path):
     output = tmp_path / "out.usdc"
@@ -234,6 +242,7 @@ def test_a_damaged_checkpoint_is_refused(name: str, tmp_path):
     assert not output.exists()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", [f"state_{STOPPED_AT - 2:06d}_0000.npz", f"frames_{STOPPED_AT:06d}.usdc"])
 def test_a_kill_between_the_files_of_a_checkpoint_does_no_harm(name: str, tmp_path):
     whole, output = tmp_path / "whole.usdc", tmp_path / "out.usdc"
@@ -245,6 +254,7 @@ def test_a_kill_between_the_files_of_a_checkpoint_does_no_harm(name: str, tmp_pa
     assert output.read_bytes() == whole.read_bytes()
 
 
+@pytest.mark.full
 def test_nothing_in_a_checkpoint_is_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     path = stop(SCENE, tmp_path / "out.usdc") / f"state_{STOPPED_AT - 1:06d}_0000.npz"
@@ -259,6 +269,7 @@ def test_each_file_of_a_checkpoint_appears_whole(tmp_path, monkeypatch):
     assert {*stop(SCENE, tmp_path / "out.usdc").iterdir()} <= whole
 
 
+@pytest.mark.full
 def test_checkpoints_go_all_at_once(tmp_path, monkeypatch):
     """Checkpoints are removed at once: a kill meanwhile leaves nothing that --resume takes for a run."""
     output = tmp_path / "out.usdc"

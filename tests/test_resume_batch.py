@@ -241,6 +241,7 @@ def test_ctrl_c_saves_the_frame_that_it_finds(tmp_path):
     assert contents(tmp_path / "out") == contents(tmp_path / "whole")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("change", "difference"),
     [
@@ -265,6 +266,7 @@ def test_another_batch_is_refused(stopped: Path, change: dict, difference: str):
 OTHERS = {"versions.warp-lang": "0.1", "device": "another", "substeps": 1, "on_blowup": "restart"}
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("path", "value"), [*OTHERS.items(), ("simulated", "in 3 shares")])
 def test_what_else_the_bits_depend_on_is_compared(stopped: Path, path: str, value: object):
     tamper(stopped / "partial" / "job.json", path, value)

@@ -439,6 +439,7 @@ def mesh_files(scene: Scene) -> list[Path]:
     return [Path(str(table.mesh)) for name in MESHED for table in getattr(scene, name) if table.mesh]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", bundled_scenes())
 def test_a_bundled_scene_is_written_with_its_meshes_and_can_be_moved(tmp_path: Path, name: str):
     (tmp_path / "here").mkdir()
@@ -566,6 +567,7 @@ def test_inspect_asks_too(tmp_path: Path, capsys: pytest.CaptureFixture) -> None
         assert "names no up axis" in " ".join(said.split())
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("command", ["run", "batch --worlds 2", "inspect"])
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
 @pytest.mark.parametrize("source", ["ball.obj", "ball.toml"])

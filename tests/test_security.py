@@ -111,6 +111,7 @@ def is_lock(path: str) -> bool:
     return Path(path).name.startswith(PREFIX) and path.endswith(LOCK)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_command_opens_nothing_elsewhere_but_its_programs(command: str, told: tuple[Path, dict]):
     """Files opened elsewhere are Python's, its bytecode and Warp's kernel cache; temporary ones are gone in the end.

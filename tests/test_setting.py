@@ -87,6 +87,7 @@ def test_gravity_that_is_set_bends_the_fall(device: str, schedule: str):
     np.testing.assert_allclose(falls, np.tile([-(10.0 + 30.0) * 2 / 60, -(10.0 + 4.0) * 2 / 60], (8, 1)), rtol=1e-5)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", SETS)
 def test_what_is_set_does_what_the_same_change_of_a_scene_does(name: str, device: str):
     """A set value is bit-identical to the planned change of a scene, for which kernels are prepared."""
@@ -110,6 +111,7 @@ def test_each_world_gets_its_own(device: str):
         np.testing.assert_array_equal(points(simulator)[world], points(stepped(alone, 3))[0])
 
 
+@pytest.mark.full
 def test_what_follows_from_a_value_follows():
     """Derived values follow: a film's mass, the contact stiffness of balloons, and the step."""
     film = Balloon(mesh=quad_sphere(3), material=Material(preset="latex"), inflation=Inflation(pressure=10.0))
@@ -130,6 +132,7 @@ def test_what_follows_from_a_value_follows():
     assert substeps[1] == substeps[2] > 1.5 * substeps[0]  # of twice the frequency, rounded up
 
 
+@pytest.mark.full
 def test_what_the_scene_plans_happens_later_and_what_is_set_stays():
     changes = [Change(time=2 * SECONDS, set={"gravity": 3.0}), Change(time=3 * SECONDS, set={"correction": "provot"})]
     simulator = Simulator(BUSY.model_copy(update={"change": changes}), "cpu")
@@ -163,6 +166,7 @@ def test_reset_forgets_what_was_set(device: str):
     np.testing.assert_array_equal(points(stepped(simulator, 2)), first)
 
 
+@pytest.mark.full
 def test_what_is_saved_brings_back_what_was_set(device: str, tmp_path: Path):
     """A restored state includes set values and continues bit-identically, in another simulator, too."""
     changes = [Change(time=SECONDS, set={"gravity": 3.0}), Change(time=4 * SECONDS, set={"gravity": 6.0})]

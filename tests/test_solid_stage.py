@@ -215,6 +215,7 @@ def test_every_validator_passes_bodies(tmp_path, up_axis: str):
     assert_valid(Usd.Stage.Open(str(path)))
 
 
+@pytest.mark.full
 def test_the_stage_has_the_poses_of_the_simulation(written_bodies: Path):
     stage, simulator = Usd.Stage.Open(str(written_bodies)), Simulator(bodies(), "cpu")
     for number in range(FRAMES + 1):
@@ -242,6 +243,7 @@ def test_the_stage_says_what_they_weigh(written_bodies: Path):
     np.testing.assert_allclose(tensor, np.diag(sides), atol=1e-6)
 
 
+@pytest.mark.full
 def test_pictures_have_bodies_at_their_places(written_bodies: Path):
     reader, simulator = read_stage(written_bodies), Simulator(bodies(), "cpu")
     for number in range(FRAMES + 1):
@@ -263,6 +265,7 @@ def test_a_scene_with_bodies_is_written_and_read_again(tmp_path):
     assert load_scene(path, {"body.0.mass": 7.0}).body[0] == scene.body[0].model_copy(update={"mass": 7.0})
 
 
+@pytest.mark.full
 def test_they_go_on_from_a_checkpoint_bit_for_bit():
     scene = bodies(ground=Ground(height=0.5), frames=30)
     first, again = Simulator(scene, "cpu"), Simulator(scene, "cpu")

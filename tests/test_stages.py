@@ -106,6 +106,7 @@ def test_what_is_short_shows_nothing(timers: list[Later]):
         assert shown.getvalue() == ""
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("words", [["remesh", "ball.obj", "-o", "out.obj"], ["inspect", "ball.obj"]])
 def test_remesh_and_inspect_say_what_they_do(tmp_path, monkeypatch, timers: list[Later], words: list[str]):
     monkeypatch.chdir(tmp_path)

@@ -43,6 +43,7 @@ def test_a_world_that_begins_anew_is_as_one_that_begins(schedule: str):
         np.testing.assert_array_equal(array[:1], gone_on[name][:1], err_msg=name)
 
 
+@pytest.mark.full
 def test_what_varies_between_worlds_begins_as_it_began():
     vary = {"balloon.0.velocity.1": [-1.0, -2.0, -3.0], "balloon.1.inflation.start_pressure": [0.0, 50.0, 90.0]}
     simulator = Simulator(TOUCHING, "cpu", 3, vary)
@@ -122,6 +123,7 @@ def test_a_mask_of_another_length_is_refused(mask: Any):
         Simulator(ALONE, "cpu", 2).reset(mask)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("case", MISTAKES)
 def test_what_cannot_be_drawn_is_refused(case: str):
     told, sentence = MISTAKES[case]
@@ -131,6 +133,7 @@ def test_what_cannot_be_drawn_is_refused(case: str):
         simulator.starts.draw(*told)
 
 
+@pytest.mark.full
 def test_observations_are_what_frames_say():
     simulator = Simulator(TOUCHING, "cpu", 2, {"balloon.0.mass": [0.1, 0.2]})
     names = ("centers", "velocities", "volumes", "pressures", "contact_forces", "sphere_positions", "body_positions")
@@ -199,6 +202,7 @@ def test_a_cube_has_its_volume():
     np.testing.assert_allclose(simulator.observations["volumes"].numpy(), [[expected]], rtol=1e-5)
 
 
+@pytest.mark.full
 def test_only_worlds_that_begin_anew_are_observed_again(device: str):
     simulator = Simulator(TOUCHING, device, 3)
     names = ("centers", "velocities", "volumes", "stretches", "turns", "pressures", "points", "particle_contact_forces")

@@ -43,6 +43,7 @@ def balance_of(simulator: bw.Simulator) -> Balance:
     return Balance(skin, Volume(shape.mesh), SealedGas(float(frame.gas_amounts[0]), 293.15, 101325.0))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", MATERIALS)
 def test_statics_are_those_of_what_is_simulated(name: str):
     """Statics agree with the simulation: forces cancel, the operator is their derivative, and shapes agree."""

@@ -44,6 +44,7 @@ def physics_of(stage: Usd.Stage) -> Usd.Prim:
     return material.GetPrim()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("preset", RUBBERS)
 def test_rubber_and_film_are_as_stiff_and_thick_as_the_scene_says(tmp_path: Path, preset: str):
     material = Material(preset=preset)
@@ -61,6 +62,7 @@ def test_rubber_and_film_are_as_stiff_and_thick_as_the_scene_says(tmp_path: Path
     assert not UsdValidation.ValidationContext(validators).Validate(stage)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "material", [Material(kind="gent", gent_limit=30.0), Material(kind="neo_hookean", shear_modulus=1e5)]
 )

@@ -49,6 +49,7 @@ def test_simulators_in_threads_give_the_bytes_of_one_after_the_other(device: str
             assert list(threads.map(simulated, range(8), [device] * 8)) == expected
 
 
+@pytest.mark.full
 def test_one_thread_at_a_time_runs_kernels_with_tiles(monkeypatch: pytest.MonkeyPatch):
     """No two threads launch kernels with tiles, or replay graphs of such, at once on a CPU: it has one place for tiles.
 
@@ -96,6 +97,7 @@ def test_simulators_made_before_step_beside_each_other(device: str):
         assert list(runs) == expected
 
 
+@pytest.mark.full
 def test_batches_and_pictures_are_made_beside_simulators(device: str, tmp_path: Path):
     """Batches and pictures run beside simulators: a batch records its measures, and a picture launches its rays."""
     stage = tmp_path / "still.usdc"
@@ -114,6 +116,7 @@ def test_batches_and_pictures_are_made_beside_simulators(device: str, tmp_path: 
     assert (tmp_path / "after.png").read_bytes() == (tmp_path / "before.png").read_bytes()
 
 
+@pytest.mark.full
 def test_whatever_is_queued_takes_its_turn(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     """A CPU stands in for a GPU, where one thread's launch would be recorded by another."""
     untaken = []

@@ -73,6 +73,7 @@ def busy(**fields) -> Scene:
     )
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("path", ALL_AT_ONCE)
 def test_each_value_changes_in_every_schedule(path, device, schedule):
     """A change of each value agrees with `scatter`, and has an effect."""
@@ -157,6 +158,7 @@ def scatters_points(name: str, device: str) -> list[NDArray[Any]]:
     return [np.array(after_frames(scene, 4, device, "scatter").state.points.numpy()) for scene in scenes]
 
 
+@pytest.mark.full
 def test_a_sphere_waits_where_it_will_appear(device, schedule):
     """A sphere waits, and then falls freely: after n frames of m steps at h, by 1/2 g (n m h)^2 (1 + 1 / n m)."""
     late = Sphere(position=(0.0, 0.0, 0.0), radius=0.6, start=3 / 60)  # amid the cube, which it would push apart
@@ -170,6 +172,7 @@ def test_a_sphere_waits_where_it_will_appear(device, schedule):
     assert falling.sphere_positions[0, 1] == pytest.approx(-fallen, rel=1e-4)
 
 
+@pytest.mark.full
 def test_a_sphere_ends(device, schedule):
     """A sphere that would push the cube apart ends before the cube falls into it."""
     scene = Scene(balloon=[STILL], sphere=[Sphere(position=(0.0, -0.2, 0.0), radius=0.1, end=1 / 60)], substeps=4)
@@ -242,6 +245,7 @@ def test_a_model_is_left_as_it_was():
     assert model.parameters["gravity"].numpy() == pytest.approx(9.81)
 
 
+@pytest.mark.full
 def test_going_on_with_more_spheres_keeps_the_others(device, schedule):
     simulator = after_frames(busy(), 3, device, schedule)
     was = simulator.read_frame()
@@ -257,6 +261,7 @@ def test_going_on_with_more_spheres_keeps_the_others(device, schedule):
     np.testing.assert_allclose(simulator.read_frame().points[0], undisturbed.points[0], atol=1e-6)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("batch", [False, True])
 def test_the_stage_shows_what_is_there(tmp_path, batch):
     """The stage shows spheres and strings from their start to their end, and a string with its current anchor and

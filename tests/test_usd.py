@@ -153,6 +153,7 @@ def test_a_net_force_as_large_as_the_mean_is_a_twentieth_of_the_size_long(tmp_pa
     np.testing.assert_allclose(lengths, 2.0 * length, rtol=1e-4)  # a side of 2 m; float32 ends some 3 m from the origin
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("name", "height"), [("Ground", -0.5), ("Water", 0.25)])
 @pytest.mark.parametrize(("up_axis", "up"), [("Y", 1), ("Z", 2)])
 def test_ground_and_water_are_level_and_face_up(tmp_path, up_axis: str, up: int, name: str, height: float):
@@ -170,6 +171,7 @@ def test_ground_and_water_are_level_and_face_up(tmp_path, up_axis: str, up: int,
         np.testing.assert_allclose(normal / np.linalg.norm(normal), np.eye(3)[up], atol=1e-6)
 
 
+@pytest.mark.full
 def test_a_plane_moves_where_its_height_changes(tmp_path):
     path = tmp_path / "tide.usda"
     tide = [Change(time=2 / 30, set={"water.level": 0.75})]
@@ -199,6 +201,7 @@ def test_materials_are_bound_and_colored(stage: Usd.Stage):
     assert Gf.IsClose(chosen, Gf.Vec3f(0.1, 0.2, 0.3), 1e-6)
 
 
+@pytest.mark.full
 def test_odd_names_become_prims_of_their_own(tmp_path):
     names = ["a cow!", "a cow?", "Ground", "7", ""]
     balloons = [Balloon(mesh=cube(), name=name, position=(3.0 * n, 0, 0)) for n, name in enumerate(names)]
@@ -228,6 +231,7 @@ def test_blender_reads_the_stage(written: Path):
     np.testing.assert_allclose(points, expected, atol=1e-4)
 
 
+@pytest.mark.full
 def test_strings_go_from_anchor_to_particle(stage: Usd.Stage, tmp_path):
     curve = UsdGeom.BasisCurves(stage.GetPrimAtPath("/World/Strings/String_0"))
     ball = UsdGeom.Mesh(stage.GetPrimAtPath("/World/ball"))
@@ -323,6 +327,7 @@ def test_the_camera_has_all_that_moves_in_view(tmp_path, up_axis: str):
     assert up["XYZ".index(up_axis)] > 0.9
 
 
+@pytest.mark.full
 def test_pictures_and_exports_find_their_own_camera_and_backdrop(tmp_path):
     animate(scene(frames=2), tmp_path / "out.usda", device="cpu")
     stage = read_stage(tmp_path / "out.usda")
@@ -339,6 +344,7 @@ def test_pictures_and_exports_find_their_own_camera_and_backdrop(tmp_path):
     assert "Backdrop" not in {part.name for part in Animation(tmp_path / "out.usdc").parts}
 
 
+@pytest.mark.full
 def test_lights_and_ground_can_be_left_out(tmp_path):
     animate(scene(frames=2), tmp_path / "all.usda", device="cpu")
     animate(scene(frames=2), tmp_path / "few.usda", device="cpu", lights=False, ground=False)
@@ -429,6 +435,7 @@ def test_the_backdrop_is_all_that_is_behind(up_axis: str, side: Picture | None, 
             assert (normals[met] @ direction).max() < 0.0, (x, y)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
 def test_the_ground_lies_on_the_backdrop_and_gives_as_much_light(up_axis: str, tmp_path):
     stage = staged(tmp_path, up_axis=up_axis, ground=Ground(height=-3.0))
@@ -450,6 +457,7 @@ def test_the_ground_lies_on_the_backdrop_and_gives_as_much_light(up_axis: str, t
     assert np.allclose(*glows)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
 @pytest.mark.parametrize("side", SIDES)
 def test_softboxes_shine_at_the_subject_and_are_not_seen(up_axis: str, side: Picture | None, tmp_path):
@@ -492,6 +500,7 @@ def test_a_large_subject_is_as_bright_as_a_small_one(tmp_path):
     assert shares[0] == pytest.approx(shares[1], rel=0.05)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
 def test_the_camera_looks_from_where_the_scene_says(up_axis: str, tmp_path):
     """A camera at 90 degrees azimuth and 30 elevation looks along -X, and down."""
@@ -502,6 +511,7 @@ def test_the_camera_looks_from_where_the_scene_says(up_axis: str, tmp_path):
     assert np.allclose(direction, expected, atol=1e-6)
 
 
+@pytest.mark.full
 def test_the_scene_may_look_nearer(tmp_path):
     """A zoom of 2 halves the field of view, around a target of its own, as in the scene's picture."""
     at = (0.5, 0.25, -0.125)

@@ -83,6 +83,7 @@ def test_an_image_is_made_small_enough_and_none_is_made_of_what_is_none(tmp_path
     assert image_of(None) is None
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("material", "inflation", "sentence"),
     [

@@ -102,6 +102,7 @@ def test_they_hold_what_moved(data: Path):
         np.testing.assert_array_equal(found["rest_pos"], mesh.points.astype(np.float32))
 
 
+@pytest.mark.full
 def test_contact_forces_on_particles_add_up(tmp_path):
     ball = Balloon(mesh=quad_sphere(3, 0.5), position=(0.0, 0.5, 0.0), velocity=(0.0, -1.0, 0.0))
     for contacts in (True, False):
@@ -225,6 +226,7 @@ def test_shares_in_any_order_give_the_same_bytes(tmp_path, monkeypatch):
     assert (np.diff(restarted["mesh_pos"], axis=0) != 0.0).any(axis=(1, 2)).all()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("format_", list(FORMATS))
 def test_a_world_that_blew_up_has_its_flag_and_no_bad_number(format_: str, tmp_path):
     data = batch(tmp_path, format_, BLOWS_UP)
@@ -260,6 +262,7 @@ def test_a_failed_batch_leaves_the_good_files(tmp_path):
     assert files_of(data) == good
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("second", ["h5", "npz"])
 def test_another_batch_takes_the_place_of_all(second: str, tmp_path):
     data = batch(tmp_path)
