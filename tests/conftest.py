@@ -18,7 +18,9 @@ OWN_SCHEDULE = {"cpu": "octets", "cuda:0": "block"}
 """schedule that `auto` takes for small balloons, by device"""
 
 
-FULL = Path(__file__).parent / "full"
+HERE = Path(__file__).parent
+LEFT_OUT = (HERE / "physics", HERE / "full")
+"""folders that run with --full, or by name"""
 PROCESSES = "full/processes/"
 """folder of tests that start processes or wait for a page"""
 
@@ -41,30 +43,44 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadScopeSch
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--full", action="store_true", help="add tests/full and all marked full; with -m full these alone")
+    parser.addoption(
+        "--full",
+        action="store_true",
+        help="add tests/physics, tests/full and all marked full; with -m full these alone",
+    )
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    config.addinivalue_line("markers", "full: runs with --full only; so does what stands in tests/full")
+    config.addinivalue_line("markers", "full: runs with --full only, as do tests/physics and tests/full")
+    config.addinivalue_line(
+        "markers", "schedules: is in a schedule that its device does not take by itself"
+    )
     config.addinivalue_line("markers", "physics: is judged by physics: --shake starts it from other places")
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    return True if collection_path == FULL and not config.getoption("--full") else None
+    """Leave out what only `--full` runs, unless a path on the command line is in it."""
+    named = [Path(argument.partition("::")[0]).resolve() for argument in config.args]
+    is_left_out = collection_path in LEFT_OUT and not config.getoption("--full")
+    return True if is_left_out and not any(path.is_relative_to(collection_path) for path in named) else None
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out what only `--full` runs, and begin with what waits for other processes.
+    """Leave out what is marked full, unless all is asked for, and begin with what waits for other processes.
 
-    Physics runs in the device's own schedule alone: test_reference.py and test_matrix.py hold all others to the same.
+    Physics runs in the device's own schedule alone: test_reference.py holds all others to the same.
     """
     full = config.getoption("--full")
     left, left_out = [], []
     for item in items:
-        if FULL in item.path.parents or in_another_schedule(item):
+        if in_another_schedule(item):
+            item.add_marker(pytest.mark.schedules)
+            item.add_marker(pytest.mark.full)
+        is_marked = item.get_closest_marker("full")
+        if any(folder in item.path.parents for folder in LEFT_OUT):
             item.add_marker(pytest.mark.full)
         again = in_another_schedule(item) and item.get_closest_marker("physics")
-        (left_out if again or (item.get_closest_marker("full") and not full) else left).append(item)
+        (left_out if again or (is_marked and not full) else left).append(item)
     config.hook.pytest_deselected(items=left_out)
     items[:] = sorted(left, key=lambda item: PROCESSES not in item.nodeid)
 
