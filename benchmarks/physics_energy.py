@@ -35,7 +35,16 @@ class Energies:
         weighs = any(balloon.inflation.kind == "gas" and balloon.inflation.molar_mass for balloon in scene.balloon)
         air = air or (weighs and scene.gravity != 0.0)  # a gas's weight acts at the center of its volume
         given = any(balloon.stiffness.torsion or balloon.material.strength for balloon in scene.balloon)
-        return not (air or given or scene.change or scene.string or any(each.motion for each in scene.obstacle))
+        given = given or any(balloon.inflation.kind == "normal_force" for balloon in scene.balloon)
+        return not (
+            air
+            or given
+            or scene.tube
+            or scene.correction != "none"
+            or scene.change
+            or scene.string
+            or any(each.motion for each in scene.obstacle)
+        )
 
     @property
     def is_smooth(self) -> bool:

@@ -120,7 +120,7 @@ def keeps_gas(case: Case) -> Measure | None:
     """Gas is neither made nor lost without pump, leak or tear: n(t) = n(0), which nothing writes."""
     scene = case.scene
     gas = [number for number, balloon in enumerate(scene.balloon) if balloon.inflation.kind == "gas"]
-    if not gas or case.run.model.bursts or any(scene.balloon[number].inflation.pump for number in gas):
+    if not gas or scene.tube or case.run.model.bursts or any(scene.balloon[number].inflation.pump for number in gas):
         return None
     amounts = case.run.states["gas_amounts"][:, gas]
     return Measure(float(np.abs(amounts / amounts[0] - 1.0).max()), 0.0)
@@ -208,6 +208,7 @@ def acts_inside(case: Case) -> bool:
     """Return whether nothing outside acts on the things of a scene but their weight."""
     scene = case.scene
     fixed = scene.obstacle or scene.string or scene.ground or scene.water or any(b.fixed for b in scene.balloon)
+    fixed = fixed or any(balloon.inflation.kind == "normal_force" for balloon in scene.balloon)
     air = scene.atmosphere.density != 0.0 or any(balloon.damping for balloon in scene.balloon)
     opened = any(not is_closed(mesh_edges(shape.skin)) for shape in case.run.model.shapes)
     return not (fixed or air or scene.change or opened or case.run.blow_up or case.run.model.bursts)

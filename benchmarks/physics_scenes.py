@@ -45,6 +45,8 @@ class Kind(NamedTuple):
     """Values change over time, and gas is pumped"""
     bursts: bool = False
     correction: str = "none"
+    tubes: bool = False
+    """Gas flows from the first balloon to the second, and out through a neck"""
 
 
 KINDS = {
@@ -60,6 +62,8 @@ KINDS = {
     "water": Kind(inflation="gas", water=True, air=True),
     "strings": Kind(strings=2, air=True, changes=True, torsion=True),
     "bursting": Kind("triangles", material="neo_hookean", inflation="gas", bursts=True),
+    "paper": Kind(inflation="normal_force", correction="provot", torsion=True),
+    "tubes": Kind(balloons=2, inflation="gas", air=True, tubes=True),
     "all": Kind(
         "triangles", 2, "gas", "springs", 1, ("box",), ("box",), 1, *(True,) * 4, torsion=True, moves=True, changes=True
     ),
@@ -111,6 +115,8 @@ def scenes(draw: Draw, kind: Kind) -> dict[str, Any]:
     most = 0.5 if kind.bodies or kind.spheres else DECADES  # these take 480 steps a second, however slow the rest is
     units = Units(draw(decades(-DECADES, DECADES)), draw(decades(-DECADES, DECADES)), 1.0)
     units = units._replace(stiffness=float(f"{units.mass * draw(decades(-most, most)):.4g}"))
+    if kind.tubes:  # pressures that drive a flow are far above the rounding of the air's, 0.01 Pa
+        units = units._replace(stiffness=float(f"{1.0e3 * units.length * draw(decades(0, DECADES)):.4g}"))
     length, time = units.length, units.time
     frames = draw(st.integers(2, 60))
     tables: dict[str, Any] = {
@@ -141,6 +147,16 @@ def scenes(draw: Draw, kind: Kind) -> dict[str, Any]:
             "level": draw(signed(1.0)) * length,
             "density": draw(decades(-2, 2)) * units.mass / length**3,
         }
+    if kind.correction != "none":
+        tables["correction_limit"] = draw(st.sampled_from((0.1, 0.02, 0.5)))
+    if kind.tubes:
+        flow = _moles(units) / (time * units.pressure)
+        tables["tube"] = [{"balloons": (0, 1), "conductance": flow * draw(decades(-4, -1))}]
+        gases = [balloon["inflation"] for balloon in tables["balloon"]]
+        molar_mass = max(0.1 * tables["balloon"][0]["mass"] / _moles(units), 0.002)  # none is lighter than hydrogen
+        for gas in gases:
+            gas |= {"gamma": gases[0]["gamma"], "molar_mass": molar_mass}
+        tables["balloon"][0]["neck"] = {"diameter": length * draw(decades(-3, -1)), "discharge": 0.9}
     if kind.changes:
         when = frames // 2 * 1.0 / tables["frames_per_second"]
         tables["change"] = [{"time": when, "set": {"gravity": 0.1 * length / time**2}}]

@@ -113,6 +113,8 @@ def relisted(tables: Tables, seed: int = 3) -> Twin:
                 string["particle"] = int(numbers[string["particle"]])
     for string in tables.get("string", []):
         string["balloon"] = len(orders) - 1 - string["balloon"]
+    for tube in tables.get("tube", []):
+        tube["balloons"] = tuple(len(orders) - 1 - number for number in tube["balloons"])
     others = start + np.arange(len(tables.get("sphere", [])) + len(tables.get("body", [])))
     return Twin({**tables, "balloon": balloons[::-1]}, order=np.concatenate([*orders[::-1], others]))
 

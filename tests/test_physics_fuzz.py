@@ -42,6 +42,7 @@ def cheap(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("balloon_warp.benchmarks.physics_alike.SCHEDULES", ["gather"])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("path", FOUND, ids=lambda path: path.stem)
 def test_what_was_found_stays_mended(path: Path):
     check(read_scene(path.read_text("utf-8")), PROPERTIES, "cpu", Counter())
@@ -66,7 +67,7 @@ def test_limits_has_what_is_known():
 
 @pytest.mark.usefixtures("cheap")
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.full if name == "all" else ()) for name in KINDS]
+    "name", [pytest.param(name, marks=pytest.mark.full if name in ("paper", "tubes", "all") else ()) for name in KINDS]
 )
 def test_fixed_scenes_hold_to_the_properties(name: str):
     counts: Counter[str] = Counter()

@@ -22,7 +22,7 @@ from balloon_warp.kernels.laws.gas import STANDARD_PRESSURE, THINNEST, throttled
 from balloon_warp.kernels.laws.law import FAR, Parameter
 
 LEAST_FLOW = 1.0e-30
-"""Least divisor where nothing flows"""
+"""Least divisor, and least number under a root, where nothing flows: the slope of a root has no bound at 0"""
 NEVER = 1.0e9
 """Time that is never reached [s]"""
 SHARP_EDGE = wp.constant(math.pi / (math.pi + 2.0))
@@ -95,12 +95,8 @@ def orifice_flow(
     """
     squared = 2.0 * opening * opening / wp.max(density * molar_volume * molar_volume, LEAST_FLOW)
     held_back = squared * softness * step_seconds
-    return (
-        2.0
-        * squared
-        * pressure
-        / wp.max(held_back + wp.sqrt(held_back * held_back + 4.0 * squared * pressure), LEAST_FLOW)
-    )
+    root = wp.sqrt(wp.max(held_back * held_back + 4.0 * squared * pressure, LEAST_FLOW))
+    return 2.0 * squared * pressure / (held_back + root)
 
 
 @wp.func

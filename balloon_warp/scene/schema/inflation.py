@@ -37,7 +37,7 @@ class Inflation(Table):
     """Stretch of the skin that the pressure "auto" aims at, as of a sphere; 0.1 makes the volume a third larger.
     Without effect on other pressures"""
     k_normal: Keyframed = 0.2
-    """Coefficient of kind "normal_force"; a number or keyframes"""
+    """Coefficient of kind "normal_force": a hundredth of the sum of all forces' sizes [N]; a number or keyframes"""
     amount: NonNegative | None = None
     """Amount of gas at the start, of kind "gas" [mol]; when missing, the amount that gives `start_pressure`"""
     start_pressure: Real = 0.0
