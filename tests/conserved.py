@@ -37,14 +37,15 @@ def angular_momentum(simulator: Simulator) -> NDArray[np.float64]:
 
 
 def energy(simulator: Simulator) -> float:
-    """Return the energy of the first balloon's motion and springs [J], from the scene's own numbers."""
-    shape, balloon = simulator.model.shapes[0], simulator.model.scene.balloon[0]
+    """Return the energy of motion and springs of all balloons [J], from the scene's own numbers."""
     points, velocities = motion(simulator)
-    kinds = np.array([balloon.stiffness.structural, balloon.stiffness.shear, balloon.stiffness.flexion])
-    first, second = points[shape.springs.pairs].swapaxes(0, 1)
-    strain = np.linalg.norm(second - first, axis=1) - shape.springs.rest_lengths
-    moving = balloon.mass * shape.mass_share
-    return float(0.5 * (kinds[shape.springs.kind] @ strain**2 + moving @ (velocities**2).sum(axis=1)))
+    total = 0.5 * masses(simulator) @ (velocities**2).sum(axis=1)
+    for number, (shape, balloon) in enumerate(zip(simulator.model.shapes, simulator.model.scene.balloon, strict=True)):
+        kinds = np.array([balloon.stiffness.structural, balloon.stiffness.shear, balloon.stiffness.flexion])
+        first, second = points[shape.springs.pairs + simulator.model.particle_offsets[number]].swapaxes(0, 1)
+        strain = np.linalg.norm(second - first, axis=1) - shape.springs.rest_lengths
+        total += 0.5 * kinds[shape.springs.kind] @ strain**2
+    return float(total)
 
 
 def put(simulator: Simulator, points: NDArray | None = None, velocities: NDArray | None = None) -> None:
@@ -63,8 +64,32 @@ def sphere_momenta(simulator: Simulator) -> NDArray[np.float64]:
     return model.parameters["sphere_mass"].numpy()[0, :, None] * velocities + coming
 
 
+def sphere_spins(simulator: Simulator) -> NDArray[np.float64]:
+    """Return the spins of the spheres [rad/s], shape (sphere_count, 3)."""
+    return simulator.state.sphere_spins.numpy()[0].astype(np.float64)
+
+
+def sphere_inertias(simulator: Simulator) -> NDArray[np.float64]:
+    """Return the inertias of the spheres 2/5 M R^2 [kg m^2], shape (sphere_count, 1)."""
+    mass, radius = (simulator.model.parameters[f"sphere_{name}"].numpy()[0, :, None] for name in ("mass", "radius"))
+    return 0.4 * mass.astype(np.float64) * radius.astype(np.float64) ** 2
+
+
+def sphere_turning(simulator: Simulator) -> NDArray[np.float64]:
+    """Return the angular momentum of all spheres about the origin [kg m^2/s], shape (3,)."""
+    centers = simulator.state.sphere_positions.numpy()[0].astype(np.float64)
+    own = sphere_inertias(simulator) * sphere_spins(simulator)
+    return (np.cross(centers, sphere_momenta(simulator)) + own).sum(axis=0)
+
+
 def sphere_energies(simulator: Simulator) -> NDArray[np.float64]:
-    """Return the energies of the spheres' motion [J], shape (sphere_count,)."""
-    return (sphere_momenta(simulator) ** 2).sum(axis=1) / (
-        2.0 * simulator.model.parameters["sphere_mass"].numpy()[0].astype(np.float64)
-    )
+    """Return the energies of the spheres' motion and spin [J], shape (sphere_count,)."""
+    masses = simulator.model.parameters["sphere_mass"].numpy()[0].astype(np.float64)
+    spinning = 0.5 * (sphere_inertias(simulator) * sphere_spins(simulator) ** 2).sum(axis=1)
+    return (sphere_momenta(simulator) ** 2).sum(axis=1) / (2.0 * masses) + spinning
+
+
+def whole(simulator: Simulator) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    """Return momentum, angular momentum and energy of balloons and spheres together."""
+    total, turning = momentum(simulator) + sphere_momenta(simulator).sum(axis=0), angular_momentum(simulator)
+    return total, turning + sphere_turning(simulator), energy(simulator) + float(sphere_energies(simulator).sum())

@@ -1,11 +1,8 @@
-"""Meshes from the wild: with legs and thin walls, of many parts, open. `python tests/odd_things.py FOLDER` writes these
-and the meshes of odd_meshes.py as OBJ files."""
+"""Meshes from the wild: with legs and thin walls, of many parts, open."""
 
 import itertools
-import sys
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import odd_meshes
@@ -15,7 +12,6 @@ from odd_meshes import band, box, chair, deformed, merged, without
 
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import face_centers
-from balloon_warp.mesh.obj import write_obj
 
 
 def _twice(mesh: PolygonMesh) -> NDArray[np.bool_]:
@@ -153,10 +149,3 @@ ODD: dict[str, Callable[[], PolygonMesh]] = {
     **{make.__name__: make for make in (ball_with_holes, table, cup, bowl, sword, head, hair, haired, car)},
 }
 """by name"""
-
-
-if __name__ == "__main__":
-    folder = Path(sys.argv[1])
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, make in ODD.items():
-        write_obj(folder / f"{name}.obj", make())

@@ -2,8 +2,8 @@
 
 from typing import Any
 
+import conserved
 import numpy as np
-from conserved import angular_momentum, momentum, sphere_momenta
 from meshes import cube
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -70,9 +70,5 @@ def whole(simulator: Simulator) -> tuple[NDArray[np.float64], NDArray[np.float64
     """Return momentum and angular momentum of balloons, bodies and spheres."""
     own = body_masses(simulator)[:, None] * body_state(simulator, "velocities")
     about = np.cross(body_state(simulator, "positions"), own) + body_state(simulator, "momenta")
-    total, turning = momentum(simulator) + own.sum(axis=0), angular_momentum(simulator) + about.sum(axis=0)
-    if simulator.model.sphere_count:
-        of_spheres = sphere_momenta(simulator)
-        centers = simulator.state.sphere_positions.numpy()[0].astype(float)
-        total, turning = total + of_spheres.sum(axis=0), turning + np.cross(centers, of_spheres).sum(axis=0)
-    return total, turning
+    total, turning, _ = conserved.whole(simulator)
+    return total + own.sum(axis=0), turning + about.sum(axis=0)

@@ -1,15 +1,22 @@
-"""Contact forces of each pair of things, averaged over a frame."""
+"""Contact forces of each pair of things, averaged over a frame: in frames, on the device, and of a batch."""
 
+import csv
+import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from batches import OFTEN, press_ctrl_c_once
 from meshes import quad_sphere
 from pxr import Gf, Usd
+from scipy.spatial import ConvexHull
 
+from balloon_warp import Cluster, run_batch
 from balloon_warp.contacts import Contact
 from balloon_warp.frame import Frame
 from balloon_warp.job import animate
+from balloon_warp.mesh.topology import mesh_edges
 from balloon_warp.scene import Balloon, Body, Ground, Inflation, Obstacle, Scene, Sphere, Touch, load_scene
 from balloon_warp.simulator import Simulator
 
@@ -18,11 +25,9 @@ pytestmark = pytest.mark.physics
 GRAVITY = 9.81
 
 
-def ball(height: float, **given) -> Balloon:
-    return Balloon(
-        mesh=quad_sphere(8, 0.5), position=(0.0, height, 0.0), mass=0.3, damping=4.0,
-        inflation=Inflation(kind="pressure", pressure=15.0), **given,
-    )  # fmt: skip
+def ball(height: float, **given: Any) -> Balloon:
+    fine = {"mesh": quad_sphere(8, 0.5), "mass": 0.3, "inflation": Inflation(pressure=15.0)}
+    return Balloon(**{"position": (0.0, height, 0.0), "damping": 4.0} | fine | given)
 
 
 def at_rest(scene: Scene, frames: int = 240) -> Frame:
@@ -69,51 +74,81 @@ def test_what_is_held_by_ridges_counts() -> None:
     assert {each.other for each in frame.contacts} == {"rod"}
 
 
-@pytest.mark.full
-def test_a_body_presses_by_its_weight_and_what_carries_it_by_both() -> None:
-    tray = Body(name="tray", size=(0.8, 0.3, 0.8), position=(0.0, 1.3, 0.0), mass=0.2)
-    frame = at_rest(Scene(balloon=[ball(0.5)], body=[tray], ground=Ground(), faces=False), 120)
-    assert on(frame, "tray").force[1] == pytest.approx(-0.2 * GRAVITY, rel=0.1)
-    assert on(frame, "ground").force[1] == pytest.approx(0.5 * GRAVITY, rel=0.05)
+LOADS = {
+    "tray": ({"body": [Body(name="tray", size=(0.8, 0.3, 0.8), position=(0.0, 1.3, 0.0), mass=0.2)]}, 0.2, 120, 0.1),
+    "sphere 0": ({"sphere": [Sphere(radius=0.3, mass=0.1, position=(0.0, 1.3, 0.0))]}, 0.1, 90, 0.4),
+}
+"""Things on a ball, their mass [kg], frames until they rest or fall off, and how well they rest by then"""
+
+
+@pytest.mark.parametrize("name", ["tray", pytest.param("sphere 0", marks=pytest.mark.full)])
+def test_a_thing_presses_by_its_weight_and_what_carries_it_by_both(name: str) -> None:
+    things, mass, frames, rel = LOADS[name]
+    setting = {"ground": Ground(), "faces": False, "contact": "impulse"}
+    frame = at_rest(Scene(balloon=[ball(0.5)], **things, **setting), frames)
+    assert on(frame, name).force[1] == pytest.approx(-mass * GRAVITY, rel=rel)
+    if name == "tray":  # the sphere bounces on
+        assert on(frame, "ground").force[1] == pytest.approx((0.3 + mass) * GRAVITY, rel=0.05)
+
+
+def pile(balls: list[Balloon], half: float, **given: Any) -> Scene:
+    """Return balls in a well, the upper on the lower."""
+    walls = [
+        Obstacle(name=name, shape="plane", position=tuple(half * np.array(side)), rotation=turn, friction=0.0)
+        for name, side, turn in (
+            ("east", (1, 0, 0), (0, 0, 90)), ("west", (-1, 0, 0), (0, 0, -90)),
+            ("north", (0, 0, 1), (-90, 0, 0)), ("south", (0, 0, -1), (90, 0, 0)),
+        )
+    ]  # fmt: skip
+    return Scene(balloon=balls, obstacle=walls, **{"touch": Touch(), "ground": Ground(), "contacts": True} | given)
 
 
 @pytest.mark.full
 def test_balloons_press_each_other_alike() -> None:
     """Forces between two balloons are equal and opposite: the upper lies on the lower, in a pit of four walls."""
-    walls = [
-        Obstacle(shape="plane", position=position, rotation=turn)
-        for position, turn in (
-            ((0.52, 0, 0), (0, 0, 90)), ((-0.52, 0, 0), (0, 0, -90)),
-            ((0, 0, 0.52), (-90, 0, 0)), ((0, 0, -0.52), (90, 0, 0)),
-        )
-    ]  # fmt: skip
     pair = [ball(0.5, name="lower", friction=0.0), ball(1.52, name="upper", friction=0.0)]
-    frame = at_rest(Scene(balloon=pair, ground=Ground(), obstacle=walls, touch=Touch()))
-    upper = next(each for each in frame.contacts if (each.balloon, each.other) == ("upper", "lower"))
-    lower = next(each for each in frame.contacts if (each.balloon, each.other) == ("lower", "upper"))
+    frame = at_rest(pile(pair, 0.52))
+    upper, lower, ground = on(frame, "lower", 1), on(frame, "upper", 0), on(frame, "ground", 0)
     np.testing.assert_allclose(upper.force, -lower.force, rtol=1e-6, atol=1e-9)
     assert upper.force[1] == pytest.approx(0.3 * GRAVITY, rel=0.05)
-    ground = next(each for each in frame.contacts if (each.balloon, each.other) == ("lower", "ground"))
     assert ground.force[1] == pytest.approx(0.6 * GRAVITY, rel=0.05)
 
 
-def test_the_press_presses_by_pressure_times_area() -> None:
-    """A plate presses with F = dp A at a film's pressure, by reported contacts alone, on a balloon that lies flat."""
-    soft = {"structural": 20.0, "shear": 10.0, "flexion": 0.0}
-    filled = {"pressure": [(0.0, 0.0), (0.5, 10.0)]}
+@pytest.mark.parametrize("gap", [0.8, 0.6])
+def test_the_force_on_a_plate_is_the_pressure_times_the_contact(gap: float, device: str) -> None:
+    """F = p A on a plate without friction, closed to the gap and stopped, on a balloon at rest: in a cut along the
+    contact's edge, where a membrane leaves the plate along it, only the pressure acts across. Net forces leave contacts
+    out, so that at rest those of touching particles are the plate's load. The contact ends somewhere between the
+    particles that touch and their neighbors; the area that is told of it ends half an edge around those that touch."""
+    soft, pressure = {"structural": 20.0, "shear": 10.0, "flexion": 0.0}, 10.0
+    filled = {"pressure": [(0.0, 0.0), (0.5, pressure)]}
     pressed = Balloon(mesh=quad_sphere(12, 0.5), mass=0.5, damping=20.0, stiffness=soft, inflation=filled)
     plates = [
         Obstacle(
             name=name, size=(3.0, 0.2, 3.0), position=(0.0, 0.72 * side, 0.0), friction=0.0,
-            motion=[(0.0, (0.0, 0.0, 0.0)), (1.0, (0.0, -0.32 * side, 0.0))],
+            motion=[(0.0, (0.0, 0.0, 0.0)), (1.0, (0.0, (0.5 * gap - 0.62) * side, 0.0))],
         )
         for name, side in (("upper", 1.0), ("lower", -1.0))
     ]  # fmt: skip
-    frame = at_rest(Scene(balloon=[pressed], obstacle=plates, gravity=0.0))
+    scene = Scene(balloon=[pressed], obstacle=plates, gravity=0.0, frames=240, net_forces=True, contacts=True)
+    simulator = Simulator(scene, device)
+    for _ in range(240):
+        simulator.step_unread()
+    frame = simulator.read_frame()
+    assert np.abs(frame.velocities[0]).max() < 1e-3
+    points, ends, forces = frame.points[0], mesh_edges(simulator.model.shapes[0].mesh).ends, []
+    for side in (1.0, -1.0):
+        touching = points[:, 1] * side > 0.5 * gap - 1e-4
+        forces.append(float(frame.net_forces[0][touching, 1].sum() * side))
+        around = touching.copy()
+        around[ends[touching[ends].any(axis=1)]] = True
+        least, most = (ConvexHull(points[which][:, [0, 2]]).volume for which in (touching, around))
+        assert pressure * least < forces[-1] < pressure * most
+        assert most < 1.7 * least  # or this would say little
+    assert forces[0] == pytest.approx(forces[1], rel=1e-3)
     upper, lower = on(frame, "upper"), on(frame, "lower")
     np.testing.assert_allclose(upper.force, -lower.force, atol=0.02)
-    # the area of particles ends half an edge around those that touch
-    assert -upper.force[1] == pytest.approx(10.0 * upper.area, rel=0.15)
+    assert -upper.force[1] == pytest.approx(pressure * upper.area, rel=0.15)
 
 
 @pytest.mark.full
@@ -141,13 +176,88 @@ def test_the_stage_has_a_channel_for_each_pair(tmp_path: Path) -> None:
     assert prim.GetAttribute("userProperties:contacts:floor:area").GetNumTimeSamples() == 21
 
 
+FRAMES, WORLDS = 40, 3
+MASSES = {"balloon.1.mass": [0.1, 0.2, 0.4]}
+
+
+def small_pile(**given: Any) -> Scene:
+    """Return two coarse balls in a well."""
+    coarse = {"mesh": quad_sphere(4, 0.5), "mass": 0.2, "inflation": Inflation(pressure=30.0)}
+    balls = [ball(0.49, name="lower", **coarse), ball(1.45, name="upper", **coarse)]
+    return pile(balls, 0.51, **{"frames": FRAMES} | given)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("out")
+    run_batch(small_pile(), folder, WORLDS, MASSES, device="cpu")
+    return folder
+
+
+def test_a_batch_says_of_each_pair_how_hard_it_pressed(folder: Path):
+    """The summary's mean and maximum are those of the frames of each world simulated alone."""
+    with (folder / "worlds.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    simulator = Simulator(small_pile(), "cpu", WORLDS, MASSES)
+    frames = []
+    for _ in range(FRAMES):
+        simulator.step_unread()
+        frames.append([simulator.read_frame(world).contacts for world in range(WORLDS)])
+    for world, row in enumerate(rows):
+        pressed = [
+            next((each for each in frame[world] if (each.balloon, each.other) == ("lower", "upper")), None)
+            for frame in frames
+        ]
+        forces = [np.linalg.norm(each.force) if each else 0.0 for each in pressed]
+        torques = [np.linalg.norm(each.torque) if each else 0.0 for each in pressed]
+        areas = [each.area if each else 0.0 for each in pressed]
+        for name, values in (("force", forces), ("torque", torques), ("area", areas)):
+            assert float(row[f"upper_on_lower_{name}_mean"]) == pytest.approx(np.mean(values), rel=1e-4)
+            assert float(row[f"upper_on_lower_{name}_max"]) == pytest.approx(max(values), rel=1e-6)
+        assert float(row["upper_on_lower_pressure_max"]) == pytest.approx(max(e.pressure for e in pressed if e))
+    assert not any("on_upper" in name and "lower" in name for name in rows[0])  # the same pair
+    assert not any("ground_on_upper" in name for name in rows[0])  # these never touched
+
+
+def test_the_manifest_says_what_the_columns_of_pairs_are(folder: Path):
+    columns = json.loads((folder / "manifest.json").read_text())["columns"]
+    assert columns["upper_on_lower_force_max"] == {
+        "unit": "N", "meaning": "net force of upper on lower: maximum over all frames",
+    }  # fmt: skip
+    assert {*np.load(folder / "worlds.npz"), *np.load(folder / "table.npz")} == set(columns)
+
+
+def test_a_stopped_batch_goes_on_to_the_same_columns(folder: Path, tmp_path: Path):
+    how = {"device": "cpu", "checkpoint_seconds": OFTEN, "resume": True}
+    with pytest.raises(KeyboardInterrupt):
+        run_batch(small_pile(), tmp_path, WORLDS, MASSES, **how, on_frame=press_ctrl_c_once(lambda frame: frame == 25))
+    run_batch(small_pile(), tmp_path, WORLDS, MASSES, **how)
+    assert (tmp_path / "worlds.csv").read_bytes() == (folder / "worlds.csv").read_bytes()
+
+
+def test_nothing_is_told_or_summed_unasked():
+    simulator = Simulator(small_pile(contacts=False), "cpu")
+    assert simulator.state.contact_forces.shape == (1, 2, 0)
+    assert simulator.read_frame().contacts == []
+
+
 @pytest.mark.full
-def test_a_sphere_presses() -> None:
-    sphere = Sphere(radius=0.3, mass=0.1, position=(0.0, 1.3, 0.0))
-    frame = at_rest(Scene(balloon=[ball(0.5)], sphere=[sphere], ground=Ground(), contact="impulse"), 90)
-    assert on(frame, "sphere 0").force[1] == pytest.approx(-0.1 * GRAVITY, rel=0.4)
+def test_a_cluster_tells_the_same(folder: Path, tmp_path: Path):
+    run_batch(small_pile(), tmp_path, WORLDS, MASSES, cluster=Cluster(workers=2))
+    assert (tmp_path / "worlds.csv").read_bytes() == (folder / "worlds.csv").read_bytes()
 
 
-def test_nothing_is_told_unasked() -> None:
-    simulator = Simulator(Scene(balloon=[ball(0.5)], ground=Ground()), device="cpu")
-    assert simulator.step().contacts == []
+@pytest.mark.full
+def test_a_world_that_began_again_has_what_it_pressed_then(tmp_path: Path):
+    """A restarted world reports the forces of its new episode, and the others are unchanged."""
+    vary = {"balloon.1.inflation.pressure": [30.0, 5e6]}
+    rows = {}
+    for policy in ("freeze", "restart"):
+        scene = small_pile(frames=10, substeps=60)
+        run_batch(scene, tmp_path / policy, 2, vary, device="cpu", on_blowup=policy)
+        with (tmp_path / policy / "worlds.csv").open(newline="") as file:
+            rows[policy] = list(csv.DictReader(file))
+    assert [row["health"] for row in rows["restart"]] == ["1", "2"]
+    assert rows["restart"][0] == rows["freeze"][0]
+    frozen, again = (float(rows[policy][1]["upper_on_lower_force_max"]) for policy in ("freeze", "restart"))
+    assert again > 2.0 * frozen

@@ -1,13 +1,302 @@
-"""Collision-free frames are simulated without obstacles, and again with them if that was wrong."""
+"""Frames free of collisions, which are simulated without contact, and again with it if that was wrong; and worlds cut
+into patches, which blocks of a GPU advance at once in such frames: their tables lead to the model's entries, and
+trajectories are those of launch after launch."""
+
+from typing import Any
 
 import numpy as np
 import pytest
-from meshes import mesh_of, quad_sphere
+import trimesh
+import warp as wp
+from meshes import grid, mesh_of, prism, quad_sphere
 
 from balloon_warp.kernels.contact.free_frames import BUSY, FREE, HURRIED
-from balloon_warp.scene import Balloon, Inflation, Material, Obstacle, Scene, Sphere, Stiffness, Touch
-from balloon_warp.schedules import recorded_frame
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.model import Model, State, build_model, initial_state
+from balloon_warp.scene import (
+    Atmosphere,
+    Balloon,
+    Ground,
+    Inflation,
+    Material,
+    Obstacle,
+    Scene,
+    Sphere,
+    Stiffness,
+    String,
+    Touch,
+)
+from balloon_warp.scene.load import load_scene
+from balloon_warp.schedules import choose, gather
+from balloon_warp.schedules.choose import fastest_schedule, make_schedule
+from balloon_warp.schedules.features import model_features
+from balloon_warp.schedules.gather import GatherSchedule
+from balloon_warp.schedules.patches import cut_into_patches, worlds_at_once
+from balloon_warp.schedules.patching import Patches, cut, patch_table, slots_in_patches, tables_in_patches
+from balloon_warp.schedules.rings import quad_rings
+from balloon_warp.schedules.spring_ends import spring_ends
+from balloon_warp.schedules.tables import make_tables
 from balloon_warp.simulator import Simulator
+
+ROUNDING = 2.0e-5
+"""of its size: the same sums in another order, over a few frames"""
+OF_PRESSURES = 0.5
+"""[Pa]: five millionths of the air's; an excess is the difference of two such pressures, in float32"""
+
+
+SPHERE = trimesh.creation.icosphere(subdivisions=4)
+TRIANGLES = mesh_of(SPHERE.vertices, SPHERE.faces.tolist())
+
+
+def of_triangles(**fields: Any) -> Balloon:
+    """Return a ball of 2,562 particles."""
+    return Balloon(mesh=TRIANGLES, mass=3.0, **fields)
+
+
+def of_quads(**fields: Any) -> Balloon:
+    """Return a ball of 1,178 particles, 1 m in radius."""
+    weight = {} if "material" in fields else {"mass": 3.0}
+    return Balloon(mesh=quad_sphere(14), **weight | fields)
+
+
+GAS = Inflation(kind="gas", start_pressure=50.0)
+PRESSURE = Inflation(kind="pressure", pressure=30.0)
+SCENES = {
+    "cached normals": Scene(balloon=[of_quads(inflation=Inflation(k_normal=30.0))], normals="cached"),
+    "fresh normals": Scene(balloon=[of_quads(inflation=Inflation(k_normal=30.0))], normals="fresh"),
+    "pressure, triangles": Scene(balloon=[of_triangles(inflation=Inflation(kind="pressure", pressure=30.0))]),
+    "gas, on the ground": Scene(balloon=[of_quads(position=(0, 1, 0), inflation=GAS)], ground=Ground()),
+    "two balloons, two kinds": Scene(
+        balloon=[of_quads(inflation=GAS), of_triangles(position=(3, 0, 0), inflation=Inflation(k_normal=30.0))],
+        normals="cached",
+        touch=False,
+    ),
+    "rubber": Scene(balloon=[of_quads(material={"preset": "latex"}, inflation=PRESSURE)]),
+    "wind and strings": Scene(
+        balloon=[of_triangles(inflation=GAS, drag_coefficient=0.4)],
+        string=[String(anchor=(0, -2, 0))],
+        atmosphere=Atmosphere(wind=(1, 0, 0), gusts=0.2),
+    ),
+    "forward Euler": Scene(balloon=[of_quads(inflation=GAS)], solver="forward_euler", substeps=21),
+    "stiffness that varies": Scene(balloon=[of_quads(stiffness={"variation": 0.3})], normals="cached"),
+}
+
+
+@pytest.fixture(params=SCENES)
+def scene(request: pytest.FixtureRequest) -> Scene:
+    """Return each scene that is advanced in patches."""
+    return SCENES[request.param]
+
+
+def patches_on_cpu(model: Model) -> Patches:
+    """Return patches as for a GPU with enough multiprocessors."""
+    return cut(model, 256, model_features(model).gas)
+
+
+def tiles_of(patches: Patches, model: Model) -> list[dict[int, int]]:
+    """Return the particles at the places of each patch, its own and those of its halo."""
+    halos = np.split(patches.halo_keys % model.particle_count, patches.halo_offsets[1:-1])
+    tiles: list[dict[int, int]] = [{} for _ in halos]
+    for particle, (patch, place) in enumerate(zip(patches.patch.tolist(), patches.place.tolist(), strict=True)):
+        assert place not in tiles[patch]
+        tiles[patch][place] = particle
+    for tile, halo in zip(tiles, halos, strict=True):
+        tile |= {patches.threads + place: particle for place, particle in enumerate(halo.tolist())}
+    return tiles
+
+
+def test_tables_of_patches_lead_where_the_models_do(scene: Scene):
+    """Patches are alike in size and of one balloon each. Springs, faces and membranes lead to the same particles."""
+    model = build_model(scene, "cpu")
+    assert cut_into_patches(model, model_features(model)) is None  # a CPU has none
+    patches, ends = patches_on_cpu(model), spring_ends(model)
+    sizes = np.bincount(patches.patch)
+    assert sizes.max() <= patches.threads
+    assert sizes.max() - sizes.min() <= 0.3 * patches.threads
+    assert (patches.balloons[patches.patch] == model.particle_balloon.numpy()).all()
+    tiles = tiles_of(patches, model)
+    slots = slots_in_patches(model, patches, quad_rings(model))
+    neighbors, lengths, scales = (each.numpy() for each in (slots.neighbors, slots.rest_lengths, slots.scales))
+    particle = np.broadcast_to(np.arange(model.particle_count), neighbors.shape)
+    led_to = np.array([tiles[patches.patch[p]][n] for p, n in zip(particle.flat, neighbors.flat, strict=True)])
+    there, led_to = scales > 0.0, led_to.reshape(particle.shape)
+    found = sorted(zip(particle[there].tolist(), led_to[there].tolist(), lengths[there].tolist(), strict=True))
+    expected = (ends.particle.tolist(), ends.neighbor.tolist(), ends.rest_length.astype(np.float32).tolist())
+    assert found == sorted(zip(*expected, strict=True))
+    np.testing.assert_array_equal(led_to[~there], particle[~there])
+    tables = make_tables(model, model_features(model))
+    led = tables_in_patches(model, patches, tables)
+    for there, known in (
+        (led.fans.quads, tables.fans.quads),
+        (led.fans.particles, tables.fans.particles),
+        (led.membranes.others, tables.membranes.others),
+    ):
+        if known is not None:
+            rows = (each.numpy().reshape(len(each), -1).tolist() for each in (there, known))
+            for places, particles in zip(*rows, strict=True):
+                assert any([tile.get(place) for place in places] == particles for tile in tiles)
+
+
+def test_patches_are_compact_and_halos_are_mutual(scene: Scene):
+    """Halo particles are marked, and halos are mutual, or one patch would run ahead of the other. A halo of two rings
+    around a square of 256 has about 144 particles, not a strip's."""
+    model = build_model(scene, "cpu")
+    patches = cut(model, 256, volumes=False)
+    assert patches.largest_halo < 220
+    table = patch_table(model, patches, measures_faces=False)
+    halos = table.halos.numpy()
+    assert set(halos[halos >= 0].tolist()) == set(np.flatnonzero(table.in_halos.numpy()).tolist())
+    pairs = {(patch, int(patches.patch[particle])) for patch, row in enumerate(halos) for particle in row[row >= 0]}
+    assert pairs == {(other, patch) for patch, other in pairs}
+    assert all(patch != other for patch, other in pairs)
+
+
+def frames_of(model: Model, count: int) -> State:
+    """Advance so many frames in `gather` and return the state."""
+    schedule, state = make_schedule(model, "gather"), initial_state(model)
+    for _ in range(count):
+        schedule.advance_frame(state)
+    return state
+
+
+def assert_moves_as_in_launches(model: Model, frames: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Require that patches agree with launch after launch, and repeat bit-identically."""
+    assert cut_into_patches(model, model_features(model))
+    found, again = frames_of(model, frames), frames_of(model, frames)
+    monkeypatch.setattr(gather, "cut_into_patches", lambda model, features: None)
+    expected = frames_of(model, frames)
+    start = initial_state(model).points.numpy()
+    size = np.ptp(start[0], axis=0).max()
+    assert np.abs(expected.points.numpy() - start).max() > 100 * ROUNDING * size
+    np.testing.assert_allclose(found.points.numpy(), expected.points.numpy(), rtol=0, atol=ROUNDING * size)
+    np.testing.assert_allclose(found.pressures.numpy(), expected.pressures.numpy(), rtol=0, atol=OF_PRESSURES)
+    np.testing.assert_array_equal(found.points.numpy(), again.points.numpy())
+    np.testing.assert_array_equal(found.frame.numpy(), expected.frame.numpy())
+
+
+def test_trajectories_are_those_of_launches_on_a_gpu(scene: Scene, gpu: wp.Device, monkeypatch: pytest.MonkeyPatch):
+    assert_moves_as_in_launches(build_model(scene, gpu), 5, monkeypatch)
+
+
+@pytest.mark.parametrize("name", ["cached normals", "fresh normals", "gas"])
+def test_so_are_those_of_patches_on_nearly_all_multiprocessors_of_a_gpu(
+    name: str, gpu: wp.Device, monkeypatch: pytest.MonkeyPatch
+):
+    """Trajectories agree where patches exchange sums with more others than a warp has threads."""
+    inflation = Inflation(kind="gas", start_pressure=5.0e3) if name == "gas" else Inflation(k_normal=20.0)
+    balloon = Balloon(mesh=quad_sphere(129), mass=60.0, inflation=inflation)
+    normals = "fresh" if name == "fresh normals" else "cached"
+    model = build_model(Scene(balloon=[balloon], normals=normals, substeps=40), gpu)
+    patches = cut_into_patches(model, model_features(model))
+    assert patches
+    assert patches.count > 0.9 * gpu.sm_count
+    assert_moves_as_in_launches(model, 3, monkeypatch)
+
+
+@pytest.mark.parametrize("name", ["fresh normals", "gas, on the ground"])
+def test_more_worlds_than_a_gpu_moves_at_once_are_each_as_alone(name: str, gpu: wp.Device):
+    alone = build_model(SCENES[name], gpu)
+    patches = cut_into_patches(alone, model_features(alone))
+    assert patches
+    many = build_model(SCENES[name], gpu, 2 * gpu.sm_count)
+    assert worlds_at_once(many, model_features(many), patches) < many.world_count
+    expected, found = frames_of(alone, 2).points.numpy()[0], frames_of(many, 2).points.numpy()
+    assert (found == expected).all()
+
+
+def test_auto_takes_patches_for_few_large_worlds_on_a_gpu(gpu: wp.Device):
+    model = build_model(load_scene("squirrel_inflate"), gpu)
+    assert fastest_schedule(model, 1) == "gather"
+    assert fastest_schedule(model, 4096) == "block"
+
+
+@pytest.mark.parametrize("mesh", [grid(3, 3), prism(5)], ids=["open", "pentagons"])
+def test_what_has_no_rings(mesh: PolygonMesh):
+    model = build_model(Scene(balloon=[Balloon(mesh=mesh)]), "cpu")
+    assert quad_rings(model) is None
+
+
+@pytest.mark.parametrize("inflation", [Inflation(pressure=10.0), Inflation(k_normal=0.1)])
+def test_springs_stand_in_their_own_table_beside_rings(inflation: Inflation):
+    """Springs have their own table beside rings, for code that visits springs alone: a GPU reads past an empty one."""
+    model = build_model(Scene(balloon=[Balloon(mesh=quad_sphere(5), inflation=inflation)]), "cpu")
+    features = model_features(model)
+    assert features.rings
+    springs = make_tables(model, features).springs
+    assert springs.valences.numpy().sum() == 2 * model.spring_count
+    assert len(springs.entries) >= 2 * model.spring_count
+
+
+CLOSING = "balloon.1.velocity.0"
+PLACES = 4.0e-5
+"""Rounding of places [m]: the same sums in another order, for balloons of 2 m"""
+
+
+def meeting(inflation: Inflation) -> Scene:
+    """Return two balloons 0.3 m apart; what CLOSING says decides when they meet."""
+    still, moves = {"inflation": inflation, "damping": 0.1}, {"position": (2.3, 0.1, 0.2), "velocity": (-3.0, 0.0, 0.0)}
+    return Scene(balloon=[of_quads(**still), of_quads(**still, **moves)], ground=Ground(height=-1.05), frames=8)
+
+
+INFLATIONS = {"pressure": PRESSURE, "gas": GAS, "normals": Inflation(k_normal=0.5)}
+
+
+def launched(scene: Scene, gpu: wp.Device, monkeypatch: pytest.MonkeyPatch) -> Simulator:
+    """Return a simulator that launches every substep."""
+    with monkeypatch.context() as patch:
+        patch.setattr(choose, "_in_patches", lambda model: None)
+        simulator = Simulator(scene, str(gpu), schedule="gather")
+    assert isinstance(simulator.schedule, GatherSchedule)
+    return simulator
+
+
+@pytest.mark.parametrize("name", INFLATIONS)
+def test_balloons_meet_as_in_launches_on_a_gpu(name: str, gpu: wp.Device, monkeypatch: pytest.MonkeyPatch):
+    """Frames are free, then busy; places are those of launches to rounding, which contact makes no larger so soon."""
+    scene = meeting(INFLATIONS[name])
+    simulator, peer = Simulator(scene, str(gpu)), launched(scene, gpu, monkeypatch)
+    seen = []
+    for _ in range(scene.frames):
+        simulator.step()
+        peer.step()
+        seen += verdicts(simulator)
+        np.testing.assert_allclose(simulator.state.points.numpy(), peer.state.points.numpy(), atol=PLACES)
+        np.testing.assert_allclose(simulator.state.pressures.numpy(), peer.state.pressures.numpy(), atol=0.5)
+    assert seen[0] == FREE
+    assert seen[-1] == BUSY
+    # The first has been hit: alone it stays at rest to 1e-8 m/s.
+    assert simulator.state.velocities.numpy()[0, :1178, 0].mean() < -0.01
+
+
+def test_a_world_does_not_feel_how_free_another_is_on_a_gpu(gpu: wp.Device):
+    """Worlds that are free and busy are bit-identical to each alone, to the end."""
+    scene, speeds = meeting(INFLATIONS["gas"]), [-3.0, 0.0, -1.0, -12.0]
+    batch, seen = Simulator(scene, str(gpu), 4, {CLOSING: speeds}, schedule="gather"), []
+    for _ in range(scene.frames):
+        batch.step()
+        seen.append(verdicts(batch))
+    assert {FREE, BUSY} <= set(np.ravel(seen).tolist())
+    assert [row[1] for row in seen] == [FREE] * scene.frames
+    for world, speed in enumerate(speeds):
+        alone = Simulator(scene, str(gpu), 1, {CLOSING: [speed]}, schedule="gather")
+        for _ in range(scene.frames):
+            alone.step()
+        np.testing.assert_array_equal(batch.read_frame(world).points, alone.read_frame().points)
+
+
+def test_what_goes_further_than_was_free_touches_all_the_same_on_a_gpu(gpu: wp.Device, monkeypatch: pytest.MonkeyPatch):
+    """A ball that falls 8 cm in its first frame lands on one that is pinned 3 cm below."""
+    inflation = Inflation(pressure=30.0)
+    below = of_quads(damping=0.1, inflation=inflation, fixed=list(range(1178)))
+    scene = Scene(
+        balloon=[of_quads(damping=0.1, inflation=inflation, position=(0.0, 2.03, 0.0)), below], gravity=600.0, frames=1
+    )
+    simulator, peer = Simulator(scene, str(gpu)), launched(scene, gpu, monkeypatch)
+    for each in (simulator, peer):
+        each.step()
+    assert verdicts(simulator) == [HURRIED]
+    np.testing.assert_allclose(simulator.state.points.numpy(), peer.state.points.numpy(), atol=PLACES)
+
 
 PLATE = Obstacle(size=(4.0, 1e-3, 4.0), position=(0.0, -0.5e-3, 0.0))
 FALL = 5000.0
@@ -28,26 +317,6 @@ def free_particles(height: float) -> Balloon:
     )
 
 
-@pytest.mark.full
-def test_frames_are_free_until_a_balloon_may_meet_an_obstacle(device: str):
-    """A ball that falls from 1.5 m is advanced by the kernel without obstacles, then by the one with them."""
-    ball = Balloon(mesh=quad_sphere(3, 0.2), position=(0.0, 1.5, 0.0), inflation={"k_normal": 0.5})
-    scene = Scene(balloon=[ball], obstacle=[PLATE], frames=60)
-    simulator, peer = Simulator(scene, device, schedule="block"), Simulator(scene, device, schedule="gather")
-    seen, lowest = [], []
-    for _ in range(60):
-        simulator.step()
-        peer.step()
-        seen += verdicts(simulator)
-        lowest.append(simulator.read_frame().points[0][:, 1].min())
-        # schedules differ by rounding, which contact makes no larger in a second
-        np.testing.assert_allclose(simulator.read_frame().points[0], peer.read_frame().points[0], atol=1e-4)
-    assert set(seen) == {FREE, BUSY}
-    assert seen[0] == FREE
-    assert seen[int(np.argmin(lowest))] == BUSY
-    assert min(lowest) > -1e-6
-
-
 def test_what_goes_further_than_was_free_is_stopped_all_the_same(device: str):
     """A particle that reaches 83 m/s in the first frame does not tunnel through a plate of 1 mm, 0.3 m below."""
     scene = Scene(balloon=[free_particles(0.3)], obstacle=[PLATE], gravity=FALL, substeps=16, frames=3)
@@ -59,46 +328,45 @@ def test_what_goes_further_than_was_free_is_stopped_all_the_same(device: str):
     assert verdicts(simulator) == [BUSY]
 
 
+TOP = np.flatnonzero(quad_sphere(3, 0.2).points[:, 1] > 0.1).tolist()
+RUBBER = Material(kind="neo_hookean", shear_modulus=4e5, thickness=3e-4, softening=0.5)
+AGAIN = {
+    "gas": (
+        {"position": (0.0, 0.5, 0.0), "inflation": Inflation(kind="gas", amount=1.0, pump=50.0)},
+        {"gravity": 300.0, "substeps": 200, "sphere": [Sphere(position=(1.0, 2.0, 0.0), radius=0.1, mass=0.1)]},
+    ),
+    "rubber": (
+        {
+            "position": (0.0, 0.4, 0.0), "inflation": Inflation(pressure=0.0), "fixed": TOP, "material": RUBBER,
+            "damping": 0.0,
+        },
+        {"gravity": 2.0 * FALL, "substeps": 400},
+    ),
+}  # fmt: skip
+
+
 @pytest.mark.full
-def test_a_frame_that_is_simulated_again_leaves_nothing_of_the_first_time(device: str):
+@pytest.mark.parametrize("name", AGAIN)
+def test_a_frame_that_is_simulated_again_leaves_nothing_of_the_first_time(name: str, device: str):
     """A repeated frame pumps no gas twice, moves no sphere twice and counts once, as in a schedule that does not
-    speculate."""
-    ball = Balloon(
-        mesh=quad_sphere(3, 0.2),
-        position=(0.0, 0.5, 0.0),
-        inflation=Inflation(kind="gas", amount=1.0, pump=50.0),
-    )
-    sphere = Sphere(position=(1.0, 2.0, 0.0), radius=0.1, mass=0.1)
-    scene = Scene(balloon=[ball], obstacle=[PLATE], sphere=[sphere], gravity=300.0, frames=2, substeps=200)
+    speculate. Softening is not kept from it: a ball hangs by its top, and falls so fast that a plate stops it; without
+    the plate it is stretched further."""
+    ball, fields = AGAIN[name]
+    scene = Scene(balloon=[Balloon(mesh=quad_sphere(3, 0.2), **ball)], obstacle=[PLATE], frames=2, **fields)
     simulator, peer = Simulator(scene, device, schedule="block"), Simulator(scene, device, schedule="gather")
     for one in (simulator, peer):
         one.step()
     assert verdicts(simulator) == [HURRIED]
-    for name in ("gas_amounts", "free_volumes", "pressures", "sphere_positions", "sphere_velocities", "frame"):
-        found, expected = (getattr(one.state, name).numpy() for one in (simulator, peer))
-        rounding = 0.05 if name == "pressures" else 0.0  # [Pa], of which the air around has 101,325
-        np.testing.assert_allclose(found, expected, rtol=1e-5, atol=rounding, err_msg=name)
-    np.testing.assert_allclose(simulator.state.points.numpy(), peer.state.points.numpy(), atol=1e-5)
-
-
-@pytest.mark.full
-def test_rubber_remembers_nothing_of_a_frame_that_is_simulated_again(device: str):
-    """Softening is not kept from a frame that is simulated again: a ball hangs by its top, and falls so fast that a
-    plate stops it; without the plate it is stretched further."""
-    mesh = quad_sphere(3, 0.2)
-    top = np.flatnonzero(np.asarray(mesh.points)[:, 1] > 0.1).tolist()
-    rubber = Material(kind="neo_hookean", shear_modulus=4e5, thickness=3e-4, softening=0.5)
-    ball = Balloon(
-        mesh=mesh, position=(0.0, 0.4, 0.0), fixed=top, material=rubber, inflation=Inflation(pressure=0.0), damping=0.0
-    )
-    scene = Scene(balloon=[ball], obstacle=[PLATE], gravity=2.0 * FALL, substeps=400, frames=1)
-    simulator, peer = Simulator(scene, device, schedule="block"), Simulator(scene, device, schedule="gather")
-    for one in (simulator, peer):
-        one.step()
-    assert verdicts(simulator) == [HURRIED]
-    expected = peer.state.kept["peak"].numpy()
-    assert expected.max() > 0.0
-    np.testing.assert_allclose(simulator.state.kept["peak"].numpy(), expected, atol=1e-3 * expected.max())
+    for field in ("gas_amounts", "free_volumes", "pressures", "sphere_positions", "sphere_velocities", "frame"):
+        found, expected = (getattr(one.state, field).numpy() for one in (simulator, peer))
+        rounding = 0.05 if field == "pressures" else 0.0  # [Pa], of which the air around has 101,325
+        np.testing.assert_allclose(found, expected, rtol=1e-5, atol=rounding, err_msg=field)
+    if name == "rubber":
+        expected = peer.state.kept["peak"].numpy()
+        assert expected.max() > 0.0
+        np.testing.assert_allclose(simulator.state.kept["peak"].numpy(), expected, atol=1e-3 * expected.max())
+    else:
+        np.testing.assert_allclose(simulator.state.points.numpy(), peer.state.points.numpy(), atol=1e-5)
 
 
 def test_a_world_does_not_feel_how_free_another_is(device: str):
@@ -147,50 +415,3 @@ def test_a_balloon_that_hurries_to_another_touches_it(schedule: str, device: str
     lowest = simulator.read_frame().points[0][:, 1].min()
     assert lowest > 0.03 - 0.5 * 300.0 / 3600.0 + 0.005  # it would be there if it had not been stopped
     np.testing.assert_allclose(simulator.state.points.numpy(), peer.state.points.numpy(), atol=1e-5)
-
-
-def test_each_of_two_balloons_may_go_half_of_the_way(device: str):
-    """Each of two balloons may move half of their gap freely: each moves 6 cm in a frame, and the gap is 10 cm."""
-    low, high = (
-        free_particles(height).model_copy(update={"velocity": (0.0, speed, 0.0)})
-        for height, speed in ((0.0, 3.5), (0.1, -3.5))
-    )
-    simulator = Simulator(Scene(balloon=[low, high], touch=Touch(), gravity=0.0, substeps=16), device, schedule="block")
-    simulator.step()
-    assert verdicts(simulator) != [FREE]
-
-
-def test_what_is_never_busy_is_not_compiled_and_what_seldom_is_not_recorded(device: str, monkeypatch):
-    """A kernel for contact is not compiled before a frame needs it, nor recorded while that is rare. Default contact
-    costs the first frame little; a busy frame is the same, recorded or not."""
-    if device != "cpu":
-        pytest.skip("a GPU's graphs have what busy worlds need")
-    low, high = (free_particles(height) for height in (0.0, 0.2))
-    pair = Scene(balloon=[low, high.model_copy(update={"velocity": (0, -2, 0)})], gravity=0.0, substeps=16, frames=8)
-    ends = {}
-    monkeypatch.setattr(recorded_frame, "FEW", 0)
-    for rare in (0, 8):
-        monkeypatch.setattr(recorded_frame, "RARE", rare)
-        simulator = Simulator(pair, device, schedule="octets")
-        simulator.step()
-        assert verdicts(simulator) == [FREE]
-        assert len(simulator._recorded_frame._graphs) == 2  # before busy worlds and after
-        *_, last = simulator.run()
-        assert verdicts(simulator) == [BUSY]
-        assert len(simulator._recorded_frame._graphs) == (2 if rare else 3)
-        ends[rare] = np.concatenate(last.points)
-    np.testing.assert_array_equal(ends[0], ends[8])
-
-
-@pytest.mark.parametrize("schedule", ["gather", "octets"])
-def test_the_first_frames_are_launched_unrecorded_and_are_the_same(schedule: str, monkeypatch):
-    """The first frames are launched without recording, with the same result: recording pays after some frames."""
-    scene, ends = Scene(balloon=[free_particles(0.0)], substeps=16), []
-    for few in (recorded_frame.FEW, 0):
-        monkeypatch.setattr(recorded_frame, "FEW", few)
-        simulator = Simulator(scene, "cpu", schedule=schedule)
-        for frame in range(6):
-            assert bool(simulator._recorded_frame._graphs) == (frame > few)
-            simulator.step()
-        ends.append(simulator.state.points.numpy().copy())
-    np.testing.assert_array_equal(*ends)

@@ -6,10 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from meshes import quad_sphere
+from typer.testing import CliRunner
 
 import balloon_warp as bw
+from balloon_warp.cli.app import app
 from balloon_warp.cli.design import Wanted
-from balloon_warp.designing import picture
+from balloon_warp.designing import design, picture
 from balloon_warp.designing.hanging import DOWN, Hanging
 from balloon_warp.designing.measure import Ruler
 from balloon_warp.designing.proof import simulate_from_rest
@@ -124,11 +126,6 @@ def test_what_cannot_hang_is_refused(asked: dict, sentence: str, tmp_path: Path)
 
 def test_command_says_what_holds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """The command names the pinned vertices and groups as the scene does."""
-    from typer.testing import CliRunner
-
-    from balloon_warp.cli.app import app
-    from balloon_warp.designing import design
-
     asked = []
     monkeypatch.setattr(design, "design", lambda *args, **given: asked.append(given) or 1 / 0)
     write_obj(tmp_path / "egg.obj", egg())

@@ -141,15 +141,14 @@ def test_elastic_spheres_exchange_their_velocities_on_the_way():
     np.testing.assert_allclose([one["position"][0], other["position"][0]], [-0.5, 0.7], rtol=1e-12)
 
 
-def test_spheres_that_grip_each_other_roll_off():
-    """Sliding at s is stopped by the impulse s m / 7, as 1 + M R^2 / I = 7/2 of each; each gets the same spin."""
+@pytest.mark.parametrize(("friction", "gain"), [(10.0, 1.4 / 7.0), (0.1, 0.1)])
+def test_spheres_that_grip_each_other_roll_off_and_others_obey_coulomb(friction: float, gain: float):
+    """Sliding at s = 1.4 m/s is stopped by the impulse s m / 7, as 1 + M R^2 / I = 7/2 of each, or slowed down by
+    friction times the push, of 1 m/s; each gets the same spin."""
     one, other = ball((-0.45, 0.0, 0.0), (1.0, 0.7, 0.0)), ball((0.45, 0.0, 0.0), (-1.0, -0.7, 0.0))
-    for each, y in ((one, 0.0), (other, 0.0)):
-        each["position"][1] = y
-        each["start"] = np.array([-0.55 if each is one else 0.55, 0.0, 0.0])
-    collide([one, other], np.full((2, 2), 10.0), 10.0, 0.1, lambda number: None)
-    slip = 1.4
-    gain = slip / 7.0
+    for each, x in ((one, -0.55), (other, 0.55)):
+        each["start"] = np.array([x, 0.0, 0.0])
+    collide([one, other], np.full((2, 2), friction), 10.0, 0.1, lambda number: None)
     np.testing.assert_allclose(one["velocity"], [0.0, 0.7 - gain, 0.0], atol=1e-12)
     np.testing.assert_allclose(one["spin"], other["spin"], atol=1e-12)
     np.testing.assert_allclose(one["spin"][2], 2.5 / 0.5 * -gain, rtol=1e-12)

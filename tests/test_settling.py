@@ -1,17 +1,24 @@
 """Adaptive iterations of the `projective` solver: stiff balloons have their proper size, and steps that have not
-converged are reported."""
+converged are reported. Rest: motion without drift, and no larger than rounding; and whether a balance is stable."""
 
+from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from implicit_step import one_step
 from meshes import quad_sphere
 from projective_scenes import kick
+from rigid import after
+from scipy import sparse
 
+from balloon_warp.errors import InputError
 from balloon_warp.kernels.solvers.settling import LEAST_ITERATIONS, MOST_ITERATIONS
+from balloon_warp.resting import relax
 from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness
 from balloon_warp.simulator import Simulator
+from balloon_warp.statics.toppling import rigid_motions, toppling_mode
 from balloon_warp.sweep.batch import run_batch
 
 pytestmark = pytest.mark.physics
@@ -25,12 +32,6 @@ def ball(stiffness: float, push: float, **fields) -> Scene:
     inflation = Inflation(kind="normal_force", k_normal=push)
     balloon = Balloon(mesh=MESH, mass=0.1, damping=0.5, stiffness=springs, inflation=inflation)
     return Scene(balloon=[balloon], gravity=0.0, **({"solver": "projective"} | fields))
-
-
-def after(simulator: Simulator, frames: int) -> Simulator:
-    for _ in range(frames):
-        simulator.advance()
-    return simulator
 
 
 def radii(simulator: Simulator) -> np.ndarray:
@@ -108,3 +109,83 @@ def test_a_batch_tells_of_its_worlds_that_have_not(tmp_path: Path):
     (sentence,) = (each for each in told if each.startswith("solver"))
     assert " of world 1: " in sentence
     assert sentence.endswith(" (and 1 more world)")
+
+
+RATE, SUBSTEPS = 60, 1000
+PLACE = float(np.spacing(np.float32(0.2)))
+
+
+class Trembling:
+    """Particle 0.2 m from the origin that drifts from frame to frame, and trembles within it."""
+
+    def __init__(self, drift: float, trembles: float):
+        self.model = SimpleNamespace(scene=SimpleNamespace(frames_per_second=RATE), substeps=SUBSTEPS)
+        self._point, self._drift, self._trembles, self.frames = 0.2, drift, trembles, 0
+
+    @property
+    def state(self) -> SimpleNamespace:
+        point = np.array([[[self._point, 0.0, 0.0]]])
+        velocity = np.array([[[0.0, self._trembles, 0.0]]])
+        return SimpleNamespace(
+            points=SimpleNamespace(numpy=lambda: point), velocities=SimpleNamespace(numpy=lambda: velocity)
+        )
+
+    def step_unread(self) -> None:
+        self._point += self._drift / RATE
+        self.frames += 1
+
+
+def test_rounding_of_short_steps_does_not_count_as_motion():
+    """A jitter of one unit in the last place, 1.5e-8 m * 60,000 / s or 0.9 mm/s, is at rest."""
+    one_place = PLACE * RATE * SUBSTEPS
+    assert one_place > 8e-4
+    rests = Trembling(drift=0.0, trembles=10.0 * one_place)
+    relax(rests, 1e-4, 1.0)
+    assert rests.frames < 10
+
+
+@pytest.mark.parametrize(("drift", "places"), [(2e-4, 0.0), (0.0, 100.0)], ids=["drifts", "trembles"])
+def test_what_drifts_or_really_trembles_is_not_at_rest(drift: float, places: float):
+    moves = Trembling(drift, places * PLACE * RATE * SUBSTEPS)
+    with pytest.raises(InputError, match="the fastest particle still moves at"):
+        relax(moves, 1e-4, 0.5)
+
+
+POINTS = np.random.default_rng(0).standard_normal((8, 3))
+SOFT = 5
+"""Coordinate of the least stiffness"""
+
+
+@dataclass(frozen=True)
+class Held:
+    """Balance of held particles, each coordinate with a spring of its own."""
+
+    stiffness_of_soft: float
+    squeeze: float = 0.0
+    loading: bool = True
+
+    def stiffness(self, points: np.ndarray):
+        each = np.ones(points.size)
+        each[SOFT] = self.stiffness_of_soft
+        return sparse.diags(each).tocsc(), np.eye(points.size)[SOFT], self.squeeze
+
+
+@pytest.mark.parametrize(
+    ("soft", "squeeze", "topples"), [(-0.01, 0.0, True), (0.01, 0.0, False), (-0.01, 0.02, False), (-0.01, 0.005, True)]
+)
+def test_a_balloon_topples_where_a_stiffness_is_negative(soft: float, squeeze: float, topples: bool):
+    """The mode is that of the negative stiffness; gas that resists it makes the balance stable."""
+    mode = toppling_mode(Held(soft, squeeze), POINTS)  # pyright: ignore
+    assert (mode is not None) == topples
+    if mode is not None:
+        np.testing.assert_allclose(np.abs(mode.ravel()), np.eye(POINTS.size)[SOFT], atol=1e-6)
+
+
+def test_rigid_motions_keep_distances():
+    """Six orthonormal motions change the distances of all points to second order alone."""
+    motions = rigid_motions(POINTS)
+    np.testing.assert_allclose(motions.T @ motions, np.eye(6), atol=1e-12)
+    apart = POINTS[:, None] - POINTS[None]
+    for motion in motions.T:
+        moved = motion.reshape(-1, 3)
+        np.testing.assert_allclose(((moved[:, None] - moved[None]) * apart).sum(axis=2), 0.0, atol=1e-12)

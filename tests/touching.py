@@ -1,12 +1,14 @@
-"""Scenes of balloons in contact, which tests share, and their conserved quantities."""
+"""Scenes of balloons in contact, which tests share."""
 
+from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from conserved import masses, motion
-from meshes import grid, mesh_of, quad_sphere
+from meshes import box, grid, mesh_of, quad_sphere
 from numpy.typing import NDArray
 
+from balloon_warp.benchmarks.overlap import Points, deepest_overlap, dot, surface
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.scene import Atmosphere, Balloon, Ground, Inflation, Scene, Stiffness, Touch
 from balloon_warp.simulator import Simulator
@@ -46,70 +48,61 @@ def pile(**fields: Any) -> Scene:
     return Scene(**{"balloon": balls, "ground": Ground(), "touch": Touch()} | fields)
 
 
-def ramp(degrees: float, friction: float, **fields: Any) -> Scene:
+def square(cells: int, size: float, axis: int = 2) -> PolygonMesh:
+    """Return a flat square of so many cells a side about the origin, across an axis."""
+    flat = grid(cells, cells)
+    points = size * (flat.points / cells - (0.5, 0.5, 0.0))
+    return replace(flat, points=np.roll(points, axis - 2, axis=1))
+
+
+def ramp(degrees: float, friction: float) -> Scene:
     """Return a stiff block on a fixed tilted plane; it is viscous, as a rattling one creeps."""
-    plane = grid(6, 6)
-    plane = mesh_of(plane.points - (3.0, 3.0, 0.0), plane.face_vertex_indices.reshape(-1, 4).tolist())
-    block = quad_box(2)
     sine, cosine = np.sin(np.radians(degrees)), np.cos(np.radians(degrees))
     along = np.array([0.0, -sine, cosine]), np.array([0.0, cosine, sine])  # down the plane, and out of it
-    start = 0.27 * along[1] - 0.5 * along[0]
+    plane = {"mesh": square(6, 6.0), "rotation": (-90.0 + degrees, 0.0, 0.0), "fixed": list(range(49))}
+    block = {"mesh": box((0, 0, 0), (1, 1, 1)), "scale": 0.5, "mass": 1.0, "damping": 0.0, "inflation": SLACK}
+    place = tuple(0.27 * along[1] - 0.5 * along[0])
     stiff = Stiffness(structural=2000.0, shear=2000.0, flexion=2000.0, viscosity=1e-3)
     return Scene(
         balloon=[
-            Balloon(mesh=plane, rotation=(-90.0 + degrees, 0.0, 0.0), fixed=list(range(49)), inflation=SLACK),
-            Balloon(
-                mesh=block,
-                scale=0.5,
-                rotation=(degrees, 0.0, 0.0),
-                position=tuple(start),
-                damping=0.0,
-                inflation=SLACK,
-                stiffness=stiff,
-                mass=1.0,
-            ),
+            Balloon(inflation=SLACK, **plane),
+            Balloon(position=place, rotation=(degrees, 0.0, 0.0), stiffness=stiff, **block),
         ],
-        **{"touch": Touch(friction=friction, thickness=0.02), "atmosphere": Atmosphere(density=0.0)} | fields,
-    )
+        touch=Touch(friction=friction, thickness=0.02), atmosphere=Atmosphere(density=0.0),
+    )  # fmt: skip
 
 
-def quad_box(n: int) -> PolygonMesh:
-    """Return the unit cube about the origin, n by n quads a side."""
-    mesh = quad_sphere(n)
-    points = mesh.points / np.abs(mesh.points).max(axis=1, keepdims=True)
-    return mesh_of(0.5 * points, mesh.face_vertex_indices.reshape(-1, 4).tolist())
+def cushion(cells: int) -> PolygonMesh:
+    """Return two flat sheets of 30 cm, joined at their rims."""
+    top = grid(cells, cells)
+    rim = ((top.points[:, :2] == 0.0) | (top.points[:, :2] == cells)).any(axis=1)
+    below = np.where(rim, np.arange(len(rim)), len(rim) + np.cumsum(~rim) - 1)
+    faces = top.face_vertex_indices.reshape(-1, 4)
+    points = np.concatenate([top.points, top.points[~rim]]) - np.array([cells / 2.0, cells / 2.0, 0.0])
+    return mesh_of(0.3 / cells * points, [*faces.tolist(), *below[faces][:, ::-1].tolist()])
 
 
-def horseshoe(around: int = 24, across: int = 8, gap_degrees: float = 50.0, tube: float = 0.2) -> PolygonMesh:
-    """Return a tube of radius `tube` along a part of the unit circle about z, closed by polygons at both ends."""
-    gap = np.radians(gap_degrees)
-    turns = np.linspace(0.5 * gap, 2.0 * np.pi - 0.5 * gap, around + 1)
-    rings = 2.0 * np.pi * np.arange(across) / across
-    points = [
-        ((1.0 + tube * np.cos(r)) * np.cos(a), (1.0 + tube * np.cos(r)) * np.sin(a), tube * np.sin(r))
-        for a in turns
-        for r in rings
+def tube(rings: int, around: int) -> PolygonMesh:
+    """Return a closed tube of 2 m along x, 16 cm wide."""
+    along, angles = np.linspace(-1.0, 1.0, rings), 2.0 * np.pi * np.arange(around) / around
+    points = [(x, 0.08 * np.cos(a), 0.08 * np.sin(a)) for x in along for a in angles]
+    ends, following = len(points), np.roll(np.arange(around), -1)
+    faces = [
+        [first + i, first + j, first + around + j, first + around + i]
+        for first in range(0, ends - around, around)
+        for i, j in enumerate(following)
     ]
-    faces = []
-    for i in range(around):
-        for j in range(across):
-            up = (j + 1) % across
-            faces.append([i * across + j, (i + 1) * across + j, (i + 1) * across + up, i * across + up])
-    first = list(range(across))
-    return mesh_of(points, [*faces, first, [around * across + j for j in first[::-1]]])
+    faces += [[ends, j, i] for i, j in enumerate(following)]
+    faces += [[ends + 1, ends - around + i, ends - around + j] for i, j in enumerate(following)]
+    return mesh_of([*points, (-1.04, 0.0, 0.0), (1.04, 0.0, 0.0)], faces)
 
 
-def energy(simulator: Simulator) -> float:
-    """Return the energy of motion and springs of all balloons [J], from the scene's own numbers."""
-    points, velocities = motion(simulator)
-    total = 0.5 * masses(simulator) @ (velocities**2).sum(axis=1)
-    for number, (shape, balloon) in enumerate(zip(simulator.model.shapes, simulator.model.scene.balloon, strict=True)):
-        stiffness = balloon.stiffness
-        first, second = points[shape.springs.pairs + simulator.model.particle_offsets[number]].swapaxes(0, 1)
-        strain = np.linalg.norm(second - first, axis=1) - shape.springs.rest_lengths
-        constants = np.array([stiffness.structural, stiffness.shear, stiffness.flexion])[shape.springs.kind]
-        total += 0.5 * constants @ strain**2
-    return float(total)
+def horseshoe() -> PolygonMesh:
+    """Return a tube of radius 0.2 m along the unit circle about z, but for some 40 degrees around x."""
+    straight = tube(rings=25, around=8)
+    x, y, z = straight.points.T * [[1.0], [2.5], [2.5]]
+    turn, away = np.pi + np.radians(155.0) * x, 1.0 - y
+    return replace(straight, points=np.stack([away * np.cos(turn), away * np.sin(turn), z], axis=1))
 
 
 def centers(simulator: Simulator, world: int = 0) -> NDArray[np.float64]:
@@ -123,8 +116,24 @@ def touching(simulator: Simulator) -> int:
     return int((simulator.state.holds.numpy()[..., 3] != 0.0).sum())
 
 
-def run(scene: Scene, device: str, schedule: str, frames: int) -> Simulator:
-    simulator = Simulator(scene, device, schedule=schedule)
-    for _ in range(frames):
-        simulator.step_unread()
-    return simulator
+def deepest(simulator: Simulator, world: int = 0) -> float:
+    """Return the largest distance of a particle within another balloon from its surface [m]; 0 if none is in any."""
+    points = simulator.state.points.numpy()[world].astype(np.float64)
+    parts = [points[begin:end] for begin, end in pairwise(simulator.model.particle_offsets)]
+    return deepest_overlap(parts, [shape.mesh for shape in simulator.model.shapes])
+
+
+def edges_through(points: Points, ends: NDArray[np.int64], mesh: PolygonMesh) -> int:
+    """Return the number of edges of one balloon that pierce faces of another (Möller and Trumbore 1997).
+
+    Args: points: particles of the first balloon. ends: its edges, shape (E, 2). mesh: the other balloon."""
+    triangles, count = surface(mesh), 0
+    first, second = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    for begin, end in points[ends]:
+        across, start = np.cross(end - begin, second), begin - triangles[:, 0]
+        whole = dot(first, across)
+        whole = np.where(np.abs(whole) > 1e-15, whole, np.inf)
+        beside = np.cross(start, first)
+        u, v, part = dot(start, across) / whole, (beside @ (end - begin)) / whole, dot(beside, second) / whole
+        count += bool(((u > 0.0) & (v > 0.0) & (u + v < 1.0) & (part > 0.0) & (part < 1.0)).any())
+    return count

@@ -1,4 +1,5 @@
-"""Knots where strings are tied, drawn and not simulated."""
+"""What is drawn and not simulated: knots where strings are tied; and outlines of coarse meshes, without gray shards and
+sharp where these are sharp at the start."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -6,14 +7,17 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+import warp as wp
 from glb_files import Glb
-from meshes import quad_sphere
+from meshes import cube, mesh_of, quad_sphere
 from pxr import Usd, UsdGeom, UsdShade
 
 from balloon_warp import Scene, animate, export_stage
+from balloon_warp.kernels.pictures.shapes import LEAST_SEEN, turned_to_viewer
 from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.folds import CREASE, SOFT_CREASE, sharp_edges
 from balloon_warp.mesh.geometry import signed_volume
-from balloon_warp.outputs.knot import AROUND, PROFILE, Knot, knot_mesh, knot_size, turn_between
+from balloon_warp.outputs.knot import AROUND, PROFILE, Knot, knot_mesh, knot_size
 from balloon_warp.outputs.moment import Z_TO_Y_UP
 from balloon_warp.outputs.render.stage_reader import RenderStage
 from balloon_warp.outputs.render.surface import SmoothSurface
@@ -50,16 +54,6 @@ def test_a_knot_hangs_down_and_is_closed_but_for_its_neck(up: np.ndarray):
     assert signed_volume(closed) == pytest.approx(pieces.sum(), abs=2e-6)
 
 
-def test_a_turn_takes_one_direction_to_the_other():
-    rng = np.random.default_rng(3)
-    pairs = [vectors / np.linalg.norm(vectors, axis=1, keepdims=True) for vectors in rng.normal(size=(20, 2, 3))]
-    pairs += [np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]]), np.array([[0.0, 1.0, 0.0], [0.0, 1.0, 0.0]])]
-    for one, other in pairs:
-        quaternion = turn_between(one, other)
-        assert np.linalg.norm(quaternion) == pytest.approx(1.0)
-        np.testing.assert_allclose(turned(quaternion, one), other, atol=1e-7)
-
-
 @pytest.mark.parametrize("angle", [0.0, 30.0, 90.0, 150.0, 180.0])
 def test_a_knot_goes_along_its_string_as_far_as_the_balloon_lets_it(angle: float):
     """A knot points along its string as far as the balloon lets it, from 0 degrees, outward, to 180, through it."""
@@ -77,6 +71,13 @@ def test_a_knot_goes_along_its_string_as_far_as_the_balloon_lets_it(angle: float
         np.testing.assert_allclose(direction, -up, atol=1e-9)
     elif angle == 30.0:  # within 5 degrees of the string
         assert direction @ string > np.cos(np.radians(5.0))
+
+
+def test_a_knot_is_sized_by_its_balloon():
+    """A knot is a tenth of the balloon's diameter; for a letter or a heart, of the sphere with as much skin."""
+    many = quad_sphere(24, 0.15)
+    assert knot_size(many) == pytest.approx(0.3, rel=0.01)  # flat faces have a little less area
+    assert np.ptp(knot_mesh(knot_size(many), UPS[0]).points[:, 1]) == pytest.approx(0.04, rel=0.02)
 
 
 def test_a_knot_where_there_is_no_surface_follows_its_string():
@@ -130,15 +131,12 @@ def test_a_stage_has_a_knot_where_a_string_is_tied(stage: Usd.Stage):
             for gprim in (knot.GetPrim(), ball.GetPrim())
         ]
         assert color[0] == color[1]
-
-
-def test_a_knot_is_there_while_its_string_is(stage: Usd.Stage):
-    knot = UsdGeom.Imageable(stage.GetPrimAtPath("/World/Strings/String_0_Knot"))
-    seen = [knot.ComputeVisibility(frame) != "invisible" for frame in range(FRAMES + 1)]
-    string = UsdGeom.Imageable(stage.GetPrimAtPath("/World/Strings/String_0"))
-    assert seen == [string.ComputeVisibility(frame) != "invisible" for frame in range(FRAMES + 1)]
-    assert seen[0]
-    assert not seen[-1]
+    seen = [
+        [UsdGeom.Imageable(stage.GetPrimAtPath(path)).ComputeVisibility(frame) != "invisible" for frame in (0, 1, 2, 3)]
+        for path in ("/World/Strings/String_0_Knot", "/World/Strings/String_0")
+    ]
+    assert seen[0] == seen[1]  # a knot is there while its string is
+    assert (seen[0][0], seen[0][-1]) == (True, False)
 
 
 def test_a_string_and_its_knot_can_be_looked_at(stage: Usd.Stage):
@@ -171,13 +169,10 @@ class Drawn:
 
     def __init__(self):
         self.scene, self.meshes = self, {}
+        self.add_frame = lambda *_, **__: None
 
     def add_mesh_simple(self, name: str, *_: object, **__: object) -> SimpleNamespace:
-        self.meshes[name] = SimpleNamespace(position=None, wxyz=None)
-        return self.meshes[name]
-
-    def add_frame(self, *_: object, **__: object) -> None:
-        """Draw nothing."""
+        return self.meshes.setdefault(name, SimpleNamespace(position=None, wxyz=None))
 
     def remove_by_name(self, root: str) -> None:
         self.meshes = {name: mesh for name, mesh in self.meshes.items() if not name.startswith(root)}
@@ -214,8 +209,74 @@ def test_the_page_has_knots_where_strings_are_tied_and_none_in_hands():
     assert list(drawn()) == []
 
 
-def test_a_knot_is_sized_by_its_balloon():
-    """A knot is a tenth of the balloon's diameter; for a letter or a heart, of the sphere with as much skin."""
-    many = quad_sphere(24, 0.15)
-    assert knot_size(many) == pytest.approx(0.3, rel=0.01)  # flat faces have a little less area
-    assert np.ptp(knot_mesh(knot_size(many), UPS[0]).points[:, 1]) == pytest.approx(0.04, rel=0.02)
+@wp.kernel
+def turn(
+    smooth: wp.array[wp.vec3],
+    facing: wp.array[wp.vec3],
+    direction: wp.array[wp.vec3],
+    # out
+    turned: wp.array[wp.vec3],
+):
+    """Turn one normal per thread."""
+    place = wp.tid()
+    turned[place] = turned_to_viewer(smooth[place], facing[place], direction[place])
+
+
+def test_a_smooth_normal_is_never_much_more_at_a_slant_than_its_face():
+    """A bent normal stays visible for any smooth normal, face and ray, and turns no more than it must."""
+    draw = np.random.default_rng(5)
+    smooth, facing, direction = (_unit(draw.normal(size=(4000, 3))) for _ in range(3))
+    facing *= -np.sign(np.einsum("ij,ij->i", facing, direction))[:, None]
+    smooth *= np.sign(np.einsum("ij,ij->i", smooth, facing))[:, None]
+    arrays = [wp.array(each, dtype=wp.vec3, device="cpu") for each in (smooth, facing, direction)]
+    out = wp.zeros(len(smooth), dtype=wp.vec3, device="cpu")
+    wp.launch(turn, len(smooth), [*arrays, out], device="cpu")
+    turned, least = out.numpy(), -float(LEAST_SEEN) * np.einsum("ij,ij->i", facing, direction)
+    before, after = (-np.einsum("ij,ij->i", normals, direction) for normals in (smooth, turned))
+    assert np.linalg.norm(turned, axis=1) == pytest.approx(1.0, abs=1e-5)
+    assert (after >= least - 1e-5).all()
+    assert np.allclose(turned[before > least], smooth[before > least], atol=1e-6)
+    assert np.allclose(after[before < least], least[before < least], atol=1e-5)
+    assert (before < least).mean() > 0.2
+    planes = np.cross(smooth, direction)  # it turns in the plane of the ray
+    assert np.abs(np.einsum("ij,ij->i", planes, turned)).max() < 1e-5
+
+
+@pytest.mark.parametrize("bend", [30.0, 59.0, 61.0, 120.0])
+def test_an_edge_is_sharp_beyond_its_angle(bend: float):
+    """A common edge of two squares, from border to border, is a crease beyond its angle."""
+    x, y = np.cos(np.radians(bend)), np.sin(np.radians(bend))
+    points = [(0, 0, -1), (0, 0, 1), (-1, 0, -1), (-1, 0, 1), (x, y, -1), (x, y, 1)]
+    card = mesh_of(points, [[0, 2, 3, 1], [0, 1, 5, 4]])
+    assert len(sharp_edges(card, SOFT_CREASE)) == (bend > SOFT_CREASE)
+    assert len(sharp_edges(card, CREASE)) == (bend > CREASE)
+
+
+def test_a_bump_is_no_crease():
+    """A bump is no crease: sharp edges about a point pushed out of a fine ball lead nowhere."""
+    ball = quad_sphere(8)
+    assert len(sharp_edges(ball, SOFT_CREASE)) == 0
+    ball.points[0] *= 1.3
+    assert len(sharp_edges(ball, SOFT_CREASE)) == 0
+
+
+def test_a_box_that_is_inflated_keeps_its_edges(tmp_path: Path):
+    """An inflated box keeps its twelve edges, as creases in the stage and split vertices in the picture."""
+    boxes = [Balloon(mesh=cube(), name="box"), Balloon(mesh=quad_sphere(3), name="ball", position=(4, 0, 0))]
+    animate(Scene(balloon=boxes, frames=3, gravity=0.0), tmp_path / "out.usdc", device="cpu")
+    stage = Usd.Stage.Open(str(tmp_path / "out.usdc"))
+    box, ball = (UsdGeom.Mesh(stage.GetPrimAtPath(f"/World/{name}")) for name in ("box", "ball"))
+    edges = np.sort(np.array(box.GetCreaseIndicesAttr().Get()).reshape(-1, 2), axis=1)
+    assert len(np.unique(edges, axis=0)) == len(edges) == 12
+    assert list(box.GetCreaseLengthsAttr().Get()) == [2] * len(edges)
+    assert set(box.GetCreaseSharpnessesAttr().Get()) == {UsdGeom.Mesh.SHARPNESS_INFINITE}
+    assert not ball.GetCreaseIndicesAttr().HasAuthoredValue()
+    drawn = RenderStage(tmp_path / "out.usdc")
+    drawn.read_prims(3)
+    sides = [len(mesh.surface._source) - mesh.point_count for mesh in drawn.meshes]
+    assert sides[0] == 3 * 8 - 8
+    assert sides[1] == 0
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
