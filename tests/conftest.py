@@ -52,9 +52,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", "full: runs with --full only, as do tests/physics and tests/full")
-    config.addinivalue_line(
-        "markers", "schedules: is in a schedule that its device does not take by itself"
-    )
+    config.addinivalue_line("markers", "schedules: is in a schedule that its device does not take by itself")
     config.addinivalue_line("markers", "physics: is judged by physics: --shake starts it from other places")
 
 
