@@ -1,7 +1,6 @@
 """Features of a model in words, and a choice of scenes that covers all of them."""
 
 from functools import cache
-from itertools import combinations
 
 import numpy as np
 
@@ -37,12 +36,6 @@ def features(model: Model) -> set[str]:
 def switches(features: Features) -> dict[str, int]:
     """Return all features but the laws: whether each is on, or how many there are."""
     return {name: value for name, value in features._asdict().items() if isinstance(value, int)}
-
-
-def meetings(found: set[str]) -> set[tuple[str, ...]]:
-    """Return the features that a model has, and each pair of two."""
-    there = sorted(name for name in found if not name.endswith("False"))
-    return {(name,) for name in found} | set(combinations(there, 2))
 
 
 def some_with_all(shown: dict[str, set]) -> list[str]:

@@ -1,18 +1,19 @@
-"""Objective of a step of the `projective` solver, for Newton's method."""
+"""Objective of a step of the `projective` solver, whose minimum Newton's method finds."""
 
 import numpy as np
 from numpy.typing import NDArray
-from projective_scenes import SOFT, kick, kicked_balloon
+from projective_scenes import kick, kicked_balloon
 
+from balloon_warp.reference import Reference, laws
 from balloon_warp.simulator import Simulator
 
 
 class ImplicitStep:
-    """Objective of one step of backward Euler, its gradient and its Hessian, in float64 and by loops."""
+    """Slope of the objective of one step of backward Euler, with the springs and strings of the reference."""
 
     def __init__(self, simulator: Simulator):
         model, state = simulator.model, simulator.state
-        self.model, self.h = model, model.step_seconds
+        self.reference, self.h = Reference(model.scene), model.step_seconds
         scene, balloon = model.scene, model.scene.balloon[0]
         self.start = state.points.numpy()[0].astype(np.float64)
         self.share = model.particle_mass_share.numpy().astype(np.float64)
@@ -23,57 +24,25 @@ class ImplicitStep:
         moves = self.inertia > 0.0
         self.free = np.zeros_like(self.start)
         self.free[moves] = self.h * impulse[moves] / self.inertia[moves, None]
-        springs = model.shapes[0].springs
-        constants = np.array([SOFT.structural, SOFT.shear, SOFT.flexion])
-        self.springs = list(zip(springs.pairs, constants[springs.kind], springs.rest_lengths, strict=True))
 
-    def value(self, points: NDArray) -> float:
-        lag = points - self.start - self.free
-        total = float((self.inertia[:, None] * lag**2).sum()) / (2.0 * self.h**2)
-        for (p, q), k, length in self.springs:
-            total += 0.5 * k * (np.linalg.norm(points[q] - points[p]) - length) ** 2
-        for p, anchor, length, k in self.strings():
-            total += 0.5 * k * max(float(np.linalg.norm(anchor - points[p])) - length, 0.0) ** 2
-        return total
-
-    def derivatives(self, points: NDArray) -> tuple[NDArray, NDArray]:
-        count = len(points)
-        slope = self.inertia[:, None] * (points - self.start - self.free) / self.h**2
-        curvature = np.einsum("pq,ij->piqj", np.diag(self.inertia / self.h**2), np.eye(3))
-        for (p, q), k, length in self.springs:
-            force, block = self.pull(points[q] - points[p], k, length)
-            slope[p] -= force
-            slope[q] += force
-            for a, b, sign in ((p, p, 1), (q, q, 1), (p, q, -1), (q, p, -1)):
-                curvature[a, :, b] += sign * block
-        for p, anchor, length, k in self.strings():
-            if np.linalg.norm(anchor - points[p]) > length:
-                force, block = self.pull(anchor - points[p], k, length)
-                slope[p] -= force
-                curvature[p, :, p] += block
-        return slope, curvature.reshape(3 * count, 3 * count)
-
-    def strings(self):
-        model = self.model
-        places = zip(model.string_particle.numpy(), model.parameters["string_anchor"].numpy()[0], strict=True)
-        numbers = zip(
-            model.parameters["string_length"].numpy()[0], model.parameters["string_stiffness"].numpy()[0], strict=True
-        )
-        return [(*place, *number) for place, number in zip(places, numbers, strict=True)]
-
-    @staticmethod
-    def pull(d: NDArray, k: float, length: float) -> tuple[NDArray, NDArray]:
-        size = np.linalg.norm(d)
-        along = np.outer(d, d) / size**2
-        return k * (size - length) * d / size, k * (along + (1.0 - length / size) * (np.eye(3) - along))
+    def slope(self, points: NDArray) -> NDArray:
+        """Return the slope of the objective [N]."""
+        parameters = (self.reference.parameters[f"string_{name}"][0] for name in ("anchor", "length", "stiffness"))
+        anchors, lengths, constants = (np.reshape(each, (len(self.reference.plan.held), -1)) for each in parameters)
+        pulls = laws.strings(points, self.reference.plan.held, anchors, lengths, constants)
+        pulls += laws.springs(points, 0.0 * points, self.reference.balloons[0].springs)
+        return self.inertia[:, None] * (points - self.start - self.free) / self.h**2 - pulls
 
     def minimum(self, points: NDArray) -> NDArray:
-        """Return the minimum, by Newton's method from a start."""
-        moves = np.repeat(self.share > 0.0, 3)
-        for _ in range(30):
-            slope, curvature = self.derivatives(points)
+        """Return the minimum, by Newton's method from a start, with a curvature by differences."""
+        moves, aside = np.repeat(self.share > 0.0, 3), 1e-6 * np.eye(points.size)
+        for _ in range(10):
+            sides = [
+                [self.slope(points + sign * each.reshape(-1, 3)).ravel()[moves] for each in aside[moves]]
+                for sign in (1.0, -1.0)
+            ]
             step = np.zeros(points.size)
-            step[moves] = np.linalg.solve(curvature[np.ix_(moves, moves)], slope.ravel()[moves])
+            step[moves] = np.linalg.solve(np.subtract(*sides).T / 2e-6, self.slope(points).ravel()[moves])
             points = points - step.reshape(-1, 3)
         return points
 

@@ -1,12 +1,15 @@
-"""Rubber and film as textbooks have them, in float64 and by principal stretches: written apart from the simulation."""
+"""Rubber and film as textbooks have them, in float64 and by principal stretches: the energies of the reference."""
 
 from collections.abc import Callable
+from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import signed_volume, total_area
+from balloon_warp.reference import laws
 from balloon_warp.scene import Material
 
 Energy = Callable[[NDArray, NDArray], NDArray]
@@ -22,30 +25,17 @@ MATERIALS = {
 }
 
 
-def neo_hookean(a: NDArray, b: NDArray) -> NDArray:
-    return 0.5 * MU * (a**2 + b**2 + (a * b) ** -2 - 3.0)
-
-
-def mooney_rivlin(a: NDArray, b: NDArray) -> NDArray:
-    first = 0.5 * MU / (1.0 + RATIO)
-    return first * (a**2 + b**2 + (a * b) ** -2 - 3.0) + RATIO * first * (a**-2 + b**-2 + (a * b) ** 2 - 3.0)
-
-
-def ogden(a: NDArray, b: NDArray) -> NDArray:
-    return sum(mu / alpha * (a**alpha + b**alpha + (a * b) ** -alpha - 3.0) for mu, alpha in zip(*OGDEN, strict=True))  # type: ignore[return-value]
-
-
-def gent(a: NDArray, b: NDArray) -> NDArray:
-    return -0.5 * MU * LIMIT * np.log(1.0 - (a**2 + b**2 + (a * b) ** -2 - 3.0) / LIMIT)
-
-
-ENERGIES: dict[str, Energy] = {each.__name__: each for each in (neo_hookean, mooney_rivlin, ogden, gent)}
+NUMBERS = SimpleNamespace(
+    shear_modulus=MU, mooney_ratio=RATIO, ogden_moduli=OGDEN[0], ogden_exponents=OGDEN[1], gent_limit=LIMIT,
+    most_stretch=1e3, wrinkling=True,
+)  # fmt: skip
+ENERGIES: dict[str, Energy] = {name: partial(energy, p=NUMBERS) for name, energy in laws.MEMBRANES.items()}
+"""Of the reference"""
 
 
 def relaxed(energy: Energy, a: NDArray, b: NDArray) -> NDArray:
     """Return the energy with wrinkles: the minimum over larger second stretches, or larger both."""
-    a = np.maximum(a, 1.0)
-    return energy(a, np.maximum(b, a**-0.5))
+    return laws.relaxed(lambda a, b, p: energy(a, b), a, b, NUMBERS)
 
 
 def slope(energy: Energy, stretch: NDArray) -> NDArray:

@@ -13,7 +13,6 @@ from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Model, build_model, initial_state
 from balloon_warp.scene import Balloon, Inflation, Material, Scene, Stiffness
-from balloon_warp.schedules import make_schedule
 from balloon_warp.schedules.scatter import ScatterSchedule
 from balloon_warp.simulator import Simulator
 from balloon_warp.springs import build_springs
@@ -49,22 +48,23 @@ PAIR = mesh_of([[0, 0, 0], [1, 0, 0]], [[0, 1]])
 
 
 @pytest.mark.parametrize(
-    ("fixed", "expected"),
-    [([], [0.2, 1.3]), ([0], [0.0, 1.1]), ([1], [0.4, 1.5]), ([0, 1], [0.0, 1.5])],
+    ("length", "fixed", "expected"),
+    [
+        (1.5, [], [0.2, 1.3]),
+        (1.5, [0], [0.0, 1.1]),
+        (1.5, [1], [0.4, 1.5]),
+        (1.5, [0, 1], [0.0, 1.5]),
+        (1.0999, [], [0.0, 1.0999]),
+    ],
 )
-def test_a_long_spring_is_shortened_by_both_ends_or_the_free_one(fixed: list[int], expected: list[float], device: str):
-    """A spring of 1.5 m is shortened to its limit of 1.1 m."""
+def test_a_long_spring_is_shortened_by_both_ends_or_the_free_one(
+    length: float, fixed: list[int], expected: list[float], device: str
+):
+    """A spring is shortened to its limit of 1.1 m, and left alone within it."""
     simulator = Simulator(scene_of(PAIR, fixed=fixed), device)
-    begin_at(simulator, np.array([[0, 0, 0], [1.5, 0, 0]]))
+    begin_at(simulator, np.array([[0, 0, 0], [length, 0, 0]]))
     simulator.step()
     np.testing.assert_allclose(simulator.read_frame().points[0][:, 0], expected, atol=1e-6)
-
-
-def test_a_spring_within_the_limit_is_left_alone(device):
-    simulator = Simulator(scene_of(PAIR), device)
-    begin_at(simulator, np.array([[0, 0, 0], [1.0999, 0, 0]]))
-    simulator.step()
-    np.testing.assert_array_equal(simulator.read_frame().points[0], np.float32([[0, 0, 0], [1.0999, 0, 0]]))
 
 
 def test_what_hangs_at_its_limit_gathers_no_speed(device):
@@ -79,30 +79,6 @@ def test_what_hangs_at_its_limit_gathers_no_speed(device):
     assert np.linalg.norm(frame.velocities[0][1]) < np.sqrt(2.0 * 9.81 * 1.1) * 1.001
 
 
-def test_correction_conserves_momentum_and_angular_momentum_to_the_order_of_the_step(device):
-    """Correction conserves momentum and, to first order of the step, angular momentum of a slack balloon that spins and
-    flies apart. A spring's ends are corrected along its direction at the step's end, not at its start."""
-    mesh = quad_sphere(4)
-    random = np.random.default_rng(7)
-    velocities = 10.0 * mesh.points + np.cross([0.0, 5.0, 0.0], mesh.points) + [3.0, 0.0, 0.0]
-    velocities += random.normal(size=mesh.points.shape)
-    moment = np.cross(mesh.points, velocities).mean(axis=0)
-    errors = []
-    for substeps in (20, 80):
-        simulator = Simulator(scene_of(mesh, substeps=substeps), device)
-        begin_at(simulator, mesh.points, velocities)
-        for _ in range(6):
-            simulator.step()
-        frame = simulator.read_frame()
-        points, after = frame.points[0].astype(np.float64), frame.velocities[0].astype(np.float64)
-        assert np.abs(after - velocities).max() > 5.0
-        # some hundred corrections a particle in float32, of velocities of 10 m/s: 1e-6 each
-        np.testing.assert_allclose(after.mean(axis=0), velocities.mean(axis=0), atol=1e-3)
-        errors.append(np.linalg.norm(np.cross(points, after).mean(axis=0) - moment) / np.linalg.norm(moment))
-    assert errors[0] < 0.02
-    assert errors[1] < 0.5 * errors[0]
-
-
 def test_springs_of_a_color_share_no_particle():
     for mesh in (quad_sphere(5), moebius(7), prism(6)):
         pairs = build_springs(mesh).pairs
@@ -113,32 +89,6 @@ def test_springs_of_a_color_share_no_particle():
         assert colors.max() + 1 <= 2 * np.bincount(pairs.ravel()).max() - 1
         shuffled = np.random.default_rng(2).permutation(len(pairs))
         np.testing.assert_array_equal(color_springs(pairs[shuffled, ::-1], mesh.points), colors[shuffled])
-
-
-@pytest.mark.full
-def test_the_order_of_springs_in_memory_does_not_matter(device):
-    """The order of springs leaves the result bit-identical, in a schedule that sums forces in a fixed order."""
-    stiffness = Stiffness(variation=0.2)
-    scene = scene_of(quad_sphere(4), "tarantino", stiffness=stiffness, inflation=Inflation(k_normal=2.0), substeps=30)
-    model = build_model(scene, device)
-    order = np.random.default_rng(1).permutation(model.spring_count)
-    names = ("spring_particles", "spring_kind", "spring_rest_length", "spring_stiffness_scale")
-    shuffled = replace(
-        model,
-        **{
-            name: wp.array(getattr(model, name).numpy()[order], dtype=getattr(model, name).dtype, device=device)
-            for name in names
-        },
-    )
-    ends = []
-    for either in (model, model, shuffled):
-        state, schedule = initial_state(either), make_schedule(either, "gather")
-        for _ in range(10):
-            schedule.advance_frame(state)
-        ends.append(state.points.numpy())
-    assert stretches(model, ends[0][0]).max() > 1.09
-    np.testing.assert_array_equal(ends[0], ends[1])
-    np.testing.assert_array_equal(ends[0], ends[2])
 
 
 def pressed_ball(mesh: PolygonMesh, device: str) -> np.ndarray:

@@ -5,14 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from lone_films import QUADS, TRIANGLES, measured, moved
-from meshes import grid
 
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import signed_volume
-from balloon_warp.model import build_model
-from balloon_warp.scene import Balloon, Material, Scene
-from balloon_warp.schedules.membrane_faces import sums_of
-from balloon_warp.schedules.membranes import membrane_quads
 
 pytestmark = pytest.mark.physics
 
@@ -36,31 +31,6 @@ def test_quads_pull_alike_whether_threads_keep_them(stretch: float, held: int) -
     assert largest > 0.0
     np.testing.assert_allclose(kept, read, atol=2e-5 * largest)
     np.testing.assert_allclose(kept.sum(axis=0), 0.0, atol=1e-5 * largest)
-
-
-def uneven() -> PolygonMesh:
-    """Return quads with angles of all kinds."""
-    mesh = grid(12, 12)
-    aside = np.random.default_rng(0).uniform(-0.25, 0.25, (len(mesh.points), 3))
-    return replace(mesh, points=np.asarray(mesh.points) + aside)
-
-
-@pytest.mark.parametrize("mesh", [QUADS, uneven()], ids=["sphere", "uneven"])
-def test_taut_quads_of_a_linear_law_are_told_by_sums(mesh: PolygonMesh) -> None:
-    """The bound by sums is above the trace of each triangle, whatever its shape; also of a flat one, with opposite
-    edges."""
-    quads = membrane_quads(build_model(Scene(balloon=[Balloon(mesh=mesh, material=Material(preset="latex"))]), "cpu"))
-    steep = sums_of(quads)[2, :, 2:]
-    g11, g12, g22, _ = np.moveaxis(quads.rests, -1, 0)
-    cotangents = np.stack([g11 + g12, g22 + g12, -g12], axis=-1) / np.sqrt(g11 * g22 - g12 * g12)[..., None]
-    d1, beside = np.random.default_rng(0).normal(size=(2, len(steep), 3))
-    for d2 in (beside, -d1):
-        squares = np.stack([(d**2).sum(axis=1) for d in (d1, d2, d2 - d1)], axis=1)
-        for corner in range(4):
-            of_corner = np.roll(steep, -corner, axis=1)
-            assert (
-                (cotangents[:, corner] * squares).sum(axis=1) <= (of_corner * squares[:, :2]).sum(axis=1) * (1.0 + 1e-6)
-            ).all()
 
 
 def gradient(mesh: PolygonMesh, points: np.ndarray, step: float = 1e-4) -> np.ndarray:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gradient_scenes import CHANGES, SPRINGS, N, require_way, scene
+from gradient_scenes import CHANGES, SPRINGS, N, scene
 
 import balloon_warp as bw
 from balloon_warp.gradients import refusals
@@ -90,7 +90,8 @@ def same(found: bw.Gradient, told: bw.Gradient) -> None:
 @pytest.mark.parametrize("way", ["block", "launched", "lanes"])
 def test_few_checkpoints_give_the_same_bits(way: str, device: str):
     """Parameters change in frames 2 and 4, so that the way back goes through spans and returns to later ones."""
-    require_way(way, device)
+    if way == "lanes" and device != "cpu":
+        pytest.skip("lanes are a CPU's")
     of = scene(frames=20, rate=240.0, substeps=4, change=CHANGES)
     asked: dict[str, Any] = {"of": PATHS, "loss": at_end, "device": device, "schedule": way}
     told = bw.gradient(of, **asked)
@@ -123,17 +124,3 @@ def test_as_many_are_kept_as_there_is_room_for(monkeypatch: pytest.MonkeyPatch):
     ):
         bw.gradient(of, **asked)
     same(bw.gradient(of, every=10, **asked), told)
-
-
-@pytest.mark.parametrize(
-    ("more", "sentence"),
-    [
-        ({"every": 0}, "every: must be a whole number from 1 to 2, the frames of the scene (got 0)"),
-        ({"every": 3}, "every: must be a whole number from 1 to 2"),
-        ({"checkpoints": 0}, "checkpoints: must be a whole number, at least 1 (got 0)"),
-        ({"checkpoints": 1.5}, "checkpoints: must be a whole number, at least 1 (got 1.5)"),
-    ],
-)
-def test_wrong_numbers_of_frames_are_refused(more: dict[str, Any], sentence: str):
-    with pytest.raises(bw.InputError, match=re.escape(sentence)):
-        bw.gradient(scene(frames=2), of=SPRINGS, loss=at_end, device="cpu", **more)

@@ -1,12 +1,14 @@
 """Refusals of gradients, each in a sentence."""
 
 import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import warp as wp
-from gradient_scenes import CASES, SPRINGS, far, scene
+from gradient_losses import far
+from gradient_scenes import BELOW, BETWEEN_CORNERS, CASES, SPRINGS, exchange, scene
 
 import balloon_warp as bw
 from balloon_warp.kernels.adjoint import NoAdjointError
@@ -16,7 +18,7 @@ from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.schedules.launched.looks import GATHERED
 from balloon_warp.kernels.schedules.launched.trace import traces_of
 from balloon_warp.kernels.schedules.pieces import cut
-from balloon_warp.model import build_model
+from balloon_warp.model import build_model, plan_model
 from balloon_warp.schedules.choose_backward import bytes_backwards
 from balloon_warp.schedules.features import model_features
 from balloon_warp.trajectories import Trajectories
@@ -26,61 +28,146 @@ def nothing(moved: Trajectories) -> tuple[Any, dict[str, Any]]:
     return 0.0, {}
 
 
-REFUSED: dict[str, tuple[dict[str, Any], Any, Any, str]] = {
-    "unknown": ({}, ["balloon.mas"], far, "balloon.0.mas: unknown field; did you mean mass?"),
-    "a text": ({}, ["balloon.name"], far, "balloon.name: cannot be derived by; expected the path of a number"),
-    "no list": ({}, "balloon.mass", far, "of: expected a list of paths"),
-    "no number a world": ({}, SPRINGS, lambda moved: ([1.0, 2.0], {}), "loss: expected a number for each of 1 worlds"),
-    "a number alone": ({}, SPRINGS, lambda moved: 1.0, "loss: expected two things"),
-    "unknown slopes": ({}, SPRINGS, lambda moved: (1.0, {"areas": 0.0}), "loss: has no derivatives by areas"),
-    "a wrong shape": ({}, SPRINGS, lambda moved: (1.0, {"points": [np.zeros(3)]}), "must have the shape"),
-    "no list by balloon": ({}, SPRINGS, lambda moved: (1.0, {"points": 1.0}), "must be a list of 1"),
-    "not finite": ({}, SPRINGS, lambda moved: (np.nan, {}), "loss: is not finite in world 0"),
+def told(loss: Any, *slopes: Any) -> dict[str, Any]:
+    """Return what is asked with a loss that says the same of any run."""
+    return {"of": SPRINGS, "loss": lambda moved: (loss, *slopes) if slopes else loss}
+
+
+def on_the_way(**changed: Any) -> bw.Scene:
+    return scene(ground=True, frames=2, change=[{"time": 0.01, "set": changed}])
+
+
+def both() -> bw.Scene:
+    """Return two balls that are apart, which only launches simulate."""
+    pair = [*scene().balloon, *scene(position=(4.0, 1.0, 0.0)).balloon]
+    return scene().model_copy(update={"balloon": pair, "touch": False})
+
+
+MASS, LENGTHS = ["balloon.mass"], ["rest_lengths"]
+BOX = scene(frames=2, substeps=16, obstacle=[BELOW], faces=False)
+WITH_A_SPHERE = scene(
+    obstacle=[BELOW], faces=False, sphere=[{"position": (0.0, 3.0, 0.0), "radius": 0.6}], contact="impulse"
+)
+FACES_MEET_IT = scene(obstacle=[BELOW], faces=True)
+NO_CHANGE = on_the_way(gravity=1.0)
+REFUSED: dict[str, tuple[bw.Scene, dict[str, Any], str]] = {
+    "unknown": (scene(), {"of": ["balloon.mas"]}, "balloon.0.mas: unknown field; did you mean mass?"),
+    "a text": (scene(), {"of": ["balloon.name"]}, "balloon.name: cannot be derived by; expected the path of a number"),
+    "no list": (scene(), {"of": "balloon.mass"}, "of: expected a list of paths"),
+    "no number a world": (scene(), told([1.0, 2.0], {}), "loss: expected a number for each of 1 worlds"),
+    "a number alone": (scene(), told(1.0), "loss: expected two things"),
+    "unknown slopes": (scene(), told(1.0, {"areas": 0.0}), "loss: has no derivatives by areas"),
+    "a wrong shape": (scene(), told(1.0, {"points": [np.zeros(3)]}), "must have the shape"),
+    "no list by balloon": (scene(), told(1.0, {"points": 1.0}), "must be a list of 1"),
+    "not finite": (scene(), told(np.nan, {}), "loss: is not finite in world 0"),
+    "a correction": (
+        scene(correction="provot"), {"of": SPRINGS},
+        "gradients: `correct` has no adjoint yet; expected a scene without",
+    ),
+    "gather": (
+        both(), {"of": MASS, "schedule": "gather"},
+        "schedule: expected auto, launched, block or lanes, which run backwards (got 'gather')",
+    ),
+    "lanes of two": (
+        both(), {"of": MASS, "schedule": "lanes"},
+        "schedule: lanes runs one balloon of springs or rubber backwards on a CPU",
+    ),
+    "a block of two": (
+        both(), {"of": MASS, "schedule": "block"}, "schedule: block runs one balloon backwards that fits in a block"
+    ),
+    "a string in blocks": (
+        CASES["a viscous ball on a string"].scene, {"of": ["string.0.length"], "schedule": "block"},
+        "string.0.length: is derived by launches; expected the schedule launched",
+    ),
+    "substeps that change": (
+        on_the_way(substeps=40), {"of": MASS}, "change.0.set: substeps: has no adjoint if it changes on the way"
+    ),
+    "no such change": (
+        NO_CHANGE, {"of": ["change.1.set.gravity"]}, "the scene has 1 changes; expected change.NUMBER"
+    ),
+    "not set": (
+        NO_CHANGE, {"of": ["change.0.set.balloon.mass"]}, "change 0 sets no number there; expected one of what"
+    ),
+    "friction that changes": (
+        on_the_way(**{"ground.friction": 0.1}), {"of": ["change.0.set.ground.friction"]},
+        "cannot be derived by yet, for it acts by",
+    ),
+    "no obstacle": (
+        BOX, {"of": ["obstacle.3.motion.0.1.0"]}, "the scene has 1 obstacles; expected obstacle.NUMBER, from 0"
+    ),
+    "no keyframe": (
+        BOX, {"of": ["obstacle.0.motion.7.1.0"]},
+        "obstacle 0 has 3 keyframes; expected obstacle.0.motion.KEYFRAME.1.AXIS",
+    ),
+    "a time": (BOX, {"of": ["obstacle.0.motion.1.0"]}, "obstacle 0 has 3 keyframes; expected"),
+    "the place of what spheres meet": (
+        WITH_A_SPHERE, {"of": ["obstacle.0.position.1"]},
+        "obstacle.0.position.1: cannot be derived by yet, for it acts by",
+    ),
+    "the way of what spheres meet": (
+        WITH_A_SPHERE, {"of": ["obstacle.0.motion.1.1.0"]},
+        "obstacle.0.motion.1.1.0: cannot be derived by yet, for it acts by",
+    ),
+    "the place of what faces meet": (FACES_MEET_IT, {"of": ["obstacle.0.position.1"]}, "cannot be derived by yet"),
+    "the friction of what faces meet": (FACES_MEET_IT, {"of": ["obstacle.0.friction"]}, "cannot be derived by yet"),
+    "the way of what faces meet": (FACES_MEET_IT, {"of": ["obstacle.0.motion.1.1.0"]}, "cannot be derived by yet"),
+    "friction of a sphere that meets faces": (
+        exchange(BETWEEN_CORNERS, 1.75, faces=True), {"of": ["sphere.1.friction"]},
+        "sphere.1.friction: cannot be derived by yet",
+    ),
+    "no list of parts": (scene(), {"each": "rest_lengths"}, "each: expected a list of some of rest_lengths"),
+    "unknown parts": (scene(), {"each": ["lengths"]}, "each: expected some of rest_lengths, spring_constants"),
+    "no springs": (scene(material={"kind": "mooney_rivlin"}), {"each": LENGTHS}, "the scene has no springs"),
+    "no rubber": (scene(), {"each": ["thicknesses"]}, "each: thicknesses: the scene has no rubber or film"),
+    "parts in blocks": (
+        scene(), {"each": LENGTHS, "schedule": "block"}, "each: rest_lengths: is derived by launches"
+    ),
+    "no frame": (
+        scene(frames=2), {"every": 0}, "every: must be a whole number from 1 to 2, the frames of the scene (got 0)"
+    ),
+    "too few frames": (scene(frames=2), {"every": 3}, "every: must be a whole number from 1 to 2"),
+    "no checkpoint": (
+        scene(frames=2), {"checkpoints": 0}, "checkpoints: must be a whole number, at least 1 (got 0)"
+    ),
+    "half a checkpoint": (
+        scene(frames=2), {"checkpoints": 1.5}, "checkpoints: must be a whole number, at least 1 (got 1.5)"
+    ),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("case", REFUSED)
 def test_what_cannot_be_derived_is_refused_in_a_sentence(case: str):
-    more, paths, loss, sentence = REFUSED[case]
+    of, asked, sentence = REFUSED[case]
     with pytest.raises(bw.InputError, match=re.escape(sentence)):
-        bw.gradient(scene(**more), of=paths, loss=loss, device="cpu")
+        bw.gradient(of, **{"of": [] if "each" in asked else SPRINGS, "loss": far, "device": "cpu"} | asked)
 
 
-def test_a_phase_without_an_adjoint_is_refused_by_its_name():
-    of = scene(correction="provot")
-    with pytest.raises(bw.InputError, match="gradients: `correct` has no adjoint yet; expected a scene without"):
-        bw.gradient(of, of=SPRINGS, loss=far, device="cpu")
+def test_rest_points_need_springs_that_follow_from_them(tmp_path: Path):
+    of, springs = scene(), plan_model(scene()).shapes[0].springs
+    lengths = 0.9 * springs.rest_lengths
+    np.savez(tmp_path / "own.npz", pairs=springs.pairs, rest_lengths=lengths, constants=np.full(springs.count, 50.0))
+    of = of.model_copy(update={"balloon": [of.balloon[0].model_copy(update={"springs": tmp_path / "own.npz"})]})
+    with pytest.raises(bw.InputError, match="have lengths at rest of their own; expected rest_lengths"):
+        bw.gradient(of, each=["rest_points"], loss=far, device="cpu")
 
 
-WAYS = {
-    "gather": "schedule: expected auto, launched, block or lanes, which run backwards (got 'gather')",
-    "lanes": "schedule: lanes runs one balloon of springs or rubber backwards on a CPU",
-    "block": "schedule: block runs one balloon backwards that fits in a block",
-}
-
-
-@pytest.mark.parametrize("way", WAYS)
-def test_a_way_backwards_that_cannot_be_is_refused(way: str):
-    """A backward pass in blocks is refused for two separate balloons, which only launches simulate."""
-    pair = [*scene().balloon, *scene(position=(4.0, 1.0, 0.0)).balloon]
-    of = scene().model_copy(update={"balloon": pair, "touch": False})
-    with pytest.raises(bw.InputError, match=re.escape(WAYS[way])):
-        bw.gradient(of, of=["balloon.mass"], loss=bw.losses.height(1.0), device="cpu", schedule=way)
-    found = bw.gradient(of, of=["balloon.1.velocity.1"], loss=bw.losses.height(1.0, balloon=1), device="cpu")
+def test_a_balloon_that_the_loss_knows_nothing_of_has_no_slopes():
+    found = bw.gradient(both(), of=["balloon.1.velocity.1"], loss=bw.losses.height(1.0, balloon=1), device="cpu")
     assert found.by_points[0].shape == found.by_points[1].shape == (26, 3)
-    assert not found.by_points[0].any()  # which the second's height knows nothing of
+    assert not found.by_points[0].any()
+    assert found.by_points[1].any()
 
 
 @pytest.mark.full
 def test_what_has_no_effect_is_refused():
     """A parameter without effect is refused: the balloon is far above the ground."""
     with pytest.raises(bw.InputError, match=r"ground\.height: no path leads from it to the loss"):
-        bw.gradient(scene(ground=True, position=(0.0, 9.0, 0.0)), of=CASES["ground"][1], loss=far, device="cpu")
+        bw.gradient(scene(ground=True, position=(0.0, 9.0, 0.0)), of=CASES["ground"].paths, loss=far, device="cpu")
 
 
 @pytest.mark.full
 def test_a_loss_without_slopes_has_gradients_of_zero():
-    found = bw.gradient(scene(), of=CASES["pressure"][1], loss=nothing, device="cpu")
+    found = bw.gradient(scene(), of=CASES["pressure"].paths, loss=nothing, device="cpu")
     assert all((values == 0.0).all() for values in found.gradients.values())
 
 
@@ -98,22 +185,6 @@ def test_a_device_keeps_little_of_each_frame():
     model = build_model(scene(), "cpu")
     few, many = (bytes_backwards(model, (), frames) for frames in (10, 10_010))
     assert many - few < 10_000 * model.particle_count * 4
-
-
-CHANGED = {
-    "substeps": ({"substeps": 40}, "balloon.mass", "change.0.set: substeps: has no adjoint if it changes on the way"),
-    "no such change": ({"gravity": 1.0}, "change.1.set.gravity", "the scene has 1 changes; expected change.NUMBER"),
-    "not set": ({"gravity": 1.0}, "change.0.set.balloon.mass", "change 0 sets no number there; expected one of what"),
-    "friction": ({"ground.friction": 0.1}, "change.0.set.ground.friction", "cannot be derived by yet, for it acts by"),
-}
-
-
-@pytest.mark.parametrize("case", CHANGED)
-def test_changes_that_cannot_be_derived_are_refused(case: str):
-    changed, path, sentence = CHANGED[case]
-    of = scene(ground=True, frames=2, change=[{"time": 0.01, "set": changed}])
-    with pytest.raises(bw.InputError, match=re.escape(sentence)):
-        bw.gradient(of, of=[path], loss=far, device="cpu")
 
 
 @phase("particle", {"warmth": float}, keeps={"warmth": 0.0}, adjoint=by_grad)

@@ -87,7 +87,7 @@ def far_off_in_numpy(moved: bw.Trajectories) -> tuple[Any, dict[str, Any]]:
 
 
 def test_a_gradient_of_a_kernel_is_that_of_numpy(device: str):
-    of, paths = CASES["pressure"]
+    of, paths, *_ = CASES["pressure"]
     ours, theirs = (bw.gradient(of, of=paths, loss=loss, device=device) for loss in (far_off, far_off_in_numpy))
     for path in paths:
         assert ours.gradients[path][0] == pytest.approx(theirs.gradients[path][0], rel=1e-4, abs=1e-7), path

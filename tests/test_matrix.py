@@ -6,55 +6,36 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from features import bundled, bundled_model, features, meetings, some_bundled_scenes, some_with_all, switches
+from features import bundled, bundled_model, features, some_bundled_scenes, switches
 from lone_laws import TESTED, model_of_all
-from method_scenes import SCENES, corrected, everything
-from trajectories import ROUNDING, advance_both, after_frames, arrays, assert_close, tolerance_of
+from method_scenes import SCENES, VARIANTS
+from trajectories import ROUNDING, advance_both, assert_close, tolerance_of
 
 from balloon_warp.benchmarks.matrix import METHODS, Method, as_markdown
+from balloon_warp.errors import InputError
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws import LAWS
 from balloon_warp.kernels.substep import asking_phases
 from balloon_warp.model import Model, build_model
-from balloon_warp.scene.load import bundled_scenes
+from balloon_warp.scene.load import bundled_scenes, load_scene
 from balloon_warp.schedules.block_room import fits_in_block
 from balloon_warp.schedules.choose import LAUNCHED, fastest_schedule, only_launched
-from balloon_warp.schedules.features import model_features
-from balloon_warp.schedules.outlook import has_free_frames
+from balloon_warp.simulator import Simulator
 
 PAGE = Path(__file__).parent.parent / "docs" / "MATRIX.md"
 
 
 @pytest.mark.full
-@pytest.mark.parametrize(("name", "scene"), SCENES.items(), ids=SCENES)
-def test_a_schedule_gives_scatters_trajectory(name, scene, schedule, device):
-    """Schedules agree with `scatter`. On a CPU each takes some scenes, which cover all pairs of features."""
+@pytest.mark.parametrize("name", VARIANTS)
+def test_a_schedule_gives_scatters_trajectory(name, schedule, device):
+    """Schedules agree with `scatter` where features meet that do not in the sets of test_reference.py."""
+    scene = VARIANTS[name]
     if schedule not in LAUNCHED and only_launched(model_of(name)):
         pytest.skip(f"{schedule} refuses it")
-    if device == "cpu" and name not in some_scenes(schedule):
-        pytest.skip("no two features meet that do not in other scenes")
     frames = 2 if scene.correction == "none" else 1
     found, expected, start = advance_both(scene, schedule, device, settled=2, frames=frames)
     assert np.abs(expected["points"] - start["points"]).max() > 1000 * ROUNDING  # there is something to compare
     assert_close(found, expected, tolerance_of(scene))
-
-
-@pytest.mark.full
-@pytest.mark.parametrize("correction", ["provot", "tarantino"])
-def test_corrections_show_in_the_scene_with_everything(correction, device):
-    """Corrections act within a frame, as the test above requires."""
-    plain, with_it = (
-        arrays(after_frames(scene, "scatter", device, 1))["points"] for scene in (everything(), corrected(correction))
-    )
-    assert np.abs(plain - with_it).max() > 100 * tolerance_of(corrected(correction))
-
-
-@pytest.mark.full
-def test_the_scene_with_everything_has_contacts(device):
-    """The scene has contacts, as the test above requires."""
-    state = arrays(after_frames(SCENES["everything"], "scatter", device, frames=4))
-    assert (np.abs(state["sphere_forces"]).sum(axis=-1) > 0.0)[0, :2].all()
-    assert state["points"][..., 1].min() == pytest.approx(0.0, abs=1e-6)
 
 
 ACTION = {"letter_slot": 15, "turtle_pillow": 40, "pop": 75, "two_latex_balloons": 10}
@@ -97,31 +78,50 @@ def test_a_schedule_gives_scatters_trajectory_of_a_bundled_scene(name, schedule,
     assert_close(found, expected, tolerance_of(scene), outliers=0.0 if exact else 0.001)
 
 
+TYPICAL, LARGEST = 2e-4, 5e-3
+"""Differences of a GPU's ten frames from a CPU's, as parts of the scene's size: the root mean square, and the largest.
+
+Where nothing jumps, sums in another order make 3e-7. But the inflation takes the face nearest to the particle, and
+contact is or is not: where rounding decides, a particle moves elsewhere. Between the CPU's schedules that made 4e-5 and
+8e-4; a GPU rounds more, and so decides otherwise more often: five times as much."""
+EARLIER = {"bowl_to_sphere": [("balloon.inflation.k_normal", 2.0)]}
+"""of a scene that would be still"""
+
+
+@cache
+def ten_frames(name: str, solver: str, device: str, schedule: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return the points at the start and after ten frames, shape (particle_count, 3)."""
+    scene = load_scene(name, [*EARLIER.get(name, []), ("solver", solver)])
+    simulator = Simulator(scene, device, schedule="auto" if solver == "projective" else schedule)
+    start = np.concatenate(simulator.read_frame().points)
+    for _ in range(10):
+        simulator.step()
+    return start, np.concatenate(simulator.read_frame().points)
+
+
+@pytest.mark.parametrize("schedule", ["scatter", "gather", "block", "projective"])
+@pytest.mark.parametrize("name", bundled_scenes())
+def test_a_short_run_on_a_gpu_is_that_of_the_cpu(name: str, schedule: str, device: str):
+    if device == "cpu":
+        pytest.skip("is what GPUs are compared with")
+    solver = "projective" if schedule == "projective" else "symplectic_euler"
+    try:
+        start, expected = ten_frames(name, solver, "cpu", "scatter")
+        found = ten_frames(name, solver, device, schedule)[1]
+    except InputError as refusal:  # of what a schedule or the solver does not have
+        pytest.skip(str(refusal))
+    size = float(np.ptp(start, axis=0).max())
+    assert np.linalg.norm(expected - start, axis=1).max() / size > LARGEST
+    away = np.linalg.norm(found - expected, axis=1) / size
+    assert np.sqrt((away**2).mean()) <= TYPICAL
+    assert away.max() <= LARGEST
+
+
 @cache
 def shown_otherwise() -> set[str]:
     """Return the features of the scenes of methods, and of those of test_law_schedules.py."""
     models = [model_of(name) for name in SCENES]
     return set().union(*map(features, models + [model_of_all(law, "cpu")[0] for law in TESTED]))
-
-
-@cache
-def some_scenes(schedule: str) -> list[str]:
-    """Return names of scenes that cover all pairs of features, among those that this schedule advances itself."""
-    takes = {"lanes": has_lanes, "octets": has_blocks, "block": has_blocks}.get(schedule, lambda model: True)
-    taken = [name for name in SCENES if takes(model_of(name))]
-    return some_with_all({name: meetings(features(model_of(name))) for name in taken})
-
-
-def has_lanes(model: Model) -> bool:
-    """Return whether `lanes` and `octets` advance worlds by kernels of their own, not those of blocks."""
-    features = model_features(model)
-    return has_blocks(model) and not (features.in_blocks and features.always_busy)
-
-
-def has_blocks(model: Model) -> bool:
-    """Return whether `block` advances worlds of a model by a kernel of its own at some time."""
-    features = model_features(model)
-    return not only_launched(model) and not (has_free_frames(features) and features.always_busy)
 
 
 @cache

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 import warp as wp
+from feature_sets import feature_set
 from meshes import cube, quad_sphere
-from method_scenes import SCENES
 from toy_phases import KEEPING, LISTS, Values, add, by_numpy, double, follow, halve, heed, look_aside, trade
 
 from balloon_warp.errors import InputError
@@ -157,7 +157,7 @@ def test_the_source_in_the_docs_is_the_one_that_is_printed():
 def test_a_source_has_its_phases_in_the_order_of_the_list():
     """Phases stand in the source in the order of the list, for a scene with many features."""
     for schedule in ("gather", "scatter", "block", "lanes", "octets"):
-        printed = kernel_source(SCENES["in air"], schedule)
+        printed = kernel_source(feature_set("all"), schedule)
         called = [each.name for each in STEP if not each.light and re.search(rf"\b{each.name}\(", printed)]
         assert len(called) > 10
         places = [re.search(rf"\b{name}\(", printed) for name in called]

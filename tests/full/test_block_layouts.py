@@ -20,7 +20,7 @@ from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.slots import kind_slots
 from balloon_warp.schedules.spring_ends import spring_ends
 
-PAPERS, GAS = Inflation(k_normal=0.2), Inflation(kind="gas", start_pressure=50.0)
+PAPERS, GAS, FULL = Inflation(k_normal=0.2), *(Inflation(kind="gas", start_pressure=p) for p in (50.0, 400.0))
 LATEX = Material(kind="neo_hookean", shear_modulus=4e5, thickness=3e-4)
 GROUND, ABOVE = Ground(height=-0.49), Sphere(position=(0.0, 0.95, 0.0), radius=0.5, mass=1.0)
 VISCOUS = Stiffness(viscosity=2e-2)
@@ -29,60 +29,33 @@ BESIDE = Sphere(position=(0.9, 0.95, 0.0), radius=0.5, mass=1.0)
 
 def scenes(cells: int) -> dict[str, Scene]:
     """Return scenes of balloons with so many cells along an edge."""
-    ball = quad_sphere(cells, radius=0.5)
+    ball, shared = quad_sphere(cells, radius=0.5), {"substeps": 16, "faces": False, "touch": False}
     falling = Balloon(mesh=ball, position=(0.0, 0.57, 0.0), inflation=PAPERS, velocity=(0.5, -1.0, 0.0))
-    return {
-        "cached normals": Scene(substeps=16, balloon=[Balloon(mesh=ball, inflation=PAPERS)]),
-        "fresh normals, odd substeps": Scene(
-            substeps=15, normals="fresh", balloon=[Balloon(mesh=ball, inflation=PAPERS)], ground=GROUND
-        ),
-        "gas, spheres": Scene(
-            substeps=16, balloon=[Balloon(mesh=ball, inflation=GAS)], ground=GROUND, sphere=[ABOVE, BESIDE], faces=False
-        ),
-        "two balloons": Scene(
-            substeps=16, normals="fresh", faces=False, sphere=[ABOVE],
-            balloon=[
-                Balloon(mesh=ball, position=(0.0, 0.0, 2.0), inflation=GAS), Balloon(mesh=ball, inflation=PAPERS),
-            ],
-        ),
-        "impulses": Scene(
-            substeps=16, contact="impulse", balloon=[Balloon(mesh=ball, inflation=GAS)], ground=GROUND, sphere=[ABOVE],
-            faces=False,
-        ),
-        "beside obstacles": Scene(
-            substeps=15,
-            balloon=[falling],
-            obstacle=[Obstacle(size=(4.0, 0.1, 4.0)), Obstacle(size=(0.1, 4.0, 4.0), position=(0.55, 0.0, 0.0))],
-            faces=False,
-        ),
-        "apart, beside obstacles": Scene(
-            substeps=15,
-            balloon=[falling, falling.model_copy(update={"position": (0.0, 0.57, 3.0)})],
-            obstacle=[Obstacle(size=(8.0, 0.1, 8.0)), Obstacle(size=(0.1, 4.0, 4.0), position=(0.55, 0.0, 0.0))],
-            faces=False,
-            touch=Touch(),
-        ),
-        "beside obstacles, impulses": Scene(
-            substeps=15,
-            balloon=[falling.model_copy(update={"stiffness": VISCOUS})],
-            obstacle=[Obstacle(size=(4.0, 0.1, 4.0)), Obstacle(size=(0.1, 4.0, 4.0), position=(0.55, 0.0, 0.0))],
-            faces=False,
-            contact="impulse",
-            sphere=[ABOVE],
-        ),
-        "latex": Scene(
-            substeps=64,
-            balloon=[
-                Balloon(mesh=ball, inflation=GAS, material=LATEX)
-            ],
-        ),
-        "viscous": Scene(
-            substeps=32, balloon=[Balloon(mesh=ball, inflation=PAPERS, stiffness=VISCOUS)]
-        ),
-        "corrected": Scene(
-            substeps=16, correction="provot", balloon=[Balloon(mesh=ball, inflation=PAPERS)], ground=GROUND
-        ),
+    of_gas, of_paper = Balloon(mesh=ball, inflation=GAS), Balloon(mesh=ball, inflation=PAPERS)
+    latex = {"mesh": ball, "inflation": FULL, "angular_velocity": (20.0, 10.0, -30.0)}
+    walls = [Obstacle(size=(8.0, 0.1, 8.0)), Obstacle(size=(0.1, 4.0, 4.0), position=(0.55, 0.0, 0.0))]
+    fields: dict[str, dict[str, Any]] = {
+        "fresh normals, odd substeps": {"substeps": 15, "normals": "fresh", "balloon": [of_paper], "ground": GROUND},
+        "gas, spheres": {"balloon": [of_gas], "ground": GROUND, "sphere": [ABOVE, BESIDE]},
+        "two balloons": {
+            "normals": "fresh", "sphere": [ABOVE],
+            "balloon": [of_gas.model_copy(update={"position": (0.0, 0.0, 2.0)}), of_paper],
+        },
+        "apart, beside obstacles": {
+            "substeps": 15, "balloon": [falling, falling.model_copy(update={"position": (0.0, 0.57, 3.0)})],
+            "obstacle": walls, "touch": Touch(),
+        },
+        "beside obstacles, impulses": {
+            "substeps": 15, "contact": "impulse", "sphere": [ABOVE], "obstacle": walls,
+            "balloon": [falling.model_copy(update={"stiffness": VISCOUS, "inflation": GAS})],
+        },
+        "latex": {"substeps": 64, "balloon": [Balloon(**latex, material=LATEX)]},
+        "viscous latex": {
+            "substeps": 64, "balloon": [Balloon(**latex, material=LATEX.model_copy(update={"viscosity": 50.0}))],
+        },
+        "cached normals, corrected": {"correction": "provot", "balloon": [of_paper], "ground": GROUND},
     }  # fmt: skip
+    return {name: Scene(**shared | own) for name, own in fields.items()}
 
 
 NAMES = tuple(scenes(1))

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from gradient_scenes import CASES, scene
-from test_gradients_touch import CASES as TOUCHING
 
 import balloon_warp as bw
 
@@ -63,8 +62,7 @@ def test_values_of_another_shape_are_refused():
 
 def test_a_policy_that_sees_spheres_and_contacts_learns_within_the_loop(device: str):
     """The derivative by a policy's weight, mass over height, agrees with differences, to 1%: states are float32."""
-    beside, _ = CASES["gas beside spheres"]
-    touching, _ = TOUCHING["of their own"]
+    beside, touching = CASES["gas beside spheres"].scene, CASES["touch"].scene
     scenes = (beside, "sphere.0.mass", "sphere_positions", 0.2), (touching, "balloon.1.mass", "points", 0.08)
     for of, path, seen, gain in scenes:
         rollout = bw.Rollout(of, of=[path], device=device)

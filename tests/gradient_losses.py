@@ -1,0 +1,145 @@
+"""A loss of all that moves, its value in the reference, and differences of that."""
+
+from collections.abc import Callable, Mapping
+from functools import cache
+from typing import Any
+
+import numpy as np
+from gradient_scenes import CASES
+from reference_runs import Run, run
+
+import balloon_warp as bw
+from balloon_warp.model import plan_model
+from balloon_warp.reference import Reference
+from balloon_warp.scene import load_scene
+from balloon_warp.statics.volume import Volume
+from balloon_warp.trajectories import Trajectories
+
+AROUND = ("obstacle.", "string.")
+"""Beginnings of paths that the reference takes from a scene alone"""
+RNG = np.random.default_rng(3)
+WEIGHTS, OF_COURSES = RNG.uniform(0.5, 1.5, (26, 3)), RNG.normal(size=(2, 3, 3))
+SPHERE_TRACKS = ("sphere_positions", "sphere_velocities")
+
+
+def far(moved: Trajectories) -> tuple[np.ndarray, dict[str, Any]]:
+    """Return the loss: squares of distances from places at the end and of volumes on the way, and sums of velocities in
+    all frames, whose squares would have the rounding of velocities in their derivatives; of balloons and spheres."""
+    names = "points", "velocities", "sphere_positions", "sphere_velocities", "volumes"
+    loss, found = _far([getattr(moved, name) for name in names])
+    return loss, dict(zip(names, found, strict=True))
+
+
+def _far(tracks: list[Any]) -> tuple[Any, list[Any]]:
+    """Return the loss of tracks, shape (..., frames, items, 3), and its derivatives."""
+    points, velocities, balls, motions, volumes = tracks
+    loss, found, rng = (volumes[..., 1:, :] ** 2).sum(axis=(-2, -1)), [], np.random.default_rng(3)
+    for number, track in enumerate((*points, balls, *velocities, motions)):
+        weights, target = rng.uniform(0.5, 1.5, (track.shape[-2], 1)), rng.normal(size=track.shape[-2:])
+        slopes = np.zeros(track.shape)
+        if number <= len(points):
+            off = track[..., -1, :, :] - target
+            slopes[..., -1, :, :] = 2.0 * weights * off
+            loss = loss + (weights * off**2).sum(axis=(-2, -1))
+        else:
+            slopes[..., 1:, :, :] = 0.05 * target
+            loss = loss + (slopes * track).sum(axis=(-3, -2, -1))
+        found.append(slopes)
+    by_volumes = np.zeros(volumes.shape)
+    by_volumes[..., 1:, :] = 2.0 * volumes[..., 1:, :]
+    count = len(points)
+    return loss, [found[:count], found[count + 1 : -1], found[count], found[-1], by_volumes]
+
+
+def far_of(of: bw.Scene, moved: Run) -> float:
+    """Return the loss of a run of the reference."""
+    skins = [Volume(shape.mesh) for shape in plan_model(of).shapes]
+    volumes = [[skin.of(each) for each in track] for skin, track in zip(skins, moved.points, strict=True)]
+    balls, motions = (
+        np.reshape(each, (len(each), -1, 3)) for each in (moved.sphere_positions, moved.sphere_velocities)
+    )
+    loss, _ = _far([moved.points, moved.velocities, balls, motions, np.transpose(volumes)])
+    return float(loss)
+
+
+def far_in_float64(
+    of: bw.Scene,
+    values: Mapping[str, float] | None = None,
+    shifts: tuple[Any, Any] = (0.0, 0.0),
+    change: Callable[[Reference], None] = lambda reference: None,
+) -> float:
+    """Return the loss in the reference, of other values and of a start that is shifted."""
+    around = {path: value for path, value in (values or {}).items() if path.startswith(AROUND)}
+    others = {path: value for path, value in (values or {}).items() if path not in around}
+    of = load_scene(of, around) if around else of
+    return far_of(of, run(of, others, shifts, change))
+
+
+def value_at(of: bw.Scene, path: str) -> float:
+    """Return the value of a scene at a path: of its first balloon where no number says which."""
+    if path.startswith("change."):
+        number, inner = path.removeprefix("change.").split(".set.")
+        return float(of.change[int(number)].set[inner])
+    value, names = of, path.split(".")
+    if names[0] == "balloon" and not names[1].isdecimal():
+        names.insert(1, "0")
+    for name in names:
+        value = value[int(name)] if name.isdecimal() else getattr(value, name)  # type: ignore[index]
+    return float(plan_model(of).parameters[names[-1]][0, 0] if value is None else value)  # type: ignore[arg-type]
+
+
+def ends(moved: Trajectories) -> tuple[Any, dict[str, Any]]:
+    """Return a loss of the last frame: weighted places, and places and velocities of spheres, with derivatives."""
+    tracks = {"points": moved.points[0], **{name: getattr(moved, name) for name in SPHERE_TRACKS}}
+    slopes, loss = {name: np.zeros(track.shape) for name, track in tracks.items()}, 0.0
+    for (name, track), each in zip(tracks.items(), (WEIGHTS, *OF_COURSES), strict=True):
+        weights = each[: track.shape[-2]]
+        slopes[name][..., -1, :, :] = weights
+        loss = loss + (weights * track[..., -1, :, :]).sum(axis=(-2, -1))
+    return loss, {**slopes, "points": [slopes["points"]]}
+
+
+def ends_along(of: bw.Scene, steps: Mapping[str, float]) -> float:
+    """Return half the difference of that loss in the reference between both ends of steps."""
+    sides = []
+    for side in (1.0, -1.0):
+        told = run(of, {path: value_at(of, path) + side * step for path, step in steps.items()})
+        courses = (told.points[0], *(getattr(told, name) for name in SPHERE_TRACKS))
+        tracks = zip(courses, (WEIGHTS, *OF_COURSES), strict=True)
+        sides.append(float(sum((weights[: track.shape[1]] * track[-1]).sum() for track, weights in tracks)))
+    return 0.5 * (sides[0] - sides[1])
+
+
+@cache
+def loss_of(name: str) -> float:
+    """Return the loss of a case in the reference."""
+    return far_in_float64(CASES[name].scene)
+
+
+@cache
+def slopes_of(name: str) -> dict[str, float]:
+    """Return central differences of the loss of a case by each path, in the reference."""
+    case = CASES[name]
+    of, found = case.scene, {}
+    for path in case.paths:
+        value = value_at(of, path)
+        h = case.reach * (abs(value) or 1.0)
+        more, less = (far_in_float64(of, {path: value + sign * h}) for sign in (1.0, -1.0))
+        found[path] = (more - less) / (2.0 * h)
+    return found
+
+
+def random_shifts(of: bw.Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Return a random direction of the places and velocities at the start of all particles that are not fixed."""
+    rng, shares = np.random.default_rng(11), [shape.mass_share for shape in plan_model(of).shapes]
+    moves = np.concatenate(shares)[:, None] > 0.0
+    return 0.05 * moves * rng.normal(size=(len(moves), 3)), moves * rng.normal(size=(len(moves), 3))
+
+
+@cache
+def slope_by_start(name: str, h: float = 1e-6) -> float:
+    """Return the central difference of a case's loss along that direction, in the reference."""
+    of = CASES[name].scene
+    points, velocities = random_shifts(of)
+    more, less = (far_in_float64(of, {}, (sign * h * points, sign * h * velocities)) for sign in (1.0, -1.0))
+    return (more - less) / (2.0 * h)
