@@ -66,21 +66,28 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave out what is marked full, unless all is asked for, and begin with what waits for other processes.
 
-    Physics runs in the device's own schedule alone: test_reference.py holds all others to the same.
+    Physics runs in the device's own schedule alone, if there it can: test_reference.py holds all others to the same.
     """
     full = config.getoption("--full")
+    in_own = {function_of(item) for item in items if not in_another_schedule(item)}
     left, left_out = [], []
     for item in items:
-        if in_another_schedule(item):
+        another = in_another_schedule(item) and function_of(item) in in_own
+        if another:
             item.add_marker(pytest.mark.schedules)
             item.add_marker(pytest.mark.full)
         is_marked = item.get_closest_marker("full")
         if any(folder in item.path.parents for folder in LEFT_OUT):
             item.add_marker(pytest.mark.full)
-        again = in_another_schedule(item) and item.get_closest_marker("physics")
+        again = another and item.get_closest_marker("physics")
         (left_out if again or (is_marked and not full) else left).append(item)
     config.hook.pytest_deselected(items=left_out)
     items[:] = sorted(left, key=lambda item: PROCESSES not in item.nodeid)
+
+
+def function_of(item: pytest.Item) -> str:
+    """Return the name of a test without its parameters."""
+    return item.nodeid.partition("[")[0]
 
 
 def in_another_schedule(item: pytest.Item) -> bool:

@@ -257,6 +257,7 @@ def test_balloon_bunch_pushes_apart_and_comes_to_rest():
     assert max(speeds) < 0.1
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "name", ["squirrel_inflate", "turtle_inflate", "turtle_provot", "bowl_to_sphere", "squirrel_tether", "net_forces"]
 )

@@ -317,6 +317,7 @@ def free_particles(height: float) -> Balloon:
     )
 
 
+@pytest.mark.full
 def test_what_goes_further_than_was_free_is_stopped_all_the_same(device: str):
     """A particle that reaches 83 m/s in the first frame does not tunnel through a plate of 1 mm, 0.3 m below."""
     scene = Scene(balloon=[free_particles(0.3)], obstacle=[PLATE], gravity=FALL, substeps=16, frames=3)
@@ -369,6 +370,7 @@ def test_a_frame_that_is_simulated_again_leaves_nothing_of_the_first_time(name: 
         np.testing.assert_allclose(simulator.state.points.numpy(), peer.state.points.numpy(), atol=1e-5)
 
 
+@pytest.mark.full
 def test_a_world_does_not_feel_how_free_another_is(device: str):
     """Worlds that are hurried, busy and free are bit-identical to each alone."""
     scene = Scene(balloon=[free_particles(0.3)], obstacle=[PLATE], gravity=10.0, substeps=16, frames=1)
@@ -383,6 +385,7 @@ def test_a_world_does_not_feel_how_free_another_is(device: str):
         np.testing.assert_array_equal(batch.read_frame(world).points[0], alone.read_frame().points[0])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("motion", ["moves", "turns"])
 def test_an_obstacle_that_comes_is_seen_in_time(motion: str, device: str):
     """A racket that comes 11 cm nearer in a frame is detected before it hits balloons which hang in the air."""
@@ -400,6 +403,7 @@ def test_an_obstacle_that_comes_is_seen_in_time(motion: str, device: str):
     assert last.points[0][:, 1].min() > 0.9  # the racket has passed their place, and has taken all along
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("schedule", ["block", "lanes", "octets"])
 def test_a_balloon_that_hurries_to_another_touches_it(schedule: str, device: str):
     """A balloon that falls 4 cm in the first frame lands on one that is pinned 3 cm below, as in a schedule that does

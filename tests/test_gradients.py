@@ -219,6 +219,7 @@ def test_what_the_reference_does_not_have():
         assert found[path][0] == pytest.approx((more - less) / (0.04 * value), rel=0.01), path
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["balloon_pit", "letter_slot", "table"])
 def test_bundled_scenes_with_edges_can_be_derived(name: str):
     plan = plan_model(bw.load_scene(name))

@@ -84,6 +84,7 @@ def test_of_each_face(tmp_path: Path, device: str):
     require_slope(found["rest_points"][0], of, aside, reshape)
 
 
+@pytest.mark.full
 def test_of_panels_before_they_are_sewn(tmp_path: Path, device: str):
     """Each face is a panel of its own, whose vertices go their own ways."""
     points = 0.9 * BALL.points[BALL.face_vertex_indices]
@@ -100,6 +101,7 @@ def test_of_panels_before_they_are_sewn(tmp_path: Path, device: str):
     require_slope(found, of, way, recut)
 
 
+@pytest.mark.full
 def test_a_world_in_a_batch_has_the_derivatives_that_it_has_alone(device: str):
     of, each = CASES["pressure"].scene, ["rest_lengths", "spring_constants"]
     masses = np.array([0.05, 0.07])

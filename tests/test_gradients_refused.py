@@ -135,6 +135,7 @@ REFUSED: dict[str, tuple[bw.Scene, dict[str, Any], str]] = {
 }  # fmt: skip
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("case", REFUSED)
 def test_what_cannot_be_derived_is_refused_in_a_sentence(case: str):
     of, asked, sentence = REFUSED[case]

@@ -106,11 +106,13 @@ def test_the_step_is_not_longer_than_what_forces_really_allow(law: Law):
     assert stable_step(law) <= 1.001 * true_limit(law)  # see `throws_back`
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("law", [law for law in BOUND if law.name in SHARP], ids=lambda law: law.name)
 def test_the_step_is_the_limit_itself_of_bodies_that_are_that_simple(law: Law):
     assert stable_step(law) == pytest.approx(true_limit(law), rel=1e-3)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("law", BOUND, ids=lambda law: law.name)
 def test_just_over_what_forces_allow_a_body_blows_up(law: Law):
     """A body at 1.05 of the limit grows by at least 1.1 a step, and so by 1e8 in 200."""

@@ -86,6 +86,7 @@ def far_off_in_numpy(moved: bw.Trajectories) -> tuple[Any, dict[str, Any]]:
     return value, {"points": [by_points], "volumes": np.ones(moved.volumes.shape)}
 
 
+@pytest.mark.full
 def test_a_gradient_of_a_kernel_is_that_of_numpy(device: str):
     of, paths, *_ = CASES["pressure"]
     ours, theirs = (bw.gradient(of, of=paths, loss=loss, device=device) for loss in (far_off, far_off_in_numpy))

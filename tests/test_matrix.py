@@ -130,6 +130,7 @@ def simulated() -> set[str]:
     return shown_otherwise().union(*(features(bundled_model(name)) for name in bundled_scenes()))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("method", METHODS, ids=lambda method: method.name)
 def test_every_method_of_the_table_is_run_in_every_schedule(method: Method):
     assert features(model_with(method.name)) <= simulated()

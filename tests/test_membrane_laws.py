@@ -186,6 +186,7 @@ def test_forces_are_the_slopes_of_the_energy(shape: str, device: str):
                 np.testing.assert_allclose(forces[wrinkles, law], expected, atol=3e-4 * np.abs(expected).max())
 
 
+@pytest.mark.full
 def test_forces_add_up_to_nothing_and_turn_nothing(device: str):
     mesh = quad_sphere(3)
     points = deformed(mesh.points, 5, 0.5)
@@ -195,6 +196,7 @@ def test_forces_add_up_to_nothing_and_turn_nothing(device: str):
         assert (np.abs(np.cross(points, forces).sum(axis=2)).max(axis=-1) < 1e-6 * size).all()
 
 
+@pytest.mark.full
 def test_what_is_slack_has_no_forces_and_wrinkles_none_across(device: str):
     square = mesh_of([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [[0, 1, 2, 3]])
     slack, wrinkled, narrower = ((0.9, 0.5, 1.0), (2.0, 0.5, 1.0), (2.0, 0.3, 1.0))
@@ -222,6 +224,7 @@ def test_triangles_cover_a_face_once_whatever_its_corners(corners: int):
         np.testing.assert_allclose(membrane.lumps(corners), area / corners, rtol=1e-9)
 
 
+@pytest.mark.full
 def test_a_polygon_is_as_stiff_as_the_same_of_quads(device: str):
     """A polygon has the energy of quads per area in equibiaxial stretch, and so the same sum of forces times places."""
     for mesh in (polygon(6), polygon(5), polygon(40)):

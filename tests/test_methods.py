@@ -26,6 +26,7 @@ def test_methods_are_measured():
     assert len(as_markdown(rows).splitlines()) == 2 + len(some) == 5
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("method", METHODS, ids=lambda method: method.name)
 def test_every_method_can_be_measured(method: Method):
     """Every method has a model and a schedule that takes it."""
@@ -45,6 +46,7 @@ def test_each_line_of_the_page_has_the_values_that_were_measured():
         assert [value for value in method.overrides if value.split(",")[0] not in line] == [], method.name
 
 
+@pytest.mark.full
 def test_a_method_that_blows_up_is_said_to_and_one_that_is_refused_is_a_mistake():
     rows = measure_methods([Method("first"), Method("wild", ("balloon.inflation.k_normal=9e11",))], "cpu", 1, 3)
     assert as_markdown(rows).splitlines()[-1].startswith("| wild | blows up |")

@@ -83,6 +83,7 @@ def test_springs_that_change_change_the_matrix_too(device):
     np.testing.assert_array_equal(found, expected)
 
 
+@pytest.mark.full
 def test_the_solver_may_change(device):
     """The solver may change during a run, from explicit to implicit and back."""
     change = [Change(time=0.05, set={"solver": "projective"}), Change(time=0.1, set={"solver": "symplectic_euler"})]

@@ -166,11 +166,13 @@ def on_a_slope(friction: float, degrees: float) -> np.ndarray:
     return reference.bodies[0]["position"] - start
 
 
+@pytest.mark.full
 def test_a_brick_stays_on_a_slope_below_the_angle_of_friction():
     """A creep is allowed that sweeps leave: 3e-5 of a step of gravity, in 200 steps of 2.5 ms."""
     assert np.linalg.norm(on_a_slope(0.5, 25.0)) < 3e-5 * 10.0 * 2.5e-3 * 0.5 * 10.0
 
 
+@pytest.mark.full
 def test_a_brick_slides_down_a_slope_by_the_rest_of_gravity():
     """Acceleration is g (sin - friction cos), the way that of symplectic Euler, h longer."""
     angle, seconds, h = np.radians(40.0), 0.5, 2.5e-3
@@ -178,6 +180,7 @@ def test_a_brick_slides_down_a_slope_by_the_rest_of_gravity():
     assert np.linalg.norm(on_a_slope(0.3, 40.0)) == pytest.approx(way, rel=1e-3)
 
 
+@pytest.mark.full
 def test_bodies_move_as_the_product_moves_them(device: str):
     """A box that a balloon and a sphere hit from above, on the ground; a body's place by 2e-6 m in 40 steps."""
     of = Scene(

@@ -20,6 +20,7 @@ from balloon_warp.schedules.spring_ends import spring_ends
 from balloon_warp.simulator import Simulator
 
 
+@pytest.mark.full
 def test_a_particle_with_few_faces_may_stand_at_the_origin(schedule, device):
     """Padding of octets' face tables does not reach a particle at the origin, with three faces beside four."""
     ball = quad_sphere(3, radius=0.5)
@@ -53,6 +54,7 @@ def test_a_fixed_particle_feels_neither_sphere_nor_ground(schedule, device):
     assert others[:, 1].min() > -1e-6
 
 
+@pytest.mark.full
 def test_among_thousands_of_worlds_sums_have_the_order_of_one(device):
     """The order of a sum does not depend on the number of worlds, by which a GPU's threads might be chosen."""
     ball = quad_sphere(3, radius=0.2)
@@ -106,6 +108,7 @@ def bare() -> Scene:
     return Scene(balloon=[balloon], normals="cached", substeps=33)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("scene", "kernels"),
     [
@@ -140,6 +143,7 @@ def test_auto_takes_a_schedule_and_says_which():
     assert Simulator(bare(), "cpu", 8).schedule.name == "lanes"
 
 
+@pytest.mark.full
 def test_a_world_too_large_for_a_block_is_refused_and_not_taken_by_auto(device):
     """A world of 11,096 particles is refused and not chosen by auto: two buffers exceed a block's memory."""
     scene = Scene(balloon=[Balloon(mesh=quad_sphere(43), mass=50.0)])

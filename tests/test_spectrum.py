@@ -29,6 +29,7 @@ def whole_matrix(
     return roots[:, None] * stiffness[np.ix_(moving, moving)] * roots
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("mesh", MESHES.values(), ids=MESHES)
 @pytest.mark.parametrize("seed", range(3))
 def test_it_is_that_of_the_whole_matrix_and_never_below_it(mesh: PolygonMesh, seed: int):

@@ -64,6 +64,7 @@ def test_touch_by_default_hardly_shortens_the_step():
     assert apart <= touching <= 1.15 * apart
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("name", "itself"), [("foil_letters", True), ("letter_slot", False), ("two_balloons", False)])
 def test_foil_touches_itself_by_default(name: str, itself: bool):
     """Foil folds anywhere, so it touches itself; what resists bending does not, nor do balls."""

@@ -167,7 +167,7 @@ def test_panels_between_parts_of_a_file(said: str, kind: str, tmp_path):
 
 def tube() -> PolygonMesh:
     """Return a ring, which its axis does not meet."""
-    return bw.load_mesh(Path(__file__).parent.parent / "scenes" / "knot.obj")
+    return bw.load_mesh(Path(__file__).parents[2] / "scenes" / "knot.obj")
 
 
 @pytest.mark.parametrize(
