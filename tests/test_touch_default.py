@@ -1,4 +1,4 @@
-"""Which balloons touch by default, also themselves; and layers that start crossed, which a sentence names."""
+"""Contact by default, of balloons with others and with themselves; and layers that start crossed, by name."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,5 +1,5 @@
-"""What is drawn and not simulated: knots where strings are tied; and outlines of coarse meshes, without gray shards and
-sharp where these are sharp at the start."""
+"""Details that are drawn and not simulated: knots where strings are tied; outlines of coarse meshes, without gray
+shards and sharp where these are sharp at the start."""
 
 from pathlib import Path
 from types import SimpleNamespace

@@ -297,7 +297,7 @@ def test_the_rule_may_change_meanwhile(device: str):
 
 
 def test_a_touching_particle_keeps_no_speed_into_the_sphere(device: str):
-    """By the penalty a corner that flies into a sphere takes the sphere's normal velocity, and slides on."""
+    """A corner that flies into a sphere takes the sphere's normal velocity by the penalty, and slides on."""
     velocity = (-1.0, 0.0, 0.0)
     sphere = Sphere(position=tuple(CORNER + [0.1, 0.0, 0.0]), radius=0.12, velocity=velocity, mass=5.0)
     simulator = bare_cubes(device, [sphere], contact="penalty", substeps=100, frames_per_second=60.0)

@@ -205,7 +205,7 @@ def thrown(radius: float = 2.0 * EDGE, friction: float = 0.0, pressure: float = 
 @pytest.mark.parametrize("faces", [True, False])
 @pytest.mark.parametrize("start", [0.0, 0.2])
 def test_flat_faces_do_not_dip_into_a_sphere(faces: bool, start: float, tmp_path: Path) -> None:
-    """They would without ridges of a sphere, by more than 0.08 of an edge; of one that comes later, too."""
+    """Faces would dip into a sphere without its ridges, by more than 0.08 of an edge; a later one, too."""
     scene = thrown(pressure=15.0, faces=faces, frames=40)
     late = scene.sphere[0].model_copy(update={"start": start})
     animate(scene.model_copy(update={"sphere": [late]}), tmp_path / "stage.usdc", device="cpu")
