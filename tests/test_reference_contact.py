@@ -166,6 +166,15 @@ def on_a_slope(friction: float, degrees: float) -> np.ndarray:
     return reference.bodies[0]["position"] - start
 
 
+def test_a_sphere_that_has_yet_to_begin_waits_above_the_ground():
+    waits = Sphere(position=(0.0, 2.0, 0.0), radius=0.2, velocity=(2.0, 0.0, 0.0), start=1.0)
+    reference = Reference(
+        Scene(balloon=[Balloon(mesh=quad_sphere(2))], sphere=[waits], ground=Ground(height=-1.0), contact="impulse")
+    )
+    reference.frame()
+    assert reference.spheres[0]["position"] == pytest.approx((0.0, 2.0, 0.0))
+
+
 @pytest.mark.full
 def test_a_brick_stays_on_a_slope_below_the_angle_of_friction():
     """A creep is allowed that sweeps leave: 3e-5 of a step of gravity, in 200 steps of 2.5 ms."""

@@ -120,6 +120,8 @@ def stand(around, start, x, v, h, foreseen=False):
 
 def rub(ball, moving, normal, stopped, friction, seconds):
     """Let a sphere rub on something immovable, at an arm of its radius, that has changed its speed along the normal."""
+    if ball["radius"] == 0.0:
+        return  # it has yet to begin
     arm = -ball["radius"] * normal
     slip = ball["velocity"] + np.cross(ball["spin"], arm) - moving
     slip = slip - (slip @ normal) * normal
