@@ -3,7 +3,9 @@
 A table that a law takes, such as `springs`, has the fields that it names; docs/PHYSICS.md has the formulas and sources.
 """
 
+from collections.abc import Callable
 from math import erf
+from typing import Any
 
 import numpy as np
 
@@ -100,7 +102,7 @@ def gent(a, b, p):
     return 0.5 * p.shear_modulus * p.gent_limit * (beyond - np.log(left))
 
 
-MEMBRANES = {law.__name__: law for law in (neo_hookean, mooney_rivlin, ogden, gent)}
+MEMBRANES: dict[str, Callable[..., Any]] = {law.__name__: law for law in (neo_hookean, mooney_rivlin, ogden, gent)}
 
 
 def larger(a, b):
