@@ -19,7 +19,7 @@ from balloon_warp.schedules import backward_block
 from balloon_warp.schedules.features import model_features
 from balloon_warp.trajectories import Trajectories
 
-BY_DEFAULT = ("pressure", "gas on the ground", "ridges for a frame", "gas beside spheres")
+BY_DEFAULT = ("pressure", "gas on the ground")
 """Cases that run by launches without `--full`"""
 DOT = 1e-5
 """Tolerance of a sum over all places and velocities, whose rounding in float32 is a few 1e-7 each"""

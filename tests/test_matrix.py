@@ -145,6 +145,7 @@ ASKED_BY_CONTROLS = {"fixtures_steered True"}
 """features that no scene asks for; test_controls.py runs them in every schedule"""
 
 
+@pytest.mark.full
 def test_every_law_and_every_trait_is_run_on_and_off():
     names = {law.name for law in LAWS}
     switched = {f"{name} {value}" for name in switches(Features((), None)) for value in (True, False)}

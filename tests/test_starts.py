@@ -304,6 +304,7 @@ def bytes_of(simulator: Simulator) -> dict[str, bytes]:
     return {name: array.numpy().tobytes() for name, array in simulator.state.arrays.items()}
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "way",
     [

@@ -175,12 +175,6 @@ def touch_push(overlap: float, approach: float, stiffness: float, mass: float):
 
 
 @wp.func
-def touch_energy(overlap: float, stiffness: float):
-    """Return the energy of a contact, k o^2 / 2 [J]."""
-    return 0.5 * stiffness * wp.max(overlap, 0.0) * wp.max(overlap, 0.0)
-
-
-@wp.func
 def across(vector: wp.vec3, normal: wp.vec3):
     """Return the tangential part of a vector."""
     return vector - wp.dot(vector, normal) * normal
