@@ -107,6 +107,7 @@ def test_all_drawn_mutants_parse_and_differ_in_one_statement_or_expression() -> 
         assert before[each.edit.start : each.edit.end] != each.edit.text
 
 
+@pytest.mark.full
 def test_each_stratum_has_its_share() -> None:
     assert sum(each.share for each in mutation.STRATA) == pytest.approx(1.0)
     drawn = draw(ROOT, mutation.STRATA, 60, seed=1)

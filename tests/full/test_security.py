@@ -15,7 +15,7 @@ import balloon_warp
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.temporaries import LOCK, PREFIX
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).parents[1]
 DECOYS = ("beside.mtl", "beside.png", "other.obj", "other.toml", ".env")
 """named by the mesh and by the stage, or by nobody"""
 TEXTURED = """#usda 1.0
@@ -93,7 +93,6 @@ def told(tmp_path_factory) -> tuple[Path, dict[str, dict]]:
     return folder, dict(zip(COMMANDS, run_watched(folder, [words for words, _, _ in COMMANDS.values()]), strict=True))
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_command_opens_and_writes_what_it_is_given_alone(command: str, told: tuple[Path, dict]):
     folder, done = told[0], told[1][command]
@@ -111,7 +110,6 @@ def is_lock(path: str) -> bool:
     return Path(path).name.startswith(PREFIX) and path.endswith(LOCK)
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_command_opens_nothing_elsewhere_but_its_programs(command: str, told: tuple[Path, dict]):
     """Files opened elsewhere are Python's, its bytecode and Warp's kernel cache; temporary ones are gone in the end.
@@ -132,7 +130,6 @@ def test_nothing_is_fetched_listened_to_or_started(command: str, told: tuple[Pat
     assert [call for call in told[1][command]["called"] if not call.startswith(STARTED)] == []
 
 
-@pytest.mark.full
 def test_what_is_watched_is_seen(tmp_path):
     (tmp_path / "work").mkdir()
     write_obj(tmp_path / "away.obj", quad_sphere(2))
