@@ -21,8 +21,6 @@ from balloon_warp.trajectories import Trajectories
 
 BY_DEFAULT = ("pressure", "gas on the ground")
 """Cases that run by launches without `--full`"""
-DOT = 1e-5
-"""Tolerance of a sum over all places and velocities, whose rounding in float32 is a few 1e-7 each"""
 
 
 def cases(names: Any) -> list[Any]:
@@ -64,7 +62,7 @@ def test_gradients_are_the_slopes_of_the_reference(case: str, way: str, schedule
     if CASES[case].shifts:
         tracks = zip((found.by_points, found.by_velocities), random_shifts(of), strict=True)
         parts = [(np.concatenate(track) * shift).sum() for track, shift in tracks]
-        assert sum(parts) == pytest.approx(slope_by_start(case), abs=DOT * max(map(abs, parts)))
+        assert sum(parts) == pytest.approx(slope_by_start(case), abs=CASES[case].dot * max(map(abs, parts)))
 
 
 @pytest.mark.full
