@@ -473,7 +473,7 @@ CASES: dict[str, Case] = {
     "touch": Case(pair(), [*STARTS[:2], *SKINS[1:], TOUCH[0]], **NARROW),
     "touch as said": Case(pair(thickness=0.06, stiffness=300.0), [*STARTS[:2], *SKINS[1:3], *TOUCH], **NARROW),
     "touch in a crowd": Case(
-        pair(2, speed=5.0, meshes=(4, 4), thickness=0.16), [*STARTS[1:], *SKINS[::2], *TOUCH[:2]], **NARROW
+        pair(2, speed=5.0, meshes=(4, 4), thickness=0.16), [*STARTS[1:], *SKINS[::2], *TOUCH[:2]], reach=1e-6
     ),
     "touch of itself": Case(pinched(), ["balloon.0.mass", "touch.thickness"], **NARROW),
     "touch of edges": Case(crossing(), [STARTS[1], *SKINS[1:3], *TOUCH[:2]], **NARROW),

@@ -35,7 +35,6 @@ def test_what_was_made_meanwhile_is_old():
     assert not young & {id(each) for each in made}
 
 
-@pytest.mark.full
 def test_what_someone_else_chose_stays():
     gc.freeze()
     frozen = gc.get_freeze_count()
@@ -48,7 +47,6 @@ def test_what_someone_else_chose_stays():
     assert not gc.isenabled()
 
 
-@pytest.mark.full
 def test_loading_looks_for_none():
     program = (
         "import gc, balloon_warp; looked = []\n"

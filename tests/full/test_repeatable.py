@@ -29,7 +29,6 @@ def way(request: pytest.FixtureRequest, device: str) -> tuple[Scene, str]:
     return WAYS[request.param]
 
 
-@pytest.mark.full
 def test_a_stage_has_the_same_bytes_again(way: tuple[Scene, str], device: str, tmp_path: Path):
     scene, schedule = way
     stages = [tmp_path / "first.usdc", tmp_path / "again.usdc"]

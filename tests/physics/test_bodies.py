@@ -70,7 +70,6 @@ def exact_turn(seconds: float) -> Rotation:
     return Rotation.from_quat(solved.y[:, -1])
 
 
-@pytest.mark.full
 def test_an_asymmetric_top_tumbles_and_keeps_angular_momentum_and_energy(device):
     """The midpoint rule converges at second order: half the step makes a quarter of the error, of the orientation and
     of the energy. The top turns about its middle axis, which is unstable: it has turned over by then."""
@@ -176,7 +175,6 @@ def bouncing(device: str, floor: str, restitution: float, **fields: Any) -> Simu
     return started(device, ball, ground=Ground(restitution=restitution), **setting | fields)
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("substeps", ["auto", 1, 13, 64])
 @pytest.mark.parametrize("restitution", [0.3, 0.7, 1.0])
 @pytest.mark.parametrize("floor", ["ground", "obstacle"])
@@ -286,7 +284,6 @@ def test_two_that_meet_keep_momentum_and_angular_momentum(device):
     assert kinetic(simulator) < energy * (1.0 + 1e-4)
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("speed", [2.0, 500.0])
 def test_a_sphere_and_a_body_keep_momentum_and_none_goes_through(speed: float, device: str):
     """Momentum is conserved without tunneling, where a step takes the sphere ten times the box's thickness."""
@@ -301,7 +298,6 @@ def test_a_sphere_and_a_body_keep_momentum_and_none_goes_through(speed: float, d
     np.testing.assert_allclose(kinetic(simulator) + sphere_energies(simulator).sum(), energy, rtol=0.02)
 
 
-@pytest.mark.full
 def test_a_body_turns_a_sphere_that_lands_on_its_end(device: str):
     """Momentum and angular momentum are conserved by friction of a sphere and a free box; energy falls."""
     box = Body(shape="box", size=(0.4, 0.1, 0.3), mass=0.5, friction=0.8)
@@ -422,7 +418,6 @@ STANDING: dict[str, list[Body]] = {
 }
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("name", STANDING)
 def test_what_stands_stays(name: str, device: str):
     """A stack of five stands for a minute. Edges of supports carry a plank whose own contact points are half a meter
@@ -455,7 +450,6 @@ def test_two_on_a_slope_stay_or_slide_together(degrees, device):
     np.testing.assert_allclose(body_state(simulator, "positions") @ along, expected, rtol=0.01)
 
 
-@pytest.mark.full
 def test_a_stack_rides_on_a_lift(device):
     """A stack stays on a lift that moves by half a meter in two seconds, with less than half of gravity."""
     times = np.arange(0.0, 4.01, 1.0 / 30.0)
@@ -500,7 +494,6 @@ BATCH = Scene(
 )
 
 
-@pytest.mark.full
 def test_table_and_stage_of_a_batch_say_where_bodies_are(tmp_path: Path):
     run_batch(BATCH, tmp_path, 3, {"body.0.mass": MASSES}, export=[0, 2], device="cpu")
     stage = Usd.Stage.Open(str(tmp_path / "worlds.usdc"))
@@ -533,7 +526,6 @@ FULL = 150
 """frame in which the pillow has its pressure"""
 
 
-@pytest.mark.full
 def test_turtle_pillow_lifts_the_turtle_level():
     """The turtle rests on the ground through the flat pillow, and then a tenth of a meter higher. It tips by less than
     ten degrees, and no particle penetrates it by more than a hundredth of its height."""
@@ -582,7 +574,6 @@ def test_a_box_has_the_inertia_of_textbooks(device):
     np.testing.assert_allclose(found.inertia[0, 0], np.diag(6.0 * (14.0 - sides**2) / 12.0), atol=1e-12)
 
 
-@pytest.mark.full
 def test_every_balloon_of_every_world_is_measured_while_it_moves(device):
     closed = Balloon(mesh=quad_sphere(5), helium=20.0, inflation=Inflation(k_normal=0.2))
     scene = Scene(balloon=[closed, Balloon(mesh=open_cube(), position=(4, 0, 0))])

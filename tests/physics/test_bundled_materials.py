@@ -14,7 +14,6 @@ from balloon_warp.mesh.topology import mesh_edges
 pytestmark = pytest.mark.physics
 
 
-@pytest.mark.full
 def test_latex_inflate_shows_that_blowing_is_hardest_at_the_start():
     """Each balloon has the pressure of the Mooney-Rivlin sphere, by its own volume and area. The pressure of the
     largest peaks at the start, falls until a stretch of 3.1, and rises; in the end the smallest has the most."""
@@ -41,7 +40,6 @@ def test_latex_inflate_shows_that_blowing_is_hardest_at_the_start():
     assert curve[-1, 1] > 1.01 * curve[10:, 1].min()
 
 
-@pytest.mark.full
 def test_foil_letters_fill_without_stretching():
     """Each letter holds many times what it did flat, with springs at their rest length, but for wrinkles and a few per
     cent that the pressure stretches them; and it stays upright: the O does not fold."""
@@ -57,7 +55,6 @@ def test_foil_letters_fill_without_stretching():
         assert across < 0.35 * 0.1 * np.sqrt(len(full.points))
 
 
-@pytest.mark.full
 def test_the_stems_of_foil_letters_are_round():
     """A flat tube of width w becomes one of diameter 2 w / pi."""
     model, frames = played("foil_letters")
@@ -71,7 +68,6 @@ def test_the_stems_of_foil_letters_are_round():
     assert np.pi * radius == pytest.approx(width, rel=0.1)
 
 
-@pytest.mark.full
 def test_rocket_balloon_is_driven_by_its_jet_and_loops():
     """The rocket gains by the jet's thrust 2 A p, with buoyancy, weight and drag: within 2 % in the first five frames,
     less than 1 m/s fast. It flies more than 2 m up, turns over, and comes down nearly empty."""
@@ -104,7 +100,6 @@ def test_rocket_balloon_is_driven_by_its_jet_and_loops():
     assert frames[-1].volumes[0] < 0.1 * frames[48].volumes[0]
 
 
-@pytest.mark.full
 def test_two_latex_balloons_end_at_the_two_roots_of_one_pressure():
     """Two joined rubber balloons end at two stretches of one pressure, as rubber beyond its peak bears less the larger
     it is: the smaller one empties, and gas is conserved; each within 1 %."""

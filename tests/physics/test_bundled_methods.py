@@ -9,7 +9,6 @@ from balloon_warp.mesh.geometry import signed_volume
 pytestmark = pytest.mark.physics
 
 
-@pytest.mark.full
 def test_with_correction_the_shape_is_a_scaled_copy():
     """Correction only scales the shape, which the paper did not want. At equal volume, inflated against its limit, the
     shape is larger throughout by about the limit's factor; without it the stretch varies twice as much."""
@@ -50,7 +49,6 @@ def test_stiff_springs_on_a_coarse_model_come_close_to_correction():
     assert apart(stiffer, corrected) < 0.5 * apart(plain, corrected)
 
 
-@pytest.mark.full
 def test_correction_constrains_a_strongly_inflated_balloon_most():
     """Correction hardly changes the volume under weak inflation and more than halves it under strong."""
     volumes = {}
@@ -63,7 +61,6 @@ def test_correction_constrains_a_strongly_inflated_balloon_most():
     assert volumes[14.0, "provot"] < 0.5 * volumes[14.0, "none"]
 
 
-@pytest.mark.full
 def test_tarantinos_correction_is_smoother_than_provots():
     """Tarantino's correction changes velocities less abruptly, as the paper says: of the hundredth that changes its
     velocity the most from frame to frame, while the balloon is held at its limit, the change is less, by 8% on the

@@ -47,7 +47,6 @@ def test_the_script_refuses_what_makes_no_pit(
     assert [path.read_text() for path in tmp_path.iterdir()] == ["mine"]
 
 
-@pytest.mark.full
 def test_a_hundred_balloons_keep_out_of_each_other_and_of_the_box():
     """Overlap stays below a fiftieth of the radius, while the balloons fall and settle, and after the ball lands, from
     2 s on. How many it drives out of the box is chaotic: 88 and 92 stay in two schedules; all would without it."""
@@ -68,7 +67,6 @@ def test_a_hundred_balloons_keep_out_of_each_other_and_of_the_box():
     assert heights[160] > 0.2 - ROUNDING  # or on the floor, to which it sinks at about that time
 
 
-@pytest.mark.full
 def test_a_batch_counts_what_stays_in_the_box(tmp_path: Path):
     """The count differs by one between two worlds, in one of which a balloon starts a meter higher, above the box."""
     short = load_scene("balloon_pit", {"frames": 3})
@@ -79,7 +77,6 @@ def test_a_batch_counts_what_stays_in_the_box(tmp_path: Path):
     assert (counts == [[low, low - 1]] * 4).all()
 
 
-@pytest.mark.full
 def test_a_long_balloon_ties_itself_and_keeps_out_of_itself():
     """Self-penetration stays below a fiftieth of the radius, at the elbows, too, where the skin folds; a strand that
     tunneled through another would untie the knot."""
@@ -95,7 +92,6 @@ def test_a_long_balloon_ties_itself_and_keeps_out_of_itself():
     assert np.ptp(middle[:, 1]) > 4.0 * TUBE  # three strands of the knot on each other
 
 
-@pytest.mark.full
 def test_a_balloon_slips_through_the_slot():
     """The balloon is below the plate, then above it, and never in it; as narrow as the hole on the way."""
     model, frames = played("letter_slot")
@@ -128,7 +124,6 @@ def box_distances(model: Model, frame: Frame, number: int) -> np.ndarray:
     return np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0)
 
 
-@pytest.mark.full
 def test_no_balloon_goes_through_the_table():
     model, frames = played("table")
     table = model.obstacles[0]
@@ -139,7 +134,6 @@ def test_no_balloon_goes_through_the_table():
             assert distance(seen_from(frame, 0, balloon)).min() > -ROUNDING
 
 
-@pytest.mark.full
 def test_balloons_roll_off_the_table():
     """Balloons roll without slipping, within a third; and those nearer to the edge fall first."""
     model, frames = played("table")
@@ -156,7 +150,6 @@ def test_balloons_roll_off_the_table():
         assert -turn[2] * radius == pytest.approx(way, rel=1 / 3)
 
 
-@pytest.mark.full
 def test_the_press_squeezes_and_lets_go():
     """The squirrel is pressed as low as the plates let it be, and grows deeper; then it rises again."""
     model, frames = played("press")

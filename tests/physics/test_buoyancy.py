@@ -163,7 +163,6 @@ def test_a_gas_that_is_carried_up_presses_more(gamma: float, device: str):
     assert simulator.state.pressures.numpy()[0, 0] == pytest.approx(expected, abs=4.0 * quantized)
 
 
-@pytest.mark.full
 def test_drag_follows_the_density(device: str):
     """Drag on a cube in a wind of 10 m/s falls with the density from the ground to 3,000 m."""
     box = Balloon(mesh=cube(), drag_coefficient=1.0, damping=0.0, inflation=Inflation(pressure=0.0))

@@ -21,7 +21,6 @@ from balloon_warp.sweep.output import STAGE_NAME
 from balloon_warp.sweep.recorder import Recorder, columns_of
 
 
-@pytest.mark.full
 def test_the_stage_loses_the_faces_that_tear(tmp_path, device: str):
     """Torn faces collapse to one vertex: validators accept the stage, areas exclude them, volumes are of what holds
     gas, and pictures do not draw them."""
@@ -75,7 +74,6 @@ def test_what_a_tear_cut_off_is_not_framed(tmp_path):
     assert np.linalg.norm(camera.ExtractTranslation()) < 2.0
 
 
-@pytest.mark.full
 def test_the_table_of_a_batch_says_which_worlds_burst(device: str):
     scene = scene_of(quad_sphere(3, 0.1)).model_copy(update={"frames_per_second": 1000.0})
     simulator = Simulator(scene, device, 2, {"balloon.material.needle_time": [1e9, 1e-3]})
@@ -87,7 +85,6 @@ def test_the_table_of_a_batch_says_which_worlds_burst(device: str):
     assert "burst" not in columns_of(Scene(balloon=[Balloon(mesh=BALL)]))
 
 
-@pytest.mark.full
 def test_a_batch_exports_worlds_that_burst(tmp_path):
     """A needle in one of two worlds bursts it: that goes on, and is in stage and tables as a run alone is, without torn
     faces, and at last without volume. A resumed batch agrees."""
@@ -125,7 +122,6 @@ def test_a_batch_exports_worlds_that_burst(tmp_path):
     assert contents(tmp_path / "stopped") == contents(tmp_path / "whole")
 
 
-@pytest.mark.full
 def test_the_bundled_scene_pops(device: str):
     """A balloon bursts by itself at the strength, to pieces; a needle opens the other along one tear."""
     simulator = Simulator(load_scene("pop"), device)

@@ -161,7 +161,6 @@ def test_it_bursts_to_pieces_above_a_stress(device: str):
     assert pieces == [2, 3]
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("parts", [12, 24])
 def test_pieces_keep_the_skin_whatever_the_mesh(parts: int, device: str):
     """The torn area is that of a line one face wide, whatever the resolution: nine tenths of the skin are left of 864
@@ -365,7 +364,6 @@ def settled() -> Simulator:
     return simulator
 
 
-@pytest.mark.full
 def test_pieces_stay_skin_and_lie_still(settled: Simulator):
     """Pieces are as large as at rest, on the ground and not in it, no flatter than skin bends, and motionless."""
     frame = settled.read_frame()
@@ -381,7 +379,6 @@ def test_pieces_stay_skin_and_lie_still(settled: Simulator):
     assert np.linalg.norm(later.points[0] - frame.points[0], axis=1).max() < 1e-3, "within a hundredth of a second"
 
 
-@pytest.mark.full
 def test_struts_do_not_hold_the_balloon_or_its_tear():
     """Struts change neither the balloon before it is pierced nor the tear."""
     tears = []

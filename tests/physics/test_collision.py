@@ -110,7 +110,6 @@ def cloud(seed: int, **fields: float) -> list[Sphere]:
     ]
 
 
-@pytest.mark.full
 @pytest.mark.parametrize(("restitution", "friction"), [(1.0, 0.0), (0.5, 0.0), (0.0, 0.0), (1.0, 0.5)])
 def test_a_cloud_keeps_momentum_and_angular_momentum_and_gains_no_energy(
     restitution: float, friction: float, device: str
@@ -161,7 +160,6 @@ def test_one_that_is_not_there_yet_meets_none(device: str):
     assert np.abs(velocities).max() == 0.0
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("contact", ["penalty", "impulse"])
 @pytest.mark.parametrize("restitution", [0.8, 1.0])
 @pytest.mark.parametrize(("substeps", "tolerance"), [(2, 0.1), (200, 0.01)])
@@ -185,7 +183,6 @@ def test_a_sphere_bounces_by_its_restitution_and_gains_nothing(
 ANGLE = 0.5
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("contact", ["penalty", "impulse"])
 def test_it_slides_slower_until_it_rolls(contact: str, solver: str, device: str):
     """A sphere slides until it rolls. On the ground with 0.2, the root of 0.1 and 0.4, it slows down by 0.2 g, while

@@ -85,7 +85,6 @@ def test_forward_euler_keeps_momentum_and_not_angular_momentum(device):
     assert drift[1] > 1e2 * rounding[1]
 
 
-@pytest.mark.full
 def test_projective_keeps_momentum_and_loses_angular_momentum_at_first_order(device):
     """Backward Euler loses h^2 v x F of angular momentum each step, so half with half the step; its linear system,
     solved in float32, leaves less than an epsilon of the momentum every substep."""
@@ -108,7 +107,6 @@ def energies(simulator: Simulator, frames: int) -> NDArray[np.float64]:
     return np.array(found)
 
 
-@pytest.mark.full
 def test_the_energy_of_a_free_balloon_swings_within_bounds_for_10000_substeps(device):
     """Energy oscillates by about h omega / 2 of what is in the fastest springs, and does not drift.
 
@@ -213,7 +211,6 @@ def test_auto_takes_the_step_at_which_damping_makes_up_for_forward_euler():
         Simulator(Scene(balloon=[balloon.model_copy(update={"damping": 0.0})], solver="forward_euler"), "cpu")
 
 
-@pytest.mark.full
 def test_forward_euler_with_autos_substeps_loses_energy(device):
     """The automatic step of forward Euler loses energy, and with a tenth of the substeps it gains energy, though
     damped: the bound is right within its margins."""

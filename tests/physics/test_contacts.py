@@ -65,7 +65,6 @@ def test_what_lies_on_something_presses_it_by_its_weight(floor: str) -> None:
     assert contact.pressure >= contact.force[1] / contact.area * 0.99
 
 
-@pytest.mark.full
 def test_what_is_held_by_ridges_counts() -> None:
     """Contact forces include those by ridges: a ball on two rods, which bear it between its particles, too."""
     frame = at_rest(Scene(balloon=[ball(0.49, friction=0.0)], faces=True, **FLOORS["rod"]))
@@ -103,7 +102,6 @@ def pile(balls: list[Balloon], half: float, **given: Any) -> Scene:
     return Scene(balloon=balls, obstacle=walls, **{"touch": Touch(), "ground": Ground(), "contacts": True} | given)
 
 
-@pytest.mark.full
 def test_balloons_press_each_other_alike() -> None:
     """Forces between two balloons are equal and opposite: the upper lies on the lower, in a pit of four walls."""
     pair = [ball(0.5, name="lower", friction=0.0), ball(1.52, name="upper", friction=0.0)]
@@ -151,7 +149,6 @@ def test_the_force_on_a_plate_is_the_pressure_times_the_contact(gap: float, devi
     assert -upper.force[1] == pytest.approx(pressure * upper.area, rel=0.15)
 
 
-@pytest.mark.full
 def test_the_bundled_press_tells_force_as_pressure_times_area() -> None:
     """The bed bears F = dp A while the plate holds still, with dp the paper's push over the area of the skin."""
     simulator = Simulator(load_scene("press", {"contacts": True}), device="cpu")
@@ -241,13 +238,11 @@ def test_nothing_is_told_or_summed_unasked():
     assert simulator.read_frame().contacts == []
 
 
-@pytest.mark.full
 def test_a_cluster_tells_the_same(folder: Path, tmp_path: Path):
     run_batch(small_pile(), tmp_path, WORLDS, MASSES, cluster=Cluster(workers=2))
     assert (tmp_path / "worlds.csv").read_bytes() == (folder / "worlds.csv").read_bytes()
 
 
-@pytest.mark.full
 def test_a_world_that_began_again_has_what_it_pressed_then(tmp_path: Path):
     """A restarted world reports the forces of its new episode, and the others are unchanged."""
     vary = {"balloon.1.inflation.pressure": [30.0, 5e6]}

@@ -102,7 +102,6 @@ def pressed_ball(mesh: PolygonMesh, device: str) -> np.ndarray:
     return simulator.read_frame().points[0].astype(np.float64)
 
 
-@pytest.mark.full
 def test_the_numbers_of_particles_do_not_matter_and_how_the_mesh_is_turned_hardly(device):
     """Renumbered vertices change the result by rounding alone, on a ball of radius 1 m. A quarter turn corrects springs
     in another order, which changes it by less than a hundredth of the radius."""
@@ -158,7 +157,6 @@ def uneven_ball(count: int = 300, radius: float = 0.5) -> PolygonMesh:
     return mesh_of(radius * points, [triangle.tolist() for triangle in triangles])
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("limit", [0.1, 0.25])
 def test_rounding_does_not_decide_which_springs_at_the_limit_pull(limit: float):
     """Uneven springs, many at their limit, are at the same places after half a second of other sums, up to growth of

@@ -52,7 +52,6 @@ def sides_of(scene: Scene, device: str, schedule: str, frames: int) -> list[floa
     return found
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("speed", [0.5, 5.0, 100.0, 1000.0])
 @pytest.mark.parametrize("radius", [0.0001, 0.005, 0.03])
 def test_one_that_is_inside_stays_inside(radius, speed, device):
@@ -108,7 +107,6 @@ def test_both_keep_momentum_and_angular_momentum_and_gain_no_energy(speed, sched
     assert pushed > 0.02 * speed
 
 
-@pytest.mark.full
 def test_it_lies_on_a_net_that_bears_its_weight(device):
     """A net pinned at its border sags under a ball a fifth as wide as a face, to its equilibrium: the energy of net and
     weight is less than on the way, and does not come back. That takes 10 seconds of slow rolling."""
@@ -130,7 +128,6 @@ def test_it_lies_on_a_net_that_bears_its_weight(device):
     assert np.abs(simulator.state.sphere_velocities.numpy()).max() < 0.02
 
 
-@pytest.mark.full
 def test_a_world_in_a_batch_is_as_it_is_alone(device):
     """Worlds of `lanes` are bit-identical to `block` alone: one sphere hits, one flies by and one is inside."""
     if device != "cpu":
@@ -171,7 +168,6 @@ def test_touch_says_that_spheres_may_be_left_alone(device):
         Touch(balloons=False, itself=False, spheres=False)
 
 
-@pytest.mark.full
 def test_a_ball_rolls_about_in_a_balloon_on_the_ground(device):
     """A marble falls through the balloon's inside, and rests at its bottom, which lies on the ground."""
     marble = Sphere(position=(0.1, 0.0, 0.05), radius=0.015, mass=0.02)

@@ -312,7 +312,6 @@ def push(mesh: PolygonMesh, inflation: Inflation, device: str) -> float:
     return float((forces * mesh.points).sum())
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("cells", [4, 12])
 def test_k_normal_means_half_as_much_on_triangles_and_a_pressure_the_same(cells, device):
     """A particle is pushed by the area of its nearest face: there are as many quads as particles, so that together they

@@ -12,7 +12,6 @@ from balloon_warp.mesh.geometry import signed_volume
 pytestmark = pytest.mark.physics
 
 
-@pytest.mark.full
 @pytest.mark.parametrize(("mesh", "held"), [(QUADS, 0), (QUADS, 1), (QUADS, 2), (TRIANGLES, 0)])
 def test_area_vectors_are_the_gradient_of_the_volume(mesh: PolygonMesh, held: int) -> None:
     """Area vectors equal central differences of the volume, exact but for rounding: it is cubic in each place."""

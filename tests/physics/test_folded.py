@@ -61,7 +61,6 @@ def strip(mesh: PolygonMesh, touch: Touch, **fields: Any) -> Scene:
     return Scene(balloon=[limp], touch=touch, frames_per_second=480.0, **VACUUM | fields)
 
 
-@pytest.mark.full
 def test_layers_of_a_folded_strip_keep_apart(device: str):
     """Layers of a folded strip, pressed together from both sides at 0.5 m/s, do not cross."""
     mesh = zigzag(4, 0.004)
@@ -80,7 +79,6 @@ def test_layers_of_a_folded_strip_keep_apart(device: str):
     assert thinnest < 0.7 * np.ptp(heights)
 
 
-@pytest.mark.full
 def test_layers_that_fall_on_the_ground_keep_apart(device: str):
     """Layers of a folded strip that falls flat on the ground at 4 m/s do not cross, and none is pushed into the ground.
 
@@ -137,7 +135,6 @@ def folding_tube(touch: Touch | bool | None) -> tuple[Simulator, PolygonMesh]:
     return simulator, mesh
 
 
-@pytest.mark.full
 def test_a_long_tube_that_folds_fast_is_nowhere_in_itself():
     """A tube whose halves fold until their ends meet at 8 m/s does not cross itself; it would at 96 places."""
     simulator, mesh = folding_tube(Touch(itself=True))
@@ -146,7 +143,6 @@ def test_a_long_tube_that_folds_fast_is_nowhere_in_itself():
     assert np.abs(places[-1][-2:, 0]).max() < 0.1
 
 
-@pytest.mark.full
 def test_letters_of_foil_that_meet_fast_come_apart_again():
     """A V and an L of foil that meet at 2 m/s separate again, in a scene that says nothing of touching; without edges,
     or where they do not touch themselves, they are 10 cm deep in each other."""
@@ -176,7 +172,6 @@ def test_letters_of_foil_that_meet_fast_come_apart_again():
     assert gaps[-1] > gaps[-10]
 
 
-@pytest.mark.full
 def test_the_airbag_unfolds_without_a_crossing():
     """The airbag unfolds from its packet to more than 0.15 m^3, without a crossing in every eighth frame."""
     model, frames = played("airbag")

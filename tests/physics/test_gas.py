@@ -100,7 +100,6 @@ def test_the_step_is_the_springs_and_yet_the_gas_is_stable(device: str):
     assert np.std(advanced(simulator, 60).velocities[0]) < 2.0 * np.std(kick)
 
 
-@pytest.mark.full
 def test_a_balloon_of_many_particles_swells_as_the_sum_of_its_parts(device: str):
     """Sums of more than 2,048 particles agree to rounding: `gather` makes them in parts, `block` does not."""
     sealed = Balloon(mesh=quad_sphere(20, 0.5), inflation={"kind": "gas", "start_pressure": 200.0})
@@ -371,7 +370,6 @@ def test_an_undamped_balloon_breathes_on():
     np.testing.assert_allclose(last, first, rtol=0.01)
 
 
-@pytest.mark.full
 def test_a_balloon_breathes_on_in_steps_as_long_as_its_breath():
     """The swing at omega h = 8 flips from step to step and stays bounded: from rest, half a step after the velocity
     that it gets at once, it reaches root(1 + (omega h)^2 / 4) of where it began."""

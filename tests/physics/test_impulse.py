@@ -211,7 +211,6 @@ def test_a_light_sphere_rebounds_no_higher_than_it_fell_and_alike_at_any_step(de
     np.testing.assert_allclose(rebounds[0], rebounds[1], rtol=0.02)
 
 
-@pytest.mark.full
 def test_a_balloon_carries_a_sphere(device: str):
     """A balloon bears a sphere's weight to a thousandth once it has come to rest; by the paper's penalty it gives way
     to a sphere so heavy for the inflation."""
@@ -258,7 +257,6 @@ def test_a_balloon_turns_a_sphere_and_both_keep_what_physics_keeps(
     assert np.abs(sphere_momenta(simulator)[0] / mass - ball.velocity).max() > 0.1
 
 
-@pytest.mark.full
 def test_many_that_rub_at_once_give_no_energy(device: str):
     """Friction of many contacts at once adds no energy: a swarm of particles, 30 times the mass of the sphere, comes
     down on it from all around and turns about it; each by itself would turn it many times too fast."""
@@ -378,7 +376,6 @@ def test_the_smallest_sphere_of_all_worlds_counts():
     assert plan.warnings[0].startswith("sphere 0: its radius of 0.5 m fits through")
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("name", bundled_scenes())
 def test_bundled_scenes_hold_their_spheres(name):
     assert plan_model(load_scene(name)).warnings == []

@@ -49,7 +49,6 @@ def test_the_limit_points_are_those_of_the_laws():
             assert pressures.max() == pytest.approx(MOST, rel=0.01)  # quads of a ball are not flat
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("part", [1.1, 2.0])
 def test_rubber_past_its_limit_point_is_told_of_before_and_after(part: float):
     simulator = Simulator(ball(NEO_HOOKEAN, part * MOST), "cpu")

@@ -85,7 +85,6 @@ def settled(inflation: Inflation, path: str, values: Any, starts: Any, frames: i
     return [(np.array(found) / signed_volume(BALL)) ** (1.0 / 3.0), simulator.state.pressures.numpy()]
 
 
-@pytest.mark.full
 def test_a_sealed_balloon_has_the_pressure_of_the_analytic_curve(device: str):
     """A sealed balloon is on the analytic curve at twelve stretches from 1 to 6, each a world, also past the peak,
     where only a sealed gas holds it. Balloons start off it and come to rest: the volume of each gives the stretch."""
@@ -99,7 +98,6 @@ def test_a_sealed_balloon_has_the_pressure_of_the_analytic_curve(device: str):
         np.testing.assert_allclose(pressures[:, law], expected, rtol=0.01)
 
 
-@pytest.mark.full
 def test_a_given_pressure_stretches_as_the_analytic_curve_says(device: str):
     """A given pressure stretches rubber by the analytic curve."""
     branches = [np.where(RISING < 2.0, RISING, 1.1) if kind == "neo_hookean" else RISING for kind in ENERGIES]
@@ -172,7 +170,6 @@ def analytic_frequency(mesh: PolygonMesh, amount: float) -> float:
     return float(np.sqrt(stiffness / inertia) / (2.0 * np.pi))
 
 
-@pytest.mark.full
 def test_it_breathes_at_the_analytic_frequency_on_any_mesh(device: str):
     """The breathing frequency is analytic: a mesh four times as fine has the same volume and pressure."""
     amount = float(amount_at(same_volume(9), 984.375, 2.0))

@@ -290,7 +290,6 @@ def way_down(kind: str, degrees: float, device: str, balloon: Balloon, substeps:
     return float((first.points[0].mean(axis=0) - last.points[0].mean(axis=0)) @ up)
 
 
-@pytest.mark.full
 @pytest.mark.parametrize(
     ("what", "kind", "within", "stays", "slides"),
     [*(("particle", kind, 0.5, 1e-4, 0.005) for kind in SLOPES), ("block", "box", 1.0, 2e-3, 0.02)],
@@ -331,7 +330,6 @@ def test_a_particle_inside_comes_out_along_the_normal(device: str):
     np.testing.assert_allclose(last.points[0], expected, atol=2e-6)
 
 
-@pytest.mark.full
 def test_a_lift_carries_what_stands_on_it(device: str):
     """A plate that rises by a meter in a second, and then rests, carries its particles at its speed."""
     lift = Obstacle(size=(1.0, 0.2, 1.0), position=(0, -0.1, 0), motion=[(0.0, (0, 0, 0)), (1.0, (0, 1.0, 0))])
@@ -356,7 +354,6 @@ def test_a_turntable_takes_along_what_rubs_on_it(device: str):
     np.testing.assert_allclose(speeds, 0.5 * np.pi / 2, rtol=5e-3)
 
 
-@pytest.mark.full
 def test_a_box_is_as_its_mesh_is(device: str):
     """A box agrees with its mesh: the closest point on triangles is that on the box's faces, edges and corners."""
     ball = Balloon(mesh=quad_sphere(4, 0.5), position=(0.1, 1.2, 0.1), inflation={"pressure": 2.0})
@@ -383,7 +380,6 @@ def test_contact_gives_no_energy(device: str):
         assert energies[-1] < 0.95 * energies[0]
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("friction", [0.0, 0.5])
 def test_a_ball_goes_over_an_edge_without_a_kick(friction: float, device: str):
     """A ball rolls off a tilted table: no particle moves faster, relative to the ball, than the ball fell."""

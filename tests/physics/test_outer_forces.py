@@ -93,7 +93,6 @@ def test_a_group_shares_a_force_by_mass_but_for_what_is_fixed() -> None:
     np.testing.assert_array_equal(simulator.step().points[0][4], before)
 
 
-@pytest.mark.full
 def test_what_is_driven_too_hard_says_so() -> None:
     simulator = Simulator(SCENE, "cpu")
     simulator.controls[NOSE] = [[1e9, 0.0, 0.0]]
@@ -135,7 +134,6 @@ def test_gradients_by_a_force_are_refused() -> None:
         bw.gradient(scene, of=["force.0.newtons.1"], loss=bw.losses.height(1.0), device="cpu")
 
 
-@pytest.mark.full
 def test_a_slack_string_does_nothing_and_a_taut_one_holds(device: str) -> None:
     """Helium lift F on a string of stiffness k ends at length L + F / k, as damping leaves no motion."""
     lift = 0.2 * (20.0 - 9.81)

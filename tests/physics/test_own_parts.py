@@ -43,7 +43,6 @@ def test_the_length_of_a_tube_over_its_diameter_is_its_slenderness():
         assert (touch.itself if touch else False) == itself
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("schedule", ["octets", "block"])
 def test_a_straight_tube_moves_as_without_contact(schedule: str, device: str):
     """A straight tube that flies, turns and swells has free frames alone: in as many substeps, it gets to the same
@@ -61,7 +60,6 @@ def test_a_straight_tube_moves_as_without_contact(schedule: str, device: str):
     np.testing.assert_array_equal(ends[0], ends[1])
 
 
-@pytest.mark.full
 def test_a_tube_that_folds_is_nowhere_in_itself_by_default():
     """A tube of 206 vertices, whose halves fold until they meet at 8 m/s, does not cross itself to the end of the
     story; without contact it does at more than 100 places."""
@@ -159,7 +157,6 @@ def test_parts_have_all_triangles():
         np.testing.assert_array_equal(np.unique(np.concatenate(parts.particles)), np.arange(mesh.vertex_count))
 
 
-@pytest.mark.full
 def test_a_ball_on_a_thin_rod_does_not_cross_itself_where_it_touches_itself_softly():
     """A ball of 1,538 vertices that falls on a rod of 2 cm folds around it, and crosses itself unless that is said."""
     most = dict[bool | str, int]()

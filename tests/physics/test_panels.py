@@ -211,7 +211,6 @@ def test_panels_that_cannot_be_are_refused(tmp_path):
         flattened(panels, panels.mesh.points)
 
 
-@pytest.mark.full
 @pytest.mark.parametrize(("mesh", "said", "most"), [(BALL, 24, 0.05), (lids(), "groups", 0.15)], ids=["gores", "lids"])
 def test_stiff_film_comes_to_rest_at_the_step_of_auto(mesh: PolygonMesh, said: int | str, most: float, tmp_path):
     """Film comes to rest at the automatic step, though it hardly stretches, so that its triangles keep changing between

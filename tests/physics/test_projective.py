@@ -62,7 +62,6 @@ def test_springs_far_too_stiff_for_the_explicit_steps_stay_stable(device):
     np.testing.assert_allclose(lengths / simulator.model.spring_rest_length.numpy(), 1.0, atol=0.05)
 
 
-@pytest.mark.full
 def test_small_steps_approach_scatters_trajectory_at_first_order(device):
     """The difference to a refined explicit run halves with the step, with contacts, strings, inflation, damping and
     fixed particles; on average, as a particle between two faces may take the area of either."""
@@ -83,7 +82,6 @@ def test_springs_that_change_change_the_matrix_too(device):
     np.testing.assert_array_equal(found, expected)
 
 
-@pytest.mark.full
 def test_the_solver_may_change(device):
     """The solver may change during a run, from explicit to implicit and back."""
     change = [Change(time=0.05, set={"solver": "projective"}), Change(time=0.1, set={"solver": "symplectic_euler"})]
@@ -103,7 +101,6 @@ def test_auto_takes_few_substeps_and_names_the_solver():
     assert Simulator(kicked_balloon(), "cpu").schedule.name == "projective"
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("vary", [{}, {"balloon.0.mass": np.linspace(0.1, 0.3, 3)}])
 def test_the_inverse_and_the_factor_give_the_same_trajectory(vary, device):
     """The dense inverse and the sparse factor, which is for the CPU, agree to float32's rounding."""

@@ -53,7 +53,6 @@ def ball(cells: int, speed: float = 3.0, height: float = 0.52, **given: Any) -> 
     )  # fmt: skip
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("cells", [5, 9], ids=["coarse", "fine"])
 @pytest.mark.parametrize("thing", THINGS)
 def test_nothing_comes_in_between_particles(thing: str, cells: int, tmp_path: Path) -> None:
@@ -64,7 +63,6 @@ def test_nothing_comes_in_between_particles(thing: str, cells: int, tmp_path: Pa
     assert report.passed, "\n".join(str(crossing) for crossing in report.crossings[:5])
 
 
-@pytest.mark.full
 def test_a_blade_cuts_a_ball_whose_faces_do_not_meet_it(tmp_path: Path) -> None:
     """A blade cuts a ball without contact of faces, as the other tests require."""
     scene = Scene(balloon=[ball(5)], frames=24, faces=False, **THINGS["blade"])
@@ -85,7 +83,6 @@ def test_a_symmetric_drop_stays_symmetric(thing: str) -> None:
     np.testing.assert_allclose(speed[[0, 2]], 0.0, atol=0.05)
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("friction", [0.0, 0.6])
 @pytest.mark.parametrize("thing", ["blade", "net", "corner"])
 def test_energy_never_grows(thing: str, friction: float) -> None:
@@ -126,7 +123,6 @@ def carpet(degrees: float) -> Balloon:
     )  # fmt: skip
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("degrees", [0.0, 5.0, -8.0])
 def test_nothing_catches_at_a_seam(degrees: float, device: str) -> None:
     """Cloth slides over a floor of boxes as over one without faces: bit-identical, and without losing speed."""
@@ -201,7 +197,6 @@ def thrown(radius: float = 2.0 * EDGE, friction: float = 0.0, pressure: float = 
     )
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("faces", [True, False])
 @pytest.mark.parametrize("start", [0.0, 0.2])
 def test_flat_faces_do_not_dip_into_a_sphere(faces: bool, start: float, tmp_path: Path) -> None:
@@ -214,7 +209,6 @@ def test_flat_faces_do_not_dip_into_a_sphere(faces: bool, start: float, tmp_path
     assert faces or max(crossing.depth for crossing in crossings) > 0.08 * EDGE
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("friction", [0.0, 0.6])
 def test_a_ball_and_a_sphere_keep_momentum_and_angular_momentum_and_gain_no_energy(friction: float) -> None:
     """Places are rounded, 2,400 times by 6e-8 m; a step of symplectic Euler is off by a thousandth of the energy."""

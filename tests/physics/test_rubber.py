@@ -191,7 +191,6 @@ def test_a_fold_that_is_pushed_through_itself_comes_back_the_short_way(device):
         assert forces[2, 2] > 0.0 > forces[3, 2]
 
 
-@pytest.mark.full
 def test_torsion_springs_hardly_change_a_balloon(device):
     """Torsion springs change the volume of the squirrel by about a hundredth where they are stiff enough to shorten the
     time step, as the paper finds."""

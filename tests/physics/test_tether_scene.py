@@ -48,7 +48,6 @@ PAPERS_TETHER = (
 """the paper's inflation, and the string at the very end of the tail"""
 
 
-@pytest.mark.full
 def test_squirrel_tether_turns_from_upright_to_upside_down():
     """The squirrel turns over in the frames of figures 19 to 21."""
     model, frames = played("squirrel_tether", PAPERS_TETHER)

@@ -74,7 +74,6 @@ def test_worlds_in_contact_are_as_each_alone(name: str, device: str):
         assert not found.size or (found[1] != found[0]).any()
 
 
-@pytest.mark.full
 def test_many_contacts_on_a_particle_give_no_energy(device: str):
     """Energy does not grow as a ball bounces from eight sheets in one place, each as stiff as the step allows for one,
     but for the swing of explicit steps."""
@@ -91,7 +90,6 @@ def test_many_contacts_on_a_particle_give_no_energy(device: str):
     assert motion(simulator)[0][:386, 2].mean() > 0.4  # it has left them, to where it came from
 
 
-@pytest.mark.full
 @pytest.mark.parametrize(
     ("count", "fineness", "softness", "frames"),
     [(1, 12, 0.1, 80), (2, 8, 1.0, 120), (6, 4, 0.1, 110)],
@@ -119,7 +117,6 @@ def test_what_crumples_is_no_faster_than_it_falls(count: int, fineness: int, sof
     assert np.max(energies - np.minimum.accumulate(energies)) < 0.0005 * energies[0]
 
 
-@pytest.mark.full
 def test_what_lies_on_another_is_hardly_in_it(device: str):
     """Penetration is below 2 % of the radius while a ball bounces and when it lies, with default thickness and
     stiffness; and no gap is visible."""
@@ -136,7 +133,6 @@ def test_what_lies_on_another_is_hardly_in_it(device: str):
     assert gaps < 0.1 * RADIUS
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("touches", [True, False])
 def test_fast_balloons_do_not_come_through_each_other(touches: bool, device: str):
     simulator = Simulator(fast() if touches else fast().model_copy(update={"touch": False}), device)
@@ -164,7 +160,6 @@ def test_what_overlaps_at_the_start_comes_apart_gently(apart: tuple[float, float
     assert inflation is not SLACK or fastest < 20.0 * deep
 
 
-@pytest.mark.full
 def test_what_is_pressed_in_deep_comes_out_where_it_came_in(device: str):
     """Two balls with a soft skin sink deeper than the search for neighbors reaches, and bounce back."""
     filled = Inflation(kind="pressure", pressure=20.0)
@@ -234,7 +229,6 @@ def test_an_open_surface_stops_what_comes_from_either_side(side: float, device: 
     assert side * centers(simulator)[1, 2] > 0.6
 
 
-@pytest.mark.full
 def test_a_chain_lies_on_a_ball(device: str):
     """A chain lies on a ball: its particles touch, and nothing touches its edges, which have no surface."""
     chain = mesh_of([(x, 0.0, 0.0) for x in np.linspace(-0.2, 0.2, 9)], [[n, n + 1] for n in range(8)])
@@ -251,7 +245,6 @@ def needles() -> PolygonMesh:
     return mesh_of(points, [[0, 1, 2], [0, 2, 3], [0, 4, 1], [0, 5, 1], [0, 5, 6]])
 
 
-@pytest.mark.full
 @pytest.mark.parametrize(
     "mesh", [moebius(12), prism(7), torus(12, 6), needles()], ids=["moebius", "prism", "torus", "needles"]
 )
@@ -294,7 +287,6 @@ def test_a_coarse_and_a_fine_ball_touch(fine_above: bool, device: str):
     assert deep < 0.02 * RADIUS + height
 
 
-@pytest.mark.full
 def test_a_stack_of_five_stands_still(device: str):
     """Boxes of soft rubber, dropped on each other a little askew, stand two seconds later; none has slipped off, and
     the highest moves by an invisible thousandth of its size a second."""
@@ -420,7 +412,6 @@ def test_stiff_contacts_ask_for_shorter_steps():
     assert substeps(stiffness=1e5) > 20 * without
 
 
-@pytest.mark.full
 def test_a_blow_up_names_what_touched(device: str):
     """The report names a touching particle, any of two plates so thin that all of theirs lie on the other."""
     box = cube()
@@ -434,7 +425,6 @@ def test_a_blow_up_names_what_touched(device: str):
         simulator.step()
 
 
-@pytest.mark.full
 def test_a_world_that_blows_up_leaves_the_others_alone(device: str):
     """A world that blows up leaves the others unchanged: no triangle is near points that are not numbers, where a
     regression read one before the first."""

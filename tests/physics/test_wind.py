@@ -182,7 +182,6 @@ def test_drag_on_a_sphere_is_the_textbooks(size: int, device: str):
     np.testing.assert_array_equal(simulator.read_frame().net_forces[0], 0.0)
 
 
-@pytest.mark.full
 def test_drag_is_part_of_the_stable_step(device):
     """The stable step includes drag: a storm carries a light cube away as fast as with steps an eighth as long."""
     light = Balloon(mesh=cube(), mass=0.05, drag_coefficient=1.0, inflation=Inflation(k_normal=0.0))
