@@ -43,7 +43,7 @@ Property = Callable[[Case], Measure | None]
 
 
 def is_alike_in_schedules(case: Case) -> Measure | None:
-    """Every schedule gives the same trajectory, within rounding times what the scene amplifies."""
+    """Schedules agree, within rounding times the amplification of the scene."""
     worst = None
     for schedule in SCHEDULES:
         if schedule != "gather" and case.run.model.bursts:
@@ -203,7 +203,7 @@ def compared(case: Case, other: Run, places: Array, name: str = "twin") -> Measu
 
 
 def _worst(case: Case, found: Array, spread: Array, allowed: Array, name: str) -> Measure | None:
-    """Measure the frame that is farthest beyond what is allowed, of those in which the scene is not chaotic."""
+    """Measure the worst frame over its bound, among those in which the scene is not chaotic."""
     frames = min(len(found), len(allowed))
     ratio = np.where(spread[:frames] < CHAOTIC * case.size, found[:frames] / allowed[:frames], -1.0)
     worst = int(np.argmax(ratio))
@@ -245,6 +245,6 @@ def stiffness_of(scene: Scene) -> tuple[str, float]:
 
 
 def worse(first: Measure | None, second: Measure | None) -> Measure | None:
-    """Return the one of two that is farther beyond what is allowed."""
+    """Return the measure that is larger over its bound."""
     measures = [each for each in (first, second) if each]
     return max(measures, key=lambda each: each.found / max(each.allowed, 1e-300), default=None)

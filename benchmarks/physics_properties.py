@@ -90,7 +90,7 @@ def gains_no_energy(case: Case) -> Measure | None:
 
 
 def keeps_momentum(case: Case) -> Measure | None:
-    """Momentum is M g t and what it was: P(t) - P(0) = M g t.
+    """Momentum balance: P(t) - P(0) = M g t.
 
     Each substep rounds each velocity by half an epsilon of itself, to either side; after n substeps that is sqrt(n) of
     it, times a few as of any sum of random signs.
@@ -117,7 +117,7 @@ def keeps_angular_momentum(case: Case) -> Measure | None:
 
 
 def keeps_gas(case: Case) -> Measure | None:
-    """Gas is neither made nor lost without pump, leak or tear: n(t) = n(0), which nothing writes."""
+    """Gas is neither made nor lost without pump, leak, tube or tear: n(t) = n(0)."""
     scene = case.scene
     gas = [number for number, balloon in enumerate(scene.balloon) if balloon.inflation.kind == "gas"]
     if not gas or scene.tube or case.run.model.bursts or any(scene.balloon[number].inflation.pump for number in gas):

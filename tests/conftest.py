@@ -64,7 +64,7 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out what is marked full, unless all is asked for, and begin with what waits for other processes.
+    """Deselect tests marked full without `--full`, and begin with those that wait for other processes.
 
     Physics runs in the device's own schedule alone, if there it can: test_reference.py holds all others to the same.
     """

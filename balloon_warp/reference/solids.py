@@ -48,7 +48,7 @@ def surface(solid, x, radius):
 
 
 def way_through(solid, start, end, radius):
-    """Return the ends of ways past a convex solid, the normals where it holds them or 0, what is left, and distances.
+    """Narrow phase of ways past a convex solid: ends, contact normals or 0, remaining displacements, distances.
 
     Along a line the distance is convex: Newton's method comes to where a way enters, and never past it.
     """

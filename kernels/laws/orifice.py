@@ -77,7 +77,7 @@ def neck_opening(neck_diameter: float, neck_discharge: float, neck_opens: float,
 
 @wp.func
 def thrust(opening: float, pressure: float):
-    """Return 2 C_d A p [N]; none of what is drawn in."""
+    """Return the thrust 2 C_d A p [N], 0 while air is drawn in."""
     return 2.0 * opening * wp.max(pressure, 0.0)
 
 

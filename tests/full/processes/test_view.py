@@ -331,7 +331,7 @@ def test_contact_forces_are_arrows_where_a_scene_tells_them(fresh, served):
 
 
 def test_water_is_seen_where_its_level_is(fresh, served):
-    """Water tints what is below its level blue, red included. With the level below the ground only a line at the
+    """Water tints all colors below its level blue, red included. With the level below the ground only a line at the
     horizon is left, where the ground fades."""
     served.session.load("pool", lambda: tethered().model_copy(update={"water": Water(level=0.1, density=1.0)}))
     served.session.run(False)
