@@ -6,17 +6,18 @@ thread begins with that while meshes are read, and others join it only where man
 
 import os
 from collections.abc import Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, wait
 from threading import Lock
 from typing import Any
 
 import warp as wp
 
-from balloon_warp.warp_lock import running_tiles
+from balloon_warp.forks import Threads, hold_in_forks
+from balloon_warp.warp_lock import PROCESS_LOCK, running_tiles
 
 MOST_THREADS = 4
-_FIRST = ThreadPoolExecutor(1, thread_name_prefix="compiler")
-_OTHERS = ThreadPoolExecutor(max(1, min(os.cpu_count() or 1, MOST_THREADS) - 1), thread_name_prefix="compiler beside")
+_FIRST = Threads(1, "compiler")
+_OTHERS = Threads(max(1, min(os.cpu_count() or 1, MOST_THREADS) - 1), "compiler beside")
 _begun: dict[Any, Future[Any]] = {}
 """Compilations in progress, by module"""
 _of_first: list[Future[Any]] = []
@@ -76,3 +77,18 @@ def _load(kernel: Any, device: wp.Device) -> None:
     begun = _begun.get(kernel.module)
     if begun:
         begun.result()
+
+
+def _finish_loading() -> None:
+    """Wait until no kernel is being compiled, and let no other thread begin: a forked child could not end it."""
+    PROCESS_LOCK.acquire()  # first, as whoever makes a simulator does
+    _beginning.acquire()
+    wait(_begun.values())
+
+
+def _go_on() -> None:
+    _beginning.release()
+    PROCESS_LOCK.release()
+
+
+hold_in_forks(_finish_loading, _go_on)

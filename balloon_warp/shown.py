@@ -12,8 +12,11 @@ from functools import cache
 from threading import Lock
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
+from balloon_warp.forks import hold_in_forks
+
 PARSING = Lock()
 """Python 3.11 fails where two threads parse at once, as when two recordings are written"""
+hold_in_forks(PARSING.acquire, PARSING.release)
 WIDTH = 100
 """Width of help [characters]"""
 Class = TypeVar("Class", bound=type)

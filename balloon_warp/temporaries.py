@@ -67,6 +67,8 @@ def folder_of_process() -> Path:
     files, process = ExitStack(), os.getpid()
     folder = files.enter_context(scratch_folder())
     atexit.register(lambda: files.close() if os.getpid() == process else None)  # a fork's end is not this one's
+    if hasattr(os, "register_at_fork"):
+        os.register_at_fork(after_in_child=folder_of_process.cache_clear)
     return folder
 
 

@@ -20,11 +20,15 @@ from weakref import WeakSet
 
 import warp as wp
 
+from balloon_warp.forks import hold_in_forks
+
 P = ParamSpec("P")
 T = TypeVar("T")
 PROCESS_LOCK = RLock()
 """Lock held by the thread that makes a simulator or records a graph"""
 _TILES = RLock()
+for _lock in (_TILES, PROCESS_LOCK):  # who records takes the one of tiles second
+    hold_in_forks(_lock.acquire, _lock.release)
 _tiles_of_thread = local()
 _with_tiles: WeakSet[Any] = WeakSet()
 """Graphs of a CPU that launch kernels with tiles"""

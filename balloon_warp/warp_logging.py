@@ -12,8 +12,10 @@ from balloon_warp.warp_headers import share_headers
 
 @cache
 @without_collecting()
-def quiet_warp() -> None:
+def quiet_warp() -> int:
     """Start Warp with only its errors shown: no banner, no word of each kernel compiled, none about a missing GPU.
+
+    Return the process that started it: this one, or one that it was forked from.
 
     Whoever wants to hear more is heard: this happens once, so that a `warp.config.log_level` that is set afterwards
     stays, and one that asks for more than Warp says by itself (`warp.LOG_DEBUG`) stays anyway.
@@ -38,3 +40,4 @@ def quiet_warp() -> None:
     from warp._src.context import runtime  # once it is there
 
     share_headers(runtime, Path(str(wp.config.kernel_cache_dir)), Path(wp.__file__).parent / "native")
+    return os.getpid()

@@ -1,10 +1,12 @@
 """Simulators in threads of their own, side by side: the bytes are those of one after the other."""
 
 import gc
+import os
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,6 +15,9 @@ import warp as wp
 from meshes import quad_sphere
 
 from balloon_warp import Scene, Simulator, animate, run_batch, warp_lock
+from balloon_warp import device as devices
+from balloon_warp.device import pick_device
+from balloon_warp.errors import InputError
 from balloon_warp.outputs.render import render_stage
 from balloon_warp.scene import Balloon, Ground, Inflation, Sphere
 from balloon_warp.trajectories import simulate
@@ -193,3 +198,12 @@ def test_what_somebody_else_records_is_left_alone(device: str):
     own.zero_()
     wp.capture_launch(capture.graph)
     assert own.numpy().tolist() == [2.0] * 8
+
+
+def test_a_gpu_in_a_fork_is_refused(monkeypatch: pytest.MonkeyPatch):
+    """CUDA does not work in a fork of a process that has started it: a sentence says so before CUDA's error does."""
+    monkeypatch.setattr(devices, "quiet_warp", lambda: os.getpid() + 1)
+    monkeypatch.setattr(wp, "get_device", lambda name: SimpleNamespace(is_cuda=name != "cpu"))
+    assert not pick_device("cpu").is_cuda
+    with pytest.raises(InputError, match=r'forked .* multiprocessing.get_context\("spawn"\), or choose device="cpu"'):
+        pick_device("cuda:0")

@@ -1,9 +1,9 @@
 """Frames backwards on a CPU with eight worlds, or eight particles of a world, side by side in vector registers."""
 
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+from balloon_warp.forks import Threads
 from balloon_warp.kernels.adjoint import NoAdjointError
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.lanes import LANE_COUNT, Lanes, Lanes3
@@ -88,7 +88,7 @@ class LanesBackward(BackwardFrames):
         self._framing = Framing(model, features, tables)
         self._shares = shares_of(model, self._layout)
         threads = len(self._shares)
-        self._threads = ThreadPoolExecutor(threads) if threads > 1 else None
+        self._threads = Threads(threads) if threads > 1 else None
         self.recorded = threads == 1
         self._given = {**self._tables(room, threads), **self.arrays}
         self._kernel = kernel_backwards(step, self._layout, self.columns)

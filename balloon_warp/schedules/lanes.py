@@ -4,12 +4,12 @@ Worlds are divided among threads of a CPU. Bit-reproducible, whatever the number
 """
 
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any, ClassVar
 
 import numpy as np
 
 from balloon_warp.errors import InputError
+from balloon_warp.forks import Threads
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.near_solids import Solids
 from balloon_warp.kernels.schedules.lanes.layouts import OCTETS, WORLDS, WORLDS_AS_OCTETS, Layout
@@ -88,7 +88,7 @@ class LanesSchedule(FreeFramesSchedule):
         self._shares = shares_of(self.model, self.layout, thread_count)
         self.capturable = len(self._shares) == 1
         if not self.capturable:
-            self._threads = ThreadPoolExecutor(len(self._shares))
+            self._threads = Threads(len(self._shares))
 
     @classmethod
     def allot(cls, model: Model, features: Features, room: Room, shares_working: bool) -> None:

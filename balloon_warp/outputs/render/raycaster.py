@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -10,6 +9,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.device import pick_device
+from balloon_warp.forks import Threads
 from balloon_warp.kernels.pictures import raycast
 from balloon_warp.kernels.pictures.printed import Prints
 from balloon_warp.kernels.pictures.shapes import Shapes
@@ -189,7 +189,7 @@ class RayCaster:
             self._lens_samples = wp.array(disc_points(self._samples), dtype=wp.vec2)
             self._disc_samples = wp.array(disc_points((self._samples + 1) // 2), dtype=wp.vec2)
             wp.load_module(raycast, device=self.device)
-        self._pool = ThreadPoolExecutor(self._bands)
+        self._pool = Threads(self._bands)
 
     def _place_meshes(self, points: list[NDArray[np.float64]], gone: NDArray[np.bool_] | None) -> float:
         """Place the meshes, and return their largest distance from the origin."""
