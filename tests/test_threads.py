@@ -202,6 +202,7 @@ def test_what_somebody_else_records_is_left_alone(device: str):
 
 def test_a_gpu_in_a_fork_is_refused(monkeypatch: pytest.MonkeyPatch):
     """CUDA does not work in a fork of a process that has started it: a sentence says so before CUDA's error does."""
+    assert pick_device("cpu").is_cpu
     monkeypatch.setattr(devices, "quiet_warp", lambda: os.getpid() + 1)
     monkeypatch.setattr(wp, "get_device", lambda name: SimpleNamespace(is_cuda=name != "cpu"))
     assert not pick_device("cpu").is_cuda
