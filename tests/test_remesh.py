@@ -180,6 +180,17 @@ def test_crumbs_are_left_out_and_parts_are_kept() -> None:
     assert "1 crumb " in mesh.warnings[1]
 
 
+def test_parts_that_are_fused_or_lost_are_named():
+    """A part is told by its group, or by its size and middle; the box's quads are of 0.1."""
+    head, nose, brain, moon = ball(), ball(0.4, (0.0, 0.0, 1.1)), ball(0.3), ball(0.3, (0.0, 3.0, 0.0))
+    face = joined(head, nose, brain, moon)
+    named = replace(face, groups={"Head": np.arange(head.vertex_count, dtype=np.int32)})
+    *_, fused, inside = remesh(named, 30).warnings
+    assert fused.startswith("Head and a part of 0.8 at (0, 0, 1.1) became one part")
+    assert inside == "A part of 0.6 at (0, 0, 0) lies inside of others and left no quads."
+    assert len(remesh(joined(head, moon), 30).warnings) == 1  # that there are two
+
+
 @pytest.mark.parametrize("cells", [3, -1, 257, 100_000])
 def test_bad_cells(cells: int) -> None:
     with pytest.raises(InputError, match=rf"^cells must be from 4 to 256 \(got {cells}\)$"):

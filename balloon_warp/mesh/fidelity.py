@@ -29,7 +29,7 @@ def infidelity(surface: PolygonMesh, result: PolygonMesh, cell: float) -> str | 
     flaws = len(border_edges(edges)) + len(inconsistent_edges(edges))
     if flaws:
         return f"{flaws:,} of its edges {'is' if flaws == 1 else 'are'} open or crossed"
-    points, parts = _samples(surface)
+    points, parts = samples_of_parts(surface)
     labels = vertex_components(result, edges)
     made = len(np.unique(labels))
     lowest = np.full((int(parts.max()) + 1, 3), np.inf)
@@ -48,7 +48,7 @@ def infidelity(surface: PolygonMesh, result: PolygonMesh, cell: float) -> str | 
     return f"it has {made:,} parts instead of {len(sizes):,}" if made > len(sizes) else None
 
 
-def _samples(surface: PolygonMesh) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def samples_of_parts(surface: PolygonMesh) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the vertices of faces and the faces' centers, shape (n, 3), with the part of each, shape (n,).
 
     Vertices at one place are one.
@@ -69,7 +69,7 @@ def _lost(points: NDArray[np.float64], result: PolygonMesh, cell: float) -> str 
     middle = result.points.mean(axis=0)
     distance = MeshDistance((result.points - middle) / cell, triangulate(result)[0], thickness=0.0)
     out = points[distance((points - middle) / cell) > 0.0]
-    return _place(out[0]) if len(out) else None
+    return place_said(out[0]) if len(out) else None
 
 
 def _piece(
@@ -95,9 +95,10 @@ def _piece(
         own, components = points[part], np.unique(nearest[part])
         missed = [own[np.asarray(trees[component].query(own)[0]) > near] for component in components]
         if missed and all(map(len, missed)):
-            return _place(min(missed, key=len)[0])
+            return place_said(min(missed, key=len)[0])
     return None
 
 
-def _place(point: NDArray[np.float64]) -> str:
+def place_said(point: NDArray[np.float64]) -> str:
+    """Return a place as text."""
     return f"({', '.join(f'{coordinate:.3g}' for coordinate in point)})"

@@ -18,6 +18,7 @@ from balloon_warp.mesh.feasible import (
 )
 from balloon_warp.mesh.fidelity import infidelity
 from balloon_warp.mesh.fit import fitted, slabs_left
+from balloon_warp.mesh.fusion import fusions_said
 from balloon_warp.mesh.handles import handle_count, handles_lost, handles_of_level, handles_said
 from balloon_warp.mesh.level import Level
 from balloon_warp.mesh.look_transfer import dressed
@@ -61,8 +62,9 @@ def remesh(mesh: PolygonMesh, cells: int, on_stage: Callable[[str], None] = lamb
     require_no_ribbons(mesh)
     made = _keeping_handles(mesh, _faithful(mesh, cells, on_stage), on_stage)
     more = [f"With {cells} cells {made.wrong}: {made.cells} were used."] if made.cells > cells else []
+    fused = fusions_said(mesh, made.quads, Level.width(mesh, made.cells))
     on_stage("transferring colors and textures")
-    return dressed(replace(made.quads, warnings=(*mesh.warnings, *more, *made.warnings)), mesh)
+    return dressed(replace(made.quads, warnings=(*mesh.warnings, *more, *made.warnings, *fused)), mesh)
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """Layers of the page: one for each kind of thing, which can be shown and hidden."""
 
 from collections.abc import Callable
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -61,6 +62,8 @@ class Layers:
         self._load, self._count = 0, 0
         self._coming: tuple[viser.IcosphereHandle, int] | None = None
         """Sphere that was asked for, and the number of its wish"""
+        self._foreseeing = Lock()
+        """Lock of that sphere: each click has a thread of its own"""
         server.scene.configure_default_lights(enabled=False)
         self._key_light = server.scene.add_light_directional("/light", intensity=LIGHT, cast_shadow=True)
 
@@ -91,10 +94,11 @@ class Layers:
         Args:
             asked: how many wishes there were until then.
         """
-        coming = self.server.scene.add_icosphere(
-            "/spheres/coming", radius=radius, color=color, subdivisions=4, position=tuple(position.tolist())
-        )
-        self._coming = coming, asked
+        with self._foreseeing:
+            coming = self.server.scene.add_icosphere(
+                "/spheres/coming", radius=radius, color=color, subdivisions=4, position=tuple(position.tolist())
+            )
+            self._coming = coming, asked
         self.server.flush()
 
     @property
@@ -104,9 +108,11 @@ class Layers:
 
     def _build(self, picture: Picture) -> None:
         """Rebuild everything for another model."""
-        scene, self._load, self._coming = self.server.scene, picture.load, None
-        for name in ("/balloons", "/strain", "/lines", "/spheres", "/strings", LEVELS, KNOTS, OBSTACLES):
-            scene.remove_by_name(name)
+        scene, self._load = self.server.scene, picture.load
+        with self._foreseeing:
+            self._coming = None
+            for name in ("/balloons", "/strain", "/lines", "/spheres", "/strings", LEVELS, KNOTS, OBSTACLES):
+                scene.remove_by_name(name)
         self._drawing = Drawing(picture.model)
         start = np.concatenate([shape.mesh.points for shape in picture.model.shapes])
         low, high = start.min(axis=0), start.max(axis=0)
@@ -229,9 +235,10 @@ class Layers:
         there = {
             number: place for place, number in enumerate(picture.sphere_numbers) if place < len(radii) and radii[place]
         }
-        if self._coming and picture.granted >= self._coming[1]:
-            self._coming[0].remove()
-            self._coming = None
+        with self._foreseeing:
+            if self._coming and picture.granted >= self._coming[1]:
+                self._coming[0].remove()
+                self._coming = None
         for number in self._spheres.keys() - there.keys():
             self._spheres.pop(number).remove()
         for number, place in there.items():
