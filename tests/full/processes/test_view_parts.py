@@ -5,6 +5,7 @@ import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
@@ -401,3 +402,31 @@ def test_the_process_ends_with_the_page(killed: bool, tmp_path):
         assert time.monotonic() < until, "it lives on"
         time.sleep(0.05)
     assert list(tmp_path.rglob(f"*_p{ahead}_*")) == []
+
+
+def test_clicks_at_once_leave_one_sphere_that_is_coming():
+    """Each click has a thread, and all foresee a sphere of one name while pictures are drawn: none fails."""
+    viser = pytest.importorskip("viser")
+    from balloon_warp.viewer.layers import Layers
+    from balloon_warp.viewer.server import free_port
+
+    server = viser.ViserServer(port=free_port("127.0.0.1", 0), verbose=False)
+    session = Session("ball", ball(), "cpu", Path())
+    layers, interval = Layers(server, lambda event: None), sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)  # so that threads take turns in the middle of it
+    try:
+        picture = session.picture
+        layers.draw(picture)
+        clicks = 40
+
+        def click(number: int) -> None:
+            layers.foresee(np.array([0.0, float(number), 0.0]), 0.1, (10, 20, 30), number % 2 * (picture.granted + 1))
+
+        with ThreadPoolExecutor(8) as threads:
+            begun = [threads.submit(click, number) for number in range(clicks)]
+            begun += [threads.submit(layers.draw, picture)]
+            for each in begun:
+                each.result()
+    finally:
+        sys.setswitchinterval(interval)
+        server.stop()
