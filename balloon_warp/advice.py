@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil
 
+from balloon_warp.arguments import checked
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model.plan import plan_model
 from balloon_warp.model.stability import Network
@@ -36,6 +37,7 @@ class StepAdvice:
     """Warnings of values that may be in another unit than intended, and of axes, as sentences"""
 
 
+@checked
 def advise_step(scene: SceneLike, laws: Sequence[Law] = ()) -> StepAdvice:
     """Find the stable step of a scene, even if the scene itself asks for too few substeps.
 

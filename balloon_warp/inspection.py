@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from balloon_warp.arguments import checked
 from balloon_warp.mesh.geometry import signed_volume, total_area
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.prepare import Treatment, prepared
@@ -72,6 +73,7 @@ class MeshReport(Figures):
     """Warnings: one for each kind of defect, with its treatment, and those of the reader"""
 
 
+@checked
 def inspect_mesh(mesh: PolygonMesh, source: object = None, treatment: Treatment | None = None) -> MeshReport:
     """Count, measure and check a mesh, as it is and as it is simulated.
 
@@ -83,7 +85,7 @@ def inspect_mesh(mesh: PolygonMesh, source: object = None, treatment: Treatment 
         InputError: no balloon can be made of its faces, see `prepared` and `build_springs`.
     """
     treatment = treatment or Treatment()
-    whole = prepared(mesh, source or mesh.name, treatment)
+    whole = prepared(mesh, mesh.name if source is None else source, treatment)
     springs = balloon_springs(whole, treatment.parts)
     component = vertex_components(whole, mesh_edges(whole))
     simulated, in_file = _figures(whole), asdict(_figures(mesh))

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from balloon_warp.arguments import checked
 from balloon_warp.beginning import Beginning
 from balloon_warp.blow_ups import MOST_HALVINGS, check_policy, with_half_the_step
 from balloon_warp.errors import BlowUpError
@@ -72,6 +73,7 @@ class Summary:
         return asdict(self)
 
 
+@checked
 def animate(
     scene: SceneLike,
     output: str | Path,

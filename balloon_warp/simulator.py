@@ -7,6 +7,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from balloon_warp.arguments import checked
 from balloon_warp.blow_ups import BlowUp, Origin, Origins, diagnose
 from balloon_warp.device import pick_device
 from balloon_warp.errors import BlowUpError
@@ -60,6 +61,7 @@ class Simulator(Shown):
         *("make_due_changes", "of_model", "record_again", "schedule", "set_parameters", "step_unread"),
     )
 
+    @checked
     def __init__(
         self,
         scene: SceneLike,

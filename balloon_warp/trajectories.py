@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from balloon_warp.arguments import checked
 from balloon_warp.device import pick_device
 from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.kernels.laws import Law
@@ -78,6 +79,7 @@ class Trajectories(Shown):
         return f"Trajectories({names}; {many}{frames} frames, {self.times[0]:g} to {self.times[-1]:g} s)"
 
 
+@checked
 def simulate(
     scene: SceneLike,
     overrides: Mapping[str, Any] | Iterable[Override] = (),
@@ -109,8 +111,8 @@ def simulate(
         BlowUpError: a world blew up.
     """
     scene = scene_to_vary(scene, vary, overrides)
-    if not isinstance(every, int) or every < 1:
-        raise InputError(f"every: must be a whole number, at least 1 (got {every})")
+    if every < 1:
+        raise InputError(f"every: must be at least 1 (got {every})")
     groups = plan_groups(scene, world_count, vary or {}, laws)
     meshes = [shape.mesh for shape in groups[0].plan.shapes]
     tracks, target = empty_tracks(groups, world_count, scene.frames // every + 1), pick_device(device)

@@ -4,6 +4,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from balloon_warp.arguments import checked
 from balloon_warp.job import animate
 from balloon_warp.kernels.laws import Law
 from balloon_warp.scene import SceneLike, scene_of
@@ -21,6 +22,7 @@ class WarmUp:
     """Duration including compilation [s]; a second time, what is not compiled remains"""
 
 
+@checked
 def warm_up(
     scene: SceneLike,
     device: str | None = None,

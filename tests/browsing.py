@@ -126,13 +126,13 @@ def unfold(window, folder: str, inside: str) -> None:
         window.get_by_text(inside, exact=True).wait_for()
 
 
-def click_inside(window, folder: str, label: str) -> None:
-    """Click inside a folder, even if a panel rebuilt meanwhile has folded it again."""
+def uncheck(window, folder: str, label: str) -> None:
+    """Take a mark away inside a folder, even if a panel rebuilt meanwhile has folded it again."""
     for patience in (5_000, 10_000, 30_000):  # [ms]
         unfold(window, folder, label)
         with contextlib.suppress(playwright.TimeoutError):
-            return window.get_by_label(label).click(timeout=patience)
-    raise AssertionError(f"{label}: could not be clicked")
+            return window.get_by_label(label).uncheck(timeout=patience)
+    raise AssertionError(f"{label}: could not be unchecked")
 
 
 def toggle(window, label: str) -> None:

@@ -33,11 +33,6 @@ class ByFile(LoadScopeScheduling):
         return PROCESSES if PROCESSES in nodeid else nodeid.partition("::")[0]
 
 
-def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
-    """Return as many as there are cores, and in full one more: it waits for other processes half of the time."""
-    return (os.cpu_count() or 1) + config.getoption("--full")
-
-
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadScopeScheduling:
     return ByFile(config, log)
 

@@ -132,7 +132,7 @@ LAYERS = (
     ("garbage", "temporaries", "forks"),
     ("warp_headers",),
     ("kernels", "errors", "warp_logging", "warp_lock", "driver", "shown"),
-    ("files", "launching", "interrupts", "laws", "suggestions"),
+    ("arguments", "files", "launching", "interrupts", "laws", "suggestions"),
     ("device",),
     ("mesh",),
     ("springs", "scene", "foil"),

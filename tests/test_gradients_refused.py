@@ -127,10 +127,10 @@ REFUSED: dict[str, tuple[bw.Scene, dict[str, Any], str]] = {
     ),
     "too few frames": (scene(frames=2), {"every": 3}, "every: must be a whole number from 1 to 2"),
     "no checkpoint": (
-        scene(frames=2), {"checkpoints": 0}, "checkpoints: must be a whole number, at least 1 (got 0)"
+        scene(frames=2), {"checkpoints": 0}, "checkpoints: must be at least 1 (got 0)"
     ),
     "half a checkpoint": (
-        scene(frames=2), {"checkpoints": 1.5}, "checkpoints: must be a whole number, at least 1 (got 1.5)"
+        scene(frames=2), {"checkpoints": 1.5}, "checkpoints: must be a whole number or None (got 1.5)"
     ),
 }  # fmt: skip
 

@@ -292,8 +292,11 @@ def blocked(folder: Path) -> dict[str, Any]:
         (lambda at: {"trajectories": at / "out"}, r"^--trajectories .*out: is the batch's own folder; expected"),
         (lambda at: {"trajectories": TrajectoryFiles(at, every=0)}, r"^--every 0: expected a whole number"),
         (lambda at: {"trajectories": TrajectoryFiles(at, seed=-1)}, r"^--seed -1: expected a whole number"),
-        (lambda at: {"trajectories": TrajectoryFiles(at, format="csv")}, r"^--format csv: expected h5, zarr, npz$"),
-        (lambda at: {"trajectories": 3}, r"^trajectories: expected a folder, or TrajectoryFiles \(got 3\)$"),
+        (
+            lambda at: {"trajectories": TrajectoryFiles(at, format="csv")},
+            r"^format: must be h5 or zarr or npz",
+        ),
+        (lambda at: {"trajectories": 3}, r"^trajectories: must be a folder, or TrajectoryFiles or None \(got 3\)$"),
     ],
 )
 def test_mistakes_are_told_before_the_run(how: Callable[[Path], dict[str, Any]], complaint: str, tmp_path):

@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 from pxr import Usd, UsdGeom
 
+from balloon_warp.arguments import checked
 from balloon_warp.checking.moments import Checker, Met
 from balloon_warp.checking.things import Surface, things_of
 from balloon_warp.device import pick_device
@@ -66,6 +67,7 @@ class CheckReport(Shown):
         return not self.crossings
 
 
+@checked
 def check_stage(
     path: str | Path,
     *,

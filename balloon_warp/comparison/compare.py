@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from balloon_warp.arguments import checked
 from balloon_warp.beginning import Beginning
 from balloon_warp.comparison.choices import shown
 from balloon_warp.comparison.run import Run, simulate
@@ -52,6 +53,7 @@ class Comparison:
         ]
 
 
+@checked
 def compare(
     scene: SceneLike,
     vary: Mapping[str, Sequence[Any]],

@@ -11,6 +11,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from balloon_warp.arguments import checked
 from balloon_warp.designing.folder import require_folder
 from balloon_warp.designing.hanging import require_gravity
 from balloon_warp.designing.job import Job
@@ -30,6 +31,7 @@ Of = Literal["springs", "latex", "foil"]
 SIZE, THICKNESS, STRETCH, STEPS = 0.3, 2.0e-4, 1.2, 30
 
 
+@checked
 def design(
     target: str | Path | MeshLike,
     *,

@@ -5,6 +5,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, overload
 
+from balloon_warp.arguments import checked
 from balloon_warp.errors import InputError
 from balloon_warp.fitting.bounds import checked_bounds, first_places
 from balloon_warp.fitting.by_data import Request, least_squares
@@ -38,6 +39,7 @@ def fit(
 ) -> Optimum: ...  # fmt: skip
 
 
+@checked
 def fit(
     scene: SceneLike,
     data: str | Path | Mapping[str, Any] | None = None,
@@ -83,8 +85,8 @@ def fit(
     """
     scene = scene_of(scene)
     for name, number in (("starts", starts), ("rounds", rounds)):
-        if not isinstance(number, int) or number < 1:
-            raise InputError(f"{name}: must be a whole number, at least 1 (got {number})")
+        if number < 1:
+            raise InputError(f"{name}: must be at least 1 (got {number})")
     if (data is None) == (loss is None):
         raise InputError("fit: expected either measured data and `free`, or a `loss` and `of`")
     if resume and progress is None:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from balloon_warp.arguments import checked
 from balloon_warp.errors import InputError
 from balloon_warp.foil.outlines import from_extra
 from balloon_warp.foil.sew import sewn
@@ -22,6 +23,7 @@ FINEST = 4
 """Largest number of halvings of an edge, until no part is too narrow for it"""
 
 
+@checked
 def foil_mesh(
     source: str | Path, height: float = HEIGHT, edge: float | None = None, font: str | None = None
 ) -> PolygonMesh:
@@ -43,6 +45,7 @@ def foil_mesh(
     return sewn(*_sheets(source, height, edge, font))
 
 
+@checked
 def foil_parts(
     source: str | Path, height: float = HEIGHT, edge: float | None = None, font: str | None = None
 ) -> list[PolygonMesh]:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
+from balloon_warp.arguments import checked
 from balloon_warp.errors import InputError
 from balloon_warp.gradients.derive import Asked, Gradient, derive
 from balloon_warp.gradients.loss import Loss
@@ -16,6 +17,7 @@ from balloon_warp.sweep.cluster import Cluster
 from balloon_warp.sweep.groups import plan_groups
 
 
+@checked
 def gradient(
     scene: SceneLike,
     overrides: Mapping[str, Any] | Iterable[Override] = (),

@@ -139,10 +139,10 @@ def require_room_for_frames(plan: ModelPlan, every: int, checkpoints: int | None
             frames that a loss sees is none, or the number of frames from which others are simulated again.
     """
     frames, worlds = plan.scene.frames, plan.world_count
-    if not isinstance(every, int) or not 1 <= every <= frames:
+    if not 1 <= every <= frames:
         raise InputError(f"every: must be a whole number from 1 to {frames}, the frames of the scene (got {every!r})")
-    if checkpoints is not None and (not isinstance(checkpoints, int) or checkpoints < 1):
-        raise InputError(f"checkpoints: must be a whole number, at least 1 (got {checkpoints!r})")
+    if checkpoints is not None and checkpoints < 1:
+        raise InputError(f"checkpoints: must be at least 1 (got {checkpoints!r})")
     needed, usable = bytes_of_tracks(plan, every), usable_memory(pick_device("cpu"))
     if needed > usable:
         seen = frames // every

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
+from balloon_warp.arguments import checked
 from balloon_warp.errors import MissingExtraError
 from balloon_warp.gradients.steps import Moving, Steps
 from balloon_warp.kernels.laws import Law
@@ -81,6 +82,7 @@ class Rollout(Shown):
         InputError: The scene cannot be simulated or differentiated, or a path not.
     """
 
+    @checked
     def __init__(
         self,
         scene: SceneLike,

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from balloon_warp.arguments import checked
 from balloon_warp.errors import InputError
 from balloon_warp.files import file_behind, legible
 from balloon_warp.mesh import gltf, obj, trimesh_formats, usd
@@ -18,6 +19,7 @@ from balloon_warp.suggestions import did_you_mean_file
 LOADERS = obj.LOADERS | usd.LOADERS | trimesh_formats.LOADERS | gltf.LOADERS
 
 
+@checked
 def load_mesh(source: Path | str | MeshLike, prim: str | Sequence[str] | None = None) -> PolygonMesh:
     """Read a mesh as it is: polygons from OBJ and USD, triangles from STL, PLY, OFF, glTF and GLB.
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from balloon_warp.arguments import checked
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.components import component_labels
 from balloon_warp.mesh.feasible import (
@@ -34,6 +35,7 @@ CRUMB = 3.0
 """Box size up to which a part is a crumb [cells], from a speck of a cell and a half"""
 
 
+@checked
 def remesh(mesh: PolygonMesh, cells: int, on_stage: Callable[[str], None] = lambda stage: None) -> PolygonMesh:
     """Make a closed quad mesh of a surface that may have holes, cracks, flipped faces and sheets without thickness.
 

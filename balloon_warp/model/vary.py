@@ -65,8 +65,6 @@ def check_vary(scene: Scene, rows: Sequence[Parameter], world_count: int, vary: 
     Raises:
         VaryError: as `vary_parameters`.
     """
-    if not isinstance(vary, Mapping):
-        raise InputError(f'vary: must be paths and values, as in {{"balloon.mass": [1.0, 2.0]}} (got {str(vary)[:60]})')
     places = places_of(scene, rows)
     checked = {}
     for path, given in vary.items():

@@ -69,7 +69,7 @@ class CameraFit:
     """
 
     def __init__(self, aspect: float, azimuth: float = AZIMUTH, elevation: float = ELEVATION):
-        around, above = np.radians([azimuth, elevation])
+        around, above = np.radians([float(azimuth), float(elevation)])
         self.half_height = float(np.tan(VERTICAL_VIEW / 2.0))
         self.half_width = self.half_height * aspect
         backward = np.array([np.sin(around) * np.cos(above), np.sin(above), np.cos(around) * np.cos(above)])

@@ -10,6 +10,7 @@ from typing import Any, TypeVar, cast
 from pydantic import ValidationError
 from typing_extensions import TypeAliasType
 
+from balloon_warp.arguments import checked
 from balloon_warp.errors import InputError
 from balloon_warp.files import file_behind, legible, whole_path
 from balloon_warp.mesh import PolygonMesh
@@ -54,6 +55,7 @@ def scene_of(source: SceneLike) -> Scene:
     return source if isinstance(source, Scene) else load_scene(source)
 
 
+@checked
 def load_scene(source: SceneLike, overrides: Mapping[str, Any] | Iterable[Override] = ()) -> Scene:
     """Load a scene.
 

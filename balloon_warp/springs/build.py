@@ -10,6 +10,7 @@ With the pairs of particles as sets, the rules read:
 import numpy as np
 from numpy.typing import NDArray
 
+from balloon_warp.arguments import checked
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.check import LARGEST_FACE, LARGEST_FAN
 from balloon_warp.mesh.corners import next_corners
@@ -22,6 +23,7 @@ LARGEST_PAIR_COUNT = 1 << 24
 CHUNK_PAIRS = 1 << 22
 
 
+@checked
 def build_springs(mesh: PolygonMesh) -> Springs:
     """Build the springs of a mesh with any valence, face size, borders and non-manifold edges.
 

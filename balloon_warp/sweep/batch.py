@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from balloon_warp.arguments import checked
 from balloon_warp.beginning import Beginning
 from balloon_warp.blow_ups import check_policy
 from balloon_warp.errors import InputError
@@ -95,6 +96,7 @@ class BatchSummary(Shown):
         return asdict(self)
 
 
+@checked
 def run_batch(
     scene: SceneLike,
     folder: str | Path,

@@ -5,6 +5,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from balloon_warp.arguments import check_fields
 from balloon_warp.errors import InputError
 from balloon_warp.warp_logging import quiet_warp
 
@@ -29,6 +30,7 @@ class Cluster:
     """Function called in each worker before anything else, for instance to set up Warp's messages"""
 
     def __post_init__(self) -> None:
+        check_fields(self)
         if sum(choice is not None for choice in (self.address, self.gpus, self.workers)) != 1:
             raise InputError("--cluster, --gpus, --workers: expected only one of them")
         if self.address is not None and not re.fullmatch(r"(tcp|tls)://[^/]+:\d+", self.address):

@@ -22,6 +22,8 @@ from balloon_warp.scene.overrides import override_scene
 
 BatchVary = TypeAliasType("BatchVary", Mapping[str, Any])
 """Dotted paths of the scene, with a number for each world; for the path of a mesh, a mesh or its file for each"""
+MOST_WORLDS = 100_000_000
+"""Largest number of worlds, whose numbers alone take a gigabyte"""
 
 
 @dataclass(frozen=True)
@@ -58,15 +60,15 @@ def plan_groups(scene: Scene, world_count: int, vary: BatchVary, laws: Sequence[
     """
     if world_count < 1:
         raise InputError(f"--worlds {world_count}: expected at least 1")
-    if not isinstance(vary, Mapping):
-        raise InputError(f'vary: must be paths and values, as in {{"balloon.mass": [1.0, 2.0]}} (got {str(vary)[:60]})')
+    if world_count > MOST_WORLDS:
+        raise InputError(f"--worlds {world_count}: expected at most {MOST_WORLDS:,}")
     shaping = {path: _column(path, vary[path], world_count) for path in vary if SHAPING.fullmatch(path)}
     require_laws(laws)
     rows = rows_of((*LAWS, *laws))
     scene = with_law_tables(scene, rows)
     scalars = check_vary(scene, rows, world_count, {path: vary[path] for path in vary if path not in shaping})
-    members: dict[tuple[Any, ...], list[int]] = {}
-    for world in range(world_count):
+    members: dict[tuple[Any, ...], Any] = {} if shaping else {(): np.arange(world_count)}
+    for world in range(world_count if shaping else 0):
         members.setdefault(tuple(_identity(column[world]) for column in shaping.values()), []).append(world)
     groups = []
     for worlds in members.values():

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from balloon_warp.arguments import checked
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Law
 from balloon_warp.provenance import describe_laws, hash_of_file
@@ -13,6 +14,7 @@ from balloon_warp.sweep.batch import BatchSummary, run_batch
 from balloon_warp.sweep.world_files.options import TrajectoryFiles
 
 
+@checked
 def repeat_batch(
     manifest: str | Path,
     folder: str | Path,

@@ -159,7 +159,8 @@ def eight_filling_function(features: Features) -> Any:
                     while near != 0:
                         triangle = node[1] + first_of(near)
                         near = without_first(near)
-                        if may_touch(t, particle, balloon, other, triangle):
+                        # a row's end, which no box says where places are no numbers, in a blow-up
+                        if triangle < node[2] and may_touch(t, particle, balloon, other, triangle):
                             if search.pad >= FAR or comes_near(
                                 t, points, velocities, particle, triangle, search.of_triangles, search.pad
                             ):

@@ -83,7 +83,7 @@ def next_of_eight(
     while place < count:
         near = nearing_ones(t, working, world, place, point, velocity) >> (place & 7)
         if near != 0:
-            place += first_of(near)
+            place = wp.min(place + first_of(near), count - 1)  # also where places are no numbers, in a blow-up
             return working.neighbors[world, balloon, place], place + 1
         place = ((place >> 3) + 1) << 3
     return -1, count

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
+from balloon_warp.arguments import checked
 from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable
 from balloon_warp.outputs.usd import STAGE_SUFFIXES
@@ -51,6 +52,7 @@ def check_export(output: Path) -> None:
         require_h5py()
 
 
+@checked
 def export_stage(
     stage: str | Path,
     output: str | Path,

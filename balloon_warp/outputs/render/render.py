@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from balloon_warp.arguments import checked
 from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable, whole_file
 from balloon_warp.outputs.camera import Camera
@@ -50,6 +51,7 @@ class Film:
     """Whether to omit the backdrop"""
 
 
+@checked
 def render_stage(
     path: str | Path,
     output: str | Path,

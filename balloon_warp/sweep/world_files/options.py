@@ -6,6 +6,7 @@ from typing import Any, Literal, Self
 
 from typing_extensions import TypeAliasType
 
+from balloon_warp.arguments import check_fields
 from balloon_warp.errors import InputError
 from balloon_warp.outputs.world_files import format_named
 from balloon_warp.shown import Shown, described
@@ -30,9 +31,10 @@ class TrajectoryFiles(Shown):
     """Seed of the splits"""
 
     def __post_init__(self) -> None:
-        if isinstance(self.every, bool) or not isinstance(self.every, int) or self.every < 1:
+        check_fields(self)
+        if self.every < 1:
             raise InputError(f"--every {self.every}: expected a whole number of at least 1")
-        if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
+        if self.seed < 0:
             raise InputError(f"--seed {self.seed}: expected a whole number of at least 0")
         format_named(self.format)
 
@@ -41,8 +43,6 @@ class TrajectoryFiles(Shown):
         """Return the options, made of a folder alone if need be."""
         if given is None or isinstance(given, cls):
             return given
-        if not isinstance(given, str | Path):
-            raise InputError(f"trajectories: expected a folder, or TrajectoryFiles (got {given!r})")
         return cls(given)
 
     def as_json(self) -> dict[str, Any]:

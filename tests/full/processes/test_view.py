@@ -17,7 +17,6 @@ from browsing import (
     again,
     asked,
     box,
-    click_inside,
     click_the_balloon,
     highlights,
     inflation_is,
@@ -29,6 +28,7 @@ from browsing import (
     slide,
     tethered,
     toggle,
+    uncheck,
     unfold,
     volume,
     wait_until,
@@ -175,7 +175,7 @@ def test_reset_goes_back_to_the_start(fresh, served):
 
 def test_a_blow_up_is_caught_and_undone(fresh, served):
     asked(served, 40)
-    click_inside(fresh, "Advanced", "keep the step stable")
+    uncheck(fresh, "Advanced", "keep the step stable")
     unfold(fresh, "Balloon", "structural springs")
     stiffness = "structural springs"
     # Softer, which its substeps bear for ever: what is stiffer blows up by itself, and its good states with it.
