@@ -8,16 +8,15 @@ import numpy as np
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
+from balloon_warp.benchmarks.physics_energy import EPSILON, forces_rounding
 from balloon_warp.benchmarks.physics_runs import NUDGE, Case, Run, farthest
 from balloon_warp.benchmarks.physics_twins import Array, relisted, scaled, turned
 from balloon_warp.errors import InputError
 from balloon_warp.gradients.gradient import gradient
-from balloon_warp.mesh.topology import mesh_edges
 from balloon_warp.reference import Reference
 from balloon_warp.scene import Scene
 from balloon_warp.trajectories import Trajectories
 
-EPSILON = float(np.finfo(np.float32).eps)
 SIGMAS = 4.0
 """Rounding of many substeps over that of one, times their root: several particles round at once, and the nudges that
 measured the growth of an error were but two of all directions"""
@@ -229,25 +228,15 @@ def rounding(case: Case, other: Run) -> Array:
 def _drifts(case: Case) -> Array:
     """Return how far rounded forces push what floats freely, by frame [m], shape (frames + 1,).
 
-    At rest a force is a difference of terms as large as a stiffness times an edge, of which half an epsilon is lost in
-    the same way in each substep. Where each particle finds the forces on itself, those on a balloon's F faces leave
-    sqrt(F) of that, by `SIGMAS`, and what nothing holds goes a t^2 / 2 by it.
+    Where each particle finds the forces on itself, the same is lost in each substep, and what nothing holds goes
+    a t^2 / 2 by it.
     """
     scene, model = case.scene, case.run.model
     held = scene.ground or scene.obstacle or scene.string or scene.water or any(each.fixed for each in scene.balloon)
-    accelerations = [0.0]
-    for number, balloon in enumerate(scene.balloon):
-        skin, told, rubber = model.shapes[number].skin, balloon.stiffness, balloon.material
-        stiffness = max(told.structural or 0.0, told.shear or 0.0, told.flexion or 0.0)
-        if rubber.shear_modulus:
-            stiffness = rubber.shear_modulus * (rubber.thickness or 0.0)
-        ends = skin.points[mesh_edges(skin).ends]
-        edge = float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).max())
-        lost = 0.5 * EPSILON * SIGMAS * len(skin.face_vertex_counts) ** 0.5 * stiffness * edge
-        accelerations.append(lost / float(model.parameters["mass"].numpy()[0, number]))
+    masses = model.parameters["mass"].numpy()[0]
+    lost = [forces_rounding(model, number) / masses[number] for number in range(len(scene.balloon))]
     times = model.frame_seconds * np.arange(len(case.spread), dtype=np.float64)
-    most: float = 0.0 if held else max(accelerations)
-    return 0.5 * most * times**2
+    return 0.5 * (0.0 if held else SIGMAS * float(max(lost))) * times**2
 
 
 def _roundings(case: Case, other: Run) -> Array:

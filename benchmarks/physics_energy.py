@@ -9,11 +9,28 @@ from balloon_warp.benchmarks.physics_runs import Run
 from balloon_warp.benchmarks.physics_twins import Array
 from balloon_warp.kernels.laws.hooke import KINDS
 from balloon_warp.mesh.topology import is_closed, mesh_edges
+from balloon_warp.model import Model
 from balloon_warp.scene import Scene
 from balloon_warp.statics.of_model import film_of, springs_of
 from balloon_warp.statics.volume import Volume
 
 EPSILON = float(np.finfo(np.float32).eps)
+
+
+def forces_rounding(model: Model, number: int) -> float:
+    """Return the rounding of the sum of the forces on a balloon [N].
+
+    At rest a force is a difference of terms as large as a stiffness times an edge, of which half an epsilon is lost;
+    those on F faces lose sqrt(F) of it.
+    """
+    told, skin = model.scene.balloon[number], model.shapes[number].skin
+    springs = (told.stiffness.structural, told.stiffness.shear, told.stiffness.flexion)
+    stiffness = max(each or 0.0 for each in springs)
+    if told.material.shear_modulus:
+        stiffness = told.material.shear_modulus * (told.material.thickness or 0.0)
+    ends = skin.points[mesh_edges(skin).ends]
+    edge = float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).max())
+    return 0.5 * EPSILON * len(skin.face_vertex_counts) ** 0.5 * stiffness * edge
 
 
 class Energies:
@@ -105,11 +122,11 @@ class Energies:
         return float(np.linalg.norm(self.run.points, axis=2).max())
 
     def momentum_rounding(self) -> float:
-        """Return the rounding of all velocities in all substeps [kg m/s]."""
+        """Return the rounding of all velocities, and of the forces on balloons, in all substeps [kg m/s]."""
         substeps = self.model.substeps * (len(self.run.points) - 1)
-        return (
-            0.5 * EPSILON * substeps**0.5 * float((self._all_masses * np.abs(self._velocities).max(axis=(0, 2))).sum())
-        )
+        motion = float((self._all_masses * np.abs(self._velocities).max(axis=(0, 2))).sum())
+        forces = sum(forces_rounding(self.model, number) for number in range(len(self.scene.balloon)))
+        return substeps**0.5 * (0.5 * EPSILON * motion + self.model.step_seconds * forces)
 
     def rounding(self) -> float:
         """Return the rounding of the energies [J]: forces times that of places, and that of a gas's pressure.

@@ -137,11 +137,19 @@ def test_a_sound_mesh_has_no_warnings(mesh: PolygonMesh) -> None:
     assert inspect_mesh(mesh).warnings == []
 
 
+STAGES = ("reading the mesh", "checking the mesh and building springs", "building the scene")
+
+
+def said(result: subprocess.CompletedProcess[str]) -> list[str]:
+    """Return the lines of standard error but for stages, which a slow machine shows."""
+    return [line for line in result.stderr.splitlines() if not line.endswith(STAGES)]
+
+
 @pytest.mark.full
 def test_command_prints_json_alone(tmp_path: Path) -> None:
     write_obj(tmp_path / "sphere.obj", quad_sphere(9))
     result = command(tmp_path / "sphere.obj", "--json")
-    assert (result.returncode, result.stderr) == (0, "")
+    assert (result.returncode, said(result)) == (0, [])
     report = json.loads(result.stdout)
     step, (inflation,) = report.pop("step"), report.pop("inflation")
     assert (inflation["balloon"], inflation["pressure"] > 0.0) == ("sphere", True)
@@ -171,12 +179,12 @@ def test_command_refuses_a_bad_mesh_with_status_2(tmp_path: Path) -> None:
     (tmp_path / "bad.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n")
     result = command(tmp_path / "bad.obj")
     assert (result.returncode, result.stdout) == (2, "")
-    assert result.stderr == f"error: {tmp_path / 'bad.obj'}, line 4: there is no vertex 4, the file has 3\n"
+    assert said(result) == [f"error: {tmp_path / 'bad.obj'}, line 4: there is no vertex 4, the file has 3"]
     write_obj(tmp_path / "point.obj", replace(cube(), points=np.zeros((8, 3))))
     result = command(tmp_path / "point.obj", "--json")
     report = json.loads(result.stdout)
     assert (result.returncode, report["step"], report["vertices"]) == (2, None, 8)
-    assert result.stderr.startswith(f"error: {tmp_path / 'point.obj'}: all vertices coincide")
+    assert said(result)[0].startswith(f"error: {tmp_path / 'point.obj'}: all vertices coincide")
 
 
 @pytest.mark.full
@@ -188,7 +196,7 @@ def test_inspecting_an_obj_loads_neither_usd_nor_trimesh(tmp_path: Path) -> None
         "print(*sorted({'pxr', 'trimesh'} & set(sys.modules)), file=sys.stderr)"
     )
     result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
-    assert (result.returncode, result.stderr) == (0, "\n")
+    assert (result.returncode, said(result)) == (0, [""])
 
 
 @pytest.mark.full
@@ -205,7 +213,7 @@ def test_a_solver_that_is_stable_at_any_step_is_said_to_be():
 @pytest.mark.full
 def test_command_reports_a_scene_and_its_step(tmp_path: Path) -> None:
     result = command("sphere_launch", "--set", "balloon.stiffness.structural=100", "--json")
-    assert (result.returncode, result.stderr) == (0, "")
+    assert (result.returncode, said(result)) == (0, [])
     report = json.loads(result.stdout)
     assert [Path(balloon["mesh"]).name for balloon in report["balloons"]] == ["pillow.obj"]
     scene = load_scene("sphere_launch", [("balloon.stiffness.structural", 100)])
