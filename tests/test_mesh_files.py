@@ -29,6 +29,7 @@ from balloon_warp.mesh.repair import repaired
 from balloon_warp.mesh.topology import component_count, is_closed, mesh_edges
 from balloon_warp.mesh.usd import read_usd
 from balloon_warp.model import plan_model
+from balloon_warp.outputs.render.stage_reader import RenderStage
 
 SQUARE = b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
 SQUARE_POINTS = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
@@ -527,7 +528,7 @@ def test_a_prim_is_named_in_a_scene_and_on_the_command_line(stage: Usd.Stage, tm
     ],
 )
 def test_broken_stages_are_refused_in_a_sentence(stage: Usd.Stage, attribute: str | None, value, sentence: str) -> None:
-    UsdGeom.Sphere.Define(stage, "/sphere")
+    UsdGeom.Camera.Define(stage, "/camera")
     if attribute:
         prim = add_mesh(stage, "/cube", cube()).GetPrim()
         prim.RemoveProperty(attribute) if value is None else prim.GetAttribute(attribute).Set(value)
@@ -544,11 +545,29 @@ def test_what_is_no_stage_is_refused_and_usd_prints_nothing(tmp_path: Path, capf
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_reference_that_is_not_there_is_passed_over_quietly(stage: Usd.Stage, capfd) -> None:
-    add_mesh(stage, "/cube", cube()).GetPrim().GetReferences().AddReference("./gone.usda")
+@pytest.mark.parametrize("what", ["reference", "payload", "sublayer"])
+def test_what_is_not_there_is_named_with_who_wants_it_and_usd_prints_nothing(
+    stage: Usd.Stage, capfd, what: str
+) -> None:
+    prim = add_mesh(stage, "/cube", cube()).GetPrim()
+    for name in ("gone.usda", "lost.usda"):
+        if what == "reference":
+            prim.GetReferences().AddReference(f"./{name}")
+        elif what == "payload":
+            prim.GetPayloads().AddPayload(f"./{name}")
+        else:
+            stage.GetRootLayer().subLayerPaths.append(f"./{name}")
     stage.Save()
     capfd.readouterr()
-    assert read_again(stage).face_count == 6
+    mesh = read_again(stage)
+    assert mesh.face_count == 6
+    for name, sentence in zip(("gone.usda", "lost.usda"), mesh.warnings, strict=True):
+        assert f"{what} " in sentence
+        assert name in sentence
+        assert ("stage.usda" if what == "sublayer" else "</cube>") in sentence
+    notes: list[str] = []
+    RenderStage(Path(stage.GetRootLayer().realPath), on_note=notes.append)
+    assert notes == [*mesh.warnings]
     assert capfd.readouterr() == ("", "")
 
 
