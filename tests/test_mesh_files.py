@@ -486,6 +486,22 @@ def test_all_meshes_that_are_shown_are_taken_as_one_or_the_named(stage: Usd.Stag
         read_again(stage, "/World/mor/c")
 
 
+@pytest.mark.parametrize("first", ["invisible", "inherited"])
+def test_what_appears_or_goes_counts_as_at_first_and_is_named(stage: Usd.Stage, first: str) -> None:
+    add_mesh(stage, "/always", cube())
+    add_mesh(stage, "/World/wall", prism(5))
+    seen = UsdGeom.Xform.Define(stage, "/World").CreateVisibilityAttr()
+    for time, value in ((0.0, first), (12.0, "inherited" if first == "invisible" else "invisible")):
+        seen.Set(value, time)
+    mesh = read_again(stage)
+    assert mesh.face_count == (6 if first == "invisible" else 13)
+    (sentence,) = mesh.warnings
+    assert ("/World/wall (invisible at first)" in sentence) == (first == "invisible")
+    assert ("The visibility of /World/wall changes over time" in sentence) == (first == "inherited")
+    (sentence,) = read_again(stage, "/World/wall").warnings
+    assert "The visibility of /World/wall changes over time, which is not followed" in sentence
+
+
 def test_parts_of_one_name_are_told_apart(stage: Usd.Stage) -> None:
     """Paths tell parts of one name apart, as exporters write a mesh of the same name below each object."""
     for x, wheel in enumerate(("left", "right")):

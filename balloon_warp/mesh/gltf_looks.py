@@ -38,6 +38,11 @@ class GltfMaterials:
         """Sentences about textures that cannot be read."""
         return tuple(self._pictures.warnings)
 
+    def unplaced(self, number: int) -> Look | None:
+        """Return the look of a material on a mesh without texture coordinates: of its image the mean color."""
+        look = self.looks[number]
+        return look and self._pictures.mean_of(look, f"of the material {look.name}")
+
     def name_materials(self) -> None:
         """Rename materials to their numbers, and select the texture coordinates of base textures.
 

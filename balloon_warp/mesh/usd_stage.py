@@ -61,14 +61,21 @@ def choose_prims(stage: Usd.Stage, path: Path | str, prim: str | Sequence[str] |
         raise InputError(f"{path}: has no mesh and no solid shape{found}; expected a prim such as a Mesh or a Sphere")
     if prim is not None:
         prims = [each for name in _names(prim) for each in _meshes_below(meshes, path, name)]
-        left_out = f"Left out of the stage: {listed(others)}." if others else ""
-        return Chosen([each for each in meshes if each in prims], (left_out,) if left_out else ())
+        taken = [each for each in meshes if each in prims]
+        return Chosen(taken, (*([f"Left out of the stage: {listed(others)}."] if others else []), *_blinking(taken)))
     hidden = {str(each.GetPath()): _why_hidden(each) for each in meshes}
     shown = [each for each in meshes if not hidden[str(each.GetPath())]]
     left_out = listed([*others, *(f"{name} ({why})" for name, why in hidden.items() if why)])
     if not shown:
         raise InputError(f'{path}: has no visible mesh: {left_out}; prim = "{meshes[0].GetPath()}" selects it anyway')
-    return Chosen(shown, (f"Left out of the stage: {left_out}; prim selects other meshes.",) if left_out else ())
+    said = [f"Left out of the stage: {left_out}; prim selects other meshes."] if left_out else []
+    return Chosen(shown, (*said, *_blinking(shown)))
+
+
+def _blinking(prims: list[Usd.Prim]) -> list[str]:
+    """Return a sentence on the meshes that are taken for always, though they appear or disappear."""
+    found = [str(each.GetPath()) for each in prims if _appears_or_goes(each)]
+    return [f"The visibility of {listed(found)} changes over time, which is not followed."] if found else []
 
 
 def _names(prim: str | Sequence[str]) -> Sequence[str]:
@@ -99,10 +106,20 @@ def _why_hidden(prim: Usd.Prim) -> str:
     if prim.HasCustomDataKey(SCENERY):
         return "scenery"
     imageable = UsdGeom.Imageable(prim)
-    if imageable.ComputeVisibility() == UsdGeom.Tokens.invisible:
-        return "invisible"
+    if imageable.ComputeVisibility(Usd.TimeCode.EarliestTime()) == UsdGeom.Tokens.invisible:
+        return "invisible at first" if _appears_or_goes(prim) else "invisible"
     purpose = imageable.ComputePurpose()
     return "" if purpose in (UsdGeom.Tokens.default_, UsdGeom.Tokens.render) else f"purpose {purpose}"
+
+
+def _appears_or_goes(prim: Usd.Prim) -> bool:
+    """Return whether the visibility of a prim, or of what it stands in, has several values over time."""
+    while prim:
+        seen = UsdGeom.Imageable(prim).GetVisibilityAttr() if UsdGeom.Imageable(prim) else None
+        if seen and len({seen.Get(time) for time in seen.GetTimeSamples()}) > 1:
+            return True
+        prim = prim.GetParent()
+    return False
 
 
 def _name(prim: str | Sequence[str] | None, path: Path | str) -> str:

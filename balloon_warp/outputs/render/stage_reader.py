@@ -11,6 +11,7 @@ from pxr import Gf, Usd, UsdGeom, UsdUtils
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.usd_open import listed, open_meshes
 from balloon_warp.mesh.usd_shapes import others_than
+from balloon_warp.mesh.usd_surfaces import missing_image
 from balloon_warp.outputs.camera import Camera
 from balloon_warp.outputs.moment import Moment
 from balloon_warp.outputs.render.prims import CapsulePrim, Capsules, CurvesPrim, MeshPrim, SpherePrim
@@ -191,12 +192,16 @@ class RenderStage:
 
 
 def left_out(stage: Usd.Stage) -> list[str]:
-    """Return a sentence on the shapes that a stage shows but that cannot be taken, if there are any."""
+    """Return sentences on shapes that a stage shows but that cannot be taken, and on images that are missing."""
     every = Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies())
     shown = [prim for prim in every if is_shown(prim) and UsdGeom.Imageable(prim).ComputeVisibility() != INVISIBLE]
     curves = [each for each in map(UsdGeom.BasisCurves, shown) if each and each.GetTypeAttr().Get() != LINEAR]
     others = [*others_than(shown, DRAWN), *(f"{each.GetPath()} (BasisCurves that are not linear)" for each in curves)]
-    return [f"Left out of the stage: {listed(others)}."] if others else []
+    lost = [f"{prim.GetPath()} (@{image}@)" for prim in stage.Traverse() if (image := missing_image(prim))]
+    return [
+        *([f"Left out of the stage: {listed(others)}."] if others else []),
+        *([f"Missing images: {listed(lost)}."] if lost else []),
+    ]
 
 
 def _is_drawn(prim: Usd.Prim, time: Usd.TimeCode) -> bool:
