@@ -524,7 +524,7 @@ def test_a_prim_is_named_in_a_scene_and_on_the_command_line(stage: Usd.Stage, tm
     assert [mesh.face_count for mesh in meshes if mesh] == [6, 7, 13, 6]
     assert plan.warnings == [f"{path}: Left out of the stage: /c (invisible); prim selects other meshes."]
     assert load_scene(path, {"balloon.prim": "/b"}).balloon[0].prim == "/b"
-    with pytest.raises(InputError, match=r"selects a part of a USD stage; expected a USD file as mesh"):
+    with pytest.raises(InputError, match=r"selects an object of a file; expected a file as mesh"):
         plan_model(Scene(balloon=[Balloon(mesh=cube(), prim="/a")]))
 
 

@@ -7,9 +7,11 @@ from typing import NamedTuple
 from pxr import Tf, Usd, UsdUtils
 
 from balloon_warp.errors import InputError
-from balloon_warp.files import file_behind, legible
+from balloon_warp.files import check_regular, file_behind, legible
 from balloon_warp.mesh.usd_shapes import as_meshes
 
+LARGEST_STAGE = 1 << 40
+"""Largest size of a stage's file [bytes]: USD reads what it needs of a .usdc"""
 MOST_NAMED = 5
 """Largest number of things that a sentence names"""
 
@@ -30,6 +32,7 @@ def open_stage(path: Path | str) -> Usd.Stage:
     """
     if legible(str(path)) != str(path):
         raise InputError(f"{legible(str(path))}: the name is not UTF-8, which USD requires; expected another name")
+    check_regular(Path(path), most=LARGEST_STAGE)
     _quiet = UsdUtils.CoalescingDiagnosticDelegate()  # while it lives, USD prints nothing
     try:
         return Usd.Stage.Open(str(file_behind(Path(path))))

@@ -83,8 +83,10 @@ def _names(prim: str | Sequence[str]) -> Sequence[str]:
 
 
 def _below(prims: list[Usd.Prim], name: str) -> list[Usd.Prim]:
-    """Return the prims at or below a path."""
-    return [each for each in prims if f"{each.GetPath()}/".startswith(f"{name.rstrip('/')}/")]
+    """Return the prims at or below a path, or at or below what has a name."""
+    words = f"/{name.strip('/')}/"
+    paths = [(f"{each.GetPath()}/", each) for each in prims]
+    return [each for path, each in paths if path.startswith(words) or (name[:1] != "/" and words in path)]
 
 
 def _meshes_below(meshes: list[Usd.Prim], path: Path | str, name: str) -> list[Usd.Prim]:
