@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 from rich.progress import Progress
 
+from balloon_warp.cli.console import Console
 from balloon_warp.cli.options import Device, Json
 from balloon_warp.cli.size import parse_frames
 from balloon_warp.cli.warn import warn

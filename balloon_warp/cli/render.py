@@ -4,10 +4,10 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.progress import Progress
 
 from balloon_warp.cli.camera import CameraOptions
+from balloon_warp.cli.console import Console
 from balloon_warp.cli.options import Device
 from balloon_warp.cli.size import parse_frames, parse_size
 from balloon_warp.cli.warn import warn

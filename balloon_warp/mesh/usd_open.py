@@ -7,11 +7,10 @@ from typing import NamedTuple
 from pxr import Tf, Usd, UsdUtils
 
 from balloon_warp.errors import InputError
-from balloon_warp.files import check_regular, file_behind, legible
+from balloon_warp.files import file_behind, legible
+from balloon_warp.mesh.usd_limits import Limits
 from balloon_warp.mesh.usd_shapes import as_meshes
 
-LARGEST_STAGE = 1 << 40
-"""Largest size of a stage's file [bytes]: USD reads what it needs of a .usdc"""
 MOST_NAMED = 5
 """Largest number of things that a sentence names"""
 
@@ -28,16 +27,19 @@ def open_stage(path: Path | str) -> Usd.Stage:
     """Return the stage of a file, as it is.
 
     Raises:
-        InputError: it is none.
+        InputError: it is none, or asks for too much.
     """
     if legible(str(path)) != str(path):
         raise InputError(f"{legible(str(path))}: the name is not UTF-8, which USD requires; expected another name")
-    check_regular(Path(path), most=LARGEST_STAGE)
     _quiet = UsdUtils.CoalescingDiagnosticDelegate()  # while it lives, USD prints nothing
+    behind = file_behind(Path(path))
+    limits = Limits(behind)
     try:
-        return Usd.Stage.Open(str(file_behind(Path(path))))
+        stage = Usd.Stage.Open(str(behind))
     except Tf.ErrorException as error:
         raise InputError(f"{path}: cannot be read as a USD stage; expected one, such as `run` writes") from error
+    del limits  # which kept the layers until USD had them
+    return stage
 
 
 def open_meshes(path: Path | str, *, rounds: bool = True) -> Opened:
