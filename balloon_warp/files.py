@@ -4,10 +4,13 @@ import os
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from stat import S_ISREG
 
 from balloon_warp.errors import InputError
 from balloon_warp.temporaries import clear_left_over, temporary_in
 
+LARGEST_FILE = 1 << 30
+"""Largest size of a file that is read whole [bytes]"""
 MOST_LINKS = 40
 """Largest number of symbolic links in a chain, as Linux follows them"""
 STAGE, PICTURES = ".usdc", (".png", ".webp", ".gif", ".mp4")
@@ -60,6 +63,35 @@ def _check_name(path: Path, given: Path | None = None) -> None:
         raise InputError(f"{said}: the path is not UTF-8; expected one that is, with -o")
     if ":SDF_FORMAT_ARGS:" in str(path):
         raise InputError(f"{said}: USD reads :SDF_FORMAT_ARGS: as the start of options; expected a name without it")
+
+
+def check_regular(path: Path, most: int = LARGEST_FILE) -> None:
+    """Make sure that a file may be read whole: that it is none that waits, such as a pipe, and none without an end.
+
+    Raises:
+        InputError: it is missing, no regular file, or has more bytes than `most`.
+    """
+    try:
+        found = path.stat()
+    except (OSError, ValueError) as error:  # too long for a name, or with a zero in it
+        raise InputError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})") from None
+    if not S_ISREG(found.st_mode):
+        raise InputError(f"{path}: is not a regular file")
+    if found.st_size > most:
+        raise InputError(f"{path}: has {found.st_size:,} bytes; expected at most {most:,}")
+
+
+def regular_content(path: Path, most: int = LARGEST_FILE) -> bytes:
+    """Return the content of a regular file of no more than so many bytes.
+
+    Raises:
+        InputError: it cannot be read, or as `check_regular`.
+    """
+    check_regular(path, most)
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
 
 
 def target_of(path: Path) -> Path:

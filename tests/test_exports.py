@@ -26,10 +26,11 @@ from test_resume import press_ctrl_c, stop
 from balloon_warp import InputError, MissingExtraError, PolygonMesh, animate, export_stage
 from balloon_warp.mesh.corners import edges_of
 from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.mesh.plain_shapes import capsule_faces, cylinder_faces
 from balloon_warp.outputs import hdf5_arrays
 from balloon_warp.outputs.exports import alembic, export, glb
 from balloon_warp.outputs.knot import AROUND, PROFILE
-from balloon_warp.outputs.round_shapes import capsule_mesh, sphere_mesh, tube_points, tube_topology
+from balloon_warp.outputs.tubes import tube_points, tube_topology
 from balloon_warp.scene import Balloon
 
 READ_ALEMBIC = """
@@ -179,7 +180,7 @@ def test_mistakes_are_told_before_any_work(written: Path, tmp_path, name: str, c
 
 def test_an_empty_stage_has_nothing_to_export(tmp_path):
     (tmp_path / "empty.usda").write_text("#usda 1.0\n")
-    with pytest.raises(InputError, match=r"empty\.usda: has no mesh, cube, sphere, capsule or linear curves to export"):
+    with pytest.raises(InputError, match=r"empty\.usda: has no mesh, solid shape or linear curves to export"):
         export_stage(tmp_path / "empty.usda", tmp_path / "out.glb")
 
 
@@ -205,13 +206,18 @@ def test_blender_writes_alembic(written: Path, tmp_path):
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_round_shapes_enclose_what_they_should(height: float, axis: int):
     """A sphere of 16 rings of 32 loses 2 % of its volume at most: (pi/32)^2 / 3 around and as much along, twice."""
-    places, counts, indices = sphere_mesh(0.5) if height == 0.0 else capsule_mesh(0.5, height, axis)
-    volume = signed_volume(PolygonMesh(places, counts, indices))
-    exact = np.pi * 0.25 * height + np.pi / 6.0
-    assert 0.98 * exact < volume < exact
+    shapes = [(capsule_faces((0.5, 0.5), height, axis), np.pi * 0.25 * height + np.pi / 6.0, height + 1.0)]
     if height:
-        assert np.ptp(places, axis=0).argmax() == axis
-        assert np.ptp(places, axis=0).max() == pytest.approx(height + 1.0)
+        shapes += [
+            (cylinder_faces((0.5, 0.5), height, axis), np.pi * 0.25 * height, height),
+            (cylinder_faces((0.0, 0.5), height, axis), np.pi * 0.25 * height / 3.0, height),
+            (cylinder_faces((0.5, 0.25), height, axis), np.pi * height * 7.0 / 48.0, height),
+        ]
+    for faces, exact, length in shapes:
+        assert 0.98 * exact < signed_volume(PolygonMesh(*faces)) < exact
+        assert np.ptp(faces.points, axis=0)[axis] == pytest.approx(length)
+        if height:
+            assert np.ptp(faces.points, axis=0).argmax() == axis
 
 
 def test_tubes_follow_their_curves():

@@ -17,7 +17,7 @@ from balloon_warp.cli.app import app
 from balloon_warp.cli.warn import note, warn
 from balloon_warp.errors import InputError, StoppedError
 from balloon_warp.fitting.by_loss import least_loss
-from balloon_warp.fitting.curve import fit_curve, sphere_pressures
+from balloon_warp.fitting.curve import fit_curve, lack_of_fit, sphere_pressures
 from balloon_warp.fitting.fit import ROUNDS
 from balloon_warp.fitting.measured import measured_of
 from balloon_warp.fitting.plot import ticks
@@ -174,11 +174,23 @@ def test_command_of_a_curve(tmp_path):
     [
         ([], "1,2\n", "expected at least 5 rows of a volume and a pressure (got 1)"),
         ([], "", "expected at least 5 rows of a volume and a pressure (got 0)"),
-        ([], "a,b\n" + "1,2\n" * 5 + "3,x\n", "line 7: pressure: expected a number (got x)"),
-        ([], "volume\n" + "1\n" * 6, "line 2: pressure: is missing; expected a volume [m^3] and a pressure [Pa]"),
+        ([], "v,p\n" + "1,2\n" * 5 + "3,x\n", "line 7: pressure: expected a number (got x)"),
+        ([], "v,p\n" + "1\n" * 6, "line 2: pressure: is missing; expected a volume [m^3] and a pressure [Pa]"),
+        ([], "volume\n" + "1\n" * 6, "its head, 'volume', is not understood; expected a column of volume (m^3, l,"),
+        ([], "a,b\n" + "1,2\n" * 6, "its head, 'a, b', is not understood; expected a column of volume (m^3, l,"),
+        ([], "stretch, stress [MPa]\n" + "1,2\n" * 6, "its head, 'stretch, stress [MPa]', is not understood; expec"),
+        ([], "diameter [m], p [Pa]\n" + "1,2\n" * 6, "its head, 'diameter [m], p [Pa]', is not understood; expec"),
+        ([], "volume [furlong], p\n" + "1,2\n" * 6, "volume: 'furlong' in 'volume [furlong]' is not understood; e"),
+        ([], "volume, pressure [mpa]\n" + "1,2\n" * 6, "pressure: 'mpa' in 'pressure [mpa]' is not understood; e"),
+        ([], "v, p, pressure 2\n" + "1,2,3\n" * 6, "has two columns of pressure, 'p' and 'pressure 2'"),
+        ([], "v, p [kPa Pa]\n" + "1,2\n" * 6, "pressure: 'p [kPa Pa]' names several units; expected one"),
+        ([], "volume, absolute pressure\n" + "1,2\n" * 6, "is not understood; expected a column of volume"),
+        ([], "volume, pressure (absolute) [kPa]\n" + "1,2\n" * 6, "'pressure (absolute) [kPa]' is absolute; expected"),
+        ([], "volume, p [bar(a)]\n" + "1,2\n" * 6, "'p [bar(a)]' is absolute; expected gauge pressure"),
+        ([], "volume, p [psia]\n" + "1,2\n" * 6, "'p [psia]' is absolute; expected gauge pressure"),
+        ([], "".join(f"{n},{101325 + n}\n" for n in range(1, 7)), "101326 to 101331 Pa look absolute; expected gauge"),
         ([], "1,2\n" * 5 + "2,nan\n", "line 6: pressure: expected a number (got nan)"),
         ([], "1,2\n" * 5 + "-2,1\n", "line 6: volume: expected a number above 0 (got -2)"),
-        ([], "volume [l],pressure [Pa]\n" + "1,2\n" * 6, "volume: expected in m^3 (got l)"),
         ([], "1,2\n" * 6, "volume: is 1 in every row; expected the volumes of a balloon that grows"),
         ([], "1,-2\n2,-1\n" * 3, "pressure: expected gauge pressures above 0 (got -1 at most)"),
         (["--kind", "steel"], "1,2\n2,3\n" * 3, "kind: must be mooney_rivlin, gent, ogden"),
@@ -192,6 +204,95 @@ def test_curves_that_cannot_be_get_a_sentence(words: list[str], rows: str, sente
     said = CliRunner().invoke(app, ["fit", str(tmp_path / "curve.csv"), *words])
     assert isinstance(said.exception, InputError)
     assert sentence in str(said.exception)
+
+
+@pytest.mark.parametrize(
+    ("head", "volume", "pressure"),
+    [
+        pytest.param("volume,pressure", 1.0, 1.0, id="no units"),
+        pytest.param("pressure (kPa),volume (L)", 1e-3, 1e3, id="round brackets, the other order"),
+        pytest.param("Volume_mL,p_mbar", 1e-6, 100.0, id="after _"),
+        pytest.param("V/cm³,p/kPa", 1e-6, 1e3, id="after /"),
+        pytest.param('"volume, ml","pressure, Pa"', 1e-6, 1.0, id="after a comma"),
+        pytest.param("Volumen {dm^3},Druck <bar>", 1e-3, 1e5, id="German"),
+        pytest.param("vol [mm3],gauge", None, None, id="not a name"),
+        pytest.param("v [cc],p [mm Hg]", 1e-6, 133.322387415, id="mercury"),
+        pytest.param("v [cm**3],gas pressure [cmH2O]", None, None, id="a word before"),
+        pytest.param("v [cm**3],p [cmH2O]", 1e-6, 98.0665, id="water"),
+        pytest.param("time [s],v [l],p [psig],temperature", 1e-3, 6894.757293168, id="other columns, gauge"),
+        pytest.param("v,pressure [N/m^2]", 1.0, 1.0, id="newtons"),
+        pytest.param("v,pressure [N/mm²]", 1.0, 1e6, id="newtons on a square millimeter"),
+        pytest.param("v,p [MPa]", 1.0, 1e6, id="mega"),
+        pytest.param("v,p [mPa]", 1.0, 1e-3, id="milli"),
+        pytest.param("volume,pressure\n[l],[kPa]", 1e-3, 1e3, id="units in a row of their own"),
+        pytest.param("# volume [l],pressure [kPa]", 1e-3, 1e3, id="a comment"),
+    ],
+)
+def test_units_of_a_head_are_converted_or_refused(head: str, volume: float | None, pressure: float | None, tmp_path):
+    names = head.splitlines()[0].split(",") if '"' not in head else ["volume", "pressure"]
+    first = 0 if names[0].lower().startswith(("v", "# v")) else 1
+    if len(names) == 4:
+        rows = [f"{row},{2 * row},{3 * row},20" for row in range(1, 7)]
+    else:
+        rows = [f"{2 * row},{3 * row}" if first == 0 else f"{3 * row},{2 * row}" for row in range(1, 7)]
+    (tmp_path / "curve.csv").write_text("\n".join([head, *rows]))
+    if volume is None or pressure is None:
+        with pytest.raises(InputError, match="is not understood; expected a column of volume"):
+            read_curve(tmp_path / "curve.csv")
+        return
+    curve = read_curve(tmp_path / "curve.csv")
+    np.testing.assert_allclose(curve.volumes, 2.0 * volume * np.arange(1, 7))
+    np.testing.assert_allclose(curve.pressures, 3.0 * pressure * np.arange(1, 7))
+
+
+@pytest.mark.parametrize(
+    ("order", "drop", "taken"),
+    [
+        pytest.param("loop", 0.2, 20, id="inflated, then deflated"),
+        pytest.param("back", 0.2, 20, id="deflated, then inflated"),
+        pytest.param("twice", 0.2, 40, id="two loops"),
+        pytest.param("loop", 0.0, 40, id="deflated along the same curve"),
+        pytest.param("shuffled", 0.2, 40, id="in no order"),
+        pytest.param("down", 0.2, 20, id="deflated only"),
+    ],
+)
+def test_inflation_is_told_from_deflation(order: str, drop: float, taken: int, tmp_path):
+    volumes = np.geomspace(1e-3, 3e-2, 20)
+    pressures = sphere_pressures("mooney_rivlin", np.array([3e5, 0.1]), volumes, THICKNESS, RADIUS)
+    up, down = np.stack([volumes, pressures], 1), np.stack([volumes, (1.0 - drop) * pressures], 1)[::-1]
+    loop = np.concatenate([up, down])
+    rows = {
+        "loop": loop,
+        "back": np.concatenate([down, up]),
+        "twice": np.concatenate([loop, loop]),
+        "shuffled": np.random.default_rng(0).permutation(loop),
+        "down": down,
+    }[order]
+    (tmp_path / "curve.csv").write_text("volume,pressure\n" + "".join(f"{v},{p}\n" for v, p in rows))
+    curve = read_curve(tmp_path / "curve.csv")
+    assert len(curve.volumes) == taken
+    assert len(curve.remarks) == (taken in (20, 40) and order in ("loop", "back", "twice") and drop > 0.0)
+    if curve.remarks:
+        assert "pressures 20% lower" in curve.remarks[0]
+        fit = fit_curve(curve, radius=RADIUS, thickness=THICKNESS).fit
+        assert fit.values["shear_modulus"] == pytest.approx(3e5, rel=1e-3)
+        assert curve.remarks[0] in fit.doubts
+
+
+def test_a_lack_of_fit_is_told_and_noise_is_none():
+    noise = np.random.default_rng(1).standard_normal(40)
+    assert lack_of_fit(noise, 0.02) == []
+    assert lack_of_fit(np.sort(noise), 1e-4) == []  # of round-off
+    (told,) = lack_of_fit(np.sort(noise), 0.02)
+    assert "misses the curve by 2% of its largest pressure, and it lies above or below" in told
+    assert "misses the curve by 8%" in lack_of_fit(noise[:7], 0.08)[0]
+
+
+@pytest.mark.parametrize(("factor", "told"), [(1.0, False), (0.1, False), (1e-3, True), (1e3, True)])
+def test_a_modulus_that_no_rubber_has_is_told(factor: float, told: bool):
+    curve = curve_of("mooney_rivlin")
+    fit = fit_curve(Curve(curve.volumes, factor * curve.pressures), radius=RADIUS, thickness=THICKNESS).fit
+    assert any("is no rubber's, 3000 to 3e+07 Pa: are the units right" in each for each in fit.doubts) == told
 
 
 def test_plots_have_round_ticks_and_columns_may_be_separated_by_semicolons(tmp_path):

@@ -27,7 +27,9 @@ from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.prepare import Treatment, prepared
 from balloon_warp.model import build_model, plan_model
+from balloon_warp.outputs.exports.parts import Animation
 from balloon_warp.outputs.render import render_stage
+from balloon_warp.outputs.render.stage_reader import RenderStage
 from balloon_warp.outputs.usd import StageWriter
 from balloon_warp.outputs.usd.grid import GridGroup, GridWriter
 from balloon_warp.scene.colors import palette_color
@@ -113,12 +115,53 @@ def test_faces_without_places_stand_beside_some_with_an_image(tmp_path):
     assert dict(seen_sides(mesh))[0] == SIDES[0]
 
 
-def test_without_places_a_material_has_its_color(tmp_path):
-    path = write_obj_cube(tmp_path, "newmtl paint\nKd 0.5 0.25 0.125\nmap_Kd images/the atlas.png\n")
-    path.write_text(path.read_text().replace("vt 0", "vt nan", 1))
-    mesh = load_mesh(path)
+ATLAS_MEAN = linear(SIDES).mean(axis=0)
+
+
+def without_places(path: Path) -> Path:
+    """Take the texture coordinates from a painted cube."""
+    if path.suffix == ".obj":
+        path.write_text(path.read_text().replace("vt 0", "vt nan", 1))
+    elif path.suffix == ".usda":
+        stage = Usd.Stage.Open(str(path))
+        stage.GetPrimAtPath("/cube").RemoveProperty("primvars:uv")
+        stage.GetPrimAtPath("/paint/t").RemoveProperty("inputs:st")
+        stage.Save()
+    else:
+        data = path.read_bytes()
+        other = b"TEXCOORD_9" if b"_9" not in data else b"_EXCOORD_0"
+        path.write_bytes(data.replace(b"TEXCOORD_0", other))
+    return path
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_image_without_places_gives_its_mean_color_and_is_named(kind: str, tmp_path):
+    mesh = load_mesh(without_places(write_painted(tmp_path, kind)))
     assert mesh.texture_coordinates is None
-    assert [(look.color, look.picture) for look in mesh.looks.materials] == [((0.5, 0.25, 0.125), None)]
+    [look] = mesh.looks.materials
+    assert look.picture is None
+    np.testing.assert_allclose(look.color, ATLAS_MEAN, atol=0.02)
+    (sentence,) = mesh.warnings
+    assert "has no coordinates on the mesh; its mean color is taken" in sentence
+
+
+def test_pictures_and_exports_have_the_mean_color_of_an_image_without_places(tmp_path):
+    animation = Animation(without_places(write_painted(tmp_path, "usda")))
+    np.testing.assert_allclose(animation.parts[0].color, ATLAS_MEAN, atol=0.02)
+
+
+def test_the_only_texture_coordinates_of_a_mesh_count_whatever_their_name(tmp_path):
+    path = write_painted(tmp_path, "usda")
+    path.write_text(path.read_text().replace('inputs:varname = "uv"', 'inputs:varname = "UVMap"'))
+    assert_painted(load_mesh(path))
+
+
+def test_an_image_that_is_missing_is_named_by_pictures(tmp_path):
+    path = write_painted(tmp_path, "usda")
+    (tmp_path / "atlas.png").unlink()
+    notes: list[str] = []
+    RenderStage(path, on_note=notes.append)
+    assert notes == ["Missing images: /paint/t (@atlas.png@)."]
 
 
 @pytest.mark.parametrize(

@@ -29,6 +29,7 @@ from balloon_warp.mesh.repair import repaired
 from balloon_warp.mesh.topology import component_count, is_closed, mesh_edges
 from balloon_warp.mesh.usd import read_usd
 from balloon_warp.model import plan_model
+from balloon_warp.outputs.render.stage_reader import RenderStage
 
 SQUARE = b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
 SQUARE_POINTS = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
@@ -485,6 +486,22 @@ def test_all_meshes_that_are_shown_are_taken_as_one_or_the_named(stage: Usd.Stag
         read_again(stage, "/World/mor/c")
 
 
+@pytest.mark.parametrize("first", ["invisible", "inherited"])
+def test_what_appears_or_goes_counts_as_at_first_and_is_named(stage: Usd.Stage, first: str) -> None:
+    add_mesh(stage, "/always", cube())
+    add_mesh(stage, "/World/wall", prism(5))
+    seen = UsdGeom.Xform.Define(stage, "/World").CreateVisibilityAttr()
+    for time, value in ((0.0, first), (12.0, "inherited" if first == "invisible" else "invisible")):
+        seen.Set(value, time)
+    mesh = read_again(stage)
+    assert mesh.face_count == (6 if first == "invisible" else 13)
+    (sentence,) = mesh.warnings
+    assert ("/World/wall (invisible at first)" in sentence) == (first == "invisible")
+    assert ("The visibility of /World/wall changes over time" in sentence) == (first == "inherited")
+    (sentence,) = read_again(stage, "/World/wall").warnings
+    assert "The visibility of /World/wall changes over time, which is not followed" in sentence
+
+
 def test_parts_of_one_name_are_told_apart(stage: Usd.Stage) -> None:
     """Paths tell parts of one name apart, as exporters write a mesh of the same name below each object."""
     for x, wheel in enumerate(("left", "right")):
@@ -507,7 +524,7 @@ def test_a_prim_is_named_in_a_scene_and_on_the_command_line(stage: Usd.Stage, tm
     assert [mesh.face_count for mesh in meshes if mesh] == [6, 7, 13, 6]
     assert plan.warnings == [f"{path}: Left out of the stage: /c (invisible); prim selects other meshes."]
     assert load_scene(path, {"balloon.prim": "/b"}).balloon[0].prim == "/b"
-    with pytest.raises(InputError, match=r"selects a part of a USD stage; expected a USD file as mesh"):
+    with pytest.raises(InputError, match=r"selects an object of a file; expected a file as mesh"):
         plan_model(Scene(balloon=[Balloon(mesh=cube(), prim="/a")]))
 
 
@@ -527,7 +544,7 @@ def test_a_prim_is_named_in_a_scene_and_on_the_command_line(stage: Usd.Stage, tm
     ],
 )
 def test_broken_stages_are_refused_in_a_sentence(stage: Usd.Stage, attribute: str | None, value, sentence: str) -> None:
-    UsdGeom.Sphere.Define(stage, "/sphere")
+    UsdGeom.Camera.Define(stage, "/camera")
     if attribute:
         prim = add_mesh(stage, "/cube", cube()).GetPrim()
         prim.RemoveProperty(attribute) if value is None else prim.GetAttribute(attribute).Set(value)
@@ -544,11 +561,29 @@ def test_what_is_no_stage_is_refused_and_usd_prints_nothing(tmp_path: Path, capf
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_reference_that_is_not_there_is_passed_over_quietly(stage: Usd.Stage, capfd) -> None:
-    add_mesh(stage, "/cube", cube()).GetPrim().GetReferences().AddReference("./gone.usda")
+@pytest.mark.parametrize("what", ["reference", "payload", "sublayer"])
+def test_what_is_not_there_is_named_with_who_wants_it_and_usd_prints_nothing(
+    stage: Usd.Stage, capfd, what: str
+) -> None:
+    prim = add_mesh(stage, "/cube", cube()).GetPrim()
+    for name in ("gone.usda", "lost.usda"):
+        if what == "reference":
+            prim.GetReferences().AddReference(f"./{name}")
+        elif what == "payload":
+            prim.GetPayloads().AddPayload(f"./{name}")
+        else:
+            stage.GetRootLayer().subLayerPaths.append(f"./{name}")
     stage.Save()
     capfd.readouterr()
-    assert read_again(stage).face_count == 6
+    mesh = read_again(stage)
+    assert mesh.face_count == 6
+    for name, sentence in zip(("gone.usda", "lost.usda"), mesh.warnings, strict=True):
+        assert f"{what} " in sentence
+        assert name in sentence
+        assert ("stage.usda" if what == "sublayer" else "</cube>") in sentence
+    notes: list[str] = []
+    RenderStage(Path(stage.GetRootLayer().realPath), on_note=notes.append)
+    assert notes == [*mesh.warnings]
     assert capfd.readouterr() == ("", "")
 
 

@@ -148,6 +148,7 @@ def test_a_wrong_value_gets_one_sentence(scene_file: Path, override: str, senten
         (b"[[balloon]]", r"balloon\.0\.mesh: is missing"),
         (b"[[balloon]]\nmesh = 'a'\n'b.c.d' = 1", r"balloon\.0\.b\.c\.d: unknown field; known here are mesh, .*"),
         (b"[[balloon]]\nmesh = 'a'\n" + 9999 * b"x" + b" = 1", r"balloon\.0\.x{57}\.\.\.: unknown field; .*"),
+        (b"frames = " + 4301 * b"9", r"is not valid TOML: Exceeds the limit \(4300 digits\) .* has 4301 digits$"),
         (b"# " + 2**24 * b"x", r"has 16,777,218 bytes; expected at most 16,777,216"),
     ],
 )

@@ -13,8 +13,8 @@ from balloon_warp.checking.moments import Checker, Met
 from balloon_warp.checking.things import Surface, things_of
 from balloon_warp.device import pick_device
 from balloon_warp.errors import InputError
-from balloon_warp.files import file_behind
-from balloon_warp.mesh.usd_stage import open_stage
+from balloon_warp.mesh.usd_open import open_meshes
+from balloon_warp.outputs.render.stage_reader import left_out
 from balloon_warp.outputs.render.timing import timing_of
 from balloon_warp.outputs.usd import STAGE_SUFFIXES
 from balloon_warp.shown import Shown, described
@@ -75,6 +75,7 @@ def check_stage(
     within: float | None = None,
     device: str | wp.Device | None = None,
     on_frame: Callable[[int, int], None] | None = None,
+    on_note: Callable[[str], None] = lambda sentence: None,
 ) -> CheckReport:
     """Check a stage for interpenetration of balloons, their parts, obstacles, bodies, spheres and the ground.
 
@@ -84,6 +85,7 @@ def check_stage(
         within: Tolerated depth of a balloon in a solid [m]; a twentieth of its mean edge if not given.
         device: Device for the check, such as "cpu".
         on_frame: Called with the number of frames done, and of all.
+        on_note: Called with sentences on what the stage lacks, and what in it is not checked.
 
     Raises:
         InputError: The stage cannot be read, or has nothing that could cross.
@@ -93,12 +95,15 @@ def check_stage(
         raise InputError(f"{path}: no such file; expected a USD stage{did_you_mean_file(path, STAGE_SUFFIXES)}")
     if within is not None and not 0.0 <= within < np.inf:
         raise InputError(f"within: {within:g}; expected at least 0 m")
-    stage, first, last, _rate = timing_of(open_stage(file_behind(path)), path)
+    opened = open_meshes(path, rounds=False)
+    for sentence in (*opened.warnings, *left_out(opened.stage)):
+        on_note(sentence)
+    stage, first, last, _rate = timing_of(opened.stage, path)
     numbers = _chosen(path, range(first, last + 1), frames)
     unit = UsdGeom.GetStageMetersPerUnit(stage)
     things = things_of(stage, [Usd.TimeCode(number) for number in numbers])
     if len(things) < 2 and not any(isinstance(each, Surface) for each in things):
-        raise InputError(f"{path}: has nothing to check; expected meshes, spheres or capsules")
+        raise InputError(f"{path}: has nothing to check; expected meshes or solid shapes")
     checker = Checker(things, unit, pick_device(device))
     allowed = within if within is not None else _thickness(checker, Usd.TimeCode(numbers[0]), unit)
     found: list[Crossing] = []

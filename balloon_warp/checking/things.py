@@ -13,6 +13,7 @@ from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.triangles import triangles_of
 from balloon_warp.mesh.usd_stage import SCENERY
 from balloon_warp.outputs.usd.obstacle import HALF_SPACE
+from balloon_warp.outputs.usd.presence import is_shown
 
 Kind = Literal["balloon", "obstacle", "body", "sphere", "ground"]
 BOX_FACES = np.array([(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)], np.int32)
@@ -152,10 +153,10 @@ class HalfSpace(Thing):
 
 
 def things_of(stage: Usd.Stage, times: list[Usd.TimeCode]) -> list[Thing]:
-    """Find all things of a stage: what is of the purpose "default", but for water."""
+    """Find all things of a stage: what is shown, but for water."""
     found: list[Thing] = []
     for prim in Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)):
-        if UsdGeom.Imageable(prim) and UsdGeom.Imageable(prim).ComputePurpose() == UsdGeom.Tokens.default_:
+        if UsdGeom.Imageable(prim) and is_shown(prim):
             kind = _kind_of(prim)
             group = len(found) + 1 if kind in ("balloon", "body", "sphere") else 0
             if UsdGeom.Sphere(prim) or UsdGeom.Capsule(prim):

@@ -7,12 +7,12 @@ from importlib import metadata
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from balloon_warp.cli.batch import batch
 from balloon_warp.cli.bench import bench
 from balloon_warp.cli.check import check
 from balloon_warp.cli.compare import compare
+from balloon_warp.cli.console import Console
 from balloon_warp.cli.convert import convert
 from balloon_warp.cli.design import design
 from balloon_warp.cli.doctor import doctor
@@ -104,6 +104,8 @@ def main() -> None:
         _fail(mistake, status=2)
     except (BlowUpError, WorkersLostError) as failure:
         _fail(failure, status=1)
+    except MemoryError as failure:
+        _fail(f"memory is exhausted{f' ({failure})' if str(failure) else ''}; less may be asked for", status=1)
     except StoppedError as stopped:
         _fail(stopped, status=128 + (signals or [signal.SIGINT])[0])
     else:

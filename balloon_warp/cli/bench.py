@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
+from balloon_warp.cli.console import Console
 from balloon_warp.cli.options import OUTPUT, Device, Json
 from balloon_warp.errors import InputError
 from balloon_warp.warp_logging import quiet_warp

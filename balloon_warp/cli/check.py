@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 from rich.progress import Progress
 
+from balloon_warp.cli.console import Console
 from balloon_warp.cli.options import Device, Json
 from balloon_warp.cli.size import parse_frames
+from balloon_warp.cli.warn import warn
 from balloon_warp.cli.words import counted
 from balloon_warp.warp_logging import quiet_warp
 
@@ -61,6 +62,7 @@ def check(
             within=within,
             device=device,
             on_frame=lambda done, count: progress.update(task, completed=done, total=count),
+            on_note=warn,
         )
     if as_json:
         print(json.dumps({**asdict(report), "passed": report.passed}))

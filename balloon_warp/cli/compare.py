@@ -4,11 +4,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from balloon_warp.cli.changes import Changes
+from balloon_warp.cli.console import Console
 from balloon_warp.cli.options import (
     OUTPUT,
     Device,

@@ -4,9 +4,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.progress import Progress
 
+from balloon_warp.cli.console import Console
 from balloon_warp.cli.warn import note
 
 

@@ -4,8 +4,8 @@ import json
 from typing import TYPE_CHECKING
 
 import typer
-from rich.console import Console
 
+from balloon_warp.cli.console import Console
 from balloon_warp.cli.options import Device, Json
 from balloon_warp.warp_logging import quiet_warp
 

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from balloon_warp.cli.changes import Changes
+from balloon_warp.cli.console import Console
 from balloon_warp.cli.options import (
     Json,
     MeshOptions,

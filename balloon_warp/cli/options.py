@@ -42,8 +42,9 @@ PrimOption = Annotated[
     str | None,
     typer.Option(
         "--prim",
-        metavar="PATH",
-        help="Path of the mesh in a USD stage, such as /Room/Wall0, or of a parent prim.",
+        metavar="NAME",
+        help="Object of the mesh file: by its name, or in a USD stage by its path, such as /Room/Wall0, "
+        "or that of what it stands in.",
         rich_help_panel=SCENE,
     ),
 ]

@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from rich.console import Console
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -19,6 +18,7 @@ from rich.progress import (
 from rich.text import Text
 
 from balloon_warp.beginning import Beginning
+from balloon_warp.cli.console import Console
 from balloon_warp.cli.estimate import FirstEstimate
 from balloon_warp.cli.words import begun, briefly
 from balloon_warp.errors import StoppedError

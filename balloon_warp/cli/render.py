@@ -4,12 +4,13 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.progress import Progress
 
 from balloon_warp.cli.camera import CameraOptions
+from balloon_warp.cli.console import Console
 from balloon_warp.cli.options import Device
 from balloon_warp.cli.size import parse_frames, parse_size
+from balloon_warp.cli.warn import warn
 from balloon_warp.warp_logging import quiet_warp
 
 
@@ -70,6 +71,7 @@ def render(
             frames=part,
             frames_per_second=fps,
             on_frame=lambda done, count: progress.update(task, completed=done, total=count),
+            on_note=warn,
             **asked,
         )
     Console(emoji=False, highlight=False, soft_wrap=True).print(f"wrote {picture}", markup=False)

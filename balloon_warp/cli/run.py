@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 from rich.markup import escape
 
 from balloon_warp.cli.camera import Asked, CameraOptions
 from balloon_warp.cli.changes import Changes
 from balloon_warp.cli.command import command_line
+from balloon_warp.cli.console import Console
 from balloon_warp.cli.options import (
     LONG,
     OUTPUT,

@@ -4,10 +4,10 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
 from balloon_warp.cli.changes import Changes
+from balloon_warp.cli.console import Console
 from balloon_warp.cli.options import MeshOptions
 from balloon_warp.errors import InputError
 from balloon_warp.scene.load import bundled_scenes, load_scene

@@ -4,8 +4,9 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from rich.console import Console
 from rich.markup import escape
+
+from balloon_warp.cli.console import Console
 
 SPINNER_SECONDS = 0.5
 """Time after which a terminal shows a spinner [s]"""

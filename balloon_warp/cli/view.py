@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 from rich.markup import escape
 
 from balloon_warp.cli.changes import Changes
+from balloon_warp.cli.console import Console
 from balloon_warp.cli.options import OUTPUT, Device, MeshOptions, SceneName, Set
 from balloon_warp.cli.warn import first_line, note, warner
 from balloon_warp.scene.load import scene_name

@@ -4,9 +4,9 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
 from rich.markup import escape
 
+from balloon_warp.cli.console import Console
 from balloon_warp.mesh.units import NO_AXIS
 from balloon_warp.scene import Scene, bundled_scenes
 

@@ -5,9 +5,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
-from rich.console import Console
 from rich.markup import escape
 
+from balloon_warp.cli.console import Console
 from balloon_warp.cli.warn import warn
 from balloon_warp.errors import MissingExtraError
 

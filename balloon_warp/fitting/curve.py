@@ -31,6 +31,11 @@ STARTS: dict[str, list[tuple[float, ...]]] = {
     "gent": [(3.0e5, 20.0), (3.0e5, 60.0), (3.0e5, 150.0)],
     "ogden": [(6.0e5, 1.2e3, 1.0e4), (4.0e5, 3.0e3, 3.0e4)],
 }
+RUBBERS = (3.0e3, 3.0e7)
+"""Shear moduli from the softest gels to hard rubber [Pa]"""
+LARGE_MISFIT, SMALL_MISFIT, FEW_RUNS = 0.05, 0.005, -3.0
+"""Misfit over the largest pressure above which a law does not fit, or does not with so few runs of one sign; and the
+deviations from the mean number of runs from which on they are few"""
 NAMES = {
     "mooney_rivlin": ("shear_modulus", "mooney_ratio"),
     "gent": ("shear_modulus", "gent_limit"),
@@ -157,8 +162,45 @@ def _fitted(
     values, free = np.exp(best.x), len(curve.volumes) - len(names)
     misfit = float(unit * np.sqrt(2.0 * best.cost / max(free, 1)))
     misfits = np.array([unit * np.sqrt(2.0 * each.cost / max(free, 1)) for each in found])
+    found_pressures = pressures(values)
     fit = fit_of(names, values, unit * best.jac / values, misfit, False, misfits)
-    return CurveFit(fit, pressures(values), _toml(kind, values, thickness))
+    lack = lack_of_fit(curve.pressures - found_pressures, misfit / unit)
+    remarks = (*curve.remarks, *lack, *_no_rubber(kind, values))
+    return CurveFit(replace(fit, remarks=remarks), found_pressures, _toml(kind, values, thickness))
+
+
+def lack_of_fit(residuals: Values, share: float) -> list[str]:
+    """Return a sentence if residuals, in the order of volumes, are no noise: too large, or of one sign for long.
+
+    Args:
+        residuals: measured less fitted pressures, shape (n,).
+        share: misfit over the largest pressure.
+    """
+    signs = residuals > 0.0
+    above, count = int(signs.sum()), len(signs)
+    below, runs = count - above, 1 + int(np.count_nonzero(signs[1:] != signs[:-1]))
+    # Wald and Wolfowitz 1940: the number of runs in a random order
+    mean = 1.0 + 2.0 * above * below / count
+    variance = (mean - 1.0) * (mean - 2.0) / (count - 1.0)
+    few = variance > 0.0 and (runs - mean) / np.sqrt(variance) < FEW_RUNS
+    if share > LARGE_MISFIT or (few and share > SMALL_MISFIT):
+        shape = f", and it lies above or below the rows for long ({runs} runs in {count} rows)" if few else ""
+        return [
+            f"the law misses the curve by {100.0 * share:.2g}% of its largest pressure{shape}: another kind may fit"
+        ]
+    return []
+
+
+def _no_rubber(kind: str, values: Values) -> list[str]:
+    """Return a sentence if no rubber has such a shear modulus."""
+    modulus = 0.5 * float(values[:3] @ np.abs(EXPONENTS)) if kind == "ogden" else float(values[0])
+    least, most = RUBBERS
+    if least <= modulus <= most:
+        return []
+    return [
+        f"a shear modulus of {modulus:.3g} Pa is no rubber's, {least:g} to {most:g} Pa: are the units right, and the "
+        "thickness and the radius?"
+    ]
 
 
 def _numbers(kind: str, values: Values) -> dict[str, Any]:

@@ -8,11 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
+from balloon_warp.fitting.branches import APART, drop_of, inflating
+from balloon_warp.fitting.columns import Column, columns_of
 
 Values = NDArray[np.float64]
 LEAST_ROWS = 5
-UNITS = {"volume": ("m^3", "m3", "m³"), "pressure": ("pa",)}
-"""Columns, and spellings of their units"""
+AIR = (8.0e4, 1.3)
+"""Least pressure [Pa], and largest of the highest over the lowest, of a column that is the air's with little on top"""
 SEPARATORS = ",;\t"
 
 
@@ -24,22 +26,31 @@ class Curve:
     """Volumes [m^3], shape (n,)"""
     pressures: Values
     """Gauge pressures [Pa], shape (n,)"""
+    remarks: tuple[str, ...] = ()
+    """Sentences on what was taken of the file"""
 
 
 def read_curve(path: Path) -> Curve:
-    """Read a .csv file of volumes [m^3] and pressures [Pa]: the first two columns, or those of these names.
+    """Read a .csv file of volumes and gauge pressures: the columns of these names, in their units.
+
+    Without a head they are the first two columns, in m^3 and Pa. Of rows that inflate and then deflate with less
+    pressure, those that inflate are taken.
 
     Raises:
-        InputError: it cannot be read, or has too few rows, or a wrong number.
+        InputError: it cannot be read, its head is not understood, or it has too few rows, or a wrong number.
     """
     rows = _rows(path)
-    columns = {"volume": 0, "pressure": 1}
+    columns = {"volume": Column(0, 1.0), "pressure": Column(1, 1.0)}
     if rows and not any(map(_is_number, rows[0][1])):
-        columns = _named(path, [name.strip().lower() for name in rows.pop(0)[1]]) or columns
+        head = [name.strip() for name in rows.pop(0)[1]]
+        if rows and len(rows[0][1]) == len(head) and not any(map(_is_number, rows[0][1])) and all(rows[0][1]):
+            head = [f"{name} [{unit.strip('[]() ')}]" for name, unit in zip(head, rows.pop(0)[1], strict=True)]
+        columns = columns_of(path, head)
     if len(rows) < LEAST_ROWS:
         raise InputError(f"{path}: expected at least {LEAST_ROWS} rows of a volume and a pressure (got {len(rows)})")
     volumes, pressures = (
-        np.array([_number(path, line, name, row, column) for line, row in rows]) for name, column in columns.items()
+        factor * np.array([_number(path, line, name, row, column) for line, row in rows])
+        for name, (column, factor) in columns.items()
     )
     if np.ptp(volumes) == 0.0:
         raise InputError(
@@ -47,8 +58,27 @@ def read_curve(path: Path) -> Curve:
         )
     if pressures.max() <= 0.0:
         raise InputError(f"{path}: pressure: expected gauge pressures above 0 (got {pressures.max():g} at most)")
+    if pressures.min() > AIR[0] and pressures.max() < AIR[1] * pressures.min():
+        raise InputError(
+            f"{path}: pressure: {pressures.min():g} to {pressures.max():g} Pa look absolute; expected gauge pressures, "
+            "without that of the air"
+        )
+    return _loaded(volumes, pressures)
+
+
+def _loaded(volumes: Values, pressures: Values) -> Curve:
+    """Return the rows by volume; of a loop those that inflate."""
+    rising, remarks = inflating(volumes), ()
+    if LEAST_ROWS <= rising.sum() <= len(rising) - LEAST_ROWS:
+        drop = drop_of(volumes, pressures, rising)
+        if abs(drop) > APART:
+            remarks = (
+                f"{(~rising).sum()} of {len(rising)} rows deflate, with pressures {100.0 * drop:.2g}% lower than "
+                "inflation's: only those that inflate are fitted, and material.softening may give the others",
+            )
+            volumes, pressures = volumes[rising], pressures[rising]
     order = np.argsort(volumes)
-    return Curve(volumes[order], pressures[order])
+    return Curve(volumes[order], pressures[order], remarks)
 
 
 def _rows(path: Path) -> list[tuple[int, list[str]]]:
@@ -69,20 +99,6 @@ def _rows(path: Path) -> list[tuple[int, list[str]]]:
         raise InputError(f"{path}: no such file; expected a .csv file of a curve") from None
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path}: cannot be read as a .csv file: {error}") from None
-
-
-def _named(path: Path, head: list[str]) -> dict[str, int] | None:
-    """Return the columns by a head that names them.
-
-    Raises:
-        InputError: they are in other units.
-    """
-    words = [name.split()[0] if name else "" for name in head]
-    for word, name in zip(words, head, strict=True):
-        unit = name.partition("[")[2].rstrip("] ")
-        if unit and word in UNITS and unit not in UNITS[word]:
-            raise InputError(f"{path}: {word}: expected in {UNITS[word][0].replace('pa', 'Pa')} (got {unit})")
-    return {word: words.index(word) for word in UNITS} if set(UNITS) <= set(words) else None
 
 
 def _number(path: Path, line: int, name: str, row: list[str], column: int) -> float:

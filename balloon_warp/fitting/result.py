@@ -35,12 +35,15 @@ class Fit(Shown):
     """Misfit that each start reached, ascending"""
     at_bounds: dict[str, float] = field(default_factory=dict)
     """Bounds at which values lie, by path: the data may ask for values beyond"""
+    remarks: tuple[str, ...] = ()
+    """Sentences on the data and on how well the law has them"""
 
     @property
     def doubts(self) -> list[str]:
         """Sentences on values that are not well known."""
         names = list(self.values)
-        said = [
+        said = [*self.remarks]
+        said += [
             f"{name} is known to {100.0 * abs(self.errors[name] / value):.2g}% only"
             for name, value in self.values.items()
             if value and abs(self.errors[name]) > VAGUE * abs(value)

@@ -2,7 +2,7 @@
 
 import json
 import struct
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from importlib.util import find_spec
 from io import BytesIO
@@ -10,50 +10,76 @@ from pathlib import Path
 from typing import Any
 
 from balloon_warp.errors import InputError
+from balloon_warp.files import regular_content
+from balloon_warp.mesh.gltf_buffers import GltfBuffers
 from balloon_warp.mesh.gltf_looks import GltfMaterials
+from balloon_warp.mesh.gltf_nodes import COMPRESSED, INSTANCING, VISIBILITY, pose
+from balloon_warp.mesh.objects import Objects
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.trimesh_formats import read_triangles
 
-HARMLESS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_", "KHR_xmp", "KHR_mesh_quantization")
+HARMLESS = (
+    *("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_", "KHR_xmp", "KHR_mesh_quantization"),
+    *(INSTANCING, VISIBILITY),
+)
 """Prefixes of extensions that do not change where triangles are, or that are decoded here"""
-COMPRESSED = "KHR_draco_mesh_compression"
-"""Compression that trimesh decodes where DracoPy is installed"""
-LARGEST = {5120: 127, 5121: 255, 5122: 32767, 5123: 65535}
-"""Integers that stand for 1 in normalized accessors, by component type"""
+OTHER = ("EXT_meshopt_compression", "KHR_animation_", "KHR_audio", "KHR_physics", "EXT_lights_", "EXT_mesh_features")
+"""Prefixes of further ones that may be passed over where they are not required: with another form of the same arrays in
+the file, or about other things"""
 JSON_CHUNK, GLB_HEADER = 0x4E4F534A, 12
 
 
-def read_gltf(path: Path | str) -> PolygonMesh:
-    """Read all meshes of a glTF or GLB file as one, in meters, welded at coincident vertices.
+def read_gltf(path: Path | str, prim: str | Sequence[str] | None = None) -> PolygonMesh:
+    """Read the meshes of a glTF or GLB file's scene as one, in meters, welded at coincident vertices.
 
-    glTF repeats a vertex for each normal and texture coordinate there. Normalized integers are decoded. Base colors,
-    base textures and vertex colors go along.
+    They are at their default pose: nodes, instances, skins and morph weights are applied. glTF repeats a vertex for
+    each normal and texture coordinate there. Normalized integers are decoded. Base colors, base textures and vertex
+    colors go along.
+
+    Args:
+        path: of the file.
+        prim: the name of a node or of a mesh, or several: only what is there or below it is taken.
 
     Raises:
-        InputError: the file requires an extension that is not decoded, or as `read_triangles`.
+        InputError: the file requires an extension that is not decoded, has no such node, or as `read_triangles`.
     """
     path = Path(path)
     try:
         tree, rest = _parts(path)
-    except (ValueError, KeyError, struct.error, OSError):  # trimesh says what is wrong
-        return replace(read_triangles(path, joined=True), unit_known=True, up_known=True)
-    required = tree.get("extensionsRequired", [])
-    if unknown := [name for name in _texts(required) if not _is_decoded(name)]:
-        helps = "; pip install DracoPy, or export without compression" if unknown == [COMPRESSED] else ""
-        raise InputError(f"{path}: requires the extension {', '.join(unknown)}, which is not supported{helps}")
-    try:
-        _scale_normalized(tree)
-    except (LookupError, TypeError, AttributeError):  # again
-        return replace(read_triangles(path, joined=True), unit_known=True, up_known=True)
-    materials = GltfMaterials(path, tree, (rest or b"")[8:])
+        required = tree.get("extensionsRequired", [])
+        if unknown := [name for name in _texts(required) if not _is_decoded(name)]:
+            helps = "; pip install DracoPy, or export without compression" if unknown == [COMPRESSED] else ""
+            raise InputError(f"{path}: requires the extension {', '.join(unknown)}, which is not supported{helps}")
+        buffers = GltfBuffers(path, tree, (rest or b"")[8:])
+        objects = Objects(prim)
+        sentences = pose(tree, buffers, objects.takes)
+        buffers.check()
+    except InputError:
+        raise
+    except (LookupError, TypeError, ValueError, AttributeError, struct.error, RecursionError) as error:
+        raise InputError(f"{path}: cannot be read as {path.suffix[1:].upper()} ({_reason(error)})") from None
+    objects.check(path)
+    if passed := [name for name in _texts(tree.get("extensionsUsed")) if not _is_harmless(name)]:
+        sentences.append(f"Uses the extension {', '.join(passed)}, which is passed over.")
+    materials = GltfMaterials(path, tree, buffers)
     materials.name_materials()
     mesh = read_triangles(path, joined=True, source=BytesIO(_file_of(tree, rest)), materials=materials)
-    return replace(mesh, unit_known=True, up_known=True, warnings=materials.warnings)
+    return replace(
+        mesh, name=objects.name or mesh.name, unit_known=True, up_known=True, warnings=(*sentences, *materials.warnings)
+    )
+
+
+def _reason(error: Exception) -> str:
+    """Return what is wrong with a file, in one line."""
+    if isinstance(error, RecursionError):
+        return "it is nested too deeply"
+    said = " ".join(str(error).split())
+    return f"it has no {said}" if isinstance(error, LookupError) else said[:120]
 
 
 def _parts(path: Path) -> tuple[dict[str, Any], bytes | None]:
     """Return the JSON of a file and what follows it in a GLB; None in a .gltf."""
-    data = path.read_bytes()
+    data = regular_content(path)
     if data[:4] != b"glTF":
         tree, rest = json.loads(data), None
     else:
@@ -75,22 +101,9 @@ def _is_decoded(name: str) -> bool:
     return find_spec("DracoPy") is not None if name == COMPRESSED else name.startswith(HARMLESS)
 
 
-def _scale_normalized(tree: dict[str, Any]) -> None:
-    """Hang meshes of normalized integers into nodes that scale them to what they stand for.
-
-    The most negative integer, which stands for -1 as its neighbor does, becomes a little less.
-    """
-    scales = {}
-    for number, mesh in enumerate(tree.get("meshes", [])):
-        for primitive in mesh["primitives"]:
-            position = tree["accessors"][primitive["attributes"]["POSITION"]]
-            if position.get("normalized") and position["componentType"] in LARGEST:
-                scales[number] = 1.0 / LARGEST[position["componentType"]]
-    nodes = tree.get("nodes", [])
-    for node in [node for node in nodes if node.get("mesh") in scales]:
-        mesh = node.pop("mesh")
-        node["children"] = [*node.get("children", []), len(nodes)]
-        nodes.append({"mesh": mesh, "scale": [scales[mesh]] * 3})
+def _is_harmless(name: str) -> bool:
+    """Return whether a mesh is the same without an extension that a file does not require."""
+    return name.startswith((*HARMLESS, *OTHER, COMPRESSED))
 
 
 def _file_of(tree: dict[str, Any], rest: bytes | None) -> bytes:

@@ -1,7 +1,5 @@
 """Base colors and base textures of a glTF file, and their places on the mesh as trimesh returns them."""
 
-import base64
-import binascii
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -10,6 +8,7 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
+from balloon_warp.mesh.gltf_buffers import BROKEN, GltfBuffers, decoded
 from balloon_warp.mesh.looks import Look
 from balloon_warp.mesh.pictures import Pictures
 
@@ -21,11 +20,11 @@ class GltfMaterials:
 
     Args:
         tree: its JSON, in which `name_materials` then puts others in their place.
-        binary: the binary chunk of a GLB.
+        buffers: of the file.
     """
 
-    def __init__(self, path: Path, tree: dict[str, Any], binary: bytes):
-        self._tree, self._binary, self._folder = tree, binary, path.parent
+    def __init__(self, path: Path, tree: dict[str, Any], buffers: GltfBuffers):
+        self._tree, self._buffers, self._folder = tree, buffers, path.parent
         self._pictures = Pictures(path)
         self._base = [_base(material) for material in _dicts(tree, "materials")]
         self.looks = [self._look(number) for number in range(len(self._base))]
@@ -37,6 +36,11 @@ class GltfMaterials:
     def warnings(self) -> tuple[str, ...]:
         """Sentences about textures that cannot be read."""
         return tuple(self._pictures.warnings)
+
+    def unplaced(self, number: int) -> Look | None:
+        """Return the look of a material on a mesh without texture coordinates: of its image the mean color."""
+        look = self.looks[number]
+        return look and self._pictures.mean_of(look, f"of the material {look.name}")
 
     def name_materials(self) -> None:
         """Rename materials to their numbers, and select the texture coordinates of base textures.
@@ -86,27 +90,14 @@ class GltfMaterials:
         uri, view = image.get("uri"), image.get("bufferView")
         named = str(image.get("name") or f"image_{source}")
         if isinstance(uri, str) and uri.startswith("data:"):
-            return self._pictures.of_bytes(f"{named}_{source}", _decoded(uri))
+            return self._pictures.of_bytes(f"{named}_{source}", decoded(uri))
         if isinstance(uri, str):
             return self._pictures.of_file(unquote(uri), self._folder)
-        return self._pictures.of_bytes(f"{named}_{source}", self._view(view))
-
-    def _view(self, number: Any) -> bytes:
-        """Return the bytes of a buffer view; none where it is missing."""
-        views, buffers = _dicts(self._tree, "bufferViews"), _dicts(self._tree, "buffers")
         try:
-            view = views[number]
-            uri = buffers[view["buffer"]].get("uri")
-            if uri is None:
-                data = self._binary
-            elif uri.startswith("data:"):
-                data = _decoded(uri)
-            else:
-                data = (self._folder / unquote(uri)).read_bytes()
-            begin = view.get("byteOffset", 0)
-            return data[begin : begin + view["byteLength"]]
-        except (LookupError, TypeError, AttributeError, OSError, ValueError):
-            return b""
+            data = self._buffers.view(view)
+        except BROKEN:
+            data = b""
+        return self._pictures.of_bytes(f"{named}_{source}", data)
 
 
 def moved(places: NDArray[np.float64], transform: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -141,13 +132,6 @@ def _color(factor: Any) -> tuple[float, float, float] | None:
     except (TypeError, ValueError):
         return None
     return red, green, blue
-
-
-def _decoded(uri: str) -> bytes:
-    try:
-        return base64.b64decode(uri.partition(",")[2])
-    except (binascii.Error, ValueError):
-        return b""
 
 
 def _child(parent: Mapping[str, Any], name: str) -> dict[str, Any]:

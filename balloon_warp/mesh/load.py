@@ -9,13 +9,15 @@ from pathlib import Path
 
 from balloon_warp.arguments import checked
 from balloon_warp.errors import InputError
-from balloon_warp.files import file_behind, legible
+from balloon_warp.files import check_regular, file_behind, legible
 from balloon_warp.mesh import gltf, obj, trimesh_formats, usd
 from balloon_warp.mesh.check import check_mesh
 from balloon_warp.mesh.from_python import MeshLike, mesh_from
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.suggestions import did_you_mean_file
 
+BY_NAME = obj.LOADERS | gltf.LOADERS
+"""Readers of files that name their objects"""
 LOADERS = obj.LOADERS | usd.LOADERS | trimesh_formats.LOADERS | gltf.LOADERS
 
 
@@ -26,15 +28,15 @@ def load_mesh(source: Path | str | MeshLike, prim: str | Sequence[str] | None = 
     Args:
         source: a file; or a PolygonMesh, a trimesh.Trimesh, or points of shape (n, 3) [m] and faces, each a list of
             points' numbers from 0.
-        prim: of a USD stage, the path of a mesh, or of what has meshes below it; or several. All that it shows when
-            missing.
+        prim: of a USD stage, the path of a mesh, or of what has meshes below it; of an OBJ file, the name of an object
+            or a group; of a glTF file, the name of a node or a mesh; or several. All that it shows when missing.
 
     Raises:
         InputError: there is no such file, its suffix is none of these, its content is wrong, or it has no such prim.
     """
     if not isinstance(source, str | Path):
         if prim is not None:
-            raise InputError(f"prim {prim}: selects a part of a USD stage; expected a USD file")
+            raise InputError(f"prim {prim}: selects an object of a file; expected a file")
         mesh = mesh_from(source)
         check_mesh(mesh, mesh.name)
         return mesh
@@ -53,12 +55,20 @@ def load_mesh(source: Path | str | MeshLike, prim: str | Sequence[str] | None = 
 
 
 def _read(path: Path, prim: str | Sequence[str] | None) -> PolygonMesh:
-    """Read a file that is there."""
+    """Read a file that is there.
+
+    Raises:
+        InputError: it is none that can be read whole.
+    """
     suffix = path.suffix.lower()
     if suffix in usd.LOADERS:
         return usd.read_usd(path, prim)
+    check_regular(path)
+    if suffix in BY_NAME:
+        return BY_NAME[suffix](path, prim)
     if prim is not None:
         raise InputError(
-            f"{path}: prim {prim} selects a part of a USD stage; expected a USD file ({' '.join(usd.LOADERS)})"
+            f"{path}: prim {prim} selects an object of a file; expected one of those that name them "
+            f"({' '.join([*usd.LOADERS, *BY_NAME])})"
         )
     return LOADERS[suffix](path)

@@ -93,6 +93,14 @@ class Look:
     color: Color
     picture: Picture | None = None
 
+    @property
+    def plain(self) -> "Look":
+        """The look with the mean color of its image in place of the image."""
+        if self.picture is None:
+            return self
+        red, green, blue = np.multiply(self.color, self.picture.mean).tolist()
+        return Look(self.name, (red, green, blue))
+
 
 @dataclass(frozen=True)
 class Looks:

@@ -13,17 +13,17 @@ from pathlib import Path
 import numpy as np
 
 from balloon_warp.errors import InputError
-from balloon_warp.files import legible, whole_file
+from balloon_warp.files import legible, regular_content, whole_file
 from balloon_warp.mesh.check import FLOAT32_MAX, LARGEST_FACE
 from balloon_warp.mesh.corners import face_starts
 from balloon_warp.mesh.obj_groups import ObjGroups
 from balloon_warp.mesh.obj_looks import vertex_colors, write_materials
 from balloon_warp.mesh.obj_materials import ObjMaterials
 from balloon_warp.mesh.obj_textures import ObjTextures
+from balloon_warp.mesh.objects import Objects
+from balloon_warp.mesh.parts import of_faces
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 
-LARGEST_FILE = 1 << 30
-"""Largest size of a file [bytes]; reading takes up to nine times as much memory"""
 COMPRESSED = {b"\x1f\x8b": "gzip", b"PK\x03\x04": "zip", b"BZh": "bzip2", b"\xfd7zXZ": "xz", b"(\xb5/\xfd": "Zstandard"}
 """Compressions by the first bytes of a file"""
 
@@ -32,11 +32,15 @@ class _LineError(Exception):
     """Mistake in a line."""
 
 
-def read_obj(path: Path | str) -> PolygonMesh:
+def read_obj(path: Path | str, prim: str | Sequence[str] | None = None) -> PolygonMesh:
     """Read vertices and polygons. OBJ says nothing of axes and units: they are taken as Y up and meters.
 
+    Args:
+        path: of the file; reading takes up to nine times as much memory as it has bytes.
+        prim: the name of an object or a group, or several: their faces and vertices alone are taken.
+
     Raises:
-        InputError: the file cannot be read, or a line is wrong; it names the line and the reason.
+        InputError: the file cannot be read, has no such object, or a line is wrong; it names the line and the reason.
     """
     path = Path(path)
     # Arrays of machine numbers: lists would take ten times as much memory as the file.
@@ -86,7 +90,15 @@ def read_obj(path: Path | str) -> PolygonMesh:
     looks = materials.of_corners(mesh, placed=places is not None)
     if looks is None or not looks.pictures:
         places = textures.of_corners()
-    return replace(mesh, texture_coordinates=places, looks=looks, warnings=materials.warnings)
+    mesh = replace(mesh, texture_coordinates=places, looks=looks, warnings=materials.warnings)
+    return mesh if prim is None else _objects_of(mesh, path, groups, Objects(prim))
+
+
+def _objects_of(mesh: PolygonMesh, path: Path, groups: ObjGroups, objects: Objects) -> PolygonMesh:
+    """Return what is taken of a mesh, without the other objects' vertices."""
+    faces = groups.faces_of([name for name in mesh.groups if objects.takes([name])], mesh.face_count)
+    objects.check(path)
+    return replace(of_faces(mesh, faces), name=objects.name or mesh.name)
 
 
 def _check_numbers(path: Path, mesh: PolygonMesh, vertex_lines: Sequence[int], face_lines: Sequence[int]) -> None:
@@ -187,14 +199,7 @@ def _joined(line: bytes, following: Iterator[tuple[int, bytes]]) -> bytes:
 
 
 def _content(path: Path) -> bytes:
-    try:
-        if path.exists() and not path.is_file():  # reading a pipe would wait forever
-            raise InputError(f"{path}: is not a regular file")
-        if path.exists() and path.stat().st_size > LARGEST_FILE:
-            raise InputError(f"{path}: has {path.stat().st_size:,} bytes; expected at most {LARGEST_FILE:,}")
-        content = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    content = regular_content(path)
     for opening, format_name in COMPRESSED.items():
         if content.startswith(opening):
             raise InputError(f"{path}: is compressed ({format_name}), not the plain text of an OBJ file")

@@ -1,6 +1,7 @@
 """The groups of an OBJ file, `g` and `o` lines: names for the vertices of the faces that follow."""
 
 from array import array
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +40,15 @@ class ObjGroups:
             runs = [corners[ends[begin] : ends[end]] for begin, end in zip(ranges[::2], ranges[1::2], strict=True)]
             groups[name] = np.unique(np.concatenate(runs))
         return groups
+
+    def faces_of(self, names: Iterable[str], face_count: int) -> NDArray[np.bool_]:
+        """Return a mask of the faces that are in a group of these names."""
+        mask = np.zeros(face_count, bool)
+        for name in names:
+            ranges = self._ranges[name]
+            for begin, end in zip(ranges[::2], ranges[1::2], strict=True):
+                mask[begin:end] = True
+        return mask
 
     def _end(self, kind: bytes, face: int) -> None:
         names, begin = self._open.pop(kind, ([], face))

@@ -54,7 +54,7 @@ class ObjMaterials:
         """Return the looks at the corners of a mesh; colors of vertices count where all have some.
 
         Args:
-            placed: whether there are texture coordinates; without any, images are left out.
+            placed: whether there are texture coordinates; without any, images are their mean color.
         """
         colors = np.frombuffer(self._colors, np.float32).reshape(-1, 3)
         colored = len(colors) == mesh.vertex_count
@@ -100,13 +100,13 @@ class ObjMaterials:
         return {name: look for name, rows in said.items() if (look := self._look(name, rows, file.parent))}
 
     def _look(self, name: str, rows: dict[str, str], folder: Path) -> Look | None:
-        picture = None
-        if self._placed and rows.get("map_kd"):
-            picture = self._pictures.of_file(_file_of_map(rows["map_kd"]), folder)
+        named = _file_of_map(rows.get("map_kd", ""))
+        picture = self._pictures.of_file(named, folder) if named else None
         color = _color(rows.get("kd", ""))
         if picture is not None:
             # Exporters write black, gray or white beside an image, which other programs pass over.
-            return Look(name, (1.0, 1.0, 1.0), picture)
+            look = Look(name, (1.0, 1.0, 1.0), picture)
+            return look if self._placed else self._pictures.mean_of(look, named)
         return Look(name, color) if color else None
 
 

@@ -55,5 +55,21 @@ def of_vertices(mesh: PolygonMesh, kept: NDArray[np.bool_]) -> PolygonMesh:
     """Return the mesh with the faces of some vertices alone, by a mask; its vertices keep their numbers."""
     if kept.all():
         return mesh
-    faces = kept[mesh.face_vertex_indices[face_starts(mesh)]]
+    return _with_faces(mesh, kept[mesh.face_vertex_indices[face_starts(mesh)]])
+
+
+def of_faces(mesh: PolygonMesh, faces: NDArray[np.bool_]) -> PolygonMesh:
+    """Return the mesh with some of its faces alone, by a mask, and the vertices and groups that they have."""
+    taken = _with_faces(mesh, faces)
+    used, indices = np.unique(taken.face_vertex_indices, return_inverse=True)
+    groups = {name: np.flatnonzero(np.isin(used, own)).astype(np.int32) for name, own in mesh.groups.items()}
+    return replace(
+        taken,
+        points=mesh.points[used],
+        face_vertex_indices=indices.ravel().astype(np.int32),
+        groups={name: own for name, own in groups.items() if len(own)},
+    )
+
+
+def _with_faces(mesh: PolygonMesh, faces: NDArray[np.bool_]) -> PolygonMesh:
     return replace(with_corners(mesh, faces[corner_faces(mesh)]), face_vertex_counts=mesh.face_vertex_counts[faces])

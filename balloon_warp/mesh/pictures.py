@@ -5,7 +5,7 @@ import io
 import re
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
-from balloon_warp.mesh.looks import Picture
+from balloon_warp.mesh.looks import Look, Picture
 
 LARGEST_FILE = 1 << 28
 """Largest size of an image [bytes]"""
@@ -20,7 +20,7 @@ class Pictures:
         self._source = source
         self._read: dict[str, Picture | None] = {}
         self.warnings: list[str] = []
-        """Warnings, one for each image that cannot be read"""
+        """Warnings, one for each image that cannot be read or placed"""
 
     def of_file(self, named: str, folder: Path) -> Picture | None:
         """Read the image of a file.
@@ -52,6 +52,15 @@ class Pictures:
             if self._read[named] is None:
                 self.warnings.append(f"{self._source}: its texture {named} cannot be read as an image; it is left out.")
         return self._read[named]
+
+    def mean_of(self, look: Look, named: str) -> Look:
+        """Return a look with the mean color of its image, where the mesh does not say how the image lies on it."""
+        if look.picture is None:
+            return look
+        sentence = f"{self._source}: its texture {named} has no coordinates on the mesh; its mean color is taken."
+        if sentence not in self.warnings:
+            self.warnings.append(sentence)
+        return look.plain
 
     def _missing(self, named: str) -> None:
         if named not in self._read:

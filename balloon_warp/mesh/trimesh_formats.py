@@ -88,7 +88,9 @@ def _of_part(part: Any, materials: GltfMaterials | None) -> PolygonMesh:
     if shades is not None:
         shades = _lightness(shades, encoded=materials is None)
     if places is None or not np.isfinite(places).all():
-        places, known = None, [look and replace(look, picture=None) for look in known]
+        places = None
+        if materials is not None and known:
+            known = [materials.unplaced(each) if each == of_corners[0] else None for each in range(len(known))]
     return replace(mesh, texture_coordinates=places, looks=looks_of(known, of_corners, shades))
 
 

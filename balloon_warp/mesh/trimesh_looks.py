@@ -49,7 +49,7 @@ def corner_colors(mesh: PolygonMesh, visual: Any) -> NDArray[np.uint8] | None:
 
 def _look(material: Any, placed: bool, name: str) -> Look | None:
     physical = hasattr(material, "baseColorFactor")
-    image = getattr(material, "baseColorTexture" if physical else "image", None) if placed else None
+    image = getattr(material, "baseColorTexture" if physical else "image", None)
     said = getattr(material, "baseColorFactor" if physical else "diffuse", None)
     color: Color = (1.0, 1.0, 1.0)
     if said is not None and (physical or image is None):
@@ -59,5 +59,6 @@ def _look(material: Any, placed: bool, name: str) -> Look | None:
     if image is not None:
         with io.BytesIO() as file:
             image.convert("RGB").save(file, "PNG")
-            return Look("material", color, Pictures(name).of_bytes(name, file.getvalue()))
+            look = Look("material", color, Pictures(name).of_bytes(name, file.getvalue()))
+            return look if placed else look.plain
     return None if said is None or tuple(said) == PLAIN else Look("material", color)

@@ -41,17 +41,20 @@ def read_looks(
     for number, owner in enumerate(owners):
         surface = bound_surface(owner)
         image = image_of(surface)
-        own = places_of(geometry, image, indices) if image else None
-        picture = _read(image, pictures) if image and own is not None else None
         here = of_corners == number
-        if image and picture and own is not None:
-            places = np.zeros((len(indices), 2), np.float32) if places is None else places
-            places = np.where(here[:, None], own, places)
-            name = surface.GetPrim().GetParent().GetName() if surface else owner.GetName()
-            looks.append(Look(name, image.scale, picture))
+        own = places_of(geometry, image, indices) if image else None
+        picture = _read(image, pictures) if image and here.any() else None
+        name = surface.GetPrim().GetParent().GetName() if surface else owner.GetName()
+        if image and picture:
+            look = Look(name, image.scale, picture)
+            if own is None:
+                look = pictures.mean_of(look, f"{image.named} of {prim.GetPath()}")
+            else:
+                places = np.zeros((len(indices), 2), np.float32) if places is None else places
+                places = np.where(here[:, None], own, places)
+            looks.append(look)
         else:
             color = constant_of(surface, "diffuseColor") if surface and _is_said(surface) else None
-            name = surface.GetPrim().GetParent().GetName() if surface else owner.GetName()
             looks.append(None if color is None else Look(name, _color(color)))
     return Seen(places, _with_display_colors(geometry, looks, counts, indices, of_corners))
 

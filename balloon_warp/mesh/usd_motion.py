@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from pxr import Gf, Usd, UsdGeom, UsdSkel
 
 from balloon_warp.errors import InputError
-from balloon_warp.mesh.usd_stage import choose_prims, open_stage, points_of, world_matrix
+from balloon_warp.mesh.usd_open import open_meshes
+from balloon_warp.mesh.usd_stage import choose_prims, points_of, world_matrix
 
 MOST_SCALED = 1e-3
 """Largest growth or bending of a rigid thing, over its size"""
@@ -62,7 +63,7 @@ def read_motions(path: Path, prim: str | Sequence[str] | None) -> list[StageMoti
     Raises:
         InputError: as `read_usd`, or the stage's time does not run.
     """
-    stage = open_stage(path)
+    stage = open_meshes(path).stage
     rate = stage.GetTimeCodesPerSecond()
     if not 0.0 < rate < np.inf:
         raise InputError(f"{path}: its timeCodesPerSecond is {rate:g}; expected a rate above 0")

@@ -8,47 +8,31 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Tf, Usd, UsdGeom, UsdUtils
+from pxr import Usd, UsdGeom
 
 from balloon_warp.errors import InputError
-from balloon_warp.files import file_behind, legible
 from balloon_warp.mesh.check import check_mesh
 from balloon_warp.mesh.corners import backward_corners, with_corners
 from balloon_warp.mesh.looks import together
 from balloon_warp.mesh.pictures import Pictures
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.usd_looks import read_looks
+from balloon_warp.mesh.usd_open import listed, open_meshes
+from balloon_warp.mesh.usd_shapes import others_than
 from balloon_warp.suggestions import did_you_mean
 
 SCENERY = "balloonWarpScenery"
 """Key of the custom data of meshes in our own stages that are scenery, such as the ground"""
-MOST_NAMED = 5
-"""Largest number of meshes that a sentence names"""
 
 
 def read_stage(path: Path | str, prim: str | Sequence[str] | None) -> PolygonMesh:
     """See `read_usd`."""
-    stage = open_stage(path)
+    stage, warnings = open_meshes(path)
     chosen = choose_prims(stage, path, prim)
     pictures = Pictures(path)
     parts = [_read_prim(stage, each, f"{path}: {each.GetPath()}", pictures) for each in chosen.prims]
     mesh = parts[0] if len(parts) == 1 else _together(chosen.prims, parts, _name(prim, path))
-    return replace(mesh, warnings=(*chosen.warnings, *pictures.warnings))
-
-
-def open_stage(path: Path | str) -> Usd.Stage:
-    """Return the stage of a file.
-
-    Raises:
-        InputError: it is none.
-    """
-    if legible(str(path)) != str(path):
-        raise InputError(f"{legible(str(path))}: the name is not UTF-8, which USD requires; expected another name")
-    _quiet = UsdUtils.CoalescingDiagnosticDelegate()  # while it lives, USD prints nothing
-    try:
-        return Usd.Stage.Open(str(file_behind(Path(path))))
-    except Tf.ErrorException as error:
-        raise InputError(f"{path}: cannot be read as a USD stage") from error
+    return replace(mesh, warnings=(*warnings, *chosen.warnings, *pictures.warnings))
 
 
 class Chosen(NamedTuple):
@@ -68,20 +52,41 @@ def choose_prims(stage: Usd.Stage, path: Path | str, prim: str | Sequence[str] |
     Raises:
         InputError: there is none, or no such prim.
     """
-    everything = Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate))
+    everything = list(Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)))
     meshes = [each for each in everything if UsdGeom.Mesh(each)]
+    taken = everything if prim is None else [each for name in _names(prim) for each in _below(everything, name)]
+    others = others_than((each for each in taken if not _why_hidden(each)), (UsdGeom.Mesh,))
     if not meshes:
-        raise InputError(f"{path}: has no mesh (a prim of type Mesh)")
+        found = f", but {listed(others)}" if others else ""
+        raise InputError(f"{path}: has no mesh and no solid shape{found}; expected a prim such as a Mesh or a Sphere")
     if prim is not None:
-        named = [prim] if isinstance(prim, str) else prim
-        prims = [each for name in named for each in _meshes_below(meshes, path, name)]
-        return Chosen([each for each in meshes if each in prims], ())
+        prims = [each for name in _names(prim) for each in _meshes_below(meshes, path, name)]
+        taken = [each for each in meshes if each in prims]
+        return Chosen(taken, (*([f"Left out of the stage: {listed(others)}."] if others else []), *_blinking(taken)))
     hidden = {str(each.GetPath()): _why_hidden(each) for each in meshes}
     shown = [each for each in meshes if not hidden[str(each.GetPath())]]
-    left_out = _listed([f"{name} ({why})" for name, why in hidden.items() if why])
+    left_out = listed([*others, *(f"{name} ({why})" for name, why in hidden.items() if why)])
     if not shown:
         raise InputError(f'{path}: has no visible mesh: {left_out}; prim = "{meshes[0].GetPath()}" selects it anyway')
-    return Chosen(shown, (f"Left out of the stage: {left_out}; prim selects other meshes.",) if left_out else ())
+    said = [f"Left out of the stage: {left_out}; prim selects other meshes."] if left_out else []
+    return Chosen(shown, (*said, *_blinking(shown)))
+
+
+def _blinking(prims: list[Usd.Prim]) -> list[str]:
+    """Return a sentence on the meshes that are taken for always, though they appear or disappear."""
+    found = [str(each.GetPath()) for each in prims if _appears_or_goes(each)]
+    return [f"The visibility of {listed(found)} changes over time, which is not followed."] if found else []
+
+
+def _names(prim: str | Sequence[str]) -> Sequence[str]:
+    return [prim] if isinstance(prim, str) else prim
+
+
+def _below(prims: list[Usd.Prim], name: str) -> list[Usd.Prim]:
+    """Return the prims at or below a path, or at or below what has a name."""
+    words = f"/{name.strip('/')}/"
+    paths = [(f"{each.GetPath()}/", each) for each in prims]
+    return [each for path, each in paths if path.startswith(words) or (name[:1] != "/" and words in path)]
 
 
 def _meshes_below(meshes: list[Usd.Prim], path: Path | str, name: str) -> list[Usd.Prim]:
@@ -90,14 +95,12 @@ def _meshes_below(meshes: list[Usd.Prim], path: Path | str, name: str) -> list[U
     Raises:
         InputError: there is none.
     """
-    below = [each for each in meshes if f"{each.GetPath()}/".startswith(f"{name.rstrip('/')}/")]
+    below = _below(meshes, name)
     exact = [each for each in below if str(each.GetPath()) == name]
     if found := exact or [each for each in below if not _why_hidden(each)] or below:
         return found
     paths = [str(each.GetPath()) for each in meshes]
-    raise InputError(
-        f"{path}: has no mesh at or below prim {name} (it has {_listed(paths)}){did_you_mean(name, paths)}"
-    )
+    raise InputError(f"{path}: has no mesh at or below prim {name} (it has {listed(paths)}){did_you_mean(name, paths)}")
 
 
 def _why_hidden(prim: Usd.Prim) -> str:
@@ -105,16 +108,20 @@ def _why_hidden(prim: Usd.Prim) -> str:
     if prim.HasCustomDataKey(SCENERY):
         return "scenery"
     imageable = UsdGeom.Imageable(prim)
-    if imageable.ComputeVisibility() == UsdGeom.Tokens.invisible:
-        return "invisible"
+    if imageable.ComputeVisibility(Usd.TimeCode.EarliestTime()) == UsdGeom.Tokens.invisible:
+        return "invisible at first" if _appears_or_goes(prim) else "invisible"
     purpose = imageable.ComputePurpose()
     return "" if purpose in (UsdGeom.Tokens.default_, UsdGeom.Tokens.render) else f"purpose {purpose}"
 
 
-def _listed(names: list[str]) -> str:
-    """Return the first few names, and how many more there are."""
-    more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
-    return ", ".join(names[:MOST_NAMED]) + more
+def _appears_or_goes(prim: Usd.Prim) -> bool:
+    """Return whether the visibility of a prim, or of what it stands in, has several values over time."""
+    while prim:
+        seen = UsdGeom.Imageable(prim).GetVisibilityAttr() if UsdGeom.Imageable(prim) else None
+        if seen and len({seen.Get(time) for time in seen.GetTimeSamples()}) > 1:
+            return True
+        prim = prim.GetParent()
+    return False
 
 
 def _name(prim: str | Sequence[str] | None, path: Path | str) -> str:

@@ -69,6 +69,13 @@ def image_of(surface: UsdShade.Shader | None) -> Image | None:
     return Image(file.path, file.resolvedPath, raw, (red, green, blue), str(name or "st"), transform)
 
 
+def missing_image(prim: Usd.Prim) -> str:
+    """Return the file that a texture's prim names if it is not there, else nothing."""
+    shader = UsdShade.Shader(prim)
+    file = constant_of(shader, "file") if shader and shader.GetIdAttr().Get() == "UsdUVTexture" else None
+    return file.path if file and not file.resolvedPath else ""
+
+
 def content_of(path: str) -> bytes | None:
     """Return the content of a file that USD has resolved, such as one in a package; None if it cannot be read."""
     resolver: Any = Ar.GetResolver()
@@ -81,9 +88,13 @@ def content_of(path: str) -> bytes | None:
 def places_of(mesh: UsdGeom.Mesh, image: Image, indices: NDArray[np.int32]) -> NDArray[np.float32] | None:
     """Return the place of each corner in an image, from 0 to 1 to the right and up, shape (corner_count, 2).
 
-    None where the mesh does not say it.
+    The mesh's only texture coordinates count, whatever their name. None where it does not say it.
     """
     places = texture_coordinates(mesh, image.coordinates, indices)
+    if places is None:
+        named = [each.GetPrimvarName() for each in UsdGeom.PrimvarsAPI(mesh).FindPrimvarsWithInheritance()]
+        others = [other for name in named if (other := texture_coordinates(mesh, name, indices)) is not None]
+        places = others[0] if len(others) == 1 else None
     if places is None or np.array_equal(image.transform, np.eye(3)[:2]):
         return places
     whole = np.column_stack([places, np.ones(len(places))])

@@ -231,7 +231,7 @@ def _mesh_of(balloon: Balloon) -> tuple[PolygonMesh, object]:
         mesh, source = load_mesh(balloon.mesh, balloon.prim), balloon.mesh
     else:
         if balloon.prim is not None:
-            raise InputError(f"balloon.prim {balloon.prim}: selects a part of a USD stage; expected a USD file as mesh")
+            raise InputError(f"balloon.prim {balloon.prim}: selects an object of a file; expected a file as mesh")
         mesh, source = balloon.mesh, balloon.mesh.name
         check_mesh(mesh, source, least_corners=2)
     if balloon.print is not None:

@@ -12,7 +12,7 @@ from typing_extensions import TypeAliasType
 
 from balloon_warp.arguments import checked
 from balloon_warp.errors import InputError
-from balloon_warp.files import file_behind, legible, whole_path
+from balloon_warp.files import file_behind, legible, regular_content, whole_path
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.from_python import MeshLike, is_mesh
 from balloon_warp.mesh.load import LOADERS, load_mesh
@@ -237,15 +237,22 @@ def _found(file: Path, path: Path) -> Path:
 
 def _read_toml(path: Path) -> dict[str, Any]:
     try:
-        if path.exists() and not path.is_file():  # reading a pipe would wait forever
-            raise InputError(f"{path}: is not a regular file")
-        if path.exists() and path.stat().st_size > LARGEST_FILE:
-            raise InputError(f"{path}: has {path.stat().st_size:,} bytes; expected at most {LARGEST_FILE:,}")
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (OSError, UnicodeDecodeError) as error:
+        return tomllib.loads(
+            regular_content(path, LARGEST_FILE).decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+        )
+    except UnicodeDecodeError as error:
         raise InputError(f"{path}: cannot be read as a scene file: {error}") from None
     except RecursionError:
         raise InputError(f"{path}: is nested too deeply for a scene file") from None
     except tomllib.TOMLDecodeError as error:
         hint = "; text needs quotes" if "Invalid value" in str(error) else ""
         raise InputError(f"{path}: is not valid TOML: {error}{hint}") from None
+    except InputError:
+        raise
+    except ValueError as error:  # an integer of thousands of digits
+        raise InputError(f"{path}: is not valid TOML: {_without_advice(error)}") from None
+
+
+def _without_advice(error: ValueError) -> str:
+    """Return what is wrong, without how to change Python."""
+    return str(error).partition(";")[0]

@@ -48,7 +48,7 @@ def parse_value(text: str) -> Any:
     """Read a value as TOML has it, or as plain text where it is no TOML value."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):  # also thousands of digits, or brackets
         return text.strip()
 
 

@@ -68,7 +68,7 @@ def export_stage(
     Args:
         stage: Any file that USD opens.
         output: File to write.
-        on_note: Called with sentences, such as how large a file will be.
+        on_note: Called with sentences, such as how large a file will be, or what the stage lacks.
         on_frame: Called with the amount done, and the whole.
 
     Raises:
@@ -83,4 +83,4 @@ def export_stage(
 
     module, function = WRITERS[output.suffix.lower()].split(".")
     write = getattr(import_module(f"balloon_warp.outputs.exports.{module}"), function)
-    write(output, Animation(stage), on_note, on_frame)
+    write(output, Animation(stage, on_note), on_note, on_frame)

@@ -15,9 +15,8 @@ from balloon_warp.mesh.usd_surfaces import texture_coordinates
 from balloon_warp.outputs.moment import Z_TO_Y_UP
 from balloon_warp.outputs.render.appearance import read_colors
 from balloon_warp.outputs.render.covering import Covering, plain_covering, read_covering
-from balloon_warp.outputs.render.prims import CORNERS, SIDES
 from balloon_warp.outputs.render.stage_reader import DRAWN, RenderStage
-from balloon_warp.outputs.round_shapes import capsule_mesh, sphere_mesh, tube_points, tube_topology
+from balloon_warp.outputs.tubes import tube_points, tube_topology
 from balloon_warp.outputs.usd.presence import is_shown
 
 LEVEL = ("ground", "floor", "water", "pool")
@@ -79,19 +78,20 @@ class Animation:
 
     Args:
         path: any file that USD opens.
+        on_note: called with sentences on what the stage lacks, and what in it is not taken.
 
     Raises:
         InputError: the file cannot be read as a stage, or there is nothing to export in it.
     """
 
-    def __init__(self, path: Path):
-        opened = RenderStage(path)
+    def __init__(self, path: Path, on_note: Callable[[str], None] = lambda sentence: None):
+        opened = RenderStage(path, rounds=True, on_note=on_note)
         self.path, self.stage = path, opened.stage
         self.frames = range(opened.first_frame, opened.last_frame + 1)
         self.frames_per_second = float(opened.frames_per_second)
         self.parts = self._find_parts()
         if not self.parts:
-            raise InputError(f"{path}: has no mesh, cube, sphere, capsule or linear curves to export")
+            raise InputError(f"{path}: has no mesh, solid shape or linear curves to export")
 
     @cached_property
     def balloons(self) -> list[Part]:
@@ -155,17 +155,6 @@ def _part_of(prim: Usd.Prim, first: int, name: str) -> Part | None:
         )
         counts, indices = counts[counts >= 3], indices[whole]
         uv = covering.places if covering.places is not None else None if uv is None else uv[whole]
-    elif UsdGeom.Cube(prim):
-        cube, counts, indices = UsdGeom.Cube(prim), np.full(6, 4, np.int32), SIDES.ravel()
-        place = _still(cube.GetSizeAttr().Get(first) * CORNERS)
-    elif UsdGeom.Sphere(prim):
-        points, counts, indices = sphere_mesh(float(UsdGeom.Sphere(prim).GetRadiusAttr().Get(first)))
-        place = _still(points)
-    elif UsdGeom.Capsule(prim):
-        capsule = UsdGeom.Capsule(prim)
-        radius, height = (float(size.Get(first)) for size in (capsule.GetRadiusAttr(), capsule.GetHeightAttr()))
-        points, counts, indices = capsule_mesh(radius, height, "XYZ".index(capsule.GetAxisAttr().Get(first)))
-        place = _still(points)
     else:
         curves = UsdGeom.BasisCurves(prim)
         if curves.GetTypeAttr().Get() != UsdGeom.Tokens.linear:
@@ -187,10 +176,6 @@ def _part_of(prim: Usd.Prim, first: int, name: str) -> Part | None:
         color = read_colors(UsdGeom.Gprim(prim), np.ones(1, np.int32))
         covering = plain_covering(prim, color, len(counts), len(indices))
     return Part(name, prim, mesh, soft, place, covering)
-
-
-def _still(points: NDArray[np.float64]) -> Callable[[float], NDArray[np.float64]]:
-    return lambda frame: points
 
 
 def _points_of(prim: UsdGeom.PointBased) -> Callable[[float], NDArray[np.float64]]:

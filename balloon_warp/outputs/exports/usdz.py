@@ -3,13 +3,15 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from pxr import UsdUtils
+from pxr import Usd, UsdUtils
 
 from balloon_warp.errors import InputError
 from balloon_warp.files import folder_beside, whole_file
 from balloon_warp.mesh.pictures import Pictures
+from balloon_warp.mesh.usd_open import open_stage
 from balloon_warp.mesh.usd_surfaces import content_of
 from balloon_warp.outputs.exports.parts import Animation
+from balloon_warp.outputs.render.timing import timing_of
 
 
 def write_usdz(
@@ -18,7 +20,7 @@ def write_usdz(
     """Write the package; arguments as `export_stage` has them."""
     with folder_beside(output) as folder, whole_file(output) as temporary:
         flat = folder / f"{output.stem}.usdc"  # a package begins with a binary layer, under this name
-        animation.stage.Export(str(flat))
+        _as_it_is(animation).Export(str(flat))
         if not UsdUtils.CreateNewUsdzPackage(str(flat), str(temporary)):
             raise InputError(f"{output}: USD could not make a package of {animation.path}; is the disk full?")
     on_frame(1, 1)
@@ -28,7 +30,7 @@ def write_stage(
     output: Path, animation: Animation, on_note: Callable[[str], None], on_frame: Callable[[int, int], None]
 ) -> None:
     """Write the stage in one file of another kind of USD, with its images beside it."""
-    flat, pictures = animation.stage.Flatten(), Pictures(animation.path)
+    flat, pictures = _as_it_is(animation).Flatten(), Pictures(animation.path)
 
     def beside(path: str) -> str:
         data = content_of(path)
@@ -42,3 +44,8 @@ def write_stage(
     with whole_file(output) as temporary:
         flat.Export(str(temporary))
     on_frame(1, 1)
+
+
+def _as_it_is(animation: Animation) -> Usd.Stage:
+    """Return the stage with its shapes and instances as they are, where others of its kind read them."""
+    return timing_of(open_stage(animation.path), animation.path).stage

@@ -8,7 +8,7 @@ from pxr import Usd, UsdGeom
 
 from balloon_warp.mesh.usd_surfaces import bound_surface, owners_of_faces
 from balloon_warp.outputs.render.appearance import Finish, read_corner_colors, read_finish
-from balloon_warp.outputs.render.printed import Texture, find_texture
+from balloon_warp.outputs.render.printed import Texture, find_texture, mean_color
 
 
 @dataclass(frozen=True)
@@ -60,6 +60,8 @@ def read_covering(
         texture = find_texture(mesh, surface, indices) if here.any() else None
         if texture is not None:
             places[here] = texture.places[here]
+        elif here.any() and (mean := mean_color(surface)) is not None:  # the mesh does not say how the image lies
+            colors[here] = mean
         name = surface.GetPrim().GetParent().GetName() if surface and number else ""
         covers.append((name, read_finish(prim), texture))
     corners = np.repeat(whole, counts)

@@ -11,7 +11,7 @@ from balloon_warp.mesh.folds import CREASE, SOFT_CREASE
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.outputs.moment import Moment
 from balloon_warp.outputs.render.appearance import read_colors, read_finish
-from balloon_warp.outputs.render.covering import Covering, plain_covering, read_covering
+from balloon_warp.outputs.render.covering import Covering, read_covering
 from balloon_warp.outputs.render.printed import read_texels
 from balloon_warp.outputs.render.surface import SmoothSurface
 
@@ -25,12 +25,6 @@ class Capsules(NamedTuple):
     """End of each line, shape (n, 3)"""
     radii: NDArray[np.float64]
     """Radii of lines, shape (n,)"""
-
-
-CORNERS = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-"""Corners of a cube of size 1"""
-SIDES = np.array([(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)], np.int32)
-"""Corners of each side, counter-clockwise from outside"""
 
 
 class SurfaceCover:
@@ -112,30 +106,6 @@ class MeshPrim:
         points = _points(self._mesh, moment)
         _require_count(self._mesh, points, self.point_count, moment)
         return points
-
-
-class CubePrim:
-    """A UsdGeom.Cube, as a mesh of six faces."""
-
-    point_count = 8
-    soft = False
-    used = np.arange(8)
-
-    def __init__(self, prim: Usd.Prim, moment: Moment):
-        self._cube = UsdGeom.Cube(prim)
-        counts, indices = np.full(6, 4, np.int32), SIDES.ravel()
-        self.surface = SmoothSurface(PolygonMesh(self.points(moment), counts, indices), CREASE)
-        color = read_colors(self._cube, np.ones(1, np.int32))
-        self.cover = SurfaceCover(self.surface, plain_covering(prim, color, len(counts), len(indices)))
-
-    def shrunk(self, _: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return None: a cube does not stretch."""
-        return np.ones(self.surface.vertex_count)
-
-    def points(self, moment: Moment) -> NDArray[np.float64]:
-        """Return the corners, shape (8, 3)."""
-        placed = moment.place(self._cube.GetPrim(), self._cube.GetSizeAttr().Get(moment.time) * CORNERS)
-        return _require_finite(self._cube.GetPrim(), placed, moment)
 
 
 class SpherePrim:

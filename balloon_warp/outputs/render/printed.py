@@ -9,6 +9,7 @@ from PIL import Image
 from pxr import UsdGeom, UsdShade
 
 from balloon_warp.errors import InputError
+from balloon_warp.mesh.pictures import Pictures
 from balloon_warp.mesh.usd_surfaces import content_of, image_of, places_of
 from balloon_warp.outputs.render.shutter import LINEAR
 
@@ -68,6 +69,14 @@ def find_texture(mesh: UsdGeom.Mesh, surface: UsdShade.Shader | None, indices: N
     if image is None or places is None:
         return None
     return Texture(image.path, image.raw, image.scale, places, str(mesh.GetPath()))
+
+
+def mean_color(surface: UsdShade.Shader | None) -> NDArray[np.float64] | None:
+    """Return the mean linear RGB of a material's image, shape (3,); None without one that can be read."""
+    image = image_of(surface)
+    data = content_of(image.path) if image and image.path else None
+    picture = Pictures(image.path).of_bytes(image.named, data) if image and data else None
+    return np.multiply(picture.mean, image.scale) if image and picture else None
 
 
 def read_texels(texture: Texture) -> NDArray[np.float32]:

@@ -72,6 +72,7 @@ def render_stage(
     transparent: bool = False,
     frames: tuple[int | None, int | None] | None = None,
     frames_per_second: float | None = None,
+    on_note: Callable[[str], None] = lambda sentence: None,
 ) -> list[int]:
     """Make a picture (.png) or an animation (.webp, .gif, .mp4) of a stage. The file appears whole or not at all.
 
@@ -84,8 +85,7 @@ def render_stage(
         device: Warp device; the GPU, or else the CPU, if not given.
         azimuth: Azimuth of the camera [degrees], from the front, +Z, or -Y where Z is up, toward +X; `AZIMUTH` if
             not given.
-        elevation: Elevation of the camera, 0 to 90 [degrees]; `ELEVATION` if not given. Without both, a camera of
-            the stage comes first.
+        elevation: Elevation, 0 to 90 [degrees]; `ELEVATION` if not given. Without both, the stage's camera is taken.
         on_frame: Called with the number of frames done, and of all.
         zoom, look_at, follow, aperture, focus: As in `View`; if not given, those of the stage's picture, if it has
             one.
@@ -94,6 +94,7 @@ def render_stage(
             ground's shadow stays, unless there is water.
         frames: First and last frame of an animation; the stage's if not given.
         frames_per_second: Frame rate of an animation, which keeps its true speed; the stage's if not given.
+        on_note: Called with sentences on what the stage lacks, and what in it is not drawn.
 
     Returns:
         The frames that were drawn.
@@ -118,9 +119,8 @@ def render_stage(
         aperture=aperture,
         focus=focus,
     )
-    if suffix == ".png" and (frames or frames_per_second) is not None:
-        raise InputError(f"{output}: one picture has no frames and no rate; expected a .webp, .gif or .mp4, or --frame")
-    stage = RenderStage(path)
+    _check_span(output, frames, frames_per_second)
+    stage = RenderStage(path, on_note=on_note)
     chosen, frame_seconds = _choose_frames(stage, suffix, frame, frames, frames_per_second)
     film = Film(size, samples, shutter, transparent)
     pictures = _pictures(stage, chosen, film, device, view, on_frame)
@@ -149,6 +149,11 @@ def _check_request(suffix: str, frame: int | None, size: tuple[int, int], sample
             raise InputError(f"size: {size[0]}x{size[1]} for an .mp4; expected an even width and height")
     if frame is not None and suffix != ".png":
         raise InputError(f"frame: {frame} for a {suffix}, which shows all frames; expected a .png")
+
+
+def _check_span(output: Path, frames: object, rate: float | None) -> None:
+    if output.suffix.lower() == ".png" and (frames or rate) is not None:
+        raise InputError(f"{output}: one picture has no frames and no rate; expected a .webp, .gif or .mp4, or --frame")
 
 
 def _choose_frames(

@@ -1,24 +1,29 @@
 """A stage as something to make pictures of."""
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Gf, Tf, Usd, UsdGeom, UsdUtils
+from pxr import Gf, Usd, UsdGeom, UsdUtils
 
 from balloon_warp.errors import InputError
-from balloon_warp.files import file_behind, legible
+from balloon_warp.mesh.usd_open import listed, open_meshes
+from balloon_warp.mesh.usd_shapes import others_than
+from balloon_warp.mesh.usd_surfaces import missing_image
 from balloon_warp.outputs.camera import Camera
 from balloon_warp.outputs.moment import Moment
-from balloon_warp.outputs.render.prims import CapsulePrim, Capsules, CubePrim, CurvesPrim, MeshPrim, SpherePrim
+from balloon_warp.outputs.render.prims import CapsulePrim, Capsules, CurvesPrim, MeshPrim, SpherePrim
 from balloon_warp.outputs.render.timing import timing_of
 from balloon_warp.outputs.usd import STAGE_SUFFIXES
 from balloon_warp.outputs.usd.camera import OURS
 from balloon_warp.outputs.usd.presence import is_shown
 from balloon_warp.suggestions import did_you_mean_file
 
-DRAWN = (UsdGeom.Mesh, UsdGeom.Cube, UsdGeom.Sphere, UsdGeom.Capsule, UsdGeom.BasisCurves)
+LINEAR, INVISIBLE = UsdGeom.Tokens.linear, UsdGeom.Tokens.invisible
+DRAWN = (UsdGeom.Mesh, UsdGeom.Sphere, UsdGeom.Capsule, UsdGeom.BasisCurves)
+"""Kinds of prims that are drawn, where other shapes have become meshes"""
 
 
 class Plane:
@@ -34,30 +39,29 @@ class Plane:
 
 
 class RenderStage:
-    """The meshes, cubes, spheres, capsules, linear curves, ground, water and camera of a stage.
+    """The meshes and other shapes, linear curves, ground, water and camera of a stage.
 
     Invisible prims and those of purpose `guide` or `proxy` are left out. A level mesh called "Ground" is the ground,
     one called "Water" is water.
 
     Args:
         path: any file that USD opens.
+        rounds: whether spheres and capsules are meshes, too.
+        on_note: called with sentences on what the stage lacks, and what in it is not taken.
 
     Raises:
         InputError: the file is missing, cannot be read as a stage, or its time codes run nowhere or at no rate.
     """
 
-    def __init__(self, path: Path):
+    def __init__(self, path: Path, *, rounds: bool = False, on_note: Callable[[str], None] = lambda sentence: None):
         self.path = path
         if not path.is_file():
             hint = did_you_mean_file(path, STAGE_SUFFIXES)
             raise InputError(f"{path}: no such file; expected a USD stage{hint}")
-        if legible(str(path)) != str(path):
-            raise InputError(f"{legible(str(path))}: the name is not UTF-8, which USD requires; expected another name")
         self._quiet = UsdUtils.CoalescingDiagnosticDelegate()  # while it lives, USD prints nothing
-        try:
-            self._stage = Usd.Stage.Open(str(file_behind(path)))
-        except Tf.ErrorException:
-            raise InputError(f"{path}: cannot be read; expected a USD stage, as `run` makes of a mesh") from None
+        self._stage, warnings = open_meshes(path, rounds=rounds)
+        for sentence in (*warnings, *left_out(self._stage)):
+            on_note(sentence)
         timing = timing_of(self._stage, path)
         self._stage, self.first_frame, self.last_frame, self.frames_per_second = timing
 
@@ -97,7 +101,7 @@ class RenderStage:
             InputError: nothing is there to be drawn.
         """
         moment = Moment(self._stage, frame)
-        self.meshes: list[MeshPrim | CubePrim] = []
+        self.meshes: list[MeshPrim] = []
         self.rounds: list[SpherePrim | CapsulePrim | CurvesPrim] = []
         self.ground: Plane | None = None
         self.water: Plane | None = None
@@ -105,19 +109,17 @@ class RenderStage:
         for prim in Usd.PrimRange(self._stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()):
             self._take(prim, moment)
         if not self.meshes and not self.rounds:
-            raise InputError(
-                f"{self.path}: has no visible mesh, cube, sphere, capsule or linear curves to draw at frame {frame}"
-            )
+            raise InputError(f"{self.path}: has no visible mesh, solid shape or linear curves to draw at frame {frame}")
 
     def points(self, frame: float) -> list[NDArray[np.float64]]:
-        """Return the points of each mesh and cube, shape (point_count, 3) each."""
+        """Return the points of each mesh, shape (point_count, 3) each."""
         moment = Moment(self._stage, frame)
         return [mesh.points(moment) for mesh in self.meshes]
 
     def gone(self, frame: float) -> NDArray[np.bool_] | None:
         """Return a mask of the triangles of all meshes that are absent; None where all are always present."""
         moment = Moment(self._stage, frame)
-        each = [mesh.gone(moment) if isinstance(mesh, MeshPrim) else None for mesh in self.meshes]
+        each = [mesh.gone(moment) for mesh in self.meshes]
         if all(gone is None for gone in each):
             return None
         pairs = zip(self.meshes, each, strict=True)
@@ -179,20 +181,31 @@ class RenderStage:
                     setattr(self, name, Plane(mesh))
                 else:
                     self.meshes.append(mesh)
-            elif UsdGeom.Cube(prim):
-                self.meshes.append(CubePrim(prim, moment))
             elif UsdGeom.Sphere(prim):
                 self.rounds.append(SpherePrim(prim, moment))
             elif UsdGeom.Capsule(prim):
                 self.rounds.append(CapsulePrim(prim, moment))
-            elif UsdGeom.BasisCurves(prim).GetTypeAttr().Get() == UsdGeom.Tokens.linear:
+            elif UsdGeom.BasisCurves(prim).GetTypeAttr().Get() == LINEAR:
                 curves = CurvesPrim(prim, moment)
                 if curves.segment_count:
                     self.rounds.append(curves)
+
+
+def left_out(stage: Usd.Stage) -> list[str]:
+    """Return sentences on shapes that a stage shows but that cannot be taken, and on images that are missing."""
+    every = Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies())
+    shown = [prim for prim in every if is_shown(prim) and UsdGeom.Imageable(prim).ComputeVisibility() != INVISIBLE]
+    curves = [each for each in map(UsdGeom.BasisCurves, shown) if each and each.GetTypeAttr().Get() != LINEAR]
+    others = [*others_than(shown, DRAWN), *(f"{each.GetPath()} (BasisCurves that are not linear)" for each in curves)]
+    lost = [f"{prim.GetPath()} (@{image}@)" for prim in stage.Traverse() if (image := missing_image(prim))]
+    return [
+        *([f"Left out of the stage: {listed(others)}."] if others else []),
+        *([f"Missing images: {listed(lost)}."] if lost else []),
+    ]
 
 
 def _is_drawn(prim: Usd.Prim, time: Usd.TimeCode) -> bool:
     if not any(kind(prim) for kind in DRAWN):
         return False
     imageable = UsdGeom.Imageable(prim)
-    return is_shown(prim) and imageable.ComputeVisibility(time) != UsdGeom.Tokens.invisible
+    return is_shown(prim) and imageable.ComputeVisibility(time) != INVISIBLE

@@ -99,9 +99,11 @@ def _frame_rate(samples: NDArray[np.float64], rate: float, usual: float) -> floa
 def _seen_through(stage: Usd.Stage, rate: float, offset: float) -> Usd.Stage:
     """Return a stage with another rate of time codes and an offset, with the same prims at the same seconds."""
     root, layer = stage.GetRootLayer(), Sdf.Layer.CreateAnonymous(".usda")
+    layers = [stage.GetSessionLayer(), root]
     layer.timeCodesPerSecond = layer.framesPerSecond = rate
-    layer.subLayerPaths.append(root.identifier)
-    layer.subLayerOffsets[0] = Sdf.LayerOffset(offset, 1.0)
+    for number, each in enumerate(layers):
+        layer.subLayerPaths.append(each.identifier)
+        layer.subLayerOffsets[number] = Sdf.LayerOffset(offset, 1.0)
     layer.customLayerData = root.customLayerData
     seen = Usd.Stage.Open(layer)
     UsdGeom.SetStageUpAxis(seen, UsdGeom.GetStageUpAxis(stage))

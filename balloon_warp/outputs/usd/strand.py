@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom, UsdShade, Vt
 
 from balloon_warp.mesh.usd_stage import SCENERY
-from balloon_warp.outputs.round_shapes import SIDES, tube_topology
+from balloon_warp.outputs.tubes import SIDES, tube_topology
 from balloon_warp.outputs.usd.lines import write_lines
 from balloon_warp.outputs.usd.presence import PAIRED
 

@@ -83,8 +83,9 @@ class Balloon(Table):
     mesh: Annotated[Path | InstanceOf[PolygonMesh], BeforeValidator(_mesh_of)]
     """Mesh file, sought beside the scene file. In Python also a PolygonMesh, a trimesh.Trimesh, or points and faces"""
     prim: Prim | None = None
-    """Path of the mesh in a USD stage, such as "/Room/Wall0", or of a parent prim, or a list of such paths. When
-    missing, all visible meshes of purpose "default" or "render" """
+    """Object of the mesh file, or a list of several: in a USD stage the path of a prim, such as "/Room/Wall0", or of
+    what it stands in; in an OBJ file an object or a group, in a glTF file a node or a mesh, by name. When missing, all
+    that the file shows: of a stage, what is visible and of purpose "default" or "render" """
     weld: bool | Literal["auto"] | Annotated[float, Field(ge=LEAST_GAP, le=LARGEST_GAP)] = "auto"
     """Weld seams, where open edges meet from end to end. "auto": within a millionth of the mesh's size; a number:
     within that fraction of it; true: wherever vertices coincide exactly; false: nowhere"""

@@ -36,9 +36,9 @@ MOST_MISSED = 0.05
 UnitInterval = Annotated[float, Field(ge=0, le=1)]
 Index = Annotated[int, Field(ge=0)]
 """Index from 0, as in lists of the scene and vertices of a file"""
-PrimPath = Annotated[str, Field(pattern="^/.")]
-Prim = PrimPath | Annotated[list[PrimPath], Field(min_length=1)]
-"""Paths of prims of a USD stage"""
+ObjectName = Annotated[str, Field(pattern="[^/]")]
+Prim = ObjectName | Annotated[list[ObjectName], Field(min_length=1)]
+"""Names of objects of a mesh file, or paths of prims of a USD stage"""
 Color = tuple[UnitInterval, UnitInterval, UnitInterval]
 """Linear RGB"""
 Rule = SkipJsonSchema[Callable[[Any], Any]]

@@ -44,8 +44,9 @@ class Solid(Table):
     mesh: Annotated[Path | InstanceOf[PolygonMesh] | None, BeforeValidator(_mesh_of)] = None
     """Mesh file, sought beside the scene file. In Python also a PolygonMesh, a trimesh.Trimesh, or points and faces"""
     prim: Prim | None = None
-    """Path of the mesh in a USD stage, such as "/Room/Wall0", or of a parent prim, or a list of such paths. When
-    missing, all visible meshes of purpose "default" or "render" """
+    """Object of the mesh file, or a list of several: in a USD stage the path of a prim, such as "/Room/Wall0", or of
+    what it stands in; in an OBJ file an object or a group, in a glTF file a node or a mesh, by name. When missing, all
+    that the file shows: of a stage, what is visible and of purpose "default" or "render" """
     unit: Unit | None = None
     """Unit of the mesh's coordinates; when missing, the unit in the mesh file, else the meter"""
     up: UpAxis | None = None

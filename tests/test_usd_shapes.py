@@ -1,0 +1,218 @@
+"""Stages of other programs: shapes that are no meshes, and what a PointInstancer scatters, for all that read stages."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from meshes import cube
+from numpy.typing import NDArray
+from pxr import Gf, Sdf, Usd, UsdGeom
+from test_mesh_files import add_mesh, move
+
+from balloon_warp.checking import check_stage
+from balloon_warp.errors import InputError
+from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.mesh.load import load_mesh
+from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.mesh.usd_motion import read_motions
+from balloon_warp.outputs.exports import export_stage
+from balloon_warp.outputs.exports.parts import Animation
+from balloon_warp.outputs.render.stage_reader import RenderStage
+
+
+class Files:
+    """A stage in meters, Y up, and its file."""
+
+    def __init__(self, path: Path):
+        self.path = path
+        self.stage = Usd.Stage.CreateNew(str(path))
+        UsdGeom.SetStageUpAxis(self.stage, UsdGeom.Tokens.y)
+        UsdGeom.SetStageMetersPerUnit(self.stage, 1.0)
+
+    def saved(self) -> Path:
+        self.stage.Save()
+        return self.path
+
+    def read(self, prim: str | None = None) -> PolygonMesh:
+        return load_mesh(self.saved(), prim)
+
+    def scatter(self, path: str, places: list[tuple[float, float, float]], **prototypes: str) -> UsdGeom.PointInstancer:
+        """Add a PointInstancer of cubes of 1 m, or of what other prims are, at places."""
+        instancer = UsdGeom.PointInstancer.Define(self.stage, path)
+        if not prototypes:
+            add_mesh(self.stage, f"{path}/Protos/Rock", cube())
+        targets = [Sdf.Path(each) for each in prototypes.values()] or [Sdf.Path(f"{path}/Protos/Rock")]
+        instancer.CreatePrototypesRel().SetTargets(targets)
+        instancer.CreatePositionsAttr(places)
+        instancer.CreateProtoIndicesAttr([number % len(targets) for number in range(len(places))])
+        return instancer
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> Files:
+    return Files(tmp_path / "stage.usda")
+
+
+ROUND = np.pi
+SHAPES = {
+    "Cube": ({"size": 2.0}, 8.0, (2, 2, 2)),
+    "Sphere": ({"radius": 0.5}, ROUND / 6.0, (1, 1, 1)),
+    "Cylinder": ({"radius": 0.5, "height": 3.0, "axis": "X"}, ROUND * 0.75, (3, 1, 1)),
+    "Cylinder_1": ({"radiusTop": 0.25, "radiusBottom": 0.5, "height": 3.0, "axis": "Y"}, ROUND * 7 / 16, (1, 3, 1)),
+    "Cone": ({"radius": 0.5, "height": 3.0}, ROUND * 0.25, (1, 1, 3)),
+    "Capsule": ({"radius": 0.5, "height": 2.0}, ROUND * (0.5 + 1.0 / 6.0), (1, 1, 3)),
+    "Capsule_1": ({"radiusTop": 0.5, "radiusBottom": 0.5, "height": 2.0}, ROUND * (0.5 + 1.0 / 6.0), (1, 1, 3)),
+    "Plane": ({"width": 2.0, "length": 4.0, "axis": "Y"}, 0.0, (2, 0, 4)),
+}
+
+
+@pytest.mark.parametrize("kind", SHAPES)
+def test_a_shape_is_a_mesh_for_all_that_read_stages(files: Files, kind: str):
+    sizes, volume, box = SHAPES[kind]
+    prim = files.stage.DefinePrim("/Room/Thing", kind)
+    for name, value in sizes.items():
+        prim.GetAttribute(name).Set(value)
+    UsdGeom.Gprim(prim).CreateDisplayColorAttr([(1.0, 0.0, 0.0)])
+    prim.CreateAttribute("orientation", Sdf.ValueTypeNames.Token).Set("leftHanded")
+    move(UsdGeom.Xformable(prim), 5.0)
+    mesh = files.read()
+    assert signed_volume(mesh) == pytest.approx(volume, rel=0.02)
+    np.testing.assert_allclose(np.ptp(mesh.points, axis=0), box, atol=1e-6)
+    assert mesh.points.mean(axis=0)[0] == pytest.approx(5.0, abs=0.2)
+    assert (mesh.name, mesh.warnings) == ("Thing", ())
+    assert mesh.looks is not None
+    assert mesh.looks.materials[0].color == (1.0, 0.0, 0.0)
+    drawn = RenderStage(files.path)
+    drawn.read_prims(0.0)
+    assert len(drawn.meshes) + len(drawn.rounds) == 1
+    animation = Animation(files.path)
+    (part,) = animation.parts
+    np.testing.assert_allclose(part.points(0), mesh.points, atol=1e-6)
+    assert part.color == (1.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("kind", ["Cube", "Cylinder", "Cone", "Capsule", "Sphere"])
+def test_check_finds_what_crosses_a_shape(files: Files, kind: str):
+    ball = add_mesh(files.stage, "/Ball", cube())
+    for frame in (0, 1):
+        ball.GetPointsAttr().Set(ball.GetPointsAttr().Get(), frame)
+    files.stage.DefinePrim("/Table", kind)
+    (crossing, _) = check_stage(files.saved(), device="cpu").crossings
+    assert "balloon Ball" in (crossing.first, crossing.second)
+    assert crossing.depth > 0.2
+
+
+def test_an_ellipsoid_is_one_in_pictures(files: Files):
+    prim = UsdGeom.Sphere.Define(files.stage, "/Egg")
+    prim.AddScaleOp().Set(Gf.Vec3f(1, 2, 1))
+    drawn = RenderStage(files.saved())
+    drawn.read_prims(0.0)
+    assert not drawn.rounds
+    np.testing.assert_allclose(np.ptp(drawn.points(0.0)[0], axis=0), (2, 4, 2), atol=1e-6)
+
+
+def test_a_shape_inside_an_instance_is_found(files: Files):
+    files.stage.CreateClassPrim("/prototype")
+    files.stage.DefinePrim("/prototype/deeper/cube", "Cube")
+    for x, name in enumerate("ab"):
+        instance = UsdGeom.Xform.Define(files.stage, f"/{name}")
+        instance.GetPrim().GetReferences().AddInternalReference("/prototype")
+        instance.GetPrim().SetInstanceable(True)
+        move(instance, 5.0 * x)
+    mesh = files.read()
+    assert mesh.face_count == 12
+    assert np.ptp(mesh.points, axis=0)[0] == 7.0
+
+
+@pytest.mark.parametrize(
+    ("value", "said"), [(float("nan"), r"/Ball.radius is nan; expected a finite"), (-1.0, "is -1; expected a finite")]
+)
+def test_a_size_that_is_none_gets_a_sentence(files: Files, value: float, said: str):
+    UsdGeom.Sphere.Define(files.stage, "/Ball").CreateRadiusAttr(value)
+    with pytest.raises(InputError, match=said):
+        files.read()
+
+
+def test_what_grows_is_no_rigid_obstacle(files: Files):
+    radius = UsdGeom.Sphere.Define(files.stage, "/Ball").CreateRadiusAttr()
+    for time in (0.0, 1.0):
+        radius.Set(1.0 + time, time)
+    assert np.ptp(files.read().points, axis=0).max() == pytest.approx(2.0, rel=0.01)
+    (motion,) = read_motions(files.path, None)
+    with pytest.raises(InputError, match="/Ball deforms"):
+        motion.matrices([0.0, 1.0])
+
+
+@pytest.mark.parametrize("kind", ["NurbsPatch", "Points", "BasisCurves"])
+def test_what_cannot_be_taken_is_named(files: Files, kind: str):
+    """Curves are drawn if they are linear, which these are not."""
+    add_mesh(files.stage, "/Room/Floor", cube())
+    files.stage.DefinePrim("/Room/Table", kind)
+    UsdGeom.Imageable(files.stage.DefinePrim("/Room/Hidden", kind)).MakeInvisible()
+    notes = [*files.read().warnings, *files.read("/Room").warnings]
+    RenderStage(files.path, on_note=notes.append)
+    check_stage(files.path, device="cpu", on_note=notes.append)
+    export_stage(files.path, files.path.with_suffix(".glb"), on_note=notes.append)
+    assert len(notes) >= 5
+    assert all(f"Left out of the stage: /Room/Table ({kind}" in each for each in notes[:5])
+    assert not any("Hidden" in each for each in notes)
+    files.stage.RemovePrim("/Room/Floor")
+    with pytest.raises(InputError, match=rf"has no mesh .*/Room/Table \({kind}\)"):
+        files.read()
+
+
+def corners(mesh: PolygonMesh) -> NDArray[np.float64]:
+    """Return the least corner of each cube that a mesh has, shape (n, 3)."""
+    return mesh.points.reshape(-1, 8, 3).min(axis=1)
+
+
+def test_a_point_instancer_is_what_it_scatters(files: Files):
+    instancer = files.scatter("/Set/Rocks", [(0, 0, 0), (2, 0, 0), (4, 0, 0), (6, 0, 0)])
+    instancer.CreateScalesAttr([(1, 1, 1), (1, 2, 1), (1, 1, 1), (1, 1, 1)])
+    instancer.CreateInvisibleIdsAttr([2])
+    move(UsdGeom.Xform.Define(files.stage, "/Set"), 10.0)
+    mesh = files.read()
+    np.testing.assert_allclose(corners(mesh), cube().points.min(axis=0) + [(10, 0, 0), (12, 0, 0), (16, 0, 0)])
+    assert mesh.points[8:16, 1].min() == 2.0 * cube().points[:, 1].min()
+    assert mesh.warnings == ()
+    assert files.read("/Set/Rocks/Rock_1").face_count == 6
+    assert len(Animation(files.path).parts) == 3
+    assert len(check_stage(files.path, device="cpu").things) == 3
+
+
+def test_instances_of_instances_of_shapes_elsewhere_are_found(files: Files):
+    files.stage.CreateClassPrim("/Kinds")
+    files.stage.DefinePrim("/Kinds/Box", "Cube")
+    files.scatter("/Kinds/Pair", [(0, 0, 0), (0, 5, 0)], box="/Kinds/Box")
+    files.scatter("/Set", [(0, 0, 0), (7, 0, 0)], pair="/Kinds/Pair")
+    np.testing.assert_allclose(corners(files.read()) + 1.0, [(0, 0, 0), (0, 5, 0), (7, 0, 0), (7, 5, 0)])
+
+
+def test_instances_move_apart(files: Files):
+    instancer = files.scatter("/Rocks", [(0, 0, 0), (5, 0, 0)])
+    for time in (0.0, 24.0):
+        instancer.GetPositionsAttr().Set([(0, time, 0), (5, 2.0 * time, 0)], time)
+    files.stage.SetTimeCodesPerSecond(24.0)
+    motions = read_motions(files.saved(), None)
+    assert [motion.matrices([1.0])[0, 1, 3] for motion in motions] == [24.0, 48.0]
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("protoIndices", [0, 1], "protoIndices do not match its 1 prototypes"),
+        ("positions", [(0, 0, 0)], "it places 0 instances of 2"),
+    ],
+)
+def test_instances_that_do_not_fit_are_named(files: Files, name: str, value: list, said: str):
+    files.scatter("/Rocks", [(0, 0, 0), (5, 0, 0)]).GetPrim().GetAttribute(name).Set(value)
+    assert said in files.read().warnings[0]
+
+
+def test_a_converted_stage_keeps_its_shapes(files: Files):
+    files.stage.DefinePrim("/Table", "Cube")
+    files.scatter("/Rocks", [(0, 0, 0), (5, 0, 0)])
+    export_stage(files.saved(), files.path.with_name("out.usda"))
+    kept = Usd.Stage.Open(str(files.path.with_name("out.usda")))
+    kinds = [kept.GetPrimAtPath(path).GetTypeName() for path in ("/Table", "/Rocks")]
+    assert kinds == ["Cube", "PointInstancer"]
