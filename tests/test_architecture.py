@@ -129,7 +129,7 @@ def circle(loads: dict[str, set[str]]) -> list[str]:
 
 
 LAYERS = (
-    ("garbage", "temporaries"),
+    ("garbage", "standard_streams", "temporaries"),
     ("warp_headers",),
     ("kernels", "errors", "warp_logging", "warp_lock", "driver", "shown"),
     ("files", "launching", "interrupts", "laws", "suggestions"),
