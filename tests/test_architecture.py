@@ -129,10 +129,11 @@ def circle(loads: dict[str, set[str]]) -> list[str]:
 
 
 LAYERS = (
-    ("garbage", "standard_streams", "temporaries"),
+    ("garbage", "marks", "standard_streams", "temporaries"),
     ("warp_headers",),
     ("kernels", "errors", "warp_logging", "warp_lock", "driver", "shown"),
     ("files", "launching", "interrupts", "laws", "suggestions"),
+    ("ownership",),
     ("device",),
     ("mesh",),
     ("springs", "scene", "foil"),

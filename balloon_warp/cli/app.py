@@ -39,6 +39,8 @@ def _print_version(wanted: bool) -> None:
         raise typer.Exit
 
 
+WRITERS = (run, batch, compare, scenes, remesh, foil, design, fit, render, convert)
+"""Commands that choose names of files themselves"""
 app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -62,7 +64,7 @@ for command in (
     bench,
     doctor,
 ):
-    app.command(cls=Command)(spread(command))
+    app.command(cls=Command)(spread(command, writes=command in WRITERS))
 
 
 @app.callback()
@@ -87,8 +89,8 @@ def main() -> None:
     blow-up or the loss of all workers, 1; Ctrl-C, 130; SIGTERM, 143.
     """
     for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors="backslashreplace")  # a terminal or log that is not UTF-8 loses letters, no work
+        if reconfigure := getattr(stream, "reconfigure", None):
+            reconfigure(errors="backslashreplace")  # a terminal or log that is not UTF-8 loses letters, no work
     signals: list[int] = []
 
     def stop(number: int, _: object) -> None:

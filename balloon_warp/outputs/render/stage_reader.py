@@ -9,6 +9,7 @@ from pxr import Gf, Tf, Usd, UsdGeom, UsdUtils
 
 from balloon_warp.errors import InputError
 from balloon_warp.files import file_behind, legible
+from balloon_warp.marks import STAGE_KEY
 from balloon_warp.outputs.camera import Camera
 from balloon_warp.outputs.moment import Moment
 from balloon_warp.outputs.render.prims import CapsulePrim, Capsules, CubePrim, CurvesPrim, MeshPrim, SpherePrim
@@ -82,7 +83,7 @@ class RenderStage:
 
     def _said(self, name: str):
         """Return a value that a stage of ours has about itself."""
-        ours = self._stage.GetRootLayer().customLayerData.get("balloonWarp")
+        ours = self._stage.GetRootLayer().customLayerData.get(STAGE_KEY)
         return ours.get(name) if isinstance(ours, dict) else None
 
     @property

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.files import whole_file
+from balloon_warp.marks import manifest_text
 from balloon_warp.outputs.world_files import WorldFile
 from balloon_warp.provenance import installed_versions
 from balloon_warp.sweep.world_files.contents import Contents
@@ -57,7 +58,7 @@ def write_catalog(
         "versions": installed_versions(),
     }
     with whole_file(folder / MANIFEST_NAME) as path:
-        path.write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
+        path.write_text(manifest_text(manifest), encoding="utf-8")
 
 
 def listed_files(folder: Path) -> set[str]:
