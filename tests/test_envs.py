@@ -1,7 +1,9 @@
 """Environments of Gymnasium, the tasks that come with them, and libraries that learn."""
 
+import copy
 import importlib
 import importlib.util
+import pickle
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -95,6 +97,21 @@ def test_worlds_that_are_over_begin_anew_as_asked():
     assert not later[5][3].any()
     assert never[5][3].all()
     assert not same[5][3].any()
+
+
+@pytest.mark.parametrize("make_one", [lambda: make(Brief(), device="cpu"), lambda: make_vec(Brief(), 2, device="cpu")])
+def test_what_is_closed_or_copied_is_refused(make_one: Callable[[], Any]):
+    env = make_one()
+    env.reset(seed=0)
+    for take in (pickle.dumps, copy.deepcopy, copy.copy):
+        with pytest.raises(InputError, match="an environment cannot be copied or pickled; expected a function"):
+            take(env)
+    env.step(env.action_space.sample())
+    env.close()
+    for use in (env.reset, lambda: env.step(env.action_space.sample()), env.render):
+        with pytest.raises(InputError, match="the environment is closed"):
+            use()
+    env.close()
 
 
 def test_a_mask_says_which_worlds_begin_anew():

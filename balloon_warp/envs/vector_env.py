@@ -23,7 +23,17 @@ CAUSES = ("", "an action is not finite", "a control is not finite or out of boun
 Mode = AutoresetMode | Literal["NextStep", "SameStep", "Disabled"]
 
 
-class BalloonVectorEnv(VectorEnv[Any, Any, Any]):
+class Unpickled:
+    """An environment that cannot be copied or pickled: its state is on a device, or in processes."""
+
+    def __reduce__(self) -> Any:
+        raise InputError(
+            "an environment cannot be copied or pickled; expected a function that makes it, such as "
+            'lambda: make("Target"), or what env.simulator.save() returns'
+        )
+
+
+class BalloonVectorEnv(Unpickled, VectorEnv[Any, Any, Any]):
     """A batch of worlds of a task, which step together on one device.
 
     `info` has `cause`, a number a world: 0 if all is well, 1 if an action was not finite, 2 if a control was not finite
@@ -83,8 +93,9 @@ class BalloonVectorEnv(VectorEnv[Any, Any, Any]):
         Draws follow from the seed, the number of the world and its episode. Without a seed episodes go on.
 
         Raises:
-            InputError: the mask has another length.
+            InputError: the mask has another length, or the environment is closed.
         """
+        require_open(self)
         super().reset(seed=seed)
         starts, buffers = self.simulator.starts, self._buffers
         if seed is not None or self._np_random_seed is None:
@@ -100,7 +111,7 @@ class BalloonVectorEnv(VectorEnv[Any, Any, Any]):
         """Advance all worlds by the frames of a step.
 
         Raises:
-            InputError: the actions have another shape, or are no numbers.
+            InputError: the actions have another shape, or are no numbers, or the environment is closed.
         """
         return results_of(self.advance(actions), self.autoreset_mode)
 
@@ -110,6 +121,7 @@ class BalloonVectorEnv(VectorEnv[Any, Any, Any]):
         Raises:
             InputError: as `step`.
         """
+        require_open(self)
         buffers, device = self._buffers, self.simulator.model.device
         copy_actions(buffers.given, actions)
         launch(take_actions, self.num_envs, [buffers.given], [buffers.actions, buffers.causes], device=device)
@@ -160,12 +172,23 @@ class BalloonVectorEnv(VectorEnv[Any, Any, Any]):
 
     def render(self) -> tuple[Any, ...] | None:
         """Return a picture of each world, shape (height, width, 3), uint8."""
+        require_open(self)
         if self.render_mode is None:
             return None
         from PIL import Image
 
         pictures = (self.simulator.picture(world, (320, 180), samples=1) for world in range(self.num_envs))
         return tuple(np.asarray(Image.open(io.BytesIO(picture)).convert("RGB")) for picture in pictures)
+
+
+def require_open(env: VectorEnv[Any, Any, Any]) -> None:
+    """Make sure that an environment was not closed.
+
+    Raises:
+        InputError: it was.
+    """
+    if env.closed:
+        raise InputError("the environment is closed; expected reset, step and render before close()")
 
 
 def spaces_of(task: Task, num_envs: int) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
