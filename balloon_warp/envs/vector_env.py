@@ -8,13 +8,14 @@ import warp as wp
 from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
 
 from balloon_warp.envs.arrays import Output, copy_actions, output_of
 from balloon_warp.envs.buffers import Buffers
 from balloon_warp.envs.task import Task
 from balloon_warp.envs.told import Layout, Told
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.frames.stepping import finish_step, restart_steps, take_actions
+from balloon_warp.kernels.frames.stepping import bound_observations, finish_step, restart_steps, take_actions
 from balloon_warp.launching import launch
 from balloon_warp.simulator import Simulator
 
@@ -83,6 +84,7 @@ class BalloonVectorEnv(Unpickled, VectorEnv[Any, Any, Any]):
         self._first_bad = self.simulator.observations["first_bad"]
         device_used = self.simulator.model.device
         self._buffers = Buffers.of(task, self.num_envs, device_used)
+        self._limits = wp.array(limits_of(task), dtype=wp.float32, device=device_used)
         self._out = told_as(Layout(self.num_envs, task.observations), device_used)
         spaces = spaces_of(task, self.num_envs)
         (self.single_observation_space, self.single_action_space), (self.observation_space, self.action_space) = spaces
@@ -150,7 +152,7 @@ class BalloonVectorEnv(Unpickled, VectorEnv[Any, Any, Any]):
         launch(
             finish_step,
             self.num_envs,
-            [simulator.controls.faults, self._first_bad, self.task.most_steps, buffers.begun],
+            [simulator.controls.faults, self._first_bad, self.task.most_steps, self._limits, buffers.begun],
             [
                 *(buffers.steps, buffers.causes, buffers.observations, buffers.rewards),
                 *(buffers.terminated, buffers.truncated, buffers.over),
@@ -167,8 +169,10 @@ class BalloonVectorEnv(Unpickled, VectorEnv[Any, Any, Any]):
         """Count the steps of worlds that have begun anew, and observe all."""
         buffers = self._buffers
         told = [buffers.steps, buffers.over]
-        launch(restart_steps, self.num_envs, [begun], told, device=self.simulator.model.device)
+        device = self.simulator.model.device
+        launch(restart_steps, self.num_envs, [begun], told, device=device)
         self._judge(buffers.scratch)
+        launch(bound_observations, self.num_envs, [self._limits], [buffers.observations], device=device)
 
     def render(self) -> tuple[Any, ...] | None:
         """Return a picture of each world, shape (height, width, 3), uint8."""
@@ -193,8 +197,23 @@ def require_open(env: VectorEnv[Any, Any, Any]) -> None:
 
 def spaces_of(task: Task, num_envs: int) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
     """Return the spaces of observations and actions of one world, and of all."""
-    seen, done = Box(-np.inf, np.inf, (task.observations,), np.float32), Box(-1.0, 1.0, (task.actions,), np.float32)
+    limits = limits_of(task)
+    seen, done = Box(-limits, limits, dtype=np.float32), Box(-1.0, 1.0, (task.actions,), np.float32)
     return (seen, done), (batch_space(seen, num_envs), batch_space(done, num_envs))
+
+
+def limits_of(task: Task) -> NDArray[np.float32]:
+    """Return the largest magnitude of each of a task's observations.
+
+    Raises:
+        InputError: they are other than one for all or one for each, above 0.
+    """
+    limits = np.asarray(task.observation_limits, dtype=np.float32)
+    if limits.shape not in ((), (task.observations,)) or not (limits > 0.0).all():
+        raise InputError(
+            f"observation_limits: expected a number above 0, or {task.observations} of them (got {limits.tolist()})"
+        )
+    return np.broadcast_to(limits, (task.observations,)).copy()
 
 
 def results_of(told: Told, mode: AutoresetMode) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
