@@ -31,6 +31,11 @@ def replacing_any(wanted: bool = True) -> Iterator[None]:
         _replaces_any.reset(before)
 
 
+def replaces_any() -> bool:
+    """Return whether any file may be replaced."""
+    return _replaces_any.get()
+
+
 def require_ours(path: Path, what: str = "an output goes") -> None:
     """Make sure that a file which nobody named as the output is not there, or is ours to replace.
 
@@ -40,7 +45,7 @@ def require_ours(path: Path, what: str = "an output goes") -> None:
     Raises:
         InputError: somebody else made it, or edited it since.
     """
-    if path.exists() and not _replaces_any.get() and not is_ours(path):
+    if path.exists() and not replaces_any() and not is_ours(path):
         who = "somebody wrote or edited it" if path.suffix.lower() == ".toml" else "another program wrote it"
         raise InputError(f"{path}: {who}, and {what} there; expected another name, with -o, or --force to replace it")
 
@@ -56,7 +61,7 @@ def require_same(path: Path, data: bytes) -> bool:
         return False
     if path.is_file() and path.read_bytes() == data:
         return True
-    if _replaces_any.get():
+    if replaces_any():
         return False
     raise InputError(f"{path}: was edited; expected another name of the output, with -o, or --force to replace it")
 
@@ -70,7 +75,7 @@ def require_ours_in(folder: Path, names: Iterable[str], manifests: Iterable[str]
     Raises:
         InputError: somebody else made one.
     """
-    if _replaces_any.get() or any(is_ours(folder / name) for name in manifests):
+    if replaces_any() or any(is_ours(folder / name) for name in manifests):
         return
     for name in names:
         if (path := folder / name).exists():

@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable, whole_file
 from balloon_warp.marks import marked_scene
-from balloon_warp.ownership import require_ours
+from balloon_warp.ownership import replaces_any, require_ours
 from balloon_warp.scene.load import bundled_scenes, files_of, files_of_scene, with_files
 from balloon_warp.scene.reference import default_of
 from balloon_warp.scene.schema import MESHED, WITHOUT_MESHES, Balloon, Body, Obstacle, Scene
@@ -100,7 +100,11 @@ def _is_copied(mesh: Path, copy: Path) -> bool:
         return False
     if copy.is_file() and copy.read_bytes() == mesh.read_bytes():
         return True
-    raise InputError(f"{copy}: already exists and differs from the scene's file of that name; expected another folder")
+    if replaces_any():
+        return False
+    raise InputError(
+        f"{copy}: already exists and differs from the scene's file of that name; expected another folder, or --force"
+    )
 
 
 def _named_from(mesh: Path, folder: Path) -> str:
