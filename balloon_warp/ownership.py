@@ -115,7 +115,8 @@ def sole_writer(*outputs: Path | None) -> Iterator[None]:
 
 def _this_process() -> str:
     """Return who this is, as another process tells its user."""
-    command = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]) if sys.argv and sys.argv[0] else "Python"
+    program = Path(sys.argv[0]).name.replace("__main__.py", "balloon-warp") if sys.argv else ""
+    command = shlex.join([program, *sys.argv[1:]]) if program else "Python"
     return f"process {os.getpid()} on {platform.node()} ({command[:200]}), since {time.strftime('%H:%M:%S')},"
 
 
