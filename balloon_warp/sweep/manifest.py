@@ -10,10 +10,8 @@ from balloon_warp.marks import manifest_text
 from balloon_warp.provenance import (
     describe_laws,
     describe_scene,
-    hash_meshes,
     hash_of_file,
     installed_versions,
-    meshes_of,
 )
 from balloon_warp.resume.folder import JOB_NAME
 from balloon_warp.sweep.checkpoints import PARTIAL_NAME
@@ -32,14 +30,13 @@ def describe_batch(task: BatchTask) -> dict[str, Any]:
     A mesh from Python has the hash of its arrays, and its name.
     """
     columns = {path: column.tolist() for path, column in vary_columns(task.vary).items()}
-    varied = [mesh for path in columns if path.endswith(".mesh") for mesh in task.vary[path]]
     return {
         "scene": describe_scene(task.scene),
         "worlds": task.world_count,
         "vary": columns,
         "export": task.chosen.tolist(),
         "laws": describe_laws(task.laws),
-        "meshes": hash_meshes([*meshes_of(task.scene), *varied]),
+        "meshes": task.mesh_hashes,
     }
 
 

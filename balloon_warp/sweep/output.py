@@ -253,7 +253,7 @@ def _trajectories(task: BatchTask, groups: Sequence[Group]) -> TrajectoryWriter 
     """Return the writer of files of worlds, where they are wanted."""
     if task.trajectories is None:
         return None
-    contents = Contents(task.scene, task.vary, task.laws, task.every)
+    contents = Contents(task.scene, task.vary, task.laws, task.every, task.mesh_hashes)
     varied = {path: column.tolist() for path, column in vary_columns(task.vary).items()}
     described = json.dumps([describe_scene(task.scene), varied, task.on_blowup])
     return TrajectoryWriter(task.trajectories, contents, groups, {"batch": sha256(described.encode()).hexdigest()})

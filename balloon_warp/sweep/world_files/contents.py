@@ -17,7 +17,7 @@ from balloon_warp.mesh.corners import edges_of
 from balloon_warp.mesh.geometry import triangulate
 from balloon_warp.model import ModelPlan
 from balloon_warp.outputs.world_files import Field, WorldFile
-from balloon_warp.provenance import describe_scene, hash_meshes, mesh_label, meshes_of, without_folders
+from balloon_warp.provenance import describe_scene, mesh_label, without_folders
 from balloon_warp.scene import Scene
 from balloon_warp.scene.overrides import override_scene
 from balloon_warp.sweep.columns import units_of
@@ -40,16 +40,16 @@ class Contents:
         vary: what differs between them.
         laws: your own.
         every: step between frames that are written.
+        hashes: of the meshes, by their labels.
     """
 
-    def __init__(self, scene: Scene, vary: BatchVary, laws: Sequence[Law], every: int):
-        self.scene, self._every = scene, every
+    def __init__(self, scene: Scene, vary: BatchVary, laws: Sequence[Law], every: int, hashes: Mapping[str, str]):
+        self.scene, self._every, self._hashes = scene, every, hashes
         self.columns = {path: column.tolist() for path, column in vary_columns(vary).items()}
         """Value of each world of what differs, by its path: of meshes the files' names, and, with `SHA256`, hashes"""
         self._targets = {path: _targets(scene, path, values) for path, values in vary.items()}
         self._units = units_of(scene, self.columns, laws)
         for path in [path for path in self.columns if path.endswith(".mesh")]:
-            hashes = hash_meshes(dict.fromkeys(vary[path]))
             self.columns[f"{path}{SHA256}"] = [hashes[mesh_label(mesh)] for mesh in vary[path]]
             self.columns[path] = [Path(label).name for label in self.columns[path]]
             self._targets[f"{path}{SHA256}"] = [f"{target}{SHA256}" for target in self._targets[path]]
@@ -80,8 +80,7 @@ class Contents:
     @cached_property
     def described(self) -> dict[str, Any]:
         """The scene, and the hashes of its meshes, the same wherever its files are."""
-        meshes = hash_meshes(meshes_of(self.scene))
-        return without_folders({"scene": describe_scene(self.scene), "meshes": meshes})
+        return without_folders({"scene": describe_scene(self.scene), "meshes": self._hashes})
 
     @cached_property
     def _common(self) -> dict[str, Attribute]:
