@@ -11,7 +11,7 @@ from balloon_warp.beginning import Beginning
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model import Remark
 from balloon_warp.outcomes import BadEnding
-from balloon_warp.provenance import hash_meshes, meshes_of
+from balloon_warp.provenance import hash_meshes, mesh_label, meshes_of
 from balloon_warp.scene import Scene
 from balloon_warp.sweep.blow_ups import Failures
 from balloon_warp.sweep.contacts import Pair
@@ -52,9 +52,14 @@ class BatchTask:
 
     @cached_property
     def mesh_hashes(self) -> dict[str, str]:
-        """Hashes of all meshes, by their labels, from when they were first asked for: before the run, as files change."""
-        varied = [mesh for path, values in self.vary.items() if path.endswith(".mesh") for mesh in values]
-        return hash_meshes([*meshes_of(self.scene), *dict.fromkeys(varied)])
+        """Hashes of all meshes, by their labels, first asked for before the run: files may change meanwhile."""
+        varied = {
+            mesh_label(mesh): mesh
+            for path, values in self.vary.items()
+            if path.startswith("balloon.") and path.endswith(".mesh")
+            for mesh in values
+        }
+        return hash_meshes([*meshes_of(self.scene), *varied.values()])
 
     @property
     def world_count(self) -> int:
