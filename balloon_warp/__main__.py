@@ -4,10 +4,12 @@ import gc
 import sys
 
 from balloon_warp.garbage import without_collecting
+from balloon_warp.standard_streams import watch_streams
 
 
 def main() -> None:
     """Run the command line; Ctrl-C while it still loads ends it with a word, too."""
+    watch_streams()
     try:
         with without_collecting():
             from balloon_warp.cli import main as command_line

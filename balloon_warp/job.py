@@ -253,6 +253,7 @@ def _write(
 
     Returns after which frame it began, and what ended them early, where that is to leave a stage.
     """
+    wanted.check_textures(simulator.model)
     blow_up, job, scene = None, describe_run(simulator) | wanted.left_out, simulator.model.scene
     said = {**provenance, **without_folders(job)}
     writer = StageWriter(wanted.stage, simulator.model, said, lights=wanted.lights, ground=wanted.ground)

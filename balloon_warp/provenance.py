@@ -1,5 +1,6 @@
 """Provenance of an output, for reproducing it: scenes, hashes of meshes, versions."""
 
+import copy
 import hashlib
 import inspect
 import platform
@@ -14,6 +15,7 @@ from balloon_warp.files import legible
 from balloon_warp.kernels.laws import Law
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.scene import Scene
+from balloon_warp.scene.load import FILES
 from balloon_warp.scene.schema import MESHED, WITHOUT_MESHES
 
 LIBRARIES = ("balloon-warp", "warp-lang", "numpy", "scipy", "usd-core")
@@ -48,20 +50,19 @@ def meshes_of(scene: Scene) -> list[Path | PolygonMesh]:
 def without_folders(description: Mapping[str, Any]) -> dict[str, Any]:
     """Describe the same as it is wherever the files are.
 
-    A description has a `scene` and its `meshes`: the meshes' names lose their folders, and their hashes are by where
-    they stand, as `balloon.0.mesh`.
+    A description has a `scene` and its `meshes`: the names of files lose their folders, and the hashes of meshes are by
+    where they stand, as `balloon.0.mesh`.
     """
-    scene, hashes = {**description["scene"]}, {}
+    scene, hashes = copy.deepcopy(description["scene"]), {}
     for name in MESHED:
-        tables = [{**table} for table in scene.get(name, ())]
-        for number, table in enumerate(tables):
+        for number, table in enumerate(scene.get(name, ())):
             if "mesh" in table:
                 hashes[f"{name}.{number}.mesh"] = description["meshes"][table["mesh"]]
-                table["mesh"] = Path(table["mesh"]).name
-            if table.get("print"):
-                table["print"] = Path(table["print"]).name
-        if name in scene:
-            scene[name] = tables
+            for file in FILES:
+                *within, field = file.split(".")
+                holder = table.get(within[0]) if within else table
+                if holder and isinstance(holder.get(field), str):
+                    holder[field] = Path(holder[field]).name
     return {**description, "scene": scene, "meshes": hashes}
 
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from balloon_warp.arguments import checked
 from balloon_warp.blow_ups import BlowUp, Origin, Origins, diagnose
 from balloon_warp.device import pick_device
-from balloon_warp.errors import BlowUpError
+from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.frame import Frame
 from balloon_warp.frame_reader import FrameReader
 from balloon_warp.garbage import without_collecting
@@ -71,6 +71,7 @@ class Simulator(Shown):
         schedule: str = "auto",
         laws: Sequence[Law] = (),
     ):
+        self._varied = vary or {}
         with PROCESS_LOCK:
             self._begin(build_model(scene_to_vary(scene, vary), pick_device(device), world_count, vary, laws), schedule)
 
@@ -82,6 +83,7 @@ class Simulator(Shown):
             InputError: the worlds do not fit into the device's memory, or there is no such schedule.
         """
         simulator = cls.__new__(cls)
+        simulator._varied = None
         with PROCESS_LOCK:
             simulator._begin(model, schedule)
         return simulator
@@ -400,3 +402,34 @@ class Simulator(Shown):
             self.reset()
         go_back_to(self, saved)
         self._origins.forget()
+
+    def __deepcopy__(self, memo: Any) -> Self:
+        """Return another simulator of the same worlds on the same device, where `restore` puts what `save` returns."""
+        model, schedule = self._first
+        other = self.of_model(model.with_own_parameters(), schedule)
+        other._varied = self._varied
+        other.restore(self.save())
+        return other
+
+    def __copy__(self) -> Self:
+        """Return what `copy.deepcopy` does: two simulators do not share a state."""
+        return self.__deepcopy__({})
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return for `pickle` how another process makes a simulator of the same scene, and what `save` returns.
+
+        Raises:
+            InputError: the simulator is of a model, and not of a scene.
+        """
+        if self._varied is None:
+            raise InputError("a simulator of a model cannot be pickled; expected what save() returns")
+        model, schedule = self._first
+        of_scene = model.scene, str(model.device), model.world_count, self._varied, schedule, model.own_laws
+        return _restored, (of_scene, self.save())
+
+
+def _restored(of_scene: tuple[Any, ...], saved: Mapping[str, NDArray]) -> Simulator:
+    """Make the simulator that was pickled."""
+    simulator = Simulator(*of_scene)
+    simulator.restore(saved)
+    return simulator

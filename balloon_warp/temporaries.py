@@ -5,6 +5,8 @@ process ends. So a lock that can be had is of a process that was killed, and wha
 """
 
 import atexit
+import errno
+import hashlib
 import os
 import secrets
 import shutil
@@ -22,6 +24,8 @@ except ModuleNotFoundError:  # Windows has none
 
 PREFIX, LOCK = ".balloon-warp-", ".partial.lock"
 """Prefix and suffix of the names of lock files"""
+MOST_SAID = 4096
+"""Largest size of what the holder of a lock says [bytes]"""
 OLD_SECONDS = 86400.0
 """Age after which an untouched file counts as left over, where there are no locks [s]"""
 
@@ -80,6 +84,53 @@ def clear_left_over(folder: Path) -> None:
         for name in names:
             with suppress(OSError):  # somebody else's, or gone meanwhile
                 _clear(folder / name)
+
+
+@contextmanager
+def sole_holder(path: Path, said: str) -> Iterator[None]:
+    """Hold a file or folder, which need not be there, until the block or this process ends.
+
+    Args:
+        path: of it, at the end of links.
+        said: what others who want it are told.
+
+    Raises:
+        BlockingIOError: somebody else holds it; `strerror` is what they said.
+        OSError: the folder takes no files.
+    """
+    folder, name = (path, "") if path.is_dir() else (path.parent, path.name)
+    stem = hashlib.sha256(os.fsencode(name)).hexdigest()[:8]  # a name may be as long as names can be
+    lock = folder / f"{PREFIX}{stem}{LOCK}"
+    descriptor = _held(lock)
+    try:
+        os.truncate(descriptor, 0)
+        os.pwrite(descriptor, said.encode(errors="replace"), 0)
+        yield
+    finally:
+        _remove(lock)
+        os.close(descriptor)
+
+
+def _held(lock: Path) -> int:
+    """Open a lock file, which is made if it is not there, and hold it.
+
+    Raises:
+        BlockingIOError, OSError: as `sole_holder`.
+    """
+    while True:
+        descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o600)
+        try:
+            if _is_held_elsewhere(descriptor):
+                said = os.pread(descriptor, MOST_SAID, 0).decode(errors="replace")
+                os.close(descriptor)
+                raise BlockingIOError(errno.EWOULDBLOCK, said)
+        except BlockingIOError:
+            raise
+        except OSError:  # the file system has no locks
+            return descriptor
+        if lock.exists() and os.path.samestat(lock.stat(), os.fstat(descriptor)):
+            return descriptor
+        os.close(descriptor)  # whoever held it before has removed it
 
 
 def hold(path: Path) -> int | None:

@@ -6,6 +6,7 @@ from functools import cache
 from pathlib import Path
 
 from balloon_warp.garbage import without_collecting
+from balloon_warp.standard_streams import open_closed_streams
 from balloon_warp.temporaries import clear_left_over, folder_of_process
 from balloon_warp.warp_headers import share_headers
 
@@ -22,6 +23,7 @@ def quiet_warp() -> int:
     """
     import warp as wp
 
+    open_closed_streams()
     if wp.config.log_level >= wp.LOG_INFO:
         wp.config.log_level = max(wp.config.log_level, wp.LOG_ERROR)
     # Warp's native library says on standard error itself, whatever the level, that there is no GPU.

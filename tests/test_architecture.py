@@ -129,10 +129,11 @@ def circle(loads: dict[str, set[str]]) -> list[str]:
 
 
 LAYERS = (
-    ("garbage", "temporaries", "forks"),
+    ("garbage", "marks", "standard_streams", "temporaries", "forks"),
     ("warp_headers",),
     ("kernels", "errors", "warp_logging", "warp_lock", "driver", "shown"),
     ("arguments", "files", "launching", "interrupts", "laws", "suggestions"),
+    ("ownership",),
     ("device",),
     ("mesh",),
     ("springs", "scene", "foil"),

@@ -1,5 +1,7 @@
 """Controls: values written on the device, which the next frame uses, and that are saved."""
 
+import copy
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -254,14 +256,18 @@ def followed(simulator: Simulator) -> list[np.ndarray]:
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("where", ["in itself", "in another", "in another with those controls", "from a file"])
+@pytest.mark.parametrize("where", ["itself", "another", "another with those controls", "a file", "a copy", "pickled"])
 def test_a_saved_simulator_goes_on_with_its_controls(where: str, tmp_path):
     first = controlled()
     saved = first.save()
     np.savez(tmp_path / "here.npz", **saved)
+    copies = {"a copy": copy.deepcopy(first), "pickled": pickle.loads(pickle.dumps(first))}
     expected = followed(first)
-    other = controlled() if "those" in where else first if "itself" in where else Simulator(SAVED_SCENE, "cpu", 3)
-    other.restore(dict(np.load(tmp_path / "here.npz")) if "file" in where else saved)
+    if where in copies:
+        other = copies[where]
+    else:
+        other = controlled() if "those" in where else first if "itself" in where else Simulator(SAVED_SCENE, "cpu", 3)
+        other.restore(dict(np.load(tmp_path / "here.npz")) if "file" in where else saved)
     assert set(other.controls) == {"balloon.inflation.pressure", "obstacle.0.velocity"}
     assert other.controls.faults.numpy().tolist() == [0, 0, 2]
     for found, before in zip(followed(other), expected, strict=True):

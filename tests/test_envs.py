@@ -1,7 +1,9 @@
 """Environments of Gymnasium, the tasks that come with them, and libraries that learn."""
 
+import copy
 import importlib
 import importlib.util
+import pickle
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -18,6 +20,7 @@ from balloon_warp.envs import BalloonVectorEnv, make, make_vec, task_named
 from balloon_warp.envs.altitude import COMPLIANCE, VOLUME, Altitude
 from balloon_warp.envs.registration import TASKS
 from balloon_warp.envs.target import Target
+from balloon_warp.envs.vector_env import spaces_of
 from balloon_warp.scene import Inflation
 
 SHORT = {"Inflate": 60, "Juggle": 120, "Press": 80, "Target": 240}
@@ -95,6 +98,46 @@ def test_worlds_that_are_over_begin_anew_as_asked():
     assert not later[5][3].any()
     assert never[5][3].all()
     assert not same[5][3].any()
+
+
+@pytest.mark.parametrize("make_one", [lambda: make(Brief(), device="cpu"), lambda: make_vec(Brief(), 2, device="cpu")])
+def test_what_is_closed_or_copied_is_refused(make_one: Callable[[], Any]):
+    env = make_one()
+    env.reset(seed=0)
+    for take in (pickle.dumps, copy.deepcopy, copy.copy):
+        with pytest.raises(InputError, match="an environment cannot be copied or pickled; expected a function"):
+            take(env)
+    env.step(env.action_space.sample())
+    env.close()
+    for use in (env.reset, lambda: env.step(env.action_space.sample()), env.render):
+        with pytest.raises(InputError, match="the environment is closed"):
+            use()
+    env.close()
+
+
+class Near(Brief):
+    """Task that sees no farther than a tenth of a meter."""
+
+    observation_limits = 0.1
+
+
+def test_observations_are_within_the_bounds_of_their_space():
+    for name in TASKS:
+        space = spaces_of(task_named(name), 2)[1][0]
+        assert space.is_bounded()
+        assert space.shape == (2, TASKS[name].observations)
+    assert not spaces_of(Brief(), 2)[1][0].high.max() < 1.0
+    for mode in AutoresetMode:
+        env = BalloonVectorEnv(Near(), 3, device="cpu", autoreset_mode=mode)
+        told = steps(env, 5)
+        for seen in (told[0], *(each[0] for each in told[1:])):
+            assert seen in env.observation_space
+            assert np.abs(seen).max() == np.float32(0.1)
+    for wrong in (0.0, (1.0, 2.0), float("nan")):
+        Near.observation_limits = wrong
+        with pytest.raises(InputError, match=r"observation_limits: expected a number above 0, or 6 of them \(got "):
+            spaces_of(Near(), 1)
+    Near.observation_limits = 0.1
 
 
 def test_a_mask_says_which_worlds_begin_anew():

@@ -111,7 +111,8 @@ def test_a_batch_writes_where_its_folder_and_files_lead(tmp_path: Path):
     for name in names:
         (real / name).rename(away / name)
         (real / name).symlink_to(away / name)
-        (away / name).write_bytes(b"old")
+        if name != "manifest.json":  # by which the folder is known as ours
+            (away / name).write_bytes(b"old")
     run_batch(SCENE, tmp_path / "batch", 2, export=[0], device="cpu")
     assert set(links_of(tmp_path)) == {"batch", *names}
     assert all((away / name).stat().st_size > 3 for name in names)

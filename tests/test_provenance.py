@@ -13,7 +13,8 @@ from pxr import Sdf, Usd
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.scene import Balloon, Scene
+from balloon_warp.provenance import describe_scene, without_folders
+from balloon_warp.scene import Balloon, Material, Scene
 from balloon_warp.sweep.batch import run_batch
 from balloon_warp.sweep.repeat import repeat_batch
 
@@ -59,6 +60,21 @@ def test_where_the_files_are_is_not_in_the_bytes(tmp_path, monkeypatch, capsys):
     stage(tmp_path / "there", monkeypatch, capsys, "-o", "../three.usdc", "--set", "frames=3")
     layer = Sdf.Layer.FindOrOpen(str(tmp_path / "three.usdc"))
     assert layer.customLayerData["balloonWarp"]["command"].endswith("--set frames=3 --device cpu")
+
+
+def test_a_scene_without_folders_names_its_files_alone():
+    files = {name: Path(f"/home/me/{name}") for name in ("ball.obj", "print.png", "springs.npz", "mould.obj")}
+    rubber = Material(kind="neo_hookean", shear_modulus=1e5, thickness=1e-4, rest_mesh=files["mould.obj"])
+    balloons = [
+        Balloon(mesh=files["ball.obj"], print=files["print.png"], material=rubber),
+        Balloon(mesh=files["ball.obj"], springs=files["springs.npz"]),
+    ]
+    described = without_folders(
+        {"scene": describe_scene(Scene(balloon=balloons)), "meshes": {str(files["ball.obj"]): "a hash"}}
+    )
+    assert "home" not in json.dumps(described)
+    assert all(name in json.dumps(described["scene"]) for name in files)
+    assert described["meshes"] == {"balloon.0.mesh": "a hash", "balloon.1.mesh": "a hash"}
 
 
 BATCH_SCENE = """

@@ -1,5 +1,8 @@
 """Values set between steps: `simulator.set({...})`, and the frames that `step` returns."""
 
+import copy
+import pickle
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -164,6 +167,27 @@ def test_reset_forgets_what_was_set(device: str):
     simulator.set({"balloon.mass": 0.3, "contact": "impulse"})
     stepped(simulator, 1).reset()
     np.testing.assert_array_equal(points(stepped(simulator, 2)), first)
+
+
+@pytest.mark.parametrize("how", [copy.copy, copy.deepcopy, lambda simulator: pickle.loads(pickle.dumps(simulator))])
+def test_a_copy_goes_on_as_what_is_restored(how: Callable[[Simulator], Simulator]):
+    """Copies and pickled simulators have a state and parameters of their own."""
+    simulator = stepped(Simulator(BUSY, "cpu", 2, {"balloon.mass": [0.1, 0.3]}), 1)
+    simulator.set({"gravity": 3.0})
+    other = how(stepped(simulator, 1))
+    expected = points(stepped(simulator, 2))
+    assert other.frame_number == 2
+    np.testing.assert_array_equal(points(stepped(other, 2)), expected)
+    other.set({"balloon.mass": 2.0})
+    simulator.reset()
+    np.testing.assert_array_equal(
+        points(stepped(simulator, 1)), points(stepped(Simulator(BUSY, "cpu", 2, {"balloon.mass": [0.1, 0.3]}), 1))
+    )
+
+
+def test_a_simulator_of_a_model_is_not_pickled():
+    with pytest.raises(InputError, match=r"cannot be pickled; .*save\(\)"):
+        pickle.dumps(Simulator.of_model(Simulator(BUSY, "cpu").model))
 
 
 @pytest.mark.full

@@ -17,7 +17,7 @@ from balloon_warp import InputError, MissingExtraError, TrajectoryFiles, run_bat
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.outputs import hdf5_arrays
 from balloon_warp.outputs.world_files import FORMATS
-from balloon_warp.provenance import describe_scene
+from balloon_warp.provenance import describe_scene, hash_of_file
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene
 from balloon_warp.sweep import shares
 from balloon_warp.sweep.checkpoints import batch_checkpoints
@@ -141,6 +141,28 @@ def test_they_say_what_differs_and_the_manifest_lists_them(data: Path):
         assert sample.keys() == samples[0].keys()
         assert all(array.ndim >= 1 and array.dtype.isnative for array in sample.values())
         assert {array.dtype.str[1:] for array in sample.values()} <= {"f4", "f8", "i4"}
+
+
+@pytest.mark.parametrize("format_", list(FORMATS))
+def test_they_do_not_tell_where_they_were_made(format_: str, tmp_path: Path):
+    """Names of files without folders, and hashes of meshes: the same bytes wherever the meshes stand."""
+    made = []
+    for number, home in enumerate((tmp_path / "at home", tmp_path / "elsewhere")):
+        home.mkdir()
+        meshes = [home / f"of_{sides}.obj" for sides in (2, 3)]
+        for mesh, sides in zip(meshes, (2, 3), strict=True):
+            write_obj(mesh, quad_sphere(sides))
+        balloon = scene().balloon[0].model_copy(update={"mesh": meshes[0]})
+        files = TrajectoryFiles(tmp_path / f"data_{number}", format=format_)
+        vary = {"balloon.mesh": list(map(str, meshes))}
+        run_batch(scene(balloon=[balloon]), home / "out", 2, vary, device="cpu", trajectories=files)
+        made.append(files_of(Path(files.folder)))
+    assert made[0] == made[1]
+    assert not any(str(tmp_path).encode() in content for content in made[0].values())
+    for world, mesh in enumerate(sorted((tmp_path / "elsewhere").glob("*.obj"))):
+        told = attributes_of(world_file(tmp_path / "data_1", world))
+        assert told["balloon.mesh"] == told["balloon.0.mesh"] == mesh.name
+        assert told["balloon.mesh.sha256"] == told["balloon.0.mesh.sha256"] == hash_of_file(mesh)
 
 
 @pytest.mark.parametrize("data", ["h5", "zarr"], indirect=True)

@@ -1,6 +1,6 @@
 """Command line: all commands, and the report of failures."""
 
-import io
+import errno
 import signal
 import sys
 from importlib import metadata
@@ -30,6 +30,7 @@ from balloon_warp.cli.usage import UsageError, usage_sentence
 from balloon_warp.cli.view import view
 from balloon_warp.cli.warm_up import warm_up
 from balloon_warp.errors import BlowUpError, InputError, MissingExtraError, StoppedError, WorkersLostError
+from balloon_warp.standard_streams import OutputLostError, lose_output
 
 
 def _print_version(wanted: bool) -> None:
@@ -38,6 +39,8 @@ def _print_version(wanted: bool) -> None:
         raise typer.Exit
 
 
+WRITERS = (run, batch, compare, scenes, remesh, foil, design, fit, render, convert)
+"""Commands that choose names of files themselves"""
 app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -61,7 +64,7 @@ for command in (
     bench,
     doctor,
 ):
-    app.command(cls=Command)(spread(command))
+    app.command(cls=Command)(spread(command, writes=command in WRITERS))
 
 
 @app.callback()
@@ -82,12 +85,12 @@ def balloon_warp(
 def main() -> None:
     """Run a command; without one, print the help.
 
-    A user's mistake becomes one sentence on standard error and exit status 2; a blow-up or the loss of all workers, 1;
-    Ctrl-C, 130; SIGTERM, 143.
+    A user's mistake becomes one sentence on standard error and exit status 2, as does standard output that is full; a
+    blow-up or the loss of all workers, 1; Ctrl-C, 130; SIGTERM, 143.
     """
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")  # a terminal or log that is not UTF-8 loses letters, no work
+        if reconfigure := getattr(stream, "reconfigure", None):
+            reconfigure(errors="backslashreplace")  # a terminal or log that is not UTF-8 loses letters, no work
     signals: list[int] = []
 
     def stop(number: int, _: object) -> None:
@@ -98,6 +101,8 @@ def main() -> None:
     before = {number: signal.signal(number, stop) for number in heard}  # a process in the background ignores Ctrl-C
     try:
         status = app(sys.argv[1:] or ["--help"], standalone_mode=False)
+        if sys.stdout is not None:
+            sys.stdout.flush()
     except UsageError as mistake:
         _fail(usage_sentence(mistake, typer.main.get_command(app), sys.argv[1:]), status=2)
     except (InputError, MissingExtraError) as mistake:
@@ -108,6 +113,11 @@ def main() -> None:
         _fail(f"memory is exhausted{f' ({failure})' if str(failure) else ''}; less may be asked for", status=1)
     except StoppedError as stopped:
         _fail(stopped, status=128 + (signals or [signal.SIGINT])[0])
+    except OutputLostError as lost:
+        lose_output()
+        if lost.errno == errno.EPIPE:  # whoever read it has enough
+            sys.exit(1)
+        _fail(f"standard output: cannot be written: {lost.strerror}", status=2)
     else:
         if status == 128 + signal.SIGINT:  # Typer's form of a KeyboardInterrupt
             _fail(f"{sys.argv[1]} was interrupted", status=128 + (signals or [signal.SIGINT])[0])

@@ -9,6 +9,7 @@ from rich.table import Table
 
 from balloon_warp.cli.changes import Changes
 from balloon_warp.cli.console import Console
+from balloon_warp.cli.names import own_name
 from balloon_warp.cli.options import (
     OUTPUT,
     Device,
@@ -98,6 +99,7 @@ def compare(
     loaded, name = Changes(overrides, length=length).load(scene), scene_name(scene)
     if not vary:
         raise InputError("--vary: is missing; expected a value to vary, as in --vary normals=cached,fresh")
+    picture = output or own_name(Path(f"{name}_compare.png"), loaded)
     quiet_warp()
     from balloon_warp.comparison.compare import compare as run_all  # loads Warp and USD: only for a good scene
 
@@ -112,7 +114,7 @@ def compare(
         comparison = run_all(
             loaded,
             choices,
-            output or Path(f"{name}_compare.png"),
+            picture,
             table=table,
             frame=frame,
             size=parse_size(size),

@@ -12,6 +12,7 @@ from balloon_warp.cli.stages import Stages, stages
 from balloon_warp.cli.warn import warn
 from balloon_warp.errors import InputError, StoppedError
 from balloon_warp.files import check_writable, whole_file
+from balloon_warp.marks import png_mark
 from balloon_warp.warp_logging import quiet_warp
 
 if TYPE_CHECKING:
@@ -111,7 +112,9 @@ def fit(
             found, toml = of_curve.fit, of_curve.toml
             if output:
                 with whole_file(output) as temporary:
-                    curve_plot(curve.volumes, curve.pressures, of_curve.pressures).save(temporary, format="PNG")
+                    curve_plot(curve.volumes, curve.pressures, of_curve.pressures).save(
+                        temporary, format="PNG", pnginfo=png_mark()
+                    )
         else:
             found = _of_scene(data, str(scene), free or [], starts, resume, device, schedule, stage)
     _say(found, toml, json, is_curve)

@@ -13,6 +13,7 @@ from balloon_warp.files import check_writable
 from balloon_warp.foil.make import HEIGHT, foil_mesh, foil_parts, joined
 from balloon_warp.mesh.obj import LOADERS, write_obj
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.ownership import require_ours
 from balloon_warp.scene import Scene
 from balloon_warp.scene.of_foil import scene_of_foil
 from balloon_warp.scene.write import write_scene
@@ -73,6 +74,8 @@ def foil(
     Try `balloon-warp foil HEY -o hey.toml`, then `balloon-warp run hey.toml --picture`. This needs the extra `foil`.
     """
     check_writable(output, (*LOADERS, SCENE))
+    if output.suffix.lower() == SCENE:
+        require_ours(output)
     if height is not None and inflated_size is not None:
         raise InputError("--inflated-size, --height: expected only one of them, the inflated size or the flat height")
     in_files = apart or output.suffix.lower() == SCENE
@@ -104,6 +107,8 @@ def _write(parts: list[PolygonMesh], output: Path, apart: bool, scene_of: SceneO
     meshes = {output: parts[0]}
     if apart:
         meshes = {output.with_name(f"{output.stem}_{number}{MESH}"): part for number, part in enumerate(parts, start=1)}
+        for path in meshes:
+            require_ours(path)
     for path, mesh in meshes.items():
         write_obj(path, mesh)
         print(f"wrote {path}: {mesh.vertex_count:,} vertices, {mesh.face_count:,} quads")

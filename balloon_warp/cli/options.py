@@ -70,6 +70,15 @@ Json = Annotated[
         "--json", metavar="", help="Print JSON to standard output, for other programs.", rich_help_panel=OUTPUT
     ),
 ]
+Force = Annotated[
+    bool,
+    typer.Option(
+        "--force",
+        metavar="",
+        help="Also replace files that Balloon Warp did not write, or that were edited since.",
+        rich_help_panel=OUTPUT,
+    ),
+]
 Resume = Annotated[
     bool,
     typer.Option(

@@ -8,6 +8,7 @@ from rich.progress import Progress
 
 from balloon_warp.cli.camera import CameraOptions
 from balloon_warp.cli.console import Console
+from balloon_warp.cli.names import own_name
 from balloon_warp.cli.options import Device
 from balloon_warp.cli.size import parse_frames, parse_size
 from balloon_warp.cli.warn import warn
@@ -57,7 +58,7 @@ def render(
     quiet_warp()
     from balloon_warp.outputs.render import render_stage  # loads USD: only once the arguments are known to be good
 
-    picture = output or Path(stage.with_suffix(".png").name)
+    picture = output or own_name(Path(stage.with_suffix(".png").name))
     terminal = Console(emoji=False, stderr=True)
     with Progress(console=terminal, disable=not terminal.is_terminal, transient=True) as progress:
         task = progress.add_task(picture.name, total=None)

@@ -12,6 +12,7 @@ from balloon_warp.cli.camera import Asked, CameraOptions
 from balloon_warp.cli.changes import Changes
 from balloon_warp.cli.command import command_line
 from balloon_warp.cli.console import Console
+from balloon_warp.cli.names import own_name
 from balloon_warp.cli.options import (
     LONG,
     OUTPUT,
@@ -93,7 +94,7 @@ Checkpoint = Annotated[
     ),
 ]
 
-WHERE_TO = ("output", "picture", "save_points", "checkpoint", "resume", "as_json", *Asked.__annotations__)
+WHERE_TO = ("output", "picture", "save_points", "checkpoint", "resume", "as_json", "force", *Asked.__annotations__)
 """Parameters that do not change the content of the stage"""
 
 
@@ -127,7 +128,9 @@ def run(
         raise InputError(f"--{name.replace('_', '-')}: needs --picture")
     loaded = Changes(overrides, mesh, length).load(scene)
     name = scene_name(scene)
-    stage = output or Path(f"{name}_balloon.usdc" if Path(scene).suffix.startswith(".usd") else f"{name}.usdc")
+    usual = f"{name}_balloon.usdc" if Path(scene).suffix.startswith(".usd") else f"{name}.usdc"
+    stage = output or own_name(Path(usual), loaded)
+    beside = own_name(picture_beside(stage), loaded) if picture else None
     begin_driver(device)
     from balloon_warp.job import animate  # loads Warp and USD: only once the scene is known to be good
 
@@ -139,7 +142,7 @@ def run(
             loaded,
             stage,
             name=name,
-            picture=picture_beside(stage) if picture else None,
+            picture=beside,
             save_points=save_points,
             lights=not no_lights,
             ground=not no_ground,

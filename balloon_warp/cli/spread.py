@@ -6,12 +6,16 @@ from functools import wraps
 from inspect import Parameter, signature
 from typing import Any, get_type_hints
 
+from balloon_warp.cli.options import Force
+from balloon_warp.ownership import replacing_any
 
-def spread(command: Callable[..., None]) -> Callable[..., None]:
+
+def spread(command: Callable[..., None], writes: bool = False) -> Callable[..., None]:
     """Return a command as Typer wants it: with every field of a dataclass that it takes as an option of its own.
 
     Args:
         command: of whose keyword arguments some are dataclasses, whose fields are annotated as options.
+        writes: whether it writes files whose names nobody gave, and so has the option `--force`.
     """
     hints = get_type_hints(command, include_extras=True)
     groups: dict[str, Any] = {name: kind for name, kind in hints.items() if is_dataclass(kind)}
@@ -19,11 +23,15 @@ def spread(command: Callable[..., None]) -> Callable[..., None]:
     for name, parameter in signature(command).parameters.items():
         parameters += _options(groups[name]) if name in groups else [parameter.replace(annotation=hints[name])]
 
+    if writes:
+        parameters.append(Parameter("force", Parameter.KEYWORD_ONLY, default=False, annotation=Force))
+
     @wraps(command)
-    def spread_out(**given: Any) -> None:
+    def spread_out(force: bool = False, **given: Any) -> None:
         for name, kind in groups.items():
             given[name] = kind(**{each.name: given.pop(each.name) for each in fields(kind)})
-        command(**given)
+        with replacing_any(force):
+            command(**given)
 
     spread_out.__dict__["__signature__"] = signature(command).replace(parameters=parameters)
     spread_out.__annotations__ = {each.name: each.annotation for each in parameters}

@@ -20,7 +20,9 @@ from balloon_warp.kernels.laws import Law
 from balloon_warp.outputs.render.alike import render_alike
 from balloon_warp.outputs.render.files import write_png
 from balloon_warp.outputs.render.render import MOST_PIXELS, MOST_SAMPLES
+from balloon_warp.ownership import require_no_inputs, sole_writer
 from balloon_warp.scene import SceneLike, scene_of
+from balloon_warp.scene.load import files_of_scene
 from balloon_warp.temporaries import scratch_folder
 
 MOST_COLUMNS = 4
@@ -99,7 +101,8 @@ def compare(
     combinations = [dict(zip(vary, values, strict=True)) for values in itertools.product(*vary.values())]
     columns = _column_count(vary)
     _check_request(combinations, columns, picture, table, size, samples)
-    with scratch_folder() as folder:
+    require_no_inputs((picture, table), files_of_scene(scene))
+    with scratch_folder() as folder, sole_writer(picture, table):
         stages = [folder / f"{number}.usdc" for number in range(len(combinations))]
         runs = []
         for number, (values, stage) in enumerate(zip(combinations, stages, strict=True)):
@@ -109,12 +112,12 @@ def compare(
         moments = [(stage, int(run.figures["frame"])) for run, stage in zip(runs, stages, strict=True) if run.figures]
         pictures = render_alike(moments, size, samples, device)
         tiles = [Tile(run.label, next(pictures) if run.figures else None, run.sentence) for run in runs]
-    with whole_file(picture) as temporary:
-        write_png(temporary, compose_sheet(tiles, columns, size))
-    comparison = Comparison(runs, str(picture), str(table) if table else None)
-    if table:
-        with whole_file(table) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
-            csv.writer(file, lineterminator="\n").writerows([comparison.columns, *comparison.rows()])
+        with whole_file(picture) as temporary:
+            write_png(temporary, compose_sheet(tiles, columns, size))
+        comparison = Comparison(runs, str(picture), str(table) if table else None)
+        if table:
+            with whole_file(table) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+                csv.writer(file, lineterminator="\n").writerows([comparison.columns, *comparison.rows()])
     return comparison
 
 

@@ -4,6 +4,8 @@ import atexit
 import shutil
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from functools import partial
 from math import isfinite
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -12,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.arguments import checked
-from balloon_warp.designing.folder import require_folder
+from balloon_warp.designing.folder import own_folder
 from balloon_warp.designing.hanging import require_gravity
 from balloon_warp.designing.job import Job
 from balloon_warp.designing.of_latex import design_of_latex
@@ -84,29 +86,34 @@ def design(
     least, thickest = thickness if isinstance(thickness, tuple) else (thickness, thickness)
     _require_numbers(of, {"stretch": stretch, "thickness": least}, thickest, steps)
     require_gravity(gravity, fixed, of)
-    place = Path(folder) if folder is not None else None
-    if of == "foil" and panels is None:
-        return _of_foil(target, size, least, place, steps, device, on_stage)
     if of != "foil" and panels is not None:
         raise InputError(f"panels: need foil; expected none for {of} (got {panels})")
+    with ExitStack() as end:
+        opened = partial(_opened, folder, [each for each in (target, panels) if isinstance(each, str | Path)], end)
 
-    def job(mesh: PolygonMesh, options: Mapping[str, Any], held: NDArray[np.bool_] | None = None) -> Job:
-        where = place or _temporary()
-        require_folder(where)
-        return Job(
-            mesh, of, float(stretch), hold, float(least), where, steps, device, resume, on_stage, on_step, options, held
-        )
+        def job(mesh: PolygonMesh, options: Mapping[str, Any], held: NDArray[np.bool_] | None = None) -> Job:
+            of_job = mesh, of, float(stretch), hold, float(least), opened()
+            return Job(*of_job, steps, device, resume, on_stage, on_step, options, held)
 
-    if panels is not None:
-        cut = panels_of(target, panels, size)
-        return design_of_panels(job(cut.mesh, {"panels": str(panels)}), cut)
-    options: dict[str, Any] = {"thickest": thickest} if thickest > least else {}
-    if gravity:
-        mesh, held = held_target_of(target, size, fixed)
-        options |= {"gravity": float(gravity), "fixed": np.flatnonzero(held).tolist()}
-        return design_of_latex(job(mesh, options, held))
-    mesh = target_of(target, size)
-    return {"springs": design_of_springs, "latex": design_of_latex}[of](job(mesh, options))
+        if of == "foil" and panels is None:
+            return _of_foil(target, size, least, opened, steps, device, on_stage)
+        if panels is not None:
+            cut = panels_of(target, panels, size)
+            return design_of_panels(job(cut.mesh, {"panels": str(panels)}), cut)
+        options: dict[str, Any] = {"thickest": thickest} if thickest > least else {}
+        if gravity:
+            mesh, held = held_target_of(target, size, fixed)
+            options |= {"gravity": float(gravity), "fixed": np.flatnonzero(held).tolist()}
+            return design_of_latex(job(mesh, options, held))
+        mesh = target_of(target, size)
+        return {"springs": design_of_springs, "latex": design_of_latex}[of](job(mesh, options))
+
+
+def _opened(folder: str | Path | None, inputs: Sequence[str | Path], end: ExitStack) -> Path:
+    """Return the folder, or a temporary one, which is this design's until the end."""
+    place = Path(folder) if folder is not None else _temporary()
+    end.enter_context(own_folder(place, dict.fromkeys(map(Path, inputs), "an input of the design")))
+    return place
 
 
 def _require_numbers(of: Of, numbers: Mapping[str, float], thickest: float, steps: int) -> None:
@@ -128,7 +135,7 @@ def _require_numbers(of: Of, numbers: Mapping[str, float], thickest: float, step
 
 
 def _of_foil(
-    target: object, size: float, thickness: float, folder: Path | None, steps: int, device: str | None,
+    target: object, size: float, thickness: float, opened: Callable[[], Path], steps: int, device: str | None,
     on_stage: Callable[[str], None],
 ) -> Design:  # fmt: skip
     """Design a foil balloon from letters or a drawing.
@@ -142,9 +149,7 @@ def _of_foil(
         got = target if isinstance(target, str | Path) else type(target).__name__
         raise InputError(f"target: foil without panels needs letters or a drawing, .svg (got {got})")
     require_size(size)
-    place = folder or _temporary()
-    require_folder(place)
-    return design_of_foil(str(target), size, thickness, place, steps, device, on_stage)
+    return design_of_foil(str(target), size, thickness, opened(), steps, device, on_stage)
 
 
 def _temporary() -> Path:

@@ -1,6 +1,8 @@
 """The folder of a design: a scene that runs as it is, its files, a picture and a report."""
 
-import json
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -10,23 +12,38 @@ from PIL import Image
 
 from balloon_warp.errors import InputError
 from balloon_warp.files import whole_file
+from balloon_warp.marks import manifest_text, png_mark
 from balloon_warp.mesh import PolygonMesh
+from balloon_warp.ownership import require_no_inputs, require_ours, require_ours_in, sole_writer
 
+SCENE, REPORT = "balloon.toml", "report.json"
 SAVED = "progress.npz"
 JOB = "progress.json"
 """File with the request and progress of a design, from which it resumes"""
+OURS = re.compile(
+    r"balloon(_\d+)?\.(toml|obj|mtl)|springs\.npz|mould\.(stl|obj)|panels\.obj|pattern\.svg|error\.png"
+    r"|report\.json|progress\.(npz|json)"
+)
+"""Names of the files of designs"""
 
 
-def require_folder(folder: Path) -> None:
-    """Make the folder, where there is none.
+@contextmanager
+def own_folder(folder: Path, inputs: Mapping[Path, str]) -> Iterator[None]:
+    """Make the folder, where there is none, and keep others from writing there in the `with` block.
 
     Raises:
-        InputError: it cannot be made, or is a file.
+        InputError: it cannot be made, is a file, or has files where ours go that are inputs or somebody else's.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        names = sorted(path.name for path in folder.iterdir() if OURS.fullmatch(path.name))
     except OSError as error:
         raise InputError(f"{folder}: cannot be the output folder: {error.strerror}") from None
+    require_no_inputs((folder / name for name in names), inputs)
+    require_ours_in(folder, names, (REPORT, JOB))
+    require_ours(folder / SCENE)
+    with sole_writer(folder):
+        yield
 
 
 def write_springs(
@@ -56,10 +73,10 @@ def write_stl(path: Path, mesh: PolygonMesh, triangles: NDArray[Any], unit: floa
 def write_report(path: Path, report: dict[str, Any]) -> None:
     """Write the result as a report, for people and programs."""
     with whole_file(path) as temporary:
-        temporary.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+        temporary.write_text(manifest_text(report), encoding="utf-8")
 
 
 def write_picture(path: Path, picture: Image.Image) -> None:
     """Write the picture of the errors."""
     with whole_file(path) as temporary:
-        picture.save(temporary, format="PNG", optimize=True)
+        picture.save(temporary, format="PNG", optimize=True, pnginfo=png_mark())

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from balloon_warp.designing.descent import Reached
-from balloon_warp.designing.folder import JOB, SAVED, write_picture, write_report
+from balloon_warp.designing.folder import JOB, REPORT, SAVED, SCENE, write_picture, write_report
 from balloon_warp.designing.hanging import SLOW_SWING, swing_rate
 from balloon_warp.designing.measure import Ruler
 from balloon_warp.designing.picture import error_picture, stacked
@@ -23,6 +23,7 @@ from balloon_warp.designing.springs import Hold
 from balloon_warp.designing.step import DesignStep
 from balloon_warp.designing.where import places_off
 from balloon_warp.errors import InputError
+from balloon_warp.marks import without_mark
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.scene import Scene
 from balloon_warp.scene.write import write_scene
@@ -112,9 +113,9 @@ class Job:
                 (self.folder / SAVED).unlink()
             return None
         try:
-            told = json.loads((self.folder / JOB).read_text(encoding="utf-8"))
+            told = without_mark(json.loads((self.folder / JOB).read_text(encoding="utf-8")))
             reached = load(self.folder / SAVED)
-        except (OSError, ValueError, KeyError, TypeError):
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
             raise InputError(f"{self.folder}: has no design to --resume") from None
         if told != self._asked:
             raise InputError(f"{self.folder}: has another design; --resume needs the same target and options")
@@ -166,10 +167,10 @@ class Job:
             raise InputError(f"the design does not come to rest: {simulated}; expected a smaller stretch")
         self.watch(DesignStep(self.ruler, self.steps, simulated.points, stretch, proven=True))
         scene = scene.model_copy(update={"frames": 30 * -(-(simulated.frames + MORE_FRAMES) // 30)})
-        write_scene(scene, self.folder / "balloon.toml")
+        write_scene(scene, self.folder / SCENE)
         design = self._judged(scene, simulated, held, plain, stretch, help_)
         said = {**self._asked, **design.report(), "pressure": simulated.pressure, **more}
-        write_report(self.folder / "report.json", said)
+        write_report(self.folder / REPORT, said)
         self.say("drawing the errors")
         shapes = [("simulated from rest", simulated.points)] + ([] if plain is None else [(rival, plain)])
         moulds = [] if mould is None else [("its mould, drawn as large", mould)]

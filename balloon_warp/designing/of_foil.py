@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.designing.folder import write_picture, write_report
+from balloon_warp.designing.folder import REPORT, SCENE, write_picture, write_report
 from balloon_warp.designing.measure import Error
 from balloon_warp.designing.outline import Part, corrected
 from balloon_warp.designing.pattern import outline_picture, write_pattern
@@ -171,7 +171,7 @@ def _written(foil: Foil, best: Tried, first: Tried, folder: Path) -> Design:
     for path, mesh in zip(paths, best.meshes, strict=True):
         write_obj(path, mesh)
     scene = foil.scene(best.meshes, paths)
-    write_scene(scene, folder / "balloon.toml")
+    write_scene(scene, folder / SCENE)
     loops = [part.loops for part in foil.parts]
     write_pattern(folder / "pattern.svg", best.patterns, loops)
     wanted = [part.wanted for part in foil.parts]
@@ -181,7 +181,7 @@ def _written(foil: Foil, best: Tried, first: Tried, folder: Path) -> Design:
     if error.worst > GOOD:
         cannot.append(f"the rim is off by {100.0 * error.worst:.2g}% of the size at its worst point, where it wrinkles")
     design = Design(scene, folder, error, error, first.error, 1.0, cannot, np.concatenate(best.points))
-    write_report(folder / "report.json", {"of": "foil", "size": foil.size, **design.report()})
+    write_report(folder / REPORT, {"of": "foil", "size": foil.size, **design.report()})
     return design
 
 

@@ -110,6 +110,7 @@ class Altitude(Task):
     """
 
     actions, observations, most_steps = 1, 5, 600
+    observation_limits = (50.0, 50.0, 10.0, 10.0, 50.0)
 
     def __init__(self, rate: int = 20):
         self.rate, self.most_steps = rate, 30 * rate

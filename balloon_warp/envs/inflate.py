@@ -64,6 +64,7 @@ class Inflate(Task):
     """Reach a volume between three and ten times that at rest, within 2 s."""
 
     actions, observations, most_steps = 1, 4, 120
+    observation_limits = (5.0, 10.0, 10.0, 5.0)
 
     def scene(self) -> Scene:
         """Return a latex balloon of 152 particles that weighs nothing and is filled with air."""

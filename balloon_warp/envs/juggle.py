@@ -63,6 +63,7 @@ class Juggle(Task):
     """Keep a balloon above half a meter, for 10 s."""
 
     actions, observations, most_steps = 3, 9, 600
+    observation_limits = (10.0, 10.0, 10.0, 50.0, 50.0, 50.0, 3.0, 3.0, 3.0)
 
     def scene(self) -> Scene:
         """Return a balloon of 152 particles in the air above a plate."""

@@ -81,6 +81,7 @@ class Press(Task):
     """Lift a balloon to half a meter, within 5 s."""
 
     actions, observations, most_steps = 2, 7, 300
+    observation_limits = (5.0, 20.0, 10.0, 2.0, 2.0, 5.0, 5.0)
 
     def scene(self) -> Scene:
         """Return a balloon of sealed air on the ground, between two plates."""

@@ -7,10 +7,10 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from balloon_warp.envs.task import Task
-from balloon_warp.envs.vector_env import BalloonVectorEnv
+from balloon_warp.envs.vector_env import BalloonVectorEnv, Unpickled
 
 
-class BalloonEnv(gymnasium.Env[Any, Any]):
+class BalloonEnv(Unpickled, gymnasium.Env[Any, Any]):
     """A world of a task; many of them are a `BalloonVectorEnv`, which is as fast as one.
 
     Args:
@@ -45,3 +45,7 @@ class BalloonEnv(gymnasium.Env[Any, Any]):
         """Return a picture, shape (height, width, 3), uint8."""
         pictures = self._worlds.render()
         return pictures[0] if pictures else None
+
+    def close(self) -> None:
+        """Close the environment, which then refuses `reset`, `step` and `render`."""
+        self._worlds.close()

@@ -14,12 +14,20 @@ from balloon_warp.envs.arrays import Output, copy_actions, output_of
 from balloon_warp.envs.processes import Part, Processes
 from balloon_warp.envs.task import Task
 from balloon_warp.envs.told import joined
-from balloon_warp.envs.vector_env import BalloonVectorEnv, Mode, require_choices, results_of, spaces_of
+from balloon_warp.envs.vector_env import (
+    BalloonVectorEnv,
+    Mode,
+    Unpickled,
+    require_choices,
+    require_open,
+    results_of,
+    spaces_of,
+)
 from balloon_warp.errors import InputError
 from balloon_warp.sweep.cluster import Cluster, worker_environments
 
 
-class SpreadVectorEnv(VectorEnv[Any, Any, Any]):
+class SpreadVectorEnv(Unpickled, VectorEnv[Any, Any, Any]):
     """A batch of worlds of a task, which step together on several GPUs, with a process for each.
 
     Episodes have the bits of a single process. Actions and results pass the host as NumPy's arrays. A policy that is to
@@ -77,6 +85,7 @@ class SpreadVectorEnv(VectorEnv[Any, Any, Any]):
         Raises:
             InputError: the mask has another length.
         """
+        require_open(self)
         super().reset(seed=seed)
         told_seed = int(self.np_random_seed or 0) if seed is not None or self._np_random_seed is None else None
         mask = np.asarray((options or {}).get("reset_mask", np.ones(self.num_envs)))
@@ -91,6 +100,7 @@ class SpreadVectorEnv(VectorEnv[Any, Any, Any]):
         Raises:
             InputError: the actions have another shape, or are no numbers.
         """
+        require_open(self)
         copy_actions(self._actions, actions)
         parts = [(each,) for each in self._split(np.asarray(self._actions.numpy()))]
         return results_of(joined(self._processes.ask("step", parts)), self.autoreset_mode)
@@ -107,11 +117,13 @@ class SpreadVectorEnv(VectorEnv[Any, Any, Any]):
             WorkersLostError: a process ended.
             Exception: what the function raised first; all processes are ended then.
         """
+        require_open(self)
         told = (CloudpickleWrapper(function), arguments)
         return self._processes.ask("call", [told] * len(self.parts))
 
     def render(self) -> tuple[Any, ...] | None:
         """Return a picture of each world, shape (height, width, 3), uint8."""
+        require_open(self)
         if self.render_mode is None:
             return None
         return tuple(picture for part in self._processes.ask("render", [()] * len(self.parts)) for picture in part)

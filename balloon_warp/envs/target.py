@@ -68,6 +68,7 @@ class Target(Task):
     """Fly through a ring that stands somewhere two meters away, within 5 s."""
 
     actions, observations, most_steps = 3, 6, 300
+    observation_limits = (10.0, 10.0, 10.0, 50.0, 50.0, 50.0)
 
     def scene(self) -> Scene:
         """Return a balloon of 152 particles in the air."""

@@ -22,6 +22,8 @@ class Task(ABC):
     """Number of actions, each from -1 to 1"""
     observations: ClassVar[int]
     """Number of observations"""
+    observation_limits: ClassVar[float | tuple[float, ...]] = float("inf")
+    """Largest magnitude of the observations, one for all or one for each: what is beyond is told as the limit"""
     most_steps: int
     """Number of steps after which an episode is truncated"""
     frames: ClassVar[int] = 1

@@ -8,13 +8,14 @@ import warp as wp
 from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
 
 from balloon_warp.envs.arrays import Output, copy_actions, output_of
 from balloon_warp.envs.buffers import Buffers
 from balloon_warp.envs.task import Task
 from balloon_warp.envs.told import Layout, Told
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.frames.stepping import finish_step, restart_steps, take_actions
+from balloon_warp.kernels.frames.stepping import bound_observations, finish_step, restart_steps, take_actions
 from balloon_warp.launching import launch
 from balloon_warp.simulator import Simulator
 
@@ -23,7 +24,17 @@ CAUSES = ("", "an action is not finite", "a control is not finite or out of boun
 Mode = AutoresetMode | Literal["NextStep", "SameStep", "Disabled"]
 
 
-class BalloonVectorEnv(VectorEnv[Any, Any, Any]):
+class Unpickled:
+    """An environment that cannot be copied or pickled: its state is on a device, or in processes."""
+
+    def __reduce__(self) -> Any:
+        raise InputError(
+            "an environment cannot be copied or pickled; expected a function that makes it, such as "
+            'lambda: make("Target"), or what env.simulator.save() returns'
+        )
+
+
+class BalloonVectorEnv(Unpickled, VectorEnv[Any, Any, Any]):
     """A batch of worlds of a task, which step together on one device.
 
     `info` has `cause`, a number a world: 0 if all is well, 1 if an action was not finite, 2 if a control was not finite
@@ -73,6 +84,7 @@ class BalloonVectorEnv(VectorEnv[Any, Any, Any]):
         self._first_bad = self.simulator.observations["first_bad"]
         device_used = self.simulator.model.device
         self._buffers = Buffers.of(task, self.num_envs, device_used)
+        self._limits = wp.array(limits_of(task), dtype=wp.float32, device=device_used)
         self._out = told_as(Layout(self.num_envs, task.observations), device_used)
         spaces = spaces_of(task, self.num_envs)
         (self.single_observation_space, self.single_action_space), (self.observation_space, self.action_space) = spaces
@@ -83,8 +95,9 @@ class BalloonVectorEnv(VectorEnv[Any, Any, Any]):
         Draws follow from the seed, the number of the world and its episode. Without a seed episodes go on.
 
         Raises:
-            InputError: the mask has another length.
+            InputError: the mask has another length, or the environment is closed.
         """
+        require_open(self)
         super().reset(seed=seed)
         starts, buffers = self.simulator.starts, self._buffers
         if seed is not None or self._np_random_seed is None:
@@ -100,7 +113,7 @@ class BalloonVectorEnv(VectorEnv[Any, Any, Any]):
         """Advance all worlds by the frames of a step.
 
         Raises:
-            InputError: the actions have another shape, or are no numbers.
+            InputError: the actions have another shape, or are no numbers, or the environment is closed.
         """
         return results_of(self.advance(actions), self.autoreset_mode)
 
@@ -110,6 +123,7 @@ class BalloonVectorEnv(VectorEnv[Any, Any, Any]):
         Raises:
             InputError: as `step`.
         """
+        require_open(self)
         buffers, device = self._buffers, self.simulator.model.device
         copy_actions(buffers.given, actions)
         launch(take_actions, self.num_envs, [buffers.given], [buffers.actions, buffers.causes], device=device)
@@ -138,7 +152,7 @@ class BalloonVectorEnv(VectorEnv[Any, Any, Any]):
         launch(
             finish_step,
             self.num_envs,
-            [simulator.controls.faults, self._first_bad, self.task.most_steps, buffers.begun],
+            [simulator.controls.faults, self._first_bad, self.task.most_steps, self._limits, buffers.begun],
             [
                 *(buffers.steps, buffers.causes, buffers.observations, buffers.rewards),
                 *(buffers.terminated, buffers.truncated, buffers.over),
@@ -155,11 +169,14 @@ class BalloonVectorEnv(VectorEnv[Any, Any, Any]):
         """Count the steps of worlds that have begun anew, and observe all."""
         buffers = self._buffers
         told = [buffers.steps, buffers.over]
-        launch(restart_steps, self.num_envs, [begun], told, device=self.simulator.model.device)
+        device = self.simulator.model.device
+        launch(restart_steps, self.num_envs, [begun], told, device=device)
         self._judge(buffers.scratch)
+        launch(bound_observations, self.num_envs, [self._limits], [buffers.observations], device=device)
 
     def render(self) -> tuple[Any, ...] | None:
         """Return a picture of each world, shape (height, width, 3), uint8."""
+        require_open(self)
         if self.render_mode is None:
             return None
         from PIL import Image
@@ -168,10 +185,35 @@ class BalloonVectorEnv(VectorEnv[Any, Any, Any]):
         return tuple(np.asarray(Image.open(io.BytesIO(picture)).convert("RGB")) for picture in pictures)
 
 
+def require_open(env: VectorEnv[Any, Any, Any]) -> None:
+    """Make sure that an environment was not closed.
+
+    Raises:
+        InputError: it was.
+    """
+    if env.closed:
+        raise InputError("the environment is closed; expected reset, step and render before close()")
+
+
 def spaces_of(task: Task, num_envs: int) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
     """Return the spaces of observations and actions of one world, and of all."""
-    seen, done = Box(-np.inf, np.inf, (task.observations,), np.float32), Box(-1.0, 1.0, (task.actions,), np.float32)
+    limits = limits_of(task)
+    seen, done = Box(-limits, limits, dtype=np.float32), Box(-1.0, 1.0, (task.actions,), np.float32)
     return (seen, done), (batch_space(seen, num_envs), batch_space(done, num_envs))
+
+
+def limits_of(task: Task) -> NDArray[np.float32]:
+    """Return the largest magnitude of each of a task's observations.
+
+    Raises:
+        InputError: they are other than one for all or one for each, above 0.
+    """
+    limits = np.asarray(task.observation_limits, dtype=np.float32)
+    if limits.shape not in ((), (task.observations,)) or not (limits > 0.0).all():
+        raise InputError(
+            f"observation_limits: expected a number above 0, or {task.observations} of them (got {limits.tolist()})"
+        )
+    return np.broadcast_to(limits, (task.observations,)).copy()
 
 
 def results_of(told: Told, mode: AutoresetMode) -> tuple[Any, Any, Any, Any, dict[str, Any]]:

@@ -16,6 +16,7 @@ from balloon_warp.fitting.journal import Journal
 from balloon_warp.fitting.measured import Measured, measured_of
 from balloon_warp.fitting.result import Fit, fit_of
 from balloon_warp.fitting.search import Found, search
+from balloon_warp.ownership import sole_writer
 from balloon_warp.scene import Scene
 from balloon_warp.trajectories import Trajectories
 
@@ -68,15 +69,16 @@ def _kept(
         "scene": scene.model_dump(),
         "data": [float(np.nansum(track)) for track in (measured.times, *measured.tracks.values())],
     }
-    journal = Journal(request.progress, asked, request.resume)
-    if request.resume:
-        on_stage(f"resuming after round {journal.rounds}")
-    done = False
-    try:
-        found = _found(journal.remembered(forward), measured, request, on_stage)
-        done = True
-    finally:
-        journal.close(done)
+    with sole_writer(request.progress):
+        journal = Journal(request.progress, asked, request.resume)
+        if request.resume:
+            on_stage(f"resuming after round {journal.rounds}")
+        done = False
+        try:
+            found = _found(journal.remembered(forward), measured, request, on_stage)
+            done = True
+        finally:
+            journal.close(done)
     return found
 
 

@@ -13,9 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
+from balloon_warp.marks import LINE
+from balloon_warp.ownership import require_ours
 
 Values = NDArray[np.float64]
 Forward = Callable[[Values], Values]
+MARK = np.array(LINE.encode())
+"""What a file begins with"""
 
 
 class Journal:
@@ -27,13 +31,14 @@ class Journal:
         resume: whether to go on from the file.
 
     Raises:
-        InputError: there is no such fit to resume, or the file cannot be written.
+        InputError: there is no such fit to resume, the file cannot be written, or somebody else's is in its place.
     """
 
     def __init__(self, path: Path, asked: Mapping[str, Any], resume: bool):
         self._path = path
         head = json.dumps(asked, sort_keys=True, default=str)
         self._known, end = _read(path, head) if resume else ([], 0)
+        require_ours(path)
         try:
             self._file = path.open("r+b" if resume else "wb")
             self._file.truncate(end)
@@ -41,7 +46,7 @@ class Journal:
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror}") from None
         if not resume:
-            self._write(np.array(head))
+            self._write(MARK, np.array(head))
 
     @property
     def rounds(self) -> int:
@@ -84,6 +89,7 @@ def _read(path: Path, head: str) -> tuple[list[tuple[Values, Values]], int]:
     rounds: list[tuple[Values, Values]] = []
     try:
         file = path.open("rb")
+        np.load(file, allow_pickle=False)  # the mark
         told = str(np.load(file, allow_pickle=False))
     except (OSError, EOFError, ValueError):
         raise InputError(f"{path}: has no fit to --resume") from None

@@ -3,7 +3,7 @@
 import hashlib
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.files import target_of, whole_file
+from balloon_warp.files import check_writable, target_of, whole_file
+from balloon_warp.ownership import require_same
 from balloon_warp.temporaries import clear_left_over
 
 FOLDER = "textures"
@@ -30,6 +31,8 @@ class Picture:
     """Name of a file, with a hash of its content: different images have different names"""
     data: bytes
     """Content of the file"""
+    file: Path | None = field(default=None, compare=False)
+    """File that it was read from, if it is one of its own"""
 
     @cached_property
     def mean(self) -> Color:
@@ -64,11 +67,22 @@ class Picture:
         """List where programs look for it: beside a stage, and, if that is a link, beside what it leads to."""
         return list(dict.fromkeys([self.beside(stage), self.beside(target_of(stage))]))
 
+    def check_beside(self, stage: Path) -> None:
+        """Make sure, before any work is done, that `write_beside` can write.
+
+        Raises:
+            InputError: it cannot, or another image of that name is there.
+        """
+        for path in self.places(stage):
+            if path.parent.exists():
+                check_writable(path, (path.suffix,))
+                require_same(path, self.data)
+
     def write_beside(self, stage: Path) -> None:
         """Write the file into the folder beside a stage, wherever programs look for it.
 
         Raises:
-            InputError: it cannot be written.
+            InputError: it cannot be written, or another image of that name is there.
         """
         for place in self.places(stage):
             self._write_to(place)
@@ -76,10 +90,10 @@ class Picture:
     def _write_to(self, path: Path) -> None:
         try:
             target_of(path.parent).mkdir(exist_ok=True)
-            known = path.is_file() and path.read_bytes() == self.data
+            is_there = require_same(path, self.data)
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror}") from None
-        if not known:
+        if not is_there:
             clear_left_over(path.parent)
             with whole_file(path) as temporary:
                 temporary.write_bytes(self.data)

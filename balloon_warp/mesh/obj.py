@@ -14,6 +14,7 @@ import numpy as np
 
 from balloon_warp.errors import InputError
 from balloon_warp.files import legible, regular_content, whole_file
+from balloon_warp.marks import LINE
 from balloon_warp.mesh.check import FLOAT32_MAX, LARGEST_FACE
 from balloon_warp.mesh.corners import face_starts
 from balloon_warp.mesh.obj_groups import ObjGroups
@@ -147,6 +148,7 @@ def write_obj(path: Path | str, mesh: PolygonMesh) -> None:
     begins = _material_lines(path, mesh)
     if begins:
         lines.insert(0, f"mtllib {path.with_suffix('.mtl').name}\n")
+    lines.insert(0, f"# {LINE}\n")
     begin = 0
     for face, end in enumerate(np.cumsum(mesh.face_vertex_counts).tolist()):
         lines.append(f"{begins.get(face, '')}f {' '.join(corners[begin:end])}\n")

@@ -5,13 +5,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable, whole_file
+from balloon_warp.marks import LINE
 from balloon_warp.mesh.looks import WHITE, Looks, encoded
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.ownership import require_ours
 
-OURS = "# Written by Balloon Warp"
-"""First line of an .mtl that may be overwritten"""
 PLAIN = "plain"
 """Material of faces that have none"""
 
@@ -20,17 +19,11 @@ def check_materials(path: Path) -> None:
     """Make sure that the materials of an OBJ file can be written beside it.
 
     Raises:
-        InputError: they cannot, or another program's stand there.
+        InputError: they cannot, or somebody else's stand there.
     """
     library = path.with_suffix(".mtl")
     check_writable(library, (".mtl",))
-    if library.exists():
-        with library.open("rb") as file:
-            if not file.readline().startswith(OURS.encode()):
-                raise InputError(
-                    f"{library}: another program wrote it, and the materials of {path.name} go there; expected another "
-                    "name"
-                )
+    require_ours(library, f"the materials of {path.name} go")
 
 
 def write_materials(path: Path, looks: Looks) -> list[str]:
@@ -43,7 +36,7 @@ def write_materials(path: Path, looks: Looks) -> list[str]:
         InputError: they cannot be written.
     """
     check_materials(path)
-    names, lines = [], [f"{OURS}\n"]
+    names, lines = [], [f"# {LINE}\n"]
     for number, look in enumerate(looks.materials):
         names.append(f"{'_'.join(look.name.split()) or 'material'}_{number}")
         color, picture = look.color, look.picture

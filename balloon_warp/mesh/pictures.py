@@ -35,20 +35,21 @@ class Pictures:
         if path.stat().st_size > LARGEST_FILE:
             return self.of_bytes(named, b"")
         try:
-            return self.of_bytes(named, path.read_bytes())
+            return self.of_bytes(named, path.read_bytes(), path)
         except OSError:
             return self.of_bytes(named, b"")
 
-    def of_bytes(self, named: str, data: bytes | None) -> Picture | None:
+    def of_bytes(self, named: str, data: bytes | None, file: Path | None = None) -> Picture | None:
         """Read the image of a file's content.
 
         Args:
             data: None where there is no such file.
+            file: that it is of, if it is one of its own.
         """
         if data is None:
             return self._missing(named)
         if named not in self._read:
-            self._read[named] = _picture(named, data)
+            self._read[named] = _picture(named, data, file)
             if self._read[named] is None:
                 self.warnings.append(f"{self._source}: its texture {named} cannot be read as an image; it is left out.")
         return self._read[named]
@@ -79,7 +80,7 @@ def beside(folder: Path, named: str) -> Path | None:
     return None
 
 
-def _picture(named: str, data: bytes) -> Picture | None:
+def _picture(named: str, data: bytes, file: Path | None) -> Picture | None:
     """Decode an image, or return None if it is none."""
     from PIL import Image, UnidentifiedImageError  # only for a mesh that has images
 
@@ -98,4 +99,4 @@ def _picture(named: str, data: bytes) -> Picture | None:
         return None
     bare = re.sub(r"[^0-9A-Za-z_-]+", "_", PurePosixPath(named.replace("\\", "/")).stem).strip("_")[:40] or "texture"
     mark = f"_{hashlib.sha256(data).hexdigest()[:8]}"
-    return Picture(f"{bare.removesuffix(mark)}{mark}{suffix}", data)
+    return Picture(f"{bare.removesuffix(mark)}{mark}{suffix}", data, file)

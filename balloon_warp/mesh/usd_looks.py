@@ -1,5 +1,6 @@
 """Base colors and base textures of a mesh of a USD stage."""
 
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -93,4 +94,6 @@ def _color(value: Any) -> Color:
 
 def _read(image: Image, pictures: Pictures) -> Picture | None:
     """Read an image from the package that it is in, or from its file."""
-    return pictures.of_bytes(image.named, (content_of(image.path) or b"") if image.path else None)
+    if not image.path:
+        return pictures.of_bytes(image.named, None)
+    return pictures.of_bytes(image.named, content_of(image.path) or b"", Path(image.path))

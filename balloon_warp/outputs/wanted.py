@@ -10,15 +10,19 @@ from typing import Any, Self
 from pxr import Usd
 
 from balloon_warp.errors import InputError
-from balloon_warp.files import check_writable, folder_beside, is_same_file
-from balloon_warp.outputs.exports import HDF5_SUFFIXES, check_export, export_stage
+from balloon_warp.files import check_writable, folder_beside
+from balloon_warp.model import Model
+from balloon_warp.outputs.exports import HDF5_SUFFIXES, check_export, export_stage, files_of_frames
 from balloon_warp.outputs.usd import STAGE_SUFFIXES
+from balloon_warp.outputs.usd.looks import pictures_of
+from balloon_warp.ownership import require_no_inputs, require_ours, sole_writer
 from balloon_warp.scene import Scene
+from balloon_warp.scene.load import files_of_scene
 
 
 @dataclass
 class Wanted:
-    """Outputs of a run, and within the `with` block the place of the stage.
+    """Outputs of a run, and within the `with` block, in which nobody else may write them, the place of the stage.
 
     The place is the output itself, or, where that is of another kind, a hidden folder beside it, which is removed at
     the block's end.
@@ -60,6 +64,10 @@ class Wanted:
         return {"leftOut": " ".join(lacking)} if lacking else {}
 
     @property
+    def _all(self) -> tuple[Path | None, ...]:
+        return self.output, self.picture, self.points
+
+    @property
     def is_stage(self) -> bool:
         """Return whether the output is a stage."""
         return self.output.suffix.lower() in STAGE_SUFFIXES
@@ -70,7 +78,7 @@ class Wanted:
         return self.output if self._folder is None else self._folder / "frames.usdc"
 
     def checked(self, scene: Scene) -> Self:
-        """Return the outputs, after checking that all files can be written, and that none is a mesh of the scene.
+        """Return the outputs, after checking that all files can be written, and that none is a file of the scene.
 
         Raises:
             InputError: that is not so.
@@ -87,10 +95,20 @@ class Wanted:
             if self.points.suffix.lower() not in HDF5_SUFFIXES:
                 raise InputError(f"{self.points}: cannot hold points; expected {' or '.join(HDF5_SUFFIXES)}")
             check_export(self.points)
-        for balloon in scene.balloon:
-            if isinstance(balloon.mesh, Path) and is_same_file(balloon.mesh, self.output):
-                raise InputError(f"{self.output}: is the scene's mesh; expected another name, with -o")
+        of_frames = files_of_frames(self.output, range(scene.frames + 1))
+        for path in of_frames:
+            require_ours(path)
+        require_no_inputs([*self._all, *of_frames], files_of_scene(scene))
         return self
+
+    def check_textures(self, model: Model) -> None:
+        """Make sure that no output is an image that a mesh of the model names.
+
+        Raises:
+            InputError: one is.
+        """
+        textures = [picture.file for picture in pictures_of([model]) if picture.file]
+        require_no_inputs(self._all, dict.fromkeys(textures, "a texture of the scene's mesh"))
 
     def check_names(self, stage: Usd.Stage) -> None:
         """Check the picture's names of prims.
@@ -104,8 +122,11 @@ class Wanted:
             check_view(self.picture, **self.view).check_names(stage, self.output)
 
     def __enter__(self) -> Self:
-        if not self.is_stage:
-            self._folder = self._files.enter_context(folder_beside(self.output))
+        with ExitStack() as files:
+            files.enter_context(sole_writer(*self._all))
+            if not self.is_stage:
+                self._folder = files.enter_context(folder_beside(self.output))
+            self._files = files.pop_all()
         return self
 
     def __exit__(

@@ -10,6 +10,7 @@ from typing import Any
 
 from balloon_warp.errors import InputError
 from balloon_warp.files import target_of, whole_file
+from balloon_warp.marks import is_ours, manifest_text, without_mark
 from balloon_warp.temporaries import clear_left_over, hold, temporary_in
 
 JOB_NAME = "job.json"
@@ -43,7 +44,7 @@ class PartialFolder:
             raise InputError(f"{path}: cannot be read: {error}") from None
         if not isinstance(job, dict):
             raise InputError(f"{path}: expected an object (got {type(job).__name__})")
-        return job
+        return without_mark(job)
 
     def require_own(self) -> None:
         """Make sure that what is there, if anything, is ours to replace.
@@ -52,7 +53,7 @@ class PartialFolder:
             InputError: it is something else of the same name.
         """
         for path in (self.path, self.aside):
-            if path.exists() and not (path / JOB_NAME).is_file():
+            if path.exists() and not is_ours(path / JOB_NAME):
                 begun = path.is_dir() and all(file.name.startswith(".") for file in path.iterdir())
                 if not begun:
                     raise InputError(f"{path}: is where checkpoints go; expected no file of that name")
@@ -83,7 +84,7 @@ class PartialFolder:
         except OSError as error:
             raise InputError(f"{self.path}: cannot be made: {error.strerror}") from None
         with self.file(JOB_NAME) as path:
-            path.write_text(json.dumps(job, indent=1) + "\n", encoding="utf-8")
+            path.write_text(manifest_text(job), encoding="utf-8")
         self._take()
 
     def go_on(self) -> None:

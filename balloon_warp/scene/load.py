@@ -19,7 +19,7 @@ from balloon_warp.mesh.load import LOADERS, load_mesh
 from balloon_warp.scene.around import scene_table_around
 from balloon_warp.scene.complaint import complaint
 from balloon_warp.scene.overrides import Override, OverrideError, apply_overrides, override_scene
-from balloon_warp.scene.schema import Balloon, Body, Obstacle, Scene
+from balloon_warp.scene.schema import MESHED, Balloon, Body, Obstacle, Scene
 from balloon_warp.suggestions import did_you_mean_file
 
 SceneLike = TypeAliasType("SceneLike", Scene | str | Path | MeshLike)
@@ -217,6 +217,13 @@ def files_of(meshed: Balloon | Obstacle | Body) -> dict[str, Path]:
         if isinstance(file, Path):
             found[name] = file
     return found
+
+
+def files_of_scene(scene: Scene) -> dict[Path, str]:
+    """Return the files that a scene names, each with what it is, as "the scene's mesh"."""
+    tables = [each for name in MESHED for each in getattr(scene, name)]
+    named = [(path, file) for each in tables for path, file in files_of(each).items()]
+    return {file: f"the scene's {path.rpartition('.')[2]}" for path, file in named}
 
 
 def with_files(meshed: Meshed, files: Mapping[str, Path]) -> Meshed:

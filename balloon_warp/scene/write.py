@@ -11,7 +11,9 @@ from pydantic import BaseModel
 
 from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable, whole_file
-from balloon_warp.scene.load import bundled_scenes, files_of, with_files
+from balloon_warp.marks import marked_scene
+from balloon_warp.ownership import replaces_any, require_ours
+from balloon_warp.scene.load import bundled_scenes, files_of, files_of_scene, with_files
 from balloon_warp.scene.reference import default_of
 from balloon_warp.scene.schema import MESHED, WITHOUT_MESHES, Balloon, Body, Obstacle, Scene
 from balloon_warp.scene.schema.field_help import first_line, meaning_of
@@ -31,10 +33,13 @@ def write_scene(scene: Scene, path: Path) -> list[Path]:
     Meshes and prints of bundled scenes are copied beside it. Others are named from where it is.
 
     Raises:
-        InputError: a file cannot be written, or another mesh is where one is to be copied to.
+        InputError: a file cannot be written, a scene is there that somebody edited, or another mesh is where one is to
+            be copied to.
     """
     check_writable(path, (".toml",))
-    copies = {mesh: path.parent / mesh.name for mesh in dict.fromkeys(_files(scene)) if _is_bundled(mesh)}
+    require_ours(path)
+    files = dict.fromkeys(Path(os.path.abspath(file)) for file in files_of_scene(scene))
+    copies = {mesh: path.parent / mesh.name for mesh in files if _is_bundled(mesh)}
     missing = {mesh: copy for mesh, copy in copies.items() if not _is_copied(mesh, copy)}
     moved = {
         name: [
@@ -47,7 +52,8 @@ def write_scene(scene: Scene, path: Path) -> list[Path]:
         with whole_file(copy) as temporary:
             shutil.copyfile(mesh, temporary)
     with whole_file(path) as temporary:
-        temporary.write_text(scene_toml(scene.model_copy(update=moved), path.parent), encoding="utf-8")
+        text = scene_toml(scene.model_copy(update=moved), path.parent)
+        temporary.write_text(marked_scene(text), encoding="utf-8")
     return [path, *missing.values()]
 
 
@@ -74,10 +80,6 @@ def _with_files_named(table: dict[str, Any], files: dict[str, str]) -> dict[str,
     return table
 
 
-def _files(scene: Scene) -> list[Path]:
-    return [file for name in MESHED for each in getattr(scene, name) for file in _files_of(each).values()]
-
-
 def _files_of(meshed: Balloon | Body | Obstacle) -> dict[str, Path]:
     """Return the files of a table's mesh and print, by the fields that name them."""
     named = {"mesh": meshed.mesh} | files_of(meshed)
@@ -98,7 +100,11 @@ def _is_copied(mesh: Path, copy: Path) -> bool:
         return False
     if copy.is_file() and copy.read_bytes() == mesh.read_bytes():
         return True
-    raise InputError(f"{copy}: already exists and differs from the scene's file of that name; expected another folder")
+    if replaces_any():
+        return False
+    raise InputError(
+        f"{copy}: already exists and differs from the scene's file of that name; expected another folder, or --force"
+    )
 
 
 def _named_from(mesh: Path, folder: Path) -> str:

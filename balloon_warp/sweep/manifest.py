@@ -1,25 +1,27 @@
 """Manifest of a batch, `manifest.json`: its inputs, versions and outputs, enough to reproduce it."""
 
-import json
 import platform
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from balloon_warp.files import whole_file
+from balloon_warp.marks import manifest_text
 from balloon_warp.provenance import (
     describe_laws,
     describe_scene,
-    hash_meshes,
     hash_of_file,
     installed_versions,
-    meshes_of,
 )
+from balloon_warp.resume.folder import JOB_NAME
+from balloon_warp.sweep.checkpoints import PARTIAL_NAME
 from balloon_warp.sweep.columns import describe_columns
 from balloon_warp.sweep.groups import vary_columns
 from balloon_warp.sweep.task import BatchTask, Outcome
 
 MANIFEST_NAME = "manifest.json"
+MANIFEST_NAMES = (MANIFEST_NAME, f"{PARTIAL_NAME}/{JOB_NAME}")
+"""Files of which one of ours tells that a folder is a batch's"""
 
 
 def describe_batch(task: BatchTask) -> dict[str, Any]:
@@ -28,14 +30,13 @@ def describe_batch(task: BatchTask) -> dict[str, Any]:
     A mesh from Python has the hash of its arrays, and its name.
     """
     columns = {path: column.tolist() for path, column in vary_columns(task.vary).items()}
-    varied = [mesh for path in columns if path.endswith(".mesh") for mesh in task.vary[path]]
     return {
         "scene": describe_scene(task.scene),
         "worlds": task.world_count,
         "vary": columns,
         "export": task.chosen.tolist(),
         "laws": describe_laws(task.laws),
-        "meshes": hash_meshes([*meshes_of(task.scene), *varied]),
+        "meshes": task.mesh_hashes,
     }
 
 
@@ -79,5 +80,5 @@ def write_manifest(
     }
     path = task.folder / MANIFEST_NAME
     with whole_file(path) as temporary:
-        temporary.write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
+        temporary.write_text(manifest_text(manifest), encoding="utf-8")
     return path

@@ -17,13 +17,15 @@ from numpy.typing import NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable, target_of, whole_file
 from balloon_warp.outcomes import BadEnding, LastFrame, bad_endings
-from balloon_warp.outputs.table import TableWriter, table_names
+from balloon_warp.outputs.table import KINDS, TableWriter, table_names
 from balloon_warp.outputs.worlds_table import WORLDS_NAMES, write_worlds
+from balloon_warp.ownership import require_no_inputs, require_ours_in, sole_writer
 from balloon_warp.provenance import describe_scene, hash_of_file
 from balloon_warp.resume import Part
+from balloon_warp.scene.load import files_of_scene
 from balloon_warp.sweep.contacts import COLUMNS, Pair, contacts_shape, pair_columns, pressing_pairs
 from balloon_warp.sweep.groups import Group, vary_columns
-from balloon_warp.sweep.manifest import MANIFEST_NAME
+from balloon_warp.sweep.manifest import MANIFEST_NAME, MANIFEST_NAMES
 from balloon_warp.sweep.recorder import Record, columns_of
 from balloon_warp.sweep.task import BatchTask
 from balloon_warp.sweep.world_files.contents import Contents
@@ -38,7 +40,7 @@ MOST_LOOKED_AT = 16
 
 
 class BatchOutput:
-    """Writes frames of a batch; its files appear when the `with` block ends well.
+    """Writes frames of a batch; its files appear when the `with` block, in which nobody else writes them, ends well.
 
     Args:
         task: what is simulated. Its folder gets the tables and `worlds.usdc`; where no worlds are chosen there is no
@@ -46,12 +48,12 @@ class BatchOutput:
         groups: the worlds, as they come together.
 
     Raises:
-        InputError: a folder cannot be written to.
+        InputError: a folder cannot be written to, or has files of somebody else where ours go.
     """
 
     def __init__(self, task: BatchTask, groups: Sequence[Group]):
         folder, scene, chosen, vary = task.folder, task.scene, task.chosen, task.vary
-        _prepare_folder(folder, task.table)
+        _prepare_folder(task)
         self.groups = groups
         worlds = sum(len(group.worlds) for group in groups)
         varied = vary_columns(vary)
@@ -79,6 +81,7 @@ class BatchOutput:
 
     def __enter__(self) -> Self:
         with ExitStack() as files:
+            files.enter_context(sole_writer(self.table.folder, self.trajectories and self.trajectories.folder))
             npz, text = (files.enter_context(whole_file(self.table.folder / name)) for name in WORLDS_NAMES)
             files.enter_context(self.table)
             if self.stage:
@@ -250,7 +253,7 @@ def _trajectories(task: BatchTask, groups: Sequence[Group]) -> TrajectoryWriter 
     """Return the writer of files of worlds, where they are wanted."""
     if task.trajectories is None:
         return None
-    contents = Contents(task.scene, task.vary, task.laws, task.every)
+    contents = Contents(task.scene, task.vary, task.laws, task.every, task.mesh_hashes)
     varied = {path: column.tolist() for path, column in vary_columns(task.vary).items()}
     described = json.dumps([describe_scene(task.scene), varied, task.on_blowup])
     return TrajectoryWriter(task.trajectories, contents, groups, {"batch": sha256(described.encode()).hexdigest()})
@@ -264,7 +267,8 @@ def _in_grid(group: Group, chosen: NDArray[np.integer], varied: Mapping[str, NDA
     return GridGroup(group.plan, group.rows_of(chosen), worlds, values)
 
 
-def _prepare_folder(folder: Path, table: str) -> None:
+def _prepare_folder(task: BatchTask) -> None:
+    folder = task.folder
     try:
         target_of(folder).mkdir(exist_ok=True)
     except FileNotFoundError:
@@ -273,5 +277,9 @@ def _prepare_folder(folder: Path, table: str) -> None:
         raise InputError(f"{folder}: is a file; expected a folder") from None
     except OSError as error:
         raise InputError(f"{folder}: cannot be made: {error.strerror}") from None
-    for name in (*table_names(table), *WORLDS_NAMES, STAGE_NAME, MANIFEST_NAME):
+    names = {*chain(*map(table_names, KINDS)), *WORLDS_NAMES, STAGE_NAME, MANIFEST_NAME}  # tables of other kinds go
+    require_ours_in(folder, sorted(names), MANIFEST_NAMES)
+    for group in task.groups:
+        require_no_inputs((folder / name for name in names), files_of_scene(group.plan.scene))
+    for name in (*table_names(task.table), *WORLDS_NAMES, STAGE_NAME, MANIFEST_NAME):
         check_writable(folder / name, (Path(name).suffix,))

@@ -1,6 +1,7 @@
 """Task of a batch and its outcome, wherever it is simulated."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from balloon_warp.beginning import Beginning
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model import Remark
 from balloon_warp.outcomes import BadEnding
+from balloon_warp.provenance import hash_meshes, mesh_label, meshes_of
 from balloon_warp.scene import Scene
 from balloon_warp.sweep.blow_ups import Failures
 from balloon_warp.sweep.contacts import Pair
@@ -47,6 +49,17 @@ class BatchTask:
     def laws(self) -> tuple[Law, ...]:
         """Laws that act beside the built-in ones."""
         return self.groups[0].plan.own_laws
+
+    @cached_property
+    def mesh_hashes(self) -> dict[str, str]:
+        """Hashes of all meshes, by their labels, first asked for before the run: files may change meanwhile."""
+        varied = {
+            mesh_label(mesh): mesh
+            for path, values in self.vary.items()
+            if path.startswith("balloon.") and path.endswith(".mesh")
+            for mesh in values
+        }
+        return hash_meshes([*meshes_of(self.scene), *varied.values()])
 
     @property
     def world_count(self) -> int:

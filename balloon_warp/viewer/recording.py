@@ -10,6 +10,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable, whole_file
 from balloon_warp.frame import Frame
 from balloon_warp.kernels.laws import Law
+from balloon_warp.marks import marked_scene
 from balloon_warp.model import Model, build_model
 from balloon_warp.outputs.usd import StageWriter
 from balloon_warp.provenance import describe_simulation, without_folders
@@ -75,7 +76,7 @@ def write_recording(recorded: Recorded, folder: Path, name: str, laws: Sequence[
         for frame, bodies in zip(recorded.frames, recorded.bodies, strict=True):
             writer.write(replace(_with_all_bodies(frame, bodies, model), number=frame.number - first))
     with whole_file(script) as temporary:
-        temporary.write_text(scene_toml(scene, folder), encoding="utf-8")
+        temporary.write_text(marked_scene(scene_toml(scene, folder)), encoding="utf-8")
     return [stage, script]
 
 

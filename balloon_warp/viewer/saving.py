@@ -9,6 +9,7 @@ from pathlib import Path
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Law
+from balloon_warp.standard_streams import open_closed_streams
 from balloon_warp.viewer.recording import Recorded, write_recording
 from balloon_warp.warp_logging import quiet_warp
 
@@ -65,6 +66,7 @@ def told_of_saving(
 
 def main() -> None:
     """Read a recording from standard input, write it, and tell the files, or what is wrong, on standard output."""
+    open_closed_streams()
     answers = os.dup(1)
     os.dup2(2, 1)  # a library's output is no answer
     if hasattr(os, "nice"):

@@ -32,11 +32,20 @@ def take_actions(
     causes[world] = cause
 
 
+@wp.func
+def bounded(value: float, limit: float):
+    """Return an observation within its limits; 0 if it is not finite."""
+    if not wp.isfinite(value):
+        return 0.0
+    return wp.clamp(value, -limit, limit)
+
+
 @wp.kernel
 def finish_step(
     faults: wp.array[wp.int32],
     first_bad: wp.array[wp.int32],
     most_steps: wp.int32,
+    limits: wp.array[float],
     begun: wp.array[wp.int32],
     # in and out
     steps: wp.array[wp.int32],
@@ -51,7 +60,7 @@ def finish_step(
     """Count a step, and find which worlds are over; a thread a world.
 
     Worlds that have just restarted have neither reward nor end. A world that ended by a bad action, a bad control or a
-    blow-up has no reward, and its observations are finite.
+    blow-up has no reward. Observations are within their limits.
     """
     world = wp.tid()
     truncated[world] = 0
@@ -72,9 +81,20 @@ def finish_step(
         elif steps[world] >= most_steps:
             truncated[world] = 1
     for number in range(observations.shape[1]):
-        if not wp.isfinite(observations[world, number]):
-            observations[world, number] = 0.0
+        observations[world, number] = bounded(observations[world, number], limits[number])
     over[world] = wp.max(terminated[world], truncated[world])
+
+
+@wp.kernel
+def bound_observations(
+    limits: wp.array[float],
+    # in and out
+    observations: wp.array2d[float],
+):
+    """Keep observations within their limits; a thread a world."""
+    world = wp.tid()
+    for number in range(observations.shape[1]):
+        observations[world, number] = bounded(observations[world, number], limits[number])
 
 
 @wp.kernel

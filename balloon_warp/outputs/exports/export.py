@@ -4,7 +4,7 @@ A simulation's frames always go into a stage first: it survives a kill, resumes 
 validators. An export is made from the stage, and so is the same from `run -o` and, later, from `convert`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from importlib import import_module
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from balloon_warp.arguments import checked
 from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable
 from balloon_warp.outputs.usd import STAGE_SUFFIXES
+from balloon_warp.ownership import require_ours, sole_writer
 
 HDF5_SUFFIXES = (".h5", ".hdf5")
 WRITERS = {
@@ -52,6 +53,18 @@ def check_export(output: Path) -> None:
         require_h5py()
 
 
+def files_of_frames(output: Path, frames: Iterable[int]) -> list[Path]:
+    """Return the files of single frames that belong to an output; none of most kinds."""
+    suffix = output.suffix.lower()
+    if suffix in (".obj", ".ply"):
+        from balloon_warp.outputs.exports.sequence import frame_path as path_of
+    elif suffix == ".pvd":
+        from balloon_warp.outputs.exports.vtu import grid_path as path_of
+    else:
+        return []
+    return [path_of(output, frame) for frame in frames]
+
+
 @checked
 def export_stage(
     stage: str | Path,
@@ -72,7 +85,7 @@ def export_stage(
         on_frame: Called with the amount done, and the whole.
 
     Raises:
-        InputError: the stage cannot be read, or the output cannot be written.
+        InputError: the stage cannot be read, the output cannot be written, or the file of a frame is not ours.
         MissingExtraError: what writes it is not installed.
     """
     stage, output = Path(stage), Path(output)
@@ -83,4 +96,8 @@ def export_stage(
 
     module, function = WRITERS[output.suffix.lower()].split(".")
     write = getattr(import_module(f"balloon_warp.outputs.exports.{module}"), function)
-    write(output, Animation(stage, on_note), on_note, on_frame)
+    animation = Animation(stage, on_note)
+    for path in files_of_frames(output, animation.frames):
+        require_ours(path)
+    with sole_writer(output):
+        write(output, animation, on_note, on_frame)

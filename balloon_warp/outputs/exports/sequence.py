@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.files import whole_file
+from balloon_warp.marks import LINE
 from balloon_warp.mesh.geometry import triangulate, vertex_normals
 from balloon_warp.outputs.exports.parts import Animation, Part
 
@@ -58,7 +59,7 @@ def _of_no_frame(pattern: Path, animation: Animation) -> list[Path]:
 
 def _obj(parts: Sequence[Part], points: Sequence[NDArray[np.float64]]) -> bytes:
     """Return Text: an object for each part, smooth, with texture coordinates where it has them."""
-    text, before, coordinates_before = ["# Balloon Warp: meters, Y up\n"], 1, 1
+    text, before, coordinates_before = [f"# {LINE}: meters, Y up\n"], 1, 1
     for part, places in zip(parts, points, strict=True):
         mesh = part.mesh
         text.append(f"o {part.name}\n" + "v %.9g %.9g %.9g\n" * len(places) % tuple(places.ravel().tolist()))
@@ -102,7 +103,7 @@ def _ply(parts: Sequence[Part], points: Sequence[NDArray[np.float64]], in_triang
         before, face_count = before + len(places), face_count + len(counts)
     header = "".join(
         [
-            "ply\nformat binary_little_endian 1.0\ncomment Balloon Warp: meters, Y up\n",
+            f"ply\nformat binary_little_endian 1.0\ncomment {LINE}: meters, Y up\n",
             f"element vertex {before}\n",
             *(f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz")),
             *(f"property uchar {name}\n" for name in ("red", "green", "blue")),

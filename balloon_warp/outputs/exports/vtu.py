@@ -9,11 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.files import whole_file
+from balloon_warp.marks import LINE
 from balloon_warp.outputs.exports.parts import Animation, Part
 
 POLYGON, TRIANGLE, QUAD = 7, 5, 9
 """Cell types, as VTK numbers them"""
 _KINDS = {np.dtype(np.float32): "Float32", np.dtype(np.int64): "Int64", np.dtype(np.uint8): "UInt8"}
+
+
+def grid_path(output: Path, frame: int) -> Path:
+    """Return the file of a frame's grid."""
+    return output.with_name(f"{output.stem}.{frame:04d}.vtu")
 
 
 def write_series(
@@ -22,7 +28,7 @@ def write_series(
     """Write the grids, OUTPUT.0000.vtu and so on, and then what lists them; arguments as `export_stage` has them."""
     listed = []
     for done, frame in enumerate(animation.frames, start=1):
-        path = output.with_name(f"{output.stem}.{frame:04d}.vtu")
+        path = grid_path(output, frame)
         with whole_file(path) as temporary:
             temporary.write_text(_grid(animation, frame), encoding="ascii")
         place = f'timestep="{animation.seconds(frame):.9g}" part="0" file={quoteattr(path.name)}'
@@ -35,7 +41,8 @@ def write_series(
 
 def _file(kind: str, content: str) -> str:
     return (
-        f'<?xml version="1.0"?>\n<VTKFile type="{kind}" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
+        f'<?xml version="1.0"?>\n<!-- {LINE} -->\n'
+        f'<VTKFile type="{kind}" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
         f"{content}</VTKFile>\n"
     )
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from balloon_warp.errors import MissingExtraError
+from balloon_warp.marks import png_mark
 
 PICTURE_SUFFIXES = (".png", ".webp", ".gif", ".mp4")
 DITHER = 6.0
@@ -24,7 +25,7 @@ _BAYER = (np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]
 
 def write_png(path: Path, picture: Picture) -> None:
     """Write one picture."""
-    Image.fromarray(picture).save(path, format="PNG", optimize=True)
+    Image.fromarray(picture).save(path, format="PNG", optimize=True, pnginfo=png_mark())
 
 
 def write_gif(path: Path, pictures: Iterable[Picture], frame_seconds: float) -> None:

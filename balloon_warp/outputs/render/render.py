@@ -21,6 +21,7 @@ from balloon_warp.outputs.render.files import (
 from balloon_warp.outputs.render.shutter import moments, one_over_the_other
 from balloon_warp.outputs.render.stage_reader import RenderStage
 from balloon_warp.outputs.render.view import View, check_view
+from balloon_warp.ownership import sole_writer
 
 MOST_RATE = {".gif": 20.0, ".webp": 30.0}
 """Largest frame rate of such an animation, unless a rate is asked for [1/s]"""
@@ -124,7 +125,7 @@ def render_stage(
     chosen, frame_seconds = _choose_frames(stage, suffix, frame, frames, frames_per_second)
     film = Film(size, samples, shutter, transparent)
     pictures = _pictures(stage, chosen, film, device, view, on_frame)
-    with whole_file(output) as temporary:
+    with sole_writer(output), whole_file(output) as temporary:
         if suffix == ".png":
             write_png(temporary, next(pictures))
         elif suffix in MOST_RATE:

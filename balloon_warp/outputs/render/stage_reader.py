@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from pxr import Gf, Usd, UsdGeom, UsdUtils
 
 from balloon_warp.errors import InputError
+from balloon_warp.marks import STAGE_KEY
 from balloon_warp.mesh.usd_open import listed, open_meshes
 from balloon_warp.mesh.usd_shapes import others_than
 from balloon_warp.mesh.usd_surfaces import missing_image
@@ -86,7 +87,7 @@ class RenderStage:
 
     def _said(self, name: str):
         """Return a value that a stage of ours has about itself."""
-        ours = self._stage.GetRootLayer().customLayerData.get("balloonWarp")
+        ours = self._stage.GetRootLayer().customLayerData.get(STAGE_KEY)
         return ours.get(name) if isinstance(ours, dict) else None
 
     @property

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 from pxr import Gf, Sdf, UsdGeom, UsdShade, Vt
 
-from balloon_warp.files import check_writable
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.corners import face_starts
 from balloon_warp.mesh.looks import Color, Looks, Picture
@@ -21,10 +20,8 @@ def check_textures(stage: Path, models: Iterable[Model | ModelPlan]) -> None:
     Raises:
         InputError: it cannot.
     """
-    for picture in _pictures(models)[:1]:
-        for path in picture.places(stage):
-            if path.parent.exists():
-                check_writable(path, (path.suffix,))
+    for picture in pictures_of(models):
+        picture.check_beside(stage)
 
 
 def write_textures(stage: Path, models: Iterable[Model | ModelPlan]) -> None:
@@ -36,11 +33,11 @@ def write_textures(stage: Path, models: Iterable[Model | ModelPlan]) -> None:
     Raises:
         InputError: one cannot be written.
     """
-    for picture in _pictures(models):
+    for picture in pictures_of(models):
         picture.write_beside(stage)
 
 
-def _pictures(models: Iterable[Model | ModelPlan]) -> list[Picture]:
+def pictures_of(models: Iterable[Model | ModelPlan]) -> list[Picture]:
     """Return the images that are seen, by their names."""
     pictures = {}
     for model in models:

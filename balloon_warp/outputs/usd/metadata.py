@@ -6,6 +6,7 @@ from typing import Any
 
 from pxr import Gf, Usd, UsdGeom
 
+from balloon_warp.marks import STAGE_KEY
 from balloon_warp.scene import Scene
 
 
@@ -14,8 +15,8 @@ def describe_stage(
 ) -> None:
     """Write the default prim /World, up axis, units and time, and `customLayerData`.
 
-    The latter has, as `balloonWarp`, the frame of a picture, its camera if `view` is wanted, and the stage's
-    provenance: words, numbers and tables of them, and the scene, as JSON.
+    The latter has, as `balloonWarp`, by which the stage is known as ours, the frame of a picture, its camera if `view`
+    is wanted, and the stage's provenance: words, numbers and tables of them, and the scene, as JSON.
     """
     stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())
     UsdGeom.SetStageUpAxis(stage, scene.up_axis)
@@ -33,5 +34,4 @@ def describe_stage(
     if scene.picture is not None and view:
         place = scene.picture.model_dump(exclude_none=True)
         said["pictureView"] = {name: Gf.Vec3d(*n) if isinstance(n, tuple) else n for name, n in place.items()}
-    if said:
-        layer.customLayerData = {"balloonWarp": said}
+    layer.customLayerData = {STAGE_KEY: said}

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.files import whole_file
+from balloon_warp.marks import manifest_text
 from balloon_warp.outputs.world_files import WorldFile
-from balloon_warp.provenance import describe_scene, installed_versions
-from balloon_warp.sweep.groups import vary_columns
+from balloon_warp.provenance import installed_versions
 from balloon_warp.sweep.world_files.contents import Contents
 from balloon_warp.sweep.world_files.options import TrajectoryFiles
 from balloon_warp.sweep.world_files.splits import SPLITS
@@ -52,13 +52,13 @@ def write_catalog(
             field.name: {"dimensions": field.dimensions, "dtype": field.dtype, "unit": field.unit, "is": field.meaning}
             for field in (*(field for field, _ in world.fixed), *world.moving)
         },
-        "vary": {path: column.tolist() for path, column in vary_columns(contents.vary).items()},
+        "vary": contents.columns,
         "units": json.loads(str(world.attributes["units"])),
-        "scene": describe_scene(scene),
+        **contents.described,
         "versions": installed_versions(),
     }
     with whole_file(folder / MANIFEST_NAME) as path:
-        path.write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
+        path.write_text(manifest_text(manifest), encoding="utf-8")
 
 
 def listed_files(folder: Path) -> set[str]:

@@ -4,6 +4,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from balloon_warp.mesh.corners import edges_of
 from balloon_warp.mesh.geometry import triangulate
 from balloon_warp.model import ModelPlan
 from balloon_warp.outputs.world_files import Field, WorldFile
-from balloon_warp.provenance import describe_scene
+from balloon_warp.provenance import describe_scene, mesh_label, without_folders
 from balloon_warp.scene import Scene
 from balloon_warp.scene.overrides import override_scene
 from balloon_warp.sweep.columns import units_of
@@ -26,6 +27,8 @@ from balloon_warp.sweep.world_files.tracks import fields_of
 MOST_ATTRIBUTES = 500
 """Number of values of a scene above which only those are attributes that vary; the manifest has all"""
 
+SHA256 = ".sha256"
+"""End of the name of an attribute: the hash of the file that the attribute before it names"""
 Attribute = int | float | str
 
 
@@ -37,12 +40,19 @@ class Contents:
         vary: what differs between them.
         laws: your own.
         every: step between frames that are written.
+        hashes: of the meshes, by their labels.
     """
 
-    def __init__(self, scene: Scene, vary: BatchVary, laws: Sequence[Law], every: int):
-        self.scene, self.vary, self._laws, self._every = scene, vary, laws, every
-        self._columns = {path: column.tolist() for path, column in vary_columns(vary).items()}
+    def __init__(self, scene: Scene, vary: BatchVary, laws: Sequence[Law], every: int, hashes: Mapping[str, str]):
+        self.scene, self._every, self._hashes = scene, every, hashes
+        self.columns = {path: column.tolist() for path, column in vary_columns(vary).items()}
+        """Value of each world of what differs, by its path: of meshes the files' names, and, with `SHA256`, hashes"""
         self._targets = {path: _targets(scene, path, values) for path, values in vary.items()}
+        self._units = units_of(scene, self.columns, laws)
+        for path in [path for path in self.columns if path.endswith(".mesh")]:
+            self.columns[f"{path}{SHA256}"] = [hashes[mesh_label(mesh)] for mesh in vary[path]]
+            self.columns[path] = [Path(label).name for label in self.columns[path]]
+            self._targets[f"{path}{SHA256}"] = [f"{target}{SHA256}" for target in self._targets[path]]
 
     @property
     def frames(self) -> int:
@@ -62,19 +72,25 @@ class Contents:
     def of_world(self, common: WorldFile, world: int, health: int) -> WorldFile:
         """Return what a world's file has."""
         own: dict[str, Attribute] = {"world": world, "health": health}
-        for path, values in self._columns.items():
+        for path, values in self.columns.items():
             for name in (*self._targets[path], path):
                 own[name] = values[world]
         return replace(common, attributes={**common.attributes, **own})
 
     @cached_property
+    def described(self) -> dict[str, Any]:
+        """The scene, and the hashes of its meshes, the same wherever its files are."""
+        return without_folders({"scene": describe_scene(self.scene), "meshes": self._hashes})
+
+    @cached_property
     def _common(self) -> dict[str, Attribute]:
-        scene, rate = self.scene, self.scene.frames_per_second
-        numbers = _flat(describe_scene(scene))
+        rate = self.scene.frames_per_second
+        hashes = {f"{place}{SHA256}": digest for place, digest in self.described["meshes"].items()}
+        numbers = _flat(self.described["scene"]) | hashes
         told = numbers if len(numbers) <= MOST_ATTRIBUTES else {}
         ours: dict[str, Attribute] = {"world": 0, "health": 1, "every": self._every, "time_step": self._every / rate}
-        units = {**units_of(scene, self._columns, self._laws), "time_step": "s"}
-        units |= {target: units[path] for path, targets in self._targets.items() for target in targets}
+        units = {**self._units, "time_step": "s"}
+        units |= {target: units[path] for path, targets in self._targets.items() if path in units for target in targets}
         return {**told, **ours, "units": json.dumps(units)}
 
     def _fixed(self, plan: ModelPlan) -> list[tuple[Field, NDArray]]:

@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.files import target_of
 from balloon_warp.outputs.world_files import FORMATS, Field, Slot, WorldFile
+from balloon_warp.ownership import require_ours_in
 from balloon_warp.resume import PartialFolder, as_json
+from balloon_warp.resume.folder import JOB_NAME
 from balloon_warp.sweep.groups import Group
 from balloon_warp.sweep.recorder import Record
 from balloon_warp.sweep.world_files.catalog import MANIFEST_NAME, listed_files, write_catalog
@@ -38,7 +40,7 @@ class TrajectoryWriter:
         job: what they are of; the same when a batch goes on.
 
     Raises:
-        InputError: the folder cannot be written to, or the disk is too small.
+        InputError: the folder cannot be written to, or has files of somebody else; or the disk is too small.
     """
 
     def __init__(self, options: TrajectoryFiles, contents: Contents, groups: Sequence[Group], job: Mapping[str, Any]):
@@ -51,6 +53,9 @@ class TrajectoryWriter:
         self._formats = [FORMATS[options.format]() for _ in groups]
         self.world_count = sum(len(group.worlds) for group in groups)
         self._splits = splits_of(self.world_count, options.seed)
+        there = [number for number, split in enumerate(SPLITS) if (self.folder / split).exists()]
+        names = map(self._name, np.flatnonzero(np.isin(self._splits, there)).tolist())
+        require_ours_in(self.folder, [MANIFEST_NAME, *names], (MANIFEST_NAME, f"{PARTIAL_NAME}/{JOB_NAME}"))
         self._waiting: list[list[Record]] = [[] for _ in groups]
         self._waiting_bytes = 0
         self._safe = False
