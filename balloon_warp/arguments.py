@@ -2,7 +2,6 @@
 
 import collections.abc
 import inspect
-import math
 import os
 import types
 from collections.abc import Callable, Mapping, Sequence
@@ -25,11 +24,7 @@ SCALARS: Mapping[Any, tuple[Callable[[Any], bool], str, str]] = {
     Path: (lambda value: isinstance(value, str | os.PathLike), "a path", "paths"),
     bool: (lambda value: isinstance(value, bool | np.bool_), "True or False", "True or False each"),
     int: (lambda value: isinstance(value, Integral) and not isinstance(value, bool), "a whole number", "whole numbers"),
-    float: (
-        lambda value: isinstance(value, Real) and not isinstance(value, bool) and not math.isnan(float(value)),
-        "a number",
-        "numbers",
-    ),
+    float: (lambda value: isinstance(value, Real) and not isinstance(value, bool), "a number", "numbers"),
     types.NoneType: (lambda value: value is None, "None", "None each"),
 }
 """Test of a value, and the name of one and of several, by type"""
@@ -41,7 +36,7 @@ MOST_SHOWN = 40
 
 
 def checked(function: Callable[P, T]) -> Callable[P, T]:
-    """Check the types of a function's arguments in each call, and that numbers are numbers.
+    """Check the types of a function's arguments in each call.
 
     Protocols, arrays and other types that no value can be told by are left to the function.
 
@@ -120,7 +115,7 @@ def _said(hint: Any, many: bool = False) -> str:
     if isinstance(hint, TypeAliasType):
         return NAMED.get(hint.__name__) or _said(hint.__value__, many)
     if hint in SCALARS:
-        return SCALARS[hint][1 + many]
+        return SCALARS[hint][2] if many else SCALARS[hint][1]
     origin, of = get_origin(hint), get_args(hint)
     if origin in (Union, types.UnionType):
         kinds = [each for each in of if not (each is str and Path in of)]

@@ -54,6 +54,11 @@ def is_heavy_gas(case: Case) -> bool:
     )
 
 
+def has_torn(case: Case) -> bool:
+    """Return whether a face has torn."""
+    return bool((case.run.states["torn"] >= 0.0).any())
+
+
 ALIKE = ("is_alike_in_schedules", "is_alike_turned", "is_alike_mirrored", "is_alike_moved", "is_alike_scaled")
 """Properties of what is not chaotic, as an explosion is"""
 KNOWN = (
@@ -64,6 +69,7 @@ KNOWN = (
         is_pressed_flat,
     ),
     Known("Coarse balloons that touch", ("is_as_in_reference",), balloons_touch),
+    Known("A tear that has both its neighbors to go to", ("is_alike_mirrored", "is_alike_relisted"), has_torn),
 )
 
 

@@ -16,7 +16,7 @@ from balloon_warp.scene import Scene
 from balloon_warp.simulator import Simulator
 
 STATES = ("points", "velocities", "pressures", "gas_amounts", "sphere_positions", "sphere_velocities", "sphere_spins")
-STATES += ("body_positions", "body_turns", "body_velocities", "body_momenta", "contact_forces")
+STATES += ("body_positions", "body_turns", "body_velocities", "body_momenta", "contact_forces", "torn")
 NUDGE = 1.0e-6
 """Displacement of a nudged twin's particles, over the scene's size"""
 MOST_SUBSTEPS = 2000

@@ -14,14 +14,14 @@ from balloon_warp.arguments import checked, fits
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 
-NAN = float("nan")
+Alias = TypeAliasType("Alias", Mapping[str, Any])
 
 
 @pytest.mark.parametrize(
     ("hint", "right", "wrong"),
     [
         (int, [3, np.int64(3)], [3.0, True, "3", None, np.zeros(2)]),
-        (float, [3, 0.5, np.float32(0.5), float("inf")], [True, "0.5", NAN, None]),
+        (float, [3, 0.5, np.float32(0.5), float("inf")], [True, "0.5", None]),
         (bool, [True, np.bool_(False)], [1, None, np.zeros(2)]),
         (str | Path, ["a", Path("a")], [b"a", 3, None, ["a"]]),
         (str | None, ["a", None], [3, b"a"]),
@@ -34,7 +34,7 @@ NAN = float("nan")
         (Mapping[str, tuple[float, float]], [{"a": (1, 2.5)}], [{1: (1, 2)}, [("a", (1, 2))]]),
         (Callable[[int], None], [print], [3, None]),
         (PolygonMesh, [cube()], ["cube", None]),
-        (TypeAliasType("Alias", Mapping[str, Any]), [{"a": object()}], [3]),
+        (Alias, [{"a": object()}], [3]),
     ],
 )
 def test_values_of_types(hint: Any, right: list[Any], wrong: list[Any]):
@@ -50,7 +50,6 @@ def test_values_of_types(hint: Any, right: list[Any], wrong: list[Any]):
         (lambda: bw.Simulator("two_balloons", world_count=True), r"world_count: must be a whole number \(got True\)"),
         (lambda: bw.Simulator("two_balloons", schedule=[]), r"schedule: must be text \(got \[\]\)"),  # pyright: ignore
         (lambda: bw.animate("two_balloons", 3.5), r"output: must be a path \(got 3.5\)"),  # pyright: ignore
-        (lambda: bw.animate("two_balloons", "a.usdc", checkpoint_seconds=NAN), r"checkpoint_seconds: must be a number"),
         (
             lambda: bw.render_stage("a.usdc", "a.png", size=np.zeros((2, 2))),  # pyright: ignore
             r"size: must be 2 whole numbers \(got an array of shape \(2, 2\)\)",

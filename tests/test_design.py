@@ -192,7 +192,7 @@ def test_what_touches_itself_along_edges_does_not_cross():
         ({"of": "steel"}, r"of: must be springs or latex or foil \(got 'steel'\)"),
         ({"hold": "none"}, r"hold: must be tension or any"),
         ({"stretch": 3.0}, r"stretch: must be from 1.02 to 2 for springs"),
-        ({"stretch": float("nan")}, r"stretch: must be a number or None \(got nan\)"),
+        ({"stretch": float("nan")}, r"stretch: must be a number greater than 0"),
         ({"of": "latex", "stretch": 9.0}, r"stretch: must be from 1.05 to 5 for latex"),
         ({"size": -1.0}, r"size: must be from 0.01 to 100 m \(got -1.0\)"),
         ({"steps": -1}, r"steps: must be a whole number"),

@@ -212,7 +212,7 @@ def objects(folder: Path, kind: str) -> Path:
     path = folder / f"mesh.{kind}"
     if kind == "obj":
         write_obj(path, cube())
-        lines = path.read_text().splitlines()
+        lines = [line for line in path.read_text().splitlines() if line[0] != "#"]
         path.write_text("\n".join([*lines[:8], "o Top", *lines[8:10], "o Leg", lines[10], "o Balloon", *lines[11:]]))
         return path
     file = Gltf({"name": "Table", "children": [1, 2]}, {"name": "Top", "mesh": 0}, {"name": "Leg", "mesh": 0})

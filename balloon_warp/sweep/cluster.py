@@ -26,7 +26,7 @@ class Cluster:
     """Number of GPUs of this machine, a worker each"""
     workers: int | None = None
     """Number of processes on this machine's CPU"""
-    prepare: Callable[[], None] | None = None
+    prepare: Callable[[], object] | None = None
     """Function called in each worker before anything else, for instance to set up Warp's messages"""
 
     def __post_init__(self) -> None:

@@ -178,7 +178,7 @@ def _result(client: "Client", future: "Future") -> Any:
         raise WorkersLostError("the scheduler is gone") from None
 
 
-def _do(call: Call, prepare: Callable[[], None] | None, topic: str, number: int) -> Any:
+def _do(call: Call, prepare: Callable[[], object] | None, topic: str, number: int) -> Any:
     """Do a share on a worker."""
     from distributed import get_worker
 
@@ -189,7 +189,7 @@ def _do(call: Call, prepare: Callable[[], None] | None, topic: str, number: int)
         return call.answer(worker.address, lambda frame: worker.log_event(topic, (number, frame)))
 
 
-def _device_name(device: str | None, prepare: Callable[[], None] | None) -> str:
+def _device_name(device: str | None, prepare: Callable[[], object] | None) -> str:
     """Name the device of a worker, on the worker."""
     if prepare:
         prepare()

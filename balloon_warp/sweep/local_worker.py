@@ -34,7 +34,7 @@ class Served(NamedTuple):
     device: str
     module: str
     """Module that the work needs"""
-    prepare: Callable[[], None] | None
+    prepare: Callable[[], object] | None
     """Function that a process calls before anything else"""
 
 

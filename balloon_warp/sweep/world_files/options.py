@@ -43,7 +43,7 @@ class TrajectoryFiles(Shown):
         """Return the options, made of a folder alone if need be."""
         if given is None or isinstance(given, cls):
             return given
-        return cls(given)
+        return cls(Path(given))
 
     def as_json(self) -> dict[str, Any]:
         """Describe the options for a manifest."""
