@@ -7,6 +7,7 @@ ends the process with status 1. It is what PhyFu (Xiao et al., ICSE 2023) did to
 """
 
 import argparse
+import gc
 import random
 import secrets
 import sys
@@ -97,6 +98,8 @@ def fuzz(
             except PropertyError as error:
                 failed[:] = [each for each in PROPERTIES if each.__name__ == error.name]
                 raise
+            finally:
+                gc.collect()  # simulators in circles: gigabytes, until Python would do it
 
     drawn(kind, examples, number, hold)
 
