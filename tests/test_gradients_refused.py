@@ -53,7 +53,7 @@ NO_CHANGE = on_the_way(gravity=1.0)
 REFUSED: dict[str, tuple[bw.Scene, dict[str, Any], str]] = {
     "unknown": (scene(), {"of": ["balloon.mas"]}, "balloon.0.mas: unknown field; did you mean mass?"),
     "a text": (scene(), {"of": ["balloon.name"]}, "balloon.name: cannot be derived by; expected the path of a number"),
-    "no list": (scene(), {"of": "balloon.mass"}, "of: expected a list of paths"),
+    "no list": (scene(), {"of": "balloon.mass"}, "of: must be a list of texts (got 'balloon.mass')"),
     "no number a world": (scene(), told([1.0, 2.0], {}), "loss: expected a number for each of 1 worlds"),
     "a number alone": (scene(), told(1.0), "loss: expected two things"),
     "unknown slopes": (scene(), told(1.0, {"areas": 0.0}), "loss: has no derivatives by areas"),
@@ -115,7 +115,7 @@ REFUSED: dict[str, tuple[bw.Scene, dict[str, Any], str]] = {
         exchange(BETWEEN_CORNERS, 1.75, faces=True), {"of": ["sphere.1.friction"]},
         "sphere.1.friction: cannot be derived by yet",
     ),
-    "no list of parts": (scene(), {"each": "rest_lengths"}, "each: expected a list of some of rest_lengths"),
+    "no list of parts": (scene(), {"each": "rest_lengths"}, "each: must be a list of texts"),
     "unknown parts": (scene(), {"each": ["lengths"]}, "each: expected some of rest_lengths, spring_constants"),
     "no springs": (scene(material={"kind": "mooney_rivlin"}), {"each": LENGTHS}, "the scene has no springs"),
     "no rubber": (scene(), {"each": ["thicknesses"]}, "each: thicknesses: the scene has no rubber or film"),
