@@ -87,13 +87,15 @@ class Limits:
             if file.exists():
                 check_text(file)
                 with suppress(Tf.ErrorException):
-                    self._layers[name] = Sdf.Layer.FindOrOpen(name)
+                    layer = self._layers[name] = Sdf.Layer.FindOrOpen(name)
+                    if layer:  # which may go by another name, as behind a link
+                        self._layers[layer.identifier] = layer
         return self._layers[name]
 
     def _stack(self, root: str) -> list[Sdf.Layer]:
         """Return a layer and its sublayers, each once."""
         if root not in self._stacks:
-            found, counts, open_ = dict[str, Sdf.Layer](), 0, [self._layers[root] or self._layer(root)]
+            found, counts, open_ = dict[str, Sdf.Layer](), 0, [self._layer(root)]
             while open_:
                 layer = open_.pop()
                 if layer is None:

@@ -55,6 +55,8 @@ DRAWN = """<?xml version="1.0"?>
 ON_CPU = ["--device", "cpu"]
 BALL = ["ball.obj", "beside.mtl", "beside.png"]
 """the mesh, its library of materials and the texture that this names"""
+PAINTED = ["textured.usda", "beside.png"]
+"""a stage and the texture that its material names"""
 BATCH = ["batch", "scene.toml", "--worlds", "3", "--vary", "gravity=1:9", "--export", "1", "-o", "out", *ON_CPU]
 TABLES = [f"out/{name}" for name in ("table.npz", "table.csv", "worlds.npz", "worlds.csv", "worlds.usdc")]
 BOTH = ["compare", "scene.toml", "--vary", "gravity=1,9", "-o", "both.png", *ON_CPU]
@@ -63,8 +65,8 @@ COMMANDS = {
     "run": (["run", "scene.toml", "--picture", *ON_CPU], ["scene.toml", *BALL], ["scene.usdc", "scene.png"]),
     "batch": (BATCH, ["scene.toml", *BALL], [*TABLES, "out/manifest.json"]),
     "compare": (BOTH, ["scene.toml", *BALL], ["both.png"]),
-    "render": (["render", "textured.usda", "-o", "face.png"], ["textured.usda"], ["face.png"]),
-    "convert": (["convert", "textured.usda", "-o", "face.glb"], ["textured.usda"], ["face.glb"]),
+    "render": (["render", "textured.usda", "-o", "face.png"], PAINTED, ["face.png"]),
+    "convert": (["convert", "textured.usda", "-o", "face.glb"], PAINTED, ["face.glb"]),
     "remesh": (["remesh", "ball.obj", "-o", "quads.obj", "--cells", "6"], BALL, ["quads.obj"]),
     "foil": (["foil", "heart.svg", "-o", "heart.obj"], ["heart.svg"], ["heart.obj"]),
 }
