@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 from typing_extensions import TypeAliasType
 
@@ -39,11 +39,9 @@ class TrajectoryFiles(Shown):
         format_named(self.format)
 
     @classmethod
-    def of(cls, given: "TrajectoryFiles | str | Path | None") -> Self | None:
+    def of(cls, given: "TrajectoryFiles | str | Path | None") -> "TrajectoryFiles | None":
         """Return the options, made of a folder alone if need be."""
-        if given is None or isinstance(given, cls):
-            return given
-        return cls(Path(given))
+        return cls(given) if isinstance(given, str | Path) else given
 
     def as_json(self) -> dict[str, Any]:
         """Describe the options for a manifest."""
