@@ -1,4 +1,4 @@
-"""What a terminal is given: names from files as text, whatever they are."""
+"""Output to a terminal: names from files as text, whatever they are."""
 
 import io
 

@@ -207,7 +207,7 @@ def test_an_output_has_one_writer(tmp_path: Path) -> None:
 
 
 def in_thread(work) -> None:
-    """Do it in another thread, and raise here what it raises."""
+    """Do it in another thread; its error is raised here."""
     raised: list[BaseException] = []
 
     def catch() -> None:

@@ -31,7 +31,7 @@ SILENT = {
 
 
 class Quantity(NamedTuple):
-    """What a column may hold."""
+    """Kind of the values of a column."""
 
     names: frozenset[str]
     units: dict[str, float]

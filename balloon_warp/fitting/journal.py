@@ -19,7 +19,7 @@ from balloon_warp.ownership import require_ours
 Values = NDArray[np.float64]
 Forward = Callable[[Values], Values]
 MARK = np.array(LINE.encode())
-"""What a file begins with"""
+"""Beginning of a file"""
 
 
 class Journal:

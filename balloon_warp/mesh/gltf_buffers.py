@@ -121,4 +121,4 @@ def decoded(uri: str) -> bytes:
 
 
 BROKEN = (LookupError, TypeError, ValueError, AttributeError, OverflowError, InputError)
-"""What reading an array raises where the file does not fit together"""
+"""Errors of reading an array where the file does not fit together"""

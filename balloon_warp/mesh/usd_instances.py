@@ -24,7 +24,7 @@ class Scattered(NamedTuple):
     matrices: list[tuple[Usd.TimeCode, Vt.Matrix4dArray]]
     """Places of all instances at each sample, or by default"""
     seen: list[tuple[Usd.TimeCode, NDArray[np.bool_]]]
-    """Which instances are visible at each sample, or by default"""
+    """Visibility of the instances at each sample, or by default"""
     children: list[str]
     """Names of the prims below, which are not shown themselves"""
 

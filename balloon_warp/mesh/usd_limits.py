@@ -1,4 +1,4 @@
-"""What a USD stage may ask for, looked at before USD reads and composes it: it does neither with a bound.
+"""Limits of a USD stage, checked before USD reads and composes it: it does neither with a bound.
 
 A stage is refused whose files wait or have no end, are nested deeper than USD's parser stands, or whose references
 multiply, run in a circle, or follow each other for long.
@@ -42,7 +42,7 @@ Place = tuple[str, Sdf.Path]
 
 
 class Extent(NamedTuple):
-    """What a prim brings into a stage, at most."""
+    """Most that a prim brings into a stage."""
 
     prims: int = 1
     arcs: int = 0
