@@ -207,7 +207,7 @@ def test_an_output_has_one_writer(tmp_path: Path) -> None:
 
 
 def in_thread(work) -> None:
-    """Do it in another thread; its error is raised here."""
+    """Call a function in another thread, and raise its error."""
     raised: list[BaseException] = []
 
     def catch() -> None:
