@@ -67,11 +67,11 @@ def test_a_file_for_each_frame_in_meters_with_y_up(written: Path, tmp_path, suff
             distance = np.linalg.norm(here.vertices[:, None] - expected, axis=-1).min(axis=0)
             assert distance.max() < 1e-6
         assert here.vertices[:, 1].max() < 6.0  # no ground of many meters
-        # a sphere has 14 rings of 32 quads, and two caps of 16; the second one appears in the third frame
+        # a sphere is a cube of 12 x 12 quads a side, blown up; the second one appears in the third frame
         spheres = 1 + (frame >= 2)
         string, knot = 6 * 16, AROUND * (len(PROFILE) - 2) + AROUND // 2
         obstacle = 6 * 9 * 9  # its edges are round
-        assert len(here.faces) == 2 * (54 + 6 + obstacle + string + knot + spheres * (14 * 32 + 2 * 16))
+        assert len(here.faces) == 2 * (54 + 6 + obstacle + string + knot + spheres * 6 * 12 * 12)
 
 
 def test_a_ply_has_normals_and_colors(written: Path, tmp_path):
