@@ -153,7 +153,7 @@ class HalfSpace(Thing):
 
 
 def things_of(stage: Usd.Stage, times: list[Usd.TimeCode]) -> list[Thing]:
-    """Find all things of a stage: what is shown, but for water."""
+    """Find the visible things of a stage, water excluded."""
     found: list[Thing] = []
     for prim in Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)):
         if UsdGeom.Imageable(prim) and is_shown(prim):
@@ -181,7 +181,7 @@ def _kind_of(prim: Usd.Prim) -> Kind:
 
 
 def _box_of(prim: Usd.Prim) -> NDArray[np.float64] | None:
-    """Return the corners of what is drawn with round edges, but is a box; None of others."""
+    """Return the sharp corners of a box that is drawn with round edges; None of other things."""
     collider = UsdPhysics.MeshCollisionAPI(prim)
     if not prim.HasAPI("PhysicsMeshCollisionAPI"):
         return None

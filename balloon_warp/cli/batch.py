@@ -256,7 +256,7 @@ def _naming_vary() -> Iterator[None]:
 
 
 def _print_summary(summary: "BatchSummary", rate: float, spread: bool) -> None:
-    """Print what was done, what went wrong, and where it is.
+    """Print the summary, the failures and the paths of the outputs.
 
     Args:
         rate: frames a second of the stage.

@@ -17,7 +17,7 @@ def harmless(text: str) -> str:
 
 
 class Console(console.Console):
-    """Rich's console, which writes control characters in what it is given, such as names of files, as text."""
+    """Console of Rich that prints control characters, as of file names, as text."""
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         for segment in super().render(renderable, options):

@@ -178,7 +178,7 @@ def picture_beside(output: Path) -> Path:
 
 
 def _print_summary(summary: "Summary", rate: float) -> None:
-    """Print what was done, and where it is.
+    """Print the summary and the paths of the outputs.
 
     Args:
         rate: frames a second of the stage.

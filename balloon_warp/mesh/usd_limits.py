@@ -203,7 +203,7 @@ def check_text(path: Path) -> None:
             if begin == TEXT:
                 _check_size(path, path.stat().st_size)
                 _check_depth(path, begin + file.read())
-    except (OSError, zipfile.BadZipFile, RuntimeError, NotImplementedError, EOFError, ValueError) as error:
+    except (OSError, zipfile.BadZipFile, RuntimeError, EOFError, ValueError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(f"{path}: cannot be read as a USD stage ({error})") from None

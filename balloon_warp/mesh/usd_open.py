@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from pxr import Tf, Usd, UsdUtils
 
@@ -49,7 +49,8 @@ def open_meshes(path: Path | str, *, rounds: bool = True) -> Opened:
         InputError: it is none, or has too many instances.
     """
     stage = open_stage(path)
-    errors: list[object] = getattr(stage, "GetCompositionErrors")()  # noqa: B009 - which USD's types do not know
+    untyped: Any = stage  # USD's types lack the method
+    errors: list[object] = untyped.GetCompositionErrors()
     missing = _first([str(error).partition("\n")[0] for error in errors])
     _quiet = UsdUtils.CoalescingDiagnosticDelegate()
     return Opened(stage, (*missing, *as_meshes(stage, str(path), rounds=rounds)))
