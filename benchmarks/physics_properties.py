@@ -8,7 +8,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from balloon_warp.benchmarks.physics_alike import (
-    EPSILON,
     Measure,
     Property,
     converges,
@@ -23,7 +22,7 @@ from balloon_warp.benchmarks.physics_alike import (
     slopes_are_differences,
     worse,
 )
-from balloon_warp.benchmarks.physics_energy import Energies
+from balloon_warp.benchmarks.physics_energy import EPSILON, Energies
 from balloon_warp.benchmarks.physics_runs import Case, Run
 from balloon_warp.benchmarks.physics_twins import Array
 from balloon_warp.kernels.laws.fixture import SETTLED
