@@ -37,6 +37,9 @@ from balloon_warp.warp_logging import quiet_warp
 
 BATCH = 20
 """Scenes that are drawn of a kind before the next, which may have to compile"""
+TOGETHER = 5
+"""Scenes whose simulators are collected at once: they refer to themselves, and take gigabytes until Python would do it.
+A search takes a second where many tests ran before."""
 Count = Counter[str]
 """Scenes and properties by their outcome"""
 
@@ -90,6 +93,7 @@ def fuzz(
         PropertyError: of the smallest scene that was found.
     """
     failed: list[Property] = []  # the first one is shrunk, and no other
+    turns = count(1)
 
     def hold(tables: Tables) -> None:
         if failed or not is_over():
@@ -99,7 +103,8 @@ def fuzz(
                 failed[:] = [each for each in PROPERTIES if each.__name__ == error.name]
                 raise
             finally:
-                gc.collect()  # simulators in circles: gigabytes, until Python would do it
+                if not next(turns) % TOGETHER:
+                    gc.collect()
 
     drawn(kind, examples, number, hold)
 
