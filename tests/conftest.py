@@ -20,7 +20,7 @@ OWN_SCHEDULE = {"cpu": "octets", "cuda:0": "block"}
 
 HERE = Path(__file__).parent
 LEFT_OUT = (HERE / "physics", HERE / "full")
-"""folders that run with --full, or by name"""
+"""folders that run with --full, or by name, but for what is marked `always`"""
 PROCESSES = "full/processes/"
 """folder of tests that start processes or wait for a page"""
 
@@ -47,15 +47,24 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", "full: runs with --full only, as do tests/physics and tests/full")
+    config.addinivalue_line("markers", "always(*ids): runs without --full; ids: those of its cases that do, else all")
     config.addinivalue_line("markers", "schedules: is in a schedule that its device does not take by itself")
     config.addinivalue_line("markers", "physics: is judged by physics: --shake starts it from other places")
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Leave out what only `--full` runs, unless a path on the command line is in it."""
+    """Leave out files of which no test runs."""
+    is_file = collection_path.suffix == ".py" and is_left_out(collection_path, config)
+    return True if is_file and "mark.always" not in collection_path.read_text("utf-8") else None
+
+
+def is_left_out(path: Path, config: pytest.Config) -> bool:
+    """Return whether only `--full` runs a file, and the command line names neither it nor a folder of such that it is
+    in."""
+    folders = [folder for folder in LEFT_OUT if folder in path.parents]
     named = [Path(argument.partition("::")[0]).resolve() for argument in config.args]
-    is_left_out = collection_path in LEFT_OUT and not config.getoption("--full")
-    return True if is_left_out and not any(path.is_relative_to(collection_path) for path in named) else None
+    is_named = any(path.is_relative_to(each) for each in named if any(each.is_relative_to(above) for above in folders))
+    return bool(folders) and not config.getoption("--full") and not is_named
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -71,11 +80,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         if another:
             item.add_marker(pytest.mark.schedules)
             item.add_marker(pytest.mark.full)
-        is_marked = item.get_closest_marker("full")
-        if any(folder in item.path.parents for folder in LEFT_OUT):
+        is_full = bool(item.get_closest_marker("full"))
+        if not is_full and any(folder in item.path.parents for folder in LEFT_OUT) and not runs_always(item):
             item.add_marker(pytest.mark.full)
+            is_full = is_left_out(item.path, config)
         again = another and item.get_closest_marker("physics")
-        (left_out if again or (is_marked and not full) else left).append(item)
+        (left_out if again or (is_full and not full) else left).append(item)
     config.hook.pytest_deselected(items=left_out)
     items[:] = sorted(left, key=lambda item: PROCESSES not in item.nodeid)
 
@@ -83,6 +93,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 def function_of(item: pytest.Item) -> str:
     """Return the name of a test without its parameters."""
     return item.nodeid.partition("[")[0]
+
+
+def runs_always(item: pytest.Item) -> bool:
+    """Return whether a test of those folders runs without `--full`."""
+    marker = item.get_closest_marker("always")
+    return bool(marker) and (not marker.args or item.nodeid.partition("[")[2][:-1] in marker.args)
 
 
 def in_another_schedule(item: pytest.Item) -> bool:

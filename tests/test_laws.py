@@ -101,7 +101,6 @@ def test_values_are_drawn_from_a_parameter_s_own_row(law: Law):
         assert row.domain is None or row.least <= row.domain[0] < row.domain[1] <= row.most
 
 
-@pytest.mark.full
 @with_energy
 def test_the_force_is_the_slope_of_the_energy(law: Law):
     samples = samples_of(law)
@@ -116,7 +115,6 @@ def test_the_force_is_the_slope_of_the_energy(law: Law):
         most_agree(forces(law, with_role(samples, role)), expected, size_of(expected))
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("gamma", [1.0, 1.4])
 def test_the_pressure_is_the_slope_of_a_gas_s_energy(gamma: float):
     random = np.random.default_rng(2)
@@ -135,7 +133,6 @@ def test_the_pressure_is_the_slope_of_a_gas_s_energy(gamma: float):
     np.testing.assert_allclose(called(gas_pressure, balanced), 0.0, atol=0.05)
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("law", [law for law in TESTED if law.kind == "hinge"], ids=lambda law: law.name)
 def test_the_forces_at_a_hinge_have_neither_a_sum_nor_a_moment(law: Law):
     samples = samples_of(law)
@@ -152,7 +149,6 @@ def bound_of(law: Law, which: str, samples: dict[str, NDArray], **told: Any) -> 
     return np.broadcast_to(told_what_it_names(bound)(**{**samples, **told}), COUNT) if bound else np.zeros(COUNT)
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("law", [law for law in TESTED if law.kind in ("spring", "string")], ids=lambda law: law.name)
 def test_a_pair_is_no_stiffer_than_its_bound(law: Law):
     """The stiffness of a pair along itself, d(c |d|)/d|d| = c + 2 c' d . d at rest, is within the bound."""
@@ -169,7 +165,6 @@ def test_a_pair_is_no_stiffer_than_its_bound(law: Law):
         assert (drag <= bound_of(law, "drag", samples) + kept).mean() >= 0.9
 
 
-@pytest.mark.full
 @pytest.mark.parametrize(
     ("law", "which", "by"),
     [
@@ -192,7 +187,6 @@ def test_a_force_gives_way_no_faster_than_its_bound(law: Law, which: str, by: st
     assert (steepest <= bound + 1e-3 * max(size_of(bound), size_of(slope))).mean() >= 0.9
 
 
-@pytest.mark.full
 def test_a_hinge_s_moment_is_its_constant_times_the_angle():
     """A hinge's moment is linear in the angle, with the constant of its bound."""
     (law,) = [law for law in TESTED if law.kind == "hinge"]
@@ -203,7 +197,6 @@ def test_a_hinge_s_moment_is_its_constant_times_the_angle():
     np.testing.assert_allclose(energy, 0.5 * bound * angle**2, rtol=1e-5)
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("law", [law for law in TESTED if law.neutral], ids=lambda law: law.name)
 def test_a_law_that_is_neutral_neither_acts_nor_asks_for_a_step(law: Law):
     samples = samples_of(law)
@@ -216,7 +209,6 @@ def test_a_law_that_is_neutral_neither_acts_nor_asks_for_a_step(law: Law):
         assert np.abs(bound_of(law, which, samples, **told)).max() == 0.0
 
 
-@pytest.mark.full
 @each_law
 def test_warp_differentiates_a_law(law: Law):
     """Warp's adjoint of a force and an energy agrees with differences, by all arguments."""

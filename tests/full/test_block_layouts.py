@@ -79,6 +79,7 @@ def after_frames(scene: Scene, schedule: str) -> dict[str, np.ndarray]:
     return {name: array.numpy() for name, array in found.items()}
 
 
+@pytest.mark.always("viscous latex-held", "fresh normals, odd substeps-held")
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("name", NAMES)
 def test_blocks_do_what_launches_do(name: str, layout: str, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -85,6 +85,7 @@ def test_an_asymmetric_top_tumbles_and_keeps_angular_momentum_and_energy(device)
     assert min(middle) < 0.0
 
 
+@pytest.mark.always
 def test_inertia_is_that_of_the_solid():
     """Inertia of boxes, capsules and meshes about their centers of mass agrees with trimesh's; a sheet's is that of a
     plate."""
@@ -175,6 +176,7 @@ def bouncing(device: str, floor: str, restitution: float, **fields: Any) -> Simu
     return started(device, ball, ground=Ground(restitution=restitution), **setting | fields)
 
 
+@pytest.mark.always("cpu-ground-0.3-1")
 @pytest.mark.parametrize("substeps", ["auto", 1, 13, 64])
 @pytest.mark.parametrize("restitution", [0.3, 0.7, 1.0])
 @pytest.mark.parametrize("floor", ["ground", "obstacle"])
@@ -256,6 +258,7 @@ def test_auto_counts_bodies_and_spheres():
     assert substeps_of(body=[shot], gravity=0.0) == 167  # no step is shorter than a tenth of a millisecond
 
 
+@pytest.mark.always
 @pytest.mark.parametrize("floor", ["ground", "obstacle"])
 def test_a_box_that_falls_comes_to_rest_on_its_side(floor, device):
     box = Body(size=(0.4, 0.2, 0.3), position=(0, 0.5, 0), rotation=(20, 30, 40), restitution=0.2)
@@ -269,6 +272,7 @@ def test_a_box_that_falls_comes_to_rest_on_its_side(floor, device):
     assert kinetic(simulator) < 1e-4
 
 
+@pytest.mark.always
 def test_two_that_meet_keep_momentum_and_angular_momentum(device):
     """Momentum is conserved as a box hits another off its center, with friction, and both turn away."""
     boxes = [
@@ -284,6 +288,7 @@ def test_two_that_meet_keep_momentum_and_angular_momentum(device):
     assert kinetic(simulator) < energy * (1.0 + 1e-4)
 
 
+@pytest.mark.always
 @pytest.mark.parametrize("speed", [2.0, 500.0])
 def test_a_sphere_and_a_body_keep_momentum_and_none_goes_through(speed: float, device: str):
     """Momentum is conserved without tunneling, where a step takes the sphere ten times the box's thickness."""
@@ -312,6 +317,7 @@ def test_a_body_turns_a_sphere_that_lands_on_its_end(device: str):
     assert np.abs(sphere_spins(simulator)).max() > 1.0
 
 
+@pytest.mark.always("cpu-0.3")
 @pytest.mark.parametrize("mass", [0.02, 0.3, 20.0])
 def test_balloon_and_body_together_keep_what_physics_keeps(mass, device):
     """Momentum and angular momentum are conserved to rounding, by up to half an epsilon a substep, as a body hits a
@@ -469,6 +475,7 @@ def test_a_stack_rides_on_a_lift(device):
         np.testing.assert_allclose(positions[:, [0, 2]], 0.0, atol=1e-4)
 
 
+@pytest.mark.always
 def test_an_overlap_is_shared_by_mass(device):
     """A millimeter of overlap vanishes within some steps, without speed; the common center of mass stays."""
     masses = np.array([1.0, 3.0])

@@ -70,6 +70,7 @@ def energy(simulator: Simulator) -> float:
     return float(0.5 * masses(simulator) @ (speeds**2).sum(axis=1) + stored[whole].sum())
 
 
+@pytest.mark.always
 def test_it_bursts_at_the_analytic_pressure(device: str):
     """The balloon bursts once the true stress l W' / 2 is the strength: mu (l^2 - l^-4) of neo-Hookean rubber. The
     ball's flattest faces bear 1 % more than its mean, and the pressure falls by as much as the stress rises, half."""
@@ -96,6 +97,7 @@ def test_it_bursts_at_the_analytic_pressure(device: str):
     assert burst[3] == pytest.approx(strength, rel=0.01)
 
 
+@pytest.mark.always
 def test_one_tear_opens_it_at_low_tension(device: str):
     """A needle at a stretch of 2 opens one line of faces, until both ends meet: each is beside the one before it, and
     where the line bends around a corner of three faces, beside the second before it, too. The gas leaves; the rest
@@ -161,6 +163,7 @@ def test_it_bursts_to_pieces_above_a_stress(device: str):
     assert pieces == [2, 3]
 
 
+@pytest.mark.always("cpu-12")
 @pytest.mark.parametrize("parts", [12, 24])
 def test_pieces_keep_the_skin_whatever_the_mesh(parts: int, device: str):
     """The torn area is that of a line one face wide, whatever the resolution: nine tenths of the skin are left of 864
@@ -179,6 +182,7 @@ def _kept(simulator: Simulator) -> float:
     return float(areas[~torn(simulator)].sum() / areas.sum())
 
 
+@pytest.mark.always
 @pytest.mark.parametrize("around", [True, False])
 def test_a_tear_runs_across_the_largest_tension(around: bool, device: str):
     """A ball stretched more along one axis, or around it, tears around the axis, or along it."""
@@ -225,6 +229,7 @@ def test_a_burst_world_goes_on_beside_others(device: str):
     assert np.isfinite(simulator.state.points.numpy()).all()
 
 
+@pytest.mark.always
 def test_it_goes_on_bit_for_bit(device: str):
     scene = scene_of(quad_sphere(5, 0.1), needle_time=1e-3)
     one = filled(scene, 2.5, device)
@@ -241,6 +246,7 @@ def test_it_goes_on_bit_for_bit(device: str):
         np.testing.assert_array_equal(array.numpy(), other.state.arrays[name].numpy(), err_msg=name)
 
 
+@pytest.mark.always
 def test_a_hole_lets_out_what_its_area_does():
     """The volume falls by C A root(2 p / rho) through a needle's hole that does not run, with its area at the time, and
     the pressure that a ball of that volume holds: until half is gone within 5 %, for the ball is not round where it is
@@ -277,6 +283,7 @@ def test_a_hole_lets_out_what_its_area_does():
     assert inner < 0.01 * stored
 
 
+@pytest.mark.always
 @pytest.mark.parametrize(("molar_mass", "gamma"), [(0.0289652, 1.0), (0.0040026, 1.667)])
 def test_gas_leaves_as_through_an_orifice(molar_mass: float, gamma: float):
     """The outflow is C A root(2 p rho) in each second, rho the gas's own density: of helium 2.7 times as many liters as
@@ -394,6 +401,7 @@ def test_struts_do_not_hold_the_balloon_or_its_tear():
     assert torn_too == pytest.approx(torn, rel=0.15)
 
 
+@pytest.mark.always
 @pytest.mark.parametrize(
     ("material", "fields", "sentence"),
     [

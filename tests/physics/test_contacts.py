@@ -55,6 +55,7 @@ FLOORS = {
 }
 
 
+@pytest.mark.always("ground")
 @pytest.mark.parametrize("floor", ["ground", "floor"])
 def test_what_lies_on_something_presses_it_by_its_weight(floor: str) -> None:
     contact = on(at_rest(Scene(balloon=[ball(0.5)], **FLOORS[floor])), floor)

@@ -47,6 +47,7 @@ def stretches(model: Model, points: np.ndarray) -> np.ndarray:
 PAIR = mesh_of([[0, 0, 0], [1, 0, 0]], [[0, 1]])
 
 
+@pytest.mark.always
 @pytest.mark.parametrize(
     ("length", "fixed", "expected"),
     [
@@ -67,6 +68,7 @@ def test_a_long_spring_is_shortened_by_both_ends_or_the_free_one(
     np.testing.assert_allclose(simulator.read_frame().points[0][:, 0], expected, atol=1e-6)
 
 
+@pytest.mark.always
 def test_what_hangs_at_its_limit_gathers_no_speed(device):
     """A particle that falls to its strain limit stops there: its velocity is corrected, too."""
     simulator = Simulator(scene_of(PAIR, fixed=[0], gravity=9.81, substeps=10), device)

@@ -12,6 +12,7 @@ from balloon_warp.mesh.geometry import signed_volume
 pytestmark = pytest.mark.physics
 
 
+@pytest.mark.always("mesh1-1", "mesh3-0")
 @pytest.mark.parametrize(("mesh", "held"), [(QUADS, 0), (QUADS, 1), (QUADS, 2), (TRIANGLES, 0)])
 def test_area_vectors_are_the_gradient_of_the_volume(mesh: PolygonMesh, held: int) -> None:
     """Area vectors equal central differences of the volume, exact but for rounding: it is cubic in each place."""
@@ -20,6 +21,7 @@ def test_area_vectors_are_the_gradient_of_the_volume(mesh: PolygonMesh, held: in
     np.testing.assert_allclose(found, gradient(mesh, points.astype(np.float64)), atol=1e-7)
 
 
+@pytest.mark.always
 @pytest.mark.parametrize("held", [1, 2])
 @pytest.mark.parametrize("stretch", [0.9, 1.1, 1.6], ids=["slack", "wrinkled here and there", "taut"])
 def test_quads_pull_alike_whether_threads_keep_them(stretch: float, held: int) -> None:

@@ -78,6 +78,7 @@ def test_the_pressure_is_gents_up_to_nearly_the_limit_and_rises_on():
     assert sentence.endswith("(and 1 more world)")
 
 
+@pytest.mark.always
 def test_a_smaller_most_stretch_takes_longer_steps_and_is_told():
     """A smaller `most_stretch` truncates the law earlier, so that steps are longer, with a warning."""
     short, _, _ = filled()
@@ -89,6 +90,7 @@ def test_a_smaller_most_stretch_takes_longer_steps_and_is_told():
     assert stretches[-1] > short.state.points.numpy().max()  # finite
 
 
+@pytest.mark.always
 @pytest.mark.parametrize("most", [2.0, 0.9 * LOCK, 0.96 * LOCK, 0.99 * LOCK])
 def test_beyond_the_most_stretch_the_tension_goes_on_as_it_is_there(most: float):
     """Tension beyond `most_stretch` continues without a jump, kink or fall, and never rises faster."""

@@ -39,6 +39,7 @@ def blow_up(simulator: Simulator) -> str:
     return str(failure.value)
 
 
+@pytest.mark.always
 def test_the_limit_points_are_those_of_the_laws():
     """The pressure peaks at the stretch 7^(1/6) for neo-Hookean rubber, and at 2 for springs."""
     for material, stretch in ((NEO_HOOKEAN, 7.0 ** (1.0 / 6.0)), (Material(), 2.0)):
@@ -49,6 +50,7 @@ def test_the_limit_points_are_those_of_the_laws():
             assert pressures.max() == pytest.approx(MOST, rel=0.01)  # quads of a ball are not flat
 
 
+@pytest.mark.always("2.0")
 @pytest.mark.parametrize("part", [1.1, 2.0])
 def test_rubber_past_its_limit_point_is_told_of_before_and_after(part: float):
     simulator = Simulator(ball(NEO_HOOKEAN, part * MOST), "cpu")
@@ -68,6 +70,7 @@ def test_springs_past_theirs_too():
     assert "that a ball of springs of its area bears at the limit point, a stretch of 2" in blow_up(simulator)
 
 
+@pytest.mark.always
 def test_what_holds_is_not_told_of():
     """Pressures below the limit point, with gas, or on a later rising branch give no warning."""
     for material, pressure in ((NEO_HOOKEAN, 0.9 * MOST), (Material(kind="gent", thickness=THICKNESS), 1.5 * MOST)):

@@ -76,6 +76,7 @@ def test_a_tube_that_folds_is_nowhere_in_itself_by_default():
     assert crossings(simulator.read_frame().points[0], mesh) > 100
 
 
+@pytest.mark.always
 @pytest.mark.parametrize(("ways", "expected"), [((0.0, -1.0), HURRIED), ((-1.0, -1.0), FREE), ((0.0, 1.0), FREE)])
 def test_parts_that_pass_through_each_other_within_a_frame_are_seen(ways: tuple[float, float], expected: int):
     """Two strips of one mesh, 0.5 m apart as a frame begins and as it ends, may have met in between if one goes to the
@@ -119,6 +120,7 @@ def true_gap(mesh: PolygonMesh, points: np.ndarray, apart: float) -> float:
     return least
 
 
+@pytest.mark.always("0.5")
 @pytest.mark.parametrize("bend", [0.0, 0.5, 2.0, 4.0])
 def test_the_room_is_no_larger_than_the_gap(bend: float):
     """Between parts of a tube that is bent into an arc and turned there is never more room than found of all particles
@@ -140,6 +142,7 @@ def test_the_room_is_no_larger_than_the_gap(bend: float):
     assert (room > 0.0) == (bend < 1.0)
 
 
+@pytest.mark.always
 def test_least_gaps_are_those_of_all_pairs():
     """The least distances at the start are those that a grid of points in triangles shows, up to its width."""
     mesh = tube(17, 12)
@@ -149,6 +152,7 @@ def test_least_gaps_are_those_of_all_pairs():
     assert least_gaps(mesh, 1e-6, most).min() <= true_gap(mesh, mesh.points, 1e-6)
 
 
+@pytest.mark.always
 def test_parts_have_all_triangles():
     """Each triangle is in one part; their number is known without them."""
     for mesh in (tube(17, 12), quad_sphere(8), cube()):

@@ -70,6 +70,7 @@ def test_a_blade_cuts_a_ball_whose_faces_do_not_meet_it(tmp_path: Path) -> None:
     assert max(crossing.depth for crossing in check_stage(tmp_path / "stage.usdc").crossings) > 0.1
 
 
+@pytest.mark.always
 @pytest.mark.parametrize("thing", ["blade", "rod"])
 def test_a_symmetric_drop_stays_symmetric(thing: str) -> None:
     """A symmetric drop stays symmetric: nothing is thrown along a rod, or off it."""
@@ -99,6 +100,7 @@ def test_energy_never_grows(thing: str, friction: float) -> None:
     assert least < 0.95 * start  # it has met something
 
 
+@pytest.mark.always
 def test_what_was_far_away_and_begins_anew_meets_it_again() -> None:
     """A ball that has flown 3 m away is reset to where it began, and falls on a blade as it did at first."""
     simulator = Simulator(Scene(balloon=[ball(5)], gravity=0.0, **THINGS["blade"]), "cpu", 1)
@@ -153,6 +155,7 @@ def exposed(obstacles: list[Obstacle], **given: Any) -> list[float]:
     return [length / lengths[1][0] for length in lengths[0]]
 
 
+@pytest.mark.always
 def test_ridges_end_where_another_solid_begins() -> None:
     """Ridges end where another solid begins. Boxes of 0.3 x 0.1 x 0.3 have 2.8 m of edges: one alone keeps all; one
     that stands on the ground loses the four of its foot; two side by side lose the edges of the side that they share,
@@ -209,6 +212,7 @@ def test_flat_faces_do_not_dip_into_a_sphere(faces: bool, start: float, tmp_path
     assert faces or max(crossing.depth for crossing in crossings) > 0.08 * EDGE
 
 
+@pytest.mark.always("0.0")
 @pytest.mark.parametrize("friction", [0.0, 0.6])
 def test_a_ball_and_a_sphere_keep_momentum_and_angular_momentum_and_gain_no_energy(friction: float) -> None:
     """Places are rounded, 2,400 times by 6e-8 m; a step of symplectic Euler is off by a thousandth of the energy."""

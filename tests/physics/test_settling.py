@@ -102,6 +102,7 @@ def test_what_has_not_settled_is_told():
     assert "more substeps or softer springs help" in many.warnings[0]
 
 
+@pytest.mark.always
 def test_a_batch_tells_of_its_worlds_that_have_not(tmp_path: Path):
     told: list[str] = []
     vary = {f"balloon.stiffness.{kind}": [part * k for k in (0.0, 2000.0, 4000.0)] for kind, part in PARTS.items()}

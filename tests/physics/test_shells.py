@@ -109,6 +109,7 @@ def test_a_pressure_that_is_said_pushes_a_sheet() -> None:
 CALM = [chair, finned, klein, band, lambda: hair(40), haired, car, lambda: ODD["t_junction"]()]
 
 
+@pytest.mark.always("cpu-finned")
 @pytest.mark.parametrize("make", CALM)
 def test_an_odd_mesh_by_itself_calms_down(make, device: str) -> None:
     """An odd mesh by itself comes to rest within 4 s; a push without a potential drove hair at 90 m/s."""

@@ -160,6 +160,7 @@ def test_a_preset_is_what_it_says_and_can_be_changed():
     assert rubber.balloon[0].material.is_membrane
 
 
+@pytest.mark.always
 def test_the_largest_stretch_is_that_of_the_skin(device: str):
     """The largest stretch in a batch's table and on the page is that of a sheet stretched askew by 1.5 and 0.9."""
     sheet = latex(mesh=grid(3, 3), inflation=Inflation(pressure=0.0))

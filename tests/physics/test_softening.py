@@ -76,6 +76,7 @@ def test_inflated_and_deflated_the_pressure_is_the_analytic_one(device: str):
         assert (down[:30] < 0.9 * up[:30]).all()
 
 
+@pytest.mark.always
 def test_a_closed_way_costs_energy_and_the_same_way_again_costs_none(device: str):
     """A cycle of a sheet dissipates the energy of Ogden and Roxburgh's formula, and a repeated one none, where it is
     soft already."""

@@ -192,6 +192,7 @@ def test_a_balloon_does_not_touch_what_it_hangs_together_with(device: str):
         assert touching(after_frames(scene, "auto", device, 10)) == 0
 
 
+@pytest.mark.always
 @pytest.mark.parametrize("itself", [True, False])
 def test_a_folded_balloon_touches_itself_if_it_is_to(itself: bool, device: str):
     """A horseshoe whose ends come together at 4 m/s has self-contact if enabled."""
@@ -229,6 +230,7 @@ def test_an_open_surface_stops_what_comes_from_either_side(side: float, device: 
     assert side * centers(simulator)[1, 2] > 0.6
 
 
+@pytest.mark.always
 def test_a_chain_lies_on_a_ball(device: str):
     """A chain lies on a ball: its particles touch, and nothing touches its edges, which have no surface."""
     chain = mesh_of([(x, 0.0, 0.0) for x in np.linspace(-0.2, 0.2, 9)], [[n, n + 1] for n in range(8)])
@@ -245,6 +247,7 @@ def needles() -> PolygonMesh:
     return mesh_of(points, [[0, 1, 2], [0, 2, 3], [0, 4, 1], [0, 5, 1], [0, 5, 6]])
 
 
+@pytest.mark.always("cpu-needles")
 @pytest.mark.parametrize(
     "mesh", [moebius(12), prism(7), torus(12, 6), needles()], ids=["moebius", "prism", "torus", "needles"]
 )
