@@ -212,18 +212,17 @@ def _criterion(found: Solution, rows: Rows) -> float:
 def _result(model: _Model, rows: Rows, found: Solution, thickness: float) -> CurveFit:
     curves, own, names = model.curves, model.own(found.values), list(found.names)
     remarks = [remark for curve in curves for remark in curve.remarks]
-    free = max(len(rows.loads) - len(names), 1)
+    free, noise_known = max(len(rows.loads) - len(names), 1), rows.load_deviations is not None
     loads, begin, excess = model.of_each(found.values), 0, []
     for curve, fitted in zip(curves, loads, strict=True):
         here = slice(begin, begin := begin + len(curve.loads))
         freedom = free * len(curve.loads) / len(rows.loads)
         residuals = curve.loads - fitted
         share = np.sqrt(residuals @ residuals / freedom) / np.abs(curve.loads).max()
-        if rows.load_deviations is not None:
+        if noise_known:
             excess += beyond_deviations(found.pulls[here], freedom, curve.name)
-        remarks += lack_of_fit(residuals, float(share), curve.name, curve.load_name)
+        remarks += lack_of_fit(residuals, float(share), curve.name, curve.load_name, noise_known)
     remarks += [*excess, *no_rubber(shear_modulus(model.kind, own), bool(model.inflations))]
-    noise_known = rows.load_deviations is not None
     covariance = covariance_of(found, trusted=noise_known and not excess)
     values = found.values
     if model.kind == "ogden":  # what all its values say together

@@ -14,7 +14,9 @@ UNLIKELY = 1.0e-3
 """Probability of a misfit below which it is more than the deviations that were given"""
 
 
-def lack_of_fit(residuals: Values, share: float, name: str = "the curve", load: str = "pressure") -> list[str]:
+def lack_of_fit(
+    residuals: Values, share: float, name: str = "the curve", load: str = "pressure", noise_known: bool = False
+) -> list[str]:
     """Return a sentence if residuals, in the order of sizes, are no noise: too large, or of one sign for long.
 
     Args:
@@ -22,6 +24,7 @@ def lack_of_fit(residuals: Values, share: float, name: str = "the curve", load: 
         share: misfit over the largest load.
         name: of the curve.
         load: name of the load.
+        noise_known: whether deviations are given, which say what is too large.
     """
     signs = residuals > 0.0
     above, count = int(signs.sum()), len(signs)
@@ -30,7 +33,7 @@ def lack_of_fit(residuals: Values, share: float, name: str = "the curve", load: 
     mean = 1.0 + 2.0 * above * below / count
     variance = (mean - 1.0) * (mean - 2.0) / (count - 1.0)
     few = variance > 0.0 and (runs - mean) / np.sqrt(variance) < FEW_RUNS
-    if share > LARGE_MISFIT or (few and share > SMALL_MISFIT):
+    if (share > LARGE_MISFIT and not noise_known) or (few and share > SMALL_MISFIT):
         shape = f", and it lies above or below the rows for long ({runs} runs in {count} rows)" if few else ""
         return [f"the law misses {name} by {100.0 * share:.2g}% of its largest {load}{shape}: another kind may fit"]
     return []

@@ -249,9 +249,8 @@ def _rows(path: Path) -> Rows:
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
-        lines = text.splitlines()
-        first = next((line for line in lines if re.search(f"[{SEPARATORS}]", line) and not line.startswith("#")), "")
-        separator = next((each for each in SEPARATORS if each in first), ",")
+        last = next((line for line in reversed(text.splitlines()) if re.search(f"[{SEPARATORS}]", line)), "")
+        separator = next((each for each in SEPARATORS if each in last), ",")
         if separator != ",":
             text = text.replace(",", ".")  # where decimals have commas
         rows = enumerate(csv.reader(text.splitlines(), delimiter=separator), start=1)
