@@ -154,6 +154,8 @@ STRETCHES, STRESSES = np.linspace(1.1, 1.6, 6), 1e5 * np.arange(1.0, 7.0)
         pytest.param("stretch,planar [bar]", STRETCHES, 1e-5 * STRESSES, "planar", id="a test alone"),
         pytest.param("Dehnung [%];Spannung [MPa]", 100 * STRETCHES - 100, 1e-6 * STRESSES, "uniaxial", id="German"),
         pytest.param("Treloar, equibiaxial\nlambda_1\tstress", STRETCHES, STRESSES, "equibiaxial", id="a title"),
+        pytest.param("Dehnung in %,Spannung in MPa", 100 * STRETCHES - 100, 1e-6 * STRESSES, "uniaxial", id="in"),
+        pytest.param("Stretch ratio λ,Stress [N mm^-2] - planar", STRETCHES, 1e-6 * STRESSES, "planar", id="a dash"),
         pytest.param("stretch,stress\n[-],[MPa]", STRETCHES, 1e-6 * STRESSES, "uniaxial", id="a row of units"),
     ],
 )
@@ -167,6 +169,14 @@ def test_heads_of_stress_are_understood(head: str, size: Values, load: Values, t
     assert curve.test == test
     named = test != "uniaxial" or "ensile" in head
     assert any("no test is named, so that it is taken as uniaxial" in each for each in curve.remarks) != named
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
+def test_tables_of_spreadsheets_are_read(encoding: str, tmp_path: Path):
+    (tmp_path / "ut.csv").write_bytes(("Dehnung;Spannung [N/mm²]\r\n" + "1,5;2,5\r\n2;3\r\n" * 5).encode(encoding))
+    (curve,) = read_curves(tmp_path / "ut.csv")
+    np.testing.assert_allclose(curve.sizes, [2.5] * 5 + [3.0] * 5)
+    np.testing.assert_allclose(curve.loads, [2.5e6] * 5 + [3.0e6] * 5)
 
 
 @pytest.mark.parametrize(
@@ -185,6 +195,7 @@ ROWS = "1,0\n1.1,1\n1.2,2\n1.3,3\n1.4,4\n1.5,5\n"
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
+        ("\0\1\2", "its head, .* is not understood; expected a column of volume"),
         ("stretch, force [N]\n" + ROWS, "is not understood; expected a column of volume .* or one of stretch or str"),
         ("elongation [mm], stress\n" + ROWS, r"strain: 'mm' in 'elongation \[mm\]' is not understood; expected % or"),
         ("stretch [%], stress\n" + ROWS, r"stretch: '%' in 'stretch \[%\]' is not understood; expected no unit"),
@@ -199,6 +210,7 @@ ROWS = "1,0\n1.1,1\n1.2,2\n1.3,3\n1.4,4\n1.5,5\n"
         ("strain, stress\n600,1\n" + ROWS, "strain: 600 is beyond any rubber; expected a strain below 20, or one in %"),
         ("stretch, stress\n" + ROWS.replace(",", ",-"), "expected stresses above 0 at stretches above 1 .got -5 to -0"),
         ("stretch, stress\n1,1\n", "expected at least 5 rows of a stretch and a stress .got 1."),
+        ("stretch, stress, uniaxial stress\n" + ROWS.replace("\n", ",1\n"), "has two uniaxial tests; expected the n"),
         ("test,stretch,stress\n" + "twist,1,2\n" * 6, "line 2: test: expected one of .*equibiaxial.* .got twist."),
         ("stretch, stress, error\n1,1,-1\n" + "1.1,2,1\n" * 6, "deviation of stress: expected a number of at least 0"),
         ("stretch, stress, error\n" + "1.1,2,0\n1,0,0\n" * 6, "deviation of stress: is 0 in every row; expected a"),
@@ -220,6 +232,7 @@ def test_tables_that_cannot_be_get_a_sentence(text: str, sentence: str, tmp_path
         pytest.param(
             "strain [%], stress [kPa], strain error, SEM of stress", "7,2", 0.07, 2e3, id="a strain in percent"
         ),
+        pytest.param("V [l], p [kPa], u(V) [ml], u(p) [mbar]", "1,2", 1e-6, 200.0, id="u"),
         pytest.param("volume [l], pressure [kPa], \u03c3_V, \u03c3_p [mbar]", "1,2", 1e-3, 200.0, id="sigma"),
     ],
 )
@@ -249,6 +262,17 @@ def test_rows_count_by_their_deviations_and_a_misfit_beyond_them_is_told():
     noise = found(stresses + 1e3 * np.random.default_rng(0).standard_normal(20), np.full(20, 1e3))
     assert noise.fit.misfit == pytest.approx(1.0, abs=0.5)
     assert (noise.unit, noise.fit.doubts) == ("times the deviations", [])
+
+
+def test_columns_of_other_things_are_left_out(tmp_path: Path):
+    """What a testing machine writes; of nominal and true values the nominal ones are taken."""
+    head = (
+        "Time (s),Extension (mm),Load (N),Strain rate (1/s),Tensile strain (%),Tensile stress (MPa),True stress (MPa)"
+    )
+    (tmp_path / "table.csv").write_text("\n".join([head, *(f"1,2,3,4,{k},{k / 10},{k / 9}" for k in range(1, 7))]))
+    (curve,) = read_curves(tmp_path / "table.csv")
+    np.testing.assert_allclose(curve.sizes, 1.0 + 0.01 * np.arange(1, 7))
+    np.testing.assert_allclose(curve.loads, 1e5 * np.arange(1, 7))
 
 
 def test_curves_of_which_some_have_deviations_are_refused(tmp_path: Path):

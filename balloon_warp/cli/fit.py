@@ -82,7 +82,7 @@ def fit(
     more: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[TABLE.csv ...|SCENE]",
+            metavar="TABLE.csv|SCENE",
             help="More tables of the same rubber; or the scene that DATA.npz was measured on.",
         ),
     ] = None,

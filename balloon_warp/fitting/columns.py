@@ -13,6 +13,7 @@ from balloon_warp.fitting.quantities import (
     EXPECTED,
     FORMS,
     NOMINAL,
+    OTHERS,
     PERCENT,
     PRESSURES,
     QUANTITIES,
@@ -142,7 +143,7 @@ def _column(source: object, number: int, text: str, test: Test | None, words: _W
     """
     if not words.quantity and test and not words.unknown:  # "uniaxial [MPa]"
         words.quantity = "stress"
-    if not words.quantity or not words.leads:
+    if not words.quantity or not words.leads or OTHERS & {word.lower() for word in words.unknown}:
         return None
     quantity = QUANTITIES[words.quantity]
     factor = _factor(source, words, text)
@@ -176,7 +177,7 @@ def _pairs(source: object, columns: Sequence[Column]) -> list[Pair]:
         size, load = (
             column or found.get((measures, False, None)) for measures, column in zip(("size", "load"), own, strict=True)
         )
-        if size and load:
+        if size and load and (test or not named or not (load.true or size.logarithmic)):  # else what was measured again
             pairs.append(Pair(test, size, load))
     return pairs
 
@@ -197,19 +198,21 @@ def _parts(text: str) -> list[str]:
     text = re.sub(r"\b(mm|cm|in)\s+(hg|h2o)\b", r"\1\2", text, flags=re.IGNORECASE)
     text = re.sub(r"\b(n)[\s·*.]*(mm|cm|m)-2\b", r"\1/\g<2>2", text, flags=re.IGNORECASE)
     text = re.sub(r"\b(k?n|mn|kgf?|lbf?|dyn)\s*/\s*(mm|cm|m|in)\s*2\b", r"\1÷\g<2>2", text, flags=re.IGNORECASE)
-    text = re.sub(r"\b(mm|m|in)/(\1)\b", r"\1÷\2", text, flags=re.IGNORECASE)
+    text = re.sub(r"\b(mm|m|in)(/\1|[\s·]*\1-1)\b", "1", text, flags=re.IGNORECASE)
+    text = re.sub(r"\bu\s*\(", "uncertainty (", text)
     text = re.sub(r"\b(extension|stretch|elongation)[\s_-]*ratio\b", "stretch", text, flags=re.IGNORECASE)
     text = re.sub(r"(?<=[^\W\d_])-(?=[^\W\d_])", " ", text)
-    return [word.replace("÷", "/") for word in re.split(r"[\s\[\](){}<>_/,:;=#.·]+", text) if word]
+    words = re.split(r"[\s\[\](){}<>_/,:;=#.·]+", text)
+    return [word.replace("÷", "/").strip("-") or "-" for word in words if word]
 
 
 def _words(parts: Sequence[str], left: str) -> _Words:
     """Return what the words of a column's name say; `left` is the quantity of the column on its left."""
     said, names = _Words(), list(map(_quantity, parts))
     others = [name for part, name in zip(parts, names, strict=True) if name and part.lower() not in SIGMA]
+    lower = {part.lower() for part in parts}
     said.quantity = next(iter(others or filter(None, names)), "")
-    said.deviates = bool(DEVIATION & {part.lower() for part in parts}) or (bool(others) and len(others) < len(parts)
-        and bool(SIGMA & {part.lower() for part in parts}))  # fmt: skip
+    said.deviates = bool(lower & DEVIATION) or bool(lower & SIGMA and said.quantity != "stress")
     said.bare = said.deviates and not said.quantity
     before = bool(said.quantity)
     said.quantity = said.quantity or (left if said.deviates else "")

@@ -1,7 +1,7 @@
 """The rubber that measured curves are of: inflations, and tests of strips and sheets."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
 
@@ -224,18 +224,19 @@ def _result(model: _Model, rows: Rows, found: Solution, thickness: float) -> Cur
         remarks += lack_of_fit(residuals, float(share), curve.name, curve.load_name, noise_known)
     remarks += [*excess, *no_rubber(shear_modulus(model.kind, own), bool(model.inflations))]
     covariance = covariance_of(found, trusted=noise_known and not excess)
-    values = found.values
+    values, derived = found.values, ()
     if model.kind == "ogden":  # what all its values say together
         more = np.zeros(len(values))
         more[: len(own)] = shear_modulus_slopes(model.kind, own)
         spread = np.vstack([more, np.eye(len(values))])
         covariance, values = spread @ covariance @ spread.T, np.append(shear_modulus(model.kind, own), values)
-        names = ["shear_modulus", *names]
+        derived = ("shear_modulus",)
+        names = [*derived, *names]
     scale, unit = (1.0, "times the deviations") if noise_known else (100.0, "% of the largest load")
     if not noise_known and len(curves) == 1:
         scale, unit = float(rows.largest[0]), "Pa"
     misfit = scale * np.sqrt(found.squares / free)
     starts = scale * np.sqrt(found.starts / free)
-    fit = fit_with(names, values, covariance, float(misfit), noise_known, starts, found.at_bounds, tuple(remarks))
+    fit = fit_with(names, values, covariance, float(misfit), noise_known, starts, found.at_bounds)
     toml = material_table(model.kind, own, thickness, bool(model.inflations))
-    return CurveFit(fit, loads, toml, unit)
+    return CurveFit(replace(fit, remarks=tuple(remarks), derived=derived), loads, toml, unit)

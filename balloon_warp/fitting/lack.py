@@ -2,7 +2,7 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 Values = NDArray[np.float64]
 RUBBERS = (3.0e3, 3.0e7)
@@ -48,7 +48,7 @@ def beyond_deviations(pulls: Values, freedom: float, name: str) -> list[str]:
         name: of the curve.
     """
     squares = float(pulls @ pulls)
-    if freedom <= 0.0 or chi2.sf(squares, freedom) >= UNLIKELY:
+    if freedom <= 0.0 or chdtrc(freedom, squares) >= UNLIKELY:
         return []
     return [
         f"the law misses {name} by {np.sqrt(squares / freedom):.2g} times its deviations: another kind may fit, or "

@@ -28,7 +28,7 @@ PRESSURES = {
 """Units of pressure and stress [Pa]; those of one letter's case are in `CASED`"""
 CASED = {"MPa": 1e6, "mPa": 1e-3}
 PERCENT = {"%", "percent", "prozent", "pct"}
-PURE = {"1": 1.0, "-": 1.0, "mm/mm": 1.0, "m/m": 1.0, "in/in": 1.0}
+PURE = {"1": 1.0, "-": 1.0}
 """Units of a ratio"""
 STRAINS = PURE | dict.fromkeys(PERCENT, 0.01)
 
@@ -64,7 +64,9 @@ QUANTITIES = {
         OF_PRESSURE,
     ),
     "stretch": Quantity("size", False, _names("stretch stretches lambda λ streckung"), PURE, "no unit"),
-    "strain": Quantity("size", False, _names("strain strains epsilon ε dehnung elongation"), STRAINS, "% or no unit"),
+    "strain": Quantity(
+        "size", False, _names("strain strains epsilon eps ε dehnung elongation"), STRAINS, "% or no unit"
+    ),
     "stress": Quantity(
         "load",
         False,
@@ -83,10 +85,12 @@ FORMS = {"stress": _names("true cauchy wahre"), "strain": _names("true log logar
 """Words of a stress on the present area, and of a strain that is the logarithm of the stretch"""
 NOMINAL = _names("nominal engineering eng technical conventional technische nominelle")
 SILENT = _names(
-    "gauge gage g rel relative over excess inner inside internal measured mean average balloon of in the difference "
-    "delta gas air total standard principal"
+    "gauge gage g rel relative over excess inner outer inside internal external measured mean average balloon of in "
+    "the difference delta gas air total standard principal -"
 )
 """Words that change nothing"""
+OTHERS = _names("rate energy flow number")
+"""Words behind the name of a quantity that make it another one"""
 EXPECTED = (
     f"expected a column of volume ({QUANTITIES['volume'].usual}) and one of gauge pressure ({OF_PRESSURE}), as in: "
     f"volume [m^3], pressure [Pa]; or one of stretch or strain and one of stress ({QUANTITIES['stress'].usual}), as "

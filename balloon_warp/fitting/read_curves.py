@@ -2,6 +2,7 @@
 
 import csv
 import re
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
+from balloon_warp.files import regular_content
 from balloon_warp.fitting.branches import APART, drop_of, rising
 from balloon_warp.fitting.columns import Column, Deviation, Pair, pairs_of
 from balloon_warp.fitting.measured_curve import Curve
@@ -19,6 +21,8 @@ Values = NDArray[np.float64]
 Rows = list[tuple[int, list[str]]]
 """Rows of a table, with the numbers of their lines"""
 LEAST_ROWS = 5
+LARGEST_TABLE = 100_000_000
+"""Most bytes of a table"""
 AIR = (8.0e4, 1.3)
 """Least pressure [Pa], and largest of the highest over the lowest, of a column that is the air's with little on top"""
 LARGEST_STRETCH = 20.0
@@ -50,7 +54,10 @@ def read_curves(path: Path) -> list[Curve]:
         if labels is not None and pair.test is None:
             parts = _by_test(path, rows, labels)
         for test, own in parts.items():
-            curves.append(_curve(path, pair._replace(test=test), own, alone=len(pairs) * len(parts) == 1))
+            curve = _curve(path, pair._replace(test=test), own, alone=len(pairs) * len(parts) == 1)
+            if curve.test in [other.test for other in curves]:
+                raise InputError(f"{path}: has two {curve.test} tests; expected the name of each test in its head")
+            curves.append(curve)
     return curves
 
 
@@ -247,17 +254,20 @@ def _rows(path: Path) -> Rows:
     Raises:
         InputError: the file cannot be read.
     """
+    data = regular_content(path, LARGEST_TABLE)
     try:
-        text = path.read_text(encoding="utf-8-sig")
-        last = next((line for line in reversed(text.splitlines()) if re.search(f"[{SEPARATORS}]", line)), "")
-        separator = next((each for each in SEPARATORS if each in last), ",")
-        if separator != ",":
-            text = text.replace(",", ".")  # where decimals have commas
-        rows = enumerate(csv.reader(text.splitlines(), delimiter=separator), start=1)
+        text = data.decode("utf-16" if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) else "utf-8-sig")
+    except UnicodeDecodeError:
+        text = data.decode("cp1252", "replace")  # of spreadsheets on Windows
+    lines = text.splitlines()
+    last = next((line for line in reversed(lines) if re.search(f"[{SEPARATORS}]", line)), "")
+    separator = next((each for each in SEPARATORS if each in last), ",")
+    if separator != ",":
+        lines = [line.replace(",", ".") for line in lines]  # where decimals have commas
+    try:
+        rows = enumerate(csv.reader(lines, delimiter=separator), start=1)
         return [(line, row) for line, row in rows if any(map(str.strip, row))]
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file; expected a .csv file of a curve") from None
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+    except csv.Error as error:
         raise InputError(f"{path}: cannot be read as a .csv file: {error}") from None
 
 

@@ -35,6 +35,8 @@ class Fit(Shown):
     """Bounds at which values lie, by path: the data may ask for values beyond"""
     remarks: tuple[str, ...] = ()
     """Sentences on the data and on how well the law has them"""
+    derived: tuple[str, ...] = ()
+    """Names of values that follow from the others"""
 
     @property
     def doubts(self) -> list[str]:
@@ -53,7 +55,7 @@ class Fit(Shown):
         twins = {
             (names[i], names[j]): float(self.correlations[i, j])
             for i, j in zip(*np.triu_indices(len(names), 1), strict=True)
-            if abs(self.correlations[i, j]) > TWINS
+            if abs(self.correlations[i, j]) > TWINS and not {names[i], names[j]} & set(self.derived)
         }
         if len(twins) > MOST_TWINS:
             largest = max(map(abs, twins.values()))
@@ -100,7 +102,7 @@ def fit_of(
 
 def fit_with(
     names: list[str], values: NDArray[np.float64], covariance: NDArray[Any], misfit: float, noise_known: bool,
-    starts: NDArray[np.float64], at_bounds: Mapping[str, float] | None = None, remarks: tuple[str, ...] = (),
+    starts: NDArray[np.float64], at_bounds: Mapping[str, float] | None = None,
 ) -> Fit:  # fmt: skip
     """Return the fit of values with this covariance, shape (n, n)."""
     size = np.maximum(np.abs(values), 1.0e-300)
@@ -114,7 +116,6 @@ def fit_with(
         noise_known=noise_known,
         starts=np.sort(starts),
         at_bounds=dict(at_bounds or {}),
-        remarks=remarks,
     )
 
 

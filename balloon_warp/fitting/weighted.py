@@ -7,7 +7,7 @@ from math import log
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares, root_scalar
-from scipy.stats import t
+from scipy.special import stdtrit
 
 Values = NDArray[np.float64]
 Function = Callable[[Values], Values]
@@ -164,6 +164,6 @@ def covariance_of(found: Solution, trusted: bool) -> Values:
         spread = inverse @ (left * (found.pulls / (1.0 - leverage))[:, None]).T
         unseen = inverse * (singular <= 2.0 * UNSEEN * singular[0])
         covariance = spread @ spread.T + unseen @ unseen.T * (found.pulls @ found.pulls / freedom)
-        covariance *= (t.ppf(TWO_DEVIATIONS, freedom) / 2.0) ** 2
+        covariance *= (stdtrit(freedom, TWO_DEVIATIONS) / 2.0) ** 2
     scales = np.abs(found.values) / sizes
     return covariance * np.outer(scales, scales) * np.outer(np.sign(found.values), np.sign(found.values))
