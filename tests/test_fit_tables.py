@@ -156,6 +156,7 @@ STRETCHES, STRESSES = np.linspace(1.1, 1.6, 6), 1e5 * np.arange(1.0, 7.0)
         pytest.param("Treloar, equibiaxial\nlambda_1\tstress", STRETCHES, STRESSES, "equibiaxial", id="a title"),
         pytest.param("Dehnung in %,Spannung in MPa", 100 * STRETCHES - 100, 1e-6 * STRESSES, "uniaxial", id="in"),
         pytest.param("Stretch ratio λ,Stress [N mm^-2] - planar", STRETCHES, 1e-6 * STRESSES, "planar", id="a dash"),
+        pytest.param("lambda_1 [-],sigma_1 [kPa]", STRETCHES, 1e-3 * STRESSES, "uniaxial", id="numbers"),
         pytest.param("stretch,stress\n[-],[MPa]", STRETCHES, 1e-6 * STRESSES, "uniaxial", id="a row of units"),
     ],
 )
@@ -304,7 +305,10 @@ def test_loading_is_told_from_unloading_and_the_first_one_from_others(cycles: in
     ) == (cycles > 1)
 
 
-@pytest.mark.parametrize(("name", "part"), [("diameter", 2.0), ("radius [mm]", 1e3), ("circumference_cm", 628.3185307)])
+@pytest.mark.parametrize(
+    ("name", "part"),
+    [("diameter", 2.0), ("Durchmesser in mm", 2e3), ("radius [mm]", 1e3), ("circumference_cm", 628.3185307)],
+)
 def test_a_ball_is_as_large_as_its_diameter_says(name: str, part: float, tmp_path: Path):
     radii, pressures = np.linspace(0.05, 0.1, 6), range(1, 7)
     rows = [f"{part * radius!r},{pressure!r},1" for radius, pressure in zip(radii.tolist(), pressures, strict=True)]

@@ -84,7 +84,8 @@ class _Words:
     """Whether it is a deviation of the column on its left, without the name of a quantity"""
     leads: bool = True
     """Whether no unknown word stands before the quantity"""
-    factors: list[float] = field(default_factory=list)
+    units: dict[str, float] = field(default_factory=dict)
+    """SI units in each unit that is named"""
     unknown: list[str] = field(default_factory=list)
     formed: bool = False
     """Whether a stress is true, or a strain logarithmic"""
@@ -141,15 +142,13 @@ def _column(source: object, number: int, text: str, test: Test | None, words: _W
     Raises:
         InputError: a word of it is not understood, or a pressure is absolute.
     """
-    if not words.quantity and test and not words.unknown:  # "uniaxial [MPa]"
-        words.quantity = "stress"
-    if not words.quantity or not words.leads or OTHERS & {word.lower() for word in words.unknown}:
+    name = words.quantity or ("stress" if test and not words.unknown else "")  # "uniaxial [MPa]"
+    if not name or not words.leads or OTHERS & {word.lower() for word in words.unknown}:
         return None
-    quantity = QUANTITIES[words.quantity]
     factor = _factor(source, words, text)
     return Column(
-        number, words.quantity, 1.0 if factor is None else factor, text, None if quantity.of_inflation else test,
-        words.quantity == "strain" and words.formed, words.quantity == "stress" and words.formed,
+        number, name, 1.0 if factor is None else factor, text, None if QUANTITIES[name].of_inflation else test,
+        name == "strain" and words.formed, name == "stress" and words.formed,
     )  # fmt: skip
 
 
@@ -219,8 +218,10 @@ def _words(parts: Sequence[str], left: str) -> _Words:
     for part, name in zip(parts, names, strict=True):
         if name and (name == said.quantity or part.lower() in SIGMA):
             before = False
+        elif part.isdigit() and said.quantity:  # "lambda_1"
+            continue
         elif (factor := _unit(said.quantity, part)) is not None:
-            said.factors.append(factor)
+            said.units[part.lower()] = factor
         elif part.lower() in PERCENT:
             said.relative = True
         elif said.quantity == "pressure" and (part.lower() in ABSOLUTE or _of_air(part.lower(), "a")):
@@ -230,13 +231,15 @@ def _words(parts: Sequence[str], left: str) -> _Words:
         elif not _is_silent(part.lower(), said.quantity):
             said.unknown.append(part)
             said.leads &= not before
+    if len(said.units) > 1:  # "diameter in mm" has no inches
+        said.units.pop("in", None)
     return said
 
 
 def _is_silent(lower: str, quantity: str) -> bool:
     """Return whether a word changes nothing beside a quantity."""
     plain = lower in NOMINAL and quantity in ("stretch", "strain", "stress")
-    return plain or lower in SILENT or lower in DEVIATION or (lower.isdigit() and bool(quantity))
+    return plain or lower in SILENT or lower in DEVIATION
 
 
 def _quantity(part: str) -> str:
@@ -276,6 +279,6 @@ def _factor(source: object, words: _Words, text: str) -> float | None:
         raise InputError(
             f"{source}: {name}: {unknown[0]!r} in {text!r} is not understood; expected {QUANTITIES[name].usual}"
         )
-    if len(words.factors) + (words.relative and words.deviates) > 1:
+    if len(words.units) + (words.relative and words.deviates) > 1:
         raise InputError(f"{source}: {name}: {text!r} names several units; expected one")
-    return words.factors[0] if words.factors else None
+    return next(iter(words.units.values()), None)

@@ -133,32 +133,35 @@ class _Model:
         """Return the values of the rubber."""
         return values[:-1] if self.finds_radius else values
 
-    def of_each(self, values: Values, growth: float = 1.0) -> list[Values]:
-        """Return the loads of each curve [Pa], at sizes so much larger."""
-        own, radius = self.own(values), self._radius or float(values[-1])
-        loads = []
-        for number, curve in enumerate(self.curves):
-            if number in self._meshes:
-                loads.append(self._meshes[number].pressures(own))
-            elif curve.test == "inflation":
-                loads.append(sphere_pressures(self.kind, own, growth * curve.sizes, self._thickness, radius))
-            else:
-                loads.append(nominal_stresses(self.kind, own, curve.test, growth * curve.sizes))
-        return loads
+    def of_each(self, values: Values) -> list[Values]:
+        """Return the loads of each curve [Pa]."""
+        return [self._of(number, curve.sizes, values) for number, curve in enumerate(self.curves)]
 
     def loads(self, values: Values) -> Values:
         """Return the loads of all curves [Pa], shape (n,)."""
         return np.concatenate(self.of_each(values))
 
     def slopes(self, values: Values) -> Values:
-        """Return the derivatives of loads by sizes, shape (n,); along the rows of a mesh."""
-        higher, lower = self.of_each(values, 1.0 + STEP), self.of_each(values, 1.0 - STEP)
-        return np.concatenate(
-            [
-                np.gradient(high, curve.sizes) if number in self._meshes else (high - low) / (2.0 * STEP * curve.sizes)
-                for number, (curve, high, low) in enumerate(zip(self.curves, higher, lower, strict=True))
-            ]
-        )
+        """Return the derivatives of loads by sizes, shape (n,); for a mesh along its rows."""
+        slopes = []
+        for number, curve in enumerate(self.curves):
+            if number in self._meshes:
+                with np.errstate(all="ignore"):  # rows of one volume have none
+                    found = np.gradient(self._of(number, curve.sizes, values), curve.sizes)
+                slopes.append(np.nan_to_num(found, nan=0.0, posinf=0.0, neginf=0.0))
+            else:
+                higher, lower = (self._of(number, curve.sizes * factor, values) for factor in (1.0 + STEP, 1.0 - STEP))
+                slopes.append((higher - lower) / (2.0 * STEP * curve.sizes))
+        return np.concatenate(slopes)
+
+    def _of(self, number: int, sizes: Values, values: Values) -> Values:
+        """Return the loads of a curve at sizes [Pa]; a mesh has only those that were measured."""
+        own, test = self.own(values), self.curves[number].test
+        if number in self._meshes:
+            return self._meshes[number].pressures(own)
+        if test == "inflation":
+            return sphere_pressures(self.kind, own, sizes, self._thickness, self._radius or float(values[-1]))
+        return nominal_stresses(self.kind, own, test, sizes)
 
 
 def _load_deviations(curves: Sequence[Curve]) -> Values | None:

@@ -11,7 +11,7 @@ from scipy.special import stdtrit
 
 Values = NDArray[np.float64]
 Function = Callable[[Values], Values]
-ROUNDS, SETTLED = 12, 1.0e-3
+ROUNDS, SETTLED = 8, 1.0e-2
 """Most rounds of weights that follow from slopes, and their relative change at the last one"""
 EVALUATIONS = 300
 LEAST_NOISE = 1.0e-4
