@@ -25,8 +25,8 @@ LARGEST_TABLE = 100_000_000
 """Most bytes of a table"""
 AIR = (8.0e4, 1.3)
 """Least pressure [Pa], and largest of the highest over the lowest, of a column that is the air's with little on top"""
-LARGEST_STRETCH = 20.0
-"""Stretch beyond that of any rubber"""
+LARGEST_STRETCH, LARGEST_PLAIN_STRAIN = 20.0, 10.0
+"""Stretch beyond that of any rubber, and strain without a unit from which on it is rather in %"""
 SEPARATORS = ";\t,"
 HEADLESS = Pair("inflation", Column(0, "volume", 1.0), Column(1, "pressure", 1.0))
 NO_VALUE = frozenset({"", "nan", "na", "n/a", "-"})
@@ -157,9 +157,10 @@ def _require_sizes(path: Path, rows: Rows, column: Column, told: Values, sizes: 
     if np.ptp(sizes) == 0.0:
         what = f"the {name}s of a balloon that grows" if name not in ("stretch", "strain") else "a test that stretches"
         raise InputError(f"{path}: {name}: is {told[0]:g} in every row; expected {what}")
-    if name in ("stretch", "strain") and sizes.max() > LARGEST_STRETCH:
+    largest = LARGEST_PLAIN_STRAIN if name == "strain" and column.factor == 1.0 else LARGEST_STRETCH
+    if name in ("stretch", "strain") and told.max() > largest:
         raise InputError(
-            f"{path}: {name}: {told.max():g} is beyond any rubber; expected a {name} below {LARGEST_STRETCH:g}, or one "
+            f"{path}: {name}: {told.max():g} is beyond any rubber; expected a {name} below {largest:g}, or one "
             "in % with a head that says so, as in: strain [%]"
         )
 
