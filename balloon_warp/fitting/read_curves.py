@@ -158,7 +158,7 @@ def _require_sizes(path: Path, rows: Rows, column: Column, told: Values, sizes: 
         what = f"the {name}s of a balloon that grows" if name not in ("stretch", "strain") else "a test that stretches"
         raise InputError(f"{path}: {name}: is {told[0]:g} in every row; expected {what}")
     largest = LARGEST_PLAIN_STRAIN if name == "strain" and column.factor == 1.0 else LARGEST_STRETCH
-    if name in ("stretch", "strain") and told.max() > largest:
+    if name in ("stretch", "strain") and (told.max() > largest or sizes.max() > 1.0 + LARGEST_STRETCH):
         raise InputError(
             f"{path}: {name}: {told.max():g} is beyond any rubber; expected a {name} below {largest:g}, or one "
             "in % with a head that says so, as in: strain [%]"
