@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import balloon_warp as bw
-from balloon_warp.fitting.curve import Kind, fit_curve, sphere_pressures
-from balloon_warp.fitting.read_curve import Curve
+from balloon_warp.fitting.curve import fit_curves
+from balloon_warp.fitting.measured_curve import Curve
 from balloon_warp.fitting.result import Fit
+from balloon_warp.fitting.rubber import Kind, sphere_pressures
 from balloon_warp.mesh.quad_sphere import quad_sphere
 from balloon_warp.warp_logging import quiet_warp
 
@@ -90,16 +91,17 @@ def curve(kind: str, rows: int, draws: int = DRAWS) -> CurveRow:
     """Fit a rubber to its curve up to a stretch of 5, with other noise each time."""
     began, true = time.perf_counter(), np.array(list(RUBBERS[kind].values()))
     volumes = 4.0 / 3.0 * np.pi * RADIUS**3 * np.linspace(1.05, 5.0, rows) ** 3
-    pressures = sphere_pressures(kind, true, volumes, THICKNESS, RADIUS)
+    pressures = sphere_pressures(cast(Kind, kind), true, volumes, THICKNESS, RADIUS)
     deviation, off, pulls = CURVE_NOISE * pressures.max(), [], []
     for seed in range(draws):
         noisy = pressures + deviation * np.random.default_rng(seed).standard_normal(rows)
-        fit = fit_curve(Curve(volumes, noisy), kind=cast(Kind, kind), thickness=THICKNESS, radius=RADIUS).fit
+        fit = fit_curves([Curve(volumes, noisy)], kind=cast(Kind, kind), thickness=THICKNESS, radius=RADIUS).fit
         missed = np.array(list(fit.values.values())) - true
         off.append(np.abs(missed / true))
         pulls.append(missed / np.array(list(fit.errors.values())))
     slopes = [
-        (sphere_pressures(kind, true * (1.0 + step), volumes, THICKNESS, RADIUS) - pressures) / (1e-6 * deviation)
+        (sphere_pressures(cast(Kind, kind), true * (1.0 + step), volumes, THICKNESS, RADIUS) - pressures)
+        / (1e-6 * deviation)
         for step in 1e-6 * np.eye(len(true))
     ]
     bound = 1.96 * np.sqrt(np.diag(np.linalg.inv(np.array(slopes) @ np.array(slopes).T)))

@@ -17,12 +17,15 @@ from balloon_warp.cli.app import app
 from balloon_warp.cli.warn import note, warn
 from balloon_warp.errors import InputError, StoppedError
 from balloon_warp.fitting.by_loss import least_loss
-from balloon_warp.fitting.curve import fit_curve, lack_of_fit, sphere_pressures
+from balloon_warp.fitting.curve import fit_curves
 from balloon_warp.fitting.fit import ROUNDS
+from balloon_warp.fitting.lack import lack_of_fit
 from balloon_warp.fitting.measured import measured_of
+from balloon_warp.fitting.measured_curve import Curve
 from balloon_warp.fitting.plot import ticks
-from balloon_warp.fitting.read_curve import Curve, read_curve
+from balloon_warp.fitting.read_curves import read_curves
 from balloon_warp.fitting.result import fit_of
+from balloon_warp.fitting.rubber import sphere_pressures
 from balloon_warp.fitting.search import search
 from balloon_warp.fitting.together import minima_together
 from balloon_warp.mesh.obj import write_obj
@@ -30,13 +33,13 @@ from balloon_warp.mesh.obj import write_obj
 TRUE = {
     "mooney_rivlin": {"shear_modulus": 3.3e5, "mooney_ratio": 0.1},
     "gent": {"shear_modulus": 3.3e5, "gent_limit": 60.0},
-    "ogden": {"ogden_modulus_1": 6.3e5, "ogden_modulus_2": 1.2e3, "ogden_modulus_3": 1.0e4},
+    "ogden": {"ogden_modulus_1": 6.3e5, "ogden_modulus_2": 1.2e3, "ogden_modulus_3": -1.0e4},
 }
 RADIUS, THICKNESS = 0.05, 2e-4
 VOLUMES = 4.0 / 3.0 * np.pi * RADIUS**3 * np.linspace(1.05, 5.0, 20) ** 3
 
 
-def curve_of(kind: str, noise: float = 0.0, seed: int = 0) -> Curve:
+def curve_of(kind: Any, noise: float = 0.0, seed: int = 0) -> Curve:
     pressures = sphere_pressures(kind, np.array(list(TRUE[kind].values())), VOLUMES, THICKNESS, RADIUS)
     rng = np.random.default_rng(seed)
     return Curve(VOLUMES, pressures + noise * pressures.max() * rng.standard_normal(len(VOLUMES)))
@@ -44,7 +47,7 @@ def curve_of(kind: str, noise: float = 0.0, seed: int = 0) -> Curve:
 
 @pytest.mark.parametrize("kind", TRUE)
 def test_a_curve_gives_back_its_rubber(kind: str):
-    found = fit_curve(curve_of(kind), kind=kind, thickness=THICKNESS, radius=RADIUS)
+    found = fit_curves([curve_of(kind)], kind=kind, thickness=THICKNESS, radius=RADIUS)
     for name, true in TRUE[kind].items():
         assert found.fit.values[name] == pytest.approx(true, rel=1e-3)
     (table,) = found.toml.split("[balloon.material]\n")[1:]
@@ -57,7 +60,7 @@ def test_errors_are_as_large_as_they_are_said_to_be():
     """Errors are one standard deviation: they cover about two thirds of the noise."""
     inside, off = [], []
     for seed in range(40):
-        fit = fit_curve(curve_of("mooney_rivlin", 0.01, seed), radius=RADIUS).fit
+        fit = fit_curves([curve_of("mooney_rivlin", 0.01, seed)], radius=RADIUS).fit
         true = np.array(list(TRUE["mooney_rivlin"].values()))
         apart = np.abs(np.array(list(fit.values.values())) - true)
         inside.append(apart < np.array(list(fit.errors.values())))
@@ -67,7 +70,7 @@ def test_errors_are_as_large_as_they_are_said_to_be():
 
 
 def test_the_radius_is_found_where_nobody_says_it():
-    fit = fit_curve(curve_of("mooney_rivlin"), thickness=THICKNESS).fit
+    fit = fit_curves([curve_of("mooney_rivlin")], thickness=THICKNESS).fit
     assert fit.values["radius"] == pytest.approx(RADIUS, rel=1e-3)
 
 
@@ -83,7 +86,7 @@ def test_a_curve_of_a_mesh_is_that_of_what_is_simulated(tmp_path):
         frame = bw.Simulator(bw.Scene(balloon=[balloon], gravity=0.0), "cpu").relax(1e-2)
         rows.append((frame.volumes[0], frame.pressures[0]))
     curve = Curve(*np.array(rows, dtype=float).T)
-    fit = fit_curve(curve, of=tmp_path / "egg.obj", thickness=THICKNESS).fit
+    fit = fit_curves([curve], of=tmp_path / "egg.obj", thickness=THICKNESS).fit
     modulus = bw.load_scene("latex_inflate").balloon[0].material.value("shear_modulus")
     assert fit.values["shear_modulus"] == pytest.approx(modulus, rel=0.02)
 
@@ -159,7 +162,7 @@ def test_data_of_something_else_and_what_cannot_be_free_are_refused(data: dict, 
 
 def test_command_of_a_curve(tmp_path):
     curve = curve_of("mooney_rivlin", 0.005)
-    rows = [f"{p:.3f},{v:.9g}" for v, p in zip(curve.volumes, curve.pressures, strict=True)]
+    rows = [f"{p:.3f},{v:.9g}" for v, p in zip(curve.sizes, curve.loads, strict=True)]
     (tmp_path / "curve.csv").write_text("\n".join(["pressure [Pa],volume [m3]", *rows]))
     asked = ["fit", str(tmp_path / "curve.csv"), "--radius", str(RADIUS), "-o", str(tmp_path / "curve.png")]
     said = CliRunner().invoke(app, asked)
@@ -175,16 +178,16 @@ def test_command_of_a_curve(tmp_path):
         ([], "1,2\n", "expected at least 5 rows of a volume and a pressure (got 1)"),
         ([], "", "expected at least 5 rows of a volume and a pressure (got 0)"),
         ([], "v,p\n" + "1,2\n" * 5 + "3,x\n", "line 7: pressure: expected a number (got x)"),
-        ([], "v,p\n" + "1\n" * 6, "line 2: pressure: is missing; expected a volume [m^3] and a pressure [Pa]"),
+        ([], "v,p\n" + "1\n" * 6, "line 2: pressure: is missing; expected a number in column 2"),
         ([], "volume\n" + "1\n" * 6, "its head, 'volume', is not understood; expected a column of volume (m^3, l,"),
         ([], "a,b\n" + "1,2\n" * 6, "its head, 'a, b', is not understood; expected a column of volume (m^3, l,"),
-        ([], "stretch, stress [MPa]\n" + "1,2\n" * 6, "its head, 'stretch, stress [MPa]', is not understood; expec"),
-        ([], "diameter [m], p [Pa]\n" + "1,2\n" * 6, "its head, 'diameter [m], p [Pa]', is not understood; expec"),
+        ([], "stretch, stress [MPa]\n" + "1,2\n" * 6, "stretch: is 1 in every row; expected a test that stretches"),
+        ([], "diameter [m], p [Pa]\n" + "1,2\n" * 6, "diameter: is 1 in every row; expected the diameters of"),
         ([], "volume [furlong], p\n" + "1,2\n" * 6, "volume: 'furlong' in 'volume [furlong]' is not understood; e"),
         ([], "volume, pressure [mpa]\n" + "1,2\n" * 6, "pressure: 'mpa' in 'pressure [mpa]' is not understood; e"),
         ([], "v, p, pressure 2\n" + "1,2,3\n" * 6, "has two columns of pressure, 'p' and 'pressure 2'"),
         ([], "v, p [kPa Pa]\n" + "1,2\n" * 6, "pressure: 'p [kPa Pa]' names several units; expected one"),
-        ([], "volume, absolute pressure\n" + "1,2\n" * 6, "is not understood; expected a column of volume"),
+        ([], "volume, absolute pressure\n" + "1,2\n" * 6, "'absolute pressure' is absolute; expected gauge"),
         ([], "volume, pressure (absolute) [kPa]\n" + "1,2\n" * 6, "'pressure (absolute) [kPa]' is absolute; expected"),
         ([], "volume, p [bar(a)]\n" + "1,2\n" * 6, "'p [bar(a)]' is absolute; expected gauge pressure"),
         ([], "volume, p [psia]\n" + "1,2\n" * 6, "'p [psia]' is absolute; expected gauge pressure"),
@@ -193,7 +196,7 @@ def test_command_of_a_curve(tmp_path):
         ([], "1,2\n" * 5 + "-2,1\n", "line 6: volume: expected a number above 0 (got -2)"),
         ([], "1,2\n" * 6, "volume: is 1 in every row; expected the volumes of a balloon that grows"),
         ([], "1,-2\n2,-1\n" * 3, "pressure: expected gauge pressures above 0 (got -1 at most)"),
-        (["--kind", "steel"], "1,2\n2,3\n" * 3, "kind: must be mooney_rivlin, gent, ogden"),
+        (["--kind", "steel"], "1,2\n2,3\n" * 3, "kind: must be neo_hookean, mooney_rivlin, gent, ogden"),
         (["--thickness", "-1"], "1,2\n2,3\n" * 3, "thickness: must be a number greater than 0"),
         (["knot"], "1,2\n" * 6, "is a curve; SCENE and --free need"),
         (["--resume"], "1,2\n" * 6, "a fit to a curve takes seconds; expected no --resume"),
@@ -217,7 +220,7 @@ def test_curves_that_cannot_be_get_a_sentence(words: list[str], rows: str, sente
         pytest.param("Volumen {dm^3},Druck <bar>", 1e-3, 1e5, id="German"),
         pytest.param("vol [mm3],gauge", None, None, id="not a name"),
         pytest.param("v [cc],p [mm Hg]", 1e-6, 133.322387415, id="mercury"),
-        pytest.param("v [cm**3],gas pressure [cmH2O]", None, None, id="a word before"),
+        pytest.param("v [cm**3],gas pressure [cmH2O]", 1e-6, 98.0665, id="a word before"),
         pytest.param("v [cm**3],p [cmH2O]", 1e-6, 98.0665, id="water"),
         pytest.param("time [s],v [l],p [psig],temperature", 1e-3, 6894.757293168, id="other columns, gauge"),
         pytest.param("v,pressure [N/m^2]", 1.0, 1.0, id="newtons"),
@@ -238,11 +241,11 @@ def test_units_of_a_head_are_converted_or_refused(head: str, volume: float | Non
     (tmp_path / "curve.csv").write_text("\n".join([head, *rows]))
     if volume is None or pressure is None:
         with pytest.raises(InputError, match="is not understood; expected a column of volume"):
-            read_curve(tmp_path / "curve.csv")
+            read_curves(tmp_path / "curve.csv")
         return
-    curve = read_curve(tmp_path / "curve.csv")
-    np.testing.assert_allclose(curve.volumes, 2.0 * volume * np.arange(1, 7))
-    np.testing.assert_allclose(curve.pressures, 3.0 * pressure * np.arange(1, 7))
+    (curve,) = read_curves(tmp_path / "curve.csv")
+    np.testing.assert_allclose(curve.sizes, 2.0 * volume * np.arange(1, 7))
+    np.testing.assert_allclose(curve.loads, 3.0 * pressure * np.arange(1, 7))
 
 
 @pytest.mark.parametrize(
@@ -269,12 +272,12 @@ def test_inflation_is_told_from_deflation(order: str, drop: float, taken: int, t
         "down": down,
     }[order]
     (tmp_path / "curve.csv").write_text("volume,pressure\n" + "".join(f"{v},{p}\n" for v, p in rows))
-    curve = read_curve(tmp_path / "curve.csv")
-    assert len(curve.volumes) == taken
+    (curve,) = read_curves(tmp_path / "curve.csv")
+    assert len(curve.sizes) == taken
     assert len(curve.remarks) == (taken in (20, 40) and order in ("loop", "back", "twice") and drop > 0.0)
     if curve.remarks:
         assert "pressures 20% lower" in curve.remarks[0]
-        fit = fit_curve(curve, radius=RADIUS, thickness=THICKNESS).fit
+        fit = fit_curves([curve], radius=RADIUS, thickness=THICKNESS).fit
         assert fit.values["shear_modulus"] == pytest.approx(3e5, rel=1e-3)
         assert curve.remarks[0] in fit.doubts
 
@@ -291,15 +294,15 @@ def test_a_lack_of_fit_is_told_and_noise_is_none():
 @pytest.mark.parametrize(("factor", "told"), [(1.0, False), (0.1, False), (1e-3, True), (1e3, True)])
 def test_a_modulus_that_no_rubber_has_is_told(factor: float, told: bool):
     curve = curve_of("mooney_rivlin")
-    fit = fit_curve(Curve(curve.volumes, factor * curve.pressures), radius=RADIUS, thickness=THICKNESS).fit
+    fit = fit_curves([Curve(curve.sizes, factor * curve.loads)], radius=RADIUS, thickness=THICKNESS).fit
     assert any("is no rubber's, 3000 to 3e+07 Pa: are the units right" in each for each in fit.doubts) == told
 
 
 def test_plots_have_round_ticks_and_columns_may_be_separated_by_semicolons(tmp_path):
     (tmp_path / "curve.csv").write_text("Pressure [Pa];Volume [m3]\n" + "".join(f"1,5;0,{k}\n" for k in range(1, 7)))
-    curve = read_curve(tmp_path / "curve.csv")
-    np.testing.assert_allclose(curve.volumes, 0.1 * np.arange(1, 7))
-    np.testing.assert_allclose(curve.pressures, 1.5)
+    (curve,) = read_curves(tmp_path / "curve.csv")
+    np.testing.assert_allclose(curve.sizes, 0.1 * np.arange(1, 7))
+    np.testing.assert_allclose(curve.loads, 1.5)
     assert ticks(0.0, 0.0687) == pytest.approx([0.0, 0.02, 0.04, 0.06])
     assert ticks(0.0, 1845.0) == pytest.approx([0.0, 500.0, 1000.0, 1500.0])
 

@@ -9,19 +9,22 @@ import typer
 
 from balloon_warp.cli.options import MACHINE, OUTPUT, SCENE, Device, Json, Resume
 from balloon_warp.cli.stages import Stages, stages
-from balloon_warp.cli.warn import warn
+from balloon_warp.cli.warn import note, warn
 from balloon_warp.errors import InputError, StoppedError
 from balloon_warp.files import check_writable, whole_file
 from balloon_warp.marks import png_mark
 from balloon_warp.warp_logging import quiet_warp
 
 if TYPE_CHECKING:
+    from balloon_warp.fitting.curve import CurveFit
     from balloon_warp.fitting.result import Fit
 
 RUBBER = "Curve"
 """Heading of a section of the help"""
 PROGRESS = ".progress"
 """Suffix of the file beside the data that keeps how far a fit is"""
+TABLES = (".csv", ".tsv", ".txt", ".dat")
+"""Endings of tables"""
 
 Free = Annotated[
     list[str] | None,
@@ -53,7 +56,9 @@ class Rubber:
     ] = "sphere"
     kind: Annotated[
         str,
-        typer.Option(metavar="mooney_rivlin|gent|ogden", help="Material law to fit.", rich_help_panel=RUBBER),
+        typer.Option(
+            metavar="neo_hookean|mooney_rivlin|gent|ogden", help="Material law to fit.", rich_help_panel=RUBBER
+        ),
     ] = "mooney_rivlin"
     thickness: Annotated[
         float, typer.Option(metavar="METERS", help="Thickness of the rubber at rest.", rich_help_panel=RUBBER)
@@ -68,9 +73,19 @@ class Rubber:
 
 def fit(
     data: Annotated[
-        Path, typer.Argument(metavar="CURVE.csv|DATA.npz", help="Measured data: see the page Fit your rubber.")
+        Path,
+        typer.Argument(
+            metavar="TABLE.csv|DATA.npz",
+            help="Measured data: pressure over volume, stress over stretch, or a motion. See the page Fit your rubber.",
+        ),
     ],
-    scene: Annotated[str | None, typer.Argument(metavar="[SCENE]", help="Scene that DATA.npz was measured on.")] = None,
+    more: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="TABLE.csv|SCENE",
+            help="More tables of the same rubber; or the scene that DATA.npz was measured on.",
+        ),
+    ] = None,
     free: Free = None,
     starts: Annotated[
         int, typer.Option(metavar="COUNT", help="Number of starting points of the search.", rich_help_panel=SCENE)
@@ -83,41 +98,49 @@ def fit(
     *,
     rubber: Rubber,
 ) -> None:
-    """Fit rubber to a measured curve of pressure over volume, or values of a scene to a measured motion.
+    """Fit rubber to measured curves of pressure over volume or stress over stretch, or a scene to a measured motion.
 
     Try `balloon-warp fit curve.csv --of sphere --thickness 2e-4 --radius 0.05`, or
+    `balloon-warp fit uniaxial.csv equibiaxial.csv --kind ogden`, or
     `balloon-warp fit points.npz scene.toml --free balloon.inflation.moles=0.01:0.1`.
     """
-    is_curve = data.suffix.lower() == ".csv"
+    is_curve, others = data.suffix.lower() in TABLES, more or []
     if is_curve and resume:
         raise InputError(f"{data}: a fit to a curve takes seconds; expected no --resume")
-    if is_curve and (scene or free):
+    if is_curve and (free or any(Path(each).suffix.lower() not in TABLES for each in others)):
         raise InputError(f"{data}: is a curve; SCENE and --free need a .npz file")
-    if not is_curve and not (scene and free):
+    if not is_curve and not (len(others) == 1 and free):
         raise InputError(
-            f"{data}: expected a .csv file of a curve, or a .npz file with a SCENE and --free PATH=LOW:HIGH"
+            f"{data}: expected a {', '.join(TABLES)} file of a curve, or a .npz file with a SCENE and "
+            "--free PATH=LOW:HIGH"
         )
     if output:
         check_writable(output, (".png",))
     quiet_warp()
-    toml = ""
+    if is_curve:
+        of_curves = _of_curves([data, *map(Path, others)], rubber, output)
+        _say(of_curves.fit, of_curves.toml, json, of_curves.unit)
+        return
     with stages(data.name) as stage:
-        if is_curve:
-            from balloon_warp.fitting.curve import fit_curve
-            from balloon_warp.fitting.plot import curve_plot
-            from balloon_warp.fitting.read_curve import read_curve
+        found = _of_scene(data, others[0], free or [], starts, resume, device, schedule, stage)
+    _say(found, "", json, "times the noise" if found.noise_known else "")
 
-            curve = read_curve(data)
-            of_curve = fit_curve(curve, **vars(rubber), on_stage=stage)
-            found, toml = of_curve.fit, of_curve.toml
-            if output:
-                with whole_file(output) as temporary:
-                    curve_plot(curve.volumes, curve.pressures, of_curve.pressures).save(
-                        temporary, format="PNG", pnginfo=png_mark()
-                    )
-        else:
-            found = _of_scene(data, str(scene), free or [], starts, resume, device, schedule, stage)
-    _say(found, toml, json, is_curve)
+
+def _of_curves(paths: list[Path], rubber: Rubber, output: Path | None) -> "CurveFit":
+    """Fit a rubber to tables, say what was read of them, and plot them."""
+    from balloon_warp.fitting.curve import fit_curves
+    from balloon_warp.fitting.plot import curves_plot
+    from balloon_warp.fitting.read_curves import read_curves
+
+    curves = [curve for path in paths for curve in read_curves(path)]
+    for curve in curves:
+        note(curve.summary)
+    with stages(paths[0].name) as stage:
+        found = fit_curves(curves, **vars(rubber), on_stage=stage)
+        if output:
+            with whole_file(output) as temporary:
+                curves_plot(curves, found.loads).save(temporary, format="PNG", pnginfo=png_mark())
+    return found
 
 
 def _of_scene(
@@ -147,7 +170,7 @@ def _of_scene(
         raise StoppedError(f"fit was interrupted {last[0]}{go_on}") from None
 
 
-def _say(found: "Fit", toml: str, json: bool, is_curve: bool) -> None:
+def _say(found: "Fit", toml: str, json: bool, unit: str) -> None:
     if json:
         import json as format_
 
@@ -155,8 +178,7 @@ def _say(found: "Fit", toml: str, json: bool, is_curve: bool) -> None:
         return
     for name, value in found.values.items():
         print(f"{name} = {value:.6g} +- {found.errors[name]:.2g}")
-    unit = " times the noise" if found.noise_known else " Pa" if is_curve else ""
-    print(f"misfit {found.misfit:.4g}{unit}")
+    print(f"misfit {found.misfit:.4g}{'' if unit[:1] in ('', '%') else ' '}{unit}")
     for doubt in found.doubts:
         warn(doubt)
     if toml:

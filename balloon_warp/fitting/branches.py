@@ -1,42 +1,51 @@
-"""Inflation and deflation in a measured curve, by the order of its rows."""
+"""Loading and unloading in a measured curve, by the order of its rows."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 Values = NDArray[np.float64]
+Rows = NDArray[np.bool_]
 TURNED = 0.1
-"""Least change of volume over the curve's range after which its direction has changed"""
+"""Least change of size over the curve's range after which its direction has changed"""
 LEAST_RUN = 4
 """Least mean number of rows in a run for the rows to be in order of time"""
 APART = 0.02
-"""Difference of pressures over the largest from which on deflation is told from inflation"""
+"""Difference of loads over the largest from which on one branch is told from another"""
 
 
-def inflating(volumes: Values) -> NDArray[np.bool_]:
-    """Return which rows inflate, shape (n,); all where rows are in no order, or go one way."""
+def rising(sizes: Values) -> tuple[Rows, Rows]:
+    """Return which rows load, and which of them no row before had stretched as far, each of shape (n,).
+
+    All do where rows are in no order, or go one way.
+    """
     turns, up = [0], True
-    extreme, least = 0, TURNED * np.ptp(volumes)
-    for row, volume in enumerate(volumes):
-        ahead = (volume - volumes[extreme]) * (1.0 if up else -1.0)
+    extreme, least = 0, TURNED * np.ptp(sizes)
+    for row, size in enumerate(sizes):
+        ahead = (size - sizes[extreme]) * (1.0 if up else -1.0)
         if ahead > 0.0:
             extreme = row
         elif -ahead > least:
             turns.append(extreme)
             extreme, up = row, not up
-    directions = np.zeros(len(volumes), bool)
+    loads, first = np.zeros(len(sizes), bool), np.zeros(len(sizes), bool)
+    largest = -np.inf
     for number, begin in enumerate(turns):
-        directions[begin + (begin > 0) :] = number % 2 == 0
-    if len(volumes) < LEAST_RUN * len(turns) or not directions.any():
-        return np.ones(len(volumes), bool)
-    return directions
+        start, end = begin + (begin > 0), turns[number + 1] + 1 if number + 1 < len(turns) else len(sizes)
+        if number % 2 == 0 and end - start > 1:
+            loads[start:end] = True
+            first[start:end] = sizes[start:end] > largest
+            largest = max(largest, sizes[start:end].max())
+    if len(sizes) < LEAST_RUN * len(turns) or not loads.any():
+        return np.ones(len(sizes), bool), np.ones(len(sizes), bool)
+    return loads, first
 
 
-def drop_of(volumes: Values, pressures: Values, rising: NDArray[np.bool_]) -> float:
-    """Return by how much pressures are lower as it deflates, over those as it inflates, on the volumes of both."""
-    order = np.argsort(volumes[rising])
-    up_volumes, up_pressures = volumes[rising][order], pressures[rising][order]
-    falling = ~rising & (volumes >= up_volumes[0]) & (volumes <= up_volumes[-1])
-    if not falling.any():
+def drop_of(sizes: Values, loads: Values, reference: Rows, others: Rows) -> float:
+    """Return by how much loads of other rows are lower than those of reference rows, on the sizes of both."""
+    order = np.argsort(sizes[reference])
+    known_sizes, known = sizes[reference][order], loads[reference][order]
+    others = others & (sizes >= known_sizes[0]) & (sizes <= known_sizes[-1])
+    if not others.any():
         return 0.0
-    expected = np.interp(volumes[falling], up_volumes, up_pressures)
-    return float((expected - pressures[falling]).mean() / max(np.abs(expected).mean(), 1e-300))
+    expected = np.interp(sizes[others], known_sizes, known)
+    return float((expected - loads[others]).mean() / max(np.abs(expected).mean(), 1e-300))

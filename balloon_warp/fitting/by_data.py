@@ -1,7 +1,7 @@
 """The values of a scene that explain measured data, by least squares."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,8 @@ from balloon_warp.scene import Scene
 from balloon_warp.trajectories import Trajectories
 
 Values = NDArray[np.float64]
+MISSES = 1.02
+"""Misfit over the noise above which the fit may be another minimum"""
 Run = Callable[..., Trajectories]
 """Function of a scene, and of `world_count` and `vary`"""
 
@@ -96,11 +98,14 @@ def _fit_of(found: Found, bounds: Bounds, noise_known: bool) -> Fit:
     best = found.best
     pairs = zip(bounds.values(), best.place.tolist(), strict=True)
     slopes = np.array([slope_at(low, high, place) for (low, high), place in pairs])
-    rough = best.roughness(noise_known) * np.outer(slopes, slopes)
-    return fit_of(
-        list(bounds), values_at(bounds, best.place[None])[0], best.jacobian / slopes, float(np.sqrt(best.cost)),
+    rough, misfit = best.roughness(noise_known) * np.outer(slopes, slopes), float(np.sqrt(best.cost))
+    fit = fit_of(
+        list(bounds), values_at(bounds, best.place[None])[0], best.jacobian / slopes, misfit,
         noise_known, np.sqrt(found.costs), at_bounds(bounds, best.place), rough,
     )  # fmt: skip
+    if not noise_known or misfit <= MISSES:
+        return fit
+    return replace(fit, remarks=(f"the misfit is {misfit:.3g} times the noise: more starts may find a better minimum",))
 
 
 def _forward(run: Run, measured: Measured, bounds: Bounds) -> Forward:

@@ -1,61 +1,57 @@
-"""The rubber whose balloon had a measured curve of pressure over volume."""
+"""The rubber that measured curves are of: inflations, and tests of strips and sheets."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
-from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from balloon_warp.errors import InputError
-from balloon_warp.fitting.read_curve import Curve
-from balloon_warp.fitting.result import Fit, fit_of
-from balloon_warp.kernels.laws.membrane import MEMBRANES, MOST_STRETCH
-from balloon_warp.mesh.load import load_mesh
-from balloon_warp.mesh.prepare import Treatment, prepared
-from balloon_warp.model.materials import slopes_by_stretches
-from balloon_warp.springs.membrane import build_membrane
-from balloon_warp.statics.balance import Balance
-from balloon_warp.statics.film import FilmSkin, determinant, metric_of
-from balloon_warp.statics.volume import SealedGas, Volume
+from balloon_warp.fitting.lack import beyond_deviations, lack_of_fit, no_rubber
+from balloon_warp.fitting.measured_curve import Curve
+from balloon_warp.fitting.mesh_curve import MeshCurve
+from balloon_warp.fitting.result import Fit, fit_with
+from balloon_warp.fitting.rubber import (
+    FAMILIES,
+    KINDS,
+    WITH_EXPONENTS,
+    Family,
+    Kind,
+    bounds_of,
+    material_table,
+    nominal_stresses,
+    shear_modulus,
+    shear_modulus_slopes,
+    sphere_pressures,
+)
+from balloon_warp.fitting.weighted import Rows, Solution, covariance_of, solved
 
 Values = NDArray[np.float64]
-Kind = Literal["mooney_rivlin", "gent", "ogden"]
-EXPONENTS = (1.3, 5.0, -2.0)
-"""Exponents of an Ogden material for rubber (Ogden 1972): its moduli are fitted"""
-STARTS: dict[str, list[tuple[float, ...]]] = {
-    "mooney_rivlin": [(3.0e5, 0.02), (3.0e5, 0.2)],
-    "gent": [(3.0e5, 20.0), (3.0e5, 60.0), (3.0e5, 150.0)],
-    "ogden": [(6.0e5, 1.2e3, 1.0e4), (4.0e5, 3.0e3, 3.0e4)],
-}
-RUBBERS = (3.0e3, 3.0e7)
-"""Shear moduli from the softest gels to hard rubber [Pa]"""
-LARGE_MISFIT, SMALL_MISFIT, FEW_RUNS = 0.05, 0.005, -3.0
-"""Misfit over the largest pressure above which a law does not fit, or does not with so few runs of one sign; and the
-deviations from the mean number of runs from which on they are few"""
-NAMES = {
-    "mooney_rivlin": ("shear_modulus", "mooney_ratio"),
-    "gent": ("shear_modulus", "gent_limit"),
-    "ogden": ("ogden_modulus_1", "ogden_modulus_2", "ogden_modulus_3"),
-}
+PARTS_OF_RADIUS = (0.6, 0.95)
+"""Radius at rest over that of the smallest volume, where searches begin"""
+STEP = 1.0e-4
+"""Relative step of sizes in differences of loads"""
+RESOLUTION = 1.0e-4
+"""Misfit over the largest load below which laws are equally good"""
 
 
 @dataclass(frozen=True)
 class CurveFit:
-    """The rubber, and the curve that it has."""
+    """The rubber, and the curves that it has."""
 
     fit: Fit
-    pressures: Values
-    """Fitted pressures at the measured volumes [Pa], shape (n,)"""
+    loads: list[Values]
+    """Fitted loads at the measured sizes of each curve [Pa], shape (n,)"""
     toml: str
     """Table of a scene file"""
+    unit: str
+    """Of the misfit, in words"""
 
 
-def fit_curve(
-    curve: Curve,
+def fit_curves(
+    curves: Sequence[Curve],
     *,
     of: str | Path = "sphere",
     kind: Kind = "mooney_rivlin",
@@ -63,160 +59,187 @@ def fit_curve(
     radius: float | None = None,
     on_stage: Callable[[str], None] = lambda stage: None,
 ) -> CurveFit:
-    """Find the rubber of a balloon by its curve of pressure over volume.
+    """Find the rubber that all curves are of.
 
-    Only the product of modulus and thickness is seen, so that the thickness must be known.
+    An inflation determines only the product of modulus and thickness over the radius, so that the thickness must be
+    known; tests of strips and sheets determine the modulus. Rows are weighed by their deviations, where they are given;
+    otherwise each curve counts relative to its largest load.
 
     Args:
-        of: "sphere", whose formula is used, or the mesh of the balloon at rest, in meters.
-        kind: of material. For "ogden" the moduli are fitted, with exponents 1.3, 5 and -2.
+        curves: all of one rubber.
+        of: what was inflated: "sphere", whose formula is used, or the mesh of the balloon at rest, in meters.
+        kind: of material. The exponents of "ogden" are fitted if the data determine them (Akaike's criterion), and
+            otherwise, and for a mesh, 1.3, 5 and -2.
         thickness: at rest [m].
         radius: of the sphere at rest [m]; found, too, when missing.
         on_stage: told what is done.
 
     Raises:
-        InputError: a number, a kind or the mesh cannot be.
+        InputError: a number, a kind, the mesh or the curves together cannot be.
     """
-    if kind not in STARTS:
-        raise InputError(f"kind: must be {', '.join(STARTS)} (got {kind!r})")
+    if kind not in KINDS:
+        raise InputError(f"kind: must be {', '.join(KINDS)} (got {kind!r})")
     for name, number in (("thickness", thickness), ("radius", 1.0 if radius is None else radius)):
         if not (isfinite(number) and number > 0.0):
             raise InputError(f"{name}: must be a number greater than 0 (got {number})")
-    names, starts = list(NAMES[kind]), STARTS[kind]
-    if str(of) == "sphere":
-        fixed = radius
-        if fixed is None:
-            names.append("radius")
-            least = (3.0 * curve.volumes[0] / (4.0 * np.pi)) ** (1.0 / 3.0)
-            starts = [(*start, part * least) for start in starts for part in (0.6, 0.95)]
-
-        def pressures(values: Values) -> Values:
-            own = values[: len(NAMES[kind])]
-            return sphere_pressures(kind, own, curve.volumes, thickness, fixed or float(values[-1]))
-
-    else:
-        pressures = MeshCurve(Path(of), kind, thickness, curve.volumes).pressures
-        starts = starts[:2]
-    return _fitted(curve, pressures, names, starts, kind, thickness, on_stage)
+    model = _Model(curves, str(of), kind, thickness, radius)
+    rows = Rows(
+        np.concatenate([curve.loads for curve in curves]),
+        np.concatenate([np.full(len(curve.loads), np.abs(curve.loads).max()) for curve in curves]),
+        _load_deviations(curves),
+        _size_deviations(curves),
+    )
+    found = _best(model, rows, on_stage)
+    return _result(model, rows, found, thickness)
 
 
-def sphere_pressures(kind: str, values: Values, volumes: Values, thickness: float, radius: float) -> Values:
-    """Return the law of a thin sphere: 2 h / R W_1 / stretch^2 [Pa]."""
-    stretches = (3.0 * volumes / (4.0 * np.pi)) ** (1.0 / 3.0) / radius
-    told = {
-        name: np.full(1, number) if np.ndim(number) == 0 else number for name, number in _numbers(kind, values).items()
-    }
-    first, _ = slopes_by_stretches(MEMBRANES[kind], told, stretches, stretches)
-    return 2.0 * thickness / radius * first / stretches**2
+class _Model:
+    """Loads of a kind of rubber at the sizes of all curves."""
 
+    def __init__(self, curves: Sequence[Curve], of: str, kind: Kind, thickness: float, radius: float | None):
+        self.curves, self.of_sphere = curves, of == "sphere"
+        self.kind: Kind = kind
+        self.inflations = [curve for curve in curves if curve.test == "inflation"]
+        self.finds_radius = bool(self.inflations) and self.of_sphere and radius is None
+        self._thickness, self._radius = thickness, radius
+        self._meshes: dict[int, MeshCurve] = {}
+        if not self.of_sphere:
+            if not self.inflations:
+                raise InputError(f"of: {of} tells the shape of an inflation; expected none for tests of stress")
+            for number, curve in enumerate(curves):
+                if curve.of_sphere:
+                    raise InputError(f"{curve.name}: a diameter is that of a sphere; expected volumes with --of {of}")
+                if curve.test == "inflation":
+                    self._meshes[number] = MeshCurve(Path(of), kind, thickness, curve.sizes)
 
-class MeshCurve:
-    """The curve of a mesh's balloon, by its statics; each asking begins where the last came to rest."""
-
-    def __init__(self, path: Path, kind: str, thickness: float, volumes: Values):
-        mesh = prepared(load_mesh(path), path, Treatment())
-        self._volume, self._kind, self._volumes = Volume(mesh), kind, volumes
-        if not 0.0 < self._volume.of(mesh.points) < volumes.max():
-            raise InputError(
-                f"{path}: encloses {self._volume.of(mesh.points):.3g} m^3 at rest; expected less than the measured "
-                "volumes"
-            )
-        membrane = build_membrane(mesh)
-        parts = membrane.areas / (0.5 * np.sqrt(determinant(metric_of(membrane.edges))))
-        self._film = FilmSkin(MEMBRANES[kind], {}, membrane.corners, thickness * parts, membrane.edges)
-        growth = (volumes / self._volume.of(mesh.points)) ** (1.0 / 3.0)
-        self._points = [mesh.points * max(factor, 1.01) for factor in growth]
-
-    def pressures(self, values: Values) -> Values:
-        """Return the pressures at the volumes [Pa], shape (n,); NaN where there is no equilibrium."""
-        film, found = replace(self._film, numbers=_numbers(self._kind, values)), np.full(len(self._volumes), 1.0e6)
-        for row, volume in enumerate(self._volumes):
-            points = self._points[row]
-            slopes = self._volume.slopes(points)
-            guess = -float((film.forces(points) * slopes).sum() / (slopes * slopes).sum())
-            settled = Balance(film, self._volume, SealedGas.of(guess, volume)).settle(points)
-            if settled is not None:
-                self._points[row] = settled
-                found[row] = SealedGas.of(guess, volume).pressure(self._volume.of(settled))
-        return found
-
-
-def _fitted(
-    curve: Curve, pressures: Callable[[Values], Values], names: list[str], starts: list[tuple[float, ...]], kind: str,
-    thickness: float, on_stage: Callable[[str], None],
-) -> CurveFit:  # fmt: skip
-    """Return the best of least squares from all starts, by logarithms."""
-    unit = np.abs(curve.pressures).max()
-    found = []
-    for number, start in enumerate(starts, start=1):
-        on_stage(f"start {number} of {len(starts)}")
-
-        def off(logs: Values) -> Values:
-            with np.errstate(all="ignore"):
-                return np.nan_to_num(
-                    (pressures(np.exp(logs)) - curve.pressures) / unit, nan=1e3, posinf=1e3, neginf=-1e3
+    def families(self) -> list[Family]:
+        """Return what may be fitted, the simplest first."""
+        families = [FAMILIES[self.kind]]
+        if self.kind == "ogden" and self.of_sphere:
+            families.append(WITH_EXPONENTS)
+        if not self.of_sphere:
+            families = [Family(families[0].names, families[0].starts[:2])]
+        if self.finds_radius:
+            least = min((3.0 * curve.sizes[0] / (4.0 * np.pi)) ** (1.0 / 3.0) for curve in self.inflations)
+            families = [
+                Family(
+                    (*names, "radius"), tuple((*start, part * least) for start in starts for part in PARTS_OF_RADIUS)
                 )
+                for names, starts in families
+            ]
+        return families
 
-        found.append(least_squares(off, np.log(start), diff_step=1e-5, x_scale=1.0, max_nfev=60))
-    best = min(found, key=lambda each: each.cost)
-    values, free = np.exp(best.x), len(curve.volumes) - len(names)
-    misfit = float(unit * np.sqrt(2.0 * best.cost / max(free, 1)))
-    misfits = np.array([unit * np.sqrt(2.0 * each.cost / max(free, 1)) for each in found])
-    found_pressures = pressures(values)
-    fit = fit_of(names, values, unit * best.jac / values, misfit, False, misfits)
-    lack = lack_of_fit(curve.pressures - found_pressures, misfit / unit)
-    remarks = (*curve.remarks, *lack, *_no_rubber(kind, values))
-    return CurveFit(replace(fit, remarks=remarks), found_pressures, _toml(kind, values, thickness))
+    def own(self, values: Values) -> Values:
+        """Return the values of the rubber."""
+        return values[:-1] if self.finds_radius else values
+
+    def of_each(self, values: Values) -> list[Values]:
+        """Return the loads of each curve [Pa]."""
+        return [self._of(number, curve.sizes, values) for number, curve in enumerate(self.curves)]
+
+    def loads(self, values: Values) -> Values:
+        """Return the loads of all curves [Pa], shape (n,)."""
+        return np.concatenate(self.of_each(values))
+
+    def slopes(self, values: Values) -> Values:
+        """Return the derivatives of loads by sizes, shape (n,); for a mesh along its rows."""
+        slopes = []
+        for number, curve in enumerate(self.curves):
+            if number in self._meshes:
+                with np.errstate(all="ignore"):  # rows of one volume have none
+                    found = np.gradient(self._of(number, curve.sizes, values), curve.sizes)
+                slopes.append(np.nan_to_num(found, nan=0.0, posinf=0.0, neginf=0.0))
+            else:
+                higher, lower = (self._of(number, curve.sizes * factor, values) for factor in (1.0 + STEP, 1.0 - STEP))
+                slopes.append((higher - lower) / (2.0 * STEP * curve.sizes))
+        return np.concatenate(slopes)
+
+    def _of(self, number: int, sizes: Values, values: Values) -> Values:
+        """Return the loads of a curve at sizes [Pa]; a mesh has only those that were measured."""
+        own, test = self.own(values), self.curves[number].test
+        if number in self._meshes:
+            return self._meshes[number].pressures(own)
+        if test == "inflation":
+            return sphere_pressures(self.kind, own, sizes, self._thickness, self._radius or float(values[-1]))
+        return nominal_stresses(self.kind, own, test, sizes)
 
 
-def lack_of_fit(residuals: Values, share: float) -> list[str]:
-    """Return a sentence if residuals, in the order of volumes, are no noise: too large, or of one sign for long.
+def _load_deviations(curves: Sequence[Curve]) -> Values | None:
+    """Return the deviations of all loads, where they are known.
 
-    Args:
-        residuals: measured less fitted pressures, shape (n,).
-        share: misfit over the largest pressure.
+    Raises:
+        InputError: some curves have them, and others do not.
     """
-    signs = residuals > 0.0
-    above, count = int(signs.sum()), len(signs)
-    below, runs = count - above, 1 + int(np.count_nonzero(signs[1:] != signs[:-1]))
-    # Wald and Wolfowitz 1940: the number of runs in a random order
-    mean = 1.0 + 2.0 * above * below / count
-    variance = (mean - 1.0) * (mean - 2.0) / (count - 1.0)
-    few = variance > 0.0 and (runs - mean) / np.sqrt(variance) < FEW_RUNS
-    if share > LARGE_MISFIT or (few and share > SMALL_MISFIT):
-        shape = f", and it lies above or below the rows for long ({runs} runs in {count} rows)" if few else ""
-        return [
-            f"the law misses the curve by {100.0 * share:.2g}% of its largest pressure{shape}: another kind may fit"
-        ]
-    return []
+    without = [curve.name for curve in curves if curve.load_deviations is None]
+    known = [curve.load_deviations for curve in curves if curve.load_deviations is not None]
+    if known and without:
+        raise InputError(
+            f"{without[0]}: has no deviations of its loads, but others have; expected them for all curves, or none"
+        )
+    return np.concatenate(known) if known else None
 
 
-def _no_rubber(kind: str, values: Values) -> list[str]:
-    """Return a sentence if no rubber has such a shear modulus."""
-    modulus = 0.5 * float(values[:3] @ np.abs(EXPONENTS)) if kind == "ogden" else float(values[0])
-    least, most = RUBBERS
-    if least <= modulus <= most:
-        return []
-    return [
-        f"a shear modulus of {modulus:.3g} Pa is no rubber's, {least:g} to {most:g} Pa: are the units right, and the "
-        "thickness and the radius?"
-    ]
+def _size_deviations(curves: Sequence[Curve]) -> Values | None:
+    """Return the deviations of all sizes, 0 where they are not known; None if none is."""
+    if all(curve.size_deviations is None for curve in curves):
+        return None
+    return np.concatenate(
+        [np.zeros(len(curve.sizes)) if curve.size_deviations is None else curve.size_deviations for curve in curves]
+    )
 
 
-def _numbers(kind: str, values: Values) -> dict[str, Any]:
-    """Return the law's parameters of what is fitted."""
-    if kind == "ogden":
-        moduli = np.array(values[:3]) * np.sign(EXPONENTS)
-        return {"ogden_moduli": moduli, "ogden_exponents": np.array(EXPONENTS)}
-    most = {"most_stretch": max(MOST_STRETCH.default, 6.0)} if kind == "gent" else {}
-    return dict(zip(NAMES[kind], map(float, values), strict=False)) | most
+def _best(model: _Model, rows: Rows, on_stage: Callable[[str], None]) -> Solution:
+    """Return the best solution; of one with more values only if the data determine them."""
+    best: Solution | None = None
+    for family in model.families():
+        count = len(family.names)
+        if best is not None and len(rows.loads) < count + 3:
+            break
+        found = solved(rows, model.loads, model.slopes, family.names, family.starts, bounds_of(family.names), on_stage)
+        if best is None or _criterion(found, rows) < _criterion(best, rows):
+            best = found
+    assert best is not None
+    return best
 
 
-def _toml(kind: str, values: Values, thickness: float) -> str:
-    lines = ["[balloon.material]", f'kind = "{kind}"', f"thickness = {thickness:g}"]
-    if kind == "ogden":
-        moduli = ", ".join(f"{value:.6g}" for value in values[:3] * np.sign(EXPONENTS))
-        lines += [f"ogden_moduli = [{moduli}]", f"ogden_exponents = {list(EXPONENTS)}"]
+def _criterion(found: Solution, rows: Rows) -> float:
+    """Return Akaike's criterion for few rows (Hurvich and Tsai 1989)."""
+    count, free = len(rows.loads), len(found.names)
+    if rows.load_deviations is not None:
+        likelihood = float(found.pulls @ found.pulls)
     else:
-        lines += [f"{name} = {value:.6g}" for name, value in zip(NAMES[kind], values, strict=False)]
-    return "\n".join(lines) + "\n"
+        likelihood = count * np.log(np.mean((found.residuals / rows.largest) ** 2) + RESOLUTION**2)
+    return likelihood + 2.0 * free + 2.0 * free * (free + 1.0) / max(count - free - 1.0, 1e-9)
+
+
+def _result(model: _Model, rows: Rows, found: Solution, thickness: float) -> CurveFit:
+    curves, own, names = model.curves, model.own(found.values), list(found.names)
+    remarks = [remark for curve in curves for remark in curve.remarks]
+    free, noise_known = max(len(rows.loads) - len(names), 1), rows.load_deviations is not None
+    loads, begin, excess = model.of_each(found.values), 0, []
+    for curve, fitted in zip(curves, loads, strict=True):
+        here = slice(begin, begin := begin + len(curve.loads))
+        freedom = free * len(curve.loads) / len(rows.loads)
+        residuals = curve.loads - fitted
+        share = np.sqrt(residuals @ residuals / freedom) / np.abs(curve.loads).max()
+        if noise_known:
+            excess += beyond_deviations(found.pulls[here], freedom, curve.name)
+        remarks += lack_of_fit(residuals, float(share), curve.name, curve.load_name, noise_known)
+    remarks += [*excess, *no_rubber(shear_modulus(model.kind, own), bool(model.inflations))]
+    covariance = covariance_of(found, trusted=noise_known and not excess)
+    values, derived = found.values, ()
+    if model.kind == "ogden":  # what all its values say together
+        more = np.zeros(len(values))
+        more[: len(own)] = shear_modulus_slopes(model.kind, own)
+        spread = np.vstack([more, np.eye(len(values))])
+        covariance, values = spread @ covariance @ spread.T, np.append(shear_modulus(model.kind, own), values)
+        derived = ("shear_modulus",)
+        names = [*derived, *names]
+    scale, unit = (1.0, "times the deviations") if noise_known else (100.0, "% of the largest load")
+    if not noise_known and len(curves) == 1:
+        scale, unit = float(rows.largest[0]), "Pa"
+    misfit = scale * np.sqrt(found.squares / free)
+    starts = scale * np.sqrt(found.starts / free)
+    fit = fit_with(names, values, covariance, float(misfit), noise_known, starts, found.at_bounds)
+    toml = material_table(model.kind, own, thickness, bool(model.inflations))
+    return CurveFit(replace(fit, remarks=tuple(remarks), derived=derived), loads, toml, unit)

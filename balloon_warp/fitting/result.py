@@ -1,6 +1,6 @@
 """Result of a fit, with its uncertainties."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,10 +11,8 @@ from balloon_warp.shown import Shown, described
 
 VAGUE = 0.05
 """Relative uncertainty above which a value is reported as vague"""
-MISSES = 1.02
-"""Misfit over the noise above which the fit may be another minimum"""
-TWINS = 0.98
-"""Correlation from which on two values can hardly be told apart"""
+TWINS, MOST_TWINS = 0.98, 2
+"""Correlation from which on two values can hardly be told apart, and most pairs that are named"""
 
 
 @described
@@ -37,26 +35,35 @@ class Fit(Shown):
     """Bounds at which values lie, by path: the data may ask for values beyond"""
     remarks: tuple[str, ...] = ()
     """Sentences on the data and on how well the law has them"""
+    derived: tuple[str, ...] = ()
+    """Names of values that follow from the others"""
 
     @property
     def doubts(self) -> list[str]:
         """Sentences on values that are not well known."""
-        names = list(self.values)
-        said = [*self.remarks]
-        said += [
-            f"{name} is known to {100.0 * abs(self.errors[name] / value):.2g}% only"
+        names, said = list(self.values), [*self.remarks]
+        vague = {
+            name: f"{100.0 * abs(self.errors[name] / value):.2g}%"
             for name, value in self.values.items()
-            if value and abs(self.errors[name]) > VAGUE * abs(value)
-        ]
+            if value and name not in self.at_bounds and abs(self.errors[name]) > VAGUE * abs(value)
+        }
+        if vague:
+            said.append(
+                f"{_listed(vague)} {'is' if len(vague) == 1 else 'are'} known to {_listed(vague.values())} only"
+            )
         said += [f"{name} lies at its bound, {bound:.4g}" for name, bound in self.at_bounds.items()]
-        for i, j in zip(*np.triu_indices(len(names), 1), strict=True):
-            if abs(self.correlations[i, j]) > TWINS:
-                said.append(
-                    f"{names[i]} and {names[j]} can hardly be told apart (correlation {self.correlations[i, j]:.3f})"
-                )
-        if self.noise_known and self.misfit > MISSES:
-            said.append(f"the misfit is {self.misfit:.3g} times the noise: more starts may find a better minimum")
-        return said
+        twins = {
+            (names[i], names[j]): float(self.correlations[i, j])
+            for i, j in zip(*np.triu_indices(len(names), 1), strict=True)
+            if abs(self.correlations[i, j]) > TWINS and not {names[i], names[j]} & set(self.derived)
+        }
+        if len(twins) > MOST_TWINS:
+            largest = max(map(abs, twins.values()))
+            return [*said, f"{len(twins)} pairs of values can hardly be told apart (correlations to {largest:.3f})"]
+        return said + [
+            f"{first} and {second} can hardly be told apart (correlation {correlation:.3f})"
+            for (first, second), correlation in twins.items()
+        ]
 
     def report(self) -> dict[str, Any]:
         """Return the fit's figures as JSON."""
@@ -87,9 +94,19 @@ def fit_of(
     """
     size = np.maximum(np.abs(values), 1.0e-300)
     scaled = jacobian * size
-    covariance = np.linalg.pinv(scaled.T @ scaled) * (1.0 if noise_known else misfit**2)
+    covariance = np.linalg.pinv(scaled.T @ scaled) * np.outer(size, size) * (1.0 if noise_known else misfit**2)
     if roughness is not None:
-        covariance += roughness / np.outer(size, size)
+        covariance += roughness
+    return fit_with(names, values, covariance, misfit, noise_known, starts, at_bounds)
+
+
+def fit_with(
+    names: list[str], values: NDArray[np.float64], covariance: NDArray[Any], misfit: float, noise_known: bool,
+    starts: NDArray[np.float64], at_bounds: Mapping[str, float] | None = None,
+) -> Fit:  # fmt: skip
+    """Return the fit of values with this covariance, shape (n, n)."""
+    size = np.maximum(np.abs(values), 1.0e-300)
+    covariance = covariance / np.outer(size, size)
     deviations = np.sqrt(np.maximum(np.diag(covariance), 1.0e-300))
     return Fit(
         values=dict(zip(names, values.tolist(), strict=True)),
@@ -100,3 +117,8 @@ def fit_of(
         starts=np.sort(starts),
         at_bounds=dict(at_bounds or {}),
     )
+
+
+def _listed(words: Iterable[str]) -> str:
+    *first, last = words
+    return f"{', '.join(first)} and {last}" if first else last
