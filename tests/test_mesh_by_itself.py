@@ -123,6 +123,9 @@ def test_springs_go_across_what_is_thin_from_wall_to_wall():
     heights = np.abs(ways[:, 1])
     assert len(pairs) > 0.4 * plate.vertex_count
     assert np.median(heights) == pytest.approx(np.ptp(plate.points[:, 1]), rel=0.01)
+    with_a_hole = replace(plate, face_vertex_counts=plate.face_vertex_counts[:-1],
+                          face_vertex_indices=plate.face_vertex_indices[: -plate.face_vertex_counts[-1]])  # fmt: skip
+    assert len(springs_across(with_a_hole, between_parts=True).pairs) > 0.9 * len(pairs)
     assert not len(springs_across(quad_sphere(8), between_parts=True).pairs)
     hollow = solid_shapes.solid("hollow")
     for together in (True, False):

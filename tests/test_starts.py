@@ -10,8 +10,10 @@ from beginning_worlds import ALONE, BALL, TOUCHING, arrays, stepped
 from meshes import cube, quad_sphere
 
 from balloon_warp import InputError, Simulator
+from balloon_warp.kernels.frames.starting import let_appear
 from balloon_warp.mesh.geometry import signed_volume
-from balloon_warp.model import Vary
+from balloon_warp.model import Vary, plan_model
+from balloon_warp.model.starts import start_velocities
 from balloon_warp.outputs.npz import write_npz
 from balloon_warp.scene import Balloon, Body, Change, Ground, Inflation, Obstacle, Scene, Sphere, String, Water
 
@@ -41,6 +43,25 @@ def test_a_world_that_begins_anew_is_as_one_that_begins(schedule: str):
     for name, array in arrays(masked).items():
         np.testing.assert_array_equal(array[1:], fresh[name], err_msg=name)
         np.testing.assert_array_equal(array[:1], gone_on[name][:1], err_msg=name)
+
+
+def test_what_appears_is_there_in_worlds_of_its_age_or_set_to_a_later_one():
+    """Radius 2 from frame 3 on: worlds 0 and 1 go on, the others are set to their ages."""
+    ages, mask = (wp.array(each, dtype=wp.int32, device="cpu") for each in ([3, 4, 2, 3, 4], [0, 0, 1, 1, 1]))
+    frames, sizes = wp.array([3], dtype=wp.int32, device="cpu"), wp.array([2.0], dtype=float, device="cpu")
+    target = wp.full(5, 9.0, dtype=float, device="cpu")
+    wp.launch(let_appear, 5, [mask, ages, frames, sizes, 1.0], [target], device="cpu")
+    np.testing.assert_array_equal(target.numpy(), [2.0, 9.0, 1.0, 2.0, 2.0])
+
+
+def test_the_fastest_world_bounds_how_fast_particles_begin():
+    scene = Scene(balloon=[Balloon(mesh=cube())])
+    plan = plan_model(
+        scene, 3, {"balloon.0.velocity.1": [0.0, -4.0, 1.0], "balloon.0.angular_velocity.0": [2.0, 0.0, 0.0]}
+    )
+    (fastest,) = start_velocities(plan.shapes, plan.parameters) or []
+    arms = np.linalg.norm(plan.shapes[0].mesh.points - plan.shapes[0].mesh.points.mean(axis=0), axis=1)
+    np.testing.assert_allclose(np.linalg.norm(fastest, axis=1), 4.0 + 2.0 * arms)
 
 
 @pytest.mark.full

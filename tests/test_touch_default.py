@@ -19,8 +19,20 @@ from balloon_warp.model.folded import bends_freely
 from balloon_warp.scene import Balloon, Ground, Inflation, Stiffness, Touch
 from balloon_warp.scene.overrides import override_scene
 from balloon_warp.scene.write import write_scene
+from balloon_warp.schedules.touch_table import surface_of
 
 LIMP = Stiffness(structural=50.0, shear=25.0, flexion=0.0)
+
+
+def test_a_part_is_as_high_as_the_parts_in_it():
+    """Parts are in the order in which a search goes down; a leaf's height is 0."""
+    for mesh in (cube(), quad_sphere(6), hook(0.1)):
+        surface = surface_of(mesh)
+        within = [set(range(part + 1, end)) for part, end in enumerate(surface.ends)]
+        for part, height in enumerate(surface.heights):
+            assert height == max((surface.heights[each] + 1 for each in within[part]), default=0)
+        depths = [sum(part in each for each in within) for part in range(len(within))]
+        assert surface.heights[0] == max(depths) > 0
 
 
 @pytest.mark.parametrize(

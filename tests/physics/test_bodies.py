@@ -239,6 +239,7 @@ def substeps_of(**fields: Any) -> int:
     return plan_model(Scene(balloon=[slack], **{"frames_per_second": 60.0} | fields)).substeps
 
 
+@pytest.mark.always
 def test_auto_counts_bodies_and_spheres():
     """Substeps follow from what may touch at all, by spin, and by speed over size, that of a fall to come as well."""
     crate = Body(position=(0, 1, 0))
@@ -252,6 +253,8 @@ def test_auto_counts_bodies_and_spheres():
     die = Body(size=(0.02, 0.02, 0.02), position=(0, 1, 0))
     reach = 0.01 * 3**0.5
     assert substeps_of(body=[die], ground=Ground()) == np.ceil((2 * 9.81 * 1.0) ** 0.5 / (0.25 * reach) / 60.0)
+    above = die.model_copy(update={"position": (0, 101, 0)})
+    assert substeps_of(body=[above], ground=Ground(height=100.0)) == substeps_of(body=[die], ground=Ground())
     thrown = die.model_copy(update={"velocity": (0.0, 0.0, 3.0)})
     assert substeps_of(body=[thrown], gravity=0.0) == np.ceil(3.0 / (0.25 * reach) / 60.0)
     shot = die.model_copy(update={"velocity": (0.0, 0.0, 900.0)})

@@ -4,10 +4,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+import warp as wp
 from conserved import sphere_energies, sphere_momenta, sphere_spins, sphere_turning
+from law_functions import COUNT, called
 from meshes import cube, mesh_of
 from numpy.typing import NDArray
 
+from balloon_warp.kernels.laws.collision import collision
 from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Scene, Sphere, Stiffness
 from balloon_warp.simulator import Simulator
 
@@ -48,6 +51,27 @@ def pair(
         Sphere(mass=masses[0], restitution=restitution[0], **flying),
         Sphere(position=(0, 0, 0), radius=0.2, mass=masses[1], restitution=restitution[1]),
     ]
+
+
+@wp.func
+def gain_of(approach: float, restitution: float, gravity: float, step_seconds: float):
+    """Return the gain of a sphere that comes straight down on another, along the way up [m/s]."""
+    start, way = wp.vec3(0.0, 0.3 + 0.5 * approach * step_seconds, 0.0), wp.vec3(0.0, -approach * step_seconds, 0.0)
+    up = wp.vec3(0.0, 1.0, 0.0)
+    _shift, gain, _part = collision(start, way, way / step_seconds, 0.3, restitution, gravity, up, step_seconds)
+    return gain[1]
+
+
+@pytest.mark.always
+def test_nothing_rebounds_at_the_speed_of_two_steps_of_gravity():
+    """What comes faster than 2 g dt gains 1 + e times its speed, and what is slower its speed."""
+    random = np.random.default_rng(0)
+    step, speeds = 1e-3, random.uniform(0.5, 4.0, COUNT)
+    samples = {"approach": speeds * step * G, "restitution": random.uniform(0.2, 1.0, COUNT)}
+    samples |= {"gravity": np.full(COUNT, -G), "step_seconds": np.full(COUNT, step)}
+    samples = {name: each.astype(np.float32) for name, each in samples.items()}
+    expected = np.where(speeds > 2.0, 1.0 + samples["restitution"], 1.0) * samples["approach"]
+    np.testing.assert_allclose(called(gain_of, samples), expected, rtol=1e-5)
 
 
 @pytest.mark.parametrize(

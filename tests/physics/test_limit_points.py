@@ -7,7 +7,7 @@ from meshes import quad_sphere
 from balloon_warp.errors import BlowUpError
 from balloon_warp.mesh.geometry import total_area
 from balloon_warp.model import plan_model
-from balloon_warp.model.limit_points import borne_pressures
+from balloon_warp.model.limit_points import borne_pressures, passed_limit_point
 from balloon_warp.scene import Balloon, Inflation, Material, Scene
 from balloon_warp.simulator import Simulator
 
@@ -75,6 +75,11 @@ def test_what_holds_is_not_told_of():
     """Pressures below the limit point, with gas, or on a later rising branch give no warning."""
     for material, pressure in ((NEO_HOOKEAN, 0.9 * MOST), (Material(kind="gent", thickness=THICKNESS), 1.5 * MOST)):
         assert plan_model(ball(material, pressure)).warnings == []
+    plan = plan_model(ball(NEO_HOOKEAN, 0.9 * MOST))
+    told = plan.scene, 0, plan.shapes[0], plan.parameters
+    assert passed_limit_point(*told, 0.9 * MOST, MESH.points) is None
+    assert passed_limit_point(*told, 0.9 * MOST, 1.9 * MESH.points)  # past the peak, and pressed more than it bears
+    assert passed_limit_point(*told, 1.1 * MOST, MESH.points)
 
 
 def test_another_blow_up_keeps_its_advice():
