@@ -9,7 +9,6 @@ import numpy as np
 import scipy.sparse as sparse
 from numpy.typing import NDArray
 
-from balloon_warp.designing.crossings import crossing_count
 from balloon_warp.designing.gaps import Flattening, Gaps
 from balloon_warp.designing.hanging import Hanging
 from balloon_warp.designing.measure import Ruler
@@ -17,6 +16,7 @@ from balloon_warp.designing.response import Response
 from balloon_warp.designing.smooth_step import SmoothAim, Smoothing, smooth_step
 from balloon_warp.designing.uncrossed import uncrossed
 from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.crossings import find_crossings
 from balloon_warp.mesh.topology import mesh_edges
 from balloon_warp.statics.balance import Balance
 from balloon_warp.statics.film import FilmSkin
@@ -94,7 +94,7 @@ class MouldProblem:
 
     def allowed(self, design: Values) -> bool:
         """Return whether the mould does not cross itself."""
-        return not crossing_count(replace(self.mesh, points=design.reshape(-1, 3)))
+        return not len(find_crossings(design.reshape(-1, 3), self.ruler.triangles).edges)
 
     def next_design(self, balance: Balance, design: Values, points: Values, damping: float) -> tuple[Values, float]:
         """Return the mould after a step, and its damping, which is raised until the step is smooth."""

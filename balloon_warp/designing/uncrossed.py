@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.designing.crossings import NearPairs
 from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.crossings import NearPairs
+from balloon_warp.mesh.geometry import triangulate
 
 Values = NDArray[np.float64]
 ROUNDS, LEFT = 8, 0.4
@@ -29,7 +30,7 @@ def uncrossed(
         together: Means over neighbors, shape (n, n).
         spoiled: Function that returns further vertices to be held back, where the vertices are at these points.
     """
-    near = NearPairs.of(mesh, float(np.linalg.norm(moves, axis=1).max()))
+    near = NearPairs.of(mesh.points, triangulate(mesh)[0], float(np.linalg.norm(moves, axis=1).max()))
     for number in range(ROUNDS + STOPPED):
         crossing = near.crossing(mesh.points + moves)
         further = spoiled(mesh.points + moves)
