@@ -1,6 +1,7 @@
 """Inverse design: the balloon that becomes a given shape, and the steps of its search."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,11 +18,12 @@ from balloon_warp.designing import of_foil, picture
 from balloon_warp.designing.descent import Reached, begin, descend
 from balloon_warp.designing.gaps import Gaps
 from balloon_warp.designing.job import Job
-from balloon_warp.designing.measure import Ruler
+from balloon_warp.designing.measure import Error, Ruler
 from balloon_warp.designing.mould import MouldProblem, ThicknessProblem
 from balloon_warp.designing.of_latex import STALLED, _descended, _film
 from balloon_warp.designing.pattern import write_pattern
 from balloon_warp.designing.response import Response
+from balloon_warp.designing.result import Design
 from balloon_warp.designing.smooth_step import SmoothAim, Smoothing, smooth_step
 from balloon_warp.designing.target import target_of
 from balloon_warp.designing.uncrossed import uncrossed
@@ -199,6 +201,8 @@ def test_what_touches_itself_along_edges_does_not_cross():
         ({"stretch": float("nan")}, r"stretch: must be a number greater than 0"),
         ({"of": "latex", "stretch": 9.0}, r"stretch: must be from 1.05 to 5 for latex"),
         ({"size": -1.0}, r"size: must be from 0.01 to 100 m \(got -1.0\)"),
+        ({"of": "foil", "panels": 8, "stretch": 1.2}, r"stretch: foil hardly stretches; expected none for foil"),
+        ({"of": "latex", "hold": "any"}, r"hold: is of springs; expected none for latex"),
         ({"steps": -1}, r"steps: must be a whole number"),
         ({"thickness": 0.0}, r"thickness: must be a number greater than 0"),
         ({"of": "latex", "thickness": (4e-4, 2e-4)}, r"thickness: the range must go from low to high"),
@@ -208,6 +212,49 @@ def test_what_touches_itself_along_edges_does_not_cross():
 def test_numbers_that_cannot_be_are_refused(asked: dict, sentence: str, tmp_path):
     with pytest.raises(InputError, match=sentence):
         bw.design(pear(), folder=tmp_path, **asked)
+
+
+@pytest.mark.parametrize(
+    ("unit", "across", "expected"),
+    [
+        pytest.param("m", 0.7, 0.7, id="own"),
+        pytest.param(None, 0.7, 0.7, id="own, of no unit"),
+        pytest.param("mm", 700.0, 0.7, id="of a unit"),
+        pytest.param("m", 60.0, 60.0, id="large, of a unit"),
+        pytest.param(None, 60.0, "is 60 m large, in meters; expected 0.02 to 30 m, or a size", id="perhaps in mm"),
+        pytest.param("mm", 1.0, "is 0.001 m large; expected 0.01 to 100 m, or a size", id="tiny"),
+    ],
+)
+def test_a_target_keeps_its_size_unless_another_is_asked_for(unit: str | None, across: float, expected: float | str):
+    meters = 1e-3 if unit == "mm" else 1.0
+    scaled = across / np.ptp(pear().points, axis=0).max()
+    mesh = replace(pear(), points=scaled * pear().points, meters_per_unit=meters, unit_known=unit is not None)
+    assert Ruler(target_of(mesh, 0.3)).size == pytest.approx(0.3)
+    if isinstance(expected, str):
+        with pytest.raises(InputError, match=expected):
+            target_of(mesh, None)
+    else:
+        assert Ruler(target_of(mesh, None)).size == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("size", "stretch", "words"),
+    [
+        ((0.7, 0.7), (1.25, 1.25), "0.7 m large, stretch 1.25"),
+        ((0.703, 0.7), (1.247, 1.25), "0.703 m large, stretch 1.25"),
+        ((0.7, 0.7), (1.0975, 1.25), r"0.7 m large, stretch 1.097 \(not 1.25 as asked\)"),
+        ((0.62, 0.7), (1.4, 2.0), r"0.62 m \(not 0.7 m as asked\) large, stretch 1.4 \(not 2 as asked\)"),
+        ((0.3, 0.3), (1.0, None), "0.3 m large"),
+    ],
+)
+def test_size_and_stretch_are_told_beside_what_was_asked(size: tuple, stretch: tuple, words: str, tmp_path):
+    error = Error(0.01, 0.02)
+    got = {"stretch": stretch[0], "stretch_asked": stretch[1], "size": size[0], "size_asked": size[1]}
+    scene = bw.Scene(balloon=[bw.Balloon(mesh=BALL)])
+    design = Design(scene, tmp_path, error, error, None, **got, cannot=[], simulated=BALL.points)
+    assert re.fullmatch(words, design.got)
+    assert repr(design).endswith(f"{design.got})")
+    assert design.report() | got == design.report()
 
 
 def test_where_a_shape_is_off_is_said():
@@ -226,6 +273,10 @@ def test_command(tmp_path):
     said = CliRunner().invoke(app, asked)
     assert said.exit_code == 0, said.output
     assert "simulated from rest: " in said.output
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert report["stretch_asked"] == 1.2
+    assert report["size_asked"] == pytest.approx(np.ptp(pear().points, axis=0).max())
+    assert f"wrote {tmp_path / 'out'}, {report['size']:.3g} m large, stretch " in said.output.replace("\n", " ")
     assert f"balloon-warp run {tmp_path / 'out' / 'balloon.toml'}" in said.output.replace("\n", " ")
 
 

@@ -104,12 +104,12 @@ def design_of_panels(job: Job, panels: Panels) -> Design:
     )  # fmt: skip
 
 
-def panels_of(target: str | Path | MeshLike, said: int | str | Path, size: float) -> Panels:
+def panels_of(target: str | Path | MeshLike, said: int | str | Path, size: float | None) -> Panels:
     """Cut a shape into panels.
 
     Args:
         said: how many gores around its vertical axis, or its seams, as `seams_of` takes them.
-        size: largest extent of the shape [m].
+        size: largest extent of the shape [m]; its own when missing.
 
     Raises:
         InputError: the shape or the seams cannot be.
@@ -118,7 +118,8 @@ def panels_of(target: str | Path | MeshLike, said: int | str | Path, size: float
     read, shape = shape_of(target)
     gores = said if isinstance(said, int) else int(str(said)) if str(said).isdecimal() else None
     if gores is not None:
-        return cut_into_panels(*gores_of(centered(shape, size), gores, size / EDGES))
+        whole = centered(shape, size)
+        return cut_into_panels(*gores_of(whole, gores, float(np.ptp(whole.points, axis=0).max()) / EDGES))
     seams = seams_of(str(said), read, shape)
     triangles = triangles_of(shape)
     counts = np.full(len(triangles), 3, dtype=np.int32)
