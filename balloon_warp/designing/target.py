@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.mesh.crossings import crossings_of
+from balloon_warp.mesh.crossings import crossings_said
 from balloon_warp.mesh.from_python import MeshLike
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.load import load_mesh
@@ -98,11 +98,8 @@ def shape_of(given: str | Path | MeshLike) -> tuple[PolygonMesh, PolygonMesh]:
         raise InputError(f"{source}: is flat and encloses no volume; expected a solid shape")
     if volume < 0.0:
         mesh = _turned(mesh)
-    if crossed := len(crossings_of(mesh).edges):
-        raise InputError(
-            f"{source}: crosses itself at {crossed} places; expected a surface that does not, such as `balloon-warp "
-            "remesh` makes"
-        )
+    if crossed := crossings_said(mesh):
+        raise InputError(f"{source}: {crossed}; expected a surface that does not, such as `balloon-warp remesh` makes")
     return read, mesh
 
 

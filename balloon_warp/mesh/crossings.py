@@ -7,6 +7,7 @@ random, which undoes symmetries (as in Edelsbrunner and Muecke 1990).
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -116,6 +117,12 @@ def crossings_of(mesh: PolygonMesh) -> Crossings:
     return find_crossings(mesh.points, both_cuts(mesh))
 
 
+def crossings_said(mesh: PolygonMesh) -> str | None:
+    """Return at how many places a mesh crosses itself, as the end of a sentence; None if it does not."""
+    count = len(crossings_of(mesh).edges)
+    return f"it crosses itself at {count:,} place{'s' if count > 1 else ''}" if count else None
+
+
 def both_cuts(mesh: PolygonMesh) -> Numbers:
     """Return the triangles of a mesh, those of quads by either diagonal, shape (n, 3)."""
     firsts = face_starts(mesh)[mesh.face_vertex_counts == 4]
@@ -141,9 +148,10 @@ def _near(points: Values, surface: Numbers, room: float) -> Iterator[tuple[Numbe
     for first in range(0, len(surface), ROWS):
         near = tree.query_ball_point(centers[first : first + ROWS], radii[first : first + ROWS], return_sorted=False)
         numbers = np.repeat(np.arange(first, first + len(near)), [len(each) for each in near])
-        beside = np.concatenate([np.asarray(each, np.int64) for each in near])
-        meet = ((low[beside] <= upper[numbers]) & (high[beside] >= lower[numbers])).all(axis=1)
-        beside, numbers = beside[meet], numbers[meet]
+        beside = np.fromiter(chain.from_iterable(near), np.int64, len(numbers))
+        for begin, end, least, most in zip(low.T, high.T, lower.T, upper.T, strict=True):
+            meet = (begin[beside] <= most[numbers]) & (end[beside] >= least[numbers])
+            beside, numbers = beside[meet], numbers[meet]
         apart = (joint[edges[beside]][:, :, None] != joint[surface[numbers]][:, None, :]).all(axis=(1, 2))
         yield edges[beside[apart]], numbers[apart]
 
