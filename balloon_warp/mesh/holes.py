@@ -137,7 +137,6 @@ def with_lids(mesh: PolygonMesh) -> PolygonMesh:
     Args:
         mesh: wound alike.
     """
-    taken = {(low, high) for low, high in mesh_edges(mesh).ends.tolist()}
     bare = _without_fins(mesh)
     edges = mesh_edges(bare)
     loops = [loop[::-1] for loop in border_loops(bare, edges) if len(loop) > 2]
@@ -146,6 +145,7 @@ def with_lids(mesh: PolygonMesh) -> PolygonMesh:
     surface = _Surface(bare, edges)
     if surface.area == 0.0:
         return mesh
+    taken = {(low, high) for low, high in mesh_edges(mesh).ends.tolist()}
     lids = []
     for loop in sorted(loops, key=min):
         lids.append(lid_across(loop, mesh.points, taken))
