@@ -176,7 +176,7 @@ def opened() -> PolygonMesh:
         (opened(), "open: is open, between vertex .* expected a closed shape"),
         (two_balls(), "two: has 2 parts; expected one closed shape"),
         (replace(BALL, points=BALL.points * [1.0, 1.0, 0.0], name="disk"), "disk: is flat and encloses no volume"),
-        (crossed(), r"crossed: it crosses itself at \d+ places; expected a surface that does not"),
+        (crossed(), r"crossed: crosses itself at \d+ places; expected a surface that does not"),
     ],
     ids=["open", "parts", "flat", "crossing"],
 )

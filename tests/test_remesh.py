@@ -129,7 +129,7 @@ def test_quads_do_not_cross_whatever_the_number_of_cells(cells: int) -> None:
 def test_quads_that_cross_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     source, target = tmp_path / "ball.obj", tmp_path / "quads.obj"
     write_obj(source, quad_sphere(3))
-    monkeypatch.setattr("balloon_warp.mesh.remesh.crossings_said", lambda quads: "it crosses itself at 2 places")
+    monkeypatch.setattr("balloon_warp.mesh.remesh.crossings_said", lambda quads: "crosses itself at 2 places")
     said = CliRunner().invoke(app, ["remesh", str(source), "-o", str(target), "--cells", "6"])
     assert isinstance(said.exception, InputError)
     assert re.search("with 14 cells it crosses itself at 2 places; expected --cells 28, or", str(said.exception))

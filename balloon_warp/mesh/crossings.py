@@ -118,9 +118,9 @@ def crossings_of(mesh: PolygonMesh) -> Crossings:
 
 
 def crossings_said(mesh: PolygonMesh) -> str | None:
-    """Return at how many places a mesh crosses itself, as the end of a sentence; None if it does not."""
+    """Return "crosses itself at 2 places", as the end of a sentence on a mesh; None if it does not."""
     count = len(crossings_of(mesh).edges)
-    return f"it crosses itself at {count:,} place{'s' if count > 1 else ''}" if count else None
+    return f"crosses itself at {count:,} place{'s' if count > 1 else ''}" if count else None
 
 
 def both_cuts(mesh: PolygonMesh) -> Numbers:

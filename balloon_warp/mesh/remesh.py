@@ -83,11 +83,9 @@ class _Made:
 
     def mistake(self, mesh: PolygonMesh) -> str | None:
         """Return the part of the surface that the quads do not represent, as the end of a sentence."""
-        return (
-            infidelity(mesh, self.quads, Level.width(mesh, self.cells))
-            or wrong_volume(mesh, self.quads)
-            or crossings_said(self.quads)
-        )
+        wrong = infidelity(mesh, self.quads, Level.width(mesh, self.cells)) or wrong_volume(mesh, self.quads)
+        crossed = None if wrong else crossings_said(self.quads)
+        return f"it {crossed}" if crossed else wrong
 
 
 def _faithful(mesh: PolygonMesh, cells: int, on_stage: Callable[[str], None]) -> _Made:
