@@ -20,7 +20,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.designing.design import Of, design
+from balloon_warp.designing.design import SIZE, Of, design
 from balloon_warp.designing.springs import Hold
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
@@ -154,7 +154,7 @@ def cylinder(around: int = 32, up: int = 8, across: int = 5) -> PolygonMesh:
 def asked(how: str, number: str, wanted: PolygonMesh | Path | str) -> dict[str, Any]:
     """Return the arguments that the second and third word of a case stand for."""
     if how == "panels":
-        return {"panels": MARKED if number == "marked" else number, "thickness": 1.0e-4}
+        return {"panels": MARKED if number == "marked" else number, "thickness": 1.0e-4, "size": SIZE}
     if how == "rim":
         return {"size": float(number), "thickness": 1.0e-4}
     if how == "gravity":
@@ -163,7 +163,7 @@ def asked(how: str, number: str, wanted: PolygonMesh | Path | str) -> dict[str, 
         top = np.flatnonzero(heights > heights.max() - TOP * np.ptp(heights)).tolist()
         return {"stretch": float(number), "gravity": 9.81, "fixed": top, "size": 3.0}
     of_rubber = {"thickness": (2.0e-4, 8.0e-4)} if how == "thickness" else {"hold": cast(Hold, how)}
-    return {"stretch": float(number), **of_rubber}
+    return {"stretch": float(number), "size": SIZE, **of_rubber}
 
 
 def run(case: str, steps: int = 30) -> Row:

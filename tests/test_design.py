@@ -1,12 +1,12 @@
 """Inverse design: the balloon that becomes a given shape, and the steps of its search."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-import scipy.sparse as sparse
 from meshes import quad_sphere
 from PIL import Image
 from typer.testing import CliRunner
@@ -14,23 +14,25 @@ from typer.testing import CliRunner
 import balloon_warp as bw
 from balloon_warp.cli.app import app
 from balloon_warp.designing import of_foil, picture
-from balloon_warp.designing.crossings import NearPairs, crossing_count
 from balloon_warp.designing.descent import Reached, begin, descend
 from balloon_warp.designing.gaps import Gaps
 from balloon_warp.designing.job import Job
-from balloon_warp.designing.measure import Ruler
+from balloon_warp.designing.measure import Error, Ruler
 from balloon_warp.designing.mould import MouldProblem, ThicknessProblem
 from balloon_warp.designing.of_latex import STALLED, _descended, _film
 from balloon_warp.designing.pattern import write_pattern
 from balloon_warp.designing.response import Response
+from balloon_warp.designing.result import Design
 from balloon_warp.designing.smooth_step import SmoothAim, Smoothing, smooth_step
 from balloon_warp.designing.target import target_of
-from balloon_warp.designing.uncrossed import uncrossed
 from balloon_warp.designing.where import places_off
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.crossings import NearPairs, crossings_of, find_crossings
+from balloon_warp.mesh.geometry import triangulate
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.mesh.topology import mesh_edges
+from balloon_warp.mesh.uncrossed import means_over_neighbors, uncrossed
 from balloon_warp.scene import Material
 
 BALL = quad_sphere(4)
@@ -160,6 +162,10 @@ def crossed() -> PolygonMesh:
     return replace(BALL, points=points, name="crossed")
 
 
+def crossing_count(mesh: PolygonMesh) -> int:
+    return len(crossings_of(mesh).edges)
+
+
 def opened() -> PolygonMesh:
     return PolygonMesh(BALL.points, BALL.face_vertex_counts[:-20], BALL.face_vertex_indices[:-80], "open")
 
@@ -181,7 +187,6 @@ def test_shapes_that_no_balloon_becomes_are_refused(mesh: PolygonMesh, sentence:
 
 
 def test_what_touches_itself_along_edges_does_not_cross():
-    assert crossing_count(BALL) == 0
     assert crossing_count(bw.load_mesh(Path(__file__).parent.parent / "scenes" / "squirrel.obj")) == 0
 
 
@@ -195,6 +200,8 @@ def test_what_touches_itself_along_edges_does_not_cross():
         ({"stretch": float("nan")}, r"stretch: must be a number greater than 0"),
         ({"of": "latex", "stretch": 9.0}, r"stretch: must be from 1.05 to 5 for latex"),
         ({"size": -1.0}, r"size: must be from 0.01 to 100 m \(got -1.0\)"),
+        ({"of": "foil", "panels": 8, "stretch": 1.2}, r"stretch: foil hardly stretches; expected none for foil"),
+        ({"of": "latex", "hold": "any"}, r"hold: is of springs; expected none for latex"),
         ({"steps": -1}, r"steps: must be a whole number"),
         ({"thickness": 0.0}, r"thickness: must be a number greater than 0"),
         ({"of": "latex", "thickness": (4e-4, 2e-4)}, r"thickness: the range must go from low to high"),
@@ -204,6 +211,49 @@ def test_what_touches_itself_along_edges_does_not_cross():
 def test_numbers_that_cannot_be_are_refused(asked: dict, sentence: str, tmp_path):
     with pytest.raises(InputError, match=sentence):
         bw.design(pear(), folder=tmp_path, **asked)
+
+
+@pytest.mark.parametrize(
+    ("unit", "across", "expected"),
+    [
+        pytest.param("m", 0.7, 0.7, id="own"),
+        pytest.param(None, 0.7, 0.7, id="own, of no unit"),
+        pytest.param("mm", 700.0, 0.7, id="of a unit"),
+        pytest.param("m", 60.0, 60.0, id="large, of a unit"),
+        pytest.param(None, 60.0, "is 60 m large, in meters; expected 0.02 to 30 m, or a size", id="perhaps in mm"),
+        pytest.param("mm", 1.0, "is 0.001 m large; expected 0.01 to 100 m, or a size", id="tiny"),
+    ],
+)
+def test_a_target_keeps_its_size_unless_another_is_asked_for(unit: str | None, across: float, expected: float | str):
+    meters = 1e-3 if unit == "mm" else 1.0
+    scaled = across / np.ptp(pear().points, axis=0).max()
+    mesh = replace(pear(), points=scaled * pear().points, meters_per_unit=meters, unit_known=unit is not None)
+    assert Ruler(target_of(mesh, 0.3)).size == pytest.approx(0.3)
+    if isinstance(expected, str):
+        with pytest.raises(InputError, match=expected):
+            target_of(mesh, None)
+    else:
+        assert Ruler(target_of(mesh, None)).size == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("size", "stretch", "words"),
+    [
+        ((0.7, 0.7), (1.25, 1.25), "0.7 m large, stretch 1.25"),
+        ((0.703, 0.7), (1.247, 1.25), "0.703 m large, stretch 1.25"),
+        ((0.7, 0.7), (1.0975, 1.25), r"0.7 m large, stretch 1.097 \(not 1.25 as asked\)"),
+        ((0.62, 0.7), (1.4, 2.0), r"0.62 m \(not 0.7 m as asked\) large, stretch 1.4 \(not 2 as asked\)"),
+        ((0.3, 0.3), (1.0, None), "0.3 m large"),
+    ],
+)
+def test_size_and_stretch_are_told_beside_what_was_asked(size: tuple, stretch: tuple, words: str, tmp_path):
+    error = Error(0.01, 0.02)
+    got = {"stretch": stretch[0], "stretch_asked": stretch[1], "size": size[0], "size_asked": size[1]}
+    scene = bw.Scene(balloon=[bw.Balloon(mesh=BALL)])
+    design = Design(scene, tmp_path, error, error, None, **got, cannot=[], simulated=BALL.points)
+    assert re.fullmatch(words, design.got)
+    assert repr(design).endswith(f"{design.got})")
+    assert design.report() | got == design.report()
 
 
 def test_where_a_shape_is_off_is_said():
@@ -222,6 +272,10 @@ def test_command(tmp_path):
     said = CliRunner().invoke(app, asked)
     assert said.exit_code == 0, said.output
     assert "simulated from rest: " in said.output
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert report["stretch_asked"] == 1.2
+    assert report["size_asked"] == pytest.approx(np.ptp(pear().points, axis=0).max())
+    assert f"wrote {tmp_path / 'out'}, {report['size']:.3g} m large, stretch " in said.output.replace("\n", " ")
     assert f"balloon-warp run {tmp_path / 'out' / 'balloon.toml'}" in said.output.replace("\n", " ")
 
 
@@ -405,13 +459,7 @@ def test_a_stalled_mould_begins_anew_with_a_larger_one(tmp_path):
 
 
 FINE = quad_sphere(6)
-
-
-def means():
-    ends, count = mesh_edges(FINE).ends, FINE.vertex_count
-    both = np.concatenate([ends, ends[:, ::-1], np.stack([np.arange(count)] * 2, axis=1)])
-    beside = sparse.coo_matrix((np.ones(len(both)), both.T), shape=(count, count)).tocsr()
-    return sparse.diags(1.0 / np.asarray(beside.sum(axis=1)).ravel()) @ beside
+CUT = triangulate(FINE)[0]
 
 
 def through() -> np.ndarray:
@@ -424,15 +472,15 @@ def through() -> np.ndarray:
 
 def test_surfaces_that_cross_themselves_are_held_back_and_no_others():
     moves = through()
-    assert crossing_count(replace(FINE, points=FINE.points + moves)) > 0
-    held = uncrossed(FINE, moves, means())
-    assert crossing_count(replace(FINE, points=FINE.points + held)) == 0
+    assert len(find_crossings(FINE.points + moves, CUT).edges) > 0
+    held = uncrossed(FINE.points, CUT, moves, means_over_neighbors(FINE))
+    assert len(find_crossings(FINE.points + held, CUT).edges) == 0
     same = np.all(held == moves, axis=1)
     assert 0.2 < same.mean() < 1.0  # the sides go on
     assert (np.linalg.norm(held, axis=1) <= np.linalg.norm(moves, axis=1) + 1e-12).all()
     moves = 0.1 * FINE.points
-    np.testing.assert_array_equal(uncrossed(FINE, moves, means()), moves)
+    np.testing.assert_array_equal(uncrossed(FINE.points, CUT, moves, means_over_neighbors(FINE)), moves)
     moves = through()
-    near = NearPairs.of(FINE, float(np.linalg.norm(moves, axis=1).max()))
+    near = NearPairs.of(FINE.points, CUT, float(np.linalg.norm(moves, axis=1).max()))
     there = FINE.points + moves
-    assert near.crossing(there).sum() == crossing_count(replace(FINE, points=there))
+    assert near.crossing(there).sum() == len(find_crossings(there, CUT).edges)

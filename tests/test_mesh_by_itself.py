@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import solid_shapes
-from meshes import cube, joined, mesh_of, quad_sphere
+from meshes import box, cube, grid, joined, mesh_of, quad_sphere
 
 from balloon_warp import Simulator, load_scene
 from balloon_warp.cli import main
@@ -255,3 +255,58 @@ def test_softer_springs_change_neither_the_pressure_nor_other_methods_of_stiffne
     alike, softer = (plan.shapes[0] for plan in plans)
     np.testing.assert_allclose(softer.stiffness_scale, alike.stiffness_scale * softer.softness)
     assert (softer.softness.min() < 0.4, softer.softness.max() <= 1.0) == (True, True)
+
+
+def cabinet() -> PolygonMesh:
+    """Return five thin boards that share edges, four faces at each, as soups do once they are welded."""
+    boards = [((0.36, 0.38), (0.0, 0.74)), ((0.74, 0.76), (0.0, 0.74)), ((0.38, 0.74), (0.74, 0.76)),
+              ((0.38, 0.74), (-0.02, 0.0)), ((0.0, 0.36), (0.74, 0.76))]  # fmt: skip
+    solids = [
+        box((0.0, sum(y) / 2.0, sum(z) / 2.0), (0.37, y[1] - y[0], z[1] - z[0]), cells=(1, 1, 1)) for y, z in boards
+    ]
+    soup = joined(*solids)
+    points, same = np.unique(soup.points.round(9), axis=0, return_inverse=True)
+    return mesh_of(points, same.ravel()[soup.face_vertex_indices].reshape(-1, 4).tolist())
+
+
+def bad_scan(fins: int, holes: int, repeats: int) -> PolygonMesh:
+    """Return a ball as a scanner has it: with triangles on edges of others, holes, and faces twice."""
+    draw, ball = np.random.default_rng(1), solid_shapes.ico_sphere()
+    faces = ball.face_vertex_indices.reshape(-1, 3).tolist()
+    around = [{vertex for face in faces if place in face for vertex in face} for place in range(ball.vertex_count)]
+    opened = set(draw.choice(ball.vertex_count, holes, replace=False).tolist())
+    faces = [face for face in faces if not opened & set(face)]
+    for number in draw.choice(len(faces), fins, replace=False).tolist():
+        first, second, third = faces[number]
+        far = set().union(*(around[place] for place in around[third])) - around[first] - around[second] - opened
+        faces.append([first, second, min(far)])
+    faces += [faces[number][::-1] for number in draw.choice(len(faces), repeats, replace=False).tolist()]
+    return mesh_of(ball.points, faces)
+
+
+@pytest.mark.parametrize(
+    "mesh",
+    [
+        pytest.param(cabinet(), id="boards that share edges"),
+        pytest.param(bad_scan(fins=15, holes=0, repeats=40), id="fins"),
+        pytest.param(bad_scan(fins=20, holes=4, repeats=10), id="fins and holes"),
+    ],
+)
+def test_a_mesh_with_bad_edges_swells_as_others_do(mesh: PolygonMesh):
+    """Nothing of it is pinned: it is no open surface."""
+    scene = load_scene(mesh)
+    (said,) = foretold_swellings(scene)
+    assert said.volume is not None
+    assert 1.2 < said.volume < 1.8
+    assert scene.balloon[0].fixed == []
+
+
+def test_what_a_pressure_does_not_push_has_none_told():
+    """A torn sheet with a small ball on it: most of it is carried along."""
+    sheet = grid(12, 12)
+    small = replace(quad_sphere(2), points=0.5 * quad_sphere(2).points + [3.0, 3.0, 4.0])
+    scene = load_scene(joined(sheet, small), {"balloon.fixed": []})
+    assert foretold_swellings(scene) == []
+    (sentence,) = plan_model(scene).shapes[0].remarks
+    assert "is open, like a pane, and has no inside: it is carried along, not inflated" in sentence
+    assert "`balloon-warp remesh`" in sentence

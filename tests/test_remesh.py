@@ -1,6 +1,7 @@
 """Surface nets and remeshing: measures, features, looks, and refusals."""
 
 import os
+import re
 from collections.abc import Callable
 
 # A mesh may have no looks: these have some, or the test fails.
@@ -23,6 +24,7 @@ from typer.testing import CliRunner
 from balloon_warp.cli.app import app
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.crossings import crossings_said
 from balloon_warp.mesh.fidelity import infidelity
 from balloon_warp.mesh.fit import unfolded
 from balloon_warp.mesh.geometry import face_centers, signed_volume, total_area, triangulate
@@ -103,6 +105,35 @@ def ball(radius: float = 1.0, center: tuple[float, float, float] = (0.0, 0.0, 0.
     surface = trimesh.creation.icosphere(subdivisions=4, radius=radius)
     surface.apply_translation(center)
     return triangles_mesh(surface)
+
+
+def overlapping() -> PolygonMesh:
+    """Return seven ellipsoids that overlap: a body, a head, two ears, two feet and a tail."""
+    places = [
+        ((0.0, -0.3, 0.0), (0.5, 0.35, 0.3)), ((0.5, 0.2, 0.0), (0.28, 0.24, 0.22)),
+        ((0.3, -0.5, 0.2), (0.12, 0.24, 0.1)), ((0.3, -0.5, -0.2), (0.12, 0.24, 0.1)),
+        ((0.45, 0.45, 0.1), (0.06, 0.36, 0.05)), ((0.45, 0.45, -0.1), (0.06, 0.36, 0.05)),
+        ((-0.5, -0.25, 0.0), (0.1, 0.1, 0.1)),
+    ]  # fmt: skip
+    round_one = trimesh.creation.icosphere(subdivisions=2)
+    return joined(*(mesh_of(round_one.vertices * size + place, round_one.faces.tolist()) for place, size in places))
+
+
+@pytest.mark.parametrize("cells", [18, 28])
+def test_quads_do_not_cross_whatever_the_number_of_cells(cells: int) -> None:
+    """Along whichever diagonal they are cut; tips of thin ears turned quads over, and legs met."""
+    assert crossings_said(overlapping())
+    assert crossings_said(remesh(overlapping(), cells)) is None
+
+
+def test_quads_that_cross_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    source, target = tmp_path / "ball.obj", tmp_path / "quads.obj"
+    write_obj(source, quad_sphere(3))
+    monkeypatch.setattr("balloon_warp.mesh.remesh.crossings_said", lambda quads: "crosses itself at 2 places")
+    said = CliRunner().invoke(app, ["remesh", str(source), "-o", str(target), "--cells", "6"])
+    assert isinstance(said.exception, InputError)
+    assert re.search("with 14 cells it crosses itself at 2 places; expected --cells 28, or", str(said.exception))
+    assert not target.exists()
 
 
 @pytest.mark.full

@@ -399,10 +399,10 @@ def test_a_closed_mesh_wound_inward_is_turned_outward():
 def test_the_axis_of_a_file_that_points_up_can_be_told(tmp_path: Path):
     """A cone along Z stands once the up axis is given, in any world; a file that names its axis needs no option."""
     cone = trimesh.creation.cone(radius=0.3, height=1.2)
-    cone.export(tmp_path / "cone.stl")
+    cone.export(tmp_path / "cone.obj")
     for world, up_axis in (("Y", 1), ("Z", 2)):
         for told, height in ((["balloon.up=Z"], 1.2), ([], 0.6)):
-            scene = load_with(tmp_path / "cone.stl", f"up_axis={world}", *told)
+            scene = load_with(tmp_path / "cone.obj", f"up_axis={world}", *told)
             points = plan_model(scene).shapes[0].mesh.points
             assert np.ptp(points[:, up_axis]) == pytest.approx(height, rel=0.02)  # of 32 corners
             up = "Z is up, as given" if told else "The file names no up axis, so Y is up; --up Z turns it"
@@ -410,7 +410,7 @@ def test_the_axis_of_a_file_that_points_up_can_be_told(tmp_path: Path):
             assert scene.description.endswith(f". {up}{turned}")
             asked = [warning for warning in plan_model(scene).warnings if "names no up axis" in warning]
             assert len(asked) == (world == "Z" and not told)
-            obstacle = Obstacle(mesh=tmp_path / "cone.stl", up="Z" if told else None)
+            obstacle = Obstacle(mesh=tmp_path / "cone.obj", up="Z" if told else None)
             shape = shape_obstacle(0, obstacle, scene)
             assert shape.mesh
             assert np.ptp(shape.mesh.points[:, up_axis]) == pytest.approx(height, rel=0.02)

@@ -9,9 +9,9 @@ import pytest
 from meshes import cube, grid, hook, joined, mesh_of, quad_sphere
 
 from balloon_warp import InputError, PolygonMesh, Scene, Simulator, bundled_scenes, load_scene
+from balloon_warp.mesh.crossings import find_crossings
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.nearness import nears_itself
-from balloon_warp.mesh.piercing import find_piercings
 from balloon_warp.mesh.sides import wrong_sides
 from balloon_warp.mesh.triangles import triangles_of
 from balloon_warp.model import plan_model
@@ -194,4 +194,4 @@ def test_what_is_apart_pushed_apart_or_does_not_touch_is_not_named():
     assert told(round_one, replace(round_one, points=round_one.points + [0.3, 0.2, 0.1])) == []
     assert told(joined(flat, lifted), itself=False) == []
     both = joined(flat, replace(up, points=up.points + [1.0, 0.15, 0.0]))
-    assert len(find_piercings(both.points, triangles_of(both)).triangles) == 0
+    assert len(find_crossings(both.points, triangles_of(both)).triangles) == 0

@@ -52,9 +52,14 @@ class Wanted:
         ),
     ] = "tension"
     size: Annotated[
-        float,
-        typer.Option(metavar="METERS", help="Largest dimension of the target shape.", rich_help_panel=DESIGN),
-    ] = 0.3
+        float | None,
+        typer.Option(
+            metavar="METERS",
+            help="Largest dimension of the target shape. If not given, that of its file, and 0.3 for letters and "
+            "drawings.",
+            rich_help_panel=DESIGN,
+        ),
+    ] = None
     thickness: Annotated[
         str,
         typer.Option(
@@ -154,7 +159,7 @@ def _say(found: "Design", output: Path) -> None:
         warn(sentence)
     print(f"simulated from rest: error {found.error} of the size; as designed {found.held_error}", end="")
     print(f"; plain shape at the same stretch {found.plain_error}" if found.plain_error else "")
-    print(f"wrote {output}: balloon-warp run {output / 'balloon.toml'} inflates it")
+    print(f"wrote {output}, {found.got}: balloon-warp run {output / 'balloon.toml'} inflates it")
 
 
 def _thickness(said: str) -> float | tuple[float, float]:

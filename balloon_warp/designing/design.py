@@ -40,7 +40,7 @@ def design(
     of: Of = "springs",
     stretch: float | None = None,
     hold: Hold = "tension",
-    size: float = SIZE,
+    size: float | None = None,
     thickness: float | tuple[float, float] = THICKNESS,
     panels: int | str | Path | None = None,
     gravity: float = 0.0,
@@ -58,9 +58,9 @@ def design(
         target: Target shape: a mesh file, or a mesh; closed, of one part, not crossing itself. For foil, letters or the
             path of a drawing, .svg: the outline of the inflated balloon; or, with `panels`, a mesh.
         of: what it is made of: a rest length for each of its springs; latex, whose mould is found; or foil.
-        stretch: Stretch of the skin in the target shape; 1.2 for springs, 2 for latex, if not given.
+        stretch: Stretch of the skin in the target shape, not of foil; 1.2 for springs, 2 for latex, if not given.
         hold: Forces of springs: "tension" alone, or "any".
-        size: Largest extent of the target shape [m].
+        size: Largest extent of the target shape [m]; its own if not given, and 0.3 for letters and drawings.
         thickness: of latex and foil [m]; of latex also the least and the greatest, between which it varies by place
             where the mould alone does not reach the shape.
         panels: of foil, what the shape is sewn of: so many gores around its vertical axis; or it is cut between
@@ -82,6 +82,10 @@ def design(
     for name, given, known in (("of", of, get_args(Of)), ("hold", hold, get_args(Hold))):
         if given not in known:
             raise InputError(f"{name}: must be {' or '.join(known)} (got {given!r})")
+    if of == "foil" and stretch is not None:
+        raise InputError(f"stretch: foil hardly stretches; expected none for foil (got {stretch:g})")
+    if of != "springs" and hold != "tension":
+        raise InputError(f"hold: is of springs; expected none for {of} (got {hold})")
     stretch = stretch if stretch is not None else {"springs": STRETCH, "latex": 2.0, "foil": 1.0}[of]
     least, thickest = thickness if isinstance(thickness, tuple) else (thickness, thickness)
     _require_numbers(of, {"stretch": stretch, "thickness": least}, thickest, steps)
@@ -135,7 +139,7 @@ def _require_numbers(of: Of, numbers: Mapping[str, float], thickest: float, step
 
 
 def _of_foil(
-    target: object, size: float, thickness: float, opened: Callable[[], Path], steps: int, device: str | None,
+    target: object, size: float | None, thickness: float, opened: Callable[[], Path], steps: int, device: str | None,
     on_stage: Callable[[str], None],
 ) -> Design:  # fmt: skip
     """Design a foil balloon from letters or a drawing.
@@ -149,7 +153,7 @@ def _of_foil(
         got = target if isinstance(target, str | Path) else type(target).__name__
         raise InputError(f"target: foil without panels needs letters or a drawing, .svg (got {got})")
     require_size(size)
-    return design_of_foil(str(target), size, thickness, opened(), steps, device, on_stage)
+    return design_of_foil(str(target), SIZE if size is None else size, thickness, opened(), steps, device, on_stage)
 
 
 def _temporary() -> Path:

@@ -172,7 +172,8 @@ class Job:
         said = {**self._asked, **design.report(), "pressure": simulated.pressure, **more}
         write_report(self.folder / REPORT, said)
         self.say("drawing the errors")
-        shapes = [("simulated from rest", simulated.points)] + ([] if plain is None else [(rival, plain)])
+        shapes = [(f"simulated from rest: {design.got}", simulated.points)]
+        shapes += [] if plain is None else [(rival, plain)]
         moulds = [] if mould is None else [("its mould, drawn as large", mould)]
         picture = error_picture(self.ruler, shapes, moulds)
         write_picture(self.folder / "error.png", picture if below is None else stacked(picture, below))
@@ -196,6 +197,9 @@ class Job:
             held_error=ruler.error(held),
             plain_error=None if plain is None else ruler.error(plain),
             stretch=stretch,
+            stretch_asked=None if self.of == "foil" else self.stretch,
+            size=float(np.ptp(ruler.aligned(simulated.points), axis=0).max()),
+            size_asked=ruler.size,
             cannot=cannot,
             simulated=simulated.points,
         )

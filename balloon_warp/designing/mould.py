@@ -9,15 +9,15 @@ import numpy as np
 import scipy.sparse as sparse
 from numpy.typing import NDArray
 
-from balloon_warp.designing.crossings import crossing_count
 from balloon_warp.designing.gaps import Flattening, Gaps
 from balloon_warp.designing.hanging import Hanging
 from balloon_warp.designing.measure import Ruler
 from balloon_warp.designing.response import Response
 from balloon_warp.designing.smooth_step import SmoothAim, Smoothing, smooth_step
-from balloon_warp.designing.uncrossed import uncrossed
 from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.crossings import find_crossings
 from balloon_warp.mesh.topology import mesh_edges
+from balloon_warp.mesh.uncrossed import means_over_neighbors, uncrossed
 from balloon_warp.statics.balance import Balance
 from balloon_warp.statics.film import FilmSkin
 from balloon_warp.statics.volume import SealedGas, Volume
@@ -94,7 +94,7 @@ class MouldProblem:
 
     def allowed(self, design: Values) -> bool:
         """Return whether the mould does not cross itself."""
-        return not crossing_count(replace(self.mesh, points=design.reshape(-1, 3)))
+        return not len(find_crossings(design.reshape(-1, 3), self.ruler.triangles).edges)
 
     def next_design(self, balance: Balance, design: Values, points: Values, damping: float) -> tuple[Values, float]:
         """Return the mould after a step, and its damping, which is raised until the step is smooth."""
@@ -129,7 +129,8 @@ class MouldProblem:
         """Return the mould with a change, less of it where the mould would cross itself, or its triangles be flat."""
         mould = self._mould(design)
         spoiled = Flattening(mould, self._mould(self.plain), self.film.corners).vertices
-        return design + uncrossed(mould, change.reshape(-1, 3), self._means, spoiled).ravel()
+        moves = uncrossed(mould.points, self.ruler.triangles, change.reshape(-1, 3), self._means, spoiled)
+        return design + moves.ravel()
 
     def _bearable(self, mould: PolygonMesh, change: Values) -> float:
         """Return the part of a change that strains the mould's edges no more than it may."""
@@ -149,10 +150,7 @@ class MouldProblem:
     @cached_property
     def _means(self) -> Any:
         """Means over a vertex and its neighbors, shape (n, n)."""
-        ends, count = mesh_edges(self.mesh).ends, self.mesh.vertex_count
-        both = np.concatenate([ends, ends[:, ::-1], np.stack([np.arange(count)] * 2, axis=1)])
-        beside = sparse.coo_matrix((np.ones(len(both)), both.T), shape=(count, count)).tocsr()
-        return sparse.diags(1.0 / np.asarray(beside.sum(axis=1)).ravel()) @ beside
+        return means_over_neighbors(self.mesh)
 
     @cached_property
     def _of_gas(self) -> Values:

@@ -175,13 +175,17 @@ def _written(foil: Foil, best: Tried, first: Tried, folder: Path) -> Design:
     loops = [part.loops for part in foil.parts]
     write_pattern(folder / "pattern.svg", best.patterns, loops)
     wanted = [part.wanted for part in foil.parts]
-    lines = {"wanted": wanted, "without design": first.rims, "inflated": best.rims, "pattern": best.patterns}
-    write_picture(folder / "error.png", outline_picture(lines, loops))
     cannot = []
     if error.worst > GOOD:
         cannot.append(f"the rim is off by {100.0 * error.worst:.2g}% of the size at its worst point, where it wrinkles")
-    design = Design(scene, folder, error, error, first.error, 1.0, cannot, np.concatenate(best.points))
-    write_report(folder / REPORT, {"of": "foil", "size": foil.size, **design.report()})
+    got = float(np.ptp(np.concatenate(best.rims), axis=0).max())
+    design = Design(
+        scene, folder, error, error, first.error, stretch=1.0, stretch_asked=None, size=got, size_asked=foil.size,
+        cannot=cannot, simulated=np.concatenate(best.points),
+    )  # fmt: skip
+    write_report(folder / REPORT, {"of": "foil", **design.report()})
+    lines = {"wanted": wanted, "without design": first.rims, "inflated": best.rims, "pattern": best.patterns}
+    write_picture(folder / "error.png", outline_picture(lines, loops, design.got))
     return design
 
 

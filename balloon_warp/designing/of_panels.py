@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import scipy.sparse as sparse
 from numpy.typing import NDArray
 
 from balloon_warp.designing.flatten import flattened, seam_lengths
@@ -27,8 +26,8 @@ from balloon_warp.files import whole_file
 from balloon_warp.mesh.from_python import MeshLike
 from balloon_warp.mesh.geometry import total_area
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.mesh.topology import mesh_edges
 from balloon_warp.mesh.triangles import triangles_of
+from balloon_warp.mesh.uncrossed import means_over_neighbors
 from balloon_warp.scene import Balloon, Inflation, Material, Scene
 
 Values = NDArray[np.float64]
@@ -104,12 +103,12 @@ def design_of_panels(job: Job, panels: Panels) -> Design:
     )  # fmt: skip
 
 
-def panels_of(target: str | Path | MeshLike, said: int | str | Path, size: float) -> Panels:
+def panels_of(target: str | Path | MeshLike, said: int | str | Path, size: float | None) -> Panels:
     """Cut a shape into panels.
 
     Args:
         said: how many gores around its vertical axis, or its seams, as `seams_of` takes them.
-        size: largest extent of the shape [m].
+        size: largest extent of the shape [m]; its own when missing.
 
     Raises:
         InputError: the shape or the seams cannot be.
@@ -118,7 +117,8 @@ def panels_of(target: str | Path | MeshLike, said: int | str | Path, size: float
     read, shape = shape_of(target)
     gores = said if isinstance(said, int) else int(str(said)) if str(said).isdecimal() else None
     if gores is not None:
-        return cut_into_panels(*gores_of(centered(shape, size), gores, size / EDGES))
+        whole = centered(shape, size)
+        return cut_into_panels(*gores_of(whole, gores, float(np.ptp(whole.points, axis=0).max()) / EDGES))
     seams = seams_of(str(said), read, shape)
     triangles = triangles_of(shape)
     counts = np.full(len(triangles), 3, dtype=np.int32)
@@ -162,12 +162,9 @@ def _evened(panels: Panels, moves: Values, most: float) -> Values:
     Args:
         most: that one moves [m].
     """
-    ends, count = mesh_edges(panels.mesh).ends, panels.mesh.vertex_count
-    both = np.concatenate([ends, ends[:, ::-1], np.stack([np.arange(count)] * 2, axis=1)])
-    beside = sparse.coo_matrix((np.ones(len(both)), both.T), shape=(count, count)).tocsr()
-    degrees = np.asarray(beside.sum(axis=1))
+    means = means_over_neighbors(panels.mesh)
     for _ in range(EVENED):
-        moves = beside @ moves / degrees
+        moves = means @ moves
     return moves * np.minimum(1.0, most / np.maximum(np.linalg.norm(moves, axis=1, keepdims=True), 1e-30))
 
 

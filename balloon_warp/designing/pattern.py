@@ -53,8 +53,12 @@ def write_pattern(path: Path, rims: Sequence[Values], loops: Loops) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
-def outline_picture(lines: Mapping[str, Sequence[Values]], loops: Loops) -> Image.Image:
-    """Draw rims of all parts over each other, by name."""
+def outline_picture(lines: Mapping[str, Sequence[Values]], loops: Loops, got: str) -> Image.Image:
+    """Draw rims of all parts over each other, by name.
+
+    Args:
+        got: stands beside the name of what is inflated.
+    """
     low, high = _bounds([rim for rims in lines.values() for rim in rims])
     scale = PIXELS / (high - low).max()
     width, height = (scale * (high - low)).astype(int) + 2 * GAP
@@ -65,7 +69,8 @@ def outline_picture(lines: Mapping[str, Sequence[Values]], loops: Loops) -> Imag
             for line in _split(rim, of_part):
                 places = (scale * (line - low) * [1.0, -1.0] + [GAP, height - GAP]).tolist()
                 draw.line([tuple(place) for place in (*places, places[0])], COLORS[name], WIDTHS[name])
-        draw.text((GAP, height + 30 * row), NAMES.get(name, name), COLORS[name], font)
+        told = f"{NAMES.get(name, name)}: {got}" if name == "inflated" else NAMES.get(name, name)
+        draw.text((GAP, height + 30 * row), told, COLORS[name], font)
     return image
 
 

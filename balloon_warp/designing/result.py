@@ -11,6 +11,9 @@ from balloon_warp.designing.measure import Error
 from balloon_warp.scene import Scene
 from balloon_warp.shown import Shown, described
 
+SAME = 0.01
+"""Relative difference up to which one has got what one asked for"""
+
 
 @described
 @dataclass(frozen=True, repr=False)
@@ -30,6 +33,12 @@ class Design(Shown):
     much"""
     stretch: float
     """Mean stretch of the design [1]"""
+    stretch_asked: float | None
+    """Stretch that was asked for [1]; None of foil"""
+    size: float
+    """Largest extent of the simulation from rest [m]"""
+    size_asked: float
+    """Largest extent that was asked for, or of the target's file [m]"""
     cannot: list[str]
     """Shortcomings, a sentence each"""
     simulated: NDArray[np.float64]
@@ -41,8 +50,20 @@ class Design(Shown):
         parts = {
             name: None if each is None else {"mean": each.mean, "worst": each.worst} for name, each in errors.items()
         }
-        return {"stretch": self.stretch, **parts, "cannot": self.cannot}
+        got = {name: getattr(self, name) for name in ("stretch", "stretch_asked", "size", "size_asked")}
+        return {**got, **parts, "cannot": self.cannot}
+
+    @property
+    def got(self) -> str:
+        """Size and stretch in words, each with what was asked for where that is another."""
+        size = f"{_got(self.size, self.size_asked, ' m')} large"
+        return size + (f", stretch {_got(self.stretch, self.stretch_asked)}" if self.stretch_asked else "")
 
     def __repr__(self) -> str:
         plain = f"; plain shape {self.plain_error}" if self.plain_error else ""
-        return f"Design({self.folder}: {self.error} of the size{plain}; stretch {self.stretch:.3g})"
+        return f"Design({self.folder}: {self.error} of the size{plain}; {self.got})"
+
+
+def _got(got: float, asked: float, unit: str = "") -> str:
+    same = abs(got - asked) <= SAME * asked
+    return f"{got:.3g}{unit}" if same else f"{got:.4g}{unit} (not {asked:.4g}{unit} as asked)"

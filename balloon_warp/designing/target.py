@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.designing.crossings import crossing_count
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.crossings import crossings_said
 from balloon_warp.mesh.from_python import MeshLike
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.load import load_mesh
@@ -18,6 +18,7 @@ from balloon_warp.mesh.placement import axes_matrix
 from balloon_warp.mesh.prepare import Treatment, prepared
 from balloon_warp.mesh.topology import border_edges, is_closed, mesh_edges, vertex_components
 from balloon_warp.model.fixed import fixed_particles
+from balloon_warp.model.unit_checks import LARGEST, SMALLEST
 
 LEAST_SIZE, MOST_SIZE = 0.01, 100.0
 """Range of sizes [m]"""
@@ -29,11 +30,11 @@ THINNEST = 1.0e-6
 """Volume over the cube of the size below which a shape is flat"""
 
 
-def target_of(given: str | Path | MeshLike, size: float) -> PolygonMesh:
+def target_of(given: str | Path | MeshLike, size: float | None) -> PolygonMesh:
     """Read the wanted shape, or take it as it is in Python.
 
     Args:
-        size: its largest extent [m].
+        size: its largest extent [m]; its own when missing.
 
     Raises:
         InputError: it cannot be read, is open, has several parts, crosses itself or is too large.
@@ -43,12 +44,12 @@ def target_of(given: str | Path | MeshLike, size: float) -> PolygonMesh:
 
 
 def held_target_of(
-    given: str | Path | MeshLike, size: float, fixed: Sequence[int | str] | None
+    given: str | Path | MeshLike, size: float | None, fixed: Sequence[int | str] | None
 ) -> tuple[PolygonMesh, NDArray[np.bool_]]:
     """Read the wanted shape, turned so that Y is up, and which of its vertices are held.
 
     Args:
-        size: its largest extent [m].
+        size: its largest extent [m]; its own when missing.
         fixed: what is held: vertices of the file, counted from 0, and groups of the mesh; its neck when missing.
 
     Raises:
@@ -97,31 +98,40 @@ def shape_of(given: str | Path | MeshLike) -> tuple[PolygonMesh, PolygonMesh]:
         raise InputError(f"{source}: is flat and encloses no volume; expected a solid shape")
     if volume < 0.0:
         mesh = _turned(mesh)
-    if crossed := crossing_count(mesh):
-        raise InputError(
-            f"{source}: crosses itself at {crossed} places; expected a surface that does not, such as `balloon-warp "
-            "remesh` makes"
-        )
+    if crossed := crossings_said(mesh):
+        raise InputError(f"{source}: {crossed}; expected a surface that does not, such as `balloon-warp remesh` makes")
     return read, mesh
 
 
-def centered(mesh: PolygonMesh, size: float) -> PolygonMesh:
-    """Return the bare shape in meters about the origin, of a size."""
+def centered(mesh: PolygonMesh, size: float | None) -> PolygonMesh:
+    """Return the bare shape in meters about the origin, of a size, or of its own.
+
+    Raises:
+        InputError: its own size is not that of a balloon.
+    """
     points = mesh.points * mesh.meters_per_unit
     points = points - 0.5 * (points.max(axis=0) + points.min(axis=0))
+    if size is None:
+        size = float(np.ptp(points, axis=0).max())
+        low, high = (LEAST_SIZE, MOST_SIZE) if mesh.unit_known else (SMALLEST, LARGEST)
+        if not low <= size <= high:
+            unit = "" if mesh.unit_known else ", in meters"
+            raise InputError(
+                f"{mesh.name}: is {size:.3g} m large{unit}; expected {low:g} to {high:g} m, or a size (--size)"
+            )
     return replace(
         mesh, points=points * (size / np.ptp(points, axis=0).max()), meters_per_unit=1.0, warnings=(), looks=None,
         texture_coordinates=None, stand_ins=None, groups={},
     )  # fmt: skip
 
 
-def require_size(size: float) -> None:
-    """Make sure that a size can be simulated.
+def require_size(size: float | None) -> None:
+    """Make sure that a size can be simulated, if one is given.
 
     Raises:
         InputError: it cannot.
     """
-    if not (isfinite(size) and LEAST_SIZE <= size <= MOST_SIZE):
+    if size is not None and not (isfinite(size) and LEAST_SIZE <= size <= MOST_SIZE):
         raise InputError(f"size: must be from {LEAST_SIZE:g} to {MOST_SIZE:g} m (got {size})")
 
 

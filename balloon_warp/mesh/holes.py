@@ -9,8 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.mesh.corners import corner_faces, face_starts, next_corners
-from balloon_warp.mesh.geometry import face_centers, face_vector_areas
+from balloon_warp.mesh.components import component_labels
+from balloon_warp.mesh.corners import corner_faces, face_starts, next_corners, with_corners
+from balloon_warp.mesh.geometry import face_areas, face_centers, face_vector_areas
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.topology import MeshEdges, border_edges, mesh_edges, vertex_components
 
@@ -136,20 +137,42 @@ def with_lids(mesh: PolygonMesh) -> PolygonMesh:
     Args:
         mesh: wound alike.
     """
-    edges = mesh_edges(mesh)
-    loops = [loop[::-1] for loop in border_loops(mesh, edges) if len(loop) > 2]
+    bare = _without_fins(mesh)
+    edges = mesh_edges(bare)
+    loops = [loop[::-1] for loop in border_loops(bare, edges) if len(loop) > 2]
     if not loops:
         return mesh
-    surface = _Surface(mesh, edges)
+    surface = _Surface(bare, edges)
     if surface.area == 0.0:
         return mesh
-    taken = {(low, high) for low, high in edges.ends.tolist()}
+    taken = {(low, high) for low, high in mesh_edges(mesh).ends.tolist()}
     lids = []
     for loop in sorted(loops, key=min):
         lids.append(lid_across(loop, mesh.points, taken))
         taken |= {(min(pair), max(pair)) for pair in lids[-1].rungs}
     lids = surface.lids_of_holes(lids, mesh.points)
     return _closed(mesh, lids) if lids else mesh
+
+
+def _without_fins(mesh: PolygonMesh) -> PolygonMesh:
+    """Return the mesh without small pieces of surface that stand on edges of others and end at a border.
+
+    Their rims are no openings, and beside them holes would not be found.
+    """
+    edges = mesh_edges(mesh)
+    on_two = np.repeat(edges.face_counts == 2, edges.face_counts)
+    faces, first = corner_faces(mesh)[edges.corners], np.repeat(edges.starts, edges.face_counts)
+    pieces = component_labels(mesh.face_count, faces[on_two], faces[first][on_two])
+    areas = np.bincount(pieces, face_areas(mesh), mesh.face_count)
+    fins = areas < LARGEST_HOLE * areas.sum()
+    for least, most in ((1, 1), (3, mesh.face_count)):
+        there = (edges.face_counts >= least) & (edges.face_counts <= most)
+        fins &= np.bincount(pieces[faces[np.repeat(there, edges.face_counts)]], minlength=mesh.face_count) > 0
+    fins = fins[pieces]
+    if not fins.any():
+        return mesh
+    kept = with_corners(mesh, ~fins[corner_faces(mesh)])
+    return replace(kept, face_vertex_counts=mesh.face_vertex_counts[~fins])
 
 
 class _Surface:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from balloon_warp.arguments import checked
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.components import component_labels
+from balloon_warp.mesh.crossings import crossings_said
 from balloon_warp.mesh.feasible import (
     MOST_BY_ITSELF,
     MOST_QUADS,
@@ -26,6 +27,7 @@ from balloon_warp.mesh.look_transfer import dressed
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.surface_nets import surface_nets
 from balloon_warp.mesh.topology import mesh_edges
+from balloon_warp.mesh.uncrossed import without_crossings
 from balloon_warp.warp_logging import quiet_warp
 
 MIN_CELLS, MAX_CELLS = 4, 256
@@ -81,7 +83,9 @@ class _Made:
 
     def mistake(self, mesh: PolygonMesh) -> str | None:
         """Return the part of the surface that the quads do not represent, as the end of a sentence."""
-        return infidelity(mesh, self.quads, Level.width(mesh, self.cells)) or wrong_volume(mesh, self.quads)
+        wrong = infidelity(mesh, self.quads, Level.width(mesh, self.cells)) or wrong_volume(mesh, self.quads)
+        crossed = None if wrong else crossings_said(self.quads)
+        return f"it {crossed}" if crossed else wrong
 
 
 def _faithful(mesh: PolygonMesh, cells: int, on_stage: Callable[[str], None]) -> _Made:
@@ -154,7 +158,7 @@ def _quads(mesh: PolygonMesh, cells: int, on_stage: Callable[[str], None]) -> _M
     kept, warnings = _without_crumbs(nets)
     on_stage("fitting the quads to the surface")
     used = mesh.points[np.unique(mesh.face_vertex_indices)]
-    kept = fitted(kept, level.distance, (used - level.middle) / level.cell)
+    kept = without_crossings(kept, fitted(kept, level.distance, (used - level.middle) / level.cell))
     if level.distance.has_thin_parts and slabs_left(kept, level.distance):
         warnings.append(
             f"Open parts became 1.5 cells thick ({1.5 * level.cell:.3g}), as did thin parts without room; more cells "

@@ -9,13 +9,14 @@ from warp.geometry import IsoSurfaceNets
 
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.relaxation import Distance, relax
+from balloon_warp.mesh.uncrossed import without_crossings
 
 
 def surface_nets(distance: Distance, lower: ArrayLike, upper: ArrayLike, cell: float) -> PolygonMesh:
     """Mesh the zero level of a signed distance as a closed mesh of even quads, wound outward.
 
-    The distance may be off in scale, as that of a smooth union is, but must be continuous near its zero level. The
-    level is cut off at the box; parts thinner than a cell may be lost.
+    It does not cross itself. The distance may be off in scale, as that of a smooth union is, but must be continuous
+    near its zero level. The level is cut off at the box; parts thinner than a cell may be lost.
 
     Args:
         distance: the signed distance.
@@ -33,7 +34,7 @@ def surface_nets(distance: Distance, lower: ArrayLike, upper: ArrayLike, cell: f
         ends = np.moveaxis(values, axis, 0)
         ends[[0, -1]] = np.maximum(ends[[0, -1]], 0.5 * cell)
     mesh = extract(values, lower, cell)
-    return relax(mesh, distance, cell)
+    return without_crossings(mesh, relax(mesh, distance, cell))
 
 
 def grid_nodes(lower: NDArray[np.float64], cell: float, cells: NDArray[np.int_]) -> NDArray[np.float64]:

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.mesh.piercing import find_piercings
+from balloon_warp.mesh.crossings import find_crossings
 from balloon_warp.mesh.triangles import triangles_of
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape
@@ -14,6 +14,8 @@ from balloon_warp.scene import Scene
 
 MOST_TRIANGLES = 100_000
 """Largest number of triangles that are looked at, so that a look takes seconds at most"""
+ROUNDING = 1e-6
+"""Depth that is none, over the size of the balloons"""
 
 
 def crossed_starts(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> list[str]:
@@ -51,9 +53,10 @@ def _sentence(
     triangles = [triangles_of(shapes[number].mesh) for number in numbers]
     counts = [len(starts[number]) for number in numbers]
     points = np.concatenate([starts[number] for number in numbers])
-    found = find_piercings(points, np.concatenate([triangles[0], *(each + counts[0] for each in triangles[1:])]))
+    found = find_crossings(points, np.concatenate([triangles[0], *(each + counts[0] for each in triangles[1:])]))
     edges_of_first, faces_of_first = found.edges[:, 0] < counts[0], found.triangles < len(triangles[0])
-    those = np.flatnonzero((edges_of_first != faces_of_first) | (len(numbers) == 1))
+    deep = found.depths > ROUNDING * np.ptp(points, axis=0).max()
+    those = np.flatnonzero(deep & ((edges_of_first != faces_of_first) | (len(numbers) == 1)))
     if not len(those):
         return None
     worst = those[found.depths[those].argmax()]

@@ -9,7 +9,8 @@ from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.laws.hooke import KINDS
 from balloon_warp.mesh.corners import face_starts
 from balloon_warp.mesh.geometry import face_areas, total_area, vertex_areas, vertex_normals
-from balloon_warp.mesh.topology import mesh_edges, vertex_components
+from balloon_warp.mesh.topology import mesh_edges, non_manifold_edges, vertex_components
+from balloon_warp.model.foretold_volume import volume_under
 from balloon_warp.model.materials import law_of, numbers_of, slopes_by_stretches
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape
@@ -18,6 +19,10 @@ from balloon_warp.scene import Scene
 
 MOST_OF_FILM = 4.0e3
 """Largest "auto" pressure of rubber and film [Pa]: foil, which hardly stretches, is filled to about as much"""
+MOST_SWELLING = 1.28
+"""Largest volume over that of a ball of the same stretch, of surfaces with edges of more than two faces"""
+LEAST_FACTOR, HALVINGS = 1.0e-3, 7
+"""Least factor on their pressure, and the number of bisections of its logarithm"""
 UNEVEN = 1.4
 """Ratio of a surface's mean tension to its least up to which it counts as even"""
 
@@ -49,6 +54,7 @@ def settle_pressure(scene: Scene, shapes: Sequence[BalloonShape], parameters: Pa
             constants = np.stack(np.broadcast_arrays(*(parameters[row.name][:, number] for row in KINDS)), axis=-1)
             each = pressures_of_springs(shape) * pressure_of_stretch(balloon.inflation.stretch)
             pressures = np.zeros((1, 1)) if shape.flies_off else constants @ each[:, None]
+            pressures = pressures * _held_back(shape, constants[0], pressures[0, 0], balloon.inflation.stretch)
             values = _with_settled(values, number, pressures)
     return values
 
@@ -107,6 +113,29 @@ def pressures_of_springs(shape: BalloonShape) -> NDArray[np.float64]:
     weights = shape.stiffness_scale / shape.softness * springs.rest_lengths**2 * within
     tension = np.bincount(springs.kind, weights, len(KINDS)) / (2.0 * areas.sum())
     return 2.0 * _evenness(shape, within) * tension / radius
+
+
+def _held_back(shape: BalloonShape, constants: NDArray[np.float64], pressure: float, stretch: float) -> float:
+    """Return the factor on a pressure by which a surface swells at most `MOST_SWELLING` times as much as a ball.
+
+    Walls that meet along edges of more than two faces share vertices, so that nothing ties them: a cabinet of boards
+    would swell six times. Others are not looked at.
+
+    Args:
+        constants: of the kinds of springs [N/m], shape (3,).
+        stretch: of a sphere's skin that is asked for.
+    """
+    mesh, most = shape.mesh, MOST_SWELLING * (1.0 + stretch) ** 3
+    if not pressure or not shape.encloses or not len(non_manifold_edges(mesh_edges(mesh))):
+        return 1.0
+    low, high = LEAST_FACTOR, 1.0
+    if (volume_under(shape, constants, pressure) or np.inf) <= most:
+        return 1.0
+    for _ in range(HALVINGS):
+        middle = (low * high) ** 0.5
+        swells = (volume_under(shape, constants, middle * pressure) or np.inf) > most
+        low, high = (low, middle) if swells else (middle, high)
+    return low
 
 
 def _evenness(shape: BalloonShape, within: NDArray[np.bool_]) -> float:

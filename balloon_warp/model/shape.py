@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.check import check_mesh
-from balloon_warp.mesh.geometry import total_area
+from balloon_warp.mesh.geometry import face_areas, total_area
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.placement import place_mesh
 from balloon_warp.mesh.prepare import prepared
@@ -81,6 +81,16 @@ class BalloonShape:
     def closed(self) -> bool:
         """Return whether no edge of the mesh is on a border."""
         return is_closed(mesh_edges(self.mesh))
+
+    @property
+    def encloses(self) -> bool:
+        """Return whether the faces that a pressure pushes go all around something, beside fins and open parts."""
+        return not self.flies_off and is_closed(mesh_edges(self.skin))
+
+    @property
+    def inflated(self) -> bool:
+        """Return whether a pressure pushes most of the surface."""
+        return bool(face_areas(self.mesh)[self.slack].sum() < 0.5 * self.area)
 
     @property
     def flies_off(self) -> bool:

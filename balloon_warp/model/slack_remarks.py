@@ -16,8 +16,9 @@ NOTHING_HELD = (
 CLOSES = "Close it by `balloon-warp remesh`, pin the border by `fixed`, or give a pressure:"
 HOLDS = "Pin the border by `fixed`, or give a pressure:"
 NO_INSIDE = (
-    "Not inflated: no face lies between an inside and an outside, as on a Moebius strip. Give a pressure, such as "
-    "--set balloon.inflation.pressure=100, which pushes each face along its normal."
+    "Not inflated: no face lies between an inside and an outside, as on a Moebius strip. `balloon-warp remesh` makes "
+    "a closed surface of it; or give a pressure, such as --set balloon.inflation.pressure=100, which pushes each face "
+    "along its normal."
 )
 
 
@@ -48,6 +49,8 @@ def about_slack(mesh: PolygonMesh, slack: NDArray[np.bool_], moves: NDArray[np.b
     apart = not np.isin(component[open_], component[~slack]).any()
     thick = "." if ribbons else "; `balloon-warp remesh` thickens it."
     more = f" --parts closed leaves it out{thick}" if apart else ""
+    if 2 * np.count_nonzero(open_) > mesh.face_count and not more and not ribbons:
+        more = " `balloon-warp remesh` makes a closed surface of the mesh."
     return (
         *_sentence(mesh, open_, "open, like a pane, and has no inside: it is carried along, not inflated.", more),
         *_sentence(mesh, walls, "a wall with equal pressure on both sides, which does not push it.", ""),

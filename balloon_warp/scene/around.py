@@ -12,6 +12,7 @@ from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.placement import place_mesh
 from balloon_warp.mesh.prepare import prepared
 from balloon_warp.mesh.size import require_size
+from balloon_warp.mesh.standing import standing
 from balloon_warp.mesh.units import METERS, NO_AXIS, as_told
 from balloon_warp.scene.pins import pinned_at_borders
 from balloon_warp.scene.schema import Balloon, Inflation
@@ -52,7 +53,9 @@ def scene_table_around(
         InputError: the mesh cannot be read, has no face or no size, or its size or place is too much for float32.
     """
     label = source.name if isinstance(source, PolygonMesh) else source
-    mesh = as_told(prepared(load_mesh(source, balloon.prim), label, balloon.treatment), balloon.unit, balloon.up)
+    read = prepared(load_mesh(source, balloon.prim), label, balloon.treatment)
+    guess = standing(read, source.suffix) if isinstance(source, Path) and balloon.up is None else None
+    mesh = as_told(read, balloon.unit, balloon.up or (guess and guess[0]))
     up_axis = up_axis or mesh.up_axis
     placed = place_mesh(mesh, up_axis, balloon.scale, balloon.rotation, balloon.position)
     points = placed.points[placed.face_vertex_indices]
@@ -72,7 +75,7 @@ def scene_table_around(
             mesh,
             size,
             fall * growth if gravity is None else None,
-            _as_taken(mesh, balloon, up_axis),
+            _as_taken(mesh, balloon, up_axis, guess and guess[1]),
         ),
         "up_axis": up_axis,
         "gravity": _short(fall * growth),
@@ -81,6 +84,7 @@ def scene_table_around(
             {
                 "mesh": source if isinstance(source, PolygonMesh) else whole_path(source),
                 **({"prim": balloon.prim} if balloon.prim else {}),
+                **({"up": guess[0]} if guess else {}),
                 "mass": mass,
                 "helium": _short(lift * growth),
                 "damping": _short(10.0 * (2.0 * mass) ** 0.5),
@@ -93,14 +97,18 @@ def scene_table_around(
     }
 
 
-def _as_taken(mesh: PolygonMesh, balloon: Balloon, up_axis: str) -> str:
+def _as_taken(mesh: PolygonMesh, balloon: Balloon, up_axis: str, guess: str | None) -> str:
     """Return a sentence on the up axis and the unit of the mesh, and their sources.
 
     A missing unit is reported elsewhere.
+
+    Args:
+        guess: why this axis is up, where the file does not say it.
     """
     up = f"{mesh.up_axis} is up, as {'given' if balloon.up else 'its file says'}"
-    if not mesh.up_known:
-        up = f"The {NO_AXIS}, so {mesh.up_axis} is up; --up {'Y' if mesh.up_axis == 'Z' else 'Z'} turns it"
+    if guess or not mesh.up_known:
+        why = f", {guess}" if guess else ""
+        up = f"The {NO_AXIS}, so {mesh.up_axis} is up{why}; --up {'Y' if mesh.up_axis == 'Z' else 'Z'} turns it"
     if mesh.up_axis != up_axis:
         up += f". It is turned to the scene's {up_axis}"
     if balloon.unit:

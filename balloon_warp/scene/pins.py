@@ -7,6 +7,7 @@ from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.corners import corner_faces, face_starts
 from balloon_warp.mesh.geometry import face_areas
 from balloon_warp.mesh.prepare import Parts
+from balloon_warp.mesh.shells import pushes
 from balloon_warp.mesh.topology import border_edges, mesh_edges, vertex_components
 
 MOST = 0.5
@@ -17,7 +18,7 @@ def pinned_at_borders(mesh: PolygonMesh, parts: Parts) -> NDArray[np.int64]:
     """Find the particles on the borders of open parts, in order; of a part without others, those of its first face.
 
     None where most of the surface is of closed parts, or where parts are free and some of them are closed: what is held
-    would leave those to fall.
+    would leave those to fall. Faces that go all around something count as closed, with fins on them, too.
 
     Args:
         mesh: as it is simulated.
@@ -31,7 +32,8 @@ def pinned_at_borders(mesh: PolygonMesh, parts: Parts) -> NDArray[np.int64]:
     first_corners = mesh.face_vertex_indices[face_starts(mesh)]
     of_faces = component[first_corners]
     areas = face_areas(mesh)
-    falls = not is_open[of_faces].all() if parts == "free" else areas[is_open[of_faces]].sum() < MOST * areas.sum()
+    loose = is_open[of_faces] & (pushes(mesh, edges) == 0) if is_open.any() else is_open[of_faces]
+    falls = not loose.all() if parts == "free" else areas[loose].sum() < MOST * areas.sum()
     if falls:
         return np.zeros(0, dtype=np.int64)
     used = np.unique(mesh.face_vertex_indices)

@@ -14,8 +14,8 @@ from touching import SLACK, VACUUM, cushion, edges_through, square, touching, tu
 from balloon_warp.benchmarks.overlap import deepest_overlap
 from balloon_warp.foil.make import foil_mesh
 from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.crossings import find_crossings
 from balloon_warp.mesh.geometry import signed_volume
-from balloon_warp.mesh.piercing import find_piercings
 from balloon_warp.mesh.triangles import triangles_of
 from balloon_warp.model.meeting_edges import meeting_edges
 from balloon_warp.model.shape import shape_balloon
@@ -31,7 +31,7 @@ LIMP = Stiffness(structural=50.0, shear=25.0, flexion=0.0)
 
 def crossings(points: np.ndarray, mesh: PolygonMesh) -> int:
     """Return the number of edges that pierce triangles with which they share no corner, in float64."""
-    return len(find_piercings(points.astype(np.float64), triangles_of(mesh)).triangles)
+    return len(find_crossings(points.astype(np.float64), triangles_of(mesh)).triangles)
 
 
 def zigzag(folds: int, gap: float) -> PolygonMesh:
