@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from balloon_warp.contacts import things_of
 from balloon_warp.errors import InputError
@@ -17,6 +16,7 @@ from balloon_warp.mesh.corners import edges_of
 from balloon_warp.mesh.geometry import triangulate
 from balloon_warp.model import ModelPlan
 from balloon_warp.outputs.world_files import Field, WorldFile
+from balloon_warp.outputs.world_files.world_file import Arrays, Attribute
 from balloon_warp.provenance import describe_scene, mesh_label, without_folders
 from balloon_warp.scene import Scene
 from balloon_warp.scene.overrides import override_scene
@@ -29,7 +29,6 @@ MOST_ATTRIBUTES = 500
 
 SHA256 = ".sha256"
 """End of the name of an attribute: the hash of the file that the attribute before it names"""
-Attribute = int | float | str
 
 
 class Contents:
@@ -66,7 +65,7 @@ class Contents:
         attributes["balloons"] = ", ".join(shape.name for shape in plan.shapes)
         if plan.scene.contacts:
             attributes["things"] = ", ".join(things_of(plan))
-        common = WorldFile(attributes, self._fixed(plan), fields_of(plan, self.frames))
+        common = WorldFile(attributes, _static(plan), self._times, fields_of(plan, self.frames))
         return self.of_world(common, int(group.worlds[0]), 1)
 
     def of_world(self, common: WorldFile, world: int, health: int) -> WorldFile:
@@ -93,28 +92,32 @@ class Contents:
         units |= {target: units[path] for path, targets in self._targets.items() if path in units for target in targets}
         return {**told, **ours, "units": json.dumps(units)}
 
-    def _fixed(self, plan: ModelPlan) -> list[tuple[Field, NDArray]]:
-        """Return what stays: times, and the meshes of all balloons as one."""
-        meshes = [shape.mesh for shape in plan.shapes]
-        counts = [mesh.vertex_count for mesh in meshes]
-        begins = (np.cumsum(counts) - counts).astype(np.int32)
+    @property
+    def _times(self) -> Arrays:
         times = np.arange(self.frames) * self._every / self.scene.frames_per_second
-        joined = {
-            "rest_pos": [mesh.points for mesh in meshes],
-            "mass_share": [shape.mass_share for shape in plan.shapes],
-            "particle_balloon": [np.full(count, number) for number, count in enumerate(counts)],
-            "edges": [edges_of(mesh) + begin for mesh, begin in zip(meshes, begins, strict=True)],
-            "triangles": [triangulate(mesh)[0] + begin for mesh, begin in zip(meshes, begins, strict=True)],
-        }
-        arrays = {"time": times, **{name: np.concatenate(parts) for name, parts in joined.items()}}
-        return [
-            (Field(name, dimensions, arrays[name].shape, dtype, unit, meaning), arrays[name].astype(dtype))
-            for name, dimensions, dtype, unit, meaning in FIXED
-        ]
+        return [(Field("time", ("time",), times.shape, "<f8", "s", "times of the frames"), times)]
 
 
-FIXED = (
-    ("time", ("time",), "<f8", "s", "times of the frames"),
+def _static(plan: ModelPlan) -> Arrays:
+    """Return the meshes of all balloons as one."""
+    meshes = [shape.mesh for shape in plan.shapes]
+    counts = [mesh.vertex_count for mesh in meshes]
+    begins = (np.cumsum(counts) - counts).astype(np.int32)
+    parts = {
+        "rest_pos": [mesh.points for mesh in meshes],
+        "mass_share": [shape.mass_share for shape in plan.shapes],
+        "particle_balloon": [np.full(count, number) for number, count in enumerate(counts)],
+        "edges": [edges_of(mesh) + begin for mesh, begin in zip(meshes, begins, strict=True)],
+        "triangles": [triangulate(mesh)[0] + begin for mesh, begin in zip(meshes, begins, strict=True)],
+    }
+    arrays = {name: np.concatenate(of_meshes) for name, of_meshes in parts.items()}
+    return [
+        (Field(name, dimensions, arrays[name].shape, dtype, unit, meaning), arrays[name].astype(dtype))
+        for name, dimensions, dtype, unit, meaning in STATIC
+    ]
+
+
+STATIC = (
     ("rest_pos", ("particle", "axis"), "<f4", "m", "rest shape: the mesh as the scene places it"),
     ("mass_share", ("particle",), "<f4", "1", "share of a particle in its balloon's mass, 0 if pinned"),
     ("particle_balloon", ("particle",), "<i4", "1", "balloon of a particle, from 0"),
@@ -126,7 +129,10 @@ FIXED = (
 
 def _targets(scene: Scene, path: str, values: Any) -> list[str]:
     """Find the values of a scene that a path sets, such as `balloon.0.mass` for `balloon.mass`."""
-    distinct = [values[0], next((value for value in values if value != values[0]), None)]
+    if path.endswith(".mesh"):
+        distinct = [Path("one"), Path("another")]  # of which only the names are looked at
+    else:
+        distinct = [values[0], next((value for value in values if value != values[0]), None)]
     try:
         first, second = (_flat(describe_scene(override_scene(scene, [(path, value)]))) for value in distinct)
     except (InputError, TypeError):
