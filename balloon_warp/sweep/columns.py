@@ -7,6 +7,7 @@ from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.model.law_tables import with_law_tables
 from balloon_warp.model.parameters import places_of
 from balloon_warp.model.rows import KEYFRAME_VALUES, rows_of
+from balloon_warp.model.vary import ALTITUDE
 from balloon_warp.outputs.worlds_table import EXTREMES
 from balloon_warp.scene import Scene
 from balloon_warp.scene.nesting import table_in
@@ -83,7 +84,9 @@ def units_of(scene: Scene, paths: Iterable[str], laws: Sequence[Law]) -> dict[st
     found = {}
     for path in paths:
         name = places[path][0][0] if path in places else ""
-        if name == KEYFRAME_VALUES.name:
+        if path == ALTITUDE:
+            found[path] = "m"
+        elif name == KEYFRAME_VALUES.name:
             found[path] = next(unit for field, unit in KEYFRAMED_UNITS.items() if f".{field}" in path)
         else:
             found[path] = "" if path.endswith((".mesh", SHA256)) else units.get(name, "1")
