@@ -225,7 +225,7 @@ def test_actions_that_cannot_be_are_refused(case: str):
         ({"num_envs": 0}, r"num_envs: must be a whole number of at least 1 \(got 0\)"),
         ({"autoreset_mode": "never"}, r"autoreset_mode: must be one of NextStep, SameStep, Disabled \(got 'never'\)"),
         ({"output": "list"}, r'output: must be "numpy" or "torch" \(got \'list\'\)'),
-        ({"render_mode": "human"}, r'render_mode: must be "rgb_array" or None \(got \'human\'\)'),
+        ({"render_mode": "ansi"}, r'render_mode: must be "human", "rgb_array" or None \(got \'ansi\'\)'),
         ({"task": "Fly"}, r"Fly: no such task; known are Altitude, Inflate, Juggle, Press, Target"),
     ],
 )
