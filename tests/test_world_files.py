@@ -248,7 +248,7 @@ def test_meshes_that_differ_have_a_file_each(tmp_path):
 def test_xarray_knows_the_dimensions_as_the_page_says(data: Path):
     said: dict[str, Any] = {"path": world_file(data, 0), "h5py": h5py, "xarray": xarray}
     if said["path"].suffix == ".h5":
-        (lines,) = re.findall(r"```python\n(with h5py.*?)```", DATA_PAGE, re.DOTALL)
+        (lines,) = re.findall(r"```py\n(with h5py.*?)```", DATA_PAGE, re.DOTALL)
         exec(lines, said)
     else:
         pytest.importorskip("zarr")

@@ -96,6 +96,11 @@ class BalloonVectorEnv(Unpickled, VectorEnv[Any, Any, Any]):
         spaces = spaces_of(task, self.num_envs)
         (self.single_observation_space, self.single_action_space), (self.observation_space, self.action_space) = spaces
 
+    @property
+    def episode_steps(self) -> wp.array:
+        """Steps of each world since its episode began, shape (num_envs,), int32, on the device."""
+        return self._buffers.steps
+
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin all worlds anew, or those of `options={"reset_mask": mask}`.
 
