@@ -109,6 +109,18 @@ def test_a_package_passes_every_validator(written: Path, tmp_path):
         np.testing.assert_array_equal(mesh.GetPointsAttr().Get(frame), original.GetPointsAttr().Get(frame))
 
 
+@pytest.mark.parametrize("name", ["out.glb", "out.h5", "out.pvd", "out.####.obj", "out.usda", "out.usdz"])
+def test_no_kind_of_file_tells_where_it_was_made(name: str, written: Path, tmp_path):
+    """USD would name the folder in a comment."""
+    export_stage(written, tmp_path / name)
+    said = [path.read_bytes() for path in tmp_path.iterdir()]
+    if name == "out.usdz":
+        stage = Usd.Stage.Open(str(tmp_path / name))
+        said.append(stage.GetRootLayer().ExportToString().encode())
+    for folder in (tmp_path, written.parent):
+        assert not any(str(folder).encode() in content for content in said)
+
+
 @pytest.mark.full
 @pytest.mark.parametrize("kind", ["glb", "usdz", "usda"])
 def test_run_writes_what_convert_makes_of_its_stage(tmp_path, kind: str):

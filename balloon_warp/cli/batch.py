@@ -83,8 +83,8 @@ TrajectoriesOption = Annotated[
     typer.Option(
         "--trajectories",
         metavar="FOLDER",
-        help="Also write the trajectory of each world as a compressed file in this folder, as training data: split into "
-        "train, validation and test by --seed.",
+        help="Also write the trajectory of each world as a compressed file in this folder, as training data: "
+        "split into train, validation and test by --seed.",
         rich_help_panel=OUTPUT,
     ),
 ]
