@@ -2,7 +2,6 @@
 
 import contextlib
 import threading
-import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
@@ -62,10 +61,9 @@ def test_a_page_shows_what_steps_and_closes_with_the_environment(opened: list[st
     before = page.layers._balloons[0].vertices.copy()
     with seen(page) as arrived:
         for _ in range(3):
-            there, began = len(arrived), time.perf_counter()
+            there = len(arrived)
             env.step(env.action_space.sample())
             wait_until(lambda there=there: len(arrived) > there, "a frame")
-        assert time.perf_counter() - began < 60.0
         assert env.render() is None
         now = page.layers._balloons[0].vertices
         assert np.isfinite(now).all()

@@ -203,8 +203,9 @@ class BalloonVectorEnv(Unpickled, VectorEnv[Any, Any, Any]):
 
     def close_extras(self, **_: Any) -> None:
         """End the page."""
-        if getattr(self, "onlooker", None):
-            self.onlooker.stop()
+        onlooker: Onlooker | None = getattr(self, "onlooker", None)  # none where it could not be made
+        if onlooker:
+            onlooker.stop()
 
 
 def require_open(env: VectorEnv[Any, Any, Any]) -> None:

@@ -144,8 +144,9 @@ class Layers:
                 for band, color in enumerate(colors.STRAIN)
             ]
             self._bands.append(bands)
-            for mesh in (balloon, *bands) if self._on_drag else ():
-                mesh.on_drag("left")(self._on_drag)
+            if self._on_drag is not None:
+                for mesh in (balloon, *bands):
+                    mesh.on_drag("left")(self._on_drag)
         nothing = np.zeros((1, 2, 3), np.float32)
         self._lines = {
             name: scene.add_line_segments(
