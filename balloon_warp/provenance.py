@@ -4,6 +4,7 @@ import copy
 import hashlib
 import inspect
 import platform
+import re
 from collections.abc import Iterable, Mapping
 from importlib import metadata
 from pathlib import Path
@@ -15,9 +16,11 @@ from balloon_warp.files import legible
 from balloon_warp.kernels.laws import Law
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.scene import Scene
-from balloon_warp.scene.load import FILES
+from balloon_warp.scene.load import FILES, files_of
 from balloon_warp.scene.schema import MESHED, WITHOUT_MESHES
 
+ABSOLUTE = re.compile(r"(?<![^=,])(?:~[^/=,]*)?/(?:[^/=,]+/)*")
+"""Folders of an absolute path, which begins a word or a value in it"""
 LIBRARIES = ("balloon-warp", "warp-lang", "numpy", "scipy", "usd-core")
 
 
@@ -32,43 +35,50 @@ def describe_scene(scene: Scene) -> dict[str, Any]:
 
 
 def describe_simulation(scene: Scene, laws: Iterable[Law], substeps: int) -> dict[str, Any]:
-    """Describe what is simulated, and by what. Before the run: mesh files may change meanwhile."""
+    """Describe what is simulated, and by what. Before the run: files may change meanwhile."""
     return {
         "scene": describe_scene(scene),
         "laws": describe_laws(laws),
-        "meshes": hash_meshes(meshes_of(scene)),
+        "files": hash_files(scene),
         "substeps": substeps,
         "versions": installed_versions(),
     }
 
 
-def meshes_of(scene: Scene) -> list[Path | PolygonMesh]:
-    """Return the meshes of balloons, obstacles and bodies."""
-    return [each.mesh for name in MESHED for each in getattr(scene, name) if each.mesh is not None]
+def hash_files(scene: Scene) -> dict[str, str]:
+    """Hash each file that a scene names, and each mesh from Python, by its place, such as `balloon.0.mesh`."""
+    hashes = {}
+    for name in MESHED:
+        for number, table in enumerate(getattr(scene, name)):
+            files = files_of(table) | ({"mesh": table.mesh} if isinstance(table.mesh, PolygonMesh) else {})
+            hashes |= {f"{name}.{number}.{place}": hash_of_mesh(file) for place, file in files.items()}
+    return hashes
 
 
 def without_folders(description: Mapping[str, Any]) -> dict[str, Any]:
-    """Describe the same as it is wherever the files are.
+    """Describe the same as it is wherever the files are: those of its `scene` lose their folders."""
+    scene = copy.deepcopy(description["scene"])
+    for table, field in named_files(scene).values():
+        table[field] = Path(table[field]).name
+    return {**description, "scene": scene}
 
-    A description has a `scene` and its `meshes`: the names of files lose their folders, and the hashes of meshes are by
-    where they stand, as `balloon.0.mesh`.
-    """
-    scene, hashes = copy.deepcopy(description["scene"]), {}
+
+def named_files(scene: Mapping[str, Any]) -> dict[str, tuple[dict[str, Any], str]]:
+    """Find where a scene as JSON names files: tables and their fields, by places such as `balloon.0.mesh`."""
+    found = {}
     for name in MESHED:
         for number, table in enumerate(scene.get(name, ())):
-            if "mesh" in table:
-                hashes[f"{name}.{number}.mesh"] = description["meshes"][table["mesh"]]
             for file in FILES:
                 *within, field = file.split(".")
                 holder = table.get(within[0]) if within else table
                 if holder and isinstance(holder.get(field), str):
-                    holder[field] = Path(holder[field]).name
-    return {**description, "scene": scene, "meshes": hashes}
+                    found[f"{name}.{number}.{file}"] = holder, field
+    return found
 
 
-def hash_meshes(meshes: Iterable[str | Path | PolygonMesh]) -> dict[str, str]:
-    """Hash each mesh, by its label. Before a run: files may change meanwhile."""
-    return {mesh_label(mesh): hash_of_mesh(mesh) for mesh in meshes}
+def command_without_folders(words: Iterable[str]) -> list[str]:
+    """Return the words of a command, of which absolute paths lose their folders."""
+    return [ABSOLUTE.sub("", word) for word in words]
 
 
 def describe_laws(laws: Iterable[Law]) -> dict[str, dict[str, str]]:

@@ -18,10 +18,12 @@ import numpy as np
 import warp as wp
 
 from balloon_warp.device import pick_device
+from balloon_warp.model import plan_model
 from balloon_warp.scene import load_scene
 from balloon_warp.simulator import Simulator
 from balloon_warp.sweep.batch import run_batch
 from balloon_warp.sweep.world_files.options import TrajectoryFiles
+from balloon_warp.sweep.world_files.tracks import bytes_of_frame
 from balloon_warp.warp_logging import quiet_warp
 
 VARIED = "balloon.helium"
@@ -92,15 +94,19 @@ def print_trajectories(device: Any, worlds: int, frames: int) -> None:
     """Print how fast trajectories are written beside the simulation, and a plain file by itself."""
     batch_seconds(device, 64, 1)  # compiles
     without = batch_seconds(device, worlds, frames)
+    raw = worlds * (frames + 1) * bytes_of_frame(plan_model(squirrels(frames), 1))
     print(f"squirrel_tether, {worlds:,} worlds, {frames} frames: a batch with tables alone {without:.1f} s")
+    print(f"  {raw / 1e9:.3g} GB of numbers")
     for form in FORMATS:
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             seconds = batch_seconds(device, worlds, frames, TrajectoryFiles(folder / "data", format=form))
             size = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
             plain = plain_seconds(folder, size)
-        rates = f"{size / seconds / 1e6:,.0f} MB/s from start to end; a plain file {size / plain / 1e6:,.0f} MB/s"
-        print(f"  {form}: {size / 1e9:.2f} GB in {seconds:.1f} s, {rates}", flush=True)
+        rates = (
+            f"{raw / seconds / 1e6:,.0f} MB/s of numbers from start to end; a plain file {size / plain / 1e6:,.0f} MB/s"
+        )
+        print(f"  {form}: {size / 1e9:.3g} GB, {size / raw:.0%} of them, in {seconds:.1f} s, {rates}", flush=True)
 
 
 def main() -> None:

@@ -88,7 +88,7 @@ def test_the_table_has_a_row_for_each_world_and_frame(table: dict[str, np.ndarra
     np.testing.assert_array_equal(table["frame"], np.repeat(np.arange(FRAMES + 1), WORLDS))
     np.testing.assert_array_equal(table["time"], table["frame"] / 30)
     np.testing.assert_array_equal(table["sphere.0.radius"], RADII[table["world"]])
-    np.testing.assert_array_equal(table["balloon.0.mesh"], [str(meshes[world % 2]) for world in table["world"]])
+    np.testing.assert_array_equal(table["balloon.0.mesh"], [meshes[world % 2].name for world in table["world"]])
     assert (table["health"] == 1).all()
 
 

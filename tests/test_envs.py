@@ -225,7 +225,7 @@ def test_actions_that_cannot_be_are_refused(case: str):
         ({"num_envs": 0}, r"num_envs: must be a whole number of at least 1 \(got 0\)"),
         ({"autoreset_mode": "never"}, r"autoreset_mode: must be one of NextStep, SameStep, Disabled \(got 'never'\)"),
         ({"output": "list"}, r'output: must be "numpy" or "torch" \(got \'list\'\)'),
-        ({"render_mode": "human"}, r'render_mode: must be "rgb_array" or None \(got \'human\'\)'),
+        ({"render_mode": "ansi"}, r'render_mode: must be "human", "rgb_array" or None \(got \'ansi\'\)'),
         ({"task": "Fly"}, r"Fly: no such task; known are Altitude, Inflate, Juggle, Press, Target"),
     ],
 )
@@ -412,3 +412,99 @@ def test_stable_baselines_is_asked_for_where_it_is_missing(monkeypatch):
     monkeypatch.delitem(sys.modules, "balloon_warp.envs.stable_baselines", raising=False)
     with pytest.raises(MissingExtraError, match="needs Stable-Baselines3: pip install stable-baselines3"):
         importlib.import_module("balloon_warp.envs.stable_baselines")
+
+
+def rsl_rl_config(steps: int) -> dict[str, Any]:
+    """Return a small configuration, as docs/LEARNING.md has it."""
+    network = {"class_name": "MLPModel", "hidden_dims": [8]}
+    algorithm = {"class_name": "PPO", "num_mini_batches": 1}
+    return {
+        "num_steps_per_env": steps,
+        "save_interval": 100,
+        "obs_groups": {"actor": ["policy"], "critic": ["policy"]},
+        "algorithm": algorithm,
+        "actor": {**network, "distribution_cfg": {"class_name": "GaussianDistribution"}},
+        "critic": network,
+    }
+
+
+def test_rsl_rl_sees_the_same_and_learns_a_little(plain: tuple[list[Any], list[Any]]):
+    torch, runners = pytest.importorskip("torch"), pytest.importorskip("rsl_rl.runners")
+    from balloon_warp.envs.rsl_rl import RslRlEnv
+
+    inner = brief("SameStep", output="torch")
+    env = RslRlEnv(inner)
+    assert (env.num_envs, env.num_actions, env.max_episode_length) == (WORLDS, 3, 4)
+    inner.reset(seed=5)
+    for number, (actions, expected) in enumerate(zip(ACTIONS, plain[1], strict=True), start=1):
+        seen, rewards, over, told = env.step(torch.from_numpy(actions))
+        np.testing.assert_array_equal(seen["policy"], expected[0])
+        np.testing.assert_array_equal(env.get_observations()["policy"], expected[0])
+        np.testing.assert_array_equal(rewards, expected[1])
+        np.testing.assert_array_equal(over, expected[2] | expected[3])
+        np.testing.assert_array_equal(told["time_outs"], expected[3] & ~expected[2])
+        assert env.episode_length_buf.tolist() == [number % 4] * WORLDS
+    env.episode_length_buf = torch.full_like(env.episode_length_buf, 3)
+    assert env.step(torch.zeros(WORLDS, 3))[2].all()  # as long as was set
+    runners.OnPolicyRunner(env, rsl_rl_config(5)).learn(2, init_at_random_ep_len=True)
+    for other in (brief("NextStep", output="torch"), brief("SameStep")):
+        with pytest.raises(InputError, match=r"(autoreset_mode: RSL-RL needs \"SameStep\"|output: must be \"torch\")"):
+            RslRlEnv(other)
+
+
+def test_rl_games_learns_a_little(tmp_path):
+    pytest.importorskip("torch")
+    runner = pytest.importorskip("rl_games.torch_runner").Runner()
+    from balloon_warp.envs import rl_games
+
+    made: list[BalloonVectorEnv] = []
+
+    def make_brief(count: int) -> BalloonVectorEnv:
+        made.append(make_vec(Brief(), count, device="cpu", output="torch", autoreset_mode="SameStep"))
+        return made[-1]
+
+    rl_games.register("brief", make_brief)
+    runner.load(rl_games_config("brief", WORLDS, str(tmp_path)))
+    runner.run({"train": True})
+    assert made[0].num_envs == WORLDS
+    assert made[0].simulator.frame_number == 2 * 4 * made[0].task.frames
+
+
+def rl_games_config(name: str, worlds: int, folder: str) -> dict[str, Any]:
+    """Return a small configuration, as rl_games reads it from YAML."""
+    space = {
+        "mu_activation": "None",
+        "sigma_activation": "None",
+        "mu_init": {"name": "default"},
+        "sigma_init": {"name": "const_initializer", "val": 0},
+        "fixed_sigma": True,
+    }
+    network = {
+        "name": "actor_critic",
+        "separate": False,
+        "space": {"continuous": space},
+        "mlp": {"units": [8], "activation": "elu", "initializer": {"name": "default"}},
+    }
+    config = {
+        **{"name": "brief", "env_name": name, "num_actors": worlds, "device": "cpu", "device_name": "cpu"},
+        **{"reward_shaper": {"scale_value": 1.0}, "normalize_advantage": True, "gamma": 0.99, "tau": 0.95},
+        **{"learning_rate": 3e-4, "lr_schedule": "adaptive", "kl_threshold": 0.008, "entropy_coef": 0.0},
+        **{"grad_norm": 1.0, "e_clip": 0.2, "horizon_length": 4, "minibatch_size": 4 * worlds, "mini_epochs": 1},
+        **{"critic_coef": 2.0, "clip_value": True, "bounds_loss_coef": 1e-4, "ppo": True, "mixed_precision": False},
+        **{"normalize_input": True, "normalize_value": True, "value_bootstrap": True, "truncate_grads": True},
+        **{"torch_compile": False, "max_epochs": 2, "save_best_after": 100, "save_frequency": 0, "train_dir": folder},
+    }
+    model = {"name": "continuous_a2c_logstd"}
+    return {
+        "params": {"seed": 0, "algo": {"name": "a2c_continuous"}, "model": model, "network": network, "config": config}
+    }
+
+
+@pytest.mark.parametrize(
+    ("module", "sentence"), [("rsl_rl", "needs RSL-RL 3 or newer: pip"), ("rl_games", "needs rl_games: pip")]
+)
+def test_learners_are_asked_for_where_they_are_missing(module: str, sentence: str, monkeypatch):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    monkeypatch.delitem(sys.modules, f"balloon_warp.envs.{module}", raising=False)
+    with pytest.raises(MissingExtraError, match=sentence):
+        importlib.import_module(f"balloon_warp.envs.{module}")

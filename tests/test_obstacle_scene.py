@@ -69,7 +69,7 @@ def test_overrides_keep_a_mesh_that_came_from_python():
 def test_what_is_said_of_a_run_and_a_batch_has_the_hashes_of_their_meshes(tmp_path: Path):
     made = scene(tmp_path)
     described = without_folders(describe_simulation(made, (), 10))
-    assert described["meshes"]["obstacle.0.mesh"] == hash_of_file(tmp_path / "tile.obj")
+    assert described["files"]["obstacle.0.mesh"] == hash_of_file(tmp_path / "tile.obj")
     assert described["scene"]["obstacle"][0]["mesh"] == "tile.obj"
     short = made.model_copy(update={"frames": 1})
     run_batch(short, tmp_path / "out", 2, {"obstacle.1.friction": [0.1, 0.2]}, device="cpu", schedule="gather")

@@ -1,5 +1,6 @@
 """Provenance in a stage and in the manifest of a batch, and a batch repeated from it."""
 
+import csv
 import hashlib
 import json
 from importlib import metadata
@@ -8,12 +9,19 @@ from typing import Any
 
 import pytest
 from commands import status_of
-from meshes import quad_sphere
+from meshes import cube, quad_sphere
 from pxr import Sdf, Usd
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.provenance import describe_scene, without_folders
+from balloon_warp.provenance import (
+    command_without_folders,
+    describe_scene,
+    hash_files,
+    hash_of_file,
+    named_files,
+    without_folders,
+)
 from balloon_warp.scene import Balloon, Material, Scene
 from balloon_warp.sweep.batch import run_batch
 from balloon_warp.sweep.repeat import repeat_batch
@@ -45,7 +53,7 @@ def test_a_stage_says_what_it_takes_to_make_it_again(tmp_path, monkeypatch, caps
         """balloon-warp run ball.toml --set balloon.mass=0.5 --set 'balloon.name='"'"'a b'"'"'' --device cpu"""
     )
     assert said["versions"]["warp-lang"] == metadata.version("warp-lang")
-    assert said["meshes"] == {"balloon.0.mesh": hashlib.sha256((tmp_path / "ball.obj").read_bytes()).hexdigest()}
+    assert said["files"] == {"balloon.0.mesh": hashlib.sha256((tmp_path / "ball.obj").read_bytes()).hexdigest()}
     taken = said["device"], said["schedule"], said["substeps"]
     assert taken == ("cpu", summary["schedule"], summary["substeps"])
     scene = Scene.model_validate_json(said["scene"])
@@ -69,12 +77,40 @@ def test_a_scene_without_folders_names_its_files_alone():
         Balloon(mesh=files["ball.obj"], print=files["print.png"], material=rubber),
         Balloon(mesh=files["ball.obj"], springs=files["springs.npz"]),
     ]
-    described = without_folders(
-        {"scene": describe_scene(Scene(balloon=balloons)), "meshes": {str(files["ball.obj"]): "a hash"}}
-    )
+    described = without_folders({"scene": describe_scene(Scene(balloon=balloons)), "files": {}})
     assert "home" not in json.dumps(described)
     assert all(name in json.dumps(described["scene"]) for name in files)
-    assert described["meshes"] == {"balloon.0.mesh": "a hash", "balloon.1.mesh": "a hash"}
+    assert named_files(described["scene"]).keys() == {
+        *("balloon.0.mesh", "balloon.0.print", "balloon.0.material.rest_mesh", "balloon.1.mesh", "balloon.1.springs")
+    }
+
+
+def test_all_files_of_a_scene_have_hashes(tmp_path):
+    files = {name: tmp_path / name for name in ("ball.obj", "print.png")}
+    for name, file in files.items():
+        file.write_text(name)
+    hashes = hash_files(Scene(balloon=[Balloon(mesh=files["ball.obj"], print=files["print.png"])]))
+    assert hashes == {
+        "balloon.0.mesh": hashlib.sha256(b"ball.obj").hexdigest(),
+        "balloon.0.print": hashlib.sha256(b"print.png").hexdigest(),
+    }
+    spheres = [quad_sphere(2), quad_sphere(3)]  # of the same name
+    assert len(set(hash_files(Scene(balloon=[Balloon(mesh=sphere) for sphere in spheres])).values())) == 2
+
+
+@pytest.mark.parametrize(
+    ("word", "left"),
+    [
+        ("/home/me/my scene.toml", "my scene.toml"),
+        ("balloon.mesh=/home/me/a.obj,/b.obj,c.obj", "balloon.mesh=a.obj,b.obj,c.obj"),
+        ("~/a.obj", "a.obj"),
+        ("data/a.obj", "data/a.obj"),
+        ("--vary", "--vary"),
+        ("balloon.name='a b'", "balloon.name='a b'"),
+    ],
+)
+def test_a_command_without_folders_has_no_absolute_path(word: str, left: str):
+    assert command_without_folders([word]) == [left]
 
 
 BATCH_SCENE = """
@@ -115,16 +151,56 @@ def manifest(folder: Path) -> dict:
 
 def test_it_says_what_was_simulated_and_its_hashes_are_those_of_the_files(folder: Path):
     said = manifest(folder / "first")
-    assert (said["command"], said["folder"], said["seed"]) == (BATCH_COMMAND, str(folder), 5)
+    assert (said["command"], said["seed"]) == (BATCH_COMMAND, 5)
     assert (said["worlds"], said["export"], said["device"], said["schedule"]) == (9, [2, 8], "cpu", "lanes")
     assert said["versions"]["warp-lang"] == metadata.version("warp-lang")
     assert said["scene"]["gravity"] == 9.81
     assert len(set(said["vary"]["balloon.inflation.k_normal"])) == 9
     said = manifest(folder / "first")
     assert set(said["outputs"]) == {"table.npz", "table.csv", "worlds.npz", "worlds.csv", "worlds.usdc"}
-    for place, hashes in ((folder / "first", said["outputs"]), (folder, said["meshes"])):
-        for name, expected in hashes.items():
-            assert hashlib.sha256((place / name).read_bytes()).hexdigest() == expected
+    for name, expected in said["outputs"].items():
+        assert hash_of_file(folder / "first" / name) == expected
+    assert said["files"] == {"balloon.0.mesh": hash_of_file(folder / "ball.obj")}
+    hashes = {name: hash_of_file(folder / name) for name in ("ball.obj", "other.obj")}
+    assert said["vary"]["balloon.mesh.sha256"] == [hashes[name] for name in said["vary"]["balloon.mesh"]]
+
+
+def test_no_file_of_a_batch_tells_where_it_was_made(tmp_path, monkeypatch):
+    """Absolute paths of the scene, of meshes that vary, of prints and of outputs: names and hashes, the same bytes."""
+    made: list[dict[str, Any]] = []
+    for home in (tmp_path / "at home", tmp_path / "elsewhere"):
+        home.mkdir()
+        for name, sides in (("ball", 2), ("other", 3)):
+            write_obj(home / f"{name}.obj", quad_sphere(sides))
+        write_obj(home / "tile.obj", cube())
+        tile = f'[[obstacle]]\nmesh = "{home}/tile.obj"\nposition = [0, -9, 0]\n'
+        (home / "ball.toml").write_text(BATCH_SCENE.replace('"ball.obj"', f'"{home}/ball.obj"') + tile)
+        varied = ["--vary", f"balloon.mesh={home}/ball.obj,{home}/other.obj"]
+        batch = ["batch", str(home / "ball.toml"), "--worlds", "2", "--export", "all", "--device", "cpu", *varied]
+        monkeypatch.chdir(home)
+        assert status_of(*batch, "-o", str(home / "out"), "--trajectories", str(home / "data"), "--format", "npz") == 0
+        files = [path for name in ("out", "data") for path in sorted((home / name).rglob("*")) if path.is_file()]
+        made.append({str(path.relative_to(home)): path.read_bytes() for path in files})
+        stage = Sdf.Layer.FindOrOpen(str(home / "out" / "worlds.usdc")).ExportToString()
+        assert not any(str(tmp_path) in text for text in (stage, *map(str, made[-1].values())))
+    assert made[0] == made[1]
+    with (tmp_path / "at home" / "out" / "worlds.csv").open(newline="") as file:
+        for row in csv.DictReader(file):
+            assert row["balloon.mesh"] in ("ball.obj", "other.obj")
+            assert row["balloon.mesh.sha256"] == hash_of_file(tmp_path / "at home" / row["balloon.mesh"])
+    said = manifest(tmp_path / "at home" / "out")
+    assert said["files"]["obstacle.0.mesh"] == hash_of_file(tmp_path / "elsewhere" / "tile.obj")
+    assert {"balloon.mesh.sha256", "balloon.mesh"} <= said["columns"].keys()
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "at home" / "out").rename(tmp_path / "out")
+    summary = repeat_batch(tmp_path / "out" / "manifest.json", tmp_path / "again", files=tmp_path / "elsewhere")
+    assert manifest(tmp_path / "again")["outputs"] == said["outputs"]
+    assert str(tmp_path) not in Path(summary.manifest).read_text()
+    (tmp_path / "elsewhere" / "tile.obj").write_bytes(b"other")
+    with pytest.raises(InputError, match=r"tile\.obj: has changed since the batch"):
+        repeat_batch(tmp_path / "out" / "manifest.json", tmp_path / "again", files=tmp_path / "elsewhere")
+    with pytest.raises(InputError, match=r"its file ball\.obj is missing; expected it in this folder, or another as"):
+        repeat_batch(tmp_path / "out" / "manifest.json", tmp_path / "again")
 
 
 @pytest.mark.full
@@ -161,7 +237,7 @@ def test_what_cannot_be_repeated_is_told(folder: Path):
     write_obj(folder / "other.obj", quad_sphere(4))
     refused(r"other\.obj: has changed since the batch: its SHA-256 is ")
     (folder / "other.obj").unlink()
-    refused(r"its mesh other\.obj is missing")
+    refused(r"its file other\.obj is missing")
     for text in ("[]", "{}", "{", "\x00"):
         path.write_text(text)
         refused("manifest")
@@ -172,7 +248,7 @@ def test_a_mesh_from_python_is_named_and_hashed(tmp_path):
     hashes = []
     for cells in (2, 2, 3):
         run_batch(Scene(frames=1, balloon=[Balloon(mesh=quad_sphere(cells))]), tmp_path / "out", 2, device="cpu")
-        hashes += manifest(tmp_path / "out")["meshes"].values()
+        hashes += manifest(tmp_path / "out")["files"].values()
     assert hashes[0] == hashes[1] != hashes[2]
-    with pytest.raises(InputError, match="is missing; expected the file"):
+    with pytest.raises(InputError, match="is missing; expected it"):
         repeat_batch(tmp_path / "out" / "manifest.json", tmp_path / "again")

@@ -1,6 +1,7 @@
 """Files of worlds: their contents and readers; they are whole, and the same by any path of a batch."""
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,8 @@ from numpy.typing import NDArray
 from balloon_warp import InputError, MissingExtraError, TrajectoryFiles, run_batch, simulate
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.outputs import hdf5_arrays
-from balloon_warp.outputs.world_files import FORMATS
+from balloon_warp.outputs.world_files import FORMATS, Field, FileContents
+from balloon_warp.outputs.world_files.packing import chunks_of
 from balloon_warp.provenance import describe_scene, hash_of_file
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene
 from balloon_warp.sweep import shares
@@ -28,8 +30,10 @@ from balloon_warp.sweep.output import BatchOutput
 from balloon_warp.sweep.repeat import repeat_batch
 from balloon_warp.sweep.task import BatchTask
 from balloon_warp.sweep.world_files import writer
+from balloon_warp.sweep.world_files.moments import Moments
 from balloon_warp.sweep.world_files.splits import splits_of
 
+DATA_PAGE = (Path(__file__).parents[1] / "docs" / "DATA.md").read_text()
 WORLDS = 5
 VARY = {"balloon.mass": np.linspace(1.0, 2.0, WORLDS), "gravity": np.linspace(1.0, 9.0, WORLDS)}
 BLOWS_UP = {"balloon.inflation.k_normal": [0.2, 9e11, 0.4, 0.5, 0.3]}
@@ -38,7 +42,7 @@ BLOWS_UP = {"balloon.inflation.k_normal": [0.2, 9e11, 0.4, 0.5, 0.3]}
 
 def batch(folder: Path, format_: str = "h5", vary: dict[str, Any] = VARY, every: int = 1, **how: Any) -> Path:
     """Run a small batch and return the folder of its trajectories."""
-    files = TrajectoryFiles(folder / "data", every, format_)
+    files = TrajectoryFiles(folder / "data", every, format_, seed=2)  # world 4 is for test
     run_batch(scene(contacts=True), folder / "out", WORLDS, vary, device="cpu", trajectories=files, **how)
     return folder / "data"
 
@@ -57,6 +61,11 @@ def world_file(data: Path, world: int) -> Path:
 
 
 def arrays_of(path: Path) -> dict[str, NDArray]:
+    """Return the arrays of a world, with those that it shares with others."""
+    return own_arrays_of(path.parents[1] / attributes_of(path)["static"]) | own_arrays_of(path)
+
+
+def own_arrays_of(path: Path) -> dict[str, NDArray]:
     """Return the arrays as a reader without our package does."""
     if path.suffix == ".npz":
         with np.load(path) as saved:
@@ -165,15 +174,89 @@ def test_they_do_not_tell_where_they_were_made(format_: str, tmp_path: Path):
         assert told["balloon.mesh.sha256"] == told["balloon.0.mesh.sha256"] == hash_of_file(mesh)
 
 
+STATIC = {"rest_pos", "mass_share", "particle_balloon", "edges", "triangles"}
+
+
+def test_there_are_no_arrays_but_the_real_ones_and_what_stays_is_there_once(data: Path):
+    said = manifest(data)
+    (static,) = said["static"]
+    assert [str(path.relative_to(data)) for path in data.glob("static/*")] == [static]
+    assert own_arrays_of(data / static).keys() == STATIC
+    for path in data.glob("*/world_*"):
+        own = own_arrays_of(path)
+        assert attributes_of(path)["static"] == static
+        assert own.keys() == set(said["fields"]) - (STATIC if path.suffix != ".h5" else set())  # links, in the latter
+        if path.suffix == ".h5":
+            with h5py.File(path) as file:
+                linked = {name for name in file if isinstance(file.get(name, getlink=True), h5py.ExternalLink)}
+                assert linked == STATIC
+                assert [label.label for label in file["mesh_pos"].dims] == ["time", "particle", "axis"]
+
+
+def test_the_manifest_has_mean_and_deviation_for_training(data: Path):
+    said = manifest(data)
+    moving = set(said["fields"]) - STATIC - {"time"}
+    assert len(said["splits"]["train"]) == 4
+    worlds = [own_arrays_of(data / name) for name in said["splits"]["train"]]
+    for name in moving:
+        values = np.concatenate([world[name] for world in worlds]).astype(np.float64)
+        wide = said["fields"][name]["dimensions"][-1] in ("axis", "quaternion")
+        axes = tuple(range(values.ndim - wide))
+        np.testing.assert_allclose(said["fields"][name]["mean"], values.mean(axis=axes), rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(said["fields"][name]["deviation"], values.std(axis=axes), rtol=1e-9, atol=1e-12)
+    assert not any("mean" in said["fields"][name] for name in STATIC)
+
+
+def test_moments_of_pieces_are_those_of_the_whole():
+    values = (1e4 + np.random.default_rng(0).normal(size=(50, 3000, 3))).astype(np.float32)  # in three pieces
+    field = Field("f", ("time", "particle", "axis"), values.shape, "<f4", "m", "")
+    assert len(list(chunks_of(field, values))) == 4
+    told = Moments.of(field, values[:20]).with_more(Moments.of(field, values[20:])).as_json()
+    np.testing.assert_allclose(told["mean"], values.mean(axis=(0, 1), dtype=np.float64), rtol=1e-13)
+    np.testing.assert_allclose(told["deviation"], values.astype(np.float64).std(axis=(0, 1)), rtol=1e-9)
+
+
+@pytest.mark.parametrize("format_", list(FORMATS))
+@pytest.mark.parametrize("shape", [(50, 3000, 3), (7, 50000, 3), (5,), (1, 2)])
+def test_files_are_compressed_and_read_back_bit_for_bit(format_: str, shape: tuple[int, ...], tmp_path):
+    values = np.random.default_rng(0).normal(size=shape).astype(np.float32)
+    field = Field("f", ("time", "particle", "axis")[: len(shape)], shape, "<f4", "m", "")
+    path = tmp_path / f"it.{format_}"
+    FORMATS[format_]().write(path, FileContents({"static": ""}, [(field, values)]))
+    found = own_arrays_of(path)["f"]
+    assert found.dtype == values.dtype
+    np.testing.assert_array_equal(found, values)
+    size = sum(file.stat().st_size for file in [path, *path.rglob("*")] if file.is_file())
+    if values.nbytes > 1e5:
+        assert size < 0.95 * values.nbytes, size / values.nbytes
+
+
+def test_meshes_that_differ_have_a_file_each(tmp_path):
+    meshes = [quad_sphere(2), quad_sphere(3)]
+    vary = {"balloon.mesh": [meshes[1], meshes[0], meshes[1]], "balloon.mass": [1.0, 2.0, 3.0]}
+    files = TrajectoryFiles(tmp_path / "data", format="npz")
+    run_batch(scene(), tmp_path / "out", 3, vary, device="cpu", trajectories=files)
+    names = [attributes_of(world_file(tmp_path / "data", world))["static"] for world in range(3)]
+    assert names == [f"static/static_{number:06d}.npz" for number in (0, 1, 0)]
+    assert manifest(tmp_path / "data")["static"] == sorted(set(names))
+    for world, mesh in enumerate(vary["balloon.mesh"]):
+        found = arrays_of(world_file(tmp_path / "data", world))
+        assert found["mesh_pos"].shape[1] == len(found["rest_pos"]) == mesh.vertex_count
+
+
 @pytest.mark.parametrize("data", ["h5", "zarr"], indirect=True)
-def test_xarray_knows_the_dimensions(data: Path):
-    engine = {".h5": "h5netcdf", ".zarr": "zarr"}[world_file(data, 0).suffix]
-    pytest.importorskip(engine)
-    with xarray.open_dataset(world_file(data, 0), engine=engine) as found:
+def test_xarray_knows_the_dimensions_as_the_page_says(data: Path):
+    said: dict[str, Any] = {"path": world_file(data, 0), "h5py": h5py, "xarray": xarray}
+    if said["path"].suffix == ".h5":
+        (lines,) = re.findall(r"```py\n(with h5py.*?)```", DATA_PAGE, re.DOTALL)
+        exec(lines, said)
+    else:
+        pytest.importorskip("zarr")
+        said["world"] = xarray.open_dataset(said["path"], engine="zarr")
+    with said["world"] as found:
         assert found["mesh_pos"].dims == found["velocity"].dims == ("time", "particle", "axis")
         assert found["volume"].dims == ("time", "balloon")
-        assert found["mesh_pos"].attrs["units"] == "m"
-        assert found["mesh_pos"].sel(time=0.02, method="nearest").shape == (len(found["rest_pos"]), 3)
+        assert found["mesh_pos"].sel(time=0.02, method="nearest").shape == (found.sizes["particle"], 3)
         assert found.attrs["gravity"] == 1.0
 
 
@@ -291,7 +374,8 @@ def test_another_batch_takes_the_place_of_all(second: str, tmp_path):
     (data / "notes.txt").touch()
     run_batch(scene(), tmp_path / "out", 2, device="cpu", trajectories=TrajectoryFiles(data, format=second))
     left = {path.name for path in data.rglob("*") if path.is_file()}
-    assert left == {"notes.txt", "manifest.json", f"world_000000.{second}", f"world_000001.{second}"}
+    names = {f"{name}.{second}" for name in ("static_000000", "world_000000", "world_000001")}
+    assert left == {"notes.txt", "manifest.json", *names}
 
 
 def test_splits_depend_on_seed_and_number():

@@ -31,6 +31,7 @@ from balloon_warp.cli.words import counted, played
 from balloon_warp.driver import begin_driver
 from balloon_warp.errors import InputError
 from balloon_warp.garbage import without_collecting
+from balloon_warp.provenance import command_without_folders
 from balloon_warp.scene.load import scene_name
 from balloon_warp.sweep.child import begin_children
 from balloon_warp.sweep.values import ends_of, parse_export, parse_vary, spread
@@ -82,8 +83,8 @@ TrajectoriesOption = Annotated[
     typer.Option(
         "--trajectories",
         metavar="FOLDER",
-        help="Also write the trajectory of each world as a file in this folder, as training data: split into train, "
-        "validation and test by --seed.",
+        help="Also write the trajectory of each world as a compressed file in this folder, as training data: "
+        "split into train, validation and test by --seed.",
         rich_help_panel=OUTPUT,
     ),
 ]
@@ -211,7 +212,7 @@ def batch(
             trajectories=files,
             checkpoint_seconds=checkpoint,
             resume=resume,
-            provenance={"command": sys.argv, "folder": str(Path.cwd()), "seed": seed},
+            provenance={"command": command_without_folders(sys.argv), "seed": seed},
             on_begin=lambda beginning: opening.add(progress.begin(task, beginning)),
             on_frame=opening.before(lambda number: progress.update(task, completed=number)),
             on_note=opening.before(note),

@@ -5,9 +5,13 @@ from collections.abc import Collection
 
 import typer
 
+from balloon_warp.provenance import command_without_folders
+
 
 def command_line(context: typer.Context, without: Collection[str] = ()) -> str:
     """Write the command as a shell takes it, its arguments and the options given in the order of its help.
+
+    Absolute paths lose their folders: who reads it elsewhere learns nothing from them.
 
     Args:
         context: of the command.
@@ -25,4 +29,6 @@ def command_line(context: typer.Context, without: Collection[str] = ()) -> str:
                 words.append(max(parameter.opts, key=len))
             if not isinstance(each, bool):
                 words.append(str(each))
-    return shlex.join(words).encode(errors="replace").decode()  # names of files may be no Unicode
+    return (
+        shlex.join(command_without_folders(words)).encode(errors="replace").decode()
+    )  # names of files may be no Unicode

@@ -7,7 +7,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from balloon_warp.envs.task import Task
-from balloon_warp.envs.vector_env import BalloonVectorEnv, Unpickled
+from balloon_warp.envs.vector_env import RENDER_MODES, BalloonVectorEnv, Unpickled
 
 
 class BalloonEnv(Unpickled, gymnasium.Env[Any, Any]):
@@ -16,10 +16,10 @@ class BalloonEnv(Unpickled, gymnasium.Env[Any, Any]):
     Args:
         task: what is to be done.
         device: Warp device; the GPU, or else the CPU, if not given.
-        render_mode: "rgb_array", or nothing.
+        render_mode: "rgb_array", "human" for a page in the browser, or nothing.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 60}  # noqa: RUF012 - as Gymnasium has it
+    metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 60}  # noqa: RUF012 - as Gymnasium has it
 
     def __init__(self, task: Task, device: str | None = None, render_mode: str | None = None):
         self._worlds = BalloonVectorEnv(
@@ -28,6 +28,11 @@ class BalloonEnv(Unpickled, gymnasium.Env[Any, Any]):
         self.render_mode = render_mode
         self.observation_space = self._worlds.single_observation_space
         self.action_space = self._worlds.single_action_space
+
+    @property
+    def onlooker(self) -> Any:
+        """Page of render mode "human", from the first reset on."""
+        return self._worlds.onlooker
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin anew; what is drawn follows from the seed and the episode."""

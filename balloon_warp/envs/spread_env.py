@@ -62,9 +62,12 @@ class SpreadVectorEnv(Unpickled, VectorEnv[Any, Any, Any]):
         render_mode: str | None = None,
     ):
         require_choices(num_envs, autoreset_mode, render_mode)
+        if render_mode == "human":
+            raise InputError('render_mode: worlds in processes of their own have no page; expected "rgb_array" or None')
         output_of(output)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
-        self.metadata = {**BalloonVectorEnv.metadata, "autoreset_mode": self.autoreset_mode}
+        own = {"render_modes": ["rgb_array"], "autoreset_mode": self.autoreset_mode}
+        self.metadata = {**BalloonVectorEnv.metadata, **own}
         self.num_envs, self.task, self.render_mode = int(num_envs), task, render_mode
         spaces = spaces_of(task, self.num_envs)
         (self.single_observation_space, self.single_action_space), (self.observation_space, self.action_space) = spaces

@@ -1,7 +1,7 @@
 """Many worlds of a task as one environment of Gymnasium."""
 
 import io
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import warp as wp
@@ -18,9 +18,14 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.frames.stepping import bound_observations, finish_step, restart_steps, take_actions
 from balloon_warp.launching import launch
 from balloon_warp.simulator import Simulator
+from balloon_warp.viewer.view import look_on
+
+if TYPE_CHECKING:
+    from balloon_warp.viewer.onlooker import Onlooker
 
 CAUSES = ("", "an action is not finite", "a control is not finite or out of bounds", "the simulation blew up")
 """Values of `info["cause"]` for a world, by the numbers of kernels"""
+RENDER_MODES = ("human", "rgb_array")
 Mode = AutoresetMode | Literal["NextStep", "SameStep", "Disabled"]
 
 
@@ -48,7 +53,7 @@ class BalloonVectorEnv(Unpickled, VectorEnv[Any, Any, Any]):
             told so, `options={"reset_mask": mask}`.
         output: "numpy", or "torch" for tensors on the device, which do not pass the host.
         schedule: how the work is laid out, see `Simulator`.
-        render_mode: "rgb_array", or nothing.
+        render_mode: "rgb_array", "human" for a page in the browser that shows the first world, or nothing.
         first_world: number of the first world, by which episodes are drawn, where another process has those before it.
 
     Raises:
@@ -56,7 +61,7 @@ class BalloonVectorEnv(Unpickled, VectorEnv[Any, Any, Any]):
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - as Gymnasium has it
-        "render_modes": ["rgb_array"],
+        "render_modes": list(RENDER_MODES),
         "render_fps": 60,
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
@@ -80,6 +85,8 @@ class BalloonVectorEnv(Unpickled, VectorEnv[Any, Any, Any]):
         told_as = output_of(output)
         self.simulator = Simulator(task.scene(), device, self.num_envs, schedule=schedule, laws=task.laws())
         self.simulator.starts.first_world = first_world
+        self.onlooker: Onlooker | None = None
+        """Page of render mode "human", from the first reset on"""
         task.begin(self.simulator)
         self._first_bad = self.simulator.observations["first_bad"]
         device_used = self.simulator.model.device
@@ -88,6 +95,11 @@ class BalloonVectorEnv(Unpickled, VectorEnv[Any, Any, Any]):
         self._out = told_as(Layout(self.num_envs, task.observations), device_used)
         spaces = spaces_of(task, self.num_envs)
         (self.single_observation_space, self.single_action_space), (self.observation_space, self.action_space) = spaces
+
+    @property
+    def episode_steps(self) -> wp.array:
+        """Steps of each world since its episode began, shape (num_envs,), int32, on the device."""
+        return self._buffers.steps
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin all worlds anew, or those of `options={"reset_mask": mask}`.
@@ -107,6 +119,9 @@ class BalloonVectorEnv(Unpickled, VectorEnv[Any, Any, Any]):
         self.simulator.reset(mask)
         wp.copy(buffers.begun, starts.mask)
         self._restart(buffers.begun)
+        if self.render_mode == "human":
+            self.onlooker = self.onlooker or look_on(self.simulator)
+            self.onlooker.show()
         return self._out(buffers.block).observations, {}
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
@@ -139,6 +154,8 @@ class BalloonVectorEnv(Unpickled, VectorEnv[Any, Any, Any]):
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
             wp.copy(buffers.final_observations, buffers.observations)
             self._begin_over()
+        if self.onlooker:
+            self.onlooker.show(self.task.frames * self.simulator.model.frame_seconds)
         return self._out(buffers.block)
 
     def _judge(self, rewards: wp.array) -> None:
@@ -175,14 +192,20 @@ class BalloonVectorEnv(Unpickled, VectorEnv[Any, Any, Any]):
         launch(bound_observations, self.num_envs, [self._limits], [buffers.observations], device=device)
 
     def render(self) -> tuple[Any, ...] | None:
-        """Return a picture of each world, shape (height, width, 3), uint8."""
+        """Return a picture of each world, shape (height, width, 3), uint8; the page draws itself in each step."""
         require_open(self)
-        if self.render_mode is None:
+        if self.render_mode != "rgb_array":
             return None
         from PIL import Image
 
         pictures = (self.simulator.picture(world, (320, 180), samples=1) for world in range(self.num_envs))
         return tuple(np.asarray(Image.open(io.BytesIO(picture)).convert("RGB")) for picture in pictures)
+
+    def close_extras(self, **_: Any) -> None:
+        """End the page."""
+        onlooker: Onlooker | None = getattr(self, "onlooker", None)  # none where it could not be made
+        if onlooker:
+            onlooker.stop()
 
 
 def require_open(env: VectorEnv[Any, Any, Any]) -> None:
@@ -237,5 +260,5 @@ def require_choices(num_envs: Any, mode: Any, render_mode: Any) -> None:
     modes = [mode.value for mode in AutoresetMode]
     if mode not in (*AutoresetMode, *modes):
         raise InputError(f"autoreset_mode: must be one of {', '.join(modes)} (got {mode!r})")
-    if render_mode not in (None, "rgb_array"):
-        raise InputError(f'render_mode: must be "rgb_array" or None (got {render_mode!r})')
+    if render_mode not in (None, *RENDER_MODES):
+        raise InputError(f'render_mode: must be "human", "rgb_array" or None (got {render_mode!r})')

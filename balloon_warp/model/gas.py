@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.laws.air import GAS_CONSTANT, HIGHEST, density_of_given_air
+from balloon_warp.kernels.laws.air import ALIKE, GAS_CONSTANT, HIGHEST, density_of_given_air
 from balloon_warp.kernels.laws.gas import STANDARD_PRESSURE
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
@@ -132,7 +132,7 @@ def _air_around(
     names = ("air_pressure", "air_temperature", "air_density", "air_lapse", "gravity")
     pressure, temperature, given, lapse, gravity = (parameters[name][:, None] for name in names)
     density = density_of_given_air(pressure, temperature, given)
-    falls = lapse >= 0.0
+    falls = lapse > ALIKE
     colder = np.minimum(np.where(falls, lapse, 0.0) * heights / temperature, HIGHEST)
     little = np.abs(colder) < 1.0e-6
     more = np.where(little, 1.0 + 0.5 * colder, -np.log1p(-colder) / np.where(little, 1.0, colder))

@@ -16,11 +16,14 @@ from balloon_warp.model.parameters import Parameters, Place, is_numbered, places
 from balloon_warp.model.rows import START
 from balloon_warp.scene import Scene
 from balloon_warp.scene.overrides import override_scene
+from balloon_warp.scene.standard_air import standard_air
 
 Vary = TypeAliasType("Vary", Mapping[str, ArrayLike])
 """Values in each world, shape (world_count,), by dotted paths of the scene, as in overrides"""
 SHAPING = re.compile(r"balloon\.(\d+\.)?(mesh|scale|stiffness\.(variation|seed|gradient\.[01]))")
 """Paths whose values make another model: batches group their worlds by them"""
+ALTITUDE = "atmosphere.altitude"
+"""Path of which other values follow"""
 METHODS = ("substeps", "solver", "normals", "correction", "correction_sweeps", "contact")
 """Fields of the scene that are no parameters, and may change during a simulation all the same"""
 SURROUNDINGS = ("ground", "water", "touch")
@@ -69,12 +72,23 @@ def check_vary(scene: Scene, rows: Sequence[Parameter], world_count: int, vary: 
     checked = {}
     for path, given in vary.items():
         try:
+            if path == ALTITUDE:
+                checked |= _air_at(scene, _checked(scene, rows, path, given, world_count), vary)
+                continue
             if path not in places:
                 _refuse(scene, rows, path, given, places)
             checked[path] = _checked(scene, rows, path, given, world_count)
         except InputError as mistake:
             raise VaryError(mistake, path) from None
     return checked
+
+
+def _air_at(scene: Scene, altitudes: NDArray[np.float64], vary: Vary) -> dict[str, NDArray[np.float64]]:
+    """Return what follows from the altitude of each world, and is not given itself."""
+    known = {f"atmosphere.{field}" for field in scene.atmosphere.given} | vary.keys()
+    airs = [standard_air(altitude) for altitude in altitudes.tolist()]
+    columns = {f"atmosphere.{field}": np.array([air[field] for air in airs]) for field in airs[0]}
+    return {path: column for path, column in columns.items() if path not in known}
 
 
 def _refuse(
@@ -141,4 +155,4 @@ def _require_fit(scene: Scene, rows: Sequence[Parameter], path: str, value: obje
 
 def _summary(places: Mapping[str, list[Place]]) -> list[str]:
     """Return the paths without the numbers of balloons, spheres, strings and tubes, the scene's own fields first."""
-    return sorted((path for path in places if not is_numbered(path)), key=lambda path: path.count("."))
+    return sorted((path for path in (*places, ALTITUDE) if not is_numbered(path)), key=lambda path: path.count("."))

@@ -1,15 +1,14 @@
-"""Arrays in an HDF5 group whose dimensions have names, as netCDF 4 has them, so that xarray knows them."""
+"""Arrays in an HDF5 group whose dimensions have labels: names without the arrays that netCDF 4 would add for them."""
 
 from importlib import import_module
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import MissingExtraError
 
-NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable. "
-"""Name by which netCDF 4 marks a dimension that has a length and no values"""
+PACKED = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
+"""Options of h5py by which arrays are compressed, without loss, as every reader of HDF5 knows it"""
 
 
 def require_h5py() -> Any:
@@ -33,31 +32,21 @@ class NamedArrays:
 
     def __init__(self, group: Any):
         self.group = group
-        self._dimensions: dict[str, Any] = {}
 
     def add(self, name: str, values: NDArray, dimensions: tuple[str, ...], unit: str) -> None:
-        """Write an array; one that is named as a dimension has the dimension's values."""
-        data = self.group.create_dataset(name, data=values)
-        if name in dimensions:
-            self._dimensions[name] = data
-            data.make_scale(name)
-        else:
-            self._name(data, dimensions)
-        data.attrs["units"] = unit
+        """Write an array."""
+        self._label(self.group.create_dataset(name, data=values), dimensions, unit)
 
     def room(
         self, name: str, shape: tuple[int, ...], dimensions: tuple[str, ...], unit: str, dtype: Any, **storage: Any
     ) -> Any:
         """Create an array that is written later; `storage` is as of h5py's `create_dataset`."""
         data = self.group.create_dataset(name, shape, dtype, **storage)
-        self._name(data, dimensions)
-        data.attrs["units"] = unit
+        self._label(data, dimensions, unit)
         return data
 
-    def _name(self, data: Any, dimensions: tuple[str, ...]) -> None:
-        for place, (name, length) in enumerate(zip(dimensions, data.shape, strict=True)):
-            if name not in self._dimensions:
-                scale = self.group.create_dataset(name, (length,), np.float32)
-                scale.make_scale(f"{NO_VARIABLE}{length:10d}")
-                self._dimensions[name] = scale
-            data.dims[place].attach_scale(self._dimensions[name])
+    @staticmethod
+    def _label(data: Any, dimensions: tuple[str, ...], unit: str) -> None:
+        for dimension, name in zip(data.dims, dimensions, strict=True):
+            dimension.label = name
+        data.attrs["units"] = unit

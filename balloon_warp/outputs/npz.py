@@ -8,9 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def write_npz(path: Path, arrays: Iterable[tuple[str, NDArray]]) -> None:
-    """Write named arrays as they come; the same arrays give the same bytes."""
-    with zipfile.ZipFile(path, "w") as archive:
+def write_npz(path: Path, arrays: Iterable[tuple[str, NDArray]], level: int = 0) -> None:
+    """Write named arrays as they come; the same arrays give the same bytes.
+
+    Args:
+        level: of compression, 1 to 9, or 0 for none.
+    """
+    with zipfile.ZipFile(
+        path, "w", zipfile.ZIP_DEFLATED if level else zipfile.ZIP_STORED, compresslevel=level
+    ) as archive:
         for name, array in arrays:
             with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
                 if array.flags.c_contiguous and array.ndim and not array.dtype.hasobject:

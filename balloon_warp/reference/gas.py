@@ -12,7 +12,7 @@ R, ATMOSPHERE, DRY_AIR, EMPTY = 8.314462618, 101325.0, 0.0289652, 0.02
 def air(height, p):
     """Return the air's pressure, temperature and density, at rest under gravity where it grows colder with height."""
     density = p.air_density if p.air_density >= 0.0 else DRY_AIR * p.air_pressure / (R * p.air_temperature)
-    if p.air_lapse < 0.0:
+    if p.air_lapse == -1.0:  # uniform
         return p.air_pressure, p.air_temperature, density + 0.0 * height
     part = np.minimum(p.air_lapse * height / p.air_temperature, 0.9)
     more = np.where(np.abs(part) > 1e-6, -np.log1p(-part) / np.where(part == 0.0, 1.0, part), 1.0 + 0.5 * part)

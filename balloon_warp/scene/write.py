@@ -63,6 +63,8 @@ def scene_toml(scene: Scene, folder: Path) -> str:
     Mesh files are named from the folder, those of bundled scenes by their whole path. Every number has all its digits.
     """
     table = scene.model_dump(mode="json", exclude_defaults=True, exclude=WITHOUT_MESHES)
+    if "atmosphere" in table:
+        table["atmosphere"] = {k: v for k, v in table["atmosphere"].items() if k in scene.atmosphere.given}
     for name in MESHED:
         for number, each in enumerate(getattr(scene, name)):
             files = {field: _named_from(file, folder) for field, file in _files_of(each).items()}

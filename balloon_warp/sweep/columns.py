@@ -7,11 +7,13 @@ from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.model.law_tables import with_law_tables
 from balloon_warp.model.parameters import places_of
 from balloon_warp.model.rows import KEYFRAME_VALUES, rows_of
+from balloon_warp.model.vary import ALTITUDE
 from balloon_warp.outputs.worlds_table import EXTREMES
 from balloon_warp.scene import Scene
 from balloon_warp.scene.nesting import table_in
 from balloon_warp.scene.schema.field_help import meaning_of
 from balloon_warp.sweep.contacts import Pair, describe_pairs
+from balloon_warp.sweep.groups import SHA256
 from balloon_warp.sweep.recorder import columns_of
 
 OF_ROWS = {
@@ -82,15 +84,19 @@ def units_of(scene: Scene, paths: Iterable[str], laws: Sequence[Law]) -> dict[st
     found = {}
     for path in paths:
         name = places[path][0][0] if path in places else ""
-        if name == KEYFRAME_VALUES.name:
+        if path == ALTITUDE:
+            found[path] = "m"
+        elif name == KEYFRAME_VALUES.name:
             found[path] = next(unit for field, unit in KEYFRAMED_UNITS.items() if f".{field}" in path)
         else:
-            found[path] = "" if path.endswith(".mesh") else units.get(name, "1")
+            found[path] = "" if path.endswith((".mesh", SHA256)) else units.get(name, "1")
     return found
 
 
 def _meaning(path: str) -> str:
     """Return what the schema says of a field, or of what its path ends in."""
+    if path.endswith(SHA256):
+        return f"SHA-256 of the file that {path.removesuffix(SHA256)} names, or of a mesh's arrays; in worlds"
     said, table = "", cast("Any", Scene)
     for name in (name for name in path.split(".") if not name.isdecimal()):
         if table is None or name not in table.model_fields:

@@ -17,11 +17,14 @@ from balloon_warp.model import ModelPlan, plan_model
 from balloon_warp.model.law_tables import with_law_tables
 from balloon_warp.model.rows import rows_of
 from balloon_warp.model.vary import SHAPING, VaryError, check_vary
+from balloon_warp.provenance import mesh_label
 from balloon_warp.scene import Scene
 from balloon_warp.scene.overrides import override_scene
 
 BatchVary = TypeAliasType("BatchVary", Mapping[str, Any])
 """Dotted paths of the scene, with a number for each world; for the path of a mesh, a mesh or its file for each"""
+SHA256 = ".sha256"
+"""End of the name of a value: the hash of the file that the value before it names"""
 MOST_WORLDS = 100_000_000
 """Largest number of worlds, whose numbers alone take a gigabyte"""
 
@@ -80,27 +83,31 @@ def plan_groups(scene: Scene, world_count: int, vary: BatchVary, laws: Sequence[
 
 
 def vary_columns(vary: BatchVary) -> dict[str, NDArray]:
-    """Write what varies as columns of a table: numbers, and the meshes' names, shape (world_count,)."""
+    """Write what varies as columns of a table: numbers, and the meshes' names, shape (world_count,).
+
+    Files are named without their folders: `BatchTask.varied` has their hashes.
+    """
     return {
-        path: np.array([_label(value) for value in values]) if _is_mesh(path) else np.asarray(values, dtype=np.float64)
+        path: np.array([_label(value) for value in values]) if is_mesh(path) else np.asarray(values, dtype=np.float64)
         for path, values in vary.items()
     }
 
 
-def _is_mesh(path: str) -> bool:
+def is_mesh(path: str) -> bool:
+    """Return whether what varies at a path are meshes."""
     return path.startswith("balloon.") and path.endswith(".mesh")
 
 
 def _column(path: str, values: Any, world_count: int) -> list[Any]:
     """Write a value for each world: a mesh or a file, or a number, whole where it may be."""
-    what = "mesh" if _is_mesh(path) else "number"
+    what = "mesh" if is_mesh(path) else "number"
     try:
         column = list(values)
     except TypeError:
         raise InputError(f"{path}: expected a {what} for each of {world_count} worlds (got {values})") from None
     if len(column) != world_count:
         raise InputError(f"{path}: expected a {what} for each of {world_count} worlds (got {len(column)})")
-    if not _is_mesh(path):
+    if not is_mesh(path):
         return [value.item() if isinstance(value, np.generic) else value for value in column]
     return [Path(value) if isinstance(value, str) else value for value in column]
 
@@ -115,7 +122,7 @@ def _own_scene(scene: Scene, values: Mapping[str, Any], world: int) -> Scene:
         try:
             scene = override_scene(scene, [(path, value)])
         except InputError as mistake:
-            raise VaryError(mistake if _is_mesh(path) else f"{mistake}, in world {world}", path) from None
+            raise VaryError(mistake if is_mesh(path) else f"{mistake}, in world {world}", path) from None
     return scene
 
 
@@ -125,4 +132,4 @@ def _identity(value: Any) -> Any:
 
 
 def _label(mesh: str | Path | PolygonMesh) -> str:
-    return mesh.name if isinstance(mesh, PolygonMesh) else str(mesh)
+    return Path(mesh_label(mesh)).name

@@ -12,11 +12,11 @@ from balloon_warp.provenance import (
     describe_scene,
     hash_of_file,
     installed_versions,
+    without_folders,
 )
 from balloon_warp.resume.folder import JOB_NAME
 from balloon_warp.sweep.checkpoints import PARTIAL_NAME
 from balloon_warp.sweep.columns import describe_columns
-from balloon_warp.sweep.groups import vary_columns
 from balloon_warp.sweep.task import BatchTask, Outcome
 
 MANIFEST_NAME = "manifest.json"
@@ -25,19 +25,19 @@ MANIFEST_NAMES = (MANIFEST_NAME, f"{PARTIAL_NAME}/{JOB_NAME}")
 
 
 def describe_batch(task: BatchTask) -> dict[str, Any]:
-    """Describe what a batch is made of, as JSON has it. Before the run: mesh files may change meanwhile.
+    """Describe what a batch is made of, as JSON has it, the same wherever its files are.
 
-    A mesh from Python has the hash of its arrays, and its name.
+    Before the run: files may change meanwhile. A mesh from Python has the hash of its arrays, and its name.
     """
-    columns = {path: column.tolist() for path, column in vary_columns(task.vary).items()}
-    return {
+    described = {
         "scene": describe_scene(task.scene),
         "worlds": task.world_count,
-        "vary": columns,
+        "vary": task.varied,
         "export": task.chosen.tolist(),
         "laws": describe_laws(task.laws),
-        "meshes": task.mesh_hashes,
+        "files": task.file_hashes,
     }
+    return without_folders(described)
 
 
 def write_manifest(
@@ -75,7 +75,7 @@ def write_manifest(
         "trajectories": task.trajectories.as_json() if task.trajectories else None,
         "blow_ups": [report.as_json() for report in outcome.failures.reports],
         **description,
-        "columns": describe_columns(task.scene, task.vary, task.laws, outcome.pairs),
+        "columns": describe_columns(task.scene, task.varied, task.laws, outcome.pairs),
         "outputs": dict(zip(names, hashes, strict=True)),
     }
     path = task.folder / MANIFEST_NAME

@@ -20,12 +20,12 @@ from balloon_warp.outcomes import BadEnding, LastFrame, bad_endings
 from balloon_warp.outputs.table import KINDS, TableWriter, table_names
 from balloon_warp.outputs.worlds_table import WORLDS_NAMES, write_worlds
 from balloon_warp.ownership import require_no_inputs, require_ours_in, sole_writer
-from balloon_warp.provenance import describe_scene, hash_of_file
+from balloon_warp.provenance import hash_of_file
 from balloon_warp.resume import Part
 from balloon_warp.scene.load import files_of_scene
 from balloon_warp.sweep.contacts import COLUMNS, Pair, contacts_shape, pair_columns, pressing_pairs
-from balloon_warp.sweep.groups import Group, vary_columns
-from balloon_warp.sweep.manifest import MANIFEST_NAME, MANIFEST_NAMES
+from balloon_warp.sweep.groups import SHA256, Group, vary_columns
+from balloon_warp.sweep.manifest import MANIFEST_NAME, MANIFEST_NAMES, describe_batch
 from balloon_warp.sweep.recorder import Record, columns_of
 from balloon_warp.sweep.task import BatchTask
 from balloon_warp.sweep.world_files.contents import Contents
@@ -57,6 +57,7 @@ class BatchOutput:
         self.groups = groups
         worlds = sum(len(group.worlds) for group in groups)
         varied = vary_columns(vary)
+        self._hashes = {path: np.array(column) for path, column in task.varied.items() if path.endswith(SHA256)}
         measures, rate = columns_of(scene), scene.frames_per_second
         self.table = TableWriter(folder, scene.frames + 1, rate, varied, measures, worlds, task.table)
         self._plan = groups[0].plan
@@ -222,7 +223,7 @@ class BatchOutput:
     def _write_worlds(self) -> tuple[Path, Path]:
         """Write the summary of all worlds, unless it is written; return its files."""
         if not self._has_worlds:
-            further = dict(pair_columns(self.pairs, self.contacts))
+            further = self._hashes | dict(pair_columns(self.pairs, self.contacts))
             write_worlds(*self._worlds, self.table, self._endings, further)
         self._has_worlds = True
         return self._worlds
@@ -253,9 +254,8 @@ def _trajectories(task: BatchTask, groups: Sequence[Group]) -> TrajectoryWriter 
     """Return the writer of files of worlds, where they are wanted."""
     if task.trajectories is None:
         return None
-    contents = Contents(task.scene, task.vary, task.laws, task.every, task.mesh_hashes)
-    varied = {path: column.tolist() for path, column in vary_columns(task.vary).items()}
-    described = json.dumps([describe_scene(task.scene), varied, task.on_blowup])
+    contents = Contents(task.scene, task.vary, task.laws, task.every, task.varied, task.file_hashes)
+    described = json.dumps([*describe_batch(task).values(), task.on_blowup])
     return TrajectoryWriter(task.trajectories, contents, groups, {"batch": sha256(described.encode()).hexdigest()})
 
 

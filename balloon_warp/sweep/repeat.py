@@ -1,16 +1,18 @@
 """A batch, again, from its manifest."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from balloon_warp.arguments import checked
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Law
-from balloon_warp.provenance import describe_laws, hash_of_file
-from balloon_warp.scene import Scene
+from balloon_warp.provenance import describe_laws, hash_of_file, named_files
+from balloon_warp.scene import Scene, bundled_scenes
 from balloon_warp.sweep.batch import BatchSummary, run_batch
+from balloon_warp.sweep.groups import SHA256, is_mesh
 from balloon_warp.sweep.world_files.options import TrajectoryFiles
 
 
@@ -22,6 +24,7 @@ def repeat_batch(
     laws: Sequence[Law] = (),
     *,
     trajectories: str | Path | None = None,
+    files: str | Path | None = None,
 ) -> BatchSummary:
     """Simulate the batch of a manifest again.
 
@@ -29,28 +32,32 @@ def repeat_batch(
     shares came in any order, sample by sample.
 
     Args:
-        manifest: The `manifest.json` of the batch. Its paths of mesh files are relative to the current folder.
+        manifest: The `manifest.json` of the batch.
         folder: Output folder, as in `run_batch`.
         device: Warp device; the manifest's if not given, and the default one for a batch of a cluster.
         laws: User-defined laws of the batch.
         trajectories: Folder for the batch's files of worlds; they are not written again if not given.
+        files: Folder in which, or below which, meshes and other files of the batch lie. They are known by name and
+            hash. If not given, they are taken from the current folder, from that of the manifest or the one above it,
+            or from the bundled scenes.
 
     Raises:
-        InputError: the manifest cannot be read; a mesh is not there, has changed or came from Python; a law is not
+        InputError: the manifest cannot be read; a file is not there, has changed or came from Python; a law is not
             there, or has changed; or as `run_batch`.
     """
     batch = _read(Path(manifest))
-    for path, expected in batch["meshes"].items():
-        if not Path(path).is_file():
-            raise InputError(f"{manifest}: its mesh {path} is missing; expected the file, relative to this folder")
-        if (found := hash_of_file(Path(path))) != expected:
-            raise InputError(f"{path}: has changed since the batch: its SHA-256 is {found}; expected {expected}")
+    find = _finder(Path(manifest), Path(files) if files is not None else None)
+    for place, (table, field) in named_files(batch["scene"]).items():
+        table[field] = find(table[field], batch["files"].get(place))
+    vary = {path: values for path, values in batch["vary"].items() if not path.endswith(SHA256)}
+    for path in filter(is_mesh, vary):
+        vary[path] = [find(*of_world) for of_world in zip(vary[path], batch["vary"][f"{path}{SHA256}"], strict=True)]
     _require_laws(str(manifest), batch.get("laws", {}), describe_laws(laws))
     return run_batch(
         Scene(**batch["scene"]),
         folder,
         batch["worlds"],
-        batch["vary"],
+        vary,
         export=batch["export"],
         name=batch.get("name", ""),
         device=device or (batch["device"] if batch["workers"] == 1 else None),
@@ -59,8 +66,34 @@ def repeat_batch(
         laws=laws,
         table=batch.get("table", "csv"),
         trajectories=_trajectories(manifest, batch.get("trajectories"), trajectories),
-        provenance={"repeats": str(manifest)},
+        provenance={"repeats": hash_of_file(Path(manifest))},
     )
+
+
+def _finder(manifest: Path, folder: Path | None) -> Callable[[str, str | None], str]:
+    """Return a function that finds a file by its name and hash.
+
+    It raises an InputError: the file is nowhere, or has changed.
+    """
+    bundled = next(iter(bundled_scenes().values())).parent
+
+    @cache
+    def find(name: str, expected: str | None) -> str:
+        places = [Path(), manifest.parent, manifest.parent.parent, bundled]
+        near = (place / name for place in places)
+        paths = near if folder is None else sorted(path for path in folder.rglob("*") if path.name == name)
+        hashes = {path: hash_of_file(path) for path in paths if path.is_file()}
+        for path, digest in hashes.items():
+            if digest == expected:
+                return str(path)
+        for path, digest in hashes.items():
+            if path.parent != bundled:  # where another of that name is no change
+                raise InputError(f"{path}: has changed since the batch: its SHA-256 is {digest}; expected {expected}")
+        raise InputError(
+            f"{manifest}: its file {name} is missing; expected it in {folder or 'this folder'}, or another as files"
+        )
+
+    return find
 
 
 def _trajectories(manifest: str | Path, said: Any, folder: str | Path | None) -> TrajectoryFiles | None:
@@ -88,7 +121,7 @@ def _read(path: Path) -> dict[str, Any]:
         batch = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read as a manifest: {error}") from None
-    needed = {"scene", "worlds", "vary", "export", "meshes", "device", "workers", "schedule_asked"}
+    needed = {"scene", "worlds", "vary", "export", "files", "device", "workers", "schedule_asked"}
     if not isinstance(batch, dict) or not needed <= batch.keys() or not isinstance(batch["scene"], dict):
         raise InputError(f"{path}: is not the manifest of a batch; expected the manifest.json beside its table")
     return batch

@@ -3,19 +3,21 @@
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.beginning import Beginning
 from balloon_warp.kernels.laws import Law
+from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Remark
 from balloon_warp.outcomes import BadEnding
-from balloon_warp.provenance import hash_meshes, mesh_label, meshes_of
+from balloon_warp.provenance import hash_files, hash_of_mesh
 from balloon_warp.scene import Scene
 from balloon_warp.sweep.blow_ups import Failures
 from balloon_warp.sweep.contacts import Pair
-from balloon_warp.sweep.groups import BatchVary, Group
+from balloon_warp.sweep.groups import SHA256, BatchVary, Group, is_mesh, vary_columns
 from balloon_warp.sweep.world_files.options import TrajectoryFiles
 
 
@@ -51,15 +53,19 @@ class BatchTask:
         return self.groups[0].plan.own_laws
 
     @cached_property
-    def mesh_hashes(self) -> dict[str, str]:
-        """Hashes of all meshes, by their labels, first asked for before the run: files may change meanwhile."""
-        varied = {
-            mesh_label(mesh): mesh
-            for path, values in self.vary.items()
-            if path.startswith("balloon.") and path.endswith(".mesh")
-            for mesh in values
-        }
-        return hash_meshes([*meshes_of(self.scene), *varied.values()])
+    def file_hashes(self) -> dict[str, str]:
+        """Hashes of the scene's files by place, first asked for before the run: files may change meanwhile."""
+        return hash_files(self.scene)
+
+    @cached_property
+    def varied(self) -> dict[str, list[Any]]:
+        """What differs between worlds, a value for each: of meshes names, and, with `SHA256`, hashes, as above."""
+        columns = {path: column.tolist() for path, column in vary_columns(self.vary).items()}
+        for path in filter(is_mesh, self.vary):
+            meshes = {id(mesh) if isinstance(mesh, PolygonMesh) else mesh: mesh for mesh in self.vary[path]}
+            hashes = {key: hash_of_mesh(mesh) for key, mesh in meshes.items()}
+            columns[f"{path}{SHA256}"] = [hashes[id(m) if isinstance(m, PolygonMesh) else m] for m in self.vary[path]]
+        return columns
 
     @property
     def world_count(self) -> int:

@@ -53,10 +53,10 @@ class Layers:
 
     Args:
         server: of the page.
-        on_drag: called with each movement of a pointer that began on a balloon.
+        on_drag: called with each movement of a pointer that began on a balloon; if missing, that turns the camera.
     """
 
-    def __init__(self, server: viser.ViserServer, on_drag: Callable[[Any], Any]):
+    def __init__(self, server: viser.ViserServer, on_drag: Callable[[Any], Any] | None = None):
         self.server, self._on_drag = server, on_drag
         self.shown = {name: name in AT_START for name in LAYERS}
         self._load, self._count = 0, 0
@@ -144,8 +144,9 @@ class Layers:
                 for band, color in enumerate(colors.STRAIN)
             ]
             self._bands.append(bands)
-            for mesh in (balloon, *bands):
-                mesh.on_drag("left")(self._on_drag)
+            if self._on_drag is not None:
+                for mesh in (balloon, *bands):
+                    mesh.on_drag("left")(self._on_drag)
         nothing = np.zeros((1, 2, 3), np.float32)
         self._lines = {
             name: scene.add_line_segments(

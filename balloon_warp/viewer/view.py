@@ -2,15 +2,18 @@
 
 import threading
 import webbrowser
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from balloon_warp.errors import InputError, MissingExtraError
 from balloon_warp.kernels.laws import Law
 from balloon_warp.scene import SceneLike, scene_of
+from balloon_warp.simulator import Simulator
 
 if TYPE_CHECKING:
+    from balloon_warp.viewer.onlooker import Onlooker
     from balloon_warp.viewer.page import Page
 
 
@@ -84,12 +87,34 @@ def make_page(
     scene = scene_of(scene)
     if not Path(folder).is_dir():
         raise InputError(f"{folder}: the folder does not exist")
-    try:
+    with _needing_viser():
         from balloon_warp.viewer.page import Page
+    from balloon_warp.viewer.session import Session
+
+    return Page(Session(name, scene, device, Path(folder).resolve(), laws), host, port, **who)
+
+
+def look_on(simulator: Simulator, world: int = 0, **options: Any) -> "Onlooker":
+    """Serve a page that shows a world of a simulator while a program advances it, and open it in the browser.
+
+    Args:
+        options: as `Onlooker` takes them.
+
+    Raises:
+        InputError: there is no such world, or the page cannot be served.
+        MissingExtraError: viser is not installed.
+    """
+    with _needing_viser():
+        from balloon_warp.viewer.onlooker import Onlooker
+    return Onlooker(simulator, world, **options)
+
+
+@contextmanager
+def _needing_viser() -> Iterator[None]:
+    """Load what needs viser, or say that it is missing."""
+    try:
+        yield
     except ModuleNotFoundError as missing:
         if missing.name != "viser":
             raise
         raise MissingExtraError("view needs viser: pip install 'balloon-warp[view]'") from None
-    from balloon_warp.viewer.session import Session
-
-    return Page(Session(name, scene, device, Path(folder).resolve(), laws), host, port, **who)

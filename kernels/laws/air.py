@@ -57,7 +57,7 @@ def air_of_height(
     """
     density = density_of_air(air_pressure, air_temperature, air_density)
     air = wp.vec3(air_pressure, air_temperature, density)
-    if air_lapse >= 0.0:
+    if air_lapse > ALIKE:
         colder = wp.min(air_lapse * height / air_temperature, HIGHEST)
         more = 1.0 + 0.5 * colder  # -ln(1 - x) / x
         if wp.abs(colder) > 1.0e-3:
@@ -173,12 +173,13 @@ AIR = (
         "air_lapse",
         "K/m",
         ALIKE,
-        least=0.0,
+        least=-0.1,
         most=0.1,
         of="world",
         path="atmosphere.lapse",
-        meaning="Lapse rate, the decrease of temperature with height: 0.0065 in the standard atmosphere, 0 "
-        "isothermal. Pressure and density, given at height 0, fall with height. Uniform air when missing",
+        meaning="Lapse rate, the decrease of temperature with height: 0.0065 in the standard atmosphere up to 11 km, 0 "
+        "isothermal, below 0 where it is warmer above. Pressure and density, given at height 0, fall with height. "
+        "Uniform air when missing",
     ),
 )
 STATE_OF_AIR = AIR[:3]

@@ -16,7 +16,7 @@ import warp as wp
 
 from balloon_warp.kernels.algebra import dot_product, scaled, times
 from balloon_warp.kernels.lanes import LANE_COUNT, Five, Lanes, five
-from balloon_warp.kernels.laws.air import AIR, air_of_height, molar_volume
+from balloon_warp.kernels.laws.air import AIR, ALIKE, air_of_height, molar_volume
 from balloon_warp.kernels.laws.body import GRAVITY
 from balloon_warp.kernels.laws.empty import COLLAPSING, EMPTIEST, end_of_collapse
 from balloon_warp.kernels.laws.law import Parameter
@@ -206,7 +206,7 @@ def gas_load(
     """
     air = air_of_height(swelling[HEIGHT], air_pressure, air_temperature, air_density, air_lapse, gravity)
     there = free_volume
-    if air_lapse >= 0.0:  # or else the air is as warm at all heights
+    if air_lapse > ALIKE:  # or else the air is as warm at all heights
         there = free_volume_there(free_volume, gamma, air[1] / air_temperature)
     least = THINNEST * there * wp.min(STANDARD_PRESSURE / air[0], 1.0)
     volume = wp.max(swelling[VOLUME], wp.max(least, 1.0e-20))

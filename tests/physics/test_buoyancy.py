@@ -14,6 +14,8 @@ from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.placement import place_mesh
 from balloon_warp.model import build_model
 from balloon_warp.scene import Atmosphere, Balloon, Change, Inflation, Scene, Stiffness, Tube, Water
+from balloon_warp.scene.standard_air import EARTH_RADIUS
+from balloon_warp.scene.standard_air import standard_air as of_altitude
 from balloon_warp.schedules.features import model_features
 from balloon_warp.simulator import Simulator
 
@@ -138,6 +140,28 @@ def test_buoyancy_falls_with_height(device: str):
     np.testing.assert_allclose(speeds * 20.0, expected, rtol=0.02)
     # in balance with the air around it, of 31,000 Pa and more
     assert abs(simulator.state.pressures.numpy()).max() < 100.0
+
+
+def test_buoyancy_30_km_above_the_sea(device: str):
+    """The same with 10 kg, where the air is warmer above: at height 0 and 1,000 m of the scene."""
+    heights = [0.0, 1000.0]
+    balloon = gas_balloon(quad_sphere(3, 5.0), {"added_mass": 0.5, "gamma": 1.4}, mass=10.0)
+    pull = GRAVITY * (EARTH_RADIUS / (EARTH_RADIUS + 30500.0)) ** 2
+    still = {"gravity": pull, "frames_per_second": 20.0, "substeps": 10}
+    scene = Scene(balloon=[balloon], atmosphere=Atmosphere(altitude=30000.0), **still)
+    simulator = Simulator(scene, device, 2, {"balloon.0.position.1": heights})
+    volume = volume_of(simulator, simulator.read_frame())
+    simulator.step()
+    speeds = simulator.state.velocities.numpy()[:, :, 1].astype(np.float64).mean(axis=1)
+    expected = []
+    for height in heights:
+        air = of_altitude(30000.0 + height)
+        moles = air["pressure"] * volume / (GAS_CONSTANT * air["temperature"])
+        air_mass, gas = AIR_MASS * moles, 0.0040026 * moles
+        expected.append((air_mass - 10.0 - gas) * pull / (10.0 + gas + 0.5 * air_mass))
+    assert expected[0] < -0.1
+    assert expected[1] < expected[0] - 0.5
+    np.testing.assert_allclose(speeds * 20.0, expected, rtol=0.01)
 
 
 @pytest.mark.parametrize("gamma", [1.0, 1.4])

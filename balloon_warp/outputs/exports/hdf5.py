@@ -2,7 +2,7 @@
 
 A group for each thing, by its name. A balloon's has `mesh_pos` (T, N, 3), `velocity` (T, N, 3), `edges` (E, 2), the
 corners of its faces, and `volume`, `area` and `pressure` (T,). A rigid thing's has `pose` (T, 4, 4) and `points`.
-Places are the stage's own, in its unit. Dimensions are named as netCDF 4 does it, so that xarray knows them.
+Places are the stage's own, in its unit. Dimensions have labels, and there are no arrays beside the real ones.
 """
 
 from collections.abc import Callable
@@ -15,9 +15,8 @@ from balloon_warp.files import whole_file
 from balloon_warp.mesh.corners import edges_of
 from balloon_warp.mesh.geometry import triangulate
 from balloon_warp.outputs.exports.parts import Animation, Part
-from balloon_warp.outputs.hdf5_arrays import NamedArrays, require_h5py
+from balloon_warp.outputs.hdf5_arrays import PACKED, NamedArrays, require_h5py
 
-PACKED = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 MEASURES = {"volume": "m^3", "area": "m^2", "pressure": "Pa"}
 """Measures of our stages' balloons, and their units"""
 

@@ -20,7 +20,7 @@ def write_usdz(
     """Write the package; arguments as `export_stage` has them."""
     with folder_beside(output) as folder, whole_file(output) as temporary:
         flat = folder / f"{output.stem}.usdc"  # a package begins with a binary layer, under this name
-        _as_it_is(animation).Export(str(flat))
+        _as_it_is(animation).Export(str(flat), addSourceFileComment=False)  # which names our folder
         if not UsdUtils.CreateNewUsdzPackage(str(flat), str(temporary)):
             raise InputError(f"{output}: USD could not make a package of {animation.path}; is the disk full?")
     on_frame(1, 1)
@@ -30,7 +30,7 @@ def write_stage(
     output: Path, animation: Animation, on_note: Callable[[str], None], on_frame: Callable[[int, int], None]
 ) -> None:
     """Write the stage in one file of another kind of USD, with its images beside it."""
-    flat, pictures = _as_it_is(animation).Flatten(), Pictures(animation.path)
+    flat, pictures = _as_it_is(animation).Flatten(addSourceFileComment=False), Pictures(animation.path)
 
     def beside(path: str) -> str:
         data = content_of(path)

@@ -1,85 +1,41 @@
-"""The file of a world as HDF5: flat, each array in one piece, its dimensions named as netCDF 4 has them."""
+"""The file of a world as HDF5: flat, its dimensions labelled, and compressed as every reader of HDF5 knows it."""
 
-import os
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from balloon_warp.outputs.hdf5_arrays import NamedArrays, require_h5py
-from balloon_warp.outputs.world_files.world_file import Field, Slot, WorldFile, own_attributes
+from balloon_warp.outputs.hdf5_arrays import PACKED, NamedArrays, require_h5py
+from balloon_warp.outputs.world_files.packing import chunk_shape, chunks_of, packed
+from balloon_warp.outputs.world_files.world_file import FileContents
+
+SMALL = 2**14
+"""Size of arrays up to which the index of pieces would take more than compression saves"""
 
 
 class Hdf5:
-    """HDF5: the first file of a model is made by h5py, and others are copies of all but its frames.
+    """HDF5. What stands elsewhere are links, which readers follow.
 
     Raises:
         MissingExtraError: h5py is not installed.
     """
 
-    suffix = work_suffix = ".h5"
+    suffix = ".h5"
 
     def __init__(self) -> None:
         self._h5py = require_h5py()
-        self._first: WorldFile | None = None
-        self._offsets: dict[str, int] = {}
-        self._size = 0
-        self._pieces: list[tuple[int, bytes]] = []
 
-    def create(self, path: Path, world: WorldFile) -> None:
-        """See `Format`."""
-        if self._first is None:
-            self._write(path, world)
-            self._first = world
-            self._look_at(path, world.moving)
-            return
-        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666)
-        try:
-            os.ftruncate(descriptor, self._size)
-            for offset, piece in self._pieces:
-                os.pwrite(descriptor, piece, offset)
-        finally:
-            os.close(descriptor)
-        self._change(path, own_attributes(world, self._first))
-
-    def slots(self, path: Path, moving: Sequence[Field]) -> dict[str, Slot]:
-        """See `Format`."""
-        if not self._offsets:
-            self._look_at(path, moving)
-        return {name: Slot(path, offset) for name, offset in self._offsets.items()}
-
-    def finish(self, path: Path, world: WorldFile) -> Path:
-        """See `Format`."""
-        if world.attributes["health"] != 1:
-            self._change(path, {"health": world.attributes["health"]})
-        return path
-
-    def _write(self, path: Path, world: WorldFile) -> None:
-        h5py = self._h5py
-        with h5py.File(path, "w") as file:
-            file.attrs.update(world.attributes)
+    def write(self, path: Path, contents: FileContents) -> None:
+        """See `Format`. h5py writes one thing at a time: pieces are compressed outside of it."""
+        with self._h5py.File(path, "w") as file:
+            file.attrs.update(contents.attributes)
             arrays = NamedArrays(file)
-            for field, values in world.fixed:
-                arrays.add(field.name, values, field.dimensions, field.unit)
-            for field in world.moving:
-                whole = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
-                whole.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
-                whole.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
-                arrays.room(field.name, field.shape, field.dimensions, field.unit, field.dtype, dcpl=whole)
-
-    def _look_at(self, path: Path, moving: Sequence[Field]) -> None:
-        """Note where the frames are, and all that is beside them."""
-        with self._h5py.File(path, "r") as file:
-            self._offsets = {field.name: file[field.name].id.get_offset() for field in moving}
-        self._size = path.stat().st_size
-        taken = sorted((self._offsets[field.name], field.bytes) for field in moving)
-        begins = [0, *(offset + size for offset, size in taken)]
-        ends = [*(offset for offset, _ in taken), self._size]
-        with path.open("rb") as file:
-            for begin, end in zip(begins, ends, strict=True):
-                file.seek(begin)
-                self._pieces.append((begin, file.read(end - begin)))
-
-    def _change(self, path: Path, attributes: dict[str, Any]) -> None:
-        with self._h5py.File(path, "r+") as file:
-            for name, value in attributes.items():
-                file.attrs.modify(name, value)
+            for name in contents.elsewhere:
+                file[name] = self._h5py.ExternalLink(f"../{contents.attributes['static']}", f"/{name}")
+            for field, values in contents.arrays:
+                if field.bytes <= SMALL:
+                    arrays.add(field.name, values, field.dimensions, field.unit)
+                    continue
+                storage: dict[str, Any] = {"chunks": chunk_shape(field), **PACKED}
+                data = arrays.room(field.name, field.shape, field.dimensions, field.unit, field.dtype, **storage)
+                for number, piece in enumerate(chunks_of(field, values)):
+                    place = (number * len(piece), *(0 for _ in field.shape[1:]))
+                    data.id.write_direct_chunk(place, packed(piece))

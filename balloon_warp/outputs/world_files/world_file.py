@@ -2,19 +2,19 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 AXES = {"axis": 3, "quaternion": 4}
 """Dimensions of vectors, and their lengths"""
+Attribute = int | float | str
 
 
 @dataclass(frozen=True)
 class Field:
-    """An array of a world's file."""
+    """An array of a file."""
 
     name: str
     dimensions: tuple[str, ...]
@@ -33,23 +33,32 @@ class Field:
         """Size of one frame, where the first dimension is time."""
         return self.bytes // self.shape[0]
 
+    def as_json(self) -> dict[str, Any]:
+        """Describe the field for a manifest."""
+        return {"dimensions": self.dimensions, "dtype": self.dtype, "unit": self.unit, "is": self.meaning}
+
+
+Arrays = Sequence[tuple[Field, NDArray]]
+"""Arrays of a file, with their descriptions"""
+
 
 @dataclass(frozen=True)
 class WorldFile:
-    """Contents of a world's file: attributes, arrays that stay, and arrays that move."""
+    """Contents of a world's file, but for its frames."""
 
-    attributes: Mapping[str, int | float | str]
-    fixed: Sequence[tuple[Field, NDArray]]
+    attributes: Mapping[str, Attribute]
+    static: Arrays
+    """What stays, and is kept once for all worlds that have it in common"""
+    times: Arrays
+    """What has as many rows as there are frames, and is known before"""
     moving: Sequence[Field]
 
 
-class Slot(NamedTuple):
-    """Place of an array in a file."""
+@dataclass(frozen=True)
+class FileContents:
+    """All of a file."""
 
-    path: Path
-    offset: int
-
-
-def own_attributes(world: WorldFile, like: WorldFile) -> dict[str, Any]:
-    """Return the attributes in which a world differs from another with the same arrays."""
-    return {name: value for name, value in world.attributes.items() if value != like.attributes[name]}
+    attributes: Mapping[str, Attribute]
+    arrays: Arrays
+    elsewhere: Sequence[str] = ()
+    """Names of the arrays that stand in another file, at `static` of the attributes from the folder above"""

@@ -1,52 +1,37 @@
-"""The file of a world as a Zarr store of version 2: a folder, with an array a folder and each array in one piece."""
+"""The file of a world as a Zarr store of version 2: a folder, with an array a folder."""
 
 import json
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from balloon_warp.outputs.world_files.world_file import Field, Slot, WorldFile
+from balloon_warp.outputs.world_files.packing import LEVEL, chunk_shape, chunks_of, packed
+from balloon_warp.outputs.world_files.world_file import Field, FileContents
 
 
 class Zarr:
     """Zarr 2, which versions 2 and 3 of its library read, and xarray. It is written without them."""
 
-    suffix = work_suffix = ".zarr"
+    suffix = ".zarr"
 
-    def create(self, path: Path, world: WorldFile) -> None:
+    def write(self, path: Path, contents: FileContents) -> None:
         """See `Format`."""
         path.mkdir()
-        for field, values in world.fixed:
-            self._create(path, field).write_bytes(values.astype(field.dtype).tobytes())
-        for field in world.moving:
-            with self._create(path, field).open("wb") as file:
-                file.truncate(field.bytes)
-        self._describe(path, world)
-
-    def slots(self, path: Path, moving: Sequence[Field]) -> dict[str, Slot]:
-        """See `Format`."""
-        return {field.name: Slot(_piece(path, field), 0) for field in moving}
-
-    def finish(self, path: Path, world: WorldFile) -> Path:
-        """See `Format`."""
-        if world.attributes["health"] != 1:
-            self._describe(path, world)
-        return path
+        for field, values in contents.arrays:
+            (path / field.name).mkdir()
+            for name, said in _array(field).items():
+                (path / field.name / name).write_text(json.dumps(said), encoding="utf-8")
+            for number, piece in enumerate(chunks_of(field, values)):
+                name = ".".join([str(number), *("0" for _ in field.shape[1:])])
+                (path / field.name / name).write_bytes(packed(piece))
+        self._describe(path, contents)
 
     @staticmethod
-    def _create(path: Path, field: Field) -> Path:
-        (path / field.name).mkdir()
-        for name, said in _array(field).items():
-            (path / field.name / name).write_text(json.dumps(said), encoding="utf-8")
-        return _piece(path, field)
-
-    @staticmethod
-    def _describe(path: Path, world: WorldFile) -> None:
+    def _describe(path: Path, contents: FileContents) -> None:
         """Write the attributes, and what says of all arrays at once what there is."""
-        said: dict[str, Any] = {".zgroup": {"zarr_format": 2}, ".zattrs": dict(world.attributes)}
+        said: dict[str, Any] = {".zgroup": {"zarr_format": 2}, ".zattrs": dict(contents.attributes)}
         for name, value in said.items():
             (path / name).write_text(json.dumps(value), encoding="utf-8")
-        for field in (*(field for field, _ in world.fixed), *world.moving):
+        for field, _ in contents.arrays:
             said |= {f"{field.name}/{name}": value for name, value in _array(field).items()}
         text = json.dumps({"zarr_consolidated_format": 1, "metadata": said})
         (path / ".zmetadata").write_text(text, encoding="utf-8")
@@ -57,15 +42,11 @@ def _array(field: Field) -> dict[str, Any]:
     array = {
         "zarr_format": 2,
         "shape": field.shape,
-        "chunks": field.shape,
+        "chunks": chunk_shape(field),
         "dtype": field.dtype,
-        "compressor": None,
+        "compressor": {"id": "zlib", "level": LEVEL},
         "fill_value": None,  # else readers take zeros for missing
         "order": "C",
-        "filters": None,
+        "filters": [{"id": "shuffle", "elementsize": int(field.dtype[-1])}],
     }
     return {".zarray": array, ".zattrs": {"_ARRAY_DIMENSIONS": field.dimensions, "units": field.unit}}
-
-
-def _piece(path: Path, field: Field) -> Path:
-    return path / field.name / ".".join("0" for _ in field.shape)

@@ -127,7 +127,7 @@ class Scene(Table):
     box: Box | None = None
     """Box in which the table of a batch counts balloons, as `in_box`: those whose centers are inside."""
     atmosphere: Atmosphere = Atmosphere()
-    """Air around the balloons, uniform unless it has a `lapse`, `shear`, `roughness` or `gusts`."""
+    """Air around the balloons, uniform unless it has a `lapse` or `altitude`, `shear`, `roughness` or `gusts`."""
     law: LawTables = {}
     """World parameters of user-defined laws, by law and name"""
     change: list[Change] = []

@@ -1,10 +1,11 @@
 """Surroundings of the balloons: air, water and ground, the box in which a batch counts them, and the camera."""
 
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, ModelWrapValidatorHandler, model_validator
 
 from balloon_warp.scene.schema.fields import Table, Vector, field_of, optional_field_of
+from balloon_warp.scene.standard_air import HIGHEST, LOWEST, standard_air
 
 
 class Box(Table):
@@ -36,8 +37,11 @@ class Picture(Table):
 
 
 class Atmosphere(Table):
-    """Air around the balloons, uniform unless it has a `lapse`, `shear`, `roughness` or `gusts`."""
+    """Air around the balloons, uniform unless it has a `lapse` or `altitude`, `shear`, `roughness` or `gusts`."""
 
+    altitude: Annotated[float, Field(ge=LOWEST, le=HIGHEST)] | None = None
+    """Altitude of the scene's height 0 above sea: `pressure`, `temperature` and `lapse` that are not given are those of
+    the U.S. Standard Atmosphere 1976 there [m]"""
     pressure: float = field_of("air_pressure")
     """Air pressure [Pa]; 101325.0 when missing"""
     temperature: float = field_of("air_temperature")
@@ -45,8 +49,9 @@ class Atmosphere(Table):
     density: float | None = optional_field_of("air_density")
     """Density of the air; when missing, that of dry air as an ideal gas [kg/m^3]"""
     lapse: float | None = optional_field_of("air_lapse")
-    """Lapse rate, the decrease of temperature with height: 0.0065 in the standard atmosphere, 0 isothermal. Pressure
-    and density, given at height 0, fall with height. Uniform air when missing [K/m]"""
+    """Lapse rate, the decrease of temperature with height: 0.0065 in the standard atmosphere up to 11 km, 0 isothermal,
+    below 0 where it is warmer above. Pressure and density, given at height 0, fall with height. Uniform air when
+    missing [K/m]"""
     wind: Vector = field_of("wind")
     """Wind velocity [m/s]; [0.0, 0.0, 0.0] when missing"""
     shear: float = field_of("wind_shear")
@@ -64,6 +69,22 @@ class Atmosphere(Table):
     """Integral length scale of the turbulence [m]; 10.0 when missing"""
     gust_seed: int = field_of("gust_seed")
     """Seed of the random gusts [1]; 0 when missing"""
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """Values that were given, and do not follow from the altitude."""
+        return {field: getattr(self, field) for field in self.model_fields_set}
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _of_the_altitude(cls, given: Any, checked: ModelWrapValidatorHandler[Self]) -> Self:
+        air = checked(given)
+        if not isinstance(given, dict) or air.altitude is None:
+            return air
+        following = {name: value for name, value in standard_air(air.altitude).items() if name not in given}
+        air = checked(given | following)
+        air.model_fields_set.difference_update(following)
+        return air
 
 
 class Ground(Table):

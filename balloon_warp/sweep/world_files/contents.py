@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from balloon_warp.contacts import things_of
 from balloon_warp.errors import InputError
@@ -17,19 +16,16 @@ from balloon_warp.mesh.corners import edges_of
 from balloon_warp.mesh.geometry import triangulate
 from balloon_warp.model import ModelPlan
 from balloon_warp.outputs.world_files import Field, WorldFile
-from balloon_warp.provenance import describe_scene, mesh_label, without_folders
+from balloon_warp.outputs.world_files.world_file import Arrays, Attribute
+from balloon_warp.provenance import describe_scene, without_folders
 from balloon_warp.scene import Scene
 from balloon_warp.scene.overrides import override_scene
 from balloon_warp.sweep.columns import units_of
-from balloon_warp.sweep.groups import BatchVary, Group, vary_columns
+from balloon_warp.sweep.groups import SHA256, BatchVary, Group, is_mesh
 from balloon_warp.sweep.world_files.tracks import fields_of
 
 MOST_ATTRIBUTES = 500
 """Number of values of a scene above which only those are attributes that vary; the manifest has all"""
-
-SHA256 = ".sha256"
-"""End of the name of an attribute: the hash of the file that the attribute before it names"""
-Attribute = int | float | str
 
 
 class Contents:
@@ -40,18 +36,23 @@ class Contents:
         vary: what differs between them.
         laws: your own.
         every: step between frames that are written.
-        hashes: of the meshes, by their labels.
+        columns: the same as `BatchTask.varied`.
+        hashes: of the scene's files, by place.
     """
 
-    def __init__(self, scene: Scene, vary: BatchVary, laws: Sequence[Law], every: int, hashes: Mapping[str, str]):
-        self.scene, self._every, self._hashes = scene, every, hashes
-        self.columns = {path: column.tolist() for path, column in vary_columns(vary).items()}
-        """Value of each world of what differs, by its path: of meshes the files' names, and, with `SHA256`, hashes"""
+    def __init__(
+        self,
+        scene: Scene,
+        vary: BatchVary,
+        laws: Sequence[Law],
+        every: int,
+        columns: Mapping[str, list[Any]],
+        hashes: Mapping[str, str],
+    ):
+        self.scene, self._every, self._hashes, self.columns = scene, every, hashes, columns
         self._targets = {path: _targets(scene, path, values) for path, values in vary.items()}
-        self._units = units_of(scene, self.columns, laws)
-        for path in [path for path in self.columns if path.endswith(".mesh")]:
-            self.columns[f"{path}{SHA256}"] = [hashes[mesh_label(mesh)] for mesh in vary[path]]
-            self.columns[path] = [Path(label).name for label in self.columns[path]]
+        self._units = units_of(scene, vary, laws)
+        for path in filter(is_mesh, vary):
             self._targets[f"{path}{SHA256}"] = [f"{target}{SHA256}" for target in self._targets[path]]
 
     @property
@@ -66,7 +67,7 @@ class Contents:
         attributes["balloons"] = ", ".join(shape.name for shape in plan.shapes)
         if plan.scene.contacts:
             attributes["things"] = ", ".join(things_of(plan))
-        common = WorldFile(attributes, self._fixed(plan), fields_of(plan, self.frames))
+        common = WorldFile(attributes, _static(plan), self._times, fields_of(plan, self.frames))
         return self.of_world(common, int(group.worlds[0]), 1)
 
     def of_world(self, common: WorldFile, world: int, health: int) -> WorldFile:
@@ -79,13 +80,13 @@ class Contents:
 
     @cached_property
     def described(self) -> dict[str, Any]:
-        """The scene, and the hashes of its meshes, the same wherever its files are."""
-        return without_folders({"scene": describe_scene(self.scene), "meshes": self._hashes})
+        """The scene, and the hashes of its files, the same wherever they are."""
+        return without_folders({"scene": describe_scene(self.scene), "files": self._hashes})
 
     @cached_property
     def _common(self) -> dict[str, Attribute]:
         rate = self.scene.frames_per_second
-        hashes = {f"{place}{SHA256}": digest for place, digest in self.described["meshes"].items()}
+        hashes = {f"{place}{SHA256}": digest for place, digest in self._hashes.items()}
         numbers = _flat(self.described["scene"]) | hashes
         told = numbers if len(numbers) <= MOST_ATTRIBUTES else {}
         ours: dict[str, Attribute] = {"world": 0, "health": 1, "every": self._every, "time_step": self._every / rate}
@@ -93,28 +94,32 @@ class Contents:
         units |= {target: units[path] for path, targets in self._targets.items() if path in units for target in targets}
         return {**told, **ours, "units": json.dumps(units)}
 
-    def _fixed(self, plan: ModelPlan) -> list[tuple[Field, NDArray]]:
-        """Return what stays: times, and the meshes of all balloons as one."""
-        meshes = [shape.mesh for shape in plan.shapes]
-        counts = [mesh.vertex_count for mesh in meshes]
-        begins = (np.cumsum(counts) - counts).astype(np.int32)
+    @property
+    def _times(self) -> Arrays:
         times = np.arange(self.frames) * self._every / self.scene.frames_per_second
-        joined = {
-            "rest_pos": [mesh.points for mesh in meshes],
-            "mass_share": [shape.mass_share for shape in plan.shapes],
-            "particle_balloon": [np.full(count, number) for number, count in enumerate(counts)],
-            "edges": [edges_of(mesh) + begin for mesh, begin in zip(meshes, begins, strict=True)],
-            "triangles": [triangulate(mesh)[0] + begin for mesh, begin in zip(meshes, begins, strict=True)],
-        }
-        arrays = {"time": times, **{name: np.concatenate(parts) for name, parts in joined.items()}}
-        return [
-            (Field(name, dimensions, arrays[name].shape, dtype, unit, meaning), arrays[name].astype(dtype))
-            for name, dimensions, dtype, unit, meaning in FIXED
-        ]
+        return [(Field("time", ("time",), times.shape, "<f8", "s", "times of the frames"), times)]
 
 
-FIXED = (
-    ("time", ("time",), "<f8", "s", "times of the frames"),
+def _static(plan: ModelPlan) -> Arrays:
+    """Return the meshes of all balloons as one."""
+    meshes = [shape.mesh for shape in plan.shapes]
+    counts = [mesh.vertex_count for mesh in meshes]
+    begins = (np.cumsum(counts) - counts).astype(np.int32)
+    parts = {
+        "rest_pos": [mesh.points for mesh in meshes],
+        "mass_share": [shape.mass_share for shape in plan.shapes],
+        "particle_balloon": [np.full(count, number) for number, count in enumerate(counts)],
+        "edges": [edges_of(mesh) + begin for mesh, begin in zip(meshes, begins, strict=True)],
+        "triangles": [triangulate(mesh)[0] + begin for mesh, begin in zip(meshes, begins, strict=True)],
+    }
+    arrays = {name: np.concatenate(of_meshes) for name, of_meshes in parts.items()}
+    return [
+        (Field(name, dimensions, arrays[name].shape, dtype, unit, meaning), arrays[name].astype(dtype))
+        for name, dimensions, dtype, unit, meaning in STATIC
+    ]
+
+
+STATIC = (
     ("rest_pos", ("particle", "axis"), "<f4", "m", "rest shape: the mesh as the scene places it"),
     ("mass_share", ("particle",), "<f4", "1", "share of a particle in its balloon's mass, 0 if pinned"),
     ("particle_balloon", ("particle",), "<i4", "1", "balloon of a particle, from 0"),
@@ -126,7 +131,10 @@ FIXED = (
 
 def _targets(scene: Scene, path: str, values: Any) -> list[str]:
     """Find the values of a scene that a path sets, such as `balloon.0.mass` for `balloon.mass`."""
-    distinct = [values[0], next((value for value in values if value != values[0]), None)]
+    if is_mesh(path):
+        distinct = [Path("one"), Path("another")]  # of which only the names are looked at
+    else:
+        distinct = [values[0], next((value for value in values if value != values[0]), None)]
     try:
         first, second = (_flat(describe_scene(override_scene(scene, [(path, value)]))) for value in distinct)
     except (InputError, TypeError):

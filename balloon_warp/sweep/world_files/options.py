@@ -44,8 +44,8 @@ class TrajectoryFiles(Shown):
         return cls(given) if isinstance(given, str | Path) else given
 
     def as_json(self) -> dict[str, Any]:
-        """Describe the options for a manifest."""
-        return {"folder": str(self.folder), "every": self.every, "format": self.format, "seed": self.seed}
+        """Describe the options for a manifest, which tells nobody where the folder was."""
+        return {"folder": Path(self.folder).name, "every": self.every, "format": self.format, "seed": self.seed}
 
 
 TrajectoryFilesLike = TypeAliasType("TrajectoryFilesLike", TrajectoryFiles | str | Path)

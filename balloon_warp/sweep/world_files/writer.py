@@ -3,7 +3,10 @@
 import os
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
+from dataclasses import replace
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -12,20 +15,25 @@ from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.files import target_of
-from balloon_warp.outputs.world_files import FORMATS, Field, Slot, WorldFile
+from balloon_warp.outputs.world_files import FORMATS, FileContents, WorldFile
+from balloon_warp.outputs.world_files.frames import SUFFIX, all_frames, make_room, put_frames
+from balloon_warp.outputs.world_files.world_file import Arrays
 from balloon_warp.ownership import require_ours_in
 from balloon_warp.resume import PartialFolder, as_json
 from balloon_warp.resume.folder import JOB_NAME
 from balloon_warp.sweep.groups import Group
 from balloon_warp.sweep.recorder import Record
-from balloon_warp.sweep.world_files.catalog import MANIFEST_NAME, listed_files, write_catalog
+from balloon_warp.sweep.world_files.catalog import MANIFEST_NAME, STATIC, listed_files, write_catalog
 from balloon_warp.sweep.world_files.contents import Contents
+from balloon_warp.sweep.world_files.moments import Moments
 from balloon_warp.sweep.world_files.options import TrajectoryFiles
 from balloon_warp.sweep.world_files.splits import SPLITS, splits_of
 
 BLOCK_BYTES = 2**28
 """Size of the frames that are written together: many small writes would take longer"""
 PARTIAL_NAME = "partial"
+THREADS = min(os.cpu_count() or 1, 16)
+"""Number of files that are compressed at the same time"""
 
 
 class TrajectoryWriter:
@@ -49,13 +57,16 @@ class TrajectoryWriter:
         self._partial = PartialFolder(self.folder / PARTIAL_NAME)
         self._partial.require_own()
         self._job = as_json({"trajectories": options.as_json(), **job})
-        self._commons = [contents.of_group(group) for group in groups]
-        self._formats = [FORMATS[options.format]() for _ in groups]
+        self._format = FORMATS[options.format]()
+        self._statics: dict[str, Arrays] = {}
+        """What stays, by the names of its files"""
+        self._commons = self._with_static(contents)
         self.world_count = sum(len(group.worlds) for group in groups)
         self._splits = splits_of(self.world_count, options.seed)
         there = [number for number, split in enumerate(SPLITS) if (self.folder / split).exists()]
         names = map(self._name, np.flatnonzero(np.isin(self._splits, there)).tolist())
-        require_ours_in(self.folder, [MANIFEST_NAME, *names], (MANIFEST_NAME, f"{PARTIAL_NAME}/{JOB_NAME}"))
+        statics = self._statics if (self.folder / STATIC).exists() else ()
+        require_ours_in(self.folder, [MANIFEST_NAME, *statics, *names], (MANIFEST_NAME, f"{PARTIAL_NAME}/{JOB_NAME}"))
         self._waiting: list[list[Record]] = [[] for _ in groups]
         self._waiting_bytes = 0
         self._safe = False
@@ -73,9 +84,9 @@ class TrajectoryWriter:
                 self._take_up()
                 return
             self._partial.begin(self._job)
-            for number, group in enumerate(self._groups):
+            for group, common in zip(self._groups, self._commons, strict=True):
                 for world in group.worlds.tolist():
-                    self._formats[number].create(self._path(number, world), self._contents_of(number, world, 1))
+                    make_room(self._path(world), common.moving)
 
     def add(self, group: int, record: Record) -> None:
         """Add a frame of a group."""
@@ -118,18 +129,23 @@ class TrajectoryWriter:
         """
         self.flush()
         with self._telling():
-            whole = dict(self._finished(health))
+            whole = {name: self._finished_static(name) for name in self._statics}
+            worlds = dict(self._finished(health))
+            whole |= {self._name(world): path for world, (path, _) in worlds.items()}
             os.sync()
             old = listed_files(self.folder)
             (self.folder / MANIFEST_NAME).unlink(missing_ok=True)  # a folder without one is not whole
-            for name in SPLITS:
+            for name in (STATIC, *SPLITS):
                 (self.folder / name).mkdir(exist_ok=True)
-            for world, path in sorted(whole.items()):
-                _move(path, self.folder / self._name(world), self._partial.path)
-            for name in old - {self._name(world) for world in whole}:
+            for name, path in whole.items():
+                _move(path, self.folder / name, self._partial.path)
+            for name in old - whole.keys():
                 _remove(self.folder / name)
-        named = [self._name(world) for world in range(self.world_count)]
-        write_catalog(self.folder, self.options, self._contents, self._commons[0], named, health)
+        names, moments = [name for name in whole if name not in self._statics], _together(worlds)
+        write_catalog(
+            *(self.folder, self.options, self._contents, self._commons[0]),
+            *(names, health, list(self._statics), moments),
+        )
 
     def give_up(self) -> None:
         """Remove what no checkpoint counts on, after a failure."""
@@ -148,45 +164,72 @@ class TrajectoryWriter:
             )
         self._partial.go_on()
         self._safe = True
-        for number, group in enumerate(self._groups):
+        for group in self._groups:
             for world in group.worlds.tolist():
-                path, place = self._path(number, world), self.folder / self._name(world)
-                if not path.exists():
-                    if not place.exists():
-                        raise InputError(f"{path}: is missing; expected the trajectory of world {world}")
-                    place.rename(path)
+                if not (path := self._path(world)).exists():
+                    raise InputError(f"{path}: is missing; expected the frames of world {world}")
 
-    def _finished(self, health: NDArray[np.integer]) -> Iterator[tuple[int, Path]]:
+    def _with_static(self, contents: Contents) -> list[WorldFile]:
+        """Return what the files of each group have in common, and note what stays, once for all that share it."""
+        commons: list[WorldFile] = [contents.of_group(group) for group in self._groups]
+        known: dict[bytes, str] = {}
+        for number in np.argsort([group.worlds[0] for group in self._groups]).tolist():  # the same in any cut
+            common = commons[number]
+            same = sha256(b"".join(values.tobytes() for _, values in common.static)).digest()
+            name = known.setdefault(same, f"{STATIC}/{STATIC}_{len(known):06d}{self._format.suffix}")
+            self._statics[name] = common.static
+            commons[number] = replace(common, attributes={**common.attributes, STATIC: name})
+        return commons
+
+    def _finished_static(self, name: str) -> Path:
+        return self._written(name, FileContents({}, self._statics[name]))
+
+    def _finished(self, health: NDArray[np.integer]) -> Iterator[tuple[int, tuple[Path, dict[str, Moments]]]]:
+        """Write the files of all worlds, in their order; return them with the moments of those for training."""
+        groups = np.zeros(self.world_count, dtype=np.int64)
         for number, group in enumerate(self._groups):
-            for world in group.worlds.tolist():
-                contents = self._contents_of(number, world, int(health[world]))
-                yield world, self._formats[number].finish(self._path(number, world), contents)
+            groups[group.worlds] = number
+
+        def finish(world: int) -> tuple[Path, dict[str, Moments]]:
+            contents = self._contents.of_world(self._commons[groups[world]], world, int(health[world]))
+            frames = all_frames(self._path(world), contents.moving)
+            elsewhere = [field.name for field, _ in contents.static]
+            path = self._written(
+                self._name(world), FileContents(contents.attributes, [*contents.times, *frames], elsewhere)
+            )
+            learned = frames if self._splits[world] == SPLITS.index("train") else []
+            return path, {field.name: Moments.of(field, values) for field, values in learned}
+
+        with ThreadPoolExecutor(THREADS, thread_name_prefix="packer") as threads:
+            yield from enumerate(threads.map(finish, range(self.world_count)))
+
+    def _written(self, name: str, contents: FileContents) -> Path:
+        """Write a file beside the frames, and return it."""
+        path = self._partial.path / Path(name).name
+        _remove(path)  # of a batch that was stopped here
+        self._format.write(path, contents)
+        return path
 
     def _write(self, group: int, rows: NDArray[np.integer], records: Sequence[Record]) -> None:
         """Write frames that follow each other."""
-        format_, moving = self._formats[group], self._commons[group].moving
+        moving = self._commons[group].moving
         begin = records[0].number // self.options.every
         health = np.stack([record.healthy for record in records]).astype(np.int32)
         for place, row in enumerate(rows.tolist()):
-            slots = format_.slots(self._path(group, int(self._groups[group].worlds[row])), moving)
+            path = self._path(int(self._groups[group].worlds[row]))
             arrays = {"health": health[:, place]}
             for field in moving[:-1]:
                 arrays[field.name] = np.stack([(record.tracks or {})[field.name][place] for record in records])
             bad = np.flatnonzero(arrays["health"] == 0)
             if len(bad):
-                _freeze(arrays, moving, slots, begin, int(bad[0]))
-            for path in dict.fromkeys(slot.path for slot in slots.values()):
-                here = [field for field in moving if slots[field.name].path == path]
-                _put(path, [(slots[f.name].offset + begin * f.bytes_of_frame, arrays[f.name]) for f in here])
+                _freeze(arrays, all_frames(path, moving), begin, int(bad[0]))
+            put_frames(path, moving, begin, arrays)
 
-    def _contents_of(self, group: int, world: int, health: int) -> WorldFile:
-        return self._contents.of_world(self._commons[group], world, health)
-
-    def _path(self, group: int, world: int) -> Path:
-        return self._partial.path / f"world_{world:06d}{self._formats[group].work_suffix}"
+    def _path(self, world: int) -> Path:
+        return self._partial.path / f"world_{world:06d}{SUFFIX}"
 
     def _name(self, world: int) -> str:
-        return f"{SPLITS[self._splits[world]]}/world_{world:06d}{self._formats[0].suffix}"
+        return f"{SPLITS[self._splits[world]]}/world_{world:06d}{self._format.suffix}"
 
     @contextmanager
     def _telling(self) -> Iterator[None]:
@@ -229,7 +272,17 @@ def _require_disk(folder: Path, needed: int) -> None:
 
 
 def _size(world: WorldFile) -> int:
-    return sum(field.bytes for field in (*world.moving, *(field for field, _ in world.fixed)))
+    """Return the size of a world's frames, and that of its file, which compression makes smaller by an unknown part."""
+    return 2 * sum(field.bytes for field in world.moving)
+
+
+def _together(worlds: Mapping[int, tuple[Path, dict[str, Moments]]]) -> dict[str, Moments]:
+    """Return the moments of all worlds that have them."""
+    total: dict[str, Moments] = {}
+    for _, moments in worlds.values():
+        for name, more in moments.items():
+            total[name] = total[name].with_more(more) if name in total else more
+    return total
 
 
 def _runs(records: Sequence[Record], every: int) -> Iterator[list[Record]]:
@@ -244,37 +297,14 @@ def _runs(records: Sequence[Record], every: int) -> Iterator[list[Record]]:
         yield run
 
 
-def _freeze(
-    arrays: Mapping[str, NDArray], moving: Sequence[Field], slots: Mapping[str, Slot], begin: int, bad: int
-) -> None:
+def _freeze(arrays: Mapping[str, NDArray], frames: Arrays, begin: int, bad: int) -> None:
     """Repeat the last good frame from a bad one on."""
-    for field in moving[:-1]:
+    for field, written in frames[:-1]:
         values = arrays[field.name]
         if bad:
             values[bad:] = values[bad - 1]
-        elif begin:
-            values[:] = _frame(field, slots[field.name], begin - 1)
         else:
-            values[:] = 0.0
-
-
-def _frame(field: Field, slot: Slot, number: int) -> NDArray:
-    with slot.path.open("rb") as file:
-        file.seek(slot.offset + number * field.bytes_of_frame)
-        return np.frombuffer(file.read(field.bytes_of_frame), field.dtype).reshape(field.shape[1:])
-
-
-def _put(path: Path, pieces: Sequence[tuple[int, NDArray]]) -> None:
-    """Write into a file that is there."""
-    descriptor = os.open(path, os.O_WRONLY)
-    try:
-        for offset, values in pieces:
-            left = np.ascontiguousarray(values).data.cast("B")
-            while left:
-                written = os.pwrite(descriptor, left, offset)
-                left, offset = left[written:], offset + written
-    finally:
-        os.close(descriptor)
+            values[:] = written[begin - 1] if begin else 0.0
 
 
 def _move(path: Path, place: Path, aside: Path) -> None:
