@@ -56,7 +56,7 @@ def test_slopes_are_those_of_the_energy_of_textbooks(kind: str):
 
 @each_law
 def test_a_law_s_own_energy_has_its_slopes(kind: str):
-    """Up to stretches of 12, where Gent's is beyond the most that it allows; differences are off by h^2 of the whole."""
+    """Up to stretches of 12, where Gent's is beyond the most that it allows; differences are off by some h^2."""
     law, told, h = MEMBRANES[kind], told_of(kind), 1e-4
     first = np.linspace(1.1, 12.0, 60)
     second = first**-0.3
