@@ -16,8 +16,6 @@ gc.set_threshold(20_000)  # Warp's code generator makes much that stays, which i
 pytest_plugins = ("costs", "page_fixtures", "shared_fixtures", "shaking")
 OWN_SCHEDULE = {"cpu": "octets", "cuda:0": "block"}
 """schedule that `auto` takes for small balloons, by device"""
-
-
 HERE = Path(__file__).parent
 LEFT_OUT = (HERE / "physics", HERE / "full")
 """folders that run with --full, or by name, but for what is marked `always`"""
@@ -38,11 +36,8 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadScopeSch
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption(
-        "--full",
-        action="store_true",
-        help="add tests/physics, tests/full and all marked full; with -m full these alone",
-    )
+    told = "add tests/physics, tests/full and all marked full; with -m full these alone"
+    parser.addoption("--full", action="store_true", help=told)
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -73,10 +68,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     Physics runs in the device's own schedule alone, if there it can: test_reference.py holds all others to the same.
     """
     full = config.getoption("--full")
-    in_own = {function_of(item) for item in items if not in_another_schedule(item)}
+    in_own = {item.nodeid.partition("[")[0] for item in items if not in_another_schedule(item)}
     left, left_out = [], []
     for item in items:
-        another = in_another_schedule(item) and function_of(item) in in_own
+        another = in_another_schedule(item) and item.nodeid.partition("[")[0] in in_own
         if another:
             item.add_marker(pytest.mark.schedules)
             item.add_marker(pytest.mark.full)
@@ -88,11 +83,6 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         (left_out if again or (is_full and not full) else left).append(item)
     config.hook.pytest_deselected(items=left_out)
     items[:] = sorted(left, key=lambda item: PROCESSES not in item.nodeid)
-
-
-def function_of(item: pytest.Item) -> str:
-    """Return the name of a test without its parameters."""
-    return item.nodeid.partition("[")[0]
 
 
 def runs_always(item: pytest.Item) -> bool:

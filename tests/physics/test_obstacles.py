@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+import warp as wp
+from law_functions import COUNT, called
 from meshes import cube, mesh_of, quad_sphere
 from pxr import Gf, Usd, UsdGeom, UsdSkel, Vt
 from scipy.spatial.transform import Rotation
@@ -14,6 +16,7 @@ from touching import square
 
 from balloon_warp.errors import InputError
 from balloon_warp.frame import Frame
+from balloon_warp.kernels.laws.fixture import capsule_surface
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import plan_model
 from balloon_warp.model.obstacle_motion import obstacle_motion
@@ -32,6 +35,27 @@ GRAVITY, FRICTION = 9.81, 0.5
 FREE: dict[str, Any] = {
     "stiffness": Stiffness(structural=0.0, shear=0.0, flexion=0.0), "inflation": Inflation(k_normal=0.0), "damping": 0.0
 }  # fmt: skip
+
+
+@wp.func
+def normal_of_capsule(point: wp.vec3, up: wp.vec3):
+    """Return the normal of a capsule of 0.1 m about an axis of 1 m."""
+    _distance, normal = capsule_surface(point, 0.1, 0.5, up)
+    return normal
+
+
+@pytest.mark.always
+def test_the_normal_of_a_capsule_is_a_unit_vector_on_its_axis_too():
+    """On the axis it may be any that is across."""
+    random = np.random.default_rng(0)
+    ups = np.eye(3)[random.integers(1, 3, COUNT)]  # y or z, as scenes may have it
+    points = random.uniform(-1.0, 1.0, (COUNT, 3))
+    points[: COUNT // 2] = random.uniform(-0.4, 0.4, (COUNT // 2, 1)) * ups[: COUNT // 2]
+    normals = called(normal_of_capsule, {"point": points.astype(np.float32), "up": ups.astype(np.float32)}, "vec3")
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, rtol=1e-6)
+    np.testing.assert_allclose((normals * ups).sum(axis=1)[: COUNT // 2], 0.0, atol=1e-6)
+    arms = points - np.clip((points * ups).sum(axis=1), -0.5, 0.5)[:, None] * ups
+    np.testing.assert_allclose((normals * arms).sum(axis=1), np.linalg.norm(arms, axis=1), atol=1e-6)
 
 
 def crowd(at: tuple, velocity: tuple, size: float = 0.2) -> Balloon:
