@@ -1,6 +1,7 @@
 """Balloons that hold gas, and their states."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -16,6 +17,18 @@ NO_SPRINGS = Stiffness(structural=0.0, shear=0.0, flexion=0.0)
 AIR_PRESSURE, TEMPERATURE, GAS_CONSTANT = 101325.0, 293.15, 8.314462618
 PRESSURE_ROUNDING = 0.1
 """[Pa]: a float32 volume is rounded by some 1e-7 of itself, and that moves the gas's 1e5 Pa so much"""
+
+
+def isentropic(pressure: Any, density: Any, gamma: float = 1.4, outside: float = AIR_PRESSURE) -> tuple[Any, Any]:
+    """Return the flow [kg/s/m^2] and thrust [Pa] of a nozzle under a gauge pressure [Pa], by the Mach number M there:
+    m = p_t M root(gamma / (R T_t)), F = p_t (1 + gamma M^2) - p_air, with M at most 1 (Anderson, Modern Compressible
+    Flow, chapter 5)."""
+    behind = outside + pressure
+    mach = np.minimum(np.sqrt(2.0 / (gamma - 1.0) * ((behind / outside) ** (1.0 - 1.0 / gamma) - 1.0)), 1.0)
+    cooled = 1.0 + 0.5 * (gamma - 1.0) * mach**2
+    throat = behind * cooled ** (-gamma / (gamma - 1.0))
+    specific = behind / density / cooled  # R T of a kilogram
+    return throat * mach * np.sqrt(gamma / specific), throat * (1.0 + gamma * mach**2) - outside
 
 
 def octahedron(radius: float = 1.0) -> PolygonMesh:

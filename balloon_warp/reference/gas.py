@@ -90,8 +90,21 @@ def filled(gas, p, h, time, pumped, curve):
     return moles
 
 
+def nozzle(pressure, behind, gamma):
+    """Return the flow through an opening over that of Bernoulli's law, and its thrust over 2 C A p.
+
+    The gas expands without heat down to the pressure outside, or to that at which it is as fast as sound (de
+    Saint-Venant and Wantzel 1839).
+    """
+    k = np.maximum(gamma, 1.4)
+    drop = np.maximum(np.clip(pressure / behind, 0.0, 1.0), 1e-12)
+    x = np.minimum(drop, 1.0 - (2.0 / (k + 1.0)) ** (k / (k - 1.0)))
+    work, density = -np.expm1((1.0 - 1.0 / k) * np.log1p(-x)) * k / (k - 1.0), (1.0 - x) ** (1.0 / k)
+    return density * np.sqrt(work / drop), density * work / drop + 0.5 * (1.0 - x / drop)
+
+
 def vent(gas, p, h, opening):
-    """Find the flow out of openings by Bernoulli's law at the step's end, instead of the one believed before."""
+    """Find the flow out of openings at the step's end, instead of the one believed before."""
     taken = there(gas.free_volume / max(gas.amount, 1e-20), gas.temperature, p)
     inside = gas.outside + gas.pressure
     brought = throttled(R * gas.temperature / ATMOSPHERE, ATMOSPHERE, inside, p.gamma)
@@ -102,7 +115,8 @@ def vent(gas, p, h, opening):
     else:
         mole = R * gas.temperature / gas.outside
         density, softness, most = gas.density, gas.slope * brought, np.inf
-    squared = 2.0 * opening**2 / (density * mole**2)
+    ahead = (gas.outside + gas.pressure, p.gamma) if gas.pressure > 0.0 else (gas.outside, 1.4)
+    squared = 2.0 * (opening * nozzle(abs(gas.pressure), *ahead)[0]) ** 2 / (density * mole**2)
     driven, held = squared * abs(gas.pressure), squared * softness * h
     flow = 2.0 * driven / (held + np.sqrt(held**2 + 4.0 * driven) + 1e-300)
     gas.vent = min(flow, most) if gas.pressure > 0.0 else -flow

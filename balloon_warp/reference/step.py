@@ -192,7 +192,8 @@ class Reference:
         if opening := self._opening(number):
             edges, gas = balloon.neck.edges, self.gases[number]
             out = np.cross(x[edges[:, 0]], x[edges[:, 1]]).sum(axis=0)
-            thrust = 2.0 * opening * np.maximum(gas.load + gas.rise * (x @ up), 0.0)
+            above = np.maximum(gas.load + gas.rise * (x @ up), 0.0)
+            thrust = 2.0 * opening * above * gases.nozzle(above, p.air_pressure + above, p.gamma)[1]
             force = force - (balloon.neck.weights * thrust)[:, None] * out / np.linalg.norm(out)
         return force, area
 

@@ -21,6 +21,7 @@ from balloon_warp.kernels.tables import Tables
 def jet_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
     """Return the adjoints of the thrust at a neck: of a particle's own share, and of the rim's places."""
     opening_of_neck = function_here(neck_opening, ["time"], features.columns)
+    thrust_of = function_here(thrust, ["opening", "pressure"], features.columns)
     Params, _ = params_functions(features.columns, features.balloons)  # noqa: N806 - a type
     at = look.at
 
@@ -37,7 +38,7 @@ def jet_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjo
 
     @wp.func
     def work_of_share(weight: float, load: wp.vec2, height: float, time: float, n: Any, along: float):
-        return -weight * thrust(opening_of_neck(time, n), load[0] + load[1] * height) * along
+        return -weight * thrust_of(opening_of_neck(time, n), load[0] + load[1] * height, n) * along
 
     @wp.func
     def own_adjoint(
@@ -66,7 +67,7 @@ def jet_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjo
             weight = t.necks.weights[other]
             if weight > 0.0:
                 pressure = load[0] + load[1] * wp.dot(at(points, other), t.up)
-                total -= (weight * thrust(opening, pressure)) * at(force_bars, other)
+                total -= (weight * thrust_of(opening, pressure, params.n)) * at(force_bars, other)
         return total
 
     @wp.func

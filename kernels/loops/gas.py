@@ -192,7 +192,9 @@ def vent_function(features: Features) -> tuple[Any, Any]:
         """Take vented gas from a balloon, and store the thrust of its jet."""
         n = read_numbers(t, world, balloon)
         air = air_at(t, state, world, balloon)
-        state.thrusts[world, balloon] = thrust(opening_of_neck(time, n), state.pressures[world, balloon])
+        state.thrusts[world, balloon] = thrust(
+            opening_of_neck(time, n), state.pressures[world, balloon], n[gamma_column], air[0]
+        )
         gas = pumped_gas(
             gas_in(state, world, balloon), -t.step_seconds * state.vent_flows[world, balloon], 0.0,
             air[0] + state.pressures[world, balloon], n[gamma_column], n[temperature_column], air[1],

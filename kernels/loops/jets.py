@@ -17,6 +17,7 @@ from balloon_warp.kernels.tables import Tables
 def jet_loop(features: Features, at: Any) -> Any:
     """Return the function for a particle's share of its balloon's thrust."""
     opening_of_neck = function_here(neck_opening, ["time"], features.columns)
+    thrust_of = function_here(thrust, ["opening", "pressure"], features.columns)
 
     @wp.func
     def jet(
@@ -45,21 +46,22 @@ def jet_loop(features: Features, at: Any) -> Any:
                 ends = necks.edges[edge]
                 out += wp.cross(at(points, ends[0]) - origin, at(points, ends[1]) - origin)
             pressure = load[0] + load[1] * height
-            force = (-weight * thrust(opening_of_neck(time, n), pressure)) * wp.normalize(out)
+            force = (-weight * thrust_of(opening_of_neck(time, n), pressure, n)) * wp.normalize(out)
         return force
 
     return jet
 
 
 @cache
-def hole_jet_loop(at: Any) -> Any:
+def hole_jet_loop(features: Features, at: Any) -> Any:
     """Return the function for a particle's share of the thrust of holes where its balloon is torn."""
     area_vector_of_holes = hole_loop(at)
+    thrust_of = function_here(thrust, ["opening", "pressure"], features.columns)
 
     @wp.func
     def jet_of_holes(t: Tables, points: Any, params: Any, load: wp.vec2, point: wp.vec3):
         """Force [N]; `load` is the pressure at height 0 [Pa], and its rise with height [Pa/m]."""
         hole = area_vector_of_holes(t, points, params.world, params.number, point)
-        return -thrust(SHARP_EDGE, load[0] + load[1] * wp.dot(point, t.up)) * hole
+        return -thrust_of(SHARP_EDGE, load[0] + load[1] * wp.dot(point, t.up), params.n) * hole
 
     return jet_of_holes

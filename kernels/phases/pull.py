@@ -121,7 +121,7 @@ def jet(features: Features, look: Look) -> Any:
 @phase("particle", {"force": wp.vec3}, when=lambda features: features.bursts)
 def jet_of_holes(features: Features, look: Look) -> Any:
     """Add the thrust of holes where the balloon is torn."""
-    thrust_at = hole_jet_loop(look.at)
+    thrust_at = hole_jet_loop(features, look.at)
 
     @wp.func
     def jet_of_holes(
