@@ -124,7 +124,7 @@ def override_scene(scene: Scene, overrides: Iterable[Override], other_kinds: boo
     for plain, balloon in zip(table["balloon"], scene.balloon, strict=True):
         if other_kinds and not balloon.inflation.names_its_kind:
             plain["inflation"] = {k: v for k, v in plain["inflation"].items() if k in balloon.inflation.own_fields}
-    table["atmosphere"] = scene.atmosphere.given
+    table["atmosphere"] = {k: v for k, v in table["atmosphere"].items() if k not in scene.atmosphere.following}
     apply_overrides(table, overrides)
     try:
         return Scene.model_validate(table)

@@ -64,7 +64,7 @@ def scene_toml(scene: Scene, folder: Path) -> str:
     """
     table = scene.model_dump(mode="json", exclude_defaults=True, exclude=WITHOUT_MESHES)
     if "atmosphere" in table:
-        table["atmosphere"] = {k: v for k, v in table["atmosphere"].items() if k in scene.atmosphere.given}
+        table["atmosphere"] = {k: v for k, v in table["atmosphere"].items() if k not in scene.atmosphere.following}
     for name in MESHED:
         for number, each in enumerate(getattr(scene, name)):
             files = {field: _named_from(file, folder) for field, file in _files_of(each).items()}

@@ -71,9 +71,9 @@ class Atmosphere(Table):
     """Seed of the random gusts [1]; 0 when missing"""
 
     @property
-    def given(self) -> dict[str, Any]:
-        """Values that were given, and do not follow from the altitude."""
-        return {field: getattr(self, field) for field in self.model_fields_set}
+    def following(self) -> frozenset[str]:
+        """Fields that follow from an altitude, since they were not given."""
+        return frozenset(standard_air(0.0)) - self.model_fields_set
 
     @model_validator(mode="wrap")
     @classmethod
