@@ -59,7 +59,7 @@ class Around:
         seconds = 1.0 / self.scene.frames_per_second
         poses = [[solids.pose(each, frame, part, seconds) for part in parts] for each in self.obstacles]
         self.h, self.let_through = h, [
-            partial(solids.beside_obstacle, each, pose) for each, pose in zip(self.obstacles, poses, strict=True)
+            partial(solids.beside_obstacle, each, pose, h) for each, pose in zip(self.obstacles, poses, strict=True)
         ]  # fmt: skip
         for thing, (pose, _) in zip(self.things[1:], poses, strict=True):
             thing |= dict(zip(("position", "turn", "velocity", "spin"), pose, strict=True)) | {"start": pose[0]}

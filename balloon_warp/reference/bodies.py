@@ -9,7 +9,7 @@ import numpy as np
 
 from balloon_warp.reference.contact import across, cross
 from balloon_warp.reference.laws import dot, size
-from balloon_warp.reference.solids import apart, surface, turn_by, way_through
+from balloon_warp.reference.solids import apart, carried, surface, turn_by, way_through
 
 
 def momentum_of(body):
@@ -72,7 +72,7 @@ def grips(bodies, things, friction, h, fall):
                 at = at - points[:, 3:] * normal
                 for k in np.flatnonzero(gap[:, 0] < within):
                     arm, other, n = at[k] - body["position"], at[k] - thing["position"], side * normal[k]
-                    moving = 0.0 if moves is not None else thing["velocity"] + cross(thing["spin"], other)
+                    moving = 0.0 if moves is not None else carried(thing["velocity"], thing["spin"], other, h)
                     blurred = 1e-5 * body["reach"] + 4e-7 * np.linalg.norm(body["position"])
                     open_gap = 0.0 if abs(gap[k, 0]) <= blurred else float(gap[k, 0])
                     rebound = np.sqrt(body["restitution"] * thing["restitution"])

@@ -16,6 +16,11 @@ def turn_by(vector):
     return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
 
 
+def carried(velocity, spin, arm, seconds):
+    """Return the velocity along the chord on which a place goes in a step, from its arm then, or before if negative."""
+    return velocity + (arm @ turn_by(seconds * spin).T - arm) / seconds
+
+
 def vector_of(turn):
     """Return the vector of a turn of less than half a circle."""
     twice = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
@@ -75,7 +80,7 @@ def way_through(solid, start, end, radius):
     return let, np.where(slides, out, normal) * held, np.where(slides, 1.0 - gone / way, 1.0), distance
 
 
-def beside_obstacle(obstacle, poses, start, x, radius=0.0):
+def beside_obstacle(obstacle, poses, h, start, x, radius=0.0):
     """Return `way_through` an obstacle that moves, and how fast its surface moves there.
 
     Args:
@@ -85,7 +90,7 @@ def beside_obstacle(obstacle, poses, start, x, radius=0.0):
     let, normal, left, distance = way_through(obstacle, (start - before) @ earlier, (x - place) @ turn, radius)
     arm = let @ turn.T
     let = np.where(normal.any(axis=1, keepdims=True), place + arm, x)
-    return let, normal @ turn.T, left, velocity + np.cross(spin, arm), distance
+    return let, normal @ turn.T, left, carried(velocity, spin, arm, -h), distance
 
 
 def stand(around, start, x, v, h, foreseen=False):

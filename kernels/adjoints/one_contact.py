@@ -11,6 +11,7 @@ from balloon_warp.kernels.contact_tables import Solid
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.contact import leave_ground, stand_on
 from balloon_warp.kernels.laws.fixture import FAR_AWAY, LEAST_STEP, MESH
+from balloon_warp.kernels.laws.rigid import carried
 from balloon_warp.kernels.loops.fixture_poses import Pose, pose_function
 from balloon_warp.kernels.loops.fixtures import Around
 from balloon_warp.kernels.loops.solids import surface_function
@@ -126,7 +127,7 @@ def work_on_convex(
         left = more
     arm = wp.quat_rotate(pose.turn, place)
     outward = wp.quat_rotate(pose.turn, normal)
-    moving = pose.velocity + wp.cross(pose.spin, arm)
+    moving = carried(pose.velocity, pose.spin, arm, -entry.step)
     stood, slowed = stand_on(pose.center + arm, velocity, moving, outward, entry.friction, left * entry.step)
     return wp.dot(stood, point_bar) + wp.dot(slowed, velocity_bar) + wp.dot(outward, normal_bar)
 

@@ -10,6 +10,7 @@ from balloon_warp.kernels.contact_tables import Solid
 from balloon_warp.kernels.laws.collision import collision, share_of
 from balloon_warp.kernels.laws.contact import bounced, move_sphere, stop_of
 from balloon_warp.kernels.laws.impulse import fall
+from balloon_warp.kernels.laws.rigid import carried
 from balloon_warp.kernels.laws.sliding import ease_of_ball, friction_impulse, rubbed, spin_by
 from balloon_warp.kernels.loops.fixture_poses import Pose
 from balloon_warp.kernels.loops.rolling import Course
@@ -100,7 +101,7 @@ def work_beside_convex(
         left = more_left
     arm = wp.quat_rotate(pose.turn, place)
     outward = wp.quat_rotate(pose.turn, normal)
-    moving = pose.velocity + wp.cross(pose.spin, arm)
+    moving = carried(pose.velocity, pose.spin, arm, -entry.step)
     stopped = stop_of(course.velocity, moving, outward, entry.restitution)
     going = bounced(course.velocity, moving, outward, entry.restitution)
     gain, more = rubbed(going, course.spin, moving, outward, stopped, radius, entry.friction)

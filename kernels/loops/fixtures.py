@@ -8,6 +8,7 @@ import warp as wp
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.contact import stand_on
 from balloon_warp.kernels.laws.fixture import FAR_AWAY
+from balloon_warp.kernels.laws.rigid import carried
 from balloon_warp.kernels.loops.fixture_looks import SURELY, is_free, nearest_alone, note_look
 from balloon_warp.kernels.loops.fixture_poses import center_function, pose_function
 from balloon_warp.kernels.loops.friction import friction_on, number_of_obstacle
@@ -72,7 +73,7 @@ def meeting_function(features: Features) -> Any:
                 arm = wp.quat_rotate(pose.turn, place)
                 met.let = pose.center + arm
                 met.normal = wp.quat_rotate(pose.turn, outward)
-                met.moving = pose.velocity + wp.cross(pose.spin, arm)
+                met.moving = carried(pose.velocity, pose.spin, arm, -t.step_seconds)
                 met.free = 0.0
                 met.part = part
         return met

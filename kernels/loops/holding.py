@@ -7,6 +7,7 @@ import warp as wp
 
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.grip import Grip, clear_gap
+from balloon_warp.kernels.laws.rigid import carried
 from balloon_warp.kernels.loops.friction import friction_between
 from balloon_warp.kernels.loops.nearest import Thing, thing_functions
 from balloon_warp.kernels.loops.settling import ease_at
@@ -60,6 +61,7 @@ def hold_point(
     normal: wp.vec3,
     gap: float,
     places: wp.vec2i,
+    step_seconds: float,
 ):
     """Append a point at which a body touches a thing to the list.
 
@@ -74,7 +76,7 @@ def hold_point(
     grip.normal = normal
     grip.arm = point - own.center
     grip.other_arm = point - thing.center
-    grip.moving = thing.velocity + wp.cross(thing.spin, grip.other_arm)
+    grip.moving = carried(thing.velocity, thing.spin, grip.other_arm, step_seconds)
     grip.gap = clear_gap(gap, own.reach, own.center)
     grip.ease = ease_at(working, world, grip, normal)
     grip.friction = thing.friction
@@ -132,7 +134,8 @@ def thing_holding_function(features: Features) -> Any:
             if gap < within and places[0] < working.grips.shape[1]:
                 point -= told[3] * normal
                 places = hold_point(
-                    state, working, world, own, thing, first_key + number, point, side * normal, gap, places
+                    state, working, world, own, thing, first_key + number, point, side * normal, gap, places,
+                    t.step_seconds,
                 )  # fmt: skip
         return places
 

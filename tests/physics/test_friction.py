@@ -1,6 +1,7 @@
 """Friction of each pair of things: the table of docs/CONTACT.md, its updates, and what a balloon on a floor loses."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -147,3 +148,37 @@ def test_a_balloon_rests_on_the_ground_and_friction_stops_it(device: str):
     assert points[:, 1].min() >= -1e-6
     # the springs ring at the stop: some per cent of the way
     np.testing.assert_allclose((points.mean(axis=0) - start)[0], 1.0 / (2 * 0.4 * 9.81), rtol=0.1)
+
+
+TURNING, FAR_OUT = 2.0, 0.5
+"""Spin of a turntable [rad/s], and where something rides on it [m]"""
+
+
+@pytest.mark.always("cpu-body")
+@pytest.mark.parametrize("rides", ["body", "balloon"])
+def test_what_rides_on_a_turntable_keeps_its_place(rides: str, device: str):
+    """In 10 s, 3 turns, a body stays within 1 mm of its circle and its angle, at the 8 substeps of `auto`. Along
+    tangents it would go out by exp(w^2 h t / 2), 21 mm. A limp balloon slumps first, and stays after a second."""
+    table = Obstacle(
+        size=(8, 0.2, 8), position=(0, -0.1, 0), friction=1.0,
+        motion=[(0.0, (0, 0, 0), (0, 0, 0)), (60.0, (0, 0, 0), (0, math.degrees(60.0 * TURNING), 0))],
+    )  # fmt: skip
+    small = replace(cube(), points=0.1 * cube().points)
+    goes = {"velocity": (0, 0, -FAR_OUT * TURNING), "angular_velocity": (0, TURNING, 0), "friction": 1.0}
+    balloon = {"mesh": small, "position": (FAR_OUT, 0.05, 0), "stiffness": Stiffness(structural=400.0, shear=200.0)}
+    balloons = [Balloon(**balloon, damping=0.0, inflation=Inflation(pressure=0.0), **goes)]
+    bodies = []
+    if rides == "body":
+        balloons = [Balloon(mesh=small, position=(0, 50, 0), fixed=list(range(8)))]
+        bodies = [Body(size=(0.1, 0.05, 0.1), position=(FAR_OUT, 0.025, 0), mass=1.0, **goes)]
+    simulator = Simulator(Scene(balloon=balloons, body=bodies, obstacle=[table], frames=600), device)
+    places = []
+    for _ in range(600):
+        simulator.step()
+        at = simulator.state.body_positions.numpy()[0, 0] if bodies else simulator.state.points.numpy()[0].mean(axis=0)
+        places.append(at.astype(np.float64))
+    x, _, z = np.array(places).T
+    radii, angles = np.hypot(x, z), np.unwrap(np.arctan2(-z, x)) - TURNING * np.arange(1, 601) / 60.0
+    begin = 0 if bodies else 60
+    np.testing.assert_allclose(radii[begin:], FAR_OUT if bodies else radii[begin], atol=1e-3)
+    np.testing.assert_allclose(FAR_OUT * angles[begin:], 0.0 if bodies else FAR_OUT * angles[begin], atol=1e-3)
