@@ -237,7 +237,7 @@ def test_a_recording_is_a_valid_stage(session, tmp_path, monkeypatch):
     assert times[0] == stage.GetStartTimeCode() == 0
     assert_valid(stage)
     said = stage.GetRootLayer().customLayerData["balloonWarp"]
-    assert {"scene", "meshes", "substeps", "versions"} <= set(said)
+    assert {"scene", "files", "substeps", "versions"} <= set(said)
     assert said["firstFrame"] > 3
     session.run(False)
 
