@@ -169,7 +169,7 @@ def test_another_mesh_is_refused(tmp_path):
     write_obj(mesh, quad_sphere(3))
     stop(scene, output)
     write_obj(mesh, quad_sphere(3, 0.6))
-    with pytest.raises(InputError, match=r"belongs to another run: meshes\..*ball\.obj is "):
+    with pytest.raises(InputError, match=r"belongs to another run: files\.balloon\.0\.mesh is "):
         animate(scene, output, resume=True)
 
 
