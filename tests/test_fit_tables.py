@@ -79,7 +79,7 @@ def test_tests_may_be_columns_or_rows_of_one_table(form: str, tmp_path: Path):
 
 
 def test_treloar_gives_a_material_to_paste(tmp_path: Path):
-    """Within 10% of the modulus: the readings near rest, of two digits, leave 2.25/6 = 0.375 MPa to 0.41 MPa open."""
+    """Tolerance is 10% of the modulus: readings near rest, of two digits, leave 2.25/6 = 0.375 MPa to 0.41 MPa open."""
     said = fitted(treloar(tmp_path), "--kind", "ogden", "-o", str(tmp_path / "plot.png"))
     material = table(said.output)
     modulus = 0.5 * np.dot(material["ogden_moduli"], material["ogden_exponents"])
@@ -276,7 +276,7 @@ def test_rows_count_by_their_deviations_and_a_misfit_beyond_them_is_told():
 
 
 def test_columns_of_other_things_are_left_out(tmp_path: Path):
-    """What a testing machine writes; of nominal and true values the nominal ones are taken."""
+    """Tables of a testing machine are read; of nominal and true values the nominal ones are taken."""
     head = (
         "Time (s),Extension (mm),Load (N),Strain rate (1/s),Tensile strain (%),Tensile stress (MPa),True stress (MPa)"
     )

@@ -293,7 +293,7 @@ def bad_scan(fins: int, holes: int, repeats: int) -> PolygonMesh:
     ],
 )
 def test_a_mesh_with_bad_edges_swells_as_others_do(mesh: PolygonMesh):
-    """Nothing of it is pinned: it is no open surface."""
+    """No particle is pinned: it is no open surface."""
     scene = load_scene(mesh)
     (said,) = foretold_swellings(scene)
     assert said.volume is not None

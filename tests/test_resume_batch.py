@@ -250,7 +250,7 @@ def test_ctrl_c_saves_the_frame_that_it_finds(tmp_path):
         ({"export": [0]}, "export is a list of 0 there and a list of 1 here"),
         ({"schedule": "gather"}, 'schedules.0 is "lanes" there and "gather" here'),
         ({"scene": scene(frames=9)}, "scene.frames is 6 there and 9 here"),
-        ({"scene": scene(balloon=[Balloon(mesh=cube())])}, "meshes."),
+        ({"scene": scene(balloon=[Balloon(mesh=cube())])}, "files."),
     ],
 )
 def test_another_batch_is_refused(stopped: Path, change: dict, difference: str):

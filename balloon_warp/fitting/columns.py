@@ -36,7 +36,7 @@ class Column(NamedTuple):
     factor: float
     """SI units in the column's"""
     text: str = ""
-    """Its name in the head"""
+    """Name in the head"""
     test: Test | None = None
     logarithmic: bool = False
     """Whether a strain is the logarithm of a stretch"""
@@ -45,12 +45,12 @@ class Column(NamedTuple):
 
     @property
     def form(self) -> tuple[str, bool, bool]:
-        """How it tells its size or load."""
+        """Form of the size or load: quantity, whether logarithmic, whether true."""
         return self.quantity, self.logarithmic, self.true
 
     @property
     def key(self) -> tuple[str, bool, Test | None]:
-        """What a table has once."""
+        """Properties that a table has once."""
         quantity = QUANTITIES[self.quantity]
         return quantity.measures, quantity.of_inflation, self.test
 

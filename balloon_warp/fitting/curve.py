@@ -47,7 +47,7 @@ class CurveFit:
     toml: str
     """Table of a scene file"""
     unit: str
-    """Of the misfit, in words"""
+    """Description of the misfit, in words"""
 
 
 def fit_curves(

@@ -9,7 +9,7 @@ from balloon_warp.fitting.quantities import Test
 
 Values = NDArray[np.float64]
 QUANTITIES = {True: ("volume", "pressure", " m^3"), False: ("stretch", "nominal stress", "")}
-"""Of an inflation, and of another test: names of sizes and loads, and the unit of sizes"""
+"""Names, of an inflation and of another test, of sizes and loads, and the unit of sizes"""
 TESTS: dict[Test, str] = {
     "inflation": "an inflation",
     "uniaxial": "a uniaxial test",
@@ -34,18 +34,18 @@ class Curve:
     remarks: tuple[str, ...] = ()
     """Sentences on what was taken of the file"""
     name: str = "the curve"
-    """What a sentence calls it"""
+    """Name in sentences"""
     of_sphere: bool = False
     """Whether volumes follow from a diameter"""
 
     @property
     def load_name(self) -> str:
-        """Name of its loads."""
+        """Name of the loads."""
         return "pressure" if self.test == "inflation" else "stress"
 
     @property
     def summary(self) -> str:
-        """What it is, and its ranges, in words."""
+        """Description of the curve and its ranges, in words."""
         size, load, unit = QUANTITIES[self.test == "inflation"]
         known = ", ".join(
             f"deviations of {name}"

@@ -13,7 +13,7 @@ SIZE, MARGIN = (720, 480), (80, 24, 24, 56)
 """Size and margins [pixels]; left, top, right, bottom"""
 PAPER, INK, FAINT = (255, 255, 255), (40, 40, 40), (225, 225, 225)
 COLORS = (((40, 105, 160), (200, 60, 30)), ((60, 130, 60), (120, 60, 150)), ((150, 110, 20), (30, 120, 130)))
-"""Of the line and the dots of each curve"""
+"""Colors of the line and the dots of each curve"""
 TICKS = 5
 
 

@@ -31,7 +31,7 @@ class Family(NamedTuple):
 
     names: tuple[str, ...]
     starts: tuple[tuple[float, ...], ...]
-    """Where searches begin; their signs are kept"""
+    """Values at which searches begin; their signs are kept"""
 
 
 FAMILIES: dict[Kind, Family] = {

@@ -55,7 +55,7 @@ class Solution:
     squares: float
     """Sum of the squares of the residuals, over the given noise or the largest loads"""
     starts: Values
-    """The same of all starts"""
+    """Sums of all starts"""
     at_bounds: dict[str, float]
     """Bounds that values lie at"""
 

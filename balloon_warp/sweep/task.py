@@ -59,7 +59,7 @@ class BatchTask:
 
     @cached_property
     def varied(self) -> dict[str, list[Any]]:
-        """What differs between worlds, a value for each: of meshes names, and, with `SHA256`, hashes, as above."""
+        """Values that differ between worlds, one for each: of meshes names, and, with `SHA256`, hashes, as above."""
         columns = {path: column.tolist() for path, column in vary_columns(self.vary).items()}
         for path in filter(is_mesh, self.vary):
             meshes = {id(mesh) if isinstance(mesh, PolygonMesh) else mesh: mesh for mesh in self.vary[path]}

@@ -143,7 +143,7 @@ def test_buoyancy_falls_with_height(device: str):
 
 
 def test_buoyancy_30_km_above_the_sea(device: str):
-    """The same with 10 kg, where the air is warmer above: at height 0 and 1,000 m of the scene."""
+    """Lift is the same with 10 kg, where the air is warmer above: at height 0 and 1,000 m of the scene."""
     heights = [0.0, 1000.0]
     balloon = gas_balloon(quad_sphere(3, 5.0), {"added_mass": 0.5, "gamma": 1.4}, mass=10.0)
     pull = GRAVITY * (EARTH_RADIUS / (EARTH_RADIUS + 30500.0)) ** 2

@@ -64,7 +64,7 @@ def gain_of(approach: float, restitution: float, gravity: float, step_seconds: f
 
 @pytest.mark.always
 def test_nothing_rebounds_at_the_speed_of_two_steps_of_gravity():
-    """What comes faster than 2 g dt gains 1 + e times its speed, and what is slower its speed."""
+    """Speeds above 2 g dt gain 1 + e times themselves, and slower ones just themselves."""
     random = np.random.default_rng(0)
     step, speeds = 1e-3, random.uniform(0.5, 4.0, COUNT)
     samples = {"approach": speeds * step * G, "restitution": random.uniform(0.2, 1.0, COUNT)}

@@ -157,7 +157,7 @@ TURNING, FAR_OUT = 2.0, 0.5
 @pytest.mark.always("cpu-body")
 @pytest.mark.parametrize("rides", ["body", "balloon"])
 def test_what_rides_on_a_turntable_keeps_its_place(rides: str, device: str):
-    """In 10 s, 3 turns, a body stays within 1 mm of its circle and its angle, at the 8 substeps of `auto`. Along
+    """A body stays for 10 s, 3 turns, within 1 mm of its circle and its angle, at the 8 substeps of `auto`. Along
     tangents it would go out by exp(w^2 h t / 2), 21 mm. A limp balloon slumps first, and stays after a second."""
     table = Obstacle(
         size=(8, 0.2, 8), position=(0, -0.1, 0), friction=1.0,

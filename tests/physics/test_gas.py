@@ -474,7 +474,7 @@ def of_nozzle(pressure: float, behind: float, gamma: float):
 @pytest.mark.always
 @pytest.mark.parametrize("gamma", [1.4, 1.667])
 def test_a_nozzle_is_isentropic_and_chokes(gamma: float):
-    """From 1 Pa to 10 MPa flow and thrust are those of the Mach number, over Bernoulli's: to 2e-6, a float32's 6e-8
+    """Flow and thrust are those of the Mach number from 1 Pa to 10 MPa, over Bernoulli's: to 2e-6, a float32's 6e-8
     over the twentieth of the pressure from which on a power of it gives the speed."""
     pressures = np.geomspace(1.0, 1e7, COUNT).astype(np.float32)
     samples = {"pressure": pressures, "behind": (AIR_PRESSURE + pressures).astype(np.float32)}

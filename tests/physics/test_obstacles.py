@@ -46,7 +46,7 @@ def normal_of_capsule(point: wp.vec3, up: wp.vec3):
 
 @pytest.mark.always
 def test_the_normal_of_a_capsule_is_a_unit_vector_on_its_axis_too():
-    """On the axis it may be any that is across."""
+    """Any that is across may be that on the axis."""
     random = np.random.default_rng(0)
     ups = np.eye(3)[random.integers(1, 3, COUNT)]  # y or z, as scenes may have it
     points = random.uniform(-1.0, 1.0, (COUNT, 3))

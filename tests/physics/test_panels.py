@@ -124,7 +124,7 @@ def test_a_ball_of_gores_becomes_round_from_rest(tmp_path):
         if stage.startswith("correction 0"):
             raise KeyboardInterrupt
 
-    asked = {"of": "foil", "panels": 6, "thickness": 1e-4, "steps": 1, "folder": tmp_path, "device": "cpu"}
+    asked = {"of": "foil", "panels": 6, "size": 0.3, "thickness": 1e-4, "steps": 1, "folder": tmp_path, "device": "cpu"}
     with pytest.raises(KeyboardInterrupt):
         bw.design(BALL, **asked, on_stage=stop)
     told: list[str] = []

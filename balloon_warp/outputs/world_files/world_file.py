@@ -48,15 +48,15 @@ class WorldFile:
 
     attributes: Mapping[str, Attribute]
     static: Arrays
-    """What stays, and is kept once for all worlds that have it in common"""
+    """Fields that stay, and are kept once for all worlds that have them in common"""
     times: Arrays
-    """What has as many rows as there are frames, and is known before"""
+    """Fields that have as many rows as there are frames, and are known before"""
     moving: Sequence[Field]
 
 
 @dataclass(frozen=True)
 class FileContents:
-    """All of a file."""
+    """Description of a whole file."""
 
     attributes: Mapping[str, Attribute]
     arrays: Arrays

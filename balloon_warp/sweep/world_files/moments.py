@@ -20,7 +20,7 @@ class Moments:
 
     @classmethod
     def of(cls, field: Field, values: NDArray) -> Self:
-        """Return those of an array, by pieces: of vectors by component, of other arrays of all numbers."""
+        """Return the moments of an array, by pieces: of vectors by component, of other arrays of all numbers."""
         components = field.shape[-1] if field.dimensions[-1] in AXES else 1
         total, rows = cls(0, np.zeros(components), np.zeros(components)), chunk_shape(field)[0]
         for begin in range(0, len(values), rows):
@@ -30,7 +30,7 @@ class Moments:
         return total
 
     def with_more(self, other: Self) -> Self:
-        """Return those of both together."""
+        """Return the moments of both together."""
         count = self.count + other.count
         if not count:
             return self
@@ -39,7 +39,7 @@ class Moments:
         return type(self)(count, mean, self.squares + other.squares + apart**2 * self.count * share)
 
     def as_json(self) -> dict[str, Any]:
-        """Describe them for a manifest: numbers of vectors by component, or a number."""
+        """Describe the moments for a manifest: numbers of vectors by component, or a number."""
         deviation = np.sqrt(self.squares / max(self.count, 1))
         told = {"mean": self.mean.tolist(), "deviation": deviation.tolist()}
         return {name: numbers if len(numbers) > 1 else numbers[0] for name, numbers in told.items()}
