@@ -63,7 +63,7 @@ EQUIVALENT: Mapping[str, str] = {
 
 
 def table(verdicts: Sequence[Verdict]) -> str:
-    """Return a table of mutants, and the survivors with what they change."""
+    """Return a table of mutants, and the survivors with their differences."""
     lines = ["| place | operator | before | after | found by | seconds |", "|---|---|---|---|---|---|"]
     for each in sorted(verdicts, key=lambda each: each.place):
         by = each.by if each.found else f"nothing: {EQUIVALENT.get(each.key, each.by)}"

@@ -127,7 +127,7 @@ def fit(
 
 
 def _of_curves(paths: list[Path], rubber: Rubber, output: Path | None) -> "CurveFit":
-    """Fit a rubber to tables, say what was read of them, and plot them."""
+    """Fit a rubber to tables, report their contents, and plot them."""
     from balloon_warp.fitting.curve import fit_curves
     from balloon_warp.fitting.plot import curves_plot
     from balloon_warp.fitting.read_curves import read_curves

@@ -182,7 +182,7 @@ class Job:
     def _judged(
         self, scene: Scene, simulated: Simulated, held: Values, plain: Values | None, stretch: float, help_: str
     ) -> Design:
-        """Return the design with its errors, and what it cannot."""
+        """Return the design with its errors and limits."""
         ruler = self.ruler
         cannot = places_off(ruler, simulated.points, help_)
         elsewhere = np.linalg.norm(ruler.aligned(simulated.points) - ruler.aligned(held), axis=1).max() / ruler.size

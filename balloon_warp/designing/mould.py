@@ -1,4 +1,4 @@
-"""Balloons of latex: the shape of the mould, which is what the rubber is at rest, and how thick it is."""
+"""Balloons of latex: the shape of the mould, which is the rubber's rest shape, and the thickness."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -55,7 +55,7 @@ class Design(Shown):
 
     @property
     def got(self) -> str:
-        """Size and stretch in words, each with what was asked for where that is another."""
+        """Size and stretch in words, each with the requested value where that differs."""
         size = f"{_got(self.size, self.size_asked, ' m')} large"
         return size + (f", stretch {_got(self.stretch, self.stretch_asked)}" if self.stretch_asked else "")
 

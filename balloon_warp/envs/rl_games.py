@@ -29,7 +29,7 @@ class RlGamesEnv(IVecEnv):
         self.worlds = TorchWorlds(env, "rl_games")
 
     def reset(self) -> Any:
-        """Begin all worlds anew, and return what is seen."""
+        """Reset all worlds, and return the observations."""
         return self.worlds.reset()
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, dict[str, Any]]:

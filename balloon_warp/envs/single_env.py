@@ -35,7 +35,7 @@ class BalloonEnv(Unpickled, gymnasium.Env[Any, Any]):
         return self._worlds.onlooker
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin anew; what is drawn follows from the seed and the episode."""
+        """Reset; random values follow from the seed and the episode."""
         super().reset(seed=seed)
         observations, info = self._worlds.reset(seed=seed)
         return observations[0], info

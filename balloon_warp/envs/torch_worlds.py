@@ -31,14 +31,14 @@ class TorchWorlds:
         """Newest observations, shape (world_count, observations)"""
 
     def reset(self) -> Any:
-        """Begin all worlds anew, and return what is seen."""
+        """Reset all worlds, and return the observations."""
         self.seen, _ = self.env.reset()
         if isinstance(self.seen, dict) or not hasattr(self.seen, "to"):
             raise InputError('output: must be "torch" (got "numpy")')
         return self.seen
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, dict[str, Any]]:
-        """Advance all worlds; return what is seen, rewards, which are over, and `time_outs`: over by their time alone.
+        """Advance all worlds; return observations, rewards, terminations, and `time_outs`: ended by time alone.
 
         Actions beyond -1 and 1 count as these.
         """

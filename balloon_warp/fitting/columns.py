@@ -1,4 +1,4 @@
-"""Heads of measured tables: which column holds what, and in which unit."""
+"""Heads of measured tables: quantity and unit of each column."""
 
 import re
 from collections.abc import Sequence
@@ -77,7 +77,7 @@ class Pair(NamedTuple):
 
 @dataclass
 class _Words:
-    """Words of a column's name, by what they say."""
+    """Words of a column's name, by their meaning."""
 
     quantity: str = ""
     bare: bool = False
@@ -206,7 +206,7 @@ def _parts(text: str) -> list[str]:
 
 
 def _words(parts: Sequence[str], left: str) -> _Words:
-    """Return what the words of a column's name say; `left` is the quantity of the column on its left."""
+    """Return the meaning of the words of a column's name; `left` is the quantity of the column on its left."""
     said, names = _Words(), list(map(_quantity, parts))
     others = [name for part, name in zip(parts, names, strict=True) if name and part.lower() not in SIGMA]
     lower = {part.lower() for part in parts}

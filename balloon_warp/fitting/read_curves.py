@@ -132,7 +132,7 @@ def _curve(path: Path, pair: Pair, rows: Rows, alone: bool) -> Curve:
 
 
 def _sizes(column: Column, told: Values) -> tuple[Values, Values]:
-    """Return volumes [m^3] or stretches, and their derivatives by what the column holds in SI units."""
+    """Return volumes [m^3] or stretches, and their derivatives by the column's values in SI units."""
     with np.errstate(over="ignore"):
         if column.quantity == "strain":
             sizes = np.exp(told) if column.logarithmic else 1.0 + told
@@ -191,7 +191,7 @@ def _require_loads(path: Path, curve: Curve) -> None:
 def _deviations(
     path: Path, rows: Rows, column: Column, deviation: Deviation | None, told: Values, slopes: Values
 ) -> Values | None:
-    """Return the standard deviations of what follows from a column; 0 counts as the least that is more.
+    """Return the standard deviations of values derived from a column; 0 counts as the least that is more.
 
     Raises:
         InputError: there is no such number.

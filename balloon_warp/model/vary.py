@@ -84,7 +84,7 @@ def check_vary(scene: Scene, rows: Sequence[Parameter], world_count: int, vary: 
 
 
 def _air_at(scene: Scene, altitudes: NDArray[np.float64], vary: Vary) -> dict[str, NDArray[np.float64]]:
-    """Return what follows from the altitude of each world, and is not given itself."""
+    """Return the values that follow from the altitude of each world, without those that are given."""
     airs = [standard_air(altitude) for altitude in altitudes.tolist()]
     columns = {f"atmosphere.{field}": np.array([air[field] for air in airs]) for field in scene.atmosphere.following}
     return {path: column for path, column in columns.items() if path not in vary}

@@ -1,4 +1,4 @@
-"""Contact in a step: the ground, obstacles, spheres and bodies around balloons, and what touches each other.
+"""Contact in a step: the ground, obstacles, spheres and bodies around balloons, and contact of these.
 
 All that moves has moved before it meets, in the order of `kernels.substep`.
 """

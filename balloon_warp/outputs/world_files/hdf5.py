@@ -12,7 +12,7 @@ SMALL = 2**14
 
 
 class Hdf5:
-    """HDF5. What stands elsewhere are links, which readers follow.
+    """HDF5 files. Arrays of other files are links, which readers follow.
 
     Raises:
         MissingExtraError: h5py is not installed.

@@ -27,7 +27,7 @@ class Zarr:
 
     @staticmethod
     def _describe(path: Path, contents: FileContents) -> None:
-        """Write the attributes, and what says of all arrays at once what there is."""
+        """Write the attributes, and the consolidated metadata of all arrays."""
         said: dict[str, Any] = {".zgroup": {"zarr_format": 2}, ".zattrs": dict(contents.attributes)}
         for name, value in said.items():
             (path / name).write_text(json.dumps(value), encoding="utf-8")

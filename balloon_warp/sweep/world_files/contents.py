@@ -61,7 +61,7 @@ class Contents:
         return self.scene.frames // self._every + 1
 
     def of_group(self, group: Group) -> WorldFile:
-        """Return what the files of a group have in common: that of its first world."""
+        """Return the contents common to the files of a group: those of its first world."""
         plan = group.plan
         attributes: dict[str, Attribute] = {**self._common, "substeps": plan.substeps}
         attributes["balloons"] = ", ".join(shape.name for shape in plan.shapes)
@@ -71,7 +71,7 @@ class Contents:
         return self.of_world(common, int(group.worlds[0]), 1)
 
     def of_world(self, common: WorldFile, world: int, health: int) -> WorldFile:
-        """Return what a world's file has."""
+        """Return the contents of a world's file."""
         own: dict[str, Attribute] = {"world": world, "health": health}
         for path, values in self.columns.items():
             for name in (*self._targets[path], path):

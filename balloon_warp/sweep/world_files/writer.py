@@ -148,7 +148,7 @@ class TrajectoryWriter:
         )
 
     def give_up(self) -> None:
-        """Remove what no checkpoint counts on, after a failure."""
+        """Remove files that no checkpoint counts on, after a failure."""
         if not self._safe:
             with suppress(InputError):
                 self._partial.remove()
@@ -170,7 +170,7 @@ class TrajectoryWriter:
                     raise InputError(f"{path}: is missing; expected the frames of world {world}")
 
     def _with_static(self, contents: Contents) -> list[WorldFile]:
-        """Return what the files of each group have in common, and note what stays, once for all that share it."""
+        """Return the common contents of the files of each group, and note static arrays, once for all that share them."""
         commons: list[WorldFile] = [contents.of_group(group) for group in self._groups]
         known: dict[bytes, str] = {}
         for number in np.argsort([group.worlds[0] for group in self._groups]).tolist():  # the same in any cut
@@ -242,7 +242,7 @@ class TrajectoryWriter:
 
 
 def remove_partial(options: TrajectoryFiles | None) -> None:
-    """Remove what was needed to go on, once all of the batch is there."""
+    """Remove the files for a resumption, once all of the batch is there."""
     if options:
         PartialFolder(Path(options.folder) / PARTIAL_NAME).remove()
 
