@@ -170,7 +170,7 @@ class TrajectoryWriter:
                     raise InputError(f"{path}: is missing; expected the frames of world {world}")
 
     def _with_static(self, contents: Contents) -> list[WorldFile]:
-        """Return the common contents of the files of each group, and note static arrays, once for all that share them."""
+        """Return the common contents of the files of each group, and note the static arrays that they share."""
         commons: list[WorldFile] = [contents.of_group(group) for group in self._groups]
         known: dict[bytes, str] = {}
         for number in np.argsort([group.worlds[0] for group in self._groups]).tolist():  # the same in any cut
