@@ -6,6 +6,7 @@ from math import ceil
 
 from balloon_warp.arguments import checked
 from balloon_warp.kernels.laws import Law
+from balloon_warp.model.many_substeps import many_substeps_said
 from balloon_warp.model.plan import plan_model
 from balloon_warp.model.stability import Network
 from balloon_warp.model.unit_checks import doubts_about
@@ -33,6 +34,8 @@ class StepAdvice:
     counted from 0"""
     limiting_place: tuple[float, float, float]
     """Position of that particle at the start [m]"""
+    many_substeps: str | None
+    """Why a balloon of even springs takes many substeps, and what helps, in a sentence; None if it does not"""
     doubts: tuple[str, ...]
     """Warnings of values that may be in another unit than intended, and of axes, as sentences"""
 
@@ -63,5 +66,6 @@ def advise_step(scene: SceneLike, laws: Sequence[Law] = ()) -> StepAdvice:
         limiting_balloon=shape.name,
         limiting_particle=particle,
         limiting_place=(x, y, z),
+        many_substeps=many_substeps_said(plan.scene, plan.shapes, plan.substeps),
         doubts=tuple(doubts_about(plan.scene, plan.shapes, plan.parameters)),
     )

@@ -23,10 +23,14 @@ class Beginning:
     schedule: str
     workers: int = 1
     """Number of processes that simulate"""
+    many_substeps: str | None = None
+    """Why a balloon of even springs takes many substeps, and what helps, in a sentence; None if it does not"""
 
     @classmethod
     def of(cls, model: "Model", schedule: str) -> Self:
         """Summarize a model before its first frame."""
+        from balloon_warp.model.many_substeps import many_substeps_said
+
         return cls(
             worlds=model.world_count,
             particles=model.world_count * model.particle_count,
@@ -35,4 +39,5 @@ class Beginning:
             frames_per_second=model.scene.frames_per_second,
             device=str(model.device),
             schedule=schedule,
+            many_substeps=many_substeps_said(model.scene, model.shapes, model.substeps),
         )

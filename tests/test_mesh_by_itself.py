@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cad_shapes
 import numpy as np
 import pytest
 import solid_shapes
@@ -14,6 +15,7 @@ from balloon_warp.mesh.geometry import signed_volume, total_area, vertex_areas
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.mesh.thickness import LEAST, relative_thickness
 from balloon_warp.model import plan_model
+from balloon_warp.model.many_substeps import many_substeps_said
 from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness
 from balloon_warp.scene.overrides import override_scene
 from balloon_warp.springs import build_springs
@@ -140,6 +142,38 @@ def test_masses_lie_where_springs_are_stiff_and_make_for_a_long_step():
     alike, even = (plan_model(Scene(balloon=[Balloon(mesh=ball, stiffness=Stiffness(even=e))])) for e in (False, True))
     assert even.shapes[0].mass_share.sum() == pytest.approx(1.0)
     assert even.substeps < 0.6 * alike.substeps
+
+
+@pytest.mark.parametrize("name", cad_shapes.SHAPES)
+def test_a_mesh_of_the_trade_takes_few_substeps_and_swells_as_others_do(name: str):
+    """A frame of the default scene takes at most 30 substeps, and all particles have mass and springs."""
+    scene = load_scene(cad_shapes.SHAPES[name]())
+    plan = plan_model(scene)
+    assert plan.substeps <= 30
+    assert many_substeps_said(plan.scene, plan.shapes, plan.substeps) is None
+    assert plan.shapes[0].mass_share.sum() == pytest.approx(1.0)
+    assert plan.shapes[0].stiffness_scale.min() > 0.0
+    (said,) = foretold_swellings(scene)
+    assert said.volume is not None
+    assert 1.2 < said.volume < 1.8
+
+
+@pytest.mark.parametrize(
+    ("mesh", "overrides", "why"),
+    [
+        pytest.param(cad_shapes.sheet(5e-4, 8), {}, "springs across its thin walls are stiff; balloon.st", id="across"),
+        pytest.param(cad_shapes.slivers(), {"frames_per_second": 20.0}, "its narrow faces have stiff", id="narrow"),
+        pytest.param(cad_shapes.blocks(), {"frames_per_second": 10.0}, "its parts are tied by stiff", id="ties"),
+        pytest.param(quad_sphere(6), {"balloon.unit": "mm"}, "its mass of 0.004 kg is small for its", id="mass"),
+        pytest.param(quad_sphere(20), {"frames_per_second": 15.0}, "it has 2,402 particles; remesh with", id="many"),
+    ],
+)
+def test_a_short_step_is_explained(mesh: PolygonMesh, overrides: dict, why: str):
+    plan = plan_model(load_scene(mesh, overrides))
+    said = many_substeps_said(plan.scene, plan.shapes, plan.substeps)
+    assert said is not None
+    assert said.startswith(f"A frame takes {plan.substeps} substeps, since {why}")
+    assert said.endswith("helps")
 
 
 def test_nothing_of_it_needs_area_springs_or_volume():

@@ -32,9 +32,9 @@ class Opening:
     def __init__(self, name: str, sentence: str | None):
         self._name, self._sentence, self._more = name, sentence, ""
 
-    def add(self, more: str | None) -> None:
-        """Take what else the line says."""
-        self._more = more or ""
+    def add(self, *more: str | None) -> None:
+        """Take what else the line says, in sentences."""
+        self._more = ". ".join(filter(None, more))
 
     def before(self, listener: Callable[..., Any]) -> Callable[..., None]:
         """Return a listener that says the line, if nobody did, before it hears anything."""

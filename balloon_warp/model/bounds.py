@@ -138,7 +138,8 @@ class Bounds:
             for of_one in self._of_kind(kind, bound):
                 total = total + 0.5 * of_one(**told)
         if bound in self._touch:
-            total = total + _some(self._touch[bound][:, None], worlds)
+            each = _some(self._touch[bound][:, None], worlds)
+            total = total + (each if bound == "stiffness" else each * np.sqrt(around.mass_share))
         return total
 
     def _of_kind(self, kind: Kind, bound: Bound) -> Iterator[Callable[..., Any]]:

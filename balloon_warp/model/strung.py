@@ -15,8 +15,9 @@ from balloon_warp.springs.even import even_scales, film_tension
 
 LEAST_RADIUS = 0.12
 """Mean radius of a shape over that of the sphere of equal area, below which springs across it bear the pressure"""
-LEAST_SUM = 0.01
-"""Least sum of a particle's springs for its mass, over that of the mean particle"""
+LEAST_SUM = 0.25
+"""Least sum of a particle's springs for its mass, over that of the mean particle: contacts are as stiff at light
+particles as at others"""
 
 
 def strung(
@@ -64,7 +65,8 @@ def spring_sums(
     """
     each = np.repeat(constants_of(stiffness)[springs.kind] * scales, 2)
     sums = np.bincount(springs.pairs.ravel(), each, mesh.vertex_count)
-    return np.maximum(sums, LEAST_SUM * sums.mean() or 1.0)
+    mean = sums.sum() / max(np.count_nonzero(sums), 1)
+    return np.maximum(sums, LEAST_SUM * mean or 1.0)
 
 
 def pressure_of_stretch(stretch: float) -> float:

@@ -84,7 +84,9 @@ def bound_of_touch(
 ) -> dict[Bound, NDArray[np.float64]]:
     """Return the contribution of contacts to stiffness [N/m] and drag [N s/m] at each particle, for the stable step.
 
-    As in `Bounds.sums`, of which twice is over the mass; shape (W,). Empty where no balloons touch.
+    As in `Bounds.sums`, of which twice is over the mass; shape (W,). Empty where no balloons touch. Drag is that of a
+    particle with all of the balloon's mass, and goes with the root of a particle's share: the reduced mass, which
+    damps a contact, is at most a particle's own.
 
     A particle meets a surface, and is a corner of triangles that others meet: as many as fit into what is its own of
     the surface. When two surfaces move against each other, all of that pulls it back, twice; and then their springs
@@ -96,7 +98,7 @@ def bound_of_touch(
         return {}
     said, own = parameters["touch_stiffness"], parameters[STIFFNESSES]
     crowd = crowd_of(shapes, number, scene.touches_itself)
-    mass = parameters["mass"][:, number] * shapes[number].mass_share.max()
+    mass = parameters["mass"][:, number]
     others = own[:, _met_by(number, len(shapes), scene.touches_itself)]
     between = 2.0 * own[:, number, None] * others / (own[:, number, None] + others)
     each = np.where(said < 0.0, between.max(axis=1), said)

@@ -33,6 +33,9 @@ LEAST_SHARE = 0.1
 """Least share of the load at a corner of a face, for a spring to it"""
 MOST_SLANT = 2.0
 """Largest length of a spring over the distance across that its constant compensates"""
+LEAST_AWAY = 2.0e-3
+"""Distance across over the radius of the sphere of a part's area, below which springs become no stiffer: walls that all
+but coincide would ask for a constant without limit"""
 LOOKS = 60
 """Largest number of steps along the path inward"""
 
@@ -85,7 +88,8 @@ def springs_across(mesh: PolygonMesh, between_parts: bool) -> Across:
 
     thin = np.clip((THICK - away / radii.clip(1e-30)) / (THICK - THIN), 0.0, 1.0)
     held = np.flatnonzero(thin > 0.0)
-    loads = 0.5 * areas[held] * thin[held] / (STRETCH * away[held])  # each of two ends has a spring to the other
+    gaps = np.maximum(away[held], LEAST_AWAY * radii[held])
+    loads = 0.5 * areas[held] * thin[held] / (STRETCH * gaps)  # each of two ends has a spring to the other
     ends, shares = walls.corners[opposite[held]].ravel(), walls.weights[opposite[held]].ravel()
     starts, loads, lengths = np.repeat(held, 3), np.repeat(loads, 3), np.repeat(away[held], 3)
     slant = np.linalg.norm(mesh.points[starts] - mesh.points[ends], axis=1) / lengths

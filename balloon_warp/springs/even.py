@@ -5,6 +5,9 @@ vertex of area A, for each unit of strain in all directions. A square grid has t
 2 k_shear + 4 k_flexion both ways. Here springs begin with the areas at their ends over their squared lengths (van
 Gelder 1998), and are then multiplied by what their ends have too much or too little of along them, until each vertex
 has K both ways: Sinkhorn's scaling (1964), of tensors. All constants stay above zero.
+
+The narrow faces of CAD meshes would ask for so much of that along their short edges that a frame took hundreds of
+substeps. Where all constants add up to more than in any mesh of good faces, the largest are lowered, all to one scale.
 """
 
 import numpy as np
@@ -18,6 +21,10 @@ GRID = np.array([1.0, 2.0, 4.0])
 """Squared lengths of the springs of each kind on a square grid over an edge's, and their shares in its tension"""
 MOST = 30.0
 """Largest factor on a kind's constant, and largest divisor"""
+MOST_SUM = 5.0
+"""Largest sum of a vertex's constants over K, in the mean of all vertices: even meshes have 2 to 4"""
+FEW = 1500
+"""Number of vertices up to which meshes may have the total of that many: few particles are heavy"""
 ROUNDS = 40
 CLOSE = 0.01
 """Relative tolerance of K"""
@@ -33,7 +40,8 @@ def film_tension(constants: NDArray[np.float64]) -> float:
 def even_scales(mesh: PolygonMesh, springs: Springs, constants: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return each spring's constant over that of its kind, shape (spring_count,).
 
-    A square grid's are 1. Vertices without area, and springs without length, do not count.
+    A square grid's are 1. Vertices without area, and springs without length, do not count. All constants add up to
+    `MOST_SUM` at most.
 
     Args:
         constants: of the kinds [N/m], shape (3,).
@@ -65,7 +73,19 @@ def even_scales(mesh: PolygonMesh, springs: Springs, constants: NDArray[np.float
         )
         factors[areas[springs.pairs] <= 0.0] = 1.0
         scaled = np.clip(scaled * factors.mean(axis=1), least, most)
-    return np.divide(scaled, of_kinds, out=np.ones(springs.count), where=of_kinds > 0.0)
+    scales = np.divide(scaled, of_kinds, out=np.ones(springs.count), where=of_kinds > 0.0)
+    return _lowered(scales, of_kinds, 0.5 * MOST_SUM * tension * max(np.count_nonzero(areas), FEW))
+
+
+def _lowered(scales: NDArray[np.float64], of_kinds: NDArray[np.float64], total: float) -> NDArray[np.float64]:
+    """Return the scales with the largest lowered to one, at least 1, so that constants add up to a total [N/m]."""
+    if scales @ of_kinds <= total:
+        return scales
+    order = np.argsort(scales)
+    above = np.cumsum(of_kinds[order][::-1])[::-1]  # of the springs from each on
+    below = np.cumsum(scales[order] * of_kinds[order]) - scales[order] * of_kinds[order]
+    first = int((below + scales[order] * above > total).argmax())
+    return np.minimum(scales, max((total - below[first]) / above[first], 1.0))
 
 
 def _along_surface(mesh: PolygonMesh, springs: Springs) -> NDArray[np.float64]:
