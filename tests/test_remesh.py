@@ -242,8 +242,29 @@ def test_command(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("file", "words", "upright", "said"),
+    [
+        pytest.param("cone.stl", [], True, "so Z is up, which has its widest flat side below; --up Y", id="stl"),
+        pytest.param("cone.stl", ["--up", "Y"], False, "", id="stl as told"),
+        pytest.param("cone.obj", [], False, "", id="obj"),
+        pytest.param("cone.obj", ["--up", "Z"], True, "cone.obj: Z is up, as given", id="obj as told"),
+    ],
+)
+def test_quads_stand_as_a_run_of_the_file_would(tmp_path: Path, file: str, words: list[str], upright: bool, said: str):
+    """A cone along Z becomes one along Y, up in an OBJ file, where Z is up in its file, by the rule of `run`."""
+    trimesh.creation.cone(radius=1.0, height=3.0, sections=16).export(tmp_path / file)
+    target = str(tmp_path / "quads.obj")
+    result = CliRunner().invoke(app, ["remesh", str(tmp_path / file), "-o", target, "--cells", "8", *words])
+    assert result.exit_code == 0, result.output
+    assert int(np.ptp(read_obj(target).points, axis=0).argmax()) == (1 if upright else 2)
+    assert said in result.stderr
+    assert bool(said) == ("is up" in result.stderr)
+
+
+@pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
+        (["-o", "out.obj", "--up", "X"], "--up X: expected Y, Z"),
         (["-o", "out.obj", "--cells", "2"], "cells must be from 4 to 256 (got 2)"),
         (["-o", "out.stl"], "out.stl: cannot write .stl; expected .obj"),
         (["-o", "nowhere/out.obj", "--cells", "8"], "nowhere/out.obj: the folder nowhere does not exist"),

@@ -3,13 +3,13 @@
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, cast, get_args
+from typing import Any, get_args
 
 from balloon_warp.cli.lone_weld import weld_of
 from balloon_warp.cli.options import LengthOptions, MeshOptions
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.parts import Taken
-from balloon_warp.mesh.units import METERS
+from balloon_warp.mesh.units import METERS, UpAxis
 from balloon_warp.scene.load import load_scene, mesh_balloon
 from balloon_warp.scene.overrides import Override, OverrideError, override_scene, parse_override
 from balloon_warp.scene.schema import Balloon, Scene
@@ -21,9 +21,22 @@ def checked_parts(parts: str | None) -> Taken | None:
     Raises:
         InputError: it is none of what it may be.
     """
-    if parts not in (None, *get_args(Taken)):
-        raise InputError(f"--parts {parts}: expected {', '.join(get_args(Taken))}")
-    return cast("Taken | None", parts)
+    return _one_of("--parts", parts, get_args(Taken))
+
+
+def checked_up(up: str | None) -> UpAxis | None:
+    """Check the value of `--up`.
+
+    Raises:
+        InputError: it is none of what it may be.
+    """
+    return _one_of("--up", up, get_args(UpAxis))
+
+
+def _one_of(option: str, value: str | None, choices: tuple[str, ...]) -> Any:
+    if value not in (None, *choices):
+        raise InputError(f"{option} {value}: expected {', '.join(choices)}")
+    return value
 
 
 class Changes:

@@ -48,6 +48,15 @@ PrimOption = Annotated[
         rich_help_panel=SCENE,
     ),
 ]
+UpOption = Annotated[
+    str | None,
+    typer.Option(
+        "--up",
+        metavar="Y|Z",
+        help="Up axis of the mesh file. CAD, scans and many STL files have Z.",
+        rich_help_panel=SCENE,
+    ),
+]
 Device = Annotated[
     str | None,
     typer.Option(
@@ -119,15 +128,7 @@ class MeshOptions:
         ),
     ] = None
     prim: PrimOption = None
-    up: Annotated[
-        str | None,
-        typer.Option(
-            "--up",
-            metavar="Y|Z",
-            help="Up axis of the mesh file. CAD, scans and many STL files have Z.",
-            rich_help_panel=SCENE,
-        ),
-    ] = None
+    up: UpOption = None
     inflate: Annotated[
         float | None,
         typer.Option(

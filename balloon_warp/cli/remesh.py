@@ -5,10 +5,10 @@ from typing import Annotated
 
 import typer
 
-from balloon_warp.cli.changes import checked_parts
-from balloon_warp.cli.options import PartsOption, PrimOption
+from balloon_warp.cli.changes import checked_parts, checked_up
+from balloon_warp.cli.options import PartsOption, PrimOption, UpOption
 from balloon_warp.cli.stages import stages
-from balloon_warp.cli.warn import warn
+from balloon_warp.cli.warn import note, warn
 from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable, is_same_file
 from balloon_warp.mesh.load import load_mesh
@@ -16,6 +16,8 @@ from balloon_warp.mesh.obj import LOADERS, write_obj
 from balloon_warp.mesh.obj_looks import check_materials
 from balloon_warp.mesh.placement import in_y_up_meters
 from balloon_warp.mesh.prepare import Treatment, prepared
+from balloon_warp.mesh.standing import standing, up_said
+from balloon_warp.mesh.units import as_told
 from balloon_warp.warp_logging import quiet_warp
 
 
@@ -27,17 +29,21 @@ def remesh(
     ] = 48,
     parts: PartsOption = None,
     prim: PrimOption = None,
+    up: UpOption = None,
 ) -> None:
-    """Remesh any surface into a closed mesh of even quads, as a balloon needs.
+    """Remesh any surface into a closed mesh of even quads, as a balloon needs; Y is up in it.
 
     Try `balloon-warp remesh YOUR_MESH.stl -o quads.obj`, then `balloon-warp run quads.obj`.
     """
     check_writable(output, tuple(LOADERS))
     if is_same_file(output, mesh):
         raise InputError(f"{output}: is the input mesh; expected another name, with -o")
+    said = checked_up(up)
     with stages(mesh.name) as stage:
         stage("reading the mesh")
         surface = load_mesh(mesh, prim)
+        axis, why = (None if said else standing(surface, mesh.suffix)) or (said, None)
+        surface = as_told(surface, None, axis)
         if taken := checked_parts(parts):
             surface = prepared(surface, mesh, Treatment(taken=taken))
         if surface.looks is not None:
@@ -48,6 +54,8 @@ def remesh(
         quads = in_y_up_meters(remeshed(surface, cells, on_stage=stage))
         stage("writing it")
         write_obj(output, quads)
+    if why or surface.up_axis == "Z":
+        note(f"{mesh.name}: {up_said(surface, said is not None, why)}")
     for warning in quads.warnings:
         warn(warning)
     print(f"wrote {output}: {quads.vertex_count:,} vertices, {quads.face_count:,} quads")

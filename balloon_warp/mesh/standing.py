@@ -1,4 +1,4 @@
-"""A guess which way a shape stands whose file names no up axis: on its widest flat side."""
+"""Which way a shape stands: if its file names no up axis, a guess, on its widest flat side."""
 
 from typing import Literal
 
@@ -6,6 +6,7 @@ import numpy as np
 
 from balloon_warp.mesh.geometry import face_areas, face_vector_areas
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.mesh.units import NO_AXIS
 
 BY_CUSTOM: dict[str, Literal["Y", "Z"]] = {".stl": "Z", ".ply": "Y", ".off": "Y"}
 """Up axes of files that say nothing: what is printed is drawn upright along Z"""
@@ -35,6 +36,19 @@ def standing(mesh: PolygonMesh, suffix: str) -> tuple[Literal["Y", "Z"], str] | 
     if below[custom] > LEAST:
         return custom, "which has its widest flat side below"
     return (custom, f"as by custom in {suffix.lower()[1:].upper()} files") if custom != mesh.up_axis else None
+
+
+def up_said(mesh: PolygonMesh, given: bool, why: str | None) -> str:
+    """Return a sentence on the up axis of a mesh, and its source.
+
+    Args:
+        given: whether a user has said it.
+        why: it was guessed, where it was.
+    """
+    if mesh.up_known and not why:
+        return f"{mesh.up_axis} is up, as {'given' if given else 'its file says'}"
+    reason = f", {why}" if why else ""
+    return f"The {NO_AXIS}, so {mesh.up_axis} is up{reason}; --up {'Y' if mesh.up_axis == 'Z' else 'Z'} turns it"
 
 
 def _wider_below(mesh: PolygonMesh, axis: int) -> float:

@@ -12,8 +12,8 @@ from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.placement import place_mesh
 from balloon_warp.mesh.prepare import prepared
 from balloon_warp.mesh.size import require_size
-from balloon_warp.mesh.standing import standing
-from balloon_warp.mesh.units import METERS, NO_AXIS, as_told
+from balloon_warp.mesh.standing import standing, up_said
+from balloon_warp.mesh.units import METERS, as_told
 from balloon_warp.scene.pins import pinned_at_borders
 from balloon_warp.scene.schema import Balloon, Inflation
 
@@ -105,10 +105,7 @@ def _as_taken(mesh: PolygonMesh, balloon: Balloon, up_axis: str, guess: str | No
     Args:
         guess: why this axis is up, where the file does not say it.
     """
-    up = f"{mesh.up_axis} is up, as {'given' if balloon.up else 'its file says'}"
-    if guess or not mesh.up_known:
-        why = f", {guess}" if guess else ""
-        up = f"The {NO_AXIS}, so {mesh.up_axis} is up{why}; --up {'Y' if mesh.up_axis == 'Z' else 'Z'} turns it"
+    up = up_said(mesh, balloon.up is not None, guess)
     if mesh.up_axis != up_axis:
         up += f". It is turned to the scene's {up_axis}"
     if balloon.unit:
