@@ -1,5 +1,6 @@
 """Mesh by itself: a balloon of the same shape, however it is meshed, that stands; thin parts of it."""
 
+import re
 from dataclasses import replace
 
 import cad_shapes
@@ -174,6 +175,24 @@ def test_a_short_step_is_explained(mesh: PolygonMesh, overrides: dict, why: str)
     assert said is not None
     assert said.startswith(f"A frame takes {plan.substeps} substeps, since {why}")
     assert said.endswith("helps")
+
+
+@pytest.mark.parametrize("words", ["run --frames 1 --device cpu -o out.usda", "inspect"])
+def test_the_first_line_says_why_a_step_is_short(tmp_path, monkeypatch, capsys, words: str):
+    """The first line of a run says it, and `inspect` beside the particle that limits the step."""
+    monkeypatch.chdir(tmp_path)
+    write_obj("ball.obj", quad_sphere(3))
+    command, *options = words.split()
+    monkeypatch.setattr("sys.argv", ["balloon-warp", command, "ball.obj", "--unit", "mm", *options])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code in (None, 0)
+    said = capsys.readouterr()
+    line = said.err.splitlines()[0] if command == "run" else said.out
+    why = (
+        r"A frame takes \d+ substeps, since its mass of 0\.00374 kg is small for its springs"
+    )
+    assert re.search(why, " ".join(line.split()))
 
 
 def test_nothing_of_it_needs_area_springs_or_volume():
