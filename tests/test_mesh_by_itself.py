@@ -189,9 +189,7 @@ def test_the_first_line_says_why_a_step_is_short(tmp_path, monkeypatch, capsys, 
     assert ended.value.code in (None, 0)
     said = capsys.readouterr()
     line = said.err.splitlines()[0] if command == "run" else said.out
-    why = (
-        r"A frame takes \d+ substeps, since its mass of 0\.00374 kg is small for its springs"
-    )
+    why = r"A frame takes \d+ substeps, since its mass of 0\.00374 kg is small for its springs"
     assert re.search(why, " ".join(line.split()))
 
 
