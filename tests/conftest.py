@@ -1,6 +1,5 @@
 """Options and marks of tests: which ones run, and where."""
 
-import gc
 import os
 from pathlib import Path
 from typing import Any
@@ -11,9 +10,8 @@ from xdist.scheduler import LoadScopeScheduling
 
 wp.config.log_level = wp.LOG_ERROR
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of the processes that test: two threads each only wait for a core
-gc.set_threshold(20_000)  # Warp's code generator makes much that stays, which is else looked through again and again
 
-pytest_plugins = ("costs", "page_fixtures", "shared_fixtures", "shaking")
+pytest_plugins = ("costs", "lasting", "page_fixtures", "shared_fixtures", "shaking")
 OWN_SCHEDULE = {"cpu": "octets", "cuda:0": "block"}
 """schedule that `auto` takes for small balloons, by device"""
 HERE = Path(__file__).parent

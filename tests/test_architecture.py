@@ -19,7 +19,7 @@ from balloon_warp.simulator import Simulator
 ROOT = Path(__file__).parent.parent
 FOLDERS = ("balloon_warp", "kernels", "scenes", "benchmarks", "tests")
 FILES = sorted(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py"))
-TREES = {path.relative_to(ROOT).as_posix(): ast.parse(path.read_text(encoding="utf-8")) for path in FILES}
+TEXTS = {path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8") for path in FILES}
 FACE = "balloon_warp/__init__.py"
 """the package's face, which loads each of its names from where it stands, when it is asked for"""
 
@@ -30,7 +30,19 @@ def module_of(path: str) -> str:
     return ".".join(parts if parts[0] in ("balloon_warp", "tests") else ["balloon_warp", *parts])
 
 
-MODULES = {module_of(path): path for path in TREES if not path.startswith("tests/")}
+MODULES = {module_of(path): path for path in TEXTS if not path.startswith("tests/")}
+
+
+@cache
+def tree_of(path: str) -> ast.Module:
+    """Return the tree of a file, once it is asked for: all of them take five seconds."""
+    return ast.parse(TEXTS[path])
+
+
+@cache
+def imports_of(path: str) -> tuple[str, ...]:
+    """Return what a file imports, see `imports`."""
+    return tuple(imports(tree_of(path), module_of(path)))
 
 
 def imports(tree: ast.Module, own: str = "") -> Iterator[str]:
@@ -66,14 +78,15 @@ def _imported_from(node: ast.ImportFrom, own: str) -> Iterator[str]:
 @cache
 def _homes() -> dict[str, str]:
     """Return the module of each name of the package's face."""
-    tables = [node for node in TREES[FACE].body if isinstance(node, ast.Assign)]
+    tables = [node for node in tree_of(FACE).body if isinstance(node, ast.Assign)]
     (homes,) = [node.value for node in tables if ast.unparse(node.targets[0]) == "_HOMES"]
     rows = ast.literal_eval(homes).items()
     return {f"balloon_warp.{name}": f"balloon_warp.{module}" for module, names in rows for name in names}
 
 
 def _loads_a_module(call: ast.Call) -> bool:
-    return ast.unparse(call.func).split(".")[-1] in ("import_module", "__import__")
+    name = getattr(call.func, "attr", getattr(call.func, "id", ""))
+    return name in ("import_module", "__import__")
 
 
 def _loaded(call: ast.Call, tree: ast.Module) -> Iterator[str]:
@@ -92,11 +105,6 @@ def _loaded(call: ast.Call, tree: ast.Module) -> Iterator[str]:
         yield f"? {ast.unparse(call)}"
 
 
-def unknown_imports() -> list[str]:
-    """Find the files that load a module by a name that is not written in them."""
-    return sorted({path for path, tree in TREES.items() for name in imports(tree) if name.startswith("?")})
-
-
 def graph() -> dict[str, set[str]]:
     """Return the modules of the package that each file loads, with the packages around each."""
     return {path: _loads(path) for path in MODULES.values() if path != FACE}
@@ -104,7 +112,7 @@ def graph() -> dict[str, set[str]]:
 
 def _loads(path: str) -> set[str]:
     own, found = module_of(path), set()
-    for module in imports(TREES[path], own):
+    for module in imports_of(path):
         around = [module.rsplit(".", depth)[0] for depth in range(1, module.count(".") + 1)]
         found.update([module, *(package for package in around if not f"{own}.".startswith(f"{package}."))])
     return {MODULES[module] for module in found if module in MODULES} - {path, FACE}
@@ -167,12 +175,17 @@ def room(module: str) -> str:
 
 def rooms() -> dict[str, str]:
     """Return the room of each file in balloon_warp/; the package's face and its command may import anything."""
-    found = {path: Path(path).with_suffix("").parts[1] for path in TREES if path.startswith("balloon_warp/")}
+    found = {path: Path(path).with_suffix("").parts[1] for path in TEXTS if path.startswith("balloon_warp/")}
     return {path: own for path, own in found.items() if own not in ("__init__", "__main__")}
 
 
-def functions(tree: ast.Module) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
-    return (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef))
+def functions(tree: ast.AST) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
+    """Find functions in statements: to look through expressions takes ten times as long."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            yield node
+        if isinstance(node, ast.stmt | ast.excepthandler | ast.match_case):
+            yield from functions(node)
 
 
 def is_kernel(function: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
@@ -191,7 +204,7 @@ def test_imports_go_down() -> None:
     upward = [
         f"{path} imports {module}"
         for path, own in rooms().items()
-        for module in imports(TREES[path], module_of(path))
+        for module in imports_of(path)
         if module.startswith("balloon_warp.") and room(module) != own and rank[room(module)] >= rank[own]
     ]
     assert not upward, "\n".join(upward)
@@ -214,7 +227,9 @@ LOADED_BY_NAME = {
 
 
 def test_who_loads_by_a_string_says_what() -> None:
-    assert [path for path in unknown_imports() if not path.startswith("tests/")] == sorted(LOADED_BY_NAME)
+    assert sorted({path for path in MODULES.values() for name in imports_of(path) if name[0] == "?"}) == sorted(
+        LOADED_BY_NAME
+    )
 
 
 @pytest.mark.parametrize(
@@ -249,8 +264,8 @@ def test_every_room_has_a_layer_and_the_simulator_is_one_class() -> None:
 
 def importing(folder: str, is_wrong: Callable[[str], bool]) -> str:
     """Return the imports in a folder that are wrong, a line each."""
-    files = [(path, tree) for path, tree in TREES.items() if path.startswith(folder)]
-    return "\n".join(f"{path} imports {each}" for path, tree in files for each in imports(tree) if is_wrong(each))
+    files = [path for path in TEXTS if path.startswith(folder)]
+    return "\n".join(f"{path} imports {each}" for path in files for each in imports_of(path) if is_wrong(each))
 
 
 def test_kernels_import_warp_and_each_other_alone() -> None:
@@ -270,9 +285,9 @@ def test_who_executes_a_list_of_phases_knows_none() -> None:
 
 def too_long(path: str) -> Iterator[str]:
     """Return the parts of a file that are over a limit; the lines of a function are with those of what it nests."""
-    if (lines := (ROOT / path).read_text(encoding="utf-8").count("\n")) > MOST_FILE_LINES:
+    if (lines := TEXTS[path].count("\n")) > MOST_FILE_LINES:
         yield f"{path} has {lines} lines"
-    for function in functions(TREES[path]):
+    for function in functions(tree_of(path)):
         if (length := (function.end_lineno or 0) - function.lineno + 1) > MOST_FUNCTION_LINES:
             yield f"{path}: {function.name} has {length} lines"
         if (count := parameter_count(function)) > MOST_PARAMETERS and not is_kernel(function):
@@ -280,7 +295,7 @@ def too_long(path: str) -> Iterator[str]:
 
 
 def test_nothing_is_too_long_to_be_read() -> None:
-    excesses = [excess for path in TREES for excess in too_long(path)]
+    excesses = [excess for path in TEXTS for excess in too_long(path)]
     assert not excesses, "\n".join(excesses)
 
 
@@ -314,9 +329,9 @@ def test_laws_stand_in_their_folder() -> None:
     functions = {law.force.func.__name__ for law in LAWS} - {"string", "weight", "damping"}  # usual words, too
     folders = [f"kernels/{name}/" for name in ("loops", "contact", "phases", "schedules", "solvers")]
     files = [f"kernels/{name}.py" for name in ("substep", "compose", "features")]
-    for path, tree in TREES.items():
+    for path in TEXTS:
         if path.startswith((*folders, *files, "balloon_warp/schedules/")):
-            assert not words(tree) & (parameters | functions), path
+            assert not words(tree_of(path)) & (parameters | functions), path
 
 
 def test_tables_are_small_enough_for_the_compiler_of_a_gpu():
@@ -328,6 +343,6 @@ def test_tables_are_small_enough_for_the_compiler_of_a_gpu():
 def test_every_package_is_installed() -> None:
     """The list of packages is complete: a folder that it lacks would be missing in an installation."""
     packages = set(tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"])
-    names = {".".join(Path(file).parent.parts) for file in TREES if not file.startswith("tests")}
+    names = {".".join(Path(file).parent.parts) for file in TEXTS if not file.startswith("tests")}
     assert len(names) > 30
     assert {name if name.startswith("balloon_warp") else f"balloon_warp.{name}" for name in names} <= packages

@@ -12,6 +12,7 @@ from balloon_warp.garbage import without_collecting
 
 @pytest.fixture(autouse=True)
 def as_it_was() -> Iterator[None]:
+    gc.unfreeze()
     gc.collect()
     yield
     gc.unfreeze()
