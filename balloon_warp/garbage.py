@@ -9,8 +9,8 @@ from contextlib import contextmanager
 def without_collecting() -> Iterator[None]:
     """Leave what is loaded or made that stays, while it is, without a search for cycles that nothing refers to.
 
-    That takes a sixth of the time until the first frame. Afterwards all of it counts as old, and is looked through
-    seldom.
+    That takes a sixth of the time until the first frame. Afterwards, if a search is due, all of it counts as old, and
+    is looked through seldom.
 
     Nothing changes where whoever calls has turned the search off.
     """
@@ -20,7 +20,8 @@ def without_collecting() -> Iterator[None]:
         yield
     finally:
         if was_enabled:
-            if not gc.get_freeze_count():  # else, objects that others have frozen would thaw
+            is_due = gc.get_count()[0] > gc.get_threshold()[0]
+            if is_due and not gc.get_freeze_count():  # which counts them: else, what others have frozen would thaw
                 gc.freeze()
                 gc.unfreeze()  # into the oldest generation, wherever it was
             gc.enable()

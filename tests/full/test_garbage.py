@@ -31,7 +31,7 @@ def test_it_is_put_off_and_then_goes_on():
 
 def test_what_was_made_meanwhile_is_old():
     with without_collecting():
-        made = [[] for _ in range(10_000)]
+        made = [[] for _ in range(2 * gc.get_threshold()[0])]
     young = {id(each) for generation in (0, 1) for each in gc.get_objects(generation)}
     assert not young & {id(each) for each in made}
 
