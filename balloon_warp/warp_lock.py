@@ -10,6 +10,7 @@ other. So one thread at a time runs kernels with tiles, in launches or in replay
 A GPU's work is queued in streams that all threads share: there, `lock_of` lets one thread queue or record at a time.
 """
 
+import ctypes
 import gc
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
@@ -34,6 +35,10 @@ _with_tiles: WeakSet[Any] = WeakSet()
 """Graphs of a CPU that launch kernels with tiles"""
 OF_RECORDING = ("_apic_capture", "_apic_graph")
 """Attributes of Warp's runtime that hold the graph being recorded, or None"""
+OF_LAUNCH = ("value_data", "param_array", "adj_param_array", "relocs")
+"""Ends of the attributes of Warp's recorder that hold what the last launch was described with"""
+NUMBERS = (ctypes.c_float, ctypes.c_int32)
+"""Types of arguments that differ from substep to substep, and point to nothing"""
 
 
 def lock_of(device: wp.Device) -> AbstractContextManager[Any]:
@@ -83,7 +88,7 @@ def recording(device: wp.Device, stream: wp.Stream | None = None) -> Iterator[wp
         gc.disable()
         _tiles_of_thread.launched = False
         try:
-            with wp.ScopedCapture(**captured) as capture, _remembering_pointers():
+            with wp.ScopedCapture(**captured) as capture, _remembering():
                 yield capture
         finally:
             if was_enabled:
@@ -93,8 +98,8 @@ def recording(device: wp.Device, stream: wp.Stream | None = None) -> Iterator[wp
 
 
 @contextmanager
-def _remembering_pointers() -> Iterator[None]:
-    """Let a recording on a CPU look for the pointers in a struct once, not in every launch that takes it.
+def _remembering() -> Iterator[None]:
+    """Let a recording on a CPU look for the pointers in a struct, and describe a launch, once, not in every substep.
 
     Warp looks through hundreds of arrays, which takes longer than the rest of a launch. Where bytes are the same, so
     are pointers and what they point to, as nothing is freed in a recording.
@@ -102,11 +107,13 @@ def _remembering_pointers() -> Iterator[None]:
     from warp._src.context import runtime
 
     recorder: Any = getattr(runtime, OF_RECORDING[0], None)
-    look = getattr(recorder, "_walk_value_pointers", None)
-    if look is None:
+    names = ("_walk_value_pointers", "build_launch_info")
+    if not all(hasattr(recorder, name) for name in names):
         yield
         return
+    look, describe = (getattr(recorder, name) for name in names)
     found: dict[tuple[Any, ...], list[Any]] = {}
+    described: dict[tuple[Any, ...], tuple[Any, ...]] = {}
 
     def look_once(kind: Any, value: Any, packed: Any, offset: int, out: list[Any]) -> None:
         if value is None or not hasattr(kind, "vars"):  # no struct
@@ -120,11 +127,29 @@ def _remembering_pointers() -> Iterator[None]:
         else:
             out += found[key]
 
-    recorder._walk_value_pointers = look_once
+    def describe_once(
+        kernel: Any, module: Any, hooks: Any, params: list[Any], given: Any, adjoint: bool, adj_args: Any = None
+    ) -> Any:
+        numbers = {} if adjoint else {at: each for at, each in enumerate(params[1:]) if isinstance(each, NUMBERS)}
+        key = kernel, module, adjoint, *(bytes(each) for at, each in enumerate(params[1:]) if at not in numbers)
+        if key not in described:
+            info = describe(kernel, module, hooks, params, given, adjoint, adj_args)
+            kept = [getattr(recorder, f"_last_{name}", None) for name in OF_LAUNCH]  # what it has pointers into
+            if None in kept[:2]:
+                return info
+            described[key] = info, kept
+        info, (values, records, *_) = described[key]
+        for at, each in numbers.items():
+            place = ctypes.byref(values, records[at].value_offset)
+            ctypes.memmove(place, ctypes.byref(each), records[at].value_size)
+        return info
+
+    recorder._walk_value_pointers, recorder.build_launch_info = look_once, describe_once
     try:
         yield
     finally:
-        del recorder._walk_value_pointers
+        for name in names:
+            delattr(recorder, name)
 
 
 class _OfThread:

@@ -13,18 +13,23 @@ import numpy as np
 import pytest
 import warp as wp
 from meshes import quad_sphere
+from warp._src.apic.capture import APICapture
 
 from balloon_warp import Scene, Simulator, animate, run_batch, warp_lock
 from balloon_warp import device as devices
 from balloon_warp.device import pick_device
 from balloon_warp.errors import InputError
 from balloon_warp.outputs.render import render_stage
-from balloon_warp.scene import Balloon, Ground, Inflation, Sphere
+from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Sphere
 from balloon_warp.trajectories import simulate
 
 FRAMES, THREADS = 6, 4
 QUEUED = "launch", "launch_tiled", "copy", "clone", "empty", "zeros", "full", "capture_launch", "synchronize_event"
 """what Warp refuses, or records as well, while another thread records on the same GPU"""
+
+TURNS = Obstacle(
+    size=(4, 0.2, 4), position=(0, -0.1, 0), motion=[(0, (0, 0, 0), (0, 0, 0)), (1, (0, 1, 0), (0, 90, 0))]
+)
 
 
 def scene(number: int) -> Scene:
@@ -182,6 +187,27 @@ def test_garbage_is_not_freed_while_a_frame_is_recorded(device: str):
         gc.set_threshold(*thresholds)
         gc.callbacks.remove(watch)
     assert not found
+
+
+def test_a_recording_describes_a_launch_once_and_replays_the_numbers_of_each(monkeypatch: pytest.MonkeyPatch):
+    """A CPU describes a kernel by its arrays, of which a substep swaps two, and takes its time in the frame from each
+    substep: the bytes are those of a run that records nothing."""
+    described: list[str] = []
+    describe = APICapture.build_launch_info
+
+    def counted(recorder: APICapture, kernel: wp.Kernel, *given: Any, **named: Any) -> Any:
+        described.append(kernel.key)
+        return describe(recorder, kernel, *given, **named)
+
+    monkeypatch.setattr(APICapture, "build_launch_info", counted)
+    moving = scene(1).model_copy(update={"obstacle": [TURNS]})
+    found = []
+    for few in (2, FRAMES):
+        monkeypatch.setattr("balloon_warp.schedules.recorded_frame.FEW", few)
+        simulator = Simulator(moving, device="cpu", schedule="gather")
+        found.append([np.concatenate(frame.points) for frame in simulator.run()])
+    np.testing.assert_array_equal(*found)
+    assert 0 < len(described) <= 3 * len(set(described))
 
 
 def test_what_somebody_else_records_is_left_alone(device: str):

@@ -10,8 +10,8 @@ from balloon_warp.warp_lock import recording, replay
 
 RARE = 16
 """Number of times that a piece which is not always wanted is launched, before it is worth recording"""
-FEW = 4
-"""Number of first frames that a CPU does not record: to record one takes as long as six replays save"""
+FEW = 2
+"""Number of first frames that a CPU does not record: to record one takes as long as to launch two and a half"""
 
 
 def _nothing() -> None:
