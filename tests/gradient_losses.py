@@ -51,9 +51,9 @@ def _far(tracks: list[Any]) -> tuple[Any, list[Any]]:
     return loss, [found[:count], found[count + 1 : -1], found[count], found[-1], by_volumes]
 
 
-def far_of(of: bw.Scene, moved: Run) -> float:
+def far_of(moved: Run) -> float:
     """Return the loss of a run of the reference."""
-    skins = [Volume(shape.mesh) for shape in plan_model(of).shapes]
+    skins = [Volume(shape.mesh) for shape in moved.reference.plan.shapes]
     volumes = [[skin.of(each) for each in track] for skin, track in zip(skins, moved.points, strict=True)]
     balls, motions = (
         np.reshape(each, (len(each), -1, 3)) for each in (moved.sphere_positions, moved.sphere_velocities)
@@ -72,7 +72,7 @@ def far_in_float64(
     around = {path: value for path, value in (values or {}).items() if path.startswith(AROUND)}
     others = {path: value for path, value in (values or {}).items() if path not in around}
     of = load_scene(of, around) if around else of
-    return far_of(of, run(of, others, shifts, change))
+    return far_of(run(of, others, shifts, change))
 
 
 def value_at(of: bw.Scene, path: str) -> float:

@@ -15,6 +15,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.fitting.journal import Journal
 from balloon_warp.marks import is_ours
 from balloon_warp.mesh.obj import write_obj
+from balloon_warp.outputs.render.render import Film
 from balloon_warp.outputs.wanted import Wanted
 from balloon_warp.ownership import replacing_any, sole_writer
 from balloon_warp.scene import Balloon, Obstacle, Scene
@@ -34,8 +35,11 @@ def stage(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def folder(tmp_path: Path, stage: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return the working folder: a mesh without a texture, one with it, and a stage."""
+    """Return the working folder: a mesh without a texture, one with it, and a stage. Pictures are small."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(
+        "balloon_warp.outputs.render.render.Film", lambda size, samples, *others: Film((64, 36), 1, *others)
+    )
     write_obj(tmp_path / "box.obj", cube())
     write_painted(tmp_path, "obj")
     (tmp_path / "film.usdc").write_bytes(stage.read_bytes())

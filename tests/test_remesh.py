@@ -286,7 +286,14 @@ def test_command_refuses(tmp_path: Path, monkeypatch, arguments: list[str], sent
     assert (folder / "ball.obj").read_bytes() == before
 
 
-@pytest.mark.parametrize("name", ["spot_quadrangulated", "mh_fedora", "mh_casualsuit01", "mh_tongue"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "spot_quadrangulated",
+        "mh_tongue",
+        *(pytest.param(name, marks=pytest.mark.full) for name in ("mh_fedora", "mh_casualsuit01")),
+    ],
+)
 def test_real_meshes(name: str) -> None:
     folder = os.environ.get("BALLOON_WARP_TEST_MESHES")
     if not folder:
