@@ -9,9 +9,10 @@ from balloon_warp.schedules.late_spheres import LateSpheres
 from balloon_warp.warp_lock import recording, replay
 
 RARE = 16
-"""Number of times that a piece which is not always wanted is launched, before it is worth recording"""
+"""Number of times that a GPU launches a piece which is not always wanted, before it is worth recording"""
 FEW = 2
-"""Number of first frames that a CPU does not record: to record one takes as long as to launch two and a half"""
+"""Number of times that a CPU launches a piece before it records it, which takes as long as to launch it two and a half
+times"""
 
 
 def _nothing() -> None:
@@ -58,9 +59,9 @@ class RecordedFrame:
 
     def _unrecorded(self, piece: FramePiece) -> int:
         """Return how often a piece is launched before it is recorded."""
-        if piece.is_wanted is not None:
-            return RARE
-        return FEW if self._device.is_cpu else 0
+        if self._device.is_cpu:
+            return FEW
+        return 0 if piece.is_wanted is None else RARE
 
     def _replay(self, number: int, piece: FramePiece, state: State) -> None:
         if number not in self._graphs:
