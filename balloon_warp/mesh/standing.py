@@ -1,4 +1,4 @@
-"""Which way a shape stands: if its file names no up axis, a guess, on its widest flat side."""
+"""Up axis of a shape: that of its file, or a guess, by its widest flat side."""
 
 from typing import Literal
 

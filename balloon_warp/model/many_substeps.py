@@ -1,4 +1,4 @@
-"""What makes a mesh by itself take many substeps, and what helps."""
+"""Causes of many substeps of a mesh by itself, and their remedies."""
 
 from collections.abc import Sequence
 
@@ -17,7 +17,7 @@ USUAL_PARTICLES, USUAL_MASS, USUAL_SUM = 2000.0, 2.0, 3.0
 
 
 def many_substeps_said(scene: Scene, shapes: Sequence[BalloonShape], substeps: int) -> str | None:
-    """Return a sentence on what makes the step of one balloon of even springs short, and what helps; None if it is not.
+    """Return a sentence on the cause of a short step of one balloon of even springs, and its remedy; else None.
 
     Masses lie where springs are stiff, so that the frequency squared goes with the sum of all constants over the mass.
     So one of these is unusual: the number of particles, the mass, or springs of a kind.
