@@ -35,7 +35,7 @@ class StepAdvice:
     limiting_place: tuple[float, float, float]
     """Position of that particle at the start [m]"""
     many_substeps: str | None
-    """Why a balloon of even springs takes many substeps, and what helps, in a sentence; None if it does not"""
+    """Sentence on the cause of many substeps of a balloon of even springs, and its remedy; None if there are few"""
     doubts: tuple[str, ...]
     """Warnings of values that may be in another unit than intended, and of axes, as sentences"""
 

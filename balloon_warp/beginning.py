@@ -24,7 +24,7 @@ class Beginning:
     workers: int = 1
     """Number of processes that simulate"""
     many_substeps: str | None = None
-    """Why a balloon of even springs takes many substeps, and what helps, in a sentence; None if it does not"""
+    """Sentence on the cause of many substeps of a balloon of even springs, and its remedy; None if there are few"""
 
     @classmethod
     def of(cls, model: "Model", schedule: str) -> Self:

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def without_collecting() -> Iterator[None]:
-    """Leave what is loaded or made that stays, while it is, without a search for cycles that nothing refers to.
+    """Suspend the cyclic garbage collector while long-lived objects are loaded or made.
 
     That takes a sixth of the time until the first frame. Afterwards, if a search is due, all of it counts as old, and
     is looked through seldom.

@@ -36,7 +36,7 @@ _with_tiles: WeakSet[Any] = WeakSet()
 OF_RECORDING = ("_apic_capture", "_apic_graph")
 """Attributes of Warp's runtime that hold the graph being recorded, or None"""
 OF_LAUNCH = ("value_data", "param_array", "adj_param_array", "relocs")
-"""Ends of the attributes of Warp's recorder that hold what the last launch was described with"""
+"""Ends of the attributes of Warp's recorder that hold the buffers of the last launch's description"""
 NUMBERS = (ctypes.c_float, ctypes.c_int32)
 """Types of arguments that differ from substep to substep, and point to nothing"""
 

@@ -1,4 +1,4 @@
-"""What tests and packages make as they are loaded stays to the end: Python's search for garbage leaves it alone."""
+"""Objects that live from loading to the end, which Python's search for garbage leaves alone."""
 
 import gc
 from collections.abc import Iterator

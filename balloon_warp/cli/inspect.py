@@ -128,7 +128,7 @@ def _inspect_mesh(mesh: Path, changes: Changes, as_json: bool) -> None:
 
 
 def _prims(balloon: Balloon) -> str | tuple[str, ...] | None:
-    """Look up what is named of the stage."""
+    """Return the prims of a stage that a balloon names."""
     return tuple(balloon.prim) if isinstance(balloon.prim, list) else balloon.prim
 
 

@@ -17,12 +17,12 @@ def warn(sentence: str) -> None:
 
 
 def note(sentence: str) -> None:
-    """Print what is good to know, where no program reads results."""
+    """Print a note on standard error, where no program reads results."""
     Console(emoji=False, stderr=True, highlight=False, soft_wrap=True).print(f"[cyan]note:[/] {escape(sentence)}")
 
 
 class Opening:
-    """The line that is said before anything else: where nothing begins there is nothing to say but what is wrong.
+    """First line of a run about its mesh, printed before any other; a run that does not begin prints its error alone.
 
     Args:
         name: of what is simulated.
@@ -33,7 +33,7 @@ class Opening:
         self._name, self._sentence, self._more = name, sentence, ""
 
     def add(self, *more: str | None) -> None:
-        """Take what else the line says, in sentences."""
+        """Take further sentences of the line."""
         self._more = ". ".join(filter(None, more))
 
     def before(self, listener: Callable[..., Any]) -> Callable[..., None]:
@@ -57,14 +57,14 @@ class Opening:
 
 
 def unsaid(first: str | None, sentences: Iterable[str]) -> list[str]:
-    """Leave out of warnings what the first line about a mesh by itself has said: which axis of it is up."""
+    """Return the warnings without those on the up axis, which the first line about a mesh by itself has named."""
     if first is None or NO_AXIS not in first:
         return [*sentences]
     return [each for each in sentences if NO_AXIS not in each or not first.startswith(each.partition(":")[0])]
 
 
 def warner(first: str | None) -> Callable[[str], None]:
-    """Make a listener that warns of what the first line has not said."""
+    """Return a listener that prints the warnings that the first line has not named."""
 
     def listen(sentence: str) -> None:
         for each in unsaid(first, [sentence]):
@@ -74,5 +74,5 @@ def warner(first: str | None) -> Callable[[str], None]:
 
 
 def first_line(source: str, scene: Scene) -> str | None:
-    """Write the first line about a mesh by itself: what scene it got."""
+    """Return the first line about a mesh by itself: its default scene."""
     return None if source in bundled_scenes() or Path(source).suffix.lower() == ".toml" else scene.description

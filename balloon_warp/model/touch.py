@@ -1,4 +1,4 @@
-"""Balloons that touch: what the scene leaves to us, found of their meshes and springs."""
+"""Default thickness, stiffness and reach of contacts between balloons, from their meshes and springs."""
 
 from collections.abc import Sequence
 from typing import Any

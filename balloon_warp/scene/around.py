@@ -115,7 +115,7 @@ def _as_taken(mesh: PolygonMesh, balloon: Balloon, up_axis: str, guess: str | No
 
 
 def _description(name: str, mesh: PolygonMesh, size: float, gravity: float | None, taken: str) -> str:
-    """Describe what is shown, and what of it is a guess.
+    """Describe the default scene of a mesh, and the guesses in it.
 
     Args:
         size: of the mesh [m].
