@@ -133,6 +133,8 @@ class FaceTable:
     """Particle of each balloon about which its volume is summed: one of a face"""
     volumes: wp.array[float]
     """Volume enclosed by each balloon's mesh [m^3]"""
+    pressure_bounds: wp.array[float]
+    """Largest gauge pressure of each balloon's gas, over its mass and times the step squared [1/m]"""
     particle_offsets: wp.array[wp.int32]
     around_particles: wp.array[wp.int32]
 

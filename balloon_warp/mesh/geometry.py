@@ -42,6 +42,15 @@ def vertex_areas(mesh: PolygonMesh) -> NDArray[np.float64]:
     return np.bincount(mesh.face_vertex_indices, shares, mesh.vertex_count).astype(np.float64)
 
 
+def vertex_vector_areas(mesh: PolygonMesh) -> NDArray[np.float64]:
+    """Return each vertex's share of the vector areas of its faces, which their corners have alike; shape (n, 3).
+
+    Where faces are flat and the mesh is closed this is the gradient of the volume.
+    """
+    shares = (face_vector_areas(mesh) / mesh.face_vertex_counts[:, None])[corner_faces(mesh)]
+    return np.stack([np.bincount(mesh.face_vertex_indices, each, mesh.vertex_count) for each in shares.T], axis=1)
+
+
 def face_volumes(mesh: PolygonMesh) -> NDArray[np.float64]:
     """Return signed volumes of the cones from the mesh's center to each face, center . area / 3, shape (face_count,).
 

@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.mesh.corners import corner_faces
-from balloon_warp.mesh.geometry import face_vector_areas, signed_volume
+from balloon_warp.mesh.geometry import signed_volume, vertex_vector_areas
 from balloon_warp.model.shape import BalloonShape
 
 MOST_VERTICES = 12_000
@@ -78,9 +77,8 @@ def _rounds(shape: BalloonShape, constants: NDArray[np.float64], pressure: float
         ways = differences @ points
         lengths = np.maximum(np.linalg.norm(ways, axis=1), 1e-30)
         pulls = back @ ((constants * (1.0 - springs.rest_lengths / lengths))[:, None] * ways)
-        shares = pressure * face_vector_areas(replace(mesh, points=points)) / mesh.face_vertex_counts[:, None]
-        pushes = [np.bincount(mesh.face_vertex_indices, each[corner_faces(mesh)], count) for each in shares.T]
-        return solver.solve(np.where(free[:, None], np.stack(pushes, axis=1) - pulls, 0.0))
+        pushes = pressure * vertex_vector_areas(replace(mesh, points=points))
+        return solver.solve(np.where(free[:, None], pushes - pulls, 0.0))
 
     return moves
 

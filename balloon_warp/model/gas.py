@@ -13,6 +13,7 @@ from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.seams import open_seam, welded
 from balloon_warp.mesh.topology import border_edges, inconsistent_edges, is_closed, mesh_edges
 from balloon_warp.model.model import Model
+from balloon_warp.model.most_pressure import ALL
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.model.state import State
@@ -138,6 +139,15 @@ def _air_around(
     more = np.where(little, 1.0 + 0.5 * colder, -np.log1p(-colder) / np.where(little, 1.0, colder))
     ratio = np.exp(-density * np.where(falls, gravity, 0.0) * heights * more / pressure)
     return pressure * ratio, temperature * (1.0 - colder), density * ratio / (1.0 - colder)
+
+
+def pressure_bounds(scene: Scene, shapes: Sequence[BalloonShape]) -> list[float]:
+    """Return each balloon's largest pressure of gas, over its mass and times the step squared [1/m].
+
+    There is no bound where no gas is sealed, or the solver is stable at any step.
+    """
+    bounded = [balloon.inflation.kind == "gas" and scene.solver != "projective" for balloon in scene.balloon]
+    return [shape.pressure_bound if is_so else ALL for is_so, shape in zip(bounded, shapes, strict=True)]
 
 
 def keep_pressures(model: Model, state: State, parameters: Mapping[str, ArrayLike]) -> None:

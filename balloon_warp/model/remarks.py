@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from balloon_warp.kernels.laws.gas import most_pressure
 from balloon_warp.model.model import Model
 from balloon_warp.model.state import State
 from balloon_warp.warp_lock import lock_of
@@ -17,7 +18,7 @@ from balloon_warp.warp_lock import lock_of
 class Remark:
     """Remark on a world."""
 
-    kind: Literal["unsettled", "overstretched"]
+    kind: Literal["unsettled", "overstretched", "pressed"]
     world: int
     frame: int
     sentence: str
@@ -44,6 +45,9 @@ def _found(model: Model, state: State, worlds: NDArray[np.integer]) -> list[Rema
     for row in np.flatnonzero(overstretched).tolist():
         world, frame = int(worlds[row]), int(overstretched[row])
         found.append(Remark("overstretched", world, frame, _overstretched(model, frame, world, row)))
+    for row, balloon in np.argwhere(state.pressed.numpy()).tolist():
+        world, frame = int(worlds[row]), int(state.pressed.numpy()[row, balloon])
+        found.append(Remark("pressed", world, frame, _pressed(model, frame, world, row, balloon)))
     return found
 
 
@@ -82,4 +86,14 @@ def _overstretched(model: Model, frame: int, world: int, row: int) -> str:
         f"material.most_stretch: rubber exceeded a biaxial stretch of {most:.3g} in frame {frame} of world {world}; "
         f'beyond, the tension of "gent", which locks at {lock:.3g}, is extrapolated; less gas or pressure, a larger '
         "gent_limit or a larger most_stretch helps"
+    )
+
+
+def _pressed(model: Model, frame: int, world: int, row: int, balloon: int) -> str:
+    masses = model.parameters["mass"].numpy()
+    bound = model.shapes[balloon].pressure_bound
+    most = most_pressure(bound, float(masses[row % len(masses), balloon]), model.step_seconds)
+    return (
+        f"{model.shapes[balloon].name}: its gas was pressed in frame {frame} of world {world} and pushed with just "
+        f"{most:,.3g} Pa, at which its skin is stable in {model.substeps:,} substeps a frame; more substeps help"
     )

@@ -20,6 +20,7 @@ from balloon_warp.mesh.thickness import LEAST, relative_thickness
 from balloon_warp.mesh.topology import is_closed, mesh_edges
 from balloon_warp.mesh.units import as_told
 from balloon_warp.model.fixed import fixed_particles, group_of
+from balloon_warp.model.most_pressure import pressure_bound
 from balloon_warp.model.neck import NO_NECK, Neck, neck_of
 from balloon_warp.model.slack_remarks import about_slack
 from balloon_warp.model.strung import constants_of, spring_sums, strung
@@ -71,6 +72,11 @@ class BalloonShape:
     def area(self) -> float:
         """Area of the surface at the start [m^2]."""
         return total_area(self.mesh)
+
+    @cached_property
+    def pressure_bound(self) -> float:
+        """Largest gauge pressure of a gas, over the balloon's mass and times the step squared [1/m]."""
+        return pressure_bound(self.skin, self.mass_share)
 
     @property
     def warnings(self) -> list[str]:

@@ -47,17 +47,22 @@ def highest_squared_frequency(
         moving = np.flatnonzero(roots)
         columns = [times(unit)[moving] for unit in np.eye(count)[moving]]
         return float(np.linalg.eigvalsh(np.array(columns)).max(initial=0.0)) if columns else 0.0
-    return MARGIN * _largest_by_lanczos(times, np.where(roots > 0.0, np.random.default_rng(0).normal(size=count), 0.0))
+    return MARGIN * largest_eigenvalue(times, np.where(roots > 0.0, np.random.default_rng(0).normal(size=count), 0.0))
 
 
-def _largest_by_lanczos(times: Callable[[Vector], Vector], start: Vector) -> float:
-    """Return the largest eigenvalue by Lanczos, without reorthogonalization.
+def largest_eigenvalue(times: Callable[[Vector], Vector], start: Vector, turns: int = TURNS) -> float:
+    """Return the largest eigenvalue of a symmetric matrix by Lanczos, without reorthogonalization.
 
     Reorthogonalization would change the copies of the largest eigenvalue, and not the value.
+
+    Args:
+        times: Product of the matrix and a vector.
+        start: Vector with a part in all that counts.
+        turns: Number of iterations.
     """
     before, vector = np.zeros_like(start), start / np.linalg.norm(start)
     diagonal, beside = [], [0.0]
-    for _ in range(TURNS):
+    for _ in range(turns):
         image = times(vector) - beside[-1] * before
         diagonal.append(float(image @ vector))
         image -= diagonal[-1] * vector

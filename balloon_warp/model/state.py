@@ -121,6 +121,9 @@ class State:
     overstretched: wp.array
     """First frame, 0 if there is none, after which a face of rubber that locks was stretched beyond its `most_stretch`,
     shape (world_count,), int32"""
+    pressed: wp.array
+    """First frame, 0 if there is none, at whose end a balloon's gas was pressed harder than its skin bears at the step,
+    shape (world_count, balloon_count), int32"""
     first_bad: wp.array
     """Lowest particle, or sphere, numbered after the particles, of each world that was ever where it cannot be; or
     `HEALTHY`, shape (world_count,), int32"""
@@ -196,6 +199,7 @@ def new_state(model: Model, room: Room) -> State:
         body_impulses=room.array(touches, wp.vec3),
         unsettled=room.array(worlds, wp.vec2),
         overstretched=room.array(worlds, wp.int32),
+        pressed=room.array(balloons, wp.int32),
         first_bad=room.array(worlds, wp.int32),
         kept=kept_arrays(model, room),
     )

@@ -30,7 +30,7 @@ def throttled(free_volume, before, after, gamma):
     return free_volume * (before / after) ** (1.0 - 1.0 / gamma)
 
 
-def implicit_pressure(gas, p, h, volume, response, rate, height, response_height):
+def implicit_pressure(gas, p, h, bound, volume, response, rate, height, response_height):
     """Set the pressure P = p(V) - w s h r over a step, its load at height 0 and rise [Pa/m], and slope [Pa/m^3].
 
     s = -dp/dV, r = rate + response P the growth of the volume, by forces along all area vectors, and w its weight:
@@ -51,6 +51,7 @@ def implicit_pressure(gas, p, h, volume, response, rate, height, response_height
         root = np.hypot(half, np.sqrt(held))
         end = half + root if half > 0.0 else held / (root - half)
         gas.pressure, gas.slope = (end - without) / added, end * outside / (end**2 + held)
+    gas.pressure = min(gas.pressure, bound * p.mass / h**2)  # where the turning of the skin is stable
     gas.load = gas.pressure - gas.rise * height
 
 

@@ -9,6 +9,7 @@ from balloon_warp.kernels.laws.gusts import hashed, waves
 from balloon_warp.mesh.corners import corner_faces, next_corners
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.model.following import follow_changes
+from balloon_warp.model.gas import pressure_bounds
 from balloon_warp.model.obstacle_motion import obstacle_motion
 from balloon_warp.model.plan import ModelPlan, plan_model, settled_parameters
 from balloon_warp.model.rows import rows_of
@@ -73,7 +74,7 @@ def balloon_of(plan: ModelPlan, number: int) -> SimpleNamespace:
         ),
         film=film_of(shape.membrane, scene.balloon[number].material.law), peak=np.zeros(shape.membrane.count),
         faces=SimpleNamespace(corners=corners, nexts=corners[next_corners(mesh)], of=of, means=means),
-        volume=signed_volume(shape.mesh),
+        volume=signed_volume(shape.mesh), bound=pressure_bounds(scene, plan.shapes)[number],
     )  # fmt: skip
 
 

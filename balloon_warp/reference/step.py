@@ -240,7 +240,7 @@ class Reference:
             volume = laws.volume(self.x[part], self.balloons[number].faces)[0]
             moments = swings[part].sum(), rates[part].sum(), share @ heights[part], swings[part] @ heights[part]
             now = SimpleNamespace(**{**vars(p), "breathing_damping": damping})
-            gases.implicit_pressure(gas, now, self.h, volume, *moments)
+            gases.implicit_pressure(gas, now, self.h, self.balloons[number].bound, volume, *moments)
         tubes = [
             (*tube.balloons, conductance)
             for tube, conductance in zip(self.scene.tube, self.parameters["tube_conductance"][0], strict=True)

@@ -9,8 +9,11 @@ from balloon_warp.kernels.frames.around import end_frame
 from balloon_warp.kernels.frames.starting import count_ages
 from balloon_warp.kernels.measure.health import HealthTable
 from balloon_warp.kernels.measure.locking import note_overstretched
+from balloon_warp.kernels.measure.pressed import note_pressed
 from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
+from balloon_warp.model.gas import pressure_bounds
+from balloon_warp.model.most_pressure import ALL
 from balloon_warp.schedules.particles import particle_table
 
 MOST_SPAN = 1.0e5
@@ -46,6 +49,7 @@ class HealthCheck:
         count = model.particle_count if particles else 0
         self._inputs = [particle_table(model), health_table(model), threads, count]
         self._model, self._locking = model, _locking_triangles(model)
+        self._pressure_bounds = _pressure_bounds(model)
 
     def look(self, state: State) -> None:
         """Lower `state.first_bad` of each world to its first bad particle or sphere."""
@@ -57,6 +61,17 @@ class HealthCheck:
         model, parameters = self._model, self._model.parameters
         if model.ages is not None:
             launch(count_ages, model.world_count, [], [model.ages], device=self._device)
+        if self._pressure_bounds is not None:
+            launch(
+                note_pressed,
+                (model.world_count, model.balloon_count),
+                inputs=[
+                    *(self._pressure_bounds, model.step_seconds, parameters["mass"]),
+                    *(state.frame, state.pressures),
+                ],
+                outputs=[state.pressed],
+                device=self._device,
+            )
         if self._locking:
             launch(
                 note_overstretched,
@@ -78,6 +93,12 @@ class HealthCheck:
             outputs=[state.frame, state.first_bad],
             device=self._device,
         )
+
+
+def _pressure_bounds(model: Model) -> wp.array | None:
+    """Return the bounds of the pressures of gas; None where nothing has any."""
+    bounds = pressure_bounds(model.scene, model.shapes)
+    return wp.array(bounds, dtype=float, device=model.device) if min(bounds) < ALL else None
 
 
 def _locking_triangles(model: Model) -> tuple[wp.array, wp.array] | None:

@@ -25,6 +25,7 @@ from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.triangles import triangles_of
 from balloon_warp.model import Model, State
 from balloon_warp.model.friction import FRICTION
+from balloon_warp.model.gas import pressure_bounds
 from balloon_warp.model.small_spheres import small_spheres
 from balloon_warp.schedules.fixtures import body_table, fixture_table
 from balloon_warp.schedules.health import health_table
@@ -176,6 +177,7 @@ def _faces(model: Model) -> Any:
     table.balloon_offsets = _array(model, np.cumsum([0, *counts]), wp.int32)
     table.volume_origins = _array(model, volume_origins(model), wp.int32)
     table.volumes = _array(model, [signed_volume(shape.mesh) for shape in model.shapes], wp.float32)
+    table.pressure_bounds = _array(model, pressure_bounds(model.scene, model.shapes), wp.float32)
     table.particle_offsets, table.around_particles = model.particle_face_offsets, model.particle_faces
     return table
 

@@ -170,11 +170,25 @@ def free_volume_there(free_volume: float, gamma: float, warmth: float):
 
 
 @wp.func
+def most_pressure(bound: float, mass: float, step_seconds: float):
+    """Return the largest gauge pressure at which the turning of the skin is stable in a step [Pa].
+
+    Args:
+        bound: of the balloon's shape [1/m], see `balloon_warp.model.most_pressure`.
+        mass: of the balloon [kg].
+        step_seconds: [s].
+    """
+    return bound * mass / (step_seconds * step_seconds)
+
+
+@wp.func
 def gas_load(
     swelling: Swelling,
     amount: float,
     free_volume: float,
     step_seconds: float,
+    bound: float,
+    mass: float,
     gamma: float,
     breathing_damping: float,
     molar_mass: float,
@@ -200,6 +214,9 @@ def gas_load(
     stiff. With w = 1/4, k = 1 it is the mean (p_before + 2 p + p_after) / 4, the trapezoidal rule in that direction
     (Newmark's beta = 1/4), which neither damps nor drives: what breathes at the rate omega does so at
     (2 / h) atan(omega h / 2). Forward Euler takes w = 1, k = 0, and keeps that mode as it is.
+
+    Along other motions the pressure is explicit. So it pushes no harder than the step bears: a gas that is pressed flat
+    would turn its skin inside out. It is as hard again when it has room.
 
     The air's pressure falls with height, and the gas's less: that is buoyancy and the gas's weight. The area vectors
     times height add up to V up exactly.
@@ -229,6 +246,7 @@ def gas_load(
         end = wp.max(end_of_collapse(without, held, full), EMPTIEST * volume)
         pressure = (end - without) / added
         slope = end * air[0] / (end * end + held)
+    pressure = wp.min(pressure, most_pressure(bound, mass, step_seconds))
     return wp.vec4(pressure, pressure - rise * swelling[HEIGHT], rise, slope)
 
 
