@@ -45,7 +45,7 @@ def test_a_ball_that_is_pressed_flat_is_whole_afterwards(gap: float, substeps: i
     pressure p in the volume V a mass m gets no more than root(2 p V / m)."""
     scene = pressed(gap, substeps)
     simulator = Simulator(scene, device, schedule=schedule)
-    mesh, most, fastest = simulator.model.shapes[0].mesh, 0.0, 0.0
+    mesh, points, most, fastest = simulator.model.shapes[0].mesh, np.zeros(0), 0.0, 0.0
     bound = simulator.model.shapes[0].pressure_bound * 0.05 / simulator.model.step_seconds**2
     for frame in range(1, 181):
         simulator.step()
