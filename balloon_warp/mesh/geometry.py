@@ -48,7 +48,8 @@ def vertex_vector_areas(mesh: PolygonMesh) -> NDArray[np.float64]:
     Where faces are flat and the mesh is closed this is the gradient of the volume.
     """
     shares = (face_vector_areas(mesh) / mesh.face_vertex_counts[:, None])[corner_faces(mesh)]
-    return np.stack([np.bincount(mesh.face_vertex_indices, each, mesh.vertex_count) for each in shares.T], axis=1)
+    sums = [np.bincount(mesh.face_vertex_indices, each, mesh.vertex_count).astype(np.float64) for each in shares.T]
+    return np.stack(sums, axis=1)
 
 
 def face_volumes(mesh: PolygonMesh) -> NDArray[np.float64]:
