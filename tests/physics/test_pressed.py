@@ -40,8 +40,8 @@ def pressed(gap: float, substeps: int | str) -> Scene:
 
 @pytest.mark.parametrize(("gap", "substeps"), [(0.03, "auto"), (0.01, "auto"), (0.01, 24)])
 def test_a_ball_that_is_pressed_flat_is_whole_afterwards(gap: float, substeps: int | str, schedule: str, device: str):
-    """It stays between the plates, within a hundredth of its size, and after the plates have opened it is as large as
-    before, since its gas is: within 1e-3, of the 20 Pa in 1e5. It is no faster than its gas could make it: by a
+    """A ball stays between the plates, within a hundredth of its size, and after the plates have opened it is as large
+    as before, since its gas is: within 1e-3, of the 20 Pa in 1e5. No part is faster than the gas could make it: by a
     pressure p in the volume V a mass m gets no more than root(2 p V / m)."""
     scene = pressed(gap, substeps)
     simulator = Simulator(scene, device, schedule=schedule)
