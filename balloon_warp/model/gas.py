@@ -144,10 +144,15 @@ def _air_around(
 def pressure_bounds(scene: Scene, shapes: Sequence[BalloonShape]) -> list[float]:
     """Return each balloon's largest pressure of gas, over its mass and times the step squared [1/m].
 
-    There is no bound where no gas is sealed, or the solver is stable at any step.
+    There is no bound where no gas is sealed, where the solver is stable at any step, and in water, whose pressure on the
+    skin is above the air's, too.
     """
-    bounded = [balloon.inflation.kind == "gas" and scene.solver != "projective" for balloon in scene.balloon]
-    return [shape.pressure_bound if is_so else ALL for is_so, shape in zip(bounded, shapes, strict=True)]
+    unbounded = scene.solver == "projective" or scene.water is not None
+    kinds = [balloon.inflation.kind for balloon in scene.balloon]
+    return [
+        shape.pressure_bound if kind == "gas" and not unbounded else ALL
+        for kind, shape in zip(kinds, shapes, strict=True)
+    ]
 
 
 def keep_pressures(model: Model, state: State, parameters: Mapping[str, ArrayLike]) -> None:
