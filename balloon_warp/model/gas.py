@@ -144,8 +144,8 @@ def _air_around(
 def pressure_bounds(scene: Scene, shapes: Sequence[BalloonShape]) -> list[float]:
     """Return each balloon's largest pressure of gas, over its mass and times the step squared [1/m].
 
-    There is no bound where no gas is sealed, where the solver is stable at any step, and in water, whose pressure on the
-    skin is above the air's, too.
+    There is no bound where no gas is sealed, where the solver is stable at any step, and in water, whose pressure on
+    the skin is above the air's, too.
     """
     unbounded = scene.solver == "projective" or scene.water is not None
     kinds = [balloon.inflation.kind for balloon in scene.balloon]
