@@ -6,6 +6,7 @@ do not have it, and no schedule knows any.
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -88,6 +89,13 @@ def sum_of_laws_of_few(
         return parts[0] if size == 1 else f"wp.vec3({', '.join(parts)})"
 
     return _summed(f"{kind}_laws_of_few", result, laws, columns, given, air, str, number, "n: Any"), tuple(few)
+
+
+@cache
+def sum_of_resistances(laws: tuple[Law, ...], columns: Columns, air: Air = ()) -> Any:
+    """Return a function that sums the resistances of laws on a particle, of the arguments of `sum_of_laws`."""
+    resisting = tuple(replace(law, force=law.resistance) for law in laws if law.resistance)
+    return sum_of_laws("particle", "float", resisting, columns, air)
 
 
 @cache

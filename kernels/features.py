@@ -8,8 +8,10 @@ from balloon_warp.kernels.compose import (
     sum_of_laws,
     sum_of_laws_in_lane,
     sum_of_laws_of_few,
+    sum_of_resistances,
 )
 from balloon_warp.kernels.laws.air import AIR_ALIKE, AIR_THAT_VARIES
+from balloon_warp.kernels.laws.body import DAMPING
 from balloon_warp.kernels.laws.columns import Columns
 from balloon_warp.kernels.laws.law import RESULT, Kind, Law
 
@@ -156,6 +158,11 @@ class Features(NamedTuple):
         return sum_of_laws_in_lane(kind, RESULT[kind], self.of_kind(kind), self.columns, self.air)
 
     @property
+    def resistance(self) -> Any:
+        """The function that adds up the resistances of the laws on a particle."""
+        return sum_of_resistances(self.of_kind("particle"), self.columns, self.air)
+
+    @property
     def air(self) -> tuple[Any, Any]:
         """The functions that give velocity and density of the air at a place."""
         return AIR_THAT_VARIES if self.air_varies else AIR_ALIKE
@@ -198,7 +205,17 @@ class Features(NamedTuple):
     @property
     def in_water(self) -> bool:
         """Return whether the wetted parts of faces are needed."""
-        return self.needs("particle", "water_load")
+        return self.needs("particle", "water_load") or self.resists
+
+    @property
+    def damped(self) -> bool:
+        """Return whether a balloon is damped."""
+        return DAMPING in self.laws
+
+    @property
+    def resists(self) -> bool:
+        """Return whether a law resists the motion of particles, at the speed that a step ends with."""
+        return any(law.resistance for law in self.of_kind("particle"))
 
     @property
     def always_busy(self) -> bool:

@@ -24,6 +24,7 @@ from balloon_warp.kernels.phases.load import find_load, hold, note
 from balloon_warp.kernels.phases.meet import keep_start, meet_bodies, meet_edges, meet_faces, meet_ridges, meet_spheres
 from balloon_warp.kernels.phases.move import free, move, move_first, push, respond
 from balloon_warp.kernels.phases.pull import jet, jet_of_holes, pull, pull_and_face, take
+from balloon_warp.kernels.phases.resist import expect, resist
 from balloon_warp.kernels.phases.roll import collide, roll, tumble
 from balloon_warp.kernels.phases.share_out import bend, blow, share_out, wear_out
 from balloon_warp.kernels.phases.soak import soak
@@ -44,10 +45,10 @@ STEP: tuple[Phase, ...] = (
     # where normal forces push: once a frame, or every substep
     measure, extend, find_direction,
     # forces, what they would do, and the pressure that follows
-    push_face, pull, bear, jet, jet_of_holes, drive, take, free, head, foresee, find_volume_rate, hold, find_load, note,
-    flow,
+    push_face, soak, pull, bear, jet, jet_of_holes, drive, take, given_load, expect, resist, free, head, foresee,
+    find_volume_rate, hold, find_load, note, flow,
     # particles move, by all forces
-    set_off, given_load, inflate, move_first, push, move,
+    set_off, inflate, move_first, push, move,
     # springs that are too long are shortened; then faces leave ridges of obstacles and bodies, and particles leave
     # spheres, obstacles and the ground
     correct, note_unhindered, meet_ridges, leave, watch,
@@ -64,14 +65,12 @@ FACING: Instead = {measure: (spread,), extend: (), find_direction: (), pull: (pu
 """The loop over a particle's faces also finds the direction of normal forces"""
 FILMED: Instead = {pull: (clear, stretch, collect, pull)}
 """Each face of a membrane is measured once and stores its forces at its corners"""
-SHARED_PULL = (bend, blow, share_out, pull)
+SHARED_PULL = (soak, bend, blow, share_out, pull)
 """Phases that are `pull` where it is `SHARED`"""
-SHARED: Instead = {wear: (wear_out,), push_face: (), bear: (), pull: SHARED_PULL}
+SHARED: Instead = {wear: (wear_out,), push_face: (), bear: (), soak: (), pull: SHARED_PULL}
 """Hinges, faces and membranes have added their forces to particles; rubber wears eight quads at a time"""
 PULLED: Instead = {push_face: (), bear: ()}
 """Phases of launches where `pull` executes what is `SHARED`, eight particles side by side"""
-SOAKED: Instead = {pull: (soak, pull)}
-"""Phases of a step that runs backwards: the load of a liquid is a value of its own"""
 SETTLE = Phase("settle", "launches", lambda features, look: None, also_reads=("inflation",))
 """Local and global steps in turn, until every world has converged, see `solvers.projective`"""
 PROJECTIVE_STEP = (
@@ -81,7 +80,7 @@ PROJECTIVE_STEP = (
 AIMING = (measure, extend, find_direction)
 """Phases that find the directions of normal forces"""
 READING = (
-    look_at_wear, weigh_skin, *AIMING, push_face, pull, bear, jet, jet_of_holes, drive, given_load, inflate,
+    look_at_wear, weigh_skin, *AIMING, push_face, soak, pull, bear, jet, jet_of_holes, drive, given_load, inflate,
     add_up,
 )  # fmt: skip
 """Phases that find the forces of a state, for output"""

@@ -388,6 +388,14 @@ CASES: dict[str, Case] = {
         scene(rate=240.0, substeps=8, mass=1.0, water={"level": 0.62, "density": 900.0}),
         [*SPRINGS[::2], *MOTION, "water.level", "water.density", "water.drag"],
     ),
+    "gas in water": Case(
+        scene("gas", rate=240.0, substeps=8, mass=0.2, water={"level": 0.62}),
+        [*MOTION, GAS[0], "water.density", "water.drag"],
+    ),
+    "normals in water": Case(
+        scene("normal_force", rate=240.0, substeps=8, water={"level": 0.62}),
+        [*MOTION[:3], "water.drag", "balloon.0.inflation.k_normal.0.1"], shifts=False,
+    ),
     "pump, leak and jet": Case(  # by the temperature the amount and the molar volume cancel
         scene("gas", frames=2, gas=PUMPED, neck={"diameter": 0.05, "discharge": 0.9}, **STIFF),
         [*SPRINGS, *MOTION, *GAS[:4], *PUMP, "balloon.neck.diameter", "balloon.neck.discharge"],

@@ -21,6 +21,8 @@ OWN = (MAGNET, HARDENING, GUST)
 TESTED: tuple[Law, ...] = (*LAWS, *OWN)
 """what is listed is tested"""
 NAMES = [law.name for law in TESTED]
+AT_THE_END = ("damping", "water")
+"""laws of whose drag a step takes the speed that it ends with, so that it needs no bound"""
 
 BODY = {"structural": 0.0, "shear": 10.0, "flexion": 0.0, "string_stiffness": 20.0}
 """constants of the body's springs and strings, where a law is of such: each spring is the only one of its ends"""

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import warp as wp
-from lone_laws import TESTED, model_of_all, particle_masses, shake, stable_step
+from lone_laws import AT_THE_END, TESTED, model_of_all, particle_masses, shake, stable_step
 from numpy.typing import NDArray
 
 from balloon_warp.kernels.laws import Law
@@ -17,7 +17,7 @@ from balloon_warp.schedules.readout import ForceReader
 
 BOUND = [law for law in TESTED if law.stiffness or law.drag]
 """laws that ask for a step"""
-SHARP = ("damping", "hooke", "rubber", "string", "magnet")
+SHARP = ("hooke", "rubber", "string", "magnet")
 """of whose bodies Gershgorin's bound is the limit itself: two equal masses on one spring, a mass on strings along a
 line, masses that know nothing of each other"""
 ALIKE_EVERYWHERE = ("magnet",)
@@ -65,6 +65,7 @@ def true_limit(law: Law) -> float:
     model, world = model_of_all(law, "cpu")
     masses = np.repeat(particle_masses(model), 3)[:, None]
     stiffness, drag = (slope[world] / masses for slope in slopes(model.scene.correction)[:2])
+    drag = drag * (law.name not in AT_THE_END)
     steps = np.geomspace(1e-3, 1e2, 100)
     beyond = [throws_back(stiffness, drag, step) for step in steps]
     if not any(beyond):
@@ -115,7 +116,8 @@ def test_the_step_is_the_limit_itself_of_bodies_that_are_that_simple(law: Law):
 @pytest.mark.full
 @pytest.mark.parametrize("law", BOUND, ids=lambda law: law.name)
 def test_just_over_what_forces_allow_a_body_blows_up(law: Law):
-    """A body at 1.05 of the limit grows by at least 1.1 a step, and so by 1e8 in 200."""
+    """A body at 1.05 of the limit grows by at least 1.1 a step, and so by 1e8 in 200; in water the drag ends that at 60
+    times its calm speed."""
     model, world = model_of_all(law, "cpu")
     forces = slopes(model.scene.correction)[2][world]
     if np.abs(forces).max() > 1e-5 and law.name not in ALIKE_EVERYWHERE:  # above rounding: 1e-7 of some 10 N
@@ -124,7 +126,7 @@ def test_just_over_what_forces_allow_a_body_blows_up(law: Law):
         pytest.skip(f"{law.name} throws nothing back from where the body starts")
     over = 1.05 * limit
     calm, wild = fastest(law, 0.1 * over, 200, 1e-4, 1e-4), fastest(law, over, 200, 1e-4, 1e-4)
-    assert not wild < 100.0 * calm
+    assert not wild < 30.0 * calm
 
 
 def test_most_bodies_stay_where_they_are():

@@ -45,10 +45,11 @@ class Network:
     the largest eigenvalue of the springs' Laplacian, see `spectrum`, which is 1.4 to 1.75 times lower in meshes of
     quads; of worlds that differ, with the largest bound of each kind over all of them. The lower of both counts.
 
-    Damping at the rate g [1/s], taken explicitly as the listing does, shrinks the bound to the root of
-    omega^2 h^2 + 2 g h = 4; g is twice the largest such sum of the bounds by the velocity.
+    Drag and viscosity at the rate g [1/s], taken at the velocity before the step, shrink the bound to the root of
+    omega^2 h^2 + 2 g h = 4; g is twice the largest such sum of the bounds by the velocity. A balloon's damping and the
+    drag in water, taken at that after it, do not: see `phases.move` and `phases.resist`.
 
-    Forward Euler's bound is what the damping makes up for, h < g / omega^2, if that is less: 0 without damping.
+    Forward Euler's bound is what all damping makes up for, h < g / omega^2, if that is less: 0 without damping.
     """
 
     shapes: Sequence[BalloonShape]
@@ -73,7 +74,7 @@ class Network:
             different = around.different()
             masses = parameters["mass"][:, number]
             rates = 2.0 * bounds.largest("drag", different) / masses
-            step = float(np.min(_steps(scene, masses, rates, bounds, different)))
+            step = float(np.min(_steps(scene, masses, rates, parameters["damping"][:, number], bounds, different)))
             if scene.solver != "forward_euler":
                 rate = float(np.max(rates))
                 step = max(step, self._step_of_spectrum(self.shapes[number], masses, bounds, around, rate))
@@ -129,7 +130,7 @@ class Network:
             if around.particle_count:
                 masses = parameters["mass"][:, number]
                 rates = 2.0 * bounds.largest("drag", around) / masses
-                step = float(_steps(scene, masses, rates, bounds, around)[0])
+                step = float(_steps(scene, masses, rates, parameters["damping"][:, number], bounds, around)[0])
                 stiffest = (bounds.sums("stiffness", around, slice(1))[0] / around.mass_share).argmax()
                 limits.append((step, number, int(np.flatnonzero(shape.mass_share)[stiffest])))
         return min(limits, default=(np.inf, 0, 0))[1:]
@@ -149,7 +150,7 @@ class Network:
 def names_of_the_step(laws: Sequence[Law]) -> set[str]:
     """Return the parameters that the stable step depends on, and what else the bounds of these laws ask for."""
     return (
-        {*(row.name for row in KINDS), "string_stiffness", "mass", "touch_stiffness"}
+        {*(row.name for row in KINDS), "string_stiffness", "mass", "damping", "touch_stiffness"}
         | names_of_bounds(laws)
         | MEMBRANE_NAMES
     )
@@ -159,6 +160,7 @@ def _steps(
     scene: Scene,
     masses: NDArray[np.float64],
     rates: NDArray[np.float64],
+    damping: NDArray[np.float64],
     bounds: Bounds,
     around: Surroundings,
 ) -> NDArray[np.float64]:
@@ -166,11 +168,14 @@ def _steps(
 
     Args:
         masses: [kg], shape (W,) or (1,).
-        rates: of damping [1/s], shape (W,) or (1,).
+        rates: of drag and viscosity [1/s], shape (W,) or (1,).
+        damping: of the balloon [N s/m], shape (W,) or (1,).
     """
     squared_frequencies = np.maximum(2.0 * bounds.largest("stiffness", around) / masses, 1.0e-12)
     steps = _step(squared_frequencies, rates)
-    return np.minimum(steps, rates / squared_frequencies) if scene.solver == "forward_euler" else steps
+    if scene.solver != "forward_euler":
+        return steps
+    return np.minimum(steps, (rates + damping / masses) / squared_frequencies)
 
 
 def _step(squared_frequency: Any, rate: Any) -> Any:

@@ -228,12 +228,20 @@ def wet_means(depths):
     return found
 
 
-def water(x, v, faces, gain, up, p):
-    """Hydrostatic pressure and drag on the wetted part of all fans (Kim et al. 2006); `gain` is h / m, without gas."""
+def water(x, v, faces, up, p):
+    """Hydrostatic pressure and drag on the wetted part of all fans (Kim et al. 2006), and k of the drag -k |v| v."""
     a, b, c = fans(x, faces)
     area = 0.5 * np.cross(a - c, b - c)
     moments, parts = wet_means(p.water_level - np.hstack([dot(each, up) for each in (a, b, c)]))
     load = shared(faces, *(moments[:, k : k + 1] * area for k in range(3)))
     wet = shared(faces, *(parts[:, k : k + 1] * size(area) for k in range(3)))
-    resistance = 0.5 * p.water_density * p.water_drag * wet * size(v)
-    return -p.water_density * p.gravity * load - resistance / (1.0 + resistance * gain) * v
+    k = 0.5 * p.water_density * p.water_drag * wet
+    return -p.water_density * p.gravity * load - k * size(v) * v, k
+
+
+def resisted(v, force, push, k, gain):
+    """Velocity without a push, and gain, of m dv/dt = force + push - k |v| v over a step, as along a line."""
+    t = np.maximum(gain * np.sqrt(k * size(force + push)), 1e-9)
+    gain = gain * np.tanh(t) / t
+    slower = 1.0 / (1.0 + gain * k * size(v))
+    return slower * (v + gain * force), slower * gain

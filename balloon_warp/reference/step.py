@@ -95,14 +95,17 @@ class Reference:
         self.around.move(h, self.frame_number, [(self.substep_number + end) / self.substeps for end in (0, 1)])
         self._pump()
         self.mass = self._masses()
-        gain = np.where(self.mass > 0.0, h / np.where(self.mass > 0.0, self.mass, 1.0), 0.0)[:, None]
+        damping = np.concatenate([b.share * p.damping for b, p in zip(self.balloons, self.p, strict=True)])
+        gain = np.where(self.mass > 0.0, h / np.where(self.mass > 0.0, self.mass + h * damping, 1.0), 0.0)[:, None]
         each = [self._forces(number) for number in range(len(self.balloons))]
-        force, area = (np.concatenate(parts) for parts in zip(*each, strict=True))
+        force, area, k = (np.concatenate(parts) for parts in zip(*each, strict=True))
         self._drive(force)
         force += self.around.touch(self.x, self.v)
-        self._find_pressures(self.v + gain * force, area, gain)
+        others = force + k * laws.size(self.v) * self.v
+        free, gain = laws.resisted(self.v, others, self._inflate(area), k, gain)
+        self._find_pressures(free, area, gain)
         inflation = self._inflate(area)
-        old, self.v = self.v, self.v + gain * (force + inflation)
+        old, self.v = self.v, free + gain * inflation
         self.x = self.x + h * (old if self.scene.solver == "forward_euler" else self.v)
         if self.scene.correction != "none":
             self._correct()
@@ -163,8 +166,8 @@ class Reference:
         each = zip(self.balloons, self.gases, self.p, strict=True)
         return np.concatenate([b.share * (p.mass + gas.amount * p.molar_mass + gas.along) for b, gas, p in each])
 
-    def _forces(self, number: int) -> tuple[Array, Array]:
-        """Return the forces on a balloon but for its inflation and contact, and its area vectors."""
+    def _forces(self, number: int) -> tuple[Array, Array, Array]:
+        """Return the forces on a balloon but for its inflation and contact, its area vectors, and k of -k |v| v."""
         balloon, p, up = self.balloons[number], self.p[number], self.up
         x, v, mass = self.points[number], self.velocities[number], balloon.share[:, None] * p.mass
         _, area = laws.volume(x, balloon.faces)
@@ -175,6 +178,7 @@ class Reference:
         def wind_at(place: Array) -> Array:
             return laws.wind(place, self.time, up, p, self.waves)
 
+        k = 0.0 * mass
         force = mass * (p.helium - p.gravity) * up - balloon.share[:, None] * p.damping * v
         limit = p.correction_limit if self.scene.correction == "tarantino" else None
         force = force + laws.springs(x, v, balloon.springs, p.viscosity, p.yield_stretch, limit)
@@ -188,14 +192,15 @@ class Reference:
         if p.face_drag or p.face_friction:
             force = force + laws.face_air(x, v, balloon.faces, wind_at, density_at, p.face_drag, p.face_friction)
         if self.scene.water is not None:
-            force = force + laws.water(x, v, balloon.faces, self.h / np.where(mass > 0.0, mass, np.inf), up, p)
+            push, k = laws.water(x, v, balloon.faces, up, p)
+            force = force + push
         if opening := self._opening(number):
             edges, gas = balloon.neck.edges, self.gases[number]
             out = np.cross(x[edges[:, 0]], x[edges[:, 1]]).sum(axis=0)
             above = np.maximum(gas.load + gas.rise * (x @ up), 0.0)
             thrust = 2.0 * opening * above * gases.nozzle(above, p.air_pressure + above, p.gamma)[1]
             force = force - (balloon.neck.weights * thrust)[:, None] * out / np.linalg.norm(out)
-        return force, area
+        return force, area, k
 
     def _opening(self, number: int) -> float:
         """Return C_d A of a neck [m^2], 0 while it is shut."""

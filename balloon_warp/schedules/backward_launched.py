@@ -13,7 +13,7 @@ from balloon_warp.kernels.phase import STATE
 from balloon_warp.kernels.schedules.launched.backward import BackwardKernel, backward_kernels, made_kernels
 from balloon_warp.kernels.schedules.launched.looks import GATHERED
 from balloon_warp.kernels.schedules.pieces import Piece, Step, cut
-from balloon_warp.kernels.substep import SOAKED, phases_of
+from balloon_warp.kernels.substep import phases_of
 from balloon_warp.launching import launch, launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Room
@@ -123,7 +123,7 @@ class _Remembered:
 
 def gradient_step(model: Model, features: Features) -> Step:
     """Return the phases of a model, in pieces, with what they write kept, unless it is soon found again."""
-    phases = phases_of(features, instead=SOAKED)
+    phases = phases_of(features)
     shown = [name for phase in phases if not (phase.light or phase.name in FOUND_AGAIN) for name in phase.writes]
     return cut(phases, features, GATHERED, shown=shown)
 

@@ -77,7 +77,7 @@ class PullingOctets(GatherSchedule):
     def _pull(self, state: State, substep: int, time_in_frame: float, now: Moving) -> None:
         """Find the forces on all particles."""
         places = {f"from_{view}": array for view, array in zip(STATE.values(), now, strict=True)}
-        found = {f"to_{value}": self.launches.values[value] for value in self._pulling.kept}
+        found = {f"to_{value}": self.launches.values[value] for value in self._pulling.pieces[-1].leaves}
         has = {
             **self._has, **places, **found, **kept_arguments(state), "time_in_frame": time_in_frame,
             "state": self._states.of(state), "working": self.launches.working,

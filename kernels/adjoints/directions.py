@@ -11,12 +11,14 @@ and a face gives each of its corners, between those before and after, half of (a
 """
 
 from collections.abc import Sequence
+from inspect import signature
 from typing import Any
 
 import warp as wp
 
 from balloon_warp.kernels.adjoint import Adjoint
 from balloon_warp.kernels.adjoints.derived import by_grad
+from balloon_warp.kernels.codegen import function_from
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.inflation import FAR, NORMAL_FORCE, normal_push
 from balloon_warp.kernels.loops.areas import face_measures
@@ -90,6 +92,19 @@ def inflate_backwards(phase: Phase, features: Features, look: Look) -> Sequence[
     if not features.pressures:
         return (Adjoint(push_along_adjoint, ("keyed",)),)
     return (Adjoint(push_either_way_adjoint, ("keyed", "load", "point", "area_vector")),)
+
+
+def expect_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
+    """Return the adjoint of the inflation that is expected, which is that of the inflation by another name."""
+    if not features.inflation_directions:
+        return by_grad(phase, features, look)
+    (found,) = inflate_backwards(phase, features, look)
+    names = [name.replace("inflation_bar", "expected_bar") for name in signature(found.function.func).parameters]
+    source = (
+        f"def expect_adjoint({', '.join(f'{name}: Any' for name in names)}):\n"
+        f"    return inflation_adjoint({', '.join(names)})\n"
+    )
+    return (Adjoint(function_from("expect_adjoint", source, {"inflation_adjoint": found.function}), found.of),)
 
 
 center_of_face, area_vector_of_face = face_measures(vector_at)

@@ -45,5 +45,4 @@ DAMPING = Law(
     damping,
     (DAMPING_CONSTANT,),
     neutral={"damping": 0.0},
-    drag=lambda mass_share, damping: mass_share * damping,
 )

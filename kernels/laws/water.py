@@ -101,31 +101,17 @@ def corner_load(load: TriangleLoad, moment: float, area: float):
 
 
 @wp.func
-def drag_in_water(density: float, drag: float, wet_area: float, velocity: wp.vec3, mass: float, step_seconds: float):
-    """Return the drag against the velocity in water [N], as it is on average over a step.
-
-    It is 1/2 density drag A |v| v; in a step in which nothing else acts 1/v grows evenly: a light particle in a dense
-    liquid stops, and does not turn back.
-    """
-    resistance = 0.5 * density * drag * wet_area * wp.length(velocity)
-    slowed = wp.where(mass > 0.0, 1.0 + resistance * step_seconds / mass, 1.0)
-    return (-resistance / slowed) * velocity
+def resistance_of_water(water_load: wp.vec4, water_density: float, water_drag: float):
+    """Return k of the drag -k |v| v on a particle's wetted area, 1/2 density drag A [kg/m]."""
+    return 0.5 * water_density * water_drag * water_load[3]
 
 
 @wp.func
-def water(
-    velocity: wp.vec3,
-    mass: float,
-    water_load: wp.vec4,
-    step_seconds: float,
-    gravity: float,
-    water_density: float,
-    water_drag: float,
-):
+def water(velocity: wp.vec3, water_load: wp.vec4, gravity: float, water_density: float, water_drag: float):
     """Return the hydrostatic pressure and drag on a particle [N], from its load."""
     pressure = (-water_density * gravity) * wp.vec3(water_load[0], water_load[1], water_load[2])
-    drag = drag_in_water(water_density, water_drag, water_load[3], velocity, mass, step_seconds)
-    return pressure + drag
+    resistance = resistance_of_water(water_load, water_density, water_drag) * wp.length(velocity)
+    return pressure - resistance * velocity
 
 
 NO_WATER = -1.0e30
@@ -153,4 +139,5 @@ WATER = Law(
     ),
     wants=lambda scene: scene.water is not None,
     stiffness=lambda area, water_density, gravity: water_density * abs(gravity) * area,
+    resistance=resistance_of_water,
 )

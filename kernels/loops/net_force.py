@@ -42,13 +42,15 @@ def net_force_function(features: Features, loops: Loops) -> Any:
 
     @wp.func
     def net_force(
-        t: Any, points: Any, velocities: Any, params: Any, springs: Any, point: Any, velocity: Any, time: float
-    ):
+        t: Any, points: Any, velocities: Any, params: Any, springs: Any, point: Any, velocity: Any, water_load: Any,
+        time: float,
+    ):  # fmt: skip
         """Return the net force [N], and where they are needed, area vector and A_p n of the particle [m^2].
 
         Args:
             velocities: of all particles, where a law asks for its neighbors'.
             springs: what the loop over springs goes by, beside the tables.
+            water_load: see `phases.soak`; anything where there is no liquid.
         """
         force, area_vector, vertex_normal = loops.around(t, points, velocities, params, springs, point, velocity, time)
         if wp.static(others):
@@ -56,26 +58,9 @@ def net_force_function(features: Features, loops: Loops) -> Any:
         skin = area_vector
         if wp.static(area_vector_of_holes is not None):  # torn faces bound the gas, but no law acts on them
             skin -= area_vector_of_holes(t, points, params.world, params.number, point)
-        water_load = wp.vec4()
-        if wp.static(features.in_water):
-            force = loops.particle_laws(
-                force, point, velocity, params.mass, params.share, skin, loops.water_load(t, points, params),
-                t.up, t.step_seconds, time, params.n,
-            )  # fmt: skip
-        else:
-            force = loops.particle_laws(
-                force,
-                point,
-                velocity,
-                params.mass,
-                params.share,
-                skin,
-                water_load,
-                t.up,
-                t.step_seconds,
-                time,
-                params.n,
-            )
+        force = loops.particle_laws(
+            force, point, velocity, params.mass, params.share, skin, water_load, t.up, t.step_seconds, time, params.n
+        )
         return force, area_vector, vertex_normal
 
     return net_force

@@ -1,11 +1,16 @@
-"""A particle moves: a = F / m; v += h a; x += h v, in the order of the paper's listing."""
+"""A particle moves: a = F / m; v += h a; x += h v, in the order of the paper's listing.
 
+But of a balloon's damping c a force -c v is in F, and v' = v + h F / (m + h c): the damping is that of the speed at the
+end, so that the speed goes to F / c and never beyond, however short the time m / c is for the step.
+"""
+
+from functools import cache
 from typing import Any
 
 import warp as wp
 
 from balloon_warp.kernels.adjoints.derived import by_grad
-from balloon_warp.kernels.algebra import scaled
+from balloon_warp.kernels.algebra import scaled, times
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.lanes import Lanes
 from balloon_warp.kernels.phase import Look, phase
@@ -40,24 +45,47 @@ def response(mass: Lanes, step_seconds: float) -> Lanes:  # noqa: F811 - an over
     ...
 
 
+@cache
+def gain_function(features: Features) -> Any:
+    """Return the function for the velocity that a force gives a particle, or each of eight [m/s/N]."""
+    place = features.columns.places["damping"] if features.damped else 0
+
+    @wp.func
+    def gain_of_undamped(t: Any, params: Any, inertia: Any):
+        return response(inertia, t.step_seconds)
+
+    @wp.func
+    def gain_of_damped(t: Any, params: Any, inertia: Any):
+        return response(inertia + t.step_seconds * times(params.share, params.n[place]), t.step_seconds)
+
+    return gain_of_damped if features.damped else gain_of_undamped
+
+
 @wp.func
 def kick(velocity: Any, force: Any, gain: Any):
-    """Return the new velocity v + h F / m; the gain is h / m, see `response`."""
+    """Return the new velocity v + g F, see `gain_function`."""
     return velocity + scaled(force, gain)
 
 
-@phase("particle", {"gain": float}, light=True, once=lambda features: not features.gas_changes, adjoint=by_grad)
+@phase(
+    "particle", {"gain": float}, when=lambda features: not features.resists, light=True,
+    once=lambda features: not features.gas_changes, adjoint=by_grad,
+)  # fmt: skip
 def respond(features: Features, look: Look) -> Any:
-    """Find the velocity that a force gives a particle, see `response`."""
+    """Find the velocity that a force gives a particle."""
+    gain_of = gain_function(features)
 
     @wp.func
-    def respond(t: Any, inertia: Any):
-        return response(inertia, t.step_seconds)
+    def respond(t: Any, params: Any, inertia: Any):
+        return gain_of(t, params, inertia)
 
     return respond
 
 
-@phase("particle", {"free_velocity": wp.vec3}, when=lambda features: features.gas, adjoint=by_grad)
+@phase(
+    "particle", {"free_velocity": wp.vec3}, when=lambda features: features.gas and not features.resists,
+    adjoint=by_grad,
+)  # fmt: skip
 def free(features: Features, look: Look) -> Any:
     """Accelerate a particle by all forces except inflation, from which the gas's pressure follows."""
 
@@ -80,7 +108,7 @@ def push(features: Features, look: Look) -> Any:
     def push_on(free_velocity: Any, inflation: Any, gain: Any):
         return kick(free_velocity, inflation, gain)
 
-    return push_on if features.gas else push
+    return push_on if features.gas or features.resists else push
 
 
 def _move(features: Features, look: Look) -> Any:

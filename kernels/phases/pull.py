@@ -11,6 +11,7 @@ import warp as wp
 from balloon_warp.kernels.adjoints.added import add_backwards
 from balloon_warp.kernels.adjoints.jets import jet_backwards
 from balloon_warp.kernels.adjoints.pull import pull_backwards
+from balloon_warp.kernels.codegen import function_from
 from balloon_warp.kernels.contact.forces import take_contact_forces
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.lanes import any_positive
@@ -21,68 +22,35 @@ from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.working import Working
 
 
+def _pulling(features: Features, look: Look, name: str, results: str) -> Any:
+    """Return the function of a phase that names what of others, and of a liquid, its forces depend on."""
+    alone, by_velocities = look.alone(features), features.looks_at_velocities
+    views = [] if alone else ["points", "velocities"] if by_velocities else ["points"]
+    load = ["water_load"] if features.in_water else []
+    reads = ["t", *views, "params", "springs", "point", "velocity", *load, "time"]
+    of_others = ", ".join([views[0], views[-1]] if views else ["point", "velocity"])  # which looks nowhere
+    source = "\n".join(
+        [
+            f"def {name}({', '.join(f'{each}: Any' for each in reads)}):",
+            "    force, area_vector, vertex_normal = net_force(",
+            f"        t, {of_others}, params, springs, point, velocity, {load[0] if load else 'wp.vec4()'}, time",
+            "    )",
+            f"    return {results}\n",
+        ]
+    )
+    return function_from(name, source, {"net_force": net_force_function(features, look.loops(features))})
+
+
 @phase("particle", {"force": wp.vec3, "area_vector": wp.vec3}, adjoint=pull_backwards)
 def pull(features: Features, look: Look) -> Any:
     """Sum the forces on a particle [N], and where it is needed find its area vector [m^2]."""
-    net_force = net_force_function(features, look.loops(features))
-
-    @wp.func
-    def pull(t: Any, points: Any, params: Any, springs: Any, point: Any, velocity: Any, time: float):
-        force, area_vector, _facing = net_force(t, points, points, params, springs, point, velocity, time)
-        return force, area_vector
-
-    @wp.func
-    def pull_by_velocities(
-        t: Any, points: Any, velocities: Any, params: Any, springs: Any, point: Any, velocity: Any, time: float
-    ):
-        force, area_vector, _facing = net_force(t, points, velocities, params, springs, point, velocity, time)
-        return force, area_vector
-
-    @wp.func
-    def pull_alone(t: Any, params: Any, springs: Any, point: Any, velocity: Any, time: float):
-        force, area_vector, _facing = net_force(
-            t, point, velocity, params, springs, point, velocity, time
-        )  # looks nowhere
-        return force, area_vector
-
-    if look.alone(features):
-        return pull_alone
-    return pull_by_velocities if features.looks_at_velocities else pull
+    return _pulling(features, look, "pull", "force, area_vector")
 
 
 @phase("particle", {"force": wp.vec3, "area_vector": wp.vec3, "vertex_normal": wp.vec3})
 def pull_and_face(features: Features, look: Look) -> Any:
     """Sum the forces on a particle [N], and on the way find its area vector, and A_p n [m^2]."""
-    net_force = net_force_function(features, look.loops(features))
-
-    @wp.func
-    def pull_and_face(
-        t: Tables,
-        points: Any,
-        params: Any,
-        springs: Any,
-        point: wp.vec3,
-        velocity: wp.vec3,
-        time: float,
-    ):
-        force, area_vector, vertex_normal = net_force(t, points, points, params, springs, point, velocity, time)
-        return force, area_vector, vertex_normal
-
-    @wp.func
-    def pull_by_velocities(
-        t: Tables,
-        points: Any,
-        velocities: Any,
-        params: Any,
-        springs: Any,
-        point: wp.vec3,
-        velocity: wp.vec3,
-        time: float,
-    ):
-        force, area_vector, vertex_normal = net_force(t, points, velocities, params, springs, point, velocity, time)
-        return force, area_vector, vertex_normal
-
-    return pull_by_velocities if features.looks_at_velocities else pull_and_face
+    return _pulling(features, look, "pull_and_face", "force, area_vector, vertex_normal")
 
 
 @phase("particle", {"force": wp.vec3}, when=lambda features: features.touches, adjoint=add_backwards)

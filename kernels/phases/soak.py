@@ -1,4 +1,4 @@
-"""The load of a liquid on a particle, by itself: on the way back others ask for its derivatives."""
+"""The load of a liquid on a particle, which laws read, and on the way back others ask for the derivatives of."""
 
 from typing import Any
 

@@ -12,7 +12,7 @@ from meshes import quad_sphere
 from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.block.source import source_of_frame
 from balloon_warp.model import build_model, initial_state
-from balloon_warp.scene import Balloon, Ground, Inflation, Material, Obstacle, Scene, Sphere, Stiffness, Touch
+from balloon_warp.scene import Balloon, Ground, Inflation, Material, Obstacle, Scene, Sphere, Stiffness, Touch, Water
 from balloon_warp.schedules import block_frames
 from balloon_warp.schedules.block_layout import step_of
 from balloon_warp.schedules.choose import make_schedule
@@ -53,6 +53,7 @@ def scenes(cells: int) -> dict[str, Scene]:
         "viscous latex": {
             "substeps": 64, "balloon": [Balloon(**latex, material=LATEX.model_copy(update={"viscosity": 50.0}))],
         },
+        "in water": {"balloon": [of_gas], "water": Water(level=0.1)},
         "cached normals, corrected": {"correction": "provot", "balloon": [of_paper], "ground": GROUND},
     }  # fmt: skip
     return {name: Scene(**shared | own) for name, own in fields.items()}

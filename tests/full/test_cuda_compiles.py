@@ -18,7 +18,7 @@ from balloon_warp.kernels.schedules.block.source import kernel_of_frame
 from balloon_warp.kernels.schedules.launched.source import kernel_of
 from balloon_warp.kernels.schedules.patches.source import kernel_of_patches
 from balloon_warp.model import Model, build_model
-from balloon_warp.scene import Balloon, Material, Obstacle, Scene, load_scene
+from balloon_warp.scene import Balloon, Inflation, Material, Obstacle, Scene, Water, load_scene
 from balloon_warp.schedules.backward_block import plan_backwards
 from balloon_warp.schedules.block_layout import layout_of, step_of
 from balloon_warp.schedules.features import model_features
@@ -34,6 +34,10 @@ GPU = SimpleNamespace(is_cpu=False, is_cuda=True, sm_count=132, max_shared_memor
 IN_A_CORNER = Scene(
     balloon=[Balloon(mesh=quad_sphere(3), position=(2.0, 2.0, 0.0))],
     obstacle=[Obstacle(shape="plane"), Obstacle(shape="plane", rotation=(0.0, 0.0, -90.0))],
+)
+
+IN_WATER = Scene(
+    balloon=[Balloon(mesh=quad_sphere(3), inflation=Inflation(kind="gas", start_pressure=500.0))], water=Water()
 )
 
 
@@ -57,8 +61,8 @@ def as_it_is(features: Features) -> Features:
 
 @pytest.mark.parametrize(
     ("source", "frames"),
-    [("sphere_launch", as_it_is), ("latex_inflate", as_it_is), (IN_A_CORNER, busy_features)],
-    ids=["spheres", "rubber", "near obstacles"],
+    [("sphere_launch", as_it_is), ("latex_inflate", as_it_is), (IN_A_CORNER, busy_features), (IN_WATER, as_it_is)],
+    ids=["spheres", "rubber", "near obstacles", "in water"],
 )
 def test_frames_in_blocks_compile(source: Any, frames: Any, tmp_path: Path):
     model = model_for_a_gpu(source)

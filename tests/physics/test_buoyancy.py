@@ -1,6 +1,9 @@
 """Buoyancy: of gas in air, with its weight and added mass, which is air that moves along, and in air that thins with
 height; and in water, against closed forms and meshes cut by trimesh, with drag."""
 
+from dataclasses import replace
+from typing import Literal
+
 import numpy as np
 import pytest
 import warp as wp
@@ -341,6 +344,41 @@ def test_drag_slows_as_its_solution_does_whatever_the_step(substeps: int, device
     simulator.step()
     k = 0.5 * RHO * 6.0 / 2.0
     np.testing.assert_allclose(simulator.read_frame().velocities[0][:, 1], 3.0 / (1.0 + k * 3.0 * 0.1), rtol=1e-4)
+
+
+@pytest.mark.parametrize("substeps", [1, 16])
+@pytest.mark.parametrize("start", [0.0, 0.03, 3.0], ids=["from rest", "slow", "fast"])
+def test_what_is_driven_goes_to_its_terminal_speed_whatever_the_step(start: float, substeps: int, device):
+    """A force F takes a speed v to u (v + u T) / (u + v T), with u = root(2 F / rho c A) and T = tanh(F t / m u),
+    though a step is twenty times as long as m u / F."""
+    helium, mass = 5.0, 2.0
+    scene = limp(cube(), Water(level=99.0, drag=1.0), mass=mass, helium=helium, velocity=(0.0, start, 0.0))
+    scene = scene.model_copy(update={"gravity": 0.0, "substeps": substeps, "frames_per_second": 10.0})
+    simulator = Simulator(scene, device)
+    terminal = np.sqrt(2.0 * mass * helium / (RHO * 6.0))
+    for frame in (1, 2, 3):
+        simulator.step()
+        grown = np.tanh(0.1 * frame * helium / terminal)
+        expected = terminal * (start + terminal * grown) / (terminal + start * grown)
+        np.testing.assert_allclose(simulator.read_frame().velocities[0][:, 1], expected, rtol=1e-4)
+
+
+@pytest.mark.parametrize("substeps", ["auto", 128])
+def test_a_light_ball_rises_at_its_terminal_speed(substeps: Literal["auto"] | int, device):
+    """A ball of gas rises by the volume that it has then at root(2 F / rho c A), F the lift without the weight."""
+    mesh, mass = quad_sphere(3, 0.15), 0.05
+    gas = {"start_pressure": 300.0, "molar_mass": 0.0, "added_mass": 0.0}
+    firm = Stiffness(structural=1000.0, shear=500.0, flexion=50.0)
+    balloon = gas_balloon(mesh, gas, mass=mass, position=(0.0, -3.0, 0.0), stiffness=firm)
+    simulator = Simulator(Scene(balloon=[balloon], water=Water(level=0.0), substeps=substeps), device)
+    heights = []
+    for _ in range(16):
+        simulator.step()
+        heights.append(simulator.read_frame().points[0][:, 1].mean())
+    frame = simulator.read_frame()
+    area = wet_part(replace(mesh, points=frame.points[0].astype(np.float64)), 0.0).area
+    expected = np.sqrt(2.0 * G * (RHO * volume_of(simulator, frame) - mass) / (RHO * area))
+    assert (heights[15] - heights[7]) / (8.0 / 60.0) == pytest.approx(expected, rel=0.002)
 
 
 def test_a_floating_block_bobs_at_its_natural_frequency(device):

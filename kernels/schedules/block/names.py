@@ -3,7 +3,9 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from balloon_warp.kernels.phase import VIEWS, Phase
+import warp as wp
+
+from balloon_warp.kernels.phase import STATE, VIEWS, Phase
 from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.pieces import Step
 from balloon_warp.kernels.schedules.writer import Writer
@@ -149,10 +151,17 @@ class NamesInBlock(Writer):
 
     def read(self, name: str) -> str:
         """Return how a value of a particle is read from where it waits."""
+        if not self._is_vector(name):
+            return f"{self.home(name)}[particle]"
         return f"{'in_tile' if name in self.layout.tiles else 'vector_at'}({self.home(name)}, particle)"
+
+    def _is_vector(self, name: str) -> bool:
+        return name in STATE or self.step.writer(name).writes[name] is wp.vec3
 
     def write(self, name: str, target: str) -> str:
         """Return the statement that stores a value of a particle."""
+        if not self._is_vector(name):
+            return f"{target}[particle] = {name}"
         return f"{'put_in_tile' if name in self.layout.tiles else 'put_vector'}({target}, particle, {name})"
 
     @contextmanager

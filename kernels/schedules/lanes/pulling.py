@@ -37,7 +37,7 @@ class _Writer(FrameWriter):
             "time_in_frame": "float",
             "from_points": "wp.array2d[wp.vec3]",
             "from_velocities": "wp.array2d[wp.vec3]",
-            **{f"to_{value}": f"wp.array2d[{value}_type]" for value in self.step.kept},
+            **{f"to_{value}": f"wp.array2d[{value}_type]" for value in self.step.pieces[-1].leaves},
         }
         return super().arguments() | named_in(self.lines, more)
 
@@ -54,7 +54,7 @@ class _Writer(FrameWriter):
         self.line("time = time_of(tables, state.frame, time_in_frame)")
         for piece in self.step.pieces:
             self._piece(piece)
-        for value in self.step.kept:
+        for value in self.step.pieces[-1].leaves:
             self.line(f"write_vectors(t, group, all_{value}[group], to_{value})")
 
     def names(self) -> dict[str, Any]:
