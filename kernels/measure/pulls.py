@@ -85,7 +85,8 @@ def law_measure(alones: tuple[Features, ...], number: int = 0) -> Any:
     features = alones[0]
     alone = features._replace(pressures=False)
     _, read_params = params_functions(features.columns, features.balloons)
-    net_force = net_force_function(alone, scalar_loops(alone, vector_at))
+    loops = scalar_loops(alone, vector_at)
+    net_force, load_of_particle = net_force_function(alone, loops), loops.water_load
     push_of_faces = face_loop(alone, vector_at, vector_at) if alone.has("face") else None
     others = law_measure(alones[1:], number + 1) if len(alones) > 1 else None
 
@@ -96,7 +97,12 @@ def law_measure(alones: tuple[Features, ...], number: int = 0) -> Any:
         """Measure the force of each law [N]."""
         params = read_params(t, world, particle)
         point = points[particle]
-        force, _area, _facing = net_force(t, points, velocities, params, particle, point, velocities[particle], time)
+        load = wp.vec4()
+        if wp.static(alone.in_water):
+            load = load_of_particle(t, points, params)
+        force, _area, _facing = net_force(
+            t, points, velocities, params, particle, point, velocities[particle], load, time
+        )
         if wp.static(push_of_faces is not None):
             force += push_of_faces(t, points, velocities, world, particle, time)
         pulls[number, particle] = wp.length(force)
