@@ -4,7 +4,6 @@ But of a balloon's damping c a force -c v is in F, and v' = v + h F / (m + h c):
 end, so that the speed goes to F / c and never beyond, however short the time m / c is for the step.
 """
 
-from functools import cache
 from typing import Any
 
 import warp as wp
@@ -45,25 +44,15 @@ def response(mass: Lanes, step_seconds: float) -> Lanes:  # noqa: F811 - an over
     ...
 
 
-@cache
-def gain_function(features: Features) -> Any:
-    """Return the function for the velocity that a force gives a particle, or each of eight [m/s/N]."""
-    place = features.columns.places["damping"] if features.damped else 0
-
-    @wp.func
-    def gain_of_undamped(t: Any, params: Any, inertia: Any):
-        return response(inertia, t.step_seconds)
-
-    @wp.func
-    def gain_of_damped(t: Any, params: Any, inertia: Any):
-        return response(inertia + t.step_seconds * times(params.share, params.n[place]), t.step_seconds)
-
-    return gain_of_damped if features.damped else gain_of_undamped
+@wp.func
+def damped_response(inertia: Any, share: Any, damping: Any, step_seconds: float):
+    """Return the velocity gained in a step per newton, where a balloon's damping [N s/m] is that of the step's end."""
+    return response(inertia + step_seconds * times(share, damping), step_seconds)
 
 
 @wp.func
 def kick(velocity: Any, force: Any, gain: Any):
-    """Return the new velocity v + g F, see `gain_function`."""
+    """Return the new velocity v + g F, see `damped_response`."""
     return velocity + scaled(force, gain)
 
 
@@ -73,13 +62,16 @@ def kick(velocity: Any, force: Any, gain: Any):
 )  # fmt: skip
 def respond(features: Features, look: Look) -> Any:
     """Find the velocity that a force gives a particle."""
-    gain_of = gain_function(features)
 
     @wp.func
-    def respond(t: Any, params: Any, inertia: Any):
-        return gain_of(t, params, inertia)
+    def respond(t: Any, inertia: Any):
+        return response(inertia, t.step_seconds)
 
-    return respond
+    @wp.func
+    def respond_damped(t: Any, params: Any, inertia: Any, damping: Any):
+        return damped_response(inertia, params.share, damping, t.step_seconds)
+
+    return respond_damped if features.damped else respond
 
 
 @phase(

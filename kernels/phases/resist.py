@@ -21,7 +21,7 @@ from balloon_warp.kernels.adjoints.directions import expect_backwards
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.phases.inflate import inflate
-from balloon_warp.kernels.phases.move import gain_function
+from balloon_warp.kernels.phases.move import damped_response
 
 expect = replace(
     inflate, name="expect", writes={"expected": wp.vec3}, when=lambda features: features.resists,
@@ -49,7 +49,8 @@ def tangent_ratio(squared: float):
 )  # fmt: skip
 def resist(features: Features, look: Look) -> Any:
     """Find what velocity a force gives a particle in what resists it, and accelerate it by all but the inflation."""
-    resistance, gain_of = features.resistance, gain_function(features)
+    resistance = features.resistance
+    place = features.columns.places["damping"] if features.damped else -1
 
     @wp.func
     def resist(
@@ -59,7 +60,10 @@ def resist(features: Features, look: Look) -> Any:
         k = resistance(
             point, velocity, params.mass, params.share, area_vector, water_load, t.up, t.step_seconds, time, params.n
         )
-        gain = gain_of(t, params, inertia)
+        damping = float(0.0)
+        if wp.static(place >= 0):
+            damping = params.n[place]
+        gain = damped_response(inertia, params.share, damping, t.step_seconds)
         resisted = k * wp.length(velocity)
         others = force + resisted * velocity
         gain *= tangent_ratio(gain * gain * k * wp.length(others + expected))
