@@ -47,7 +47,7 @@ class Working:
     lumps: wp.array2d[wp.int32]
     """Particles of each world that move together with a sphere, see `contact.faces`"""
     body_starts: wp.array2d[wp.vec3]
-    """Positions of free bodies before this substep [m]; empty where there are none, as are the next six"""
+    """Positions of free bodies before this substep [m]; empty where there are none, as are the next eight"""
     body_start_turns: wp.array2d[wp.quat]
     body_masses: wp.array2d[float]  # [kg]
     body_eases: wp.array2d[wp.mat33d]
@@ -56,6 +56,10 @@ class Working:
     """Velocities of bodies while they push each other [m/s], or displacements out of overlaps [m]"""
     body_turning: wp.array2d[wp.vec3d]
     """Angular momenta of bodies while they push each other [kg m^2/s], or those of a rotation [kg m^2]"""
+    body_groups: wp.array2d[wp.int32]
+    """A body of lower number that each touches, perhaps by way of others, or itself, see `loops.rebounding`"""
+    body_gains: wp.array2d[wp.vec4d]
+    """Energy that each group of bodies would gain by contacts [J]: with all rebounds, without, and see `push_less`"""
     body_pushes: wp.array2d[wp.vec3]
     """Impulse of a body on each particle [N s]"""
     grips: wp.array2d[Grip]

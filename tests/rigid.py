@@ -31,26 +31,27 @@ def after(simulator: Simulator, frames: int) -> Simulator:
     return simulator
 
 
-def body_state(simulator: Simulator, name: str) -> NDArray[np.float64]:
-    """Return a state of the bodies of the first world, shape (body_count, 3 or 4)."""
-    return getattr(simulator.state, f"body_{name}").numpy()[0].astype(float)
+def body_state(simulator: Simulator, name: str, world: int = 0) -> NDArray[np.float64]:
+    """Return a state of the bodies of a world, shape (body_count, 3 or 4)."""
+    return getattr(simulator.state, f"body_{name}").numpy()[world].astype(float)
 
 
 def body_masses(simulator: Simulator) -> NDArray[np.float64]:
     return simulator.model.parameters["body_mass"].numpy()[0].astype(float)
 
 
-def tensors(simulator: Simulator) -> NDArray[np.float64]:
+def tensors(simulator: Simulator, world: int = 0) -> NDArray[np.float64]:
     """Return the inertia tensors in the axes of the world [kg m^2], shape (body_count, 3, 3)."""
-    turns = Rotation.from_quat(body_state(simulator, "turns")).as_matrix()
+    turns = Rotation.from_quat(body_state(simulator, "turns", world)).as_matrix()
     own = np.array([shape.inertia for shape in simulator.model.bodies]) * body_masses(simulator)[:, None, None]
     return turns @ own @ turns.swapaxes(1, 2)
 
 
-def kinetic(simulator: Simulator) -> float:
-    """Return the kinetic energy of the bodies [J]."""
-    velocities, momenta = body_state(simulator, "velocities"), body_state(simulator, "momenta")
-    turning = sum(float(m @ np.linalg.solve(tensor, m)) for m, tensor in zip(momenta, tensors(simulator), strict=True))
+def kinetic(simulator: Simulator, world: int = 0, beside: float = 0.0) -> float:
+    """Return the kinetic energy of the bodies [J], beside what moves along x [m/s]."""
+    velocities, momenta = (body_state(simulator, name, world) for name in ("velocities", "momenta"))
+    velocities = velocities - (beside, 0.0, 0.0)
+    turning = sum(float(m @ np.linalg.solve(t, m)) for m, t in zip(momenta, tensors(simulator, world), strict=True))
     return 0.5 * float(body_masses(simulator) @ (velocities**2).sum(axis=1)) + 0.5 * turning
 
 

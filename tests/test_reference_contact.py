@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from meshes import quad_sphere
-from rigid import body_state, scene_of
+from rigid import SPACE, body_state, scene_of
 
 from balloon_warp.model.ridges import Ridges as Lines
 from balloon_warp.reference import Reference
@@ -187,6 +187,24 @@ def test_a_brick_slides_down_a_slope_by_the_rest_of_gravity():
     angle, seconds, h = np.radians(40.0), 0.5, 2.5e-3
     way = 0.5 * 10.0 * (np.sin(angle) - 0.3 * np.cos(angle)) * seconds * (seconds + h)
     assert np.linalg.norm(on_a_slope(0.3, 40.0)) == pytest.approx(way, rel=1e-3)
+
+
+def test_bodies_that_rub_and_rebound_move_as_the_product_moves_them(device: str):
+    """Two boxes of restitution 1, whose rebound with friction would give energy: to 1e-5."""
+    common: dict[str, Any] = {"size": (0.2, 0.3, 0.15), "restitution": 1.0, "friction": 0.5}
+    of = scene_of(
+        Body(position=(-0.4, 0.05, 0.0), rotation=(20.0, 30.0, 10.0), velocity=(3.0, 0.0, 0.0), mass=1.0,
+             angular_velocity=(5.0, -4.0, 3.0), **common),
+        Body(position=(0.4, 0.0, 0.0), rotation=(50.0, 10.0, 70.0), velocity=(-1.0, 0.0, 0.0), mass=3.0, **common),
+        frames_per_second=24.0, substeps=8, frames=8, **SPACE,
+    )  # fmt: skip
+    simulator, reference = Simulator(of, device, schedule="gather"), Reference(of)
+    for _ in range(of.frames):
+        simulator.step_unread()
+        reference.frame()
+    for name, atol in (("positions", 1e-5), ("velocities", 1e-4)):
+        expected = [body[name.replace("ies", "y").rstrip("s")] for body in reference.bodies]
+        np.testing.assert_allclose(body_state(simulator, name), expected, atol=atol)
 
 
 @pytest.mark.full

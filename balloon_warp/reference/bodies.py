@@ -17,10 +17,20 @@ def momentum_of(body):
 
 
 def turned(body, h):
-    """Return a body's turn after a step, by the midpoint rule."""
-    middle = turn_by(0.5 * h * body["spin"]) @ body["turn"]
-    spin = middle @ body["ease"] @ middle.T @ momentum_of(body) / body["mass"]
-    return turn_by(h * spin) @ body["turn"]
+    """Return a body's turn after a step, by the mean of its angular momenta as it sees them before and after."""
+    turn, whole, ease = body["turn"], momentum_of(body), body["ease"] / body["mass"]
+    parts = int(np.clip(np.ceil(h * np.linalg.norm(body["spin"]) / 0.5), 1, 16))
+    for _ in range(parts):
+        momentum = mean = whole @ turn
+        for _ in range(8):
+            spin, half = ease @ mean, 0.5 * h / parts
+            angle = half * np.linalg.norm(spin)
+            half *= np.tan(angle) / angle if angle else 1.0
+            off = mean - momentum + half * np.cross(spin, mean)
+            skews = [np.cross(each, np.eye(3)).T for each in (spin, mean)]
+            mean = mean - np.linalg.solve(np.eye(3) + half * (skews[0] - skews[1] @ ease), off)
+        turn = turn_by(h / parts * turn @ ease @ mean) @ turn
+    return turn
 
 
 def take_turn(body, turn):
@@ -106,11 +116,60 @@ def settle(a, b, n, least, friction, impulse, allowed, most):
             impulse[i] = part * n[i] + rub * np.minimum(friction[i] * part / size(rub), 1.0)
         added = impulse - last
         if (size(added)[:, 0] * ease <= allowed + 4e-6 * size(impulse)[:, 0] * ease).all():
-            break
+            return impulse, True
         turns_back, changed = ease @ dot(added, ahead + added) < 0.0, float((ease @ dot(added, added))[0])
         age, before = 0.0 if turns_back or changed > 2.0 * before else age + 1.0, changed
         ahead = max(age - 1.0, 0.0) / (age + 2.0) * (ahead + added)
-    return impulse
+    return impulse, False
+
+
+def groups_of(pairs, count):
+    """Return a number for each body, which is that of all that it touches, by the pairs that touch."""
+    group = np.arange(count)
+    for one, other in pairs:
+        if other is not None:
+            group[group == max(group[one], group[other])] = min(group[one], group[other])
+    return group
+
+
+def push_each_other(a, b, before, n, least, closing, friction, impulse, group, allowed, most):
+    """Return impulses that give no group of contacts energy, see `laws.grip`.
+
+    Args:
+        before: Velocities at contacts before gravity acts.
+        closing: Speeds along normals without rebounds.
+        group: Of each contact.
+    """
+
+    def in_group(each):
+        return np.bincount(group, each[:, 0])[group, None]
+
+    def work(pushed, after):
+        return in_group(0.5 * dot(pushed, before + after))
+
+    def after(pushed):
+        return b + np.einsum("kxly,ly->kx", a, pushed)
+
+    whole, agrees = settle(a, b, n, least, friction, impulse, allowed, most)
+    rebounds = (least > 0.0).any()
+    if not rebounds and agrees:
+        return whole
+    gain, exchanged = work(whole, after(whole)), in_group(0.5 * np.abs(dot(whole, before)))
+    gains = gain > (1e-5 if agrees else 0.0) * exchanged
+    if not gains.any():
+        return whole
+    jams, without = not agrees and (gains & (gain < 1e-2 * exchanged)).any(), whole
+    if rebounds:
+        without, _ = settle(a, b, n, closing, (not jams) * friction, impulse, allowed, most)
+    more, own, free = whole - without, work(without, after(without)), work(without, b)
+    curve = in_group(0.5 * dot(more, after(whole) - after(without)))
+    slope, lost = gain - own - curve, np.maximum(-own, 0.0)
+    root = np.sqrt(slope**2 + 4.0 * curve * lost)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.where(slope > 0.0, 2.0 * lost / (slope + root), (root - slope) / (2.0 * curve))
+        agreed = np.where(own > 0.0, np.clip(free / (free - own), 0.0, 1.0), 1.0)
+    share = np.where(gain > own + lost, share, 1.0)
+    return agreed * (without + np.where(jams & (gain > 0.0), 0.0, share) * more)
 
 
 def move(bodies, things, friction, kept, h, gravity, up):
@@ -124,18 +183,26 @@ def move(bodies, things, friction, kept, h, gravity, up):
         for body, sign, arm in ((number, 1.0, arms[k]), (other, -1.0, others[k])):
             if body is not None:
                 lever[k, :, body] += sign * np.hstack([np.eye(3), -np.cross(np.eye(3), arm)])
-    for body, inverse in zip(bodies, ease, strict=True):
-        inverse[:3, :3], inverse[3:, 3:] = np.eye(3) / body["mass"], body["turning"]
-    gains = np.einsum("bxy,kzby->bxkz", ease, lever)
-    a = np.einsum("kxby,bylz->kxlz", lever, gains)
-    ways = np.zeros((len(bodies), 6))
+
+    def eased():
+        for body, inverse in zip(bodies, ease, strict=True):
+            inverse[:3, :3], inverse[3:, 3:] = np.eye(3) / body["mass"], body["turning"]
+        gains = np.einsum("bxy,kzby->bxkz", ease, lever)
+        return gains, np.einsum("kxby,bylz->kxlz", lever, gains)
+
+    gains, a = eased()
     if (gap < 0.0).any():  # overlaps are moved apart by mass, without speed
         out = np.where(gap < 0.0, np.minimum(-0.2 * gap, 3.0 * h), -gap) - (n * moving).sum(axis=1)
         none = np.zeros_like(n)
-        shifts = settle(a, -moving, n, out, 0.0 * gap, none, 0.01 * -gap.min(), 16)
+        shifts, _ = settle(a, -moving, n, out, 0.0 * gap, none, 0.01 * -gap.min(), 16)
         gap, ways = gap + (n * np.einsum("kxly,ly->kx", a, shifts)).sum(axis=1), np.einsum("bxkz,kz->bx", gains, shifts)
-    for body, way in zip(bodies, ways, strict=True):
-        body["start"] = body["position"] + way[:3]
+        for body, way in zip(bodies, ways, strict=True):  # what turns it turns its momentum, too
+            body["position"], turn = body["position"] + way[:3], turn_by(way[3:])
+            body["spin"], body["turn"] = turn @ body["spin"], turn @ body["turn"]
+            body["turning"] = turn @ body["turning"] @ turn.T
+        gains, a = eased()
+    for body in bodies:
+        body["start"] = body["position"]
     speeds = np.array([[*body["velocity"], *body["spin"]] for body in bodies])
     u = np.einsum("kxby,by->kx", lever, speeds) - moving
     approach = -(n * u).sum(axis=1)
@@ -149,11 +216,11 @@ def move(bodies, things, friction, kept, h, gravity, up):
     fastest = max(h * abs(gravity), approach.max(initial=0.0))
     impulse = np.reshape([kept.get(key, np.zeros(3)) for key in columns[0]], (-1, 3))
     most = int(np.clip(100_000 // max(len(found), 1), 50, 1000))
-    impulse = settle(a, b, n, least, frictions, impulse, 3e-5 * fastest, most)
+    group = groups_of(zip(*columns[1:3], strict=True), len(bodies))[[*columns[1]]]
+    impulse = push_each_other(a, b, u, n, least, -away / h, frictions, impulse, group, 3e-5 * fastest, most)
     speeds += np.einsum("bxkz,kz->bx", gains, impulse)
-    for body, speed, way in zip(bodies, speeds, ways, strict=True):
+    for body, speed in zip(bodies, speeds, strict=True):
         body["velocity"], body["spin"], body["position"] = speed[:3], speed[3:], body["start"] + h * speed[:3]
-        take_turn(body, turn_by(way[3:]) @ body["turn"])
     return {key: each for key, each, rises in zip(columns[0], impulse, least > 0.0, strict=True) if not rises}
 
 

@@ -9,6 +9,18 @@ again until they agree, with their impulses so far (projected Gauss-Seidel; Catt
 where those of the step before ended. Between two sweeps all go on by a part of what the last has changed, which grows
 with their number, until that leads back (Nesterov's acceleration, begun anew; O'Donoghue and Candes 2015; Mazhar et al.
 2015). So a light body under one a thousand times as heavy needs a hundred sweeps, not thousands.
+
+Friction and rebounds at several points may give energy (Kane's paradox), and so take place in part. With v the velocity
+beside what is met before gravity acts, and P the impulse there as a vector, bodies that touch each other gain
+
+    G = sum P . (v + u) / 2
+
+in energy of motion and, as the step has it, of height; what moves by itself gives them its own work besides. Without
+rebounds, n . u <= 0 where P . n > 0, and friction acts against u: G = sum P . u less the energy of the change of motion
+is below zero, but for weight that comes to rest. From those impulses to those with rebounds, P + s (P' - P), all is
+linear: they keep momentum, nothing enters anything, friction is as much as Coulomb allows, and G is a square of s. So
+it is s = 1, or if that gives energy the largest s that does not. Where impulses without rebound do not agree, as those
+of much friction may never do, and give energy, all of them are less by a share, likewise.
 """
 
 import warp as wp
@@ -49,12 +61,16 @@ class Grip:
     moving: wp.vec3  # how fast it moves there, if it goes where it is told [m/s]
     gap: float  # [m]
     least: float  # that n . u is to be [m/s]
+    closing: float  # likewise without rebound
     ease: float  # how much n . u gains by 1 N s along n [1/kg]
     friction: float
     restitution: float
     impulse: wp.vec3  # so far [N s]
     added: wp.vec3  # to it in the last sweep
     ahead: wp.vec3  # by which it went on before that
+    before: wp.vec3  # velocity beside what is met, before gravity acts [m/s]
+    rebound: wp.vec3  # the impulse with all rebounds [N s]
+    leaving: wp.vec3  # u with these [m/s]
 
 
 @wp.func
@@ -91,6 +107,43 @@ def least_speed(gap: float, approach: float, restitution: float, pull: float, sl
     if approach > slow and approach + step_seconds * pull > -least:
         least = wp.max(least, rebound_speed(away, approach, restitution, pull, step_seconds))
     return least
+
+
+@wp.func
+def rebound_share(without: wp.float64, whole: wp.float64, curve: wp.float64):
+    """Return the share s of a rebound, from 0 to 1, at which bodies that touch gain no energy.
+
+    Args:
+        without: their gain without rebound, G(0) [J].
+        whole: with all of it, G(1).
+        curve: sum (P' - P) . (u' - u) / 2, the square's: no less than zero.
+    """
+    share = wp.float64(1.0)
+    lost = wp.max(-without, wp.float64(0.0))
+    if whole > without + lost:
+        slope = whole - without - curve
+        root = wp.sqrt(slope * slope + wp.float64(4.0) * curve * lost)
+        if slope > wp.float64(0.0):
+            share = wp.float64(2.0) * lost / (slope + root)
+        else:
+            share = (root - slope) / (wp.float64(2.0) * curve)
+    return share
+
+
+@wp.func
+def push_share(without: wp.float64, free: wp.float64):
+    """Return the share of impulses that do not agree at which bodies that touch gain no energy, from 0 to 1.
+
+    The gain is a square of the share, which begins at none.
+
+    Args:
+        without: their gain by all of them, without rebound [J].
+        free: sum P . (v + u) / 2, u as it were without impulses.
+    """
+    share = wp.float64(1.0)
+    if without > wp.float64(0.0):
+        share = wp.clamp(free / (free - without), wp.float64(0.0), wp.float64(1.0))
+    return share
 
 
 @wp.func

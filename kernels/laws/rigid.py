@@ -1,11 +1,14 @@
 """Free rigid body: its rotation, and the impulses between it and particles.
 
 Without torque its angular momentum L stays, in the axes of the world, to the last bit: it is L that is kept, and the
-spin w = R J^-1 R^T L follows from how the body is turned, R. A step turns it by the midpoint rule,
+spin w = R J^-1 R^T L follows from how the body is turned, R. A step turns it by the mean of its angular momenta as the
+body sees them before and after, l = R^T L and l',
 
-    R' = exp(h w(exp(h/2 w(R)) R)) R,
+    R' = R exp(h W),    W = J^-1 (l + l') / 2,    l' = exp(-h W) l.
 
-so that energy of motion is off by the square of the step, and turns remain turns.
+So turns remain turns, and energy of motion stays: l' - l is square to W, and E' - E = (l' - l) . J^-1 (l + l') / 2 is
+their product. It is solved by Newton's method for M = (l + l') / 2: by half the angle, M + k W x M = l, where k is
+h / 2 times tan(a) / a at a = h |W| / 2. How it has turned is off by the square of the step.
 
 With particles it exchanges momentum as a sphere does, see `laws.impulse`, but that it turns, too: along the normal n at
 the arm r from its center of mass, with c = (n, r x n), its velocity and spin change by the D of
@@ -26,6 +29,15 @@ import warp as wp
 
 from balloon_warp.kernels.laws.impulse import OVERLAPPING, Press, put_part
 from balloon_warp.kernels.laws.sliding import friction_impulse
+
+MOST_TURN = wp.constant(0.5)
+"""Largest angle that a body turns at once; a step of a larger one has several parts [rad]"""
+MOST_PARTS = wp.constant(16)
+"""Largest number of such parts"""
+AGREED_TURN = wp.constant(1.0e-6)
+"""Residual at which Newton's iterations end, over the angular momentum"""
+MOST_LOOKS = wp.constant(8)
+"""Largest number of Newton iterations for a turn; two to five usually suffice"""
 
 Push = wp.types.vector(length=36, dtype=wp.float32)
 """Sums over particles, with t = r x n; over those that a body presses: m n n^T, m t t^T (six numbers each), m n t^T
@@ -77,10 +89,41 @@ def carried(velocity: wp.vec3, spin: wp.vec3, arm: wp.vec3, seconds: float):
 
 
 @wp.func
+def mean_spin(momentum: wp.vec3, ease: wp.mat33, seconds: float):
+    """Return the spin by which a body turns for some seconds [rad/s], W, in its own axes.
+
+    Args:
+        momentum: angular, as they begin, in its own axes [kg m^2/s].
+        ease: inverse of the inertia tensor [1/(kg m^2)].
+    """
+    mean = momentum
+    looks = wp.int32(0)
+    while looks < MOST_LOOKS:
+        looks += 1
+        spin = ease * mean
+        half = 0.5 * seconds
+        angle = half * wp.length(spin)
+        if angle > 0.0:
+            half *= wp.tan(angle) / angle
+        off = mean - momentum + half * wp.cross(spin, mean)
+        if wp.length(off) <= AGREED_TURN * wp.length(momentum):
+            looks = MOST_LOOKS
+        else:
+            slope = wp.identity(n=3, dtype=float) + half * (wp.skew(spin) - wp.skew(mean) * ease)
+            mean -= wp.inverse(slope) * off
+    return ease * mean
+
+
+@wp.func
 def turned(turn: wp.quat, ease: wp.mat33, mass: float, momentum: wp.vec3, step_seconds: float):
     """Return a body's orientation after a step."""
-    middle = turned_by(turn, (0.5 * step_seconds) * spin_of(turn, ease, mass, momentum))
-    return turned_by(turn, step_seconds * spin_of(middle, ease, mass, momentum))
+    angle = step_seconds * wp.length(spin_of(turn, ease, mass, momentum))
+    parts = wp.clamp(wp.int32(wp.ceil(wp.min(angle / MOST_TURN, float(MOST_PARTS)))), 1, MOST_PARTS)
+    seconds = step_seconds / float(parts)
+    for _part in range(parts):
+        spin = mean_spin(wp.quat_rotate_inv(turn, momentum), ease / mass, seconds)
+        turn = turned_by(turn, seconds * wp.quat_rotate(turn, spin))
+    return turn
 
 
 @wp.func

@@ -15,7 +15,6 @@ from balloon_warp.kernels.laws.grip import (
     APART,
     MOST_SWEEPS_OUT,
     least_speed,
-    most_sweeps,
     slowest_rebound,
     way_out_of,
 )
@@ -24,7 +23,8 @@ from balloon_warp.kernels.laws.sliding import ease_of_ball, friction_impulse, sp
 from balloon_warp.kernels.loops.bodies import Rigid, Stop, body_at, body_mass, pushed_on, put_body, stop_function
 from balloon_warp.kernels.loops.friction import friction_between, number_of_body, number_of_sphere
 from balloon_warp.kernels.loops.holding import holding_function
-from balloon_warp.kernels.loops.settling import beside_at, settle
+from balloon_warp.kernels.loops.rebounding import push_each_other
+from balloon_warp.kernels.loops.settling import beside_at, ease_at, settle
 from balloon_warp.kernels.tables import (
     Tables,
     WorldState,
@@ -49,7 +49,10 @@ def begin(t: Tables, state: WorldState, working: Working, world: wp.int32, body:
 
 @wp.func
 def part(t: Tables, state: WorldState, working: Working, world: wp.int32, count: wp.int32):
-    """Move bodies that overlap apart, each by its mass and inertia, without speed; how far each gap is then."""
+    """Move bodies that overlap apart, each by its mass and inertia, without speed; how far each gap is then.
+
+    Angular momentum turns with its body: it would else spin faster about an axis of less inertia.
+    """
     deepest = float(0.0)
     for number in range(count):
         grip = working.grips[world, number]
@@ -68,10 +71,17 @@ def part(t: Tables, state: WorldState, working: Working, world: wp.int32, count:
             turn = wp.vec3(working.body_eases[world, body] * working.body_turning[world, body])
             state.body_positions[world, body] = state.body_positions[world, body] + shift
             state.body_turns[world, body] = turned_by(state.body_turns[world, body], turn)
+            about = turned_by(wp.quat_identity(), turn)
+            state.body_momenta[world, body] = wp.quat_rotate(about, state.body_momenta[world, body])
+            begin(t, state, working, world, body)
+        for number in range(count):
+            grip = working.grips[world, number]
+            grip.ease = ease_at(working, world, grip, grip.normal)
+            working.grips[world, number] = grip
 
 
 @wp.func
-def inflation_direction(t: Tables, state: WorldState, working: Working, world: wp.int32, count: wp.int32, pull: float):
+def aim(t: Tables, state: WorldState, working: Working, world: wp.int32, count: wp.int32, pull: float):
     """Set the target speed of each contact from its warm start, and return the fastest approach [m/s].
 
     Or a step of gravity, if that is faster.
@@ -80,10 +90,12 @@ def inflation_direction(t: Tables, state: WorldState, working: Working, world: w
     fastest = t.step_seconds * wp.abs(pull)
     for number in range(count):
         grip = working.grips[world, number]
-        approach = -wp.dot(beside_at(working, world, grip), grip.normal)
+        grip.before = beside_at(working, world, grip)
+        approach = -wp.dot(grip.before, grip.normal)
         faster = float(0.0)  # two bodies fall alike
         if grip.other < 0:
             faster = pull * wp.dot(grip.normal, t.up)
+        grip.closing = -wp.max(grip.gap, 0.0) / t.step_seconds
         grip.least = least_speed(grip.gap, approach, grip.restitution, faster, slow, t.step_seconds)
         grip.impulse = state.body_impulses[world, number]
         working.grips[world, number] = grip
@@ -217,11 +229,8 @@ def tumbling_function(features: Features) -> Any:
             working.body_start_turns[world, body] = state.body_turns[world, body]
             working.body_going[world, body] = wp.vec3d(state.body_velocities[world, body])
             working.body_turning[world, body] = wp.vec3d(state.body_momenta[world, body])
-        fastest = inflation_direction(t, state, working, world, count, pull)
-        for body in range(bodies):
-            fallen = wp.vec3d((t.step_seconds * pull) * t.up)
-            working.body_going[world, body] = working.body_going[world, body] - fallen
-        settle(working, world, count, True, AGREED * fastest, most_sweeps(count))
+        fastest = aim(t, state, working, world, count, pull)
+        push_each_other(t, state, working, world, count, pull, AGREED * fastest)
         remember(state, working, world, count)
         for body in range(bodies):
             move_body(t, state, working, world, body)
