@@ -103,6 +103,39 @@ def test_parts_of_a_balloon_that_cross_are_found(stage: Stage):
     assert "itself" in str(crossings[0])
 
 
+def sheet_of(*corners: Sequence[float]) -> trimesh.Trimesh:
+    """Return a quad of two triangles."""
+    return trimesh.Trimesh(corners, [(0, 1, 2), (0, 2, 3)], process=False)
+
+
+FLAT = [(0, 0, 0), (0, 0, 1), (1, 0, 1), (1, 0, 0)]
+"""Corners of a sheet that looks up"""
+
+
+@pytest.mark.parametrize(
+    ("corners", "shift", "depth"),
+    [
+        pytest.param(FLAT, (0.7, 0, 0.1), 0.3, id="overlap"),
+        pytest.param(FLAT, (0, 0, 0), 0.7, id="same-place"),
+        pytest.param(FLAT, (1, 0, 0), 0.0, id="beside"),
+        pytest.param(FLAT, (0.7, 0.001, 0.1), 0.0, id="above"),
+        pytest.param(FLAT[::-1], (0.7, 0, 0.1), 0.0, id="face-to-face"),
+    ],
+)
+def test_sheets_that_overlap_in_one_plane_are_found(
+    corners: list[Sequence[float]], shift: Sequence[float], depth: float, stage: Stage
+):
+    stage.balloon("one", sheet_of(*FLAT), (0, 0, 0)).balloon("two", sheet_of(*corners), shift)
+    crossings = check_stage(stage.save()).crossings
+    assert len(crossings) == (FRAMES if depth else 0)
+    for crossing in crossings:
+        assert (crossing.first, crossing.second) == ("balloon one", "balloon two")
+        assert crossing.depth == pytest.approx(depth, abs=0.05)
+        least, most = np.array(shift) - 1e-6, np.array((1.0, 0.0, 1.0)) + 1e-6
+        assert (least < crossing.place).all()
+        assert (crossing.place < most).all()
+
+
 @pytest.mark.parametrize("cells", [1, 40], ids=["coarse", "fine"])
 def test_a_sheet_is_as_deep_on_any_mesh(stage: Stage, cells: int):
     z, y = np.meshgrid(np.linspace(-1, 1, cells + 1), np.linspace(-2, -0.4, cells + 1))

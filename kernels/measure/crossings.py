@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from balloon_warp.kernels.measure.gaps import Corners, depth_of_round, normal_of, spread, triangles_cross
+from balloon_warp.kernels.measure.gaps import Corners, depth_of_round, lie_on, normal_of, spread, triangles_cross
 from balloon_warp.kernels.options import OPTIONS
 
 wp.set_module_options(OPTIONS)
@@ -56,6 +56,18 @@ def may_cross(things: Things, first: wp.int32, second: wp.int32):
     return meets
 
 
+@wp.func
+def overlap_of(things: Things, first: wp.int32, second: wp.int32):
+    """Return how far triangles of two deformable things overlap in one plane [m], and where."""
+    owner = things.owners[first]
+    other = things.owners[second]
+    overlap = wp.float64(0.0)
+    place = wp.vec3d()
+    if owner != other and things.soft[owner] != 0 and things.soft[other] != 0:
+        overlap, place = lie_on(corners_of(things, first), corners_of(things, second), wp.float64(things.pad))
+    return overlap, place
+
+
 @wp.kernel
 def find_boxes(things: Things, lowers: wp.array[wp.vec3], uppers: wp.array[wp.vec3]):
     """Compute the box around each triangle, a thread each."""
@@ -76,6 +88,9 @@ def find_crossings(things: Things, count: wp.array[wp.int32], pairs: wp.array[wp
     while wp.bvh_query_next(query, j):
         if j > i and may_cross(things, i, j):
             crosses, _place = triangles_cross(mine, corners_of(things, j))
+            if not crosses:
+                overlap, _there = overlap_of(things, i, j)
+                crosses = overlap > wp.float64(0.0)
             if crosses:
                 slot = wp.atomic_add(count, 0, 1)
                 if slot < pairs.shape[0]:
@@ -125,11 +140,19 @@ def measure_crossings(
     depths: wp.array[wp.float64],
     places: wp.array[wp.vec3d],
 ):
-    """Measure the displacement along its normal that frees one of two crossing faces; a thread a crossing."""
+    """Measure the displacement along its normal that frees one of two crossing faces; a thread a crossing.
+
+    Of two in one plane it is along that.
+    """
     i = wp.tid()
     face = pairs[i][0]
     far = pairs[i][1]
-    _crosses, place = triangles_cross(corners_of(things, face), corners_of(things, far))
+    crosses, place = triangles_cross(corners_of(things, face), corners_of(things, far))
+    if not crosses:
+        overlap, there = overlap_of(things, face, far)
+        depths[i] = overlap
+        places[i] = there
+        return
     if things.soft[things.owners[face]] == 0:
         face, far = far, face
     outward = wp.normalize(normal_of(corners_of(things, face)))

@@ -92,6 +92,53 @@ def triangles_cross(first: Corners, second: Corners):
 
 
 @wp.func
+def overlap_along(axis: wp.vec3d, first: Corners, second: Corners):
+    """Return how far two triangles overlap along an axis, negative where they are apart [m]."""
+    ahead = wp.normalize(axis)
+    mine = first * ahead
+    other = second * ahead
+    return wp.min(wp.max(mine) - wp.min(other), wp.max(other) - wp.min(mine))
+
+
+@wp.func
+def lie_on(first: Corners, second: Corners, blur: wp.float64):
+    """Return by how far two triangles that face alike overlap in one plane [m], zero if they do not; and where.
+
+    Those that face each other touch.
+
+    Args:
+        blur: Distance up to which they are in one plane [m].
+    """
+    normal = wp.normalize(normal_of(first))
+    other = wp.normalize(normal_of(second))
+    overlap = wp.float64(0.0)
+    place = wp.vec3d()
+    apart = wp.float64(0.0)
+    for corner in range(3):
+        apart = wp.max(apart, wp.abs(wp.dot(normal, second[corner] - first[0])))
+        apart = wp.max(apart, wp.abs(wp.dot(other, first[corner] - second[0])))
+    if apart <= blur and wp.dot(normal, other) > wp.float64(0.0):
+        overlap = wp.float64(1.0e30)
+        inside = wp.float64(0.0)
+        for corner in range(3):
+            side = first[(corner + 1) % 3] - first[corner]
+            overlap = wp.min(overlap, overlap_along(wp.cross(normal, side), first, second))
+            side = second[(corner + 1) % 3] - second[corner]
+            overlap = wp.min(overlap, overlap_along(wp.cross(normal, side), first, second))
+            if is_over(first[corner], second, other):
+                place += first[corner]
+                inside += wp.float64(1.0)
+            if is_over(second[corner], first, normal):
+                place += second[corner]
+                inside += wp.float64(1.0)
+        if inside > wp.float64(0.0):
+            place /= inside
+        else:
+            place = (first[0] + first[1] + first[2] + second[0] + second[1] + second[2]) / wp.float64(6.0)
+    return wp.max(overlap, wp.float64(0.0)), place
+
+
+@wp.func
 def depth_of_round(begin: wp.vec3d, end: wp.vec3d, radius: wp.float64, tri: Corners):
     """Return the depth of a triangle in a capsule about a segment; negative where it is outside."""
     normal = wp.normalize(normal_of(tri))
