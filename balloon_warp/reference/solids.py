@@ -148,24 +148,21 @@ def apart(gap, h):
 
 
 def roll(ball, h, up, gravity, ground, momentum):
-    """Move a sphere beside the ground, under its force, or where it exchanges momentum as far as that without contact.
+    """Move a sphere beside the ground, where it turns with the speed that it had before.
 
     Args:
         ground: Height, restitution and friction.
+        momentum: Whether it exchanges momentum with particles, later; if not, its force moves it.
     """
     height, restitution, friction = ground
-    gap, rise = ball["position"] @ up - ball["radius"] - height, ball["velocity"] @ up
     pushed = np.zeros(3) if momentum else ball["force"] / ball["mass"]
+    gap, rise = ball["position"] @ up - ball["radius"] - height, ball["velocity"] @ up
     ball["velocity"], ball["force"] = ball["velocity"] + h * (pushed - gravity * up), np.zeros(3)
-    if momentum:  # it turns with the speed that it had before
-        excess = h * gravity - rise - max(gap, 0.0) / h
-        stopped = max(excess, -restitution * rise - ball["velocity"] @ up) if excess > 0.0 else 0.0
-        ball["velocity"] = ball["velocity"] + stopped * up
-        ball["position"] = ball["position"] + h * ball["velocity"] + apart(gap, h) * up
-        rub(ball, np.zeros(3), up, stopped, friction, h)
-    else:
-        ball["position"] = ball["position"] + h * ball["velocity"]
-        leave_ground(ball, h, up, ground)
+    excess = -(ball["velocity"] @ up) - max(gap, 0.0) / h
+    stopped = max(excess, -restitution * rise - ball["velocity"] @ up) if excess > 0.0 else 0.0
+    ball["velocity"] = ball["velocity"] + stopped * up
+    ball["position"] = ball["position"] + h * ball["velocity"] + apart(gap, h) * up
+    rub(ball, np.zeros(3), up, stopped, friction, h)
 
 
 def leave_ground(ball, h, up, ground):

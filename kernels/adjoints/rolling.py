@@ -20,7 +20,7 @@ from balloon_warp.kernels.adjoints.sphere_bars import (
     bar_of_course,
     put_bar_of_course,
 )
-from balloon_warp.kernels.adjoints.sphere_courses import Ball, work_of_fall, work_of_roll, work_on_ground
+from balloon_warp.kernels.adjoints.sphere_courses import Ball, work_of_roll, work_on_ground
 from balloon_warp.kernels.adjoints.sphere_log import Event, LoggedSpheres
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.fixed_point import total_newtons
@@ -68,7 +68,6 @@ def rolling_adjoint(features: Features, columns: tuple[int, ...]) -> Any:
     places, ball_of = features.columns.places, ball_function(features)
     gravity, height, restitution = (places[name] for name in ("gravity", "ground_height", "ground_restitution"))
     Numbers, add_numbers = numbers_type(features.columns.width), numbers_adder(columns)  # noqa: N806 - a type
-    work = work_of_fall if features.impulses else work_of_roll
 
     @wp.func
     def roll_event_backwards(
@@ -83,7 +82,7 @@ def rolling_adjoint(features: Features, columns: tuple[int, ...]) -> Any:
             if wp.static(features.penalties):
                 force = total_newtons(quanta, world, sphere)
             ball = ball_of(t, world, sphere, force)
-            by_rolled, of_ball, _up, _step, _bar = wp.grad(work)(event.mine, ball, t.up, t.step_seconds, bar)
+            by_rolled, of_ball, _up, _step, _bar = wp.grad(work_of_roll)(event.mine, ball, t.up, t.step_seconds, bar)
             bar = by_rolled
             by_ball = of_ball
             working.sphere_push_bars[world, sphere] = by_ball.force

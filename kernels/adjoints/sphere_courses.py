@@ -8,7 +8,7 @@ import warp as wp
 from balloon_warp.kernels.adjoints.one_contact import Entry, into, nearest_on_convex, slid_on_convex
 from balloon_warp.kernels.contact_tables import Solid
 from balloon_warp.kernels.laws.collision import collision, share_of
-from balloon_warp.kernels.laws.contact import bounced, move_sphere, stop_of
+from balloon_warp.kernels.laws.contact import bounced, stop_of
 from balloon_warp.kernels.laws.impulse import fall
 from balloon_warp.kernels.laws.rigid import carried
 from balloon_warp.kernels.laws.sliding import ease_of_ball, friction_impulse, rubbed, spin_by
@@ -37,21 +37,10 @@ def worth(position: wp.vec3, velocity: wp.vec3, spin: wp.vec3, bar: Course):
 
 @wp.func
 def work_of_roll(course: Course, ball: Ball, up: wp.vec3, step: float, bar: Course):
-    """Return a sphere's course after a step by the paper's rule, see `loops.rolling`, times its bars."""
-    moved, going, stopped = move_sphere(
+    """Return a sphere's course after a step beside the ground, see `loops.rolling`, times its bars."""
+    moved, going, stopped = fall(
         course.position, course.velocity, ball.force / ball.mass, ball.radius, ball.gravity, up, ball.ground_height,
         ball.ground_restitution, step,
-    )  # fmt: skip
-    gain, more = rubbed(going, course.spin, wp.vec3(), up, stopped, ball.radius, ball.friction)
-    return worth(moved + step * gain, going + gain, course.spin + more, bar)
-
-
-@wp.func
-def work_of_fall(course: Course, ball: Ball, up: wp.vec3, step: float, bar: Course):
-    """Return a sphere's course after a step without contact, where it exchanges momentum, times its bars."""
-    moved, going, stopped = fall(
-        course.position, course.velocity, ball.radius, ball.gravity, up, ball.ground_height, ball.ground_restitution,
-        step,
     )  # fmt: skip
     gain, more = rubbed(going, course.spin, wp.vec3(), up, stopped, ball.radius, ball.friction)
     return worth(moved + step * gain, going + gain, course.spin + more, bar)

@@ -107,33 +107,6 @@ def bounced(velocity: wp.vec3, surface_velocity: wp.vec3, normal: wp.vec3, resti
     return velocity + stop_of(velocity, surface_velocity, normal, restitution) * normal
 
 
-@wp.func
-def move_sphere(
-    position: wp.vec3,
-    velocity: wp.vec3,
-    pushed: wp.vec3,
-    radius: float,
-    gravity: float,
-    up: wp.vec3,
-    ground_height: float,
-    ground_restitution: float,
-    step_seconds: float,
-):
-    """Return a sphere's position and velocity after a step, and the velocity change by the ground [m/s].
-
-    Gravity, the ground and the acceleration by contacts move it.
-    """
-    velocity += step_seconds * (pushed - gravity * up)
-    position += step_seconds * velocity
-    depth = ground_height + radius - wp.dot(position, up)
-    stopped = float(0.0)
-    if depth > 0.0:
-        position += depth * up
-        stopped = stop_of(velocity, wp.vec3(), up, ground_restitution)
-        velocity = bounced(velocity, wp.vec3(), up, ground_restitution)
-    return position, velocity, stopped
-
-
 AS_OTHERS = -1.0
 """Marker: a balloon without a friction coefficient of its own"""
 FRICTION = Parameter(

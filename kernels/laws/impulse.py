@@ -220,6 +220,7 @@ def gain_of_particle(outward: wp.vec3, excess: float, change: wp.vec3):
 def fall(
     position: wp.vec3,
     velocity: wp.vec3,
+    pushed: wp.vec3,
     radius: float,
     gravity: float,
     up: wp.vec3,
@@ -231,15 +232,15 @@ def fall(
 
     Also the velocity change by the ground [m/s].
 
-    It has not met particles yet.
+    It has not met particles yet, or has the acceleration by their forces, `pushed` [m/s^2].
 
     It goes as far as the ground, or, had it been falling, turns where it is, with the speed that it had before the
     step times the restitution: then no energy is gained, whatever the step.
     """
     gap = wp.dot(position, up) - radius - ground_height
     rise = wp.dot(velocity, up)
-    excess = excess_speed(gap, step_seconds * gravity - rise, step_seconds)
-    velocity -= (step_seconds * gravity) * up
+    velocity += step_seconds * (pushed - gravity * up)
+    excess = excess_speed(gap, -wp.dot(velocity, up), step_seconds)
     stopped = float(0.0)
     if excess > 0.0:
         stopped = wp.max(excess, -ground_restitution * rise - wp.dot(velocity, up))

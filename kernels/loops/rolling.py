@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.contact import bounced, move_sphere, stop_of
+from balloon_warp.kernels.laws.contact import bounced, stop_of
 from balloon_warp.kernels.laws.fixture import MOST_TURNS, is_settled
 from balloon_warp.kernels.laws.impulse import fall
 from balloon_warp.kernels.laws.sliding import rubbed
@@ -185,17 +185,10 @@ def rolling_function(features: Features, note: Any = None) -> Any:
         start = course.position
         if wp.static(note is not None):
             note(spheres, world, ROLLS, sphere, sphere, course, course)
-        if wp.static(features.impulses):
-            position, velocity, stopped = fall(
-                course.position, course.velocity, radius, around[0], t.up, around[1], around[2], t.step_seconds
-            )
-            course = rub_on_ground(t, world, sphere, course_of(position, velocity, course.spin), stopped)
-        else:
-            position, velocity, stopped = move_sphere(
-                course.position, course.velocity, pushed, radius, around[0], t.up, around[1], around[2],
-                t.step_seconds,
-            )  # fmt: skip
-            course = rub_on_ground(t, world, sphere, course_of(position, velocity, course.spin), stopped)
+        position, velocity, stopped = fall(
+            course.position, course.velocity, pushed, radius, around[0], t.up, around[1], around[2], t.step_seconds
+        )
+        course = rub_on_ground(t, world, sphere, course_of(position, velocity, course.spin), stopped)
         if wp.static(features.fixtures):
             course = leave_fixtures(t, spheres, world, sphere, time, start, course)
         return course

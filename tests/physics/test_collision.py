@@ -204,6 +204,19 @@ def test_a_sphere_bounces_by_its_restitution_and_gains_nothing(
     assert rebound < 1.0 + 1e-5
 
 
+@pytest.mark.parametrize("contact", ["penalty", "impulse"])
+@pytest.mark.parametrize("substeps", ["auto", 1, 13])
+def test_a_sphere_on_the_ground_keeps_its_height_for_ten_seconds(substeps: str | int, contact: str, device: str):
+    """With restitution 1 it rises to within 0.5 % of its height: what the step conserves, v^2 / 2 + g y - g h v / 2."""
+    dropped = [Sphere(position=(0.0, 1.1, 0.0), radius=0.1)]
+    setting: dict[str, Any] = {"gravity": G, "frames_per_second": 60.0, "substeps": substeps, "contact": contact}
+    simulator = billiard(device, dropped, ground=Ground(restitution=1.0), **setting)
+    centers, velocities = after(simulator, 600)
+    rise = velocities[0, 1]
+    top = centers[0, 1] - 0.1 + rise**2 / (2.0 * G) - 0.5 * simulator.model.step_seconds * rise
+    np.testing.assert_allclose(top, 1.0, atol=0.005)
+
+
 ANGLE = 0.5
 
 
