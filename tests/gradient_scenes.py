@@ -245,10 +245,10 @@ OF_WIND = [
 
 PRESSED: list[dict[str, Any]] = [
     {"position": (-0.5, 2.5, 0.1), "radius": 0.9, "mass": 0.5, "velocity": (0.5, -4.0, 0.0), "penalty": 0.6},
-    {"position": (1.9, 0.89, 0.05), "radius": 0.9, "mass": 0.3, "velocity": (-3.0, 0.0, 1.0), "penalty": 0.7,
+    {"position": (1.9, 0.93, 0.05), "radius": 0.9, "mass": 0.3, "velocity": (-3.0, -2.0, 1.0), "penalty": 0.7,
      "friction": 0.3, "angular_velocity": (2.0, 1.0, 3.0)},
 ]  # fmt: skip
-"""A sphere that falls on a ball, and one that slides to it on the ground"""
+"""A sphere that falls on a ball, and one that bounces to it on the ground"""
 MEETING: list[dict[str, Any]] = [
     {"position": (-0.5, 2.5, 0.1), "radius": 0.9, "mass": 0.5, "velocity": (0.5, -4.0, 0.0), "penalty": 0.6,
      "friction": 0.2},
