@@ -2,6 +2,7 @@
 
 python -m balloon_warp.benchmarks.gradients [DEVICE] [CELLS[xWORLDS]] [CASE ...]
 python -m balloon_warp.benchmarks.gradients horizon     how far they tell anything
+python -m balloon_warp.benchmarks.gradients bounce      beside the slope of many worlds
 """
 
 import sys
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from balloon_warp.benchmarks.gradient_horizon import tables
+from balloon_warp.benchmarks import gradient_bounce, gradient_horizon
 from balloon_warp.device import pick_device
 from balloon_warp.mesh.quad_sphere import quad_sphere
 from balloon_warp.model import Model, build_model, copy_of, overwrite
@@ -60,13 +61,14 @@ FITS: dict[str, Callable[[Model], bool]] = {
     "lanes": fits_in_lanes_backwards,
 }
 """Ways back, and whether a model can go them"""
+TABLES = {"horizon": gradient_horizon.tables, "bounce": gradient_bounce.tables}
 
 
 def main(arguments: Sequence[str]) -> int:
     """Print a line a case."""
     quiet_warp()
-    if list(arguments) == ["horizon"]:
-        for line in tables():
+    if len(arguments) == 1 and arguments[0] in TABLES:
+        for line in TABLES[arguments[0]]():
             print(line, flush=True)
         return 0
     device = pick_device(arguments[0] if arguments else None)

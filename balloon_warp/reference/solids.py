@@ -96,8 +96,9 @@ def beside_obstacle(obstacle, poses, h, start, x, radius=0.0):
 def stand(around, start, x, v, h, foreseen=False):
     """Return places and velocities beside obstacles and the ground, and the normals of the last contacts.
 
-    Coulomb's friction takes at most its coefficient times the speed that is stopped; the way is that of the slower
-    velocity. Where two are near, one may push into the other, and both take turns.
+    Of the approach as much is stopped as has led behind the surface, and the rest in the next step. Coulomb's friction
+    takes at most its coefficient times the speed that is stopped; the way is that of the slower velocity. Where two are
+    near, one may push into the other, and both take turns.
 
     Args:
         around: Functions from starts and ends of ways to `beside_obstacle`, each with its friction by particle.
@@ -111,7 +112,8 @@ def stand(around, start, x, v, h, foreseen=False):
             normal, distances = np.where(takes, normal, 0.0), [*distances, distance]
             held, beside = normal.any(axis=1, keepdims=True), v - moving
             rise = dot(beside, normal)
-            along, stopped = beside - rise * normal, np.maximum(-rise, 0.0)
+            along = beside - rise * normal
+            stopped = np.minimum(np.maximum(-rise, 0.0), np.maximum(dot(let - x, normal), 0.0) / h)
             lost = np.minimum(friction * stopped / size(along), 1.0)
             x, normals = np.where(held, let - h * left * lost * along, x), np.where(held, normal, normals)
             if not foreseen:

@@ -74,8 +74,9 @@ def contact_function(features: Features) -> Any:
                         found.friction = friction
                     seen += 1
                     again = True
-                    step = met.part * t.step_seconds
-                    stood, slowed = stand_on(met.let, velocity, met.moving, met.normal, friction, step)
+                    stood, slowed = stand_on(
+                        point, met.let, velocity, met.moving, met.normal, friction, met.part, t.step_seconds
+                    )
                     point = stood
                     velocity = wp.where(foreseen, course, slowed)
             again = again and SURELY * beyond < wp.length(came - start) + wp.length(point - came)

@@ -47,25 +47,34 @@ def leave_sphere(
 
 @wp.func
 def stand_on(
+    point: wp.vec3,
     place: wp.vec3,
     velocity: wp.vec3,
     surface_velocity: wp.vec3,
     normal: wp.vec3,
     friction: float,
+    left: float,
     step_seconds: float,
 ):
-    """Place [m] and velocity [m/s] of a particle that a step has brought to a place on a surface.
+    """Place [m] and velocity [m/s] of a particle that a step has brought to a point behind a place on a surface.
 
     The normal part of a velocity beside the surface is stopped, and by Coulomb's law at most `friction` times as much
     of the tangential part. The way along it is that of the slower velocity: what friction holds does not creep.
+
+    In the step of the contact only as much is stopped as has brought the particle behind the surface, depth over step,
+    and the rest in the next. So the impulse goes with the time of the contact, and does not jump where that moves to
+    another step: derivatives by what moves it are those of a bounce.
+
+    Args:
+        left: part of the step in which it moves along the surface.
     """
     beside = velocity - surface_velocity
     rise = wp.dot(beside, normal)
     along = beside - rise * normal
-    stopped = wp.max(-rise, 0.0)
+    stopped = wp.min(wp.max(-rise, 0.0), wp.max(wp.dot(place - point, normal), 0.0) / step_seconds)
     lost = wp.min(friction * stopped * inverse_root(squared_length(along)), 1.0)
     slowed = velocity - lost * along + stopped * normal
-    return place - (step_seconds * lost) * along, slowed
+    return place - (left * step_seconds * lost) * along, slowed
 
 
 @wp.func
@@ -73,7 +82,8 @@ def leave_ground(point: wp.vec3, velocity: wp.vec3, up: wp.vec3, height: float, 
     """Move a particle up to the ground's height."""
     depth = height - wp.dot(point, up)
     if depth > 0.0:
-        stood, slowed = stand_on(point + depth * up, velocity, wp.vec3(), up, friction, step_seconds)
+        place = point + depth * up
+        stood, slowed = stand_on(point, place, velocity, wp.vec3(), up, friction, 1.0, step_seconds)
         point = stood
         velocity = slowed
     return point, velocity

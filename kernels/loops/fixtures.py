@@ -144,8 +144,9 @@ def fixture_functions(features: Features) -> tuple[Any, Any]:
                 free = wp.min(free, met.free)
                 if wp.length_sq(met.normal) > 0.0:
                     friction = friction_on(t, around.world, around.balloon, number_of_obstacle(fixture))
-                    step = met.part * t.step_seconds
-                    stood, slowed = stand_on(met.let, velocity, met.moving, met.normal, friction, step)
+                    stood, slowed = stand_on(
+                        point, met.let, velocity, met.moving, met.normal, friction, met.part, t.step_seconds
+                    )
                     point = stood
                     velocity = slowed
                     moved = True
@@ -170,8 +171,9 @@ def fixture_functions(features: Features) -> tuple[Any, Any]:
                 met = meet(t, around.world, fixture, around.time, start, outside, 0.0)
                 if wp.length_sq(met.normal) > 0.0:
                     friction = friction_on(t, around.world, around.balloon, number_of_obstacle(fixture))
-                    step = met.part * t.step_seconds
-                    stood, _slowed = stand_on(met.let, velocity, met.moving, met.normal, friction, step)
+                    stood, _slowed = stand_on(
+                        outside, met.let, velocity, met.moving, met.normal, friction, met.part, t.step_seconds
+                    )
                     outside = stood
                     outward = met.normal
         return outside, outward
