@@ -131,10 +131,9 @@ class FaceTable:
     """Begin of each balloon's faces, and the end of the last"""
     volume_origins: wp.array[wp.int32]
     """Particle of each balloon about which its volume is summed: one of a face"""
-    volumes: wp.array[float]
-    """Volume enclosed by each balloon's mesh [m^3]"""
-    pressure_bounds: wp.array[float]
-    """Largest gauge pressure of each balloon's gas, over its mass and times the step squared [1/m]"""
+    enclosed: wp.array[wp.vec2]
+    """Of each balloon's mesh: its volume [m^3], and the largest gauge pressure of a gas in it, over the balloon's mass
+    and times the step squared [1/m]"""
     particle_offsets: wp.array[wp.int32]
     around_particles: wp.array[wp.int32]
 

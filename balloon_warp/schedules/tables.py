@@ -176,8 +176,9 @@ def _faces(model: Model) -> Any:
     counts = [shape.mesh.face_count for shape in model.shapes]
     table.balloon_offsets = _array(model, np.cumsum([0, *counts]), wp.int32)
     table.volume_origins = _array(model, volume_origins(model), wp.int32)
-    table.volumes = _array(model, [signed_volume(shape.mesh) for shape in model.shapes], wp.float32)
-    table.pressure_bounds = _array(model, pressure_bounds(model.scene, model.shapes), wp.float32)
+    volumes = [signed_volume(shape.mesh) for shape in model.shapes]
+    bounds = pressure_bounds(model.scene, model.shapes)
+    table.enclosed = _array(model, np.stack([volumes, bounds], axis=1), wp.vec2)
     table.particle_offsets, table.around_particles = model.particle_face_offsets, model.particle_faces
     return table
 

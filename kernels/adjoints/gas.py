@@ -24,7 +24,7 @@ def load_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adj
         kind: wp.int32, given: float, swelling: Swelling, gas: wp.vec2, step_seconds: float, bound: float, n: Any,
         bar: wp.vec4,
     ):  # fmt: skip
-        return wp.dot(load_of_balloon(kind, given, swelling, gas[0], gas[1], step_seconds, bound, n), bar)
+        return wp.dot(load_of_balloon(kind, given, swelling, gas, step_seconds, bound, n), bar)
 
     @wp.func
     def load_adjoint(
@@ -37,7 +37,7 @@ def load_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adj
         gas_load_bar: wp.vec4,
     ):
         _kind, by_given, by_swelling, by_gas, _step, _bound, by_n, _bar = wp.grad(work_of_load)(
-            t.inflation_kind[balloon], keyed, swelling, gas, t.step_seconds, t.faces.pressure_bounds[balloon], numbers,
+            t.inflation_kind[balloon], keyed, swelling, gas, t.step_seconds, t.faces.enclosed[balloon][1], numbers,
             gas_load_bar,
         )  # fmt: skip
         return by_given, by_swelling, by_gas, by_n

@@ -48,7 +48,7 @@ def flow_adjoint(features: Features) -> Any:
         gas_after_bar: wp.vec2,
     ):  # fmt: skip
         by_load, by_gas, _volume, _time, _step, by_n, _bar, _gas_bar = wp.grad(work_of_flow)(
-            gas_load, gas, t.faces.volumes[balloon], time, t.step_seconds, numbers, bar, gas_after_bar
+            gas_load, gas, t.faces.enclosed[balloon][0], time, t.step_seconds, numbers, bar, gas_after_bar
         )
         return by_load, by_gas, by_n
 
@@ -135,7 +135,7 @@ def pump_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
                 steepness = t.step_seconds * rise / (2.0 * A_PASCAL)
         by_gas, by_pumped, _has, by_curved, by_pressure, _volume, _time, _step, by_n, _bar = wp.grad(work_of_pump)(
             gas_in(state, world, balloon), t.step_seconds * (ramp[0] + ramp[1] * middle), curved, by_curve, pressure,
-            t.faces.volumes[balloon], time_of(t, state.frame, time_in_frame), t.step_seconds, n, bar,
+            t.faces.enclosed[balloon][0], time_of(t, state.frame, time_in_frame), t.step_seconds, n, bar,
         )  # fmt: skip
         bars.gas[world, balloon] = wp.vec2(float(by_gas[0]), float(by_gas[1]))
         bars.pressures[world, balloon] = by_pressure + by_curved * steepness

@@ -111,7 +111,7 @@ def back_functions(features: Features, columns: tuple[int, ...]) -> tuple[Any, A
         bar = wp.vec3(bars.flows[world, tube], bars.pressures[world, ends[0]], bars.pressures[world, ends[1]])
         by_swept, by_slopes, by_one, by_other, _volumes, by_conductance, _step, by_n, _bar = wp.grad(work_of_flow)(
             bars.swept[world, step], slopes, wp.vec2(bars.moved[world, 0, ends[0]]),
-            wp.vec2(bars.moved[world, 0, ends[1]]), wp.vec2(t.faces.volumes[ends[0]], t.faces.volumes[ends[1]]),
+            wp.vec2(bars.moved[world, 0, ends[1]]), wp.vec2(t.faces.enclosed[ends[0]][0], t.faces.enclosed[ends[1]][0]),
             t.tubes.conductance[row, tube], t.step_seconds, read_numbers(t, world, ends[0]), bar,
         )  # fmt: skip
         bars.flows[world, tube] = by_swept[0]

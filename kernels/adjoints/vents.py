@@ -94,7 +94,7 @@ def vents_back_functions(features: Features, add_numbers: Any, read_numbers: Any
         bar = wp.vec2(bars.vents[world, balloon], bars.pressures[world, balloon])
         by_swept, by_slope, by_gas, _volume, _time, _step, by_n, _bar = wp.grad(work_of_vent)(
             swept, state.pressure_slopes[world, balloon], wp.vec2(bars.moved[world, 0, balloon]),
-            t.faces.volumes[balloon], time, t.step_seconds, read_numbers(t, world, balloon), bar,
+            t.faces.enclosed[balloon][0], time, t.step_seconds, read_numbers(t, world, balloon), bar,
         )  # fmt: skip
         bars.vents[world, balloon] = by_swept[0]
         bars.pressures[world, balloon] = by_swept[1]

@@ -184,8 +184,7 @@ def most_pressure(bound: float, mass: float, step_seconds: float):
 @wp.func
 def gas_load(
     swelling: Swelling,
-    amount: float,
-    free_volume: float,
+    gas: wp.vec2,
     step_seconds: float,
     bound: float,
     mass: float,
@@ -201,7 +200,7 @@ def gas_load(
     """Return the gauge pressure of a gas [Pa], its gradient with height [Pa/m], and how both rise with more gas.
 
     The pressure is that at the center of mass, at height 0; how it and its rise would grow is for each m^3 of free
-    volume.
+    volume. `gas` is its amount [mol] and free volume [m^3], `bound` that of `most_pressure`.
 
     Where the gas is stiff, the step is too long for the pressure p(V) of its beginning. The acting pressure is a mean
     of those at its end, its beginning and that of the step before, to first order in the volume:
@@ -222,14 +221,14 @@ def gas_load(
     times height add up to V up exactly.
     """
     air = air_of_height(swelling[HEIGHT], air_pressure, air_temperature, air_density, air_lapse, gravity)
-    there = free_volume
+    there = gas[1]
     if air_lapse > ALIKE:  # or else the air is as warm at all heights
-        there = free_volume_there(free_volume, gamma, air[1] / air_temperature)
+        there = free_volume_there(gas[1], gamma, air[1] / air_temperature)
     least = THINNEST * there * wp.min(STANDARD_PRESSURE / air[0], 1.0)
     volume = wp.max(swelling[VOLUME], wp.max(least, 1.0e-20))
     explicit = gas_pressure(air[0], there, volume, gamma)
     stiffness = gamma * (air[0] + explicit) / volume
-    rise = (air[2] - amount * molar_mass / volume) * gravity
+    rise = (air[2] - gas[0] * molar_mass / volume) * gravity
     by_rise = rise * (swelling[RESPONSE_HEIGHT] - swelling[HEIGHT] * swelling[RESPONSE])
     rate = swelling[RATE] + by_rise
     pull = weight_of_end(breathing_damping) * stiffness * step_seconds

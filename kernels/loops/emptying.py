@@ -14,7 +14,7 @@ from balloon_warp.kernels.tables import Tables, WorldState
 @wp.func
 def most_that_leaves(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32, air: wp.vec3):
     """Return the largest flow of gas out of a balloon in a substep, up to which it is not flat [mol/s]."""
-    spare = float(state.gas_amounts[world, balloon]) - amount_when_flat(t.faces.volumes[balloon], air)
+    spare = float(state.gas_amounts[world, balloon]) - amount_when_flat(t.faces.enclosed[balloon][0], air)
     return wp.max(spare, 0.0) / t.step_seconds
 
 

@@ -134,7 +134,7 @@ def pump_function(features: Features) -> Any:
                 if wp.static(fill is not None):
                     moles = fill(t, state, world, balloon, moles, time)
                 air = air_at(t, state, world, balloon)
-                least = amount_when_flat(t.faces.volumes[balloon], air)
+                least = amount_when_flat(t.faces.enclosed[balloon][0], air)
                 gas = pumped_gas(
                     gas_in(state, world, balloon), moles, least, air[0] + state.pressures[world, balloon],
                     t.balloon_numbers[of_balloons, balloon, gamma_column],

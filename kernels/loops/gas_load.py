@@ -19,12 +19,12 @@ def load_function(features: Features) -> Any:
     It gives the pressure at the center of mass [Pa], at height 0, its rise with height [Pa/m], and how more gas would
     raise both.
     """
-    given = ["swelling", "amount", "free_volume", "step_seconds", "bound"]
+    given = ["swelling", "gas", "step_seconds", "bound"]
     fixed = {} if features.breathes_on else {"breathing_damping": "1.0"}
     if not features.air_varies:
         fixed["air_lapse"] = "-1.0"
     call = call_of(gas_load, "gas_load", [*given, *fixed], features.columns, lambda name: fixed.get(name, name))
-    arguments = "swelling: Any, amount: float, free_volume: float, step_seconds: float, bound: float, n: Any"
+    arguments = "swelling: Any, gas: wp.vec2, step_seconds: float, bound: float, n: Any"
     source = f"def load_of_gas({arguments}):\n    return {call}\n"
     load_of_gas = function_from("load_of_gas", source, {"gas_load": gas_load})
 
@@ -33,8 +33,7 @@ def load_function(features: Features) -> Any:
         kind: wp.int32,
         given: float,
         swelling: Swelling,
-        amount: float,
-        free_volume: float,
+        gas: wp.vec2,
         step_seconds: float,
         bound: float,
         n: Any,
@@ -45,7 +44,7 @@ def load_function(features: Features) -> Any:
             bound: of the balloon's pressure, see `kernels.tables.FaceTable`.
         """
         if kind == GAS:
-            return load_of_gas(swelling, amount, free_volume, step_seconds, bound, n)
+            return load_of_gas(swelling, gas, step_seconds, bound, n)
         return wp.vec4(given, given, 0.0, 0.0)
 
     return load_of_balloon

@@ -37,8 +37,8 @@ def find_load(features: Features, look: Look) -> Any:
 
     @wp.func
     def load_of_gas(t: Tables, balloon: wp.int32, swelling: Swelling, gas: wp.vec2, numbers: Any):
-        bound = t.faces.pressure_bounds[balloon]
-        return load_of_balloon(GAS, 0.0, swelling, gas[0], gas[1], t.step_seconds, bound, numbers)
+        bound = t.faces.enclosed[balloon][1]
+        return load_of_balloon(GAS, 0.0, swelling, gas, t.step_seconds, bound, numbers)
 
     @wp.func
     def load_of_any(
@@ -59,8 +59,8 @@ def find_load(features: Features, look: Look) -> Any:
             elif state.bursts[world, balloon][0] >= 0.0:
                 kind = PRESSURE
                 given = 0.0  # it is open
-        bound = t.faces.pressure_bounds[balloon]
-        return load_of_balloon(kind, given, swelling, gas[0], gas[1], t.step_seconds, bound, numbers)
+        bound = t.faces.enclosed[balloon][1]
+        return load_of_balloon(kind, given, swelling, gas, t.step_seconds, bound, numbers)
 
     return load_of_gas if features.balloons == 1 and not features.bursts else load_of_any
 
