@@ -114,8 +114,8 @@ def stand(around, start, x, v, h, foreseen=False):
             rise = dot(beside, normal)
             along = beside - rise * normal
             stopped = np.minimum(np.maximum(-rise, 0.0), np.maximum(dot(let - x, normal), 0.0) / h)
-            lost = np.minimum(friction * stopped / size(along), 1.0)
-            x, normals = np.where(held, let - h * left * lost * along, x), np.where(held, normal, normals)
+            lost = np.minimum(friction * stopped / size(along), left)
+            x, normals = np.where(held, let - h * lost * along, x), np.where(held, normal, normals)
             if not foreseen:
                 v = np.where(held, v - lost * along + stopped * normal, v)
         near = sum(distance < size(end - start) + size(x - end) for distance in distances)

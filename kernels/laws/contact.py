@@ -62,8 +62,8 @@ def stand_on(
     of the tangential part. The way along it is that of the slower velocity: what friction holds does not creep.
 
     In the step of the contact only as much is stopped as has brought the particle behind the surface, depth over step,
-    and the rest in the next. So the impulse goes with the time of the contact, and does not jump where that moves to
-    another step: derivatives by what moves it are those of a bounce.
+    and the rest in the next: the velocity changes as the displacement over the step does. So the impulse goes with the
+    time of the contact, and does not jump where that moves to another step: derivatives are those of a bounce.
 
     Args:
         left: part of the step in which it moves along the surface.
@@ -72,9 +72,9 @@ def stand_on(
     rise = wp.dot(beside, normal)
     along = beside - rise * normal
     stopped = wp.min(wp.max(-rise, 0.0), wp.max(wp.dot(place - point, normal), 0.0) / step_seconds)
-    lost = wp.min(friction * stopped * inverse_root(squared_length(along)), 1.0)
+    lost = wp.min(friction * stopped * inverse_root(squared_length(along)), left)
     slowed = velocity - lost * along + stopped * normal
-    return place - (left * step_seconds * lost) * along, slowed
+    return place - (step_seconds * lost) * along, slowed
 
 
 @wp.func

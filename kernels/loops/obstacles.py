@@ -52,6 +52,9 @@ def standing_function(features: Features) -> Any:
         take another turn. If they do not agree, the particle stays at its previous place, outside of what rests.
         """
         start = point - t.step_seconds * velocity
+        if wp.static(features.ground and features.stands_on_fixtures):
+            # it began above the ground but for rounding, and must not get below what stands there
+            start += wp.max(around.ground_height - wp.dot(start, t.up), 0.0) * t.up
         turns = wp.int32(0)
         while turns < MOST_TURNS:
             turns += 1

@@ -14,6 +14,9 @@ from balloon_warp.kernels.loops.solids import surface_function
 SAME_SIDE = wp.constant(0.1)
 """Dot product of the normals at both ends of a path above which both are usually on one side of a mesh"""
 
+ONE_PLANE = wp.constant(0.02)
+"""Sine of the angle of two normals below which rounding may decide the direction of their crease: see `BLURRED`"""
+
 
 @wp.func
 def raised(end: wp.vec3, touch: Touch, lift: float):
@@ -22,12 +25,21 @@ def raised(end: wp.vec3, touch: Touch, lift: float):
 
 
 @wp.func
+def along_crease(course: wp.vec3, aside: wp.vec3, normal: wp.vec3, before: wp.vec3):
+    """Return the part of a course along the crease of two surfaces; `aside` where they are one plane."""
+    crease = wp.cross(before, normal)
+    squared = wp.length_sq(crease)
+    if squared < ONE_PLANE * ONE_PLANE:
+        return aside
+    return wp.dot(course, crease) / squared * crease
+
+
+@wp.func
 def along_both(course: wp.vec3, normal: wp.vec3, before: wp.vec3):
     """Return the part of a course along a surface; along the crease, where that goes into the previous one, too."""
     aside = without_approach(course, wp.vec3(), normal)
     if wp.dot(aside, before) < 0.0:
-        crease = wp.normalize(wp.cross(before, normal))
-        aside = wp.dot(course, crease) * crease
+        aside = along_crease(course, aside, normal, before)
     return aside
 
 
@@ -39,8 +51,7 @@ def beside_both(start: wp.vec3, end: wp.vec3, touch: Touch, before: Touch, lift:
     """
     aside = raised(end, touch, lift)
     if wp.dot(before.place - aside, before.normal) > 0.0:
-        crease = wp.normalize(wp.cross(before.normal, touch.normal))
-        aside = start + wp.dot(end - start, crease) * crease
+        aside = start + along_crease(end - start, aside - start, touch.normal, before.normal)
     return aside
 
 
