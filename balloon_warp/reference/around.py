@@ -109,7 +109,7 @@ class Around:
         for ball in self.spheres:
             stood, _, normal = solids.leave_sphere(ball, stood, course)
             normals = np.where(normal.any(axis=1, keepdims=True), normal, normals)
-        stood, _, normal = solids.stand(self._stands(), x, stood, course, self.h, foreseen=True)
+        stood, _, normal = solids.stand(self._stands(), x, stood, course, self.h, True, foreseen=True)
         return stood, np.where(normal.any(axis=1, keepdims=True), normal, normals)
 
     def meet(self, start, x, v, mass, inflation):
@@ -125,13 +125,13 @@ class Around:
                 ball["force"] = ball["force"] - ball["penalty"] * (size(inflation) * normal * (ease > 0.0)).sum(axis=0)
         else:  # they leave the ground and obstacles once they have met spheres
             near = np.any([near[:, 0], *(solids.may_meet(ball, x, v, h) for ball in self.spheres)], axis=0)[:, None]
-        out, after, _ = solids.stand(self._stands(), x - h * v, x, v, h)
+        out, after, _ = solids.stand(self._stands(), x - h * v, x, v, h, bool(self.obstacles))
         x, v = np.where(near, x, out), np.where(near, v, after)
         if near.any():
             for number, (ball, friction) in enumerate(zip(self.spheres, self.of_spheres, strict=True)):
                 ground, rubs = (self.p.ground_height, 0.0, friction[0]), self.of_particles[:, [first + number]]
                 x, v = solids.exchange(ball, x, v, mass, rubs, h, self.up, ground)
-            out, after, _ = solids.stand(self._stands(), x - h * v, x, v, h)
+            out, after, _ = solids.stand(self._stands(), x - h * v, x, v, h, bool(self.obstacles))
             x, v = np.where(near, out, x), np.where(near, after, v)
         for number, body in enumerate(self.bodies, first + len(self.spheres)):
             x, v = bodies.exchange(body, x, v, mass[:, None], self.of_particles[:, [number]], h)

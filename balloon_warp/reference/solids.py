@@ -93,15 +93,15 @@ def beside_obstacle(obstacle, poses, h, start, x, radius=0.0):
     return let, normal @ turn.T, left, carried(velocity, spin, arm, -h), distance
 
 
-def stand(around, start, x, v, h, foreseen=False):
+def stand(around, start, x, v, h, at_once, foreseen=False):
     """Return places and velocities beside obstacles and the ground, and the normals of the last contacts.
 
-    Of the approach as much is stopped as has led behind the surface, and the rest in the next step. Coulomb's friction
-    takes at most its coefficient times the speed that is stopped; the way is that of the slower velocity. Where two are
-    near, one may push into the other, and both take turns.
+    Coulomb's friction takes at most its coefficient times the speed that is stopped; the way is that of the slower
+    velocity. Where two are near, one may push into the other, and both take turns.
 
     Args:
         around: Functions from starts and ends of ways to `beside_obstacle`, each with its friction by particle.
+        at_once: whether all of an approach is stopped; only as much as has led behind the surface, if not.
         foreseen: whether only places are wanted, of particles that keep their velocities.
     """
     normals, takes = np.zeros_like(x), np.ones((len(x), 1), dtype=bool)
@@ -112,10 +112,10 @@ def stand(around, start, x, v, h, foreseen=False):
             normal, distances = np.where(takes, normal, 0.0), [*distances, distance]
             held, beside = normal.any(axis=1, keepdims=True), v - moving
             rise = dot(beside, normal)
-            along = beside - rise * normal
-            stopped = np.minimum(np.maximum(-rise, 0.0), np.maximum(dot(let - x, normal), 0.0) / h)
-            lost = np.minimum(friction * stopped / size(along), left)
-            x, normals = np.where(held, let - h * lost * along, x), np.where(held, normal, normals)
+            most = np.inf if at_once else np.maximum(dot(let - x, normal), 0.0) / h
+            along, stopped = beside - rise * normal, np.clip(-rise, 0.0, most)
+            lost = np.minimum(friction * stopped / size(along), 1.0)
+            x, normals = np.where(held, let - h * left * lost * along, x), np.where(held, normal, normals)
             if not foreseen:
                 v = np.where(held, v - lost * along + stopped * normal, v)
         near = sum(distance < size(end - start) + size(x - end) for distance in distances)

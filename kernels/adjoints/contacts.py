@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.contact import leave_ground, stand_on
+from balloon_warp.kernels.laws.contact import stand_on, stand_on_ground
 from balloon_warp.kernels.laws.fixture import FAR_AWAY, MOST_TURNS, is_settled
 from balloon_warp.kernels.loops.fixture_looks import SURELY
 from balloon_warp.kernels.loops.fixtures import Around, Meeting, meeting_function
@@ -74,9 +74,8 @@ def contact_function(features: Features) -> Any:
                         found.friction = friction
                     seen += 1
                     again = True
-                    stood, slowed = stand_on(
-                        point, met.let, velocity, met.moving, met.normal, friction, met.part, t.step_seconds
-                    )
+                    step = met.part * t.step_seconds
+                    stood, slowed = stand_on(met.let, velocity, met.moving, met.normal, friction, step)
                     point = stood
                     velocity = wp.where(foreseen, course, slowed)
             again = again and SURELY * beyond < wp.length(came - start) + wp.length(point - came)
@@ -91,7 +90,9 @@ def contact_function(features: Features) -> Any:
                         found.friction = friction
                     seen += 1
                     again = nearest < wp.length(point - start) + wp.length(point - came)
-                    stood, slowed = leave_ground(point, velocity, t.up, around.ground_height, friction, t.step_seconds)
+                    stood, slowed = stand_on_ground(
+                        point, velocity, t.up, around.ground_height, friction, t.step_seconds
+                    )
                     point = stood
                     velocity = wp.where(foreseen, course, slowed)
             if seen >= before or not again or is_settled(start, came, point):

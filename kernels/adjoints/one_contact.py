@@ -43,12 +43,12 @@ def work_on_ground(
 
 @wp.func
 def work_beside(
-    point: wp.vec3, velocity: wp.vec3, let: wp.vec3, normal: wp.vec3, moving: wp.vec3, friction: float, left: float,
-    step: float, point_bar: wp.vec3, velocity_bar: wp.vec3,
+    point: wp.vec3, velocity: wp.vec3, let: wp.vec3, normal: wp.vec3, moving: wp.vec3, friction: float, step: float,
+    point_bar: wp.vec3, velocity_bar: wp.vec3,
 ):  # fmt: skip
     """Return the state of a particle after a contact with frozen normal, times bars."""
     place = point + wp.dot(let - point, normal) * normal
-    stood, slowed = stand_on(point, place, velocity, moving, normal, friction, left, step)
+    stood, slowed = stand_on(place, velocity, moving, normal, friction, step)
     return wp.dot(stood, point_bar) + wp.dot(slowed, velocity_bar)
 
 
@@ -128,8 +128,7 @@ def work_on_convex(
     arm = wp.quat_rotate(pose.turn, place)
     outward = wp.quat_rotate(pose.turn, normal)
     moving = carried(pose.velocity, pose.spin, arm, -entry.step)
-    let = pose.center + arm
-    stood, slowed = stand_on(point, let, velocity, moving, outward, entry.friction, left, entry.step)
+    stood, slowed = stand_on(pose.center + arm, velocity, moving, outward, entry.friction, left * entry.step)
     return wp.dot(stood, point_bar) + wp.dot(slowed, velocity_bar) + wp.dot(outward, normal_bar)
 
 
@@ -145,20 +144,21 @@ def contact_adjoint(features: Features) -> Any:
     ):  # fmt: skip
         bars = BarsOfContact()
         if contact.thing == ON_GROUND:
-            up_point, up_velocity, _u, by_height, by_friction, _step, _bar, _velocity_bar = wp.grad(work_on_ground)(
-                contact.point, contact.velocity, t.up, around.ground_height, contact.friction, t.step_seconds,
-                point_bar, velocity_bar,
+            let = contact.point + (around.ground_height - wp.dot(contact.point, t.up)) * t.up
+            up_point, up_velocity, by_height, _u, _moving, by_friction, _step, _bar, _velocity_bar = wp.grad(work_beside)(
+                contact.point, contact.velocity, let, t.up, wp.vec3(), contact.friction, t.step_seconds, point_bar,
+                velocity_bar,
             )  # fmt: skip
             bars.point = up_point
             bars.velocity = up_velocity
-            bars.height = by_height
+            bars.height = wp.dot(by_height, t.up)
             bars.friction = by_friction
             return bars
         solid = t.fixtures.solids[contact.thing]
         if solid.kind == MESH:
-            of_point, of_velocity, by_let, _n, by_moving, of_friction, _l, _s, _pb, _vb = wp.grad(work_beside)(
+            of_point, of_velocity, by_let, _n, by_moving, of_friction, _s, _pb, _vb = wp.grad(work_beside)(
                 contact.point, contact.velocity, contact.met.let, contact.met.normal, contact.met.moving,
-                contact.friction, contact.met.part, t.step_seconds, point_bar, velocity_bar,
+                contact.friction, contact.met.part * t.step_seconds, point_bar, velocity_bar,
             )  # fmt: skip
             bars.point = of_point
             bars.velocity = of_velocity

@@ -47,43 +47,64 @@ def leave_sphere(
 
 @wp.func
 def stand_on(
-    point: wp.vec3,
     place: wp.vec3,
     velocity: wp.vec3,
     surface_velocity: wp.vec3,
     normal: wp.vec3,
     friction: float,
-    left: float,
     step_seconds: float,
 ):
-    """Place [m] and velocity [m/s] of a particle that a step has brought to a point behind a place on a surface.
+    """Place [m] and velocity [m/s] of a particle that a step has brought to a place on a surface.
 
     The normal part of a velocity beside the surface is stopped, and by Coulomb's law at most `friction` times as much
     of the tangential part. The way along it is that of the slower velocity: what friction holds does not creep.
-
-    In the step of the contact only as much is stopped as has brought the particle behind the surface, depth over step,
-    and the rest in the next: the velocity changes as the displacement over the step does. So the impulse goes with the
-    time of the contact, and does not jump where that moves to another step: derivatives are those of a bounce.
-
-    Args:
-        left: part of the step in which it moves along the surface.
     """
+    stopped = wp.max(-wp.dot(velocity - surface_velocity, normal), 0.0)
+    return rub_on(place, velocity, surface_velocity, normal, stopped, friction, step_seconds)
+
+
+@wp.func
+def rub_on(
+    place: wp.vec3,
+    velocity: wp.vec3,
+    surface_velocity: wp.vec3,
+    normal: wp.vec3,
+    stopped: float,
+    friction: float,
+    step_seconds: float,
+):
+    """Place and velocity of a particle on a surface that stops some of its approach [m/s], see `stand_on`."""
     beside = velocity - surface_velocity
-    rise = wp.dot(beside, normal)
-    along = beside - rise * normal
-    stopped = wp.min(wp.max(-rise, 0.0), wp.max(wp.dot(place - point, normal), 0.0) / step_seconds)
-    lost = wp.min(friction * stopped * inverse_root(squared_length(along)), left)
+    along = beside - wp.dot(beside, normal) * normal
+    lost = wp.min(friction * stopped * inverse_root(squared_length(along)), 1.0)
     slowed = velocity - lost * along + stopped * normal
     return place - (step_seconds * lost) * along, slowed
 
 
 @wp.func
-def leave_ground(point: wp.vec3, velocity: wp.vec3, up: wp.vec3, height: float, friction: float, step_seconds: float):
-    """Move a particle up to the ground's height."""
+def stand_on_ground(
+    point: wp.vec3, velocity: wp.vec3, up: wp.vec3, height: float, friction: float, step_seconds: float
+):
+    """Move a particle up to the ground's height, beside obstacles, and stop its approach."""
     depth = height - wp.dot(point, up)
     if depth > 0.0:
-        place = point + depth * up
-        stood, slowed = stand_on(point, place, velocity, wp.vec3(), up, friction, 1.0, step_seconds)
+        stood, slowed = stand_on(point + depth * up, velocity, wp.vec3(), up, friction, step_seconds)
+        point = stood
+        velocity = slowed
+    return point, velocity
+
+
+@wp.func
+def leave_ground(point: wp.vec3, velocity: wp.vec3, up: wp.vec3, height: float, friction: float, step_seconds: float):
+    """Move a particle up to the ground's height, and stop as much of its approach as has led below: depth over step.
+
+    The rest is stopped in the next step. So the impulse goes with the time of the contact, and does not jump where that
+    moves to another step: derivatives by what moves it are those of a bounce.
+    """
+    depth = height - wp.dot(point, up)
+    if depth > 0.0:
+        stopped = wp.min(wp.max(-wp.dot(velocity, up), 0.0), depth / step_seconds)
+        stood, slowed = rub_on(point + depth * up, velocity, wp.vec3(), up, stopped, friction, step_seconds)
         point = stood
         velocity = slowed
     return point, velocity

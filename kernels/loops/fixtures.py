@@ -144,9 +144,8 @@ def fixture_functions(features: Features) -> tuple[Any, Any]:
                 free = wp.min(free, met.free)
                 if wp.length_sq(met.normal) > 0.0:
                     friction = friction_on(t, around.world, around.balloon, number_of_obstacle(fixture))
-                    stood, slowed = stand_on(
-                        point, met.let, velocity, met.moving, met.normal, friction, met.part, t.step_seconds
-                    )
+                    step = met.part * t.step_seconds
+                    stood, slowed = stand_on(met.let, velocity, met.moving, met.normal, friction, step)
                     point = stood
                     velocity = slowed
                     moved = True
@@ -171,9 +170,8 @@ def fixture_functions(features: Features) -> tuple[Any, Any]:
                 met = meet(t, around.world, fixture, around.time, start, outside, 0.0)
                 if wp.length_sq(met.normal) > 0.0:
                     friction = friction_on(t, around.world, around.balloon, number_of_obstacle(fixture))
-                    stood, _slowed = stand_on(
-                        outside, met.let, velocity, met.moving, met.normal, friction, met.part, t.step_seconds
-                    )
+                    step = met.part * t.step_seconds
+                    stood, _slowed = stand_on(met.let, velocity, met.moving, met.normal, friction, step)
                     outside = stood
                     outward = met.normal
         return outside, outward

@@ -7,7 +7,13 @@ import warp as wp
 
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.fixed_point import add_quanta
-from balloon_warp.kernels.laws.contact import leave_ground, leave_sphere, out_of_sphere, penalty_force
+from balloon_warp.kernels.laws.contact import (
+    leave_ground,
+    leave_sphere,
+    out_of_sphere,
+    penalty_force,
+    stand_on_ground,
+)
 from balloon_warp.kernels.laws.fixture import MOST_TURNS, is_settled
 from balloon_warp.kernels.loops.fixture_looks import forget_look, is_free
 from balloon_warp.kernels.loops.fixtures import Around, fixture_functions
@@ -38,6 +44,8 @@ def around_function(features: Features) -> Any:
 def standing_function(features: Features) -> Any:
     """Return the function that holds a particle out of the ground and obstacles."""
     leave_fixtures = fixture_functions(features)[0] if features.stands_on_fixtures else None
+    # once is enough beside obstacles, where one pushes into the other and all take turns
+    leave = stand_on_ground if features.stands_on_fixtures else leave_ground
 
     @wp.func
     def stand(
@@ -52,9 +60,6 @@ def standing_function(features: Features) -> Any:
         take another turn. If they do not agree, the particle stays at its previous place, outside of what rests.
         """
         start = point - t.step_seconds * velocity
-        if wp.static(features.ground and features.stands_on_fixtures):
-            # it began above the ground but for rounding, and must not get below what stands there
-            start += wp.max(around.ground_height - wp.dot(start, t.up), 0.0) * t.up
         turns = wp.int32(0)
         while turns < MOST_TURNS:
             turns += 1
@@ -68,7 +73,7 @@ def standing_function(features: Features) -> Any:
             if wp.static(features.ground):
                 if wp.dot(point, t.up) < around.ground_height:
                     friction = friction_on(t, around.world, around.balloon, GROUND)
-                    stood, after = leave_ground(point, velocity, t.up, around.ground_height, friction, t.step_seconds)
+                    stood, after = leave(point, velocity, t.up, around.ground_height, friction, t.step_seconds)
                     point = stood
                     velocity = after
                     if wp.static(features.stands_on_fixtures):
