@@ -59,7 +59,7 @@ STEP: tuple[Phase, ...] = (
 Instead = Mapping[Phase, tuple[Phase, ...]]
 """Phases that a schedule executes instead of some of the step"""
 NOTHING: Instead = {}
-SCATTERED: Instead = {push_face: (), bear: (), pull: (add_forces, add_area_vectors, pull)}
+SCATTERED: Instead = {push_face: (), bear: (), soak: (), pull: (add_forces, add_area_vectors, soak, pull)}
 """Phases of `scatter`: springs, strings, hinges, triangles and faces add their forces to particles"""
 FACING: Instead = {measure: (spread,), extend: (), find_direction: (), pull: (pull_and_face, turn)}
 """The loop over a particle's faces also finds the direction of normal forces"""

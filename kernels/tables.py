@@ -132,8 +132,8 @@ class FaceTable:
     volume_origins: wp.array[wp.int32]
     """Particle of each balloon about which its volume is summed: one of a face"""
     enclosed: wp.array[wp.vec2]
-    """Of each balloon's mesh: its volume [m^3], and the largest gauge pressure of a gas in it, over the balloon's mass
-    and times the step squared [1/m]"""
+    """Volume of each balloon's mesh [m^3], and the largest gauge pressure of a gas in it, over the balloon's mass and
+    times the step squared [1/m]"""
     particle_offsets: wp.array[wp.int32]
     around_particles: wp.array[wp.int32]
 

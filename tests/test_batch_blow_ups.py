@@ -48,7 +48,7 @@ GAINS_ENERGY = Scene(
     frames=40,
 )
 VARY = {
-    "balloon.stiffness.structural": [100.0, 3000.0, 100.0, 3000.0, 1000.0, 100.0],
+    "balloon.stiffness.structural": [100.0, 3000.0, 100.0, 3000.0, 1400.0, 100.0],
     "balloon.helium": [0.0, 0.0, 0.0, 0.0, 0.0, 9e9],
 }
 EXPORT = [1, 2, 4, 5]

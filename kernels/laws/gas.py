@@ -186,8 +186,6 @@ def gas_load(
     swelling: Swelling,
     gas: wp.vec2,
     step_seconds: float,
-    bound: float,
-    mass: float,
     gamma: float,
     breathing_damping: float,
     molar_mass: float,
@@ -200,7 +198,7 @@ def gas_load(
     """Return the gauge pressure of a gas [Pa], its gradient with height [Pa/m], and how both rise with more gas.
 
     The pressure is that at the center of mass, at height 0; how it and its rise would grow is for each m^3 of free
-    volume. `gas` is its amount [mol] and free volume [m^3], `bound` that of `most_pressure`.
+    volume. `gas` is its amount [mol] and free volume [m^3].
 
     Where the gas is stiff, the step is too long for the pressure p(V) of its beginning. The acting pressure is a mean
     of those at its end, its beginning and that of the step before, to first order in the volume:
@@ -213,9 +211,6 @@ def gas_load(
     stiff. With w = 1/4, k = 1 it is the mean (p_before + 2 p + p_after) / 4, the trapezoidal rule in that direction
     (Newmark's beta = 1/4), which neither damps nor drives: what breathes at the rate omega does so at
     (2 / h) atan(omega h / 2). Forward Euler takes w = 1, k = 0, and keeps that mode as it is.
-
-    Along other motions the pressure is explicit. So it pushes no harder than the step bears: a gas that is pressed flat
-    would turn its skin inside out. It is as hard again when it has room.
 
     The air's pressure falls with height, and the gas's less: that is buoyancy and the gas's weight. The area vectors
     times height add up to V up exactly.
@@ -245,8 +240,24 @@ def gas_load(
         end = wp.max(end_of_collapse(without, held, full), EMPTIEST * volume)
         pressure = (end - without) / added
         slope = end * air[0] / (end * end + held)
-    pressure = wp.min(pressure, most_pressure(bound, mass, step_seconds))
     return wp.vec4(pressure, pressure - rise * swelling[HEIGHT], rise, slope)
+
+
+@wp.func
+def borne_load(load: wp.vec4, bound: float, step_seconds: float, mass: float):
+    """Return the load of a gas, of a pressure no higher than the step bears.
+
+    Along other motions than the swelling the pressure is explicit: a gas that is pressed flat would turn its skin
+    inside out. It is as hard again when it has room.
+
+    Args:
+        load: see `gas_load`.
+        bound: see `most_pressure`.
+        step_seconds: [s].
+        mass: of the balloon [kg].
+    """
+    excess = wp.max(load[0] - most_pressure(bound, mass, step_seconds), 0.0)
+    return load - wp.vec4(excess, excess, 0.0, 0.0)
 
 
 @wp.func

@@ -158,7 +158,7 @@ class Law:
     determinant is minus this over det^2"""
     neutral: Mapping[str, float] = field(default_factory=dict)
     """Values of parameters at which the law vanishes and is left out"""
-    wants: Callable[[Any], bool] | None = None
+    wants: Callable[..., bool] | None = None
     """Predicate of a scene, whether the law belongs to it; all scenes, when missing"""
     stiffness: Callable[..., Any] | None = None
     """Bound on the derivative of the force by position [N/m], of a pair's force by distance, of a hinge's moment by

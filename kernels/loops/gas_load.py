@@ -8,7 +8,7 @@ import warp as wp
 from balloon_warp.kernels.codegen import function_from
 from balloon_warp.kernels.compose import call_of
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.gas import Swelling, gas_load
+from balloon_warp.kernels.laws.gas import Swelling, borne_load, gas_load
 from balloon_warp.kernels.laws.inflation import GAS
 
 
@@ -19,14 +19,15 @@ def load_function(features: Features) -> Any:
     It gives the pressure at the center of mass [Pa], at height 0, its rise with height [Pa/m], and how more gas would
     raise both.
     """
-    given = ["swelling", "gas", "step_seconds", "bound"]
+    given = ["swelling", "gas", "step_seconds"]
     fixed = {} if features.breathes_on else {"breathing_damping": "1.0"}
     if not features.air_varies:
         fixed["air_lapse"] = "-1.0"
     call = call_of(gas_load, "gas_load", [*given, *fixed], features.columns, lambda name: fixed.get(name, name))
+    borne = call_of(borne_load, "borne_load", ["load", "bound", "step_seconds"], features.columns)
     arguments = "swelling: Any, gas: wp.vec2, step_seconds: float, bound: float, n: Any"
-    source = f"def load_of_gas({arguments}):\n    return {call}\n"
-    load_of_gas = function_from("load_of_gas", source, {"gas_load": gas_load})
+    source = f"def load_of_gas({arguments}):\n    load = {call}\n    return {borne}\n"
+    load_of_gas = function_from("load_of_gas", source, {"gas_load": gas_load, "borne_load": borne_load})
 
     @wp.func
     def load_of_balloon(

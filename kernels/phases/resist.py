@@ -1,4 +1,4 @@
-"""How a particle answers forces in a medium that resists it.
+"""Answer of a particle to forces in a medium that resists it.
 
 Under the drag at the speed before a step, a light particle in a dense medium would turn back; under the drag averaged
 over a step in which nothing else acts, it would become too fast. So forces and drag act together. Where both stay along

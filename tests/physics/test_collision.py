@@ -207,7 +207,7 @@ def test_a_sphere_bounces_by_its_restitution_and_gains_nothing(
 @pytest.mark.parametrize("contact", ["penalty", "impulse"])
 @pytest.mark.parametrize("substeps", ["auto", 1, 13])
 def test_a_sphere_on_the_ground_keeps_its_height_for_ten_seconds(substeps: str | int, contact: str, device: str):
-    """With restitution 1 it rises to within 0.5 % of its height: what the step conserves, v^2 / 2 + g y - g h v / 2."""
+    """A sphere of restitution 1 rises to within 0.5 % of its height: a step conserves v^2 / 2 + g y - g h v / 2."""
     dropped = [Sphere(position=(0.0, 1.1, 0.0), radius=0.1)]
     setting: dict[str, Any] = {"gravity": G, "frames_per_second": 60.0, "substeps": substeps, "contact": contact}
     simulator = billiard(device, dropped, ground=Ground(restitution=1.0), **setting)

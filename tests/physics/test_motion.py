@@ -170,7 +170,7 @@ def test_a_stiff_string_is_part_of_the_stable_step(device):
 
 @pytest.mark.parametrize("damping", [6.0, 60.0, 6000.0])
 def test_heavy_damping_asks_for_no_shorter_step_and_never_turns_a_balloon_back(damping: float, device):
-    """However fast damping is for the step, a balloon that is thrown up slows down and sinks at m g / c."""
+    """A balloon that is thrown up slows down and sinks at m g / c, however fast damping is for the step."""
     balloon = triangle_balloon(damping=damping, velocity=(0.0, 1.0, 0.0))
     simulator = Simulator(Scene(balloon=[balloon], frames_per_second=600.0), device)
     undamped = Scene(balloon=[triangle_balloon()], frames_per_second=600.0)
