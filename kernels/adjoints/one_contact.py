@@ -145,14 +145,14 @@ def contact_adjoint(features: Features) -> Any:
         bars = BarsOfContact()
         if contact.thing == ON_GROUND:
             let = contact.point + (around.ground_height - wp.dot(contact.point, t.up)) * t.up
-            up_point, up_velocity, by_height, _u, _moving, by_friction, _step, _bar, _velocity_bar = wp.grad(work_beside)(
+            of_point, of_velocity, by_let, _u, _moving, of_friction, _step, _bar, _velocity_bar = wp.grad(work_beside)(
                 contact.point, contact.velocity, let, t.up, wp.vec3(), contact.friction, t.step_seconds, point_bar,
                 velocity_bar,
             )  # fmt: skip
-            bars.point = up_point
-            bars.velocity = up_velocity
-            bars.height = wp.dot(by_height, t.up)
-            bars.friction = by_friction
+            bars.point = of_point
+            bars.velocity = of_velocity
+            bars.height = wp.dot(by_let, t.up)
+            bars.friction = of_friction
             return bars
         solid = t.fixtures.solids[contact.thing]
         if solid.kind == MESH:
