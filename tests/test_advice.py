@@ -4,13 +4,8 @@ import numpy as np
 import pytest
 from meshes import quad_sphere, torus
 
-from balloon_warp.advice import advise_step
-from balloon_warp.errors import InputError
-from balloon_warp.job import animate
-from balloon_warp.mesh import PolygonMesh
+from balloon_warp import Balloon, InputError, PolygonMesh, Scene, Stiffness, String, advise_step, animate, build_springs
 from balloon_warp.model import plan_model
-from balloon_warp.scene import Balloon, Scene, Stiffness, String
-from balloon_warp.springs import build_springs
 
 
 def stiffest_particle(scene: Scene, number: int) -> int:

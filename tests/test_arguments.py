@@ -10,9 +10,8 @@ from meshes import cube
 from typing_extensions import TypeAliasType
 
 import balloon_warp as bw
+from balloon_warp import InputError, PolygonMesh
 from balloon_warp.arguments import checked, fits
-from balloon_warp.errors import InputError
-from balloon_warp.mesh import PolygonMesh
 
 Alias = TypeAliasType("Alias", Mapping[str, Any])
 

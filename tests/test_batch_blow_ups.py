@@ -11,15 +11,12 @@ from meshes import cube
 from numpy.typing import NDArray
 from pxr import Gf, Sdf, Usd
 
+from balloon_warp import BlowUpError, Cluster, InputError, animate, repeat_batch
 from balloon_warp.blow_ups import with_half_the_step
-from balloon_warp.errors import BlowUpError, InputError
-from balloon_warp.job import animate
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.scene import Balloon, Change, Ground, Inflation, Scene, Sphere, Stiffness, String
 from balloon_warp.sweep import shares
 from balloon_warp.sweep.batch import BatchSummary, run_batch
-from balloon_warp.sweep.cluster import Cluster
-from balloon_warp.sweep.repeat import repeat_batch
 
 FRAMES, WORLDS = 6, 10
 BAD, LAST_GOOD = 3, 3

@@ -14,14 +14,13 @@ from motion import assert_valid, assert_velocities_are_those_of_the_points
 from pxr import Sdf, Usd, UsdGeom, UsdShade
 from small_batch import FRAMES, WORLDS, scene, write_meshes
 
-from balloon_warp import Cluster, InputError, Scene, Simulator, load_scene, run_batch
+from balloon_warp import Cluster, InputError, Scene, Simulator, Water, load_scene, run_batch
 from balloon_warp.device import pick_device
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.model import lay_out, memory, shape, world_bytes
 from balloon_warp.outputs.usd import growing
 from balloon_warp.outputs.usd.grid_layout import grid_shifts
 from balloon_warp.outputs.usd.string_curve import string_curve
-from balloon_warp.scene import Water
 from balloon_warp.scene.overrides import override_scene
 from balloon_warp.schedules.lanes import LanesSchedule
 from balloon_warp.sweep import batch as batch_module

@@ -15,12 +15,10 @@ from batches import OFTEN, scene, stop_after
 from meshes import cube, open_cube, quad_sphere
 from pyarrow import parquet
 
-from balloon_warp import InputError, MissingExtraError, run_batch
-from balloon_warp.mesh import PolygonMesh
+from balloon_warp import InputError, MissingExtraError, PolygonMesh, Simulator, run_batch
 from balloon_warp.mesh.geometry import signed_volume, total_area
 from balloon_warp.outputs import table, table_parquet
 from balloon_warp.scene import Balloon, Box, Inflation, Scene, Sphere, Stiffness
-from balloon_warp.simulator import Simulator
 from balloon_warp.sweep.columns import describe_columns
 from balloon_warp.sweep.recorder import Record, Recorder, columns_of
 

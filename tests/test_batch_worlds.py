@@ -7,12 +7,10 @@ import pytest
 from meshes import cube, quad_sphere
 from work import lines_executed
 
-from balloon_warp import BlowUpError, load_scene, run_batch, simulate
-from balloon_warp.errors import InputError
+from balloon_warp import BlowUpError, InputError, Simulator, load_scene, run_batch, simulate
 from balloon_warp.model import ModelPlan, plan_model
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere, Stiffness, String
 from balloon_warp.scene.overrides import override_scene
-from balloon_warp.simulator import Simulator
 from balloon_warp.sweep import shares
 from balloon_warp.sweep.groups import plan_groups
 from balloon_warp.sweep.shares import cut_into_shares

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from meshes import cube, quad_sphere
 
-from balloon_warp import InputError, Simulator
-from balloon_warp.scene import Balloon, Body, Ground, Inflation, Material, Obstacle, Scene, Sphere
+from balloon_warp import Balloon, Body, Ground, Inflation, InputError, Material, Obstacle, Scene, Simulator, Sphere
 from balloon_warp.steering.cameras import WorldCamera
 
 STILL = Inflation(k_normal=0.0)

@@ -12,10 +12,8 @@ import pytest
 import trimesh
 from pxr import Gf, Usd, UsdGeom
 
-from balloon_warp import InputError, check_stage
-from balloon_warp.job import animate
+from balloon_warp import InputError, Scene, animate, check_stage
 from balloon_warp.mesh.usd_stage import SCENERY
-from balloon_warp.scene import Scene
 
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=0.5)
 EDGE = float(BALL.edges_unique_length.mean())

@@ -13,7 +13,7 @@ from commands import status_of
 from meshes import open_cube, quad_sphere
 from PIL import Image
 
-from balloon_warp import BlowUpError, InputError, Scene, Simulator
+from balloon_warp import Balloon, BlowUpError, Inflation, InputError, Scene, Simulator
 from balloon_warp.cli.compare import figure_console, print_comparison
 from balloon_warp.comparison.choices import parse_choices
 from balloon_warp.comparison.compare import Comparison, compare
@@ -21,7 +21,6 @@ from balloon_warp.comparison.run import Run
 from balloon_warp.comparison.sheet import Tile, compose_sheet
 from balloon_warp.mesh.geometry import signed_volume, total_area
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.scene import Balloon, Inflation
 from balloon_warp.scene.overrides import override_scene
 
 SIZE = (96, 64)

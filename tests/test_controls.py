@@ -9,8 +9,7 @@ import pytest
 import warp as wp
 from meshes import quad_sphere
 
-from balloon_warp import BlowUpError, InputError, Simulator
-from balloon_warp.foil.make import foil_mesh
+from balloon_warp import BlowUpError, InputError, Simulator, foil_mesh
 from balloon_warp.model.acting import acting_laws
 from balloon_warp.scene import Balloon, Change, Ground, Inflation, Obstacle, Scene, Sphere, String
 

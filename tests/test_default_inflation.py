@@ -5,13 +5,10 @@ import pytest
 from conserved import energy, momentum
 from meshes import cube, mesh_of, open_cube, prism, quad_sphere
 
-from balloon_warp.errors import InputError
-from balloon_warp.mesh import PolygonMesh
+from balloon_warp import InputError, PolygonMesh, Simulator, bundled_scenes
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.model import plan_model
 from balloon_warp.scene import Balloon, Change, Inflation, Scene, Stiffness
-from balloon_warp.scene.load import bundled_scenes
-from balloon_warp.simulator import Simulator
 
 STRETCH = 1.0 + Inflation().stretch
 SCENES = next(iter(bundled_scenes().values())).parent

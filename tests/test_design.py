@@ -12,6 +12,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 import balloon_warp as bw
+from balloon_warp import Design, InputError, Material, PolygonMesh
 from balloon_warp.cli.app import app
 from balloon_warp.designing import of_foil, picture
 from balloon_warp.designing.descent import Reached, begin, descend
@@ -22,18 +23,14 @@ from balloon_warp.designing.mould import MouldProblem, ThicknessProblem
 from balloon_warp.designing.of_latex import STALLED, _descended, _film
 from balloon_warp.designing.pattern import write_pattern
 from balloon_warp.designing.response import Response
-from balloon_warp.designing.result import Design
 from balloon_warp.designing.smooth_step import SmoothAim, Smoothing, smooth_step
 from balloon_warp.designing.target import target_of
 from balloon_warp.designing.where import places_off
-from balloon_warp.errors import InputError
-from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.crossings import NearPairs, crossings_of, find_crossings
 from balloon_warp.mesh.geometry import triangulate
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.mesh.topology import mesh_edges
 from balloon_warp.mesh.uncrossed import means_over_neighbors, uncrossed
-from balloon_warp.scene import Material
 
 BALL = quad_sphere(4)
 

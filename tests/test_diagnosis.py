@@ -7,13 +7,11 @@ import pytest
 import warp as wp
 from meshes import cube
 
+from balloon_warp import BlowUpError, PolygonMesh, Simulator
 from balloon_warp.blow_ups import BlowUp
-from balloon_warp.errors import BlowUpError
 from balloon_warp.kernels.measure.health import HEALTHY
-from balloon_warp.mesh import PolygonMesh
 from balloon_warp.scene import Atmosphere, Balloon, Change, Ground, Inflation, Scene, Sphere, Stiffness, String
 from balloon_warp.schedules.health import MOST_SPAN
-from balloon_warp.simulator import Simulator
 
 NO_INFLATION = Inflation(k_normal=0.0)
 SLACK = Stiffness(structural=0.0, shear=0.0, flexion=0.0)

@@ -23,14 +23,12 @@ import typer
 from meshes import quad_sphere
 from typer.testing import CliRunner
 
+from balloon_warp import Scene, Simulator, bundled_scenes, render_stage
 from balloon_warp.benchmarks.performance import RESULTS, rates
 from balloon_warp.cli.app import app
 from balloon_warp.kernels.laws.law import LAW_INPUTS
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.outputs import render as package
-from balloon_warp.outputs.render import render_stage
-from balloon_warp.scene import Scene, bundled_scenes
-from balloon_warp.simulator import Simulator
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", ROOT / "SECURITY.md", *sorted((ROOT / "docs").glob("*.md"))]

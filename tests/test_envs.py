@@ -15,13 +15,12 @@ import warp as wp
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
-from balloon_warp import InputError, MissingExtraError, Simulator
+from balloon_warp import Inflation, InputError, MissingExtraError, Simulator
 from balloon_warp.envs import BalloonVectorEnv, make, make_vec, task_named
 from balloon_warp.envs.altitude import COMPLIANCE, VOLUME, Altitude
 from balloon_warp.envs.registration import TASKS
 from balloon_warp.envs.target import Target
 from balloon_warp.envs.vector_env import spaces_of
-from balloon_warp.scene import Inflation
 
 SHORT = {"Inflate": 60, "Juggle": 120, "Press": 80, "Target": 240}
 """Steps of a comparison; `Altitude` is too slow for one here"""

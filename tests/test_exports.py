@@ -23,7 +23,7 @@ from test_resume import FRAMES as RESUMED_FRAMES
 from test_resume import SCENE as RESUMED_SCENE
 from test_resume import press_ctrl_c, stop
 
-from balloon_warp import InputError, MissingExtraError, PolygonMesh, animate, export_stage
+from balloon_warp import Balloon, InputError, MissingExtraError, PolygonMesh, animate, export_stage
 from balloon_warp.mesh.corners import edges_of
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.plain_shapes import capsule_faces, cylinder_faces
@@ -31,7 +31,6 @@ from balloon_warp.outputs import hdf5_arrays
 from balloon_warp.outputs.exports import alembic, export, glb
 from balloon_warp.outputs.knot import AROUND, PROFILE
 from balloon_warp.outputs.tubes import tube_points, tube_topology
-from balloon_warp.scene import Balloon
 
 READ_ALEMBIC = """
 import sys

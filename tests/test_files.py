@@ -14,13 +14,10 @@ import pytest
 from batches import files_limited_to
 from meshes import cube, quad_sphere
 
-from balloon_warp import animate, run_batch, temporaries
-from balloon_warp.errors import InputError
+from balloon_warp import InputError, animate, export_stage, render_stage, run_batch, temporaries
 from balloon_warp.files import check_writable, folder_beside, whole_file
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.outputs.exports import export_stage
 from balloon_warp.outputs.npz import write_npz
-from balloon_warp.outputs.render import render_stage
 from balloon_warp.scene import Balloon, Scene, load_scene
 from balloon_warp.temporaries import clear_left_over, scratch_folder, temporary_in
 from balloon_warp.warp_logging import quiet_warp

@@ -13,14 +13,13 @@ from drawings import drawing
 from typer.testing import CliRunner
 
 import balloon_warp as bw
+from balloon_warp import InputError, MissingExtraError, PolygonMesh
 from balloon_warp.cli.app import app
-from balloon_warp.errors import InputError, MissingExtraError
 from balloon_warp.foil.drawing import outlines_of_drawing
 from balloon_warp.foil.letters import outlines_of_text
 from balloon_warp.foil.make import EDGES, HEIGHT, foil_mesh, foil_parts
 from balloon_warp.foil.outlines import enclosed
 from balloon_warp.foil.sheet import corner_areas, sheet_of
-from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import face_areas, signed_volume
 from balloon_warp.mesh.obj import read_obj
 from balloon_warp.mesh.topology import (

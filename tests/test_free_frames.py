@@ -10,8 +10,8 @@ import trimesh
 import warp as wp
 from meshes import grid, mesh_of, prism, quad_sphere
 
+from balloon_warp import PolygonMesh, Simulator, load_scene
 from balloon_warp.kernels.contact.free_frames import BUSY, FREE, HURRIED
-from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Model, State, build_model, initial_state
 from balloon_warp.scene import (
     Atmosphere,
@@ -26,7 +26,6 @@ from balloon_warp.scene import (
     String,
     Touch,
 )
-from balloon_warp.scene.load import load_scene
 from balloon_warp.schedules import choose, gather
 from balloon_warp.schedules.choose import fastest_schedule, make_schedule
 from balloon_warp.schedules.features import model_features
@@ -36,7 +35,6 @@ from balloon_warp.schedules.patching import Patches, cut, patch_table, slots_in_
 from balloon_warp.schedules.rings import quad_rings
 from balloon_warp.schedules.spring_ends import spring_ends
 from balloon_warp.schedules.tables import make_tables
-from balloon_warp.simulator import Simulator
 
 ROUNDING = 2.0e-5
 """of its size: the same sums in another order, over a few frames"""
