@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from batches import stop_after
 from commands import status_of
 from meshes import quad_sphere
 from motion import assert_valid, assert_velocities_are_those_of_the_points
@@ -38,7 +39,7 @@ def meshes(tmp_path_factory) -> list[Path]:
 
 @pytest.fixture(scope="module")
 def vary(meshes: list[Path]) -> dict:
-    """Return two meshes in turn, which makes two groups of worlds, and a radius and a length for each world."""
+    """Return two meshes in turn, which makes two groups of worlds, and two numbers for each world."""
     return {
         "balloon.0.mesh": [meshes[world % 2] for world in range(WORLDS)],
         "sphere.0.radius": RADII,
@@ -51,17 +52,24 @@ def alone(vary: dict, world: int) -> Simulator:
     return Simulator(override_scene(scene(), overrides), "cpu", schedule="lanes")
 
 
+def prim_in(stage: Usd.Stage, world: int, name: str = "") -> Usd.Prim:
+    return stage.GetPrimAtPath(f"/World/World_{world}/{name}".rstrip("/"))
+
+
 def mesh_in(stage: Usd.Stage, world: int, name: str = "ball") -> UsdGeom.Mesh:
-    return UsdGeom.Mesh(stage.GetPrimAtPath(f"/World/World_{world}/{name}"))
+    return UsdGeom.Mesh(prim_in(stage, world, name))
+
+
+def names_of_worlds(stage: Usd.Stage) -> list[str]:
+    names = [prim.GetName() for prim in stage.GetDefaultPrim().GetChildren()]
+    return [name for name in names if name.startswith("World_")]
 
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory, vary: dict) -> Path:
     folder = tmp_path_factory.mktemp("batch") / "out"
     summary = run_batch(scene(), folder, WORLDS, vary, export=[4, 1, 2], device="cpu", name="small")
-    assert summary.worlds == WORLDS
-    assert summary.exported_worlds == 3
-    assert summary.unhealthy_worlds == 0
+    assert (summary.worlds, summary.exported_worlds, summary.unhealthy_worlds) == (WORLDS, 3, 0)
     assert summary.particles == 3 * (56 + 8) + 2 * (98 + 8)
     written = [*summary.table, *summary.worlds_table, str(summary.stage), summary.manifest]
     assert sorted(map(Path, written)) == sorted(folder.iterdir())
@@ -102,8 +110,7 @@ def test_csv_and_npz_are_the_same_to_the_last_bit(written: Path, table: dict[str
 
 def test_each_world_is_as_it_is_alone(table: dict[str, np.ndarray], stage: Usd.Stage, vary: dict):
     """A world is bit-identical alone and in a batch on the CPU; the stage has the chosen worlds only."""
-    names = [prim.GetName() for prim in stage.GetDefaultPrim().GetChildren()]
-    assert [name for name in names if name.startswith("World_")] == ["World_1", "World_2", "World_4"]
+    assert names_of_worlds(stage) == ["World_1", "World_2", "World_4"]
     for world in range(WORLDS):
         heights = []
         for frame in alone(vary, world).run():
@@ -112,7 +119,7 @@ def test_each_world_is_as_it_is_alone(table: dict[str, np.ndarray], stage: Usd.S
                 for number, name in enumerate(("ball", "Sphere_0_1")):
                     points = mesh_in(stage, world, name).GetPointsAttr().Get(frame.number)
                     np.testing.assert_array_equal(points, frame.points[number])
-                sphere = UsdGeom.Sphere(stage.GetPrimAtPath(f"/World/World_{world}/Sphere_0"))
+                sphere = UsdGeom.Sphere(prim_in(stage, world, "Sphere_0"))
                 moved = sphere.GetLocalTransformation(Usd.TimeCode(frame.number)).ExtractTranslation()
                 np.testing.assert_array_equal(moved, frame.sphere_positions[0])
         np.testing.assert_array_equal(table["sphere_0_height"][table["world"] == world], heights)
@@ -122,16 +129,12 @@ def test_each_world_is_as_it_is_alone(table: dict[str, np.ndarray], stage: Usd.S
 
 def test_each_world_says_what_differs_in_it(stage: Usd.Stage, meshes: list[Path], vary: dict):
     for world in CHOSEN:
-        prim = stage.GetPrimAtPath(f"/World/World_{world}")
-        said = {attribute.GetDisplayName(): attribute for attribute in prim.GetPropertiesInNamespace("userProperties")}
-        assert {path: attribute.GetName() for path, attribute in said.items()} == {
-            "balloon.0.mesh": "userProperties:balloon_0:mesh",
-            "sphere.0.radius": "userProperties:sphere_0:radius",
-            "string.1.length": "userProperties:string_1:length",
+        properties = prim_in(stage, world).GetPropertiesInNamespace("userProperties")
+        assert {each.GetDisplayName(): (each.GetName(), each.Get()) for each in properties} == {
+            "balloon.0.mesh": ("userProperties:balloon_0:mesh", meshes[world % 2].name),
+            "sphere.0.radius": ("userProperties:sphere_0:radius", vary["sphere.0.radius"][world]),
+            "string.1.length": ("userProperties:string_1:length", vary["string.1.length"][world]),
         }
-        assert said["balloon.0.mesh"].Get() == meshes[world % 2].name
-        for path in ("sphere.0.radius", "string.1.length"):
-            assert said[path].Get() == vary[path][world]
 
 
 def test_the_stage_is_valid_and_says_what_it_is(stage: Usd.Stage):
@@ -172,9 +175,8 @@ def test_worlds_stand_side_by_side_with_their_own_spheres(stage: Usd.Stage):
     boxes = UsdGeom.BBoxCache(Usd.TimeCode(0), [UsdGeom.Tokens.default_])
     footprints = []
     for world in CHOSEN:
-        sphere = UsdGeom.Sphere(stage.GetPrimAtPath(f"/World/World_{world}/Sphere_0"))
-        assert sphere.GetRadiusAttr().Get() == RADII[world]
-        box = boxes.ComputeWorldBound(stage.GetPrimAtPath(f"/World/World_{world}")).ComputeAlignedRange()
+        assert UsdGeom.Sphere(prim_in(stage, world, "Sphere_0")).GetRadiusAttr().Get() == RADII[world]
+        box = boxes.ComputeWorldBound(prim_in(stage, world)).ComputeAlignedRange()
         footprints.append([np.array(box.GetMin())[[0, 2]], np.array(box.GetMax())[[0, 2]]])
     for first, (low, high) in enumerate(footprints):
         for other_low, other_high in footprints[:first]:
@@ -187,25 +189,19 @@ def test_worlds_stand_side_by_side_with_their_own_spheres(stage: Usd.Stage):
 def test_strings_hang_by_their_own_lengths_from_anchor_to_particle(stage: Usd.Stage, vary: dict):
     for world in CHOSEN:
         box = mesh_in(stage, world, "Sphere_0_1").GetPointsAttr()
-        string = UsdGeom.BasisCurves(stage.GetPrimAtPath(f"/World/World_{world}/String_1")).GetPointsAttr()
+        string = UsdGeom.BasisCurves(prim_in(stage, world, "String_1")).GetPointsAttr()
         for time_code in range(FRAMES + 1):
             expected = string_curve((4, 0, 0), box.Get(time_code)[6], vary["string.1.length"][world], (0, 1, 0), 0.0)
             np.testing.assert_array_equal(string.Get(time_code), expected)
-            shift = stage.GetPrimAtPath(f"/World/World_{world}").GetAttribute("xformOp:translate").Get()
+            shift = prim_in(stage, world).GetAttribute("xformOp:translate").Get()
             knot = mesh_in(stage, world, "String_1_Knot").ComputeLocalToWorldTransform(time_code)
             np.testing.assert_allclose(np.array(knot)[3, :3] - np.array(shift), expected[-1], atol=1e-6)
-
-
-def exported(folder: Path, vary: dict, **fields: Any) -> Usd.Stage:
-    """Return the stage of a batch of two worlds."""
-    run_batch(scene(**fields), folder, 2, vary, export=[0, 1], device="cpu")
-    return Usd.Stage.Open(str(folder / "worlds.usdc"))
 
 
 def heights_of(stage: Usd.Stage, name: str) -> list[float]:
     """Return the height of a level plane in each world."""
     boxes = UsdGeom.BBoxCache(Usd.TimeCode(0), [UsdGeom.Tokens.default_])
-    planes = [boxes.ComputeWorldBound(mesh_in(stage, world, name).GetPrim()).ComputeAlignedRange() for world in (0, 1)]
+    planes = [boxes.ComputeWorldBound(prim_in(stage, world, name)).ComputeAlignedRange() for world in (0, 1)]
     assert all(plane.GetMin()[1] == plane.GetMax()[1] for plane in planes)
     return [float(plane.GetMin()[1]) for plane in planes]
 
@@ -213,20 +209,24 @@ def heights_of(stage: Usd.Stage, name: str) -> list[float]:
 @pytest.mark.full
 def test_where_grounds_anchors_and_water_differ_each_world_has_its_own(tmp_path):
     heights, anchors, levels = [-1.0, 0.25], [0.5, 2.0], [-1.5, 0.125]
-    afloat = {"water": Water(density=1.0)}
-    vary = {"ground.height": heights, "string.1.anchor.1": anchors}
-    stage = exported(tmp_path / "out", vary | {"water.level": levels}, **afloat)
+    afloat = scene(water=Water(density=1.0))
+
+    def exported(name: str, vary: dict[str, list[float]]) -> Usd.Stage:
+        run_batch(afloat, tmp_path / name, 2, {"water.level": levels} | vary, export=[0, 1], device="cpu")
+        return Usd.Stage.Open(str(tmp_path / name / "worlds.usdc"))
+
+    stage = exported("out", {"ground.height": heights, "string.1.anchor.1": anchors})
     assert not stage.GetPrimAtPath("/World/Ground")
     assert not stage.GetPrimAtPath("/World/Water")
     assert (heights_of(stage, "Floor"), heights_of(stage, "Pool")) == (heights, levels)
     for world in (0, 1):
-        string = UsdGeom.BasisCurves(stage.GetPrimAtPath(f"/World/World_{world}/String_1")).GetPointsAttr().Get(0)
+        string = UsdGeom.BasisCurves(prim_in(stage, world, "String_1")).GetPointsAttr().Get(0)
         assert tuple(string[0]) == (4.0, anchors[world], 0.0)
     assert_valid(stage)
-    stage = exported(tmp_path / "alike", {"ground.height": [0.25, 0.25]} | {"water.level": levels}, **afloat)
+    stage = exported("alike", {"ground.height": [0.25, 0.25]})
     assert UsdGeom.Mesh(stage.GetPrimAtPath("/World/Ground")).GetPointsAttr().Get()[0][1] == 0.25
-    assert not stage.GetPrimAtPath("/World/World_0/Floor")
-    assert stage.GetPrimAtPath("/World/World_0/Pool")
+    assert not prim_in(stage, 0, "Floor")
+    assert prim_in(stage, 0, "Pool")
 
 
 @pytest.mark.parametrize(("up_axis", "flat"), [("Y", 1), ("Z", 2)])
@@ -248,20 +248,14 @@ def test_saving_often_gives_the_same_samples(written: Path, vary: dict, tmp_path
 def test_no_export_no_stage(tmp_path):
     summary = run_batch(scene(frames=1), tmp_path, 2, device="cpu")
     assert summary.stage is None
-    assert {path.stem for path in tmp_path.iterdir()} == {"manifest", "table", "worlds"}
-    assert not (tmp_path / "worlds.usdc").exists()
+    assert {path.name for path in tmp_path.iterdir()} == {*TABLES, "manifest.json"}
 
 
 def test_a_failed_batch_leaves_the_good_files(tmp_path):
     run_batch(scene(frames=1), tmp_path, 2, export=[0], device="cpu")
     good = {path: path.read_bytes() for path in tmp_path.iterdir()}
-
-    def interrupt(frame: int) -> None:
-        if frame == 3:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        run_batch(scene(), tmp_path, 3, export=[0, 1], device="cpu", on_frame=interrupt)
+    with pytest.raises(RuntimeError, match="stopped"):
+        run_batch(scene(), tmp_path, 3, export=[0, 1], device="cpu", on_frame=stop_after(3))
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == good
 
 
@@ -308,9 +302,8 @@ def test_what_is_refused_early_would_be_refused_late(monkeypatch):
 def test_far_too_many_worlds_are_refused_without_finding_what_is_thin(tmp_path, monkeypatch):
     """The early check of memory skips the search for thin parts, which takes longest and adds no memory."""
     monkeypatch.setattr(shape, "relative_thickness", never)
-    thin = {"balloon.stiffness.thin": "softer"}
     with pytest.raises(InputError, match=r"^100000000 worlds do not fit: "):
-        run_batch(load_scene(scene(), thin), tmp_path, 10**8, device="cpu")
+        run_batch(load_scene(scene(), {"balloon.stiffness.thin": "softer"}), tmp_path, 10**8, device="cpu")
 
 
 @pytest.mark.full
@@ -336,8 +329,7 @@ def test_a_varied_value_is_told_with_its_world_in_the_whole_batch(meshes: list[P
 
 
 def test_all_groups_take_the_step_of_the_stiffest_world(meshes: list[Path]):
-    """The step of a batch is that of its stiffest world, whichever group that is in. All are so light that stability
-    asks for more substeps than spheres do."""
+    """All are so light that stability asks for more substeps than spheres do."""
     automatic = scene(substeps="auto")
     vary = {"balloon.0.mesh": [meshes[0], meshes[1], meshes[0]], "balloon.mass": [1e-4, 1e-4, 2e-5]}
     alone = [plan_groups(automatic, 1, {path: [values[n]] for path, values in vary.items()}) for n in range(3)]
@@ -373,21 +365,14 @@ def test_a_batch_that_does_not_fit_is_refused_before_anything_is_made(tmp_path, 
 
     refused(0.6 * (two_meshes + sums + table), two_meshes + sums + table, scene(), vary=varied)
     refused(one_mesh + sums + table, one_mesh + sums + table + exported, scene(), export=range(40))
-    long = scene(frames=FRAMES + 1000)
-    refused(one_mesh + sums + table, one_mesh + sums + table + 1000 * row, long)
+    refused(one_mesh + sums + table, one_mesh + sums + table + 1000 * row, scene(frames=FRAMES + 1000))
 
 
 SCENE = """
 frames = 3
-[[balloon]]
-mesh = "ball.obj"
-[balloon.inflation]
-k_normal = 0.2
-[[sphere]]
-position = [0, 4, 0]
-radius = 1.2
+balloon = [{ mesh = "ball.obj", inflation = { k_normal = 0.2 } }]
+sphere = [{ position = [0, 4, 0], radius = 1.2 }]
 """
-
 TABLES = ("table.npz", "table.csv", "worlds.npz", "worlds.csv")
 BELOW = "must be greater than 0 (got -1.0), in world 1"
 BETWEEN_RUNS = "cannot differ between worlds, only between runs of `compare`"
@@ -432,9 +417,7 @@ def test_the_summary_is_one_object_and_the_files_are_where_it_says(folder: Path,
         np.testing.assert_array_equal(table["sphere.0.mass"][:9], [1, 10, 100] * 3)
         volume = table["volume"].reshape(4, 9)
     assert (np.diff(volume[-1]) > 0.0).all()  # the more a balloon is inflated, the larger it is
-    stage = Usd.Stage.Open(summary["stage"])
-    names = [prim.GetName() for prim in stage.GetDefaultPrim().GetChildren()]
-    assert [name for name in names if name.startswith("World_")] == ["World_0", "World_5"]
+    assert names_of_worlds(Usd.Stage.Open(summary["stage"])) == ["World_0", "World_5"]
 
 
 @pytest.mark.full
@@ -460,17 +443,14 @@ def test_what_blew_up_is_told(folder: Path, capsys):
 
 def test_the_stage_of_an_earlier_batch_does_not_stay_beside_a_later_table(folder: Path, capsys):
     assert batch("--worlds", "2", "--export", "all") == 0
-    assert (
-        "wrote ball_batch/worlds.usdc: 0.05 s at 60 frames/s; in Blender, set the frame rate to 60, "
-        in capsys.readouterr().out
-    )
+    said = "wrote ball_batch/worlds.usdc: 0.05 s at 60 frames/s; in Blender, set the frame rate to 60, "
+    assert said in capsys.readouterr().out
     assert batch("--worlds", "2", "--vary", "gravity=2:1") == 2
     assert (folder / "ball_batch" / "worlds.usdc").exists()  # a batch that is refused leaves all as it was
     capsys.readouterr()
     assert batch("--worlds", "3") == 0
     assert capsys.readouterr().out.splitlines()[-1].startswith("removed ball_batch/worlds.usdc")
-    left = sorted(path.name for path in (folder / "ball_batch").iterdir())
-    assert left == sorted([*TABLES, "manifest.json"])
+    assert {path.name for path in (folder / "ball_batch").iterdir()} == {*TABLES, "manifest.json"}
     assert batch("--worlds", "3") == 0
     assert "removed" not in capsys.readouterr().out
 

@@ -1,16 +1,17 @@
 """Tables of a batch: their measures, units and kinds."""
 
 import csv
+import itertools
 import json
 import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
-import warp as wp
 from batches import OFTEN, scene, stop_after
 from meshes import cube, open_cube, quad_sphere
 from pyarrow import parquet
@@ -20,31 +21,27 @@ from balloon_warp.mesh.geometry import signed_volume, total_area
 from balloon_warp.outputs import table, table_parquet
 from balloon_warp.scene import Balloon, Box, Inflation, Scene, Sphere, Stiffness
 from balloon_warp.sweep.columns import describe_columns
-from balloon_warp.sweep.recorder import Record, Recorder, columns_of
+from balloon_warp.sweep.recorder import Recorder, columns_of
 
 FLOAT32 = 1.2e-7
 """relative rounding of float32"""
 STILL = {"stiffness": Stiffness(structural=0.0, shear=0.0, flexion=0.0), "inflation": Inflation(k_normal=0.0)}
 
 
-def record(simulator: Simulator, chosen: tuple[int, ...] = ()) -> Record:
-    return Recorder(simulator, np.array(chosen, dtype=np.int64)).read()
+def recorder_of(simulator: Simulator) -> Recorder:
+    return Recorder(simulator, np.array([], dtype=np.int64))
 
 
 def measured(simulator: Simulator, world: int = 0) -> dict[str, float]:
-    row = record(simulator).measures[world]
+    row = recorder_of(simulator).read().measures[world]
     return dict(zip(columns_of(simulator.model.scene), row.tolist(), strict=True))
-
-
-def put(array: wp.array, values: np.ndarray) -> None:
-    wp.copy(array, wp.array(values, dtype=wp.vec3, device=array.device))
 
 
 def test_a_moving_box_is_measured_exactly(device):
     scene = Scene(balloon=[Balloon(mesh=cube(), mass=0.5, **STILL)], sphere=[Sphere(position=(7.0, 3.5, 0.0))])
     simulator = Simulator(scene, device)
-    put(simulator.state.points, (cube().points * [1, 2, 1])[None])
-    put(simulator.state.velocities, np.full((1, 8, 3), [1.0, 2.0, 2.0]))
+    simulator.state.points.assign((cube().points * [1, 2, 1])[None])
+    simulator.state.velocities.assign(np.full((1, 8, 3), [1.0, 2.0, 2.0]))
     expected = {"volume": 2.0, "area": 10.0, "pressure": 0.0, "center_height": 1.0, "largest_stretch": 2.0}
     expected |= {"kinetic_energy": 0.5 * 0.5 * 9.0, "sphere_0_height": 3.5}
     # a mass share of an eighth, and areas and lengths that are powers of two: no rounding but the thirds of the volume
@@ -69,7 +66,7 @@ def test_balloons_are_summed_and_their_centers_weighed_by_mass(device):
     for turned, height in ((up, 0.25 * 0.5 + 0.75 * 5.0), (scene, 0.25 * 0.5 + 0.75 * 1.0)):
         simulator = Simulator(turned, device)
         if turned is scene:  # the meshes are Y-up: laid out as they were, so that only the axis differs
-            put(simulator.state.points, Simulator(up, device).state.points.numpy())
+            simulator.state.points.assign(Simulator(up, device).state.points.numpy())
         found = measured(simulator)
         np.testing.assert_allclose([found["volume"], found["area"]], [9.0, 30.0], rtol=4 * FLOAT32)
         np.testing.assert_allclose(found["center_height"], height, rtol=4 * FLOAT32)
@@ -82,19 +79,14 @@ def deformed(mesh: PolygonMesh, shift: float) -> PolygonMesh:
 
 
 def test_volume_and_area_are_those_of_the_host_in_float64(device):
-    """Volume and area agree with the host, closed and open, at the origin and 100 m away: about its own center a
-    balloon keeps the digits of float32.
-
-    About the origin the volume at 100 m would be off by some 100^3 times float32's rounding, a tenth."""
-    for mesh in (quad_sphere(9), open_cube(), quad_sphere(2)):
-        for shift in (0.0, 100.0):
-            bent = deformed(mesh, shift)
-            simulator = Simulator(Scene(balloon=[Balloon(mesh=bent, **STILL)]), device)
-            found = measured(simulator)
-            np.testing.assert_allclose(found["volume"], signed_volume(bent), rtol=20 * FLOAT32)
-            np.testing.assert_allclose(found["area"], total_area(bent), rtol=20 * FLOAT32)
-            center = bent.points[bent.face_vertex_indices].mean(axis=0)[1]
-            np.testing.assert_allclose(found["center_height"], center, rtol=4 * FLOAT32, atol=4 * FLOAT32)
+    """About the origin the volume at 100 m would be off by some 100^3 times float32's rounding, a tenth."""
+    for mesh, shift in itertools.product((quad_sphere(9), open_cube(), quad_sphere(2)), (0.0, 100.0)):
+        bent = deformed(mesh, shift)
+        found = measured(Simulator(Scene(balloon=[Balloon(mesh=bent, **STILL)]), device))
+        np.testing.assert_allclose(found["volume"], signed_volume(bent), rtol=20 * FLOAT32)
+        np.testing.assert_allclose(found["area"], total_area(bent), rtol=20 * FLOAT32)
+        center = bent.points[bent.face_vertex_indices].mean(axis=0)[1]
+        np.testing.assert_allclose(found["center_height"], center, rtol=4 * FLOAT32, atol=4 * FLOAT32)
 
 
 def test_largest_stretch_and_kinetic_energy_are_those_of_the_host(device):
@@ -103,8 +95,8 @@ def test_largest_stretch_and_kinetic_energy_are_those_of_the_host(device):
     simulator = Simulator(Scene(balloon=[Balloon(mesh=mesh, mass=0.3, fixed=[4, 9])]), device)
     points = mesh.points + rng.normal(0.0, 0.05, mesh.points.shape)
     velocities = rng.normal(0.0, 1.0, mesh.points.shape)
-    put(simulator.state.points, points[None])
-    put(simulator.state.velocities, velocities[None])
+    simulator.state.points.assign(points[None])
+    simulator.state.velocities.assign(velocities[None])
     springs, shares = simulator.model.shapes[0].springs, simulator.model.shapes[0].mass_share
     lengths = np.linalg.norm(points[springs.pairs[:, 1]] - points[springs.pairs[:, 0]], axis=1)
     found = measured(simulator)
@@ -120,20 +112,19 @@ def test_measures_have_the_same_bits_every_time_and_in_any_batch(device):
     for simulator in (batch, alone):
         every = simulator.state.points.numpy().copy()
         every[:, : len(points)] = points
-        put(simulator.state.points, every)
-    rows = [record(batch).measures for _ in range(3)]
-    np.testing.assert_array_equal(rows[0], rows[1])
-    np.testing.assert_array_equal(rows[0], rows[2])
-    np.testing.assert_array_equal(rows[0], np.repeat(record(alone).measures, 40, axis=0))
+        simulator.state.points.assign(every)
+    rows = [recorder_of(batch).read().measures for _ in range(3)]
+    expected = np.repeat(recorder_of(alone).read().measures, 40, axis=0)
+    np.testing.assert_array_equal(rows, [expected] * 3)
 
 
 def test_a_world_whose_speeds_overflow_is_bad_before_its_places_are(device):
     simulator = Simulator(Scene(balloon=[Balloon(mesh=cube())]), device, 2)
-    recorder = Recorder(simulator, np.array([], dtype=np.int64))
+    recorder = recorder_of(simulator)
     recorder.read()
     velocities = np.zeros((2, 8, 3))
     velocities[1, 3, 0] = 1e25  # its square is beyond float32
-    put(simulator.state.velocities, velocities)
+    simulator.state.velocities.assign(velocities)
     after = recorder.read()
     assert after.healthy.tolist() == [1, 0]
     assert np.isfinite(after.measures).all()
@@ -195,8 +186,8 @@ def test_each_world_has_a_row_of_ends_and_extremes(tables: dict[str, dict[str, n
         np.testing.assert_array_equal(worlds[path], values)
     for name in measures:
         of_frames = table[name].reshape(FRAMES + 1, WORLDS)
-        for end, expected in {"end": of_frames[-1], "min": of_frames.min(0), "max": of_frames.max(0)}.items():
-            np.testing.assert_array_equal(worlds[f"{name}_{end}"], expected)
+        expected = [of_frames[-1], of_frames.min(axis=0), of_frames.max(axis=0)]
+        np.testing.assert_array_equal([worlds[f"{name}_{end}"] for end in ("end", "min", "max")], expected)
     assert (worlds["center_height_max"] > worlds["center_height_end"] + 1.0)[[0, 1, 3]].all()
 
 
@@ -217,21 +208,19 @@ def test_it_says_how_each_world_ended(written: Path, tables: dict[str, dict[str,
 def test_columns_have_units(written: Path, tables: dict[str, dict[str, np.ndarray]]):
     columns = json.loads((written / "manifest.json").read_text())["columns"]
     assert set(columns) == {*tables["table"], *tables["worlds"]}
-    units = {name: column["unit"] for name, column in columns.items()}
-    assert units["time"] == "s"
-    assert (units["volume"], units["volume_max"], units["sphere_0_height_min"]) == ("m^3", "m^3", "m")
-    assert (units["balloon.mass"], units["balloon.position.1"]) == ("kg", "m")
     assert columns["balloon.mass"]["meaning"].startswith("Mass of the whole balloon")
-    assert all(column["meaning"] for column in columns.values())
+    units = {"time": "s", "volume": "m^3", "volume_max": "m^3", "sphere_0_height_min": "m"}
+    assert_units(columns, units | {"balloon.mass": "kg", "balloon.position.1": "m"})
     gas = Balloon(mesh=quad_sphere(2), inflation=Inflation(pump=[(0, 0), (1, 0.1)]))
-    vary = ("balloon.mesh", "balloon.scale", "balloon.stiffness.seed", "balloon.inflation.pump", "atmosphere.wind.0")
-    told = describe_columns(ending_scene(balloon=[gas], box=Box(lower=(0, 0, 0), upper=(1, 1, 1))), vary)
-    assert all(column["meaning"] for column in told.values())
-    units = {name: column["unit"] for name, column in told.items()}
-    assert {name: units[name] for name in (*vary, "moles_end", "thrust_max", "in_box")} == {
-        **{"balloon.mesh": "", "balloon.scale": "1", "balloon.stiffness.seed": "1", "balloon.inflation.pump": "mol/s"},
-        **{"atmosphere.wind.0": "m/s", "moles_end": "mol", "thrust_max": "N", "in_box": "1"},
-    }
+    units = {"balloon.mesh": "", "balloon.scale": "1", "balloon.stiffness.seed": "1", "balloon.inflation.pump": "mol/s"}
+    units |= {"atmosphere.wind.0": "m/s"}
+    told = describe_columns(ending_scene(balloon=[gas], box=Box(lower=(0, 0, 0), upper=(1, 1, 1))), tuple(units))
+    assert_units(told, units | {"moles_end": "mol", "thrust_max": "N", "in_box": "1"})
+
+
+def assert_units(columns: dict[str, Any], units: dict[str, str]) -> None:
+    assert {name: columns[name]["unit"] for name in units} == units
+    assert all(column["meaning"] for column in columns.values())
 
 
 KINDS_VARY = {"gravity": [1.0, 5.0, 9.0], "balloon.inflation.k_normal": [0.2, 9e11, 0.4]}
@@ -245,8 +234,7 @@ def test_parquet_has_the_numbers_of_the_npz(tmp_path):
     with np.load(tmp_path / "table.npz") as columns:
         assert list(found) == list(columns)
         for name in columns:
-            assert found[name].dtype == columns[name].dtype
-            np.testing.assert_array_equal(found[name], columns[name])
+            np.testing.assert_array_equal(found[name], columns[name], strict=True)
     said = json.loads((tmp_path / "manifest.json").read_text())
     assert said["table"] == "parquet"
     assert {"table.npz", "table.parquet"} <= said["outputs"].keys()
@@ -301,8 +289,8 @@ def test_numbers_load_no_pandas(tmp_path):
     script = f"""
 import sys, pathlib, numpy as np
 from balloon_warp.outputs.table_parquet import ParquetRows
-rows = ParquetRows(pathlib.Path({str(tmp_path / "rows.parquet")!r}), ["world", "frame", "time", "k", "a", "health"],
-                   {{"k": np.array([1.5, 2.5])}}, 2)
+names, k = ["world", "frame", "time", "k", "a", "health"], {{"k": np.array([1.5, 2.5])}}
+rows = ParquetRows(pathlib.Path({str(tmp_path / "rows.parquet")!r}), names, k, 2)
 rows.write(3, 0.5, np.array([[4.0, 5.0]], np.float32), np.array([0, 1], np.int32))
 rows.close()
 sys.exit("pandas" in sys.modules)
@@ -315,10 +303,8 @@ sys.exit("pandas" in sys.modules)
 
 PARTS_FRAMES, PARTS_WORLDS = 40, 300
 COLUMNS = ("world", "frame", "time", "mesh", "mass", "height", "health")
-VARIED = {
-    "mesh": np.array([f"mesh {world % 7}" for world in range(PARTS_WORLDS)]),
-    "mass": np.linspace(0.1, 0.2, PARTS_WORLDS),
-}
+MESHES = np.array([f"mesh {world % 7}" for world in range(PARTS_WORLDS)])
+VARIED = {"mesh": MESHES, "mass": np.linspace(0.1, 0.2, PARTS_WORLDS)}
 
 
 def test_row_groups_that_are_encoded_side_by_side_are_those_of_one_writer(tmp_path, monkeypatch):

@@ -3,16 +3,18 @@
 import re
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
+from meshes import grid
 from pxr import Gf, Usd, UsdGeom
 
 from balloon_warp import InputError, Scene, animate, check_stage
+from balloon_warp.mesh.geometry import triangulate
 from balloon_warp.mesh.usd_stage import SCENERY
 
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=0.5)
@@ -93,8 +95,7 @@ def test_balloons_that_cross_are_found_at_their_frame(stage: Stage):
 
 
 def test_parts_of_a_balloon_that_cross_are_found(stage: Stage):
-    double = BALL + BALL.copy().apply_translation((0.9, 0, 0))
-    stage.balloon("ball", double, (0, 0, 0))
+    stage.balloon("ball", BALL + BALL.copy().apply_translation((0.9, 0, 0)), (0, 0, 0))
     crossings = check_stage(stage.save()).crossings
     assert [crossing.frame for crossing in crossings] == list(range(FRAMES))
     assert {crossing.second for crossing in crossings} == {"balloon ball"}
@@ -106,8 +107,7 @@ def sheet_of(*corners: Sequence[float]) -> trimesh.Trimesh:
     return trimesh.Trimesh(corners, [(0, 1, 2), (0, 2, 3)], process=False)
 
 
-FLAT = [(0, 0, 0), (0, 0, 1), (1, 0, 1), (1, 0, 0)]
-"""Corners of a sheet that looks up"""
+FLAT = [(0, 0, 0), (0, 0, 1), (1, 0, 1), (1, 0, 0)]  # corners of a sheet that looks up
 
 
 @pytest.mark.parametrize(
@@ -120,9 +120,7 @@ FLAT = [(0, 0, 0), (0, 0, 1), (1, 0, 1), (1, 0, 0)]
         pytest.param(FLAT[::-1], (0.7, 0, 0.1), 0.0, id="face-to-face"),
     ],
 )
-def test_sheets_that_overlap_in_one_plane_are_found(
-    corners: list[Sequence[float]], shift: Sequence[float], depth: float, stage: Stage
-):
+def test_sheets_that_overlap_in_one_plane_are_found(corners: list, shift: tuple, depth: float, stage: Stage):
     stage.balloon("one", sheet_of(*FLAT), (0, 0, 0)).balloon("two", sheet_of(*corners), shift)
     crossings = check_stage(stage.save()).crossings
     assert len(crossings) == (FRAMES if depth else 0)
@@ -136,15 +134,10 @@ def test_sheets_that_overlap_in_one_plane_are_found(
 
 @pytest.mark.parametrize("cells", [1, 40], ids=["coarse", "fine"])
 def test_a_sheet_is_as_deep_on_any_mesh(stage: Stage, cells: int):
-    z, y = np.meshgrid(np.linspace(-1, 1, cells + 1), np.linspace(-2, -0.4, cells + 1))
-    number = np.arange((cells + 1) ** 2).reshape(cells + 1, -1)
-    corners = [number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]]
-    a, b, c, d = (each.ravel() for each in corners)
-    sheet = trimesh.Trimesh(
-        np.stack([np.full(z.size, 0.013), y.ravel(), z.ravel()], axis=1),
-        np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)]), process=False,
-    )  # fmt: skip
-    stage.obstacle("sheet", sheet)
+    sheet = grid(cells, cells)
+    x, y, _ = sheet.points.T / cells
+    places = np.stack([np.full(x.size, 0.013), 1.6 * y - 2.0, 2.0 * x - 1.0], axis=1)
+    stage.obstacle("sheet", trimesh.Trimesh(places, triangulate(sheet)[0], process=False))
     stage.balloon("ball", BALL, (0, 0, 0))
     deepest = max(crossing.depth for crossing in check_stage(stage.save()).crossings)
     assert deepest == pytest.approx(0.1, rel=0.1)
@@ -152,9 +145,7 @@ def test_a_sheet_is_as_deep_on_any_mesh(stage: Stage, cells: int):
 
 @pytest.mark.parametrize(("deep", "found"), [(0.15 * EDGE, True), (0.02 * EDGE, False)])
 def test_a_needle_in_a_face_is_found_beyond_the_thickness(stage: Stage, deep: float, found: bool):
-    middle = BALL.triangles_center[0]
-    outward = BALL.face_normals[0]
-    radius = 0.2 * EDGE
+    middle, outward, radius = BALL.triangles_center[0], BALL.face_normals[0], 0.2 * EDGE
     stage.balloon("ball", BALL, (0, 0, 0)).sphere(radius, middle + (radius - deep) * outward)
     crossings = check_stage(stage.save()).crossings
     assert bool(crossings) == found
@@ -162,43 +153,38 @@ def test_a_needle_in_a_face_is_found_beyond_the_thickness(stage: Stage, deep: fl
         assert crossing.depth == pytest.approx(deep, rel=1e-3)
 
 
-def test_a_rod_is_found_between_particles(stage: Stage):
-    middle, outward = BALL.triangles_center[0], BALL.face_normals[0]
-    stage.balloon("ball", BALL, (0, 0, 0)).capsule(0.02, 0.001, middle + 0.002 * outward)
-    crossing = check_stage(stage.save()).crossings[0]
-    assert crossing.second == "obstacle capsule"
-    assert crossing.depth == pytest.approx(0.02, abs=0.003)
+ROOM = trimesh.creation.box((3.0, 3.0, 3.0))
+ROOM.invert()
+ROD = BALL.triangles_center[0] + 0.002 * BALL.face_normals[0]
 
 
-def test_what_is_swallowed_is_found(stage: Stage):
-    """A ball in the middle of a box is found, though no surfaces cross."""
-    stage.obstacle("box", trimesh.creation.box((3.0, 3.0, 3.0)))
-    stage.balloon("ball", BALL, (0, 0, 0))
-    assert check_stage(stage.save()).crossings[0].depth == pytest.approx(1.5 - 0.5 / np.sqrt(3.0), abs=0.05)
-
-
-def test_a_room_swallows_nothing(stage: Stage):
-    room = trimesh.creation.box((3.0, 3.0, 3.0))
-    room.invert()
-    stage.obstacle("room", room)
-    stage.balloon("ball", BALL, (0, 0, 0))
-    assert check_stage(stage.save()).passed
-
-
-def test_the_ground_is_as_deep_as_it_is(stage: Stage):
-    stage.balloon("ball", BALL, (0, 0, 0)).ground(-0.4)
-    crossing = check_stage(stage.save()).crossings[0]
-    assert crossing.second == "the ground"
-    assert crossing.depth == pytest.approx(0.1, abs=1e-6)
+@pytest.mark.parametrize(
+    ("add", "second", "depth", "within"),
+    [
+        pytest.param(lambda stage: stage.capsule(0.02, 0.001, ROD), "obstacle capsule", 0.02, 0.003, id="rod"),
+        pytest.param(lambda stage: stage.ground(-0.4), "the ground", 0.1, 1e-6, id="ground"),
+        pytest.param(
+            lambda stage: stage.obstacle("box", trimesh.creation.box((3.0, 3.0, 3.0))),
+            *("obstacle box", 1.5 - 0.5 / np.sqrt(3.0), 0.05),
+            id="box-that-swallows",
+        ),
+        pytest.param(lambda stage: stage.obstacle("room", ROOM), None, None, None, id="room-that-does-not"),
+    ],
+)
+def test_a_ball_is_as_deep_as_it_is(add: Callable[[Stage], Any], second: str | None, depth, within, stage: Stage):
+    add(stage.balloon("ball", BALL, (0, 0, 0)))
+    crossings = check_stage(stage.save()).crossings
+    assert bool(crossings) == bool(second)
+    if crossings:
+        assert crossings[0].second == second
+        assert crossings[0].depth == pytest.approx(depth, abs=within)
 
 
 @pytest.mark.full
 def test_a_run_passes_or_does_not(tmp_path):
-    ball = {"mesh": str(_ball(tmp_path)), "mass": 0.05}
-    balls = [
-        {**ball, "name": name, "position": [x, 0, 0], "velocity": [speed, 0, 0]}
-        for name, x, speed in (("one", -0.6, 1.0), ("two", 0.6, -1.0))
-    ]
+    BALL.export(tmp_path / "ball.obj")
+    ball = {"mesh": str(tmp_path / "ball.obj"), "mass": 0.05}
+    balls = [{**ball, "position": [-side, 0, 0], "velocity": [side / 0.6, 0, 0]} for side in (0.6, -0.6)]
     scene = {"balloon": balls, "gravity": 0.0, "frames": 24}
     animate(Scene(**scene, touch=False), tmp_path / "through.usda", device="cpu")
     animate(Scene(**scene), tmp_path / "apart.usda", device="cpu")
@@ -207,30 +193,16 @@ def test_a_run_passes_or_does_not(tmp_path):
     assert report.passed, report.crossings
 
 
-def _ball(folder: Path) -> Path:
-    path = folder / "ball.obj"
-    BALL.export(path)
-    return path
-
-
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        ({"frames": (0, 9)}, "has frames 0 to 2; expected a range within (got 0:9)"),
-        ({"within": -1.0}, "expected at least 0 m"),
-    ],
-)
-def test_bad_input_gets_a_sentence(stage: Stage, given: dict[str, Any], said: str):
-    stage.balloon("ball", BALL, (0, 0, 0))
-    with pytest.raises(InputError, match=said.replace("(", r"\(").replace(")", r"\)")):
-        check_stage(stage.save(), **given)
-
-
-def test_an_empty_stage_gets_a_sentence(stage: Stage):
+def test_bad_input_gets_a_sentence(stage: Stage):
     with pytest.raises(InputError, match="has nothing to check"):
         check_stage(stage.save())
     with pytest.raises(InputError, match="no such file"):
         check_stage(stage.path.with_name("none.usda"))
+    path = stage.balloon("ball", BALL, (0, 0, 0)).save()
+    with pytest.raises(InputError, match=r"has frames 0 to 2; expected a range within \(got 0:9\)"):
+        check_stage(path, frames=(0, 9))
+    with pytest.raises(InputError, match="expected at least 0 m"):
+        check_stage(path, within=-1.0)
 
 
 @pytest.mark.full

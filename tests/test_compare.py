@@ -84,19 +84,16 @@ def test_the_figures_are_those_of_the_frame_that_is_shown(tmp_path):
     simulator = Simulator(override_scene(BALL, [(K_NORMAL, 0.5)]), "cpu")
     *_, last = (frame for frame in simulator.run() if frame.number <= 4)
     shape = replace(simulator.model.shapes[0].mesh, points=last.points[0].astype(np.float64))
-    figures = result.runs[0].figures
+    figures, volume, area = result.runs[0].figures, signed_volume(shape), total_area(shape)
     assert figures["frame"] == last.number == 4
-    # float32 sums of 54 faces
-    np.testing.assert_allclose(figures["volume"], signed_volume(shape), rtol=1e-5)
-    np.testing.assert_allclose(figures["area"], total_area(shape), rtol=1e-5)
-    roundness = 36 * np.pi * signed_volume(shape) ** 2 / total_area(shape) ** 3
-    np.testing.assert_allclose(figures["roundness"], roundness, rtol=5e-5)
+    np.testing.assert_allclose([figures["volume"], figures["area"]], [volume, area], rtol=1e-5)  # sums of 54 faces
+    np.testing.assert_allclose(figures["roundness"], 36 * np.pi * volume**2 / area**3, rtol=5e-5)
     assert compared(tmp_path, {K_NORMAL: [0.5]}, frame=6).runs[0].figures["volume"] > figures["volume"]
 
 
 @pytest.mark.full
 def test_only_one_closed_balloon_is_round(tmp_path):
-    """Roundness is reported for a single closed balloon only: summed volumes and areas have no shape."""
+    """Summed volumes and areas have no shape."""
     alone = compared(tmp_path, {K_NORMAL: [0.0]}).runs[0].figures
     assert 0.5 < alone["roundness"] < 1.0
     ball, aside = BALL.balloon[0], BALL.balloon[0].model_copy(update={"position": (3.0, 0.0, 0.0)})
@@ -167,12 +164,8 @@ def test_long_labels_are_broken_and_a_wide_table_is_not_cut_off(capsys):
     print_comparison(figure_console(), Comparison(runs, "out.png", None))
     alike, header, *rows = capsys.readouterr().out.splitlines()
     assert alike == "particles 8, substeps 4"
-    assert re.split(r"\s{2,}", header) == [
-        "picture_frame",
-        "k_normal.1.1",
-        "frame",
-        *(f"sphere {n} height" for n in range(8)),
-    ]
+    heights = [f"sphere {number} height" for number in range(8)]
+    assert re.split(r"\s{2,}", header) == ["picture_frame", "k_normal.1.1", "frame", *heights]
     assert [row.split() for row in rows] == [[number, "7", number, *["0.5"] * 8] for number in "12"]
 
 
@@ -183,9 +176,8 @@ def test_the_command_prints_a_table_and_says_what_it_wrote(tmp_path, monkeypatch
     write_obj(tmp_path / "other.obj", quad_sphere(6))  # which takes other substeps
     words = "compare ball.obj --set frames=2 --device cpu --table t.csv --vary balloon.mesh=ball.obj,other.obj"
     assert status_of(*words.split(), "--vary", "normals=cached,fresh,stale") == 0
-    captured = capsys.readouterr()
-    assert [line.split(": ")[0] for line in captured.err.splitlines()] == [f"ball, run {n} of 6" for n in (1, 2, 4, 5)]
-    lines = captured.out.splitlines()
+    lines, notes = (text.splitlines() for text in capsys.readouterr())
+    assert [line.split(": ")[0] for line in notes] == [f"ball, run {n} of 6" for n in (1, 2, 4, 5)]
     assert lines[0] == "frame 2"
     assert lines[1].split()[:3] == ["mesh", "normals", "volume"]
     pairs = itertools.product(("ball.obj", "other.obj"), ("cached", "fresh", "stale"))
