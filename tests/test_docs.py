@@ -33,7 +33,7 @@ from balloon_warp.outputs import render as package
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", ROOT / "SECURITY.md", *sorted((ROOT / "docs").glob("*.md"))]
 COMMANDS = typer.main.get_command(app).commands  # pyright: ignore[reportAttributeAccessIssue]
-RUN_ELSEWHERE = {"README.md", "PYTHON.md", "LAWS.md", "ARCHITECTURE.md"}
+ELSEWHERE = {"README.md", "PYTHON.md", "LAWS.md", "ARCHITECTURE.md"}
 """pages with Python that tests below run, since they look at what comes of it"""
 
 
@@ -92,9 +92,7 @@ def test_commands_are_ones_that_there_are(page: Path):
 
 @pytest.mark.full
 @pytest.mark.parametrize(
-    "page",
-    [page for page in PAGES if code(page, "python") and page.name not in RUN_ELSEWHERE],
-    ids=lambda page: page.stem,
+    "page", [page for page in PAGES if code(page, "python") and page.name not in ELSEWHERE], ids=lambda page: page.stem
 )
 def test_the_python_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys):
     """A page's Python prints what the page says."""
@@ -145,11 +143,8 @@ def test_nothing_is_left_out():
     pages = [page.stem for page in PAGES if page.parent.name == "docs" and page.stem != "index"]
     assert [page for page in pages if index.count(page) != 1] == []
     extras = tomllib.loads(text_of("pyproject.toml"))["project"]["optional-dependencies"]
-    for page, names, said in (
-        ("COMMANDS", COMMANDS, "| `balloon-warp {}"),
-        ("GALLERY", bundled_scenes(), "`{}`"),
-        ("INSTALL", extras, "| `{}` |"),
-    ):
+    tables = [("COMMANDS", COMMANDS, "| `balloon-warp {}"), ("GALLERY", bundled_scenes(), "`{}`")]
+    for page, names, said in (*tables, ("INSTALL", extras, "| `{}` |")):
         assert [name for name in names if said.format(name) not in text_of(f"docs/{page}.md")] == []
 
 
@@ -159,11 +154,8 @@ README = text_of("README.md")
 def test_it_is_short_and_begins_with_the_two_commands():
     """The README is short, and its first two lines that begin with `pip install` are those of CI."""
     assert README.count("\n") <= 110
-    commands = re.findall(r"^pip install .*", README, re.MULTILINE)
-    assert commands == [
-        "pip install . && balloon-warp run squirrel_tether --picture",
-        "pip install '.[test]' && pytest",
-    ]
+    commands = ["pip install . && balloon-warp run squirrel_tether --picture", "pip install '.[test]' && pytest"]
+    assert re.findall(r"^pip install .*", README, re.MULTILINE) == commands
 
 
 def test_python_example_runs(tmp_path: Path):
@@ -250,11 +242,8 @@ def test_each_law_of_the_page_acts(laws_code: ModuleType):
     assert laws_code.frame.number == 4
     assert [law.name for law in laws_code.laws] == ["magnet", "stiffening", "gust"]
     assert (Path(laws_code.__file__ or "").parent / "out" / "table.csv").exists()
-    vary = {
-        "balloon.law.magnet.strength": [20.0, 0.0, 20.0, 20.0],
-        "balloon.law.stiffening.hardness": [3.0, 3.0, 0.0, 3.0],
-        "law.gust.gust_velocity.0": [4.0, 4.0, 4.0, 0.0],
-    }
+    vary = {"balloon.law.magnet.strength": [20, 0, 20, 20], "balloon.law.stiffening.hardness": [3, 3, 0, 3]}
+    vary["law.gust.gust_velocity.0"] = [4, 4, 4, 0]
     scene = laws_code.scene.model_copy(update={"frames": 20})
     batch = Simulator(scene, "cpu", world_count=4, vary=vary, laws=laws_code.laws)
     for _ in range(20):
@@ -299,9 +288,8 @@ def test_a_law_goes_in_with_one_file_and_its_name(tmp_path: Path):
     without, with_it = (line.split() for line in python("-c", RUN).splitlines() if line.startswith("charge"))
     assert without != with_it
     files = [f"tests/{name}.py" for name in ("test_laws", "test_law_steps", "full/test_law_schedules")]
-    tested = python(
-        "-m", "pytest", "--full", "-n", "0", *files, "-k", "charge and not block", "-v", "-p", "no:cacheprovider"
-    )
+    options = ["-m", "pytest", "--full", "-n", "0", "-v", "-p", "no:cacheprovider"]
+    tested = python(*options, *files, "-k", "charge and not block")
     assert tested.count("[charge] PASSED") >= 6
     assert re.search(r"in_every_schedule\[.*charge.*\] PASSED", tested)
 
@@ -338,8 +326,7 @@ def docstrings(folder: str) -> Iterator[tuple[str, str]]:
 def test_docstrings_begin_with_a_noun_or_a_verb(folder: str):
     found = list(docstrings(folder))
     assert len(found) > 10
-    wrong = [f"{place}: {text.splitlines()[0]}" for place, text in found if OPENING.match(text) or POINTING.match(text)]
-    assert wrong == []
+    assert [each for each in found if OPENING.match(each[1]) or POINTING.match(each[1])] == []
 
 
 def meanings(folder: str) -> Iterator[tuple[str, str]]:

@@ -6,6 +6,7 @@ import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from typing import Any
+from unittest.mock import Mock
 
 import gymnasium
 import numpy as np
@@ -95,12 +96,8 @@ def test_modes_are_listed_and_what_cannot_be_shown_is_told(monkeypatch):
     with pytest.raises(InputError, match=r"render_mode: worlds in processes of their own have no page; expected"):
         make_vec("Target", 2, workers=1, render_mode="human")
 
-    @contextlib.contextmanager
-    def without() -> Iterator[None]:
-        raise MissingExtraError("view needs viser")
-        yield
-
-    monkeypatch.setattr(view, "_needing_viser", without)
+    missing = Mock(side_effect=MissingExtraError("view needs viser"))
+    monkeypatch.setattr(view, "_needing_viser", missing)
     env = make("Target", device="cpu", render_mode="human")
     with pytest.raises(MissingExtraError, match="view needs viser"):
         env.reset(seed=0)

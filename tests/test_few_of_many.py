@@ -9,8 +9,7 @@ from balloon_warp.kernels.schedules.launched.few import acts_on_few, is_asked_ah
 from balloon_warp.scene import Balloon, Inflation, Obstacle, Scene
 
 FRAMES = 10
-LID = 1.002
-"""Height of the plane above the ball, which swells to it [m]"""
+LID = 1.002  # height of the plane above the ball, which swells to it [m]
 
 
 def between_planes(**changed) -> Scene:
