@@ -5,6 +5,7 @@ import csv
 import json
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -28,6 +29,7 @@ from balloon_warp.sweep import batch as batch_module
 from balloon_warp.sweep import memory as sweep_memory
 from balloon_warp.sweep.groups import Group, plan_groups
 
+never = Mock(side_effect=AssertionError("is not to be called"))
 RADII, CHOSEN = np.array([0.1, 0.2, 0.3, 0.4, 0.5]), (1, 2, 4)
 """of the spheres, and worlds that are exported"""
 
@@ -316,10 +318,6 @@ def test_a_step_that_only_soft_thin_parts_allow_is_no_reason_for_an_early_refusa
     )
     assert stable < stiffer
     sweep_memory.require_room(load_scene("squirrel_tether", stiff | {"substeps": stable}), 2, device="cpu")
-
-
-def never(*_: Any) -> None:
-    raise AssertionError("is not to be called")
 
 
 def test_a_varied_value_is_told_with_its_world_in_the_whole_batch(meshes: list[Path], tmp_path):

@@ -8,6 +8,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pandas as pd
@@ -277,10 +278,7 @@ def test_many_rows_are_parquet_and_few_are_text_and_mistakes_are_told(monkeypatc
     with pytest.raises(InputError, match=r"^--table xlsx: expected auto, csv, parquet$"):
         run_batch(scene(), tmp_path, 2, device="cpu", table="xlsx")
 
-    def missing(name: str) -> None:
-        raise ImportError(name)
-
-    monkeypatch.setattr(table_parquet, "import_module", missing)
+    monkeypatch.setattr(table_parquet, "import_module", Mock(side_effect=ImportError))
     with pytest.raises(MissingExtraError, match=r"^Parquet needs pyarrow: pip install 'balloon-warp\[data\]'$"):
         run_batch(scene(), tmp_path, 2, device="cpu", table="parquet")
 

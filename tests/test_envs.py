@@ -26,17 +26,9 @@ SHORT = {"Inflate": 60, "Juggle": 120, "Press": 80, "Target": 240}
 """Steps of a comparison; `Altitude` is too slow for one here"""
 RETURNS = {"Inflate": (25.0, 5.0), "Juggle": (70.0, 50.0), "Press": (20.0, 2.0), "Target": (10.0, 2.0)}
 """Return in these steps that the scripted policy exceeds, mean over worlds, and that a random one does not"""
-MISTAKES = {
-    "a shape": (np.zeros((3, 2)), r"actions: expected shape \(3, 3\) \(got \(3, 2\)\)"),
-    "one for all": (np.zeros(3), r"actions: expected shape \(3, 3\) \(got \(3,\)\)"),
-    "text": (np.array([["a"] * 3] * 3), r"actions: must be numbers \(got an array of <U1\)"),
-    "a list": ([["a"] * 3] * 3, r"actions: expected a number for each world"),
-}
 
 
 class Brief(Target):
-    """Task with episodes of four steps."""
-
     most_steps = 4
 
 
@@ -63,10 +55,10 @@ def test_gymnasium_knows_all_tasks_and_makes_many_worlds_by_name():
     observations, info = env.reset(seed=1)
     assert observations in env.observation_space
     assert info == {}
-    observations, rewards, terminated, truncated, info = env.step(env.action_space.sample())
+    observations, *told, info = env.step(env.action_space.sample())
     assert observations in env.observation_space
-    assert [rewards.dtype, terminated.dtype, truncated.dtype] == [np.float32, bool, bool]
-    assert rewards.shape == terminated.shape == truncated.shape == info["cause"].shape == (3,)
+    assert [(each.dtype, each.shape) for each in told] == [(np.float32, (3,)), (bool, (3,)), (bool, (3,))]
+    assert info["cause"].shape == (3,)
 
 
 def test_episodes_repeat_whatever_the_number_of_worlds():
@@ -120,7 +112,7 @@ class Near(Brief):
     observation_limits = 0.1
 
 
-def test_observations_are_within_the_bounds_of_their_space():
+def test_observations_are_within_the_bounds_of_their_space(monkeypatch):
     for name in TASKS:
         space = spaces_of(task_named(name), 2)[1][0]
         assert space.is_bounded()
@@ -133,10 +125,9 @@ def test_observations_are_within_the_bounds_of_their_space():
             assert seen in env.observation_space
             assert np.abs(seen).max() == np.float32(0.1)
     for wrong in (0.0, (1.0, 2.0), float("nan")):
-        Near.observation_limits = wrong
+        monkeypatch.setattr(Near, "observation_limits", wrong)
         with pytest.raises(InputError, match=r"observation_limits: expected a number above 0, or 6 of them \(got "):
             spaces_of(Near(), 1)
-    Near.observation_limits = 0.1
 
 
 def test_a_mask_says_which_worlds_begin_anew():
@@ -199,9 +190,7 @@ class Bursting(Target):
 def test_a_world_that_blows_up_ends_and_the_other_goes_on():
     env = BalloonVectorEnv(Bursting(), 2, device="cpu", autoreset_mode="SameStep")
     for observations, rewards, terminated, _, info in steps(env, 6)[1:]:
-        assert np.isfinite(observations).all()
-        assert np.isfinite(rewards).all()
-        assert np.isfinite(info["final_obs"]).all()
+        assert all(np.isfinite(each).all() for each in (observations, rewards, info["final_obs"]))
         assert not terminated[0]
         if terminated[1]:
             assert info["cause"].tolist() == [0, 3]
@@ -209,9 +198,16 @@ def test_a_world_that_blows_up_ends_and_the_other_goes_on():
     pytest.fail("it does not blow up")
 
 
-@pytest.mark.parametrize("case", MISTAKES)
-def test_actions_that_cannot_be_are_refused(case: str):
-    actions, sentence = MISTAKES[case]
+@pytest.mark.parametrize(
+    ("actions", "sentence"),
+    [
+        (np.zeros((3, 2)), r"actions: expected shape \(3, 3\) \(got \(3, 2\)\)"),
+        (np.zeros(3), r"actions: expected shape \(3, 3\) \(got \(3,\)\)"),
+        (np.array([["a"] * 3] * 3), r"actions: must be numbers \(got an array of <U1\)"),
+        ([["a"] * 3] * 3, r"actions: expected a number for each world"),
+    ],
+)
+def test_actions_that_cannot_be_are_refused(actions: Any, sentence: str):
     env = make_vec("Target", 3, device="cpu")
     env.reset(seed=0)
     with pytest.raises(InputError, match=sentence):
@@ -282,9 +278,8 @@ def test_the_envelope_is_that_of_the_balloon_learning_environment():
 def test_a_balloon_sinks_with_air_pumped_in_and_rises_without():
     env = make_vec("Altitude", 3, device="cpu")
     env.reset(seed=0)
-    for _ in range(24):
-        env.step(np.array([[1.0], [0.0], [-1.0]], dtype=np.float32))
-    observations, _, terminated, _, _ = env.step(np.array([[1.0], [0.0], [-1.0]], dtype=np.float32))
+    for _ in range(25):
+        observations, _, terminated, _, _ = env.step(np.array([[1.0], [0.0], [-1.0]], dtype=np.float32))
     sinking, still, rising = observations[:, 1].tolist()
     assert sinking < still - 0.01 < rising - 0.02
     assert not terminated.any()
@@ -335,10 +330,9 @@ def test_the_mode_is_told_as_gymnasium_s_own_environments_tell_it():
 def test_torchrl_s_wrapper_sees_the_same(mode: str, output: str, plain: tuple[list[Any], list[Any]]):
     """TorchRL gives observations before and after a step; it resets all worlds once more if all are over at once."""
     torchrl, torch = pytest.importorskip("torchrl.envs"), pytest.importorskip("torch")
-    env = torchrl.GymWrapper(brief(mode, output=output))
-    assert tuple(env.batch_size) == (WORLDS,)
-    torchrl.check_env_specs(env)
-    env = torchrl.GymWrapper(brief(mode, output=output))
+    checked, env = (torchrl.GymWrapper(brief(mode, output=output)) for _ in range(2))
+    assert tuple(checked.batch_size) == (WORLDS,)
+    torchrl.check_env_specs(checked)
     env.rollout(1)  # it needs one to see what is told beside observations
     now = told = env.reset(seed=5)
     for actions, seen, expected in zip(ACTIONS[: Brief.most_steps], plain[0], plain[1], strict=False):
@@ -406,24 +400,14 @@ def test_stable_baselines_learns_a_little(stable_env):
     assert {episode["l"] for episode in learner.ep_info_buffer} == {4}
 
 
-def test_stable_baselines_is_asked_for_where_it_is_missing(monkeypatch):
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    monkeypatch.delitem(sys.modules, "balloon_warp.envs.stable_baselines", raising=False)
-    with pytest.raises(MissingExtraError, match="needs Stable-Baselines3: pip install stable-baselines3"):
-        importlib.import_module("balloon_warp.envs.stable_baselines")
-
-
 def rsl_rl_config(steps: int) -> dict[str, Any]:
     """Return a small configuration, as docs/LEARNING.md has it."""
     network = {"class_name": "MLPModel", "hidden_dims": [8]}
     algorithm = {"class_name": "PPO", "num_mini_batches": 1}
+    actor = {**network, "distribution_cfg": {"class_name": "GaussianDistribution"}}
     return {
-        "num_steps_per_env": steps,
-        "save_interval": 100,
+        **{"num_steps_per_env": steps, "save_interval": 100, "algorithm": algorithm, "actor": actor, "critic": network},
         "obs_groups": {"actor": ["policy"], "critic": ["policy"]},
-        "algorithm": algorithm,
-        "actor": {**network, "distribution_cfg": {"class_name": "GaussianDistribution"}},
-        "critic": network,
     }
 
 
@@ -472,18 +456,11 @@ def test_rl_games_learns_a_little(tmp_path):
 def rl_games_config(name: str, worlds: int, folder: str) -> dict[str, Any]:
     """Return a small configuration, as rl_games reads it from YAML."""
     space = {
-        "mu_activation": "None",
-        "sigma_activation": "None",
-        "mu_init": {"name": "default"},
-        "sigma_init": {"name": "const_initializer", "val": 0},
-        "fixed_sigma": True,
+        **{"mu_activation": "None", "sigma_activation": "None", "fixed_sigma": True},
+        **{"mu_init": {"name": "default"}, "sigma_init": {"name": "const_initializer", "val": 0}},
     }
-    network = {
-        "name": "actor_critic",
-        "separate": False,
-        "space": {"continuous": space},
-        "mlp": {"units": [8], "activation": "elu", "initializer": {"name": "default"}},
-    }
+    mlp = {"units": [8], "activation": "elu", "initializer": {"name": "default"}}
+    network = {"name": "actor_critic", "separate": False, "space": {"continuous": space}, "mlp": mlp}
     config = {
         **{"name": "brief", "env_name": name, "num_actors": worlds, "device": "cpu", "device_name": "cpu"},
         **{"reward_shaper": {"scale_value": 1.0}, "normalize_advantage": True, "gamma": 0.99, "tau": 0.95},
@@ -493,14 +470,17 @@ def rl_games_config(name: str, worlds: int, folder: str) -> dict[str, Any]:
         **{"normalize_input": True, "normalize_value": True, "value_bootstrap": True, "truncate_grads": True},
         **{"torch_compile": False, "max_epochs": 2, "save_best_after": 100, "save_frequency": 0, "train_dir": folder},
     }
-    model = {"name": "continuous_a2c_logstd"}
-    return {
-        "params": {"seed": 0, "algo": {"name": "a2c_continuous"}, "model": model, "network": network, "config": config}
-    }
+    names = {"algo": {"name": "a2c_continuous"}, "model": {"name": "continuous_a2c_logstd"}}
+    return {"params": {"seed": 0, **names, "network": network, "config": config}}
 
 
 @pytest.mark.parametrize(
-    ("module", "sentence"), [("rsl_rl", "needs RSL-RL 3 or newer: pip"), ("rl_games", "needs rl_games: pip")]
+    ("module", "sentence"),
+    [
+        ("rsl_rl", "needs RSL-RL 3 or newer: pip"),
+        ("rl_games", "needs rl_games: pip"),
+        ("stable_baselines", "needs Stable-Baselines3: pip install stable-baselines3"),
+    ],
 )
 def test_learners_are_asked_for_where_they_are_missing(module: str, sentence: str, monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)

@@ -2,16 +2,16 @@
 
 import os
 import shutil
-import signal
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
-from batches import files_limited_to
+from batches import files_limited_to, stop_after
 from meshes import cube, quad_sphere
 
 from balloon_warp import InputError, animate, export_stage, render_stage, run_batch, temporaries
@@ -84,18 +84,23 @@ with ExitStack() as files:
 @pytest.fixture(autouse=True)
 def system_folder(tmp_path, monkeypatch) -> Path:
     """Return a temporary folder in place of /tmp."""
-    folder = tmp_path / "system"
-    folder.mkdir()
+    (folder := tmp_path / "system").mkdir()
     monkeypatch.setenv("TMPDIR", str(folder))
     monkeypatch.setattr(tempfile, "tempdir", None)
     return folder
 
 
-def begin(path: Path) -> subprocess.Popen:
-    process = subprocess.Popen([sys.executable, "-c", BEGIN, str(path)], stdout=subprocess.PIPE)
+def begin_python(*words: str | Path, **environment: str) -> subprocess.Popen:
+    """Start Python, and wait until it has printed that it has begun."""
+    around = {**os.environ, **environment}
+    process = subprocess.Popen([sys.executable, *words], stdout=subprocess.PIPE, env=around)
     assert process.stdout
     assert process.stdout.readline() == b"begun\n"
     return process
+
+
+def begin(path: Path) -> subprocess.Popen:
+    return begin_python("-c", BEGIN, path)
 
 
 def kill(process: subprocess.Popen) -> None:
@@ -108,8 +113,7 @@ def names(folder: Path) -> list[str]:
 
 
 def test_what_a_killed_process_left_goes_and_what_a_living_one_has_stays(tmp_path, system_folder: Path):
-    place = tmp_path / "place"
-    place.mkdir()
+    (place := tmp_path / "place").mkdir()
     (place / ".mine").write_text("not ours")
     killed, living = begin(place / "out.usdc"), begin(place / "out.usdc")
     try:
@@ -168,7 +172,7 @@ def test_a_folder_of_checkpoints_stays_only_if_it_has_one(left: str, tmp_path):
         folder.mkdir()
     else:
         with pytest.raises(RuntimeError):
-            animate(SCENE, tmp_path / "out.usdc", device="cpu", checkpoint_seconds=1e-9, on_frame=stop_at_3)
+            animate(SCENE, tmp_path / "out.usdc", device="cpu", checkpoint_seconds=1e-9, on_frame=stop_after(3))
     if left == "no checkpoint":
         for rows in folder.glob("rows_*"):
             rows.unlink()
@@ -178,11 +182,6 @@ def test_a_folder_of_checkpoints_stays_only_if_it_has_one(left: str, tmp_path):
     if folder.exists():
         assert [name for name in names(folder) if name.startswith(".")] == []
         assert animate(SCENE, tmp_path / "out.usdc", device="cpu", resume=True).begin == 2
-
-
-def stop_at_3(frame: int) -> None:
-    if frame == 3:
-        raise RuntimeError("stopped")
 
 
 @pytest.mark.full
@@ -196,13 +195,12 @@ print("begun", flush=True)
 time.sleep(600)
 """
     folder = tmp_path / "out.usdc.partial"
-    command = [sys.executable, "-c", begun, str(folder)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
-        assert process.stdout
-        assert process.stdout.readline() == b"begun\n"
+    process = begin_python("-c", begun, folder)
+    try:
         animate(SCENE, tmp_path / "out.usdc", device="cpu")
         assert folder.is_dir()
-        process.kill()
+    finally:
+        kill(process)
     animate(SCENE, tmp_path / "out.usdc", device="cpu")
     assert names(tmp_path) == ["out.usdc", "system"]
 
@@ -252,21 +250,17 @@ wp.launch(one, 1, [wp.zeros(1, device="cpu")], device="cpu")
 print("begun", flush=True)
 time.sleep(600)
 """
-    script = tmp_path / "compile.py"
-    script.write_text(compile_one)
-    cold = {**os.environ, "WARP_CACHE_PATH": str(tmp_path / "cache")}
-    with subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, env=cold) as process:
-        assert process.stdout
-        assert process.stdout.readline() == b"begun\n"
-        assert list(system_folder.rglob("*.pch"))
-        process.send_signal(signal.SIGKILL)
+    (script := tmp_path / "compile.py").write_text(compile_one)
+    process = begin_python(script, WARP_CACHE_PATH=str(tmp_path / "cache"))
+    headers = list(system_folder.rglob("*.pch"))
+    kill(process)
+    assert headers
     quiet_warp.cache_clear()
     quiet_warp()
     assert names(system_folder) == []
 
 
-LIMIT = 16_384
-"""bytes of a file: less than each output takes, more than its beginning"""
+LIMIT = 16_384  # bytes of a file: less than each output takes, more than its beginning
 WORLDS = 40
 
 
@@ -311,8 +305,7 @@ def test_a_file_that_reaches_a_limit_leaves_the_good_one(kind: str, scene: Scene
 @pytest.mark.full
 @pytest.mark.parametrize("kind", [".usdc", "table", "worlds"])
 def test_a_folder_that_vanishes_is_told(kind: str, scene: Scene, tmp_path):
-    folder = tmp_path / "gone"
-    folder.mkdir()
+    (folder := tmp_path / "gone").mkdir()
 
     def vanish(number: int) -> None:
         if number == 5:
@@ -326,16 +319,14 @@ def test_a_folder_that_vanishes_is_told(kind: str, scene: Scene, tmp_path):
 
 def test_a_folder_that_takes_no_files_is_told_before_the_run(scene: Scene, tmp_path):
     """A folder of the kernel's is refused before the run: not even the superuser may write to it."""
-    frames = []
+    how = {"device": "cpu", "on_frame": Mock(side_effect=AssertionError("is not to be called"))}
     animate(scene.model_copy(update={"frames": 1}), tmp_path / "ball.usdc", device="cpu")
-    for write_there in (
-        lambda: animate(scene, "/proc/self/ball.usdc", device="cpu", on_frame=frames.append),
-        lambda: run_batch(scene, "/proc/self/fdinfo", 2, device="cpu", on_frame=frames.append),
-        lambda: render_stage(tmp_path / "ball.usdc", "/proc/a.png", on_frame=lambda *_: frames.append(0), device="cpu"),
-    ):
-        with pytest.raises(InputError, match="cannot be written: "):
-            write_there()
-    assert frames == []
+    with pytest.raises(InputError, match="cannot be written: "):
+        animate(scene, "/proc/self/ball.usdc", **how)
+    with pytest.raises(InputError, match="cannot be written: "):
+        run_batch(scene, "/proc/self/fdinfo", 2, **how)
+    with pytest.raises(InputError, match="cannot be written: "):
+        render_stage(tmp_path / "ball.usdc", "/proc/a.png", **how)
 
 
 FULL_DISK = """

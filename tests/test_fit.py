@@ -1,10 +1,12 @@
 """Fits: curves of rubber, scenes that moved as was measured, and minima of a loss."""
 
+import copy
 import re
 from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -57,7 +59,7 @@ def test_a_curve_gives_back_its_rubber(kind: str):
 
 @pytest.mark.full
 def test_errors_are_as_large_as_they_are_said_to_be():
-    """Errors are one standard deviation: they cover about two thirds of the noise."""
+    """One standard deviation covers about two thirds of the noise."""
     inside, off = [], []
     for seed in range(40):
         fit = fit_curves([curve_of("mooney_rivlin", 0.01, seed)], radius=RADIUS).fit
@@ -76,7 +78,7 @@ def test_the_radius_is_found_where_nobody_says_it():
 
 @pytest.mark.full
 def test_a_curve_of_a_mesh_is_that_of_what_is_simulated(tmp_path):
-    egg = replace(quad_sphere(2), points=0.05 * quad_sphere(2).points * [1.0, 1.0, 1.5])
+    egg = replace(quad_sphere(2), points=quad_sphere(2, 0.05).points * [1.0, 1.0, 1.5])
     write_obj(tmp_path / "egg.obj", egg)
     material = bw.Material(preset="latex", thickness=THICKNESS)
     rows = []
@@ -92,8 +94,8 @@ def test_a_curve_of_a_mesh_is_that_of_what_is_simulated(tmp_path):
 
 
 def falling() -> bw.Scene:
-    ball = replace(quad_sphere(2), points=0.1 * quad_sphere(2).points)
-    return bw.Scene(balloon=[bw.Balloon(mesh=ball, mass=0.02, damping=0.05, velocity=(2.0, 3.0, 0.0))], frames=12)
+    ball = bw.Balloon(mesh=quad_sphere(2, 0.1), mass=0.02, damping=0.05, velocity=(2.0, 3.0, 0.0))
+    return bw.Scene(balloon=[ball], frames=12)
 
 
 FREE = {"balloon.mass": (0.005, 0.08), "balloon.inflation.pressure": (5.0, 60.0)}
@@ -134,21 +136,14 @@ SEEN = {"times": [0.1], "volumes": [1.0]}
     ("data", "free", "sentence"),
     [
         ({}, FREE, "data: expected times, and points"),
-        (
-            {"times": [0.0], "points": np.zeros((1, 3, 3))},
-            FREE,
-            r"points: expected shape \(1, 26, 3\) \(got \(1, 3, 3\)",
-        ),
+        ({"times": [0.0], "points": np.zeros((1, 3, 3))}, FREE, r"points: expected shape \(1, 26, 3\) \(got \(1, 3, 3"),
         ({"times": [9.0], "volumes": [1.0]}, FREE, "data: times: expected from 0 to 0.2 s"),
         ({"times": [0.1], "volumes": [np.nan]}, FREE, "data: volumes: holds no number"),
         (SEEN | {"pressures": [1.0]}, FREE, "volume_noise and pressure_noise: is missing"),
         (SEEN | {"volume_noise": 0.0}, FREE, "noise: expected one standard deviation above 0"),
         (SEEN | {"volume_noise": "low"}, FREE, "volume_noise: expected numbers"),
         ({"times": ["soon"], "volumes": [1.0]}, FREE, "data: times: expected numbers"),
-        (
-            {"times": [0.1], "points": np.zeros((1, 1, 3)), "particles": ["x"]},
-            *(FREE, "data: particles: expected numbers"),
-        ),
+        ({"times": [0.1], "points": [[[0] * 3]], "particles": ["x"]}, FREE, "data: particles: expected numbers"),
         (SEEN, {}, "free: expected at least one path"),
         (SEEN, {"balloon.mass": (2.0, 1.0)}, "balloon.mass: expected a lowest value below the highest"),
         (SEEN, {"balloon.mass": 2.0}, "balloon.mass: expected the lowest and the highest value"),
@@ -264,13 +259,8 @@ def test_inflation_is_told_from_deflation(order: str, drop: float, taken: int, t
     pressures = sphere_pressures("mooney_rivlin", np.array([3e5, 0.1]), volumes, THICKNESS, RADIUS)
     up, down = np.stack([volumes, pressures], 1), np.stack([volumes, (1.0 - drop) * pressures], 1)[::-1]
     loop = np.concatenate([up, down])
-    rows = {
-        "loop": loop,
-        "back": np.concatenate([down, up]),
-        "twice": np.concatenate([loop, loop]),
-        "shuffled": np.random.default_rng(0).permutation(loop),
-        "down": down,
-    }[order]
+    orders = {"loop": loop, "back": np.concatenate([down, up]), "twice": np.concatenate([loop, loop]), "down": down}
+    rows = orders.get(order, np.random.default_rng(0).permutation(loop))
     (tmp_path / "curve.csv").write_text("volume,pressure\n" + "".join(f"{v},{p}\n" for v, p in rows))
     (curve,) = read_curves(tmp_path / "curve.csv")
     assert len(curve.sizes) == taken
@@ -341,7 +331,7 @@ def test_starts_get_out_of_small_minima(seed: int):
 
 @pytest.mark.full
 def test_a_flight_with_a_bounce_gives_back_its_rubber():
-    """A fit to a flight with a bounce recovers its rubber as well as FITTING.md says: this is a seed of its benchmark.
+    """The fit is as good as FITTING.md says: this is a seed of its benchmark.
 
     The bounce makes the misfit rough: its small minima lie up to 10% off the modulus. The result is within three of the
     reported standard deviations, and these are of the size that noise and jumps leave open. A mesh of a quarter of the
@@ -375,11 +365,11 @@ THROW = {"balloon.velocity.0": (-3.0, 4.0), "balloon.velocity.1": (-2.0, 6.0)}
 
 @pytest.mark.full
 def test_a_throw_hits_its_target():
-    """A fitted throw hits its target along symplectic Euler's parabola: v = (way + fall) / time."""
+    """Symplectic Euler's parabola has v = (way + fall) / time."""
     target = np.array([0.3, 0.2, 0.0])
     found = bw.fit(FLIGHT, of=THROW, loss=bw.losses.distance(target), starts=4, device="cpu")
-    assert found.values["balloon.velocity.0"] == pytest.approx(0.3 / (STEP * COUNT), rel=1e-3)
-    assert found.values["balloon.velocity.1"] == pytest.approx((0.2 + FALLEN) / (STEP * COUNT), rel=1e-3)
+    ways = {"balloon.velocity.0": 0.3, "balloon.velocity.1": 0.2 + FALLEN}
+    assert found.values == pytest.approx({path: way / (STEP * COUNT) for path, way in ways.items()}, rel=1e-3)
     assert found.loss < 1e-8
     assert found.starts.shape == (4,)
     assert (np.diff(found.starts) >= 0.0).all()
@@ -448,24 +438,14 @@ def test_the_derivatives_of_a_loss_are_its_slopes(name: str, worlds: int):
     for key, way in ways.items():
         array = slopes[key][0] if key == "points" else slopes[key]
         along += (array * way).reshape(worlds, -1).sum(axis=1)
-    for sign in (1e-3, -1e-3):
-        changed: dict[str, Any] = {}
+    for step in (1e-3, -1e-3):
+        seen = copy.copy(moved)
         for key, way in ways.items():
             told = getattr(moved, key)
-            changed[key] = [told[0].astype(float) + sign * way] if key == "points" else told.astype(float) + sign * way
-        seen: Any = Seen(moved, changed)
+            changed = [told[0].astype(float) + step * way] if key == "points" else told.astype(float) + step * way
+            vars(seen)[key] = changed
         sides.append(np.reshape(loss(seen)[0], worlds))
     np.testing.assert_allclose(along, (sides[0] - sides[1]) / 2e-3, rtol=1e-6)
-
-
-class Seen:
-    """Trajectories with some tracks in place of theirs."""
-
-    def __init__(self, moved: bw.Trajectories, tracks: dict[str, Any]):
-        self._moved, self._tracks = moved, tracks
-
-    def __getattr__(self, name: str) -> Any:
-        return self._tracks[name] if name in self._tracks else getattr(self._moved, name)
 
 
 def test_starts_are_asked_together():
@@ -482,19 +462,18 @@ def test_starts_are_asked_together():
     assert count == len(asked)
 
 
-REFUSED: dict[str, tuple[dict[str, Any], str]] = {
-    "neither": ({}, "fit: expected either measured data and `free`, or a `loss` and `of`"),
-    "no bounds": ({"loss": bw.losses.height(1.0)}, "of: expected at least one path"),
-    "wrong bounds": ({"loss": bw.losses.height(1.0), "of": {"gravity": (2.0, 1.0)}}, "of: gravity: expected a lowest"),
-    "unknown": ({"loss": bw.losses.height(1.0), "of": {"balloon.mas": (1.0, 2.0)}}, "unknown field"),
-    "a balloon": ({"loss": bw.losses.height(1.0, balloon=2), "of": THROW}, "balloon: expected a number below 1"),
-    "a frame": ({"loss": bw.losses.height(1.0, frame=99), "of": THROW}, "frame: expected a number from -13 to 12"),
-}
-
-
-@pytest.mark.parametrize("case", REFUSED)
-def test_what_cannot_be_fitted_is_refused_in_a_sentence(case: str):
-    more, sentence = REFUSED[case]
+@pytest.mark.parametrize(
+    ("more", "sentence"),
+    [
+        ({}, "fit: expected either measured data and `free`, or a `loss` and `of`"),
+        ({"loss": bw.losses.height(1.0)}, "of: expected at least one path"),
+        ({"loss": bw.losses.height(1.0), "of": {"gravity": (2.0, 1.0)}}, "of: gravity: expected a lowest"),
+        ({"loss": bw.losses.height(1.0), "of": {"balloon.mas": (1.0, 2.0)}}, "unknown field"),
+        ({"loss": bw.losses.height(1.0, balloon=2), "of": THROW}, "balloon: expected a number below 1"),
+        ({"loss": bw.losses.height(1.0, frame=99), "of": THROW}, "frame: expected a number from -13 to 12"),
+    ],
+)
+def test_what_cannot_be_fitted_is_refused_in_a_sentence(more: dict[str, Any], sentence: str):
     with pytest.raises(bw.InputError, match=re.escape(sentence)):
         bw.fit(FLIGHT, device="cpu", starts=1, **more)
 
@@ -517,10 +496,8 @@ def test_losses_that_raise_or_have_no_shape_end_a_fit():
 
 Values = np.ndarray
 ROWS, STARTS, OF_ROUGH, SEEDS = 3000, 8, 16, 20
-SLOPES = np.random.default_rng(5).standard_normal((ROWS, 2)) * [30.0, 60.0]
-"""of residuals over the noise, by places"""
-CONTACTS = 6
-"""Number of contacts, each of which comes a step earlier or later as the first value changes"""
+SLOPES = np.random.default_rng(5).standard_normal((ROWS, 2)) * [30.0, 60.0]  # of residuals over the noise, by places
+CONTACTS = 6  # each of which comes a step earlier or later as the first value changes
 
 
 def jumps(strength: float) -> Callable[[Values], Values]:
@@ -548,9 +525,8 @@ def pulls(strength: float) -> Values:
             return (places - true) @ SLOPES.T + rough(places) - there + noise
 
         best = search(forward, rng.uniform(0.1, 0.9, (STARTS, 2)), OF_ROUGH, lambda number, misfit: None, seed).best
-        fit = fit_of(
-            ["a", "b"], best.place, best.jacobian, np.sqrt(best.cost), True, np.zeros(1), None, best.roughness(True)
-        )
+        misfit, roughness = np.sqrt(best.cost), best.roughness(True)
+        fit = fit_of(["a", "b"], best.place, best.jacobian, misfit, True, np.zeros(1), None, roughness)
         found.append((best.place - true) / np.array(list(fit.errors.values())))
     return np.array(found)
 
@@ -593,10 +569,7 @@ def test_ctrl_c_says_how_to_go_on(tmp_path, monkeypatch):
     np.savez(tmp_path / "volumes.npz", times=[0.1], volumes=[1.0])
     words = ["fit", str(tmp_path / "volumes.npz"), "knot", "--free", "balloon.damping=0.1:2", "--device", "cpu"]
 
-    def stop(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("balloon_warp.fitting.by_data.search", stop)
+    monkeypatch.setattr("balloon_warp.fitting.by_data.search", Mock(side_effect=KeyboardInterrupt))
     said = CliRunner().invoke(app, words)
     assert isinstance(said.exception, StoppedError)
     assert f"--resume continues from {tmp_path / 'volumes.progress'}" in str(said.exception)
