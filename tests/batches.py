@@ -1,5 +1,6 @@
 """Helpers of the tests of stopped runs and batches, and a small batch that can be stopped."""
 
+import csv
 import json
 import os
 import resource
@@ -24,6 +25,15 @@ NAMES = ("table.npz", "table.csv", "worlds.npz", "worlds.csv", STAGE_NAME)
 
 def contents(folder: Path) -> dict[str, bytes]:
     return {name: (folder / name).read_bytes() for name in NAMES if (folder / name).exists()}
+
+
+def assert_text_has_the_numbers_of(table: Path) -> None:
+    """Require that a table's .csv has all columns of its .npz, to the last bit."""
+    with table.with_suffix(".csv").open(encoding="utf-8", newline="") as file, np.load(table) as columns:
+        header, *rows = csv.reader(file)
+        assert header == list(columns)
+        for name, texts in zip(header, zip(*rows, strict=True), strict=True):
+            np.testing.assert_array_equal(np.array(texts).astype(columns[name].dtype), columns[name], err_msg=name)
 
 
 def tamper(job: Path, path: str, value: object) -> None:

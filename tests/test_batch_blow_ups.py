@@ -19,8 +19,7 @@ from balloon_warp.sweep import shares
 from balloon_warp.sweep.batch import BatchSummary, run_batch
 
 FRAMES, WORLDS = 6, 9
-BAD, LAST_GOOD = 3, 3
-"""the world that blows up, and its last good frame"""
+BAD, LAST_GOOD = 3, 3  # the world that blows up, and its last good frame
 FLOATS = Scene(
     balloon=[Balloon(mesh=cube(), position=(0.0, 2.0, 0.0), damping=0.0, inflation=Inflation(k_normal=0.2))],
     sphere=[Sphere(position=(0.2, 5.0, 0.0), radius=0.5)],
@@ -221,13 +220,11 @@ def test_a_cluster_restarts_what_one_process_does(monkeypatch, tmp_path):
     assert kept[0] == kept[1]
 
 
-BURSTS = Inflation(k_normal=[(0.0, 1.0), (0.1, 1.0), (0.15, 9e11)])
-"""stronger than any step is short, from frame 7 on"""
+BURSTS = Inflation(k_normal=[(0.0, 1.0), (0.1, 1.0), (0.15, 9e11)])  # stronger than any step is short, from frame 7 on
 BALL = Sphere(position=(0, 4, 0))
 HOPELESS = Scene(balloon=[Balloon(mesh=cube(), inflation=BURSTS)], sphere=[BALL], frames=12, faces=False)
 STIFF = Balloon(mesh=cube(), mass=1.0, damping=50.0, stiffness=Stiffness(structural=3000.0))
-RESTARTS = Scene(balloon=[STIFF], **HELD)
-"""too long a step for forward Euler, and so is its half, but not a quarter of it"""
+RESTARTS = Scene(balloon=[STIFF], **HELD)  # too long a step for forward Euler, and its half, but not a quarter of it
 
 
 @pytest.mark.full

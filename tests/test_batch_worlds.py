@@ -16,8 +16,7 @@ from balloon_warp.sweep.groups import plan_groups
 from balloon_warp.sweep.shares import cut_into_shares
 from balloon_warp.sweep.values import Range, parse_export, parse_vary, spread
 
-FLOAT32 = 1.2e-7
-"""relative rounding of float32"""
+FLOAT32 = 1.2e-7  # its relative rounding
 NO_SPRINGS = Stiffness(structural=0.0, shear=0.0, flexion=0.0)
 
 

@@ -23,8 +23,6 @@ FRAMES = 3
 
 
 class Stage:
-    """Stage of three frames."""
-
     def __init__(self, path: Path):
         self.path = path
         self._stage = Usd.Stage.CreateNew(str(path))
@@ -103,7 +101,6 @@ def test_parts_of_a_balloon_that_cross_are_found(stage: Stage):
 
 
 def sheet_of(*corners: Sequence[float]) -> trimesh.Trimesh:
-    """Return a quad of two triangles."""
     return trimesh.Trimesh(corners, [(0, 1, 2), (0, 2, 3)], process=False)
 
 

@@ -1,10 +1,10 @@
 """Decimal texts of many numbers at once, the same as one by one."""
 
-import csv
 from pathlib import Path
 
 import numpy as np
 import pytest
+from batches import assert_text_has_the_numbers_of
 from numpy.typing import NDArray
 
 from balloon_warp.outputs import table_csv
@@ -51,10 +51,4 @@ def test_a_table_of_many_worlds_is_that_of_its_numbers(tmp_path: Path, monkeypat
         writer.health[:] = RANDOM.integers(0, 3, (2, 11))
         for _ in range(2):
             writer.write_frame()
-    with (tmp_path / "table.csv").open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert list(rows[0]) == writer.columns
-    saved = np.load(tmp_path / "table.npz")
-    for name in writer.columns:
-        read = np.array([row[name] for row in rows]).astype(saved[name].dtype)
-        assert (read == saved[name]).all(), name
+    assert_text_has_the_numbers_of(tmp_path / "table.npz")

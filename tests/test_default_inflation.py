@@ -13,8 +13,7 @@ from balloon_warp.model import plan_model
 from balloon_warp.scene import Balloon, Change, Inflation, Scene, Stiffness
 
 STRETCH = 1.0 + Inflation().stretch
-SCENES = next(iter(bundled_scenes().values())).parent
-"""where the bundled meshes are"""
+SCENES = next(iter(bundled_scenes().values())).parent  # where the bundled meshes are
 
 
 def pressure_of(balloon: Balloon, **fields) -> float:

@@ -3,6 +3,7 @@
 import re
 from collections import deque
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ RISES = Inflation(k_normal=[(0.0, 0.0), (1.0 / 60.0, 0.0), (2.0 / 60.0, 9e11)])
 BESIDE = Balloon(mesh=cube(), position=(9.0, 0.0, 0.0), inflation=NO_INFLATION)
 
 
-def blow_up(simulator: Simulator, frames: int = 100) -> BlowUp:
+def blow_up(simulator: Simulator, frames: int = 100) -> Any:
     """Return the report of the blow-up within so many frames."""
 
     with pytest.raises(BlowUpError) as failure:
@@ -71,7 +72,6 @@ def test_a_spring_too_stiff_for_the_step_is_named_with_the_substep_its_stretch_a
     assert count > 3 * 7 + 4
     assert (report.world, report.frame, report.substep) == (0, 1 + (count - 1) // 7, 1 + (count - 1) % 7)
     assert (report.body, report.other, report.touched) == ("particle 1", None, ())
-    assert report.spring is not None
     assert report.spring.by == "the structural spring to particle 0"
     assert report.spring.stretch == pytest.approx(before, rel=1e-3)  # of a meter at rest; float32, grown over substeps
     assert report.spring.newtons == pytest.approx(6e4 * (before - 1.0), rel=1e-3)
@@ -89,7 +89,6 @@ def test_of_two_springs_the_one_that_pulled_harder_is_named(device):
     balloon = on_a_spring().balloon[0].model_copy(update={"mesh": net, "fixed": [0, 2], "stiffness": rubber})
     report = blow_up(stiffened(Simulator(on_a_spring().model_copy(update={"balloon": [balloon]}), device)))
     assert report.body == "particle 1"
-    assert report.spring is not None
     assert report.spring.by == "the structural spring to particle 0"
 
 
@@ -128,10 +127,8 @@ def test_what_changes_on_the_way_changes_in_the_replay(device):
 def test_inflation_that_is_too_strong_is_named_and_the_step_is_not(device):
     report = blow_up(Simulator(Scene(balloon=[Balloon(mesh=cube(), inflation=TOO_MUCH)]), device))
     assert (report.frame, report.substep) == (1, 1)
-    assert report.other is not None
     assert report.other.by == "inflation"
     assert report.other.newtons == pytest.approx(100.0 * 9e11 / 6.0, rel=1e-5)  # each corner has one face's share
-    assert report.stable_step is not None
     assert report.stable_step > report.step
     assert "less force helps" in str(report)
 
@@ -155,7 +152,6 @@ def test_a_push_that_no_step_can_follow_is_the_cause(rises: bool, device):
     push = Inflation(k_normal=[(0.0, 0.0), (0.1, 0.0), (0.1 + 1.0 / 60.0, 9e11)] if rises else 9e11)
     ball = Balloon(mesh=cube(), inflation=push, mass=2.0)
     report = blow_up(Simulator(Scene(balloon=[ball], substeps=4, frames=120), device))
-    assert report.substep is not None
     expected = 9e11 * (report.substep - 1) / 4.0 if rises else 9e11
     assert report.frame == (7 if rises else 1)
     assert report.k_normal == pytest.approx(expected, rel=1e-4)
@@ -189,7 +185,6 @@ def test_inflation_is_that_of_the_substep(device):
     """The reported inflation is the substep's: a quarter of a frame's rise in the second of four."""
     report = blow_up(Simulator(Scene(balloon=[Balloon(mesh=cube(), inflation=RISES)], substeps=4), device))
     assert (report.frame, report.substep) == (2, 2)
-    assert report.other is not None
     assert report.other.newtons == pytest.approx(100.0 * 9e11 / 4.0 / 6.0, rel=1e-5)
 
 
@@ -219,7 +214,6 @@ def test_a_string_that_pulls_too_hard_is_named(device):
     simulator = Simulator(scene, device)
     simulator.set_parameters({"string_stiffness": [[1e6]]})
     report = blow_up(simulator)
-    assert report.other is not None
     assert report.other.by == "string 0"
     assert report.other.newtons > 1e5
 
@@ -231,7 +225,6 @@ def test_a_sphere_that_flies_off_is_named_with_the_particle_that_pushed_it(devic
     inflated = Balloon(mesh=cube(), name="box", inflation=Inflation(k_normal=1.0))
     report = blow_up(Simulator(Scene(balloon=[BESIDE, inflated], sphere=[ball]), device))
     assert report.body == "sphere 0"
-    assert report.other is not None
     assert report.other.by == "particle 2 of box in contact with it"
     # of 100 k_normal N in all: the corner has the share of one of six faces, which have hardly moved
     assert report.other.newtons == pytest.approx(100.0 / 6.0, rel=0.01)
@@ -253,7 +246,6 @@ def test_every_schedule_gives_the_same_report_in_a_batch_and_alone(schedule: str
     for _ in range(4):
         batch.advance()
     among_others = batch.diagnose(2, 2)
-    assert alone.substep is not None
     if device == "cpu":
         assert among_others == replace(alone, world=2)
     else:  # the last frame is simulated again by atomic adds, which round in any order there

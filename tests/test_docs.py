@@ -42,7 +42,6 @@ def text_of(page: Path | str) -> str:
 
 
 def code(page: Path | str, language: str) -> list[str]:
-    """Return the blocks of a page in a language."""
     return re.findall(rf"```{language}\n(.*?)```", text_of(page), re.DOTALL)
 
 
@@ -185,7 +184,6 @@ def test_links_lead_somewhere(page: Path):
 
 
 def test_its_speeds_are_those_that_were_measured():
-    """Speeds in the README are the measured ones, to their two digits."""
     for name, (ours, peer) in rates(text_of(RESULTS)).items():
         cells = next(line for line in README.splitlines() if line.startswith(f"| {name} |")).split("|")[2:5]
         assert f"{float(cells[0].split()[0]):.2g} million" == f"{ours:.2g} million"
@@ -309,13 +307,11 @@ POINTING = re.compile(
 
 
 def python_of(folder: str) -> Iterator[tuple[str, ast.AST]]:
-    """Yield each node of the files of a folder, with its file."""
     for path in sorted((ROOT / folder).rglob("*.py")):
         yield from ((str(path.relative_to(ROOT)), node) for node in ast.walk(ast.parse(text_of(path))))
 
 
 def docstrings(folder: str) -> Iterator[tuple[str, str]]:
-    """Yield each docstring with its place."""
     for path, node in python_of(folder):
         if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)) and (text := ast.get_docstring(node)):
             yield f"{path}:{node.body[0].lineno}", text

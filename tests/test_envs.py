@@ -107,9 +107,7 @@ def test_what_is_closed_or_copied_is_refused(make_one: Callable[[], Any]):
 
 
 class Near(Brief):
-    """Task that sees no farther than a tenth of a meter."""
-
-    observation_limits = 0.1
+    observation_limits = 0.1  # [m]
 
 
 def test_observations_are_within_the_bounds_of_their_space(monkeypatch):
@@ -364,7 +362,6 @@ def test_skrl_s_wrapper_sees_the_same(output: str, plain: tuple[list[Any], list[
 
 @pytest.fixture
 def stable_env() -> Callable[[str], Any]:
-    """Return an environment of Stable-Baselines3 for a mode of resets."""
     pytest.importorskip("stable_baselines3")
     from balloon_warp.envs.stable_baselines import StableBaselinesEnv
 

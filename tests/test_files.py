@@ -296,9 +296,8 @@ def test_a_file_that_reaches_a_limit_leaves_the_good_one(kind: str, scene: Scene
     write(kind, scene, tmp_path)
     good = contents(tmp_path)
     longer = scene.model_copy(update={"frames": 14})
-    with files_limited_to(LIMIT), pytest.raises(InputError, match="cannot be written: ") as refusal:
+    with files_limited_to(LIMIT), pytest.raises(InputError, match=r"\A.*cannot be written: .*\Z"):
         write(kind, longer, tmp_path)
-    assert len(str(refusal.value).splitlines()) == 1
     assert contents(tmp_path) == good
 
 
@@ -311,9 +310,8 @@ def test_a_folder_that_vanishes_is_told(kind: str, scene: Scene, tmp_path):
         if number == 5:
             shutil.rmtree(folder)
 
-    with pytest.raises(InputError, match="cannot be written: ") as refusal:
+    with pytest.raises(InputError, match=r"\A.*cannot be written: .*\Z"):
         write(kind, scene, folder, on_frame=vanish)
-    assert len(str(refusal.value).splitlines()) == 1
     assert contents(folder) == {}  # USD makes the folder anew, and leaves it empty
 
 
