@@ -29,8 +29,7 @@ from balloon_warp.sweep import memory as sweep_memory
 from balloon_warp.sweep.groups import Group, plan_groups
 
 never = Mock(side_effect=AssertionError("is not to be called"))
-RADII, CHOSEN = np.array([0.1, 0.2, 0.3, 0.4, 0.5]), (1, 2, 4)
-"""of the spheres, and worlds that are exported"""
+RADII, CHOSEN = np.array([0.1, 0.2, 0.3, 0.4, 0.5]), (1, 2, 4)  # of the spheres, and worlds that are exported
 
 
 @pytest.fixture(scope="module")
@@ -46,11 +45,6 @@ def vary(meshes: list[Path]) -> dict:
         "sphere.0.radius": RADII,
         "string.1.length": np.linspace(1.0, 3.0, WORLDS),
     }
-
-
-def alone(vary: dict, world: int) -> Simulator:
-    overrides = [(path, values[world]) for path, values in vary.items()]
-    return Simulator(override_scene(scene(), overrides), "cpu", schedule="lanes")
 
 
 def prim_in(stage: Usd.Stage, world: int, name: str = "") -> Usd.Prim:
@@ -107,8 +101,8 @@ def test_csv_and_npz_are_the_same_to_the_last_bit(written: Path):
 def test_each_world_is_as_it_is_alone(table: dict[str, np.ndarray], stage: Usd.Stage, vary: dict):
     assert names_of_worlds(stage) == ["World_1", "World_2", "World_4"]
     for world in range(WORLDS):
-        heights = []
-        for frame in alone(vary, world).run():
+        heights, own = [], override_scene(scene(), [(path, values[world]) for path, values in vary.items()])
+        for frame in Simulator(own, "cpu", schedule="lanes").run():
             heights.append(frame.sphere_positions[0, 1])
             if world in CHOSEN:
                 for number, name in enumerate(("ball", "Sphere_0_1")):
@@ -254,6 +248,10 @@ def test_a_failed_batch_leaves_the_good_files(tmp_path):
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == good
 
 
+MIXED = {"balloon.0.mesh": [quad_sphere(n) for n in (2, 3, 2, 3, 2)], "balloon.mass": [1.0, 1.0, 1.0, -1.0, 1.0]}
+"""two groups of worlds, and a wrong value in the second of the second: it is told with its number in the batch"""
+
+
 @pytest.mark.parametrize(
     ("change", "complaint"),
     [
@@ -262,6 +260,7 @@ def test_a_failed_batch_leaves_the_good_files(tmp_path):
         ({"vary": {"balloon.mesh": ["a.obj"] * 3}}, r"^balloon\.mesh: expected a mesh for each of 5 worlds \(got 3\)$"),
         ({"vary": {"balloon.0.mesh": ["none.obj"] * 5}}, r"^none\.obj: no such file"),
         ({"vary": {"balloon.7.mesh": ["none.obj"] * 5}}, r"^balloon\.7\.mesh: no balloon 7, the scene has "),
+        ({"vary": MIXED}, r"^balloon\.0\.mass: must be greater than 0 \(got -1\.0\), in world 3$"),
         ({"folder": "missing/out"}, r"out: the folder .*missing does not exist$"),
         ({"folder": "file"}, r"file: is a file; expected a folder$"),
     ],
@@ -311,12 +310,6 @@ def test_a_step_that_only_soft_thin_parts_allow_is_no_reason_for_an_early_refusa
     )
     assert stable < stiffer
     sweep_memory.require_room(load_scene("squirrel_tether", stiff | {"substeps": stable}), 2, device="cpu")
-
-
-def test_a_varied_value_is_told_with_its_world_in_the_whole_batch(meshes: list[Path], tmp_path):
-    vary = {"balloon.0.mesh": [meshes[n % 2] for n in range(5)], "balloon.mass": [1.0, 1.0, 1.0, -1.0, 1.0]}
-    with pytest.raises(InputError, match=r"^balloon\.0\.mass: must be greater than 0 \(got -1\.0\), in world 3$"):
-        run_batch(scene(), tmp_path, 5, vary, device="cpu")
 
 
 def test_all_groups_take_the_step_of_the_stiffest_world(meshes: list[Path]):

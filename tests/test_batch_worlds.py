@@ -18,28 +18,18 @@ from balloon_warp.sweep.values import Range, parse_export, parse_vary, spread
 
 FLOAT32 = 1.2e-7  # its relative rounding
 NO_SPRINGS = Stiffness(structural=0.0, shear=0.0, flexion=0.0)
-
-
-def falling_cube(**fields) -> Balloon:
-    fields = {"stiffness": NO_SPRINGS, "inflation": Inflation(k_normal=0.0), "damping": 0.0} | fields
-    return Balloon(mesh=cube(), **fields)
-
-
-def everything() -> Scene:
-    """Return a scene where every varied value matters: a sphere on the balloon, a taut string, ramped inflation."""
-    ramp = Inflation(k_normal=[(0.0, 0.5), (0.05, 1.0), (0.1, 2.0)])
-    late = Inflation(k_normal=[(0.0, 0.1), (0.05, 0.4)])
-    falling = Sphere(position=(-3.0, -0.75, 0.0), velocity=(0.0, -1.0, 0.0), radius=0.3)
-    return Scene(
-        balloon=[
-            Balloon(mesh=quad_sphere(3), helium=3.0, inflation=ramp),
-            Balloon(mesh=cube(), position=(3.0, 0.0, 0.0), inflation=late),
-        ],
-        sphere=[Sphere(position=(0.3, 1.1, 0.1), radius=0.4), Sphere(position=(3.5, 1.2, 0.5), radius=0.3), falling],
-        string=[String(anchor=(0.0, -2.0, 0.0), length=0.5)],
-        ground=Ground(height=-1.1),
-        **{"frames": 4, "frames_per_second": 30, "substeps": 40},
-    )
+FREE_CUBE = Balloon(mesh=cube(), mass=0.05, stiffness=NO_SPRINGS, inflation=Inflation(k_normal=0.0), damping=0.0)
+RAMPED = Balloon(mesh=quad_sphere(3), helium=3.0, inflation=Inflation(k_normal=[(0.0, 0.5), (0.05, 1.0), (0.1, 2.0)]))
+LATE = Balloon(mesh=cube(), position=(3.0, 0.0, 0.0), inflation=Inflation(k_normal=[(0.0, 0.1), (0.05, 0.4)]))
+FALLING = Sphere(position=(-3.0, -0.75, 0.0), velocity=(0.0, -1.0, 0.0), radius=0.3)
+EVERYTHING = Scene(
+    balloon=[RAMPED, LATE],
+    sphere=[Sphere(position=(0.3, 1.1, 0.1), radius=0.4), Sphere(position=(3.5, 1.2, 0.5), radius=0.3), FALLING],
+    string=[String(anchor=(0.0, -2.0, 0.0), length=0.5)],
+    ground=Ground(height=-1.1),
+    **{"frames": 4, "frames_per_second": 30, "substeps": 40},
+)
+"""a scene where every varied value matters: a sphere on the balloon, a taut string, ramped inflation"""
 
 
 def end_state(simulator: Simulator, world: int) -> np.ndarray:
@@ -55,13 +45,13 @@ def run(simulator: Simulator) -> Simulator:
 
 
 def end_alone(*overrides: tuple[str, float]) -> np.ndarray:
-    return end_state(run(Simulator(override_scene(everything(), overrides), "cpu", schedule="lanes")), 0)
+    return end_state(run(Simulator(override_scene(EVERYTHING, overrides), "cpu", schedule="lanes")), 0)
 
 
 def test_free_fall_goes_by_each_worlds_gravity(device):
     """Symplectic Euler gives x = -g h^2 n (n + 1) / 2 after n steps."""
     gravity = np.array([0.0, 1.62, 9.81, -3.0])
-    scene = Scene(balloon=[falling_cube()], frames=6, frames_per_second=6, substeps=20)
+    scene = Scene(balloon=[FREE_CUBE], frames=6, frames_per_second=6, substeps=20)
     simulator = run(Simulator(scene, device, 4, {"gravity": gravity}))
     h, n = 1.0 / 120, 120
     for world, g in enumerate(gravity):
@@ -72,7 +62,7 @@ def test_free_fall_goes_by_each_worlds_gravity(device):
 def test_terminal_rise_goes_by_each_worlds_helium_and_damping(device):
     """The terminal velocity is v = m (helium - g) / c once the start has died away: after 20 time constants m / c."""
     helium, damping = np.array([12.0, 20.0, 9.81]), np.array([1.0, 2.0, 1.5])
-    scene = Scene(balloon=[falling_cube(mass=0.05)], frames=60, frames_per_second=60, substeps=4)
+    scene = Scene(balloon=[FREE_CUBE], frames=60, frames_per_second=60, substeps=4)
     simulator = run(Simulator(scene, device, 3, {"balloon.helium": helium, "balloon.0.damping": damping}))
     for world in range(3):
         rising = simulator.read_frame(world).velocities[0][:, 1]
@@ -113,7 +103,7 @@ def test_terminal_rise_goes_by_each_worlds_helium_and_damping(device):
 )
 def test_a_world_of_a_batch_is_the_overridden_scene_alone(path: str, values: tuple[float, float]):
     """A world of a batch is bit-identical to the overridden scene on the CPU, where the order of the sums is fixed."""
-    batch = run(Simulator(everything(), "cpu", 2, {path: np.array(values)}, schedule="lanes"))
+    batch = run(Simulator(EVERYTHING, "cpu", 2, {path: np.array(values)}, schedule="lanes"))
     for world, value in enumerate(values):
         np.testing.assert_array_equal(end_state(batch, world), end_alone((path, value)))
     assert np.abs(end_state(batch, 0) - end_state(batch, 1)).max() > 1e-4
@@ -121,7 +111,7 @@ def test_a_world_of_a_batch_is_the_overridden_scene_alone(path: str, values: tup
 
 def test_strings_of_no_said_length_reach_from_each_worlds_anchor_to_its_balloon():
     strings = [String(anchor=(0.0, -2.0, 0.0)), String(anchor=(1, 0, 0), length=0.5)]
-    scene = everything().model_copy(update={"string": strings})
+    scene = EVERYTHING.model_copy(update={"string": strings})
     heights, anchors = np.array([0.0, 0.4, 1.0]), np.array([0.0, 0.3, 0.0])
     plan = plan_model(scene, 3, {"balloon.0.position.1": heights, "string.0.anchor.0": anchors})
     lengths = plan.parameters["string_length"]
@@ -134,15 +124,14 @@ def test_strings_of_no_said_length_reach_from_each_worlds_anchor_to_its_balloon(
 @pytest.mark.full
 def test_overrides_keep_all_else_and_the_last_named_wins():
     vary = {"balloon.mass": np.array([0.1, 0.2]), "balloon.0.mass": np.array([0.15, 0.3]), "gravity": [1.0, 2.0]}
-    batch = run(Simulator(everything(), "cpu", 2, vary, schedule="lanes"))
+    batch = run(Simulator(EVERYTHING, "cpu", 2, vary, schedule="lanes"))
     alone = end_alone(("balloon.mass", 0.2), ("balloon.0.mass", 0.3), ("gravity", 2.0))
     np.testing.assert_array_equal(end_state(batch, 1), alone)
-    scene = everything()
-    changed = override_scene(scene, [("sphere.0.mass", 7.0)])
+    changed = override_scene(EVERYTHING, [("sphere.0.mass", 7.0)])
     assert changed.sphere[0].mass == 7.0
-    assert changed.balloon[0].mesh is scene.balloon[0].mesh
-    back = override_scene(changed, [("sphere.0.mass", scene.sphere[0].mass)])
-    assert back.model_dump(exclude={"balloon"}) == scene.model_dump(exclude={"balloon"})
+    assert changed.balloon[0].mesh is EVERYTHING.balloon[0].mesh
+    back = override_scene(changed, [("sphere.0.mass", EVERYTHING.sphere[0].mass)])
+    assert back.model_dump(exclude={"balloon"}) == EVERYTHING.model_dump(exclude={"balloon"})
 
 
 @pytest.mark.full
@@ -156,7 +145,7 @@ def test_overrides_keep_all_else_and_the_last_named_wins():
 )
 def test_the_step_suits_the_stiffest_world(path: str, values: list[float]):
     """The worlds are so stiff and light that they exceed a sphere's 16 substeps."""
-    scene = everything().model_copy(update={"substeps": "auto"})
+    scene = EVERYTHING.model_copy(update={"substeps": "auto"})
     alone = [plan_model(override_scene(scene, [(path, value)])).substeps for value in values]
     assert plan_model(scene, 3, {path: values}).substeps == max(alone) == alone[1] > min(alone)
     with pytest.raises(InputError, match=r"^substeps: \d+ are too few"):
@@ -180,13 +169,13 @@ def test_the_step_suits_the_stiffest_world(path: str, values: list[float]):
 )
 def test_a_wrong_value_is_told_in_a_sentence(vary: dict, complaint: str):
     with pytest.raises(InputError, match=f"^{complaint}"):
-        plan_model(everything(), 4, vary)
+        plan_model(EVERYTHING, 4, vary)
 
 
 def test_many_worlds_are_planned_without_a_loop_over_them():
     draw = np.random.default_rng(0).uniform(0.1, 1.0, 65_536)
     paths = ["balloon.mass", "balloon.stiffness.shear", "balloon.inflation.k_normal", "sphere.0.position.1"]
-    scene = everything().model_copy(update={"substeps": "auto"})
+    scene = EVERYTHING.model_copy(update={"substeps": "auto"})
 
     def plan_worlds(count: int) -> ModelPlan:
         return plan_model(scene, count, dict.fromkeys(paths, draw[:count]))

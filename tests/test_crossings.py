@@ -22,10 +22,6 @@ def pulled(x: float = 0.0, y: float = 0.0) -> PolygonMesh:
     return replace(BALL, points=points)
 
 
-def of_triangles(mesh: PolygonMesh) -> PolygonMesh:
-    return mesh_of(mesh.points, triangulate(mesh)[0].tolist())
-
-
 def cubes(*center: float, size: float = 1.0) -> PolygonMesh:
     """Return a cube, and another one at some center."""
     return joined(box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)), box(center, (size, size, size)))
@@ -49,7 +45,7 @@ def with_slivers() -> PolygonMesh:
 
 CROSSING = {
     "edge on edge": pulled(),
-    "edge on edge, of triangles": of_triangles(pulled()),
+    "edge on edge, of triangles": mesh_of(pulled().points, triangulate(pulled())[0].tolist()),
     "aside": pulled(0.1, 0.07),
     "in a plane of symmetry": pulled(0.0, 0.07),
     "corner on corner": cubes(0.5, 0.5, 0.5),

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from meshes import cube
+from meshes import cube, mesh_of
 
-from balloon_warp import BlowUpError, PolygonMesh, Simulator
+from balloon_warp import BlowUpError, Simulator
 from balloon_warp.blow_ups import BlowUp
 from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.scene import Atmosphere, Balloon, Change, Ground, Inflation, Scene, Sphere, Stiffness, String
@@ -35,8 +35,7 @@ def blow_up(simulator: Simulator, frames: int = 100) -> Any:
 
 def on_a_spring(**scene: object) -> Scene:
     """Return particle 1 of a kilogram under particle 0, which is fixed, on a spring of a meter."""
-    points = np.array([[0.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-    mesh = PolygonMesh(points, np.array([2], dtype=np.int32), np.array([0, 1], dtype=np.int32))
+    mesh = mesh_of([(0, 0, 0), (0, -1, 0)], [[0, 1]])
     rubber = Stiffness(structural=1.0, shear=0.0, flexion=0.0)
     balloon = Balloon(mesh=mesh, mass=1.0, damping=0.5, fixed=[0], stiffness=rubber, inflation=NO_INFLATION)
     return Scene(balloon=[balloon], substeps=7, frames_per_second=10.0, **scene)
@@ -83,8 +82,7 @@ def test_a_spring_too_stiff_for_the_step_is_named_with_the_substep_its_stretch_a
 @pytest.mark.full
 def test_of_two_springs_the_one_that_pulled_harder_is_named(device):
     """The report names the spring that pulled harder: the second goes sideways to particle 2, half as stiff."""
-    points = np.array([[0.0, 0.0, 0.0], [0.0, -1.0, 0.0], [5.0, -1.0, 0.0]])
-    net = PolygonMesh(points, np.array([2, 2], dtype=np.int32), np.array([1, 2, 0, 1], dtype=np.int32))
+    net = mesh_of([(0, 0, 0), (0, -1, 0), (5, -1, 0)], [[1, 2], [0, 1]])
     rubber = Stiffness(structural=1.0, shear=0.0, flexion=0.0, gradient=(1.0, 0.0), gradient_axis="X")
     balloon = on_a_spring().balloon[0].model_copy(update={"mesh": net, "fixed": [0, 2], "stiffness": rubber})
     report = blow_up(stiffened(Simulator(on_a_spring().model_copy(update={"balloon": [balloon]}), device)))
@@ -123,12 +121,14 @@ def test_what_changes_on_the_way_changes_in_the_replay(device):
     assert report.body == "particle 1"
 
 
-@pytest.mark.full
-def test_inflation_that_is_too_strong_is_named_and_the_step_is_not(device):
-    report = blow_up(Simulator(Scene(balloon=[Balloon(mesh=cube(), inflation=TOO_MUCH)]), device))
-    assert (report.frame, report.substep) == (1, 1)
+@pytest.mark.parametrize(
+    ("inflation", "when", "part"), [(TOO_MUCH, 1, 1.0), (RISES, 2, 0.25)], ids=["at once", "rising"]
+)
+def test_inflation_that_is_too_strong_is_named_as_of_the_substep_and_the_step_is_not(inflation, when, part, device):
+    report = blow_up(Simulator(Scene(balloon=[Balloon(mesh=cube(), inflation=inflation)], substeps=4), device))
+    assert (report.frame, report.substep) == (when, when)
     assert report.other.by == "inflation"
-    assert report.other.newtons == pytest.approx(100.0 * 9e11 / 6.0, rel=1e-5)  # each corner has one face's share
+    assert report.other.newtons == pytest.approx(part * 100.0 * 9e11 / 6.0, rel=1e-5)  # a corner has one face's share
     assert report.stable_step > report.step
     assert "less force helps" in str(report)
 
@@ -179,13 +179,6 @@ def test_what_the_particle_lay_on_is_named(obstacles: dict, touched: tuple, devi
     report = blow_up(Simulator(scene, device))
     assert report.touched == touched
     assert all(f"; it touched {name}; " in str(report) for name in touched)
-
-
-def test_inflation_is_that_of_the_substep(device):
-    """The reported inflation is the substep's: a quarter of a frame's rise in the second of four."""
-    report = blow_up(Simulator(Scene(balloon=[Balloon(mesh=cube(), inflation=RISES)], substeps=4), device))
-    assert (report.frame, report.substep) == (2, 2)
-    assert report.other.newtons == pytest.approx(100.0 * 9e11 / 4.0 / 6.0, rel=1e-5)
 
 
 def test_only_the_frames_since_the_last_kept_state_are_simulated_again(device, monkeypatch):

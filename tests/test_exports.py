@@ -6,8 +6,8 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
 from base64 import b64decode
-from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 from unittest.mock import Mock
 
 import h5py
@@ -20,6 +20,7 @@ from exported import BALL, FRAMES, RATE, STRING, points, scene
 from glb_files import Glb
 from motion import assert_valid
 from pxr import Usd, UsdGeom, UsdUtils
+from scipy.spatial.distance import cdist
 from test_resume import FRAMES as RESUMED_FRAMES
 from test_resume import SCENE as RESUMED_SCENE
 from test_resume import press_ctrl_c, stop
@@ -64,28 +65,24 @@ def test_a_file_for_each_frame_in_meters_with_y_up(written: Path, tmp_path, suff
         found = trimesh.load(tmp_path / name, process=False, group_material=False)
         here = found.to_geometry() if isinstance(found, trimesh.Scene) else found
         for prim in ("ball", "box"):
-            expected = points(written, f"/World/{prim}", frame)
-            distance = np.linalg.norm(here.vertices[:, None] - expected, axis=-1).min(axis=0)
-            assert distance.max() < 1e-6
+            assert cdist(here.vertices, points(written, f"/World/{prim}", frame)).min(axis=0).max() < 1e-6
         assert here.vertices[:, 1].max() < 6.0  # no ground of many meters
-        # a sphere is a cube of 12 x 12 quads a side, blown up; the second one appears in the third frame
-        spheres = 1 + (frame >= 2)
+        spheres = (1 + (frame >= 2)) * 6 * 12 * 12  # cubes, blown up; the second one appears in the third frame
         string, knot = 6 * 16, AROUND * (len(PROFILE) - 2) + AROUND // 2
         obstacle = 6 * 9 * 9  # its edges are round
-        assert len(here.faces) == 2 * (54 + 6 + obstacle + string + knot + spheres * 6 * 12 * 12)
+        assert len(here.faces) == 2 * (54 + 6 + obstacle + string + knot + spheres)
 
 
 def test_a_ply_has_normals_and_colors(written: Path, tmp_path):
     export_stage(written, tmp_path / "out.##.ply")
     found = trimesh.load(tmp_path / "out.00.ply", process=False)
-    ball = points(written, "/World/ball", 0)
-    own = np.linalg.norm(found.vertices[:, None] - ball, axis=-1).min(axis=1) < 1e-5
-    assert own.sum() == len(ball)
-    outward = found.vertices[own] - ball.mean(axis=0)
-    assert ((found.vertex_normals[own] * outward).sum(axis=1) > 0.9 * np.linalg.norm(outward, axis=1)).all()
-    box = np.linalg.norm(found.vertices[:, None] - points(written, "/World/box", 0), axis=-1).min(axis=1) < 1e-5
+    ball, box = points(written, "/World/ball", 0), points(written, "/World/box", 0)
+    of_ball, of_box = (cdist(found.vertices, each).min(axis=1) < 1e-5 for each in (ball, box))
+    assert of_ball.sum() == len(ball)
+    outward = found.vertices[of_ball] - ball.mean(axis=0)
+    assert ((found.vertex_normals[of_ball] * outward).sum(axis=1) > 0.9 * np.linalg.norm(outward, axis=1)).all()
     linear = np.array([0.1, 0.2, 0.3])
-    np.testing.assert_allclose(found.visual.vertex_colors[box][0, :3], 255 * linear ** (1 / 2.2), atol=4.0)
+    np.testing.assert_allclose(found.visual.vertex_colors[of_box][0, :3], 255 * linear ** (1 / 2.2), atol=4.0)
 
 
 def test_what_is_left_of_a_longer_sequence_is_named(written: Path, tmp_path):
@@ -139,8 +136,7 @@ def test_a_run_that_is_stopped_goes_on_to_the_same_glb(tmp_path):
     folder = stop(RESUMED_SCENE, output, press_ctrl_c, device="cpu")
     assert folder.name == "out.glb.partial"
     assert output.read_bytes() == b"good"
-    summary = animate(RESUMED_SCENE, output, device="cpu", resume=True)
-    assert 0 < summary.begin < RESUMED_FRAMES
+    assert 0 < animate(RESUMED_SCENE, output, device="cpu", resume=True).begin < RESUMED_FRAMES
     assert output.read_bytes() == whole.read_bytes()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out.glb", "whole.glb"]
 
@@ -266,8 +262,7 @@ def test_h5py_reads_all_that_moved(written: Path, tmp_path):
         for frame in range(FRAMES + 1):
             np.testing.assert_array_equal(ball["mesh_pos"][frame], prim.GetPointsAttr().Get(frame))
             np.testing.assert_array_equal(ball["velocity"][frame], prim.GetVelocitiesAttr().Get(frame))
-            volume = prim.GetPrim().GetAttribute("userProperties:volume").Get(frame)
-            assert ball["volume"][frame] == volume
+            assert ball["volume"][frame] == prim.GetPrim().GetAttribute("userProperties:volume").Get(frame)
         np.testing.assert_array_equal(ball["face_vertex_indices"], BALL.face_vertex_indices)
         assert len(ball["edges"]) == len(BALL.points) + BALL.face_count - 2  # Euler's formula
         sphere = UsdGeom.XformCache(3.0).GetLocalToWorldTransform(stage.GetPrimAtPath("/World/Spheres/Sphere_0"))
@@ -319,10 +314,9 @@ def test_xarray_takes_it_and_makes_a_zarr_store_as_its_page_says(page_file: Path
             assert float(found["volume"].sel(time=3.0 / RATE, method="nearest")) > 0.0
 
 
-def test_every_writer_is_there():
-    for place in export.WRITERS.values():
-        module, function = place.split(".")
-        assert callable(getattr(import_module(f"balloon_warp.outputs.exports.{module}"), function))
+@pytest.mark.parametrize("place", export.WRITERS.values())
+def test_every_writer_is_there(place: str):
+    assert callable(resolve_name(f"balloon_warp.outputs.exports.{place}"))
 
 
 def test_edges_are_the_sides_of_faces():
