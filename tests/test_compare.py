@@ -44,7 +44,6 @@ def tiles(folder: Path, rows: int, columns: int) -> list[np.ndarray]:
 
 
 def green(tile: np.ndarray) -> int:
-    """Return the number of the ball's pixels."""
     return int(((tile[..., 1] > 60) & (tile[..., 0] < 0.7 * tile[..., 1])).sum())
 
 

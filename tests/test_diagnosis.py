@@ -23,7 +23,6 @@ BESIDE = Balloon(mesh=cube(), position=(9.0, 0.0, 0.0), inflation=NO_INFLATION)
 
 
 def blow_up(simulator: Simulator, frames: int = 100) -> Any:
-    """Return the report of the blow-up within so many frames."""
 
     with pytest.raises(BlowUpError) as failure:
         deque((simulator.step() for _ in range(frames)), maxlen=0)

@@ -196,7 +196,6 @@ ROWS = re.findall(r"^\| ([a-z][^|]*?) \| ([^|]+) \| ([^|]*\]\([^|]*) \|$", text_
 
 
 def stem(word: str) -> str:
-    """Return the common stem of a word and its other forms."""
     return re.sub(r"(es|e|s|ed|y)$", "", word)
 
 

@@ -35,17 +35,14 @@ def begun(device: str | None) -> None:
             thread.join()
 
 
-@pytest.mark.parametrize(("device", "number"), [(None, 0), ("cuda", 0), ("cuda:0", 0), ("cuda:1", 1)])
-def test_the_gpu_that_is_wanted_begins_once(of_two: SimpleNamespace, device: str | None, number: int):
-    begun(device)
-    begun(f"cuda:{number}")
-    assert of_two.begun == [number]
+WANTED = {None: [0], "cuda": [0], "cuda:0": [0], "cuda:1": [1], "cpu": [], "cuda:2": [], "cuda:x": [], "gpu": []}
 
 
-@pytest.mark.parametrize("device", ["cpu", "cuda:2", "cuda:x", "gpu"])
-def test_nothing_begins_for_a_cpu_or_what_is_not_there(of_two: SimpleNamespace, device: str):
-    begun(device)
-    assert of_two.begun == []
+@pytest.mark.parametrize(("device", "numbers"), WANTED.items())
+def test_the_gpu_that_is_wanted_and_there_begins_once(of_two: SimpleNamespace, device: str | None, numbers: list[int]):
+    for name in (device, *(f"cuda:{number}" for number in numbers)):
+        begun(name)
+    assert of_two.begun == numbers
 
 
 def test_a_machine_without_a_driver_is_left_alone(monkeypatch: pytest.MonkeyPatch):

@@ -25,14 +25,12 @@ from balloon_warp.schedules.spring_ends import spring_ends
 from balloon_warp.schedules.tables import make_tables
 
 ROUNDING = 2.0e-5  # of its size: the same sums in another order, over a few frames
-OF_PRESSURES = 0.5
-"""[Pa]: five millionths of the air's; an excess is the difference of two such pressures, in float32"""
+OF_PRESSURES = 0.5  # [Pa]: five millionths of the air's; an excess is the difference of two such pressures, in float32
 SPHERE = trimesh.creation.icosphere(subdivisions=4)
-TRIANGLES = mesh_of(SPHERE.vertices, SPHERE.faces.tolist())
+TRIANGLES = mesh_of(SPHERE.vertices, SPHERE.faces.tolist())  # of 2,562 particles
 
 
 def of_triangles(**fields: Any) -> Balloon:
-    """Return a ball of 2,562 particles."""
     return Balloon(mesh=TRIANGLES, mass=3.0, **fields)
 
 
@@ -66,20 +64,13 @@ def scene(request: pytest.FixtureRequest) -> Scene:
     return SCENES[request.param]
 
 
-def patches_on_cpu(model: Model) -> Patches:
-    """Return patches as for a GPU with enough multiprocessors."""
-    return cut(model, 256, model_features(model).gas)
-
-
 def tiles_of(patches: Patches, model: Model) -> list[dict[int, int]]:
     """Return the particles at the places of each patch, its own and those of its halo."""
     halos = np.split(patches.halo_keys % model.particle_count, patches.halo_offsets[1:-1])
-    tiles: list[dict[int, int]] = [{} for _ in halos]
+    tiles = [{patches.threads + place: particle for place, particle in enumerate(halo.tolist())} for halo in halos]
     for particle, (patch, place) in enumerate(zip(patches.patch.tolist(), patches.place.tolist(), strict=True)):
         assert place not in tiles[patch]
         tiles[patch][place] = particle
-    for tile, halo in zip(tiles, halos, strict=True):
-        tile |= {patches.threads + place: particle for place, particle in enumerate(halo.tolist())}
     return tiles
 
 
@@ -87,7 +78,8 @@ def test_tables_of_patches_lead_where_the_models_do(scene: Scene):
     """Patches are alike in size and of one balloon each. Springs, faces and membranes lead to the same particles."""
     model = build_model(scene, "cpu")
     assert cut_into_patches(model, model_features(model)) is None  # a CPU has none
-    patches, ends = patches_on_cpu(model), spring_ends(model)
+    patches = cut(model, 256, model_features(model).gas)  # as for a GPU with enough multiprocessors
+    ends = spring_ends(model)
     sizes = np.bincount(patches.patch)
     assert sizes.max() <= patches.threads
     assert np.ptp(sizes) <= 0.3 * patches.threads
@@ -270,12 +262,10 @@ def test_what_goes_further_than_was_free_touches_all_the_same_on_a_gpu(gpu: wp.D
 
 
 PLATE = Obstacle(size=(4.0, 1e-3, 4.0), position=(0.0, -0.5e-3, 0.0))
-FALL = 5000.0
-"""a gravity by which what is at rest falls 0.69 m in a frame, where it is believed to move 3 mm [m/s^2]"""
+FALL = 5000.0  # a gravity by which what is at rest falls 0.69 m in a frame, where it is believed to move 3 mm [m/s^2]
 
 
 def verdicts(simulator: Simulator) -> list[int]:
-    """Return the verdicts on the last frame, by world."""
     return [int(verdict) for verdict in simulator.schedule.busy.outlook.table.verdicts.numpy()]
 
 
