@@ -276,9 +276,7 @@ def test_meshes_are_sought_here_and_beside_the_scene(tmp_path, monkeypatch):
 def test_lists_are_cycled_and_a_grid_is_even_with_its_ends_and_the_first_range_fastest():
     np.testing.assert_array_equal(spread({"a": [1.0, 10.0, 100.0]}, 5)["a"], [1.0, 10.0, 100.0, 1.0, 10.0])
     grid = spread({"a": Range(0.0, 2.0), "b": Range(5.0, 6.0), "c": [1.0, 2.0]}, 6, grid=True)
-    np.testing.assert_array_equal(grid["a"], [0, 1, 2, 0, 1, 2])
-    np.testing.assert_array_equal(grid["b"], [5, 5, 5, 6, 6, 6])
-    np.testing.assert_array_equal(grid["c"], [1, 2, 1, 2, 1, 2])
+    np.testing.assert_equal(grid, {"a": [0, 1, 2, 0, 1, 2], "b": [5, 5, 5, 6, 6, 6], "c": [1, 2, 1, 2, 1, 2]})
 
 
 def test_samples_are_uniform_and_go_by_seed_path_and_world():
