@@ -270,7 +270,8 @@ def test_meshes_are_sought_here_and_beside_the_scene(tmp_path, monkeypatch):
     _, meshes = parse_vary("balloon.mesh=a.obj,b.obj", str(tmp_path / "scene.toml"))
     assert meshes == ["a.obj", str(tmp_path / "b.obj")]
     _, bundled = parse_vary("balloon.mesh=turtle.obj", "squirrel_inflate")
-    assert [Path(str(mesh)).is_file() for mesh in bundled] == [True]
+    assert isinstance(bundled, list)
+    assert Path(str(bundled[0])).is_file()
 
 
 def test_lists_are_cycled_and_a_grid_is_even_with_its_ends_and_the_first_range_fastest():

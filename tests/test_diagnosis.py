@@ -151,6 +151,7 @@ def test_a_push_that_no_step_can_follow_is_the_cause(rises: bool, device):
     push = Inflation(k_normal=[(0.0, 0.0), (0.1, 0.0), (0.1 + 1.0 / 60.0, 9e11)] if rises else 9e11)
     ball = Balloon(mesh=cube(), inflation=push, mass=2.0)
     report = blow_up(Simulator(Scene(balloon=[ball], substeps=4, frames=120), device))
+    assert report.substep is not None
     expected = 9e11 * (report.substep - 1) / 4.0 if rises else 9e11
     assert report.frame == (7 if rises else 1)
     assert report.k_normal == pytest.approx(expected, rel=1e-4)
@@ -238,6 +239,7 @@ def test_every_schedule_gives_the_same_report_in_a_batch_and_alone(schedule: str
     for _ in range(4):
         batch.advance()
     among_others = batch.diagnose(2, 2)
+    assert alone.substep is not None
     if device == "cpu":
         assert among_others == replace(alone, world=2)
     else:  # the last frame is simulated again by atomic adds, which round in any order there

@@ -109,7 +109,8 @@ def test_no_kind_of_file_tells_where_it_was_made(name: str, written: Path, tmp_p
     export_stage(written, tmp_path / name)
     said = [path.read_bytes() for path in tmp_path.iterdir()]
     if name == "out.usdz":
-        said.append(Usd.Stage.Open(str(tmp_path / name)).GetRootLayer().ExportToString().encode())
+        stage = Usd.Stage.Open(str(tmp_path / name))
+        said.append(stage.GetRootLayer().ExportToString().encode())
     for folder in (tmp_path, written.parent):
         assert not any(str(folder).encode() in content for content in said)
 
