@@ -131,8 +131,7 @@ def test_a_world_whose_speeds_overflow_is_bad_before_its_places_are(device):
 
 @pytest.mark.full
 def test_pressure_is_the_mean_by_area(device):
-    """The pressure is averaged over area: a cube of 6 m^2 under 10 Pa, one of 24 m^2 whose gas starts at 40 Pa, and 100
-    k_normal over the 6 m^2 of a third; at the start, and after all keyframes."""
+    """A cube has 6 m^2 under 10 Pa, one 24 m^2 and gas that starts at 40 Pa, a third 100 k_normal over its 6 m^2."""
     balloons = [
         Balloon(mesh=cube(), inflation=Inflation(kind="pressure", pressure=[(0.0, 10.0), (0.02, 30.0)])),
         Balloon(mesh=cube(), scale=2.0, inflation=Inflation(kind="gas", start_pressure=40.0)),

@@ -110,8 +110,7 @@ TRIED = ("README.md", "START.md", "OUTPUTS.md")
 
 @pytest.mark.full
 def test_commands_of_the_first_pages_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Commands of the first pages succeed one after the other in one folder, as a reader runs them; each once, with few
-    frames and small pictures. `view` and `batch` have other tests."""
+    """They run in turn in one folder, as for a reader, with few frames; `view` and `batch` have other tests."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(package, "render_stage", partial(render_stage, size=(32, 18), samples=1))
     write_obj(Path("MESH.obj"), quad_sphere(4))
@@ -136,8 +135,7 @@ def test_commands_of_the_first_pages_work(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 def test_nothing_is_left_out():
-    """Every page is in the site's contents, every command in the table of commands, every scene in the gallery, and
-    every extra in the installation instructions."""
+    """Pages are in the site's contents, commands in their table, scenes in the gallery, extras in INSTALL.md."""
     index = text_of("docs/index.md").splitlines()
     pages = [page.stem for page in PAGES if page.parent.name == "docs" and page.stem != "index"]
     assert [page for page in pages if index.count(page) != 1] == []

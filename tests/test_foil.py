@@ -201,7 +201,7 @@ def test_a_sheet_that_leaves_out_a_part_is_no_good():
 
 
 def test_both_sheets_have_the_area_of_the_outline(tmp_path: Path):
-    """The sheets of a ring have its area pi (R^2 - r^2), to a per cent: chords take 0.3%."""
+    """A ring's area is pi (R^2 - r^2), to a per cent: chords take 0.3%."""
     outer, inner = "M5,50a45,45 0 1 0 90 0a45,45 0 1 0-90 0z", "M30,50a20,20 0 1 0 40 0a20,20 0 1 0-40 0z"
     ring = drawing(tmp_path, f'<path fill-rule="evenodd" d="{outer}{inner}"/>')
     mesh = foil_mesh(ring, height=0.9, edge=0.03)

@@ -184,7 +184,7 @@ def test_what_has_no_rings(mesh: PolygonMesh):
 
 @pytest.mark.parametrize("inflation", [Inflation(pressure=10.0), Inflation(k_normal=0.1)])
 def test_springs_stand_in_their_own_table_beside_rings(inflation: Inflation):
-    """Springs have their own table beside rings, for code that visits springs alone: a GPU reads past an empty one."""
+    """Code that visits springs alone needs the table: a GPU reads past an empty one."""
     model = build_model(Scene(balloon=[Balloon(mesh=quad_sphere(5), inflation=inflation)]), "cpu")
     features = model_features(model)
     assert features.rings
@@ -361,8 +361,7 @@ def test_an_obstacle_that_comes_is_seen_in_time(motion: list, device: str):
 @pytest.mark.full
 @pytest.mark.parametrize("schedule", ["block", "lanes", "octets"], indirect=True)
 def test_a_balloon_that_hurries_to_another_touches_it(schedule: str, device: str):
-    """A balloon that falls 4 cm in the first frame lands on one that is pinned 3 cm below, as in a schedule that does
-    not speculate."""
+    """A balloon that falls 4 cm in the first frame lands on one that is pinned 3 cm below."""
     below = free_particles(0.0).model_copy(update={"fixed": [0, 1, 2, 3], "scale": 3.0, "position": (-0.1, 0.0, -0.1)})
     pair = Scene(balloon=[free_particles(0.03), below], touch=Touch(), gravity=300.0, substeps=32, frames=1)
     simulator, peer = Simulator(pair, device, schedule=schedule), Simulator(pair, device, schedule="gather")
