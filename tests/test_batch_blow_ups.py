@@ -20,15 +20,10 @@ from balloon_warp.sweep.batch import BatchSummary, run_batch
 
 FRAMES, WORLDS = 6, 9
 BAD, LAST_GOOD = 3, 3  # the world that blows up, and its last good frame
-FLOATS = Scene(
-    balloon=[Balloon(mesh=cube(), position=(0.0, 2.0, 0.0), damping=0.0, inflation=Inflation(k_normal=0.2))],
-    sphere=[Sphere(position=(0.2, 5.0, 0.0), radius=0.5)],
-    string=[String(anchor=(0.0, 0.0, 0.0), stiffness=1.0)],
-    ground=Ground(),
-    frames=FRAMES,
-    frames_per_second=30.0,
-    faces=False,
-)
+FLOATING = Balloon(mesh=cube(), position=(0.0, 2.0, 0.0), damping=0.0, inflation=Inflation(k_normal=0.2))
+AROUND: dict[str, Any] = {"sphere": [Sphere(position=(0.2, 5.0, 0.0), radius=0.5)], "ground": Ground()}
+AROUND["string"] = [String(anchor=(0.0, 0.0, 0.0), stiffness=1.0)]
+FLOATS = Scene(balloon=[FLOATING], **AROUND, frames=FRAMES, frames_per_second=30.0, faces=False)
 ASTRAY = 1.5e9
 """lift [N/kg]: 1/2 a t^2 passes 1e7 m, the farthest that a balloon of a meter may be, between frames 3 and 4"""
 LIFTS = np.linspace(5.0, 12.0, WORLDS)

@@ -353,12 +353,8 @@ def test_a_share_is_worth_its_beginning(frames: int, count: int, monkeypatch):
     assert len(cut_into_shares(plan_groups(scene, 256, {"balloon.mass": np.full(256, 100.0)}), "cuda")) == count
 
 
-TWO = Scene(
-    frames=5,
-    frames_per_second=50.0,
-    balloon=[Balloon(mesh=cube()), Balloon(mesh=quad_sphere(3), position=(5.0, 0.0, 0.0))],
-    sphere=[Sphere(position=(0.0, 4.0, 0.0))],
-)
+PAIR = [Balloon(mesh=cube()), Balloon(mesh=quad_sphere(3), position=(5.0, 0.0, 0.0))]
+TWO = Scene(frames=5, frames_per_second=50.0, balloon=PAIR, sphere=[Sphere(position=(0.0, 4.0, 0.0))])
 
 
 @pytest.mark.full

@@ -281,9 +281,8 @@ def test_a_stopped_run_says_how_far_it_got_and_leaves_no_output(ball: Path, word
 
 
 def test_a_process_of_its_own_imports_the_package_under_test_and_nothing_heavy(tmp_path: Path):
-    program = (
-        "import sys, balloon_warp as b; print({'warp', 'pxr', 'trimesh', 'PIL'} & set(sys.modules), b.__path__[0])"
-    )
+    heavy = {"warp", "pxr", "trimesh", "PIL"}
+    program = f"import sys, balloon_warp; print({heavy} & set(sys.modules), balloon_warp.__path__[0])"
     loaded, _, place = process(tmp_path, "-c", program).stdout.strip().partition(" ")
     assert (loaded, Path(place)) == ("set()", Path(package.__path__[0]).resolve())
 

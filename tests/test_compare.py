@@ -24,12 +24,8 @@ from balloon_warp.mesh.obj import write_obj
 from balloon_warp.scene.overrides import override_scene
 
 SIZE = (96, 64)
-BALL = Scene(
-    gravity=0.0,
-    frames=6,
-    picture_frame=4,
-    balloon=[Balloon(mesh=quad_sphere(3), color=(0.0, 1.0, 0.0), damping=1.0, inflation=Inflation(k_normal=0.2))],
-)
+GREEN = Balloon(mesh=quad_sphere(3), color=(0.0, 1.0, 0.0), damping=1.0, inflation=Inflation(k_normal=0.2))
+BALL = Scene(gravity=0.0, frames=6, picture_frame=4, balloon=[GREEN])
 K_NORMAL = "balloon.inflation.k_normal"
 
 
@@ -95,8 +91,8 @@ def test_only_one_closed_balloon_is_round(tmp_path):
     """Summed volumes and areas have no shape."""
     alone = compared(tmp_path, {K_NORMAL: [0.0]}).runs[0].figures
     assert 0.5 < alone["roundness"] < 1.0
-    ball, aside = BALL.balloon[0], BALL.balloon[0].model_copy(update={"position": (3.0, 0.0, 0.0)})
-    for balloons in ([ball, aside], [ball.model_copy(update={"mesh": open_cube()})]):
+    aside, opened = (GREEN.model_copy(update=each) for each in ({"position": (3.0, 0.0, 0.0)}, {"mesh": open_cube()}))
+    for balloons in ([GREEN, aside], [opened]):
         scene = BALL.model_copy(update={"balloon": balloons})
         run = compare(scene, {K_NORMAL: [0.0]}, tmp_path / "out.png", size=SIZE, samples=1, device="cpu").runs[0]
         assert run.outcome == "done"

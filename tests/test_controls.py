@@ -15,12 +15,8 @@ from balloon_warp.model.acting import acting_laws
 from balloon_warp.scene import Balloon, Change, Ground, Inflation, Obstacle, Scene, Sphere, String
 
 BALL = Balloon(mesh=quad_sphere(3, 0.5), inflation=Inflation(pressure=5.0))
-SCENE = Scene(
-    balloon=[BALL],
-    sphere=[Sphere(position=(0.0, 0.8, 0.0), radius=0.4)],
-    string=[String(anchor=(0.0, -1.0, 0.0), length=0.4)],
-    substeps=24,
-)
+ABOVE, BELOW = Sphere(position=(0.0, 0.8, 0.0), radius=0.4), String(anchor=(0.0, -1.0, 0.0), length=0.4)
+SCENE = Scene(balloon=[BALL], sphere=[ABOVE], string=[BELOW], substeps=24)
 BOUNDED = {
     "balloon.inflation.pressure": (None, None),
     "balloon.damping": (0.0, 2.0),
