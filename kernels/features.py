@@ -61,9 +61,11 @@ class Features(NamedTuple):
     pressures: bool = False
     """A balloon is inflated by a pressure, given or of a gas"""
     gas: bool = False
-    """A balloon has gas: a substep then sums the other forces before it finds the pressures"""
+    """A balloon has gas, or may be crushed: a substep then sums the other forces before it finds the pressures"""
     takes_air_along: bool = False
     """A gas balloon has added mass"""
+    crushes: bool = False
+    """A given pressure may be below that outside, and then the volume used up: it acts like a gas's"""
     air_varies: bool = False
     """The air varies with place or time"""
     breathes_on: bool = False

@@ -26,7 +26,7 @@ GAS = [
 ]
 ALONE = (
     *("force", "atmosphere", "obstacle", "water", "change", "faces", "sphere", "normals", "correction", "contact"),
-    *("string", "solver"),
+    *("string", "solver", "touch"),
 )
 """Tables of a scene itself"""
 CHANGES: list[dict[str, Any]] = [
@@ -387,6 +387,10 @@ CASES: dict[str, Case] = {
     "water": Case(
         scene(rate=240.0, substeps=8, mass=1.0, water={"level": 0.62, "density": 900.0}),
         [*SPRINGS[::2], *MOTION, "water.level", "water.density", "water.drag"],
+    ),
+    "crushed in water": Case(  # for the last thirteen substeps, which brake a hundred meters a second
+        scene(rate=48.0, substeps=64, mass=20.0, water={"level": 2.5, "drag": 0.0}, touch=False),
+        [*MOTION, "water.level", "water.density", "balloon.mass"],
     ),
     "gas in water": Case(
         scene("gas", rate=240.0, substeps=8, mass=0.2, water={"level": 0.62}),

@@ -18,6 +18,7 @@ from balloon_warp.laws import require_laws
 from balloon_warp.model.bodies import BodyShape, settle_bodies, shape_body
 from balloon_warp.model.body_steps import substeps_of_solids
 from balloon_warp.model.crossed_starts import crossed_starts
+from balloon_warp.model.crushing import crushed_starts
 from balloon_warp.model.driven import Driven, driven_particles
 from balloon_warp.model.following import follow_changes
 from balloon_warp.model.friction import settle_friction
@@ -104,7 +105,7 @@ class ModelPlan:
 
         They are on: parts of stages that were left out; values that may be in another unit; defects of meshes, and
         their treatment; spheres that may pass through balloons; pressures that rubber does not bear; layers that start
-        crossed; strings that start overstretched.
+        crossed; strings that start overstretched; balloons that water crushes.
         """
         step_seconds = 1.0 / self.scene.frames_per_second / self.substeps
         solids = [*self.obstacles, *(body.solid for body in self.bodies)]
@@ -112,6 +113,7 @@ class ModelPlan:
         passing = warnings_of(self.scene, self.shapes, self.parameters["sphere_radius"], step_seconds)
         passing += pressures_too_high(self.scene, self.shapes, self.parameters)
         doubts = doubts_about(self.scene, self.shapes, self.parameters)
+        passing += crushed_starts(self.scene, self.shapes, self.parameters)
         passing += crossed_starts(self.scene, self.shapes, self.parameters)
         return taken + doubts + passing + overstretched_strings(self.scene, self.shapes, self.held, self.parameters)
 

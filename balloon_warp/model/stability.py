@@ -12,6 +12,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.laws.hooke import KINDS
 from balloon_warp.model.bounds import Bounds, names_of_bounds
+from balloon_warp.model.crushing import step_while_crushed
 from balloon_warp.model.materials import NAMES as MEMBRANE_NAMES
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape
@@ -95,10 +96,11 @@ class Network:
             velocities: as of `stable_step`.
             stable: the step that this returned [s].
         """
+        pressed = step_while_crushed(scene, self.shapes, parameters)
         if (scene.touch and not scene.touches_softly) or not scene.touches:
-            return AUTO_MARGIN * stable
+            return min(AUTO_MARGIN * stable, pressed)
         apart = self.stable_step(scene.model_copy(update={"touch": False}), parameters, velocities)
-        return min(AUTO_MARGIN * apart, TOUCH_MARGIN * stable)
+        return min(AUTO_MARGIN * apart, TOUCH_MARGIN * stable, pressed)
 
     def _step_of_spectrum(
         self, shape: BalloonShape, masses: NDArray[np.float64], bounds: Bounds, around: Surroundings, rate: float
@@ -150,7 +152,7 @@ class Network:
 def names_of_the_step(laws: Sequence[Law]) -> set[str]:
     """Return the parameters that the stable step depends on, and what else the bounds of these laws ask for."""
     return (
-        {*(row.name for row in KINDS), "string_stiffness", "mass", "damping", "touch_stiffness"}
+        {*(row.name for row in KINDS), "string_stiffness", "mass", "damping", "touch_stiffness", "water_level"}
         | names_of_bounds(laws)
         | MEMBRANE_NAMES
     )

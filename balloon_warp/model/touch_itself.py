@@ -8,6 +8,7 @@ import numpy as np
 from balloon_warp.mesh.nearness import nears_itself
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.slenderness import slenderness
+from balloon_warp.model.crushing import starts_pressed
 from balloon_warp.model.folded import bends_freely, is_in_layers
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.scene import Balloon, Scene, Touch
@@ -23,13 +24,14 @@ def settle_itself(scene: Scene, shapes: Sequence[BalloonShape]) -> Scene:
 
     It is true where parts of any balloon are near each other, so that inflation may close the gap between them, and for
     foil, which folds anywhere: it bends freely and is flat or folded at the start. It is "soft" where any balloon is so
-    slender that it may bend into itself, which should cost next to nothing until it does. Where contact cannot be
-    simulated, as with a solver that takes over later, `touch` is false.
+    slender that it may bend into itself, or starts pressed inward, by water or a vacuum: walls come together where the
+    skin does not bear that. Either should cost next to nothing until then. Where contact cannot be simulated, as with a
+    solver that takes over later, `touch` is false.
     """
     if not scene.meshes_settle_itself:
         return scene.model_copy(update={"touch": False}) if scene.touch is None else scene
     itself: bool | Literal["soft"] = _any_is_foil(scene.balloon, shapes) or _any_nears_itself(scene.balloon, shapes)
-    itself = itself or (_any_is_slender(shapes) and "soft")
+    itself = itself or ((_any_is_slender(shapes) or _any_is_pressed(scene, shapes)) and "soft")
     if scene.touch:
         return scene.model_copy(update={"touch": scene.touch.model_copy(update={"itself": itself})})
     # spheres touch faces as they do without this table
@@ -47,6 +49,11 @@ def _any_is_slender(shapes: Sequence[BalloonShape]) -> bool:
     """Return whether any closed balloon is so slender that it may bend into itself; ribbons, such as hair, are not."""
     closed = {_form(shape.mesh): shape.mesh for shape in shapes if shape.closed}
     return any(slenderness(mesh) >= SLENDER for mesh in closed.values())
+
+
+def _any_is_pressed(scene: Scene, shapes: Sequence[BalloonShape]) -> bool:
+    """Return whether any balloon is pressed inward as it starts."""
+    return any(starts_pressed(balloon, shape, scene) for balloon, shape in zip(scene.balloon, shapes, strict=True))
 
 
 def _any_is_foil(balloons: Sequence[Balloon], shapes: Sequence[BalloonShape]) -> bool:

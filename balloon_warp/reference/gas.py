@@ -55,6 +55,22 @@ def implicit_pressure(gas, p, h, bound, volume, response, rate, height, response
     gas.load = gas.pressure - gas.rise * height
 
 
+def given_pressure(gas, p, h, given, enclosed, fall, volume, response, rate, height, response_height):
+    """Set the pressure and load of a balloon of a given one: never less than stops its volume at what stays in it.
+
+    On a flat skin in a liquid it rises with depth as the liquid does, `fall` [Pa/m], and nothing turns inside out.
+    """
+    gas.pressure, gas.rise, middle = given, 0.0, height
+    if enclosed >= 0.0 and response > 0.0:
+        least, flat = EMPTY * enclosed, 0.1 * enclosed
+        gas.pressure += max(least - volume - h * (rate + response * given), 0.0) / (h * response)
+        middle = response_height / response
+        if fall and middle < p.water_level:
+            gas.rise = -fall * np.clip((flat - volume) / max(flat - least, 1e-30), 0.0, 1.0)
+    gas.load = gas.pressure - gas.rise * middle
+    gas.pressure = gas.load + gas.rise * height
+
+
 def raise_pressure(gas, free_volume):
     """Raise the pressure of a step by more free volume in it."""
     gas.pressure, gas.load = gas.pressure + gas.slope * free_volume, gas.load + gas.slope * free_volume

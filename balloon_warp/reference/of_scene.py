@@ -5,9 +5,12 @@ from typing import Any
 
 import numpy as np
 
+from balloon_warp.kernels.laws.crushed import NO_INSIDE
 from balloon_warp.kernels.laws.gusts import hashed, waves
 from balloon_warp.mesh.corners import corner_faces, next_corners
 from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.model.acting import values_over_time
+from balloon_warp.model.crushing import inside_volume, may_be_crushed
 from balloon_warp.model.following import follow_changes
 from balloon_warp.model.gas import pressure_bounds
 from balloon_warp.model.obstacle_motion import obstacle_motion
@@ -61,7 +64,9 @@ def balloon_of(plan: ModelPlan, number: int) -> SimpleNamespace:
     np.add.at(wings, (np.repeat(np.arange(len(sizes)), sizes), hinges.wing_particles), 1.0 / np.repeat(sizes, sizes))
     lengths = np.float32(springs.rest_lengths).astype(float)
     order = np.lexsort([springs.pairs[:, 1], springs.pairs[:, 0], color_springs(springs.pairs, shape.mesh.points)])
+    crushes = may_be_crushed(scene, plan.shapes, list(values_over_time(plan, "keyframe_values")))
     return SimpleNamespace(
+        enclosed=inside_volume(shape) if crushes else NO_INSIDE,
         share=shape.mass_share, kind=scene.balloon[number].inflation.kind, neck=shape.neck,
         kinds=springs.kind, scales=shape.stiffness_scale, curve=scene.balloon[number].inflation.pump_curve,
         times=[time for time, _ in scene.balloon[number].inflation.keyframes],

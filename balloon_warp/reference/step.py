@@ -220,12 +220,12 @@ class Reference:
         force += laws.summed(len(force), driven.particles, newtons)
 
     def _find_pressures(self, free: Array, area: Array, gain: Array) -> None:
-        """Find the pressures of gases over the step, and let gas flow.
+        """Find the pressures of balloons over the step, and let gas flow.
 
         Args:
             free: velocities after the step without inflation.
         """
-        of_gas = [number for number, balloon in enumerate(self.balloons) if balloon.kind == "gas"]
+        of_gas = [number for number, balloon in enumerate(self.balloons) if balloon.kind != "normal_force"]
         if not of_gas:
             return
         heights = self.x @ self.up
@@ -245,7 +245,13 @@ class Reference:
             volume = laws.volume(self.x[part], self.balloons[number].faces)[0]
             moments = swings[part].sum(), rates[part].sum(), share @ heights[part], swings[part] @ heights[part]
             now = SimpleNamespace(**{**vars(p), "breathing_damping": damping})
-            gases.implicit_pressure(gas, now, self.h, self.balloons[number].bound, volume, *moments)
+            if self.balloons[number].kind == "gas":
+                gases.implicit_pressure(gas, now, self.h, self.balloons[number].bound, volume, *moments)
+            else:
+                given = self._given(number, self.substep_number / self.substeps)
+                fall = 0.0 if self.scene.water is None else p.water_density * p.gravity
+                enclosed = self.balloons[number].enclosed
+                gases.given_pressure(gas, p, self.h, given, enclosed, fall, volume, *moments)
         tubes = [
             (*tube.balloons, conductance)
             for tube, conductance in zip(self.scene.tube, self.parameters["tube_conductance"][0], strict=True)
@@ -264,9 +270,6 @@ class Reference:
                     balloon.directions = laws.normal_directions(x, balloon.faces)
                 found.append(100.0 * self._given(number, part) * balloon.directions)
                 continue
-            if balloon.kind == "pressure":
-                gas.pressure = gas.load = self._given(number, part)
-                gas.rise = 0.0
             found.append((gas.load + gas.rise * laws.dot(x, self.up)) * area[self.parts[number]])
         return np.concatenate(found)
 

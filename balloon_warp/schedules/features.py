@@ -9,6 +9,7 @@ from balloon_warp.kernels.laws.inflation import GAS, NORMAL_FORCE
 from balloon_warp.kernels.laws.rubber import RUBBER, RUBBER_AT_LIMIT
 from balloon_warp.model import Model
 from balloon_warp.model.acting import acting_laws, acting_phases, kept_values, values_over_time
+from balloon_warp.model.crushing import may_be_crushed
 from balloon_warp.model.meeting_edges import edges_meet
 from balloon_warp.model.small_spheres import round_ridges, small_spheres
 from balloon_warp.schedules.membranes import membrane_laws
@@ -29,7 +30,7 @@ def choosing_parameters(features: Features) -> frozenset[str]:
 
     Once gas is pumped, it may stop and begin again.
     """
-    may_begin = features.gas and not features.pumps
+    may_begin = (features.gas and not features.pumps) or (features.pressures and not features.crushes)
     return CHOOSE_FEATURES | ({"keyframe_values"} if may_begin else frozenset())
 
 
@@ -39,6 +40,7 @@ def model_features(model: Model) -> Features:
     scene = model.scene
     laws = acting_laws(model)
     viscosities = values_over_time(model, "film_viscosity")
+    crushes = may_be_crushed(scene, model.shapes, list(values_over_time(model, "keyframe_values")))
     return Features(
         laws=laws,
         columns=model.columns,
@@ -57,7 +59,8 @@ def model_features(model: Model) -> Features:
         guarded=any(law.kind == "spring" and law not in FINITE_AT_NO_LENGTH for law in laws),
         inflation_directions=int(NORMAL_FORCE) in kinds,
         pressures=kinds != {int(NORMAL_FORCE)},
-        gas=int(GAS) in kinds or model.bursts,
+        gas=int(GAS) in kinds or model.bursts or crushes,
+        crushes=crushes,
         air_varies=_air_varies(model),
         takes_air_along=int(GAS) in kinds and _takes_air_along(model),
         breathes_on=int(GAS) in kinds and scene.solver != "forward_euler" and _breathes_on(model),

@@ -21,9 +21,9 @@ from balloon_warp.kernels.tables import (
     Tables,
     WorldState,
 )
-from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.triangles import triangles_of
 from balloon_warp.model import Model, State
+from balloon_warp.model.crushing import inside_volume
 from balloon_warp.model.friction import FRICTION
 from balloon_warp.model.gas import pressure_bounds
 from balloon_warp.model.small_spheres import small_spheres
@@ -176,7 +176,7 @@ def _faces(model: Model) -> Any:
     counts = [shape.mesh.face_count for shape in model.shapes]
     table.balloon_offsets = _array(model, np.cumsum([0, *counts]), wp.int32)
     table.volume_origins = _array(model, volume_origins(model), wp.int32)
-    volumes = [signed_volume(shape.mesh) for shape in model.shapes]
+    volumes = [inside_volume(shape) for shape in model.shapes]
     bounds = pressure_bounds(model.scene, model.shapes)
     table.enclosed = _array(model, np.stack([volumes, bounds], axis=1), wp.vec2)
     table.particle_offsets, table.around_particles = model.particle_face_offsets, model.particle_faces

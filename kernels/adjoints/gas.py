@@ -21,10 +21,10 @@ def load_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adj
 
     @wp.func
     def work_of_load(
-        kind: wp.int32, given: float, swelling: Swelling, gas: wp.vec2, step_seconds: float, bound: float, n: Any,
-        bar: wp.vec4,
+        kind: wp.int32, given: float, swelling: Swelling, gas: wp.vec2, step_seconds: float, enclosed: wp.vec2,
+        n: Any, bar: wp.vec4,
     ):  # fmt: skip
-        return wp.dot(load_of_balloon(kind, given, swelling, gas, step_seconds, bound, n), bar)
+        return wp.dot(load_of_balloon(kind, given, swelling, gas, step_seconds, enclosed, n), bar)
 
     @wp.func
     def load_adjoint(
@@ -36,8 +36,8 @@ def load_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adj
         numbers: Any,
         gas_load_bar: wp.vec4,
     ):
-        _kind, by_given, by_swelling, by_gas, _step, _bound, by_n, _bar = wp.grad(work_of_load)(
-            t.inflation_kind[balloon], keyed, swelling, gas, t.step_seconds, t.faces.enclosed[balloon][1], numbers,
+        _kind, by_given, by_swelling, by_gas, _step, _enclosed, by_n, _bar = wp.grad(work_of_load)(
+            t.inflation_kind[balloon], keyed, swelling, gas, t.step_seconds, t.faces.enclosed[balloon], numbers,
             gas_load_bar,
         )  # fmt: skip
         return by_given, by_swelling, by_gas, by_n

@@ -8,6 +8,7 @@ from balloon_warp.kernels.adjoints.derived import nothing
 from balloon_warp.kernels.adjoints.gas import load_backwards, note_backwards
 from balloon_warp.kernels.clock import ramp_at
 from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.laws.crushed import NO_INSIDE
 from balloon_warp.kernels.laws.gas import Swelling
 from balloon_warp.kernels.laws.inflation import GAS, NORMAL_FORCE, PRESSURE
 from balloon_warp.kernels.loops.emptying import holding_function
@@ -37,8 +38,7 @@ def find_load(features: Features, look: Look) -> Any:
 
     @wp.func
     def load_of_gas(t: Tables, balloon: wp.int32, swelling: Swelling, gas: wp.vec2, numbers: Any):
-        bound = t.faces.enclosed[balloon][1]
-        return load_of_balloon(GAS, 0.0, swelling, gas, t.step_seconds, bound, numbers)
+        return load_of_balloon(GAS, 0.0, swelling, gas, t.step_seconds, t.faces.enclosed[balloon], numbers)
 
     @wp.func
     def load_of_any(
@@ -53,16 +53,17 @@ def find_load(features: Features, look: Look) -> Any:
     ):
         kind = t.inflation_kind[balloon]
         given = ramp_at(state, world, balloon, time_in_frame)
+        enclosed = t.faces.enclosed[balloon]
         if wp.static(features.bursts):
             if holds_gas(t, state, world, balloon):
                 kind = GAS
             elif state.bursts[world, balloon][0] >= 0.0:
                 kind = PRESSURE
                 given = 0.0  # it is open
-        bound = t.faces.enclosed[balloon][1]
-        return load_of_balloon(kind, given, swelling, gas, t.step_seconds, bound, numbers)
+                enclosed = wp.vec2(NO_INSIDE, enclosed[1])
+        return load_of_balloon(kind, given, swelling, gas, t.step_seconds, enclosed, numbers)
 
-    return load_of_gas if features.balloons == 1 and not features.bursts else load_of_any
+    return load_of_gas if features.balloons == 1 and not (features.bursts or features.crushes) else load_of_any
 
 
 @phase("balloon", when=lambda features: features.gas, adjoint=note_backwards)

@@ -16,7 +16,7 @@ class Touch(Table):
     """Parts of a balloon touch each other, with "soft" so softly that the step of a balloon alone is hardly shorter;
     "auto" is true where parts of a mesh face each other across a gap that inflation may close, and for foil, which
     bends freely and is flat or folded at the start, and "soft" where a closed mesh is so slender that it may bend into
-    itself"""
+    itself, or starts under water or with a pressure below the air's"""
     edges: bool | Literal["auto"] = "auto"
     """Edges of balloons touch edges, so that no fold crosses another; "auto" takes those that are sharp at the start,
     all edges of balloons that bend freely and are folded, flat or open then, and all where balloons touch themselves"""

@@ -1,0 +1,155 @@
+"""Balloons that are pressed harder from outside than from within: by water, or in a vacuum."""
+
+import re
+
+import numpy as np
+import pytest
+from gas_balloons import volume_of
+from meshes import grid, quad_sphere
+
+from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.model.crushing import NO_INSIDE, inside_volume
+from balloon_warp.model.shape import shape_balloon
+from balloon_warp.reference.step import Reference
+from balloon_warp.scene import Balloon, Inflation, Material, Scene, Touch, Water
+from balloon_warp.simulator import Simulator
+
+pytestmark = pytest.mark.physics
+
+RADIUS, MASS = 0.15, 0.1
+BALL = quad_sphere(3, RADIUS)
+VOLUME = signed_volume(BALL)
+
+
+def ball(height: float = -0.5, **fields: object) -> Balloon:
+    return Balloon(mesh=BALL, **{"mass": MASS, "position": (0.0, height, 0.0), **fields})
+
+
+UNDER_WATER = Scene(balloon=[ball()], water=Water())
+VACUUM = Scene(balloon=[ball(0.0, inflation=Inflation(pressure=-500.0), damping=0.0)], gravity=0.0)
+CRUSHED = [
+    pytest.param(UNDER_WATER, 6400.0, id="at all defaults"),
+    pytest.param(UNDER_WATER.model_copy(update={"substeps": 9}), 6400.0, id="in few substeps"),
+    pytest.param(Scene(balloon=[ball(-20.0)], water=Water()), 2e5, id="deep"),
+    pytest.param(VACUUM, 500.0, id="vacuum"),
+    pytest.param(
+        VACUUM.model_copy(update={"balloon": [ball(0.0, inflation=Inflation(pressure=-101325.0), damping=0.0)]}),
+        101325.0, id="all of the air",
+    ),
+]  # fmt: skip
+
+
+def moved(simulator: Simulator, frames: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return volumes over that at the start, and kinetic energies [J], as frames end."""
+    volumes, energies = [], []
+    share = simulator.model.shapes[0].mass_share
+    for _ in range(frames):
+        simulator.step()
+        volumes.append(volume_of(simulator, simulator.read_frame()) / VOLUME)
+        squares = (simulator.state.velocities.numpy()[0].astype(np.float64) ** 2).sum(axis=1)
+        energies.append(0.5 * MASS * float(share @ squares))
+    return np.array(volumes), np.array(energies)
+
+
+@pytest.mark.parametrize(("scene", "pressure"), CRUSHED)
+def test_what_presses_back_less_is_crushed_flat_and_stays_so(scene: Scene, pressure: float, schedule: str, device: str):
+    """A fiftieth of the volume is left, and never less than nothing; nor is there more energy than the pressure outside
+    has given, p V."""
+    simulator = Simulator(scene, device, schedule=schedule)
+    volumes, energies = moved(simulator, 40)
+    assert volumes.min() > 0.0
+    assert np.abs(volumes[30:] - 0.02).max() < 0.02
+    assert energies.max() < pressure * VOLUME
+    assert energies[-1] < 0.1 * pressure * VOLUME
+
+
+def test_crushed_it_sinks_by_its_weight(device: str):
+    """What is left of its volume lifts nothing."""
+    simulator = Simulator(UNDER_WATER, device)
+    moved(simulator, 20)
+    heights = []
+    for _ in range(40):
+        simulator.step()
+        heights.append(simulator.state.points.numpy()[0, :, 1].mean())
+    assert np.diff(heights).max() < 1e-3
+    assert heights[-1] < heights[0] - 0.01
+
+
+@pytest.mark.parametrize("substeps", ["auto", 64])
+def test_a_ball_of_gas_dents_rises_and_floats(substeps: int | str, schedule: str, device: str):
+    """Its volume is that of Boyle's law all the way, and at the surface it is as before."""
+    latex = Material(preset="latex")
+    gas = Inflation(kind="gas", start_pressure=300.0, molar_mass=0.0289652)
+    scene = Scene(
+        balloon=[Balloon(mesh=BALL, position=(0.0, -0.5, 0.0), material=latex, inflation=gas)],
+        water=Water(),
+        substeps=substeps,
+    )
+    simulator = Simulator(scene, device, schedule=schedule)
+    amount = (101325.0 + 300.0) * VOLUME
+    heights = []
+    for _ in range(120):
+        simulator.step()
+        volume = volume_of(simulator, simulator.read_frame())
+        inside = 101325.0 + float(simulator.state.pressures.numpy()[0, 0])
+        assert volume == pytest.approx(amount / inside, rel=2e-3)
+        heights.append(float(simulator.state.points.numpy()[0, :, 1].mean()))
+    assert min(np.diff(heights[:30])) > 0.0
+    assert heights[-1] == pytest.approx(heights[-10], abs=0.01)
+    assert heights[-1] > 0.05
+
+
+def test_the_reference_crushes_alike(device: str):
+    simulator, reference = Simulator(UNDER_WATER, device), Reference(UNDER_WATER)
+    for _ in range(3):
+        simulator.step()
+        reference.frame()
+    crushed = reference.volumes[0] / VOLUME
+    assert crushed == pytest.approx(0.02, abs=1e-3)
+    assert volume_of(simulator, simulator.read_frame()) / VOLUME == pytest.approx(crushed, abs=1e-3)
+    np.testing.assert_allclose(simulator.state.pressures.numpy()[0], reference.pressures, rtol=0.02)
+
+
+def test_worlds_of_a_batch_are_crushed_by_their_depths(device: str):
+    """A ball that floats keeps its volume beside two that are crushed."""
+    simulator = Simulator(UNDER_WATER, device, 3, {"balloon.0.position.1": [0.3, -0.5, -2.0]})
+    for _ in range(20):
+        simulator.step()
+    volumes = [volume_of(simulator, simulator.read_frame(world)) / VOLUME for world in range(3)]
+    assert volumes[0] > 0.9
+    np.testing.assert_allclose(volumes[1:], 0.02, atol=0.01)
+
+
+TOLD = [
+    pytest.param(UNDER_WATER, [r"4\.9\d? kPa", r"\d+ Pa: it is crushed flat"], id="a pressure"),
+    pytest.param(
+        Scene(balloon=[ball(inflation=Inflation(kind="gas", start_pressure=300.0))], water=Water()),
+        [r"4\.9\d? kPa", "300 Pa: its gas shrinks"], id="gas",
+    ),
+    pytest.param(Scene(balloon=[ball(inflation=Inflation(pressure=6000.0))], water=Water()), [], id="a higher one"),
+    pytest.param(Scene(balloon=[ball(0.2)], water=Water()), [], id="above the water"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("scene", "said"), TOLD)
+def test_a_run_says_before_it_begins_that_water_presses_harder(scene: Scene, said: list[str]):
+    told = [warning for warning in Simulator(scene, "cpu").model.warnings if "water presses" in warning]
+    assert len(told) == bool(said)
+    assert all(re.search(part, told[0]) for part in said)
+
+
+@pytest.mark.parametrize(
+    ("scene", "itself"),
+    [(UNDER_WATER, "soft"), (VACUUM, "soft"), (UNDER_WATER.model_copy(update={"touch": Touch(itself=False)}), False),
+     (Scene(balloon=[ball(0.2)], water=Water()), False)],
+    ids=["water", "vacuum", "said otherwise", "above"],
+)  # fmt: skip
+def test_what_is_pressed_inward_touches_itself(scene: Scene, itself: bool | str):
+    settled = Simulator(scene, "cpu").model.scene
+    assert (settled.touch and settled.touch.itself) == itself or (not itself and not settled.touch)
+
+
+def test_an_open_mesh_has_no_inside():
+    for mesh, expected in ((BALL, VOLUME), (grid(2, 2), NO_INSIDE)):
+        balloon = Balloon(mesh=mesh)
+        assert inside_volume(shape_balloon(balloon, Scene(balloon=[balloon]))) == pytest.approx(expected)
