@@ -20,9 +20,3 @@ ALONE = Scene(balloon=[BALL], substeps=24)
 
 def arrays(simulator: Simulator) -> dict[str, np.ndarray]:
     return {name: array.numpy().copy() for name, array in simulator.state.arrays.items() if name != "frame"}
-
-
-def stepped(simulator: Simulator, frames: int) -> Simulator:
-    for _ in range(frames):
-        simulator.step_unread()
-    return simulator

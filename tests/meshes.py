@@ -159,3 +159,20 @@ def hook(gap: float, across: int = 12, along: int = 48) -> PolygonMesh:
         face_vertex_counts=np.array([4] * (quads.size // 4) + [3] * len(ends), np.int32),
         face_vertex_indices=np.concatenate([quads.ravel(), ends.ravel()]).astype(np.int32),
     )
+
+
+def at(mesh: PolygonMesh, place: Sequence[float], size: float = 1.0) -> PolygonMesh:
+    """Return the mesh scaled, and then moved."""
+    return replace(mesh, points=mesh.points * size + np.array(place))
+
+
+def loose(mesh: PolygonMesh) -> PolygonMesh:
+    """Return the mesh with vertices of its own for each face."""
+    corners = mesh.face_vertex_indices
+    return replace(mesh, points=mesh.points[corners], face_vertex_indices=np.arange(len(corners), dtype=np.int32))
+
+
+def halved(mesh: PolygonMesh) -> PolygonMesh:
+    """Return the triangles of a mesh of quads."""
+    quads = mesh.face_vertex_indices.reshape(-1, 4)
+    return mesh_of(mesh.points, np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]]).tolist())

@@ -8,7 +8,7 @@ from meshes import box, joined, mesh_of, quad_sphere
 from numpy.typing import NDArray
 
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.mesh.corners import corner_faces, with_corners
+from balloon_warp.mesh.corners import corner_faces, flipped, with_corners
 from balloon_warp.mesh.geometry import face_centers, first_coincident
 from balloon_warp.mesh.repair import distinct_faces
 
@@ -27,17 +27,6 @@ def without(mesh: PolygonMesh, drop: NDArray[np.bool_]) -> PolygonMesh:
     return replace(kept, face_vertex_counts=mesh.face_vertex_counts[~drop])
 
 
-def turned_over(mesh: PolygonMesh, faces: NDArray[np.bool_]) -> PolygonMesh:
-    """Return the mesh with some faces' winding reversed, by a mask."""
-    listed = [
-        face[::-1] if turn else face
-        for face, turn in zip(
-            np.split(mesh.face_vertex_indices, np.cumsum(mesh.face_vertex_counts)[:-1]), faces, strict=True
-        )
-    ]
-    return replace(mesh, face_vertex_indices=np.concatenate(listed).astype(np.int32))
-
-
 def deformed(mesh: PolygonMesh, by: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> PolygonMesh:
     """Return the mesh with other points."""
     return replace(mesh, points=by(mesh.points))
@@ -53,7 +42,7 @@ def chair(holes: bool = True, mixed: bool = True, seed: int = 1) -> PolygonMesh:
     numbers = np.random.default_rng(seed)
     if holes:
         mesh = without(mesh, numbers.random(mesh.face_count) < 0.06)
-    return turned_over(mesh, numbers.random(mesh.face_count) < 0.3) if mixed else mesh
+    return flipped(mesh, numbers.random(mesh.face_count) < 0.3) if mixed else mesh
 
 
 def walled() -> PolygonMesh:

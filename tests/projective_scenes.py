@@ -3,6 +3,7 @@
 import numpy as np
 import warp as wp
 from meshes import quad_sphere
+from trajectories import stepped
 
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere, Stiffness, String
 from balloon_warp.simulator import Simulator
@@ -56,7 +57,4 @@ def full_scene(**fields) -> Scene:
 
 
 def after_frames(scene: Scene, device: str, frames: int = 4, worlds: int = 1, vary=None, schedule="auto") -> Simulator:
-    simulator = Simulator(scene, device, worlds, vary, schedule)
-    for _ in range(frames):
-        simulator.step_unread()
-    return simulator
+    return stepped(Simulator(scene, device, worlds, vary, schedule), frames)

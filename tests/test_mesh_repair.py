@@ -7,14 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from meshes import cube, grid, joined, mesh_of, moebius, open_cube, quad_sphere, torus
+from meshes import at, cube, grid, joined, loose, mesh_of, moebius, open_cube, polygon, quad_sphere, torus
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from balloon_warp.cli.app import app
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.mesh.corners import corner_faces, flip_faces
+from balloon_warp.mesh.corners import flipped
 from balloon_warp.mesh.geometry import face_vector_areas, signed_volume
 from balloon_warp.mesh.holes import Lid, border_loops, lid_across, with_lids
 from balloon_warp.mesh.load import load_mesh
@@ -31,25 +32,8 @@ from balloon_warp.scene.write import write_scene
 from balloon_warp.simulator import Simulator
 
 
-def wound(mesh: PolygonMesh, faces: np.ndarray) -> PolygonMesh:
-    """Return the mesh with some faces' winding reversed, by a mask."""
-    backwards = flip_faces(mesh.face_vertex_counts, mesh.face_vertex_indices)
-    indices = np.where(faces[corner_faces(mesh)], backwards, mesh.face_vertex_indices)
-    return replace(mesh, face_vertex_indices=indices)
-
-
-def at(mesh: PolygonMesh, place: tuple[float, float, float], size: float = 1.0) -> PolygonMesh:
-    return replace(mesh, points=mesh.points * size + np.array(place))
-
-
-def loose(mesh: PolygonMesh) -> PolygonMesh:
-    """Return the mesh with vertices of its own for each face."""
-    corners = mesh.face_vertex_indices
-    return replace(mesh, points=mesh.points[corners], face_vertex_indices=np.arange(len(corners), dtype=np.int32))
-
-
 def inward(mesh: PolygonMesh) -> PolygonMesh:
-    return wound(mesh, np.ones(mesh.face_count, dtype=bool))
+    return flipped(mesh, np.ones(mesh.face_count, dtype=bool))
 
 
 def whole(mesh: PolygonMesh) -> PolygonMesh:
@@ -63,7 +47,7 @@ SOUND = quad_sphere(6, 0.5)
 @pytest.mark.parametrize("seed", range(5))
 def test_any_winding_of_closed_components_is_found_again(seed: int) -> None:
     pair = joined(at(SPHERE, (-2, 0, 0)), at(torus(9, 7), (2, 0, 0)))
-    mixed = wound(pair, np.random.default_rng(seed).random(pair.face_count) < 0.5)
+    mixed = flipped(pair, np.random.default_rng(seed).random(pair.face_count) < 0.5)
     # The sums over a face run the other way around where it was wound twice.
     np.testing.assert_allclose(face_vector_areas(facing_outward(mixed)), face_vector_areas(pair), rtol=0, atol=1e-14)
 
@@ -77,20 +61,21 @@ def test_an_inward_component_is_turned_beside_and_left_inside() -> None:
 def test_an_open_mesh_keeps_the_side_that_most_faces_show() -> None:
     few = np.isin(np.arange(9), [0, 4])
     for turned_faces, side in ((few, 1.0), (~few, -1.0)):
-        assert (face_vector_areas(facing_outward(wound(grid(3, 3), turned_faces)))[:, 2] == side).all()
+        assert (face_vector_areas(facing_outward(flipped(grid(3, 3), turned_faces)))[:, 2] == side).all()
 
 
-def test_what_no_winding_fits_stays_as_it_is() -> None:
+@pytest.mark.filterwarnings("error")
+def test_what_no_winding_fits_or_has_no_volume_or_area_is_left_alone() -> None:
     strip = moebius(9)
     assert repaired(strip, "strip").face_vertex_indices.tolist() == strip.face_vertex_indices.tolist()
     assert len(inconsistent_edges(mesh_edges(strip))) == 1
-
-
-def test_a_flat_envelope_without_volume_is_left_alone() -> None:
     # Tilted, so that the rounding of its volume has either sign.
     for tilt in np.random.default_rng(0).normal(size=(20, 3, 3)):
         flat = replace(SPHERE, points=(SPHERE.points * [1.0, 1.0, 0.0]) @ tilt)
         assert facing_outward(flat) is flat
+    line = mesh_of([(0, 0, 0), (1, 0, 0), (2, 0, 0)], [[0, 1, 2]])
+    assert with_lids(line) is line
+    assert whole(cube()).face_count == 6
 
 
 def test_corners_and_faces_are_taken_once() -> None:
@@ -111,8 +96,8 @@ def test_welding_takes_the_first_vertex_at_a_place_and_tells_how_many_went() -> 
     assert mesh.warnings == (
         "2 vertices that lay exactly on others have been welded to them: they keep their numbers and move with them.",
     )
-    whole = cube()
-    assert welded(whole) is whole
+    sound = cube()
+    assert welded(sound) is sound
 
 
 @pytest.mark.parametrize("mesh", [cube(), quad_sphere(4)])
@@ -141,7 +126,7 @@ def test_bodies_that_touch_stay_apart() -> None:
 
 def test_numbers_of_welded_vertices_mean_the_ones_that_stand_in(tmp_path: Path, device: str) -> None:
     mesh = loose(quad_sphere(2))
-    sewn = prepared(mesh, "mesh", Treatment())
+    sewn = whole(mesh)
     left = int(sewn.left_vertices[-1])
     balloon = Balloon(mesh=mesh, fixed=[left])
     scene = Scene(balloon=[balloon], string=[String(anchor=(0.0, 3.0, 0.0), particle=left)], substeps=4)
@@ -175,9 +160,7 @@ def uv_sphere(around: int, along: int, quads: bool = False) -> PolygonMesh:
 
 
 def turned(points: np.ndarray, degrees: float) -> np.ndarray:
-    angle = np.radians(degrees)
-    spin = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
-    return points @ spin.T
+    return Rotation.from_euler("z", degrees, degrees=True).apply(points)
 
 
 def halves(move=lambda points: points) -> PolygonMesh:
@@ -214,7 +197,7 @@ SEWN = {
 
 @pytest.mark.parametrize("mesh", SEWN.values(), ids=SEWN)
 def test_seams_are_welded_across_what_rounding_makes(mesh: PolygonMesh) -> None:
-    """Seams are welded across rounding into one closed ball, with no lid, and no face lost but at poles of quads."""
+    """No face is lost but at poles of quads."""
     sewn = whole(mesh)
     assert (genus(sewn, mesh_edges(sewn)), component_count(sewn, mesh_edges(sewn))) == (0, 1)
     assert sewn.face_count == mesh.face_count
@@ -224,8 +207,7 @@ def test_seams_are_welded_across_what_rounding_makes(mesh: PolygonMesh) -> None:
 
 @pytest.mark.parametrize("size", [1e-3, 1.0, 1e4])
 @pytest.mark.parametrize("gap", [2e-5, 1e-4, 2e-3])
-def test_a_wider_seam_is_told_and_what_is_advised_closes_it(gap: float, size: float) -> None:
-    """A wider seam is reported with its largest gap and a `weld` that closes it, at any size."""
+def test_a_wider_seam_is_told_and_what_is_advised_closes_it_at_any_size(gap: float, size: float) -> None:
     mesh = at(halves(noise(gap)), (0, 0, 0), size)
     found = open_seam(mesh)
     assert found is not None
@@ -251,8 +233,7 @@ def test_what_is_meant_to_be_open_is_no_seam(mesh: PolygonMesh) -> None:
     assert not [warning for warning in whole(mesh).warnings if "seam" in warning]
 
 
-def test_bodies_that_nearly_touch_stay_apart_and_a_thin_wall_stays_thick() -> None:
-    """Closed bodies that nearly touch stay apart, and walls thinner than the gap keep their two sides."""
+def test_bodies_that_nearly_touch_stay_apart_and_a_wall_thinner_than_the_gap_stays_thick() -> None:
     sewn = prepared(joined(cube(), at(cube(), (1.0 + 1e-8, 0.0, 0.0))), "mesh", Treatment(weld=0.1))
     assert component_count(sewn, mesh_edges(sewn)) == 2
     plate = replace(cube(), points=cube().points * (1.0, 1.0, 1e-3))
@@ -300,7 +281,6 @@ def test_another_value_of_weld_is_refused(value: str, tmp_path: Path) -> None:
 
 
 def test_a_scene_keeps_a_gap_and_a_truth(tmp_path: Path) -> None:
-    """A gap and a flag for welding survive a round trip through a scene file."""
     for value in (2e-4, True, False):
         scene = load_scene(halves(noise(1e-4)), {"balloon.weld": value})
         write_scene(scene, tmp_path / "scene.toml")
@@ -339,7 +319,6 @@ TWICE = {
 
 @pytest.mark.parametrize("mesh", TWICE.values(), ids=TWICE)
 def test_both_sides_of_a_ball_make_one_ball(mesh: PolygonMesh) -> None:
-    """A ball exported with both sides is one closed ball, outward, of its volume and springs."""
     once = whole(mesh)
     assert (genus(once, mesh_edges(once)), once.face_count) == (0, SOUND.face_count)
     assert signed_volume(once) == pytest.approx(signed_volume(SOUND), rel=1e-5)  # what is rounded is moved by 1e-7
@@ -354,8 +333,7 @@ def test_both_sides_of_a_ball_make_one_ball(mesh: PolygonMesh) -> None:
 
 
 @pytest.mark.parametrize("sheet", [grid(4, 4), open_cube()])
-def test_both_sides_of_a_sheet_make_one_sheet(sheet: PolygonMesh) -> None:
-    """A sheet exported with both sides is no flat balloon sewn at the rim."""
+def test_both_sides_of_a_sheet_make_one_sheet_and_no_flat_balloon_sewn_at_the_rim(sheet: PolygonMesh) -> None:
     once = whole(joined(sheet, inward(sheet)))
     assert once.face_count == sheet.face_count
     assert mesh_edges(once).count == mesh_edges(whole(sheet)).count
@@ -378,8 +356,7 @@ def test_what_only_touches_counts_twice() -> None:
     assert whole(mesh_of(np.concatenate([sheet.points, sheet.points[~rim]]), faces.tolist())).face_count == 32
 
 
-def test_texture_coordinates_stay_with_their_corners(tmp_path: Path) -> None:
-    """Texture coordinates stay wherever the duplicate stands in the file."""
+def test_texture_coordinates_stay_with_their_corners_wherever_the_duplicate_stands(tmp_path: Path) -> None:
     textures = np.random.default_rng(3).random((SOUND.face_count * 4, 2), dtype=np.float32)
     both = replace(joined(SOUND, shuffled(inward(SOUND))), texture_coordinates=np.tile(textures, (2, 1)))
     write_obj(tmp_path / "both.obj", both)
@@ -492,12 +469,9 @@ def test_holes_that_touch_are_closed_each() -> None:
 @pytest.mark.parametrize("count", range(3, 12))
 def test_a_lid_covers_its_loop_once(count: int) -> None:
     """A lid of a regular polygon has its area, half n sin(2 pi / n), and each rung on two faces."""
-    turn = 2.0 * np.pi * np.arange(count) / count
-    points = np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=1)
-    lid = Lid(np.arange(count))
-    np.testing.assert_allclose(
-        lid.vector_areas(points).sum(axis=0), [0.0, 0.0, 0.5 * count * np.sin(2.0 * np.pi / count)], atol=1e-12
-    )
+    points, lid = polygon(count).points, Lid(np.arange(count))
+    area = 0.5 * count * np.sin(2.0 * np.pi / count)
+    np.testing.assert_allclose(lid.vector_areas(points).sum(axis=0), [0.0, 0.0, area], atol=1e-12)
     mesh = mesh_of(points, [face.tolist() for face in lid.faces])
     edges = mesh_edges(mesh)
     assert len(border_edges(edges)) == count
@@ -508,9 +482,7 @@ def test_a_lid_covers_its_loop_once(count: int) -> None:
 @pytest.mark.parametrize("taken", [{(0, 3)}, {(1, 4)}, {(0, 3), (2, 5)}, {(0, 3), (1, 4), (2, 5)}])
 def test_a_rung_is_no_edge_that_is_there_already(taken: set[tuple[int, int]]) -> None:
     """A rung across a hexagon avoids existing edges where possible: three faces would share the edge."""
-    turn = np.pi * np.arange(6) / 3
-    points = np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=1)
-    (rung,) = lid_across(np.arange(6), points, taken).rungs
+    (rung,) = lid_across(np.arange(6), polygon(6).points, taken).rungs
     assert tuple(sorted(rung)) in ({(0, 3), (1, 4), (2, 5)} - taken or taken)
 
 
@@ -518,11 +490,3 @@ def test_lids_have_texture_coordinates_of_their_vertices() -> None:
     places, eyed = (BALL.points @ [[1.0, 0.0], [2.0, 0.0], [0.0, 1.0]]).astype(np.float32), without(BALL, EYES)
     mesh = whole(replace(eyed, texture_coordinates=places[eyed.face_vertex_indices]))
     np.testing.assert_array_equal(mesh.texture_coordinates, places[mesh.face_vertex_indices])
-
-
-@pytest.mark.filterwarnings("error")
-def test_a_surface_without_area_has_no_holes() -> None:
-    """A surface without area is left alone, without a division by zero; and a sound mesh, too."""
-    flat = mesh_of([(0, 0, 0), (1, 0, 0), (2, 0, 0)], [[0, 1, 2]])
-    assert with_lids(flat) is flat
-    assert whole(cube()).face_count == 6

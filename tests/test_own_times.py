@@ -4,7 +4,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from beginning_worlds import ALONE, BALL, GAS, TOUCHING, arrays, stepped
+from beginning_worlds import ALONE, BALL, GAS, TOUCHING, arrays
+from trajectories import stepped
 
 from balloon_warp import InputError, Simulator
 from balloon_warp.scene import Change, Ground, Inflation, Material, Neck, Obstacle, Sphere, String

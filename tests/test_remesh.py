@@ -15,7 +15,7 @@ import trimesh
 import warp as wp
 from meshes import grid, joined, mesh_of, quad_sphere
 from numpy.typing import NDArray
-from odd_meshes import box, deformed, turned_over, without
+from odd_meshes import box, deformed, without
 from odd_things import car, hair, haired, head, sword
 from painted import SIDES, seen_sides, write_obj_cube, write_painted
 from quads import assert_closed_quads, assert_none_folded, edge_lengths, sphere_distance
@@ -24,6 +24,7 @@ from typer.testing import CliRunner
 from balloon_warp.cli.app import app
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.corners import flipped
 from balloon_warp.mesh.crossings import crossings_said
 from balloon_warp.mesh.fidelity import infidelity
 from balloon_warp.mesh.fit import unfolded
@@ -175,10 +176,10 @@ def test_loose_and_flipped_triangles_make_one_skin() -> None:
     corners = whole.points[whole.face_vertex_indices].reshape(-1, 3, 3)
     corners = corners.mean(axis=1, keepdims=True) + 0.99 * (corners - corners.mean(axis=1, keepdims=True))
     assert_closed_quads(remesh(mesh_of(corners, np.arange(3 * whole.face_count).reshape(-1, 3).tolist()), CELLS))
-    mesh = remesh(turned_over(whole, np.arange(whole.face_count) % 3 == 0), CELLS)
+    mesh = remesh(flipped(whole, np.arange(whole.face_count) % 3 == 0), CELLS)
     assert_closed_quads(mesh)
     assert signed_volume(mesh) == pytest.approx(4.0 / 3.0 * np.pi, rel=1e-2)
-    assert_closed_quads(remesh(turned_over(whole, np.ones(whole.face_count, dtype=bool)), CELLS))
+    assert_closed_quads(remesh(flipped(whole, np.ones(whole.face_count, dtype=bool)), CELLS))
 
 
 def test_sheet_becomes_a_slab_and_a_wedge_keeps_its_edge_thin() -> None:

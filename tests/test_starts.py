@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 import warp as wp
-from beginning_worlds import ALONE, BALL, TOUCHING, arrays, stepped
+from beginning_worlds import ALONE, BALL, TOUCHING, arrays
 from meshes import cube, quad_sphere
+from trajectories import stepped
 
 from balloon_warp import InputError, Simulator
 from balloon_warp.kernels.frames.starting import let_appear

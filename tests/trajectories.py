@@ -13,11 +13,14 @@ run adds some ten of those, and springs and contacts pass them on. Longer runs d
 are chaotic: a difference doubles every few frames."""
 
 
-def after_frames(scene: Scene, schedule: str, device: str, frames: int = 3, worlds: int = 1) -> Simulator:
-    simulator = Simulator(scene, device, worlds, schedule=schedule)
+def stepped(simulator: Simulator, frames: int) -> Simulator:
     for _ in range(frames):
         simulator.step_unread()
     return simulator
+
+
+def after_frames(scene: Scene, schedule: str, device: str, frames: int = 3, worlds: int = 1) -> Simulator:
+    return stepped(Simulator(scene, device, worlds, schedule=schedule), frames)
 
 
 def arrays(simulator: Simulator) -> dict[str, np.ndarray]:

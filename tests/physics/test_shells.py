@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from meshes import cube, grid, joined, open_cube, quad_sphere
-from odd_meshes import band, box, chair, finned, klein, turned_over, two_at_an_edge, walled
+from odd_meshes import band, box, chair, finned, klein, two_at_an_edge, walled
 from odd_things import ODD, car, hair, haired
 
 from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.corners import flipped
 from balloon_warp.mesh.geometry import face_vector_areas, signed_volume
 from balloon_warp.mesh.prepare import Treatment, prepared
 from balloon_warp.mesh.shells import pushed_outward, pushes, there_and_back
@@ -50,7 +51,7 @@ def test_a_wall_between_rooms_is_not_pushed() -> None:
 def test_winding_does_not_matter(make) -> None:
     """Pushed faces end up outward and enclose the same volume, whichever were reversed."""
     mesh = prepared(make(), "mesh", Treatment())
-    wild = turned_over(make(), np.random.default_rng(2).random(make().face_count) < 0.4)
+    wild = flipped(make(), np.random.default_rng(2).random(make().face_count) < 0.4)
     again, slack = pushed_outward(prepared(wild, "mesh", Treatment()))
     np.testing.assert_array_equal(slack, pushed(mesh) == 0)
     same = face_vector_areas(mesh)[~slack]
