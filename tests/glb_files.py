@@ -19,7 +19,8 @@ class Glb:
         assert kind == b"JSON"
         self.said: dict[str, Any] = json.loads(data[20 : 20 + size])
         binary, kind = struct.unpack_from("<I4s", data, 20 + size)
-        assert kind == b"BIN\0"
+        self.said: dict[str, Any] = json.loads(data[20 : 20 + size])
+        json.dumps(self.said, allow_nan=False)  # JSON has no NaN
         assert 28 + size + binary == length
         self.binary = data[28 + size :]
         self.nodes = {node["name"]: node for node in self.said["nodes"]}

@@ -1,6 +1,5 @@
 """Stages as .glb files, read by trimesh, and by the specification alone."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -109,8 +108,3 @@ def test_a_glb_is_bounded_and_says_so(written: Path, tmp_path: Path, monkeypatch
     with pytest.raises(InputError, match="moving vertices, too many for a"):
         export_stage(written, tmp_path / "none.glb")
     assert not (tmp_path / "none.glb").exists()
-
-
-def test_json_of_a_glb_has_no_numbers_that_json_lacks(written: Path, tmp_path: Path):
-    export_stage(written, tmp_path / "out.glb")
-    json.dumps(Glb(tmp_path / "out.glb").said, allow_nan=False)

@@ -27,15 +27,8 @@ class Gltf:
 
     def __init__(self, *nodes: dict[str, Any], **more: Any):
         self._binary = b""
-        self.tree: dict[str, Any] = {
-            "asset": {"version": "2.0"},
-            "scene": 0,
-            "scenes": [{"nodes": [0]}],
-            "nodes": list(nodes),
-            "accessors": [],
-            "bufferViews": [],
-            **more,
-        }
+        self.tree: dict[str, Any] = {"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}]}
+        self.tree |= {"nodes": list(nodes), "accessors": [], "bufferViews": [], **more}
         self.points = self.array(POINTS, "f4")
         self.indices = self.array(TRIANGLES[:, None], "u2")
         self.tree["meshes"] = [self.mesh(name="Cube")]
@@ -46,15 +39,8 @@ class Gltf:
     def array(self, rows: Any, kind: str, **more: Any) -> int:
         """Add an accessor."""
         data = np.atleast_2d(np.asarray(rows)).astype(f"<{kind}")
-        self.tree["accessors"].append(
-            {
-                "bufferView": self.view(data),
-                "componentType": KINDS[kind],
-                "count": len(data),
-                "type": TYPES[data.shape[1]],
-                **more,
-            }
-        )
+        accessor = {"bufferView": self.view(data), "componentType": KINDS[kind], "count": len(data)}
+        self.tree["accessors"].append(accessor | {"type": TYPES[data.shape[1]], **more})
         return len(self.tree["accessors"]) - 1
 
     def view(self, data: NDArray[Any]) -> int:
@@ -93,11 +79,8 @@ def test_morph_weights_are_applied(tmp_path: Path, of_mesh: Any, of_node: Any, s
         indices, values = file.view(moved.astype("<u2")), file.view(POINTS[moved].astype("<f4"))
         accessor = file.tree["accessors"][target]
         del accessor["bufferView"]
-        accessor["sparse"] = {
-            "count": len(moved),
-            "indices": {"bufferView": indices, "componentType": 5123},
-            "values": {"bufferView": values},
-        }
+        where = {"bufferView": indices, "componentType": 5123}
+        accessor["sparse"] = {"count": len(moved), "indices": where, "values": {"bufferView": values}}
     [primitive] = file.tree["meshes"][0]["primitives"]
     primitive["targets"] = [{"POSITION": target}]
     if of_mesh:

@@ -16,6 +16,7 @@ from balloon_warp.model import plan_model
 from balloon_warp.reference.of_scene import film_of
 from balloon_warp.springs.membrane import Membrane, build_membrane
 
+pytestmark = pytest.mark.full
 RNG = np.random.default_rng(21)
 
 
@@ -37,7 +38,6 @@ def remould(balloon: Any, membrane: Membrane, edges: np.ndarray) -> None:
     balloon.film = film_of(other, "mooney_rivlin")
 
 
-@pytest.mark.full
 def test_of_each_spring(device: str):
     """Gradients along random directions of all lengths, constants and rest points."""
     of = CASES["pressure"].scene
@@ -64,7 +64,6 @@ def test_of_each_spring(device: str):
     assert kinds == pytest.approx([found.gradients[path][0] for path in SPRINGS], rel=1e-5)
 
 
-@pytest.mark.full
 def test_of_each_face(tmp_path: Path, device: str):
     """Gradients of a ball that is stretched everywhere from the start, so that no triangle is at the law's kink."""
     write_obj(tmp_path / "small.obj", replace(BALL, points=0.9 * BALL.points))
@@ -84,7 +83,6 @@ def test_of_each_face(tmp_path: Path, device: str):
     require_slope(found["rest_points"][0], of, aside, reshape)
 
 
-@pytest.mark.full
 def test_of_panels_before_they_are_sewn(tmp_path: Path, device: str):
     """Each face is a panel of its own, whose vertices go their own ways."""
     points = 0.9 * BALL.points[BALL.face_vertex_indices]
@@ -101,7 +99,6 @@ def test_of_panels_before_they_are_sewn(tmp_path: Path, device: str):
     require_slope(found, of, way, recut)
 
 
-@pytest.mark.full
 def test_a_world_in_a_batch_has_the_derivatives_that_it_has_alone(device: str):
     of, each = CASES["pressure"].scene, ["rest_lengths", "spring_constants"]
     masses = np.array([0.05, 0.07])

@@ -21,11 +21,6 @@ from balloon_warp.kernels.schedules.pieces import cut
 from balloon_warp.model import build_model, plan_model
 from balloon_warp.schedules.choose_backward import bytes_backwards
 from balloon_warp.schedules.features import model_features
-from balloon_warp.trajectories import Trajectories
-
-
-def nothing(moved: Trajectories) -> tuple[Any, dict[str, Any]]:
-    return 0.0, {}
 
 
 def told(loss: Any, *slopes: Any) -> dict[str, Any]:
@@ -45,9 +40,8 @@ def both() -> bw.Scene:
 
 MASS, LENGTHS = ["balloon.mass"], ["rest_lengths"]
 BOX = scene(frames=2, substeps=16, obstacle=[BELOW], faces=False)
-WITH_A_SPHERE = scene(
-    obstacle=[BELOW], faces=False, sphere=[{"position": (0.0, 3.0, 0.0), "radius": 0.6}], contact="impulse"
-)
+UNDER_A_SPHERE = {"sphere": [{"position": (0.0, 3.0, 0.0), "radius": 0.6}], "contact": "impulse"}
+WITH_A_SPHERE = scene(obstacle=[BELOW], faces=False, **UNDER_A_SPHERE)
 FACES_MEET_IT = scene(obstacle=[BELOW], faces=True)
 NO_CHANGE = on_the_way(gravity=1.0)
 REFUSED: dict[str, tuple[bw.Scene, dict[str, Any], str]] = {
@@ -60,78 +54,49 @@ REFUSED: dict[str, tuple[bw.Scene, dict[str, Any], str]] = {
     "a wrong shape": (scene(), told(1.0, {"points": [np.zeros(3)]}), "must have the shape"),
     "no list by balloon": (scene(), told(1.0, {"points": 1.0}), "must be a list of 1"),
     "not finite": (scene(), told(np.nan, {}), "loss: is not finite in world 0"),
-    "a correction": (
-        scene(correction="provot"), {"of": SPRINGS},
-        "gradients: `correct` has no adjoint yet; expected a scene without",
-    ),
-    "gather": (
-        both(), {"of": MASS, "schedule": "gather"},
-        "schedule: expected auto, launched, block or lanes, which run backwards (got 'gather')",
-    ),
-    "lanes of two": (
-        both(), {"of": MASS, "schedule": "lanes"},
-        "schedule: lanes runs one balloon of springs or rubber backwards on a CPU",
-    ),
-    "a block of two": (
-        both(), {"of": MASS, "schedule": "block"}, "schedule: block runs one balloon backwards that fits in a block"
-    ),
-    "a string in blocks": (
-        CASES["a viscous ball on a string"].scene, {"of": ["string.0.length"], "schedule": "block"},
-        "string.0.length: is derived by launches; expected the schedule launched",
-    ),
-    "substeps that change": (
-        on_the_way(substeps=40), {"of": MASS}, "change.0.set: substeps: has no adjoint if it changes on the way"
-    ),
-    "no such change": (
-        NO_CHANGE, {"of": ["change.1.set.gravity"]}, "the scene has 1 changes; expected change.NUMBER"
-    ),
-    "not set": (
-        NO_CHANGE, {"of": ["change.0.set.balloon.mass"]}, "change 0 sets no number there; expected one of what"
-    ),
-    "friction that changes": (
-        on_the_way(**{"ground.friction": 0.1}), {"of": ["change.0.set.ground.friction"]},
-        "cannot be derived by yet, for it acts by",
-    ),
-    "no obstacle": (
-        BOX, {"of": ["obstacle.3.motion.0.1.0"]}, "the scene has 1 obstacles; expected obstacle.NUMBER, from 0"
-    ),
-    "no keyframe": (
-        BOX, {"of": ["obstacle.0.motion.7.1.0"]},
-        "obstacle 0 has 3 keyframes; expected obstacle.0.motion.KEYFRAME.1.AXIS",
-    ),
+    "a correction": (scene(correction="provot"), {"of": SPRINGS},
+                     "gradients: `correct` has no adjoint yet; expected a scene without"),
+    "gather": (both(), {"of": MASS, "schedule": "gather"},
+               "schedule: expected auto, launched, block or lanes, which run backwards (got 'gather')"),
+    "lanes of two": (both(), {"of": MASS, "schedule": "lanes"},
+                     "schedule: lanes runs one balloon of springs or rubber backwards on a CPU"),
+    "a block of two": (both(), {"of": MASS, "schedule": "block"},
+                       "schedule: block runs one balloon backwards that fits in a block"),
+    "a string": (CASES["a viscous ball on a string"].scene, {"of": ["string.0.length"], "schedule": "block"},
+                 "string.0.length: is derived by launches; expected the schedule launched"),
+    "substeps that change": (on_the_way(substeps=40), {"of": MASS},
+                             "change.0.set: substeps: has no adjoint if it changes on the way"),
+    "no such change": (NO_CHANGE, {"of": ["change.1.set.gravity"]},
+                       "the scene has 1 changes; expected change.NUMBER"),
+    "not set": (NO_CHANGE, {"of": ["change.0.set.balloon.mass"]},
+                "change 0 sets no number there; expected one of what"),
+    "friction that changes": (on_the_way(**{"ground.friction": 0.1}), {"of": ["change.0.set.ground.friction"]},
+                              "cannot be derived by yet, for it acts by"),
+    "no obstacle": (BOX, {"of": ["obstacle.3.motion.0.1.0"]},
+                    "the scene has 1 obstacles; expected obstacle.NUMBER, from 0"),
+    "no keyframe": (BOX, {"of": ["obstacle.0.motion.7.1.0"]},
+                    "obstacle 0 has 3 keyframes; expected obstacle.0.motion.KEYFRAME.1.AXIS"),
     "a time": (BOX, {"of": ["obstacle.0.motion.1.0"]}, "obstacle 0 has 3 keyframes; expected"),
-    "the place of what spheres meet": (
-        WITH_A_SPHERE, {"of": ["obstacle.0.position.1"]},
-        "obstacle.0.position.1: cannot be derived by yet, for it acts by",
-    ),
-    "the way of what spheres meet": (
-        WITH_A_SPHERE, {"of": ["obstacle.0.motion.1.1.0"]},
-        "obstacle.0.motion.1.1.0: cannot be derived by yet, for it acts by",
-    ),
+    "the place of what spheres meet": (WITH_A_SPHERE, {"of": ["obstacle.0.position.1"]},
+                                       "obstacle.0.position.1: cannot be derived by yet, for it acts by"),
+    "the way of what spheres meet": (WITH_A_SPHERE, {"of": ["obstacle.0.motion.1.1.0"]},
+                                     "obstacle.0.motion.1.1.0: cannot be derived by yet, for it acts by"),
     "the place of what faces meet": (FACES_MEET_IT, {"of": ["obstacle.0.position.1"]}, "cannot be derived by yet"),
     "the friction of what faces meet": (FACES_MEET_IT, {"of": ["obstacle.0.friction"]}, "cannot be derived by yet"),
     "the way of what faces meet": (FACES_MEET_IT, {"of": ["obstacle.0.motion.1.1.0"]}, "cannot be derived by yet"),
-    "friction of a sphere that meets faces": (
-        exchange(BETWEEN_CORNERS, 1.75, faces=True), {"of": ["sphere.1.friction"]},
-        "sphere.1.friction: cannot be derived by yet",
-    ),
+    "friction where a sphere meets faces": (exchange(BETWEEN_CORNERS, 1.75, faces=True), {"of": ["sphere.1.friction"]},
+                                            "sphere.1.friction: cannot be derived by yet"),
     "no list of parts": (scene(), {"each": "rest_lengths"}, "each: must be a list of texts"),
     "unknown parts": (scene(), {"each": ["lengths"]}, "each: expected some of rest_lengths, spring_constants"),
     "no springs": (scene(material={"kind": "mooney_rivlin"}), {"each": LENGTHS}, "the scene has no springs"),
     "no rubber": (scene(), {"each": ["thicknesses"]}, "each: thicknesses: the scene has no rubber or film"),
-    "parts in blocks": (
-        scene(), {"each": LENGTHS, "schedule": "block"}, "each: rest_lengths: is derived by launches"
-    ),
-    "no frame": (
-        scene(frames=2), {"every": 0}, "every: must be a whole number from 1 to 2, the frames of the scene (got 0)"
-    ),
+    "parts in blocks": (scene(), {"each": LENGTHS, "schedule": "block"}, "each: rest_lengths: is derived by launches"),
+    "no frame": (scene(frames=2), {"every": 0},
+                 "every: must be a whole number from 1 to 2, the frames of the scene (got 0)"),
     "too few frames": (scene(frames=2), {"every": 3}, "every: must be a whole number from 1 to 2"),
-    "no checkpoint": (
-        scene(frames=2), {"checkpoints": 0}, "checkpoints: must be at least 1 (got 0)"
-    ),
-    "half a checkpoint": (
-        scene(frames=2), {"checkpoints": 1.5}, "checkpoints: must be a whole number or None (got 1.5)"
-    ),
+    "no checkpoint": (scene(frames=2), {"checkpoints": 0}, "checkpoints: must be at least 1 (got 0)"),
+    "half a checkpoint": (scene(frames=2), {"checkpoints": 1.5},
+                          "checkpoints: must be a whole number or None (got 1.5)"),
 }  # fmt: skip
 
 
@@ -160,20 +125,18 @@ def test_a_balloon_that_the_loss_knows_nothing_of_has_no_slopes():
 
 
 @pytest.mark.full
-def test_what_has_no_effect_is_refused():
-    """A parameter without effect is refused: the balloon is far above the ground."""
+def test_what_has_no_effect_as_ground_far_below_is_refused():
     with pytest.raises(bw.InputError, match=r"ground\.height: no path leads from it to the loss"):
         bw.gradient(scene(ground=True, position=(0.0, 9.0, 0.0)), of=CASES["ground"].paths, loss=far, device="cpu")
 
 
 @pytest.mark.full
 def test_a_loss_without_slopes_has_gradients_of_zero():
-    found = bw.gradient(scene(), of=CASES["pressure"].paths, loss=nothing, device="cpu")
+    found = bw.gradient(scene(), of=CASES["pressure"].paths, loss=lambda moved: (0.0, {}), device="cpu")
     assert all((values == 0.0).all() for values in found.gradients.values())
 
 
 def test_frames_that_do_not_fit_are_refused_before_any_is_simulated(monkeypatch: pytest.MonkeyPatch):
-    """Frames that exceed the memory are refused before any is simulated: 26 particles take 72 bytes each."""
     monkeypatch.setattr("balloon_warp.gradients.refusals.usable_memory", lambda device: 26 * 72 * 2000)
     asked = []
     with pytest.raises(bw.InputError, match="enough for 1000 frames, or 0 worlds"):
@@ -182,7 +145,6 @@ def test_frames_that_do_not_fit_are_refused_before_any_is_simulated(monkeypatch:
 
 
 def test_a_device_keeps_little_of_each_frame():
-    """Memory of each frame on the device is small: places and velocities stay with the trajectories."""
     model = build_model(scene(), "cpu")
     few, many = (bytes_backwards(model, (), frames) for frames in (10, 10_010))
     assert many - few < 10_000 * model.particle_count * 4
@@ -198,7 +160,6 @@ def warm_up(features: Features, look: Look) -> Any:
 
 
 def test_a_phase_that_keeps_values_is_refused_by_its_name():
-    """A phase with state has no adjoint and is refused by name."""
     features = model_features(build_model(scene(), "cpu"))
     with pytest.raises(NoAdjointError, match="`warm_up`, which keeps values"):
         traces_of(cut((warm_up,), features, GATHERED))

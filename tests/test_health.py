@@ -14,6 +14,7 @@ from balloon_warp.simulator import Simulator
 
 CUBE = cube()
 """of one meter, with 8 particles"""
+SLACK = {"stiffness": Stiffness(structural=0.0, shear=0.0, flexion=0.0), "inflation": Inflation(k_normal=0.0)}
 
 
 def scene(**balloon: object) -> Scene:
@@ -56,7 +57,6 @@ def test_when_the_particle_that_spans_are_taken_from_is_bad_the_world_is(device:
 
 
 def test_a_balloon_that_is_far_away_as_a_whole_is_good_until_float32_does_not_resolve_it(device: str):
-    """A distant balloon is healthy until float32 does not resolve it, seven digits from the origin."""
     points, spheres = places(2)
     points += np.array([0.5, 2.0])[:, None, None] * FARTHEST
     assert found(points, spheres, device) == [HEALTHY, int(CUBE.face_vertex_indices[0])]
@@ -90,15 +90,10 @@ def test_a_frame_that_is_not_finite_says_so_whatever_of_it_is_bad(name: str, bad
 @pytest.mark.full
 def test_free_fall_for_ten_minutes_is_good(device: str):
     """Free fall for 177 km is healthy, for balloons of a meter and a centimeter and a sphere."""
-    falling = {
-        "stiffness": Stiffness(structural=0.0, shear=0.0, flexion=0.0),
-        "inflation": Inflation(k_normal=0.0),
-        "damping": 0.0,
-    }
-    balloons = [Balloon(mesh=CUBE, scale=scale, **falling) for scale in (1.0, 0.01)]
-    fall = Scene(balloon=balloons, sphere=[Sphere(radius=0.1, position=(0.0, 4.0, 0.0))], frames=600, substeps=1)
-    fall = fall.model_copy(update={"touch": False})
-    simulator = Simulator(fall.model_copy(update={"frames_per_second": 1.0}), device)
+    balloons = [Balloon(mesh=CUBE, scale=scale, damping=0.0, **SLACK) for scale in (1.0, 0.01)]
+    spheres = [Sphere(radius=0.1, position=(0.0, 4.0, 0.0))]
+    fall = Scene(balloon=balloons, sphere=spheres, frames=600, frames_per_second=1.0, substeps=1, touch=False)
+    simulator = Simulator(fall, device)
     for _ in range(600):
         simulator.advance()
     assert simulator.state.points.numpy()[..., 1].max() < -0.5 * 9.81 * 599.0**2
@@ -115,7 +110,7 @@ OF_KIND = {"penalty": {}, "impulse": {"contact": "impulse"}, "gas": {"balloon.in
 @pytest.mark.parametrize("schedule", SCHEDULES)
 def test_each_schedule_looks_at_what_a_frame_wrote(schedule: str, substeps: int, kind: str, device: str):
     """The health check sees bad particles at the frame's end; their springs may spoil neighbors."""
-    one = Balloon(mesh=CUBE, stiffness=Stiffness(structural=0.0, shear=0.0, flexion=0.0))
+    one = Balloon(mesh=CUBE, stiffness=SLACK["stiffness"])
     apart = scene().model_copy(update={"balloon": [one, one.model_copy(update={"position": (3.0, 0.0, 0.0)})]})
     settings = {"substeps": substeps, "balloon.fixed": [7], **OF_KIND[kind]}
     try:
@@ -141,12 +136,11 @@ def test_each_schedule_looks_at_what_a_frame_wrote(schedule: str, substeps: int,
 def test_a_bad_particle_is_named_by_its_number(schedule, device):
     """A bad particle is named by its number, not by its place in a schedule's own order. Springs without stiffness
     leave its neighbors in place."""
-    slack = Stiffness(structural=0.0, shear=0.0, flexion=0.0)
-    ball = Balloon(mesh=quad_sphere(14), stiffness=slack, inflation=Inflation(k_normal=0.0))
-    simulator = Simulator(Scene(balloon=[ball], substeps=2), device, schedule=schedule)
-    number = 1000
+    simulator = Simulator(
+        Scene(balloon=[Balloon(mesh=quad_sphere(14), **SLACK)], substeps=2), device, schedule=schedule
+    )
     points = simulator.state.points.numpy()
-    points[0, number] = 1e13
+    points[0, 1000] = 1e13
     simulator.state.points.assign(points)
     simulator.advance()
-    assert simulator.state.first_bad.numpy() == [number]
+    assert simulator.state.first_bad.numpy() == [1000]

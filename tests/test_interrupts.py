@@ -11,6 +11,7 @@ from multiprocessing import forkserver
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -110,10 +111,7 @@ def test_a_picture_that_is_stopped_leaves_the_stage_and_says_so(tmp_path, monkey
     write_obj(tmp_path / "ball.obj", quad_sphere(2))
     scene = load_scene(tmp_path / "ball.obj", {"frames": 1})
 
-    def interrupted(*_: object, **__: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(render, "render_stage", interrupted)
+    monkeypatch.setattr(render, "render_stage", Mock(side_effect=KeyboardInterrupt))
     with pytest.raises(KeyboardInterrupt, match=r"/ball\.usda is written, .*/ball\.png is not$"):
         animate(scene, tmp_path / "ball.usda", picture=tmp_path / "ball.png", device="cpu", schedule="scatter")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["ball.obj", "ball.usda"]
@@ -134,11 +132,7 @@ def test_jobs_run_in_order_and_their_errors_are_raised_where_the_batch_runs():
         assert gate.is_set()  # it had to wait for a place
     assert done == [(number, False) for number in range(WAITING + 2)]
     with pytest.raises(OSError, match="disk full"), Background() as background:
-        background.submit(_fail)
-
-
-def _fail() -> None:
-    raise OSError("disk full")
+        background.submit(Mock(side_effect=OSError("disk full")))
 
 
 def test_a_failed_job_takes_what_is_behind_it_along():

@@ -189,7 +189,6 @@ def test_a_force_gives_way_no_faster_than_its_bound(law: Law, which: str, by: st
 
 
 def test_a_hinge_s_moment_is_its_constant_times_the_angle():
-    """A hinge's moment is linear in the angle, with the constant of its bound."""
     (law,) = [law for law in TESTED if law.kind == "hinge"]
     samples = samples_of(law)
     angle = called(angle_beyond, samples)
@@ -212,7 +211,6 @@ def test_a_law_that_is_neutral_neither_acts_nor_asks_for_a_step(law: Law):
 
 @each_law
 def test_warp_differentiates_a_law(law: Law):
-    """Warp's adjoint of a force and an energy agrees with differences, by all arguments."""
     samples = samples_of(law)
     result = RESULT[law.kind].replace("float", "float32")
     for function, kind in ((law.force, result), (law.energy, "float32")):

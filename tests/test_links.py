@@ -176,8 +176,7 @@ def test_what_a_mesh_names_is_found_beside_the_link_or_the_file(linked: str, tmp
     assert looks.materials[0].color == (1.0, 0.0, 0.0)
 
 
-def test_a_mesh_behind_a_link_in_a_circle_is_one_sentence(tmp_path: Path):
-    """A mesh is not written over through a link."""
+def test_a_mesh_behind_a_link_in_a_circle_is_one_sentence_and_none_is_written_over(tmp_path: Path):
     (tmp_path / "loop.obj").symlink_to("loop.obj")
     (tmp_path / "link.obj").symlink_to("box.obj")
     write_obj(tmp_path / "box.obj", cube())

@@ -345,10 +345,6 @@ def moved(stage: Path) -> Path:
     return stage.parent.rename(stage.parent.with_name("moved")) / stage.name
 
 
-def assert_sides(path: Path, prim: str | None = None) -> None:
-    assert_painted(load_mesh(path, prim))
-
-
 @pytest.mark.parametrize("kind", ["glb", "obj", "usda"])
 def test_the_stage_has_the_image_and_where_it_lies(kind: str, tmp_path):
     path = moved(written(write_painted(tmp_path, kind)))
@@ -361,7 +357,7 @@ def test_the_stage_has_the_image_and_where_it_lies(kind: str, tmp_path):
     file = texture.GetInput("file").Get()
     assert file.path.startswith("./textures/")
     assert Path(file.resolvedPath).is_file()
-    assert_sides(path)
+    assert_painted(load_mesh(path))
     assert_valid(Usd.Stage.Open(str(path)))
 
 
@@ -388,15 +384,14 @@ def test_a_glb_has_the_image_and_where_it_lies(tmp_path):
     for face, normal in zip(cube.faces, cube.face_normals, strict=True):
         side = 2 * int(np.abs(normal).argmax()) + int(normal.sum() > 0.0)
         assert color_in(cube.visual.material.baseColorTexture, cube.visual.uv[face].mean(axis=0)) == SIDES[side]
-    assert_sides(tmp_path / "out.glb")
+    assert_painted(load_mesh(tmp_path / "out.glb"))
 
 
 def test_a_package_has_its_image_in_it(tmp_path):
     export_stage(written(write_painted(tmp_path, "glb")), tmp_path / "cube.usdz")
     assert sum(name.endswith(".png") for name in zipfile.ZipFile(tmp_path / "cube.usdz").namelist()) == 1
     (tmp_path / "alone").mkdir()
-    path = (tmp_path / "cube.usdz").rename(tmp_path / "alone/cube.usdz")
-    assert_sides(path)
+    assert_painted(load_mesh((tmp_path / "cube.usdz").rename(tmp_path / "alone/cube.usdz")))
 
 
 def test_a_stage_made_of_another_has_its_image_beside_it(tmp_path):
@@ -405,7 +400,7 @@ def test_a_stage_made_of_another_has_its_image_beside_it(tmp_path):
     export_stage(stage, tmp_path / "there/other.usda")
     shutil.rmtree(stage.parent)
     shutil.rmtree(tmp_path / "images")
-    assert_sides(tmp_path / "there/other.usda")
+    assert_painted(load_mesh(tmp_path / "there/other.usda"))
     assert list((tmp_path / "there").rglob("*.png")) == list((tmp_path / "there/textures").iterdir())
 
 
@@ -475,8 +470,8 @@ color = [0.5, 0.5, 0.5]
 
 def test_obstacles_and_bodies_keep_their_looks(tmp_path):
     path = written(write_painted(tmp_path, "obj"), SOLIDS)
-    assert_sides(path, "/World/Obstacles/mesh")
-    assert_sides(path, "/World/Bodies/mesh")
+    for prim in ("/World/Obstacles/mesh", "/World/Bodies/mesh"):
+        assert_painted(load_mesh(path, prim))
     assert not load_mesh(path, "/World/Bodies/mesh_1").looks.pictures
 
 

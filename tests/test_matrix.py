@@ -9,7 +9,7 @@ import pytest
 from features import bundled, bundled_model, features, some_bundled_scenes, switches
 from lone_laws import TESTED, model_of_all
 from method_scenes import SCENES, VARIANTS
-from trajectories import ROUNDING, advance_both, assert_close, tolerance_of
+from trajectories import ROUNDING, advance_both, assert_close, stepped, tolerance_of
 
 from balloon_warp.benchmarks.matrix import METHODS, Method, as_markdown
 from balloon_warp.errors import InputError
@@ -94,9 +94,7 @@ def ten_frames(name: str, solver: str, device: str, schedule: str) -> tuple[np.n
     scene = load_scene(name, [*EARLIER.get(name, []), ("solver", solver)])
     simulator = Simulator(scene, device, schedule="auto" if solver == "projective" else schedule)
     start = np.concatenate(simulator.read_frame().points)
-    for _ in range(10):
-        simulator.step()
-    return start, np.concatenate(simulator.read_frame().points)
+    return start, np.concatenate(stepped(simulator, 10).read_frame().points)
 
 
 @pytest.mark.parametrize("schedule", ["scatter", "gather", "block", "projective"])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 from conserved import put
-from meshes import mesh_of, quad_sphere
+from meshes import halved, quad_sphere
 
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Model, build_model, initial_state, plan_model
@@ -15,14 +15,7 @@ from balloon_warp.scene import Atmosphere, Balloon, Inflation, Material, Scene
 from balloon_warp.schedules.readout import ForceReader
 from balloon_warp.simulator import Simulator
 
-
-def triangles() -> PolygonMesh:
-    quads = quad_sphere(6, 0.1)
-    corners = quads.face_vertex_indices.reshape(-1, 4)
-    return mesh_of(quads.points, np.concatenate([corners[:, :3], corners[:, [0, 2, 3]]]).tolist())
-
-
-MESHES = {"quads": quad_sphere(6, 0.1), "triangles": triangles()}
+MESHES = {"quads": quad_sphere(6, 0.1), "triangles": halved(quad_sphere(6, 0.1))}
 STIFFEST = {
     "neo_hookean": (Material(kind="neo_hookean"), 1.02),
     "latex": (Material(preset="latex"), 6.0),

@@ -29,7 +29,6 @@ def test_methods_are_measured():
 @pytest.mark.full
 @pytest.mark.parametrize("method", METHODS, ids=lambda method: method.name)
 def test_every_method_can_be_measured(method: Method):
-    """Every method has a model and a schedule that takes it."""
     overrides = [parse_override(text) for text in (*PAPER, *method.overrides)]
     model = build_model(load_scene(SCENE, overrides), "cpu")
     schedule_named(method.schedule, model)

@@ -12,42 +12,23 @@ from balloon_warp.model import bounds, build_model, initial_state, plan_model, w
 from balloon_warp.model.memory import Allocating, Counting
 from balloon_warp.model.parameters import places_of, value_of
 from balloon_warp.model.rows import ROWS, rows_of
-from balloon_warp.scene import (
-    Balloon,
-    Body,
-    Force,
-    Ground,
-    Inflation,
-    Material,
-    Neck,
-    Obstacle,
-    Scene,
-    Sphere,
-    String,
-    Touch,
-    Tube,
-    Water,
-)
+from balloon_warp.scene import Balloon, Inflation, Material, Scene
 from balloon_warp.scene.overrides import override_scene
 
 GAS = Inflation(kind="gas")
 
 
 def everything() -> Scene:
+    balloon = {"mesh": cube(), "inflation": GAS, "neck": {}}
     return Scene(
-        balloon=[
-            Balloon(mesh=cube(), inflation=GAS, neck=Neck()),
-            Balloon(mesh=cube(), position=(3.0, 0.0, 0.0), inflation=GAS, neck=Neck()),
-        ],
-        sphere=[Sphere(position=(0.0, 5.0, 0.0))],
-        string=[String(anchor=(0.0, -3.0, 0.0))],
-        tube=[Tube(balloons=(0, 1), conductance=0.1)],
-        force=[Force(particles=[0, 1])],
-        obstacle=[Obstacle(position=(50.0, -20.0, 0.0))],
-        body=[Body(position=(60.0, 5.0, 0.0), mass=1.0)],
-        ground=Ground(height=-5.0),
-        water=Water(level=-4.0),
-        touch=Touch(),
+        balloon=[balloon, balloon | {"position": (3.0, 0.0, 0.0)}],
+        sphere=[{"position": (0.0, 5.0, 0.0)}],
+        string=[{"anchor": (0.0, -3.0, 0.0)}],
+        tube=[{"balloons": (0, 1), "conductance": 0.1}],
+        force=[{"particles": [0, 1]}],
+        obstacle=[{"position": (50.0, -20.0, 0.0)}],
+        body=[{"position": (60.0, 5.0, 0.0), "mass": 1.0}],
+        **{"ground": {"height": -5.0}, "water": {"level": -4.0}, "touch": {}},
     )
 
 

@@ -129,7 +129,6 @@ def test_a_pattern_without_files_is_named(tmp_path: Path) -> None:
 
 
 def test_what_is_answered_is_still_there() -> None:
-    """A reason for a mutant goes when its place does."""
     keys = {each.key for of_stratum in all_mutants(ROOT, mutation.STRATA).values() for each in of_stratum}
     assert set(mutation.EQUIVALENT) <= keys
 

@@ -41,8 +41,7 @@ def test_sums_of_structs_are_compiled_on_demand():
     assert [line.split()[0] for line in declared] == ["inline", "inline"]
 
 
-def test_a_kernel_that_asks_for_them_adds_derivatives():
-    """Derivatives of two threads that read the same pair add up."""
+def test_a_kernel_that_asks_for_them_adds_derivatives_of_threads_that_read_the_same():
     numbers = np.array([(2.0, 3.0), (5.0, 7.0)], dtype=Pair.numpy_dtype())
     pairs = wp.array(numbers, dtype=Pair, device="cpu", requires_grad=True)
     products = wp.zeros(4, dtype=float, device="cpu", requires_grad=True)

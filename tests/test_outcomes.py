@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from meshes import cube, grid, hook, quad_sphere
+from meshes import at, cube, grid, hook, joined, quad_sphere
 
 from balloon_warp import PolygonMesh, Scene, Simulator, animate, run_batch
 from balloon_warp.outcomes import BadEnding, bad_endings, ending_sentences
@@ -29,11 +29,7 @@ def kinds(*arguments: Any, **fields: Any) -> list[str]:
 
 def two_balls(apart: float) -> PolygonMesh:
     """Return two components, of which the second is smaller."""
-    small = quad_sphere(4, 0.3)
-    points = np.concatenate([BALL.points, small.points + np.array([apart, 0.0, 0.0])])
-    indices = [BALL.face_vertex_indices, small.face_vertex_indices + np.int32(BALL.vertex_count)]
-    counts = np.concatenate([BALL.face_vertex_counts, small.face_vertex_counts])
-    return PolygonMesh(points, counts, np.concatenate(indices))
+    return joined(BALL, at(quad_sphere(4, 0.3), (apart, 0.0, 0.0)))
 
 
 def test_a_balloon_that_grows_turns_and_moves_has_not_ended_badly():

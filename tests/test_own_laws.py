@@ -1,6 +1,7 @@
 """Laws of one's own on the host: messages for bad ones, and places of their parameters."""
 
 import pickle
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,8 @@ from balloon_warp.scene.write import scene_toml
 from balloon_warp.viewer.sliders import VALUES, values_of
 
 STRENGTH = bw.Parameter("strength", "1", 1.0)
+law = bw.particle_law
+magnetic = partial(law, magnet, MAGNET.parameters)
 
 
 @wp.func
@@ -95,48 +98,42 @@ def scene(**fields) -> Scene:
 @pytest.mark.parametrize(
     ("make", "sentence"),
     [
-        (
-            lambda: bw.particle_law(plain),
-            r"^particle law: expected a function with @wp\.func before it \(got <function",
-        ),
+        (lambda: law(plain), r"^particle law: expected a function with @wp\.func before it \(got <function"),
         (lambda: bw.face_law(wp.length), r"^face law: expected a function with @wp\.func"),
         (
-            lambda: bw.particle_law(lost),
+            lambda: law(lost),
             r"^law lost: unknown argument distance; expected some of position, velocity, mass, .*time$",
         ),
         (lambda: bw.spring_law(lost), r"^law lost: unknown argument position; .* squared_length,"),
         (
-            lambda: bw.particle_law(of_whole_numbers, [STRENGTH]),
+            lambda: law(of_whole_numbers, [STRENGTH]),
             r"^law of_whole_numbers: its argument strength is of another type; expected float$",
         ),
-        (lambda: bw.particle_law(a_number, [STRENGTH]), r"^law a_number: returns a float; expected a vec3f$"),
-        (lambda: bw.particle_law(misspelt), r"^law misspelt: cannot be called: module 'warp' has no .* 'lenght'$"),
-        (lambda: bw.particle_law(without_helper), r"^law without_helper: cannot be called: name 'helper_that_is_not_"),
-        (lambda: bw.particle_law(out_of_range), r"^law out_of_range: cannot be called: .*index"),
-        (lambda: bw.particle_law(of_too_many), r"^law of_too_many: cannot be called: .*'length' compatible with"),
-        (lambda: bw.particle_law(silent), r"^law silent: returns nothing; expected a return with a value$"),
-        (lambda: bw.particle_law(magnet, energy=plain), r"^law magnet: unknown argument strength"),
+        (lambda: law(a_number, [STRENGTH]), r"^law a_number: returns a float; expected a vec3f$"),
+        (lambda: law(misspelt), r"^law misspelt: cannot be called: module 'warp' has no .* 'lenght'$"),
+        (lambda: law(without_helper), r"^law without_helper: cannot be called: name 'helper_that_is_not_"),
+        (lambda: law(out_of_range), r"^law out_of_range: cannot be called: .*index"),
+        (lambda: law(of_too_many), r"^law of_too_many: cannot be called: .*'length' compatible with"),
+        (lambda: law(silent), r"^law silent: returns nothing; expected a return with a value$"),
+        (lambda: law(magnet, energy=plain), r"^law magnet: unknown argument strength"),
         (
-            lambda: bw.particle_law(magnet, MAGNET.parameters, stiffness=lambda height: height),
+            lambda: magnetic(stiffness=lambda height: height),
             r"^law magnet: its stiffness takes height; expected mass, mass_share, area, velocity, strength, pole$",
         ),
         (
-            lambda: bw.particle_law(magnet, MAGNET.parameters, neutral={"weakness": 0.0}),
+            lambda: magnetic(neutral={"weakness": 0.0}),
             r"^law magnet: neutral names weakness; expected one of its parameters, strength, pole$",
         ),
-        (lambda: bw.particle_law(magnet, MAGNET.parameters, color="red"), r"^law magnet: .* argument 'color'$"),
+        (lambda: magnetic(color="red"), r"^law magnet: .* argument 'color'$"),
         (
-            lambda: bw.particle_law(a_number, [bw.Parameter("strength", "1", of="sphere")]),
+            lambda: law(a_number, [bw.Parameter("strength", "1", of="sphere")]),
             r'^law a_number: its parameter strength is of="sphere"; expected "balloon" or "world"$',
         ),
         (
-            lambda: bw.particle_law(a_number, [bw.Parameter("strength", "1", path="mass")]),
+            lambda: law(a_number, [bw.Parameter("strength", "1", path="mass")]),
             r"^law a_number: its parameter strength is at mass; expected law\.NAME\.PARAMETER, or no path$",
         ),
-        (
-            lambda: bw.particle_law(magnet, MAGNET.parameters, energy=magnet),
-            r"^law magnet: its energy: returns a vec3f; expected a float$",
-        ),
+        (lambda: magnetic(energy=magnet), r"^law magnet: its energy: returns a vec3f; expected a float$"),
     ],
 )
 def test_a_bad_law_gets_one_sentence(make, sentence):
@@ -145,29 +142,27 @@ def test_a_bad_law_gets_one_sentence(make, sentence):
 
 
 def test_what_only_kernels_have_is_no_mistake():
-    """Native functions, some of Warp's, and numbers that the trial on the host happens to divide by are accepted."""
     assert bw.spring_law(native).name == "native"
     for function in (by_a_choice, by_a_mesh):
         assert bw.particle_law(function).force is function
     assert bw.particle_law(beyond_numbers, [STRENGTH]).force is beyond_numbers
 
 
+EXTENDED = "^law magnet: its parameter {} is also a parameter of a built-in law, with another definition"
+
+
 @pytest.mark.parametrize(
     ("laws", "sentence"),
     [
-        ([MAGNET, MAGNET], r"^law magnet: another law has this name"),
-        ([bw.particle_law(magnet, MAGNET.parameters, name="hooke")], r"^law hooke: another law has this name"),
+        ([MAGNET, MAGNET], "^law magnet: another law has this name"),
+        ([magnetic(name="hooke")], "^law hooke: another law has this name"),
         (
-            [MAGNET, bw.particle_law(magnet, MAGNET.parameters[1:] + (STRENGTH,), name="other")],
-            r"^law other: its parameter strength is also a parameter of law magnet, with another definition",
+            [MAGNET, law(magnet, MAGNET.parameters[1:] + (STRENGTH,), name="other")],
+            "^law other: its parameter strength is also a parameter of law magnet, with another definition",
         ),
-        (
-            [bw.particle_law(magnet, [*MAGNET.parameters, bw.Parameter("helium", "1")])],
-            r"^law magnet: its parameter helium is also a parameter of a built-in law, with another definition",
-        ),
-        (
-            [bw.particle_law(magnet, [*MAGNET.parameters, bw.Parameter("softening", "1")])],
-            r"^law magnet: its parameter softening is also a parameter of a built-in law, with another definition",
+        *(
+            ([law(magnet, [*MAGNET.parameters, bw.Parameter(name, "1")])], EXTENDED.format(name))
+            for name in ("helium", "softening")
         ),
         ([magnet], r"^laws: expected a Law \(got"),
     ],
@@ -178,7 +173,7 @@ def test_laws_that_do_not_go_together_are_refused(laws, sentence):
 
 
 def test_laws_may_share_a_row():
-    require_laws([MAGNET, bw.particle_law(magnet, MAGNET.parameters, name="second")])
+    require_laws([MAGNET, magnetic(name="second")])
 
 
 def test_parameters_stand_in_the_law_s_table():
@@ -197,11 +192,7 @@ def test_parameters_stand_in_the_law_s_table():
         ("balloon.1.law.hardening.hardness", 11, r"^balloon\.1\.law\.hardening\.hardness: must be at most 10 \(got 11"),
         ("law.magnet.pole", 1.0, r"^law\.magnet\.pole: must be 3 numbers \(got 1\.0\)$"),
         ("balloon.law.magnet.force", 1.0, r"^balloon\.0\.law\.magnet\.force: unknown field; known here are strength$"),
-        (
-            "law.hardening.hardness",
-            1.0,
-            r"^law\.hardening: unknown law; known here are magnet",
-        ),
+        ("law.hardening.hardness", 1.0, r"^law\.hardening: unknown law; known here are magnet"),
         ("balloon.law.gravity.g", 1.0, r"^balloon\.0\.law\.gravity: unknown law; .* magnet, hardening$"),
         ("balloon.law.magnet.strength", "much", r"^balloon\.0\.law\.magnet\.strength: must be a valid number .*'much'"),
     ],
@@ -248,8 +239,7 @@ def test_bounds_count_in_the_step():
     soft, hard = bw.advise_step(apart, [HARDENING]), bw.advise_step(hardened, [HARDENING])
     assert hard.stable_step < 0.55 * soft.stable_step  # four times the constant
     assert soft == bw.advise_step(apart)
-    unbound = bw.particle_law(magnet, MAGNET.parameters, name="unbound")
-    assert bw.advise_step(apart, [unbound]) == soft
+    assert bw.advise_step(apart, [magnetic(name="unbound")]) == soft
 
 
 def test_a_change_of_what_bounds_name_counts_too():
@@ -267,8 +257,7 @@ def test_what_is_neutral_or_not_wanted_does_not_act():
     assert "hardening" in acting(law__hardening__hardness=1.0)
 
 
-def test_a_law_that_changes_from_neutral_acts_from_the_start():
-    """A law that changes from neutral has its kernels from the start, as these are made once."""
+def test_a_law_that_changes_from_neutral_has_its_kernels_from_the_start():
     later = scene(change=[Change(time=0.5, set={"balloon.0.law.hardening.hardness": 1.0})])
     assert HARDENING in acting_laws(plan_model(later, laws=[MAGNET, HARDENING]))
     assert HARDENING in acting_laws(build_model(later, "cpu", laws=[MAGNET, HARDENING]))
@@ -279,15 +268,13 @@ def test_a_law_travels_as_its_global_name():
     assert all(pickle.loads(pickle.dumps(law)) is law for law in LAWS)
     plan = pickle.loads(pickle.dumps(plan_model(scene(), laws=[MAGNET])))
     assert plan.laws == (*LAWS, MAGNET)
-    nameless = bw.particle_law(magnet, MAGNET.parameters)
-    with pytest.raises(
-        pickle.PicklingError, match=r"^law magnet: other processes cannot find it; expected a global name"
-    ):
-        pickle.dumps(nameless)
+    nowhere = r"^law magnet: other processes cannot find it; expected a global name"
+    with pytest.raises(pickle.PicklingError, match=nowhere):
+        pickle.dumps(magnetic())
 
 
 def test_the_source_is_hashed():
-    with_energy, without = describe_laws([MAGNET]), describe_laws([bw.particle_law(magnet, MAGNET.parameters)])
+    with_energy, without = describe_laws([MAGNET]), describe_laws([magnetic()])
     assert with_energy["magnet"].keys() == {"force", "energy"}
     assert with_energy["magnet"]["force"] == without["magnet"]["force"] != with_energy["magnet"]["energy"]
 

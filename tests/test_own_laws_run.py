@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from meshes import cube
 from own_laws import HARDENING, MAGNET, magnet
+from trajectories import stepped
 
 import balloon_warp as bw
 from balloon_warp.mesh.obj import write_obj
@@ -33,9 +34,7 @@ def sizes(simulator: bw.Simulator) -> np.ndarray:
 
 def test_a_law_acts_in_every_schedule(schedule, device):
     """Each particle oscillates about the pole like a cosine, each world by its own strength."""
-    simulator = bw.Simulator(loose(), device, 2, {STRENGTH: [9.0, 25.0]}, schedule, [MAGNET])
-    for _ in range(30):
-        simulator.step()
+    simulator = stepped(bw.Simulator(loose(), device, 2, {STRENGTH: [9.0, 25.0]}, schedule, [MAGNET]), 30)
     np.testing.assert_allclose(sizes(simulator), np.abs(np.cos([1.5, 2.5])), atol=5e-3)
 
 
@@ -48,7 +47,6 @@ def schedule(request: pytest.FixtureRequest, device: str) -> str:
 
 @pytest.mark.full
 def test_a_law_begins_when_its_parameters_change(device):
-    """A law begins with the change of its parameter, half a second after the start."""
     change = Change(time=0.5, set={STRENGTH: 9.0})
     simulator = bw.Simulator(loose(0.0, change=[change]), device, laws=[MAGNET])
     for frame in range(60):
@@ -99,7 +97,6 @@ def test_a_run_and_a_comparison_have_laws(tmp_path: Path):
 
 @pytest.mark.full
 def test_a_law_of_a_page_begins_when_its_slider_moves():
-    """A law of the page begins when its slider moves, by another kernel, and ends when the slider is back."""
     playground = Playground(loose(0.0), "cpu", [MAGNET])
     playground.step()
     assert np.ptp(playground.points[:, 1]) == 1.0

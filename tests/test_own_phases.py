@@ -13,7 +13,7 @@ from features import features
 from meshes import quad_sphere
 from method_scenes import with_phase
 from own_phases import list_after, slow, warm, weaken
-from trajectories import ROUNDING, after_frames, arrays
+from trajectories import ROUNDING, after_frames, arrays, stepped
 
 from balloon_warp.benchmarks.matrix import of_phase
 from balloon_warp.errors import InputError
@@ -54,10 +54,7 @@ def scene_with(changes: dict[str, Any]) -> Scene:
 
 
 def simulated(changes: dict[str, Any], schedule: str, device: str, frames: int = 2, **more: Any) -> Simulator:
-    simulator = Simulator(scene_with(changes), device, schedule=schedule, **more)
-    for _ in range(frames):
-        simulator.step()
-    return simulator
+    return stepped(Simulator(scene_with(changes), device, schedule=schedule, **more), frames)
 
 
 def temperatures(simulator: Simulator) -> np.ndarray:
@@ -66,7 +63,6 @@ def temperatures(simulator: Simulator) -> np.ndarray:
 
 @pytest.mark.full
 def test_a_sphere_slows_what_is_near(listed, schedule, device):
-    """A sphere slows particles within 0.7 m in a step, as NumPy computes, relative to a run without."""
     one_step = {"frames_per_second": 200.0, "substeps": 1} | SLOWED
     rates = {"sphere.1.law.slow.slowing": 40.0}, {"sphere.1.law.slow.slowing": 0.0}
     simulators = [simulated(one_step | rate, schedule, device, 0) for rate in rates]
@@ -120,8 +116,7 @@ def test_blocks_of_any_layout_keep_values(layout, listed, monkeypatch):
 
 
 @pytest.mark.parametrize("phase", [slow, warm], ids=lambda phase: phase.name)
-def test_a_phase_is_in_the_table_of_methods_because_it_is_listed(phase, listed):
-    """A listed phase is in the table of methods and in the scenes of every schedule, with values of its rows."""
+def test_a_phase_is_in_the_table_of_methods_and_in_scenes_of_every_schedule_because_it_is_listed(phase, listed):
     scenes = of_phase(phase).scene(), with_phase(phase)
     assert all(f"phase {phase.name}" in features(build_model(scene, "cpu")) for scene in scenes)
 
@@ -134,7 +129,6 @@ def test_a_phase_without_effect_is_left_out(listed):
 
 @pytest.mark.full
 def test_what_is_kept_goes_on_bit_for_bit(listed, schedule, device):
-    """State of a phase is bit-identical after a restore, and in the world simulated again to explain a blow-up."""
     one = simulated(WARMED, schedule, device, 1)
     saved = one.save()
     other = simulated(WARMED, schedule, device, 0)
@@ -150,7 +144,6 @@ def test_what_is_kept_goes_on_bit_for_bit(listed, schedule, device):
 
 @pytest.mark.full
 def test_a_phase_may_begin_and_end_while_it_is_simulated(listed, device):
-    """A phase may begin and end during a simulation, by a planned change, too; its state begins as at the start."""
     simulator = simulated({}, "auto", device, 1)
     simulator.set(WARMED)
     simulator.step()
@@ -180,10 +173,7 @@ def test_worlds_that_are_simulated_again_keep_what_they_had(listed, schedule, de
     ("changes", "sentence"),
     [
         ({"sphere.0.law.slow.slowing": -1.0}, r"sphere.0.law.slow.slowing: must be at least 0 \(got -1.0\)"),
-        (
-            {"sphere.0.law.slow.speed": 1.0},
-            "sphere.0.law.slow.speed: unknown field; known here are slow_radius",
-        ),
+        ({"sphere.0.law.slow.speed": 1.0}, "sphere.0.law.slow.speed: unknown field; known here are slow_radius"),
         ({"sphere.0.law.warm.weakening": 1.0}, "sphere.0.law.warm: unknown law; known"),
         ({"balloon.law.warm.warming_seconds": 0.0}, "balloon.0.law.warm.warming_seconds: must be at least 1e-06"),
     ],

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from beginning_worlds import ALONE, BALL, GAS, TOUCHING, arrays
+from beginning_worlds import ALONE, BALL, GAS, TOUCHING, begun_anew, require_same
 from trajectories import stepped
 
 from balloon_warp import InputError, Simulator
@@ -21,31 +21,20 @@ PLANNED = ALONE.model_copy(
 
 
 def test_planned_changes_come_in_a_worlds_own_time(schedule: str) -> None:
-    """Bit for bit as in a world that begins; the other goes on as if nothing were, and both do so again."""
-    whole, masked = (Simulator(PLANNED, "cpu", 2, schedule=schedule) for _ in range(2))
-    stepped(whole, 10)
-    for frames in (3, 1):
-        stepped(masked, frames).reset([0, 1])
-    stepped(masked, 6)
-    fresh = arrays(stepped(Simulator(PLANNED, "cpu", 1, schedule=schedule), 6))
-    gone_on = arrays(whole)
-    for name, array in arrays(masked).items():
-        np.testing.assert_array_equal(array[1:], fresh[name], err_msg=name)
-        np.testing.assert_array_equal(array[:1], gone_on[name][:1], err_msg=name)
+    _, masked, fresh = begun_anew(PLANNED, schedule, (3, 1), 6)
     masked.reset()
-    for name, array in arrays(stepped(masked, 6)).items():
-        np.testing.assert_array_equal(array[:1], fresh[name], err_msg=name)
+    require_same(stepped(masked, 6), fresh, slice(0, 1))
 
 
 def test_worlds_of_different_times_are_saved_and_restored() -> None:
     simulator = stepped(Simulator(PLANNED, "cpu", 2), 3)
     simulator.reset([0, 1])
     saved = stepped(simulator, 1).save()
-    told = arrays(stepped(simulator, 4))
-    for other in (Simulator(PLANNED, "cpu", 2), simulator):
-        other.restore(saved)
-        for name, array in arrays(stepped(other, 4)).items():
-            np.testing.assert_array_equal(array, told[name], err_msg=name)
+    stepped(simulator, 4)
+    other = Simulator(PLANNED, "cpu", 2)
+    for each in (other, simulator):
+        each.restore(saved)
+        require_same(stepped(each, 4), simulator if each is other else other)
 
 
 def test_a_control_of_ones_own_hears_of_what_is_planned() -> None:
@@ -90,21 +79,12 @@ APPEARING = ALONE.model_copy(
 
 @pytest.mark.full
 def test_things_appear_and_end_in_a_worlds_own_time(schedule: str) -> None:
-    """Bit for bit as in a world that begins, while the other goes on; also once it is saved and restored."""
-    whole, masked = (Simulator(APPEARING, "cpu", 2, schedule=schedule) for _ in range(2))
-    stepped(whole, 11)
-    for frames in (3, 1):
-        stepped(masked, frames).reset([0, 1])
+    """Also in a world that is saved and restored."""
+    _, masked, fresh = begun_anew(APPEARING, schedule, (3, 1), 7)
+    masked.reset([0, 1])
     saved = stepped(masked, 3).save()
-    stepped(masked, 4)
-    fresh = arrays(stepped(Simulator(APPEARING, "cpu", 1, schedule=schedule), 7))
-    gone_on = arrays(whole)
-    for name, array in arrays(masked).items():
-        np.testing.assert_array_equal(array[1:], fresh[name], err_msg=name)
-        np.testing.assert_array_equal(array[:1], gone_on[name][:1], err_msg=name)
-    masked.restore(saved)
-    for name, array in arrays(stepped(masked, 4)).items():
-        np.testing.assert_array_equal(array[1:], fresh[name], err_msg=name)
+    stepped(masked, 4).restore(saved)
+    require_same(stepped(masked, 4), fresh, slice(1, 2))
 
 
 PUMPED = Inflation(pressure=[(0.0, 2.0), (0.05, 9.0), (0.12, 4.0)])
@@ -125,30 +105,18 @@ MOVED = TOUCHING.model_copy(
 
 @pytest.mark.full
 def test_keyframes_and_obstacles_follow_a_worlds_own_time(schedule: str) -> None:
-    """Bit for bit as in a world that begins; the other goes on as if nothing were, and both do so again."""
     scene = MOVED if schedule == "gather" else MOVED.model_copy(update={"contacts": False, "body": []})
-    whole, masked = (Simulator(scene, "cpu", 2, schedule=schedule) for _ in range(2))
-    stepped(whole, 12)
-    for frames in (5, 1):
-        stepped(masked, frames).reset([0, 1])
-    stepped(masked, 6)
-    fresh = stepped(Simulator(scene, "cpu", 1, schedule=schedule), 6)
-    gone_on = arrays(whole)
-    for name, array in arrays(masked).items():
-        np.testing.assert_array_equal(array[1:], arrays(fresh)[name], err_msg=name)
-        np.testing.assert_array_equal(array[:1], gone_on[name][:1], err_msg=name)
+    whole, masked, fresh = begun_anew(scene, schedule, (5, 1), 6)
     seen = masked.observations["obstacle_positions"].numpy()
     for world, frame in enumerate((whole.read_frame(), fresh.read_frame())):
         np.testing.assert_array_equal(masked.read_frame(world).obstacle_poses, frame.obstacle_poses)
         np.testing.assert_array_equal(seen[world], frame.obstacle_poses[:, :3].astype(np.float32))
     masked.reset()
-    for name, array in arrays(stepped(masked, 6)).items():
-        np.testing.assert_array_equal(array[:1], arrays(fresh)[name], err_msg=name)
+    require_same(stepped(masked, 6), fresh, slice(0, 1))
 
 
 @pytest.mark.full
 def test_obstacles_of_ones_own_control_do_not_know_the_time(schedule: str) -> None:
-    """Worlds with an obstacle that a control moves are bit-identical to new ones, whatever the frame."""
     plate = Obstacle(size=(1.5, 0.2, 1.5), position=(0.0, -0.8, 0.0))
     scene = ALONE.model_copy(update={"obstacle": [plate]})
     late, fresh = (Simulator(scene, "cpu", 2, schedule=schedule) for _ in range(2))
@@ -159,8 +127,7 @@ def test_obstacles_of_ones_own_control_do_not_know_the_time(schedule: str) -> No
         for simulator in (late, fresh):
             simulator.controls["obstacle.0.velocity"] = np.full((2, 3), [0.1, 2.0 * np.cos(0.3 * frame), 0.2])
             stepped(simulator, 1)
-    for name, array in arrays(late).items():
-        np.testing.assert_array_equal(array, arrays(fresh)[name], err_msg=name)
+    require_same(late, fresh)
 
 
 @pytest.mark.full
@@ -203,7 +170,6 @@ LATE = {
 def test_worlds_of_one_clock_do_not_begin_anew_by_themselves(case: str) -> None:
     update, reason = LATE[case]
     simulator = Simulator(ALONE.model_copy(update=update), "cpu", 2)
-    with pytest.raises(
-        InputError, match=f"reset: some worlds cannot begin anew where the scene has {reason}: the clock"
-    ):
+    clock = f"reset: some worlds cannot begin anew where the scene has {reason}: the clock"
+    with pytest.raises(InputError, match=clock):
         simulator.reset([0, 1])

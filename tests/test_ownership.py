@@ -1,7 +1,7 @@
 """Files whose place an output may take: the program's own, none of its inputs, and nobody else's at the same time."""
 
 import json
-import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -188,40 +188,15 @@ def test_names_that_nobody_gave_are_no_inputs(folder: Path) -> None:
 
 
 def test_an_output_has_one_writer(tmp_path: Path) -> None:
-    path, told = tmp_path / "out.usdc", []
-
-    def write_too() -> None:
-        try:
-            animate(BOX, path, device="cpu", on_frame=lambda _: pytest.fail("simulates"))
-        except InputError as refusal:
-            told.append(str(refusal))
-
-    with sole_writer(path), sole_writer(path, None, tmp_path / "out.png"):
-        other = threading.Thread(target=write_too)
-        other.start()
-        other.join()
-    assert len(told) == 1
-    assert "out.usdc: process " in told[0]
-    assert "is writing it; wait for its end, or give another name, with -o" in told[0]
+    path, named = tmp_path / "out.usdc", tmp_path / "out.png"
+    with sole_writer(path), sole_writer(path, None, named), ThreadPoolExecutor(1) as other:
+        simulates = {"device": "cpu", "on_frame": lambda _: pytest.fail("simulates")}
+        refusal = other.submit(animate, BOX, path, **simulates).exception()
+    assert isinstance(refusal, InputError)
+    assert "out.usdc: process " in str(refusal)
+    assert "is writing it; wait for its end, or give another name, with -o" in str(refusal)
     assert list(tmp_path.iterdir()) == []
-    with sole_writer(tmp_path), pytest.raises(InputError, match="is writing it"):
-        in_thread(lambda: run_batch(BOX, tmp_path, 2, device="cpu"))
+    with sole_writer(tmp_path), ThreadPoolExecutor(1) as other, pytest.raises(InputError, match="is writing it"):
+        other.submit(run_batch, BOX, tmp_path, 2, device="cpu").result()
     with sole_writer(path):
         pass
-
-
-def in_thread(work) -> None:
-    """Call a function in another thread, and raise its error."""
-    raised: list[BaseException] = []
-
-    def catch() -> None:
-        try:
-            work()
-        except BaseException as error:
-            raised.append(error)
-
-    thread = threading.Thread(target=catch)
-    thread.start()
-    thread.join()
-    if raised:
-        raise raised[0]

@@ -216,7 +216,6 @@ def test_the_line_of_status_says_how_fast_time_runs_and_why():
     "curve", [[0.0, 0.0], [576.4, 576.4], [174.01, 174.02], [1.0, 1.0001], [3.0, 9.0], [-5.0, 1.0]]
 )
 def test_ticks_of_a_plot_differ(curve: list[float]):
-    """A plot's range covers the curve, and its five ticks differ in the three digits that plots have."""
     low, high = span_of(np.array(curve))
     assert low <= min(curve)
     assert high >= max(curve)

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from meshes import cube, grid, joined, mesh_of, open_cube, quad_sphere, tetrahedron
+from meshes import at, cube, grid, joined, mesh_of, open_cube, quad_sphere, tetrahedron
 from numpy.typing import NDArray
 from odd_things import car, hair, haired
+from trajectories import stepped
 from typer.testing import CliRunner, Result
 from work import lines_executed
 
@@ -26,11 +27,6 @@ from balloon_warp.scene.pins import pinned_at_borders
 from balloon_warp.simulator import Simulator
 from balloon_warp.springs import build_springs
 from balloon_warp.springs.ties import BRACED, EACH, TIED, balloon_springs, nearest_elsewhere, spread, tie_pairs
-
-
-def at(mesh: PolygonMesh, place: tuple[float, float, float], size: float = 1.0) -> PolygonMesh:
-    return replace(mesh, points=mesh.points * size + np.array(place))
-
 
 BALL = quad_sphere(8)
 FINE = quad_sphere(24)
@@ -120,7 +116,6 @@ def test_the_nearest_of_another_label_is_found_and_points_are_spread(count: int)
 
 
 def test_no_loop_goes_over_particles() -> None:
-    """Tying two balls of 3,458 particles each executes as many lines of Python as two of 386."""
     few, many = (joined(ball, at(ball, (2.5, 0, 0))) for ball in (BALL, FINE))
     assert lines_executed(lambda: tie_pairs(many)) <= 1.5 * lines_executed(lambda: tie_pairs(few))
 
@@ -132,9 +127,7 @@ def test_a_ball_hangs_from_one_that_is_fixed_or_falls(parts: str, device: str) -
     ball = quad_sphere(2)
     held = {"mass": 1.0, "helium": 0.0, "damping": 0.0, "fixed": list(range(ball.vertex_count))}
     balloon = Balloon(mesh=joined(ball, at(ball, (0, -2.5, 0))), parts=parts, **held)
-    simulator = Simulator(Scene(balloon=[balloon], gravity=9.81), device)
-    for _ in range(30):
-        simulator.step()
+    simulator = stepped(Simulator(Scene(balloon=[balloon], gravity=9.81), device), 30)
     sunk = -2.5 - simulator.read_frame().points[0][ball.vertex_count :, 1].mean()
     assert sunk > 1.0 if parts == "free" else sunk < 0.2
 
@@ -144,7 +137,6 @@ def taken(mesh: PolygonMesh, which: str) -> PolygonMesh:
 
 
 def test_hair_is_left_out_and_has_no_mass_and_no_springs() -> None:
-    """Hair is left out, with one count of the parts in the message, and vertices keep their numbers."""
     bald, head = taken(haired(), "closed"), quad_sphere(12)
     assert (bald.vertex_count, bald.face_count) == (haired().vertex_count, head.face_count)
     assert bald.warnings == ("60 of 61 parts, of 600 faces, are left out: they are open.",)

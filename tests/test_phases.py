@@ -89,7 +89,6 @@ def test_a_list_does_what_its_phases_do_one_after_the_other(phases, doubles, mod
 @pytest.mark.parametrize("schedule", [LanesSchedule, OctetsSchedule], ids=["lanes", "octets"])
 @pytest.mark.parametrize("phases", LISTS, ids=lambda phases: " ".join(each.name for each in phases))
 def test_eight_side_by_side_do_the_same(phases, schedule, model):
-    """Blocks of eight lanes agree, whose phases take eight worlds or one."""
 
     class OfPhases(schedule):
         @classmethod
@@ -127,7 +126,6 @@ def test_phases_of_a_step_have_names_of_their_own():
 
 
 def test_a_scene_has_in_its_source_only_what_it_needs():
-    """The source of a balloon and nothing else has no unused phases."""
     model = build_model(Scene(balloon=[Balloon(mesh=cube())]), "cpu")
     features = model_features(model)
     source = source_of(cut(phases_of(features), features, GATHERED))
@@ -143,19 +141,15 @@ def code_blocks(page: Path) -> list[str]:
 
 
 def test_the_source_in_the_docs_is_the_one_that_is_printed():
-    printed = kernel_source(load_scene("latex_inflate"), "gather")
-    shown = [
-        text for text in code_blocks(DOCS / "ARCHITECTURE.md") if text.startswith("def particles_inflate_to_leave(")
-    ]
-    assert len(shown) == 1
-    assert shown[0] in printed
-    in_block = [text for text in code_blocks(DOCS / "ARCHITECTURE.md") if text.startswith("        for particle in")]
-    assert len(in_block) == 1
-    assert in_block[0] in kernel_source(load_scene("squirrel_tether"), "block")
+    for begins, scene, schedule in (
+        ("def particles_inflate_to_leave(", "latex_inflate", "gather"),
+        ("        for particle in", "squirrel_tether", "block"),
+    ):
+        (shown,) = (text for text in code_blocks(DOCS / "ARCHITECTURE.md") if text.startswith(begins))
+        assert shown in kernel_source(load_scene(scene), schedule)
 
 
 def test_a_source_has_its_phases_in_the_order_of_the_list():
-    """Phases stand in the source in the order of the list, for a scene with many features."""
     for schedule in ("gather", "scatter", "block", "lanes", "octets"):
         printed = kernel_source(feature_set("all"), schedule)
         called = [each.name for each in STEP if not each.light and re.search(rf"\b{each.name}\(", printed)]

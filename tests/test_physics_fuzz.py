@@ -12,14 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from balloon_warp.benchmarks import physics_fuzz
-from balloon_warp.benchmarks.physics_alike import (
-    Measure,
-    Property,
-    converges,
-    is_alike_among_worlds,
-    slopes_are_differences,
-)
+from balloon_warp.benchmarks import physics_alike, physics_fuzz
+from balloon_warp.benchmarks.physics_alike import Measure, Property, converges, slopes_are_differences
 from balloon_warp.benchmarks.physics_fuzz import PropertyError, check, fuzz, read_scene, scene_file
 from balloon_warp.benchmarks.physics_known import KNOWN
 from balloon_warp.benchmarks.physics_properties import PROPERTIES, tells_contact_forces
@@ -32,7 +26,7 @@ from balloon_warp.scene import load_scene
 FOUND = sorted((Path(__file__).parent / "found").glob("*.toml"))
 SCENES = 3
 """Scenes of each kind: a minute in all by default, once their kernels are compiled"""
-OF_THEIR_OWN_KERNELS = (tells_contact_forces, slopes_are_differences, is_alike_among_worlds)
+OF_THEIR_OWN_KERNELS = (tells_contact_forces, slopes_are_differences, physics_alike.is_alike_among_worlds)
 """Properties that compile more kernels than a default test should"""
 
 
@@ -134,11 +128,8 @@ def test_a_wrong_state_is_found(name: str):
 @pytest.mark.parametrize("holds", [each for each in PROPERTIES if each.__name__ not in WRONG], ids=lambda p: p.__name__)
 def test_a_wrong_motion_is_found(holds: Property, monkeypatch: pytest.MonkeyPatch):
     """Runs have a particle ever farther off, of three the last alone; the reference rests; a slope is doubled."""
-    case, of_cases, numbers = (
-        Case(one_of("springs")),
-        gradients.gradient,
-        itertools.count(-1 if holds is converges else 1),
-    )
+    case, of_cases = Case(one_of("springs")), gradients.gradient
+    numbers = itertools.count(-1 if holds is converges else 1)
     assert case.is_calm
     measure = holds(case)
     assert measure

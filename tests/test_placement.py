@@ -19,7 +19,6 @@ from balloon_warp.scene import Balloon, Scene, Stiffness, String
 
 
 def test_rotations_go_about_x_then_y_then_z():
-    """Quarter turns of (1, 2, 3) agree with those by hand, after the scale and before the position."""
     mesh = mesh_of([(1, 2, 3), (0, 0, 0), (1, 0, 0)], [[0, 1, 2]])
 
     def placed(x: float, y: float, z: float) -> list[float]:
@@ -44,23 +43,17 @@ def test_the_seed_chooses_the_draws_of_stiffness():
     assert np.abs(scales(1) - scales(2)).max() > 0.1  # of 312 draws in a range of 1
 
 
-def with_stray_vertices(mesh: PolygonMesh) -> PolygonMesh:
-    """Return the mesh after two vertices of no face, far above and far below."""
-    return joined(mesh_of([(0, 50, 0), (0, -50, 0)], []), mesh)
-
-
 @pytest.mark.parametrize(("particle", "height"), [("highest", 1.0), ("lowest", 0.0)])
 def test_a_string_holds_a_particle_of_a_face(particle: Literal["highest", "lowest"], height: float):
-    mesh = with_stray_vertices(cube())
+    mesh = joined(mesh_of([(0, 50, 0), (0, -50, 0)], []), cube())  # after two vertices of no face
     scene = Scene(balloon=[Balloon(mesh=mesh)], string=[String(anchor=(0, -2, 0), particle=particle)])
     model = build_model(scene, "cpu")
     held = int(model.string_particle.numpy()[0])
     assert held >= 2
     assert mesh.points[held, 1] == height
     # the length was missing: the distance to that particle
-    assert model.parameters["string_length"].numpy()[0, 0] == pytest.approx(
-        np.linalg.norm(mesh.points[held] - [0, -2, 0]), rel=1e-6
-    )
+    length = np.linalg.norm(mesh.points[held] - [0, -2, 0])
+    assert model.parameters["string_length"].numpy()[0, 0] == pytest.approx(length, rel=1e-6)
 
 
 def figure(up: str) -> PolygonMesh:

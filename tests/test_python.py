@@ -84,7 +84,6 @@ OTHERS = {
 
 @pytest.mark.parametrize("kind", OTHERS)
 def test_a_mesh_may_be_no_file(kind: str, tmp_path: Path):
-    """A mesh in memory gets the scene of the same mesh as a file."""
     write_obj(tmp_path / "ball.obj", BALL)
     read, given = bw.load_mesh(tmp_path / "ball.obj"), bw.load_mesh(OTHERS[kind])
     np.testing.assert_array_equal(given.points, read.points)

@@ -76,10 +76,8 @@ def ridges_of(x: np.ndarray) -> np.ndarray:
 
 
 def touch_of(x: np.ndarray) -> np.ndarray:
-    touch, own = (
-        Touch([FACES[:0], FACES], OWNER, None, np.ones(8), np.ones(2), np.array([True, True]), SKIN),
-        np.arange(4),
-    )
+    own, closed = np.arange(4), np.array([True, True])
+    touch = Touch([FACES[:0], FACES], OWNER, None, np.ones(8), np.ones(2), closed, SKIN)
     return touch._beside(x, np.insert(FACES[touch._nearest(x, own, FACES, False)], 0, own, axis=1))[0]
 
 
@@ -168,9 +166,8 @@ def on_a_slope(friction: float, degrees: float) -> np.ndarray:
 
 def test_a_sphere_that_has_yet_to_begin_waits_above_the_ground():
     waits = Sphere(position=(0.0, 2.0, 0.0), radius=0.2, velocity=(2.0, 0.0, 0.0), start=1.0)
-    reference = Reference(
-        Scene(balloon=[Balloon(mesh=quad_sphere(2))], sphere=[waits], ground=Ground(height=-1.0), contact="impulse")
-    )
+    balloon = Balloon(mesh=quad_sphere(2))
+    reference = Reference(Scene(balloon=[balloon], sphere=[waits], ground=Ground(height=-1.0), contact="impulse"))
     reference.frame()
     assert reference.spheres[0]["position"] == pytest.approx((0.0, 2.0, 0.0))
 

@@ -231,10 +231,7 @@ def test_a_range_without_a_whole_frame_shows_the_next(tmp_path):
 @pytest.mark.parametrize(
     ("break_it", "sentence"),
     [
-        (
-            lambda made: add_camera(made, 5.0, 0.0),
-            "Camera at frame 0 has an aperture of .* focal length of 0; expected",
-        ),
+        (lambda made: add_camera(made, 5.0, 0.0), "at frame 0 has an aperture of .* focal length of 0; expected"),
         (lambda made: add_camera(made, 5.0, 50.0, 0.0), "Camera at frame 0 has an aperture of 0 "),
         (
             lambda made: add_camera(made, 5.0, 50.0).AddScaleOp().Set(Gf.Vec3f(0.0)),
@@ -355,11 +352,8 @@ def test_a_stage_says_from_where_its_picture_is_taken_unless_one_asks(rise: Rend
 
 
 def test_a_lens_is_focused_on_what_is_named(rise: RenderStage):
-    up = UsdGeom.GetStageUpAxis(rise.stage)
-    for named, place in (
-        ("ball", (3.0, 0.0, 0.0)),
-        ((1.0, 2.0, 3.0), (1.0, 2.0, 3.0) if up == "Y" else (1.0, 3.0, -2.0)),
-    ):
+    inside = (1.0, 2.0, 3.0) if UsdGeom.GetStageUpAxis(rise.stage) == "Y" else (1.0, 3.0, -2.0)
+    for named, place in (("ball", (3.0, 0.0, 0.0)), ((1.0, 2.0, 3.0), inside)):
         camera = cameras(rise, aperture=0.1, focus=named)[0]
         assert camera.aperture == 0.1
         assert camera.focus == pytest.approx((camera.eye - place) @ camera.axes[2])
@@ -412,10 +406,8 @@ def test_a_part_at_another_rate_keeps_its_speed(rise: RenderStage, tmp_path):
         assert (picture.n_frames, picture.info["duration"]) == (5, 100)
     assert _choose_frames(rise, ".mp4", None, (None, 2), 80.0) == ([0, 0, 1, 2, 2], 1.0 / 80.0)
 
-
-def test_webp_moves_at_the_stages_speed_and_one_frame_is_a_picture(rise: RenderStage, tmp_path):
-    small = {"size": (64, 36), "samples": 1, "device": "cpu"}
-    assert render_stage(rise.path, tmp_path / "a.webp", frames_per_second=RATE, **small) == list(range(FRAMES + 1))
+    shown = render_stage(rise.path, tmp_path / "a.webp", frames_per_second=RATE, **SMALL)
+    assert shown == list(range(FRAMES + 1))
     with Image.open(tmp_path / "a.webp") as animation:
         assert (animation.format, animation.size) == ("WEBP", (64, 36))
         milliseconds = 0
@@ -424,6 +416,6 @@ def test_webp_moves_at_the_stages_speed_and_one_frame_is_a_picture(rise: RenderS
             animation.load()
             milliseconds += animation.info["duration"]
     assert milliseconds == (FRAMES + 1) * 1000 / RATE
-    render_stage(rise.path, tmp_path / "one.webp", frames=(3, 3), **small)
+    render_stage(rise.path, tmp_path / "one.webp", frames=(3, 3), **SMALL)
     with Image.open(tmp_path / "one.webp") as picture:
         assert getattr(picture, "n_frames", 1) == 1

@@ -62,9 +62,8 @@ def test_rays_meet_capsules_where_marching_finds_them():
         marched += np.where(marched < 20.0, outside(origins + marched[:, None] * directions), 0.0)
     distances = wp.zeros(count, dtype=float, device="cpu")
     vectors = [wp.array(each, dtype=wp.vec3, device="cpu") for each in (origins, directions, begins, ends)]
-    wp.launch(
-        measure_capsules, count, inputs=[*vectors, wp.array(radii, dtype=float, device="cpu"), distances], device="cpu"
-    )
+    measured = [*vectors, wp.array(radii, dtype=float, device="cpu"), distances]
+    wp.launch(measure_capsules, count, inputs=measured, device="cpu")
     hit = marched < 20.0
     # Rays that pass within a hair of the outline may go either way; there are none among these.
     assert 0.3 < hit.mean() < 0.95
@@ -78,12 +77,7 @@ def test_a_thin_line_is_met_from_afar():
     offsets = np.linspace(-1.8e-3, 1.8e-3, 37)
     count = len(offsets)
     origins = np.stack([np.full(count, 0.013), offsets, np.full(count, 20.0)], axis=1)
-    rows = [
-        origins,
-        np.tile([0.0, 0.0, -1.0], (count, 1)),
-        np.tile([-1.0, 0, 0], (count, 1)),
-        np.tile([1.0, 0, 0], (count, 1)),
-    ]
+    rows = [origins, *(np.tile(each, (count, 1)) for each in ([0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]))]
     distances = wp.zeros(count, dtype=float, device="cpu")
     vectors = [wp.array(each, dtype=wp.vec3, device="cpu") for each in rows]
     radii = wp.full(count, 1e-3, dtype=float, device="cpu")

@@ -228,13 +228,12 @@ def test_a_mesh_that_moves_looks_the_same_in_an_animation_as_alone(tmp_path):
 def test_a_cube_is_flat_to_its_edges_whether_it_moves_or_not(tmp_path):
     spreads = []
     for name, frames in (("still", 0), ("moving", 1)):
-        stage = new_stage(tmp_path / f"{name}.usda")
+        stage = before_camera(tmp_path / f"{name}.usda")
         points, counts, indices = quad_sphere(1)  # a cube's, but for its size
         points = np.sign(points)
         mesh = add_mesh(stage, "Cube", points, counts, indices, RED, roughness=1.0)
         if frames:
             mesh.GetPointsAttr().Set(points.astype(np.float32), 0)
-        add_camera(stage, distance=10.0, focal_length=60.0, aperture=24.0)
         seen = picture(stage)
         # The front, 2 units wide and 9 away, covers 111 of 200 pixels.
         spreads.append(np.ptp(seen[50:150, 50:150, 0]))
@@ -437,12 +436,11 @@ def test_walls_of_rubber_make_no_light_deepen_and_fade():
 
 
 def test_a_stretched_balloon_is_paler_in_the_middle_than_at_its_rim_and_than_before(tmp_path):
-    stage = new_stage(tmp_path / "stage.usda", frames=2)
+    stage = before_camera(tmp_path / "stage.usda", frames=2)
     points, counts, indices = quad_sphere(8, 0.5)
     ball = add_mesh(stage, "Balloon", points, counts, indices, LATEX_RED, **LATEX)
     for frame in range(2):  # the area is four times as large
         ball.GetPointsAttr().Set((points * (1.0 + frame)).astype(np.float32), frame)
-    add_camera(stage, distance=10.0, focal_length=60.0, aperture=24.0)
     before, after = (picture(stage, size=(160, 160), frame=frame) for frame in range(2))
     middle = slice(76, 84)
     assert saturation(after[middle, middle]) < saturation(before[middle, middle]) - 0.1
@@ -471,8 +469,7 @@ def test_foil_mirrors_what_is_beside_it_and_lets_nothing_through(tmp_path):
     seen = {}
     for beside in (LATEX_GREEN, None):
         for behind in (LATEX_RED, None):
-            stage = new_stage(tmp_path / f"{beside is None}{behind is None}.usda")
-            add_camera(stage, distance=10.0, focal_length=60.0, aperture=24.0)
+            stage = before_camera(tmp_path / f"{beside is None}{behind is None}.usda")
             add_mesh(stage, "Foil", *quad_sphere(8, 0.8, (-0.6, 0.0, 0.0)), (0.9, 0.9, 0.9), **FOIL)
             if behind:
                 add_sphere(stage, "Behind", (-0.6, 0.0, -1.5), 0.5, LATEX_RED, roughness=1.0)

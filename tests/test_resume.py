@@ -270,8 +270,7 @@ def test_each_file_of_a_checkpoint_appears_whole(tmp_path, monkeypatch):
 
 
 @pytest.mark.full
-def test_checkpoints_go_all_at_once(tmp_path, monkeypatch):
-    """Checkpoints are removed at once: a kill meanwhile leaves nothing that --resume takes for a run."""
+def test_checkpoints_go_all_at_once_so_that_a_kill_leaves_nothing_to_resume(tmp_path, monkeypatch):
     output = tmp_path / "out.usdc"
     folder = stop(SCENE, output)
     monkeypatch.setattr(shutil, "rmtree", lambda *_, **__: None)

@@ -4,23 +4,10 @@ import json
 from pathlib import Path
 from typing import Any
 
+import batches
 import numpy as np
 import pytest
-from batches import (
-    FRAMES,
-    NAMES,
-    OFTEN,
-    WORLDS,
-    contents,
-    files_limited_to,
-    plant_spy,
-    press_ctrl_c_once,
-    scene,
-    stop_after,
-    stop_batch,
-    tamper,
-    watch_names,
-)
+from batches import FRAMES, NAMES, OFTEN, WORLDS, contents, files_limited_to, scene, stop_after, stop_batch
 from meshes import cube, quad_sphere
 from pxr import Usd, UsdGeom
 
@@ -170,7 +157,7 @@ def test_rows_without_their_state_are_never_there(tmp_path, monkeypatch):
 
 
 def test_each_file_of_a_checkpoint_appears_whole(tmp_path, monkeypatch):
-    whole = watch_names(monkeypatch)
+    whole = batches.watch_names(monkeypatch)
     with pytest.raises(RuntimeError):
         run_batch(scene(), tmp_path, 2, export=[0], device="cpu", checkpoint_seconds=OFTEN, on_frame=stop_after(FRAMES))
     kinds = {path.name.partition("_")[0] for path in (tmp_path / "partial").iterdir()}
@@ -222,10 +209,9 @@ def test_nothing_to_resume_begins_at_the_start(tmp_path):
     assert summary.resumed == 0.0
 
 
-def test_ctrl_c_saves_the_frame_that_it_finds(tmp_path):
-    """Ctrl-C saves the current frame, without an earlier checkpoint, and no later frame is simulated."""
+def test_ctrl_c_saves_the_frame_that_it_finds_and_no_later_one_is_simulated(tmp_path):
     frames: list[int] = []
-    press = press_ctrl_c_once(lambda frame: frame == 3)
+    press = batches.press_ctrl_c_once(lambda frame: frame == 3)
 
     def look(frame: int) -> None:
         frames.append(frame)
@@ -269,7 +255,7 @@ OTHERS = {"versions.warp-lang": "0.1", "device": "another", "substeps": 1, "on_b
 @pytest.mark.full
 @pytest.mark.parametrize(("path", "value"), [*OTHERS.items(), ("simulated", "in 3 shares")])
 def test_what_else_the_bits_depend_on_is_compared(stopped: Path, path: str, value: object):
-    tamper(stopped / "partial" / "job.json", path, value)
+    batches.tamper(stopped / "partial" / "job.json", path, value)
     with pytest.raises(InputError, match=rf"batch: {path} is {json.dumps(value)} there and .* here; expected the same"):
         run(stopped, resume=True)
 
@@ -286,7 +272,7 @@ def test_a_damaged_checkpoint_is_told(stopped: Path, name: str):
 @pytest.mark.parametrize(("name", "array"), [("rows_000000.npz", "values"), ("state_000002_0000.npz", "points")])
 def test_nothing_in_a_checkpoint_is_run(stopped: Path, tmp_path, monkeypatch, name: str, array: str):
     monkeypatch.chdir(tmp_path)
-    plant_spy(stopped / "partial" / name, array)
+    batches.plant_spy(stopped / "partial" / name, array)
     with pytest.raises(InputError, match=rf"{name}: cannot be read: "):
         run(stopped, resume=True)
     assert not (tmp_path / "run").exists()

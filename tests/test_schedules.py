@@ -38,7 +38,6 @@ def test_a_particle_with_few_faces_may_stand_at_the_origin(schedule, device):
 
 
 def test_a_fixed_particle_feels_neither_sphere_nor_ground(schedule, device):
-    """A fixed particle feels neither sphere nor ground, beside particles that do."""
     ball = quad_sphere(3, radius=0.5)
     fixed = [int(np.argmin(ball.points[:, 1])), int(np.argmax(ball.points[:, 1]))]
     scene = Scene(
@@ -102,10 +101,10 @@ def test_a_world_of_a_batch_is_to_the_last_bit_that_world_alone_and_again(name, 
     assert (batch["points"][4] != batch["points"][0]).any()
 
 
-def bare() -> Scene:
+def bare(**fields) -> Scene:
     """Return a balloon and nothing else."""
     balloon = Balloon(mesh=quad_sphere(3), helium=12.0, inflation=Inflation(k_normal=0.2))
-    return Scene(balloon=[balloon], normals="cached", substeps=33)
+    return Scene(balloon=[balloon], normals="cached", substeps=33, **fields)
 
 
 @pytest.mark.full
@@ -114,10 +113,7 @@ def bare() -> Scene:
     [
         (bare(), ["elements_add_forces", "particles_pull_to_move"]),
         (feature_set("springs"), ["elements_add_forces", "faces_add_area_vectors", "particles_pull_to_leave"]),
-        (
-            bare().model_copy(update={"water": Water()}),
-            ["elements_add_forces", "particles_pull_to_push", "particles_move"],
-        ),
+        (bare(water=Water()), ["elements_add_forces", "particles_pull_to_push", "particles_move"]),
     ],
     ids=["springs", "strings, hinges and a pressure", "water"],
 )
@@ -145,7 +141,6 @@ def test_auto_takes_a_schedule_and_says_which():
 
 @pytest.mark.full
 def test_a_world_too_large_for_a_block_is_refused_and_not_taken_by_auto(device):
-    """A world of 11,096 particles is refused and not chosen by auto: two buffers exceed a block's memory."""
     scene = Scene(balloon=[Balloon(mesh=quad_sphere(43), mass=50.0)])
     with pytest.raises(InputError, match=r"^--schedule block: a world of 11,096 particles is too large .* use gather$"):
         Simulator(scene, device, schedule="block")
@@ -153,7 +148,6 @@ def test_a_world_too_large_for_a_block_is_refused_and_not_taken_by_auto(device):
 
 
 def test_wavefronts_are_counted_by_hand():
-    """Wavefronts of sixty-four particles in one slot are two for the first warp, and one for the second."""
     own = np.arange(64)
     assert wavefronts(own[None]) == 1.0
     clash = own.copy()
@@ -162,8 +156,7 @@ def test_wavefronts_are_counted_by_hand():
     assert wavefronts(clash[None]) == (2 + 1) / 2
 
 
-def test_slots_are_ordered_against_bank_conflicts():
-    """Slots of the structural springs have fewer bank conflicts, and each particle keeps its neighbors."""
+def test_slots_are_ordered_against_bank_conflicts_and_keep_neighbors():
     scene = Scene(balloon=[Balloon(mesh=quad_sphere(9), mass=5.0)])
     ends = spring_ends(build_model(scene, "cpu"))
     structural = ends.kind == 0

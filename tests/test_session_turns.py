@@ -3,7 +3,6 @@
 import time
 from pathlib import Path
 
-import pytest
 from meshes import quad_sphere
 
 from balloon_warp.scene import Balloon, Scene
@@ -22,7 +21,6 @@ def wait_for(frame: int, *sessions: Session) -> None:
 
 
 def test_sessions_and_a_simulator_step_beside_each_other(tmp_path: Path):
-    """Sessions and a simulator that record their first frame while others step end as each by itself."""
     alone = [frame.points[0].tobytes() for frame in Simulator(SCENE, "cpu").run()]
     sessions = [Session(name, SCENE, "cpu", tmp_path) for name in ("one", "other")]
     for session in sessions:
@@ -35,10 +33,7 @@ def test_sessions_and_a_simulator_step_beside_each_other(tmp_path: Path):
     assert all(session.playground.frame >= 5 and not session.trouble for session in sessions)
 
 
-def test_a_simulation_that_fails_says_so_and_can_begin_anew(
-    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path
-):
-    """A failed simulation is reported on the page and the terminal; its thread lives on, and a reset works."""
+def test_a_simulation_that_fails_says_so_and_can_begin_anew(monkeypatch, capfd, tmp_path: Path):
     step = Playground.step
 
     def failing_step(playground: Playground) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from meshes import cube, quad_sphere
+from trajectories import stepped
 
 from balloon_warp import InputError, Simulator
 from balloon_warp.scene import Balloon, Change, Inflation, Material, Scene, Sphere, Stiffness, String
@@ -30,11 +31,7 @@ SETS = {
     "keyframes": {"balloon.inflation.pressure": 30.0},
     "a keyframe": {"balloon.inflation.pressure.1.1": 30.0},
     "methods": {"contact": "impulse", "correction": "provot", "substeps": 30},
-    "laws that did not act": {
-        "balloon.drag_coefficient": 0.5,
-        "balloon.stiffness.torsion": 1e-3,
-        "balloon.helium": 3.0,
-    },
+    "laws at rest": {"balloon.drag_coefficient": 0.5, "balloon.stiffness.torsion": 1e-3, "balloon.helium": 3.0},
 }
 """on the way, of `BUSY`"""
 MISTAKES = {
@@ -62,12 +59,6 @@ MISTAKES = {
 
 def points(simulator: Simulator) -> np.ndarray:
     return simulator.state.points.numpy().copy()
-
-
-def stepped(simulator: Simulator, frames: int) -> Simulator:
-    for _ in range(frames):
-        simulator.step()
-    return simulator
 
 
 def test_a_step_hands_out_the_frame_of_a_world(device: str):
@@ -103,7 +94,6 @@ def test_what_is_set_does_what_the_same_change_of_a_scene_does(name: str, device
 
 
 def test_each_world_gets_its_own(device: str):
-    """A set value may differ by world where all were alike: a number, and the numbers of a vector."""
     masses, anchors = [0.1, 0.4], np.array([[0.0, -1.0, 0.0], [0.5, -1.0, 0.5]])
     simulator = stepped(Simulator(BUSY, device, 2), 1)
     simulator.set({"balloon.mass": masses, "string.0.anchor": anchors})
@@ -116,7 +106,6 @@ def test_each_world_gets_its_own(device: str):
 
 @pytest.mark.full
 def test_what_follows_from_a_value_follows():
-    """Derived values follow: a film's mass, the contact stiffness of balloons, and the step."""
     film = Balloon(mesh=quad_sphere(3), material=Material(preset="latex"), inflation=Inflation(pressure=10.0))
     simulator = Simulator(Scene(balloon=[film]), "cpu")
     mass, substeps = float(simulator.model.parameters["mass"].numpy()[0, 0]), simulator.model.substeps
@@ -171,8 +160,8 @@ def test_reset_forgets_what_was_set(device: str):
 
 @pytest.mark.parametrize("how", [copy.copy, copy.deepcopy, lambda simulator: pickle.loads(pickle.dumps(simulator))])
 def test_a_copy_goes_on_as_what_is_restored(how: Callable[[Simulator], Simulator]):
-    """Copies and pickled simulators have a state and parameters of their own."""
-    simulator = stepped(Simulator(BUSY, "cpu", 2, {"balloon.mass": [0.1, 0.3]}), 1)
+    worlds = "cpu", 2, {"balloon.mass": [0.1, 0.3]}
+    simulator = stepped(Simulator(BUSY, *worlds), 1)
     simulator.set({"gravity": 3.0})
     other = how(stepped(simulator, 1))
     expected = points(stepped(simulator, 2))
@@ -180,9 +169,7 @@ def test_a_copy_goes_on_as_what_is_restored(how: Callable[[Simulator], Simulator
     np.testing.assert_array_equal(points(stepped(other, 2)), expected)
     other.set({"balloon.mass": 2.0})
     simulator.reset()
-    np.testing.assert_array_equal(
-        points(stepped(simulator, 1)), points(stepped(Simulator(BUSY, "cpu", 2, {"balloon.mass": [0.1, 0.3]}), 1))
-    )
+    np.testing.assert_array_equal(points(stepped(simulator, 1)), points(stepped(Simulator(BUSY, *worlds), 1)))
 
 
 def test_a_simulator_of_a_model_is_not_pickled():
@@ -192,7 +179,6 @@ def test_a_simulator_of_a_model_is_not_pickled():
 
 @pytest.mark.full
 def test_what_is_saved_brings_back_what_was_set(device: str, tmp_path: Path):
-    """A restored state includes set values and continues bit-identically, in another simulator, too."""
     changes = [Change(time=SECONDS, set={"gravity": 3.0}), Change(time=4 * SECONDS, set={"gravity": 6.0})]
     scene = BUSY.model_copy(update={"change": changes})
     simulator = stepped(Simulator(scene, device, 2), 1)

@@ -9,6 +9,7 @@ from motion import assert_valid
 from pxr import Gf, Usd, UsdGeom, UsdPhysics, UsdShade
 from render_stages import read_stage
 from scipy.spatial.transform import Rotation
+from trajectories import stepped
 
 from balloon_warp import Body, Obstacle, Scene, Simulator, animate, run_batch
 from balloon_warp.model import build_model
@@ -174,10 +175,7 @@ def test_the_camera_frames_the_balloons_and_not_a_plane(written: Path):
 
 
 def test_a_recorded_frame_alone_has_them(tmp_path):
-    simulator = Simulator(everything(), "cpu", schedule="gather")
-    for _ in range(3):
-        simulator.step()
-    frame = simulator.read_frame()
+    frame = stepped(Simulator(everything(), "cpu", schedule="gather"), 3).read_frame()
     with StageWriter(tmp_path / "one.usda", build_model(everything(), "cpu")) as writer:
         writer.write(frame)
     stage = Usd.Stage.Open(str(tmp_path / "one.usda"))
@@ -269,10 +267,8 @@ def test_a_scene_with_bodies_is_written_and_read_again(tmp_path):
 def test_they_go_on_from_a_checkpoint_bit_for_bit():
     scene = bodies(ground=Ground(height=0.5), frames=30)
     first, again = Simulator(scene, "cpu"), Simulator(scene, "cpu")
-    for _ in range(10):
-        first.step()
+    stepped(first, 10)
     again.restore({name: np.array(array.numpy()) for name, array in first.state.arrays.items()})
-    for _ in range(10):
-        first.step()
-        again.step()
+    stepped(first, 10)
+    stepped(again, 10)
     np.testing.assert_array_equal(first.read_frame().body_poses, again.read_frame().body_poses)

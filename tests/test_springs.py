@@ -82,19 +82,13 @@ HAND_COUNTS = {
     "two quads at one vertex: two neighbors on either side of it": (two_quads(), (8, 4, 4)),
     "Moebius strip of 7: 7 rungs and a border of 14 edges, flexion along the border": (moebius(7), (21, 14, 14)),
     "octagon: 8 x 5 / 2 diagonals": (polygon(8), (8, 20, 0)),
-    "three triangles on one edge, a non-manifold edge": (
-        mesh_of(np.eye(5, 3), [[0, 1, 2], [0, 1, 3], [0, 1, 4]]),
-        (7, 0, 3),
-    ),
+    "three triangles on one edge": (mesh_of(np.eye(5, 3), [[0, 1, 2], [0, 1, 3], [0, 1, 4]]), (7, 0, 3)),
     "a vertex of valence 6 amid triangles: three opposite pairs and six of every second": (
         mesh_of([[0, 0, 0], *polygon(6).points], [[0, i, i % 6 + 1] for i in range(1, 7)]),
         (12, 0, 9),
     ),
     "torus of 4 around: opposite particles have two between them, and one spring": (torus(4, 5), (40, 40, 2 * 5 + 20)),
-    "a quad of two triangles keeps a diagonal that is an edge": (
-        mesh_of(np.eye(4, 3), [[0, 1, 2, 3], [0, 1, 2]]),
-        (5, 1, 0),
-    ),
+    "a diagonal that is an edge": (mesh_of(np.eye(4, 3), [[0, 1, 2, 3], [0, 1, 2]]), (5, 1, 0)),
     "a triangle written as a quad with a repeated corner": (mesh_of(np.eye(3), [[0, 1, 1, 2]]), (3, 0, 0)),
     "two cubes": (joined(cube(), cube()), (24, 24, 0)),
     "7x4 grid": (grid(7, 4), (7 * 5 + 4 * 8, 2 * 7 * 4, 6 * 5 + 8 * 3)),
@@ -108,11 +102,6 @@ HAND_COUNTS = {
 def test_hand_counts(case: str) -> None:
     mesh, expected = HAND_COUNTS[case]
     assert counts(mesh) == expected
-
-
-def test_reference_balloon_has_2904_springs() -> None:
-    mesh = quad_sphere(9)
-    assert (mesh.vertex_count, build_springs(mesh).count) == (488, 2904)
 
 
 @pytest.mark.parametrize("seed", range(60))

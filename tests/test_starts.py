@@ -1,13 +1,13 @@
 """Restarts of worlds by a mask, with drawn values, and restored simulations, which are those that went on."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 import warp as wp
-from beginning_worlds import ALONE, BALL, TOUCHING, arrays
+from beginning_worlds import ALONE, BALL, TOUCHING, arrays, begun_anew
 from meshes import cube, quad_sphere
+from played import shape_at
 from trajectories import stepped
 
 from balloon_warp import InputError, Simulator
@@ -35,15 +35,7 @@ MISTAKES = {
 
 def test_a_world_that_begins_anew_is_as_one_that_begins(schedule: str):
     scene = TOUCHING if schedule == "gather" else TOUCHING.model_copy(update={"contacts": False, "body": []})
-    whole, masked = (Simulator(scene, "cpu", 2, schedule=schedule) for _ in range(2))
-    stepped(whole, 8)
-    stepped(masked, 5).reset([0, 1])
-    stepped(masked, 3)
-    fresh = arrays(stepped(Simulator(scene, "cpu", 1, schedule=schedule), 3))
-    gone_on = arrays(whole)
-    for name, array in arrays(masked).items():
-        np.testing.assert_array_equal(array[1:], fresh[name], err_msg=name)
-        np.testing.assert_array_equal(array[:1], gone_on[name][:1], err_msg=name)
+    begun_anew(scene, schedule, (5,), 3)
 
 
 def test_what_appears_is_there_in_worlds_of_its_age_or_set_to_a_later_one():
@@ -57,9 +49,8 @@ def test_what_appears_is_there_in_worlds_of_its_age_or_set_to_a_later_one():
 
 def test_the_fastest_world_bounds_how_fast_particles_begin():
     scene = Scene(balloon=[Balloon(mesh=cube())])
-    plan = plan_model(
-        scene, 3, {"balloon.0.velocity.1": [0.0, -4.0, 1.0], "balloon.0.angular_velocity.0": [2.0, 0.0, 0.0]}
-    )
+    vary = {"balloon.0.velocity.1": [0.0, -4.0, 1.0], "balloon.0.angular_velocity.0": [2.0, 0.0, 0.0]}
+    plan = plan_model(scene, 3, vary)
     (fastest,) = start_velocities(plan.shapes, plan.parameters) or []
     arms = np.linalg.norm(plan.shapes[0].mesh.points - plan.shapes[0].mesh.points.mean(axis=0), axis=1)
     np.testing.assert_allclose(np.linalg.norm(fastest, axis=1), 4.0 + 2.0 * arms)
@@ -109,7 +100,7 @@ def test_values_follow_from_the_seed_the_world_and_the_episode():
 
 
 def test_values_have_the_distribution_that_is_asked():
-    """Drawn values have the requested distribution: means within four of their standard errors, 256 worlds."""
+    """Means are within four of their standard errors, of 256 worlds."""
     simulator = drawing(256)
     simulator.reset(np.ones(256))
     found = drawn(simulator)
@@ -133,9 +124,7 @@ def test_worlds_are_what_the_values_say():
         "balloon.velocity.0": found["velocity"][:, 0],
     }
     alike = Simulator(ALONE, "cpu", 4, vary)
-    for each in (simulator, alike):
-        stepped(each, 1)
-    moved = simulator.state.points.numpy() - alike.state.points.numpy()
+    moved = stepped(simulator, 1).state.points.numpy() - stepped(alike, 1).state.points.numpy()
     np.testing.assert_allclose(moved, np.broadcast_to(moved[:, :1], moved.shape), atol=2e-6)
 
 
@@ -161,17 +150,17 @@ def test_observations_are_what_frames_say():
     names = ("centers", "velocities", "volumes", "pressures", "contact_forces", "sphere_positions", "body_positions")
     seen = {name: simulator.observations[name] for name in names}
     chosen = simulator.observations.particles([3, 60])
-    for number in range(4):
+    for frame_number in range(4):
         frame = simulator.read_frame(1)
         centers = [points.mean(axis=0) for points in frame.points]
         np.testing.assert_allclose(seen["centers"].numpy()[1], centers, atol=1e-6)
         np.testing.assert_allclose(seen["velocities"].numpy()[1], [v.mean(axis=0) for v in frame.velocities], atol=1e-6)
-        volumes = [signed_volume(shape_of(simulator, n, points)) for n, points in enumerate(frame.points)]
+        volumes = [signed_volume(shape_at(simulator.model, frame, number)) for number in range(2)]
         np.testing.assert_allclose(seen["volumes"].numpy()[1], volumes, rtol=1e-5)
         np.testing.assert_array_equal(seen["pressures"].numpy()[1], frame.pressures)
         np.testing.assert_array_equal(chosen.numpy()[1], np.concatenate(frame.points)[[3, 60]])
         assert all(simulator.observations[name] is array for name, array in seen.items())
-        if number == 2:
+        if frame_number == 2:
             simulator.reset()
         else:
             stepped(simulator, 3)
@@ -193,10 +182,6 @@ def test_contact_forces_on_particles_add_up_to_those_on_the_balloon():
     points = simulator.state.points.numpy()[touching]
     assert ((points[:, 0] < -0.3) | (points[:, 1] < 0.2)).all()
     assert (of_pairs.numpy()[:, 0].sum(axis=1)[:, :2] > 0.0).all()
-
-
-def shape_of(simulator: Simulator, number: int, points: np.ndarray) -> Any:
-    return replace(simulator.model.shapes[number].mesh, points=points.astype(np.float64))
 
 
 @pytest.mark.parametrize(
@@ -287,6 +272,7 @@ CHANGES = [
     Change(time=2 * SECONDS, set={"normals": "fresh"}),
     Change(time=SAVED_AT * SECONDS, set={"balloon.damping": 0.5}),
 ]
+TO_PROJECTIVE = Change(time=2 * SECONDS, set={"solver": "projective", "substeps": 4})
 STACK = [  # which comes down while it is saved
     Body(size=(0.4, 0.2, 0.4), position=(2.0, 0.1, 0.0)),
     Body(size=(0.2, 0.2, 0.2), position=(2.05, 0.302, 0.0), rotation=(0.0, 20.0, 0.0), mass=20.0),
@@ -297,9 +283,7 @@ SCENES = {
     "gas": PLAIN.model_copy(update={"balloon": [PUMPED]}),
     "water": PLAIN.model_copy(update={"water": Water(level=1.0)}),
     "changes": PLAIN.model_copy(update={"change": CHANGES}),
-    "changes of solver": PLAIN.model_copy(
-        update={"change": [Change(time=2 * SECONDS, set={"solver": "projective", "substeps": 4})]}
-    ),
+    "changes of solver": PLAIN.model_copy(update={"change": [TO_PROJECTIVE]}),
     "bodies": PLAIN.model_copy(update={"body": STACK}),
     "limit": PLAIN.model_copy(update={"correction": "provot"}),
     "projective": PLAIN.model_copy(update={"solver": "projective"}),
@@ -336,19 +320,16 @@ def bytes_of(simulator: Simulator) -> dict[str, bytes]:
 )
 def test_the_same_bits_follow(way: tuple[str, str], device: str, tmp_path):
     left, restored = simulators(way, device)
-    for _ in range(SAVED_AT):
-        left.step()
+    stepped(left, SAVED_AT)
     scene_then = left.model.scene
     write_npz(tmp_path / "state.npz", ((name, array.numpy()) for name, array in left.state.arrays.items()))
-    for _ in range(SAVED_FRAMES - SAVED_AT):
-        left.step()
+    stepped(left, SAVED_FRAMES - SAVED_AT)
     with np.load(tmp_path / "state.npz") as saved:
         restored.restore(saved)
     assert restored.frame_number == SAVED_AT
     assert restored.model.scene == scene_then
     assert bytes_of(restored) != bytes_of(left)
-    for _ in range(SAVED_FRAMES - SAVED_AT):
-        restored.step()
+    stepped(restored, SAVED_FRAMES - SAVED_AT)
     assert bytes_of(restored) == bytes_of(left)
     assert restored.frame_number == SAVED_FRAMES
 
@@ -365,9 +346,8 @@ def test_a_world_that_blew_up_is_still_known(device: str):
 
 
 def test_what_a_scene_does_not_have_need_not_be_saved():
-    """A checkpoint may lack state that the scene does not have, as one from before balloons could touch."""
-    simulator = Simulator("squirrel_tether", "cpu")
-    simulator.step()
+    """As in a checkpoint from before balloons could touch."""
+    simulator = stepped(Simulator("squirrel_tether", "cpu"), 1)
     saved = {name: array.numpy() for name, array in simulator.state.arrays.items() if array.size}
     assert "holds" not in saved
     again = Simulator("squirrel_tether", "cpu")

@@ -46,7 +46,6 @@ def balance_of(simulator: bw.Simulator) -> Balance:
 @pytest.mark.full
 @pytest.mark.parametrize("name", MATERIALS)
 def test_statics_are_those_of_what_is_simulated(name: str):
-    """Statics agree with the simulation: forces cancel, the operator is their derivative, and shapes agree."""
     simulator = bw.Simulator(gas_scene(EGG, MATERIALS[name]), "cpu")
     points = simulator.relax(1.0e-4).points[0].astype(float)
     balance, way = balance_of(simulator), np.random.default_rng(0).standard_normal(EGG.points.shape)
@@ -81,16 +80,11 @@ def write_springs(path: Path, **changed) -> Path:
 
 
 def test_springs_of_a_file_are_those_that_act(tmp_path: Path):
-    """Springs of a file act in any order, in the mesh's unit, with their lengths and constants, and round-trip."""
     springs = bw.build_springs(EGG)
     order = np.random.default_rng(1).permutation(springs.count)
     lengths, constants = 0.5 * springs.rest_lengths, 10.0 + np.arange(springs.count) % 7
-    file = write_springs(
-        tmp_path / "springs.npz",
-        pairs=springs.pairs[order][:, ::-1],
-        rest_lengths=lengths[order],
-        constants=constants[order],
-    )
+    table = {"pairs": springs.pairs[:, ::-1], "rest_lengths": lengths, "constants": constants}
+    file = write_springs(tmp_path / "springs.npz", **{name: each[order] for name, each in table.items()})
     scene = bw.load_scene(gas_scene(EGG, springs=file), {"balloon.scale": 2.0})
     shape = bw.Simulator(scene, "cpu").model.shapes[0]
     assert (shape.springs.pairs == springs.pairs).all()
@@ -137,9 +131,8 @@ def test_nothing_pulls_in_the_rest_shape(material: bw.Material, tmp_path: Path):
     write_obj(tmp_path / "mould.obj", EGG)
     larger = replace(EGG, points=1.1 * EGG.points)
     there = bw.Material(**{"rest_mesh": tmp_path / "mould.obj", **material.model_dump(exclude_unset=True)})
-    balloon = bw.Balloon(
-        mesh=larger, material=there, damping=0.5, inflation=bw.Inflation(pressure=20.0 * material.is_membrane)
-    )
+    slight = bw.Inflation(pressure=20.0 * material.is_membrane)
+    balloon = bw.Balloon(mesh=larger, material=there, damping=0.5, inflation=slight)
     simulator = bw.Simulator(bw.Scene(balloon=[balloon], gravity=0.0), "cpu")
     points = simulator.relax(1e-4).points[0]
     edges = bw.build_springs(EGG)
@@ -162,7 +155,6 @@ def cut_egg() -> PolygonMesh:
 
 
 def test_panels_that_are_sewn_are_what_they_were_before(tmp_path: Path):
-    """A film cut into its faces and sewn has the membrane, mass and step of one piece."""
     write_obj(tmp_path / "panels.obj", cut_egg())
     cut = bw.Simulator(gas_scene(EGG, bw.Material(preset="latex", rest_mesh=tmp_path / "panels.obj")), "cpu")
     whole = bw.Simulator(gas_scene(EGG, MATERIALS["latex"]), "cpu")
@@ -189,7 +181,6 @@ def test_panels_of_other_faces_are_refused(tmp_path: Path):
 
 
 def test_thicker_rubber_pulls_as_its_derivatives_say():
-    """Derivatives of forces by thickness agree with central differences of weights, in which forces are linear."""
     scene = gas_scene(EGG, MATERIALS["latex"])
     simulator = bw.Simulator(scene, "cpu")
     rows = {name: values.numpy() for name, values in simulator.model.parameters.items()}

@@ -44,15 +44,17 @@ def scene(number: int) -> Scene:
     )
 
 
+def points_of(simulator: Simulator) -> bytes:
+    return b"".join(np.concatenate(frame.points).tobytes() for frame in simulator.run())
+
+
 def simulated(number: int, device: str) -> bytes:
     """Return the points of a run, made and stepped in the calling thread."""
-    simulator = Simulator(scene(number), device=device)
-    return b"".join(np.concatenate(frame.points).tobytes() for frame in simulator.run())
+    return points_of(Simulator(scene(number), device=device))
 
 
 @pytest.mark.full
 def test_simulators_in_threads_give_the_bytes_of_one_after_the_other(device: str):
-    """Simulators made in their threads, while others record and step, give the bytes of one after the other."""
     expected = [simulated(number, device) for number in range(8)]
     for _ in range(2):
         with ThreadPoolExecutor(THREADS) as threads:
@@ -101,10 +103,7 @@ def test_simulators_made_before_step_beside_each_other(device: str):
     expected = [simulated(number, device) for number in range(6)]
     simulators = [Simulator(scene(number), device=device) for number in range(6)]
     with ThreadPoolExecutor(THREADS) as threads:
-        runs = threads.map(
-            lambda each: b"".join(np.concatenate(frame.points).tobytes() for frame in each.run()), simulators
-        )
-        assert list(runs) == expected
+        assert list(threads.map(points_of, simulators)) == expected
 
 
 @pytest.mark.full
@@ -136,9 +135,8 @@ def test_whatever_is_queued_takes_its_turn(monkeypatch: pytest.MonkeyPatch, tmp_
 
         def watched(*arguments: Any, **named: Any) -> Any:
             caller = sys._getframe(1).f_code.co_filename
-            if "unlocked" in repr(warp_lock.PROCESS_LOCK) and not (
-                name == "numpy" and caller.endswith("reading.py")
-            ):  # on the host
+            on_host = name == "numpy" and caller.endswith("reading.py")
+            if "unlocked" in repr(warp_lock.PROCESS_LOCK) and not on_host:
                 untaken.append(f"{name} in {caller}")
             return queued(*arguments, **named)
 

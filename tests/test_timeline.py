@@ -9,6 +9,7 @@ import pytest
 from meshes import cube, quad_sphere
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
+from trajectories import stepped
 
 from balloon_warp.errors import InputError
 from balloon_warp.job import animate
@@ -30,10 +31,7 @@ def schedule(request: pytest.FixtureRequest, device: str) -> str:
 
 
 def after_frames(scene: Scene, frames: int, device: str, schedule: str = "auto", worlds: int = 1) -> Simulator:
-    simulator = Simulator(scene, device, worlds, schedule=schedule)
-    for _ in range(frames):
-        simulator.step()
-    return simulator
+    return stepped(Simulator(scene, device, worlds, schedule=schedule), frames)
 
 
 def test_gravity_that_changes_bends_the_fall(device, schedule):
@@ -76,7 +74,6 @@ def busy(**fields) -> Scene:
 @pytest.mark.full
 @pytest.mark.parametrize("path", ALL_AT_ONCE)
 def test_each_value_changes_in_every_schedule(path, device, schedule):
-    """A change of each value agrees with `scatter`, and has an effect."""
     found = places(after_frames(with_another(path), 5, device, schedule))
     expected, unchanged = scatters_places(path, device), scatters_places(None, device)
     for name in found:
@@ -101,15 +98,11 @@ def scatters_places(path: str | None, device: str) -> dict[str, NDArray[np.float
 
 
 def test_a_value_that_stays_changes_nothing(device, schedule):
-    found = after_frames(busy(change=[Change(time=0.02, set={"gravity": 9.81})]), 4, device, schedule)
+    scenes = busy(change=[Change(time=0.02, set={"gravity": 9.81})]), busy()
+    found, expected = (after_frames(scene, 4, device, schedule).state.points.numpy() for scene in scenes)
     # On a GPU, scatter adds in another order every time.
     rounding = 1e-6 if schedule == "scatter" and device != "cpu" else 0
-    np.testing.assert_allclose(
-        found.state.points.numpy(),
-        after_frames(busy(), 4, device, schedule).state.points.numpy(),
-        rtol=0,
-        atol=rounding,
-    )
+    np.testing.assert_allclose(found, expected, rtol=0, atol=rounding)
 
 
 def test_other_substeps_go_on_from_the_same_state(device, schedule):
@@ -132,7 +125,6 @@ METHODS = {
 @pytest.mark.full
 @pytest.mark.parametrize("name", METHODS)
 def test_another_method_takes_over(name, device, schedule):
-    """A method takes over from its frame on, as in `scatter`."""
     method, tolerance = METHODS[name]
     if schedule in ("octets", "lanes", "block") and not {"normals", "contact"} & method.keys():
         if device == "cpu" and schedule != "octets":
@@ -176,11 +168,8 @@ def test_a_sphere_waits_where_it_will_appear(device, schedule):
 def test_a_sphere_ends(device, schedule):
     """A sphere that would push the cube apart ends before the cube falls into it."""
     scene = Scene(balloon=[STILL], sphere=[Sphere(position=(0.0, -0.2, 0.0), radius=0.1, end=1 / 60)], substeps=4)
-    alone = scene.model_copy(update={"sphere": []})
-    np.testing.assert_array_equal(
-        after_frames(scene, 12, device, schedule).read_frame().points[0],
-        after_frames(alone, 12, device, schedule).read_frame().points[0],
-    )
+    scenes = scene, scene.model_copy(update={"sphere": []})
+    np.testing.assert_array_equal(*(after_frames(each, 12, device, schedule).read_frame().points[0] for each in scenes))
 
 
 def test_a_string_is_tied_and_cut(device, schedule):
@@ -195,9 +184,8 @@ def test_a_string_is_tied_and_cut(device, schedule):
 def test_auto_substeps_are_enough_for_what_follows():
     stiffer = Change(time=1.0, set={"balloon.stiffness.structural": 900.0})
     scene = busy().model_copy(update={"substeps": "auto"})
-    assert (
-        build_model(scene.model_copy(update={"change": [stiffer]}), "cpu").substeps > build_model(scene, "cpu").substeps
-    )
+    changing = scene.model_copy(update={"change": [stiffer]})
+    assert build_model(changing, "cpu").substeps > build_model(scene, "cpu").substeps
 
 
 def test_too_few_substeps_for_a_change_are_refused():
@@ -235,12 +223,8 @@ def test_what_changes_cannot_differ_between_worlds():
 
 
 def test_a_model_is_left_as_it_was():
-    """A simulation that changes its parameters leaves the model unchanged for another."""
     model = build_model(busy(change=[Change(time=0.01, set={"gravity": 1.0, "balloon.mass": 0.2})]), "cpu")
-    runs = [Simulator.of_model(model), Simulator.of_model(model)]
-    for simulator in runs:
-        for _ in range(3):
-            simulator.step()
+    runs = [stepped(Simulator.of_model(model), 3) for _ in range(2)]
     np.testing.assert_array_equal(*(simulator.state.points.numpy() for simulator in runs))
     assert model.parameters["gravity"].numpy() == pytest.approx(9.81)
 
@@ -289,7 +273,6 @@ def test_the_stage_shows_what_is_there(tmp_path, batch):
 
 
 def test_the_table_follows_a_change_of_method(device, tmp_path):
-    """The table and the stage of a batch, frame by frame, follow a change of method."""
     scene = Scene(balloon=[Balloon(mesh=quad_sphere(3))], frames=4, change=[Change(time=2 / 60, set={"substeps": 12})])
     run_batch(scene, tmp_path, 2, export=[1], device=device, schedule="gather")
     with np.load(tmp_path / "table.npz") as table:

@@ -76,9 +76,8 @@ def test_where_nothing_moves_there_is_one_frame(tmp_path: Path):
 def test_keyframes_far_apart_are_shown_at_the_rate_that_the_stage_says(tmp_path: Path):
     """Two keyframes, a second apart, are sampled at the stage's rate, in seconds and in 4,800 codes a second."""
     for rate in (1.0, 4800.0):
-        path = moving(
-            tmp_path / f"{rate:g}.usda", np.array([0.0, rate]), rate, np.array([0.0, 1.0]), framesPerSecond=24.0
-        )
+        told = {"where": np.array([0.0, 1.0]), "framesPerSecond": 24.0}
+        path = moving(tmp_path / f"{rate:g}.usda", np.array([0.0, rate]), rate, **told)
         times, places = times_and_places(path)
         np.testing.assert_allclose(times, SECONDS, atol=1e-9)
         np.testing.assert_allclose(places, SECONDS, atol=1e-6)

@@ -54,18 +54,14 @@ def test_balloons_touch_unless_the_scene_says_not_or_they_cannot(name: str, over
     assert scene.touches is touches
 
 
-def test_a_field_of_touch_asks_for_it():
-    """A field of `touch` enables contact over `touch = false`, and without a table of it."""
+def test_a_field_of_touch_asks_for_it_and_false_is_written_and_read(tmp_path: Path):
     apart = load_scene("two_balloons", {"touch": False})
     assert override_scene(apart, [("touch.friction", 0.1)]).touches
     varied = plan_model(load_scene("two_balloons"), 2, {"touch.friction": [0.1, 0.5]})
     assert varied.parameters["touch_friction"].ravel().tolist() == [0.1, 0.5]
     with pytest.raises(InputError, match="touch"):
         plan_model(apart, 2, {"touch.friction": [0.1, 0.5]})
-
-
-def test_touch_false_is_written_and_read(tmp_path: Path):
-    write_scene(load_scene("two_balloons", {"touch": False}), tmp_path / "apart.toml")
+    write_scene(apart, tmp_path / "apart.toml")
     assert load_scene(tmp_path / "apart.toml").touch is False
 
 
@@ -145,7 +141,6 @@ def test_a_balloon_touches_itself_where_it_is_near(scene: Scene | tuple[PolygonM
 @pytest.mark.full
 @pytest.mark.physics
 def test_strands_that_sag_into_each_other_are_kept_apart():
-    """Strands of a knot with soft default springs sag and are kept apart by self-contact."""
     mesh, enclosed = load_mesh(bundled_scenes()["knot"].parent / "knot.obj"), dict[bool, float]()
     for touching in (True, False):
         balloon = Balloon(mesh=mesh, mass=0.1, damping=1.0, stiffness=Stiffness(thin="softer"))

@@ -38,9 +38,8 @@ def chain(length: int) -> str:
 def scattered(levels: int) -> str:
     text = f'def "L0" {{ {MESH} }}\n'
     for level in range(levels):
-        text += (
-            f'def PointInstancer "L{level + 1}" {{ rel prototypes = </L{level}>\n int[] protoIndices = [0, 0]\n }}\n'
-        )
+        twice = f"rel prototypes = </L{level}>\n int[] protoIndices = [0, 0]\n"
+        text += f'def PointInstancer "L{level + 1}" {{ {twice} }}\n'
     return text
 
 

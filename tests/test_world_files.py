@@ -385,27 +385,20 @@ def test_splits_depend_on_seed_and_number():
     assert (splits_of(1000, 4) != many).any()
 
 
-def blocked(folder: Path) -> dict[str, Any]:
-    (folder / "taken").touch()
-    return {"trajectories": folder / "taken"}
-
-
 @pytest.mark.parametrize(
     ("how", "complaint"),
     [
         (lambda at: {"trajectories": at / "missing" / "data"}, r"data: the folder .*missing does not exist$"),
-        (blocked, r"taken: is a file; expected a folder$"),
+        (lambda at: {"trajectories": at / "file"}, "file: is a file; expected a folder$"),
         (lambda at: {"trajectories": at / "out"}, r"^--trajectories .*out: is the batch's own folder; expected"),
         (lambda at: {"trajectories": TrajectoryFiles(at, every=0)}, r"^--every 0: expected a whole number"),
         (lambda at: {"trajectories": TrajectoryFiles(at, seed=-1)}, r"^--seed -1: expected a whole number"),
-        (
-            lambda at: {"trajectories": TrajectoryFiles(at, format="csv")},
-            r"^format: must be h5 or zarr or npz",
-        ),
+        (lambda at: {"trajectories": TrajectoryFiles(at, format="csv")}, "^format: must be h5 or zarr or npz"),
         (lambda at: {"trajectories": 3}, r"^trajectories: must be a folder, or TrajectoryFiles or None \(got 3\)$"),
     ],
 )
 def test_mistakes_are_told_before_the_run(how: Callable[[Path], dict[str, Any]], complaint: str, tmp_path):
+    (tmp_path / "file").touch()
     with pytest.raises(InputError, match=complaint):
         run_batch(scene(), tmp_path / "out", 2, device="cpu", **how(tmp_path), on_frame=never)
 
