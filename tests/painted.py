@@ -15,6 +15,8 @@ from balloon_warp.mesh.geometry import face_vector_areas
 
 SIDES = [(220, 30, 30), (30, 180, 40), (40, 60, 220), (230, 200, 30), (200, 40, 200), (40, 200, 200)]
 """sRGB of the sides toward -x, x, -y, y, -z and z"""
+PLAIN = "".join(f"newmtl {side}\nKd {0.1 * side:g} 0.5 0.25\n" for side in range(6))
+"""materials of a color a side, by the sides' numbers"""
 CORNERS = np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 QUADS = np.array([(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)])
 """corners of the sides, in the order of `SIDES`, seen from outside"""

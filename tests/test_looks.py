@@ -17,7 +17,19 @@ import numpy as np
 import pytest
 import trimesh
 from motion import assert_valid
-from painted import CORNERS, QUADS, SIDES, atlas, color_in, linear, places, seen_sides, write_obj_cube, write_painted
+from painted import (
+    CORNERS,
+    PLAIN,
+    QUADS,
+    SIDES,
+    atlas,
+    color_in,
+    linear,
+    places,
+    seen_sides,
+    write_obj_cube,
+    write_painted,
+)
 from PIL import Image
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
 
@@ -35,7 +47,6 @@ from balloon_warp.outputs.usd.grid import GridGroup, GridWriter
 from balloon_warp.scene.colors import palette_color
 
 KINDS = ["glb", "gltf", "obj", "usda"]
-PLAIN = "".join(f"newmtl {side}\nKd {0.1 * side:g} 0.5 0.25\n" for side in range(6))
 
 
 def assert_painted(mesh: PolygonMesh) -> None:

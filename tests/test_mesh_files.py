@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import struct
 import tracemalloc
 from dataclasses import replace
@@ -14,7 +15,8 @@ import pytest
 import trimesh
 from inspecting import command
 from meshes import cube, grid, prism, quad_sphere
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdValidation, Vt
+from motion import assert_valid
+from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 from trimesh.exchange.gltf import export_gltf
 from trimesh.exchange.stl import export_stl_ascii
 from work import lines_executed
@@ -32,7 +34,6 @@ from balloon_warp.model import plan_model
 from balloon_warp.outputs.render.stage_reader import RenderStage
 
 SQUARE = b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
-SQUARE_POINTS = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
 # Each is the square above as one quad, written in another way.
 FORMS = {
     "plain": SQUARE + b"f 1 2 3 4\n",
@@ -70,7 +71,7 @@ def read(tmp_path: Path, content: bytes):
 @pytest.mark.parametrize("form", FORMS)
 def test_forms(tmp_path: Path, form: str, line_end: bytes) -> None:
     mesh = read(tmp_path, FORMS[form].replace(b"\n", line_end))
-    assert mesh.points.tolist() == SQUARE_POINTS
+    assert mesh.points.tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
     assert mesh.face_vertex_counts.tolist() == [4]
     assert mesh.face_vertex_indices.tolist() == [0, 1, 2, 3]
     assert (mesh.points.dtype, mesh.face_vertex_indices.dtype) == (np.float64, np.int32)
@@ -97,10 +98,7 @@ BAD = {
     "infinity": (CORNERS + b"v 0 -inf 0\nf 1 2 3\n", ", line 4: coordinates must be finite"),
     "float32 overflow": (b"v 0 0 3.5e38\n" + CORNERS + b"f 1 2 3\n", ", line 1: coordinates must be finite and fit"),
     "float64 overflow": (b"v 0 1e999 0\n" + CORNERS + b"f 1 2 3\n", ", line 1: coordinates must be finite"),
-    "two coordinates": (
-        CORNERS + b"v 1 2\nf 1 2 3\n",
-        ", line 4: a vertex needs three coordinates, not 2 (got 'v 1 2')",
-    ),
+    "two coordinates": (CORNERS + b"v 1 2\n", ", line 4: a vertex needs three coordinates, not 2 (got 'v 1 2')"),
     "no coordinates": (b"v\n", ", line 1: a vertex needs three coordinates, not 0"),
     "no number": (b"#\n#\nv 3.1+e2 0 0\n", ", line 3: coordinates must be decimal numbers (got 'v 3.1+e2 0 0')"),
     "decimal commas": (b"v 1,5 2,5 3,5\n", ", line 1: coordinates must be decimal numbers (got 'v 1,5 2,5 3,5')"),
@@ -108,10 +106,7 @@ BAD = {
     "a word for a weight": (b"v 0 0 0 heavy\n", ", line 1: coordinates must be decimal numbers"),
     "index 0": (CORNERS + b"f 0 1 2\n", ", line 4: vertex numbers begin at 1, not 0 (got 'f 0 1 2')"),
     "past the end": (CORNERS + b"f 1 2 3\nf 1 2 4\n", ", line 5: there is no vertex 4, the file has 3"),
-    "past the end, at a first corner": (
-        CORNERS + b"f 1 2 3\nf 4 1 2\n",
-        ", line 5: there is no vertex 4, the file has 3",
-    ),
+    "past the end, at a corner": (CORNERS + b"f 1 2 3\nf 4 1 2\n", ", line 5: there is no vertex 4, the file has 3"),
     "before the start": (CORNERS + b"f -1 -2 -4\n", ", line 4: there is no vertex -4, only 3 stand above this line"),
     "negative before its vertices": (b"f -1 -2 -3\n" + CORNERS, ", line 1: there is no vertex -1, only 0 stand above"),
     "fraction": (CORNERS + b"f 1 2 3.0\n", ", line 4: vertex numbers must be integers (got 'f 1 2 3.0')"),
@@ -166,7 +161,6 @@ def test_writing_replaces_a_file_whole_or_not_at_all(tmp_path: Path, monkeypatch
 
 
 def test_each_line_is_worked_on_once(tmp_path: Path) -> None:
-    """Reading executes as much Python for each of ten thousand vertices as of a hundred."""
     counts = []
     for size in (10, 100):
         write_obj(tmp_path / "mesh.obj", grid(size, size))
@@ -288,10 +282,8 @@ def test_quads_of_a_ply_become_triangles_and_those_of_an_obj_do_not(tmp_path: Pa
 )
 def test_broken_files_are_refused_in_a_sentence(tmp_path: Path, name: str, content: bytes) -> None:
     (tmp_path / name).write_bytes(content)
-    with pytest.raises(InputError) as refusal:
+    with pytest.raises(InputError, match=rf"^{re.escape(str(tmp_path / name))}: .*\Z"):
         load_mesh(tmp_path / name)
-    assert str(refusal.value).startswith(f"{tmp_path / name}: ")
-    assert "\n" not in str(refusal.value)
 
 
 def test_missing_files_folders_and_unknown_suffixes_are_refused(tmp_path: Path) -> None:
@@ -480,9 +472,8 @@ def test_all_meshes_that_are_shown_are_taken_as_one_or_the_named(stage: Usd.Stag
     assert (below.name, below.face_count, below.warnings) == ("more", 13, ())
     assert (named.name, named.face_count, named.warnings) == ("hidden", 6, ())
     assert read_again(stage, ["/World/more/c", "/World/a"]).face_count == 12
-    with pytest.raises(
-        InputError, match=r"below prim /World/mor/c \(it has .* and 2 more\); did you mean /World/more/"
-    ):
+    similar = r"below prim /World/mor/c \(it has .* and 2 more\); did you mean /World/more/"
+    with pytest.raises(InputError, match=similar):
         read_again(stage, "/World/mor/c")
 
 
@@ -562,9 +553,7 @@ def test_what_is_no_stage_is_refused_and_usd_prints_nothing(tmp_path: Path, capf
 
 
 @pytest.mark.parametrize("what", ["reference", "payload", "sublayer"])
-def test_what_is_not_there_is_named_with_who_wants_it_and_usd_prints_nothing(
-    stage: Usd.Stage, capfd, what: str
-) -> None:
+def test_what_is_not_there_is_named_with_who_wants_it_and_usd_is_silent(stage: Usd.Stage, capfd, what: str) -> None:
     prim = add_mesh(stage, "/cube", cube()).GetPrim()
     for name in ("gone.usda", "lost.usda"):
         if what == "reference":
@@ -649,7 +638,6 @@ def test_each_corner_has_what_the_file_names_there_in_the_stage_too(tmp_path: Pa
     st = UsdGeom.PrimvarsAPI(stage.GetPrimAtPath("/World/mesh")).GetPrimvar("st")
     assert (st.GetInterpolation(), st.GetTypeName()) == ("faceVarying", Sdf.ValueTypeNames.TexCoord2fArray)
     np.testing.assert_array_equal(st.Get(), AT_CORNERS)
-    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
-    assert [error.GetMessage() for error in UsdValidation.ValidationContext(validators).Validate(stage)] == []
+    assert_valid(stage)
     np.testing.assert_array_equal(load_mesh(tmp_path / "out.usdc").texture_coordinates, AT_CORNERS)
     assert remesh(textured(cube()), 6).texture_coordinates is not None  # a remeshed surface has them, too

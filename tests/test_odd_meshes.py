@@ -1,17 +1,17 @@
 """Meshes from the wild: refused, accepted or accepted with a warning, and the policies of warnings in forces."""
 
-import os
 import subprocess
 import sys
 import tracemalloc
 from pathlib import Path
-from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from commands import status_of
+from trajectories import stepped
 
 from balloon_warp.benchmarks.bad_meshes import ACCEPTED, CUBE, GAS, REFUSED, WARNED, MeshCase, fan_at_an_edge, hub
-from balloon_warp.cli import main
 from balloon_warp.errors import InputError
 from balloon_warp.inspection import inspect_mesh
 from balloon_warp.mesh.load import load_mesh
@@ -38,24 +38,16 @@ def each(cases: list[MeshCase]) -> pytest.MarkDecorator:
     return pytest.mark.parametrize("case", cases, ids=[case.name for case in cases])
 
 
-def typed(monkeypatch: pytest.MonkeyPatch, *words: str) -> object:
-    """Return the exit status of a command line."""
-    monkeypatch.setattr(sys, "argv", ["balloon-warp", *words])
-    with pytest.raises(SystemExit) as ending:
-        main()
-    return ending.value.code
-
-
 WITHOUT_A_BALLOON = ["all vertices at one place", "1e6 from the origin", "a scale of 1e-18", "a scale of 1e18"]
 """meshes that are reported on all the same"""
 
 
 @each(REFUSED)
-def test_refused_in_a_sentence(case: MeshCase, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+def test_refused_in_a_sentence(case: MeshCase, tmp_path: Path, capsys) -> None:
     path = written(case, tmp_path)
     sets = [f"--set={place}={value}" for place, value in case.overrides]
     for command in (["run", "-o", str(tmp_path / "out.usdc")], ["inspect"]):
-        status = typed(monkeypatch, *command, str(path), *sets)
+        status = status_of(*command, str(path), *sets)
         out, err = capsys.readouterr()
         reported = command == ["inspect"] and (case.name in WITHOUT_A_BALLOON or GAS[0] in case.overrides)
         assert (status, "vertices" in out) == (2, reported)
@@ -96,10 +88,6 @@ COMMANDS = {
 }
 
 
-def press_ctrl_c(*_: object, **__: object) -> None:
-    raise KeyboardInterrupt
-
-
 @pytest.mark.full
 @pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.parametrize(
@@ -115,13 +103,12 @@ def test_commands_warn_on_standard_error(
 ) -> None:
     if command == "view":
         pytest.importorskip("viser", reason="needs the extra `view`")
-        page = SimpleNamespace(start=press_ctrl_c, stop=lambda: None)
-        monkeypatch.setattr(
-            "balloon_warp.viewer.page.Page", lambda session, *_, **__: setattr(page, "session", session) or page
-        )
+        page = Mock()
+        page.return_value.start.side_effect = KeyboardInterrupt
+        monkeypatch.setattr("balloon_warp.viewer.page.Page", page)
     written(NAMED[name], tmp_path)
     monkeypatch.chdir(tmp_path)
-    assert not typed(monkeypatch, *COMMANDS[command], "mesh.obj", *words, "--device", "cpu")
+    assert not status_of(*COMMANDS[command], "mesh.obj", *words, "--device", "cpu")
     notes = ("note: mesh.obj inflates above a floor. Its unit is not", "note: auto pressure ")
     (warning,) = [line for line in capsys.readouterr().err.splitlines() if not line.startswith(notes)]
     assert warning.startswith(f"warning: mesh: {said}")
@@ -150,9 +137,7 @@ def test_unused_vertices_have_no_mass_and_stay(tmp_path: Path) -> None:
     (shape,) = simulator.model.shapes
     # Of an even skin: in proportion to sums of springs, in another order at each corner.
     assert shape.mass_share.tolist() == [*[pytest.approx(0.125, rel=1e-12)] * 8, 0.0, 0.0]
-    for _ in range(5):
-        simulator.step()
-    assert simulator.read_frame().points[0][8:].tolist() == [[5, 5, 5], [6, 6, 6]]
+    assert stepped(simulator, 5).read_frame().points[0][8:].tolist() == [[5, 5, 5], [6, 6, 6]]
 
 
 def test_welding_gives_the_springs_of_the_whole_mesh(tmp_path: Path) -> None:
@@ -178,10 +163,7 @@ def test_a_hub_takes_memory_in_proportion(tmp_path: Path) -> None:
     assert peak < 64 * 2**20  # all pairs of the hub's 5,000 neighbors would take 200 MB
 
 
-def test_a_pipe_and_a_huge_file_are_refused_unread(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe.obj")
-    with pytest.raises(InputError, match=r"pipe\.obj: is not a regular file"):
-        load_mesh(tmp_path / "pipe.obj")
+def test_a_huge_file_is_refused_unread(tmp_path: Path) -> None:
     with (tmp_path / "huge.obj").open("wb") as file:
         file.truncate(2**31)
     with pytest.raises(InputError, match=r"huge\.obj: has 2,147,483,648 bytes; expected at most 1,073,741,824"):
@@ -260,9 +242,8 @@ def test_a_face_without_area_is_inflated_once_it_opens(inflation: dict, pushed: 
 @pytest.mark.full
 @pytest.mark.physics
 def test_coincident_vertices_pull_only_once_they_part(tmp_path: Path, device: str):
-    simulator = simulator_of(
-        case("coincident vertices"), tmp_path, device, weld=False, inflation={"k_normal": 0.0}, helium=0.0
-    )
+    limp = {"weld": False, "inflation": {"k_normal": 0.0}, "helium": 0.0}
+    simulator = simulator_of(case("coincident vertices"), tmp_path, device, **limp)
     at_rest = simulator.read_frame(net_forces=True)
     assert np.abs(at_rest.net_forces[0]).max() < 5e-5  # rounding: 2e-7 of 20 N, ten springs
     move(simulator, 8, (-0.1, 0.0, 0.0))
@@ -290,11 +271,8 @@ def test_each_face_of_a_crowded_edge_is_inflated_to_its_side(tmp_path: Path, dev
 @pytest.mark.physics
 def test_free_components_are_inflated_as_one_and_otherwise_apart(tmp_path: Path, device: str):
     """The paper's inflation is shared by area: a cube of two has half the push of one alone."""
-    alone = (
-        simulator_of(CUBE, tmp_path, device, inflation={"k_normal": 3.0})
-        .read_frame(net_forces=True)
-        .inflation_forces[0]
-    )
+    simulator = simulator_of(CUBE, tmp_path, device, inflation={"k_normal": 3.0})
+    alone = simulator.read_frame(net_forces=True).inflation_forces[0]
     simulator = simulator_of(case("several components"), tmp_path, device, inflation={"k_normal": 3.0}, parts="free")
     both = simulator.read_frame(net_forces=True).inflation_forces[0]
     np.testing.assert_allclose(both, 0.5 * np.concatenate([alone, alone]), atol=1e-4)
@@ -306,9 +284,7 @@ def test_free_components_are_inflated_as_one_and_otherwise_apart(tmp_path: Path,
 def test_a_mesh_by_itself_is_held_at_its_open_border(tmp_path: Path, device: str):
     simulator = simulator_of(case("open border"), tmp_path, device, inflation={"k_normal": 3.0})
     start = simulator.read_frame().points[0]
-    for _ in range(5):
-        simulator.step()
-    moved = np.linalg.norm(simulator.read_frame().points[0] - start, axis=1)
+    moved = np.linalg.norm(stepped(simulator, 5).read_frame().points[0] - start, axis=1)
     border = [0, 1, 4, 5]  # of the face that is left out
     assert moved[border].max() == 0.0
     assert np.delete(moved, border).min() > 1e-3
@@ -336,9 +312,7 @@ def test_schedules_move_odd_meshes_alike(schedule: str, tmp_path: Path, device: 
             start = start + np.random.default_rng(1).uniform(-0.05, 0.05, start.shape).astype(np.float32)
         for simulator in simulators:
             simulator.state.points.assign(start[None])
-            for _ in range(5):
-                simulator.step()
-        expected, found = (simulator.read_frame().points[0] for simulator in simulators)
+        expected, found = (stepped(simulator, 5).read_frame().points[0] for simulator in simulators)
         assert np.abs(expected - start).max() > 1e-3, odd.name
         # Sums in another order: float32 of coordinates of some meters, over a few dozen substeps.
         np.testing.assert_allclose(found, expected, rtol=0.0, atol=2e-5, err_msg=odd.name)

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 import trimesh
 import warp as wp
-from meshes import grid, joined, mesh_of, quad_sphere
+from meshes import at, box, grid, joined, mesh_of, quad_sphere
 from numpy.typing import NDArray
-from odd_meshes import box, deformed, without
+from odd_meshes import deformed, without
 from odd_things import car, hair, haired, head, sword
-from painted import SIDES, seen_sides, write_obj_cube, write_painted
+from painted import PLAIN, SIDES, seen_sides, write_obj_cube, write_painted
 from quads import assert_closed_quads, assert_none_folded, edge_lengths, sphere_distance
 from typer.testing import CliRunner
 
@@ -272,8 +272,7 @@ def test_quads_stand_as_a_run_of_the_file_would(tmp_path: Path, file: str, words
         (["-o", "../here/ball.obj", "--cells", "8"], "ball.obj: is the input mesh; expected another name, with -o"),
     ],
 )
-def test_command_refuses(tmp_path: Path, monkeypatch, arguments: list[str], sentence: str) -> None:
-    """The command refuses a wrong name and a folder that takes no files before the long measurement."""
+def test_command_refuses_before_the_long_measurement(tmp_path: Path, monkeypatch, arguments: list[str], sentence: str):
     monkeypatch.setattr("balloon_warp.mesh.remesh.surface_nets", lambda *_, **__: pytest.fail("measured"))
     folder = tmp_path / "here"
     folder.mkdir()
@@ -339,8 +338,7 @@ def test_volume_is_kept(make: Callable[[], PolygonMesh], cells: int, volume: flo
 
 @pytest.mark.full
 @pytest.mark.parametrize("thickness", [0.05, 0.5, 1.2])
-def test_a_plate_keeps_its_volume(thickness: float) -> None:
-    """A plate so many cells thick keeps its volume."""
+def test_a_plate_so_many_cells_thick_keeps_its_volume(thickness: float) -> None:
     plate = box((0.0, 0.0, 0.0), (1.0, 0.6, thickness / 24.0), (24, 12, 1))
     made = remesh(plate, 24)
     assert_closed_quads(made)
@@ -350,7 +348,6 @@ def test_a_plate_keeps_its_volume(thickness: float) -> None:
 
 @pytest.mark.full
 def test_ears_and_nose_stay() -> None:
-    """Ears and nose keep their length, where thin ears lost a cell of theirs."""
     made = remesh(head(), 32)
     assert_closed_quads(made)
     assert_none_folded(made)
@@ -392,33 +389,23 @@ def test_hair_is_refused_before_it_takes_long(monkeypatch: pytest.MonkeyPatch) -
 
 @pytest.mark.full
 def test_patches_of_a_whole_are_no_hair() -> None:
-    """24 patches without shared vertices."""
-    whole = quad_sphere(8, 0.5)
-    made = remesh(
-        joined(*(patch(whole, part) for part in np.array_split(whole.face_vertex_indices.reshape(-1, 4), 24))), 16
-    )
+    whole, patches = quad_sphere(8, 0.5), []
+    for quads in np.array_split(whole.face_vertex_indices.reshape(-1, 4), 24):
+        used, numbers = np.unique(quads, return_inverse=True)
+        middle = whole.points[used].mean(axis=0)  # a little smaller, so that there are cracks between them
+        patches.append(mesh_of(middle + 0.999 * (whole.points[used] - middle), numbers.reshape(-1, 4)))
+    made = remesh(joined(*patches), 16)
     assert_closed_quads(made)
     assert signed_volume(made) == pytest.approx(signed_volume(whole), rel=0.05)
 
 
-def patch(mesh: PolygonMesh, quads: np.ndarray) -> PolygonMesh:
-    """Return some of the quads, a little smaller, so that there are cracks beside them."""
-    used, numbers = np.unique(quads, return_inverse=True)
-    middle = mesh.points[used].mean(axis=0)
-    return mesh_of(middle + 0.999 * (mesh.points[used] - middle), numbers.reshape(-1, 4).tolist())
-
-
 def test_too_many_quads_are_refused_with_a_number_that_works() -> None:
-    many = joined(*(deformed(grid(4, 4), lambda p, z=z: p + [0.0, 0.0, z]) for z in np.linspace(0.0, 4.0, 9)))
+    many = joined(*(at(grid(4, 4), (0.0, 0.0, z)) for z in np.linspace(0.0, 4.0, 9)))
     with pytest.raises(InputError, match=r"256 cells would make .* quads; expected --cells 1\d\d or fewer"):
         remesh(many, 256)
 
 
 BALL = quad_sphere(8)
-
-
-def at(mesh: PolygonMesh, place: tuple[float, float, float], size: float = 1.0) -> PolygonMesh:
-    return deformed(mesh, lambda points: points * size + np.array(place))
 
 
 def rod(heights: np.ndarray, radii: np.ndarray) -> PolygonMesh:
@@ -482,9 +469,6 @@ def test_what_is_not_faithful_is_found() -> None:
     assert str(infidelity(whole, halves, 0.1)).startswith("one part breaks into pieces near (")
 
 
-MATERIALS = "".join(f"newmtl {side}\nKd {0.1 * side:g} 0.5 0.25\n" for side in range(6))
-
-
 def within_sides(mesh: PolygonMesh) -> list[tuple[int, tuple[float, ...]]]:
     """Return sides and colors as `seen_sides` does, without faces that go around an edge of the cube."""
     inner = (np.abs(face_centers(mesh)) > 0.8).sum(axis=1) == 1
@@ -520,7 +504,7 @@ def test_the_command_writes_materials_and_images(tmp_path: Path, monkeypatch: py
 
 
 def test_materials_stay_on_their_faces(tmp_path: Path):
-    made = remesh(load_mesh(write_obj_cube(tmp_path, MATERIALS)), 12)
+    made = remesh(load_mesh(write_obj_cube(tmp_path, PLAIN)), 12)
     write_obj(tmp_path / "quads.obj", made)
     for mesh in (made, load_mesh(tmp_path / "quads.obj")):
         found = within_sides(mesh)
@@ -529,7 +513,6 @@ def test_materials_stay_on_their_faces(tmp_path: Path):
 
 
 def test_colors_of_vertices_stay_where_they_were(tmp_path: Path):
-    """Vertex colors stay in place: red grows with height."""
     ball = quad_sphere(12)
     heights = 0.5 + 0.5 * ball.points[:, 1]
     colors = np.stack([heights, 0.25 + 0.0 * heights, 1.0 - heights], axis=1)[ball.face_vertex_indices]
@@ -570,20 +553,17 @@ def test_faces_without_looks_stay_so(tmp_path: Path):
 
 
 def test_materials_of_another_program_are_not_written_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Materials of another program are refused before the surface is measured, which takes long."""
     monkeypatch.setattr("balloon_warp.mesh.remesh.remesh", lambda *_, **__: pytest.fail("measured"))
     source = write_painted(tmp_path, "obj").rename(tmp_path / "source.obj")
     before = {path: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
     result = CliRunner().invoke(app, ["remesh", str(source), "-o", str(tmp_path / "cube.obj")])
     assert isinstance(result.exception, InputError)
-    assert "cube.mtl: another program wrote it, and the materials of cube.obj go there; expected another name" in str(
-        result.exception
-    )
+    said = "cube.mtl: another program wrote it, and the materials of cube.obj go there; expected another name"
+    assert said in str(result.exception)
     assert {path: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()} == before
 
 
 def test_a_color_that_multiplies_an_image_goes_into_it(tmp_path: Path):
-    """A color that multiplies an image is baked into it, as OBJ files have one or the other."""
     surface = load_mesh(write_painted(tmp_path, "obj"))
     (look,) = surface.looks.materials
     tinted = replace(surface, looks=replace(surface.looks, materials=(replace(look, color=(1.0, 0.5, 0.0)),)))
