@@ -1,7 +1,18 @@
 """Stages as they are read back: whether USD finds them valid, and their motion."""
 
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 from pxr import Usd, UsdGeom, UsdValidation
+
+from balloon_warp import Scene, animate
+
+
+def animated(scene: Scene, path: Path, **options: Any) -> Usd.Stage:
+    """Return the stage of a run, on a CPU."""
+    animate(scene, path, device="cpu", **options)
+    return Usd.Stage.Open(str(path))
 
 
 def assert_valid(stage: Usd.Stage) -> None:

@@ -15,13 +15,13 @@ import pytest
 import trimesh
 from inspecting import command
 from meshes import cube, grid, prism, quad_sphere
-from motion import assert_valid
+from motion import animated, assert_valid
 from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 from trimesh.exchange.gltf import export_gltf
 from trimesh.exchange.stl import export_stl_ascii
 from work import lines_executed
 
-from balloon_warp import Balloon, Body, Obstacle, Scene, animate, load_scene, remesh
+from balloon_warp import Balloon, Body, Obstacle, Scene, load_scene, remesh
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import signed_volume, total_area
@@ -633,8 +633,7 @@ def test_usd_has_them_at_corners_or_vertices(stage: Usd.Stage, interpolation: st
 @pytest.mark.full
 def test_each_corner_has_what_the_file_names_there_in_the_stage_too(tmp_path: Path):
     np.testing.assert_array_equal(read(tmp_path, TWO_FACES.encode()).texture_coordinates, AT_CORNERS)
-    animate(load_scene(tmp_path / "mesh.obj", {"frames": 1}), tmp_path / "out.usdc", device="cpu")
-    stage = Usd.Stage.Open(str(tmp_path / "out.usdc"))
+    stage = animated(load_scene(tmp_path / "mesh.obj", {"frames": 1}), tmp_path / "out.usdc")
     st = UsdGeom.PrimvarsAPI(stage.GetPrimAtPath("/World/mesh")).GetPrimvar("st")
     assert (st.GetInterpolation(), st.GetTypeName()) == ("faceVarying", Sdf.ValueTypeNames.TexCoord2fArray)
     np.testing.assert_array_equal(st.Get(), AT_CORNERS)

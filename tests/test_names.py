@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from meshes import cube
+from motion import animated
 from pxr import Sdf, Usd, UsdGeom
 
 from balloon_warp import animate, load_scene, run_batch
@@ -54,8 +55,7 @@ def test_a_name_that_usd_takes_stays_and_else_only_what_it_does_not_is_replaced(
 def test_balloons_obstacles_and_bodies_are_called_as_they_are(suffix: str, tmp_path: Path):
     things = {"obstacle": [Obstacle(shape="box", name="стена 1", position=(0, -5, 0))]}
     things |= {"body": [Body(shape="box", name="箱", position=(0, 50, 0), mass=1.0)]}
-    animate(scene(*SCRIPTS, "Ballon rouge é").model_copy(update=things), tmp_path / f"s{suffix}", device="cpu")
-    stage = Usd.Stage.Open(str(tmp_path / f"s{suffix}"))
+    stage = animated(scene(*SCRIPTS, "Ballon rouge é").model_copy(update=things), tmp_path / f"s{suffix}")
     assert [prim.GetName() for prim in meshes_of(stage)] == [*SCRIPTS, "Ballon_rouge_é_1"]
     assert [prim.GetDisplayName() for prim in meshes_of(stage)] == [""] * len(SCRIPTS) + ["Ballon rouge é"]
     assert stage.GetPrimAtPath("/World/Obstacles/стена_1").GetDisplayName() == "стена 1"
@@ -64,9 +64,7 @@ def test_balloons_obstacles_and_bodies_are_called_as_they_are(suffix: str, tmp_p
 
 def test_names_that_look_the_same_get_numbers(tmp_path: Path):
     composed, decomposed = HALVES
-    animate(scene(composed, decomposed, composed, f"{decomposed}_1"), tmp_path / "same.usda", device="cpu")
-    stage = Usd.Stage.Open(str(tmp_path / "same.usda"))
-    prims = meshes_of(stage)
+    prims = meshes_of(animated(scene(composed, decomposed, composed, f"{decomposed}_1"), tmp_path / "same.usda"))
     names = [prim.GetName() for prim in prims]
     assert names == ["é", "é_1", "é_2", "é_1_1"]
     assert all(name == unicodedata.normalize("NFC", name) for name in names)
@@ -76,9 +74,7 @@ def test_names_that_look_the_same_get_numbers(tmp_path: Path):
 @pytest.mark.parametrize("name", ["気球", "Ballon rouge é"])
 def test_a_file_s_name_stays(name: str, tmp_path: Path):
     write_obj(tmp_path / f"{name}.obj", cube())
-    animate(load_scene(tmp_path / f"{name}.obj", {"frames": 1}), tmp_path / "out.usdc", device="cpu")
-    stage = Usd.Stage.Open(str(tmp_path / "out.usdc"))
-    prim = meshes_of(stage)[0]
+    prim = meshes_of(animated(load_scene(tmp_path / f"{name}.obj", {"frames": 1}), tmp_path / "out.usdc"))[0]
     assert prim.GetName() == identifier(name)
     assert (prim.GetDisplayName() or prim.GetName()) == name
 

@@ -1,4 +1,4 @@
-"""Page without a browser: its address, its view distance, and its refusals."""
+"""Page without a browser: its address, its view distance, what it draws, and its refusals."""
 
 import re
 import socket
@@ -8,25 +8,35 @@ import urllib.request
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
-from meshes import quad_sphere
+import trimesh
+from meshes import cube, quad_sphere
+from PIL import Image
+from strangers import wait_until
 from typer.testing import CliRunner
 
 from balloon_warp.cli.app import app
 from balloon_warp.errors import InputError, MissingExtraError
 from balloon_warp.model import build_model
-from balloon_warp.scene import Atmosphere, Balloon, Change, Ground, Inflation, Material, Scene, String, Touch, Water
+from balloon_warp.model.obstacles import ObstacleShape
+from balloon_warp.scene import Atmosphere, Balloon, Change, Ground, Inflation, Material, Obstacle, Scene, String
 from balloon_warp.simulator import Simulator
 from balloon_warp.viewer.geometry import string_reach
 from balloon_warp.viewer.hands_on import span
 from balloon_warp.viewer.notebook import show
+from balloon_warp.viewer.obstacles import surface_of
 from balloon_warp.viewer.page import Page
 from balloon_warp.viewer.plots import span_of
+from balloon_warp.viewer.presses import LONGEST, PressLayer
+from balloon_warp.viewer.prints import LARGEST, Printed, image_of
 from balloon_warp.viewer.server import free_port
 from balloon_warp.viewer.session import Session
 from balloon_warp.viewer.sliders import VALUES, does_something, of_tables
+from balloon_warp.viewer.smooth import Plain, Smooth
 from balloon_warp.viewer.status import COMPILING, status_line
 
 
@@ -111,8 +121,8 @@ def test_contacts_materials_air_and_gas_have_sliders_where_a_scene_has_them():
     plain = shown(Scene(balloon=[Balloon(mesh=quad_sphere(2))]))
     assert plain["Contacts"] == plain["Material"] == plain["Gas"] == []
     latex = Balloon(mesh=quad_sphere(2), material=Material(preset="latex"), inflation=Inflation(kind="gas"))
-    around = {"ground": Ground(), "water": Water(), "atmosphere": Atmosphere(wind=(1.0, 0.0, 0.0))}
-    touching = shown(Scene(balloon=[latex], touch=Touch(stiffness=3.0), **around))
+    around = {"ground": Ground(), "water": {}, "atmosphere": Atmosphere(wind=(1.0, 0.0, 0.0))}
+    touching = shown(Scene(balloon=[latex], touch={"stiffness": 3.0}, **around))
     assert set(touching["Contacts"]) == {*("ground_height", "ground_friction", "ground_restitution")} | {
         *("touch_friction", "touch_stiffness")
     }  # what the scene leaves to us, as the thickness, has none
@@ -220,3 +230,149 @@ def test_ticks_of_a_plot_differ(curve: list[float]):
     assert low <= min(curve)
     assert high >= max(curve)
     assert len({f"{tick:.3f}" for tick in np.linspace(low, high, 5)}) == 5
+
+
+UPS = {"Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
+
+
+def shapes(up_axis: str) -> list[ObstacleShape]:
+    obstacles = [
+        Obstacle(size=(1.0, 2.0, 3.0), position=(0.0, -9.0, 0.0)),
+        Obstacle(radius=0.2, length=0.6, position=(3.0, 0.0, 0.0)),
+        Obstacle(shape="plane", position=(0.0, -2.0, -2.0)),
+        Obstacle(mesh=cube(), position=(-3.0, 0.0, 0.0)),
+    ]
+    scene = Scene(up_axis=up_axis, balloon=[Balloon(mesh=quad_sphere(3))], obstacle=obstacles)
+    return build_model(scene, "cpu").obstacles
+
+
+@pytest.mark.parametrize("up_axis", UPS)
+def test_what_is_drawn_has_their_shapes(up_axis: str):
+    up = np.array(UPS[up_axis])
+    box, capsule, plane, mesh = shapes(up_axis)
+    below = np.array([0.5, 4.0, 7.0])
+    drawn = [trimesh.Trimesh(*surface_of(shape, UPS[up_axis], below, 10.0)) for shape in (box, capsule, plane, mesh)]
+    volumes = [drawn[solid].volume for solid in (0, 1, 3)]
+    np.testing.assert_allclose(volumes, [6.0, np.pi * 0.2**2 * (0.6 + 4 / 3 * 0.2), 1.0], rtol=0.01)
+    np.testing.assert_allclose(np.ptp(drawn[0].bounds, axis=0), [1.0, 2.0, 3.0])
+    np.testing.assert_allclose(drawn[1].bounds, np.outer([-1.0, 1.0], 0.2 + 0.3 * up), atol=1e-9)
+    np.testing.assert_allclose(drawn[2].face_normals, [up, up], atol=1e-9)
+    np.testing.assert_allclose(drawn[2].bounds.mean(axis=0), below - (below @ up) * up, atol=1e-9)
+
+
+def test_the_page_moves_what_moves(tmp_path: Path):
+    obstacles = [
+        Obstacle(position=(0.0, -3.0, 0.0), color=(1.0, 0.0, 0.0)),
+        Obstacle(shape="capsule", position=(3.0, 0.0, 0.0), motion=[(0.0, (0, 0, 0)), (1.0, (0, 1, 0), (90, 0, 0))]),
+    ]
+    scene = Scene(balloon=[Balloon(mesh=quad_sphere(3))], obstacle=obstacles)
+    page = Page(Session("ball", scene, "cpu", tmp_path), port=free_port("127.0.0.1", 0))
+    picture = page.session.picture
+    page.layers.draw(picture)
+    box, capsule = page.layers.obstacles._meshes
+    assert (tuple(box.position), tuple(box.color)) == ((0.0, -3.0, 0.0), (255, 0, 0))
+    later = picture.frame.obstacle_poses.copy()
+    later[1] = (3.0, 1.0, 0.0, np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))
+    page.layers.draw(replace(picture, frame=replace(picture.frame, obstacle_poses=later)))
+    np.testing.assert_allclose(capsule.position, (3.0, 1.0, 0.0))
+    np.testing.assert_allclose(capsule.wxyz, np.sqrt([0.5, 0.5, 0.0, 0.0]))
+    assert tuple(box.position) == (0.0, -3.0, 0.0)
+    above = np.array([[0.2, 5.0, 0.0], [3.0, 5.0, 0.0], [9.0, 5.0, 0.0]])
+    hits = [page.layers.obstacles.hit_distance(place, np.array([0.0, -1.0, 0.0])) for place in above]
+    assert hits == [pytest.approx(7.5), pytest.approx(5.0 - 1.1, abs=1e-3), None]  # the capsule lies now
+    ball = quad_sphere(3).points
+    expected = [(ball[:, 0].min() + 3.1) / 2, (ball[:, 1].max() - 3.5) / 2, 0.0]  # from ball to capsule and to box
+    np.testing.assert_allclose(page.layers.home[1], expected, atol=0.01)
+    page.stop()
+
+
+def lying(**fields) -> Scene:
+    """Return a ball that lies on the ground, where it was put."""
+    inflation = Inflation(kind="pressure", pressure=15.0)
+    balloon = Balloon(mesh=quad_sphere(3, 0.5), position=(0, 0.49, 0), mass=0.3, damping=4.0, inflation=inflation)
+    return Scene(balloon=[balloon], ground=Ground(), **fields)
+
+
+def test_an_arrow_for_each_pair_says_how_hard_it_presses():
+    session = Session("ball", lying(contacts=True), "cpu")
+    for _ in range(30):
+        session.playground.step()
+    layer = PressLayer(MagicMock(), size=1.0)
+    picture = session._take_picture()
+    (arrow,), (contact,) = layer.arrows_of(picture), picture.frame.contacts
+    np.testing.assert_allclose(arrow[0], contact.place, atol=1e-6)
+    along = contact.force / np.linalg.norm(contact.force)
+    np.testing.assert_allclose(arrow[1] - arrow[0], LONGEST * along, atol=1e-6)
+    assert along[1] > 0.99
+    assert abs(arrow[0][1]) < 0.05
+
+
+def test_a_blow_does_not_dwarf_for_long_what_follows():
+    layer = PressLayer(MagicMock(), size=1.0)
+
+    def length(force: float) -> float:
+        contact = SimpleNamespace(force=np.array([0.0, force, 0.0]), place=np.zeros(3))
+        picture: Any = SimpleNamespace(frame=SimpleNamespace(contacts=[contact]))
+        arrows = layer.arrows_of(picture)
+        return float(np.ptp(arrows[:, :, 1])) if len(arrows) else 0.0
+
+    assert length(100.0) == pytest.approx(LONGEST)
+    assert length(10.0) < 0.2 * LONGEST
+    assert [length(10.0) for _ in range(300)][-1] == pytest.approx(LONGEST)
+    assert length(0.0) == 0.0
+
+
+@pytest.mark.parametrize("kind", [Plain, Smooth])
+def test_a_print_is_where_its_coordinates_say(kind: type[Plain] | type[Smooth]):
+    """A print is cut where its halves meet: each face of a cube shows the left or the right half of an image. The
+    triangles cover as much of it as the faces do, and both sides of a cut coincide."""
+    mesh = cube()
+    ends = np.repeat(np.arange(6) % 2 * 0.5, 4)
+    corners = np.tile([(0.0, 0.0), (0.5, 0.0), (0.5, 1.0), (0.0, 1.0)], (6, 1)) + np.stack([ends, 0 * ends], axis=1)
+    whole = kind(mesh)
+    cut = Printed(whole, replace(mesh, texture_coordinates=corners))
+    points = mesh.points.astype(np.float32)
+    np.testing.assert_array_equal(cut.points(points)[cut.triangles], whole.points(points)[whole.triangles])
+    a, b, c = (cut.places[cut.triangles[:, n], :2].astype(float) for n in range(3))
+    areas = ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]) / 2
+    np.testing.assert_allclose(np.bincount(cut.triangle_faces, areas), 0.5, rtol=1e-6)
+    twins = cut.places[:, 2].astype(int)
+    np.testing.assert_array_equal(cut.points(points)[twins], cut.points(points))
+    assert len(np.unique(twins)) == len(whole.points(points)) < len(twins)
+
+
+def test_an_image_is_made_small_enough_and_none_is_made_of_what_is_none(tmp_path):
+    Image.new("RGBA", (2 * LARGEST, LARGEST), (10, 20, 30, 40)).save(tmp_path / "large.png")
+    image = image_of(tmp_path / "large.png")
+    assert image is not None
+    assert image.shape == (LARGEST // 2, LARGEST, 3)
+    (tmp_path / "text.png").write_text("no image", encoding="utf-8")
+    assert image_of(tmp_path / "text.png") is None
+    assert image_of(None) is None
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(
+    ("material", "inflation", "sentence"),
+    [
+        (Material(), Inflation(kind="pressure", pressure=1e5), "Too much pressure for these springs."),
+        (Material(preset="latex"), Inflation(kind="pressure", pressure=1e7), "Too much pressure for this skin."),
+        (Material(), Inflation(k_normal=1e8), "Too much pressure for these springs."),
+    ],
+)
+def test_a_blow_up_says_what_was_too_much_and_leaves_the_last_good_shape(tmp_path, material, inflation, sentence):
+    scene = Scene(balloon=[Balloon(mesh=quad_sphere(3, 0.5), material=material, inflation=inflation)])
+    session = Session("ball", scene, "cpu", tmp_path)
+    session.watched = True
+    session.start()
+    wait_until(lambda: session.picture.trouble, "it blows up")
+    assert session.picture.trouble == sentence
+    assert session.picture.why.startswith("the simulation blew up in frame")
+    assert np.abs(session.picture.frame.points[0]).max() < 5.0
+    session.go_back()
+    wait_until(lambda: not session.picture.trouble, "it goes back")
+    session.ask(lambda playground: playground.inflate(0.01))
+    frame = session.picture.frame.number
+    session.run(True)
+    wait_until(lambda: session.picture.frame.number > frame + 3, "it goes on")
+    session.stop()

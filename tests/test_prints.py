@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 from glb_files import Glb
-from motion import assert_valid
+from motion import animated, assert_valid
 from PIL import Image
 from pxr import Sdf, Usd, UsdGeom, UsdShade, UsdUtils
 from render_stages import add_camera, add_mesh, new_stage
@@ -101,8 +101,7 @@ def printed_scene(folder: Path, image: str = "image.png") -> Path:
 
 
 def test_a_balloon_is_printed_as_its_scene_says(image: Path, tmp_path: Path):
-    animate(load_scene(printed_scene(tmp_path)), tmp_path / "out.usdc", device="cpu")
-    assert_valid(Usd.Stage.Open(str(tmp_path / "out.usdc")))
+    assert_valid(animated(load_scene(printed_scene(tmp_path)), tmp_path / "out.usdc"))
     render_stage(tmp_path / "out.usdc", tmp_path / "out.png", size=(200, 200), azimuth=0.0, elevation=0.0, device="cpu")
     seen = np.asarray(Image.open(tmp_path / "out.png")).astype(int)
     _, red, green, blue = (seen[row, column] for row in (60, 140) for column in (60, 140))

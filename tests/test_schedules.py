@@ -1,4 +1,4 @@
-"""Schedules against themselves: a repeated run, and a world alone against the same world in a batch."""
+"""Schedules against themselves: a repeated run, and a world alone against the same world in a batch; their tables."""
 
 from dataclasses import replace
 
@@ -8,15 +8,20 @@ import warp as wp
 from feature_sets import feature_set
 from meshes import quad_sphere
 from method_scenes import SCENES
+from numpy.typing import NDArray
 from trajectories import ROUNDING, after_frames, arrays, assert_close
 
+from balloon_warp import PolygonMesh
 from balloon_warp.errors import InputError
 from balloon_warp.model import build_model, initial_state, lay_out, plan_model
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere, Water
 from balloon_warp.schedules import make_schedule
+from balloon_warp.schedules import memoize as module
 from balloon_warp.schedules.banks import spread_over_banks, wavefronts
+from balloon_warp.schedules.memoize import memoized
 from balloon_warp.schedules.scatter import ScatterSchedule
 from balloon_warp.schedules.spring_ends import spring_ends
+from balloon_warp.schedules.tables import other_corners
 from balloon_warp.simulator import Simulator
 
 
@@ -168,3 +173,56 @@ def test_slots_are_ordered_against_bank_conflicts_and_keep_neighbors():
     np.testing.assert_array_equal(np.sort(spread, axis=0), np.sort(neighbors, axis=0))
     assert wavefronts(neighbors) > 1.8
     assert wavefronts(spread) < 1.4
+
+
+def test_what_was_found_is_not_sought_again():
+    sought: list[list[int]] = []
+
+    @memoized
+    def doubled(values: NDArray[np.int64]) -> NDArray[np.int64]:
+        sought.append(values.tolist())
+        return 2 * values
+
+    first, other = np.arange(4), np.arange(4).reshape(2, 2)
+    assert doubled(first).tolist() == doubled(first.copy()).tolist() == [0, 2, 4, 6]
+    assert doubled(other).tolist() == [[0, 2], [4, 6]]
+    first[0] = 5
+    assert doubled(first).tolist() == [10, 2, 4, 6]
+    assert sought == [[0, 1, 2, 3], [[0, 1], [2, 3]], [5, 1, 2, 3]]
+
+
+def test_an_answer_cannot_be_spoiled():
+    answer = memoized(lambda values: values)(given := np.arange(3))
+    given[0] = 7
+    assert answer.tolist() == [0, 1, 2]
+    with pytest.raises(ValueError, match="read-only"):
+        answer[0] = 1
+
+
+def test_only_the_last_answers_are_kept(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(module, "LAST", 2)
+    sought: list[int] = []
+
+    @memoized
+    def same(values: NDArray[np.int64]) -> NDArray[np.int64]:
+        sought.append(int(values[0]))
+        return values
+
+    for number in (0, 1, 0, 2, 0, 1):
+        same(np.array([number]))
+    assert sought == [0, 1, 2, 1]
+
+
+FACES = ((0, 1, 2), (2, 1, 3, 4), (4, 3, 5, 6, 0))
+
+
+def test_each_corner_has_the_rest_of_its_face_in_turn():
+    points = np.random.default_rng(0).normal(size=(7, 3))
+    mesh = PolygonMesh(points, np.array([3, 4, 5]), np.concatenate(FACES))
+    corners = other_corners(build_model(Scene(balloon=[{"mesh": mesh, "holes": "keep"}]), "cpu"))
+    listed = [face[turn:] + face[:turn] for face in FACES for turn in range(len(face))]
+    expected = sorted(listed, key=lambda fan: fan[0])  # stable: those of a particle in the order of the faces
+    assert corners.particles.tolist() == [fan[0] for fan in expected]
+    assert corners.sizes.tolist() == [len(fan) - 1 for fan in expected]
+    assert np.diff(corners.begins).tolist() == corners.sizes.tolist()
+    assert corners.others.tolist() == [corner for fan in expected for corner in fan[1:]]

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from meshes import cube, grid, quad_sphere
-from motion import assert_valid
+from motion import animated, assert_valid
 from pxr import Gf, Usd, UsdGeom, UsdPhysics, UsdShade
 from render_stages import read_stage
 from scipy.spatial.transform import Rotation
@@ -116,8 +116,7 @@ def test_a_plane_is_drawn_below_the_balloons(stage: Usd.Stage):
 def test_a_change_moves_an_obstacle(tmp_path):
     change = [Change(time=2 / 30, set={"obstacle.0.position": (0.0, -2.5, 0.0)})]
     scene = everything(change=change, obstacle=[everything().obstacle[0], everything().obstacle[3]])
-    animate(scene, tmp_path / "change.usda", device="cpu", schedule="gather")
-    stage = Usd.Stage.Open(str(tmp_path / "change.usda"))
+    stage = animated(scene, tmp_path / "change.usda", schedule="gather")
     heights = [placed(stage, "/World/Obstacles/box", frame)[1, 3] for frame in range(FRAMES + 1)]
     assert heights == [-2.0, -2.0, -2.0, -2.5, -2.5]
     box, tile = (UsdGeom.Xformable(prim) for prim in stage.GetPrimAtPath("/World/Obstacles").GetChildren())
@@ -208,9 +207,7 @@ def written_bodies(tmp_path_factory) -> Path:
 @pytest.mark.full
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
 def test_every_validator_passes_bodies(tmp_path, up_axis: str):
-    path = tmp_path / "stage.usda"
-    animate(bodies(up_axis=up_axis), path, device="cpu")
-    assert_valid(Usd.Stage.Open(str(path)))
+    assert_valid(animated(bodies(up_axis=up_axis), tmp_path / "stage.usda"))
 
 
 @pytest.mark.full

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 from meshes import fans, grid, quad_sphere
-from motion import assert_valid
+from motion import animated, assert_valid
 from pxr import Usd, UsdGeom, UsdPhysics, UsdShade
 
-from balloon_warp import Scene, Simulator, animate
+from balloon_warp import Scene, Simulator
 from balloon_warp.model.build import build_model
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.model.skin import SheetStiffness, sheet_of_springs
@@ -22,12 +22,6 @@ RUBBERS = {
     "natural_rubber_treloar": 0.5 * (6.3e5 * 1.3 + 1.2e3 * 5.0 + 1.0e4 * 2.0),
 }
 """presets, and the shear moduli at rest that are published of them [Pa]"""
-
-
-def stage_of(scene: Scene, folder: Path) -> Usd.Stage:
-    path = folder / "stage.usda"
-    animate(scene, path, device="cpu")
-    return Usd.Stage.Open(str(path))
 
 
 def made_of(material: Material, **fields) -> Scene:
@@ -49,7 +43,7 @@ def physics_of(stage: Usd.Stage) -> Usd.Prim:
 @pytest.mark.parametrize("preset", RUBBERS)
 def test_rubber_and_film_are_as_stiff_and_thick_as_the_scene_says(tmp_path: Path, preset: str):
     material = Material(preset=preset)
-    stage = stage_of(made_of(material, inflation=Inflation(kind="pressure", pressure=1.0)), tmp_path)
+    stage = animated(made_of(material, inflation=Inflation(kind="pressure", pressure=1.0)), tmp_path / "stage.usda")
     substance, prim = physics_of(stage), stage.GetPrimAtPath("/World/ball")
     assert "PhysicsSurfaceDeformableMaterialAPI" in substance.GetPrimTypeInfo().GetAppliedAPISchemas()
     assert substance.GetAttribute("physics:youngsModulus").Get() == pytest.approx(3.0 * RUBBERS[preset], rel=1e-6)
@@ -67,7 +61,7 @@ def test_rubber_and_film_are_as_stiff_and_thick_as_the_scene_says(tmp_path: Path
     "material", [Material(kind="gent", gent_limit=30.0), Material(kind="neo_hookean", shear_modulus=1e5)]
 )
 def test_a_law_of_ones_own_numbers_too(tmp_path: Path, material: Material):
-    stage = stage_of(made_of(material, inflation=Inflation(kind="pressure", pressure=1.0)), tmp_path)
+    stage = animated(made_of(material, inflation=Inflation(kind="pressure", pressure=1.0)), tmp_path / "stage.usda")
     modulus = physics_of(stage).GetAttribute("physics:youngsModulus").Get()
     assert modulus == pytest.approx(3.0 * (material.shear_modulus or 3.3e5), rel=1e-6)
 
@@ -75,7 +69,7 @@ def test_a_law_of_ones_own_numbers_too(tmp_path: Path, material: Material):
 def test_a_skin_that_is_not_as_thick_everywhere_says_so_of_each_point(tmp_path: Path):
     weights = np.linspace(1.0, 3.0, quad_sphere(2).vertex_count).tolist()
     material = Material(preset="latex", weights=weights)
-    stage = stage_of(made_of(material, inflation=Inflation(kind="pressure", pressure=1.0)), tmp_path)
+    stage = animated(made_of(material, inflation=Inflation(kind="pressure", pressure=1.0)), tmp_path / "stage.usda")
     prim = stage.GetPrimAtPath("/World/ball")
     np.testing.assert_allclose(prim.GetAttribute("physics:thicknesses").Get(), 2e-4 * np.array(weights), rtol=1e-6)
     assert prim.GetAttribute("physics:thicknesses:elementType").Get() == "point"
@@ -85,7 +79,7 @@ def test_a_skin_that_is_not_as_thick_everywhere_says_so_of_each_point(tmp_path: 
 def test_velocities_stand_where_points_do(tmp_path: Path, fixed: list[int]):
     """Velocities at the default time are those at the start, in the stage's meters and axes."""
     scene = made_of(Material(), fixed=fixed)
-    stage = stage_of(scene, tmp_path)
+    stage = animated(scene, tmp_path / "stage.usda")
     mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/World/ball"))
     frame = Simulator(scene, "cpu").read_frame()
     np.testing.assert_allclose(mesh.GetPointsAttr().Get(), frame.points[0], atol=1e-7)
@@ -94,7 +88,7 @@ def test_velocities_stand_where_points_do(tmp_path: Path, fixed: list[int]):
 
 
 def test_springs_say_their_sheet_and_their_masses(tmp_path: Path):
-    stage = stage_of(made_of(Material(), mass=0.2), tmp_path)
+    stage = animated(made_of(Material(), mass=0.2), tmp_path / "stage.usda")
     substance, prim = physics_of(stage), stage.GetPrimAtPath("/World/ball")
     sheet = (substance.GetAttribute(f"physics:surface{each}Stiffness") for each in ("Stretch", "Shear", "Bend"))
     stretch, shear, bend = (each.Get() for each in sheet)
@@ -111,7 +105,7 @@ def test_springs_say_their_sheet_and_their_masses(tmp_path: Path):
 
 
 def test_what_is_fixed_has_no_mass_and_so_none_is_said_of_points(tmp_path: Path):
-    stage = stage_of(made_of(Material(), fixed=[0]), tmp_path)
+    stage = animated(made_of(Material(), fixed=[0]), tmp_path / "stage.usda")
     prim = stage.GetPrimAtPath("/World/ball")
     assert not prim.HasAttribute("physics:masses")
     assert prim.GetAttribute("physics:mass").Get() == pytest.approx(0.1)

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from exported import FRAMES, scene
 from meshes import cube, grid, quad_sphere, tetrahedron
-from motion import assert_valid, assert_velocities_are_those_of_the_points
+from motion import animated, assert_valid, assert_velocities_are_those_of_the_points
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdShade
 from render_stages import read_stage
 from test_resume import SCENE as RESUMED_SCENE
 from test_resume import crash, stop
 
-from balloon_warp import InputError, Scene, Simulator, animate
+from balloon_warp import InputError, Scene, Simulator, StageWriter, animate
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.outputs.exports.parts import Animation
@@ -59,9 +59,7 @@ def stage(written: Path) -> Usd.Stage:
 @pytest.mark.parametrize("suffix", [".usdc", ".usda", ".usd"])
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
 def test_every_validator_passes(tmp_path, suffix: str, up_axis: str):
-    path = tmp_path / f"stage{suffix}"
-    animate(everything(up_axis=up_axis, frames=4), path, device="cpu")
-    assert_valid(Usd.Stage.Open(str(path)))
+    assert_valid(animated(everything(up_axis=up_axis, frames=4), tmp_path / f"stage{suffix}"))
 
 
 def test_the_stage_says_what_it_is_and_measures_its_shape(stage: Usd.Stage):
@@ -146,8 +144,7 @@ def test_spheres_and_net_forces_are_those_of_the_simulation(stage: Usd.Stage):
 )
 def test_a_net_force_as_large_as_the_mean_is_a_twentieth_of_the_size_long(tmp_path, fields, gravity, length):
     balloon = Balloon(mesh=cube(), name="box", scale=2.0, **fields)
-    animate(Scene(balloon=[balloon], gravity=gravity, net_forces=True, frames=1), tmp_path / "f.usda", device="cpu")
-    stage = Usd.Stage.Open(str(tmp_path / "f.usda"))
+    stage = animated(Scene(balloon=[balloon], gravity=gravity, net_forces=True, frames=1), tmp_path / "f.usda")
     points = np.array(UsdGeom.BasisCurves(stage.GetPrimAtPath("/World/NetForces/box")).GetPointsAttr().Get(0))
     lengths = np.linalg.norm(points[1::2] - points[::2], axis=1)
     np.testing.assert_allclose(lengths, 2.0 * length, rtol=1e-4)  # a side of 2 m; float32 ends some 3 m from the origin
@@ -157,10 +154,9 @@ def test_a_net_force_as_large_as_the_mean_is_a_twentieth_of_the_size_long(tmp_pa
 @pytest.mark.parametrize(("name", "height"), [("Ground", -0.5), ("Water", 0.25)])
 @pytest.mark.parametrize(("up_axis", "up"), [("Y", 1), ("Z", 2)])
 def test_ground_and_water_are_level_and_face_up(tmp_path, up_axis: str, up: int, name: str, height: float):
-    path = tmp_path / "planes.usda"
     water = Water(level=0.25, density=1.0)
-    animate(everything(up_axis=up_axis, frames=1, picture_frame=0, water=water), path, device="cpu")
-    stage = Usd.Stage.Open(str(path))
+    scene = everything(up_axis=up_axis, frames=1, picture_frame=0, water=water)
+    stage = animated(scene, tmp_path / "planes.usda")
     prim = UsdGeom.Mesh(stage.GetPrimAtPath(f"/World/{name}"))
     corners = np.array(prim.GetPointsAttr().Get())[list(prim.GetFaceVertexIndicesAttr().Get())]
     assert prim.GetOrientationAttr().Get() == "rightHanded"
@@ -175,8 +171,7 @@ def test_ground_and_water_are_level_and_face_up(tmp_path, up_axis: str, up: int,
 def test_a_plane_moves_where_its_height_changes(tmp_path):
     path = tmp_path / "tide.usda"
     tide = [Change(time=2 / 30, set={"water.level": 0.75})]
-    animate(everything(water=Water(level=0.25, density=1.0), change=tide), path, device="cpu")
-    stage = Usd.Stage.Open(str(path))
+    stage = animated(everything(water=Water(level=0.25, density=1.0), change=tide), path)
     water, ground = (UsdGeom.Mesh(stage.GetPrimAtPath(f"/World/{name}")) for name in ("Water", "Ground"))
     levels = [water.GetPointsAttr().Get(frame)[0][1] for frame in range(FRAMES + 1)]
     assert levels == [0.25, 0.25, 0.25, 0.75, 0.75, 0.75, 0.75]
@@ -205,8 +200,7 @@ def test_materials_are_bound_and_colored(stage: Usd.Stage):
 def test_odd_names_become_prims_of_their_own(tmp_path):
     names = ["a cow!", "a cow?", "Ground", "7", ""]
     balloons = [Balloon(mesh=cube(), name=name, position=(3.0 * n, 0, 0)) for n, name in enumerate(names)]
-    animate(Scene(balloon=balloons, frames=1, ground=Ground()), tmp_path / "odd.usda", device="cpu")
-    stage = Usd.Stage.Open(str(tmp_path / "odd.usda"))
+    stage = animated(Scene(balloon=balloons, frames=1, ground=Ground()), tmp_path / "odd.usda")
     found = [prim.GetName() for prim in stage.GetDefaultPrim().GetChildren() if prim.IsA(UsdGeom.Mesh)]
     assert len(set(found)) == 6
     assert all(Tf.IsValidIdentifier(name) for name in found)
@@ -243,8 +237,7 @@ def test_strings_go_from_anchor_to_particle(stage: Usd.Stage, tmp_path):
         np.testing.assert_allclose(points[-1], ball.GetPointsAttr().Get(time)[held], atol=1e-6)
     balloons = [Balloon(mesh=cube(), name="first"), Balloon(mesh=quad_sphere(3), name="second", position=(5, 3, 0))]
     scene = Scene(balloon=balloons, string=[String(anchor=(5, 0, 0), balloon=1)], frames=3)
-    animate(scene, tmp_path / "two.usda", device="cpu")
-    stage = Usd.Stage.Open(str(tmp_path / "two.usda"))
+    stage = animated(scene, tmp_path / "two.usda")
     curve = UsdGeom.BasisCurves(stage.GetPrimAtPath("/World/Strings/String_0"))
     second = UsdGeom.Mesh(stage.GetPrimAtPath("/World/second"))
     held = int(quad_sphere(3).points[:, 1].argmin())
@@ -304,8 +297,7 @@ def test_points_around_a_curve_lie_across_it(bend: float):
 @pytest.mark.full
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
 def test_the_camera_has_all_that_moves_in_view(tmp_path, up_axis: str):
-    animate(scene(up_axis=up_axis), tmp_path / "out.usdc", device="cpu")
-    stage = Usd.Stage.Open(str(tmp_path / "out.usdc"))
+    stage = animated(scene(up_axis=up_axis), tmp_path / "out.usdc")
     camera = UsdGeom.Camera(stage.GetPrimAtPath("/World/Studio/Camera"))
     frustum = camera.GetCamera(0).frustum
     project = frustum.ComputeViewMatrix() * frustum.ComputeProjectionMatrix()
@@ -329,14 +321,11 @@ def test_the_camera_has_all_that_moves_in_view(tmp_path, up_axis: str):
 
 @pytest.mark.full
 def test_pictures_and_exports_find_their_own_camera_and_backdrop(tmp_path):
-    animate(scene(frames=2), tmp_path / "out.usda", device="cpu")
-    stage = read_stage(tmp_path / "out.usda")
-    assert stage.camera(0, 16 / 9) is None
-    own = Usd.Stage.Open(str(tmp_path / "out.usda"))
+    own = animated(scene(frames=2), tmp_path / "out.usda")
+    assert read_stage(tmp_path / "out.usda").camera(0, 16 / 9) is None
     UsdGeom.Camera.Define(own, "/World/Mine")
     own.Save()
-    stage = read_stage(tmp_path / "out.usda")
-    assert stage.camera(0, 16 / 9) is not None
+    assert read_stage(tmp_path / "out.usda").camera(0, 16 / 9) is not None
     staged(tmp_path)
     animate(scene(frames=2), tmp_path / "plain.usdc", device="cpu", lights=False)
     drawn = [read_stage(tmp_path / name) for name in ("out.usdc", "plain.usdc")]
@@ -346,9 +335,8 @@ def test_pictures_and_exports_find_their_own_camera_and_backdrop(tmp_path):
 
 @pytest.mark.full
 def test_lights_and_ground_can_be_left_out(tmp_path):
-    animate(scene(frames=2), tmp_path / "all.usda", device="cpu")
-    animate(scene(frames=2), tmp_path / "few.usda", device="cpu", lights=False, ground=False)
-    everything, few = (Usd.Stage.Open(str(tmp_path / name)) for name in ("all.usda", "few.usda"))
+    everything = animated(scene(frames=2), tmp_path / "all.usda")
+    few = animated(scene(frames=2), tmp_path / "few.usda", lights=False, ground=False)
     paths = [{str(prim.GetPath()) for prim in stage.Traverse()} for stage in (everything, few)]
     assert {str(p) for p in paths[0] - paths[1] if not {"Looks", "Physics"} & {*p.split("/")}} == {
         *("/World/Studio", "/World/Ground"),
@@ -375,9 +363,7 @@ def test_a_run_without_ground_goes_on_without_it(tmp_path):
 
 
 def test_triangles_are_refined_smoothly(tmp_path):
-    few = Scene(balloon=[Balloon(mesh=tetrahedron())], frames=1)
-    animate(few, tmp_path / "out.usda", device="cpu")
-    stage = Usd.Stage.Open(str(tmp_path / "out.usda"))
+    stage = animated(Scene(balloon=[Balloon(mesh=tetrahedron())], frames=1), tmp_path / "out.usda")
     mesh = UsdGeom.Mesh(next(prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh)))
     assert mesh.GetSubdivisionSchemeAttr().Get() == "catmullClark"
     assert mesh.GetTriangleSubdivisionRuleAttr().Get() == "smooth"
@@ -388,8 +374,7 @@ SOFTBOXES = ("Key", "Rim", "Top")
 
 
 def staged(tmp_path: Path, name: str = "out.usdc", **fields) -> Usd.Stage:
-    animate(scene(frames=2, **fields), tmp_path / name, device="cpu")
-    return Usd.Stage.Open(str(tmp_path / name))
+    return animated(scene(frames=2, **fields), tmp_path / name)
 
 
 def backdrop_of(stage: Usd.Stage) -> tuple[np.ndarray, np.ndarray]:
@@ -488,8 +473,7 @@ def test_a_large_subject_is_as_bright_as_a_small_one(tmp_path):
     shares = []
     for scale in (1.0, 30.0):
         small = Scene(balloon=[Balloon(mesh=tetrahedron(), scale=scale)], frames=1, gravity=0.0)
-        animate(small, tmp_path / "out.usda", device="cpu")
-        stage = Usd.Stage.Open(str(tmp_path / "out.usda"))
+        stage = animated(small, tmp_path / "out.usda")
         bound = UsdGeom.BBoxCache(1, ["default"]).ComputeWorldBound(stage.GetPrimAtPath("/World").GetChildren()[0])
         shares.append([])
         for name in SOFTBOXES:
@@ -535,3 +519,14 @@ def test_a_picture_zooms_into_all_that_is_shown(tmp_path):
         corners = [project.Transform(box.ComputeAlignedRange().GetCorner(number)) for number in range(8)]
         sees.append(np.abs(np.array(corners)[:, :2]).max() < 1.0)
     assert sees == [False, True]
+
+
+def test_a_stage_of_one_frame_shows_nothing_that_moves(tmp_path: Path):
+    simulator = Simulator(Scene(balloon=[Balloon(mesh=cube())]), "cpu")
+    simulator.step()
+    with StageWriter(tmp_path / "one.usda", simulator.model) as stage:
+        stage.write(simulator.read_frame())
+    opened = Usd.Stage.Open(str(tmp_path / "one.usda"))
+    velocities = UsdGeom.Mesh(opened.GetPrimAtPath("/World/mesh")).GetVelocitiesAttr()
+    assert velocities.GetTimeSamples() == [1.0]
+    np.testing.assert_array_equal(velocities.Get(1), np.zeros((8, 3)))
