@@ -176,3 +176,16 @@ def halved(mesh: PolygonMesh) -> PolygonMesh:
     """Return the triangles of a mesh of quads."""
     quads = mesh.face_vertex_indices.reshape(-1, 4)
     return mesh_of(mesh.points, np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]]).tolist())
+
+
+def rings(
+    radii: Sequence | np.ndarray, heights: Sequence | np.ndarray, around: int = 16, lids: bool = True
+) -> PolygonMesh:
+    """Return quads between rings about the z axis, outward, and polygons at both ends."""
+    angles = 2.0 * np.pi * np.arange(around) / around
+    circles = [[r * np.cos(angles), r * np.sin(angles), h + 0.0 * angles] for r, h in zip(radii, heights, strict=True)]
+    ring = np.arange(len(circles) * around).reshape(-1, around)
+    right = np.roll(ring, -1, axis=1)
+    quads = np.stack([ring[:-1], right[:-1], right[1:], ring[1:]], axis=-1).reshape(-1, 4).tolist()
+    ends = [ring[0, ::-1].tolist(), ring[-1].tolist()] if lids else []
+    return mesh_of(np.array(circles).transpose(0, 2, 1), [*quads, *ends])

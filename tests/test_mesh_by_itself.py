@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import solid_shapes
 from commands import status_of
-from meshes import box, cube, grid, joined, mesh_of, quad_sphere
+from meshes import box, cube, grid, joined, mesh_of, quad_sphere, rings
 from odd_meshes import without
 from trajectories import stepped
 
@@ -180,17 +180,6 @@ AROUND = 16
 """corners of each ring"""
 
 
-def turned(radii: np.ndarray, heights: np.ndarray) -> PolygonMesh:
-    """Return a closed surface of rings about the z axis, quads between them and polygons at both ends."""
-    angles = 2.0 * np.pi * np.arange(AROUND) / AROUND
-    rings = [[r * np.cos(angles), r * np.sin(angles), h + 0.0 * angles] for r, h in zip(radii, heights, strict=True)]
-    points = np.array(rings).transpose(0, 2, 1).reshape(-1, 3)
-    ring = np.arange(len(radii) * AROUND).reshape(-1, AROUND)
-    right = np.roll(ring, -1, axis=1)
-    quads = np.stack([ring[:-1], right[:-1], right[1:], ring[1:]], axis=-1).reshape(-1, 4)
-    return mesh_of(points, [ring[0, ::-1].tolist(), *quads.tolist(), ring[-1].tolist()])
-
-
 def ball_with_handle(handle: float, length: float) -> PolygonMesh:
     """Return a ball of radius 1, and a tube upon it of this radius and length."""
     turn = np.linspace(-1.4, np.arccos(handle), 8)  # the quads of both are as long as wide
@@ -198,7 +187,7 @@ def ball_with_handle(handle: float, length: float) -> PolygonMesh:
     tube = np.arange(1, int(length / edge) + 1) * edge
     radii = np.concatenate([np.cos(turn), np.full(len(tube), handle), [0.5 * handle]])
     top = np.sin(turn[-1])
-    return turned(radii, np.concatenate([np.sin(turn), top + tube, [top + tube[-1] + 0.5 * handle]]))
+    return rings(radii, np.concatenate([np.sin(turn), top + tube, [top + tube[-1] + 0.5 * handle]]))
 
 
 @pytest.mark.physics
@@ -214,7 +203,7 @@ def test_a_tube_is_thin_in_proportion_to_its_radius():
     """A long tube is 6.4 radii over 2.43 of the radius of the sphere with its area in the middle. Size does not
     matter."""
     for radius in (0.05, 0.1, 0.2):
-        mesh = turned(np.full(60, radius), np.linspace(0.0, 6.0, 60))
+        mesh = rings(np.full(60, radius), np.linspace(0.0, 6.0, 60))
         sphere = np.sqrt(total_area(mesh) / (4.0 * np.pi))
         middle = relative_thickness(mesh)[30 * AROUND]
         assert middle == pytest.approx(6.4 * radius / (2.43 * sphere), rel=0.2)

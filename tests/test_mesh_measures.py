@@ -5,20 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
-from meshes import (
-    cube,
-    grid,
-    joined,
-    mesh_of,
-    moebius,
-    open_cube,
-    polygon,
-    prism,
-    quad_sphere,
-    tetrahedron,
-    torus,
-    two_quads_at_a_vertex,
-)
+from meshes import cube, grid, joined, mesh_of, moebius, open_cube, polygon, prism, quad_sphere, tetrahedron, torus
+from meshes import two_quads_at_a_vertex as two_quads
 from odd_meshes import klein
 
 from balloon_warp.mesh import PolygonMesh, geometry, topology
@@ -163,7 +151,7 @@ KNOWN = {
     "Moebius strip": (moebius(9), 18, True, 1, None, 0, False),
     "even Moebius strip": (moebius(8), 16, True, 1, None, 0, False),
     "Klein bottle": (klein(6, 5), 0, True, 1, None, 0, False),
-    "two quads at a vertex": (two_quads_at_a_vertex(), 8, False, 1, None, 1, True),
+    "two quads at a vertex": (two_quads(), 8, False, 1, None, 1, True),
     "three triangles on an edge": (FINS, 6, False, 1, None, 1, None),
 }
 """border edges, whether it is manifold, components, genus, Euler characteristic, and whether it is orientable"""
@@ -203,7 +191,7 @@ def test_turning_one_face_spoils_the_winding_and_nothing_else() -> None:
 def test_non_manifold_parts_are_found() -> None:
     edges = topology.mesh_edges(FINS)
     assert edges.ends[topology.non_manifold_edges(edges)].tolist() == [[0, 1]]
-    bow = two_quads_at_a_vertex()
+    bow = two_quads()
     assert topology.non_manifold_vertices(bow, topology.mesh_edges(bow)).tolist() == [2]
     # Two cubes that touch at a corner are closed, and each edge has two faces.
     pair = joined(cube(), cube())

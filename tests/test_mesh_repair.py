@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from meshes import at, cube, grid, joined, loose, mesh_of, moebius, open_cube, polygon, quad_sphere, torus
+from meshes import at, cube, grid, joined, loose, mesh_of, moebius, open_cube, polygon, quad_sphere, rings, torus
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
@@ -380,13 +380,9 @@ def toward(*ways: tuple[float, float, float], angle: float) -> Mask:
     return lambda at: ((at / np.linalg.norm(at, axis=1, keepdims=True)) @ axes.T > np.cos(angle)).any(axis=1)
 
 
-def tube(rings: int, around: int = 16, radius: float = 0.2) -> PolygonMesh:
-    """Return a tube along z from 0 to 1, open at both ends."""
-    turn = 2.0 * np.pi * np.arange(around) / around
-    points = [(radius * np.cos(t), radius * np.sin(t), ring / rings) for ring in range(rings + 1) for t in turn]
-    low = np.arange(rings * around).reshape(rings, around)
-    right = np.roll(low, -1, axis=1)
-    return mesh_of(points, np.stack([low, right, right + around, low + around], axis=-1).reshape(-1, 4).tolist())
+def tube(count: int, radius: float = 0.2) -> PolygonMesh:
+    """Return a tube of so many rings of quads along z from 0 to 1, open at both ends."""
+    return rings(np.full(count + 1, radius), np.linspace(0.0, 1.0, count + 1), lids=False)
 
 
 BALL = quad_sphere(16)

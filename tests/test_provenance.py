@@ -12,16 +12,10 @@ from commands import status_of
 from meshes import cube, quad_sphere
 from pxr import Sdf, Usd
 
+from balloon_warp import provenance
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.provenance import (
-    command_without_folders,
-    describe_scene,
-    hash_files,
-    hash_of_file,
-    named_files,
-    without_folders,
-)
+from balloon_warp.provenance import hash_of_file
 from balloon_warp.scene import Balloon, Material, Scene
 from balloon_warp.sweep.batch import run_batch
 from balloon_warp.sweep.repeat import repeat_batch
@@ -77,10 +71,10 @@ def test_a_scene_without_folders_names_its_files_alone():
         Balloon(mesh=files["ball.obj"], print=files["print.png"], material=rubber),
         Balloon(mesh=files["ball.obj"], springs=files["springs.npz"]),
     ]
-    described = without_folders({"scene": describe_scene(Scene(balloon=balloons)), "files": {}})
+    described = provenance.without_folders({"scene": provenance.describe_scene(Scene(balloon=balloons)), "files": {}})
     assert "home" not in json.dumps(described)
     assert all(name in json.dumps(described["scene"]) for name in files)
-    assert named_files(described["scene"]).keys() == {
+    assert provenance.named_files(described["scene"]).keys() == {
         *("balloon.0.mesh", "balloon.0.print", "balloon.0.material.rest_mesh", "balloon.1.mesh", "balloon.1.springs")
     }
 
@@ -89,13 +83,13 @@ def test_all_files_of_a_scene_have_hashes(tmp_path):
     files = {name: tmp_path / name for name in ("ball.obj", "print.png")}
     for name, file in files.items():
         file.write_text(name)
-    hashes = hash_files(Scene(balloon=[Balloon(mesh=files["ball.obj"], print=files["print.png"])]))
+    hashes = provenance.hash_files(Scene(balloon=[Balloon(mesh=files["ball.obj"], print=files["print.png"])]))
     assert hashes == {
         "balloon.0.mesh": hashlib.sha256(b"ball.obj").hexdigest(),
         "balloon.0.print": hashlib.sha256(b"print.png").hexdigest(),
     }
     spheres = [quad_sphere(2), quad_sphere(3)]  # of the same name
-    assert len(set(hash_files(Scene(balloon=[Balloon(mesh=sphere) for sphere in spheres])).values())) == 2
+    assert len(set(provenance.hash_files(Scene(balloon=[Balloon(mesh=sphere) for sphere in spheres])).values())) == 2
 
 
 @pytest.mark.parametrize(
@@ -110,7 +104,7 @@ def test_all_files_of_a_scene_have_hashes(tmp_path):
     ],
 )
 def test_a_command_without_folders_has_no_absolute_path(word: str, left: str):
-    assert command_without_folders([word]) == [left]
+    assert provenance.command_without_folders([word]) == [left]
 
 
 BATCH_SCENE = """

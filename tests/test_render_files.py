@@ -10,17 +10,8 @@ import numpy as np
 import pytest
 from PIL import Image
 from pxr import Gf, Usd, UsdGeom
-from render_stages import (
-    add_camera,
-    add_curves,
-    add_ground,
-    add_mesh,
-    add_sphere,
-    new_stage,
-    quad_sphere,
-    read_stage,
-    upright,
-)
+from render_stages import add_camera, add_curves, add_ground, add_mesh, add_sphere, new_stage, quad_sphere, upright
+from render_stages import read_stage as read
 
 from balloon_warp.cli.size import parse_frames, parse_place
 from balloon_warp.errors import InputError, MissingExtraError
@@ -297,7 +288,7 @@ def rise(request, tmp_path_factory) -> RenderStage:
         soft.GetExtentAttr().Set([Gf.Vec3f(*map(float, point)) for point in points[[0, 2]]], frame)
     add_sphere(made, "ball", (3.0, 0.0, 0.0), 0.5, (0.1, 0.1, 0.8)).CreateExtentAttr([(-0.5,) * 3, (0.5,) * 3])
     made.Save()
-    return read_stage(path)
+    return read(path)
 
 
 def seen(camera: Camera, point: tuple[float, float, float]) -> np.ndarray:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from meshes import cube
 
-from balloon_warp import InputError, load_scene
+from balloon_warp import load_scene
 from balloon_warp.model import plan_model
 from balloon_warp.scene import Atmosphere, Balloon, Scene
 from balloon_warp.scene.overrides import override_scene
@@ -90,16 +90,3 @@ def test_altitudes_may_differ_between_worlds():
     assert found["air_lapse"] == [air["lapse"] for air in airs]
     assert set(found["air_temperature"]) == {250.0}  # is given
     assert units_of(scene, ["atmosphere.altitude"], ()) == {"atmosphere.altitude": "m"}
-
-
-@pytest.mark.parametrize(
-    ("altitude", "complaint"),
-    [
-        (80001.0, r"atmosphere\.altitude: must be less than or equal to 80000"),
-        (-5001.0, r"atmosphere\.altitude: must be greater than or equal to -5000"),
-        ("high", r"atmosphere\.altitude: must be a valid number"),
-    ],
-)
-def test_where_it_is_not_defined_is_told(altitude: Any, complaint: str):
-    with pytest.raises(InputError, match=complaint):
-        load_scene("helium_rise", {"atmosphere.altitude": altitude})

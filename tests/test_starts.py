@@ -25,10 +25,7 @@ MISTAKES = {
     "an order": (("balloon.damping", 2.0, 1.0), r"damping: must be drawn from the least to the largest"),
     "a logarithm": (("balloon.damping", 0.0, 1.0, "log_uniform"), r"damping: must be above 0 where its logarithm"),
     "a rotation": (("balloon.rotation", 0.0, 1.0), r"balloon\.rotation: cannot be drawn on the device"),
-    "a late sphere": (
-        ("sphere.1.position", 0.0, 1.0),
-        r"sphere\.1\.position: cannot be drawn for a sphere that appears",
-    ),
+    "late": (("sphere.1.position", 0.0, 1.0), r"sphere\.1\.position: cannot be drawn for a sphere that appears"),
     "a gas": (("balloon.1.position", 0.0, 1.0), r"balloon\.1\.position: cannot be drawn for a balloon of gas"),
 }
 
