@@ -147,16 +147,21 @@ def test_an_extension_that_may_change_the_shape_is_named(tmp_path: Path, extensi
     assert warnings == ((f"Uses the extension {extension}, which is passed over.",) if named else ())
 
 
-def test_what_is_below_a_camera_is_where_its_nodes_say(tmp_path: Path):
-    camera = {"camera": 0, "mesh": 0, "translation": [5.0, 0.0, 0.0], "children": [1]}
-    file = Gltf(camera, {"mesh": 0, "translation": [2.0, 0.0, 0.0]})
+ASIDE = {"mesh": 0, "translation": [2.0, 0.0, 0.0]}
+HIDDEN = {"extensions": {"KHR_node_visibility": {"visible": False}}}
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "end"),
+    [
+        pytest.param({"camera": 0, "translation": [5.0, 0.0, 0.0]}, ASIDE, 8.0, id="what is below a camera"),
+        pytest.param({}, ASIDE | HIDDEN, 1.0, id="what is not visible is left out"),
+    ],
+)
+def test_each_is_where_its_nodes_say(tmp_path: Path, first: dict[str, Any], second: dict[str, Any], end: float):
+    file = Gltf({"mesh": 0, "children": [1], **first}, second)
     file.tree["cameras"] = [{"type": "perspective", "perspective": {"yfov": 1.0, "znear": 0.1}}]
-    assert box(file.read(tmp_path)) == [[5.0, 0.0, 0.0], [8.0, 1.0, 1.0]]
-
-
-def test_what_is_not_visible_is_left_out(tmp_path: Path):
-    hidden = {"mesh": 0, "translation": [2.0, 0.0, 0.0], "extensions": {"KHR_node_visibility": {"visible": False}}}
-    assert box(Gltf({"mesh": 0, "children": [1]}, hidden).read(tmp_path)) == [[0.0] * 3, [1.0] * 3]
+    assert box(file.read(tmp_path)) == [first.get("translation", [0.0] * 3), [end, 1.0, 1.0]]
 
 
 def test_a_chain_of_nodes_takes_no_longer_than_a_list(tmp_path: Path):

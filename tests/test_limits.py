@@ -50,7 +50,6 @@ def test_a_container_sees_its_own_group_as_the_root(tmp_path: Path):
 
 
 def test_a_job_of_slurm(tmp_path: Path):
-    """The limit of a Slurm job is its memory less the process's."""
     status(tmp_path, 0.5)
     node, cpu = {"SLURM_MEM_PER_NODE": "4096"}, {"SLURM_MEM_PER_CPU": "1024", "SLURM_CPUS_ON_NODE": "3"}
     assert least_limit(tmp_path, node) == Limit("SLURM_MEM_PER_NODE", 7 * GIB // 2)
@@ -58,21 +57,16 @@ def test_a_job_of_slurm(tmp_path: Path):
     assert least_limit(tmp_path, node | cpu) == Limit("SLURM_MEM_PER_CPU", 5 * GIB // 2)
 
 
-def test_what_makes_no_sense_is_no_limit(tmp_path: Path):
+def test_what_makes_no_sense_or_asks_for_all_of_a_node_is_no_limit(tmp_path: Path):
     write(tmp_path, "proc/self/cgroup", "0::/a\n")
     write(tmp_path, "sys/fs/cgroup/a/memory.max", "much\n")
     assert least_limit(tmp_path, {"SLURM_MEM_PER_NODE": "many", "SLURM_MEM_PER_CPU": "1024"}) is None
-
-
-def test_a_job_that_asks_for_all_of_a_node_has_no_limit(tmp_path: Path):
-    """`--mem=0` asks for all of a node and sets no limit."""
-    assert least_limit(tmp_path, {"SLURM_MEM_PER_NODE": "0"}) is None
+    assert least_limit(tmp_path, {"SLURM_MEM_PER_NODE": "0"}) is None  # `--mem=0`
 
 
 @pytest.mark.full
 @pytest.mark.skipif(sys.platform == "win32", reason="has no ulimit")
 def test_ulimit_is_said_and_refuses_what_does_not_fit():
-    """`ulimit` is reported and refuses a million worlds of rubber in 6 GiB of addresses."""
     program = """
 import resource
 import balloon_warp as bw

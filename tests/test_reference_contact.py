@@ -40,12 +40,9 @@ def require_nearest(x: np.ndarray, weights: np.ndarray, first: int) -> None:
     assert len(np.unique(np.sign(np.round(weights[..., 0], 12)), axis=0)) > 3  # corners, sides and insides
 
 
-def test_the_nearest_place_of_a_triangle():
-    require_nearest(PLACES, point_triangle(PLACES), 1)
-
-
-def test_the_nearest_places_of_two_edges():
-    require_nearest(PLACES, edge_edge(PLACES), 2)
+@pytest.mark.parametrize(("nearest", "first"), [(point_triangle, 1), (edge_edge, 2)])
+def test_the_nearest_places_of_a_point_and_a_triangle_or_two_edges(nearest: Callable, first: int):
+    require_nearest(PLACES, nearest(PLACES), first)
 
 
 def box() -> dict[str, Any]:

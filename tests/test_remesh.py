@@ -7,6 +7,7 @@ from collections.abc import Callable
 # A mesh may have no looks: these have some, or the test fails.
 # pyright: reportOptionalMemberAccess=false, reportOptionalSubscript=false
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -317,6 +318,16 @@ def standing_out(surface: PolygonMesh, made: PolygonMesh, cells: int) -> float:
     return float(distance(surface.points / cell).max())
 
 
+def patches() -> PolygonMesh:
+    """Return 24 pieces of a ball, a little smaller, so that there are cracks between them: they are no hair."""
+    whole, pieces = quad_sphere(8, 0.5), []
+    for quads in np.array_split(whole.face_vertex_indices.reshape(-1, 4), 24):
+        used, numbers = np.unique(quads, return_inverse=True)
+        middle = whole.points[used].mean(axis=0)
+        pieces.append(mesh_of(middle + 0.999 * (whole.points[used] - middle), numbers.reshape(-1, 4)))
+    return joined(*pieces)
+
+
 # Two overlapping balls less their lens, pi (4 + d) (2 - d)^2 / 12; the crease is rounded by half a cell.
 TWO_BALLS = 8.0 / 3.0 * np.pi - np.pi * 5.0 / 12.0
 KEPT = {
@@ -325,6 +336,11 @@ KEPT = {
     "blade": (sword, 48, None, 0.1),
     # A rod of a cell and less across, though a chord of it is well within.
     "rod": (lambda: deformed(quad_sphere(8, 0.5), lambda p: p * [1.0, 0.05, 0.05]), 24, None, 0.1),
+    **{
+        f"plate {size} cells thick": (partial(box, (0.0, 0.0, 0.0), (1.0, 0.6, size / 24), (24, 12, 1)), 24, None, 0.1)
+        for size in (0.05, 0.5, 1.2)
+    },
+    "patches with cracks": (patches, 16, signed_volume(quad_sphere(8, 0.5)), 0.05),
 }
 """mesh, cells, volume, if it is not the mesh's own, and its tolerance"""
 
@@ -334,18 +350,9 @@ KEPT = {
 def test_volume_is_kept(make: Callable[[], PolygonMesh], cells: int, volume: float | None, tolerance: float) -> None:
     made = remesh(make(), cells)
     assert_closed_quads(made)
+    assert_none_folded(made)
     assert [each for each in made.warnings if "became one part" not in each] == []
     assert signed_volume(made) == pytest.approx(volume or signed_volume(make()), rel=tolerance)
-
-
-@pytest.mark.full
-@pytest.mark.parametrize("thickness", [0.05, 0.5, 1.2])
-def test_a_plate_so_many_cells_thick_keeps_its_volume(thickness: float) -> None:
-    plate = box((0.0, 0.0, 0.0), (1.0, 0.6, thickness / 24.0), (24, 12, 1))
-    made = remesh(plate, 24)
-    assert_closed_quads(made)
-    assert_none_folded(made)
-    assert signed_volume(made) == pytest.approx(signed_volume(plate), rel=0.1)
 
 
 @pytest.mark.full
@@ -387,18 +394,6 @@ def test_hair_is_refused_before_it_takes_long(monkeypatch: pytest.MonkeyPatch) -
         remesh(hair(), 48)
     with pytest.raises(InputError, match=r"60 of its 61 parts are open, like hair, .* expected --parts closed"):
         remesh(haired(), 48)
-
-
-@pytest.mark.full
-def test_patches_of_a_whole_are_no_hair() -> None:
-    whole, patches = quad_sphere(8, 0.5), []
-    for quads in np.array_split(whole.face_vertex_indices.reshape(-1, 4), 24):
-        used, numbers = np.unique(quads, return_inverse=True)
-        middle = whole.points[used].mean(axis=0)  # a little smaller, so that there are cracks between them
-        patches.append(mesh_of(middle + 0.999 * (whole.points[used] - middle), numbers.reshape(-1, 4)))
-    made = remesh(joined(*patches), 16)
-    assert_closed_quads(made)
-    assert signed_volume(made) == pytest.approx(signed_volume(whole), rel=0.05)
 
 
 def test_too_many_quads_are_refused_with_a_number_that_works() -> None:

@@ -62,19 +62,26 @@ def stop(scene: Scene, output: Path, how: Callable[[int], None] = crash, **optio
     return output.with_name(f"{output.name}.partial")
 
 
+def gone_on(scene: Scene, output: Path, **options: Any) -> int:
+    """Resume a run, require the bytes of one that was never stopped, and return the frame that it went on from."""
+    whole = output.with_stem("whole")
+    if not whole.exists():
+        animate(scene, whole, **options)
+    begin = animate(scene, output, resume=True, **options).begin
+    assert output.read_bytes() == whole.read_bytes()
+    return begin
+
+
 @pytest.mark.full
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize("save_bytes", [0, 2**26])
 @pytest.mark.parametrize("suffix", [".usdc", ".usda"])
 def test_the_bytes_are_those_of_a_run_that_was_never_stopped(name, save_bytes, suffix, device, tmp_path, monkeypatch):
     monkeypatch.setattr(growing, "SAVE_BYTES", save_bytes)
-    whole, output = tmp_path / f"whole{suffix}", tmp_path / f"out{suffix}"
-    animate(SCENES[name], whole, device=device)
+    output = tmp_path / f"out{suffix}"
     folder = stop(SCENES[name], output, device=device)
     assert not output.exists()
-    summary = animate(SCENES[name], output, device=device, resume=True)
-    assert summary.begin == STOPPED_AT - 1  # it crashed before frame 7 was saved
-    assert output.read_bytes() == whole.read_bytes()
+    assert gone_on(SCENES[name], output, device=device) == STOPPED_AT - 1  # it crashed before frame 7 was saved
     assert not folder.exists()
 
 
@@ -96,9 +103,7 @@ def test_ctrl_c_saves_the_frames_so_far_in_a_stage_that_opens(tmp_path):
             last = STOPPED_AT - (attribute.GetName() == "velocities")  # the last one's are of the frames so far
             for time in range(last + 1):
                 np.testing.assert_array_equal(np.array(there.Get(time)), np.array(attribute.Get(time)), str(attribute))
-    summary = animate(SCENE, output, resume=True)
-    assert summary.begin == STOPPED_AT
-    assert output.read_bytes() == whole.read_bytes()
+    assert gone_on(SCENE, output) == STOPPED_AT
 
 
 @pytest.mark.full
@@ -109,14 +114,12 @@ def test_a_checkpoint_waits_for_frames_that_are_still_being_written(tmp_path, mo
         sleep(0.05)
         write(self, frame)
 
-    whole, output = tmp_path / "whole.usdc", tmp_path / "out.usdc"
-    animate(SCENE, whole)
+    output = tmp_path / "out.usdc"
     monkeypatch.setattr(usd_stage.StageWriter, "write", write_slowly)
     with pytest.raises(KeyboardInterrupt):
         animate(SCENE, output, on_frame=press_ctrl_c)
     monkeypatch.undo()
-    assert animate(SCENE, output, resume=True).begin == STOPPED_AT
-    assert output.read_bytes() == whole.read_bytes()
+    assert gone_on(SCENE, output) == STOPPED_AT
 
 
 @pytest.mark.full
@@ -245,13 +248,10 @@ def test_a_damaged_checkpoint_is_refused(name: str, tmp_path):
 @pytest.mark.full
 @pytest.mark.parametrize("name", [f"state_{STOPPED_AT - 2:06d}_0000.npz", f"frames_{STOPPED_AT:06d}.usdc"])
 def test_a_kill_between_the_files_of_a_checkpoint_does_no_harm(name: str, tmp_path):
-    whole, output = tmp_path / "whole.usdc", tmp_path / "out.usdc"
-    animate(SCENE, whole)
-    folder = stop(SCENE, output)
+    folder = stop(SCENE, tmp_path / "out.usdc")
     assert not (folder / name).exists()
     (folder / name).write_bytes(b"not needed")
-    assert animate(SCENE, output, resume=True).begin == STOPPED_AT - 1
-    assert output.read_bytes() == whole.read_bytes()
+    assert gone_on(SCENE, tmp_path / "out.usdc") == STOPPED_AT - 1
 
 
 @pytest.mark.full

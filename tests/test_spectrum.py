@@ -45,14 +45,11 @@ def test_it_is_that_of_the_whole_matrix_and_never_below_it(mesh: PolygonMesh, se
         assert expected <= found <= 1.0001 * MARGIN * expected
 
 
-def test_of_nothing_that_moves_it_is_zero():
-    assert highest_squared_frequency(np.array([[0, 1]]), np.ones(1), np.zeros(2), np.zeros(2)) == 0.0
-
-
-def test_of_a_spring_between_two_masses_it_is_that_of_the_textbook():
-    """The squared frequency of a spring between two masses is k (1/m + 1/M)."""
-    found = highest_squared_frequency(np.array([[0, 1]]), np.array([6.0]), np.zeros(2), np.array([1.0, 3.0]))
-    assert found == pytest.approx(6.0 * (1.0 + 1.0 / 3.0))
+@pytest.mark.parametrize(("masses", "expected"), [((1.0, 3.0), 6.0 * (1.0 + 1.0 / 3.0)), ((0.0, 0.0), 0.0)])
+def test_of_a_spring_between_two_masses_it_is_that_of_the_textbook(masses: tuple[float, float], expected: float):
+    """The squared frequency is k (1/m + 1/M), and that of what does not move is zero."""
+    found = highest_squared_frequency(np.array([[0, 1]]), np.array([6.0]), np.zeros(2), np.array(masses))
+    assert found == pytest.approx(expected)
 
 
 def is_of_springs(name: str) -> bool:
