@@ -136,3 +136,16 @@ def quad_sphere(cells: int, radius: float = 1.0, center=(0.0, 0.0, 0.0)):
     points = points[first]
     points = radius * points / np.linalg.norm(points, axis=1, keepdims=True) + np.asarray(center)
     return points, np.full(len(indices), 4), indices.ravel()
+
+
+def small_world(path: Path, up_axis: str = "Y") -> Usd.Stage:
+    """Write rubber before rubber, foil, a sphere and a string on the ground: a bit of each of what pictures have."""
+    stage = new_stage(path, up_axis)
+    add_ground(stage)
+    add_mesh(stage, "Red", *quad_sphere(6, 0.5, (-0.7, 0.9, 0.4)), (0.8, 0.05, 0.05), **LATEX)
+    add_mesh(stage, "Blue", *quad_sphere(6, 0.5, (-0.2, 0.6, -0.5)), (0.05, 0.3, 0.75), **LATEX)
+    add_mesh(stage, "Foil", *quad_sphere(6, 0.5, (0.8, 0.6, 0.0)), (0.9, 0.6, 0.1), roughness=0.12, metallic=1.0)
+    add_sphere(stage, "Ball", (0.3, 0.2, 0.7), 0.2, (0.02, 0.5, 0.1), roughness=0.3)
+    add_curves(stage, "String", [(-0.7, 0.4, 0.4), (-0.6, 0.0, 0.5)], [2], 0.01, [(0.2, 0.2, 0.2)])
+    stage.GetRootLayer().Save()
+    return stage

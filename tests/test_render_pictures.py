@@ -1,11 +1,10 @@
 """Contents of pictures, compared with optics: shapes, lens and shutter, rubber and foil."""
 
-from pathlib import Path
 
 import numpy as np
 import pytest
 import warp as wp
-from pxr import Gf, Usd, UsdGeom
+from pxr import Gf, UsdGeom
 from render_stages import (
     LATEX,
     add_camera,
@@ -18,6 +17,7 @@ from render_stages import (
     picture,
     quad_sphere,
     read_stage,
+    small_world,
 )
 
 from balloon_warp import load_scene
@@ -71,8 +71,7 @@ def test_a_moving_sphere_is_seen_where_it_is(tmp_path):
 
 def test_the_same_bytes_whatever_the_number_of_threads(tmp_path):
     path = tmp_path / "stage.usda"
-    small_world = _small_world(path, "Y")
-    small_world.GetRootLayer().Save()
+    small_world(path)
     pictures = []
     for threads in (1, 2, 3, 1):
         stage = read_stage(path)
@@ -84,7 +83,7 @@ def test_the_same_bytes_whatever_the_number_of_threads(tmp_path):
 
 
 def test_each_device_makes_the_same_picture(device: str, tmp_path):
-    stage = _small_world(tmp_path / "stage.usda", "Y")
+    stage = small_world(tmp_path / "stage.usda")
     seen = [picture(stage, device=each) for each in ("cpu", device)]
     # Round-off may move a sample across an edge; nothing else may change.
     assert np.abs(seen[0] - seen[1]).mean() < 0.1
@@ -92,11 +91,11 @@ def test_each_device_makes_the_same_picture(device: str, tmp_path):
 
 @pytest.mark.full
 def test_units_and_axes_do_not_show(tmp_path):
-    seen = [picture(_small_world(tmp_path / f"{up}.usda", up)) for up in ("Y", "Z")]
+    seen = [picture(small_world(tmp_path / f"{up}.usda", up)) for up in ("Y", "Z")]
     assert (seen[0] == seen[1]).all()
     seen = []
     for factor in (1.0, 1000.0):
-        stage = _small_world(tmp_path / f"{factor}.usda", "Y")
+        stage = small_world(tmp_path / f"{factor}.usda")
         UsdGeom.Xform(stage.GetDefaultPrim()).AddScaleOp().Set(Gf.Vec3f(factor))
         seen.append(picture(stage))
     # Round-off may move a sample across an edge; nothing else may change.
@@ -264,15 +263,6 @@ def test_display_colors_lie_where_their_interpolation_says(interpolation: str, t
         assert (np.diff(redness[102:160]) <= 3).all()
     else:
         assert (redness[102:160] < -60).all()
-
-
-def _small_world(path: Path, up_axis: str) -> Usd.Stage:
-    stage = new_stage(path, up_axis)
-    add_ground(stage)
-    add_mesh(stage, "Balloon", *quad_sphere(5, 0.5, (0.0, 1.2, 0.0)), RED, **LATEX)
-    add_sphere(stage, "Ball", (0.7, 0.3, 0.2), 0.3, GREEN, roughness=0.3)
-    add_curves(stage, "String", [(0.0, 0.0, 0.0), (0.1, 0.4, 0.0), (0.0, 0.7, 0.0)], [3], 0.01, [BLACK])
-    return stage
 
 
 SIZE = 200
