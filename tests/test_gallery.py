@@ -7,8 +7,7 @@ import pytest
 from PIL import Image
 from render_stages import small_world
 
-from balloon_warp import bundled_scenes
-from balloon_warp.outputs.render import render_stage
+from balloon_warp import bundled_scenes, render_stage
 
 PICTURES = Path(__file__).parent.parent / "docs" / "pictures"
 KEPT = Path(__file__).parent / "kept"

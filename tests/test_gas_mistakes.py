@@ -9,12 +9,9 @@ from gas_balloons import gas_balloon
 from meshes import cube, grid, moebius, quad_sphere
 from odd_meshes import klein
 
-from balloon_warp.errors import InputError
-from balloon_warp.mesh import PolygonMesh
+from balloon_warp import Atmosphere, Balloon, Inflation, InputError, Neck, PolygonMesh, Scene, Simulator, Tube
 from balloon_warp.model import plan_model
-from balloon_warp.scene import Atmosphere, Balloon, Inflation, Neck, Scene, Tube
 from balloon_warp.scene.overrides import override_scene
-from balloon_warp.simulator import Simulator
 
 
 @pytest.mark.parametrize(

@@ -11,10 +11,8 @@ import pytest
 from meshes import cube
 from numpy.typing import NDArray
 
-from balloon_warp.errors import InputError
-from balloon_warp.mesh.load import load_mesh
+from balloon_warp import InputError, PolygonMesh, load_mesh
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.mesh.polygon_mesh import PolygonMesh
 
 TYPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 KINDS = {"f4": 5126, "u2": 5123, "u1": 5121}

@@ -5,12 +5,10 @@ import pytest
 import warp as wp
 from meshes import cube, quad_sphere
 
-from balloon_warp.errors import InputError
+from balloon_warp import Balloon, Inflation, InputError, Scene, Simulator, Sphere, Stiffness
 from balloon_warp.kernels.measure.health import HEALTHY
-from balloon_warp.scene import Balloon, Inflation, Scene, Sphere, Stiffness
 from balloon_warp.scene.overrides import override_scene
 from balloon_warp.schedules.health import FARTHEST, MOST_SPAN, HealthCheck
-from balloon_warp.simulator import Simulator
 
 CUBE = cube()
 """of one meter, with 8 particles"""

@@ -13,12 +13,8 @@ from inspecting import command, inside_out, with_faces
 from meshes import cube, grid, joined, mesh_of, moebius, open_cube, prism, quad_sphere, torus, two_quads_at_a_vertex
 from work import lines_executed
 
-from balloon_warp.advice import advise_step
-from balloon_warp.inspection import inspect_mesh
-from balloon_warp.mesh import PolygonMesh
-from balloon_warp.mesh.load import load_mesh
+from balloon_warp import PolygonMesh, advise_step, inspect_mesh, load_mesh, load_scene
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.scene import load_scene
 
 
 def curve(count: int) -> np.ndarray:

@@ -19,8 +19,7 @@ import warp as wp
 from commands import status_of
 from meshes import quad_sphere
 
-from balloon_warp import Cluster, animate, load_scene
-from balloon_warp.errors import WorkersLostError
+from balloon_warp import Cluster, WorkersLostError, animate, load_scene
 from balloon_warp.interrupts import Interrupts
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.outputs import render

@@ -9,14 +9,10 @@ from meshes import cube
 from painted import write_painted
 from pxr import Usd, UsdGeom
 
-from balloon_warp import animate, load_scene, run_batch
+from balloon_warp import InputError, animate, export_stage, load_mesh, load_scene, render_stage, run_batch
 from balloon_warp.cli.app import app
-from balloon_warp.errors import InputError
 from balloon_warp.files import target_of, whole_file
-from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.outputs.exports import export_stage
-from balloon_warp.outputs.render import render_stage
 from balloon_warp.scene import Balloon, Scene
 
 SCENE = Scene(balloon=[Balloon(mesh=cube(), name="box")], frames=1)

@@ -11,16 +11,14 @@ from lone_laws import TESTED, model_of_all
 from method_scenes import SCENES, VARIANTS
 from trajectories import ROUNDING, advance_both, assert_close, stepped, tolerance_of
 
+from balloon_warp import InputError, Simulator, bundled_scenes, load_scene
 from balloon_warp.benchmarks.matrix import METHODS, Method, as_markdown
-from balloon_warp.errors import InputError
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws import LAWS
 from balloon_warp.kernels.substep import asking_phases
 from balloon_warp.model import Model, build_model
-from balloon_warp.scene.load import bundled_scenes, load_scene
 from balloon_warp.schedules.block_room import fits_in_block
 from balloon_warp.schedules.choose import LAUNCHED, fastest_schedule, only_launched
-from balloon_warp.simulator import Simulator
 
 PAGE = Path(__file__).parent.parent / "docs" / "MATRIX.md"
 

@@ -12,13 +12,12 @@ from meshes import grid, halved, mesh_of, polygon, quad_sphere
 from numpy.typing import NDArray
 from rubber_theory import ENERGIES, MATERIALS, OGDEN, quad_energy, relaxed
 
+from balloon_warp import Balloon, Inflation, PolygonMesh, Scene
 from balloon_warp.kernels.laws.membrane import MEMBRANES, neo_hookean, ogden
 from balloon_warp.kernels.powers import power
-from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import build_model, initial_state
 from balloon_warp.model.materials import numbers_of, on_arrays, slopes_by_stretches, stiffest_modulus
 from balloon_warp.model.plan import plan_model
-from balloon_warp.scene import Balloon, Inflation, Scene
 from balloon_warp.schedules.membrane_faces import sums_of
 from balloon_warp.schedules.membranes import membrane_quads
 from balloon_warp.schedules.readout import ForceReader

@@ -8,12 +8,10 @@ import warp as wp
 from conserved import put
 from meshes import halved, quad_sphere
 
-from balloon_warp.mesh import PolygonMesh
+from balloon_warp import Atmosphere, Balloon, Inflation, Material, PolygonMesh, Scene, Simulator
 from balloon_warp.model import Model, build_model, initial_state, plan_model
 from balloon_warp.model.stability import Network
-from balloon_warp.scene import Atmosphere, Balloon, Inflation, Material, Scene
 from balloon_warp.schedules.readout import ForceReader
-from balloon_warp.simulator import Simulator
 
 MESHES = {"quads": quad_sphere(6, 0.1), "triangles": halved(quad_sphere(6, 0.1))}
 STIFFEST = {

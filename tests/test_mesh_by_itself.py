@@ -12,16 +12,13 @@ from meshes import box, cube, grid, joined, mesh_of, quad_sphere, rings
 from odd_meshes import without
 from trajectories import stepped
 
-from balloon_warp import Simulator, load_scene
-from balloon_warp.mesh import PolygonMesh
+from balloon_warp import Balloon, Inflation, PolygonMesh, Scene, Simulator, Stiffness, build_springs, load_scene
 from balloon_warp.mesh.geometry import signed_volume, total_area, vertex_areas
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.mesh.thickness import LEAST, relative_thickness
 from balloon_warp.model import plan_model
 from balloon_warp.model.many_substeps import many_substeps_said
-from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness
 from balloon_warp.scene.overrides import override_scene
-from balloon_warp.springs import build_springs
 from balloon_warp.springs.across import springs_across
 from balloon_warp.springs.even import even_scales, film_tension
 from balloon_warp.swelling import foretold_swellings

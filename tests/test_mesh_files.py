@@ -21,11 +21,8 @@ from trimesh.exchange.gltf import export_gltf
 from trimesh.exchange.stl import export_stl_ascii
 from work import lines_executed
 
-from balloon_warp import Balloon, Body, Obstacle, Scene, load_scene, remesh
-from balloon_warp.errors import InputError
-from balloon_warp.mesh import PolygonMesh
+from balloon_warp import Balloon, Body, InputError, Obstacle, PolygonMesh, Scene, load_mesh, load_scene, remesh
 from balloon_warp.mesh.geometry import signed_volume, total_area
-from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.obj import read_obj, write_obj
 from balloon_warp.mesh.repair import repaired
 from balloon_warp.mesh.topology import component_count, is_closed, mesh_edges

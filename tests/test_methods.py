@@ -5,10 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from balloon_warp import InputError, load_scene
 from balloon_warp.benchmarks.methods import METHODS, PAPER, SCENE, Method, as_markdown, measure_methods
-from balloon_warp.errors import InputError
 from balloon_warp.model import build_model
-from balloon_warp.scene import load_scene
 from balloon_warp.scene.overrides import parse_override
 from balloon_warp.schedules.choose import schedule_named
 

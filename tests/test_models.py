@@ -9,14 +9,13 @@ from meshes import box, joined, quad_sphere
 from quads import assert_none_folded, edge_lengths
 
 import balloon_warp.scenes
+from balloon_warp import Balloon, Obstacle, Scene, load_mesh
 from balloon_warp.mesh import PolygonMesh, geometry
-from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.topology import component_count, genus, inconsistent_edges, is_closed, mesh_edges
 from balloon_warp.model.body_samples import MOST_SAMPLES, sample
 from balloon_warp.model.obstacles import ObstacleShape, shape_obstacle
 from balloon_warp.model.thinness import is_thin
 from balloon_warp.outputs.beveled import OF_LARGEST, OF_LEAST, beveled_box
-from balloon_warp.scene import Balloon, Obstacle, Scene
 from balloon_warp.scenes.model_solids import ellipsoid, mirrored, round_cone, smooth_union, torus, tube
 from balloon_warp.scenes.models import MODELS, make_model
 

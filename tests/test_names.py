@@ -9,12 +9,9 @@ from meshes import cube
 from motion import animated
 from pxr import Sdf, Usd, UsdGeom
 
-from balloon_warp import animate, load_scene, run_batch
+from balloon_warp import Balloon, Body, Obstacle, Scene, animate, export_stage, load_scene, render_stage, run_batch
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.outputs.exports import export_stage
-from balloon_warp.outputs.render import render_stage
 from balloon_warp.outputs.usd.names import identifier
-from balloon_warp.scene import Balloon, Body, Obstacle, Scene
 
 SCRIPTS = ["気球", "шар", "μπαλόνι", "גליל", "गुब्बारा", "풍선", "Ballon_rouge_é", "ßÆ", "_x1"]
 HALVES = unicodedata.normalize("NFC", "é"), unicodedata.normalize("NFD", "é")

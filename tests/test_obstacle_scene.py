@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from meshes import cube, grid, quad_sphere
 
-from balloon_warp import InputError, Obstacle, PolygonMesh, Scene, Simulator, load_scene, run_batch
+from balloon_warp import Balloon, InputError, Obstacle, PolygonMesh, Scene, Simulator, load_scene, run_batch
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.model import plan_model
 from balloon_warp.provenance import describe_simulation, hash_of_file, without_folders
-from balloon_warp.scene import Balloon
 from balloon_warp.scene.overrides import override_scene
 from balloon_warp.scene.write import write_scene
 from balloon_warp.sweep.repeat import repeat_batch

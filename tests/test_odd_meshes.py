@@ -11,17 +11,11 @@ import pytest
 from commands import status_of
 from trajectories import stepped
 
+from balloon_warp import InputError, Simulator, build_springs, inspect_mesh, load_mesh, load_scene, run_batch
 from balloon_warp.benchmarks.bad_meshes import ACCEPTED, CUBE, GAS, REFUSED, WARNED, MeshCase, fan_at_an_edge, hub
-from balloon_warp.errors import InputError
-from balloon_warp.inspection import inspect_mesh
-from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.seams import welded
 from balloon_warp.model import plan_model
-from balloon_warp.scene import load_scene
 from balloon_warp.scene.load import mesh_balloon
-from balloon_warp.simulator import Simulator
-from balloon_warp.springs import build_springs
-from balloon_warp.sweep.batch import run_batch
 
 
 def written(case: MeshCase, folder: Path) -> Path:

@@ -15,13 +15,11 @@ from method_scenes import with_phase
 from own_phases import list_after, slow, warm, weaken
 from trajectories import ROUNDING, after_frames, arrays, stepped
 
+from balloon_warp import Balloon, Change, Inflation, InputError, Obstacle, Scene, Simulator, Sphere
 from balloon_warp.benchmarks.matrix import of_phase
-from balloon_warp.errors import InputError
 from balloon_warp.model import build_model, plan_model
-from balloon_warp.scene import Balloon, Change, Inflation, Obstacle, Scene, Sphere
 from balloon_warp.scene.overrides import override_scene
 from balloon_warp.schedules import block_frames
-from balloon_warp.simulator import Simulator
 
 PAGE = Path(__file__).parent.parent / "docs" / "ARCHITECTURE.md"
 IMPORTS = """

@@ -7,8 +7,7 @@ import pytest
 from beginning_worlds import ALONE, BALL, GAS, TOUCHING, begun_anew, require_same
 from trajectories import stepped
 
-from balloon_warp import InputError, Simulator
-from balloon_warp.scene import Change, Ground, Inflation, Material, Neck, Obstacle, Sphere, String
+from balloon_warp import Change, Ground, Inflation, InputError, Material, Neck, Obstacle, Simulator, Sphere, String
 
 PLANNED = ALONE.model_copy(
     update={

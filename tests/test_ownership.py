@@ -10,15 +10,13 @@ from meshes import cube
 from painted import atlas, write_obj_cube, write_painted
 from PIL import Image
 
-from balloon_warp import animate, design, load_scene, run_batch
-from balloon_warp.errors import InputError
+from balloon_warp import Balloon, InputError, Obstacle, Scene, animate, design, load_scene, run_batch
 from balloon_warp.fitting.journal import Journal
 from balloon_warp.marks import is_ours
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.outputs.render.render import Film
 from balloon_warp.outputs.wanted import Wanted
 from balloon_warp.ownership import replacing_any, sole_writer
-from balloon_warp.scene import Balloon, Obstacle, Scene
 from balloon_warp.scene.write import write_scene
 
 BOX = Scene(balloon=[Balloon(mesh=cube(), name="box")], frames=1)

@@ -19,15 +19,13 @@ from PIL import Image
 from strangers import wait_until
 from typer.testing import CliRunner
 
+from balloon_warp import InputError, MissingExtraError, Simulator, show
 from balloon_warp.cli.app import app
-from balloon_warp.errors import InputError, MissingExtraError
 from balloon_warp.model import build_model
 from balloon_warp.model.obstacles import ObstacleShape
 from balloon_warp.scene import Atmosphere, Balloon, Change, Ground, Inflation, Material, Obstacle, Scene, String
-from balloon_warp.simulator import Simulator
 from balloon_warp.viewer.geometry import string_reach
 from balloon_warp.viewer.hands_on import span
-from balloon_warp.viewer.notebook import show
 from balloon_warp.viewer.obstacles import surface_of
 from balloon_warp.viewer.page import Page
 from balloon_warp.viewer.plots import span_of

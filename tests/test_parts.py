@@ -14,18 +14,14 @@ from typer.testing import CliRunner, Result
 from work import lines_executed
 
 import balloon_warp as bw
+from balloon_warp import Balloon, InputError, PolygonMesh, Scene, Simulator, build_springs, load_scene
 from balloon_warp.cli.app import app
-from balloon_warp.errors import InputError
-from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.obj import read_obj, write_obj
 from balloon_warp.mesh.obj_groups import MOST_GROUPS
 from balloon_warp.mesh.prepare import Parts, Treatment, prepared
 from balloon_warp.mesh.topology import mesh_edges, vertex_components
 from balloon_warp.model.shape import shape_balloon
-from balloon_warp.scene import Balloon, Scene, load_scene
 from balloon_warp.scene.pins import pinned_at_borders
-from balloon_warp.simulator import Simulator
-from balloon_warp.springs import build_springs
 from balloon_warp.springs.ties import BRACED, EACH, TIED, balloon_springs, nearest_elsewhere, spread, tie_pairs
 
 BALL = quad_sphere(8)

@@ -12,7 +12,7 @@ from feature_sets import feature_set
 from meshes import cube, quad_sphere
 from toy_phases import KEEPING, LISTS, Values, add, by_numpy, double, follow, halve, heed, look_aside, trade
 
-from balloon_warp.errors import InputError
+from balloon_warp import Balloon, InputError, Scene, load_scene
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.phase import Phase
 from balloon_warp.kernels.schedules.lanes.looks import LOOKS
@@ -22,7 +22,6 @@ from balloon_warp.kernels.schedules.pieces import Step, cut
 from balloon_warp.kernels.substep import PROJECTIVE_STEP, READING, STEP, phases_of
 from balloon_warp.model import Model, State, build_model, initial_state
 from balloon_warp.model.memory import Allocating
-from balloon_warp.scene import Balloon, Scene, load_scene
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.lanes import LanesSchedule, OctetsSchedule
 from balloon_warp.schedules.launches import Launches

@@ -9,13 +9,11 @@ import pytest
 import trimesh
 from meshes import box, cube, joined, mesh_of, quad_sphere
 
-from balloon_warp import load_scene
-from balloon_warp.mesh import PolygonMesh
+from balloon_warp import Balloon, PolygonMesh, Scene, Stiffness, String, load_scene
 from balloon_warp.mesh.geometry import triangulate
 from balloon_warp.mesh.standing import standing
 from balloon_warp.model import build_model
 from balloon_warp.model.shape import shape_balloon
-from balloon_warp.scene import Balloon, Scene, Stiffness, String
 
 
 def test_rotations_go_about_x_then_y_then_z():

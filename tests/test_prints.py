@@ -11,8 +11,7 @@ from PIL import Image
 from pxr import Sdf, Usd, UsdGeom, UsdShade, UsdUtils
 from render_stages import add_camera, add_mesh, new_stage
 
-from balloon_warp import animate, export_stage, load_scene
-from balloon_warp.errors import InputError
+from balloon_warp import InputError, animate, export_stage, load_scene
 from balloon_warp.mesh.obj import read_obj, write_obj
 from balloon_warp.outputs.render import printed, render_stage
 from balloon_warp.scene.write import write_scene

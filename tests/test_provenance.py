@@ -12,13 +12,9 @@ from commands import status_of
 from meshes import cube, quad_sphere
 from pxr import Sdf, Usd
 
-from balloon_warp import provenance
-from balloon_warp.errors import InputError
+from balloon_warp import Balloon, InputError, Material, Scene, provenance, repeat_batch, run_batch
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.provenance import hash_of_file
-from balloon_warp.scene import Balloon, Material, Scene
-from balloon_warp.sweep.batch import run_batch
-from balloon_warp.sweep.repeat import repeat_batch
 
 SCENE = """
 frames = 2

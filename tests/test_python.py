@@ -17,13 +17,12 @@ import warp as wp
 from meshes import cube, quad_sphere
 
 import balloon_warp as bw
-from balloon_warp.errors import InputError
+from balloon_warp import InputError, MassProperties
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.scene.hover import unsaid
 from balloon_warp.scene.reference import tables
 from balloon_warp.scene.schema.field_help import meaning_of
 from balloon_warp.shown import plain_docstring
-from balloon_warp.solids import MassProperties
 from balloon_warp.sweep.batch import BatchSummary
 from balloon_warp.warp_logging import quiet_warp
 

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from feature_sets import SETS, feature_set, varied
 
+from balloon_warp import Scene, Simulator, load_scene
 from balloon_warp.model import build_model
 from balloon_warp.reference import Reference
-from balloon_warp.scene import Scene, load_scene
 from balloon_warp.schedules.features import model_features
-from balloon_warp.simulator import Simulator
 
 MOVE = 1e-6
 """Offset of all places at the start [m], of balloons of a meter, which shows how a scene amplifies the rounding of

@@ -8,14 +8,13 @@ import pytest
 from meshes import quad_sphere
 from rigid import SPACE, body_state, scene_of
 
+from balloon_warp import Balloon, Body, Ground, Inflation, Obstacle, Scene, Simulator, Sphere
 from balloon_warp.model.ridges import Ridges as Lines
 from balloon_warp.reference import Reference
 from balloon_warp.reference.balls import collide
 from balloon_warp.reference.contact import Movers, edge_edge, momenta, point_triangle, resolve, sweep
 from balloon_warp.reference.meeting import Edges, Ridges
 from balloon_warp.reference.touch import Touch
-from balloon_warp.scene import Balloon, Body, Ground, Inflation, Obstacle, Scene, Sphere
-from balloon_warp.simulator import Simulator
 
 PLACES = np.random.default_rng(1).normal(size=(400, 4, 3))
 SKIN = np.full((2, 2, 3), [1.0, 200.0, 0.4])

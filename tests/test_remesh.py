@@ -22,20 +22,17 @@ from painted import PLAIN, SIDES, seen_sides, write_obj_cube, write_painted
 from quads import assert_closed_quads, assert_none_folded, edge_lengths, sphere_distance
 from typer.testing import CliRunner
 
+from balloon_warp import InputError, PolygonMesh, load_mesh, remesh
 from balloon_warp.cli.app import app
-from balloon_warp.errors import InputError
-from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.corners import flipped
 from balloon_warp.mesh.crossings import crossings_said
 from balloon_warp.mesh.fidelity import infidelity
 from balloon_warp.mesh.fit import unfolded
 from balloon_warp.mesh.geometry import face_centers, signed_volume, total_area, triangulate
-from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.look_transfer import dressed
 from balloon_warp.mesh.looks import Look, Looks
 from balloon_warp.mesh.mesh_distance import MeshDistance
 from balloon_warp.mesh.obj import read_obj, write_obj
-from balloon_warp.mesh.remesh import remesh
 from balloon_warp.mesh.surface_nets import extract, surface_nets
 from balloon_warp.mesh.topology import is_manifold, mesh_edges
 

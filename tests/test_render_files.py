@@ -13,11 +13,10 @@ from pxr import Gf, Usd, UsdGeom
 from render_stages import add_camera, add_curves, add_ground, add_mesh, add_sphere, new_stage, quad_sphere, upright
 from render_stages import read_stage as read
 
+from balloon_warp import InputError, MissingExtraError, render_stage
 from balloon_warp.cli.size import parse_frames, parse_place
-from balloon_warp.errors import InputError, MissingExtraError
 from balloon_warp.files import whole_file
 from balloon_warp.outputs.camera import Camera
-from balloon_warp.outputs.render import render_stage
 from balloon_warp.outputs.render.render import _choose_frames
 from balloon_warp.outputs.render.stage_reader import RenderStage
 from balloon_warp.outputs.render.view import View

@@ -1,6 +1,5 @@
 """Contents of pictures, compared with optics: shapes, lens and shutter, rubber and foil."""
 
-
 import numpy as np
 import pytest
 import warp as wp

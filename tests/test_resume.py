@@ -15,13 +15,11 @@ from batches import plant_spy, tamper, watch_names
 from meshes import quad_sphere
 from pxr import Usd
 
-from balloon_warp.errors import InputError
-from balloon_warp.job import animate
+from balloon_warp import Balloon, Change, Ground, Inflation, InputError, Scene, Sphere, String, animate
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.outputs.usd import growing
 from balloon_warp.outputs.usd import stage as usd_stage
 from balloon_warp.resume import differences
-from balloon_warp.scene import Balloon, Change, Ground, Inflation, Scene, Sphere, String
 
 FRAMES, STOPPED_AT = 12, 7
 ALWAYS = 1e-9

@@ -11,12 +11,11 @@ from batches import FRAMES, NAMES, OFTEN, WORLDS, contents, files_limited_to, sc
 from meshes import cube, quad_sphere
 from pxr import Usd, UsdGeom
 
-from balloon_warp import InputError, run_batch
+from balloon_warp import Balloon, Ground, Inflation, InputError, Scene, run_batch
 from balloon_warp.blow_ups import BlowUp, Pull
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.outputs.usd import growing
 from balloon_warp.resume import Checkpoints, Part
-from balloon_warp.scene import Balloon, Ground, Inflation, Scene
 from balloon_warp.sweep import shares
 from balloon_warp.sweep.batch import BatchSummary
 from balloon_warp.sweep.blow_ups import Failures

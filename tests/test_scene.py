@@ -15,9 +15,8 @@ from meshes import cube, grid, quad_sphere
 from pxr import Usd, UsdGeom
 from trajectories import stepped
 
-from balloon_warp import InputError, Simulator
+from balloon_warp import InputError, PolygonMesh, Simulator
 from balloon_warp.cli.app import app
-from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.model import Model, build_model, plan_model

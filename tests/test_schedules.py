@@ -11,10 +11,8 @@ from method_scenes import SCENES
 from numpy.typing import NDArray
 from trajectories import ROUNDING, after_frames, arrays, assert_close
 
-from balloon_warp import PolygonMesh
-from balloon_warp.errors import InputError
+from balloon_warp import Balloon, Ground, Inflation, InputError, PolygonMesh, Scene, Simulator, Sphere, Water
 from balloon_warp.model import build_model, initial_state, lay_out, plan_model
-from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere, Water
 from balloon_warp.schedules import make_schedule
 from balloon_warp.schedules import memoize as module
 from balloon_warp.schedules.banks import spread_over_banks, wavefronts
@@ -22,7 +20,6 @@ from balloon_warp.schedules.memoize import memoized
 from balloon_warp.schedules.scatter import ScatterSchedule
 from balloon_warp.schedules.spring_ends import spring_ends
 from balloon_warp.schedules.tables import other_corners
-from balloon_warp.simulator import Simulator
 
 
 @pytest.mark.full

@@ -10,8 +10,7 @@ import pytest
 from meshes import cube, quad_sphere
 from trajectories import stepped
 
-from balloon_warp import InputError, Simulator
-from balloon_warp.scene import Balloon, Change, Inflation, Material, Scene, Sphere, Stiffness, String
+from balloon_warp import Balloon, Change, Inflation, InputError, Material, Scene, Simulator, Sphere, Stiffness, String
 
 SECONDS = 1 / 60
 """of a frame"""

@@ -11,12 +11,10 @@ from render_stages import read_stage
 from scipy.spatial.transform import Rotation
 from trajectories import stepped
 
-from balloon_warp import Body, Obstacle, Scene, Simulator, animate, run_batch
+from balloon_warp import Body, Obstacle, Scene, Simulator, StageWriter, animate, load_scene, run_batch
 from balloon_warp.model import build_model
 from balloon_warp.outputs.render.framing import frame_action
-from balloon_warp.outputs.usd import StageWriter
 from balloon_warp.scene import Balloon, Change, Ground
-from balloon_warp.scene.load import load_scene
 from balloon_warp.scene.write import scene_toml
 
 FRAMES = 4

@@ -5,13 +5,11 @@ import pytest
 from meshes import cube, grid, quad_sphere
 from numpy.typing import NDArray
 
-from balloon_warp import PolygonMesh
+from balloon_warp import PolygonMesh, build_springs, bundled_scenes, load_scene
 from balloon_warp.model import plan_model
 from balloon_warp.model.bounds import Bounds
 from balloon_warp.model.spectrum import FEW, MARGIN, highest_squared_frequency
 from balloon_warp.model.stability import Network
-from balloon_warp.scene import bundled_scenes, load_scene
-from balloon_warp.springs import build_springs
 
 MESHES = {"sphere": quad_sphere(9), "cube": cube(), "sheet": grid(12, 12), "fine": quad_sphere(16)}
 

@@ -5,8 +5,7 @@ import pytest
 from meshes import cube, grid, joined, mesh_of, moebius, polygon, prism, quad_sphere, tetrahedron, torus
 from meshes import two_quads_at_a_vertex as two_quads
 
-from balloon_warp.errors import InputError
-from balloon_warp.mesh import PolygonMesh
+from balloon_warp import InputError, PolygonMesh
 from balloon_warp.mesh.check import LARGEST_FAN
 from balloon_warp.springs import SpringKind, Springs, build_springs
 

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from meshes import cube
 
-from balloon_warp import load_scene
+from balloon_warp import Atmosphere, Balloon, Scene, load_scene
 from balloon_warp.model import plan_model
-from balloon_warp.scene import Atmosphere, Balloon, Scene
 from balloon_warp.scene.overrides import override_scene
 from balloon_warp.scene.standard_air import standard_air
 from balloon_warp.scene.write import scene_toml

@@ -9,8 +9,7 @@ import scipy.sparse as sparse
 from meshes import quad_sphere
 
 import balloon_warp as bw
-from balloon_warp.errors import InputError
-from balloon_warp.mesh import PolygonMesh
+from balloon_warp import InputError, PolygonMesh
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.scene.write import write_scene
 from balloon_warp.statics import systems

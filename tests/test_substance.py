@@ -9,11 +9,10 @@ from meshes import fans, grid, quad_sphere
 from motion import animated, assert_valid
 from pxr import Usd, UsdGeom, UsdPhysics, UsdShade
 
-from balloon_warp import Scene, Simulator
+from balloon_warp import Balloon, Inflation, Material, Scene, Simulator, Stiffness
 from balloon_warp.model.build import build_model
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.model.skin import SheetStiffness, sheet_of_springs
-from balloon_warp.scene import Balloon, Inflation, Material, Stiffness
 
 RUBBERS = {
     "latex": 3.3e5,

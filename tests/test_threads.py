@@ -15,14 +15,10 @@ import warp as wp
 from meshes import quad_sphere
 from warp._src.apic.capture import APICapture
 
-from balloon_warp import animate, run_batch, warp_lock
+from balloon_warp import InputError, Simulator, animate, render_stage, run_batch, simulate, warp_lock
 from balloon_warp import device as devices
 from balloon_warp.device import pick_device
-from balloon_warp.errors import InputError
-from balloon_warp.outputs.render import render_stage
 from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Scene, Sphere
-from balloon_warp.simulator import Simulator
-from balloon_warp.trajectories import simulate
 from balloon_warp.viewer.playground import Playground
 from balloon_warp.viewer.session import Session
 

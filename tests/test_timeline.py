@@ -11,12 +11,9 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 from trajectories import stepped
 
-from balloon_warp.errors import InputError
-from balloon_warp.job import animate
+from balloon_warp import InputError, Simulator, animate, run_batch
 from balloon_warp.model import build_model
 from balloon_warp.scene import Balloon, Change, Inflation, Scene, Sphere, Stiffness, String
-from balloon_warp.simulator import Simulator
-from balloon_warp.sweep.batch import run_batch
 
 STILL = Balloon(
     mesh=cube(), stiffness=Stiffness(structural=0, shear=0, flexion=0), inflation=Inflation(k_normal=0.0), damping=0.0

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from meshes import cube, grid, hook, joined, mesh_of, quad_sphere
 
-from balloon_warp import InputError, PolygonMesh, Scene, Simulator, bundled_scenes, load_scene
+from balloon_warp import InputError, PolygonMesh, Scene, Simulator, bundled_scenes, load_mesh, load_scene
 from balloon_warp.mesh.crossings import find_crossings
-from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.nearness import nears_itself
 from balloon_warp.mesh.sides import wrong_sides
 from balloon_warp.mesh.triangles import triangles_of

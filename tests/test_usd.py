@@ -12,8 +12,7 @@ from render_stages import read_stage
 from test_resume import SCENE as RESUMED_SCENE
 from test_resume import crash, gone_on, stop
 
-from balloon_warp import InputError, Scene, Simulator, StageWriter, animate
-from balloon_warp.mesh import PolygonMesh
+from balloon_warp import InputError, PolygonMesh, Scene, Simulator, StageWriter, animate
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.outputs.exports.parts import Animation
 from balloon_warp.outputs.usd.strand import points_around

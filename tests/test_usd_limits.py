@@ -8,9 +8,7 @@ from pathlib import Path
 import pytest
 from pxr import Sdf, Usd
 
-from balloon_warp.checking import check_stage
-from balloon_warp.errors import InputError
-from balloon_warp.mesh.load import load_mesh
+from balloon_warp import InputError, check_stage, load_mesh
 from balloon_warp.mesh.usd_open import open_stage
 from balloon_warp.outputs.render.stage_reader import RenderStage
 

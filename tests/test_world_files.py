@@ -14,7 +14,7 @@ from batches import FRAMES, OFTEN, scene, stop_after
 from meshes import cube, quad_sphere
 from numpy.typing import NDArray
 
-from balloon_warp import InputError, MissingExtraError, TrajectoryFiles, run_batch, simulate
+from balloon_warp import InputError, MissingExtraError, TrajectoryFiles, repeat_batch, run_batch, simulate
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.outputs import hdf5_arrays
 from balloon_warp.outputs.world_files import FORMATS, Field, FileContents
@@ -27,7 +27,6 @@ from balloon_warp.sweep.groups import plan_groups
 from balloon_warp.sweep.journal import ShareJournal
 from balloon_warp.sweep.manifest import describe_batch
 from balloon_warp.sweep.output import BatchOutput
-from balloon_warp.sweep.repeat import repeat_batch
 from balloon_warp.sweep.task import BatchTask
 from balloon_warp.sweep.world_files import writer
 from balloon_warp.sweep.world_files.moments import Moments
