@@ -4,8 +4,7 @@ import numpy as np
 from meshes import quad_sphere
 from trajectories import stepped
 
-from balloon_warp import Simulator
-from balloon_warp.scene import Balloon, Body, Ground, Inflation, Scene, Sphere
+from balloon_warp import Balloon, Body, Ground, Inflation, Scene, Simulator, Sphere
 
 BALL = Balloon(mesh=quad_sphere(3, 0.5), inflation=Inflation(pressure=5.0), velocity=(0.0, -1.0, 0.0))
 GAS = Balloon(mesh=quad_sphere(3, 0.4), position=(0.0, 1.1, 0.0), inflation=Inflation(kind="gas"))

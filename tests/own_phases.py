@@ -1,4 +1,5 @@
 """Phases from outside the package, and the step with them."""
+# pyright: reportGeneralTypeIssues=false
 
 from typing import Any
 
@@ -30,13 +31,7 @@ def slow(features: Features, look: Look) -> Any:
     radius, slowing = places["slow_radius"], places["slowing"]
 
     @wp.func
-    def slow(
-        t: Tables,  # pyright: ignore[reportGeneralTypeIssues] - a struct
-        spheres: Any,
-        params: Any,
-        point: wp.vec3,
-        velocity: wp.vec3,
-    ):
+    def slow(t: Tables, spheres: Any, params: Any, point: wp.vec3, velocity: wp.vec3):
         slowed = velocity
         for sphere in range(t.spheres.numbers.shape[1]):
             center, _motion, _radius = sphere_at(t, spheres, params.world, sphere)
@@ -61,12 +56,7 @@ def warm(features: Features, look: Look) -> Any:
     """Let a particle's temperature follow the air's [K]."""
 
     @wp.func
-    def warm(
-        t: Tables,  # pyright: ignore[reportGeneralTypeIssues] - a struct
-        temperature: float,
-        air_temperature: float,
-        warming_seconds: float,
-    ):
+    def warm(t: Tables, temperature: float, air_temperature: float, warming_seconds: float):
         part = t.step_seconds / (warming_seconds + t.step_seconds)
         return temperature + part * (air_temperature - temperature)
 

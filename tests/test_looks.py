@@ -14,22 +14,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import painted
 import pytest
 import trimesh
 from motion import assert_valid
-from painted import (
-    CORNERS,
-    PLAIN,
-    QUADS,
-    SIDES,
-    atlas,
-    color_in,
-    linear,
-    places,
-    seen_sides,
-    write_obj_cube,
-    write_painted,
-)
+from painted import CORNERS, QUADS, SIDES, atlas, color_in, linear, places, seen_sides, write_obj_cube, write_painted
 from PIL import Image
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
 
@@ -102,7 +91,9 @@ def test_a_lid_has_the_material_of_what_is_around_it(tmp_path):
 
 
 def test_materials_of_an_obj_stay_on_their_faces(tmp_path):
-    path = write_obj_cube(tmp_path, PLAIN.replace("newmtl 3\nKd 0.3 0.5 0.25", "newmtl 3\nmap_Kd images/the atlas.png"))
+    path = write_obj_cube(
+        tmp_path, painted.PLAIN.replace("newmtl 3\nKd 0.3 0.5 0.25", "newmtl 3\nmap_Kd images/the atlas.png")
+    )
     for mesh in (load_mesh(path), prepared(torn_up(load_mesh(path)), "cube", Treatment())):
         for side, color in seen_sides(mesh):
             expected = SIDES[3] if side == 3 else (0.1 * side, 0.5, 0.25)
@@ -110,8 +101,8 @@ def test_materials_of_an_obj_stay_on_their_faces(tmp_path):
 
 
 def test_faces_without_places_stand_beside_some_with_an_image(tmp_path):
-    painted = PLAIN.replace("newmtl 0\n", "newmtl paint\nmap_Kd images/the atlas.png\nnewmtl no\n")
-    path = write_obj_cube(tmp_path, painted)
+    with_image = painted.PLAIN.replace("newmtl 0\n", "newmtl paint\nmap_Kd images/the atlas.png\nnewmtl no\n")
+    path = write_obj_cube(tmp_path, with_image)
     lines = path.read_text().splitlines()
     bare = [" ".join(word.split("/")[0] for word in line.split(" ")) for line in lines[35:]]
     path.write_text("\n".join(lines[:35] + bare))

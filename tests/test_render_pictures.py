@@ -2,22 +2,10 @@
 
 import numpy as np
 import pytest
+import render_stages
 import warp as wp
 from pxr import Gf, UsdGeom
-from render_stages import (
-    LATEX,
-    add_camera,
-    add_curves,
-    add_ground,
-    add_mesh,
-    add_sphere,
-    before_camera,
-    new_stage,
-    picture,
-    quad_sphere,
-    read_stage,
-    small_world,
-)
+from render_stages import LATEX, add_ground, add_mesh, add_sphere, before_camera, new_stage, picture, quad_sphere
 
 from balloon_warp import load_scene
 from balloon_warp.kernels.options import OPTIONS
@@ -45,7 +33,7 @@ def pixel_of(camera: Camera, point, size: tuple[int, int]) -> tuple[int, int]:
 @pytest.mark.parametrize("shape", ["sphere", "mesh"])
 def test_a_sphere_covers_the_area_that_a_pinhole_sees(shape: str, tmp_path):
     stage = new_stage(tmp_path / "stage.usda")
-    add_camera(stage, distance=5.0, focal_length=40.0, aperture=24.0)
+    render_stages.add_camera(stage, distance=5.0, focal_length=40.0, aperture=24.0)
     if shape == "sphere":
         add_sphere(stage, "Ball", (0, 0, 0), 1.0, BLACK, roughness=1.0)
     else:
@@ -70,10 +58,10 @@ def test_a_moving_sphere_is_seen_where_it_is(tmp_path):
 
 def test_the_same_bytes_whatever_the_number_of_threads(tmp_path):
     path = tmp_path / "stage.usda"
-    small_world(path)
+    render_stages.small_world(path)
     pictures = []
     for threads in (1, 2, 3, 1):
-        stage = read_stage(path)
+        stage = render_stages.read_stage(path)
         framing = frame_action([(stage, 0)], 16 / 9)
         caster = RayCaster(stage, framing.center, framing.size, (160, 90), 4, "cpu", threads)
         caster.place(0, 0.0)
@@ -82,7 +70,7 @@ def test_the_same_bytes_whatever_the_number_of_threads(tmp_path):
 
 
 def test_each_device_makes_the_same_picture(device: str, tmp_path):
-    stage = small_world(tmp_path / "stage.usda")
+    stage = render_stages.small_world(tmp_path / "stage.usda")
     seen = [picture(stage, device=each) for each in ("cpu", device)]
     # Round-off may move a sample across an edge; nothing else may change.
     assert np.abs(seen[0] - seen[1]).mean() < 0.1
@@ -90,11 +78,11 @@ def test_each_device_makes_the_same_picture(device: str, tmp_path):
 
 @pytest.mark.full
 def test_units_and_axes_do_not_show(tmp_path):
-    seen = [picture(small_world(tmp_path / f"{up}.usda", up)) for up in ("Y", "Z")]
+    seen = [picture(render_stages.small_world(tmp_path / f"{up}.usda", up)) for up in ("Y", "Z")]
     assert (seen[0] == seen[1]).all()
     seen = []
     for factor in (1.0, 1000.0):
-        stage = small_world(tmp_path / f"{factor}.usda")
+        stage = render_stages.small_world(tmp_path / f"{factor}.usda")
         UsdGeom.Xform(stage.GetDefaultPrim()).AddScaleOp().Set(Gf.Vec3f(factor))
         seen.append(picture(stage))
     # Round-off may move a sample across an edge; nothing else may change.
@@ -111,7 +99,7 @@ def test_one_looks_from_where_one_asks(up_axis: str, azimuth: float, elevation: 
     """A given view replaces the stage's camera: of balls in front, behind, to the right and above, the middle of the
     picture shows the nearest."""
     stage = new_stage(tmp_path / "stage.usda", up_axis)
-    add_camera(stage, distance=20.0, focal_length=40.0, aperture=24.0)
+    render_stages.add_camera(stage, distance=20.0, focal_length=40.0, aperture=24.0)
     places = {RED: (0, 0, 2), GREEN: (0, 0, -2), BLUE: (2, 0, 0), BLACK: (-2, 0, 0), WHITE: (0, 2, 0), GRAY: (0, -2, 0)}
     for number, (color, place) in enumerate(places.items()):
         add_sphere(stage, f"Ball_{number}", place, 1.0, color, roughness=1.0)
@@ -128,7 +116,7 @@ def test_a_ball_shades_the_ground_away_from_the_key_light(tmp_path):
     add_sphere(stage, "Right", (4.0, 0.0, 0.0), 0.01, BLACK)
     size = (240, 240)
     seen = picture(stage, size=size).mean(axis=2)
-    reader = read_stage(tmp_path / "stage.usda")
+    reader = render_stages.read_stage(tmp_path / "stage.usda")
     camera = frame_action([(reader, 0)], 1.0).camera
     # The key light comes from (-0.62, 1, 0.62) to the right, up and back: the middle of the shadow is 1.5 times as far.
     right, _, back = camera.axes
@@ -149,7 +137,7 @@ def test_water_tints_what_is_below_it_and_leaves_what_is_above(tmp_path):
             corners = [(-50, 0, 50), (50, 0, 50), (50, 0, -50), (-50, 0, -50)]
             add_mesh(stage, name, corners, [4], [0, 1, 2, 3], (0.1, 0.2, 0.8), roughness=0.1, opacity=0.5)
         seen.append(picture(stage, size=(120, 120)))
-        reader = read_stage(tmp_path / f"{name}.usda")
+        reader = render_stages.read_stage(tmp_path / f"{name}.usda")
         camera = frame_action([(reader, 0)], 1.0).camera
     wet, dry = seen
     backward = camera.axes[2] / np.linalg.norm(camera.axes[2][[0, 2]])
@@ -163,7 +151,7 @@ def test_water_tints_what_is_below_it_and_leaves_what_is_above(tmp_path):
 def test_curves_have_their_colors_and_stay_visible_when_thin(tmp_path):
     stage = before_camera(tmp_path / "stage.usda")
     lines = [(-1.0, 1.0, 0.0), (1.0, 1.0, 0.0), (-1.0, -1.0, 0.0), (0.0, -1.0, 0.0), (1.0, -1.0, 0.0)]
-    add_curves(stage, "Lines", lines, [2, 3], 0.0, [RED, GREEN])
+    render_stages.add_curves(stage, "Lines", lines, [2, 3], 0.0, [RED, GREEN])
     seen = picture(stage)
     red = seen[..., 0] - seen[..., 1] > 25
     green = seen[..., 1] - seen[..., 0] > 25
@@ -210,9 +198,9 @@ def test_a_mesh_that_moves_looks_the_same_in_an_animation_as_alone(tmp_path):
     mesh = add_mesh(stage, "Balloon", points, counts, indices, RED, **LATEX)
     for frame in range(3):
         mesh.GetPointsAttr().Set((points * (1.0 + 0.5 * frame) + [0.3 * frame, 0, 0]).astype(np.float32), frame)
-    add_camera(stage, distance=12.0, focal_length=60.0, aperture=24.0)
+    render_stages.add_camera(stage, distance=12.0, focal_length=60.0, aperture=24.0)
     alone = picture(stage, frame=2)
-    reader = read_stage(path)
+    reader = render_stages.read_stage(path)
     framing = frame_action([(reader, 2)], 1.0)
     caster = RayCaster(reader, framing.center, framing.size, (200, 200), 4, "cpu")
     camera = reader.camera(2, 1.0)
@@ -252,7 +240,7 @@ def test_display_colors_lie_where_their_interpolation_says(interpolation: str, t
         UsdGeom.Tokens.vertex: [RED, RED, GREEN] * 2,
     }
     mesh.CreateDisplayColorPrimvar(interpolation).Set(colors[interpolation])
-    add_camera(stage, distance=10.0, focal_length=40.0, aperture=24.0)
+    render_stages.add_camera(stage, distance=10.0, focal_length=40.0, aperture=24.0)
     seen = picture(stage)
     redness = seen[100, :, 0] - seen[100, :, 1]
     # 4 units span 133 of 200 pixels; the squares meet at column 100.

@@ -1,4 +1,4 @@
-"""Air by its altitude: the standard's table, and what of it follows in scenes, overrides, batches and files. Refusals of
+"""Air by its altitude: the standard's table, and what follows from it in scenes, overrides, batches, files. Refusals of
 gas and air: meshes that cannot hold gas, and fields that do not fit it."""
 
 import re

@@ -20,11 +20,7 @@ def look_aside(features: Features, look: Look) -> Any:
     at = look.at
 
     @wp.func
-    def look_aside(
-        t: Tables,  # pyright: ignore[reportGeneralTypeIssues] - a struct
-        points: Any,
-        particle: wp.int32,
-    ):
+    def look_aside(t: Tables, points: Any, particle: wp.int32):  # pyright: ignore[reportGeneralTypeIssues]
         return at(points, (particle + 5) % t.particles.balloon.shape[0])
 
     return look_aside
@@ -96,11 +92,7 @@ def remember(features: Features, look: Look) -> Any:
 @phase("particle", {"seen": wp.vec3})
 def look_at_traces(features: Features, look: Look) -> Any:
     @wp.func
-    def look_at_traces(
-        t: Tables,  # pyright: ignore[reportGeneralTypeIssues] - a struct
-        traces: Any,
-        particle: wp.int32,
-    ):
+    def look_at_traces(t: Tables, traces: Any, particle: wp.int32):  # pyright: ignore[reportGeneralTypeIssues]
         return wp.vec3(traces[(particle + 5) % t.particles.balloon.shape[0]], 0.0, 1.0)
 
     return look_at_traces
@@ -111,12 +103,7 @@ def rise(features: Features, look: Look) -> Any:
     at = look.at
 
     @wp.func
-    def rise(
-        t: Tables,  # pyright: ignore[reportGeneralTypeIssues] - a struct
-        points: Any,
-        face: wp.int32,
-        height: float,
-    ):
+    def rise(t: Tables, points: Any, face: wp.int32, height: float):  # pyright: ignore[reportGeneralTypeIssues]
         return 0.5 * height + at(points, t.faces.particles[t.faces.offsets[face]])[1]
 
     return rise
