@@ -134,9 +134,8 @@ def test_each_schedule_looks_at_what_a_frame_wrote(schedule: str, substeps: int,
 def test_a_bad_particle_is_named_by_its_number(schedule, device):
     """A bad particle is named by its number, not by its place in a schedule's own order. Springs without stiffness
     leave its neighbors in place."""
-    simulator = Simulator(
-        Scene(balloon=[Balloon(mesh=quad_sphere(14), **SLACK)], substeps=2), device, schedule=schedule
-    )
+    ball = Balloon(mesh=quad_sphere(14), **SLACK)
+    simulator = Simulator(Scene(balloon=[ball], substeps=2), device, schedule=schedule)
     points = simulator.state.points.numpy()
     points[0, 1000] = 1e13
     simulator.state.points.assign(points)

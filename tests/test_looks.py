@@ -223,9 +223,8 @@ def test_a_texture_transform_moves_the_places(tmp_path):
         Image.fromarray(large).save(file, "PNG")
         tree["images"] = [{"uri": "data:image/png;base64," + base64.b64encode(file.getvalue()).decode()}]
     [material] = tree["materials"]
-    material["pbrMetallicRoughness"]["baseColorTexture"]["extensions"] = {
-        "KHR_texture_transform": {"offset": [0.5, 0.5], "scale": [0.5, 0.5]}
-    }
+    transform = {"KHR_texture_transform": {"offset": [0.5, 0.5], "scale": [0.5, 0.5]}}
+    material["pbrMetallicRoughness"]["baseColorTexture"]["extensions"] = transform
     text = json.dumps(tree).encode()
     text += b" " * (-len(text) % 4)
     rest = data[20 + length :]

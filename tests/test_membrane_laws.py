@@ -193,9 +193,8 @@ def test_forces_are_the_slopes_of_the_energy(shape: str, device: str):
             for particle, axis in np.ndindex(expected.shape):
                 aside = np.zeros_like(expected)
                 aside[particle, axis] = h
-                more, less = (
-                    quad_energy(energy, mesh.points, points[wrinkles] + side * aside, faces) for side in (1, -1)
-                )
+                sides = (points[wrinkles] + aside, points[wrinkles] - aside)
+                more, less = (quad_energy(energy, mesh.points, each, faces) for each in sides)
                 expected[particle, axis] = -2.0e-4 * (more - less) / (2.0 * h)
             for forces in found:
                 np.testing.assert_allclose(forces[wrinkles, law], expected, atol=3e-4 * np.abs(expected).max())

@@ -263,10 +263,9 @@ def cabinet() -> PolygonMesh:
     """Return five thin boards that share edges, four faces at each, as soups do once they are welded."""
     boards = [((0.36, 0.38), (0.0, 0.74)), ((0.74, 0.76), (0.0, 0.74)), ((0.38, 0.74), (0.74, 0.76)),
               ((0.38, 0.74), (-0.02, 0.0)), ((0.0, 0.36), (0.74, 0.76))]  # fmt: skip
-    solids = [
-        box((0.0, sum(y) / 2.0, sum(z) / 2.0), (0.37, y[1] - y[0], z[1] - z[0]), cells=(1, 1, 1)) for y, z in boards
-    ]
-    soup = joined(*solids)
+    sizes = [(0.37, y[1] - y[0], z[1] - z[0]) for y, z in boards]
+    middles = [(0.0, sum(y) / 2.0, sum(z) / 2.0) for y, z in boards]
+    soup = joined(*(box(middle, size, cells=(1, 1, 1)) for middle, size in zip(middles, sizes, strict=True)))
     points, same = np.unique(soup.points.round(9), axis=0, return_inverse=True)
     return mesh_of(points, same.ravel()[soup.face_vertex_indices].reshape(-1, 4).tolist())
 

@@ -22,9 +22,8 @@ def test_solids_and_sheets_have_known_areas_volumes_and_normals() -> None:
     np.testing.assert_allclose(geometry.face_vector_areas(mesh), 2.0 * outward, atol=ROUND_OFF)
     np.testing.assert_allclose(geometry.vertex_normals(mesh), (mesh.points - 0.5) * 2.0 / np.sqrt(3.0), atol=ROUND_OFF)
     for solid, volume, area in ((mesh, 1.0, 6.0), (tetrahedron(), 1.0 / 6.0, 1.5 + np.sqrt(3.0) / 2.0)):
-        assert (geometry.signed_volume(solid), geometry.total_area(solid)) == pytest.approx(
-            (volume, area), abs=ROUND_OFF
-        )
+        found = geometry.signed_volume(solid), geometry.total_area(solid)
+        assert found == pytest.approx((volume, area), abs=ROUND_OFF)
     assert geometry.total_area(grid(3, 5)) == pytest.approx(15.0, abs=ROUND_OFF)
     assert np.isfinite(geometry.face_areas(moebius(9))).all()
     # Least where three squares of the cube met: their normals are known to half a cell.
@@ -43,12 +42,10 @@ def test_quads_alone_are_measured_as_among_others(mesh: PolygonMesh) -> None:
         face_vertex_counts=np.append(mesh.face_vertex_counts, np.int32(3)),
         face_vertex_indices=np.append(mesh.face_vertex_indices, crumb),
     )
-    np.testing.assert_allclose(
-        geometry.face_vector_areas(alone), geometry.face_vector_areas(among)[:-1], atol=ROUND_OFF
-    )
-    assert geometry.volume_and_area(alone) == pytest.approx(
-        (geometry.signed_volume(alone), geometry.total_area(alone)), abs=ROUND_OFF
-    )
+    areas = [geometry.face_vector_areas(each) for each in (alone, among)]
+    np.testing.assert_allclose(areas[0], areas[1][:-1], atol=ROUND_OFF)
+    expected = geometry.signed_volume(alone), geometry.total_area(alone)
+    assert geometry.volume_and_area(alone) == pytest.approx(expected, abs=ROUND_OFF)
     assert geometry.total_area(alone) == pytest.approx(geometry.total_area(among), abs=ROUND_OFF)
 
 

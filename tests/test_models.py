@@ -108,9 +108,8 @@ def test_bowl_is_far_from_a_sphere_and_a_pillow_thin_and_pointed() -> None:
 
 def test_solids_measure_distance() -> None:
     points = np.array([[0.0, 0.0, 0.0], [0.0, 3.0, 0.0], [2.0, 0.0, 0.0], [0.3, 1.5, -0.2], [0.0, -1.0, 0.0]])
-    np.testing.assert_allclose(
-        ellipsoid(points, (0.0, 0.0, 0.0), 0.5), [-0.5, 2.5, 1.5, np.sqrt(2.38) - 0.5, 0.5], rtol=1e-6
-    )
+    ball = ellipsoid(points, (0.0, 0.0, 0.0), 0.5)
+    np.testing.assert_allclose(ball, [-0.5, 2.5, 1.5, np.sqrt(2.38) - 0.5, 0.5], rtol=1e-6)
     capsule = round_cone(points, (0.0, 0.0, 0.0), (0.0, 2.0, 0.0), 0.5, 0.5)
     np.testing.assert_allclose(capsule, [-0.5, 0.5, 1.5, np.hypot(0.3, 0.2) - 0.5, 0.5], rtol=1e-12)
     # A straight tube of constant radius is the capsule.

@@ -241,10 +241,8 @@ def verdicts_on(toy: Path, new: set[str], seconds: float) -> dict[str, tuple[boo
 
 @pytest.mark.full
 def test_what_tests_execute_is_traced(toy: Path) -> None:
-    traced = trace(toy, 1)
-    assert {each.test: each.functions["toy/law.py"] for each in traced} == {
-        each.test: each.functions["toy/law.py"] for each in TRACED
-    }
+    found, expected = ({each.test: each.functions["toy/law.py"] for each in some} for some in (trace(toy, 1), TRACED))
+    assert found == expected
 
 
 @pytest.mark.full

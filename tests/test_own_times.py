@@ -141,12 +141,11 @@ def test_a_camera_sees_obstacles_where_they_are_in_each_world() -> None:
     assert not np.array_equal(depths[1][0], depths[0][0])
 
 
+BLOWN = Inflation(kind="gas", litres=1.0)
 NEEDLE = Material(preset="latex", strength=1e7, needle_time=0.2)
 LATE = {
     "a neck that opens or closes": {"balloon": [GAS.model_copy(update={"neck": Neck(diameter=0.01, opens=0.2)})]},
-    "gas that is blown in for a time": {
-        "balloon": [GAS.model_copy(update={"inflation": Inflation(kind="gas", litres=1.0)})]
-    },
+    "gas that is blown in for a time": {"balloon": [GAS.model_copy(update={"inflation": BLOWN})]},
     'strings that appear or end, and solver = "projective"': {
         "balloon": [BALL.model_copy(update={"inflation": Inflation(k_normal=1.0)})],
         **{"string": [ROPE], "solver": "projective"},

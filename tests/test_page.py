@@ -121,9 +121,11 @@ def test_contacts_materials_air_and_gas_have_sliders_where_a_scene_has_them():
     latex = Balloon(mesh=quad_sphere(2), material=Material(preset="latex"), inflation=Inflation(kind="gas"))
     around = {"ground": Ground(), "water": {}, "atmosphere": Atmosphere(wind=(1.0, 0.0, 0.0))}
     touching = shown(Scene(balloon=[latex], touch={"stiffness": 3.0}, **around))
-    assert set(touching["Contacts"]) == {*("ground_height", "ground_friction", "ground_restitution")} | {
-        *("touch_friction", "touch_stiffness")
-    }  # what the scene leaves to us, as the thickness, has none
+    of_ground = {"ground_height", "ground_friction", "ground_restitution"}
+    assert set(touching["Contacts"]) == of_ground | {
+        "touch_friction",
+        "touch_stiffness",
+    }  # no thickness: it is left to us
     assert set(touching["Material"]) == {"thickness", "shear_modulus", "mooney_ratio", "film_viscosity"}
     assert {"leak", "gamma"} <= set(touching["Gas"])
     assert {"water_density", "wind_shear", "gusts"} <= set(touching["Air and water"])

@@ -82,7 +82,6 @@ def test_it_goes_on_to_the_same_bytes(vary: dict, schedule: str, device: str, tm
 
 
 def test_what_was_saved_opens(tmp_path):
-    """Saved parts open: rows in NumPy, worlds as a stage, with the frames that they promise; and all together."""
     partial, whole = tmp_path / "partial", tmp_path / "whole"
     with pytest.raises(RuntimeError):
         run(tmp_path, 3, export=[2], checkpoint_seconds=OFTEN, on_frame=stop_after(4))

@@ -107,7 +107,7 @@ def test_simulators_made_before_step_beside_each_other(device: str):
 
 @pytest.mark.full
 def test_batches_and_pictures_are_made_beside_simulators(device: str, tmp_path: Path):
-    """Batches and pictures run beside simulators: a batch records its measures, and a picture launches its rays."""
+    """A batch records its measures, and a picture launches its rays."""
     stage = tmp_path / "still.usdc"
     animate(scene(1), stage, device=device)
     run_batch(scene(1), tmp_path / "before", 3, {"gravity": [1.0, 5.0, 9.0]}, device=device)
