@@ -97,9 +97,8 @@ def test_commands_warn_on_standard_error(
 ) -> None:
     if command == "view":
         pytest.importorskip("viser", reason="needs the extra `view`")
-        page = Mock()
-        page.return_value.start.side_effect = KeyboardInterrupt
-        monkeypatch.setattr("balloon_warp.viewer.page.Page", page)
+        page, start = "balloon_warp.viewer.page.Page", Mock(side_effect=KeyboardInterrupt)
+        monkeypatch.setattr(page, lambda session, *_, **__: Mock(session=session, start=start))
     written(NAMED[name], tmp_path)
     monkeypatch.chdir(tmp_path)
     assert not status_of(*COMMANDS[command], "mesh.obj", *words, "--device", "cpu")
