@@ -1,9 +1,10 @@
-"""Conserved quantities of a simulation's first world, in float64."""
+"""Conserved quantities of a simulation's first world, in float64, and how tests place and advance it."""
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from balloon_warp.frame import Frame
 from balloon_warp.simulator import Simulator
 
 
@@ -54,6 +55,13 @@ def put(simulator: Simulator, points: NDArray | None = None, velocities: NDArray
         if values is not None:
             rows = np.broadcast_to(values, (*array.shape, 3))
             wp.copy(array, wp.array(rows, dtype=wp.vec3, device=simulator.model.device))
+
+
+def advanced(simulator: Simulator, frames: int) -> Frame:
+    """Return the frame after so many more."""
+    for _ in range(frames):
+        simulator.step_unread()
+    return simulator.read_frame()
 
 
 def sphere_momenta(simulator: Simulator) -> NDArray[np.float64]:

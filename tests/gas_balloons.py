@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import warp as wp
+from conserved import advanced as advanced
 from meshes import mesh_of
 
 from balloon_warp.frame import Frame
@@ -63,9 +64,3 @@ def set_state(simulator: Simulator, **arrays: np.ndarray) -> None:
     for name, values in arrays.items():
         array = getattr(simulator.state, name)
         wp.copy(array, wp.array(np.asarray(values)[None], dtype=array.dtype, device=array.device))
-
-
-def advanced(simulator: Simulator, frames: int) -> Frame:
-    for _ in range(frames):
-        simulator.step_unread()
-    return simulator.read_frame()

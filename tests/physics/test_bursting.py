@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 import warp as wp
-from conserved import put
+from conserved import advanced, put
 from gas_balloons import isentropic
 from meshes import prism, quad_sphere
 from numpy.typing import NDArray
@@ -140,8 +140,7 @@ def test_tears_run_no_faster_than_they_may(device: str):
     for speed in (8.0, 16.0):
         scene = scene_of(quad_sphere(16, 0.1), needle_time=5e-4, branching_stress=1e9, tear_speed=speed)
         simulator = filled(scene, 2.2, device)
-        for _ in range(10):
-            simulator.step()
+        advanced(simulator, 10)
         counts.append(int(torn(simulator).sum()))
         length = 0.5 * np.pi * 0.1 / 16.0  # of a face, on average
         assert counts[-1] <= 1 + 2 * (simulator.frame_number / 2000.0 * speed / (0.75 * length) + 1)
@@ -155,8 +154,7 @@ def test_it_bursts_to_pieces_above_a_stress(device: str):
     for stress in (1e9, 1e6):
         ball = quad_sphere(18, 0.1)
         simulator = filled(scene_of(ball, needle_time=5e-4, branching_stress=stress), 3.0, device)
-        for _ in range(65):
-            simulator.step()
+        advanced(simulator, 65)
         gone = torn(simulator)
         pairs = neighbors_of(ball).faces
         pieces.append(_pieces(len(gone), pairs[~gone[pairs].any(axis=1)], ~gone))
@@ -171,8 +169,7 @@ def test_pieces_keep_the_skin_whatever_the_mesh(parts: int, device: str):
     faces, and of four times as many. All faces of the ball bear the same, and burst by their strength."""
     scene = scene_of(quad_sphere(parts, 0.05), strength=0.9 * MU * (3.0**2 - 3.0**-4), rate=1000.0)
     simulator = filled(scene, 3.0, device)
-    for _ in range(14):
-        simulator.step()
+    advanced(simulator, 14)
     assert torn(simulator).sum() > 3 * parts
     assert 0.9 < _kept(simulator) < 0.97
 
@@ -191,8 +188,7 @@ def test_a_tear_runs_across_the_largest_tension(around: bool, device: str):
     simulator = filled(scene_of(ball, needle_time=0.0, branching_stress=1e9), 2.0, device)
     start = simulator.state.points.numpy()[0]
     put(simulator, start * np.where(np.arange(3) == 1, 1.4, 1.0) if around else start * (1.4, 1.0, 1.4))
-    for _ in range(12):
-        simulator.step()
+    advanced(simulator, 12)
     gone = torn(simulator)
     assert gone.sum() > 6
     middles = ball.points[ball.face_vertex_indices.reshape(-1, 4)[gone]].mean(axis=1)
@@ -220,8 +216,7 @@ def test_a_burst_world_goes_on_beside_others(device: str):
     start = simulator.state.points.numpy()[0].copy()
     put(simulator, 1.5 * start)
     simulator.step()
-    for _ in range(8):
-        simulator.step()
+    advanced(simulator, 8)
     holes = (simulator.state.torn.numpy() >= 0.0).sum(axis=1)
     assert holes[0] == 0 < holes[2] <= holes[1]
     bursts = simulator.state.bursts.numpy()[:, 0, 0]
@@ -234,15 +229,13 @@ def test_a_burst_world_goes_on_beside_others(device: str):
 def test_it_goes_on_bit_for_bit(device: str):
     scene = scene_of(quad_sphere(5, 0.1), needle_time=1e-3)
     one = filled(scene, 2.5, device)
-    for _ in range(6):
-        one.step()
+    advanced(one, 6)
     assert torn(one).any()
     saved = {name: array.numpy().copy() for name, array in one.state.arrays.items()}
     other = filled(scene, 2.5, device)
     other.restore(saved)
     for simulator in (one, other):
-        for _ in range(4):
-            simulator.step()
+        advanced(simulator, 4)
     for name, array in one.state.arrays.items():
         np.testing.assert_array_equal(array.numpy(), other.state.arrays[name].numpy(), err_msg=name)
 
@@ -259,8 +252,7 @@ def test_a_hole_lets_out_what_its_area_does():
     simulator = filled(scene, 1.5)
     mesh, discharge, dt = simulator.model.shapes[0].mesh, np.pi / (np.pi + 2.0), 1.0 / 500.0
     rest = signed_volume(mesh)
-    for _ in range(6):
-        simulator.step()
+    advanced(simulator, 6)
     assert torn(simulator).sum() == 1
     shell = masses(simulator).sum()
     stored, start = energy(simulator), volumes(simulator)[0]
@@ -319,8 +311,7 @@ def test_air_goes_through_what_is_torn(drag: str):
         if torn_apart:
             simulator.state.torn.fill_(0.0)
             simulator.state.bursts.fill_(wp.vec4(0.0, -1.0, 0.0, 0.0))
-        for _ in range(3):
-            simulator.step()
+        advanced(simulator, 3)
         speeds.append(momentum(simulator)[0] / masses(simulator).sum())
     assert speeds[0] > 1e-3
     assert speeds[1] == pytest.approx(0.0, abs=1e-6)
@@ -368,8 +359,7 @@ def _areas(edges: NDArray[np.floating]) -> NDArray[np.floating]:
 def settled() -> Simulator:
     """Return a simulator two seconds after the burst: the rolling of pieces, and so its time, is chaotic."""
     simulator = Simulator(toy(KINDS, STRUTS), "cpu")
-    for _ in range(210):
-        simulator.step()
+    advanced(simulator, 210)
     return simulator
 
 
@@ -382,8 +372,7 @@ def test_pieces_stay_skin_and_lie_still(settled: Simulator):
     assert heights.min() == pytest.approx(0.0, abs=1e-3)
     assert 0.01 < heights.max() < 0.08
     middle = settled.model.shapes[0].mass_share @ frame.points[0]
-    settled.step()
-    later = settled.read_frame()
+    later = settled.step()
     assert np.linalg.norm(settled.model.shapes[0].mass_share @ later.points[0] - middle) < 1e-4
     assert np.linalg.norm(later.points[0] - frame.points[0], axis=1).max() < 1e-3, "within a hundredth of a second"
 
@@ -393,11 +382,8 @@ def test_struts_do_not_hold_the_balloon_or_its_tear():
     tears = []
     for springs, stiffness in (([], {}), (KINDS, STRUTS)):
         simulator = Simulator(toy(springs, stiffness), "cpu")
-        for _ in range(7):
-            simulator.step()
-        full = simulator.read_frame()
-        simulator.step()
-        tears.append((full, int(simulator.read_frame().torn[0].sum())))
+        full = advanced(simulator, 7)
+        tears.append((full, int(simulator.step().torn[0].sum())))
     (plain, torn), (held, torn_too) = tears
     np.testing.assert_allclose(held.volumes, plain.volumes, rtol=1e-3)
     assert torn_too == pytest.approx(torn, rel=0.15)

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 import warp as wp
-from conserved import sphere_energies, sphere_momenta, sphere_spins, sphere_turning
+from conserved import advanced, sphere_energies, sphere_momenta, sphere_spins, sphere_turning
 from law_functions import COUNT, called
 from meshes import cube, mesh_of
 from numpy.typing import NDArray
@@ -36,8 +36,7 @@ def billiard(device: str, spheres: list[Sphere], **fields: Any) -> Simulator:
 
 def after(simulator: Simulator, frames: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return centers and velocities of the spheres, shape (sphere_count, 3)."""
-    for _ in range(frames):
-        simulator.step()
+    advanced(simulator, frames)
     state = simulator.state
     return state.sphere_positions.numpy()[0].astype(float), state.sphere_velocities.numpy()[0].astype(float)
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from batches import OFTEN, press_ctrl_c_once
+from conserved import advanced
 from meshes import quad_sphere
 from pxr import Gf, Usd
 from scipy.spatial import ConvexHull
@@ -32,8 +33,7 @@ def ball(height: float, **given: Any) -> Balloon:
 
 def at_rest(scene: Scene, frames: int = 240) -> Frame:
     simulator = Simulator(scene.model_copy(update={"contacts": True, "frames": frames}), device="cpu")
-    for _ in range(frames):
-        simulator.step_unread()
+    advanced(simulator, frames)
     return simulator.read_frame()
 
 
@@ -131,9 +131,7 @@ def test_the_force_on_a_plate_is_the_pressure_times_the_contact(gap: float, devi
     ]  # fmt: skip
     scene = Scene(balloon=[pressed], obstacle=plates, gravity=0.0, frames=240, net_forces=True, contacts=True)
     simulator = Simulator(scene, device)
-    for _ in range(240):
-        simulator.step_unread()
-    frame = simulator.read_frame()
+    frame = advanced(simulator, 240)
     assert np.abs(frame.velocities[0]).max() < 1e-3
     points, ends, forces = frame.points[0], mesh_edges(simulator.model.shapes[0].mesh).ends, []
     for side in (1.0, -1.0):
@@ -153,9 +151,7 @@ def test_the_force_on_a_plate_is_the_pressure_times_the_contact(gap: float, devi
 def test_the_bundled_press_tells_force_as_pressure_times_area() -> None:
     """The bed bears F = dp A while the plate holds still, with dp the paper's push over the area of the skin."""
     simulator = Simulator(load_scene("press", {"contacts": True}), device="cpu")
-    for _ in range(71):
-        simulator.step_unread()
-    frame = simulator.read_frame()
+    frame = advanced(simulator, 71)
     pushes = np.linalg.norm(frame.inflation_forces[0], axis=1).sum()
     plate, bed = on(frame, "plate"), on(frame, "bed")
     assert bed.force[1] == pytest.approx(pushes / frame.areas[0] * bed.area, rel=0.06)

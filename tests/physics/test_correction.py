@@ -6,6 +6,7 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 import warp as wp
+from conserved import advanced
 from meshes import mesh_of, moebius, prism, quad_sphere
 from scipy.spatial import ConvexHull
 
@@ -64,17 +65,14 @@ def test_a_long_spring_is_shortened_by_both_ends_or_the_free_one(
     """A spring is shortened to its limit of 1.1 m, and left alone within it."""
     simulator = Simulator(scene_of(PAIR, fixed=fixed), device)
     begin_at(simulator, np.array([[0, 0, 0], [length, 0, 0]]))
-    simulator.step()
-    np.testing.assert_allclose(simulator.read_frame().points[0][:, 0], expected, atol=1e-6)
+    np.testing.assert_allclose(simulator.step().points[0][:, 0], expected, atol=1e-6)
 
 
 @pytest.mark.always
 def test_what_hangs_at_its_limit_gathers_no_speed(device):
     """A particle that falls to its strain limit stops there: its velocity is corrected, too."""
     simulator = Simulator(scene_of(PAIR, fixed=[0], gravity=9.81, substeps=10), device)
-    for _ in range(120):
-        simulator.step()
-    frame = simulator.read_frame()
+    frame = advanced(simulator, 120)
     assert np.linalg.norm(frame.points[0][1]) == pytest.approx(1.1, abs=1e-4)
     energy = 0.5 * np.linalg.norm(frame.velocities[0][1]) ** 2 + 9.81 * frame.points[0][1, 1]
     assert energy < 1e-3  # it swings like a pendulum that was let go at height 0, and lost some where it fell in
@@ -98,8 +96,7 @@ def pressed_ball(mesh: PolygonMesh, device: str) -> np.ndarray:
     strong = Inflation(k_normal=[(0.0, 0.0), (0.3, 6.0)])
     scene = scene_of(mesh, stiffness=Stiffness(), inflation=strong, damping=2.0, substeps=30, normals="fresh")
     simulator = Simulator(scene, device, schedule="gather")
-    for _ in range(30):
-        simulator.step()
+    advanced(simulator, 30)
     assert stretches(simulator.model, simulator.read_frame().points[0]).max() > 1.09
     return simulator.read_frame().points[0].astype(np.float64)
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conserved import angular_momentum, energy, momentum, motion, sphere_energies, sphere_momenta
+from conserved import advanced, angular_momentum, energy, momentum, motion, sphere_energies, sphere_momenta
 from meshes import cube, grid, quad_sphere
 from numpy.typing import NDArray
 
@@ -136,13 +136,11 @@ def test_a_world_in_a_batch_is_as_it_is_alone(device):
     scene = flight(Sphere(position=(1.0, 0.022, 0.031), radius=0.004, mass=0.05, velocity=(-40.0, 0.0, 0.0)))
     batch = Simulator(scene, device, 3, {"sphere.0.position.0": places}, schedule="lanes")
     corners = triangles_of(batch.model.shapes[0].mesh)
-    for _ in range(3):
-        batch.step()
+    advanced(batch, 3)
     for world, place in enumerate(places):
         ball = scene.sphere[0].model_copy(update={"position": (place, 0.022, 0.031)})
         alone = Simulator(scene.model_copy(update={"sphere": [ball]}), device, schedule="block")
-        for _ in range(3):
-            alone.step()
+        advanced(alone, 3)
         for name in ("points", "sphere_positions", "sphere_velocities"):
             found, expected = (getattr(each.state, name).numpy() for each in (batch, alone))
             np.testing.assert_array_equal(found[world], expected[0])

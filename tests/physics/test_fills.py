@@ -284,8 +284,7 @@ def test_a_cube_corner_is_pushed_along_its_diagonal(device):
 def test_momentum_follows_the_ramp_within_a_frame(device):
     """A particle's speed is the sum of h F / m over the substeps, F following the ramp substep by substep."""
     simulator = Simulator(by_normals(cube(), [[0.0, 0.0], [0.02, 1.0]], frames_per_second=50, substeps=5), device)
-    simulator.step()
-    speed = np.linalg.norm(simulator.read_frame().velocities[0], axis=1)
+    speed = np.linalg.norm(simulator.step().velocities[0], axis=1)
     h, mass, ramp = 0.02 / 5, 0.1 / 8, np.arange(5) / 5.0
     np.testing.assert_allclose(speed, h * (100.0 / 6.0 * ramp / mass).sum(), rtol=1e-5)
 
@@ -297,8 +296,7 @@ def test_cached_normals_stay_for_a_frame_and_fresh_ones_follow(device):
 
     def points(normals: str, substeps: int) -> np.ndarray:
         simulator = Simulator(by_normals(mesh, 2.0, normals=normals, substeps=substeps, frames_per_second=10), device)
-        simulator.step()
-        return simulator.read_frame().points[0]
+        return simulator.step().points[0]
 
     # other kernels aim them, which round otherwise: by some 1e-7 of places 20 m apart
     np.testing.assert_allclose(points("cached", 1), points("fresh", 1), atol=20 * 1e-6)

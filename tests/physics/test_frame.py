@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conserved import advanced
 from meshes import cube, quad_sphere
 from PIL import Image
 
@@ -32,9 +33,7 @@ def test_a_frame_knows_its_time_and_its_balloons_size():
     start = simulator.read_frame()
     assert (start.number, start.time, simulator.time) == (0, 0.0, 0.0)
     assert (start.volumes[0], start.areas[0]) == pytest.approx((1.0, 6.0), rel=1e-12)
-    for _ in range(3):
-        simulator.step()
-    later = simulator.read_frame()
+    later = advanced(simulator, 3)
     assert later.time == simulator.time == pytest.approx(3 / 60)
     assert later.volumes[0] > 1.0
     # the device sums in float64 the float32 places that the host sums, too
@@ -45,9 +44,7 @@ def test_a_frame_knows_its_time_and_its_balloons_size():
 def test_reset_goes_back_to_the_same_start():
     """A reset run is bit-identical, after changes of parameters and methods, and after written parameters."""
     simulator = Simulator(TWO, "cpu")
-    for _ in range(4):
-        simulator.step()
-    first = simulator.read_frame()
+    first = advanced(simulator, 4)
     simulator.set_parameters({"gravity": 0.0})
     simulator.step()
     simulator.reset()
@@ -95,8 +92,7 @@ def test_a_world_is_read_among_others_as_alone(device: str):
     alone = Simulator(scene, device, world_count=1, vary={k: v[2:] for k, v in vary.items()}, schedule="gather")
     for _ in range(3):
         simulator.step()
-        alone.step()
-        others, read, expected = simulator.read_frame(0), simulator.read_frame(2), alone.read_frame()
+        others, read, expected = simulator.read_frame(0), simulator.read_frame(2), alone.step()
         for name in ("points", "velocities", "net_forces", "inflation_forces"):
             np.testing.assert_array_equal(getattr(read, name)[0], getattr(expected, name)[0])
             assert (getattr(read, name)[0] != getattr(others, name)[0]).any()

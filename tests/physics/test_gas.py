@@ -345,8 +345,7 @@ def swing(breathing_damping: float, phase_of_step: float, periods: float) -> NDA
     set_state(simulator, points=1.001 * MESH.points)
     sizes = []
     for _ in range(int(np.ceil(periods * 2.0 * np.pi / phase_of_step))):
-        simulator.step()
-        sizes.append(float(np.linalg.norm(simulator.read_frame().points[0].astype(np.float64), axis=1).mean()) / RADIUS)
+        sizes.append(float(np.linalg.norm(simulator.step().points[0].astype(np.float64), axis=1).mean()) / RADIUS)
     return np.array(sizes) - 1.0
 
 
@@ -408,8 +407,7 @@ def test_its_damping_may_change_while_it_runs():
     simulator.set_parameters({"breathing_damping": [[0.0]]})
     for each in (simulator, undamped):
         set_state(each, points=1.001 * MESH.points)
-        for _ in range(3):
-            each.step()
+        advanced(each, 3)
     np.testing.assert_array_equal(simulator.state.points.numpy(), undamped.state.points.numpy())
     assert np.abs(simulator.state.velocities.numpy()).max() > 0.01
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conserved import energy, masses, momentum, motion, put, sphere_momenta, sphere_spins, whole
+from conserved import advanced, energy, masses, momentum, motion, put, sphere_momenta, sphere_spins, whole
 from meshes import cube, quad_sphere
 from numpy.typing import NDArray
 from typer.testing import CliRunner
@@ -85,8 +85,7 @@ def test_gas_moves_with_the_balloon_that_a_sphere_hits(device: str):
     simulator = struck(device, 0.5, balloon=gas)
     assert masses(simulator).sum() > 0.4
     start = whole(simulator)[0]
-    for _ in range(20):
-        simulator.step()
+    advanced(simulator, 20)
     assert np.abs(whole(simulator)[0] - start).max() < EPSILON * np.sqrt(40 * 20) * 2.0
     assert np.abs(momentum(simulator)).max() > 0.1
 
@@ -95,8 +94,7 @@ def test_the_papers_penalty_keeps_no_momentum(device: str):
     """The paper's penalty does not conserve momentum: the sphere flies on, or feels the inflation alone."""
     simulator = struck(device, 0.5, contact="penalty")
     start = whole(simulator)
-    for _ in range(30):
-        simulator.step()
+    advanced(simulator, 30)
     assert np.abs(whole(simulator)[0] - start[0]).max() > 0.3
     assert whole(simulator)[2] > 1.5 * start[2]
 
@@ -224,8 +222,7 @@ def test_a_balloon_carries_a_sphere(device: str):
     for contact in ("impulse", "penalty"):
         scene = Scene(balloon=[balloon], sphere=[sphere], ground=Ground(), contact=contact, normals="cached")
         simulator = Simulator(scene, device)
-        for _ in range(180):
-            simulator.step()
+        advanced(simulator, 180)
         heights[contact] = float(simulator.state.sphere_positions.numpy()[0, 0, 1])
         pushes[contact] = simulator.state.sphere_forces.numpy()[0, 0]
     assert heights["impulse"] > 1.05
@@ -276,8 +273,7 @@ def test_a_diagnosis_names_all_touching_particles(device: str):
     """The report names all touching particles, each with its share of the push; none while the sphere is free."""
     simulator = struck(device, 0.5)
     assert Pulls(simulator.model, simulator.state, 0.0).contact_at(0, newtons=0.0) is None
-    for _ in range(5):
-        simulator.step()
+    advanced(simulator, 5)
     push = Pulls(simulator.model, simulator.state, 0.0).contact_at(0, newtons=3.0)
     assert re.fullmatch(r"\d+ particles in contact with it pushed it with 3 N", str(push))
 
@@ -287,8 +283,7 @@ def test_the_rule_may_change_meanwhile(device: str):
     speeds = []
     for changes in ([], [Change(time=0.05, set={"contact": "impulse"})]):
         simulator = struck(device, 0.5, contact="penalty", change=changes)
-        for _ in range(20):
-            simulator.step()
+        advanced(simulator, 20)
         speeds.append(-simulator.state.sphere_velocities.numpy()[0, 0, 1])
     assert speeds[0] == pytest.approx(2.0)
     assert speeds[1] < 1.9
@@ -302,8 +297,7 @@ def test_a_touching_particle_keeps_no_speed_into_the_sphere(device: str):
     velocities = np.zeros((8, 3))
     velocities[6] = [3.0, 0.0, 2.0]
     put(simulator, velocities=velocities)
-    simulator.step()
-    frame = simulator.read_frame()
+    frame = simulator.step()
     relative, of_corner = frame.points[0][6] - frame.sphere_positions[0], frame.velocities[0][6]
     assert relative @ (of_corner - velocity) / np.linalg.norm(relative) >= -1e-5  # no longer approaching
     assert of_corner[2] > 1.5  # still sliding along
@@ -318,8 +312,7 @@ def test_penalty_force_is_the_touching_particles_inflation(k_normal: Any, subste
     sphere = Sphere(position=tuple(CORNER + [0.0, 0.15, 0.0]), radius=0.2, mass=3.0, penalty=2.0)
     inflation = {"inflation": Inflation(k_normal=k_normal)}
     simulator = bare_cubes(device, [sphere], contact="penalty", substeps=substeps, normals="cached", balloon=inflation)
-    simulator.step()
-    velocity = simulator.read_frame().sphere_velocities[0]
+    velocity = simulator.step().sphere_velocities[0]
     expected = (0.001 / substeps) * 2.0 * (100.0 * sums / 6.0) / 3.0
     np.testing.assert_allclose(velocity[1], expected, rtol=0.01)  # the corner has moved by some micrometers
 
@@ -332,8 +325,7 @@ def test_a_sphere_that_fits_between_the_corners_of_a_face_passes_untouched(radiu
     sphere = Sphere(position=(0.5, 2.0, 0.5), radius=radius, mass=1.0, velocity=(0.0, -20.0, 0.0))
     scene = Scene(balloon=[still], sphere=[sphere], gravity=0.0, contact="impulse", substeps=40, faces=False)
     simulator = Simulator(scene, device)
-    for _ in range(4):
-        simulator.step()
+    advanced(simulator, 4)
     moved = np.abs(motion(simulator)[1]).max() > 0.01
     assert moved == (radius > widest_opening(cube()))
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 import warp as wp
-from conserved import put
+from conserved import advanced, put
 from meshes import mesh_of, quad_sphere
 from numpy.typing import NDArray
 from rubber_theory import ENERGIES, MATERIALS, sphere_pressure
@@ -78,8 +78,7 @@ def settled(inflation: Inflation, path: str, values: Any, starts: Any, frames: i
     shape = (len(starts[0]), len(balloons), BALL.vertex_count, 3)
     grown = points.numpy().reshape(shape) * np.transpose(starts)[:, :, None, None]
     wp.copy(points, wp.array(grown.reshape(len(grown), -1, 3), dtype=wp.vec3, device=device))
-    for _ in range(frames):
-        simulator.step()
+    advanced(simulator, frames)
     found = [[signed_volume(replace(BALL, points=ball)) for ball in world]
              for world in points.numpy().astype(np.float64).reshape(shape)]  # fmt: skip
     return [(np.array(found) / signed_volume(BALL)) ** (1.0 / 3.0), simulator.state.pressures.numpy()]
@@ -119,8 +118,7 @@ def test_the_sealed_gas_of_the_books(device: str):
     amount = 1.406598 * signed_volume(BALL) / (4.0 / 3.0 * np.pi * 0.1**3)
     simulator = Simulator(scene, device, 1, {"balloon.inflation.amount": [amount]})
     stretched(simulator, 1.7)
-    for _ in range(40):
-        simulator.step()
+    advanced(simulator, 40)
     assert simulator.read_frame().pressures[0] == pytest.approx(984.375, rel=0.01)
     assert volumes(simulator)[0] / signed_volume(BALL) == pytest.approx(8.0, rel=0.01)
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import warp as wp
+from conserved import advanced
 from meshes import cube, mesh_of, quad_sphere
 
 from balloon_warp.errors import BlowUpError, InputError
@@ -28,8 +29,7 @@ def triangle_balloon(stiffness: float = 50.0, **fields) -> Balloon:
 
 def simulated(scene: Scene, device: str, schedule: str = "auto") -> Simulator:
     simulator = Simulator(scene, device, schedule=schedule)
-    for _ in range(scene.frames):
-        simulator.step()
+    advanced(simulator, scene.frames)
     return simulator
 
 
@@ -87,8 +87,7 @@ def test_spring_oscillates_at_its_frequency_at_first_order(device):
         simulator = breathing_triangle(substeps, device)
         worst = 0.0
         for frame in range(1, 31):
-            simulator.step()
-            radius = np.linalg.norm(simulator.read_frame().points[0], axis=1)
+            radius = np.linalg.norm(simulator.step().points[0], axis=1)
             worst = max(worst, np.abs(radius - 1.0 - 0.1 * np.cos(omega * frame / 60.0)).max())
         return worst
 
@@ -149,8 +148,7 @@ def test_stable_step_holds_and_is_not_wasteful(device):
     simulator = Simulator(scene.model_copy(update={"substeps": fewest}), device)
     kick = np.random.default_rng(1).normal(0.0, 0.01, (1, simulator.model.particle_count, 3))
     wp.copy(simulator.state.velocities, wp.array(kick, dtype=wp.vec3, device=device))
-    for _ in range(20):
-        simulator.step()
+    advanced(simulator, 20)
     # all the energy is kinetic at first, so the rms speed can hardly grow while the scheme is stable
     assert np.std(simulator.read_frame().velocities[0]) < 1.5 * np.std(kick)
 
@@ -177,8 +175,7 @@ def test_heavy_damping_asks_for_no_shorter_step_and_never_turns_a_balloon_back(d
     assert simulator.model.substeps == build_model(undamped, device).substeps == 1
     sinking, speeds = -0.3 * 9.81 / damping, [1.0]
     for _ in range(600):
-        simulator.step()
-        speeds.append(simulator.read_frame().velocities[0][:, 1].mean())
+        speeds.append(simulator.step().velocities[0][:, 1].mean())
     rate = 1.0 + damping / 0.3 / 600.0
     np.testing.assert_allclose(speeds, sinking + (1.0 - sinking) * rate ** -np.arange(601.0), atol=1e-4)
 
@@ -209,8 +206,7 @@ def test_worlds_of_a_batch_are_alike_and_the_same_as_one_alone():
     scene = Scene(balloon=[Balloon(mesh=quad_sphere(3))], frames=5)
     alone = simulated(scene, "cpu", "scatter").read_frame().points[0]
     batch = Simulator(scene, "cpu", world_count=3, schedule="scatter")
-    for _ in range(5):
-        batch.step()
+    advanced(batch, 5)
     for world in range(3):
         np.testing.assert_array_equal(batch.read_frame(world).points[0], alone)
 

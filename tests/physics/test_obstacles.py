@@ -253,8 +253,7 @@ def test_what_flies_past_a_post_is_stopped_where_it_cuts_it(radius: float, devic
     sine, cosine = np.sin(np.radians(40.0)), np.cos(np.radians(40.0))
     points[0, ::2, 2], points[0, 1::2, 2] = cosine * radius, 1.2 * radius
     simulator.state.points.assign(points)
-    simulator.step()
-    frame = simulator.read_frame()
+    frame = simulator.step()
     slid = [speed * cosine**2, 0.0, speed * sine * cosine]
     np.testing.assert_allclose(frame.velocities[0][::2], [slid] * 18, atol=2e-3 * speed)
     np.testing.assert_allclose(frame.velocities[0][1::2], [[speed, 0.0, 0.0]] * 18, atol=1e-6 * speed)
@@ -347,8 +346,7 @@ def test_a_particle_inside_comes_out_along_the_normal(device: str):
     scene = Scene(balloon=[particles(inside + 100.0)], obstacle=[ball, box], gravity=0.0, substeps=1)
     simulator = Simulator(scene, device)
     simulator.state.points.assign(inside[None].astype(np.float32))
-    simulator.step()
-    last = simulator.read_frame()
+    last = simulator.step()
     turned = 0.5 / np.sqrt(2.0)
     expected = [(10.0 + turned, 0.0, turned), (10.0, 0.5, 0.0), (0.5, 0.2, 0.1), (0.0, -1.0, 1.0)]
     np.testing.assert_allclose(last.points[0], expected, atol=2e-6)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conserved import advanced
 from meshes import quad_sphere
 
 import balloon_warp as bw
@@ -55,8 +56,7 @@ def test_no_force_changes_nothing(device: str) -> None:
     without = SCENE.model_copy(update={"force": []})
     for scene in (SCENE, without):
         bare = Simulator(scene, device)
-        for _ in range(FRAMES):
-            bare.step_unread()
+        advanced(bare, FRAMES)
         for name in ("points", "velocities"):
             told = getattr(bare.state, name).numpy()
             np.testing.assert_array_equal(getattr(controlled.state, name).numpy(), told)
@@ -148,8 +148,7 @@ def test_a_slack_string_does_nothing_and_a_taut_one_holds(device: str) -> None:
     # of them was compiled for a brief test, without optimization.
     first, expected = (each.read_frame().velocities[0] for each in (simulator, free))
     np.testing.assert_allclose(first, expected, rtol=0, atol=1e-6)
-    for _ in range(395):
-        simulator.step()
+    advanced(simulator, 395)
     held = int(simulator.model.string_particle.numpy()[0])
     length = np.linalg.norm(simulator.read_frame().points[0][held])
     np.testing.assert_allclose(length, 1.5 + lift / 30.0, rtol=0.01)

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conserved import energy, whole
+from conserved import advanced, energy, whole
 from meshes import quad_sphere
 from rigid import SPACE
 from touching import square
@@ -106,12 +106,10 @@ def test_what_was_far_away_and_begins_anew_meets_it_again() -> None:
     simulator = Simulator(Scene(balloon=[ball(5)], gravity=0.0, **THINGS["blade"]), "cpu", 1)
     found = []
     for _ in range(2):
-        for _ in range(8):
-            simulator.step()
+        advanced(simulator, 8)
         found.append(simulator.state.points.numpy().copy())
         simulator.state.velocities.assign(np.broadcast_to(np.float32([0.0, 6.0, 0.0]), found[0].shape))
-        for _ in range(30):
-            simulator.step()
+        advanced(simulator, 30)
         simulator.reset(np.ones(1, bool))
     np.testing.assert_array_equal(*found)
 
@@ -134,8 +132,7 @@ def test_nothing_catches_at_a_seam(degrees: float, device: str) -> None:
     smooth, seamed = (Simulator(scene.model_copy(update={"faces": faces}), device) for faces in (False, True))
     assert sum(len(ridges.ends) for ridges in seamed.model.ridges) > 0  # around the floor
     for simulator in (smooth, seamed):
-        for _ in range(30):
-            simulator.step()
+        advanced(simulator, 30)
     frames = [simulator.read_frame() for simulator in (smooth, seamed)]
     np.testing.assert_array_equal(frames[1].points[0], frames[0].points[0])
     np.testing.assert_allclose(np.linalg.norm(frames[1].velocities[0], axis=1), 3.0, rtol=1e-3)

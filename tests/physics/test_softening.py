@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conserved import put
+from conserved import advanced, put
 from meshes import grid, mesh_of, quad_sphere
 from numpy.typing import NDArray
 from rubber_theory import ENERGIES, MATERIALS, sphere_pressure
@@ -123,8 +123,7 @@ def test_the_step_is_stable_where_it_begins_to_give_way(device: str):
     random = np.random.default_rng(0)
     points = simulator.state.points.numpy()[0]
     put(simulator, 2.0 * points + random.normal(scale=0.003, size=points.shape))
-    for _ in range(10):
-        simulator.step()
+    advanced(simulator, 10)
     reach = np.linalg.norm(simulator.state.points.numpy()[0], axis=1).max()
     assert reach < 0.21
     assert np.abs(simulator.state.velocities.numpy()).max() < 60.0
@@ -141,8 +140,7 @@ def test_it_goes_on_bit_for_bit(schedule: str, device: str):
     other = Simulator(scene, device, schedule=schedule)
     other.restore(saved)
     for simulator in (one, other):
-        for _ in range(2):
-            simulator.step()
+        advanced(simulator, 2)
     for name, array in one.state.arrays.items():
         np.testing.assert_array_equal(array.numpy(), other.state.arrays[name].numpy(), err_msg=name)
 

@@ -149,8 +149,7 @@ def test_an_open_border_keeps_its_course():
 def test_the_pressure_that_is_plotted_is_the_balloons():
     balloon = Balloon(mesh=cube(), inflation=Inflation(kind="pressure", pressure=7.0))
     simulator = Simulator(Scene(balloon=[balloon]), "cpu")
-    simulator.step()
-    picture: Any = SimpleNamespace(scene=simulator.model.scene, frame=simulator.read_frame())
+    picture: Any = SimpleNamespace(scene=simulator.model.scene, frame=simulator.step())
     assert Drawing(simulator.model).measures(picture)["pressure"] == pytest.approx(7.0)
 
 
