@@ -5,6 +5,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.frame import Frame
+from balloon_warp.schedules.scatter import ScatterSchedule
 from balloon_warp.simulator import Simulator
 
 
@@ -62,6 +63,22 @@ def advanced(simulator: Simulator, frames: int) -> Frame:
     for _ in range(frames):
         simulator.step_unread()
     return simulator.read_frame()
+
+
+def forces_by_scatter(simulator: Simulator) -> NDArray[np.float32]:
+    """Return the net forces on the particles [N], as `scatter` sums them, shape (particle_count, 3)."""
+    scatter = ScatterSchedule(simulator.model)
+    scatter.sum_forces(simulator.state)
+    return scatter.forces.numpy()[0]
+
+
+def assert_goes_on_alike(one: Simulator, other: Simulator, frames: int) -> None:
+    """Require that another simulator that gets the state of one goes on to the same bits."""
+    other.restore({name: array.numpy().copy() for name, array in one.state.arrays.items()})
+    for simulator in (one, other):
+        advanced(simulator, frames)
+    for name, array in one.state.arrays.items():
+        np.testing.assert_array_equal(array.numpy(), other.state.arrays[name].numpy(), err_msg=name)
 
 
 def sphere_momenta(simulator: Simulator) -> NDArray[np.float64]:

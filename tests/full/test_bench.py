@@ -2,7 +2,6 @@
 
 import json
 import subprocess
-from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -99,13 +98,8 @@ def test_spheres_of_the_cases_touch_the_balloon_and_nothing_blows_up(spheres):
 
 def test_every_frame_that_is_timed_is_simulated(monkeypatch):
     """Each contender runs a warm-up, its repeat, and the repeats that count; recorded frames are replayed."""
-    states = []
-
-    def kept_state(model: Model) -> State:
-        states.append(initial_state(model))
-        return states[-1]
-
-    monkeypatch.setattr(measure, "initial_state", kept_state)
+    states: list[State] = []
+    monkeypatch.setattr(measure, "initial_state", lambda model: states.append(initial_state(model)) or states[-1])
     model = build_model(Case("", "gather", 1, cells=2).scene(), "cpu")
     assert min(seconds_a_frame([make_schedule(model, name) for name in ("gather", "lanes")])) > 0.0
     assert [state.frame.numpy()[0] for state in states] == [1 + FRAMES * (1 + REPEATS)] * 2
@@ -280,10 +274,7 @@ RESULTS = [Result("1 balloon", "cpu", "gather", 1, 488, 2.0e8), Result("[s]", "c
 
 @pytest.fixture(autouse=True)
 def measured(monkeypatch) -> None:
-    def results(device: object, quick: bool) -> Iterator[Result]:
-        yield from RESULTS
-
-    monkeypatch.setattr(run, "run_cases", results)
+    monkeypatch.setattr(run, "run_cases", lambda device, quick: iter(RESULTS))
 
 
 def bench(*words: str) -> int:
@@ -308,9 +299,8 @@ def test_bundled_scenes_are_measured_in_each_schedule_beside_auto(monkeypatch, c
     measured = list(auto.scene_results(pick_device("cpu"), auto.WORLDS))
     assert [(each.schedule, each.worlds) for each in measured] == [(name, n) for n in (1, 2) for name in auto.ON_CPU]
     for each in measured:
-        model = build_model(load_scene("two_balloons"), "cpu", each.worlds)
         assert (each.case, each.particles, each.rate > 0.0) == ("two_balloons", 820, True)
-        taken = fastest_schedule(model, each.worlds)
+        taken = fastest_schedule(build_model(load_scene("two_balloons"), "cpu", each.worlds), each.worlds)
         assert each.peer == f"auto: {taken}"
         assert each.peer_rate is not None
         assert each.ratio == pytest.approx(each.rate / each.peer_rate)
@@ -329,6 +319,13 @@ def test_variants_of_scenes_can_be_built_and_two_sets_at_once_are_refused(capsys
 
 CASE = CrowdCase("", "newton", cells=4)
 CROWD_FRAMES = 20
+
+
+def after_crowding(model: Model) -> State:
+    state, schedule = initial_state(model), make_schedule(model)
+    for _ in range(CROWD_FRAMES):
+        schedule.advance_frame(state)
+    return state
 
 
 def parts_of(points: np.ndarray, model: Model) -> list[np.ndarray]:
@@ -357,21 +354,16 @@ def check_motion(peer: Any, model: Model, frames: int) -> np.ndarray:
 
 def test_the_balloons_are_apart_at_first_and_press_each_other_then():
     model = build_model(CASE.scene(), "cpu")
-    state = initial_state(model)
-    start = state.points.numpy()[0]
-    assert crowd_rate._overlap(start, model) == 0.0
-    schedule = make_schedule(model)
-    for _ in range(CROWD_FRAMES):
-        schedule.advance_frame(state)
+    assert crowd_rate._overlap(initial_state(model).points.numpy()[0], model) == 0.0
+    state = after_crowding(model)
     ended = state.points.numpy()[0]
     assert (state.holds.numpy()[0, :, 3] != 0.0).sum() >= 24  # four pairs in each direction, two sides each
     assert 1.05 < widths(ended, model).min() < widths(ended, model).max() < 1.3
     assert crowd_rate._overlap(ended, model) < 0.02 * CASE.radius
     alone = build_model(CASE.scene().model_copy(update={"touch": False}), "cpu")
-    free, passing = make_schedule(alone), initial_state(alone)
-    for _ in range(CROWD_FRAMES):
-        free.advance_frame(passing)
-    assert crowd_rate._overlap(passing.points.numpy()[0], alone) > 0.1 * CASE.radius  # else there is nothing to do
+    assert (
+        crowd_rate._overlap(after_crowding(alone).points.numpy()[0], alone) > 0.1 * CASE.radius
+    )  # else there is nothing to do
 
 
 def test_newton_blows_them_up_alike():
@@ -383,10 +375,7 @@ def test_newton_blows_them_up_alike():
     model = build_model(CASE.scene(), "cpu")
     points = check_motion(NewtonCrowd(model), model, CROWD_FRAMES)
     assert crowd_rate._overlap(points, model) < 0.02 * CASE.radius
-    state, schedule = initial_state(model), make_schedule(model)
-    for _ in range(CROWD_FRAMES):
-        schedule.advance_frame(state)
-    np.testing.assert_allclose(widths(points, model), widths(state.points.numpy()[0], model), rtol=0.05)
+    np.testing.assert_allclose(widths(points, model), widths(after_crowding(model).points.numpy()[0], model), rtol=0.05)
 
 
 def test_blender_blows_them_up_alike():

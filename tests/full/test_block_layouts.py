@@ -71,13 +71,7 @@ def after_frames(scene: Scene, schedule: str) -> dict[str, np.ndarray]:
     state, advancing = initial_state(model), make_schedule(model, schedule)
     for _ in range(2):
         advancing.advance_frame(state)
-    found: dict[str, Any] = {
-        "points": state.points,
-        "velocities": state.velocities,
-        "pressures": state.pressures,
-        "spheres": state.sphere_positions,
-    }
-    return {name: array.numpy() for name, array in found.items()}
+    return {name: getattr(state, name).numpy() for name in ("points", "velocities", "pressures", "sphere_positions")}
 
 
 @pytest.mark.always("viscous latex-held", "fresh normals, odd substeps-held")

@@ -57,7 +57,6 @@ def bytes_taken(simulator: Simulator) -> int:
 @pytest.mark.parametrize("water", [None, Water(level=-9.0)])
 @pytest.mark.parametrize("schedule", SCHEDULES)
 def test_the_estimate_is_what_is_allocated(schedule: str, water: Water | None, device: str):
-    """The estimate of bytes per world is that of the allocation, to half a percent."""
     if schedule in ("lanes", "octets") and device != "cpu":
         pytest.skip(f"{schedule} is for the CPU")
     if schedule == "octets" and water:
@@ -81,8 +80,9 @@ def test_worlds_that_do_not_fit_are_refused_with_the_number_that_would(monkeypat
     world = world_bytes(model) + schedule_named("scatter", model).world_bytes(model)
     monkeypatch.setattr(memory, "free_memory", lambda device: int(10.5 * world / memory.USABLE))
     assert len(Simulator(scene(), "cpu", 10, schedule="scatter").state.points) == 10
-    sentence = r"^64 worlds do not fit: they need .* GiB, and cpu has .* enough for 10 worlds$"
-    with pytest.raises(InputError, match=sentence):
+    with pytest.raises(
+        InputError, match=r"^64 worlds do not fit: they need .* GiB, and cpu has .* enough for 10 worlds$"
+    ):
         Simulator(scene(), "cpu", 64, schedule="scatter")
 
 

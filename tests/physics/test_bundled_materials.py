@@ -1,5 +1,6 @@
 """Bundled scenes of rubber and foil do what they are there to show."""
 
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -7,11 +8,18 @@ import pytest
 from played import played, shape_at
 from scipy.optimize import brentq, minimize_scalar
 
-from balloon_warp import Frame
+from balloon_warp import Frame, PolygonMesh
 from balloon_warp.mesh.geometry import signed_volume, total_area
 from balloon_warp.mesh.topology import mesh_edges
 
 pytestmark = pytest.mark.physics
+
+
+def latex_pressure(mesh: PolygonMesh, stretch: float) -> float:
+    """Return A h W' / (3 V l^2) of Mooney-Rivlin rubber [Pa]."""
+    mu, ratio = 3.3e5, 0.1
+    rising = (1.0 / stretch - stretch**-7.0) * (1.0 + ratio * stretch**2) / (1.0 + ratio)
+    return 2.0 * mu * 2e-4 * total_area(mesh) / (3.0 * signed_volume(mesh)) * rising
 
 
 def test_latex_inflate_shows_that_blowing_is_hardest_at_the_start():
@@ -19,18 +27,12 @@ def test_latex_inflate_shows_that_blowing_is_hardest_at_the_start():
     largest peaks at the start, falls until a stretch of 3.1, and rises; in the end the smallest has the most."""
     model, frames = played("latex_inflate")
     mesh = model.shapes[2].mesh
-    area, volume, (mu, ratio) = total_area(mesh), signed_volume(mesh), (3.3e5, 0.1)
 
     def stretch_at(frame: Frame, balloon: int) -> float:
-        return float(np.cbrt(signed_volume(shape_at(model, frame, balloon)) / volume))
-
-    def pressure_at(stretch: float) -> float:
-        """Return A h W' / (3 V l^2)."""
-        rising = (1.0 / stretch - stretch**-7.0) * (1.0 + ratio * stretch**2) / (1.0 + ratio)
-        return 2.0 * mu * 2e-4 * area / (3.0 * volume) * rising
+        return float(np.cbrt(signed_volume(shape_at(model, frame, balloon)) / signed_volume(mesh)))
 
     for balloon in range(3):
-        pressure, expected = frames[-1].pressures[balloon], pressure_at(stretch_at(frames[-1], balloon))
+        pressure, expected = frames[-1].pressures[balloon], latex_pressure(mesh, stretch_at(frames[-1], balloon))
         assert pressure == pytest.approx(expected, rel=0.01)
     assert frames[-1].pressures[0] > 1.1 * max(frames[-1].pressures[1:])
     curve = np.array([(stretch_at(frame, 2), frame.pressures[2]) for frame in frames if frame.number <= 48])
@@ -105,12 +107,7 @@ def test_two_latex_balloons_end_at_the_two_roots_of_one_pressure():
     it is: the smaller one empties, and gas is conserved; each within 1 %."""
     model, frames = played("two_latex_balloons")
     mesh = model.shapes[0].mesh
-    area, volume, (mu, ratio) = total_area(mesh), signed_volume(mesh), (3.3e5, 0.1)
-
-    def pressure_at(stretch: float) -> float:
-        """Return A h W' / (3 V l^2)."""
-        rising = (1.0 / stretch - stretch**-7.0) * (1.0 + ratio * stretch**2) / (1.0 + ratio)
-        return 2.0 * mu * 2e-4 * area / (3.0 * volume) * rising
+    volume, pressure_at = signed_volume(mesh), partial(latex_pressure, mesh)
 
     def moles_at(stretch: float) -> float:
         return (101325.0 + pressure_at(stretch)) * volume * stretch**3 / (8.314462618 * 293.15)

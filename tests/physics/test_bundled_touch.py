@@ -100,8 +100,7 @@ def test_a_balloon_slips_through_the_slot():
     distance, thick = MeshDistance(plate.mesh.points, plate.triangles, thickness=0.0), np.ptp(plate.mesh.points[:, 1])
     seen = []
     for frame in frames[::10]:
-        pose = frame.obstacle_poses[0]
-        seen.append(Rotation.from_quat(pose[3:]).inv().apply(frame.points[0].astype(np.float64) - pose[:3]))
+        seen.append(seen_from(frame, 0, 0))
         assert distance(seen[-1]).min() > -ROUNDING
     assert seen[0][:, 1].max() < 0.0
     assert seen[-1][:, 1].min() > thick

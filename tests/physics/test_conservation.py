@@ -47,8 +47,7 @@ def drifts(simulator: Simulator, frames: int = FRAMES) -> tuple[NDArray, NDArray
     A substep rounds each velocity and place by up to half an epsilon of itself, to either side: after n substeps the
     error is about sqrt(n) of that, and no more if all particles' roundings had one sign."""
     before = momentum(simulator), angular_momentum(simulator)
-    worst = np.zeros(2)
-    fastest, farthest = 0.0, 0.0
+    worst, fastest, farthest = np.zeros(2), 0.0, 0.0
     for _ in range(frames):
         simulator.step()
         points, velocities = motion(simulator)
@@ -132,13 +131,8 @@ STRETCH = 0.1
 
 def two_particles(solver: Solver, substeps: int, device: str) -> Simulator:
     """Return two particles on a stretched spring, let go: the length is 1 + STRETCH cos(OMEGA t)."""
-    balloon = Balloon(
-        mesh=mesh_of([[-0.5, 0, 0], [0.5, 0, 0]], [[0, 1]]),
-        mass=2.0 * MASS,
-        damping=0.0,
-        stiffness=Stiffness(structural=STIFFNESS),
-        inflation=NO_INFLATION,
-    )
+    pair, spring = mesh_of([[-0.5, 0, 0], [0.5, 0, 0]], [[0, 1]]), Stiffness(structural=STIFFNESS)
+    balloon = Balloon(mesh=pair, mass=2.0 * MASS, damping=0.0, stiffness=spring, inflation=NO_INFLATION)
     simulator = Simulator(Scene(balloon=[balloon], gravity=0.0, solver=solver, substeps=substeps), device)
     stretch(simulator, 1.0 + STRETCH)
     return simulator
@@ -205,9 +199,7 @@ def test_the_stable_step_is_exact_for_two_particles_on_a_spring(solver: Solver, 
 
 def test_auto_takes_the_step_at_which_damping_makes_up_for_forward_euler():
     balloon = Balloon(mesh=quad_sphere(3), damping=2.0)
-    symplectic, forward = (
-        Simulator(Scene(balloon=[balloon], solver=solver), "cpu").model.substeps for solver in SOLVERS
-    )
+    symplectic, forward = (build_model(Scene(balloon=[balloon], solver=solver), "cpu").substeps for solver in SOLVERS)
     assert forward > 2 * symplectic
     with pytest.raises(InputError, match=r"^substeps: forward Euler without damping gains energy at every step"):
         Simulator(Scene(balloon=[balloon.model_copy(update={"damping": 0.0})], solver="forward_euler"), "cpu")

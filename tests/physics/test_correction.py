@@ -5,16 +5,14 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
-import warp as wp
-from conserved import advanced
+from conserved import advanced, forces_by_scatter, put
 from meshes import mesh_of, moebius, prism, quad_sphere
 from scipy.spatial import ConvexHull
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.model import Model, build_model, initial_state
+from balloon_warp.model import Model
 from balloon_warp.scene import Balloon, Inflation, Material, Scene, Stiffness
-from balloon_warp.schedules.scatter import ScatterSchedule
 from balloon_warp.simulator import Simulator
 from balloon_warp.springs import build_springs
 from balloon_warp.springs.coloring import color_springs
@@ -32,12 +30,6 @@ def scene_of(mesh: Any, correction: Literal["none", "provot", "tarantino"] = "pr
     return Scene(balloon=[Balloon(**balloon)], correction=correction, **({"gravity": 0.0, "substeps": 1} | fields))
 
 
-def begin_at(simulator: Simulator, points: np.ndarray, velocities: np.ndarray | None = None) -> None:
-    for array, values in ((simulator.state.points, points), (simulator.state.velocities, velocities)):
-        if values is not None:
-            wp.copy(array, wp.array(values[None], dtype=wp.vec3, device=simulator.model.device))
-
-
 def stretches(model: Model, points: np.ndarray) -> np.ndarray:
     """Return length over rest length of the first balloon's springs, of points of shape (..., particle_count, 3)."""
     springs = model.shapes[0].springs
@@ -52,19 +44,15 @@ PAIR = mesh_of([[0, 0, 0], [1, 0, 0]], [[0, 1]])
 @pytest.mark.parametrize(
     ("length", "fixed", "expected"),
     [
-        (1.5, [], [0.2, 1.3]),
-        (1.5, [0], [0.0, 1.1]),
-        (1.5, [1], [0.4, 1.5]),
-        (1.5, [0, 1], [0.0, 1.5]),
+        *((1.5, [], [0.2, 1.3]), (1.5, [0], [0.0, 1.1]), (1.5, [1], [0.4, 1.5]), (1.5, [0, 1], [0.0, 1.5])),
         (1.0999, [], [0.0, 1.0999]),
     ],
 )
 def test_a_long_spring_is_shortened_by_both_ends_or_the_free_one(
     length: float, fixed: list[int], expected: list[float], device: str
 ):
-    """A spring is shortened to its limit of 1.1 m, and left alone within it."""
     simulator = Simulator(scene_of(PAIR, fixed=fixed), device)
-    begin_at(simulator, np.array([[0, 0, 0], [length, 0, 0]]))
+    put(simulator, np.array([[0, 0, 0], [length, 0, 0]]))
     np.testing.assert_allclose(simulator.step().points[0][:, 0], expected, atol=1e-6)
 
 
@@ -96,9 +84,9 @@ def pressed_ball(mesh: PolygonMesh, device: str) -> np.ndarray:
     strong = Inflation(k_normal=[(0.0, 0.0), (0.3, 6.0)])
     scene = scene_of(mesh, stiffness=Stiffness(), inflation=strong, damping=2.0, substeps=30, normals="fresh")
     simulator = Simulator(scene, device, schedule="gather")
-    advanced(simulator, 30)
-    assert stretches(simulator.model, simulator.read_frame().points[0]).max() > 1.09
-    return simulator.read_frame().points[0].astype(np.float64)
+    points = advanced(simulator, 30).points[0]
+    assert stretches(simulator.model, points).max() > 1.09
+    return points.astype(np.float64)
 
 
 def test_the_numbers_of_particles_do_not_matter_and_how_the_mesh_is_turned_hardly(device):
@@ -134,12 +122,10 @@ def test_no_spring_exceeds_its_worlds_limit_by_more_than_a_hundredth(device):
 def test_with_tarantino_a_spring_at_its_limit_does_not_pull(device):
     for correction, stretch, pulls in (("provot", 1.1, True), ("tarantino", 1.1, False), ("tarantino", 1.09, True)):
         scene = scene_of(PAIR, correction, stiffness=Stiffness(structural=8.0))
-        model = build_model(scene, device)
-        state, scatter = initial_state(model), ScatterSchedule(model)
-        wp.copy(state.points, wp.array([[[0, 0, 0], [stretch, 0, 0]]], dtype=wp.vec3, device=device))
-        scatter.sum_forces(state)
+        simulator = Simulator(scene, device, schedule="scatter")
+        put(simulator, np.array([[0, 0, 0], [stretch, 0, 0]]))
         expected = 8.0 * (stretch - 1.0) if pulls else 0.0
-        np.testing.assert_allclose(scatter.forces.numpy()[0, :, 0], [expected, -expected], atol=1e-5)
+        np.testing.assert_allclose(forces_by_scatter(simulator)[:, 0], [expected, -expected], atol=1e-5)
 
 
 def uneven_ball(count: int = 300, radius: float = 0.5) -> PolygonMesh:
@@ -166,9 +152,7 @@ def test_rounding_does_not_decide_which_springs_at_the_limit_pull(limit: float):
     ends = []
     for schedule in ("scatter", "octets"):
         simulator = Simulator(scene, "cpu", schedule=schedule)
-        for _ in range(30):
-            simulator.advance()
-        ends.append(simulator.state.points.numpy()[0])
+        ends.append(advanced(simulator, 30).points[0])
     assert np.mean(stretches(simulator.model, ends[0]) > 1.0 + 0.9 * limit) > 0.1
     np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=3e-4)
 
@@ -176,9 +160,8 @@ def test_rounding_does_not_decide_which_springs_at_the_limit_pull(limit: float):
 def test_correction_without_a_spring_is_refused():
     """Correction of rubber, which has no springs, is refused; beside springs it acts on these."""
     rubber = Material(kind="neo_hookean")
-    with pytest.raises(
-        InputError, match=r'^correction: "provot" shortens springs, and no balloon has any; expected "none"'
-    ):
+    said = r'^correction: "provot" shortens springs, and no balloon has any; expected "none"'
+    with pytest.raises(InputError, match=said):
         scene_of(PAIR, material=rubber)
     ball = quad_sphere(2)
     scene_of(ball, material=rubber.model_copy(update={"springs": ["structural"]}))

@@ -158,6 +158,14 @@ def tank(volume: float, gas: dict) -> Balloon:
     return gas_balloon(with_volume(cube(), volume), {"gamma": GAMMA, **gas}, fixed=list(range(8)))
 
 
+def joined_tanks(first: float, second: float, conductance: float, substeps: int, device: str, **gas) -> Simulator:
+    """Return two tanks of 20 and 50 liters, at two pressures at the start [Pa], with a tube between them."""
+    tanks = [tank(0.02, {"start_pressure": first, **gas}), tank(0.05, {"start_pressure": second, **gas})]
+    tube = Tube(balloons=(0, 1), conductance=conductance)
+    scene = Scene(balloon=tanks, tube=[tube], frames_per_second=10, substeps=substeps, touch=False)
+    return Simulator(scene, device)
+
+
 @pytest.mark.parametrize("gamma", [1.0, 1.2, 1.4])
 def test_p_v_gamma_stays_when_the_air_s_pressure_falls(gamma: float):
     """Gas expands along its adiabat when the air's pressure falls by a tenth, where p V^gamma once grew; or keeps p V =
@@ -174,20 +182,18 @@ def test_p_v_gamma_stays_when_the_air_s_pressure_falls(gamma: float):
         np.testing.assert_allclose(invariant[1], before.gas_amounts[0] * GAS_CONSTANT * TEMPERATURE, rtol=1e-5)
 
 
-@pytest.mark.parametrize(("gamma", "warmth"), [(1.0, 1.1), (1.4, 1.0)])
-def test_the_air_s_warmth_reaches_only_gas_that_heat_passes_to(gamma: float, warmth: float):
-    """Air a tenth warmer expands isothermal gas by p V = n R T and leaves adiabatic gas alone."""
+@pytest.mark.parametrize("gamma", [1.0, 1.4])
+def test_the_air_s_warmth_reaches_only_gas_that_heat_passes_to(gamma: float):
     simulator = in_balloon(gamma, {"atmosphere.temperature": 1.1 * TEMPERATURE})
     amount = simulator.read_frame().gas_amounts[0]
     frame = advanced(simulator, 90)
     at_rest = advanced(in_balloon(gamma, {"atmosphere.temperature": TEMPERATURE}), 90)
-    inside = AIR_PRESSURE + frame.pressures[0]
-    if warmth == 1.0:
+    if gamma > 1.0:
         np.testing.assert_array_equal(frame.points[0], at_rest.points[0])
     else:
-        held = amount * GAS_CONSTANT * warmth * TEMPERATURE
-        np.testing.assert_allclose(inside * volume_of(simulator, frame), held, rtol=1e-5)
-        assert volume_of(simulator, frame) > 1.05 * volume_of(simulator, at_rest)
+        volume, held = volume_of(simulator, frame), amount * GAS_CONSTANT * 1.1 * TEMPERATURE
+        np.testing.assert_allclose((AIR_PRESSURE + frame.pressures[0]) * volume, held, rtol=1e-5)
+        assert volume > 1.05 * volume_of(simulator, at_rest)
 
 
 def test_a_tank_that_is_filled_gains_gamma_r_t_with_each_mole(device: str):
@@ -214,10 +220,7 @@ def test_a_tank_that_fills_another_keeps_the_energy(device: str):
     """Two tanks conserve energy, p V / (gamma - 1) of both: no heat, no work. The filling one expands adiabatically, n
     / n' = (p / p')^(1 / gamma): it cools, and the other ends warmer than both were."""
     volumes = np.array([0.02, 0.05])
-    tanks = [tank(0.02, {"start_pressure": 20000.0}), tank(0.05, {})]
-    tube = Tube(balloons=(0, 1), conductance=1e-4)
-    scene = Scene(balloon=tanks, tube=[tube], frames_per_second=10, substeps=100, touch=False)
-    simulator = Simulator(scene, device)
+    simulator = joined_tanks(20000.0, 0.0, 1e-4, 100, device)
     before, after = simulator.read_frame(), advanced(simulator, 6)
     inside = [AIR_PRESSURE + frame.pressures.astype(np.float64) for frame in (before, after)]
     np.testing.assert_allclose(inside[1], inside[0] @ volumes / volumes.sum(), atol=3.0)
@@ -237,11 +240,8 @@ def test_another_gamma_begins_at_the_pressure_that_there_is(gammas: tuple[float,
 
 def test_gas_is_pumped_by_its_keyframes_and_let_out_to_the_last(device: str):
     """The amount is the integral of the pump's linear keyframes; a fiftieth of the initial air is left in the end."""
-    fixed = list(range(8))
-    balloon = gas_balloon(
-        with_volume(cube(), 0.02), {"amount": 1.0, "pump": [(0.0, 0.0), (0.2, 1.0), (0.4, -40.0)]}, fixed=fixed
-    )
-    simulator = Simulator(Scene(balloon=[balloon], frames_per_second=10, substeps=7), device)
+    pumped = tank(0.02, {"gamma": 1.0, "amount": 1.0, "pump": [(0.0, 0.0), (0.2, 1.0), (0.4, -40.0)]})
+    simulator = Simulator(Scene(balloon=[pumped], frames_per_second=10, substeps=7), device)
     amounts = [float(advanced(simulator, 1).gas_amounts[0]) for _ in range(6)]
     np.testing.assert_allclose(amounts[:2], [1.025, 1.1], rtol=1e-6)
     last = 0.02 * AIR_PRESSURE * 0.02 / (GAS_CONSTANT * TEMPERATURE)
@@ -252,15 +252,7 @@ def test_gas_is_pumped_by_its_keyframes_and_let_out_to_the_last(device: str):
 @pytest.mark.parametrize("conductance", [1e-5, 1.0])
 def test_a_tube_evens_out_pressures_and_loses_nothing(conductance: float, device: str):
     """Pressures of two rigid balloons equalize at C (dp1/dn1 + dp2/dn2), or at once, and gas is conserved."""
-    rigid = [with_volume(cube(), 0.02), with_volume(cube(), 0.05)]
-    starts = [2000.0, 500.0]
-    balloons = [
-        gas_balloon(mesh, {"start_pressure": start}, fixed=list(range(8)))
-        for mesh, start in zip(rigid, starts, strict=True)
-    ]
-    tube = Tube(balloons=(0, 1), conductance=conductance)
-    scene = Scene(balloon=balloons, tube=[tube], substeps=200, frames_per_second=10, touch=False)
-    simulator = Simulator(scene, device)
+    simulator = joined_tanks(2000.0, 500.0, conductance, 200, device, gamma=1.0)
     before = simulator.read_frame()
     after = advanced(simulator, 1)
     np.testing.assert_allclose(after.gas_amounts.sum(), before.gas_amounts.sum(), rtol=1e-12)
@@ -307,7 +299,6 @@ def test_the_flow_is_the_conductance_times_the_difference_at_any_step(substeps: 
 
 
 def test_what_has_flowed_is_missing_here_and_is_there(device: str):
-    """Gas is conserved in a tube: amounts change by the reported flow, to float32's rounding."""
     scene = chained(0.005, 1).model_copy(update={"frames_per_second": 1200.0})
     simulator = Simulator(scene, device)
     for _ in range(3):
@@ -319,7 +310,6 @@ def test_what_has_flowed_is_missing_here_and_is_there(device: str):
 
 @pytest.mark.parametrize("breathing_damping", [0.0, 1.0])
 def test_wide_tubes_make_one_balloon_of_three(breathing_damping: float, device: str):
-    """Wide tubes equalize pressures soon, at rest and without oscillation, however wide."""
     simulator = Simulator(chained(1e4, 14, breathing_damping), device)
     frames = [advanced(simulator, 1) for _ in range(20)]
     for frame in frames:
@@ -343,10 +333,9 @@ def swing(breathing_damping: float, phase_of_step: float, periods: float) -> NDA
     setting = {"gravity": 0.0, "frames_per_second": OMEGA / phase_of_step, "substeps": 1}
     simulator = Simulator(Scene(balloon=[gas_balloon(MESH, gas, mass=MASS)], **setting), "cpu")
     set_state(simulator, points=1.001 * MESH.points)
-    sizes = []
-    for _ in range(int(np.ceil(periods * 2.0 * np.pi / phase_of_step))):
-        sizes.append(float(np.linalg.norm(simulator.step().points[0].astype(np.float64), axis=1).mean()) / RADIUS)
-    return np.array(sizes) - 1.0
+    count = int(np.ceil(periods * 2.0 * np.pi / phase_of_step))
+    sizes = [np.linalg.norm(simulator.step().points[0].astype(np.float64), axis=1).mean() for _ in range(count)]
+    return np.array(sizes) / RADIUS - 1.0
 
 
 def phase_of(swing: NDArray) -> float:
@@ -399,7 +388,6 @@ def test_the_undamped_frequency_is_right_to_second_order():
 
 
 def test_its_damping_may_change_while_it_runs():
-    """A change of the damping while it runs takes effect, by other kernels."""
     gases = {"molar_mass": 0.0}, {"molar_mass": 0.0, "breathing_damping": 0.0}
     simulator, undamped = (
         Simulator(Scene(balloon=[gas_balloon(MESH, gas, mass=MASS)], gravity=0.0), "cpu") for gas in gases
@@ -533,6 +521,12 @@ def flown(simulator: Simulator, frames: int) -> tuple[NDArray[np.float64], list[
     return momentum(simulator, seen[-1]), seen, flows
 
 
+def outflow(simulator: Simulator, frame: Frame) -> float:
+    """Return how much air leaves a square meter [mol/s/m^2]."""
+    density = frame.gas_amounts[0] * OF_AIR / volume_of(simulator, frame)
+    return isentropic(frame.pressures[0], density)[0] / OF_AIR
+
+
 def test_the_jet_pushes_by_two_areas_times_the_pressure(device: str):
     """The thrust is 2 C_d A p and the outflow C_d A sqrt(2 p rho), less a hundredth, up from a neck at the bottom."""
     simulator = flying(Neck(diameter=0.02, discharge=0.9), device)
@@ -540,10 +534,7 @@ def test_the_jet_pushes_by_two_areas_times_the_pressure(device: str):
     impulse = 0.9 * area_of(0.02) * sum(isentropic(frame.pressures[0], 1.0)[1] for frame in frames) / 1000.0
     # what has left took its momentum along: less than a hundredth here, see the next test
     np.testing.assert_allclose(end, [0.0, impulse, 0.0], rtol=0.02, atol=2e-3 * impulse)
-    last = frames[-1]
-    density = last.gas_amounts[0] * OF_AIR / volume_of(simulator, last)
-    expected = 0.9 * area_of(0.02) * isentropic(last.pressures[0], density)[0] / OF_AIR
-    np.testing.assert_allclose(flows[-1], expected, rtol=0.01)
+    np.testing.assert_allclose(flows[-1], 0.9 * area_of(0.02) * outflow(simulator, frames[-1]), rtol=0.01)
 
 
 def test_balloon_and_gas_keep_their_momentum(device: str):
@@ -582,36 +573,30 @@ def test_a_neck_is_a_vertex_or_a_group_of_faces_and_its_jet_turns_with_the_mesh(
 def test_a_leak_lets_gas_out_and_pushes_nothing(device: str):
     simulator = flying(None, device, leak=2e-4)
     end, frames, flows = flown(simulator, 10)
-    density = frames[-1].gas_amounts[0] * OF_AIR / volume_of(simulator, frames[-1])
-    np.testing.assert_allclose(flows[-1], 2e-4 * isentropic(frames[-1].pressures[0], density)[0] / OF_AIR, rtol=0.01)
+    np.testing.assert_allclose(flows[-1], 2e-4 * outflow(simulator, frames[-1]), rtol=0.01)
     np.testing.assert_allclose(end, 0.0, atol=1e-5)
 
 
 def test_a_neck_is_open_between_its_times_and_worlds_differ(device: str):
-    """A neck is open from the second frame to the fourth in one world and never in another."""
     scene = rigid(2000.0, Neck(diameter=0.005, opens=0.02, closes=0.04)).model_copy(update={"frames_per_second": 100})
     simulator = Simulator(scene, device, 2, {"balloon.neck.diameter": [0.005, 0.0]})
     pressures = [advanced(simulator, 1) and simulator.state.pressures.numpy()[:, 0].copy() for _ in range(6)]
     first, second = np.array(pressures).T
     np.testing.assert_allclose(second, 2000.0, atol=PRESSURE_ROUNDING)
     np.testing.assert_allclose(first[:2], 2000.0, atol=PRESSURE_ROUNDING)
-    assert first[1] - first[2] > 50.0
-    assert first[2] - first[3] > 50.0
+    assert (np.diff(first[1:4]) < -50.0).all()
     np.testing.assert_allclose(first[4:], first[3], atol=PRESSURE_ROUNDING)
 
 
-def test_a_change_lets_it_go(device: str):
-    """A planned change opens a neck that was shut at the start."""
-    scene = rigid(2000.0, Neck(diameter=0.0)).model_copy(
-        update={"change": [Change(time=2 / 60, set={"balloon.neck.diameter": 0.02})]}
-    )
-    pressures = [float(frame.pressures[0]) for frame in Simulator(scene.model_copy(update={"frames": 4}), device).run()]
+def test_a_planned_change_opens_a_neck_that_was_shut(device: str):
+    opened = Change(time=2 / 60, set={"balloon.neck.diameter": 0.02})
+    scene = rigid(2000.0, Neck(diameter=0.0)).model_copy(update={"change": [opened], "frames": 4})
+    pressures = [float(frame.pressures[0]) for frame in Simulator(scene, device).run()]
     np.testing.assert_allclose(pressures[:3], 2000.0, atol=PRESSURE_ROUNDING)
     assert pressures[3] < 1900.0
 
 
 def test_what_leaves_and_pushes_is_told_in_table_and_stage(device: str, tmp_path: Path):
-    """The table and the stage report the frame's moles, the mean stretch over the start, and the jet's thrust."""
     simulator = flying(Neck(diameter=0.02, discharge=0.5), device)
     with StageWriter(tmp_path / "flight.usda", simulator.model) as writer:
         writer.write(simulator.read_frame())

@@ -64,7 +64,6 @@ def test_a_stiff_ball_grows_as_in_explicit_steps(number: int, stiff_balls: Simul
 
 
 def test_so_many_iterations_are_made_as_it_takes(stiff_balls: Simulator):
-    """Iterations are within the bounds, more for stiffer springs, and all worlds converge."""
     iterations = stiff_balls.schedule._settling.iterations.numpy()
     assert iterations.min() >= LEAST_ITERATIONS
     assert iterations.max() < MOST_ITERATIONS
@@ -121,18 +120,12 @@ class Trembling:
 
     def __init__(self, drift: float, trembles: float):
         self.model = SimpleNamespace(scene=SimpleNamespace(frames_per_second=RATE), substeps=SUBSTEPS)
-        self._point, self._drift, self._trembles, self.frames = 0.2, drift, trembles, 0
-
-    @property
-    def state(self) -> SimpleNamespace:
-        point = np.array([[[self._point, 0.0, 0.0]]])
-        velocity = np.array([[[0.0, self._trembles, 0.0]]])
-        return SimpleNamespace(
-            points=SimpleNamespace(numpy=lambda: point), velocities=SimpleNamespace(numpy=lambda: velocity)
-        )
+        self._drift, self.frames, self._points = drift, 0, np.array([[[0.2, 0.0, 0.0]]])
+        velocities = SimpleNamespace(numpy=lambda: np.array([[[0.0, trembles, 0.0]]]))
+        self.state = SimpleNamespace(points=SimpleNamespace(numpy=self._points.copy), velocities=velocities)
 
     def step_unread(self) -> None:
-        self._point += self._drift / RATE
+        self._points[0, 0, 0] += self._drift / RATE
         self.frames += 1
 
 

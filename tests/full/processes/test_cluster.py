@@ -22,7 +22,6 @@ from meshes import quad_sphere
 from pxr import Sdf
 
 from balloon_warp import Cluster, InputError, MissingExtraError, Scene, TrajectoryFiles, WorkersLostError, run_batch
-from balloon_warp.mesh.obj import write_obj
 from balloon_warp.model import memory
 from balloon_warp.scene import Balloon
 from balloon_warp.sweep import cluster as cluster_module
@@ -46,13 +45,8 @@ def fine_grain(monkeypatch) -> None:
 @pytest.fixture
 def vary(tmp_path) -> dict:
     """Return two meshes in turn, which makes two groups, and a mass of its own for each world."""
-    paths = [tmp_path / "coarse.obj", tmp_path / "fine.obj"]
-    for path, size in zip(paths, (3, 4), strict=True):
-        write_obj(path, quad_sphere(size))
-    return {
-        "balloon.0.mesh": [paths[world % 2] for world in range(WORLDS)],
-        "balloon.mass": np.linspace(0.1, 0.2, WORLDS),
-    }
+    paths = small_batch.write_meshes(tmp_path)
+    return {"balloon.0.mesh": paths * (WORLDS // 2), "balloon.mass": np.linspace(0.1, 0.2, WORLDS)}
 
 
 @pytest.fixture(scope="module")
@@ -290,13 +284,9 @@ def test_a_mistake_gets_one_sentence_and_status_2(tmp_path, monkeypatch, capfd, 
 
 def test_a_script_without_a_guard_is_told(tmp_path):
     """A script without a main guard is reported: each worker imports it, and would start workers of its own."""
-    script = tmp_path / "script.py"
-    script.write_text(
-        "import balloon_warp as bw\n"
-        f"ball = bw.load_mesh({str(write_ball(tmp_path))!r})\n"
-        "scene = bw.Scene(balloon=[{'mesh': ball}], frames=1)\n"
-        "bw.run_batch(scene, 'out', 2, cluster=bw.Cluster(workers=1))\n"
-    )
+    scene = f"bw.Scene(balloon=[{{'mesh': bw.load_mesh({str(write_ball(tmp_path))!r})}}], frames=1)"
+    batch = f"import balloon_warp as bw\nbw.run_batch({scene}, 'out', 2, cluster=bw.Cluster(workers=1))\n"
+    (script := tmp_path / "script.py").write_text(batch)
     ended = subprocess.run([sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, timeout=300)
     assert ended.returncode == 1
     assert ended.stderr.splitlines()[-1].startswith("balloon_warp.errors.InputError: --workers 1: the workers do not")
@@ -326,13 +316,10 @@ def fill_first(folder: str, most: int) -> None:
     if any(claim.exists() and claim.read_text() == str(os.getpid()) for claim in claims):
         return
     for claim in claims:
-        try:
-            with claim.open("x") as file:
-                file.write(str(os.getpid()))
-        except FileExistsError:
-            continue
-        memory.free_memory = lambda device: 1024
-        return
+        with contextlib.suppress(FileExistsError), claim.open("x") as file:
+            file.write(str(os.getpid()))
+            memory.free_memory = lambda device: 1024
+            return
 
 
 def simulate(folder: Path, cluster: Cluster | None, notes: list[str]) -> bytes:
@@ -344,20 +331,21 @@ def simulate(folder: Path, cluster: Cluster | None, notes: list[str]) -> bytes:
     return (folder / "table.csv").read_bytes()
 
 
+def full(folder: Path, most: int) -> Cluster:
+    """Return two workers, so many of which are full."""
+    return Cluster(workers=2, prepare=functools.partial(fill_first, str(folder), most))
+
+
 def test_others_do_what_does_not_fit(tmp_path):
     notes: list[str] = []
-    (claims := tmp_path / "claims").mkdir()
-    cluster = Cluster(workers=2, prepare=functools.partial(fill_first, str(claims), 1))
-    table = simulate(tmp_path / "two", cluster, notes)
-    assert len(notes) == 1
-    assert "2 worlds do not fit: they need" in notes[0]
-    assert notes[0].endswith("; the other workers do its share")
+    table = simulate(tmp_path / "two", full(tmp_path, 1), notes)
+    (note,) = notes
+    assert "2 worlds do not fit: they need" in note
+    assert note.endswith("; the other workers do its share")
     assert table == simulate(tmp_path / "one", None, [])
 
 
 def test_where_all_are_full_the_batch_is_refused(tmp_path):
-    (claims := tmp_path / "claims").mkdir()
-    cluster = Cluster(workers=2, prepare=functools.partial(fill_first, str(claims), 2))
     with pytest.raises(InputError, match=r"worlds do not fit: they need"):
-        simulate(tmp_path / "out", cluster, [])
+        simulate(tmp_path / "out", full(tmp_path, 2), [])
     assert not (tmp_path / "out" / "table.csv").exists()

@@ -63,8 +63,7 @@ def test_colors_say_how_far_it_is_off(browser):
 def test_command_shows_it_and_stays(asked: list[str], labels: list[str], tmp_path, monkeypatch):
     monkeypatch.setattr(picture, "SIZE", (96, 84))
     monkeypatch.setattr(of_panels, "EDGES", 6)
-    shown: list[DesignStep] = []
-    stopped: list[bool] = []
+    shown, stopped = list[DesignStep](), list[bool]()
     monkeypatch.setattr(DesignPage, "show", lambda self, step: shown.append(step))
     monkeypatch.setattr(DesignPage, "stop", lambda self: (stopped.append(True), self.server.stop()))
 

@@ -7,47 +7,26 @@ import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 import numpy as np
 import pytest
 
 EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
-SMALL: dict[str, dict[str, Any]] = {
-    "01_sweep": {"WORLDS": 3, "FRAMES": 3},
-    "02_pressure_curve": {"FRAMES": 6},
-    "03_custom_law": {"FRAMES": 6},
-    "04_mesh_from_trimesh": {"FRAMES": 2, "SECTIONS": 12},
-    "05_state_without_copy": {},
-    "06_batch_on_a_cluster": {"WORLDS": 2, "FRAMES": 2},
-    "07_results_with_pandas": {"FRAMES": 3},
-    "08_gradient": {},
-    "09_throw": {"STARTS": 2},
-    "10_pump": {},
-    "11_mesh_graph_net": {"WORLDS": 12, "FRAMES": 4, "STEPS": 2},
-    "12_ppo": {},
+PROGRAMS: dict[str, tuple[dict[str, int], list[str], str | None]] = {
+    "01_sweep": ({"WORLDS": 3, "FRAMES": 3}, ["sweep.png"], "matplotlib"),
+    "02_pressure_curve": ({"FRAMES": 6}, ["pressure_curve.png"], "matplotlib"),
+    "03_custom_law": ({"FRAMES": 6}, ["custom_law.png"], "matplotlib"),
+    "04_mesh_from_trimesh": ({"FRAMES": 2, "SECTIONS": 12}, ["ring.png", "ring.usdc"], None),
+    "05_state_without_copy": ({}, [], None),
+    "06_batch_on_a_cluster": ({"WORLDS": 2, "FRAMES": 2}, ["lifts"], "distributed"),
+    "07_results_with_pandas": ({"FRAMES": 3}, ["pandas.png", "spheres"], "pandas"),
+    "08_gradient": ({}, [], None),
+    "09_throw": ({"STARTS": 2}, [], None),
+    "10_pump": ({}, [], None),
+    "11_mesh_graph_net": ({"WORLDS": 12, "FRAMES": 4, "STEPS": 2}, ["mesh_graph_net.png", "thrown"], "torch"),
+    "12_ppo": ({}, ["ppo_Inflate.csv", "ppo_Inflate.png"], "torch"),
 }
-"""what replaces each one's numbers"""
-MADE = {
-    "01_sweep": ["sweep.png"],
-    "02_pressure_curve": ["pressure_curve.png"],
-    "03_custom_law": ["custom_law.png"],
-    "04_mesh_from_trimesh": ["ring.png", "ring.usdc"],
-    "05_state_without_copy": [],
-    "06_batch_on_a_cluster": ["lifts"],
-    "07_results_with_pandas": ["pandas.png", "spheres"],
-    "08_gradient": [],
-    "09_throw": [],
-    "10_pump": [],
-    "11_mesh_graph_net": ["mesh_graph_net.png", "thrown"],
-    "12_ppo": ["ppo_Inflate.csv", "ppo_Inflate.png"],
-}
-NEEDED = {"01_sweep": "matplotlib", "02_pressure_curve": "matplotlib", "03_custom_law": "matplotlib"} | {
-    "06_batch_on_a_cluster": "distributed",
-    "07_results_with_pandas": "pandas",
-    "11_mesh_graph_net": "torch",
-    "12_ppo": "torch",
-}
+"""what replaces each one's numbers, the files that it makes, and the package that it needs"""
 ARGUMENTS = {"12_ppo": "Inflate --envs 8 --steps 4 --updates 3 --device cpu"}
 """what follows a program's name"""
 
@@ -55,7 +34,7 @@ ARGUMENTS = {"12_ppo": "Inflate --envs 8 --steps 4 --updates 3 --device cpu"}
 def small(name: str, folder: Path) -> Path:
     """Return a copy of the program with small numbers."""
     code = (EXAMPLES / f"{name}.py").read_text(encoding="utf-8")
-    for constant, number in SMALL[name].items():
+    for constant, number in PROGRAMS[name][0].items():
         code, count = re.subn(rf"^{constant} = \d+$", f"{constant} = {number}", code, flags=re.MULTILINE)
         assert count == 1, constant
     copy = folder / f"example_{name}.py"
@@ -64,7 +43,7 @@ def small(name: str, folder: Path) -> Path:
 
 
 def test_all_are_here():
-    assert sorted(path.stem for path in EXAMPLES.glob("*.py")) == sorted(SMALL) == sorted(MADE)
+    assert sorted(path.stem for path in EXAMPLES.glob("*.py")) == sorted(PROGRAMS)
 
 
 @pytest.fixture
@@ -86,13 +65,14 @@ def run(name: str, here: Path) -> ModuleType:
     return module
 
 
-@pytest.mark.parametrize("name", [name for name in SMALL if name != "06_batch_on_a_cluster"])
+@pytest.mark.parametrize("name", [name for name in PROGRAMS if name != "06_batch_on_a_cluster"])
 def test_it_runs(name: str, here: Path, monkeypatch: pytest.MonkeyPatch):
-    if name in NEEDED:
-        pytest.importorskip(NEEDED[name])
+    _, made, needed = PROGRAMS[name]
+    if needed:
+        pytest.importorskip(needed)
     monkeypatch.setattr(sys, "argv", [name, *ARGUMENTS.get(name, "").split()])
     module = run(name, here)
-    assert sorted(path.name for path in Path().iterdir()) == MADE[name]
+    assert sorted(path.name for path in Path().iterdir()) == made
     if name == "01_sweep":  # more pressure holds more
         assert (np.diff(module.volumes) > 0.0).all()
     if name == "02_pressure_curve":
@@ -123,4 +103,4 @@ def test_the_cluster_s_runs(here: Path):
     done = subprocess.run(command, capture_output=True, text=True, env=dict(os.environ), timeout=300, check=False)
     assert done.returncode == 0, done.stderr
     assert "'balloon.helium': (6,)" in done.stdout
-    assert sorted(path.name for path in Path().iterdir()) == MADE["06_batch_on_a_cluster"]
+    assert sorted(path.name for path in Path().iterdir()) == ["lifts"]

@@ -44,16 +44,11 @@ def cluster() -> Iterator[Cluster]:
 @pytest.mark.parametrize("world_count", [1, WORLDS])
 def test_workers_give_the_bits_of_one_process(cluster: Cluster, world_count: int) -> None:
     """Two workers take three worlds and two, with the targets of their own; of a single world one takes all."""
-    asked: dict[str, Any] = {
-        "of": [STIFFNESS, MASS],
-        "loss": far,
-        "world_count": world_count,
-        "vary": {path: values[:world_count] for path, values in VARY.items()},
-        "device": "cpu",
-    }
-    alone = gradient(SCENE, **asked)
+    vary = {path: values[:world_count] for path, values in VARY.items()}
+    asked: dict[str, Any] = {"of": [STIFFNESS, MASS], "loss": far, "world_count": world_count, "device": "cpu"}
+    alone = gradient(SCENE, **asked, vary=vary)
     frames: list[int] = []
-    together = gradient(SCENE, **asked, cluster=cluster, on_frame=frames.append)
+    together = gradient(SCENE, **asked, vary=vary, cluster=cluster, on_frame=frames.append)
     np.testing.assert_array_equal(together.loss, alone.loss)
     for path, values in alone.gradients.items():
         np.testing.assert_array_equal(together.gradients[path], values)

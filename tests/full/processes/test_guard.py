@@ -123,13 +123,8 @@ def test_a_page_for_others_warns_and_no_stranger_fills_the_terminal(host: str | 
     write_obj(tmp_path / "ball.obj", quad_sphere(3))
     port = free_port("127.0.0.1", 0)
     command = [sys.executable, "-m", "balloon_warp", "view", "ball.obj", "--device", "cpu", "--port", str(port)]
-    process = subprocess.Popen(
-        [*command, *(["--host", host] if host else [])],
-        cwd=tmp_path,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    command, pipe = [*command, *(["--host", host] if host else [])], subprocess.PIPE
+    process = subprocess.Popen(command, cwd=tmp_path, stdout=pipe, stderr=pipe, text=True)
     assert process.stdout
     try:
         printed = [process.stdout.readline()]

@@ -3,7 +3,7 @@
 import contextlib
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
@@ -45,38 +45,41 @@ def watcher(page: Page) -> Iterator[Connection]:
         yield window
 
 
+def hears_the_slider(page: Page, window: Connection) -> None:
+    say(window, update(page.controls.hands_on.inflation, value=0.5))
+    wait_until(lambda: page.session.picture.inflation == 0.5, "the slider")
+
+
 def test_what_a_window_says_is_heard(page: Page, watcher: Connection):
     """The messages that the tests below corrupt are valid and take effect."""
-    say(watcher, update(page.controls.hands_on.inflation, value=0.5))
-    wait_until(lambda: page.session.picture.inflation == 0.5, "the slider")
-    say(watcher, update(page.controls.wind, value=[1.0, 0, 0.0]))
-    wait_until(lambda: page.session.picture.scene.atmosphere.wind == (1.0, 0.0, 0.0), "the wind")
-    say(watcher, update(page.controls._ways["normals"], value="fresh"))
-    wait_until(lambda: page.session.picture.scene.normals == "fresh", "the choice")
-    say(watcher, update(page.controls.stable, value=False))
-    wait_until(lambda: not page.session.playground.keep_stable, "the box")
-    page.session.ask(lambda playground: setattr(playground, "keep_stable", True))
-    page.controls.stable.value = True
-    say(watcher, update(page.controls.hands_on.run, value=True))
-    wait_until(lambda: not page.session.picture.running, "the button")
-    [pause] = [
-        uuid for uuid, key in page.server.gui._command_handle_from_uuid.items() if key._impl.props.hotkey == "space"
-    ]
-    say(watcher, {"type": "CommandTriggerMessage", "uuid": pause})
-    wait_until(lambda: page.session.picture.running, "the key")
-    say(watcher, CLICK)
-    wait_until(lambda: len(page.session.picture.scene.sphere) == 1, "the click")
-    say(watcher, DRAG)
-    wait_until(lambda: page.session.picture.hands, "the hand")
-    say(watcher, DRAG | {"phase": "end"})
-    wait_until(lambda: not page.session.picture.hands, "the hand lets go")
+    controls, session = page.controls, page.session
+
+    def hears(message: object, happened: Callable[[], object], what: str) -> None:
+        say(watcher, message)
+        wait_until(happened, what)
+
+    hears_the_slider(page, watcher)
+    wind = (1.0, 0.0, 0.0)
+    hears(update(controls.wind, value=wind), lambda: session.picture.scene.atmosphere.wind == wind, "the wind")
+    hears(
+        update(controls._ways["normals"], value="fresh"), lambda: session.picture.scene.normals == "fresh", "a choice"
+    )
+    hears(update(controls.stable, value=False), lambda: not session.playground.keep_stable, "the box")
+    session.ask(lambda playground: setattr(playground, "keep_stable", True))
+    controls.stable.value = True
+    hears(update(controls.hands_on.run, value=True), lambda: not session.picture.running, "the button")
+    keys = page.server.gui._command_handle_from_uuid.items()
+    [pause] = [uuid for uuid, key in keys if key._impl.props.hotkey == "space"]
+    hears({"type": "CommandTriggerMessage", "uuid": pause}, lambda: session.picture.running, "the key")
+    hears(CLICK, lambda: len(session.picture.scene.sphere) == 1, "the click")
+    hears(DRAG, lambda: session.picture.hands, "the hand")
+    hears(DRAG | {"phase": "end"}, lambda: not session.picture.hands, "the hand lets go")
 
 
 def test_an_older_picture_does_not_pull_a_slider_back(page: Page, watcher: Connection):
     """An older picture does not reset a slider, where a busy machine draws behind the input."""
     older = page.session.picture
-    say(watcher, update(page.controls.hands_on.inflation, value=0.5))
-    wait_until(lambda: page.session.picture.inflation == 0.5, "the slider")
+    hears_the_slider(page, watcher)
     page.controls.follow(older)
     assert page.controls.hands_on.inflation.value == 0.5
 
@@ -86,9 +89,8 @@ def test_a_slider_is_heard_at_once(page: Page, watcher: Connection):
     free = threading.Event()
     for _ in range(page.server._thread_executor._max_workers):
         page.server._thread_executor.submit(free.wait)
-    say(watcher, update(page.controls.hands_on.inflation, value=0.5))
     try:
-        wait_until(lambda: page.session.picture.inflation == 0.5, "the slider")
+        hears_the_slider(page, watcher)
     finally:
         free.set()
 
@@ -170,8 +172,7 @@ def test_nonsense_is_not_heard(page: Page, watcher: Connection, capfd: pytest.Ca
     goes_on(page)
     said = capfd.readouterr()
     assert said.out + said.err == ""
-    say(watcher, update(page.controls.hands_on.inflation, value=0.5))
-    wait_until(lambda: page.session.picture.inflation == 0.5, "another window is heard")
+    hears_the_slider(page, watcher)  # in another window
 
 
 def test_who_goes_on_with_nonsense_is_shown_the_door(page: Page, watcher: Connection):

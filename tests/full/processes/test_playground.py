@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conserved import advanced
 from features import some_bundled_scenes
 from meshes import quad_sphere
 
@@ -31,8 +32,7 @@ def steps(playground: Playground, count: int) -> None:
 def replayed(playground: Playground) -> Simulator:
     """Return the journal's scene, simulated from its start to the playground's frame."""
     simulator = Simulator(playground.journal.scene(playground.frame), str(playground.simulator.model.device))
-    for _ in range(playground.frame):
-        simulator.step()
+    advanced(simulator, playground.frame)
     return simulator
 
 
@@ -63,6 +63,13 @@ def play(playground: Playground) -> None:
     steps(playground, 3)
 
 
+def rewritten(scene: Scene, folder: Path) -> Scene:
+    """Return a scene, written to a file and read again."""
+    path = folder / "again.toml"
+    path.write_text(scene_toml(scene, folder), encoding="utf-8")
+    return load_scene(path)
+
+
 def assert_replayed(device, replay, played):
     """Require a bit-identical replay; on a GPU within rounding of the largest number, where kernels depend on the
     number of spheres and strings, which are all there from the start of a replay."""
@@ -83,20 +90,13 @@ def test_the_journal_replays_from_its_file(device, tmp_path):
     playground.set("gravity", 1.0 / 3.0)
     playground.grab("hand", 100, playground.points[100] + [0.1, 0.0, 0.0])
     steps(playground, 2)
-    path = tmp_path / "replay.toml"
-    path.write_text(scene_toml(playground.journal.scene(4), tmp_path))
-    simulator = Simulator(load_scene(path), device)
-    for _ in range(4):
-        simulator.step()
-    assert_replayed(device, simulator.state.points.numpy()[0], playground.points)
+    again = advanced(Simulator(rewritten(playground.journal.scene(4), tmp_path), device), 4)
+    assert_replayed(device, again.points[0], playground.points)
 
 
 @pytest.mark.parametrize("name", bundled_scenes())
 def test_a_scene_survives_being_written(name, tmp_path):
-    scene = load_scene(name)
-    path = tmp_path / "again.toml"
-    path.write_text(scene_toml(scene, tmp_path))
-    assert load_scene(path) == scene
+    assert rewritten(load_scene(name), tmp_path) == load_scene(name)
 
 
 def test_the_default_pressure_is_a_number_that_stays(device):
@@ -117,9 +117,7 @@ def test_the_default_pressure_is_a_number_that_stays(device):
 def test_odd_texts_survive_being_written(tmp_path):
     mesh = Path(bundled_scenes()["squirrel_inflate"]).parent / "squirrel.obj"
     scene = Scene(description='"quoted" \\ \n \u0007 é', balloon=[Balloon(mesh=mesh)])
-    path = tmp_path / "odd.toml"
-    path.write_text(scene_toml(scene, tmp_path), encoding="utf-8")
-    assert load_scene(path) == scene
+    assert rewritten(scene, tmp_path) == scene
 
 
 @pytest.mark.parametrize("touched", [0, 4])

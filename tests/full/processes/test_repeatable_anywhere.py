@@ -57,17 +57,12 @@ def test_the_environment_of_a_process_is_not_in_its_outputs(tmp_path: Path):
     (tmp_path / "scene.toml").write_text(SCENE, encoding="utf-8")
     write_obj(tmp_path / "bälle.obj", quad_sphere(3))
     written = []
-    for number, (environment, scene) in enumerate(
-        zip(ENVIRONMENTS, ("../scene.toml", str(tmp_path / "scene.toml")), strict=True)
-    ):
+    for number, scene in enumerate(("../scene.toml", str(tmp_path / "scene.toml"))):
         folder = tmp_path / f"from {number}"
         folder.mkdir()
-        subprocess.run(
-            [sys.executable, "../write.py", scene, "." if number else str(folder)],
-            env={name: value for name, value in os.environ.items() if name not in ENVIRONMENTS[0]} | environment,
-            cwd=folder,
-            check=True,
-        )
+        environment = {name: value for name, value in os.environ.items() if name not in ENVIRONMENTS[0]}
+        command = [sys.executable, "../write.py", scene, "." if number else str(folder)]
+        subprocess.run(command, env=environment | ENVIRONMENTS[number], cwd=folder, check=True)
         files = [path for path in folder.rglob("*") if path.is_file() and path.name != "manifest.json"]
         written.append({str(path.relative_to(folder)): path.read_bytes() for path in files})
     assert len(written[0]) == 7

@@ -44,36 +44,21 @@ def whole(ball: Path) -> dict[str, bytes]:
 def go_on(ball: Path, folder: Path, address: str | None = None, **options: Any) -> list[str]:
     """Simulate the batch in this process, or from here on a cluster, and return its message of where it begins."""
     notes: list[str] = []
-    run_batch(
-        load_scene(str(ball / "ball.obj"), [("frames", LONG)]),
-        folder,
-        WORLDS,
-        {"gravity": np.linspace(1, 9, WORLDS)},
-        export=range(WORLDS),
-        device="cpu",
-        schedule="lanes",
-        cluster=Cluster(address) if address else None,
-        on_note=notes.append,
-        **{"resume": True, **options},
-    )
+    scene, vary = load_scene(str(ball / "ball.obj"), [("frames", LONG)]), {"gravity": np.linspace(1, 9, WORLDS)}
+    how = {"export": range(WORLDS), "device": "cpu", "schedule": "lanes", "resume": True, **options}
+    cluster = Cluster(address) if address else None
+    run_batch(scene, folder, WORLDS, vary, cluster=cluster, on_note=notes.append, **how)
     return notes
 
 
 def end(ball: Path, folder: Path, number: int, *words: str) -> tuple[int, str]:
     """Start the batch as a process, signal it once it has saved something, and return its status and messages."""
-    fine = (
-        "from balloon_warp.sweep import shares; shares.GRAIN['cpu'] = shares.Grain(1, 1); "
-        "from balloon_warp.cli import main; main()"
-    )
+    fine = "from balloon_warp.sweep import shares; shares.GRAIN['cpu'] = shares.Grain(1, 1); "
+    fine += "from balloon_warp.cli import main; main()"
     command = [sys.executable, "-c", fine, "batch", str(ball / "ball.obj"), "-o", str(folder), *words]
-    process = subprocess.Popen(
-        [*command, "--worlds", str(WORLDS), "--vary", "gravity=1:9", "--grid", "--export", "all", "--schedule", "lanes"]
-        + ["--set", f"frames={LONG}", "--checkpoint", "0.01"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "NO_COLOR": "1"},
-    )
+    varied = f"--worlds {WORLDS} --vary gravity=1:9 --grid --export all --schedule lanes --set frames={LONG}"
+    command, pipe = [*command, *varied.split(), "--checkpoint", "0.01"], subprocess.PIPE
+    process = subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, env={**os.environ, "NO_COLOR": "1"})
     try:
         while process.poll() is None and not list(folder.glob("partial/rows_*")):
             time.sleep(0.05)

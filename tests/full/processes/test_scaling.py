@@ -23,7 +23,6 @@ def test_two_processes_simulate_a_share_each(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_the_ratio_is_the_efficiency(monkeypatch: pytest.MonkeyPatch):
-    """Efficiencies of rates 100, 190 and 300 on 1, 2 and 4 are 95% and 75%."""
     rates = {1: 100.0, 2: 190.0, 4: 300.0}
     monkeypatch.setattr(scaling, "_rate_together", lambda share, environments: (rates[len(environments)], 56))
     results = list(measure_scaling(SMALL, [1, 2, 4]))
@@ -32,7 +31,6 @@ def test_the_ratio_is_the_efficiency(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_the_time_is_from_the_first_start_to_the_last_end():
-    """The time is from the first start to the last end, of two processes and two repeats."""
     told = [(56, [(0.0, 1.0), (5.0, 6.5)]), (56, [(0.2, 1.5), (4.5, 6.0)])]
     assert scaling.spans_together(told) == [1.5, 2.0]
 
@@ -48,9 +46,7 @@ def test_each_process_sees_a_gpu_of_its_own(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
     monkeypatch.setattr(wp, "get_cuda_device_count", lambda: 2)
     seen = []
-    monkeypatch.setattr(
-        scaling, "_rate_together", lambda share, environments: (float(seen.append(environments) or 1), 1)
-    )
+    monkeypatch.setattr(scaling, "_rate_together", lambda _, environments: (float(seen.append(environments) or 1), 1))
     list(measure_scaling(GPU_SHARE, [1, 2]))
     assert seen == [[{"CUDA_VISIBLE_DEVICES": "0"}], [{"CUDA_VISIBLE_DEVICES": "0"}, {"CUDA_VISIBLE_DEVICES": "1"}]]
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "3,5")

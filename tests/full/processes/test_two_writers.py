@@ -20,9 +20,7 @@ def start(folder: Path, words: str) -> subprocess.Popen[str]:
     return subprocess.Popen(command, cwd=folder, stdout=pipe, stderr=pipe, text=True)
 
 
-@pytest.mark.parametrize(
-    ("long", "held"), [pytest.param(LONG, ".", id="a run"), pytest.param(BATCH, "out", id="a batch")]
-)
+@pytest.mark.parametrize(("long", "held"), [(LONG, "."), (BATCH, "out")], ids=["a run", "a batch"])
 def test_the_second_is_refused_by_name_of_the_first(long: str, held: str, tmp_path: Path) -> None:
     write_obj(tmp_path / "ball.obj", quad_sphere(4))
     output, short = long.split()[-1], long.replace("100000", "1")

@@ -4,7 +4,8 @@ import threading
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from itertools import pairwise
 from pathlib import Path
@@ -46,6 +47,23 @@ from balloon_warp.viewer.session import Session
 from balloon_warp.viewer.status import KEYS
 
 SAVES = "Saves an animated stage (USD), and a scene that replays it from its start."
+
+
+def blue(window, times: float) -> int:
+    """Return how many pixels are so many times as blue as red."""
+    red, _, blue = np.moveaxis(picture_of(window), 2, 0)
+    return int((blue > times * red).sum())
+
+
+@contextmanager
+def another_scene(served: Page, name: str, load: Callable[[], Scene]) -> Iterator[None]:
+    """Put another scene in the place of the ball's for a while."""
+    served.session.load(name, load)
+    try:
+        yield
+    finally:
+        served.session.load("ball", tethered)
+        wait_until(lambda: served.session.picture.name == "ball", "the ball is back")
 
 
 def test_the_slider_changes_the_volume(fresh, served):
@@ -129,11 +147,8 @@ def test_toggles_change_what_is_drawn(fresh, served):
     see(fresh, served, lambda: redness(fresh) > 10_000, "the balloon is red")
     toggle(fresh, "smooth balloon")
     see(fresh, served, lambda: redness(fresh) < 2000, "the balloon is hidden")
-    for label, name in (
-        ("structural springs (black)", "structural"),
-        ("vertex normals", "normals"),
-        ("net forces", "forces"),
-    ):
+    lines = {"structural springs (black)": "structural", "vertex normals": "normals", "net forces": "forces"}
+    for label, name in lines.items():
         toggle(fresh, label)
         wait_until(lambda name=name: served.layers._lines[name].visible, label)
         wait_until(lambda name=name: len(served.layers._lines[name].points) > 100, label)
@@ -252,16 +267,11 @@ def test_a_splash_is_seen_until_something_moves(browser, tmp_path, size):
 
 
 def test_a_sphere_is_seen_at_once(fresh, served):
-
-    def blue() -> int:
-        red, _, blue = np.moveaxis(picture_of(fresh), 2, 0)
-        return int((blue > 1.5 * red).sum())
-
     done = threading.Event()
     served.session.ask(lambda _: done.wait(LIMIT))
     try:
         click_the_balloon(fresh, lambda: served.layers._coming, "a sphere is foreseen")
-        see(fresh, served, lambda: blue() > 50, "it is seen")
+        see(fresh, served, lambda: blue(fresh, 1.5) > 50, "it is seen")
         assert not served.session.picture.scene.sphere
         wait_until(lambda: fresh.locator("#bw-wait").inner_text().startswith("getting ready"), "it says why it waits")
     finally:
@@ -295,28 +305,24 @@ def test_a_print_is_seen(fresh, served, tmp_path):
     image[:, :4, 1] = image[:, 4:, 2] = 255
     Image.fromarray(image).save(tmp_path / "halves.png")
     pillow = Balloon(mesh=MODELS / "pillow.obj", print=tmp_path / "halves.png", rotation=(70.0, 0.0, 0.0))
-    served.session.load("pillow", lambda: Scene(balloon=[pillow], gravity=0.0))
-    served.session.run(False)
 
     def columns() -> tuple[np.ndarray, np.ndarray]:
         red, green, blue = np.moveaxis(picture_of(fresh), 2, 0)
         return np.nonzero(green > 1.5 * np.maximum(red, blue))[1], np.nonzero(blue > 1.5 * np.maximum(red, green))[1]
 
-    try:
+    with another_scene(served, "pillow", lambda: Scene(balloon=[pillow], gravity=0.0)):
+        served.session.run(False)
         see(fresh, served, lambda: min(len(half) for half in columns()) > 1000, "both colors are seen")
         green, blue = columns()
         assert np.median(green) < np.median(blue)
-    finally:
-        served.session.load("ball", tethered)
-        wait_until(lambda: served.session.picture.name == "ball", "the ball is back")
 
 
 def test_contact_forces_are_arrows_where_a_scene_tells_them(fresh, served):
     told = fresh.get_by_label("contact forces", exact=True)
     unfold(fresh, "Show", "smooth balloon")
     assert not told.is_visible()
-    served.session.load("told", lambda: Scene(**{**dict(tethered()), "contacts": True, "ground": Ground(height=-0.45)}))
-    try:
+    told_of = {**dict(tethered()), "contacts": True, "ground": Ground(height=-0.45)}
+    with another_scene(served, "told", lambda: Scene(**told_of)):
         wait_until(lambda: served.session.picture.name == "told", "the scene is there")
         wait_until(lambda: served.layers._presses._arrows.visible, "the ground presses it")
         assert served.layers._balloons[0].opacity == CLEAR
@@ -324,32 +330,21 @@ def test_contact_forces_are_arrows_where_a_scene_tells_them(fresh, served):
         again(told.click, lambda: not served.layers.shown["contacts"], "they are switched off")
         wait_until(lambda: not served.layers._presses._arrows.visible, "no arrow is left")
         assert served.layers._balloons[0].opacity is None
-    finally:
-        served.layers.shown["contacts"] = True
-        served.session.load("ball", tethered)
-        wait_until(lambda: served.session.picture.name == "ball", "the ball is back")
+    served.layers.shown["contacts"] = True
 
 
 def test_water_is_seen_where_its_level_is(fresh, served):
     """Water tints all colors below its level blue, red included. With the level below the ground only a line at the
     horizon is left, where the ground fades."""
-    served.session.load("pool", lambda: tethered().model_copy(update={"water": Water(level=0.1, density=1.0)}))
-    served.session.run(False)
-
-    def blue() -> int:
-        red, _, blue = np.moveaxis(picture_of(fresh), 2, 0)
-        return int((blue > 1.2 * red).sum())
-
-    try:
-        see(fresh, served, lambda: blue() > 20_000, "water is seen")
+    pool = tethered().model_copy(update={"water": Water(level=0.1, density=1.0)})
+    with another_scene(served, "pool", lambda: pool):
+        served.session.run(False)
+        see(fresh, served, lambda: blue(fresh, 1.2) > 20_000, "water is seen")
         above = redness(fresh)
         served.session.set("water.level", -2.0)
         served.session.step_once()
-        see(fresh, served, lambda: blue() < 1_000, "the ground hides it")
+        see(fresh, served, lambda: blue(fresh, 1.2) < 1_000, "the ground hides it")
         assert redness(fresh) > 1.3 * above
-    finally:
-        served.session.load("ball", tethered)
-        wait_until(lambda: served.session.picture.name == "ball", "the ball is back")
 
 
 def test_the_panel_leaves_the_balloon_in_the_middle_of_the_view(fresh, served):
@@ -446,11 +441,9 @@ FIELD_OF_VIEW = np.radians(75.0)
 
 
 def test_what_people_reach_for_is_large_and_first(fresh, served):
-    boxes = {
-        name: fresh.get_by_role("button", name=name, exact=True).first.bounding_box()
-        for name in ("Inflate", "Deflate", "Pause", "Step", "Reset", "Follow")
-    }
-    large, row = list(boxes.values())[:2], list(boxes.values())[2:]
+    names = ("Inflate", "Deflate", "Pause", "Step", "Reset", "Follow")
+    boxes = [fresh.get_by_role("button", name=name, exact=True).first.bounding_box() for name in names]
+    large, row = boxes[:2], boxes[2:]
     for side_by_side in (large, row):
         assert len({round(box["y"]) for box in side_by_side}) == 1
         assert all(a["x"] + a["width"] <= b["x"] for a, b in pairwise(side_by_side))
@@ -475,9 +468,8 @@ def test_a_button_that_is_held_inflates_on(fresh, served):
 
 
 def test_a_number_stays_within_its_slider_and_says_so(fresh, served):
-    [dial] = [
-        each for _, dials in served.controls._folders for each in dials if each.value.label == "structural springs"
-    ]
+    dials = [each for _, dials in served.controls._folders for each in dials]
+    [dial] = [each for each in dials if each.value.label == "structural springs"]
 
     def stiffness() -> float:
         return served.session.picture.scene.balloon[0].stiffness.structural
@@ -527,7 +519,7 @@ def test_a_recording_can_be_downloaded(fresh, served):
     asked(served, 5)
     served.session.record(False)
     wait_until(lambda: served.session.saved, "it is written")
-    unfold(fresh, "Recording", "Saves an animated stage (USD), and a scene that replays it from its start.")
+    unfold(fresh, "Recording", SAVES)
     for label, written in zip(("Stage", "Scene"), served.session.saved, strict=True):
         with fresh.expect_download() as downloading:
             fresh.get_by_role("button", name=label, exact=True).click()

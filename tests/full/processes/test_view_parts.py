@@ -14,13 +14,12 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from meshes import cube
+from meshes import cube, grid
 from motion import assert_valid
 from pxr import Usd, UsdGeom
 from strangers import ball
 from strangers import wait_until as until
 
-from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import triangulate
 from balloon_warp.scene import Balloon, Inflation, Scene, load_scene
 from balloon_warp.simulator import Simulator
@@ -102,17 +101,13 @@ def session(tmp_path):
 
 def test_strain_and_measures_are_those_of_the_shape(session):
     """A balloon inflated to 1.25 times its size is in the band from 1.15 to 1.4 all over."""
-    picture = session.picture
-    frame = picture.frame
-    object.__setattr__(frame, "points", [1.25 * picture.model.shapes[0].mesh.points.astype(np.float32)])
-    bands = Drawing(picture.model).strain_bands(picture, 0)
-    assert [len(band) > 0 for band in bands] == [False, False, False, False, True, False, False]
-    picture, drawing = session.picture, Drawing(session.picture.model)
-    rest = picture.model.shapes[0].mesh.points.astype(np.float32)
-    measures = []
-    for size in (1.0, 2.0):
-        object.__setattr__(picture.frame, "points", [size * rest])
+    picture, drawing, measures = session.picture, Drawing(session.picture.model), []
+    for size in (1.0, 2.0, 1.25):
+        points = size * picture.model.shapes[0].mesh.points.astype(np.float32)
+        object.__setattr__(picture.frame, "points", [points])
         measures.append(drawing.measures(picture))
+    bands = drawing.strain_bands(picture, 0)
+    assert [len(band) > 0 for band in bands] == [False, False, False, False, True, False, False]
     assert measures[1]["volume"] == pytest.approx(8.0 * measures[0]["volume"], rel=1e-5)
     assert measures[0]["stretch"] == pytest.approx(1.0, abs=1e-5)
     assert measures[1]["stretch"] == pytest.approx(2.0, abs=1e-5)
@@ -136,14 +131,11 @@ def test_the_surface_that_is_drawn_is_catmull_and_clarks():
 
 
 def test_an_open_border_keeps_its_course():
-    x, y = np.meshgrid([0.0, 1.0, 2.0], [0.0, 1.0, 2.0])
-    points = np.stack([x.ravel(), y.ravel(), np.zeros(9)], axis=1)
-    corners = np.array([[a, a + 1, a + 4, a + 3] for a in (0, 1, 3, 4)])
-    mesh = PolygonMesh(points, np.full(4, 4), corners.ravel())
-    drawn = Smooth(mesh).points(points.astype(np.float32))
+    mesh = grid(2, 2)
+    drawn = Smooth(mesh).points(mesh.points.astype(np.float32))
     assert (drawn.min(axis=0) == 0.0).all()
     np.testing.assert_array_equal(drawn.max(axis=0), [2.0, 2.0, 0.0])
-    np.testing.assert_allclose(drawn[[1, 4]], points[[1, 4]], atol=1e-6)  # in the middle of a side, and of all
+    np.testing.assert_allclose(drawn[[1, 4]], mesh.points[[1, 4]], atol=1e-6)  # in the middle of a side, and of all
 
 
 def test_the_pressure_that_is_plotted_is_the_balloons():
@@ -153,20 +145,23 @@ def test_the_pressure_that_is_plotted_is_the_balloons():
     assert Drawing(simulator.model).measures(picture)["pressure"] == pytest.approx(7.0)
 
 
+def goes_on(session: Session, frames: int = 2) -> None:
+    number = session.picture.frame.number
+    until(lambda: session.picture.frame.number > number + frames, "time goes on")
+
+
 @pytest.mark.parametrize("value", ["wide", None, float("nan"), float("inf"), [1, 2], {"a": 1}, -1.0])
 def test_nonsense_from_a_page_does_not_stop_the_simulation(session, value):
     session.set("balloon.mass", value)
     until(lambda: session.notices, "it is refused")
-    number = session.picture.frame.number
-    until(lambda: session.picture.frame.number > number + 2, "time goes on")
+    goes_on(session)
     assert session.picture.scene.balloon[0].mass == 0.1
 
 
 def test_what_goes_wrong_in_a_wish_does_not_stop_the_simulation(session, capsys):
     session.ask(lambda playground: 1 / 0)
     until(lambda: session.notices, "it is said")
-    number = session.picture.frame.number
-    until(lambda: session.picture.frame.number > number + 2, "time goes on")
+    goes_on(session)
     assert "ZeroDivisionError" in capsys.readouterr().err
 
 
@@ -225,8 +220,7 @@ def test_a_recording_is_a_valid_stage(session, tmp_path, monkeypatch):
     session.record(True)
     session.ask(lambda playground: playground.throw(np.array([0, 1.5, 0]), np.array([0, -5, 0]), 0.2, 1.0))
     session.set("balloon.helium", 12.0)
-    number = session.picture.frame.number
-    until(lambda: session.picture.frame.number > number + 20, "it records")
+    goes_on(session, 20)
     session.record(False)
     until(lambda: session.recording is None, "it ends")
     until(lambda: any("wrote" in notice for notice in session.notices), "it is written")
@@ -251,15 +245,12 @@ def test_a_recorded_scene_file_replays_its_stage(tmp_path):
     session.stop()  # which saves it
     stage = Usd.Stage.Open(str(tmp_path / "squirrel_1.usdc"))
     points = UsdGeom.Mesh(stage.GetPrimAtPath("/World/squirrel")).GetPointsAttr()
-    scene = load_scene(tmp_path / "squirrel_1.toml")
     first = stage.GetRootLayer().customLayerData["balloonWarp"]["firstFrame"]
-    simulator = Simulator(scene, "cpu")
-    compared = 0
-    for frame in simulator.run():
-        if frame.number - first in points.GetTimeSamples():
-            np.testing.assert_array_equal(np.array(points.Get(frame.number - first)), frame.points[0])
-            compared += 1
-    assert compared > 5
+    frames = list(Simulator(load_scene(tmp_path / "squirrel_1.toml"), "cpu").run())
+    kept = [frame for frame in frames if frame.number - first in points.GetTimeSamples()]
+    for frame in kept:
+        np.testing.assert_array_equal(np.array(points.Get(frame.number - first)), frame.points[0])
+    assert len(kept) > 5
 
 
 class SlowCamera:
@@ -282,20 +273,13 @@ class SlowCamera:
 
 
 class Window:
-    client_id = 7
+    client_id, atomic = 7, staticmethod(nullcontext)
 
     def __init__(self) -> None:
         self.camera = SlowCamera()
 
-    atomic = staticmethod(nullcontext)
-
 
 CENTER = np.array([0.0, 3.0, 0.0])
-
-
-@pytest.fixture
-def follower():
-    return Follower()
 
 
 def together(*calls) -> None:
@@ -307,23 +291,23 @@ def together(*calls) -> None:
         thread.join()
 
 
-def test_two_presses_at_once_follow_and_stay(follower):
-    window = Window()
+def test_two_presses_at_once_follow_and_stay():
+    follower, window = Follower(), Window()
     together(*[lambda: follower.toggle(window, CENTER, 2.0)] * 2)
     assert not follower.follows(window)
     np.testing.assert_allclose(window.camera.look_at, CENTER)
     np.testing.assert_allclose(window.camera.position, CENTER + [0.0, 0.0, 2.0])
 
 
-def test_a_press_while_it_is_drawn_ends_following(follower):
-    window = Window()
+def test_a_press_while_it_is_drawn_ends_following():
+    follower, window = Follower(), Window()
     follower.toggle(window, CENTER, 2.0)
     together(lambda: follower.follow({7: window}, CENTER + 1.0), lambda: follower.toggle(window, CENTER, 2.0))
     assert not follower.follows(window)
 
 
-def test_a_window_that_closed_is_forgotten(follower):
-    window = Window()
+def test_a_window_that_closed_is_forgotten():
+    follower, window = Follower(), Window()
     follower.toggle(window, CENTER, 2.0)
     follower.follow({}, CENTER)
     assert not follower.follows(window)
@@ -416,15 +400,13 @@ def test_clicks_at_once_leave_one_sphere_that_is_coming():
     try:
         picture = session.picture
         layers.draw(picture)
-        clicks = 40
 
         def click(number: int) -> None:
             layers.foresee(np.array([0.0, float(number), 0.0]), 0.1, (10, 20, 30), number % 2 * (picture.granted + 1))
 
         with ThreadPoolExecutor(8) as threads:
-            begun = [threads.submit(click, number) for number in range(clicks)]
-            begun += [threads.submit(layers.draw, picture)]
-            for each in begun:
+            begun = [threads.submit(click, number) for number in range(40)]
+            for each in (*begun, threads.submit(layers.draw, picture)):
                 each.result()
     finally:
         sys.setswitchinterval(interval)
