@@ -189,7 +189,6 @@ def test_a_process_simulates_a_first_frame_or_says_that_it_does_not(tmp_path):
 
 
 def test_gathers_bound_is_the_launch_for_few_particles_and_issue_or_bytes_for_many():
-    """Roofline bounds on 132 multiprocessors are worked out by hand, from the docstring's instructions and bytes."""
     assert bound.gather_bound(10, 132, 1.5e-6, obstacles=False) == pytest.approx(10 / 1.5e-6, rel=1e-3)
     issue = 132 * 128 * 1.98e9 / bound.GATHER_INSTRUCTIONS
     assert bound.gather_bound(10**8, 132, 1.5e-6, obstacles=False) == pytest.approx(issue, rel=1e-3)

@@ -74,7 +74,6 @@ def test_frames_in_blocks_compile(source: Any, frames: Any, tmp_path: Path):
 
 
 def test_frames_backwards_in_blocks_compile(tmp_path: Path):
-    """A frame again, as it goes forward, and a frame backwards compile, with particles in registers."""
     derive_helpers()
     of = plan_backwards(
         model_for_a_gpu(Scene(balloon=[Balloon(mesh=quad_sphere(3), material=Material(preset="latex"))]))
@@ -98,7 +97,6 @@ def test_free_frames_in_patches_compile(tmp_path: Path):
 
 
 def test_edges_that_touch_compile(tmp_path: Path):
-    """Ridge kernels compile with a block a world, whose sweeps are separate."""
     model = build_model(load_scene("knot"), "cpu", 2)
     step = GatherSchedule.step_of(model, model_features(model))
     (piece,) = (each for each in step.pieces if each.name == "worlds_meet_edges")
@@ -106,7 +104,6 @@ def test_edges_that_touch_compile(tmp_path: Path):
 
 
 def test_an_exchange_of_momentum_backwards_compiles(tmp_path: Path):
-    """The kernel of spheres that exchange momentum compiles backwards, with a block a world."""
     features = model_features(build_model(load_scene("sphere_launch", {"contact": "impulse"}), "cpu", 2))
     assert features.impulses
     derive_helpers()
@@ -114,7 +111,6 @@ def test_an_exchange_of_momentum_backwards_compiles(tmp_path: Path):
 
 
 def test_a_look_ahead_at_what_touches_itself_compiles(tmp_path: Path):
-    """The verdict on worlds of what touches itself compiles where parts are not looked at, as on a GPU."""
     features = model_features(build_model(load_scene("knot"), "cpu", 2))
     assert features.touches_itself
     assert "judge_worlds" in compiled(judge_kernel(features, looks_at_parts=False), 256, tmp_path)

@@ -40,7 +40,6 @@ def test_a_fault_is_found(
 def test_a_hang_is_found(
     hang: Callable[[], None], patience: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A hang is found, be it a busy loop or a wait."""
 
     def read(path: Path) -> None:
         while True:

@@ -62,7 +62,6 @@ def all_of_it(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
 
 
 def test_latex_is_latex(all_of_it: tuple):
-    """Stiffness, thickness and mass of every triangle and particle agree, in SI."""
     scene, builder, found, said = all_of_it
     frame, shape = Simulator(scene, "cpu").read_frame(), Simulator(scene, "cpu").model.shapes[0]
     first, end = found["path_cloth_map"]["/World/ball"]["particle"]

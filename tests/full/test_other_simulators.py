@@ -45,7 +45,6 @@ def test_the_extra_brings_what_is_imported_here():
 
 
 def test_newton_takes_the_balloon_up(written: Path):
-    """Newton reads the balloon as cloth of our particles and triangles."""
     pytest.importorskip("newton_usd_schemas")
     newton = pytest.importorskip("newton")
     builder = newton.ModelBuilder()
@@ -83,7 +82,6 @@ def test_latex_is_a_variant_that_validators_need_not_know(written: Path):
 
 
 def test_openpbr_has_the_inputs_that_latex_sets(written: Path):
-    """Inputs that latex sets exist in MaterialX's own definition of OpenPBR."""
     materialx = pytest.importorskip("MaterialX")
     library = materialx.createDocument()
     folders = materialx.getDefaultDataLibraryFolders()

@@ -49,7 +49,6 @@ def test_a_batch_has_the_same_bytes_again(way: tuple[Scene, str], device: str, t
 
 
 def test_the_rows_of_a_world_are_those_of_any_batch(way: tuple[Scene, str], device: str, tmp_path: Path):
-    """A world's rows are bit-identical in any batch, also of a size that no eight divide."""
     large = rows(way, device, tmp_path, 19)
     for worlds in (1, 3, 8):
         assert rows(way, device, tmp_path, worlds) == {world: large[world] for world in range(worlds)}

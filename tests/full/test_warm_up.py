@@ -28,7 +28,6 @@ main()
     ids=["run", "batch"],
 )
 def test_a_command_compiles_nothing_after_it(options: str, later: str, tmp_path: Path):
-    """The cache gets no more files after other numbers and more frames."""
     write_obj(tmp_path / "ball.obj", quad_sphere(3))
     assert balloon_warp(tmp_path, "warm-up", "ball.obj", *options.split()).startswith("ball: ")
     compiled = kernels(tmp_path)

@@ -50,7 +50,6 @@ def test_stiff_springs_on_a_coarse_model_come_close_to_correction():
 
 
 def test_correction_constrains_a_strongly_inflated_balloon_most():
-    """Correction hardly changes the volume under weak inflation and more than halves it under strong."""
     volumes = {}
     for k_normal in (1.0, 14.0):
         inflation = (("frames", 110), ("balloon.inflation.k_normal", ((0.2, 0.0), (1.7, k_normal))))

@@ -93,7 +93,6 @@ def test_a_long_balloon_ties_itself_and_keeps_out_of_itself():
 
 
 def test_a_balloon_slips_through_the_slot():
-    """The balloon is below the plate, then above it, and never in it; as narrow as the hole on the way."""
     model, frames = played("letter_slot")
     plate = model.obstacles[0]
     assert plate.mesh
@@ -134,7 +133,6 @@ def test_no_balloon_goes_through_the_table():
 
 
 def test_balloons_roll_off_the_table():
-    """Balloons roll without slipping, within a third; and those nearer to the edge fall first."""
     model, frames = played("table")
     heights = np.array([[points[:, 1].mean() for points in frame.points] for frame in frames])
     off = (heights < 0.5).argmax(axis=0)  # well below the top
@@ -150,7 +148,6 @@ def test_balloons_roll_off_the_table():
 
 
 def test_the_press_squeezes_and_lets_go():
-    """The squirrel is pressed as low as the plates let it be, and grows deeper; then it rises again."""
     model, frames = played("press")
     for frame in frames:
         assert min(box_distances(model, frame, number).min() for number in (0, 1)) > -ROUNDING

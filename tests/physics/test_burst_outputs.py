@@ -121,7 +121,6 @@ def test_a_batch_exports_worlds_that_burst(tmp_path):
 
 
 def test_the_bundled_scene_pops(device: str):
-    """A balloon bursts by itself at the strength, to pieces; a needle opens the other along one tear."""
     simulator = Simulator(load_scene("pop"), device)
     model = simulator.model
     pressure = float("nan")

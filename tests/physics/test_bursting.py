@@ -183,7 +183,6 @@ def _kept(simulator: Simulator) -> float:
 @pytest.mark.always
 @pytest.mark.parametrize("around", [True, False])
 def test_a_tear_runs_across_the_largest_tension(around: bool, device: str):
-    """A ball stretched more along one axis, or around it, tears around the axis, or along it."""
     ball = quad_sphere(8, 0.1)
     simulator = filled(scene_of(ball, needle_time=0.0, branching_stress=1e9), 2.0, device)
     start = simulator.state.points.numpy()[0]
@@ -209,7 +208,6 @@ def _pieces(count: int, pairs: NDArray[np.int64], whole: NDArray[np.bool_]) -> i
 
 
 def test_a_burst_world_goes_on_beside_others(device: str):
-    """A needle in one of three worlds leaves the others bit-identical, and the batch has not blown up."""
     times = {"balloon.material.needle_time": [1e9, 1e-3, 4e-3]}
     simulator = Simulator(scene_of(prism(7), strength=1e9).model_copy(update={"frames_per_second": 1000.0}), device, 3,
                           times)  # fmt: skip
@@ -301,7 +299,6 @@ def test_gas_leaves_as_through_an_orifice(molar_mass: float, gamma: float):
 
 @pytest.mark.parametrize("drag", ["drag_coefficient", "face_drag"])
 def test_air_goes_through_what_is_torn(drag: str):
-    """Wind drives a balloon, but not one whose faces are all torn, however far they span."""
     scene = scene_of(quad_sphere(3, 0.1))
     balloon = scene.balloon[0].model_copy(update={drag: 1.0})
     scene = scene.model_copy(update={"balloon": [balloon], "atmosphere": Atmosphere(wind=(10.0, 0.0, 0.0))})
@@ -364,7 +361,6 @@ def settled() -> Simulator:
 
 
 def test_pieces_stay_skin_and_lie_still(settled: Simulator):
-    """Pieces are as large as at rest, on the ground and not in it, no flatter than skin bends, and motionless."""
     frame = settled.read_frame()
     assert frame.torn[0].any()
     assert skin_left(settled, frame) == pytest.approx(1.0, abs=0.05)
@@ -378,7 +374,6 @@ def test_pieces_stay_skin_and_lie_still(settled: Simulator):
 
 
 def test_struts_do_not_hold_the_balloon_or_its_tear():
-    """Struts change neither the balloon before it is pierced nor the tear."""
     tears = []
     for springs, stiffness in (([], {}), (KINDS, STRUTS)):
         simulator = Simulator(toy(springs, stiffness), "cpu")

@@ -109,7 +109,6 @@ def test_an_oblique_impact_is_along_the_line_through_the_centers(solver: str, de
 
 @pytest.mark.parametrize("speed", [10.0, 1000.0, 100_000.0])
 def test_none_goes_through_another_at_any_speed(speed: float, solver: str, device: str):
-    """Spheres do not tunnel at any speed: at the highest, a step goes 100 m, 333 times the sum of the radii."""
     simulator = billiard(device, pair(speed, aside=0.05, restitution=(0.3, 0.3)), solver=solver)
     centers, velocities = after(simulator, 10)
     assert velocities[1, 0] > 0.4 * speed

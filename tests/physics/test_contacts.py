@@ -67,7 +67,6 @@ def test_what_lies_on_something_presses_it_by_its_weight(floor: str) -> None:
 
 
 def test_what_is_held_by_ridges_counts() -> None:
-    """Contact forces include those by ridges: a ball on two rods, which bear it between its particles, too."""
     frame = at_rest(Scene(balloon=[ball(0.49, friction=0.0)], faces=True, **FLOORS["rod"]))
     total = sum(each.force for each in frame.contacts)
     np.testing.assert_allclose(total, (0.0, 0.3 * GRAVITY, 0.0), atol=0.1)
@@ -104,7 +103,6 @@ def pile(balls: list[Balloon], half: float, **given: Any) -> Scene:
 
 
 def test_balloons_press_each_other_alike() -> None:
-    """Forces between two balloons are equal and opposite: the upper lies on the lower, in a pit of four walls."""
     pair = [ball(0.5, name="lower", friction=0.0), ball(1.52, name="upper", friction=0.0)]
     frame = at_rest(pile(pair, 0.52))
     upper, lower, ground = on(frame, "lower", 1), on(frame, "upper", 0), on(frame, "ground", 0)
@@ -241,7 +239,6 @@ def test_a_cluster_tells_the_same(folder: Path, tmp_path: Path):
 
 
 def test_a_world_that_began_again_has_what_it_pressed_then(tmp_path: Path):
-    """A restarted world reports the forces of its new episode, and the others are unchanged."""
     vary = {"balloon.1.inflation.pressure": [30.0, 5e6]}
     rows = {}
     for policy in ("freeze", "restart"):

@@ -58,7 +58,6 @@ def test_a_long_spring_is_shortened_by_both_ends_or_the_free_one(
 
 @pytest.mark.always
 def test_what_hangs_at_its_limit_gathers_no_speed(device):
-    """A particle that falls to its strain limit stops there: its velocity is corrected, too."""
     simulator = Simulator(scene_of(PAIR, fixed=[0], gravity=9.81, substeps=10), device)
     frame = advanced(simulator, 120)
     assert np.linalg.norm(frame.points[0][1]) == pytest.approx(1.1, abs=1e-4)
@@ -158,7 +157,6 @@ def test_rounding_does_not_decide_which_springs_at_the_limit_pull(limit: float):
 
 
 def test_correction_without_a_spring_is_refused():
-    """Correction of rubber, which has no springs, is refused; beside springs it acts on these."""
     rubber = Material(kind="neo_hookean")
     said = r'^correction: "provot" shortens springs, and no balloon has any; expected "none"'
     with pytest.raises(InputError, match=said):

@@ -81,7 +81,6 @@ def test_a_knot_is_sized_by_its_balloon():
 
 
 def test_a_knot_where_there_is_no_surface_follows_its_string():
-    """A knot without a surface follows its string, which may have zero length, too."""
     flat, up = np.zeros_like(BALL.points), UPS[0]
     knot = Knot(BALL, LOWEST)
     along = knot.pose(flat, np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]), up)
@@ -223,7 +222,6 @@ def turn(
 
 
 def test_a_smooth_normal_is_never_much_more_at_a_slant_than_its_face():
-    """A bent normal stays visible for any smooth normal, face and ray, and turns no more than it must."""
     draw = np.random.default_rng(5)
     smooth, facing, direction = (_unit(draw.normal(size=(4000, 3))) for _ in range(3))
     facing *= -np.sign(np.einsum("ij,ij->i", facing, direction))[:, None]
@@ -244,7 +242,6 @@ def test_a_smooth_normal_is_never_much_more_at_a_slant_than_its_face():
 
 @pytest.mark.parametrize("bend", [30.0, 59.0, 61.0, 120.0])
 def test_an_edge_is_sharp_beyond_its_angle(bend: float):
-    """A common edge of two squares, from border to border, is a crease beyond its angle."""
     x, y = np.cos(np.radians(bend)), np.sin(np.radians(bend))
     points = [(0, 0, -1), (0, 0, 1), (-1, 0, -1), (-1, 0, 1), (x, y, -1), (x, y, 1)]
     card = mesh_of(points, [[0, 2, 3, 1], [0, 1, 5, 4]])
@@ -253,7 +250,6 @@ def test_an_edge_is_sharp_beyond_its_angle(bend: float):
 
 
 def test_a_bump_is_no_crease():
-    """A bump is no crease: sharp edges about a point pushed out of a fine ball lead nowhere."""
     ball = quad_sphere(8)
     assert len(sharp_edges(ball, SOFT_CREASE)) == 0
     ball.points[0] *= 1.3
@@ -261,7 +257,6 @@ def test_a_bump_is_no_crease():
 
 
 def test_a_box_that_is_inflated_keeps_its_edges(tmp_path: Path):
-    """An inflated box keeps its twelve edges, as creases in the stage and split vertices in the picture."""
     boxes = [Balloon(mesh=cube(), name="box"), Balloon(mesh=quad_sphere(3), name="ball", position=(4, 0, 0))]
     animate(Scene(balloon=boxes, frames=3, gravity=0.0), tmp_path / "out.usdc", device="cpu")
     stage = Usd.Stage.Open(str(tmp_path / "out.usdc"))

@@ -57,7 +57,6 @@ def test_a_pump_takes_no_more_from_a_flat_balloon(own: dict[str, Any], rate: flo
 
 
 def test_a_flat_balloon_is_filled_again(schedule: str, device: str):
-    """A flat balloon filled with its former gas is as large as before, within what 100 Pa stretch it by."""
     again = [(0.0, -0.2), (0.4, -0.2), (0.42, 0.0), (0.48, 0.0), (0.5, FULL / 0.25), (0.73, FULL / 0.25), (0.75, 0.0)]
     rows = course(emptied(LATEX, schedule, device, pump=again), 60)
     assert rows[24, 1] == pytest.approx(FLAT, rel=1e-4)
@@ -67,7 +66,6 @@ def test_a_flat_balloon_is_filled_again(schedule: str, device: str):
 
 
 def test_a_leak_ends_when_the_balloon_is_flat(schedule: str, device: str):
-    """A balloon's own weight presses its gas out of the leak, until it is flat."""
     rows = course(emptied(LATEX, schedule, device, leak=1e-4), 70)
     assert rows[-1, 1] == pytest.approx(FLAT, rel=1e-3)
     assert rows[-1, 0] == pytest.approx(FLAT, rel=0.05)
@@ -95,7 +93,6 @@ def test_a_tube_takes_no_more_from_a_flat_balloon(schedule: str, device: str):
 @pytest.mark.parametrize("volume", [1e-3, 1e-6, 0.0, -1e-6, -1e-3])
 @pytest.mark.parametrize("amount", [1e-3, 1e-6, 0.0])
 def test_the_end_of_a_collapse_solves_the_step(volume: float, amount: float):
-    """The volume at the end of a collapse is the nonnegative root of x = B + K (p_a V_a / x - p_a)."""
     gain = 2.4e-9
     end = float(end_of_collapse(volume, gain * AIR * amount, gain * AIR))
     assert end >= 0.0

@@ -65,7 +65,6 @@ def test_one_that_is_inside_stays_inside(radius, speed, device):
 @pytest.mark.parametrize("schedule", ["scatter", "gather", "block"])
 @pytest.mark.parametrize("mass", [0.001, 0.05, 2.0])
 def test_one_that_is_outside_stays_outside(mass, schedule, contact, device):
-    """A sphere smaller than a tenth of a face, flying at the balloon between particles, does not tunnel in."""
     ball = Sphere(position=(1.0, 0.022, 0.031), radius=0.004, mass=mass, velocity=(-40.0, 0.0, 0.0))
     np.testing.assert_allclose(sides_of(flight(ball, contact), device, schedule, frames=12), 0.0, atol=1e-3)
 
@@ -150,7 +149,6 @@ def test_a_world_in_a_batch_is_as_it_is_alone(device):
 
 
 def test_what_is_large_beside_faces_needs_no_more(device):
-    """A sphere large beside faces needs no face contact: the corners keep it out at twice the size, too."""
     ball = Sphere(position=(1.0, 0.0, 0.0), radius=0.2)
     assert schedule_named("block", Simulator(flight(ball), device).model).name == "block"
     beside_a_cube = flight(ball).model_copy(update={"balloon": [Balloon(mesh=cube())]})
@@ -167,7 +165,6 @@ def test_touch_says_that_spheres_may_be_left_alone(device):
 
 
 def test_a_ball_rolls_about_in_a_balloon_on_the_ground(device):
-    """A marble falls through the balloon's inside, and rests at its bottom, which lies on the ground."""
     marble = Sphere(position=(0.1, 0.0, 0.05), radius=0.015, mass=0.02)
     scene = flight(marble, gravity=9.8, ground=Ground(height=-0.7))
     found = sides_of(scene, device, "gather", frames=90)

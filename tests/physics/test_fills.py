@@ -61,7 +61,6 @@ def soft(**gas) -> Scene:
     ids=["litres", "breaths", "moles"],
 )
 def test_so_much_is_blown_in_evenly_over_the_time(how: dict, moles: float, device: str):
-    """The amount grows linearly over the fill time, which ends within a frame."""
     simulator = Simulator(rigid(fill_time=0.065, **how), device)
     first = simulator.read_frame().gas_amounts[0]
     blown = [advanced(simulator, 1).gas_amounts[0] - first for _ in range(6)]

@@ -80,7 +80,6 @@ def test_the_pressure_is_gents_up_to_nearly_the_limit_and_rises_on():
 
 @pytest.mark.always
 def test_a_smaller_most_stretch_takes_longer_steps_and_is_told():
-    """A smaller `most_stretch` truncates the law earlier, so that steps are longer, with a warning."""
     short, _, _ = filled()
     long, stretches, pressures = filled(most_stretch=0.85 * LOCK)
     assert long.model.substeps < 0.4 * short.model.substeps
@@ -93,7 +92,6 @@ def test_a_smaller_most_stretch_takes_longer_steps_and_is_told():
 @pytest.mark.always
 @pytest.mark.parametrize("most", [2.0, 0.9 * LOCK, 0.96 * LOCK, 0.99 * LOCK])
 def test_beyond_the_most_stretch_the_tension_goes_on_as_it_is_there(most: float):
-    """Tension beyond `most_stretch` continues without a jump, kink or fall, and never rises faster."""
     told = numbers_of(plan_model(ball(most_stretch=most)).parameters, 0)
     law = MEMBRANES["gent"]
 

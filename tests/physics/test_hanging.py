@@ -46,7 +46,6 @@ def hung_scene(mesh: PolygonMesh) -> bw.Scene:
 
 
 def test_statics_bear_the_weight_that_is_simulated():
-    """Statics and simulation agree: at rest the host's forces cancel with the weight, and not without."""
     mesh = replace(egg(), points=1.2 * egg().points)
     simulator = bw.Simulator(hung_scene(mesh), "cpu")
     points = simulator.relax(2e-4).points[0].astype(float)
@@ -67,7 +66,6 @@ def test_statics_bear_the_weight_that_is_simulated():
 
 
 def test_the_weight_changes_with_the_mould_as_told():
-    """The derivative of the weight by the mould agrees with central differences, and its total with the film's area."""
     scene = hung_scene(egg())
     simulator = bw.Simulator(scene, "cpu")
     rows = {name: values.numpy() for name, values in simulator.model.parameters.items()}
@@ -83,7 +81,6 @@ def test_the_weight_changes_with_the_mould_as_told():
 
 
 def test_what_hangs_becomes_the_shape_under_its_gravity(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """A balloon designed under gravity reaches its shape from rest; without gravity it has another."""
     monkeypatch.setattr(picture, "SIZE", (96, 84))
     design = bw.design(egg(), of="latex", stretch=1.3, size=SIZE, gravity=9.81, steps=8, folder=tmp_path, device="cpu")
     ruler = Ruler(held_target_of(egg(), SIZE, None)[0], in_place=True)
@@ -125,7 +122,6 @@ def test_what_cannot_hang_is_refused(asked: dict, sentence: str, tmp_path: Path)
 
 
 def test_command_says_what_holds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """The command names the pinned vertices and groups as the scene does."""
     asked = []
     monkeypatch.setattr(design, "design", lambda *args, **given: asked.append(given) or 1 / 0)
     write_obj(tmp_path / "egg.obj", egg())

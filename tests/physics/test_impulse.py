@@ -91,7 +91,6 @@ def test_gas_moves_with_the_balloon_that_a_sphere_hits(device: str):
 
 
 def test_the_papers_penalty_keeps_no_momentum(device: str):
-    """The paper's penalty does not conserve momentum: the sphere flies on, or feels the inflation alone."""
     simulator = struck(device, 0.5, contact="penalty")
     start = whole(simulator)
     advanced(simulator, 30)
@@ -270,7 +269,6 @@ def test_many_that_rub_at_once_give_no_energy(device: str):
 
 
 def test_a_diagnosis_names_all_touching_particles(device: str):
-    """The report names all touching particles, each with its share of the push; none while the sphere is free."""
     simulator = struck(device, 0.5)
     assert Pulls(simulator.model, simulator.state, 0.0).contact_at(0, newtons=0.0) is None
     advanced(simulator, 5)
@@ -279,7 +277,6 @@ def test_a_diagnosis_names_all_touching_particles(device: str):
 
 
 def test_the_rule_may_change_meanwhile(device: str):
-    """The contact rule may change during a run: a sphere that flies through by one is stopped by the other."""
     speeds = []
     for changes in ([], [Change(time=0.05, set={"contact": "impulse"})]):
         simulator = struck(device, 0.5, contact="penalty", change=changes)
@@ -290,7 +287,6 @@ def test_the_rule_may_change_meanwhile(device: str):
 
 
 def test_a_touching_particle_keeps_no_speed_into_the_sphere(device: str):
-    """A corner that flies into a sphere takes the sphere's normal velocity by the penalty, and slides on."""
     velocity = (-1.0, 0.0, 0.0)
     sphere = Sphere(position=tuple(CORNER + [0.1, 0.0, 0.0]), radius=0.12, velocity=velocity, mass=5.0)
     simulator = bare_cubes(device, [sphere], contact="penalty", substeps=100, frames_per_second=60.0)
@@ -319,7 +315,6 @@ def test_penalty_force_is_the_touching_particles_inflation(k_normal: Any, subste
 
 @pytest.mark.parametrize("radius", [0.65, 0.75])
 def test_a_sphere_that_fits_between_the_corners_of_a_face_passes_untouched(radius: float, device: str):
-    """A sphere that fits the unit cube's opening of 0.71 m passes through a face, and a larger one moves the cube."""
     assert widest_opening(cube()) == pytest.approx(np.sqrt(0.5))
     still = Balloon(mesh=cube(), inflation=Inflation(k_normal=0.0), damping=0.0)
     sphere = Sphere(position=(0.5, 2.0, 0.5), radius=radius, mass=1.0, velocity=(0.0, -20.0, 0.0))

@@ -41,7 +41,6 @@ def blow_up(simulator: Simulator) -> str:
 
 @pytest.mark.always
 def test_the_limit_points_are_those_of_the_laws():
-    """The pressure peaks at the stretch 7^(1/6) for neo-Hookean rubber, and at 2 for springs."""
     for material, stretch in ((NEO_HOOKEAN, 7.0 ** (1.0 / 6.0)), (Material(), 2.0)):
         plan = plan_model(ball(material, 1.0))
         stretches, pressures = borne_pressures(plan.scene, 0, plan.shapes[0], plan.parameters)
@@ -72,7 +71,6 @@ def test_springs_past_theirs_too():
 
 @pytest.mark.always
 def test_what_holds_is_not_told_of():
-    """Pressures below the limit point, with gas, or on a later rising branch give no warning."""
     for material, pressure in ((NEO_HOOKEAN, 0.9 * MOST), (Material(kind="gent", thickness=THICKNESS), 1.5 * MOST)):
         assert plan_model(ball(material, pressure)).warnings == []
     plan = plan_model(ball(NEO_HOOKEAN, 0.9 * MOST))
@@ -83,7 +81,6 @@ def test_what_holds_is_not_told_of():
 
 
 def test_another_blow_up_keeps_its_advice():
-    """Springs far too stiff for the step get that advice, under a pressure that they bear."""
     scene = ball(Material(), 1.0)
     simulator = Simulator(scene, "cpu")
     simulator.set_parameters({"structural": [[1e6]]})

@@ -98,7 +98,6 @@ def test_a_sealed_balloon_has_the_pressure_of_the_analytic_curve(device: str):
 
 
 def test_a_given_pressure_stretches_as_the_analytic_curve_says(device: str):
-    """A given pressure stretches rubber by the analytic curve."""
     branches = [np.where(RISING < 2.0, RISING, 1.1) if kind == "neo_hookean" else RISING for kind in ENERGIES]
     pressures = [
         sphere_pressure(energy, BALL, THICKNESS, rising)
@@ -169,7 +168,6 @@ def analytic_frequency(mesh: PolygonMesh, amount: float) -> float:
 
 
 def test_it_breathes_at_the_analytic_frequency_on_any_mesh(device: str):
-    """The breathing frequency is analytic: a mesh four times as fine has the same volume and pressure."""
     amount = float(amount_at(same_volume(9), 984.375, 2.0))
     coarse, fine = (breathing(same_volume(n), device, amount) for n in (9, 18))
     np.testing.assert_allclose(coarse, fine, rtol=0.01)

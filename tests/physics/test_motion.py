@@ -82,7 +82,6 @@ def test_spring_oscillates_at_its_frequency_at_first_order(device):
 
 
 def test_coincident_ends_give_no_force(device):
-    """Two corners at one place have no force between them and stay finite, though their spring has a rest length."""
     simulator = Simulator(Scene(balloon=[triangle_balloon()], gravity=0.0), device)
     put(simulator, np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]))
     pull = 50.0 * (np.sqrt(3.0) - 1.0)  # both other springs are squeezed to length 1
@@ -92,7 +91,6 @@ def test_coincident_ends_give_no_force(device):
 
 
 def test_stiffness_goes_by_kind_and_by_spring(device):
-    """The net force of a quad stretched along x is the sum of its springs' pulls, each by its own constant."""
     quad = mesh_of([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
     stiffness = Stiffness(structural=7.0, shear=3.0, flexion=11.0, variation=0.5, seed=4)
     balloon = Balloon(mesh=quad, stiffness=stiffness, inflation=NO_INFLATION, damping=0.0)
@@ -120,7 +118,6 @@ def test_fixed_and_unused_particles_stay(device):
 
 
 def test_stable_step_holds_and_is_not_wasteful(device):
-    """A ringing balloon keeps its energy at the stable step; with half the substeps the scene is refused."""
     balloon = Balloon(mesh=quad_sphere(4), damping=0.0, inflation=NO_INFLATION)
     scene = Scene(balloon=[balloon], gravity=0.0, frames_per_second=6, frames=20)
     fewest = int(0.801 * Simulator(scene, device).model.substeps)  # "auto" takes 0.8 of the stable step
@@ -134,7 +131,6 @@ def test_stable_step_holds_and_is_not_wasteful(device):
 
 
 def test_a_stiff_string_is_part_of_the_stable_step(device):
-    """A particle on a string far stiffer than its springs comes to rest at F / k beyond the length."""
     balloon = triangle_balloon(fixed=[1, 2], helium=20.0, damping=6.0)
     string = String(anchor=(0.0, 0.9, 0.0), particle=0, stiffness=1e5)
     frame = simulated(Scene(balloon=[balloon], string=[string], frames=60), device)
@@ -180,7 +176,6 @@ def test_a_blow_up_names_frame_world_and_particle(scene: Scene, worlds: int, sai
 
 
 def test_worlds_of_a_batch_are_alike_and_the_same_as_one_alone():
-    """Worlds are bit-identical to the scene alone on the CPU, where the order of the sums is fixed."""
     scene = Scene(balloon=[Balloon(mesh=quad_sphere(3))], frames=5)
     alone = simulated(scene, "cpu", "scatter").points[0]
     batch = Simulator(scene, "cpu", world_count=3, schedule="scatter")

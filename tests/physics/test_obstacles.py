@@ -110,7 +110,6 @@ def test_no_particle_passes_a_wall_at_any_angle(kind: str, friction: float, devi
 @pytest.mark.parametrize("kind", WALLS)
 @pytest.mark.parametrize("half", [2.5e-4, 1.5e-3, 0.025])
 def test_walls_of_any_thickness_hold(kind: str, half: float, device: str):
-    """Walls of any thickness hold at any angle, where the path ends behind or within, and from contact."""
     for gap in (1e-6, 0.05):
         for into, along in [*SPEEDS, (1.0, 8.0), (0.2, 60.0)]:
             begin = crowd((-half - gap, -1.0, 0.0), (into, along, 0.5))
@@ -123,7 +122,6 @@ def test_walls_of_any_thickness_hold(kind: str, half: float, device: str):
 
 @pytest.mark.parametrize("kind", WALLS)
 def test_what_slides_along_a_wall_or_leaves_it_is_not_held(kind: str, device: str):
-    """Particles slide along a wall at 0.7 m/s for two seconds, or leave it at a tenth of a degree at 30 m/s."""
     half = 5e-4
     wall = Obstacle(**WALLS[kind](half), friction=0.0)
     beside = crowd((-half - 1e-6, -0.7, 0.0), (0.0, 0.7, 0.0))
@@ -138,7 +136,6 @@ def test_what_slides_along_a_wall_or_leaves_it_is_not_held(kind: str, device: st
 @pytest.mark.parametrize("kind", ["box", "sheet", "mesh"])
 @pytest.mark.parametrize("radius", [0.005, 0.1])
 def test_no_sphere_passes_a_wall_at_any_angle(kind: str, radius: float, device: str):
-    """Spheres slide on along the wall, at their speed without friction."""
     half = 5e-4
     for into, along in SPEEDS:
         wall = Obstacle(**WALLS[kind](half), friction=0.0, restitution=0.0)
@@ -153,7 +150,6 @@ def test_no_sphere_passes_a_wall_at_any_angle(kind: str, radius: float, device: 
 
 @pytest.mark.parametrize("body", ["box", "sheet"])
 def test_no_particle_passes_a_free_body_at_any_angle(body: str, device: str):
-    """Particles do not tunnel through a body of 100 kg, which hardly moves."""
     half = 5e-4
     for into, along in SPEEDS:
         begin = crowd((-half - 0.05, -0.3, 0.0), (into, along, 0.0))
@@ -168,7 +164,6 @@ def test_no_particle_passes_a_free_body_at_any_angle(body: str, device: str):
 @pytest.mark.parametrize("speed", [20.0, 150.0, 400.0])
 @pytest.mark.parametrize("kind", ["box", "sheet"])
 def test_a_wall_that_moves_takes_along_what_it_meets(kind: str, speed: float, device: str):
-    """A moving wall sweeps up particles that rest or fly along it: at 400 m/s it goes 6.7 m in a step."""
     half = 5e-4
     wall = Obstacle(**WALLS[kind](half), friction=0.0, motion=[(0.0, (0, 0, 0)), (1.0, (-speed, 0, 0))])
     for along in (0.0, 10.0):
@@ -214,7 +209,6 @@ def test_what_slides_on_stops_at_the_next_wall(kind: str, swapped: bool, device:
 @pytest.mark.parametrize("degrees", [90.0, 40.0])
 @pytest.mark.parametrize("kind", ["boxes", "mesh"])
 def test_a_wedge_holds_and_lets_go_along_its_crease(degrees: float, kind: str, device: str):
-    """Two thin walls in a wedge contain what flies into it, which keeps its speed along the crease."""
     half = np.radians(0.5 * degrees)
     deep, high = 2.0 * np.cos(half), 2.0 * np.sin(half)
     if kind == "boxes":
@@ -339,7 +333,6 @@ def test_a_particle_and_a_block_slide_down_a_slope_as_coulomb_says(
 
 
 def test_a_particle_inside_comes_out_along_the_normal(device: str):
-    """A particle inside is projected along the normal: a ball's ray from its center, the nearest face of a box."""
     ball = Obstacle(radius=0.5, length=0.0, position=(10.0, 0.0, 0.0))
     box = Obstacle(size=(1.0, 2.0, 3.0))
     inside = np.array([(10.3, 0.0, 0.3), (10.0, 0.4, 0.0), (0.45, 0.2, 0.1), (0.0, -0.9, 1.0)])
@@ -353,7 +346,6 @@ def test_a_particle_inside_comes_out_along_the_normal(device: str):
 
 
 def test_a_lift_carries_what_stands_on_it(device: str):
-    """A plate that rises by a meter in a second, and then rests, carries its particles at its speed."""
     lift = Obstacle(size=(1.0, 0.2, 1.0), position=(0, -0.1, 0), motion=[(0.0, (0, 0, 0)), (1.0, (0, 1.0, 0))])
     on_it = particles([(0, 0, 0), (0, 0, 0.1), (0.1, 0, 0.1), (0.1, 0, 0)])
     frames = list(Simulator(Scene(balloon=[on_it], obstacle=[lift], frames=90), device).run())
@@ -365,7 +357,6 @@ def test_a_lift_carries_what_stands_on_it(device: str):
 
 
 def test_a_turntable_takes_along_what_rubs_on_it(device: str):
-    """Particles that cannot slip go round with a turntable, at omega r: a quarter turn in a second."""
     turn = [(0.0, (0, 0, 0)), (1.0, (0, 0, 0), (0, 90.0, 0))]
     table = Obstacle(size=(2.0, 0.2, 2.0), position=(0, -0.1, 0), friction=100.0, motion=turn)
     on_it = particles([(0.5, 0, 0), (0, 0, 0.5), (-0.5, 0, 0), (0, 0, -0.5)])
@@ -377,7 +368,6 @@ def test_a_turntable_takes_along_what_rubs_on_it(device: str):
 
 
 def test_a_box_is_as_its_mesh_is(device: str):
-    """A box agrees with its mesh: the closest point on triangles is that on the box's faces, edges and corners."""
     ball = Balloon(mesh=quad_sphere(4, 0.5), position=(0.1, 1.2, 0.1), inflation={"pressure": 2.0})
     place = {"rotation": (20.0, 10.0, 30.0), "friction": 0.2}
     found = []
@@ -414,7 +404,6 @@ def test_a_ball_goes_over_an_edge_without_a_kick(friction: float, device: str):
 
 
 def test_what_cuts_a_corner_is_stopped(device: str):
-    """A particle that would cut 1.4 m through a box's corner in one substep stays above, at its speed."""
     across = particles(
         [(-0.4, 0.6, 0), (-0.4, 0.6, 0.1), (-0.3, 0.6, 0.1), (-0.3, 0.6, 0)], velocity=(70.0, -50.0, 0.0)
     )
@@ -480,7 +469,6 @@ def scene_with(path: Path, **fields: Any) -> Scene:
 
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
 def test_an_obstacle_goes_where_its_stage_says(tmp_path: Path, up_axis: str):
-    """An obstacle's corners are where USD has them, in its own unit and axes; after the last sample it rests."""
     path = stage_of(tmp_path / "block.usda", up_axis)
     simulator = Simulator(scene_with(path, position=(0.0, 2.0, 0.0)), "cpu", schedule="gather")
     mesh = simulator.model.obstacles[0].mesh
@@ -525,7 +513,6 @@ def clock(path: Path) -> Path:
 
 
 def test_each_part_of_a_stage_moves_by_its_own_samples(tmp_path: Path):
-    """Moving parts become obstacles of their own, behind the others, with the same values."""
     scene = scene_with(clock(tmp_path / "clock.usda"), friction=0.25, name="clock")
     scene = scene.model_copy(update={"obstacle": [*scene.obstacle, Obstacle(position=(0.0, -9.0, 0.0))]})
     plan = plan_model(scene)
@@ -588,7 +575,6 @@ def skinned(path: Path, weights: tuple[float, float]) -> Path:
 
 
 def test_a_skin_is_followed_where_it_is_rigid(tmp_path: Path):
-    """A skin held by one joint is followed as a rigid block; one held by two joints stretches and is refused."""
     motion = obstacle_motion(plan_model(scene_with(skinned(tmp_path / "whole.usda", (1, 1)))).scene)
     np.testing.assert_allclose(motion[[0, 30, 60], 0, :3], [[0, 0, 0], [0, 0.5, 0], [0, 1, 0]], atol=1e-6)
     with pytest.raises(InputError, match="/root/block deforms"):

@@ -79,7 +79,6 @@ def test_scenes_sweeps_changes_and_whoever_sets_say_what_a_control_says(device: 
 
 
 def test_a_group_shares_a_force_by_mass_but_for_what_is_fixed() -> None:
-    """A fixed particle stays, and the others take its share."""
     held = FLOATING.model_copy(update={"fixed": [4]})
     softer = held.model_copy(update={"stiffness": held.stiffness.model_copy(update={"even": True})})
     simulator = Simulator(SCENE.model_copy(update={"balloon": [softer]}), "cpu")

@@ -154,7 +154,6 @@ def test_least_gaps_are_those_of_all_pairs():
 
 @pytest.mark.always
 def test_parts_have_all_triangles():
-    """Each triangle is in one part; their number is known without them."""
     for mesh in (tube(17, 12), quad_sphere(8), cube()):
         parts = parts_of(mesh)
         assert len(parts.particles) == part_count(mesh)
@@ -162,7 +161,6 @@ def test_parts_have_all_triangles():
 
 
 def test_a_ball_on_a_thin_rod_does_not_cross_itself_where_it_touches_itself_softly():
-    """A ball of 1,538 vertices that falls on a rod of 2 cm folds around it, and crosses itself unless that is said."""
     most = dict[bool | str, int]()
     mesh = quad_sphere(16, 0.5)
     ball = Balloon(mesh=mesh, position=(0.0, 1.2, 0.0), mass=0.3)

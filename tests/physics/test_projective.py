@@ -22,7 +22,6 @@ from balloon_warp.solvers.step_matrices import StepMatrices
 
 
 def test_iterations_converge_to_newtons_method(device):
-    """Iterations converge to Newton's minimum of the implicit step, up to rounding of points of size 1."""
     step, points = one_step(400, device)
     expected = step.minimum(points)
     assert np.abs(step.slope(expected)[step.share > 0.0]).max() < 1e-9  # N; Newton's method has converged
@@ -76,7 +75,6 @@ def test_small_steps_approach_scatters_trajectory_at_first_order(device):
 
 
 def test_springs_that_change_change_the_matrix_too(device):
-    """A run with changed springs is bit-identical to one that starts with them."""
     changed = kicked_balloon(100, change=[Change(time=0.0, set={"balloon.stiffness.structural": 200.0})])
     stiff = kicked_balloon(100, SOFT.model_copy(update={"structural": 200.0}))
     found, expected = (after_frames(scene, device, 10).state.points.numpy() for scene in (changed, stiff))
@@ -84,7 +82,6 @@ def test_springs_that_change_change_the_matrix_too(device):
 
 
 def test_the_solver_may_change(device):
-    """The solver may change during a run, from explicit to implicit and back."""
     change = [Change(time=0.05, set={"solver": "projective"}), Change(time=0.1, set={"solver": "symplectic_euler"})]
     names = []
     simulator = Simulator(full_scene(change=change), device)
@@ -95,7 +92,6 @@ def test_the_solver_may_change(device):
 
 
 def test_auto_takes_few_substeps_and_names_the_solver():
-    """The automatic number of substeps is small, however stiff the springs are."""
     stiff = Stiffness(structural=1e6)
     assert build_model(kicked_balloon(stiffness=stiff, substeps="auto"), "cpu").substeps == 2
     assert build_model(full_scene(solver="projective", frames_per_second=24), "cpu").substeps == 10
@@ -104,7 +100,6 @@ def test_auto_takes_few_substeps_and_names_the_solver():
 
 @pytest.mark.parametrize("vary", [{}, {"balloon.0.mass": np.linspace(0.1, 0.3, 3)}])
 def test_the_inverse_and_the_factor_give_the_same_trajectory(vary, device):
-    """The dense inverse and the sparse factor, which is for the CPU, agree to float32's rounding."""
     states: list[State] = []
     for place, global_step in (("cpu", SparseFactor), (device, DenseInverse)):
         simulator = Simulator(full_scene(solver="projective"), place, 3, vary)
@@ -150,7 +145,6 @@ VARIED = {
 
 
 def test_a_world_alone_is_the_same_world_in_a_batch(device):
-    """Worlds of other parameters are bit-identical to each alone, also in a batch that no eight divide."""
     scene = full_scene(solver="projective", normals="fresh", substeps=3)
     vary = {path: (values * 4)[:11] for path, values in VARIED.items()}
     batch = after_frames(scene, device, worlds=11, vary=vary)
@@ -163,7 +157,6 @@ def test_a_world_alone_is_the_same_world_in_a_batch(device):
 
 
 def test_worlds_share_a_matrix_where_masses_and_spring_constants_are_alike():
-    """A single factorization serves all worlds of equal masses and spring constants, or one for each of two kinds."""
     scene = full_scene(solver="projective")
     for vary, count in (({"gravity": [9.0, 10.0, 11.0, 12.0]}, 1), ({"balloon.0.mass": [0.1, 0.2, 0.1, 0.2]}, 2)):
         matrices = StepMatrices(Simulator(scene, "cpu", 4, vary).model)

@@ -73,7 +73,6 @@ def test_a_blade_cuts_a_ball_whose_faces_do_not_meet_it(tmp_path: Path) -> None:
 @pytest.mark.always
 @pytest.mark.parametrize("thing", ["blade", "rod"])
 def test_a_symmetric_drop_stays_symmetric(thing: str) -> None:
-    """A symmetric drop stays symmetric: nothing is thrown along a rod, or off it."""
     simulator = Simulator(Scene(balloon=[ball(6)], **THINGS[thing]), device="cpu")
     frame = simulator.step()
     for _ in range(39):
@@ -102,7 +101,6 @@ def test_energy_never_grows(thing: str, friction: float) -> None:
 
 @pytest.mark.always
 def test_what_was_far_away_and_begins_anew_meets_it_again() -> None:
-    """A ball that has flown 3 m away is reset to where it began, and falls on a blade as it did at first."""
     simulator = Simulator(Scene(balloon=[ball(5)], gravity=0.0, **THINGS["blade"]), "cpu", 1)
     found = []
     for _ in range(2):
@@ -125,7 +123,6 @@ def carpet(degrees: float) -> Balloon:
 
 @pytest.mark.parametrize("degrees", [0.0, 5.0, -8.0])
 def test_nothing_catches_at_a_seam(degrees: float, device: str) -> None:
-    """Cloth slides over a floor of boxes as over one without faces: bit-identical, and without losing speed."""
     places = [(0.3 * i, -0.05, 0.3 * j) for i in range(-1, 7) for j in (-1, 0, 1)]
     tiles = [Obstacle(size=(0.3, 0.1, 0.3), position=place, friction=0.0) for place in places]
     scene = Scene(balloon=[carpet(degrees)], obstacle=tiles, gravity=0.0, frames=30)
@@ -227,7 +224,6 @@ def test_a_ball_and_a_sphere_keep_momentum_and_angular_momentum_and_gain_no_ener
 
 
 def test_which_spheres_meet_faces_so() -> None:
-    """Spheres that are not small meet ridges, where something is thin beside faces; none by the paper's rule."""
 
     def which(**given: Any) -> list[bool]:
         return round_ridges(Simulator(thrown(**given), "cpu").model)

@@ -82,7 +82,6 @@ def test_constants_change_along_an_axis():
 
 
 def test_weights_of_vertices_make_parts_stiffer():
-    """Weights of vertices scale a spring by the mean of its two ends; there are as many as vertices."""
     mesh = cube()
     weights = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0])
 
@@ -99,7 +98,6 @@ def test_weights_of_vertices_make_parts_stiffer():
 
 
 def test_weights_of_a_group_or_of_a_rule_are_those_of_its_vertices(tmp_path):
-    """Weights of a group or a rule are those of its vertices, 1 elsewhere. A rule sees the mesh's own points."""
     mesh = replace(cube(), name="box", groups={"neck": np.array([0, 1]), "tip": np.array([1])})
 
     def scale(weights: Any) -> np.ndarray:
@@ -122,7 +120,6 @@ def test_weights_of_a_group_or_of_a_rule_are_those_of_its_vertices(tmp_path):
 
 
 def test_the_seed_decides_on_the_draws_alone():
-    """Each spring's factor is its own draw, even over the whole range, and the same again from the same seed."""
 
     def scales(seed: int) -> np.ndarray:
         balloon = balloon_of(Stiffness(variation=0.4, seed=seed), mesh=quad_sphere(8))

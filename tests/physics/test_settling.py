@@ -72,7 +72,6 @@ def test_so_many_iterations_are_made_as_it_takes(stiff_balls: Simulator):
 
 
 def test_a_world_does_not_go_by_what_others_need(stiff_balls: Simulator):
-    """A world is bit-identical alone and in a batch, which takes many times the iterations of the softest."""
     for number in (0, 3):
         alone = after(Simulator(ball(*STIFF[number]), "cpu"), 60)
         np.testing.assert_array_equal(alone.state.points.numpy()[0], stiff_balls.state.points.numpy()[number])
@@ -176,7 +175,6 @@ def test_a_balloon_topples_where_a_stiffness_is_negative(soft: float, squeeze: f
 
 
 def test_rigid_motions_keep_distances():
-    """Six orthonormal motions change the distances of all points to second order alone."""
     motions = rigid_motions(POINTS)
     np.testing.assert_allclose(motions.T @ motions, np.eye(6), atol=1e-12)
     apart = POINTS[:, None] - POINTS[None]

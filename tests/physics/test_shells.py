@@ -41,7 +41,6 @@ def test_faces_between_inside_and_outside_are_pushed() -> None:
 
 
 def test_a_wall_between_rooms_is_not_pushed() -> None:
-    """The wall at x = 0 of a box from x = -1/2 to 1/2 is not pushed."""
     mesh = walled()
     middles = mesh.points[mesh.face_vertex_indices.reshape(-1, 4)].mean(axis=1)
     np.testing.assert_array_equal(pushed(mesh) == 0, np.abs(middles[:, 0]) < 1e-9)
@@ -49,7 +48,6 @@ def test_a_wall_between_rooms_is_not_pushed() -> None:
 
 @pytest.mark.parametrize("make", [walled, two_at_an_edge, lambda: chair(holes=False, mixed=False)])
 def test_winding_does_not_matter(make) -> None:
-    """Pushed faces end up outward and enclose the same volume, whichever were reversed."""
     mesh = prepared(make(), "mesh", Treatment())
     wild = flipped(make(), np.random.default_rng(2).random(make().face_count) < 0.4)
     again, slack = pushed_outward(prepared(wild, "mesh", Treatment()))
@@ -62,7 +60,6 @@ def test_winding_does_not_matter(make) -> None:
 
 
 def test_missing_faces_of_a_chair_are_closed_and_it_is_inflated() -> None:
-    """Missing faces of a chair are closed and it is inflated, though edges have three and four faces."""
     whole, spoiled = (shape_of(chair(holes=holes, mixed=holes)) for holes in (False, True))
     assert np.count_nonzero(spoiled.slack) == np.count_nonzero(whole.slack) > 0
     assert signed_volume(spoiled.skin) == pytest.approx(signed_volume(whole.skin), rel=0.01)
@@ -94,14 +91,12 @@ def test_a_face_there_and_back_has_the_same_vertices_and_no_area() -> None:
 
 
 def test_a_border_that_is_held_parts_inside_from_outside() -> None:
-    """A sheet pinned all around is pushed; with one free vertex it flaps, and is not."""
     border = [n for n in range(25) if not (0 < n % 5 < 4 and 0 < n // 5 < 4)]
     assert not shape_of(grid(4, 4), fixed=border).slack.any()
     assert shape_of(grid(4, 4), fixed=border[1:]).flies_off
 
 
 def test_a_pressure_that_is_said_pushes_a_sheet() -> None:
-    """A given pressure pushes a sheet, but no open part beside a closed one. The paper's inflation pushes all."""
     assert not shape_of(grid(4, 4), inflation=Inflation(pressure=5.0)).slack.any()
     assert shape_of(finned(), inflation=Inflation(pressure=5.0)).slack.any()
     assert not shape_of(finned(), inflation=Inflation(k_normal=1.0)).slack.any()
@@ -132,7 +127,6 @@ def test_open_parts_beside_closed_ones_are_named_and_carried() -> None:
 
 
 def test_what_is_advised_works() -> None:
-    """The advice works: a given pressure inflates open and one-sided meshes, and so does pinning the border."""
     for mesh in (grid(4, 4), klein()):
         assert "--set balloon.inflation.pressure=100" in shape_of(mesh).remarks[0]
         said = load_scene(mesh, {"balloon.inflation.pressure": 100})
@@ -143,7 +137,6 @@ def test_what_is_advised_works() -> None:
 
 
 def test_remesh_is_not_advised_for_hair() -> None:
-    """The advice for hair does not name remeshing, which refuses it."""
     for mesh in (hair(20), haired()):
         assert not [remark for remark in shape_of(mesh).remarks if "remesh" in remark]
     assert "remesh" in shape_of(grid(4, 4)).remarks[0]
@@ -151,7 +144,6 @@ def test_remesh_is_not_advised_for_hair() -> None:
 
 
 def test_a_mesh_whose_z_is_up_stands_once_it_is_turned() -> None:
-    """A Z-up mesh stands once it is turned, as MESHES.md says; one that names its axis needs no option."""
     told = load_scene(ODD["table"]())
     turned = load_scene(replace(ODD["table"](), up_axis="Y"), {"balloon.rotation": [-90, 0, 0]})
     assert (told.up_axis, turned.up_axis) == ("Z", "Y")

@@ -35,7 +35,6 @@ def test_the_mass_is_that_of_the_skin():
 
 
 def test_mass_is_lumped_by_area_and_not_by_particles():
-    """The mass of a strip of a broad and a narrow square is lumped by area."""
     strip = mesh_of([(0, 0, 0), (3, 0, 0), (4, 0, 0), (4, 1, 0), (3, 1, 0), (0, 1, 0)], [[0, 1, 4, 5], [1, 2, 3, 4]])
     shares = plan_model(latex(mesh=strip, inflation=Inflation(pressure=0.0))).shapes[0].mass_share
     np.testing.assert_allclose(shares, np.array([3.0, 4.0, 1.0, 1.0, 4.0, 3.0]) / 16.0)
@@ -87,7 +86,6 @@ def test_worlds_differ_in_all_that_a_material_has():
 
 @pytest.mark.parametrize("material", [Material(preset="natural_rubber_treloar"), OGDEN])
 def test_worlds_differ_in_one_term_of_an_ogden_material(material: Material):
-    """Worlds vary one term of an Ogden material, whose numbers are the scene's or the preset's."""
     vary = {"balloon.material.ogden_moduli.0": [5e5, 7e5], "balloon.material.ogden_exponents.1": [4.0, 5.0]}
     parameters = plan_model(latex(material=material), 2, vary).parameters
     moduli, exponents = parameters["ogden_moduli"][:, 0], parameters["ogden_exponents"][:, 0]

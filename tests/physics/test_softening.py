@@ -130,7 +130,6 @@ def test_the_step_is_stable_where_it_begins_to_give_way(device: str):
 
 
 def test_it_goes_on_bit_for_bit(schedule: str, device: str):
-    """A restored simulation is bit-identical, peaks included."""
     scene = scene_of("gent", MIXED)
     one = Simulator(scene, device, schedule=schedule)
     stretched(one, 1.6)

@@ -140,7 +140,6 @@ def test_wind_grows_with_height_by_the_power_law_and_the_logarithm(device: str):
 
 
 def test_the_step_allows_for_the_fastest_wind():
-    """The step's bound is the wind at ten times the height, no more than a tenth too fast."""
     areas = np.array([1.0])
     for roughness in (2e-4, 0.03, 1.0, 9.0):
         known = (np.zeros((1, 3)), 101325.0, 288.15, 1.0, 1.0, np.array([[7.0, 0.0, 0.0]]), 0.0, 10.0, roughness, 0.0)
@@ -149,7 +148,6 @@ def test_the_step_allows_for_the_fastest_wind():
 
 
 def test_worlds_have_winds_of_their_own(device: str):
-    """Equal seeds give bit-identical winds, and other seeds other drifts; stronger gusts shake more."""
     leaf = Balloon(mesh=cube(), mass=0.01, face_drag=1.0, **STILL)
     air = Atmosphere(wind=(3.0, 0.0, 0.0), gusts=0.3, shear=0.2)
     scene = Scene(balloon=[leaf], atmosphere=air, gravity=0.0)

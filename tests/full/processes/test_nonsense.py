@@ -77,7 +77,6 @@ def test_what_a_window_says_is_heard(page: Page, watcher: Connection):
 
 
 def test_an_older_picture_does_not_pull_a_slider_back(page: Page, watcher: Connection):
-    """An older picture does not reset a slider, where a busy machine draws behind the input."""
     older = page.session.picture
     hears_the_slider(page, watcher)
     page.controls.follow(older)
@@ -85,7 +84,6 @@ def test_an_older_picture_does_not_pull_a_slider_back(page: Page, watcher: Conne
 
 
 def test_a_slider_is_heard_at_once(page: Page, watcher: Connection):
-    """A slider takes effect at once, without waiting for viser's threads."""
     free = threading.Event()
     for _ in range(page.server._thread_executor._max_workers):
         page.server._thread_executor.submit(free.wait)
@@ -156,7 +154,6 @@ def nonsense(page: Page) -> dict[str, bytes]:
 
 
 def test_nonsense_is_not_heard(page: Page, watcher: Connection, capfd: pytest.CaptureFixture[str]):
-    """Invalid messages change nothing and print nothing, and their sender can still send valid ones."""
     controls = page.server.gui._gui_input_handle_from_uuid.values()
     for name, content in nonsense(page).items():
         values, live = [control.value for control in controls], page.session.playground.live
@@ -193,7 +190,6 @@ def test_a_huge_message_ends_its_own_connection(page: Page, watcher: Connection)
 
 
 def test_thousands_of_messages_do_not_stop_the_simulation(page: Page, watcher: Connection):
-    """Thousands of valid messages do not stop the simulation: the last value holds, and spheres are limited."""
     with joined(page) as window:
         say(window, CAMERA)
         for value in np.linspace(0.3, 0.6, 3000):
@@ -207,7 +203,6 @@ def test_thousands_of_messages_do_not_stop_the_simulation(page: Page, watcher: C
 
 
 def test_half_open_connections_do_not_stop_the_page(page: Page, watcher: Connection):
-    """Half-open handshakes and other bytes do not stop the page: a window joins beside them."""
     with contextlib.ExitStack() as stack:
         for opening in (b"", b"GET / HTTP/1.1\r\nHost: local", b"\x16\x03\x01\x02\x00garbage\r\n\r\n") * 10:
             slow = stack.enter_context(socket.create_connection(("127.0.0.1", page.server.get_port())))

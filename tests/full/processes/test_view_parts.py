@@ -55,7 +55,6 @@ def test_pace_keeps_real_time_where_the_machine_can(speed):
 
 
 def test_pace_slows_down_where_the_machine_cannot_and_does_not_catch_up_on_a_long_stop():
-    """A frame of 1/60 s that costs 1/30 s runs at half of real time, and the pace reports that."""
     pace = Pace()
     simulated, seconds = play(pace, 1 / 30, 10.0)
     assert simulated == pytest.approx(0.5 * seconds, rel=0.02)
@@ -82,7 +81,6 @@ def test_rays_hit_the_nearest_side_of_a_cube_and_the_ground_from_above_only():
 
 
 def test_a_thrown_body_arrives():
-    """A thrown body reaches its target in free flight: x + v t - 1/2 g t^2 up at t = distance / speed."""
     start, target = np.array([1.0, 2.0, 3.0]), np.array([-2.0, 2.5, 7.0])
     velocity = throw_at(target, start, 6.0, 9.81, UP)
     seconds = np.linalg.norm(target - start) / 6.0
