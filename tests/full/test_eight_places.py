@@ -66,10 +66,7 @@ def both_ways(points: NDArray, corners: NDArray) -> NDArray:
 @pytest.mark.parametrize("size", [1e-4, 1.0, 1e4])
 @pytest.mark.parametrize("width", [1.0, 1e-3, 1e-6, 0.0])
 def test_eight_triangles_side_by_side_are_measured_as_one(width: float, size: float):
-    """Weights, arms, area vectors and distances agree, for triangles and needles at all angles, and points all around.
-
-    The nearest point is inside, on edges, and in each corner.
-    """
+    """Needles at all angles, too, and points all around: the nearest point is inside, on edges, and in each corner."""
     draw = np.random.default_rng(8)
     rows = 600
     corners = draw.normal(size=(rows, EIGHT, 3, 3))

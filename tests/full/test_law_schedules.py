@@ -67,8 +67,7 @@ def test_what_acts_between_particles_gives_a_body_no_momentum(law: Law, device: 
 
 
 def umbrella() -> Any:
-    """Return seven triangles around an apex, and a tail: the apex has seven springs, and the tail's end two, so that
-    the others' tables have padding."""
+    """Return seven triangles around an apex, and a tail: the others have fewer springs, so that tables have padding."""
     angles = 2.0 * np.pi * np.arange(7) / 7.0
     rim = np.stack([np.cos(angles), -0.4 + 0.1 * np.cos(2.0 * angles), np.sin(angles)], axis=1)
     points = [(0.0, 0.0, 0.0), *rim.tolist(), (1.9, -0.8, 0.5)]

@@ -114,8 +114,7 @@ def is_lock(path: str) -> bool:
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_command_opens_nothing_elsewhere_but_its_programs(command: str, told: tuple[Path, dict]):
-    """Files opened elsewhere are Python's, its bytecode and Warp's kernel cache; temporary ones are gone in the end.
-    Locks of other processes are read to see whether they live."""
+    """Temporary files are gone in the end. Locks of other processes are read to see whether they live."""
     folder, done = told[0], told[1]
     package = Path(balloon_warp.__path__[0]).resolve().parent
     places = [folder, package, sys.prefix, sys.base_prefix, done["inspect"]["cache"], "/dev/null", "/proc", "/sys"]

@@ -103,8 +103,7 @@ def test_rocket_balloon_is_driven_by_its_jet_and_loops():
 
 
 def test_two_latex_balloons_end_at_the_two_roots_of_one_pressure():
-    """Two joined rubber balloons end at two stretches of one pressure, as rubber beyond its peak bears less the larger
-    it is: the smaller one empties, and gas is conserved; each within 1 %."""
+    """Rubber beyond its peak bears less the larger it is: the smaller one empties. Each is within 1 %."""
     model, frames = played("two_latex_balloons")
     mesh = model.shapes[0].mesh
     volume, pressure_at = signed_volume(mesh), partial(latex_pressure, mesh)

@@ -61,9 +61,8 @@ def test_correction_constrains_a_strongly_inflated_balloon_most():
 
 
 def test_tarantinos_correction_is_smoother_than_provots():
-    """Tarantino's correction changes velocities less abruptly, as the paper says: of the hundredth that changes its
-    velocity the most from frame to frame, while the balloon is held at its limit, the change is less, by 8% on the
-    ground, by 9% in free air without gravity, by 14% on ice. A twentieth is asked. The shape is the same."""
+    """As the paper says: of the hundredth that changes its velocity the most from frame to frame, at the limit, the
+    change is less, by 8% on the ground, by 9% in free air without gravity, by 14% on ice. A twentieth is asked."""
     jolts, volumes = [], []
     for correction in ("provot", "tarantino"):
         held = (("correction", correction), ("correction_limit", 0.1), ("frames", 120))
@@ -77,10 +76,9 @@ def test_tarantinos_correction_is_smoother_than_provots():
 
 
 def test_cached_normals_give_the_shape_of_fresh_ones():
-    """Cached normals change the shape negligibly, as the paper says. In the last half second volumes agree to three
-    thousandths: those with cached normals jitter, and of seven starts a micrometer apart their means were 162.55 to
-    162.80 liters, where with fresh ones they were 162.75 to 162.78. In the end lengths of springs agree to a hundredth
-    of them on average, while they have grown by more than a tenth."""
+    """As the paper says. In the last half second volumes agree to three thousandths: those with cached normals jitter,
+    and of seven starts a micrometer apart their means were 162.55 to 162.80 liters, where with fresh ones they were
+    162.75 to 162.78."""
     model, fresh = played("squirrel_inflate")
     _, cached = played("squirrel_inflate", (("normals", "cached"),))
     volume = [np.mean([frame.volumes[0] for frame in frames[-30:]]) for frames in (fresh, cached)]

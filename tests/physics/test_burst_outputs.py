@@ -23,8 +23,7 @@ from balloon_warp.sweep.recorder import Recorder, columns_of
 
 
 def test_the_stage_loses_the_faces_that_tear(tmp_path, device: str):
-    """Torn faces collapse to one vertex: validators accept the stage, areas exclude them, volumes are of what holds
-    gas, and pictures do not draw them."""
+    """Areas exclude torn faces, volumes are of what holds gas, and pictures do not draw them."""
     scene = scene_of(quad_sphere(4, 0.1), needle_time=1e-3, tear_strength=1e6)
     simulator = filled(scene, 2.0, device)
     path = tmp_path / "burst.usdc"
@@ -85,8 +84,7 @@ def test_the_table_of_a_batch_says_which_worlds_burst(device: str):
 
 
 def test_a_batch_exports_worlds_that_burst(tmp_path):
-    """A needle in one of two worlds bursts it: that goes on, and is in stage and tables as a run alone is, without torn
-    faces, and at last without volume. A resumed batch agrees."""
+    """Stage and tables are those of a run alone, without torn faces, and at last without volume; also when resumed."""
     balloon = scene_of(quad_sphere(4, 0.1), needle_time=1e9, tear_strength=1e5).balloon[0]
     balloon = balloon.model_copy(update={"inflation": Inflation(kind="pressure", pressure=600.0), "damping": 0.5})
     scene = Scene(balloon=[balloon], gravity=0.0, frames=14, frames_per_second=500.0)

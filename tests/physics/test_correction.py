@@ -89,8 +89,7 @@ def pressed_ball(mesh: PolygonMesh, device: str) -> np.ndarray:
 
 
 def test_the_numbers_of_particles_do_not_matter_and_how_the_mesh_is_turned_hardly(device):
-    """Renumbered vertices change the result by rounding alone, on a ball of radius 1 m. A quarter turn corrects springs
-    in another order, which changes it by less than a hundredth of the radius."""
+    """A quarter turn corrects springs in another order. The radius is 1 m."""
     ball = quad_sphere(4)
     order = np.random.default_rng(6).permutation(ball.vertex_count)
     numbers = np.argsort(order)
@@ -143,8 +142,7 @@ def uneven_ball(count: int = 300, radius: float = 0.5) -> PolygonMesh:
 
 @pytest.mark.parametrize("limit", [0.1, 0.25])
 def test_rounding_does_not_decide_which_springs_at_the_limit_pull(limit: float):
-    """Uneven springs, many at their limit, are at the same places after half a second of other sums, up to growth of
-    rounding. Where their pull ended abruptly, they were 7 and 76 mm apart."""
+    """Where the pull of springs at their limit ended abruptly, other sums led 7 and 76 mm apart."""
     ball, strong = uneven_ball(), Inflation(k_normal=40.0 * limit)
     fields = {"inflation": strong, "damping": 0.3, "stiffness": Stiffness(), "correction_limit": limit}
     scene = scene_of(ball, "tarantino", **fields | {"substeps": "auto"})

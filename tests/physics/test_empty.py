@@ -73,8 +73,7 @@ def test_a_leak_ends_when_the_balloon_is_flat(schedule: str, device: str):
 
 
 def test_a_tube_takes_no_more_from_a_flat_balloon(schedule: str, device: str):
-    """A pump at one balloon draws from another through a tube, whose flow needs 30 Pa; no amount falls below that of a
-    flat balloon."""
+    """The tube's flow needs 30 Pa."""
     still = {"ground": Ground(), "tube": [Tube(balloons=(0, 1), conductance=1e-2)]}
     pumps = Inflation(kind="gas", start_pressure=100.0, pump=-0.3), Inflation(kind="gas", start_pressure=100.0)
     places = (0.0, 0.06, 0.0), (0.3, 0.06, 0.0)

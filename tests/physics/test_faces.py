@@ -27,8 +27,8 @@ def flight(sphere: Sphere, contact: str = "impulse", **fields) -> Scene:
 
 
 def turns_around(point: NDArray[np.float64], corners: NDArray[np.float64]) -> float:
-    """Return the winding number of triangles, shape (n, 3, 3), around a point: 1 within a balloon, 0 outside (van
-    Oosterom and Strackee 1983)."""
+    """Return the winding number of triangles (n, 3, 3) around a point: 1 inside, 0 outside (van Oosterom, Strackee
+    1983)."""
     a, b, c = (corners[:, number] - point for number in range(3))
     lengths = [np.linalg.norm(arm, axis=1) for arm in (a, b, c)]
     over = np.einsum("ij,ij->i", a, np.cross(b, c))
@@ -39,8 +39,7 @@ def turns_around(point: NDArray[np.float64], corners: NDArray[np.float64]) -> fl
 
 
 def sides_of(scene: Scene, device: str, schedule: str, frames: int) -> list[float]:
-    """Return the winding number around the sphere's center after each frame, or after each substep where the schedule
-    has them."""
+    """Return the winding numbers around the sphere's center after each frame, or each substep of `scatter`."""
     simulator = Simulator(scene, device, schedule=schedule)
     triangles = triangles_of(simulator.model.shapes[0].mesh)
     found = []
@@ -55,8 +54,7 @@ def sides_of(scene: Scene, device: str, schedule: str, frames: int) -> list[floa
 @pytest.mark.parametrize("speed", [0.5, 5.0, 100.0, 1000.0])
 @pytest.mark.parametrize("radius", [0.0001, 0.005, 0.03])
 def test_one_that_is_inside_stays_inside(radius, speed, device):
-    """A sphere inside the balloon does not tunnel out: at the highest speed a substep would take it three times the
-    balloon's width, and the balloon moves along."""
+    """At the highest speed a substep would take it three times the balloon's width, and the balloon moves along."""
     ball = Sphere(position=(0.05, 0.02, 0.03), radius=radius, mass=0.05, velocity=(speed, 0.3 * speed, 0.1 * speed))
     np.testing.assert_allclose(sides_of(flight(ball), device, "scatter", frames=12), 1.0, atol=1e-3)
 

@@ -78,8 +78,8 @@ def test_litres_are_of_the_air_of_each_world(device: str):
 
 
 def test_it_is_blown_to_a_diameter_or_a_pressure_and_no_further(device: str):
-    """Filling stops at the diameter of a ball with the balloon's volume, and makes up for a leak; by a breath in
-    five seconds stops at a pressure below the peak of rubber."""
+    """The diameter is of a ball with the balloon's volume; a leak is made up for; the pressure is below rubber's
+    peak."""
     simulator = Simulator(soft(fill_to_diameter=0.2, fill_time=0.5, leak=1e-6), device)
     diameters = [np.cbrt(6.0 * advanced(simulator, 1).volumes[0] / np.pi) for _ in range(50)]
     assert diameters[10] < 0.18
@@ -281,7 +281,6 @@ def test_momentum_follows_the_ramp_within_a_frame(device):
 
 
 def test_cached_normals_stay_for_a_frame_and_fresh_ones_follow(device):
-    """Cached and fresh normals agree in the first substep, and differ later as the particle moves."""
     mesh = quad_sphere(3)
     mesh.points[:, 0] *= 1.5  # normals turn as it grows: on the round sphere they would not
 

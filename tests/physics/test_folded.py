@@ -45,7 +45,6 @@ def zigzag(folds: int, gap: float) -> PolygonMesh:
 
 
 def test_the_airbag_is_folded_without_a_crossing_or_a_stretch():
-    """The airbag's 32 layers are 2 mm apart, and no edge is longer than it was sewn."""
     mesh, flat = airbag(), airbag_flat()
     assert np.ptp(mesh.points[:, 1]) == pytest.approx(31 * GAP)
     assert crossings(mesh.points, mesh) == 0
@@ -62,7 +61,6 @@ def strip(mesh: PolygonMesh, touch: Touch, **fields: Any) -> Scene:
 
 
 def test_layers_of_a_folded_strip_keep_apart(device: str):
-    """Layers of a folded strip, pressed together from both sides at 0.5 m/s, do not cross."""
     mesh = zigzag(4, 0.004)
     heights = mesh.points[:, 2]
     scene = strip(mesh, Touch(itself=True, thickness=0.002, stiffness=500.0))
@@ -80,10 +78,8 @@ def test_layers_of_a_folded_strip_keep_apart(device: str):
 
 
 def test_layers_that_fall_on_the_ground_keep_apart(device: str):
-    """Layers of a folded strip that falls flat on the ground at 4 m/s do not cross, and none is pushed into the ground.
-
-    Taken out of it later, it would go through what lies on it; with room for 8 pairs of each edge, at 227 places.
-    """
+    """What is pushed into the ground, and taken out of it later, would go through what lies on it; with room for 8
+    pairs of each edge, at 227 places."""
     mesh = zigzag(6, 0.002)
     flat = replace(mesh, points=mesh.points[:, [0, 2, 1]] * [1.0, 1.0, -1.0])
     falls = {"position": (0.0, 0.001, 0.0), "velocity": (0.0, -4.0, 0.0), "gravity": 9.81, "ground": Ground()}
@@ -144,8 +140,7 @@ def test_a_long_tube_that_folds_fast_is_nowhere_in_itself():
 
 
 def test_letters_of_foil_that_meet_fast_come_apart_again():
-    """A V and an L of foil that meet at 2 m/s separate again, in a scene that says nothing of touching; without edges,
-    or where they do not touch themselves, they are 10 cm deep in each other."""
+    """Without edges, or where they do not touch themselves, they are 10 cm deep in each other."""
     letters = [
         Balloon(
             mesh=foil_mesh(letter, height=0.35, edge=0.035), mass=0.05, damping=0.02,
@@ -173,7 +168,6 @@ def test_letters_of_foil_that_meet_fast_come_apart_again():
 
 
 def test_the_airbag_unfolds_without_a_crossing():
-    """The airbag unfolds from its packet to more than 0.15 m^3, without a crossing in every eighth frame."""
     model, frames = played("airbag")
     meshes = [shape_at(model, frame) for frame in frames[::8]]
     assert [crossings(mesh.points, model.shapes[0].mesh) for mesh in meshes] == [0] * len(meshes)

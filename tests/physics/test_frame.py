@@ -28,7 +28,6 @@ TWO = Scene(
 
 
 def test_a_frame_knows_its_time_and_its_balloons_size():
-    """A unit cube has 1 m^3 and 6 m^2; later both are those of the solids."""
     simulator = Simulator(TWO, "cpu")
     start = simulator.read_frame()
     assert (start.number, start.time, simulator.time) == (0, 0.0, 0.0)
@@ -42,7 +41,6 @@ def test_a_frame_knows_its_time_and_its_balloons_size():
 
 
 def test_reset_goes_back_to_the_same_start():
-    """A reset run is bit-identical, after changes of parameters and methods, and after written parameters."""
     simulator = Simulator(TWO, "cpu")
     first = advanced(simulator, 4)
     simulator.set_parameters({"gravity": 0.0})
@@ -66,7 +64,6 @@ def test_reset_forgets_what_was_written_where_nothing_changes_by_itself():
 
 
 def test_a_notebook_shows_a_picture(monkeypatch: pytest.MonkeyPatch):
-    """A notebook shows balloons red and blue on gray, and no picture of a state that is not finite."""
     monkeypatch.setattr("balloon_warp.outputs.snapshot.NOTEBOOK_SIZE", (64, 36))
     simulator = Simulator(TWO, "cpu")
     shown = simulator._repr_png_()
@@ -84,7 +81,6 @@ def test_a_notebook_shows_a_picture(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_a_world_is_read_among_others_as_alone(device: str):
-    """A world read from a batch equals the world alone, forces included; a second, recorded reading, too."""
     held = Balloon(mesh=quad_sphere(3), inflation={"k_normal": 0.1})
     scene = Scene(balloon=[held], string=[String(balloon=0, anchor=(0.0, 3.0, 0.0), length=1.0)], net_forces=True)
     vary = {"balloon.inflation.k_normal": [0.1, 0.2, 0.4], "string.length": [1.0, 1.1, 1.2]}
@@ -107,7 +103,6 @@ def test_a_world_is_read_among_others_as_alone(device: str):
 
 
 def test_frames_that_are_read_while_the_next_is_simulated_are_the_same(device: str):
-    """Frames read while the next is simulated are bit-identical, though parameters, methods and spheres change."""
     scene = TWO.model_copy(update={"frames": 6})
     ahead, simulator = [], Simulator(scene, device)
     for frame in simulator.run(ahead=True):
@@ -123,7 +118,6 @@ def test_frames_that_are_read_while_the_next_is_simulated_are_the_same(device: s
 
 @pytest.mark.parametrize("ahead", [False, True])
 def test_a_blow_up_ends_the_frames_after_the_last_good_one(device: str, ahead: bool):
-    """A blow-up ends the frames after the last good one, even if the next had begun by then."""
     scene = Scene(balloon=[Balloon(mesh=cube(), inflation={"k_normal": 1e9})], substeps=1, normals="fresh", frames=20)
     frames, numbers = Simulator(scene, device, world_count=2).run(ahead=ahead), []
     with pytest.raises(BlowUpError) as told:

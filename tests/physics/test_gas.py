@@ -326,9 +326,7 @@ OMEGA = float(np.sqrt(GAMMA * AIR_PRESSURE / VOLUME * (3.0 * VOLUME / RADIUS) **
 
 
 def swing(breathing_damping: float, phase_of_step: float, periods: float) -> NDArray:
-    """Return the excess size after each step over that at rest; it starts 0.1% too large.
-
-    Args: phase_of_step: omega h."""
+    """Return the excess size after each step, omega h of phase, over that at rest; it starts 0.1% too large."""
     gas = {"gamma": GAMMA, "molar_mass": 0.0, "breathing_damping": breathing_damping}
     setting = {"gravity": 0.0, "frames_per_second": OMEGA / phase_of_step, "substeps": 1}
     simulator = Simulator(Scene(balloon=[gas_balloon(MESH, gas, mass=MASS)], **setting), "cpu")
@@ -352,8 +350,7 @@ def amplitude(swing: NDArray, phase: float) -> float:
 
 
 def test_an_undamped_balloon_breathes_on():
-    """An undamped balloon keeps its amplitude for 20 periods, at the frequency of the trapezoidal rule, up to the gas
-    law's nonlinearity at a swing of a thousandth."""
+    """At the frequency of the trapezoidal rule, up to the gas law's nonlinearity at a swing of a thousandth."""
     found = swing(0.0, 0.83, 22)
     expected = 2.0 * np.arctan(0.83 / 2.0)
     np.testing.assert_allclose(phase_of(found), expected, rtol=1e-3)
@@ -436,8 +433,7 @@ def flying(neck: Neck | None, device: str, molar_mass: float = OF_AIR, **fields)
 
 
 def left_in_rigid(area: float, start: float, seconds: NDArray[np.float64], gamma: float) -> NDArray[np.float64]:
-    """Return amounts [mol] by the differential equation; without heat, p / n^gamma is constant. What passes the neck
-    has no time for heat."""
+    """Return amounts [mol] by the differential equation; what passes the neck has no time for heat."""
     volume, outside = 0.02, GAS_CONSTANT * TEMPERATURE / AIR_PRESSURE
     first = (AIR_PRESSURE + start) * volume / (GAS_CONSTANT * TEMPERATURE)
 
@@ -538,8 +534,7 @@ def test_the_jet_pushes_by_two_areas_times_the_pressure(device: str):
 
 
 def test_balloon_and_gas_keep_their_momentum(device: str):
-    """Momentum is conserved as gas, eight times as heavy as air, leaves a balloon that moves, at the speed of a jet.
-    Its share by the balloon's own speed is a third of the jet's."""
+    """Gas, eight times as heavy as air, leaves a moving balloon: its share by that speed is a third of the jet's."""
     heavy = 8.0 * OF_AIR
     simulator = flying(Neck(diameter=0.07), device, molar_mass=heavy)
     end, frames, flows = flown(simulator, 300)

@@ -125,8 +125,7 @@ def bare_cubes(device: str, spheres: list[Sphere], cubes: int = 1, **fields: Any
 
 @pytest.mark.parametrize("sphere_mass", [0.024, 1.2, 240.0])
 def test_balloons_that_touch_all_over_stick_to_the_sphere(sphere_mass: float, device: str):
-    """Three cubes against a sphere almost as flat as a wall go on at the mean of their speeds by mass, and the sphere
-    does not turn back, however light. The corners see it under up to 0.7 / 29 from the middle."""
+    """They go on at the mean of their speeds by mass. The corners see it under up to 0.7 / 29 from the middle."""
     wall = Sphere(position=(-28.9, 0.5, 0.5), radius=30.0, mass=sphere_mass)
     simulator = bare_cubes(device, [wall], cubes=3)
     put(simulator, velocities=np.tile([-2.0, 0.0, 0.0], (24, 1)))
@@ -140,8 +139,7 @@ def test_balloons_that_touch_all_over_stick_to_the_sphere(sphere_mass: float, de
 
 @pytest.mark.parametrize("sphere_mass", [0.01, 1.0, 100.0])
 def test_kinetic_energy_never_grows_by_contact(sphere_mass: float, device: str):
-    """Kinetic energy never grows with all the corners of three cubes in contact at once, at random velocities, between
-    two spheres that hold them both. Overlaps are resolved without speed."""
+    """Two spheres hold all the corners of three cubes, at random velocities. Overlaps are resolved without speed."""
     spheres = [
         Sphere(position=(x, 0.5, 0.5), radius=1.5, mass=sphere_mass, velocity=(-5.0 * x, 1.0, 0.0)) for x in (0.4, 0.6)
     ]
@@ -158,9 +156,8 @@ def test_kinetic_energy_never_grows_by_contact(sphere_mass: float, device: str):
 
 
 def test_what_a_body_and_its_particles_do_is_the_nearest_that_is_allowed(device: str):
-    """Contact impulses are the nearest feasible ones, by the conditions of Karush, Kuhn and Tucker: no penetration,
-    impulses push and never pull, and a pushed particle arrives at the surface. Eight corners come at a light sphere in
-    their midst at random, in one step."""
+    """By the conditions of Karush, Kuhn and Tucker: no penetration, impulses push and never pull, and a pushed particle
+    arrives at the surface. Eight corners come at a light sphere in their midst at random, in one step."""
     sphere = Sphere(position=(0.5, 0.5, 0.5), radius=0.86, mass=0.05, velocity=(1.0, 0.0, 0.0))
     simulator = bare_cubes(device, [sphere], frames_per_second=500.0)
     points = motion(simulator)[0]
@@ -185,9 +182,8 @@ def test_what_a_body_and_its_particles_do_is_the_nearest_that_is_allowed(device:
 
 
 def test_a_light_sphere_rebounds_no_higher_than_it_fell_and_alike_at_any_step(device: str):
-    """A sphere of 0.05 kg does not rebound higher than its fall from a balloon of 2 kg under pressure, at rest on the
-    ground. A regression rebounded to 2.4 times the height in long steps, and to a quarter in short ones. The explicit
-    step itself is off by a hundredth."""
+    """A regression rebounded to 2.4 times the height in long steps, and to a quarter in short ones. The explicit step
+    itself is off by a hundredth."""
     ball = Balloon(
         mesh=quad_sphere(4, radius=0.5), position=(0.0, 0.5, 0.0), mass=2.0, damping=20.0,
         stiffness=Stiffness(structural=500.0, shear=250.0, flexion=50.0),
@@ -209,8 +205,7 @@ def test_a_light_sphere_rebounds_no_higher_than_it_fell_and_alike_at_any_step(de
 
 
 def test_a_balloon_carries_a_sphere(device: str):
-    """A balloon bears a sphere's weight to a thousandth once it has come to rest; by the paper's penalty it gives way
-    to a sphere so heavy for the inflation."""
+    """By the paper's penalty it gives way to a sphere so heavy for the inflation."""
     stiff = Stiffness(structural=200.0, shear=100.0, flexion=100.0, viscosity=0.01)
     balloon = Balloon(
         mesh=quad_sphere(4, 0.5), position=(0.0, 0.5, 0.0), mass=0.5, damping=3.0, stiffness=stiff,
@@ -236,8 +231,7 @@ def test_a_balloon_carries_a_sphere(device: str):
 def test_a_balloon_turns_a_sphere_and_both_keep_what_physics_keeps(
     at: tuple[float, ...], radius: float, mass: float, friction: float, device: str
 ):
-    """Momentum and angular momentum are conserved as a balloon spins a sphere by particles, or a small one by faces,
-    and energy does not grow: springs swing by h omega / 2 of what is in the fastest. Rounding is that of test_faces."""
+    """Energy swings by h omega / 2 of what is in the fastest springs. Rounding is that of test_faces."""
     ball = Sphere(position=at, radius=radius, mass=mass, velocity=(-2.0, 1.0, 0.4), friction=friction)
     fine = {"mesh": quad_sphere(8, 0.5), "mass": 0.3, "inflation": Inflation(pressure=0.0)}
     simulator = struck(device, mass, fine, sphere=[ball], substeps=60)
@@ -254,8 +248,7 @@ def test_a_balloon_turns_a_sphere_and_both_keep_what_physics_keeps(
 
 
 def test_many_that_rub_at_once_give_no_energy(device: str):
-    """Friction of many contacts at once adds no energy: a swarm of particles, 30 times the mass of the sphere, comes
-    down on it from all around and turns about it; each by itself would turn it many times too fast."""
+    """A swarm, 30 times as heavy as the sphere, turns about it; each by itself would turn it many times too fast."""
     ball = Sphere(position=(0, 0, 0), radius=0.499, mass=0.01, friction=5.0)
     loose = {"mesh": quad_sphere(8, 0.5), "mass": 0.3, "stiffness": NO_SPRINGS}
     simulator = struck(device, 0.01, loose, sphere=[ball], substeps=60)

@@ -65,11 +65,8 @@ RISING = np.array([1.02, 1.1, 1.2, 1.3, 5.6, 5.9])
 
 
 def settled(inflation: Inflation, path: str, values: Any, starts: Any, frames: int, device: str) -> list[NDArray]:
-    """Return the stretches and pressures to which balls of all laws come, shape (worlds, laws).
-
-    Args:
-        path: A number of the inflation that worlds differ in, with its values and the stretches that balls start from
-            by law and world."""
+    """Return the stretches and pressures to which balls of all laws come, shape (worlds, laws); worlds differ in a
+    number of the inflation, with values and the stretches that balls start from by law and world."""
     balloons = [scene_of(kind, BALL, inflation, damping=6.0).balloon[0] for kind in MEMBRANES]
     scene = Scene(balloon=balloons, gravity=0.0, touch=False)
     vary = {f"balloon.{law}.inflation.{path}": each for law, each in enumerate(values)}
@@ -85,8 +82,7 @@ def settled(inflation: Inflation, path: str, values: Any, starts: Any, frames: i
 
 
 def test_a_sealed_balloon_has_the_pressure_of_the_analytic_curve(device: str):
-    """A sealed balloon is on the analytic curve at twelve stretches from 1 to 6, each a world, also past the peak,
-    where only a sealed gas holds it. Balloons start off it and come to rest: the volume of each gives the stretch."""
+    """Each stretch is a world, past the peak, too. Balloons start off it: the volume of each gives the stretch."""
     curves = [sphere_pressure(energy, BALL, THICKNESS, STRETCHES) for energy in ENERGIES.values()]
     amounts = [amount_at(BALL, curve, STRETCHES) for curve in curves]
     starts = [np.where(STRETCHES < 1.1, 1.0, 0.98) * STRETCHES] * len(curves)
@@ -198,8 +194,7 @@ def drag_of(
 
 
 def test_viscosity_damps_a_wrinkled_strip_as_kelvin_and_voigt_say(device: str):
-    """The damping of a strip, one and a half times as long as at rest, whose end flies off: 3 eta l' / l over its
-    section."""
+    """A strip, one and a half times as long as at rest, whose end flies off: 3 eta l' / l over its section."""
     speed = 3.0
     moving = np.zeros((4, 3))
     moving[[1, 2], 0] = speed

@@ -189,9 +189,7 @@ CORNERS = {
 @pytest.mark.parametrize("kind", CORNERS)
 @pytest.mark.parametrize("swapped", [False, True])
 def test_what_slides_on_stops_at_the_next_wall(kind: str, swapped: bool, device: str):
-    """A particle that hits the floor and slides into the wall in one step continues along the corner alone.
-
-    Contact with faces is off: free particles would stretch these over meters in a step."""
+    """Contact with faces is off: free particles would stretch these over meters in a step."""
     obstacles = CORNERS[kind][::-1] if swapped else CORNERS[kind]
     for velocity in ((60.0, -20.0, 0.0), (300.0, -10.0, 5.0), (90.0, -100.0, 2.0)):
         begin = crowd((-0.4, 0.3, 0.0), velocity)
@@ -235,8 +233,7 @@ def test_a_wedge_holds_and_lets_go_along_its_crease(degrees: float, kind: str, d
 
 @pytest.mark.parametrize("radius", [0.005, 0.1])
 def test_what_flies_past_a_post_is_stopped_where_it_cuts_it(radius: float, device: str):
-    """A particle that cuts a chord of a capsule, with both ends almost outside, is stopped at its entry, 40 degrees
-    from the middle, and slides along the plane there."""
+    """A chord, with both ends almost outside, enters 40 degrees from the middle, and slides along the plane there."""
     post = Obstacle(radius=radius, length=2.0, friction=0.0)
     speed = 1.32 * radius / FRAME
     begin = crowd((-2.0, 0.0, 0.0), (speed, 0.0, 0.0), 0.01)
@@ -256,8 +253,7 @@ def test_what_flies_past_a_post_is_stopped_where_it_cuts_it(radius: float, devic
 @pytest.mark.parametrize("friction", [0.0, 0.2])
 @pytest.mark.parametrize("degrees", [0.0, 17.0])
 def test_flush_boxes_are_one_floor(degrees: float, friction: float, device: str):
-    """Seams of flush boxes do not disturb sliding: friction alone slows it; without gravity, exactly along the tops,
-    nothing does."""
+    """Friction alone slows what slides; without gravity, exactly along the tops, nothing does."""
     boxes = [
         Obstacle(size=(0.3, 0.1, 0.3), position=(0.3 * i, -0.05, 0.3 * j), friction=friction)
         for i in range(-1, 8)
@@ -380,8 +376,7 @@ def test_a_box_is_as_its_mesh_is(device: str):
 
 
 def test_contact_gives_no_energy(device: str):
-    """Contact does not add energy: a ball is thrown at a still block, with friction and without; the energy of motion,
-    springs and height grows by no more than the swing of symplectic Euler's energy, some per mille."""
+    """The energy grows by no more than the swing of symplectic Euler's, some per mille."""
     ball = Balloon(mesh=quad_sphere(4, 0.5), velocity=(4.0, -1.0, 0.0), damping=0.0, inflation={"k_normal": 0.0})
     wall = Obstacle(size=(0.5, 4.0, 4.0), position=(1.2, 0.0, 0.0), rotation=(0.0, 0.0, 10.0))
     for friction in (0.0, 0.8):

@@ -27,9 +27,8 @@ def verdict(simulator: Simulator) -> int:
 
 
 def test_the_length_of_a_tube_over_its_diameter_is_its_slenderness():
-    """A ball has pi^2 / 4, a square sheet of two sides pi from corner to corner, and a tube its length over its
-    diameter; balls, a sheet and hair, which is open, are left alone, as is what has too few vertices to bend; a long
-    tube touches itself, softly."""
+    """Balls, a sheet and hair, which is open, are left alone, as is what has too few vertices to bend; a long tube
+    touches itself, softly."""
     for mesh, expected, itself in [
         (quad_sphere(8), np.pi**2 / 4.0, False),
         (cube(), 0.0, False),
@@ -45,8 +44,7 @@ def test_the_length_of_a_tube_over_its_diameter_is_its_slenderness():
 
 @pytest.mark.parametrize("schedule", ["octets", "block"])
 def test_a_straight_tube_moves_as_without_contact(schedule: str, device: str):
-    """A straight tube that flies, turns and swells has free frames alone: in as many substeps, it gets to the same
-    places to the bit as where it does not touch itself."""
+    """It flies, turns and swells in free frames alone, to the same places to the bit."""
     if schedule == "octets" and device != "cpu":
         pytest.skip("runs on a CPU")
     thrown: dict[str, Any] = {"balloon.velocity": (9.0, 0.0, 0.0), "balloon.angular_velocity": (0.0, 3.0, 0.0)}
@@ -61,8 +59,7 @@ def test_a_straight_tube_moves_as_without_contact(schedule: str, device: str):
 
 
 def test_a_tube_that_folds_is_nowhere_in_itself_by_default():
-    """A tube of 206 vertices, whose halves fold until they meet at 8 m/s, does not cross itself to the end of the
-    story; without contact it does at more than 100 places."""
+    """Its halves fold until they meet at 8 m/s; without contact they cross at more than 100 places."""
     simulator, mesh = folding_tube(None)
     assert simulator.schedule.name == "octets"
     seen = []
@@ -79,8 +76,7 @@ def test_a_tube_that_folds_is_nowhere_in_itself_by_default():
 @pytest.mark.always
 @pytest.mark.parametrize(("ways", "expected"), [((0.0, -1.0), HURRIED), ((-1.0, -1.0), FREE), ((0.0, 1.0), FREE)])
 def test_parts_that_pass_through_each_other_within_a_frame_are_seen(ways: tuple[float, float], expected: int):
-    """Two strips of one mesh, 0.5 m apart as a frame begins and as it ends, may have met in between if one goes to the
-    other side; not if both go along, or away."""
+    """Two strips may have met in between if one goes to the other side; not if both go along, or away."""
     strip = grid(8, 2)
     flat = strip.points * 0.1
     faces = strip.face_vertex_indices
@@ -103,10 +99,7 @@ def test_parts_that_pass_through_each_other_within_a_frame_are_seen(ways: tuple[
 
 
 def true_gap(mesh: PolygonMesh, points: np.ndarray, apart: float) -> float:
-    """Return how near particles, at the corners and on a grid in triangles, are to triangles that they may touch [m].
-
-    It is no less than the true distance.
-    """
+    """Return how near particles are to a grid in triangles that they may touch [m]: no less than the true distance."""
     from balloon_warp.mesh.triangles import triangles_of
 
     triangles = triangles_of(mesh)
@@ -123,8 +116,7 @@ def true_gap(mesh: PolygonMesh, points: np.ndarray, apart: float) -> float:
 @pytest.mark.always("0.5")
 @pytest.mark.parametrize("bend", [0.0, 0.5, 2.0, 4.0])
 def test_the_room_is_no_larger_than_the_gap(bend: float):
-    """Between parts of a tube that is bent into an arc and turned there is never more room than found of all particles
-    and triangles; and there is some until it has bent by a radian in its length."""
+    """There is some room in a tube until it has bent by a radian in its length."""
     mesh = tube(17, 12)
     simulator = Simulator(load_scene(mesh), "cpu", schedule="octets")
     x, y, z = mesh.points.T

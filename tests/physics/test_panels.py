@@ -59,11 +59,8 @@ def small(monkeypatch):
 
 @pytest.mark.parametrize("count", [5, 16])
 def test_gores_of_a_ball_are_those_of_the_textbook(count: int):
-    """Gores are as long as a meridian and as wide as their part of the equator; and seams agree to a thousandth of a
-    millimeter.
-
-    Flattening is off by a sixth of the squared half width in radians, the strain of a doubly curved strip, and by some
-    percent, since the ball is of 6 quads a side."""
+    """Flattening is off by a sixth of the squared half width in radians, the strain of a doubly curved strip, and by
+    some percent, since the ball is of 6 quads a side."""
     off = (np.pi / count) ** 2 / 6.0 + 0.025
     panels = panels_of(BALL, count, 0.3)
     flat = flattened(panels, panels.mesh.points)
@@ -81,8 +78,7 @@ def test_gores_of_a_ball_are_those_of_the_textbook(count: int):
 
 
 def test_what_can_be_laid_flat_is_laid_flat_without_strain(tmp_path):
-    """A developable surface is flattened without strain: a cylinder, cut along its rims and a line, becomes two lids
-    and a rectangle, and no panel overlaps another."""
+    """A cylinder, cut along its rims and a line, becomes two lids and a rectangle, and no panel overlaps another."""
     panels = panels_of(cylinder(), seams_file(tmp_path / "seams.obj"), 0.2)
     flat = laid_out(panels, flattened(panels, panels.mesh.points))
     assert panels.count == 3
@@ -213,13 +209,10 @@ def test_panels_that_cannot_be_are_refused(tmp_path):
 
 @pytest.mark.parametrize(("mesh", "said", "most"), [(BALL, 24, 0.05), (lids(), "groups", 0.15)], ids=["gores", "lids"])
 def test_stiff_film_comes_to_rest_at_the_step_of_auto(mesh: PolygonMesh, said: int | str, most: float, tmp_path):
-    """Film comes to rest at the automatic step, though it hardly stretches, so that its triangles keep changing between
-    taut and wrinkled.
-
-    A spring that pulls and does not push gains energy in steps near the stable one of its taut side. At the narrow ends
-    of gores all triangles are alike and gain it together: with 1.6 / omega they moved by 1.2 m/s, and did not stop.
-    Lids and sides of a cylinder moved by 2 m/s with 1.36 / omega, and stop with 1.29 / omega. Their last speeds depend
-    on rounding: after 45 frames 0.01 m/s for gores, 0.04 to 0.07 m/s for lids, where starts differ by a hundredth."""
+    """Triangles keep changing between taut and wrinkled. A spring that pulls and does not push gains energy in steps
+    near the stable one of its taut side. At the narrow ends of gores all triangles gain it together: with 1.6 / omega
+    they moved by 1.2 m/s. Lids and sides of a cylinder moved by 2 m/s with 1.36 / omega, and stop with 1.29 / omega.
+    Their last speeds depend on rounding: after 45 frames 0.01 m/s for gores, 0.04 to 0.07 m/s for lids."""
     panels = panels_of(mesh, said, 0.3)
     write_obj(tmp_path / "panels.obj", panels.flat_mesh(flattened(panels, panels.mesh.points)))
     material = bw.Material(

@@ -30,8 +30,7 @@ def test_iterations_converge_to_newtons_method(device):
 
 
 def test_springs_far_too_stiff_for_the_explicit_steps_stay_stable(device):
-    """Springs a thousand times stiffer than symplectic Euler bears at h = 1/60 s, and kicked, lose energy, and at last
-    the balloon has its shape."""
+    """A thousand times stiffer than symplectic Euler bears at h = 1/60 s, and kicked."""
     rest = quad_sphere(4, radius=0.5)
 
     def scene(factor: float, **fields) -> Scene:
@@ -63,8 +62,7 @@ def test_springs_far_too_stiff_for_the_explicit_steps_stay_stable(device):
 
 
 def test_small_steps_approach_scatters_trajectory_at_first_order(device):
-    """The difference to a refined explicit run halves with the step, with contacts, strings, inflation, damping and
-    fixed particles; on average, as a particle between two faces may take the area of either."""
+    """On average, as a particle between two faces may take the area of either."""
     expected = after_frames(full_scene(substeps=1200), device, schedule="scatter").state
     errors = []
     for substeps in (25, 50, 100):
@@ -118,8 +116,7 @@ def test_the_factor_refuses_a_gpu_which_it_would_compute_wrongly_on():
 
 
 def test_the_inverse_solves_the_system_alike_for_one_world_and_for_many(device):
-    """The inverse gives a world's solution bit-identically alone and among many, by threads with one row each or
-    several rows of several worlds, for two balloons of 56 rows each."""
+    """By threads with one row each, or several rows of several worlds, for two balloons of 56 rows each."""
     many = MANY_WORLDS + 5
     right_sides = np.random.default_rng(3).normal(size=(many, 112, 3)).astype(np.float32)
     solutions = []

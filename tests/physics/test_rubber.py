@@ -135,8 +135,7 @@ def test_the_seed_decides_on_the_draws_alone():
 
 
 def test_the_stable_step_counts_viscosity(device):
-    """The step includes viscosity that alone limits it: the automatic step damps the springs, and four times that one
-    is refused, as it does not."""
+    """The automatic step damps the springs, and four times that one is refused, as it does not."""
     scene = Scene(balloon=[balloon_of(Stiffness(viscosity=0.1))], gravity=0.0, frames=20)
     plain = Scene(balloon=[balloon_of(Stiffness())], gravity=0.0)
     substeps = Simulator(scene, "cpu").model.substeps
@@ -174,8 +173,7 @@ def test_a_fold_that_is_pushed_through_itself_comes_back_the_short_way(device):
 
 
 def test_torsion_springs_hardly_change_a_balloon(device):
-    """Torsion springs change the volume of the squirrel by about a hundredth where they are stiff enough to shorten the
-    time step, as the paper finds."""
+    """By about a hundredth where they are stiff enough to shorten the time step, as the paper finds."""
     ends = []
     for torsion in (0.0, 0.02):
         scene = load_scene("squirrel_inflate", [("balloon.stiffness.torsion", torsion), ("frames", 110)])

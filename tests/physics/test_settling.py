@@ -86,8 +86,7 @@ def test_a_step_that_has_settled_is_newtons():
 
 
 def test_what_has_not_settled_is_told():
-    """Three iterations are too few for stiff springs, and the warning names the world and frame; a world without
-    springs has none. Two hundred may be too few, too."""
+    """Three iterations are too few for stiff springs; a world without has none. Two hundred may be too few, too."""
     vary = {f"balloon.stiffness.{kind}": [0.0, part * 2000.0] for kind, part in PARTS.items()}
     few = after(Simulator(ball(2.0, 0.1, solver_iterations=3), "cpu", 2, vary), 6)
     (sentence,) = few.warnings

@@ -41,8 +41,7 @@ def test_mass_is_lumped_by_area_and_not_by_particles():
 
 
 def test_weights_make_the_skin_thicker():
-    """Weights scale the thickness: twice everywhere is a skin of twice the thickness, and a function of points acts by
-    its values."""
+    """Twice everywhere is a skin of twice the thickness; a function of points acts by its values."""
     points = quad_sphere(3, 0.1).points
     twice = latex(material=Material(preset="latex", weights=[2.0] * len(points)))
     thick = latex(material=Material(preset="latex", thickness=4e-4))

@@ -48,8 +48,7 @@ def wear(simulator: Simulator) -> None:
 
 
 def test_inflated_and_deflated_the_pressure_is_the_analytic_one(device: str):
-    """The pressure of balls of all laws is that of the law on the way up, and softened on the way down from a stretch
-    of 5, by virtual work of the forces of evenly stretched worlds: -F . x / 3 V."""
+    """Softened on the way down from a stretch of 5; by virtual work of evenly stretched worlds: -F . x / 3 V."""
     stretches, most = np.linspace(1.05, 4.9, 40), 5.0
     balloons = [scene_of(kind, inflation=STILL).balloon[0] for kind in ENERGIES]
     scene = Scene(balloon=balloons, gravity=0.0, touch=False)
@@ -78,8 +77,7 @@ def test_inflated_and_deflated_the_pressure_is_the_analytic_one(device: str):
 
 @pytest.mark.always
 def test_a_closed_way_costs_energy_and_the_same_way_again_costs_none(device: str):
-    """A cycle of a sheet dissipates the energy of Ogden and Roxburgh's formula, and a repeated one none, where it is
-    soft already."""
+    """By Ogden and Roxburgh's formula; where it is soft already, none."""
     sheet = grid(3, 3)
     simulator = Simulator(scene_of("neo_hookean", sheet, 0.0, inflation=STILL), device, schedule="gather")
     energy, steps = ENERGIES["neo_hookean"], np.linspace(1.0, 2.5, 151)
@@ -108,8 +106,7 @@ def test_a_closed_way_costs_energy_and_the_same_way_again_costs_none(device: str
 
 
 def test_the_step_is_stable_where_it_begins_to_give_way(device: str):
-    """The step is stable where sharp hysteresis begins to yield: a balloon swings through its greatest stretches, in
-    the automatic step, which is shorter than without."""
+    """A balloon swings through its greatest stretches, in the automatic step, which is shorter than without."""
     sharp = {"softening": 0.9, "softening_energy": 3.0e4, "softening_share": 0.0, "most_stretch": 2.5}
     scenes = [scene_of("neo_hookean", quad_sphere(4, 0.1), 0.0, inflation=STILL) for _ in range(2)]
     materials = [scenes[0].balloon[0].material.model_copy(update=each) for each in (sharp, {"softening": 0.0})]

@@ -72,16 +72,15 @@ def spread(count: int) -> NDArray[np.float64]:
 
 
 def test_gusts_have_no_mean_and_the_variance_that_they_are_given(device: str):
-    """Gusts have zero mean and the given variance, isotropic and independent. Of 40,000 places some 20,000 are
-    independent: a mean is off by 0.007, a mean square by 0.01, each four times over."""
+    """Of 40,000 places some 20,000 are independent: a mean is off by 0.007, a mean square by 0.01, each 4 times
+    over."""
     found = gusts(spread(40_000), device)
     np.testing.assert_allclose(found.mean(axis=0), 0.0, atol=0.03)
     np.testing.assert_allclose(np.cov(found.T), np.eye(3), atol=0.04)
 
 
 def test_gusts_have_no_divergence(device: str):
-    """The divergence is small beside the gusts' gradients, by differences over a five-thousandth of a length, a
-    fifteenth of the shortest wave, which float32 resolves to a thousandth."""
+    """By differences over a five-thousandth of a length, a fifteenth of the shortest wave, which float32 resolves."""
     places, step = RANDOM.uniform(-2.0, 2.0, (4000, 3)), 1e-4 * LENGTH
     slopes = [
         (gusts(places + step * axis, device) - gusts(places - step * axis, device)) / (2.0 * step) for axis in np.eye(3)
@@ -181,8 +180,7 @@ def test_drag_on_a_sphere_is_the_textbooks(size: int, device: str):
 
 
 def test_drag_is_part_of_the_stable_step(device):
-    """The stable step includes drag: a storm carries a light cube away as fast as with steps an eighth as long, and
-    never faster than itself."""
+    """A storm carries a light cube away as with steps an eighth as long, and never faster than itself."""
     light = Balloon(mesh=cube(), mass=0.05, drag_coefficient=1.0, inflation=Inflation(k_normal=0.0))
     calm = Scene(balloon=[light], gravity=0.0, atmosphere=Atmosphere(density=1.2))
     storm = calm.model_copy(update={"atmosphere": Atmosphere(density=1.2, wind=(30.0, 0.0, 0.0))})

@@ -334,8 +334,7 @@ def test_contact_forces_are_arrows_where_a_scene_tells_them(fresh, served):
 
 
 def test_water_is_seen_where_its_level_is(fresh, served):
-    """Water tints all colors below its level blue, red included. With the level below the ground only a line at the
-    horizon is left, where the ground fades."""
+    """Water tints all below its level blue. Below the ground only a line at the horizon is left, where that fades."""
     pool = tethered().model_copy(update={"water": Water(level=0.1, density=1.0)})
     with another_scene(served, "pool", lambda: pool):
         served.session.run(False)
@@ -452,8 +451,7 @@ def test_what_people_reach_for_is_large_and_first(fresh, served):
 
 
 def test_a_button_that_is_held_inflates_on(fresh, served):
-    """A held button inflates until released, and the other deflates: presses under way at the release still count, so
-    each is held until the number has passed."""
+    """Presses under way at the release still count, so each is held until the number has passed."""
 
     def hold(name: str, happened: Callable[[], bool]) -> None:
         button = fresh.get_by_role("button", name=name, exact=True).bounding_box()

@@ -36,8 +36,7 @@ UP = (0.0, 1.0, 0.0)
 
 
 def play(pace: Pace, cost: float, seconds: float, speed: float = 1.0) -> tuple[float, float]:
-    """Simulate frames of 1/60 s that each cost some time on a clock of our own, and return the simulated and the
-    elapsed time."""
+    """Return the simulated and the elapsed time of frames of 1/60 s that each cost some time on a clock of our own."""
     pace.speed, now, simulated = speed, 100.0, 0.0
     while now < 100.0 + seconds:
         now += pace.wait(now, 1 / 60) + cost
