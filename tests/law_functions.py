@@ -52,17 +52,17 @@ def _arrays(samples: Samples, names: Sequence[str], gradients: bool) -> list[wp.
 
 
 def called(function: Any, samples: Samples, result: str = "float32") -> NDArray[np.float64]:
-    """Return the results of a function, shape (COUNT,) or (COUNT, 3)."""
+    """Return the results of a function, a row for each sample."""
     out, _ = _launched(function, samples, result, False)
     return out.numpy().astype(np.float64)
 
 
 def _launched(function: Any, samples: Samples, result: str, gradients: bool) -> tuple[Any, list[wp.array]]:
     inputs = _arrays(samples, list(inspect.signature(function.func).parameters), gradients)
-    out = wp.zeros(COUNT, dtype=getattr(wp, result), device="cpu", requires_grad=gradients)
+    out = wp.zeros(len(inputs[0]), dtype=getattr(wp, result), device="cpu", requires_grad=gradients)
     types = tuple(array.dtype.__name__.removesuffix("f") for array in inputs)  # vec3f is vec3
     kernel = kernel_of(function, types, result)
-    wp.launch(kernel, COUNT, [*inputs, out], device="cpu")
+    wp.launch(kernel, len(out), [*inputs, out], device="cpu")
     return out, inputs
 
 

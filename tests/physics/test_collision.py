@@ -120,16 +120,12 @@ def cloud(seed: int, **fields: float) -> list[Sphere]:
     """Return spheres of different sizes and masses that fly at each other."""
     numbers = np.random.default_rng(seed)
     places = np.stack(np.meshgrid(*[np.arange(3) - 1.0] * 3), axis=-1).reshape(-1, 3)[:12]
-    return [
-        Sphere(
-            position=tuple(place + numbers.uniform(-0.1, 0.1, 3)),
-            velocity=tuple(-4.0 * place + numbers.uniform(-1, 1, 3)),
-            radius=numbers.uniform(0.05, 0.3),
-            mass=numbers.uniform(0.1, 3.0),
-            **fields,
-        )
-        for place in places
-    ]
+    spheres = []
+    for place in places:
+        at, going = place + numbers.uniform(-0.1, 0.1, 3), -4.0 * place + numbers.uniform(-1, 1, 3)
+        size = {"radius": numbers.uniform(0.05, 0.3), "mass": numbers.uniform(0.1, 3.0)}
+        spheres.append(Sphere(position=tuple(at), velocity=tuple(going), **size, **fields))
+    return spheres
 
 
 @pytest.mark.parametrize(("restitution", "friction"), [(1.0, 0.0), (0.5, 0.0), (0.0, 0.0), (1.0, 0.5)])

@@ -32,9 +32,7 @@ def ball(height: float, **given: Any) -> Balloon:
 
 
 def at_rest(scene: Scene, frames: int = 240) -> Frame:
-    simulator = Simulator(scene.model_copy(update={"contacts": True, "frames": frames}), device="cpu")
-    advanced(simulator, frames)
-    return simulator.read_frame()
+    return advanced(Simulator(scene.model_copy(update={"contacts": True}), device="cpu"), frames)
 
 
 def on(frame: Frame, other: str, balloon: int = 0) -> Contact:
@@ -186,24 +184,23 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def rows_of(folder: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader((folder / "worlds.csv").read_text().splitlines()))
+
+
 def test_a_batch_says_of_each_pair_how_hard_it_pressed(folder: Path):
     """The summary's mean and maximum are those of the frames of each world simulated alone."""
-    with (folder / "worlds.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = rows_of(folder)
     simulator = Simulator(small_pile(), "cpu", WORLDS, MASSES)
     frames = []
     for _ in range(FRAMES):
         simulator.step_unread()
-        frames.append([simulator.read_frame(world).contacts for world in range(WORLDS)])
-    for world, row in enumerate(rows):
-        pressed = [
-            next((each for each in frame[world] if (each.balloon, each.other) == ("lower", "upper")), None)
-            for frame in frames
-        ]
-        forces = [np.linalg.norm(each.force) if each else 0.0 for each in pressed]
-        torques = [np.linalg.norm(each.torque) if each else 0.0 for each in pressed]
-        areas = [each.area if each else 0.0 for each in pressed]
-        for name, values in (("force", forces), ("torque", torques), ("area", areas)):
+        told = [simulator.read_frame(world).contacts for world in range(WORLDS)]
+        pairs = [{(each.balloon, each.other): each for each in contacts} for contacts in told]
+        frames.append([each.get(("lower", "upper")) for each in pairs])
+    for row, pressed in zip(rows, zip(*frames, strict=True), strict=True):
+        for name in ("force", "torque", "area"):
+            values = [np.linalg.norm(getattr(each, name)) if each else 0.0 for each in pressed]
             assert float(row[f"upper_on_lower_{name}_mean"]) == pytest.approx(np.mean(values), rel=1e-4)
             assert float(row[f"upper_on_lower_{name}_max"]) == pytest.approx(max(values), rel=1e-6)
         assert float(row["upper_on_lower_pressure_max"]) == pytest.approx(max(e.pressure for e in pressed if e))
@@ -240,12 +237,10 @@ def test_a_cluster_tells_the_same(folder: Path, tmp_path: Path):
 
 def test_a_world_that_began_again_has_what_it_pressed_then(tmp_path: Path):
     vary = {"balloon.1.inflation.pressure": [30.0, 5e6]}
-    rows = {}
+    rows, scene = {}, small_pile(frames=10, substeps=60)
     for policy in ("freeze", "restart"):
-        scene = small_pile(frames=10, substeps=60)
         run_batch(scene, tmp_path / policy, 2, vary, device="cpu", on_blowup=policy)
-        with (tmp_path / policy / "worlds.csv").open(newline="") as file:
-            rows[policy] = list(csv.DictReader(file))
+        rows[policy] = rows_of(tmp_path / policy)
     assert [row["health"] for row in rows["restart"]] == ["1", "2"]
     assert rows["restart"][0] == rows["freeze"][0]
     frozen, again = (float(rows[policy][1]["upper_on_lower_force_max"]) for policy in ("freeze", "restart"))

@@ -7,8 +7,8 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-import warp as wp
 from glb_files import Glb
+from law_functions import called
 from meshes import cube, mesh_of, quad_sphere
 from pxr import Usd, UsdGeom, UsdShade
 
@@ -123,13 +123,9 @@ def test_a_stage_has_a_knot_where_a_string_is_tied(stage: Usd.Stage):
             # Both strings begin straight away from the balloon, which turns little in three frames.
             outward = (points[-2] - points[-1]) / np.linalg.norm(points[-2] - points[-1])
             assert tip @ matrix[:3, :3] @ outward > 0.99 * np.linalg.norm(tip)
-        color = [
-            UsdShade.Shader(UsdShade.MaterialBindingAPI(gprim).ComputeBoundMaterial()[0].ComputeSurfaceSource()[0])
-            .GetInput("diffuseColor")
-            .Get()
-            for gprim in (knot.GetPrim(), ball.GetPrim())
-        ]
-        assert color[0] == color[1]
+        bound = [UsdShade.MaterialBindingAPI(each.GetPrim()).ComputeBoundMaterial()[0] for each in (knot, ball)]
+        colors = [each.ComputeSurfaceSource()[0].GetInput("diffuseColor").Get() for each in bound]
+        assert colors[0] == colors[1]
     seen = [
         [UsdGeom.Imageable(stage.GetPrimAtPath(path)).ComputeVisibility(frame) != "invisible" for frame in (0, 1, 2, 3)]
         for path in ("/World/Strings/String_0_Knot", "/World/Strings/String_0")
@@ -208,28 +204,13 @@ def test_the_page_has_knots_where_strings_are_tied_and_none_in_hands():
     assert list(drawn()) == []
 
 
-@wp.kernel
-def turn(
-    smooth: wp.array[wp.vec3],
-    facing: wp.array[wp.vec3],
-    direction: wp.array[wp.vec3],
-    # out
-    turned: wp.array[wp.vec3],
-):
-    """Turn one normal per thread."""
-    place = wp.tid()
-    turned[place] = turned_to_viewer(smooth[place], facing[place], direction[place])
-
-
 def test_a_smooth_normal_is_never_much_more_at_a_slant_than_its_face():
     draw = np.random.default_rng(5)
     smooth, facing, direction = (_unit(draw.normal(size=(4000, 3))) for _ in range(3))
     facing *= -np.sign(np.einsum("ij,ij->i", facing, direction))[:, None]
     smooth *= np.sign(np.einsum("ij,ij->i", smooth, facing))[:, None]
-    arrays = [wp.array(each, dtype=wp.vec3, device="cpu") for each in (smooth, facing, direction)]
-    out = wp.zeros(len(smooth), dtype=wp.vec3, device="cpu")
-    wp.launch(turn, len(smooth), [*arrays, out], device="cpu")
-    turned, least = out.numpy(), -float(LEAST_SEEN) * np.einsum("ij,ij->i", facing, direction)
+    turned = called(turned_to_viewer, {"smooth": smooth, "facing": facing, "direction": direction}, "vec3")
+    least = -float(LEAST_SEEN) * np.einsum("ij,ij->i", facing, direction)
     before, after = (-np.einsum("ij,ij->i", normals, direction) for normals in (smooth, turned))
     assert np.linalg.norm(turned, axis=1) == pytest.approx(1.0, abs=1e-5)
     assert (after >= least - 1e-5).all()

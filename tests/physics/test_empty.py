@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conserved import advanced
 from meshes import quad_sphere
 from numpy.typing import NDArray
 from test_membranes import AIR, KELVIN, volumes
@@ -76,12 +77,10 @@ def test_a_tube_takes_no_more_from_a_flat_balloon(schedule: str, device: str):
     """The tube's flow needs 30 Pa."""
     still = {"ground": Ground(), "tube": [Tube(balloons=(0, 1), conductance=1e-2)]}
     pumps = Inflation(kind="gas", start_pressure=100.0, pump=-0.3), Inflation(kind="gas", start_pressure=100.0)
-    places = (0.0, 0.06, 0.0), (0.3, 0.06, 0.0)
-    each = [Balloon(mesh=MESH, position=at, damping=0.02, inflation=pump, **SPRINGS)
-            for at, pump in zip(places, pumps, strict=True)]  # fmt: skip
-    simulator = Simulator(Scene(balloon=each, touch=False, **still), device, schedule=schedule)
-    for _ in range(40):
-        simulator.step()
+    same = {"mesh": MESH, "damping": 0.02, **SPRINGS}
+    pair = [Balloon(position=(0.3 * number, 0.06, 0.0), inflation=pump, **same) for number, pump in enumerate(pumps)]
+    simulator = Simulator(Scene(balloon=pair, touch=False, **still), device, schedule=schedule)
+    advanced(simulator, 40)
     amounts, pressures = simulator.state.gas_amounts.numpy()[0] / FULL, simulator.state.pressures.numpy()[0]
     assert amounts[0] == pytest.approx(FLAT, rel=1e-3)
     assert FLAT <= amounts[1] < 0.3

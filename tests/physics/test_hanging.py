@@ -106,10 +106,7 @@ def test_what_hangs_becomes_the_shape_under_its_gravity(tmp_path: Path, monkeypa
         ({"of": "latex", "gravity": -1.0}, r"gravity: must be from 0 to 1000 m/s\^2 \(got -1.0\)"),
         ({"of": "latex", "gravity": float("nan")}, r"gravity: must be from 0 to"),
         ({"of": "latex", "fixed": [0]}, r"fixed: needs a gravity to hang under"),
-        (
-            {"of": "latex", "gravity": 9.81},
-            r"ball: has no group neck to hang from; expected fixed, with vertices or groups",
-        ),
+        ({"of": "latex", "gravity": 9.81}, r"ball: has no group neck to hang from; expected fixed, with .* groups"),
         ({"of": "latex", "gravity": 9.81, "fixed": []}, r"fixed: holds 0 of 56 vertices; expected some, and not all"),
         ({"of": "latex", "gravity": 9.81, "fixed": [99]}, r"fixed: ball has particles 0 to 55 \(got 99\)"),
         ({"of": "latex", "gravity": 9.81, "fixed": ["hook"]}, r"fixed: ball has no group hook; it has none"),

@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 from conserved import advanced, energy, masses, momentum, motion, put, sphere_momenta, sphere_spins, whole
-from meshes import cube, quad_sphere
+from meshes import cube, quad_sphere, tetrahedron
 from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from balloon_warp.blow_ups import Pulls
 from balloon_warp.cli.app import app
+from balloon_warp.mesh.obj import write_obj
 from balloon_warp.model import plan_model
 from balloon_warp.model.tunneling import widest_opening
 from balloon_warp.scene import Atmosphere, Balloon, Change, Ground, Inflation, Scene, Sphere, Stiffness
@@ -48,6 +49,15 @@ def depth(simulator: Simulator) -> float:
     centers = simulator.state.sphere_positions.numpy()[0]
     radii = simulator.model.parameters["sphere_radius"].numpy()[0]
     return float((radii - np.linalg.norm(points[:, None] - centers, axis=2)).max())
+
+
+def energies(simulator: Simulator, frames: int) -> list[float]:
+    """Return the energy of balloons and spheres [J], before and after each of so many frames."""
+    found = [whole(simulator)[2]]
+    for _ in range(frames):
+        simulator.step()
+        found.append(whole(simulator)[2])
+    return found
 
 
 @pytest.mark.parametrize("mass", [0.02, 0.5, 20.0])
@@ -104,10 +114,7 @@ def test_a_collision_gives_no_energy_at_any_step_and_mass(ratio: float, substeps
     """Energy of springs and motion does not grow in a collision; symplectic Euler's swings by h omega / 2 of what is in
     the springs, here some thousandths of the whole. The ratio is of the sphere's mass to the balloon's."""
     simulator = struck(device, ratio * 0.5, substeps=substeps)
-    found = [whole(simulator)[2]]
-    for _ in range(30):
-        simulator.step()
-        found.append(whole(simulator)[2])
+    found = energies(simulator, 30)
     assert max(found) < 1.005 * found[0]
     assert found[-1] < (1.0 - 1e-5) * found[0]
     assert np.linalg.norm(simulator.state.sphere_velocities.numpy()[0, 0]) < np.linalg.norm((0.0, -2.0, 0.3))
@@ -145,14 +152,11 @@ def test_kinetic_energy_never_grows_by_contact(sphere_mass: float, device: str):
     ]
     simulator = bare_cubes(device, spheres, cubes=3)
     put(simulator, velocities=np.random.default_rng(5).normal(scale=3.0, size=(24, 3)))
-    found, depths = [whole(simulator)[2]], [depth(simulator)]
-    for _ in range(50):
-        simulator.step()
-        found.append(whole(simulator)[2])
-        depths.append(depth(simulator))
+    start = depth(simulator)
+    found = energies(simulator, 50)
     assert (np.diff(found) < 10.0 * EPSILON * found[0]).all()
     assert found[1] < 0.999 * found[0]
-    assert depths[-1] < 0.9 * depths[0]
+    assert depth(simulator) < 0.9 * start
 
 
 def test_what_a_body_and_its_particles_do_is_the_nearest_that_is_allowed(device: str):
@@ -318,7 +322,6 @@ def test_a_sphere_that_fits_between_the_corners_of_a_face_passes_untouched(radiu
     assert moved == (radius > widest_opening(cube()))
 
 
-LARGE = Sphere(position=(9.0, 9.0, 9.0), radius=2.0)
 FALLING = {
     "balloon": [Balloon(mesh=quad_sphere(8, radius=0.5), position=(0.0, 0.5, 0.0), mass=9.0)],
     "sphere": [Sphere(position=(0.0, 80.0, 0.0), radius=0.3)],
@@ -326,18 +329,17 @@ FALLING = {
 }  # fmt: skip
 
 
+def above(radius: float) -> list[Sphere]:
+    """Return a large sphere beside cubes, and one above them."""
+    return [Sphere(position=(9.0, 9.0, 9.0), radius=2.0), Sphere(position=(0.0, 5.0, 0.0), radius=radius)]
+
+
 @pytest.mark.parametrize(
     ("fields", "sentence"),
     [
-        (
-            {"sphere": [LARGE, Sphere(position=(0.0, 5.0, 0.0), radius=0.65)]},
-            r"^sphere 1: its radius of 0\.65 m fits through faces of \w+, even at rest, since only",
-        ),
-        (
-            {"sphere": [LARGE, Sphere(position=(0.0, 5.0, 0.0), radius=1.2)]},
-            r"fits through faces of \w+, at a stretch of 1\.7, since only .* edge is 1 m at rest; faces",
-        ),
-        ({"sphere": [Sphere(position=(0.0, 5.0, 0.0), radius=0.65)], "faces": "auto"}, None),
+        ({"sphere": above(0.65)}, r"^sphere 1: its radius of 0\.65 m fits .* faces of \w+, even at rest, since only"),
+        ({"sphere": above(1.2)}, r"faces of \w+, at a stretch of 1\.7, since only .* edge is 1 m at rest; faces"),
+        ({"sphere": above(0.65), "faces": "auto"}, None),
         (FALLING, r"^sphere 0: may move 0\.33 m in a substep, more than its radius of 0\.3 m"),
         (FALLING | {"contact": "impulse"}, None),  # its path is swept
     ],
@@ -365,8 +367,7 @@ def test_a_run_says_it(tmp_path):
     scene = tmp_path / "small.toml"
     table = '[[balloon]]\nmesh = "tetrahedron.obj"\n[[sphere]]\nradius = 0.01\nposition = [0.0, 3.0, 0.0]\n'
     scene.write_text(f"frames = 1\nfaces = false\n{table}")
-    corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
-    (tmp_path / "tetrahedron.obj").write_text(f"{corners}f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+    write_obj(tmp_path / "tetrahedron.obj", tetrahedron())
     result = CliRunner().invoke(app, ["run", str(scene), "-o", str(tmp_path / "small.usdc"), "--device", "cpu"])
     assert result.exit_code == 0, result.output
     assert "warning: sphere 0: its radius of 0.01 m fits through faces of" in result.output

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import warp as wp
+from conserved import advanced, put
 from law_functions import COUNT, called
 from meshes import cube, mesh_of, quad_sphere
 from pxr import Gf, Usd, UsdGeom, UsdSkel, Vt
@@ -175,13 +176,12 @@ def test_a_wall_that_moves_takes_along_what_it_meets(kind: str, speed: float, de
 ANGLE = mesh_of(
     [(-2, 0, -2), (0.5, 0, -2), (0.5, 0, 2), (-2, 0, 2), (0.5, 3, -2), (0.5, 3, 2)], [[0, 1, 2, 3], [1, 4, 5, 2]]
 )
+UPRIGHT = {"size": (1e-3, 3.0, 3.0), "friction": 0.0}
+FLOOR = Obstacle(size=(3.0, 1e-3, 3.0), position=(-1.0, -5e-4, 0.0), friction=0.0)
 CORNERS = {
-    "boxes": [
-        Obstacle(size=(3.0, 1e-3, 3.0), position=(-1.0, -5e-4, 0.0), friction=0.0),
-        Obstacle(size=(1e-3, 3.0, 3.0), position=(0.5, 1.45, 0.0), friction=0.0),
-    ],
+    "boxes": [FLOOR, Obstacle(position=(0.5, 1.45, 0.0), **UPRIGHT)],
     "mesh": [Obstacle(mesh=ANGLE, thickness=1e-3, friction=0.0)],
-    "ground": [Obstacle(size=(1e-3, 3.0, 3.0), position=(0.5, 1.5, 0.0), friction=0.0)],
+    "ground": [Obstacle(position=(0.5, 1.5, 0.0), **UPRIGHT)],
 }
 """a floor and a wall on it, which stands at x = 0.5"""
 
@@ -237,13 +237,11 @@ def test_what_flies_past_a_post_is_stopped_where_it_cuts_it(radius: float, devic
     post = Obstacle(radius=radius, length=2.0, friction=0.0)
     speed = 1.32 * radius / FRAME
     begin = crowd((-2.0, 0.0, 0.0), (speed, 0.0, 0.0), 0.01)
-    scene = Scene(balloon=[begin], obstacle=[post], gravity=0.0, frames=1, substeps=1)
-    simulator = Simulator(scene, device)
-    points = np.zeros((1, 36, 3), dtype=np.float32)
-    points[0, :, 0] = -0.66 * radius
+    simulator = Simulator(Scene(balloon=[begin], obstacle=[post], gravity=0.0, substeps=1), device)
+    points = np.tile([-0.66 * radius, 0.0, 1.2 * radius], (36, 1))
     sine, cosine = np.sin(np.radians(40.0)), np.cos(np.radians(40.0))
-    points[0, ::2, 2], points[0, 1::2, 2] = cosine * radius, 1.2 * radius
-    simulator.state.points.assign(points)
+    points[::2, 2] = cosine * radius
+    put(simulator, points)
     frame = simulator.step()
     slid = [speed * cosine**2, 0.0, speed * sine * cosine]
     np.testing.assert_allclose(frame.velocities[0][::2], [slid] * 18, atol=2e-3 * speed)
@@ -254,19 +252,13 @@ def test_what_flies_past_a_post_is_stopped_where_it_cuts_it(radius: float, devic
 @pytest.mark.parametrize("degrees", [0.0, 17.0])
 def test_flush_boxes_are_one_floor(degrees: float, friction: float, device: str):
     """Friction alone slows what slides; without gravity, exactly along the tops, nothing does."""
-    boxes = [
-        Obstacle(size=(0.3, 0.1, 0.3), position=(0.3 * i, -0.05, 0.3 * j), friction=friction)
-        for i in range(-1, 8)
-        for j in range(-1, 6)
-    ]
+    places = [(0.3 * i, -0.05, 0.3 * j) for i in range(-1, 8) for j in range(-1, 6)]
+    boxes = [Obstacle(size=(0.3, 0.1, 0.3), position=place, friction=friction) for place in places]
     turn = np.radians(degrees)
     velocity = (3.0 * np.cos(turn), 0.0, 3.0 * np.sin(turn))
     flat = crowd((0.0, 0.0, 0.2), velocity).model_copy(update={"rotation": (0.0, 0.0, 90.0)})
     for gravity in (9.81, 0.0):
-        simulator = Simulator(Scene(balloon=[flat], obstacle=boxes, gravity=gravity, frames=30), device)
-        for _ in range(30):
-            simulator.advance()
-        frame = simulator.read_frame()
+        frame = advanced(Simulator(Scene(balloon=[flat], obstacle=boxes, gravity=gravity), device), 30)
         speeds = np.linalg.norm(frame.velocities[0], axis=1)
         np.testing.assert_allclose(speeds, 3.0 - 0.5 * friction * gravity, rtol=1e-4)  # float32, thirty steps
         assert np.abs(frame.points[0][:, 1]).max() < 1e-5
@@ -277,6 +269,7 @@ def particles(points: np.ndarray | list, **fields) -> Balloon:
     return Balloon(mesh=mesh_of(points, [[0, 1, 2, 3]]), **FREE | fields)
 
 
+SMALL = [(0, 0, 0), (0, 0, 0.1), (0.1, 0, 0.1), (0.1, 0, 0)]
 SLOPES = {
     "plane": lambda **place: Obstacle(shape="plane", **place),
     "box": lambda **place: Obstacle(size=(8.0, 0.2, 8.0), **place),
@@ -314,12 +307,9 @@ def test_a_particle_and_a_block_slide_down_a_slope_as_coulomb_says(
     cube on its four lower corners begins to slide within a degree of that."""
     stiff = Stiffness(structural=5e4, shear=5e4, flexion=0.0)
     sliders = {
-        "particle": (particles([(0, 0, 0), (0, 0, 0.1), (0.1, 0, 0.1), (0.1, 0, 0)]), 10),
-        "block": (
-            Balloon(mesh=cube(), scale=0.2, mass=1.0, damping=0.0, stiffness=stiff, inflation=Inflation(k_normal=0.0)),
-            200,
-        ),
-    }  # fmt: skip
+        "particle": (particles(SMALL), 10),
+        "block": (Balloon(mesh=cube(), scale=0.2, mass=1.0, **FREE | {"stiffness": stiff}), 200),
+    }
     steepest, (slider, substeps) = np.degrees(np.arctan(FRICTION)), sliders[what]
     assert way_down(kind, steepest - within, device, slider, substeps) < stays
     assert way_down(kind, steepest + within, device, slider, substeps) > slides
@@ -334,7 +324,7 @@ def test_a_particle_inside_comes_out_along_the_normal(device: str):
     inside = np.array([(10.3, 0.0, 0.3), (10.0, 0.4, 0.0), (0.45, 0.2, 0.1), (0.0, -0.9, 1.0)])
     scene = Scene(balloon=[particles(inside + 100.0)], obstacle=[ball, box], gravity=0.0, substeps=1)
     simulator = Simulator(scene, device)
-    simulator.state.points.assign(inside[None].astype(np.float32))
+    put(simulator, inside)
     last = simulator.step()
     turned = 0.5 / np.sqrt(2.0)
     expected = [(10.0 + turned, 0.0, turned), (10.0, 0.5, 0.0), (0.5, 0.2, 0.1), (0.0, -1.0, 1.0)]
@@ -343,7 +333,7 @@ def test_a_particle_inside_comes_out_along_the_normal(device: str):
 
 def test_a_lift_carries_what_stands_on_it(device: str):
     lift = Obstacle(size=(1.0, 0.2, 1.0), position=(0, -0.1, 0), motion=[(0.0, (0, 0, 0)), (1.0, (0, 1.0, 0))])
-    on_it = particles([(0, 0, 0), (0, 0, 0.1), (0.1, 0, 0.1), (0.1, 0, 0)])
+    on_it = particles(SMALL)
     frames = list(Simulator(Scene(balloon=[on_it], obstacle=[lift], frames=90), device).run())
     for number in (1, 30, 59):
         np.testing.assert_allclose(frames[number].points[0][:, 1], number / 60.0, atol=1e-5)
@@ -368,9 +358,8 @@ def test_a_box_is_as_its_mesh_is(device: str):
     place = {"rotation": (20.0, 10.0, 30.0), "friction": 0.2}
     found = []
     for obstacle in (Obstacle(size=(0.8, 0.8, 0.8), **place), Obstacle(mesh=plate(0.8, 0.8, 0.8), **place)):
-        scene = Scene(balloon=[ball], obstacle=[obstacle], frames=24, substeps=40)
-        *_, last = Simulator(scene, device).run()
-        found.append(last.points[0])
+        simulator = Simulator(Scene(balloon=[ball], obstacle=[obstacle], substeps=40), device)
+        found.append(advanced(simulator, 24).points[0])
     np.testing.assert_allclose(found[0], found[1], atol=1e-3)
     assert found[0][:, 1].mean() > 0.6  # it fell by 0.8 m otherwise
 
@@ -399,12 +388,9 @@ def test_a_ball_goes_over_an_edge_without_a_kick(friction: float, device: str):
 
 
 def test_what_cuts_a_corner_is_stopped(device: str):
-    across = particles(
-        [(-0.4, 0.6, 0), (-0.4, 0.6, 0.1), (-0.3, 0.6, 0.1), (-0.3, 0.6, 0)], velocity=(70.0, -50.0, 0.0)
-    )
+    across = particles(SMALL, position=(-0.4, 0.6, 0.0), velocity=(70.0, -50.0, 0.0))
     box = Obstacle(size=(1.0, 1.0, 1.0), friction=0.0)
-    scene = Scene(balloon=[across], obstacle=[box], gravity=0.0, substeps=1, frames=1)
-    *_, last = Simulator(scene, device).run()
+    *_, last = simulated(device, across, obstacle=[box], frames=1)
     np.testing.assert_allclose(last.points[0][:, 1], 0.5, atol=1e-5)
     np.testing.assert_allclose(last.velocities[0], [[70.0, 0.0, 0.0]] * 4, atol=1e-3)
 
@@ -436,14 +422,11 @@ def stage_of(path: Path, up_axis: str = "Z", scales: bool = False) -> Path:
     parent = UsdGeom.Xform.Define(stage, "/turntable")
     turn = parent.AddRotateZOp() if up_axis == "Z" else parent.AddRotateYOp()
     mesh = cube_in(stage, "/turntable/block", 100.0 * (cube().points - 0.5))
-    move = mesh.AddTranslateOp()
+    move, grow = mesh.AddTranslateOp(), mesh.AddScaleOp()
     for code, part in ((12, 0.0), (36, 1.0)):
         turn.Set(90.0 * part, code)
         move.Set(Gf.Vec3d(100.0 * part, 0.0, 0.0), code)
-    if scales:
-        grow = mesh.AddScaleOp()
-        grow.Set(Gf.Vec3f(1.0), 12)
-        grow.Set(Gf.Vec3f(2.0), 36)
+        grow.Set(Gf.Vec3f(1.0 + part * scales), code)
     stage.GetRootLayer().Save()
     return path
 
@@ -484,9 +467,8 @@ def test_keyframes_take_the_place_of_a_stages_motion(tmp_path: Path):
 
 def test_an_obstacle_that_grows_is_refused(tmp_path: Path):
     path = stage_of(tmp_path / "block.usda", scales=True)
-    with pytest.raises(
-        InputError, match=r"block\.usda: /turntable/block changes its size while moving; expected a rigid obstacle$"
-    ):
+    said = r"block\.usda: /turntable/block changes its size while moving; expected a rigid obstacle$"
+    with pytest.raises(InputError, match=said):
         obstacle_motion(scene_with(path))
 
 
@@ -549,11 +531,11 @@ def skinned(path: Path, weights: tuple[float, float]) -> Path:
     UsdSkel.Root.Define(stage, "/root")
     skeleton = UsdSkel.Skeleton.Define(stage, "/root/bones")
     still = Vt.Matrix4dArray([Gf.Matrix4d(1.0)] * 2)
-    skeleton.CreateJointsAttr(["still", "rising"])
     skeleton.CreateBindTransformsAttr(still)
     skeleton.CreateRestTransformsAttr(still)
     animation = UsdSkel.Animation.Define(stage, "/root/bones/rise")
-    animation.CreateJointsAttr(["still", "rising"])
+    for each in (skeleton, animation):
+        each.CreateJointsAttr(["still", "rising"])
     animation.CreateRotationsAttr([Gf.Quatf(1.0)] * 2)
     animation.CreateScalesAttr([Gf.Vec3h(1.0)] * 2)
     moves = animation.CreateTranslationsAttr()

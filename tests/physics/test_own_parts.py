@@ -1,10 +1,12 @@
 """Parts of a balloon that touches itself: how far they are from each other, and what that saves."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from meshes import cube, grid, quad_sphere
+from conserved import advanced
+from meshes import cube, grid, joined, quad_sphere
 from odd_things import hair
 from test_folded import crossings, folding_tube, tube
 from touching import VACUUM
@@ -14,6 +16,7 @@ from balloon_warp.kernels.contact.free_frames import BUSY, FREE, HURRIED
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.least_gaps import least_gaps
 from balloon_warp.mesh.slenderness import slenderness
+from balloon_warp.mesh.triangles import triangles_of
 from balloon_warp.model import plan_model
 from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Scene, Touch
 from balloon_warp.schedules.own_parts import part_count, parts_of
@@ -68,23 +71,15 @@ def test_a_tube_that_folds_is_nowhere_in_itself_by_default():
         seen.append(verdict(simulator))
     assert set(seen) == {BUSY, HURRIED}
     simulator, mesh = folding_tube(False)
-    for _ in range(60):
-        simulator.step()
-    assert crossings(simulator.read_frame().points[0], mesh) > 100
+    assert crossings(advanced(simulator, 60).points[0], mesh) > 100
 
 
 @pytest.mark.always
 @pytest.mark.parametrize(("ways", "expected"), [((0.0, -1.0), HURRIED), ((-1.0, -1.0), FREE), ((0.0, 1.0), FREE)])
 def test_parts_that_pass_through_each_other_within_a_frame_are_seen(ways: tuple[float, float], expected: int):
     """Two strips may have met in between if one goes to the other side; not if both go along, or away."""
-    strip = grid(8, 2)
-    flat = strip.points * 0.1
-    faces = strip.face_vertex_indices
-    mesh = PolygonMesh(
-        np.concatenate([flat, flat + (0.0, 0.0, 0.5)]),
-        np.tile(strip.face_vertex_counts, 2),
-        np.concatenate([faces, faces + len(flat)]),
-    )
+    flat = grid(8, 2).points * 0.1
+    mesh = joined(*(replace(grid(8, 2), points=flat + (0.0, 0.0, height)) for height in (0.0, 0.5)))
     scene = Scene(balloon=[Balloon(mesh=mesh, inflation=Inflation(k_normal=0.0))], touch=Touch(itself=True), **VACUUM)
     simulator = Simulator(scene, "cpu", schedule="octets")
     busy, state = simulator.schedule.busy, simulator.state
@@ -100,8 +95,6 @@ def test_parts_that_pass_through_each_other_within_a_frame_are_seen(ways: tuple[
 
 def true_gap(mesh: PolygonMesh, points: np.ndarray, apart: float) -> float:
     """Return how near particles are to a grid in triangles that they may touch [m]: no less than the true distance."""
-    from balloon_warp.mesh.triangles import triangles_of
-
     triangles = triangles_of(mesh)
     weights = np.array([(i, j, 8 - i - j) for i in range(9) for j in range(9 - i)]) / 8.0
     places = np.einsum("wk,nkx->nwx", weights, points[triangles])

@@ -31,11 +31,8 @@ def pushed(mesh: PolygonMesh) -> np.ndarray:
 
 
 def test_faces_between_inside_and_outside_are_pushed() -> None:
-    assert (pushed(cube()) == 1).all()
-    assert (pushed(open_cube()) == 0).all()
-    assert (pushed(band()) == 0).all()
-    assert (pushed(klein()) == 0).all()
-    assert (pushed(two_at_an_edge()) == 1).all()
+    for make, expected in ((cube, 1), (open_cube, 0), (band, 0), (klein, 0), (two_at_an_edge, 1)):
+        assert (pushed(make()) == expected).all(), make.__name__
     ball = quad_sphere(8).face_count
     np.testing.assert_array_equal(pushed(finned()), np.repeat([1, 0], [ball, finned().face_count - ball]))
 

@@ -15,7 +15,8 @@ from balloon_warp.scene.overrides import override_scene
 from balloon_warp.simulator import Simulator
 from balloon_warp.sweep.recorder import MEASURES, Recorder
 
-OGDEN = Material(preset="natural_rubber_treloar", wrinkling=False)
+OGDEN = {"preset": "natural_rubber_treloar"}
+UNSTABLE = {"ogden_moduli": (1e5, -1e3, 0.0), "ogden_exponents": (2.0, 2.0, 1.0)}
 
 
 def latex(**fields: Any) -> Scene:
@@ -48,16 +49,10 @@ def test_weights_make_the_skin_thicker():
     rule = {"preset": "latex", "weights": lambda points: np.where(points[:, 1] > 0.0, 3.0, 1.0)}
     by_rule = latex(material=rule)
     assert latex(material=Material(**rule)).balloon[0].material == by_rule.balloon[0].material
-    mass = {
-        name: plan_model(scene).parameters["mass"].item()
-        for name, scene in {"twice": twice, "thick": thick, "rule": by_rule, "plain": latex()}.items()
-    }
-    assert mass["twice"] == pytest.approx(mass["thick"])
-    assert 1.6 * mass["plain"] < mass["rule"] < 2.4 * mass["plain"]
-    simulators = [Simulator(scene, "cpu") for scene in (twice, thick)]
-    for simulator in simulators:
-        advanced(simulator, 3)
-    one, other = (simulator.read_frame().points[0] for simulator in simulators)
+    masses = [plan_model(scene).parameters["mass"].item() for scene in (twice, thick, by_rule, latex())]
+    assert masses[0] == pytest.approx(masses[1])
+    assert 1.6 * masses[3] < masses[2] < 2.4 * masses[3]
+    one, other = (advanced(Simulator(scene, "cpu"), 3).points[0] for scene in (twice, thick))
     np.testing.assert_allclose(one, other, atol=1e-4)
     assert np.abs(one - points).max() > 1e-3
 
@@ -74,16 +69,15 @@ def test_rubber_has_no_springs_but_those_that_are_asked_for():
 def test_worlds_differ_in_all_that_a_material_has():
     paths = {"shear_modulus": [2e5, 4e5], "thickness": [1e-4, 2e-4], "mooney_ratio": [0.0, 0.2], "wrinkling": [0, 1]}
     for field, values in paths.items():
-        simulator = Simulator(
-            latex(inflation=Inflation(pressure=500.0)), "cpu", 2, {f"balloon.material.{field}": values}
-        )
+        scene = latex(inflation=Inflation(pressure=500.0))
+        simulator = Simulator(scene, "cpu", 2, {f"balloon.material.{field}": values})
         put(simulator, simulator.state.points.numpy()[0] * (1.4, 1.0, 0.7))
         simulator.step()
         points = simulator.state.points.numpy()
         assert np.abs(points[0] - points[1]).max() > 1e-5, field
 
 
-@pytest.mark.parametrize("material", [Material(preset="natural_rubber_treloar"), OGDEN])
+@pytest.mark.parametrize("material", [Material(**OGDEN), Material(**OGDEN, wrinkling=False)])
 def test_worlds_differ_in_one_term_of_an_ogden_material(material: Material):
     vary = {"balloon.material.ogden_moduli.0": [5e5, 7e5], "balloon.material.ogden_exponents.1": [4.0, 5.0]}
     parameters = plan_model(latex(material=material), 2, vary).parameters
@@ -96,22 +90,13 @@ def test_worlds_differ_in_one_term_of_an_ogden_material(material: Material):
     ("material", "sentence"),
     [
         ({"kind": "ogden"}, "material.ogden_exponents: is missing"),
-        (
-            {"kind": "ogden", "ogden_moduli": (1e5, -1e3, 0.0), "ogden_exponents": (2.0, 2.0, 1.0)},
-            "material.ogden_moduli: .* make an unstable material; expected modulus times exponent",
-        ),
-        (
-            {"preset": "natural_rubber_treloar", "ogden_exponents": (1.3, 300.0, -2.0)},
-            r"material.ogden_exponents.1: must be less than or equal to 20 \(got 300",
-        ),
+        ({"kind": "ogden", **UNSTABLE}, "material.ogden_moduli: .* unstable material; expected modulus times exponent"),
+        (OGDEN | {"ogden_exponents": (1.3, 300.0, -2.0)}, r"material.ogden_exponents.1: must be less .* 20 \(got 300"),
         ({"kind": "neo_hookean", "thickness": 0.0}, r"material.thickness: must be greater than .* \(got 0"),
         ({"kind": "neo_hookean", "shear_modulus": -1.0}, r"material.shear_modulus: must be greater .* \(got -1"),
         ({"kind": "mooney_rivlin", "mooney_ratio": -0.1}, "material.mooney_ratio: must be greater than or equal to 0"),
         ({"kind": "gent", "gent_limit": 0.0}, "material.gent_limit: must be greater than 0"),
-        (
-            {"kind": "gent", "gent_limit": 20.0, "most_stretch": 5.0},
-            "material.most_stretch: 5 exceeds the locking stretch of this material, 3.39",
-        ),
+        ({"kind": "gent", "gent_limit": 20.0, "most_stretch": 5.0}, "material.most_stretch: 5 exceeds the .* 3.39"),
         ({"shear_modulus": 1e5}, 'material.shear_modulus: needs kind = "neo_hookean" or'),
         ({"thickness": 1e-3}, "material.thickness: needs a preset, or a kind such as"),
         ({"kind": "gent", "mooney_ratio": 0.2}, 'material.mooney_ratio: needs kind = "mooney_rivlin"'),

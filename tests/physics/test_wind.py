@@ -47,21 +47,13 @@ def gusts(places: NDArray, device: str, time: float = 0.0, seed: float = 0.0) ->
 
 
 def air_around(
-    places: NDArray,
-    device: str,
-    time: float = 0.0,
-    *,
-    seed: float = 0.0,
-    shear: float = 0.0,
-    roughness: float = 0.0,
-    intensity: float = 0.0,
+    places: NDArray, device: str, time: float = 0.0, seed: float = 0.0, **profile: float
 ) -> NDArray[np.float64]:
     """Return the velocity of the air [m/s], shape (count, 3)."""
+    shape = [profile.get(name, 0.0) for name in ("shear", "roughness", "intensity")]
     there = wp.array(places.astype(np.float32), dtype=wp.vec3, device=device)
     air = wp.zeros(len(places), dtype=wp.vec3, device=device)
-    wp.launch(
-        blow, len(places), inputs=[there, time, seed, shear, roughness, intensity, wp.vec3(*WIND), air], device=device
-    )
+    wp.launch(blow, len(places), inputs=[there, time, seed, *shape, wp.vec3(*WIND), air], device=device)
     return air.numpy().astype(np.float64)
 
 
@@ -82,9 +74,8 @@ def test_gusts_have_no_mean_and_the_variance_that_they_are_given(device: str):
 def test_gusts_have_no_divergence(device: str):
     """By differences over a five-thousandth of a length, a fifteenth of the shortest wave, which float32 resolves."""
     places, step = RANDOM.uniform(-2.0, 2.0, (4000, 3)), 1e-4 * LENGTH
-    slopes = [
-        (gusts(places + step * axis, device) - gusts(places - step * axis, device)) / (2.0 * step) for axis in np.eye(3)
-    ]
+    sides = [[gusts(places + way * axis, device) for way in (-step, step)] for axis in np.eye(3)]
+    slopes = [(after - before) / (2.0 * step) for before, after in sides]
     divergence = sum(slope[:, axis] for axis, slope in enumerate(slopes))
     assert np.sqrt(np.mean(divergence**2)) < 0.02 * np.sqrt(np.mean(slopes[0] ** 2))
 
@@ -122,9 +113,9 @@ def test_gusts_belong_together_over_their_length(device: str):
 def test_the_wind_carries_gusts_along(device: str):
     """Gusts move with the wind by Taylor's hypothesis: what is here now was upwind before."""
     places = RANDOM.uniform(-2.0, 2.0, (500, 3))
-    np.testing.assert_allclose(
-        gusts(places + 3.0 * np.array(WIND), device, time=3.0), gusts(places, device), atol=1e-3
-    )  # float32 knows 20 m to a millionth of them, and the shortest waves, which are weak, are 1.7 cm
+    # float32 knows 20 m to a millionth of them, and the shortest waves, which are weak, are 1.7 cm
+    carried = gusts(places + 3.0 * np.array(WIND), device, time=3.0)
+    np.testing.assert_allclose(carried, gusts(places, device), atol=1e-3)
     assert np.abs(gusts(places, device, time=3.0) - gusts(places, device)).max() > 1.0
 
 
@@ -174,7 +165,6 @@ def test_drag_on_a_sphere_is_the_textbooks(size: int, device: str):
     speed = np.linalg.norm(relative)
     expected = -0.5 * 1.3 * 0.47 * np.pi * 0.2**2 * speed * relative
     np.testing.assert_allclose(force, expected, atol=np.linalg.norm(expected) / size**2)
-
     set_state(simulator, velocities=np.tile(air.wind, (simulator.model.particle_count, 1)))
     np.testing.assert_array_equal(simulator.read_frame().net_forces[0], 0.0)
 
@@ -202,8 +192,8 @@ def test_drag_is_part_of_the_stable_step(device):
 
 def force_on(device: str, balloon: Balloon, air: Atmosphere) -> np.ndarray:
     """Return the net force at the start [N]."""
-    simulator = Simulator(Scene(balloon=[balloon], gravity=0.0, atmosphere=air, net_forces=True), device)
-    return simulator.read_frame().net_forces[0].astype(np.float64).sum(axis=0)
+    scene = Scene(balloon=[balloon], gravity=0.0, atmosphere=air, net_forces=True)
+    return Simulator(scene, device).read_frame().net_forces[0].astype(np.float64).sum(axis=0)
 
 
 @pytest.mark.always("cpu-90.0")
@@ -224,12 +214,10 @@ def test_a_plate_at_an_angle_has_lift_and_drag(angle: float, device: str):
 @pytest.mark.parametrize(("drag", "friction"), [(0.3, 0.0), (0.0, 0.2), (0.3, 0.05)])
 def test_a_sphere_has_the_integral_of_its_faces(drag: float, friction: float, device: str):
     """A sphere's drag coefficient is C_d = 4/3 C_n + 8/3 C_t, on 1/2 rho pi R^2 u^2, within the mesh's 0.5%."""
-    ball = Balloon(
-        mesh=quad_sphere(12, 0.2), face_drag=drag, face_friction=friction, velocity=(3.0, -4.0, 1.0), **STILL
-    )
-    wind = np.array([0.0, 0.0, 2.0])
-    relative = wind - (3.0, -4.0, 1.0)
-    force = force_on(device, ball, Atmosphere(density=1.3, wind=tuple(wind)))
+    velocity, wind = (3.0, -4.0, 1.0), (0.0, 0.0, 2.0)
+    ball = Balloon(mesh=quad_sphere(12, 0.2), face_drag=drag, face_friction=friction, velocity=velocity, **STILL)
+    relative = np.subtract(wind, velocity)
+    force = force_on(device, ball, Atmosphere(density=1.3, wind=wind))
     coefficient = 4.0 / 3.0 * drag + 8.0 / 3.0 * friction
     expected = 0.5 * 1.3 * coefficient * np.pi * 0.2**2 * np.linalg.norm(relative) * relative
     np.testing.assert_allclose(force, expected, atol=0.015 * np.linalg.norm(expected))
