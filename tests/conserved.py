@@ -4,9 +4,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.frame import Frame
+from balloon_warp import Frame, Simulator
 from balloon_warp.schedules.scatter import ScatterSchedule
-from balloon_warp.simulator import Simulator
 
 
 def masses(simulator: Simulator) -> NDArray[np.float64]:

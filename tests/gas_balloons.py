@@ -8,11 +8,8 @@ import warp as wp
 from conserved import advanced as advanced
 from meshes import mesh_of
 
-from balloon_warp.frame import Frame
-from balloon_warp.mesh import PolygonMesh
+from balloon_warp import Balloon, Frame, Inflation, PolygonMesh, Simulator, Stiffness
 from balloon_warp.mesh.geometry import signed_volume
-from balloon_warp.scene import Balloon, Inflation, Stiffness
-from balloon_warp.simulator import Simulator
 
 NO_SPRINGS = Stiffness(structural=0.0, shear=0.0, flexion=0.0)
 AIR_PRESSURE, TEMPERATURE, GAS_CONSTANT = 101325.0, 293.15, 8.314462618

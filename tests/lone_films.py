@@ -4,15 +4,14 @@ import numpy as np
 import warp as wp
 from meshes import mesh_of, quad_sphere
 
+from balloon_warp import Balloon, Inflation, Material, PolygonMesh, Scene
 from balloon_warp.kernels.loops.held_quads import quads_of
 from balloon_warp.kernels.loops.membrane_faces import membrane_faces_of
 from balloon_warp.kernels.memory import put_in_tile
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.params import numbers_reader, params_functions
 from balloon_warp.kernels.tables import Tables
-from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import build_model
-from balloon_warp.scene import Balloon, Inflation, Material, Scene
 from balloon_warp.scene.schema.material import Kind
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.membrane_faces import membrane_face_entries, membrane_face_layout, membrane_face_table

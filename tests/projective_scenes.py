@@ -5,8 +5,7 @@ import warp as wp
 from meshes import quad_sphere
 from trajectories import stepped
 
-from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere, Stiffness, String
-from balloon_warp.simulator import Simulator
+from balloon_warp import Balloon, Ground, Inflation, Scene, Simulator, Sphere, Stiffness, String
 
 SOFT = Stiffness(structural=20.0, shear=10.0, flexion=5.0)
 

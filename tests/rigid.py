@@ -8,8 +8,7 @@ from meshes import cube
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from balloon_warp.scene import Atmosphere, Balloon, Body, Inflation, Scene
-from balloon_warp.simulator import Simulator
+from balloon_warp import Atmosphere, Balloon, Body, Inflation, Scene, Simulator
 
 EPSILON = float(np.finfo(np.float32).eps)
 SPACE: dict[str, Any] = {"gravity": 0.0, "atmosphere": Atmosphere(density=0.0)}

@@ -7,10 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.mesh import PolygonMesh
+from balloon_warp import Material, PolygonMesh
 from balloon_warp.mesh.geometry import signed_volume, total_area
 from balloon_warp.reference import laws
-from balloon_warp.scene import Material
 
 Energy = Callable[[NDArray, NDArray], NDArray]
 """by two principal stretches [J/m^3]"""

@@ -8,10 +8,8 @@ import numpy as np
 from meshes import box, grid, mesh_of, quad_sphere
 from numpy.typing import NDArray
 
+from balloon_warp import Atmosphere, Balloon, Ground, Inflation, PolygonMesh, Scene, Simulator, Stiffness, Touch
 from balloon_warp.benchmarks.overlap import Points, deepest_overlap, dot, surface
-from balloon_warp.mesh import PolygonMesh
-from balloon_warp.scene import Atmosphere, Balloon, Ground, Inflation, Scene, Stiffness, Touch
-from balloon_warp.simulator import Simulator
 
 RADIUS = 0.5
 SLACK = Inflation(pressure=0.0)

@@ -14,6 +14,7 @@ from commands import status_of
 from meshes import quad_sphere as looped_quad_sphere
 from pxr import Usd, UsdGeom
 
+from balloon_warp import Simulator, load_scene
 from balloon_warp.benchmarks import (
     auto,
     bound,
@@ -47,10 +48,8 @@ from balloon_warp.device import pick_device
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.quad_sphere import quad_sphere
 from balloon_warp.model import Model, State, build_model, initial_state, lay_out, plan_model
-from balloon_warp.scene import load_scene
 from balloon_warp.schedules import SCHEDULES, make_schedule
 from balloon_warp.schedules.choose import fastest_schedule
-from balloon_warp.simulator import Simulator
 
 
 def test_the_mesh_is_the_quad_sphere_of_the_other_tests():

@@ -8,11 +8,9 @@ from meshes import joined
 from numpy.typing import NDArray
 from quads import assert_closed_quads
 
-from balloon_warp.errors import InputError
-from balloon_warp.mesh import PolygonMesh
+from balloon_warp import InputError, PolygonMesh, remesh
 from balloon_warp.mesh.handles import handle_count, handles_lost, handles_of_level
 from balloon_warp.mesh.level import Level
-from balloon_warp.mesh.remesh import remesh
 from balloon_warp.mesh.surface_nets import surface_nets
 
 

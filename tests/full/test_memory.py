@@ -7,12 +7,10 @@ import pytest
 import warp as wp
 from meshes import cube, quad_sphere
 
-from balloon_warp.errors import InputError
+from balloon_warp import Balloon, Ground, InputError, Scene, Simulator, Sphere, String, Water
 from balloon_warp.model import Model, build_model, memory, world_bytes
-from balloon_warp.scene import Balloon, Ground, Scene, Sphere, String, Water
 from balloon_warp.schedules import SCHEDULES
 from balloon_warp.schedules.choose import schedule_named
-from balloon_warp.simulator import Simulator
 
 FEW, MANY = 16, 48
 """worlds; eight divide both, so that lanes has none to fill up"""

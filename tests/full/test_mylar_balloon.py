@@ -5,10 +5,8 @@ import pytest
 from meshes import mesh_of
 from scipy.integrate import quad
 
-from balloon_warp.mesh import PolygonMesh
+from balloon_warp import Balloon, Inflation, Material, PolygonMesh, Scene, Simulator
 from balloon_warp.mesh.geometry import signed_volume
-from balloon_warp.scene import Balloon, Inflation, Material, Scene
-from balloon_warp.simulator import Simulator
 
 pytestmark = pytest.mark.physics
 

@@ -8,8 +8,7 @@ import pytest
 from meshes import cube, fans, quad_sphere
 from scipy.spatial.transform import Rotation
 
-from balloon_warp import Body, Obstacle, Scene, Simulator, animate
-from balloon_warp.scene import Balloon, Ground, Inflation, Material, Sphere
+from balloon_warp import Balloon, Body, Ground, Inflation, Material, Obstacle, Scene, Simulator, Sphere, animate
 
 pytest.importorskip("newton_usd_schemas")
 newton = pytest.importorskip("newton")

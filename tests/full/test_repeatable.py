@@ -5,9 +5,7 @@ from pathlib import Path
 import pytest
 from meshes import quad_sphere
 
-from balloon_warp.job import animate
-from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere, String
-from balloon_warp.sweep.batch import run_batch
+from balloon_warp import Balloon, Ground, Inflation, Scene, Sphere, String, animate, run_batch
 
 SCENE = Scene(
     frames=4,

@@ -12,12 +12,9 @@ from pxr import Usd, UsdGeom
 from render_stages import read_stage
 from test_bursting import BALL, filled, scene_of
 
-from balloon_warp import run_batch
+from balloon_warp import Balloon, Inflation, Scene, Simulator, StageWriter, load_scene, run_batch
 from balloon_warp.mesh.corners import beside_faces
 from balloon_warp.mesh.geometry import signed_volume, total_area
-from balloon_warp.outputs.usd import StageWriter
-from balloon_warp.scene import Balloon, Inflation, Scene, load_scene
-from balloon_warp.simulator import Simulator
 from balloon_warp.sweep.output import STAGE_NAME
 from balloon_warp.sweep.recorder import Recorder, columns_of
 

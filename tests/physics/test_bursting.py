@@ -12,14 +12,11 @@ from numpy.typing import NDArray
 from rubber_theory import ENERGIES, MATERIALS, MU, principal_stretches, slope, sphere_pressure
 from test_membranes import AIR, BALL, DENSITY, THICKNESS, amount_at, stretched, volumes
 
-from balloon_warp.errors import InputError
-from balloon_warp.frame import Frame
-from balloon_warp.mesh import PolygonMesh
+from balloon_warp import Frame, InputError, PolygonMesh, Simulator
 from balloon_warp.mesh.geometry import face_vector_areas, signed_volume
 from balloon_warp.model import plan_model
 from balloon_warp.scene import Atmosphere, Balloon, Ground, Inflation, Material, Scene, Stiffness, Touch, Tube, Water
 from balloon_warp.schedules.tears import neighbors_of
-from balloon_warp.simulator import Simulator
 
 pytestmark = pytest.mark.physics
 

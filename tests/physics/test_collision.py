@@ -10,9 +10,8 @@ from law_functions import COUNT, called
 from meshes import cube, mesh_of
 from numpy.typing import NDArray
 
+from balloon_warp import Balloon, Ground, Inflation, Obstacle, Scene, Simulator, Sphere, Stiffness
 from balloon_warp.kernels.laws.collision import collision
-from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Scene, Sphere, Stiffness
-from balloon_warp.simulator import Simulator
 
 pytestmark = pytest.mark.physics
 

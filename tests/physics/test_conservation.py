@@ -9,10 +9,8 @@ from conserved import angular_momentum, energy, masses, momentum, motion, put
 from meshes import mesh_of, quad_sphere
 from numpy.typing import NDArray
 
-from balloon_warp.errors import InputError
+from balloon_warp import Atmosphere, Balloon, Inflation, InputError, Scene, Simulator, Stiffness
 from balloon_warp.model import build_model
-from balloon_warp.scene import Atmosphere, Balloon, Inflation, Scene, Stiffness
-from balloon_warp.simulator import Simulator
 
 pytestmark = pytest.mark.physics
 

@@ -13,13 +13,10 @@ from meshes import quad_sphere
 from pxr import Gf, Usd
 from scipy.spatial import ConvexHull
 
-from balloon_warp import Cluster, run_batch
+from balloon_warp import Cluster, Frame, Simulator, animate, run_batch
 from balloon_warp.contacts import Contact
-from balloon_warp.frame import Frame
-from balloon_warp.job import animate
 from balloon_warp.mesh.topology import mesh_edges
 from balloon_warp.scene import Balloon, Body, Ground, Inflation, Obstacle, Scene, Sphere, Touch, load_scene
-from balloon_warp.simulator import Simulator
 
 pytestmark = pytest.mark.physics
 

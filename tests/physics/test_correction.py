@@ -9,11 +9,8 @@ from conserved import advanced, forces_by_scatter, put
 from meshes import mesh_of, moebius, prism, quad_sphere
 from scipy.spatial import ConvexHull
 
-from balloon_warp.errors import InputError
-from balloon_warp.mesh import PolygonMesh
+from balloon_warp import Balloon, Inflation, InputError, Material, PolygonMesh, Scene, Simulator, Stiffness
 from balloon_warp.model import Model
-from balloon_warp.scene import Balloon, Inflation, Material, Scene, Stiffness
-from balloon_warp.simulator import Simulator
 from balloon_warp.springs import build_springs
 from balloon_warp.springs.coloring import color_springs
 

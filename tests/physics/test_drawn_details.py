@@ -12,9 +12,8 @@ from law_functions import called
 from meshes import cube, mesh_of, quad_sphere
 from pxr import Usd, UsdGeom, UsdShade
 
-from balloon_warp import Scene, animate, export_stage
+from balloon_warp import Balloon, PolygonMesh, Scene, String, animate, export_stage
 from balloon_warp.kernels.pictures.shapes import LEAST_SEEN, turned_to_viewer
-from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.folds import CREASE, SOFT_CREASE, sharp_edges
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.outputs.knot import AROUND, PROFILE, Knot, knot_mesh, knot_size
@@ -22,7 +21,6 @@ from balloon_warp.outputs.moment import Z_TO_Y_UP
 from balloon_warp.outputs.render.stage_reader import RenderStage
 from balloon_warp.outputs.render.surface import SmoothSurface
 from balloon_warp.outputs.render.view import View
-from balloon_warp.scene import Balloon, String
 
 pytestmark = pytest.mark.physics
 

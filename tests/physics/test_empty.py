@@ -9,10 +9,9 @@ from meshes import quad_sphere
 from numpy.typing import NDArray
 from test_membranes import AIR, KELVIN, volumes
 
+from balloon_warp import Balloon, Ground, Inflation, Material, Scene, Simulator, Tube
 from balloon_warp.kernels.laws.empty import end_of_collapse
 from balloon_warp.mesh.geometry import signed_volume
-from balloon_warp.scene import Balloon, Ground, Inflation, Material, Scene, Tube
-from balloon_warp.simulator import Simulator
 
 pytestmark = pytest.mark.physics
 

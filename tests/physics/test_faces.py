@@ -6,12 +6,10 @@ from conserved import advanced, motion, sphere_momenta, whole
 from meshes import cube, grid, quad_sphere
 from numpy.typing import NDArray
 
-from balloon_warp.errors import InputError
-from balloon_warp.scene import Atmosphere, Balloon, Ground, Inflation, Scene, Sphere, Touch
+from balloon_warp import Atmosphere, Balloon, Ground, Inflation, InputError, Scene, Simulator, Sphere, Touch
 from balloon_warp.schedules.choose import schedule_named
 from balloon_warp.schedules.gather import GatherSchedule
 from balloon_warp.schedules.touch_table import triangles_of
-from balloon_warp.simulator import Simulator
 
 pytestmark = pytest.mark.physics
 

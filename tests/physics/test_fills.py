@@ -20,18 +20,15 @@ from gas_balloons import (
 from meshes import cube, mesh_of, quad_sphere
 from scipy.integrate import solve_ivp
 
-from balloon_warp import InputError, load_scene
+from balloon_warp import Atmosphere, Balloon, Inflation, InputError, Material, PolygonMesh, Scene, Simulator, load_scene
 from balloon_warp.cli import main
-from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.mesh.triangles import triangles_of
 from balloon_warp.model import plan_model
 from balloon_warp.model.setting import plan_setting
 from balloon_warp.model.varied_scene import scene_to_vary
 from balloon_warp.model.vary import VaryError
-from balloon_warp.scene import Atmosphere, Balloon, Inflation, Material, Scene
 from balloon_warp.scene.overrides import OverrideError, override_scene, parse_override
-from balloon_warp.simulator import Simulator
 from balloon_warp.viewer import playground as module
 from balloon_warp.viewer.by_hand import inflating
 from balloon_warp.viewer.playground import Playground

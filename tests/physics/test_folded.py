@@ -11,18 +11,15 @@ from meshes import box, grid, mesh_of, quad_sphere
 from played import played, shape_at
 from touching import SLACK, VACUUM, cushion, edges_through, square, touching, tube
 
+from balloon_warp import Balloon, Ground, Inflation, PolygonMesh, Scene, Simulator, Stiffness, Touch, foil_mesh
 from balloon_warp.benchmarks.overlap import deepest_overlap
-from balloon_warp.foil.make import foil_mesh
-from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.crossings import find_crossings
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.triangles import triangles_of
 from balloon_warp.model.meeting_edges import meeting_edges
 from balloon_warp.model.shape import shape_balloon
 from balloon_warp.model.sharp_edges import sharp_edges
-from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Stiffness, Touch
 from balloon_warp.scenes.model_airbag import GAP, airbag, airbag_flat
-from balloon_warp.simulator import Simulator
 
 pytestmark = pytest.mark.physics
 

@@ -9,22 +9,10 @@ from conserved import advanced, motion, put
 from meshes import cube
 from touching import SLACK
 
+from balloon_warp import Balloon, Body, Change, Ground, Inflation, Obstacle, Scene, Sphere, Stiffness, Touch, load_scene
 from balloon_warp.errors import InputError
 from balloon_warp.model import plan_model
 from balloon_warp.model.friction import FRICTION
-from balloon_warp.scene import (
-    Balloon,
-    Body,
-    Change,
-    Ground,
-    Inflation,
-    Obstacle,
-    Scene,
-    Sphere,
-    Stiffness,
-    Touch,
-    load_scene,
-)
 from balloon_warp.simulator import Simulator
 
 pytestmark = pytest.mark.physics

@@ -29,11 +29,9 @@ from rubber_theory import ENERGIES, MATERIALS, sphere_pressure
 from scipy.integrate import solve_ivp
 from trajectories import after_frames
 
-from balloon_warp.frame import Frame
+from balloon_warp import Balloon, Change, Frame, Ground, Inflation, Neck, Scene, Sphere, StageWriter, Stiffness, Tube
 from balloon_warp.kernels.laws.orifice import nozzle
 from balloon_warp.mesh.geometry import signed_volume, total_area
-from balloon_warp.outputs.usd import StageWriter
-from balloon_warp.scene import Balloon, Change, Ground, Inflation, Neck, Scene, Sphere, Stiffness, Tube
 from balloon_warp.simulator import Simulator
 from balloon_warp.sweep.recorder import Recorder, columns_of
 

@@ -10,16 +10,13 @@ import pytest
 from meshes import quad_sphere
 from rubber_theory import sphere_pressure
 
-from balloon_warp.job import animate
+from balloon_warp import Balloon, Inflation, Material, Scene, Simulator, animate, run_batch
 from balloon_warp.kernels.laws.membrane import MEMBRANES
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.model.materials import numbers_of, slopes_by_stretches
 from balloon_warp.model.plan import plan_model
 from balloon_warp.reference.laws import gent
-from balloon_warp.scene import Balloon, Inflation, Material, Scene
 from balloon_warp.scene.overrides import override_scene
-from balloon_warp.simulator import Simulator
-from balloon_warp.sweep.batch import run_batch
 
 pytestmark = pytest.mark.physics
 

@@ -9,6 +9,7 @@ from meshes import quad_sphere
 from typer.testing import CliRunner
 
 import balloon_warp as bw
+from balloon_warp import InputError, PolygonMesh
 from balloon_warp.cli.app import app
 from balloon_warp.cli.design import Wanted
 from balloon_warp.designing import design, picture
@@ -16,8 +17,6 @@ from balloon_warp.designing.hanging import DOWN, Hanging
 from balloon_warp.designing.measure import Ruler
 from balloon_warp.designing.proof import simulate_from_rest
 from balloon_warp.designing.target import held_target_of
-from balloon_warp.errors import InputError
-from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.statics.balance import Balance
 from balloon_warp.statics.of_model import film_of

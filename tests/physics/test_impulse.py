@@ -11,14 +11,13 @@ from meshes import cube, quad_sphere, tetrahedron
 from numpy.typing import NDArray
 from typer.testing import CliRunner
 
+from balloon_warp import Atmosphere, Balloon, Change, Ground, Inflation, Scene, Simulator, Sphere, Stiffness
 from balloon_warp.blow_ups import Pulls
 from balloon_warp.cli.app import app
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.model import plan_model
 from balloon_warp.model.tunneling import widest_opening
-from balloon_warp.scene import Atmosphere, Balloon, Change, Ground, Inflation, Scene, Sphere, Stiffness
 from balloon_warp.scene.load import bundled_scenes, load_scene
-from balloon_warp.simulator import Simulator
 
 pytestmark = pytest.mark.physics
 

@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 from meshes import quad_sphere
 
-from balloon_warp.errors import BlowUpError
+from balloon_warp import Balloon, BlowUpError, Inflation, Material, Scene, Simulator
 from balloon_warp.mesh.geometry import total_area
 from balloon_warp.model import plan_model
 from balloon_warp.model.limit_points import borne_pressures, passed_limit_point
-from balloon_warp.scene import Balloon, Inflation, Material, Scene
-from balloon_warp.simulator import Simulator
 
 pytestmark = pytest.mark.physics
 

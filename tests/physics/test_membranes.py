@@ -11,13 +11,11 @@ from meshes import mesh_of, quad_sphere
 from numpy.typing import NDArray
 from rubber_theory import ENERGIES, MATERIALS, sphere_pressure
 
+from balloon_warp import Atmosphere, Balloon, Inflation, Material, PolygonMesh, Scene, Simulator
 from balloon_warp.kernels.laws.air import GAS_CONSTANT
 from balloon_warp.kernels.laws.membrane import MEMBRANES
-from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import signed_volume, total_area
-from balloon_warp.scene import Atmosphere, Balloon, Inflation, Material, Scene
 from balloon_warp.schedules.readout import ForceReader
-from balloon_warp.simulator import Simulator
 
 pytestmark = pytest.mark.physics
 

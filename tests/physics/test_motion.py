@@ -5,11 +5,8 @@ import pytest
 from conserved import advanced, forces_by_scatter, motion, put
 from meshes import cube, mesh_of, quad_sphere
 
-from balloon_warp.errors import BlowUpError, InputError
-from balloon_warp.frame import Frame
+from balloon_warp import Balloon, BlowUpError, Frame, Inflation, InputError, Scene, Simulator, Sphere, Stiffness, String
 from balloon_warp.model import build_model
-from balloon_warp.scene import Balloon, Inflation, Scene, Sphere, Stiffness, String
-from balloon_warp.simulator import Simulator
 
 pytestmark = pytest.mark.physics
 

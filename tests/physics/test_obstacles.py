@@ -15,14 +15,11 @@ from pxr import Gf, Usd, UsdGeom, UsdSkel, Vt
 from scipy.spatial.transform import Rotation
 from touching import square
 
-from balloon_warp.errors import InputError
-from balloon_warp.frame import Frame
+from balloon_warp import Frame, InputError, PolygonMesh, Simulator
 from balloon_warp.kernels.laws.fixture import capsule_surface
-from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import plan_model
 from balloon_warp.model.obstacle_motion import obstacle_motion
 from balloon_warp.scene import Balloon, Body, Ground, Inflation, Obstacle, Scene, Sphere, Stiffness
-from balloon_warp.simulator import Simulator
 
 pytestmark = pytest.mark.physics
 

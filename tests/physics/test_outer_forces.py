@@ -8,8 +8,7 @@ from conserved import advanced
 from meshes import quad_sphere
 
 import balloon_warp as bw
-from balloon_warp import InputError, Simulator
-from balloon_warp.scene import Balloon, Change, Force, Inflation, Scene, String
+from balloon_warp import Balloon, Change, Force, Inflation, InputError, Scene, Simulator, String
 from balloon_warp.scene.overrides import override_scene
 
 pytestmark = pytest.mark.physics

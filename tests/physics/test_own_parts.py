@@ -11,14 +11,12 @@ from odd_things import hair
 from test_folded import crossings, folding_tube, tube
 from touching import VACUUM
 
-from balloon_warp import Simulator, load_scene
+from balloon_warp import Balloon, Ground, Inflation, Obstacle, PolygonMesh, Scene, Simulator, Touch, load_scene
 from balloon_warp.kernels.contact.free_frames import BUSY, FREE, HURRIED
-from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.least_gaps import least_gaps
 from balloon_warp.mesh.slenderness import slenderness
 from balloon_warp.mesh.triangles import triangles_of
 from balloon_warp.model import plan_model
-from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Scene, Touch
 from balloon_warp.schedules.own_parts import part_count, parts_of
 
 pytestmark = pytest.mark.physics

@@ -10,14 +10,13 @@ import shapely
 from meshes import mesh_of, quad_sphere
 
 import balloon_warp as bw
+from balloon_warp import InputError, PolygonMesh
 from balloon_warp.benchmarks.design import cylinder as lids
 from balloon_warp.designing import of_panels, picture
 from balloon_warp.designing.flatten import flattened, seam_lengths
 from balloon_warp.designing.of_panels import panels_of
 from balloon_warp.designing.panel_layout import laid_out
 from balloon_warp.designing.panel_pattern import PanelPattern
-from balloon_warp.errors import InputError
-from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.obj import write_obj
 
 pytestmark = pytest.mark.physics

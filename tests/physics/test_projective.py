@@ -11,10 +11,8 @@ from implicit_step import one_step
 from meshes import quad_sphere
 from projective_scenes import SOFT, after_frames, full_scene, kick, kicked_balloon
 
-from balloon_warp.errors import InputError
+from balloon_warp import Balloon, Change, Inflation, InputError, Scene, Simulator, Stiffness, Water
 from balloon_warp.model import State, build_model
-from balloon_warp.scene import Balloon, Change, Inflation, Scene, Stiffness, Water
-from balloon_warp.simulator import Simulator
 from balloon_warp.solvers.dense_inverse import MANY_WORLDS, MOST_PARTICLES, DenseInverse
 from balloon_warp.solvers.projective import ProjectiveSolver
 from balloon_warp.solvers.sparse_factor import SparseFactor

@@ -10,14 +10,11 @@ from meshes import quad_sphere
 from rigid import SPACE
 from touching import square
 
-from balloon_warp import InputError, check_stage, load_scene
-from balloon_warp.job import animate
-from balloon_warp.mesh import PolygonMesh
+from balloon_warp import InputError, PolygonMesh, Simulator, animate, check_stage, load_scene
 from balloon_warp.model.plan import plan_model
 from balloon_warp.model.small_spheres import round_ridges
 from balloon_warp.model.touch import edge_length
 from balloon_warp.scene import Balloon, Body, Ground, Inflation, Obstacle, Scene, Sphere
-from balloon_warp.simulator import Simulator
 
 pytestmark = pytest.mark.physics
 

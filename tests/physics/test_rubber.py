@@ -8,13 +8,11 @@ import pytest
 from conserved import advanced, forces_by_scatter, put
 from meshes import cube, mesh_of, prism, quad_sphere
 
-from balloon_warp.errors import InputError
+from balloon_warp import Balloon, Inflation, InputError, Scene, Simulator, Stiffness, load_scene
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.model import build_model
 from balloon_warp.model.shape import shape_balloon
-from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness, load_scene
 from balloon_warp.schedules.readout import ForceReader
-from balloon_warp.simulator import Simulator
 from balloon_warp.springs.hinges import build_hinges
 
 pytestmark = pytest.mark.physics

@@ -13,13 +13,10 @@ from projective_scenes import kick
 from rigid import after
 from scipy import sparse
 
-from balloon_warp.errors import InputError
+from balloon_warp import Balloon, Inflation, InputError, Scene, Simulator, Stiffness, run_batch
 from balloon_warp.kernels.solvers.settling import LEAST_ITERATIONS, MOST_ITERATIONS
 from balloon_warp.resting import relax
-from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness
-from balloon_warp.simulator import Simulator
 from balloon_warp.statics.toppling import rigid_motions, toppling_mode
-from balloon_warp.sweep.batch import run_batch
 
 pytestmark = pytest.mark.physics
 

@@ -7,12 +7,10 @@ import pytest
 from conserved import advanced, put
 from meshes import grid, mesh_of, quad_sphere
 
-from balloon_warp.errors import InputError
+from balloon_warp import Balloon, Change, Inflation, InputError, Material, Scene, Simulator, load_scene
 from balloon_warp.mesh.geometry import total_area
 from balloon_warp.model import build_model, plan_model
-from balloon_warp.scene import Balloon, Change, Inflation, Material, Scene, load_scene
 from balloon_warp.scene.overrides import override_scene
-from balloon_warp.simulator import Simulator
 from balloon_warp.sweep.recorder import MEASURES, Recorder
 
 OGDEN = {"preset": "natural_rubber_treloar"}

@@ -11,13 +11,10 @@ from numpy.typing import NDArray
 from rubber_theory import ENERGIES, MATERIALS, sphere_pressure
 from test_membranes import BALL, DENSITY, THICKNESS, stretched
 
-from balloon_warp.errors import InputError
-from balloon_warp.mesh import PolygonMesh
+from balloon_warp import Balloon, Inflation, InputError, Material, PolygonMesh, Scene, Simulator
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.model import plan_model
-from balloon_warp.scene import Balloon, Inflation, Material, Scene
 from balloon_warp.schedules.readout import ForceReader
-from balloon_warp.simulator import Simulator
 
 pytestmark = pytest.mark.physics
 

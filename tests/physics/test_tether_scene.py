@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from played import played, shape_at
 
+from balloon_warp import Simulator, load_scene
 from balloon_warp.mesh.geometry import signed_volume
-from balloon_warp.scene import load_scene
-from balloon_warp.simulator import Simulator
 
 pytestmark = pytest.mark.physics
 

@@ -9,12 +9,10 @@ from gas_balloons import NO_SPRINGS, advanced, set_state
 from meshes import cube, grid, quad_sphere
 from numpy.typing import NDArray
 
-from balloon_warp.errors import InputError
+from balloon_warp import Atmosphere, Balloon, Change, Inflation, InputError, Scene, Simulator
 from balloon_warp.kernels.laws.air import drag_bound, wind_at
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.model import build_model
-from balloon_warp.scene import Atmosphere, Balloon, Change, Inflation, Scene
-from balloon_warp.simulator import Simulator
 
 pytestmark = pytest.mark.physics
 

@@ -10,8 +10,7 @@ import pytest
 from clusters import start_workers
 from meshes import quad_sphere
 
-from balloon_warp import BlowUpError, Cluster, InputError, Trajectories, gradient
-from balloon_warp.scene import Balloon, Inflation, Scene
+from balloon_warp import Balloon, BlowUpError, Cluster, Inflation, InputError, Scene, Trajectories, gradient
 
 pytest.importorskip("distributed", reason="needs the extra `cluster`")
 

@@ -10,10 +10,7 @@ viser = pytest.importorskip("viser")
 
 from test_guard import ask, talks  # noqa: E402
 
-from balloon_warp import InputError  # noqa: E402
-from balloon_warp.scene import Balloon, Scene  # noqa: E402
-from balloon_warp.simulator import Simulator  # noqa: E402
-from balloon_warp.viewer.notebook import show  # noqa: E402
+from balloon_warp import Balloon, InputError, Scene, Simulator, show  # noqa: E402
 from balloon_warp.viewer.origins import MOST_TOLD, Origins  # noqa: E402
 from balloon_warp.viewer.page import Page  # noqa: E402
 from balloon_warp.viewer.session import Session  # noqa: E402

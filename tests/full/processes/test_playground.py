@@ -8,8 +8,7 @@ from conserved import advanced
 from features import some_bundled_scenes
 from meshes import quad_sphere
 
-from balloon_warp.errors import BlowUpError, InputError
-from balloon_warp.scene import Balloon, Change, Ground, Inflation, Scene, Sphere, String, load_scene
+from balloon_warp import Balloon, BlowUpError, Change, Ground, Inflation, InputError, Scene, Sphere, String, load_scene
 from balloon_warp.scene.load import bundled_scenes
 from balloon_warp.scene.write import scene_toml
 from balloon_warp.simulator import Simulator

@@ -10,11 +10,9 @@ import pytest
 from clusters import address_of, start_workers
 from meshes import quad_sphere
 
+from balloon_warp import Balloon, Cluster, Ground, Inflation, Scene, Sphere, String, run_batch
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere, String
 from balloon_warp.sweep import shares
-from balloon_warp.sweep.batch import run_batch
-from balloon_warp.sweep.cluster import Cluster
 
 WRITE = """
 import sys

@@ -37,8 +37,7 @@ from browsing import (
 from PIL import Image
 from pxr import Usd, UsdGeom
 
-from balloon_warp import scenes
-from balloon_warp.scene import Balloon, Ground, Scene, Water, load_scene
+from balloon_warp import Balloon, Ground, Scene, Water, load_scene, scenes
 from balloon_warp.viewer.notebook import Shown
 from balloon_warp.viewer.page import Page
 from balloon_warp.viewer.presses import CLEAR

@@ -20,9 +20,8 @@ from pxr import Usd, UsdGeom
 from strangers import ball
 from strangers import wait_until as until
 
+from balloon_warp import Balloon, Inflation, Scene, Simulator, load_scene
 from balloon_warp.mesh.geometry import triangulate
-from balloon_warp.scene import Balloon, Inflation, Scene, load_scene
-from balloon_warp.simulator import Simulator
 from balloon_warp.viewer.following import Follower
 from balloon_warp.viewer.geometry import Drawing
 from balloon_warp.viewer.pace import MOST_BEHIND, Pace
