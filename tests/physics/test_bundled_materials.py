@@ -12,8 +12,6 @@ from balloon_warp import Frame, PolygonMesh
 from balloon_warp.mesh.geometry import signed_volume, total_area
 from balloon_warp.mesh.topology import mesh_edges
 
-pytestmark = pytest.mark.physics
-
 
 def latex_pressure(mesh: PolygonMesh, stretch: float) -> float:
     """Return A h W' / (3 V l^2) of Mooney-Rivlin rubber [Pa]."""

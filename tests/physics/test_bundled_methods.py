@@ -6,8 +6,6 @@ from played import played, shape_at, stretches
 
 from balloon_warp.mesh.geometry import signed_volume
 
-pytestmark = pytest.mark.physics
-
 
 def test_with_correction_the_shape_is_a_scaled_copy():
     """Correction only scales the shape, which the paper did not want. At equal volume, inflated against its limit, the

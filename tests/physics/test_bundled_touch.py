@@ -19,8 +19,6 @@ from balloon_warp.scenes.model_knot import CELL
 from balloon_warp.scenes.model_knot import RADIUS as TUBE
 from balloon_warp.scenes.pit import HALF, main, scene
 
-pytestmark = pytest.mark.physics
-
 ROUNDING = 2e-5
 """float32's, of points on a surface a meter from the origin [m]"""
 

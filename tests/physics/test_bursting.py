@@ -18,8 +18,6 @@ from balloon_warp.model import plan_model
 from balloon_warp.scene import Atmosphere, Balloon, Ground, Inflation, Material, Scene, Stiffness, Touch, Tube, Water
 from balloon_warp.schedules.tears import neighbors_of
 
-pytestmark = pytest.mark.physics
-
 NEO = ENERGIES["neo_hookean"]
 GAS = Inflation(kind="gas", start_pressure=0.0)
 

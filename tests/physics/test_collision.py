@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 from balloon_warp import Balloon, Ground, Inflation, Obstacle, Scene, Simulator, Sphere, Stiffness
 from balloon_warp.kernels.laws.collision import collision
 
-pytestmark = pytest.mark.physics
-
 EPSILON = float(np.finfo(np.float32).eps)
 NO_SPRINGS = Stiffness(structural=0.0, shear=0.0, flexion=0.0)
 G = 9.81

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from balloon_warp import Atmosphere, Balloon, Inflation, InputError, Scene, Simulator, Stiffness
 from balloon_warp.model import build_model
 
-pytestmark = pytest.mark.physics
-
 NO_INFLATION = Inflation(k_normal=0.0)
 BALLOONS = {
     "springs": {"inflation": NO_INFLATION, "stiffness": Stiffness(variation=0.3)},

@@ -18,8 +18,6 @@ from balloon_warp.contacts import Contact
 from balloon_warp.mesh.topology import mesh_edges
 from balloon_warp.scene import Balloon, Body, Ground, Inflation, Obstacle, Scene, Sphere, Touch, load_scene
 
-pytestmark = pytest.mark.physics
-
 GRAVITY = 9.81
 
 

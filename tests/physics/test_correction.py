@@ -14,8 +14,6 @@ from balloon_warp.model import Model
 from balloon_warp.springs import build_springs
 from balloon_warp.springs.coloring import color_springs
 
-pytestmark = pytest.mark.physics
-
 NO_INFLATION = Inflation(k_normal=0.0)
 SLACK = Stiffness(structural=0.0, shear=0.0, flexion=0.0)
 """springs that pull at nothing: only their correction is left"""

@@ -22,8 +22,6 @@ from balloon_warp.outputs.render.stage_reader import RenderStage
 from balloon_warp.outputs.render.surface import SmoothSurface
 from balloon_warp.outputs.render.view import View
 
-pytestmark = pytest.mark.physics
-
 FRAMES = 3
 BALL = quad_sphere(6)
 LOWEST = int(BALL.points[:, 1].argmin())

@@ -13,8 +13,6 @@ from balloon_warp import Balloon, Ground, Inflation, Material, Scene, Simulator,
 from balloon_warp.kernels.laws.empty import end_of_collapse
 from balloon_warp.mesh.geometry import signed_volume
 
-pytestmark = pytest.mark.physics
-
 MESH = quad_sphere(4, 0.05)
 FULL = AIR * signed_volume(MESH) / (8.314462618 * KELVIN)
 """of the air's pressure in the mesh's volume [mol]"""

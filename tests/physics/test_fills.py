@@ -33,8 +33,6 @@ from balloon_warp.viewer import playground as module
 from balloon_warp.viewer.by_hand import inflating
 from balloon_warp.viewer.playground import Playground
 
-pytestmark = pytest.mark.physics
-
 BALL = with_volume(quad_sphere(4), 0.02)
 OF_A_LITRE = AIR_PRESSURE * 1e-3 / (GAS_CONSTANT * TEMPERATURE)
 """[mol]"""

@@ -9,8 +9,6 @@ from lone_films import QUADS, TRIANGLES, measured, moved
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import signed_volume
 
-pytestmark = pytest.mark.physics
-
 
 @pytest.mark.always("mesh1-1", "mesh3-0")
 @pytest.mark.parametrize(("mesh", "held"), [(QUADS, 0), (QUADS, 1), (QUADS, 2), (TRIANGLES, 0)])

@@ -21,8 +21,6 @@ from balloon_warp.model.shape import shape_balloon
 from balloon_warp.model.sharp_edges import sharp_edges
 from balloon_warp.scenes.model_airbag import GAP, airbag, airbag_flat
 
-pytestmark = pytest.mark.physics
-
 LIMP = Stiffness(structural=50.0, shear=25.0, flexion=0.0)
 
 

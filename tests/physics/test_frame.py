@@ -11,8 +11,6 @@ from PIL import Image
 
 from balloon_warp import Balloon, BlowUpError, Change, InputError, Scene, Simulator, Sphere, String
 
-pytestmark = pytest.mark.physics
-
 TWO = Scene(
     normals="cached",
     balloon=[

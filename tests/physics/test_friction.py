@@ -15,8 +15,6 @@ from balloon_warp.model import plan_model
 from balloon_warp.model.friction import FRICTION
 from balloon_warp.simulator import Simulator
 
-pytestmark = pytest.mark.physics
-
 GROUND, WALL, BALL, BOX, SILENT, SAYING = range(6)
 """things by their numbers; of the balloons one does not say its friction"""
 TABLE = {

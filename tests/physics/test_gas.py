@@ -35,8 +35,6 @@ from balloon_warp.mesh.geometry import signed_volume, total_area
 from balloon_warp.simulator import Simulator
 from balloon_warp.sweep.recorder import Recorder, columns_of
 
-pytestmark = pytest.mark.physics
-
 
 def test_a_sealed_gas_has_the_pressure_of_its_volume(device: str):
     """The ideal gas law holds: 1.406598 mol in 0.0335103 m^3 at 20 C press by 984.375 Pa, at the start and later."""

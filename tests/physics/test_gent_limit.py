@@ -18,8 +18,6 @@ from balloon_warp.model.plan import plan_model
 from balloon_warp.reference.laws import gent
 from balloon_warp.scene.overrides import override_scene
 
-pytestmark = pytest.mark.physics
-
 MU, LIMIT, THICKNESS, RADIUS = 3.9e5, 30.0, 2e-4, 0.05
 LOCK = (0.5 * (LIMIT + 3.0)) ** 0.5
 """both ways, but for the fourth power of a quarter"""

@@ -22,8 +22,6 @@ from balloon_warp.statics.balance import Balance
 from balloon_warp.statics.of_model import film_of
 from balloon_warp.statics.volume import SealedGas, Volume
 
-pytestmark = pytest.mark.physics
-
 HEIGHT = quad_sphere(3).points[:, 1] / quad_sphere(3).points[:, 1].max()
 TOP = np.flatnonzero(HEIGHT > 0.7)
 """Ring and cap by which it hangs"""

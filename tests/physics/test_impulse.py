@@ -19,8 +19,6 @@ from balloon_warp.model import plan_model
 from balloon_warp.model.tunneling import widest_opening
 from balloon_warp.scene.load import bundled_scenes, load_scene
 
-pytestmark = pytest.mark.physics
-
 NO_SPRINGS = Stiffness(structural=0.0, shear=0.0, flexion=0.0)
 NO_INFLATION = Inflation(k_normal=0.0)
 EPSILON = float(np.finfo(np.float32).eps)

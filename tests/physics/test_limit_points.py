@@ -9,8 +9,6 @@ from balloon_warp.mesh.geometry import total_area
 from balloon_warp.model import plan_model
 from balloon_warp.model.limit_points import borne_pressures, passed_limit_point
 
-pytestmark = pytest.mark.physics
-
 MU, THICKNESS = 3.0e5, 2.0e-4
 MESH = quad_sphere(4, radius=0.05)
 RADIUS = np.sqrt(total_area(MESH) / (4.0 * np.pi))

@@ -17,8 +17,6 @@ from balloon_warp.kernels.laws.membrane import MEMBRANES
 from balloon_warp.mesh.geometry import signed_volume, total_area
 from balloon_warp.schedules.readout import ForceReader
 
-pytestmark = pytest.mark.physics
-
 AIR, KELVIN = 101325.0, 293.15
 BALL = quad_sphere(9, 0.1)
 """488 particles"""

@@ -8,8 +8,6 @@ from meshes import cube, mesh_of, quad_sphere
 from balloon_warp import Balloon, BlowUpError, Frame, Inflation, InputError, Scene, Simulator, Sphere, Stiffness, String
 from balloon_warp.model import build_model
 
-pytestmark = pytest.mark.physics
-
 NO_INFLATION = Inflation(k_normal=0.0)
 FLOAT32 = 1.2e-7
 """relative rounding of float32"""

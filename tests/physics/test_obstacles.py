@@ -21,8 +21,6 @@ from balloon_warp.model import plan_model
 from balloon_warp.model.obstacle_motion import obstacle_motion
 from balloon_warp.scene import Balloon, Body, Ground, Inflation, Obstacle, Scene, Sphere, Stiffness
 
-pytestmark = pytest.mark.physics
-
 HALF = 1.5
 """of a wall's edge [m]"""
 FRAME = 1.0 / 60.0

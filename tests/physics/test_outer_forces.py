@@ -11,8 +11,6 @@ import balloon_warp as bw
 from balloon_warp import Balloon, Change, Force, Inflation, InputError, Scene, Simulator, String
 from balloon_warp.scene.overrides import override_scene
 
-pytestmark = pytest.mark.physics
-
 MASS = 0.1
 BALL = replace(quad_sphere(3, 0.5), groups={"nose": np.array([0, 4, 9]), "tail": np.array([20, 21])})
 FLOATING = Balloon(mesh=BALL, mass=MASS, damping=0.0, inflation=Inflation(k_normal=0.0))

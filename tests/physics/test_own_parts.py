@@ -19,8 +19,6 @@ from balloon_warp.mesh.triangles import triangles_of
 from balloon_warp.model import plan_model
 from balloon_warp.schedules.own_parts import part_count, parts_of
 
-pytestmark = pytest.mark.physics
-
 
 def verdict(simulator: Simulator) -> int:
     """Return the verdict on the last frame of a world alone."""

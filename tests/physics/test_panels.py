@@ -19,8 +19,6 @@ from balloon_warp.designing.panel_layout import laid_out
 from balloon_warp.designing.panel_pattern import PanelPattern
 from balloon_warp.mesh.obj import write_obj
 
-pytestmark = pytest.mark.physics
-
 BALL = quad_sphere(6)
 SIDES = 16
 

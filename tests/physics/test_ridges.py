@@ -16,8 +16,6 @@ from balloon_warp.model.small_spheres import round_ridges
 from balloon_warp.model.touch import edge_length
 from balloon_warp.scene import Balloon, Body, Ground, Inflation, Obstacle, Scene, Sphere
 
-pytestmark = pytest.mark.physics
-
 BLADE = PolygonMesh(
     np.array([(-1.0, -0.6, 0.0), (1.0, -0.6, 0.0), (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)]),
     np.array([4], np.int32),

@@ -15,8 +15,6 @@ from balloon_warp.model.shape import shape_balloon
 from balloon_warp.schedules.readout import ForceReader
 from balloon_warp.springs.hinges import build_hinges
 
-pytestmark = pytest.mark.physics
-
 NO_INFLATION = Inflation(k_normal=0.0)
 
 

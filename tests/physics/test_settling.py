@@ -18,8 +18,6 @@ from balloon_warp.kernels.solvers.settling import LEAST_ITERATIONS, MOST_ITERATI
 from balloon_warp.resting import relax
 from balloon_warp.statics.toppling import rigid_motions, toppling_mode
 
-pytestmark = pytest.mark.physics
-
 MESH = quad_sphere(6, radius=0.3)
 
 

@@ -16,8 +16,6 @@ from balloon_warp.mesh.shells import pushed_outward, pushes, there_and_back
 from balloon_warp.mesh.topology import is_closed, mesh_edges
 from balloon_warp.model.shape import BalloonShape, shape_balloon
 
-pytestmark = pytest.mark.physics
-
 
 def shape_of(mesh: PolygonMesh, **fields: object) -> BalloonShape:
     balloon = Balloon(mesh=mesh, **fields)

@@ -16,8 +16,6 @@ from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.model import plan_model
 from balloon_warp.schedules.readout import ForceReader
 
-pytestmark = pytest.mark.physics
-
 SPHERE = quad_sphere(3, 0.1)
 QUADS = SPHERE.face_vertex_indices.reshape(-1, 4).tolist()
 MIXED = mesh_of(SPHERE.points, [*(part for q in QUADS[:5] for part in (q[:3], [q[0], *q[2:]])), *QUADS[5:]])

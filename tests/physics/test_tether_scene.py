@@ -7,8 +7,6 @@ from played import played, shape_at
 from balloon_warp import Simulator, load_scene
 from balloon_warp.mesh.geometry import signed_volume
 
-pytestmark = pytest.mark.physics
-
 
 def turned_by(rest: np.ndarray, points: np.ndarray, up: tuple[float, float, float]) -> float:
     """Return the angle [degrees] by which the best-fitting rotation (Kabsch 1976) turns the up axis."""

@@ -14,8 +14,6 @@ from balloon_warp.kernels.laws.air import drag_bound, wind_at
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.model import build_model
 
-pytestmark = pytest.mark.physics
-
 wp.set_module_options(OPTIONS)
 
 WIND, LENGTH, INTENSITY = (6.0, 0.0, 2.0), 5.0, 0.3

@@ -1,0 +1,10 @@
+"""Mark of what stands in this folder: it is judged by physics, see `--shake`, but for what compares bits and files."""
+
+import pytest
+
+OF_BITS = ("test_burst_outputs.py", "test_projective.py", "test_skins.py")
+
+
+def pytest_collectstart(collector: pytest.Collector) -> None:
+    if isinstance(collector, pytest.Module) and collector.path.name not in OF_BITS:
+        collector.add_marker(pytest.mark.physics)
