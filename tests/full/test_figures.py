@@ -46,9 +46,7 @@ def short(arguments: list[str]) -> list[str]:
 
 
 @pytest.mark.parametrize("arguments", COMMANDS, ids=[" ".join(arguments) for arguments in COMMANDS])
-def test_each_command_runs(
-    arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_each_command_runs(arguments: list[str], tmp_path, monkeypatch, capsys):
     assert arguments[1] in bundled_scenes()
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", ["balloon-warp", *short(arguments)])

@@ -25,9 +25,7 @@ def test_mutated_files_are_taken_or_refused(read, tmp_path: Path) -> None:
     ("fault", "found"),
     [(ZeroDivisionError("planted"), "planted"), (InputError("no\nsentence: "), "a refusal of more than a line")],
 )
-def test_a_fault_is_found(
-    fault: Exception, found: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_fault_is_found(fault: Exception, found: str, tmp_path, monkeypatch) -> None:
     def fail(path: Path) -> None:
         raise fault
 
@@ -37,9 +35,7 @@ def test_a_fault_is_found(
 
 
 @pytest.mark.parametrize(("hang", "patience"), [(lambda: None, 1e9), (lambda: time.sleep(0.01), 1.0)])
-def test_a_hang_is_found(
-    hang: Callable[[], None], patience: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_hang_is_found(hang: Callable[[], None], patience: float, tmp_path, monkeypatch) -> None:
 
     def read(path: Path) -> None:
         while True:

@@ -88,9 +88,7 @@ def of_umbrellas(law: Law, device: str, listed: bool, monkeypatch: pytest.Monkey
 
 @pytest.mark.parametrize("listed", [False, True])
 @pytest.mark.parametrize("law", [HARDENING, REPELLING], ids=lambda law: law.name)
-def test_springs_that_fill_up_a_table_do_nothing(
-    law: Law, listed: bool, schedule: str, device: str, monkeypatch: pytest.MonkeyPatch
-):
+def test_springs_that_fill_up_a_table_do_nothing(law: Law, listed: bool, schedule, device, monkeypatch):
     """Padding of a spring table has no effect: it joins a particle to itself, where a law may have a pole."""
     ends = []
     for name in (schedule, "scatter"):

@@ -33,9 +33,7 @@ def test_the_script_makes_the_pit_and_smaller_ones_with_their_mesh(tmp_path: Pat
 
 
 @pytest.mark.parametrize("words", ["mesh.obj", "nowhere/pit.toml", "pit.toml --columns 0"])
-def test_the_script_refuses_what_makes_no_pit(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], words: str
-):
+def test_the_script_refuses_what_makes_no_pit(tmp_path, monkeypatch, capsys, words: str):
     monkeypatch.chdir(tmp_path)
     Path("mesh.obj").write_text("mine")
     with pytest.raises(SystemExit) as ended:

@@ -126,9 +126,7 @@ def cloud(seed: int, **fields: float) -> list[Sphere]:
 
 
 @pytest.mark.parametrize(("restitution", "friction"), [(1.0, 0.0), (0.5, 0.0), (0.0, 0.0), (1.0, 0.5)])
-def test_a_cloud_keeps_momentum_and_angular_momentum_and_gains_no_energy(
-    restitution: float, friction: float, device: str
-):
+def test_a_cloud_keeps_momentum_and_angular_momentum_and_gains_no_energy(restitution: float, friction: float, device):
     """Each of some tens of impacts rounds by an epsilon; places, of up to 5 m, each step by half of that. Spins add
     their own."""
     simulator = billiard(device, cloud(3, restitution=restitution, friction=friction))

@@ -88,9 +88,7 @@ def tables(schedule: str, folder: Path, cluster: Cluster | None = None) -> list[
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])
-def test_the_number_of_workers_is_not_in_the_table(
-    count: int, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
-):
+def test_the_number_of_workers_is_not_in_the_table(count: int, tmp_path_factory, monkeypatch):
     pytest.importorskip("distributed", reason="needs the extra `cluster`")
     monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 1))  # small batches are cut, too
     monkeypatch.setattr(shares, "SHARES", 4)
