@@ -1,5 +1,8 @@
 """Conserved quantities of a simulation's first world, in float64, and how tests place and advance it."""
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
@@ -62,6 +65,15 @@ def advanced(simulator: Simulator, frames: int) -> Frame:
     for _ in range(frames):
         simulator.step_unread()
     return simulator.read_frame()
+
+
+def after_each(simulator: Simulator, frames: int, measure: Callable[[Simulator], Any]) -> list[Any]:
+    """Return what is measured after each of so many more frames."""
+    found = []
+    for _ in range(frames):
+        simulator.step_unread()
+        found.append(measure(simulator))
+    return found
 
 
 def forces_by_scatter(simulator: Simulator) -> NDArray[np.float32]:

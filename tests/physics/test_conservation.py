@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 import pytest
-from conserved import angular_momentum, energy, masses, momentum, motion, put
+from conserved import after_each, angular_momentum, energy, masses, momentum, motion, put
 from meshes import mesh_of, quad_sphere
 from numpy.typing import NDArray
 
@@ -95,11 +95,7 @@ def test_projective_keeps_momentum_and_loses_angular_momentum_at_first_order(dev
 
 def energies(simulator: Simulator, frames: int) -> NDArray[np.float64]:
     """Return the energy at the start and after each frame [J]."""
-    found = [energy(simulator)]
-    for _ in range(frames):
-        simulator.step()
-        found.append(energy(simulator))
-    return np.array(found)
+    return np.array([energy(simulator), *after_each(simulator, frames, energy)])
 
 
 def test_the_energy_of_a_free_balloon_swings_within_bounds_for_10000_substeps(device):

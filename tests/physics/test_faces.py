@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conserved import advanced, motion, sphere_momenta, whole
+from conserved import advanced, after_each, motion, sphere_momenta, whole
 from meshes import cube, grid, quad_sphere
 from numpy.typing import NDArray
 
@@ -105,10 +105,7 @@ def test_it_lies_on_a_net_that_bears_its_weight(device):
     ball = Sphere(position=(0.24, 0.1, -0.23), radius=0.01, mass=0.1)
     simulator = Simulator(Scene(balloon=[held], sphere=[ball], touch=Touch(), contact="impulse", substeps=48), device)
     assert isinstance(simulator.schedule, GatherSchedule)
-    heights = []
-    for _ in range(900):
-        simulator.step()
-        heights.append(float(simulator.state.sphere_positions.numpy()[0, 0, 1]))
+    heights = after_each(simulator, 900, lambda each: float(each.state.sphere_positions.numpy()[0, 0, 1]))
     lowest = float(simulator.state.points.numpy()[0, :, 1].min())
     assert lowest < heights[-1] < lowest + 0.02  # on the lowest faces, by less than two radii of the lowest corner
     assert -0.15 < lowest < -0.05

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conserved import angular_momentum, energy, momentum, motion, put
+from conserved import after_each, angular_momentum, energy, momentum, motion, put
 from meshes import box, grid, mesh_of, quad_sphere
 from played import played, shape_at
 from touching import SLACK, VACUUM, cushion, edges_through, square, touching, tube
@@ -63,13 +63,9 @@ def test_layers_of_a_folded_strip_keep_apart(device: str):
     velocities = np.zeros_like(mesh.points)
     velocities[:, 2] = -0.5 * np.sign(np.round(heights - heights.mean(), 6))
     put(simulator, velocities=velocities)
-    thinnest = np.inf
-    for _ in range(16):
-        simulator.step()
-        points = motion(simulator)[0]
-        thinnest = min(thinnest, float(np.ptp(points[:, 2])))
-        assert crossings(points, mesh) == 0
-    assert thinnest < 0.7 * np.ptp(heights)
+    places = [simulator.step().points[0] for _ in range(16)]
+    assert [crossings(points, mesh) for points in places] == [0] * 16
+    assert min(np.ptp(points[:, 2]) for points in places) < 0.7 * np.ptp(heights)
 
 
 def test_layers_that_fall_on_the_ground_keep_apart(device: str):
@@ -81,8 +77,7 @@ def test_layers_that_fall_on_the_ground_keep_apart(device: str):
     scene = strip(flat, Touch(itself=True, thickness=0.001, stiffness=500.0), substeps=12, **falls)
     simulator = Simulator(scene, device, schedule="gather")
     for _ in range(6):
-        simulator.step()
-        points = motion(simulator)[0]
+        points = simulator.step().points[0]
         assert crossings(points, flat) == 0
         assert points[:, 1].min() >= 0.0
 
@@ -129,7 +124,7 @@ def folding_tube(touch: Touch | bool | None) -> tuple[Simulator, PolygonMesh]:
 def test_a_long_tube_that_folds_fast_is_nowhere_in_itself():
     """A tube whose halves fold until their ends meet at 8 m/s does not cross itself; it would at 96 places."""
     simulator, mesh = folding_tube(Touch(itself=True))
-    places = [simulator.step().points[0].astype(np.float64) for _ in range(17)]
+    places = [simulator.step().points[0] for _ in range(17)]
     assert [crossings(points, mesh) for points in places] == [0] * 17
     assert np.abs(places[-1][-2:, 0]).max() < 0.1
 
@@ -185,10 +180,7 @@ def test_flat_sheets_that_cross_edge_on_stop_each_other_and_keep_what_is_kept(de
     ]
     simulator = Simulator(Scene(balloon=balloons, touch=Touch(friction=0.5), **VACUUM), device, schedule="gather")
     kept = [each(simulator) for each in (momentum, angular_momentum)]
-    energies = [energy(simulator)]
-    for _ in range(24):
-        simulator.step()
-        energies.append(energy(simulator))
+    energies = [energy(simulator), *after_each(simulator, 24, energy)]
     for each, start in zip((momentum, angular_momentum), kept, strict=True):
         assert each(simulator) == pytest.approx(start, abs=2e-6 * np.abs(start).max())
     assert 0.9 * energies[0] < min(energies) <= max(energies) < (1.0 + 1e-6) * energies[0]
@@ -242,16 +234,14 @@ def test_heavy_slack_foil_does_not_come_through(friction: float | None, degrees:
     ]
     touch = Touch() if friction is None else Touch(friction=friction)
     simulator = Simulator(Scene(balloon=balloons, touch=touch, **VACUUM), device, schedule="gather")
-    deep, apart, thick = 0.0, [], 0.0
-    for _ in range(24):
-        simulator.step()
-        parts = np.split(motion(simulator)[0], 2)
-        deep = max(deep, deepest_overlap(parts, [shape.mesh for shape in simulator.model.shapes]))
-        thick = max(thick, float(np.ptp(parts[0][:, 2])))
-        apart.append((parts[1] - parts[0]).mean(axis=0)[0])
+    pairs = after_each(simulator, 24, lambda each: np.split(motion(each)[0], 2))
+    apart = [(other - one).mean(axis=0)[0] for one, other in pairs]
     assert min(apart) > 0.05
     if friction == 0.0:
         assert np.diff(apart)[-1] > 0.0
     assert touching(simulator) == 0
+    thick = max(np.ptp(one[:, 2]) for one, _ in pairs)
     assert thick > 0.15
-    assert deep < 0.03 * thick
+    assert (
+        max(deepest_overlap(parts, [shape.mesh for shape in simulator.model.shapes]) for parts in pairs) < 0.03 * thick
+    )

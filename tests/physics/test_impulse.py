@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conserved import advanced, energy, masses, momentum, motion, put, sphere_momenta, sphere_spins, whole
+from conserved import advanced, after_each, energy, masses, momentum, motion, put, sphere_momenta, sphere_spins, whole
 from meshes import cube, quad_sphere, tetrahedron
 from numpy.typing import NDArray
 from typer.testing import CliRunner
@@ -50,11 +50,7 @@ def depth(simulator: Simulator) -> float:
 
 def energies(simulator: Simulator, frames: int) -> list[float]:
     """Return the energy of balloons and spheres [J], before and after each of so many frames."""
-    found = [whole(simulator)[2]]
-    for _ in range(frames):
-        simulator.step()
-        found.append(whole(simulator)[2])
-    return found
+    return [whole(simulator)[2], *after_each(simulator, frames, lambda each: whole(each)[2])]
 
 
 @pytest.mark.parametrize("mass", [0.02, 0.5, 20.0])
@@ -194,10 +190,8 @@ def test_a_light_sphere_rebounds_no_higher_than_it_fell_and_alike_at_any_step(de
     for substeps in (24, 96):
         late = Sphere(position=(0.0, 1.9, 0.0), radius=0.15, mass=0.05, start=1.0)
         scene = Scene(balloon=[ball], sphere=[late], ground=Ground(), contact="impulse", substeps=substeps)
-        simulator, heights = Simulator(scene, device), []
-        for _ in range(60 + 50):
-            simulator.step()
-            heights.append(float(simulator.state.sphere_positions.numpy()[0, 0, 1]))
+        simulator = Simulator(scene, device)
+        heights = [float(simulator.step().sphere_positions[0, 1]) for _ in range(60 + 50)]
         lowest = 60 + int(np.argmin(heights[60:90]))
         rebounds.append((max(heights[lowest:]) - heights[lowest]) / (1.9 - heights[lowest]))
         assert heights[lowest] < 1.6

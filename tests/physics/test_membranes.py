@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 import warp as wp
-from conserved import advanced, put
+from conserved import advanced, after_each, put
 from meshes import mesh_of, quad_sphere
 from numpy.typing import NDArray
 from rubber_theory import ENERGIES, MATERIALS, sphere_pressure
@@ -121,12 +121,9 @@ def breathing(mesh: PolygonMesh, device: str, amount: float) -> tuple[float, flo
     scene = scene_of("neo_hookean", mesh, inflation, 0.0, frames_per_second=20000.0, substeps=4)
     simulator = Simulator(scene, device)
     stretched(simulator, 2.005)
-    seen, pressures = [], []
-    for _ in range(250):
-        simulator.step()
-        seen.append(volumes(simulator)[0])
-        pressures.append(float(simulator.state.pressures.numpy()[0, 0]))
-    swing = np.array(seen) - np.mean(seen)
+    told = after_each(simulator, 250, lambda each: (volumes(each)[0], float(each.state.pressures.numpy()[0, 0])))
+    seen, pressures = np.transpose(told)
+    swing = seen - np.mean(seen)
     upward = np.flatnonzero((swing[:-1] < 0.0) & (swing[1:] >= 0.0))
     crossings = upward - swing[upward] / (swing[upward + 1] - swing[upward])
     between = slice(upward[0], upward[-1])

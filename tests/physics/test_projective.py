@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 import warp as wp
-from conserved import advanced
+from conserved import advanced, after_each
 from implicit_step import one_step
 from meshes import quad_sphere
 from projective_scenes import SOFT, after_frames, full_scene, kick, kicked_balloon
@@ -45,11 +45,8 @@ def test_springs_far_too_stiff_for_the_explicit_steps_stay_stable(device):
             bearable /= 2.0
     simulator = Simulator(scene(1000.0 * 2.0 * bearable, solver="projective"), device)
     kick(simulator)
-    speeds = []
-    for _ in range(120):
-        simulator.step()
-        velocities = simulator.state.velocities.numpy()[0]
-        speeds.append(np.linalg.norm(velocities - velocities.mean(axis=0)))
+    velocities = [simulator.step().velocities[0] for _ in range(120)]
+    speeds = [np.linalg.norm(each - each.mean(axis=0)) for each in velocities]
     assert np.isfinite(speeds).all()
     assert max(speeds[1:]) < 1.05 * speeds[0]
     frame = simulator.read_frame()
@@ -79,11 +76,8 @@ def test_springs_that_change_change_the_matrix_too(device):
 
 def test_the_solver_may_change(device):
     change = [Change(time=0.05, set={"solver": "projective"}), Change(time=0.1, set={"solver": "symplectic_euler"})]
-    names = []
     simulator = Simulator(full_scene(change=change), device)
-    for _ in range(8):
-        simulator.step()
-        names.append(simulator.schedule.name == "projective")
+    names = after_each(simulator, 8, lambda each: each.schedule.name == "projective")
     assert names == [False] * 3 + [True] * 3 + [False] * 2
 
 
