@@ -204,7 +204,7 @@ PAPERS, ON_FACES = {"drag_coefficient": 0.47}, {"face_drag": 0.3, "face_friction
     ],
 )
 def test_drag_on_a_sphere_is_the_textbooks(size: int, drag: dict, coefficient: float, within: float, device: str):
-    """1/2 rho C_d pi R^2 u^2 beside the wind, with C_d = 4/3 C_n + 8/3 C_t of faces, but for the mesh's edges squared."""
+    """1/2 rho C_d pi R^2 u^2 beside the wind, with C_d = 4/3 C_n + 8/3 C_t of faces, up to the mesh's edges squared."""
     air, relative = Atmosphere(density=1.3, wind=(0.0, 0.0, 2.0)), np.array([-3.0, 4.0, 1.0])
     ball = Balloon(mesh=quad_sphere(size, 0.2), velocity=tuple(air.wind - relative), **drag, **STILL)
     expected = 0.5 * 1.3 * coefficient * np.pi * 0.2**2 * np.linalg.norm(relative) * relative
