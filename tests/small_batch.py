@@ -29,6 +29,16 @@ def scene(**fields) -> Scene:
     return Scene(**fields)
 
 
+def struck(**fields) -> Scene:
+    """Return a ball on a short string above the ground that a sphere strikes, which touches what is near it."""
+    ball = Balloon(mesh=quad_sphere(3), position=(0.0, 1.2, 0.0), inflation=Inflation(k_normal=0.2))
+    things = {
+        "sphere": [Sphere(position=(0.2, 2.1, 0.0), radius=0.3)],
+        "string": [String(anchor=(0, 0, 0), length=0.1)],
+    }
+    return Scene(balloon=[ball], ground=Ground(), **things, **fields)
+
+
 def write_meshes(folder: Path) -> list[Path]:
     """Write two meshes that differ in their number of particles."""
     paths = [folder / "coarse.obj", folder / "fine, round.obj"]

@@ -18,14 +18,10 @@ FEW, MANY = 16, 48
 
 def scene() -> Scene:
     """Return a scene with a thing of each kind."""
-    return Scene(
-        balloon=[Balloon(mesh=quad_sphere(4)), Balloon(mesh=cube(), position=(3.0, 0.0, 0.0))],
-        sphere=[Sphere(position=(0.0, 3.0, 0.0)), Sphere(position=(1.0, 3.0, 0.0))],
-        string=[String(anchor=(0.0, -2.0, 0.0))],
-        ground=Ground(height=-3.0),
-        faces=False,
-        touch=False,
-    )
+    spheres = [Sphere(position=(x, 3.0, 0.0)) for x in (0.0, 1.0)]
+    things = {"sphere": spheres, "string": [String(anchor=(0.0, -2.0, 0.0))], "ground": Ground(height=-3.0)}
+    balloons = [Balloon(mesh=quad_sphere(4)), Balloon(mesh=cube(), position=(3.0, 0.0, 0.0))]
+    return Scene(balloon=balloons, faces=False, touch=False, **things)
 
 
 def arrays_in(thing: Any, seen: frozenset[int] = frozenset()) -> dict[int, wp.array]:

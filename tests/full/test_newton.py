@@ -28,19 +28,16 @@ def everything(up_axis: str) -> Scene:
     moving = {"velocity": (1.0, 2.0, 3.0), "angular_velocity": (0.0, 4.0, 1.0)}
     balloon = Balloon(**ball, **moving, position=(0, 0.5, 0.1), inflation=Inflation(kind="pressure", pressure=10.0))
     turned = {"rotation": (20.0, 30.0, 40.0)}
-    return Scene(
-        balloon=[balloon],
-        sphere=[Sphere(position=(2, 3, 1), mass=0.3, **moving), Sphere(position=(4, 3, 1), start=0.01)],
-        body=[Body(size=(0.2, 0.3, 0.4), position=(-2, 3, 1), mass=2.5, **turned, **moving)],
-        obstacle=[
+    things = {
+        "sphere": [Sphere(position=(2, 3, 1), mass=0.3, **moving), Sphere(position=(4, 3, 1), start=0.01)],
+        "body": [Body(size=(0.2, 0.3, 0.4), position=(-2, 3, 1), mass=2.5, **turned, **moving)],
+        "obstacle": [
             Obstacle(mesh=cube(), position=(0, 5, 0), name="still", friction=0.25, **turned),
             Obstacle(position=(0, -3, 0), name="moved", motion=[[0.0, [0, 0, 0]], [0.1, [1, 0, 0]]]),
         ],
-        ground=Ground(height=-9.0),
-        up_axis=up_axis,
-        frames=2,
-        frames_per_second=RATE,
-    )
+        "ground": Ground(height=-9.0),
+    }
+    return Scene(balloon=[balloon], up_axis=up_axis, frames=2, frames_per_second=RATE, **things)
 
 
 def taken(scene: Scene, folder: Path) -> tuple:

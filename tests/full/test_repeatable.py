@@ -3,20 +3,12 @@
 from pathlib import Path
 
 import pytest
-from meshes import quad_sphere
+from small_batch import struck
 
-from balloon_warp import Balloon, Ground, Inflation, Scene, Sphere, String, animate, run_batch
+from balloon_warp import Scene, animate, run_batch
 
-SCENE = Scene(
-    frames=4,
-    balloon=[Balloon(mesh=quad_sphere(3), position=(0.0, 1.2, 0.0), inflation=Inflation(k_normal=0.2))],
-    sphere=[Sphere(position=(0.2, 2.1, 0.0), radius=0.3)],
-    string=[String(anchor=(0.0, 0.0, 0.0), length=0.1)],
-    ground=Ground(),
-)
-PROJECTIVE = SCENE.model_copy(update={"solver": "projective"})
-WAYS = {schedule: (SCENE, schedule) for schedule in ("gather", "octets", "lanes", "block")}
-WAYS["projective"] = (PROJECTIVE, "auto")
+WAYS = {schedule: (struck(frames=4), schedule) for schedule in ("gather", "octets", "lanes", "block")}
+WAYS["projective"] = (struck(frames=4, solver="projective"), "auto")
 
 
 @pytest.fixture(params=WAYS)

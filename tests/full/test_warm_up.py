@@ -37,13 +37,9 @@ def test_a_command_compiles_nothing_after_it(options: str, later: str, tmp_path:
 
 
 def balloon_warp(folder: Path, *arguments: str) -> str:
-    done = subprocess.run(
-        [sys.executable, "-c", COMMAND, *arguments, "--device", "cpu"],
-        env={**os.environ, "WARP_CACHE_PATH": str(folder / "kernels")},
-        cwd=folder,
-        capture_output=True,
-        text=True,
-    )
+    words = [sys.executable, "-c", COMMAND, *arguments, "--device", "cpu"]
+    environment = {**os.environ, "WARP_CACHE_PATH": str(folder / "kernels")}
+    done = subprocess.run(words, env=environment, cwd=folder, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return done.stdout
 

@@ -215,20 +215,16 @@ def test_it_slides_slower_until_it_rolls(contact: str, solver: str, device: str)
     the spin grows by 5/2 of that over the radius; at 5/7 of its speed it rolls. One without friction slides on. With
     spin backwards, 4 v / R, one comes back at (5 - 8) / 7 v. Down a slope it rolls with 5/7 g sin where friction is at
     least 2/7 tan, else it slides with g (sin - friction cos), on a box as on its mesh."""
-    normal, turned = np.array([np.sin(ANGLE), np.cos(ANGLE), 0.0]), {"rotation": (0, 0, -np.degrees(ANGLE))}
+    normal = np.array([np.sin(ANGLE), np.cos(ANGLE), 0.0])
     slab = mesh_of((cube().points - 0.5) * [4.0, 1.0, 8.0], cube().face_vertex_indices.reshape(-1, 4).tolist())
-    slopes = [
-        Obstacle(position=(0, 50, 0), size=(4, 1, 8), friction=1.0, restitution=0.0, **turned),
-        Obstacle(position=(0, 90, 0), mesh=slab, friction=1.0, restitution=0.0, **turned),
-    ]
+    rough = {"friction": 1.0, "restitution": 0.0, "rotation": (0, 0, -np.degrees(ANGLE))}
+    slopes = [Obstacle(position=(0, 50, 0), size=(4, 1, 8), **rough), Obstacle(position=(0, 90, 0), mesh=slab, **rough)]
     balls = [
         Sphere(position=(0, 0.1, z), radius=0.1, velocity=(1.0, 0.0, 0.0), friction=friction, angular_velocity=spin)
         for z, friction, spin in ((0, 0.1, (0, 0, 0)), (1, 0.0, (0, 0, 0)), (2, 0.1, (0, 0, 40.0)))
-    ] + [
-        Sphere(position=tuple((0, y, z) + 0.6001 * normal), radius=0.1, friction=friction)
-        for y in (50, 90)
-        for z, friction in ((-1, 0.25), (1, 0.01))
     ]
+    places = [(y, z, friction) for y in (50, 90) for z, friction in ((-1, 0.25), (1, 0.01))]
+    balls += [Sphere(position=tuple((0, y, z) + 0.6001 * normal), radius=0.1, friction=mu) for y, z, mu in places]
     ground = Ground(friction=0.4, restitution=0.0)
     simulator = billiard(device, balls, gravity=G, ground=ground, obstacle=slopes, contact=contact, solver=solver)
     _, velocities = after(simulator, 10)

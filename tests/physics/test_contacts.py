@@ -36,15 +36,11 @@ def on(frame: Frame, other: str, balloon: int = 0) -> Contact:
     return found
 
 
+ROD = {"name": "rod", "shape": "capsule", "radius": 0.01, "length": 3.0, "rotation": (0, 0, 90)}
 FLOORS = {
     "ground": {"ground": Ground()},
     "floor": {"obstacle": [Obstacle(name="floor", size=(9.0, 1.0, 9.0), position=(0.0, -0.5, 0.0))]},
-    "rod": {
-        "obstacle": [
-            Obstacle(name="rod", shape="capsule", radius=0.01, length=3.0, position=(0, -0.01, z), rotation=(0, 0, 90))
-            for z in (-0.1, 0.1)
-        ]
-    },
+    "rod": {"obstacle": [Obstacle(position=(0, -0.01, z), **ROD) for z in (-0.1, 0.1)]},
 }
 
 
@@ -85,13 +81,12 @@ def test_a_thing_presses_by_its_weight_and_what_carries_it_by_both(name: str) ->
 
 def pile(balls: list[Balloon], half: float, **given: Any) -> Scene:
     """Return balls in a well, the upper on the lower."""
+    sides = {"east": (1, 0), "west": (-1, 0), "north": (0, 1), "south": (0, -1)}
+    smooth = {"shape": "plane", "friction": 0.0}
     walls = [
-        Obstacle(name=name, shape="plane", position=tuple(half * np.array(side)), rotation=turn, friction=0.0)
-        for name, side, turn in (
-            ("east", (1, 0, 0), (0, 0, 90)), ("west", (-1, 0, 0), (0, 0, -90)),
-            ("north", (0, 0, 1), (-90, 0, 0)), ("south", (0, 0, -1), (90, 0, 0)),
-        )
-    ]  # fmt: skip
+        Obstacle(name=name, position=(half * x, 0, half * z), rotation=(-90 * z, 0, 90 * x), **smooth)
+        for name, (x, z) in sides.items()
+    ]
     return Scene(balloon=balls, obstacle=walls, **{"touch": Touch(), "ground": Ground(), "contacts": True} | given)
 
 
@@ -113,13 +108,11 @@ def test_the_force_on_a_plate_is_the_pressure_times_the_contact(gap: float, devi
     soft, pressure = {"structural": 20.0, "shear": 10.0, "flexion": 0.0}, 10.0
     filled = {"pressure": [(0.0, 0.0), (0.5, pressure)]}
     pressed = Balloon(mesh=quad_sphere(12, 0.5), mass=0.5, damping=20.0, stiffness=soft, inflation=filled)
-    plates = [
-        Obstacle(
-            name=name, size=(3.0, 0.2, 3.0), position=(0.0, 0.72 * side, 0.0), friction=0.0,
-            motion=[(0.0, (0.0, 0.0, 0.0)), (1.0, (0.0, (0.5 * gap - 0.62) * side, 0.0))],
-        )
-        for name, side in (("upper", 1.0), ("lower", -1.0))
-    ]  # fmt: skip
+    plates = []
+    for name, side in (("upper", 1.0), ("lower", -1.0)):
+        motion = [(0.0, (0.0, 0.0, 0.0)), (1.0, (0.0, (0.5 * gap - 0.62) * side, 0.0))]
+        place = {"size": (3.0, 0.2, 3.0), "position": (0.0, 0.72 * side, 0.0)}
+        plates.append(Obstacle(name=name, friction=0.0, motion=motion, **place))
     scene = Scene(balloon=[pressed], obstacle=plates, gravity=0.0, frames=240, net_forces=True, contacts=True)
     simulator = Simulator(scene, device)
     frame = advanced(simulator, 240)

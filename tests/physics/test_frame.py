@@ -11,18 +11,11 @@ from PIL import Image
 
 from balloon_warp import Balloon, BlowUpError, Change, InputError, Scene, Simulator, Sphere, String
 
-TWO = Scene(
-    normals="cached",
-    balloon=[
-        Balloon(mesh=cube(), inflation={"kind": "pressure", "pressure": 50.0}),
-        Balloon(mesh=quad_sphere(3), position=(5.0, 0.0, 0.0), scale=2.0),
-    ],
-    sphere=[Sphere(position=(0.0, 4.0, 0.0), start=1 / 60)],
-    change=[
-        Change(time=1 / 60, set={"balloon.mass": 0.5}),
-        Change(time=2 / 60, set={"normals": "fresh", "substeps": 100}),
-    ],
-)
+CUBE = Balloon(mesh=cube(), inflation={"kind": "pressure", "pressure": 50.0})
+BALL = Balloon(mesh=quad_sphere(3), position=(5.0, 0.0, 0.0), scale=2.0)
+LATE = Sphere(position=(0.0, 4.0, 0.0), start=1 / 60)
+CHANGES = Change(time=1 / 60, set={"balloon.mass": 0.5}), Change(time=2 / 60, set={"normals": "fresh", "substeps": 100})
+TWO = Scene(normals="cached", balloon=[CUBE, BALL], sphere=[LATE], change=list(CHANGES))
 
 
 def test_a_frame_knows_its_time_and_its_balloons_size():

@@ -29,20 +29,15 @@ TABLE = {
 
 
 def scene(**fields) -> Scene:
-    balloons = [
-        Balloon(mesh=cube(), position=(0, 9, 0), inflation=Inflation(pressure=0.0)),
-        Balloon(mesh=cube(), position=(3, 9, 0), inflation=Inflation(pressure=0.0), friction=0.2),
-    ]
+    silent = Balloon(mesh=cube(), position=(0, 9, 0), inflation=SLACK)
+    saying = silent.model_copy(update={"position": (3, 9, 0), "friction": 0.2})
     things = {
-        "ground": Ground(friction=0.5),
         "obstacle": [Obstacle(size=(0.1, 1, 1), position=(9, 2, 0), friction=0.6)],
         "sphere": [Sphere(position=(-9, 2, 0), friction=0.7)],
         "body": [Body(size=(0.1, 0.1, 0.1), position=(-5, 2, 0), friction=0.8)],
-        "touch": Touch(friction=0.4),
-        "contact": "impulse",
-        "frames": 4,
     }
-    return Scene(balloon=balloons, **{**things, **fields})
+    rules = {"ground": Ground(friction=0.5), "touch": Touch(friction=0.4), "contact": "impulse", "frames": 4}
+    return Scene(balloon=[silent, saying], **things | rules | fields)
 
 
 def coefficients(simulator: Simulator) -> np.ndarray:

@@ -252,14 +252,12 @@ PUMPED = 6.0
 def chained(conductance: float, substeps: int, breathing_damping: float = 1.0) -> Scene:
     """Return three soft balloons; the first is pumped, and fills the second, which fills the third."""
     rubber = Stiffness(structural=100.0, shear=0.0, flexion=0.0)
+    soft = {"stiffness": rubber, "damping": 0.2, "mass": 0.02}
+    gas = {"molar_mass": 0.0289652, "breathing_damping": breathing_damping}
     balloons = [
-        gas_balloon(
-            quad_sphere(3, 0.25),
-            {"pump": pump, "molar_mass": 0.0289652, "breathing_damping": breathing_damping},
-            position=(place, 0.0, 0.0), stiffness=rubber, damping=0.2, mass=0.02,
-        )
+        gas_balloon(quad_sphere(3, 0.25), gas | {"pump": pump}, position=(place, 0.0, 0.0), **soft)
         for place, pump in enumerate((PUMPED, 0.0, 0.0))
-    ]  # fmt: skip
+    ]
     tubes = [Tube(balloons=ends, conductance=conductance) for ends in ((0, 1), (2, 1))]
     return Scene(balloon=balloons, tube=tubes, gravity=0.0, frames_per_second=60, substeps=substeps, touch=False)
 

@@ -497,11 +497,9 @@ def test_each_part_of_a_stage_moves_by_its_own_samples(tmp_path: Path):
     shape = plan.obstacles[3]
     assert shape.mesh
     pose = motion[60, 3]
-    np.testing.assert_allclose(  # about the stage's origin
-        Rotation.from_quat(pose[3:]).apply(shape.mesh.points) + pose[:3],
-        Rotation.from_euler("z", 90.0, degrees=True).apply(shape.mesh.points),
-        atol=1e-5,
-    )
+    about_the_origin = Rotation.from_euler("z", 90.0, degrees=True).apply(shape.mesh.points)
+    placed = Rotation.from_quat(pose[3:]).apply(shape.mesh.points) + pose[:3]
+    np.testing.assert_allclose(placed, about_the_origin, atol=1e-5)
     again = plan_model(plan.scene)  # as a worker of a batch has it
     assert len(again.scene.obstacle) == 4
 

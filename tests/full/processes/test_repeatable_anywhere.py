@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 from clusters import address_of, start_workers
 from meshes import quad_sphere
+from small_batch import struck
 
-from balloon_warp import Balloon, Cluster, Ground, Inflation, Scene, Sphere, String, run_batch
+from balloon_warp import Cluster, run_batch
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.sweep import shares
 
@@ -74,14 +75,7 @@ def tables_alone(folder: Path) -> dict[str, list[bytes]]:
 
 
 def tables(schedule: str, folder: Path, cluster: Cluster | None = None) -> list[bytes]:
-    scene = Scene(
-        frames=3,
-        balloon=[Balloon(mesh=quad_sphere(3), position=(0.0, 1.2, 0.0), inflation=Inflation(k_normal=0.2))],
-        sphere=[Sphere(position=(0.2, 2.1, 0.0), radius=0.3)],
-        string=[String(anchor=(0.0, 0.0, 0.0), length=0.1)],
-        ground=Ground(),
-        solver="projective" if schedule == "projective" else "symplectic_euler",
-    )
+    scene = struck(frames=3, solver="projective" if schedule == "projective" else "symplectic_euler")
     vary = {"gravity": [9.0 + 0.1 * world for world in range(19)]}
     run_batch(scene, folder, 19, vary, schedule=schedule, device="cpu", cluster=cluster)
     return [(folder / name).read_bytes() for name in ("table.npz", "table.csv")]
