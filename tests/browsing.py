@@ -24,22 +24,10 @@ PATIENCE = 10.0
 
 def tethered() -> Scene:
     """Return a ball on a string, small enough for software rendering to keep up."""
-    return Scene(
-        normals="cached",
-        balloon=[
-            Balloon(
-                mesh=quad_sphere(5, 0.5),
-                position=(0.0, 0.0, 0.0),
-                mass=1.0,
-                damping=4.0,
-                helium=9.81,
-                stiffness=Stiffness(structural=40.0, shear=20.0, flexion=10.0),
-                inflation=Inflation(k_normal=0.5),
-            )
-        ],
-        string=[String(anchor=(0.0, -1.0, 0.0), stiffness=40.0)],
-        ground=Ground(height=-1.0),
-    )
+    springs = Stiffness(structural=40.0, shear=20.0, flexion=10.0)
+    ball = {"mesh": quad_sphere(5, 0.5), "stiffness": springs, "inflation": Inflation(k_normal=0.5)}
+    balloon, string = Balloon(**ball, mass=1.0, damping=4.0, helium=9.81), String(anchor=(0, -1, 0), stiffness=40.0)
+    return Scene(normals="cached", balloon=[balloon], string=[string], ground=Ground(height=-1.0))
 
 
 def wait_until(happened: Callable[[], object], what: str, seconds: float = LIMIT) -> None:

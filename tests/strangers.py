@@ -27,41 +27,14 @@ from balloon_warp.viewer.session import Session  # noqa: E402
 
 PROTOCOL = f"viser-v{viser.__version__}"
 
-CAMERA = {
-    "type": "ViewerCameraMessage",
-    "wxyz": [0.0, 0.0, 1.0, 0.0],
-    "position": [0.0, 0.0, 3.0],
-    "fov": 1.3,
-    "near": 0.01,
-    "far": 1000.0,
-    "image_height": 600,
-    "image_width": 900,
-    "look_at": [0.0, 0.0, 0.0],
-    "up_direction": [0.0, 1.0, 0.0],
-}
-
-CLICK = {
-    "type": "ScenePointerMessage",
-    "event_type": "click",
-    "ray_origin": [0.0, 0.0, 3.0],
-    "ray_direction": [0.0, 0.0, -1.0],
-    "screen_pos": [[0.5, 0.5]],
-    "modifier": None,
-}
-
-DRAG = {
-    "type": "SceneNodeDragMessage",
-    "phase": "start",
-    "name": "/balloons/0",
-    "instance_index": None,
-    "start_position": [0.0, 0.0, 0.5],
-    "start_screen_pos": [0.5, 0.5],
-    "end_position": [0.2, 0.0, 0.5],
-    "end_screen_pos": [0.6, 0.5],
-    "button": "left",
-    "modifier": None,
-    "owner": "",
-}
+CAMERA: dict[str, Any] = {"type": "ViewerCameraMessage", "wxyz": [0.0, 0.0, 1.0, 0.0], "position": [0.0, 0.0, 3.0]}
+CAMERA |= {"fov": 1.3, "near": 0.01, "far": 1000.0, "image_height": 600, "image_width": 900}
+CAMERA |= {"look_at": [0.0, 0.0, 0.0], "up_direction": [0.0, 1.0, 0.0]}
+CLICK: dict[str, Any] = {"type": "ScenePointerMessage", "event_type": "click", "modifier": None}
+CLICK |= {"ray_origin": [0.0, 0.0, 3.0], "ray_direction": [0.0, 0.0, -1.0], "screen_pos": [[0.5, 0.5]]}
+DRAG: dict[str, Any] = {"type": "SceneNodeDragMessage", "phase": "start", "name": "/balloons/0", "instance_index": None}
+DRAG |= {"start_position": [0.0, 0.0, 0.5], "start_screen_pos": [0.5, 0.5], "button": "left", "modifier": None}
+DRAG |= {"end_position": [0.2, 0.0, 0.5], "end_screen_pos": [0.6, 0.5], "owner": ""}
 
 
 def ball() -> Scene:
@@ -79,10 +52,8 @@ def wait_until(happened: Callable[[], object], what: str) -> None:
 @contextlib.contextmanager
 def joined(page: Page, **headers: str) -> Iterator[Connection]:
     """Connect without a browser and read all messages, as a browser does."""
-    address = f"ws://127.0.0.1:{page.server.get_port()}"
-    with connect(
-        address, subprotocols=[PROTOCOL], max_size=None, additional_headers=headers, proxy=None, compression=None
-    ) as window:
+    address, how = f"ws://127.0.0.1:{page.server.get_port()}", {"max_size": None, "proxy": None, "compression": None}
+    with connect(address, subprotocols=[PROTOCOL], additional_headers=headers, **how) as window:
 
         def read() -> None:
             with contextlib.suppress(ConnectionClosed):
