@@ -1,4 +1,4 @@
-"""Benchmarks: their cases, their peers, which simulate the same balloons, and the command."""
+"""Benchmarks: their cases, their peers, which simulate the same balloons, and the command; and lines of kernels."""
 
 import json
 import subprocess
@@ -40,6 +40,7 @@ from balloon_warp.benchmarks.cases import (
     beside,
 )
 from balloon_warp.benchmarks.crowd import CrowdCase
+from balloon_warp.benchmarks.lines import KINDS, folders, kinds_of
 from balloon_warp.benchmarks.measure import FRAMES, REPEATS, seconds_a_frame
 from balloon_warp.benchmarks.result import Result
 from balloon_warp.benchmarks.rubber import RADIUS, rubber_cases
@@ -427,3 +428,38 @@ def test_newton_gives_the_same_gradient():
     ours, its = case.ours().gradient(), case.newton().gradient()
     assert np.abs(ours).max() > 0.0
     np.testing.assert_allclose(its, ours, rtol=1e-3, atol=1e-3 * np.abs(ours).max())
+
+
+TEXT = '''"""A file.
+
+Of two functions.
+"""
+
+import math
+
+
+# A comment.
+@decorated
+def first(
+    a: int,
+) -> float:
+    """Return a root."""
+    import cmath  # late
+
+    # Another comment.
+    return math.sqrt(a)
+
+
+def second():
+    return 2
+'''
+
+
+def test_each_line_is_of_one_kind_in_all_folders():
+    found = kinds_of(TEXT)
+    assert found["lines"] == len(TEXT.splitlines()) == sum(found[kind] for kind in KINDS)
+    assert [found[kind] for kind in KINDS] == [2, 5, 2, 5, 2, 6]
+    assert found["functions"] == 2
+    found = folders()
+    assert {"laws", "phases", "schedules", "adjoints"} <= found.keys()
+    assert all(counts["lines"] == sum(counts[kind] for kind in KINDS) for counts in found.values())

@@ -1,4 +1,5 @@
-"""Frames handed from one to the next: what spheres and touching balloons carry is handed on, and back."""
+"""Gradients: frames hand on what spheres and touching balloons carry, and back; that of a bounce is the slope of
+what it derives."""
 
 from typing import Any
 
@@ -9,6 +10,7 @@ from gradient_losses import value_at
 from gradient_scenes import CASES
 
 import balloon_warp as bw
+from balloon_warp.benchmarks.gradient_bounce import slope_and_gradients
 from balloon_warp.gradients.steps import Moving, Steps
 from balloon_warp.trajectories import Trajectories
 
@@ -51,3 +53,12 @@ def test_frames_one_by_one_have_the_derivatives_of_gradient(name: str, device: s
     found += steps.turn_start_back(values, bars)
     for column, path in enumerate(paths):
         np.testing.assert_allclose(found[:, column], told.gradients[path], rtol=1e-5, err_msg=path)
+
+
+def test_the_gradient_of_a_bounce_is_the_slope_over_many():
+    """A ball's height by its speed before: the mean gradient of 17 worlds is the slope over them within 1.5 %, three
+    times what their deviation of 1.6 % makes of the mean. It was a fifth off while a step stopped all of an approach,
+    whenever in the step the ground was met: those jumps carried the rest of the slope."""
+    slope, gradients = slope_and_gradients("ground", 0.0, worlds=17)
+    assert np.std(gradients) < 0.05 * abs(slope)
+    assert np.mean(gradients) == pytest.approx(slope, rel=0.015)

@@ -1,16 +1,18 @@
-"""Laws in the list, alone in a world: the same motion in every schedule, and no net momentum from forces between
-particles."""
+"""Laws in the list, alone in a world: the same motion in every schedule, at the time of each substep, and no net
+momentum from forces between particles."""
 
 from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
+import warp as wp
 from lone_laws import TESTED, model_of_all, particle_masses, shake
-from meshes import mesh_of
+from meshes import mesh_of, quad_sphere
 from numpy.typing import NDArray
 from own_laws import HARDENING, REPELLING
 
+import balloon_warp as bw
 from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.model import Model, initial_state, lay_out, plan_model
 from balloon_warp.scene import Balloon, Inflation, Scene
@@ -99,3 +101,27 @@ def test_springs_that_fill_up_a_table_do_nothing(law: Law, listed: bool, schedul
         ends.append(state.points.numpy())
     assert np.isfinite(ends[0]).all()
     np.testing.assert_allclose(ends[0], ends[1], atol=ROUNDING)
+
+
+@wp.func
+def sway(time: float, mass_share: float, swaying: float):
+    """Return a force that oscillates at 30 Hz."""
+    return swaying * mass_share * wp.vec3(wp.sin(188.5 * time), 0.0, 0.0)
+
+
+SWAY = bw.Law("particle", sway, (bw.Parameter("swaying", "N", default=20.0),))
+
+
+@pytest.mark.parametrize("kind", ["pressure", "gas"])
+def test_a_law_reads_the_time_of_each_substep(kind: str, schedule: str, device: str):
+    """A law reads each substep's time, for a sealed gas, too, whose amount is read once a frame."""
+    inflation = {"kind": "gas", "start_pressure": 100.0} if kind == "gas" else {"pressure": 100.0}
+    ball = bw.Balloon(mesh=quad_sphere(2), mass=0.5, inflation=inflation)
+    scene = bw.Scene(balloon=[ball], frames=1, substeps=32, gravity=0.0)
+    moved = bw.simulate(scene, device=device, schedule=schedule, laws=(SWAY,))
+    step = 1.0 / 60.0 / 32.0
+    if kind == "pressure":
+        speed = sum(20.0 / 0.5 * step * np.sin(188.5 * step * number) for number in range(32))
+        assert moved.velocities[0][-1].mean(axis=0)[0] == pytest.approx(speed, rel=0.02)
+    told = bw.simulate(scene, device="cpu", schedule="gather", laws=(SWAY,))
+    np.testing.assert_allclose(moved.points[0], told.points[0], atol=2e-6)
