@@ -91,9 +91,8 @@ def test_blocks_do_what_launches_do(name: str, layout: str, monkeypatch: pytest.
 
 
 def test_loops_over_items_leave_what_threads_keep_alone() -> None:
-    """Names in loops over items do not shadow those of a thread's own particle: a thread that keeps one particle of
-    several balloons loops over faces and balloons as well. A CPU's one thread keeps all particles, so the test reads
-    the generated text."""
+    """A thread that keeps one particle of several balloons loops over faces and balloons as well. A CPU's one thread
+    keeps all particles, so the test reads the generated text."""
     scene = scenes(3)["two balloons"].model_copy(update={"normals": "cached", "touch": False})
     model = build_model(scene, "cpu")
     features = model_features(model)

@@ -25,7 +25,7 @@ ROUNDING = 1e-5
 
 @cache
 def moved(schedule: str, device: str, correction: str) -> list[NDArray[np.float64]]:
-    """Return points [m] and velocities [m/s] of all worlds with this correction, shaken, at first and after some
+    """Return points [m] and velocities [m/s] of all worlds with this correction, shaken, before and after some
     steps."""
     law = next(law for law in TESTED if scene_correction(law) == correction)
     model, _ = model_of_all(law, device, STEP_SECONDS, STEPS)

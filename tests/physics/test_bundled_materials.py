@@ -21,8 +21,8 @@ def latex_pressure(mesh: PolygonMesh, stretch: float) -> float:
 
 
 def test_latex_inflate_shows_that_blowing_is_hardest_at_the_start():
-    """Each balloon has the pressure of the Mooney-Rivlin sphere, by its own volume and area. The pressure of the
-    largest peaks at the start, falls until a stretch of 3.1, and rises; in the end the smallest has the most."""
+    """Each has a Mooney-Rivlin sphere's pressure; the largest's falls until a stretch of 3.1. In the end the smallest
+    has most."""
     model, frames = played("latex_inflate")
     mesh = model.shapes[2].mesh
 
@@ -41,8 +41,8 @@ def test_latex_inflate_shows_that_blowing_is_hardest_at_the_start():
 
 
 def test_foil_letters_fill_without_stretching():
-    """Each letter holds many times what it did flat, with springs at their rest length, but for wrinkles and a few per
-    cent that the pressure stretches them; and it stays upright: the O does not fold."""
+    """But for wrinkles and a few per cent that the pressure stretches them; and each stays upright: the O does not
+    fold."""
     model, frames = played("foil_letters")
     assert model.balloon_count == 5
     for letter in range(5):

@@ -10,8 +10,7 @@ from balloon_warp.mesh.geometry import signed_volume
 
 
 def test_with_correction_the_shape_is_a_scaled_copy():
-    """Correction only scales the shape, which the paper did not want. At equal volume, inflated against its limit, the
-    shape is larger throughout by about the limit's factor; without it the stretch varies twice as much."""
+    """Which the paper did not want: at equal volume, without correction, the stretch varies twice as much."""
     strong = (
         *(("correction", "provot"), ("correction_limit", 0.25), ("frames", 110)),
         ("balloon.inflation.k_normal", ((0.2, 0.0), (1.7, 28.0))),

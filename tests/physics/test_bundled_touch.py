@@ -74,8 +74,7 @@ def test_a_batch_counts_what_stays_in_the_box(tmp_path: Path):
 
 
 def test_a_long_balloon_ties_itself_and_keeps_out_of_itself():
-    """Below a fiftieth of the radius, at the elbows, too; a strand that tunneled through another would untie the
-    knot."""
+    """A strand that tunneled through another would untie the knot."""
     model, frames = played("knot")
     mesh = model.shapes[0].mesh
     for number in (36, 60, 90, 130, 170):

@@ -104,9 +104,8 @@ def test_nothing_rebounds_at_the_speed_of_two_steps_of_gravity():
 def test_they_leave_at_the_speed_of_impact_times_the_restitution(
     masses: tuple, restitution: tuple, mean: float, device: str
 ):
-    """Velocities are the textbook's v1' = (m1 - e m2) v / M, v2' = (1 + e) m1 v / M, with the mean restitution; from
-    where they met, half a second after the start. A thousand steps round each place by half an epsilon of a meter, all
-    to one side at worst."""
+    """v1' = (m1 - e m2) v / M, v2' = (1 + e) m1 v / M with the mean restitution, from where they met, after half a
+    second. A thousand steps round each place by half an epsilon of a meter, all to one side at worst."""
     centers, velocities = after(billiard(device, pair(masses=masses, restitution=restitution)), 100)
     whole = sum(masses)
     expected = np.array([masses[0] - mean * masses[1], (1.0 + mean) * masses[0]]) / whole
@@ -115,8 +114,8 @@ def test_they_leave_at_the_speed_of_impact_times_the_restitution(
 
 
 def test_an_oblique_impact_is_along_the_line_through_the_centers(solver: str, device: str):
-    """The normal at an offset b is at the angle asin(b / R) to the path: of equal elastic spheres the struck one leaves
-    along it with v cos, the other across it with v sin. The step at which they meet does not matter."""
+    """That is at asin(offset / R) to the path: the struck one leaves along it with v cos, the other across with v
+    sin."""
     angle = 0.6
     _, velocities = after(billiard(device, pair(speed=3.0, aside=-0.3 * np.sin(angle)), solver=solver), 60)
     along, across = np.array([np.cos(angle), np.sin(angle), 0.0]), np.array([np.sin(angle), -np.cos(angle), 0.0])
@@ -172,8 +171,7 @@ def test_a_cloud_keeps_momentum_and_angular_momentum_and_gains_no_energy(restitu
 
 @pytest.mark.parametrize("contact", ["penalty", "impulse"])
 def test_stacks_stand_still(contact: str, solver: str, device: str):
-    """Stacks of two on the ground and on an obstacle stay at rest: a step of gravity moves each by g h^2, 10
-    micrometers, and that overlap is resolved."""
+    """A step of gravity moves each sphere by g h^2, 10 micrometers, and that overlap is resolved."""
     places = [(x, below + y, 0.0) for x, below in ((0.0, 0.0), (9.0, 0.5)) for y in (0.2, 0.6)]
     stacks = [Sphere(position=at, radius=0.2, mass=m) for at, m in zip(places, (1.0, 2.0, 1.0, 2.0), strict=True)]
     floor = {"ground": Ground(), "obstacle": [Obstacle(size=(4, 1, 4), position=(9, 0, 0))]}
@@ -292,10 +290,9 @@ def energies(simulator: Simulator, frames: int) -> list[float]:
 
 @pytest.mark.parametrize("mass", [0.02, 0.5, 20.0])
 def test_balloon_and_sphere_together_keep_what_physics_keeps(mass: float, solver: str, device: str):
-    """Momentum is conserved to rounding: a substep rounds velocities of particles and sphere by up to half an epsilon;
-    projective's linear system adds up to an epsilon of the balloon's momentum. The impulse is along the line through
-    both centers at the start of the step, and places follow velocities: angular momentum stays, and the common center
-    of mass coasts. Backward Euler turns."""
+    """A substep rounds velocities by up to half an epsilon; projective's linear system adds up to an epsilon of the
+    balloon's momentum. The impulse is along the line through both centers at the start of the step, and places follow
+    velocities: angular momentum stays, and the common center of mass coasts. Backward Euler turns."""
     simulator = struck(device, mass, solver=solver)
 
     def moments() -> NDArray[np.float64]:
@@ -341,8 +338,7 @@ def test_the_papers_penalty_keeps_no_momentum(device: str):
 @pytest.mark.parametrize("ratio", [0.001, 0.04, 1.0, 40.0, 1000.0])
 @pytest.mark.parametrize("substeps", ["auto", 60, 240])
 def test_a_collision_gives_no_energy_at_any_step_and_mass(ratio: float, substeps: int | str, device: str):
-    """Energy of springs and motion does not grow in a collision; symplectic Euler's swings by h omega / 2 of what is in
-    the springs, here some thousandths of the whole. The ratio is of the sphere's mass to the balloon's."""
+    """Symplectic Euler's swings by some thousandths. The ratio is of the sphere's mass to the balloon's."""
     simulator = struck(device, ratio * 0.5, substeps=substeps)
     found = energies(simulator, 30)
     assert max(found) < 1.005 * found[0]
@@ -528,8 +524,8 @@ def test_a_touching_particle_keeps_no_speed_into_the_sphere(device: str):
     ("k_normal", "substeps", "sums"), [(0.6, 2, 0.6), ([(0.0, 0.2), (0.001, 1.0)], 4, 0.2 + 0.4 + 0.6)]
 )
 def test_penalty_force_is_the_touching_particles_inflation(k_normal: Any, substeps: int, sums: float, device: str):
-    """A touching corner accelerates the sphere by h * penalty * 100 k_normal (A_p / A_total) / M, away from itself. The
-    contact of each substep acts in the next: of four substeps, k_normal at the begin of the first three."""
+    """By h penalty 100 k_normal (A_p / A) / M; of four substeps, k_normal at the begin of the first three acts in the
+    next."""
     sphere = Sphere(position=tuple(CORNER + [0.0, 0.15, 0.0]), radius=0.2, mass=3.0, penalty=2.0)
     inflation = {"inflation": Inflation(k_normal=k_normal)}
     simulator = bare_cubes(device, [sphere], contact="penalty", substeps=substeps, normals="cached", balloon=inflation)

@@ -38,10 +38,8 @@ def thrown(device: str, balloon: dict | None = None, **fields) -> Simulator:
 
 
 def drifts(simulator: Simulator, frames: int = FRAMES) -> tuple[NDArray, NDArray]:
-    """Return the largest drifts of momentum and angular momentum, over the rounding of each.
-
-    A substep rounds each velocity and place by up to half an epsilon of itself, to either side: after n substeps the
-    error is about sqrt(n) of that, and no more if all particles' roundings had one sign."""
+    """Return the largest drifts of momentum and angular momentum, over the rounding of each: a substep rounds each
+    velocity and place by up to half an epsilon of itself, to either side."""
     before = momentum(simulator), angular_momentum(simulator)
     worst, fastest, farthest = np.zeros(2), 0.0, 0.0
     for _ in range(frames):
@@ -57,17 +55,16 @@ def drifts(simulator: Simulator, frames: int = FRAMES) -> tuple[NDArray, NDArray
 
 @pytest.mark.parametrize("kind", BALLOONS)
 def test_a_free_balloon_keeps_momentum_and_angular_momentum_for_10000_substeps(kind, device):
-    """Momentum and angular momentum are conserved: springs act along the line between their ends, torsion exerts no net
-    torque, and pressure on a closed surface has neither net force nor torque; symplectic Euler preserves both, since x
-    x v is the same before and after x += h v."""
+    """Springs, torsion and pressure on a closed surface have no net force and torque, and symplectic Euler keeps both
+    momenta, since x x v is the same before and after x += h v."""
     drift, rounding = drifts(thrown(device, BALLOONS[kind]))
     assert (drift < rounding).all()
 
 
 @pytest.mark.parametrize("normals", ["cached", "fresh"])
 def test_the_papers_inflation_pushes_a_free_balloon_about(normals, device):
-    """The paper's inflation (A_p / A) n, with the nearest face's area and a mean of normals, has a net force over a
-    closed surface that is not a perfect sphere. It is the paper's rule all the same."""
+    """(A_p / A) n, with the nearest face's area and a mean of normals, has a net force over what is no perfect
+    sphere."""
     simulator = thrown(device, balloon={"inflation": Inflation(k_normal=0.2)}, normals=normals)
     drift, rounding = drifts(simulator, frames=20)
     assert (drift > 1e2 * rounding).all()
@@ -99,10 +96,8 @@ def energies(simulator: Simulator, frames: int) -> NDArray[np.float64]:
 
 
 def test_the_energy_of_a_free_balloon_swings_within_bounds_for_10000_substeps(device):
-    """Energy oscillates by about h omega / 2 of what is in the fastest springs, and does not drift.
-
-    The motion is chaotic, and `scatter` sums in another order every time on a GPU: of 40 starts a micrometer apart the
-    largest swings were 0.013 to 0.026."""
+    """The motion is chaotic, and `scatter` sums in another order every time on a GPU: of 40 starts a micrometer apart
+    the largest swings were 0.013 to 0.026."""
     found = energies(thrown(device), FRAMES)
     assert np.abs(found / found[0] - 1.0).max() < 0.04
 
@@ -170,9 +165,8 @@ def test_symplectic_eulers_energy_swings_and_does_not_drift(device):
 
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_the_stable_step_is_exact_for_two_particles_on_a_spring(solver: Solver, device: str):
-    """Gershgorin's bound is exact for two particles on a spring: a step a hundredth longer gains energy, and one a
-    hundredth shorter loses it: w^2 h^2 + 2 g h = 4 where the spring is viscous, or h = g / w^2 by forward Euler, whose
-    balloon is damped."""
+    """By Gershgorin: w^2 h^2 + 2 g h = 4 where the spring is viscous, or h = g / w^2 by forward Euler, whose balloon is
+    damped. A step a hundredth longer gains energy, and one a hundredth shorter loses it."""
     rate = 0.2 * OMEGA
     viscous = {"stiffness": Stiffness(structural=STIFFNESS, viscosity=rate / OMEGA**2)}
     slowed = viscous if solver == "symplectic_euler" else {"damping": rate * 2.0 * MASS}
@@ -198,8 +192,7 @@ def test_auto_takes_the_step_at_which_damping_makes_up_for_forward_euler():
 
 
 def test_forward_euler_with_autos_substeps_loses_energy(device):
-    """The automatic step of forward Euler loses energy, and with a tenth of the substeps it gains energy, though
-    damped: the bound is right within its margins."""
+    """With a tenth of the substeps it gains energy, though damped: the bound is right within its margins."""
     for divisor, grows in ((1, False), (10, True)):
         balloon = Balloon(mesh=quad_sphere(3), damping=0.5, inflation=NO_INFLATION)
         scene = Scene(balloon=[balloon], gravity=0.0, solver="forward_euler")

@@ -101,10 +101,9 @@ def test_balloons_press_each_other_alike() -> None:
 
 @pytest.mark.parametrize("gap", [0.8, 0.6])
 def test_the_force_on_a_plate_is_the_pressure_times_the_contact(gap: float, device: str) -> None:
-    """F = p A on a plate without friction, closed to the gap and stopped, on a balloon at rest: in a cut along the
-    contact's edge, where a membrane leaves the plate along it, only the pressure acts across. Net forces leave contacts
-    out, so that at rest those of touching particles are the plate's load. The contact ends somewhere between the
-    particles that touch and their neighbors; the area that is told of it ends half an edge around those that touch."""
+    """In a cut along the contact's edge only the pressure acts across. Net forces leave contacts out, so that at rest
+    those of touching particles are the plate's load. The contact ends somewhere between the particles that touch and
+    their neighbors; the area that is told of it ends half an edge around those that touch."""
     soft, pressure = {"structural": 20.0, "shear": 10.0, "flexion": 0.0}, 10.0
     filled = {"pressure": [(0.0, 0.0), (0.5, pressure)]}
     pressed = Balloon(mesh=quad_sphere(12, 0.5), mass=0.5, damping=20.0, stiffness=soft, inflation=filled)

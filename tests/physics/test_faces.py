@@ -28,8 +28,7 @@ def flying(mass: float = 0.05) -> Sphere:
 
 
 def turns_around(point: NDArray[np.float64], corners: NDArray[np.float64]) -> float:
-    """Return the winding number of triangles (n, 3, 3) around a point: 1 inside, 0 outside (van Oosterom, Strackee
-    1983)."""
+    """Return how often triangles (n, 3, 3) wind around a point: 1 inside, 0 outside (van Oosterom, Strackee 1983)."""
     a, b, c = (corners[:, number] - point for number in range(3))
     lengths = [np.linalg.norm(arm, axis=1) for arm in (a, b, c)]
     over = np.einsum("ij,ij->i", a, np.cross(b, c))
@@ -75,9 +74,8 @@ def test_without_touch_it_flies_through(device):
 @pytest.mark.parametrize("schedule", ["scatter", "gather", "block"])
 @pytest.mark.parametrize("speed", [1.0, 20.0])
 def test_both_keep_momentum_and_angular_momentum_and_gain_no_energy(speed, schedule, device):
-    """Momentum and angular momentum are conserved to rounding, and energy does not grow: float32 rounds places and
-    velocities of all particles by up to half an epsilon each substep, and once more at each of some hundred contacts.
-    Springs swing by h omega / 2 of what is in the fastest, as without contact."""
+    """Places and velocities are rounded by up to half an epsilon each substep, and once more at each of some hundred
+    contacts. Springs swing by h omega / 2 of what is in the fastest, as without contact."""
     ball = Sphere(position=(0.7, 0.12, 0.05), radius=0.02, mass=0.05, velocity=(-speed, 0.0, 0.2 * speed))
     scene = flight(ball, substeps=60)
     slack = scene.balloon[0].model_copy(update={"inflation": Inflation(pressure=0.0)})
@@ -96,8 +94,7 @@ def test_both_keep_momentum_and_angular_momentum_and_gain_no_energy(speed, sched
 
 
 def test_it_lies_on_a_net_that_bears_its_weight(device):
-    """A net pinned at its border sags under a ball a fifth as wide as a face, to its equilibrium: the energy of net and
-    weight is less than on the way, and does not come back. That takes 10 seconds of slow rolling."""
+    """A net pinned at its border sags under a ball a fifth as wide as a face, in 10 seconds of slow rolling."""
     net = grid(4, 4)
     border = [n for n, point in enumerate(net.points) if point[:2].min() == 0.0 or point[:2].max() == 4.0]
     slack = Inflation(pressure=0.0)

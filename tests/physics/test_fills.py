@@ -90,8 +90,7 @@ def test_litres_are_of_the_air_of_each_world(device: str):
 
 
 def test_it_is_blown_to_a_diameter_or_a_pressure_and_no_further(device: str):
-    """The diameter is of a ball with the balloon's volume; a leak is made up for; the pressure is below rubber's
-    peak."""
+    """The diameter is of a ball with the volume; a leak is made up for; the pressure is below rubber's peak."""
     simulator = Simulator(soft(fill_to_diameter=0.2, fill_time=0.5, leak=1e-6), device)
     diameters = [np.cbrt(6.0 * advanced(simulator, 1).volumes[0] / np.pi) for _ in range(50)]
     assert diameters[10] < 0.18
@@ -314,8 +313,8 @@ def push(mesh: PolygonMesh, inflation: Inflation, device: str) -> float:
 
 @pytest.mark.parametrize("cells", [4, 12])
 def test_k_normal_means_half_as_much_on_triangles_and_a_pressure_the_same(cells, device):
-    """A particle is pushed by the area of its nearest face: there are as many quads as particles, so that together they
-    push by nearly 100 k_normal; and twice as many triangles, of half the area. A pressure pushes by its area."""
+    """There are as many quads as particles, which push by nearly 100 k_normal, and twice as many triangles of half the
+    area."""
     quads = quad_sphere(cells)
     meshes = quads, mesh_of(quads.points, triangles_of(quads))
     pushes = [push(mesh, Inflation(k_normal=1.0), device) for mesh in meshes]
@@ -352,9 +351,8 @@ def course(simulator: Simulator, frames: int) -> NDArray[np.float64]:
 
 @pytest.mark.parametrize(("own", "rate"), [(LATEX, 0.2), (LATEX, 1.0), (SPRINGS, 0.2)])
 def test_a_pump_takes_no_more_from_a_flat_balloon(own: dict[str, Any], rate: float, schedule: str, device: str):
-    """A pump that never stops leaves the gas of a flat balloon, at the air's pressure: within 5 % as it comes to rest,
-    and a hundredth of the mesh's volume before. The walls follow the pump: the air outside, without resistance, would
-    drive them to root(2 p V / m), 100 m/s and more; they have less than a tenth of that."""
+    """Within 5 % as it comes to rest, and a hundredth of the mesh's volume before. The air outside, without resistance,
+    would drive the walls to root(2 p V / m), 100 m/s and more; they have less than a tenth of that."""
     rows = course(emptied(own, schedule, device, pump=[(0.0, 0.0), (0.05, 0.0), (0.07, -rate)]), 60)
     np.testing.assert_allclose(rows[30:, 1], FLAT, rtol=1e-4)
     assert np.isfinite(rows).all()

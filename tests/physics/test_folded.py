@@ -102,9 +102,8 @@ def test_layers_that_fall_on_the_ground_keep_apart(device: str):
 
 
 def test_which_edges_meet():
-    """Contact of edges is on for sharp edges, which are rims, seams and the edges of a box, and none of what is round;
-    for all of what bends freely and is folded, flat or open, and where balloons touch themselves; for all or none,
-    where the scene says so."""
+    """Sharp edges, which are rims, seams and the edges of a box; all of what bends freely and is folded, flat or open,
+    and where balloons touch themselves; all or none, where the scene says so."""
     limp, stiff = (LIMP.model_copy(update={"flexion": flexion}) for flexion in (0.0, 5.0))
     small = square(3, 0.3)
     crate = box((0, 0, 0), (1, 1, 1), (3, 3, 3))
@@ -188,10 +187,8 @@ SHEET = square(4, 0.5)
 
 
 def test_flat_sheets_that_cross_edge_on_stop_each_other_and_keep_what_is_kept(device: str):
-    """A sheet stands and flies at the rim of one that lies, between particles, and aside. Without thickness neither has
-    a particle near a face of the other: they would pass like two cards with slits. Momentum and angular momentum are
-    conserved to float32's rounding of two hundred substeps; and the energy of motion and springs never exceeds that at
-    the start."""
+    """Without thickness neither has a particle near a face of the other: they would pass like two cards with slits.
+    Rounding is of two hundred substeps."""
     upright, still = replace(SHEET, points=SHEET.points[:, [0, 2, 1]]), {"mass": 0.05, "damping": 0.0}
     balloons = [
         Balloon(mesh=SHEET, inflation=SLACK, **still),
@@ -212,9 +209,8 @@ def test_flat_sheets_that_cross_edge_on_stop_each_other_and_keep_what_is_kept(de
 
 
 def test_foil_cushions_thrown_at_each_other_stay_apart(device):
-    """Foil cushions thrown at each other at 2 m/s, one lying, one upright, while they fill, do not interpenetrate: no
-    seam cuts into the other, and no particle is deeper than 1 mm, a third of a hundredth of the width. Without contact
-    of edges seams were in each other for six frames."""
+    """One lies, one is upright, while they fill: no particle is deeper than 1 mm, a third of a hundredth of the width.
+    Without contact of edges seams were in each other for six frames."""
     mesh = cushion(3)
     upright = replace(mesh, points=mesh.points[:, [0, 2, 1]] * [1.0, -1.0, 1.0])
     foil = {"mass": 0.01, "damping": 0.0, "stiffness": Stiffness(structural=200.0, shear=100.0, flexion=0.0)}
@@ -241,9 +237,8 @@ def test_foil_cushions_thrown_at_each_other_stay_apart(device):
 @pytest.mark.parametrize("degrees", [10.0, 20.0, 25.0])
 @pytest.mark.parametrize("friction", [0.0, None], ids=["smooth", "as bundled"])
 def test_heavy_slack_foil_does_not_come_through(friction: float | None, degrees: float, device):
-    """Flat cushions of 0.1 kg and 50 Pa at 4 m/s do not tunnel: no particle is deeper in the other than 3% of the final
-    thickness, and they separate again. The thickness at the start is no measure of that. Smooth ones bounce off; where
-    skins rub, folds may hold each other until the speed is lost."""
+    """No particle is deeper in the other than 3% of the final thickness: that at the start is no measure. Smooth ones
+    bounce off; where skins rub, folds may hold each other until the speed is lost."""
     mesh = cushion(6)
     foil = {"mass": 0.1, "damping": 0.0, "stiffness": Stiffness(structural=50.0, shear=25.0, flexion=0.0)}
     foil["inflation"] = Inflation(kind="pressure", pressure=[(0.0, 0.0), (0.1, 50.0)])
@@ -271,8 +266,7 @@ def verdict(simulator: Simulator) -> int:
 
 
 def test_the_length_of_a_tube_over_its_diameter_is_its_slenderness():
-    """Balls, a sheet and hair, which is open, are left alone, as is what has too few vertices to bend; a long tube
-    touches itself, softly."""
+    """What is open or has too few vertices to bend is left alone, as balls are; a long tube touches itself, softly."""
     for mesh, expected, itself in [
         (quad_sphere(8), np.pi**2 / 4.0, False),
         (cube(), 0.0, False),

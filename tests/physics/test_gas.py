@@ -56,8 +56,7 @@ def test_a_gas_squeezed_by_a_sphere_follows_p_v_gamma(gamma: float, device: str)
 
 @pytest.mark.parametrize("stretch", [1.3, 1.7, 2.0, 2.4, 3.5])
 def test_a_balloon_of_springs_is_in_balance_on_its_pressure_curve(stretch: float, device: str):
-    """A balloon at the stretch l is in equilibrium at p = sum(k L0^2) (l - 1) / (3 V0 l^2), and shrinks with a
-    twentieth less pressure."""
+    """At p = sum(k L0^2) (l - 1) / (3 V0 l^2) by the stretch l; it shrinks with a twentieth less pressure."""
     mesh, k = octahedron(0.1), 40.0
     v0, springs = signed_volume(mesh), 12 * k * 2.0 * 0.1**2
     pressure = springs * (stretch - 1.0) / (3.0 * v0 * stretch**2)
@@ -112,8 +111,7 @@ def test_a_pump_that_is_switched_on_later_pumps(device: str):
 
 
 def test_a_solid_that_is_far_away_changes_no_bit(device: str):
-    """A distant solid, present or yet to appear, leaves the gas bit-identical, so that a recording of the page replays.
-    The rate of swelling, which looks for solids, must not add and subtract the old pressure: that would round it."""
+    """So that a recording of the page replays: the rate of swelling must not add and subtract the old pressure."""
     ball = Balloon(mesh=jittered(torus(6, 5), 0.02), inflation=Inflation(kind="gas", start_pressure=300.0))
     alone = Scene(balloon=[ball], gravity=0.0, substeps=8)
     beside = alone.model_copy(update={"sphere": [Sphere(position=(0.0, 90.0, 0.0), radius=5.0)]})
@@ -151,8 +149,7 @@ def joined_tanks(first: float, second: float, conductance: float, substeps: int,
 
 @pytest.mark.parametrize("gamma", [1.0, 1.2, 1.4])
 def test_p_v_gamma_stays_when_the_air_s_pressure_falls(gamma: float):
-    """Gas expands along its adiabat when the air's pressure falls by a tenth, where p V^gamma once grew; or keeps p V =
-    n R T where heat passes."""
+    """By a tenth, where p V^gamma once grew; or p V = n R T where heat passes."""
     simulator = in_balloon(gamma, {"atmosphere.pressure": 0.9 * AIR_PRESSURE})
     before = simulator.read_frame()
     after = advanced(simulator, 90)
@@ -180,8 +177,8 @@ def test_the_air_s_warmth_reaches_only_gas_that_heat_passes_to(gamma: float):
 
 
 def test_a_tank_that_is_filled_gains_gamma_r_t_with_each_mole(device: str):
-    """A tank that is filled gains V dp = gamma R T dn: the gas brings its enthalpy at the air's temperature. A tank
-    that empties expands adiabatically: p / n^gamma is constant."""
+    """Gas brings its enthalpy at the air's temperature. A tank that empties expands adiabatically: p / n^gamma
+    stays."""
     pump = [(0.0, 4.0), (0.2, 4.0), (0.3, -4.0)]
     scene = Scene(balloon=[tank(0.02, {"pump": pump})], frames_per_second=10, substeps=200)
     simulator = Simulator(scene, device)
@@ -264,8 +261,8 @@ def chained(conductance: float, substeps: int, breathing_damping: float = 1.0) -
 
 @pytest.mark.parametrize("substeps", [14, 96])
 def test_the_flow_is_the_conductance_times_the_difference_at_any_step(substeps: int, device: str):
-    """The flow is the conductance times the difference of the reported pressures, at the last substep of each frame, in
-    balloons that give way, up to rounding. A regression had 0.77 of that in `two_balloons`, and 0.21 elsewhere."""
+    """By pressures at the last substep of each frame. A regression had 0.77 of that in `two_balloons`, and 0.21
+    elsewhere."""
     simulator = Simulator(chained(0.005, substeps), device)
     total = simulator.state.gas_amounts.numpy().sum()
     flows = []
@@ -341,8 +338,7 @@ def test_an_undamped_balloon_breathes_on():
 
 
 def test_a_balloon_breathes_on_in_steps_as_long_as_its_breath():
-    """The swing at omega h = 8 flips from step to step and stays bounded: from rest, half a step after the velocity
-    that it gets at once, it reaches root(1 + (omega h)^2 / 4) of where it began."""
+    """It flips from step to step: from rest, half a step after its velocity, it reaches root(1 + (omega h)^2 / 4)."""
     found = swing(0.0, 8.0, 200)
     np.testing.assert_allclose(phase_of(found), 2.0 * np.arctan(4.0), rtol=1e-3)
     widest = 1e-3 * np.sqrt(1.0 + 8.0**2 / 4.0)
@@ -453,9 +449,8 @@ def test_a_nozzle_is_isentropic_and_chokes(gamma: float):
 
 @pytest.mark.parametrize(("start", "gamma"), [(2000.0, 1.0), (2000.0, 1.4), (-2000.0, 1.0), (1.5e5, 1.4)])
 def test_a_rigid_balloon_empties_or_fills_as_a_nozzle_lets_it(start: float, gamma: float, device: str):
-    """A rigid balloon empties as the isentropic nozzle lets it, choked from 150 kPa, frame by frame; backward Euler
-    lags by less than a step, and the tolerance of 2 % of a frame's outflow is a tenth of that. What is drawn in is air
-    by the same law."""
+    """Choked from 150 kPa, frame by frame; backward Euler lags by less than a step, and the tolerance of 2 % of a
+    frame's outflow is a tenth of that. What is drawn in is air by the same law."""
     simulator = Simulator(rigid(start, Neck(diameter=0.02, discharge=0.7), gamma=gamma), device)
     amounts = [simulator.read_frame().gas_amounts[0]]
     amounts += [advanced(simulator, 1).gas_amounts[0] for _ in range(8)]
@@ -466,8 +461,7 @@ def test_a_rigid_balloon_empties_or_fills_as_a_nozzle_lets_it(start: float, gamm
 
 
 def test_it_is_empty_when_it_should_be(device: str):
-    """The time to empty is T = 2 V M sqrt(p) / (R T C_d A sqrt(2 rho)), 0.163 s: sqrt(p) falls linearly where the
-    volume stays and the gas hardly thins. Then nothing changes."""
+    """At T = 2 V M sqrt(p) / (R T C_d A sqrt(2 rho)), 0.163 s: sqrt(p) falls linearly. Then nothing changes."""
     simulator = Simulator(rigid(1000.0, Neck(diameter=0.02)), device)
     density = DRY_AIR * (1.0 + 500.0 / AIR_PRESSURE)
     per_root = GAS_CONSTANT * TEMPERATURE * area_of(0.02) * np.sqrt(2.0 * density)
@@ -522,8 +516,7 @@ def test_balloon_and_gas_keep_their_momentum(device: str):
 
 
 def test_a_neck_is_a_vertex_or_a_group_of_faces_and_its_jet_turns_with_the_mesh(device: str):
-    """A neck in the middle of a side pushes along x, which is y of a ball turned about z. A group of faces at +z is a
-    neck; its particles get the thrust, which is that of the diameter all the same."""
+    """Particles of a group of faces get the thrust, which is that of the diameter all the same."""
     vertex = int(np.argmax(SOFT.points[:, 0]))
     end, _, _ = flown(flying(Neck(at=vertex, diameter=0.03), device, rotation=(0.0, 0.0, 90.0)), 10)
     assert end[1] < -1e-3

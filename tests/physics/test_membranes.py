@@ -196,8 +196,7 @@ def test_viscosity_damps_a_wrinkled_strip_as_kelvin_and_voigt_say(device: str):
 
 
 def test_viscosity_of_what_is_taut_is_that_of_a_newtonian_sheet(device: str):
-    """The viscous force of a sheet stretched both ways is the Newtonian 2 eta (d + tr d) = 6 eta l' / l, over the side,
-    stretched, and the thickness, 1 / stretch^2 of that at rest."""
+    """2 eta (d + tr d) = 6 eta l' / l, over the side, stretched, and the thickness, 1 / stretch^2 of that at rest."""
     stretch, rate = 1.4, 3.0
     corners = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)])
     expected = -6.0 * VISCOSITY * (rate / stretch) * stretch * (SHEET / stretch**2)

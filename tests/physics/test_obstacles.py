@@ -411,8 +411,8 @@ def cube_in(stage: Usd.Stage, path: str, points: np.ndarray) -> UsdGeom.Mesh:
 
 
 def stage_of(path: Path, up_axis: str = "Z", scales: bool = False) -> Path:
-    """Write a cube of a meter in a stage of centimeters, under a parent: in a second it goes by a meter along x, while
-    the parent turns by a quarter about the up axis."""
+    """Write a cube of a meter, in centimeters, that goes by a meter along x while its parent turns by a quarter in a
+    second."""
     stage = new_stage(path, 0.01, up_axis, start=12)
     parent = UsdGeom.Xform.Define(stage, "/turntable")
     turn = parent.AddRotateZOp() if up_axis == "Z" else parent.AddRotateYOp()

@@ -60,8 +60,7 @@ def spread(count: int) -> NDArray[np.float64]:
 
 
 def test_gusts_have_no_mean_and_the_variance_that_they_are_given(device: str):
-    """Of 40,000 places some 20,000 are independent: a mean is off by 0.007, a mean square by 0.01, each 4 times
-    over."""
+    """Of 40,000 places some 20,000 are independent: a mean is off by 0.007, a mean square by 0.01, each over that."""
     found = gusts(spread(40_000), device)
     np.testing.assert_allclose(found.mean(axis=0), 0.0, atol=0.03)
     np.testing.assert_allclose(np.cov(found.T), np.eye(3), atol=0.04)
@@ -179,8 +178,7 @@ def forces_on(device: str, balloon: Balloon, air: Atmosphere) -> np.ndarray:
 @pytest.mark.always("cpu-90.0")
 @pytest.mark.parametrize("angle", [10.0, 45.0, 90.0])
 def test_a_plate_at_an_angle_has_lift_and_drag(angle: float, device: str):
-    """A plate at the angle a to a wind along x has the force 1/2 rho A C_n u^2 sin a along its normal, and 1/2 rho A
-    C_t u^2 cos a along itself."""
+    """1/2 rho A C_n u^2 sin a along its normal, and 1/2 rho A C_t u^2 cos a along itself."""
     plate = Balloon(mesh=grid(3, 2), rotation=(0.0, angle, 0.0), face_drag=1.2, face_friction=0.05, **STILL)
     lift_axis = np.array([0.0, 0.0, 1.0])
     force = forces_on(device, plate, Atmosphere(density=1.3, wind=(5.0, 0.0, 0.0))).sum(axis=0)

@@ -70,8 +70,7 @@ def rewritten(scene: Scene, folder: Path) -> Scene:
 
 
 def assert_replayed(device, replay, played):
-    """Require a bit-identical replay; on a GPU within rounding of the largest number, where kernels depend on the
-    number of spheres and strings, which are all there from the start of a replay."""
+    """Require the same bits; on a GPU, where kernels depend on the number of spheres, the same up to rounding."""
     np.testing.assert_allclose(replay, played, rtol=0, atol=0 if device == "cpu" else 1e-4 * np.abs(played).max())
 
 

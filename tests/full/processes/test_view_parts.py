@@ -110,8 +110,8 @@ def test_strain_and_measures_are_those_of_the_shape(session):
 
 
 def test_the_surface_that_is_drawn_is_catmull_and_clarks():
-    """A drawn cube is Catmull and Clark's limit surface (1978): its corners go to 5/9, its edges' middles to 3/4 of the
-    way out, and faces keep their middles. It stays closed, and follows the given points."""
+    """The limit surface of a cube (1978) has corners at 5/9, edges' middles at 3/4 of the way out, and faces' where
+    they were."""
     mesh = cube()
     surface = Smooth(mesh)
     middle = mesh.points.mean(axis=0)
