@@ -16,29 +16,8 @@ from meshes import quad_sphere as looped_quad_sphere
 from pxr import Usd, UsdGeom
 
 from balloon_warp import Simulator, load_scene
-from balloon_warp.benchmarks import (
-    auto,
-    bound,
-    crowd_rate,
-    export,
-    first_frame,
-    health,
-    measure,
-    rate,
-    reading,
-    run,
-    solvers,
-)
-from balloon_warp.benchmarks.cases import (
-    CPU_CASES,
-    GPU_CASES,
-    Case,
-    ExportCase,
-    FirstFrameCase,
-    ReadingCase,
-    RealTimeCase,
-    beside,
-)
+from balloon_warp.benchmarks import auto, bound, crowd_rate, export, first_frame, health, measure, reading, solvers
+from balloon_warp.benchmarks.cases import CPU_CASES, GPU_CASES, Case, ExportCase, FirstFrameCase, ReadingCase, beside
 from balloon_warp.benchmarks.crowd import CrowdCase
 from balloon_warp.benchmarks.lines import KINDS, folders, kinds_of
 from balloon_warp.benchmarks.measure import FRAMES, REPEATS, seconds_a_frame
@@ -115,7 +94,9 @@ def test_growing_cases_change_one_thing_and_keep_the_particles():
 
 
 def test_a_growing_case_is_measured_beside_its_base(monkeypatch):
-    monkeypatch.setattr(rate, "seconds_a_frame", lambda contenders, states: [0.5] * len(contenders))
+    monkeypatch.setattr(
+        "balloon_warp.benchmarks.rate.seconds_a_frame", lambda contenders, states: [0.5] * len(contenders)
+    )
     (case,) = beside(Case("64 balloons", "lanes", 64), substeps=(8,))
     result = run_case(case, wp.get_device("cpu"))
     assert (result.peer, result.peer_rate, result.rate) == ("64 balloons", 64 * 488 * 32 / 0.5, 64 * 488 * 8 / 0.5)
@@ -227,6 +208,7 @@ def test_newton_gives_the_same_trajectory(normals, device):
 def test_blender_simulates_the_same_balloon():
     pytest.importorskip("bpy")
     from balloon_warp.benchmarks.blender_peer import BlenderPeer
+    from balloon_warp.benchmarks.cases import RealTimeCase
 
     model = build_model(RealTimeCase("", cells=4).scene(), "cpu")
     peer, unused = BlenderPeer(model), initial_state(model)
@@ -272,7 +254,7 @@ RESULTS = [Result("1 balloon", "cpu", "gather", 1, 488, 2.0e8), Result("[s]", "c
 
 @pytest.fixture(autouse=True)
 def measured(monkeypatch) -> None:
-    monkeypatch.setattr(run, "run_cases", lambda device, quick: iter(RESULTS))
+    monkeypatch.setattr("balloon_warp.benchmarks.run.run_cases", lambda device, quick: iter(RESULTS))
 
 
 def bench(*words: str) -> int:

@@ -8,34 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gas_balloons import (
-    AIR_PRESSURE,
-    GAS_CONSTANT,
-    NO_SPRINGS,
-    PRESSURE_ROUNDING,
-    TEMPERATURE,
-    advanced,
-    gas_balloon,
-    with_volume,
-)
+from conserved import advanced
+from gas_balloons import AIR_PRESSURE, GAS_CONSTANT, PRESSURE_ROUNDING, TEMPERATURE, gas_balloon, with_volume
 from meshes import cube, mesh_of, quad_sphere
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from test_membranes import volumes
 
-from balloon_warp import (
-    Atmosphere,
-    Balloon,
-    Ground,
-    Inflation,
-    InputError,
-    Material,
-    PolygonMesh,
-    Scene,
-    Simulator,
-    Tube,
-    load_scene,
-)
+from balloon_warp import InputError, PolygonMesh, Simulator
 from balloon_warp.cli import main
 from balloon_warp.kernels.laws.empty import end_of_collapse
 from balloon_warp.mesh.geometry import signed_volume
@@ -45,6 +25,7 @@ from balloon_warp.model import plan_model
 from balloon_warp.model.setting import plan_setting
 from balloon_warp.model.varied_scene import scene_to_vary
 from balloon_warp.model.vary import VaryError
+from balloon_warp.scene import Atmosphere, Balloon, Ground, Inflation, Material, Scene, Tube, load_scene
 from balloon_warp.scene.overrides import OverrideError, override_scene, parse_override
 from balloon_warp.viewer import playground as module
 from balloon_warp.viewer.by_hand import inflating
@@ -268,7 +249,7 @@ def test_many_balloons_are_inflated_at_once(monkeypatch: pytest.MonkeyPatch):
 
 
 def by_normals(mesh, k_normal, **fields) -> Scene:
-    balloon = Balloon(mesh=mesh, stiffness=NO_SPRINGS, damping=0.0, inflation=Inflation(k_normal=k_normal))
+    balloon = gas_balloon(mesh, inflation=Inflation(k_normal=k_normal))
     return Scene(**{"balloon": [balloon], "gravity": 0.0, "substeps": 4} | fields)
 
 
@@ -306,7 +287,7 @@ def test_cached_normals_stay_for_a_frame_and_fresh_ones_follow(device):
 
 def push(mesh: PolygonMesh, inflation: Inflation, device: str) -> float:
     """Return the sum of forces along the radius of a round ball [N]."""
-    balloon = Balloon(mesh=mesh, stiffness=NO_SPRINGS, damping=0.0, inflation=inflation)
+    balloon = gas_balloon(mesh, inflation=inflation)
     forces = forces_at_start(Scene(balloon=[balloon], gravity=0.0, substeps=4), device)
     return float((forces * mesh.points).sum())
 

@@ -13,19 +13,7 @@ from odd_things import hair
 from played import played, shape_at
 from touching import SLACK, VACUUM, cushion, edges_through, square, touching, tube
 
-from balloon_warp import (
-    Balloon,
-    Ground,
-    Inflation,
-    Obstacle,
-    PolygonMesh,
-    Scene,
-    Simulator,
-    Stiffness,
-    Touch,
-    foil_mesh,
-    load_scene,
-)
+from balloon_warp import PolygonMesh, Simulator, foil_mesh
 from balloon_warp.benchmarks.overlap import deepest_overlap
 from balloon_warp.kernels.contact.free_frames import BUSY, FREE, HURRIED
 from balloon_warp.mesh.crossings import find_crossings
@@ -37,6 +25,7 @@ from balloon_warp.model import plan_model
 from balloon_warp.model.meeting_edges import meeting_edges
 from balloon_warp.model.shape import shape_balloon
 from balloon_warp.model.sharp_edges import sharp_edges
+from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Scene, Stiffness, Touch, load_scene
 from balloon_warp.scenes.model_airbag import GAP, airbag, airbag_flat
 from balloon_warp.schedules.own_parts import part_count, parts_of
 
