@@ -1,5 +1,6 @@
 """Fits of rubber to tables of labs: stress over stretch, several tests, units, deviations, loops, and diameters."""
 
+import json
 import tomllib
 from itertools import chain, zip_longest
 from pathlib import Path
@@ -72,6 +73,30 @@ def test_treloar_gives_a_material_to_paste(tmp_path: Path):
     assert f"shear_modulus = {modulus:.0f}"[:-1] in said.output
     assert all(f"of a{n} {test} test" in said.stderr for test, n in zip(TRELOAR, ("", "n", ""), strict=True))
     assert (tmp_path / "plot.png").stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    ("kind", "head", "known"),
+    [
+        ("neo_hookean", "stretch, stress [MPa]", False),
+        ("mooney_rivlin", "volume [l], pressure [kPa]", True),
+        ("ogden", "stretch, stress [MPa]", False),
+    ],
+)
+def test_json_tells_what_the_text_does(kind: str, head: str, known: bool, tmp_path: Path):
+    """The material that is to be pasted, and the unit of the misfit, were missing."""
+    rows = TRELOAR["equibiaxial"].split(",")[2:]
+    (tmp_path / "curve.csv").write_text("\n".join([head, *(", ".join(row.split()) for row in rows)]))
+    words = [tmp_path / "curve.csv", "--kind", kind, "--radius", "0.05"]
+    text, report = fitted(words).stdout, json.loads(fitted(words, "--json").stdout)
+    pasted = table(text)
+    assert report["material"].keys() == pasted.keys()
+    for name, value in pasted.items():
+        given = report["material"][name]
+        assert given == (value if isinstance(value, str) else pytest.approx(value, rel=1e-5))
+    assert report["thickness_known"] == known == ("do not tell it" not in text)
+    assert f"misfit {report['misfit']:.4g}" in text
+    assert f"{report['misfit_unit']}\n" in text
 
 
 def test_ogden_has_the_large_stretches_of_treloar_and_neo_hooke_has_not(tmp_path: Path):

@@ -3,7 +3,7 @@
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -119,11 +119,14 @@ def fit(
     quiet_warp()
     if is_curve:
         of_curves = _of_curves([data, *map(Path, others)], rubber, output)
-        _say(of_curves.fit, of_curves.toml, json, of_curves.unit)
+        _say(of_curves.fit, of_curves.report(), json, of_curves.unit)
+        if not json:
+            print(f"\n{of_curves.toml}", end="")
         return
     with stages(data.name) as stage:
         found = _of_scene(data, others[0], free or [], starts, resume, device, schedule, stage)
-    _say(found, "", json, "times the noise" if found.noise_known else "")
+    unit = "times the noise" if found.noise_known else ""
+    _say(found, found.report() | {"misfit_unit": unit}, json, unit)
 
 
 def _of_curves(paths: list[Path], rubber: Rubber, output: Path | None) -> "CurveFit":
@@ -170,19 +173,17 @@ def _of_scene(
         raise StoppedError(f"fit was interrupted {last[0]}{go_on}") from None
 
 
-def _say(found: "Fit", toml: str, json: bool, unit: str) -> None:
+def _say(found: "Fit", report: dict[str, Any], json: bool, unit: str) -> None:
     if json:
         import json as format_
 
-        print(format_.dumps(found.report()))
+        print(format_.dumps(report))
         return
     for name, value in found.values.items():
         print(f"{name} = {value:.6g} +- {found.errors[name]:.2g}")
     print(f"misfit {found.misfit:.4g}{'' if unit[:1] in ('', '%') else ' '}{unit}")
     for doubt in found.doubts:
         warn(doubt)
-    if toml:
-        print(f"\n{toml}", end="")
 
 
 def _bounds(text: str) -> tuple[str, tuple[float, float]]:

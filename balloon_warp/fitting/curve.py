@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from balloon_warp.fitting.rubber import (
     Family,
     Kind,
     bounds_of,
+    material_of,
     material_table,
     nominal_stresses,
     shear_modulus,
@@ -44,10 +46,22 @@ class CurveFit:
     fit: Fit
     loads: list[Values]
     """Fitted loads at the measured sizes of each curve [Pa], shape (n,)"""
-    toml: str
-    """Table of a scene file"""
+    material: dict[str, Any]
+    """The material of a scene: its kind, thickness [m], and parameters by name"""
+    thickness_known: bool
+    """Whether the curves have an inflation, which determines the modulus only with this thickness"""
     unit: str
     """Description of the misfit, in words"""
+
+    @property
+    def toml(self) -> str:
+        """Table of a scene file."""
+        return material_table(self.material, self.thickness_known)
+
+    def report(self) -> dict[str, Any]:
+        """Return the fit's figures and the material as JSON."""
+        told = {"misfit_unit": self.unit, "material": self.material, "thickness_known": self.thickness_known}
+        return self.fit.report() | told
 
 
 def fit_curves(
@@ -241,5 +255,5 @@ def _result(model: _Model, rows: Rows, found: Solution, thickness: float) -> Cur
     misfit = scale * np.sqrt(found.squares / free)
     starts = scale * np.sqrt(found.starts / free)
     fit = fit_with(names, values, covariance, float(misfit), noise_known, starts, found.at_bounds)
-    toml = material_table(model.kind, own, thickness, bool(model.inflations))
-    return CurveFit(replace(fit, remarks=tuple(remarks), derived=derived), loads, toml, unit)
+    fit = replace(fit, remarks=tuple(remarks), derived=derived)
+    return CurveFit(fit, loads, material_of(model.kind, own, thickness), bool(model.inflations), unit)

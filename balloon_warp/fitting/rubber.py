@@ -98,12 +98,23 @@ def sphere_pressures(kind: Kind, values: Values, volumes: Values, thickness: flo
     return 2.0 * thickness / radius * nominal_stresses(kind, values, "equibiaxial", stretches) / stretches**2
 
 
-def material_table(kind: Kind, values: Values, thickness: float, thickness_known: bool) -> str:
+def material_of(kind: Kind, values: Values, thickness: float) -> dict[str, Any]:
+    """Return the material of a scene: its kind, its thickness [m] and its law's parameters by name."""
+    numbers = {name: value for name, value in law_numbers(kind, values).items() if name != "most_stretch"}
+    return {"kind": kind, "thickness": thickness} | {
+        name: value.tolist() if np.ndim(value) else value for name, value in numbers.items()
+    }
+
+
+def material_table(material: dict[str, Any], thickness_known: bool) -> str:
     """Return the table of a scene file."""
-    remark = "" if thickness_known else "  # of your balloon: the tests do not tell it"
-    lines = ["[balloon.material]", f'kind = "{kind}"', f"thickness = {thickness:g}{remark}"]
-    for name, value in law_numbers(kind, values).items():
-        if name != "most_stretch":
-            listed = ", ".join(f"{each:.6g}" for each in np.atleast_1d(value))
-            lines.append(f"{name} = [{listed}]" if np.ndim(value) else f"{name} = {listed}")
-    return "\n".join(lines) + "\n"
+    remarks = {} if thickness_known else {"thickness": "  # of your balloon: the tests do not tell it"}
+    lines = [f"{name} = {_written(value)}{remarks.get(name, '')}\n" for name, value in material.items()]
+    return "".join(["[balloon.material]\n", *lines])
+
+
+def _written(value: Any) -> str:
+    """Return a value of a table: a text, a number or a list of numbers, of six digits."""
+    if isinstance(value, str):
+        return f'"{value}"'
+    return f"[{', '.join(map(_written, value))}]" if isinstance(value, list) else f"{value:.6g}"
