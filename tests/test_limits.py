@@ -5,7 +5,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from balloon_warp.cli.app import app
+from balloon_warp.errors import InputError
 from balloon_warp.model.limits import Limit, least_limit
 
 GIB = 2**30
@@ -62,6 +65,24 @@ def test_what_makes_no_sense_or_asks_for_all_of_a_node_is_no_limit(tmp_path: Pat
     write(tmp_path, "sys/fs/cgroup/a/memory.max", "much\n")
     assert least_limit(tmp_path, {"SLURM_MEM_PER_NODE": "many", "SLURM_MEM_PER_CPU": "1024"}) is None
     assert least_limit(tmp_path, {"SLURM_MEM_PER_NODE": "0"}) is None  # `--mem=0`
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no ulimit")
+@pytest.mark.parametrize(("option", "name"), [("-v", "RLIMIT_AS"), ("-d", "RLIMIT_DATA")])
+@pytest.mark.parametrize("command", ["inspect squirrel_inflate", "run squirrel_inflate"])
+def test_a_ulimit_without_room_for_the_libraries_is_refused(
+    command: str, option: str, name: str, monkeypatch: pytest.MonkeyPatch
+):
+    """USD ended in a segmentation fault, or waited for ever for a thread that did not start."""
+    import resource
+
+    asked, before = getattr(resource, name), resource.getrlimit
+    monkeypatch.setattr(resource, "getrlimit", lambda each: (300000 * 1024, -1) if each == asked else before(each))
+    said = CliRunner().invoke(app, command.split())
+    assert str(said.exception).startswith(f"ulimit {option}: 300000 is less than the libraries take on this machine")
+    assert isinstance(said.exception, InputError)
+    monkeypatch.setattr(resource, "getrlimit", lambda each: (2**36, 2**36))
+    assert CliRunner().invoke(app, ["scenes"]).exit_code == 0
 
 
 @pytest.mark.full

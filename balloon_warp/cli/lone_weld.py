@@ -5,6 +5,7 @@ from typing import Any
 
 from typer.core import TyperCommand
 
+from balloon_warp.cli.addresses import require_addresses
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.prepare import LARGEST_GAP, LEAST_GAP
 
@@ -17,6 +18,10 @@ class Command(TyperCommand):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         return super().parse_args(ctx, with_values(args))
+
+    def invoke(self, ctx: Any) -> Any:
+        require_addresses()  # before the command loads what would not find room
+        return super().invoke(ctx)
 
 
 def with_values(words: list[str]) -> list[str]:
