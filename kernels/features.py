@@ -98,6 +98,8 @@ class Features(NamedTuple):
     """Whether there are obstacles, which move as the scene says"""
     fixture_meshes: bool = False
     """An obstacle is a mesh"""
+    anchors_move: bool = False
+    """Obstacles or keyframes move the anchor of a string"""
     fixtures_move: bool = False
     fixtures_steered: bool = False
     """An obstacle moves"""

@@ -14,6 +14,8 @@ class StringTable:
     order: wp.array[wp.int32]
     """Index of the string in the model"""
     anchors: wp.array2d[wp.vec3]
+    """Anchors; where any moves, as the frame begins, and their velocities over it, by turns, shape (2 world_count,
+    string_count + 1), where the last column has the time at which the frame begins"""
     lengths: wp.array2d[float]
     stiffness: wp.array2d[float]
 

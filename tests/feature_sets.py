@@ -40,7 +40,10 @@ SETS: dict[str, dict[str, Any]] = {
         ],
         "string": [
             {"anchor": (0.0, 3.0, 0.0), "particle": "highest", "length": 1.9, "stiffness": 30.0},
-            {"anchor": (3.0, 2.0, 0.1), "balloon": 1, "particle": 4, "length": 1.5},
+            {
+                "anchor": (3.0, 2.0, 0.1), "balloon": 1, "particle": 4, "length": 1.5,
+                "motion": [(0.01, (0.0, 0.0, 0.0)), (0.04, (0.1, 0.3, -0.1))],
+            },
         ],
         "force": [{"particles": [0, 4, 7], "newtons": (0.3, 0.1, -0.2)}, {"balloon": 1, "newtons": (0.0, 0.2, 0.1)}],
         "ground": GROUND,
@@ -167,7 +170,9 @@ SETS: dict[str, dict[str, Any]] = {
         "touch": None, "contact": "impulse", "faces": False,
         "sphere": [{"position": (0.65, -0.4, 0.3), "radius": 0.33, "mass": 0.2, "velocity": (-2.0, 1.0, -1.0)}],
         "obstacle": [{"size": (3.0, 0.2, 3.0), "rotation": (0.0, 0.0, 20.0), "position": (-1.3, -1.1, 0.0)}],
-        "string": [{"anchor": (0.0, 3.0, 0.0), "balloon": 1, "particle": "highest", "length": 1.5}],
+        "string": [
+            {"anchor": (2.6239, 3.4081, 0.0), "obstacle": 0, "balloon": 1, "particle": "highest", "length": 1.5},
+        ],
         "force": [{"balloon": 2, "newtons": (0.3, 0.2, 0.1)}], "ground": {"height": -1.06, "friction": 0.3},
         "water": {"level": -0.3}, "atmosphere": {"wind": (3.0, 0.0, 1.0), "gusts": 0.1},
     },

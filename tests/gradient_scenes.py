@@ -233,7 +233,10 @@ def ridged(frames: int) -> bw.Scene:
     )  # fmt: skip
 
 
-STRING = {"anchor": (0.3, 3.0, 0.1), "length": 1.02, "stiffness": 30.0}
+STRING = {
+    "anchor": (0.3, 3.0, 0.1), "length": 1.02, "stiffness": 30.0,
+    "motion": [(0.0, (0.0, 0.0, 0.0)), (0.05, (0.1, 0.2, 0.0))],
+}  # fmt: skip
 OF_STRING = [*(f"string.0.anchor.{axis}" for axis in range(3)), "string.0.length", "string.0.stiffness"]
 PUMPED = {"start_pressure": 40.0, "pump": [[0.0, 400.0], [0.04, 100.0]], "leak": 1e-3}
 PUMP = ["balloon.inflation.leak", "balloon.0.inflation.pump.0.1", "balloon.0.inflation.pump.1.1"]

@@ -42,6 +42,7 @@ MASS, LENGTHS = ["balloon.mass"], ["rest_lengths"]
 BOX = scene(frames=2, substeps=16, obstacle=[BELOW], faces=False)
 UNDER_A_SPHERE = {"sphere": [{"position": (0.0, 3.0, 0.0), "radius": 0.6}], "contact": "impulse"}
 WITH_A_SPHERE = scene(obstacle=[BELOW], faces=False, **UNDER_A_SPHERE)
+CARRIED = BOX.model_copy(update={"string": [bw.String(anchor=(0.0, 3.0, 0.0), obstacle=0, length=1.0)]})
 FACES_MEET_IT = scene(obstacle=[BELOW], faces=True)
 NO_CHANGE = on_the_way(gravity=1.0)
 REFUSED: dict[str, tuple[bw.Scene, dict[str, Any], str]] = {
@@ -79,6 +80,10 @@ REFUSED: dict[str, tuple[bw.Scene, dict[str, Any], str]] = {
     "a time": (BOX, {"of": ["obstacle.0.motion.1.0"]}, "obstacle 0 has 3 keyframes; expected"),
     "the place of what spheres meet": (WITH_A_SPHERE, {"of": ["obstacle.0.position.1"]},
                                        "obstacle.0.position.1: cannot be derived by yet, for it acts by"),
+    "the anchor that an obstacle carries": (CARRIED, {"of": ["string.0.anchor.0"]},
+                                            "string.0.anchor.0: cannot be derived by yet, for it acts by"),
+    "the obstacle that carries it": (CARRIED, {"of": ["obstacle.0.position.1"]},
+                                     "obstacle.0.position.1: cannot be derived by yet, for it acts by"),
     "the way of what spheres meet": (WITH_A_SPHERE, {"of": ["obstacle.0.motion.1.1.0"]},
                                      "obstacle.0.motion.1.1.0: cannot be derived by yet, for it acts by"),
     "the place of what faces meet": (FACES_MEET_IT, {"of": ["obstacle.0.position.1"]}, "cannot be derived by yet"),

@@ -1,5 +1,6 @@
 """Timeline of a simulation: changes, appearances and ends."""
 
+import re
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -13,7 +14,8 @@ from trajectories import stepped
 
 from balloon_warp import InputError, Simulator, animate, run_batch
 from balloon_warp.model import build_model
-from balloon_warp.scene import Balloon, Change, Inflation, Scene, Sphere, Stiffness, String
+from balloon_warp.reference import Reference
+from balloon_warp.scene import Balloon, Change, Inflation, Obstacle, Scene, Sphere, Stiffness, String
 
 STILL = Balloon(
     mesh=cube(), stiffness=Stiffness(structural=0, shear=0, flexion=0), inflation=Inflation(k_normal=0.0), damping=0.0
@@ -38,6 +40,53 @@ def test_gravity_that_changes_bends_the_fall(device, schedule):
     for worlds in (1, 3):
         velocities = after_frames(scene, 4, device, schedule, worlds).read_frame(worlds - 1).velocities[0]
         np.testing.assert_allclose(velocities[:, 1], -(10.0 + 30.0) * 2 / 60, rtol=1e-5)
+
+
+WAY = [(0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), (0.1, (0.5, 1.0, 0.0), (0.0, 40.0, 0.0))]
+"""Shifts and turns of a hand"""
+
+
+def carried(**string: Any) -> Scene:
+    """Return a cube on a string that is taut once its anchor has moved, and a hand that is far from the cube."""
+    hand = Obstacle(size=(0.1, 0.1, 0.1), position=(0.0, 5.0, 0.0), motion=WAY)
+    return Scene(balloon=[STILL], obstacle=[hand], gravity=0.0, substeps=4, string=[String(particle=0, **string)])
+
+
+@pytest.mark.parametrize(
+    ("string", "end"),
+    [
+        pytest.param({"anchor": (0.0, 5.0, 0.0), "motion": [way[:2] for way in WAY]}, (0.5, 6.0, 0.0), id="keyframes"),
+        pytest.param({"anchor": (0.3, 0.0, 0.0), "obstacle": 0}, (0.729813, 6.0, -0.192836), id="an obstacle"),
+    ],
+)
+def test_an_anchor_follows(string: dict[str, Any], end: tuple[float, ...], device: str):
+    """A hand carries the balloon, as in the reference; a turn about y takes x to (cos, 0, -sin)."""
+    scene = carried(**string)
+    simulator, reference = after_frames(scene, 9, device, worlds=2), Reference(scene)
+    for _ in range(9):
+        reference.frame()
+    frame = simulator.read_frame(1)
+    np.testing.assert_allclose(frame.string_anchors, [end], rtol=1e-5)
+    np.testing.assert_allclose(frame.points[0], reference.points[0], atol=1e-5)
+    assert np.linalg.norm(frame.velocities[0][0]) > 0.1
+
+
+@pytest.mark.parametrize(
+    ("string", "sentence"),
+    [
+        ({"obstacle": 1}, "string.0.obstacle: must be below the number of obstacles, 1 (got 1)"),
+        ({"obstacle": 0, "motion": [(0.0, (0, 0, 0))]}, "an anchor follows an obstacle or keyframes"),
+        ({"motion": [(1.0, (0, 0, 0)), (1.0, (1, 0, 0))]}, "motion: keyframe times must increase"),
+    ],
+)
+def test_an_anchor_that_cannot_follow_is_refused(string: dict[str, Any], sentence: str):
+    with pytest.raises((InputError, ValueError), match=re.escape(sentence)):
+        carried(anchor=(0.0, 0.0, 0.0), **string)
+
+
+def test_projective_refuses_an_anchor_that_moves():
+    with pytest.raises((InputError, ValueError), match="needs another solver"):
+        Scene(**{**dict(carried(anchor=(0.0, 5.0, 0.0), obstacle=0)), "solver": "projective"})
 
 
 ALL_AT_ONCE = {

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.kernels.laws.hooke import KINDS
 from balloon_warp.model import Model, State
+from balloon_warp.model.strings import ANCHORED, anchors_of
 
 TOUCH = 1.001
 """Distance within which a particle touches a sphere, over its radius"""
@@ -54,6 +55,8 @@ class Pulls:
         forces = ForceReader(model)
         forces.refresh(state)
         time = float(state.frame.numpy()[0]) * model.frame_seconds + time_in_frame
+        places = {name: array.numpy() for name, array in model.parameters.items() if name in ANCHORED}
+        self._anchors = _row(anchors_of(model.scene, places, time / model.frame_seconds))
         self._tensions = _row(forces.spring_pulls(state, time)) if model.spring_count else np.zeros(0)
         self._strings = _row(forces.string_pulls(state, time)) if model.string_count else np.zeros(0)
         inflation = np.linalg.norm(_row(forces.inflation_forces(state, time_in_frame)), axis=1)
@@ -95,7 +98,7 @@ class Pulls:
         parameters = self.model.parameters
         pulls = [Pull(name.replace("_", " "), float(newtons[particle])) for name, newtons in self._pushes.items()]
         for number in np.flatnonzero(self.model.string_particle.numpy() == particle).tolist():
-            distance = float(np.linalg.norm(_row(parameters["string_anchor"])[number] - self._points[particle]))
+            distance = float(np.linalg.norm(self._anchors[number] - self._points[particle]))
             if self._strings[number] > 0.0:
                 stretch = distance / float(_row(parameters["string_length"])[number])
                 pulls.append(Pull(f"string {number}", float(self._strings[number]), stretch))

@@ -24,7 +24,7 @@ from balloon_warp.model.vary import METHODS
 from balloon_warp.schedules.backward_fixtures import POSITION
 from balloon_warp.schedules.backward_launched import gradient_step, kernels_of
 from balloon_warp.schedules.backward_spheres import OF_OBSTACLES as RESTITUTION
-from balloon_warp.schedules.backward_strings import OF_STRINGS
+from balloon_warp.schedules.backward_strings import ANCHOR, OF_STRINGS
 from balloon_warp.schedules.backward_tubes import CONDUCTANCE
 from balloon_warp.schedules.features import model_features
 
@@ -77,7 +77,11 @@ def require_paths(plan: ModelPlan, model: Model, chains: Sequence[Chain]) -> Non
         for name, slopes in (each for span in chain.spans for each in span.items()):
             known = name in laws or name in (*FOUND, *OF_SPHERES) or name in UNREAD or name.startswith("initial_")
             known = known or (name == FRICTION and _is_of_balloons(plan, slopes)) or name == STIFFNESSES
-            known = known or name in OF_STRINGS or (name in OF_OBSTACLES and _only_particles_meet(plan))
+            known = (
+                known
+                or (name in OF_STRINGS and not (name == ANCHOR and _carried(plan)))
+                or (name in OF_OBSTACLES and _only_particles_meet(plan))
+            )
             known = known or (name in FRICTIONS and _frictions_are_known(plan, model))
             known = known and not (name in RESTITUTIONS and plan.scene.body)
             changes = name in (FRICTION, *SAID) and _friction_changes(plan)
@@ -99,8 +103,13 @@ def _is_of_balloons(plan: ModelPlan, slopes: NDArray[np.float64]) -> bool:
 
 
 def _only_particles_meet(plan: ModelPlan) -> bool:
-    """Return whether particles alone meet obstacles: what else does is not derived by them."""
-    return not (plan.scene.sphere or plan.scene.body or plan.ridges)
+    """Return whether particles alone meet obstacles: what else does, or hangs on them, is not derived by them."""
+    return not (plan.scene.sphere or plan.scene.body or plan.ridges or _carried(plan))
+
+
+def _carried(plan: ModelPlan) -> bool:
+    """Return whether an obstacle carries the anchor of a string."""
+    return any(string.obstacle is not None for string in plan.scene.string)
 
 
 def _frictions_are_known(plan: ModelPlan, model: Model) -> bool:

@@ -96,6 +96,10 @@ class Model:
     # strings, tubes and outer forces
     string_particle: wp.array
     """Particle that each string holds, shape (string_count,), int32"""
+    string_carriers: wp.array
+    """Obstacle that carries each string's anchor, or -1, shape (string_count,), int32"""
+    anchor_motion: wp.array
+    """Motion of anchors as `obstacle_motion`, shape (frames, string_count), transform; one frame where none moves"""
     tube_balloons: wp.array
     """Two balloons of each tube, shape (tube_count,), vec2i"""
     driven: Driven

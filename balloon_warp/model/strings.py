@@ -1,11 +1,12 @@
 """Strings at the start: the particles that they hold, and their lengths."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
+from balloon_warp.model.anchors import anchor_motion, anchors_at, carriers
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.model.starts import start_of
@@ -69,6 +70,10 @@ def overstretched_strings(
     return sentences
 
 
+ANCHORED = ("string_anchor", "obstacle_position")
+"""Names of the parameters that anchors follow from"""
+
+
 def _spans(
     scene: Scene, shapes: Sequence[BalloonShape], held: Sequence[int], parameters: Parameters
 ) -> NDArray[np.float64]:
@@ -81,4 +86,10 @@ def _spans(
         ],
         axis=1,
     )
-    return np.linalg.norm(starts - parameters["string_anchor"], axis=-1)
+    return np.linalg.norm(starts - anchors_of(scene, parameters, 0), axis=-1)
+
+
+def anchors_of(scene: Scene, parameters: Mapping[str, NDArray[np.floating]], frame: float) -> NDArray[np.float64]:
+    """Return the anchors of strings at a frame in each world [m], shape (W, string_count, 3)."""
+    places = [parameters[name] for name in ANCHORED]
+    return anchors_at(*places, carriers(scene), anchor_motion(scene), frame)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from balloon_warp.model.strings import anchors_of
 from balloon_warp.reference import gas as gases
 from balloon_warp.reference import laws, of_scene
 from balloon_warp.reference.around import Around
@@ -212,8 +213,8 @@ class Reference:
         """Add strings and outer forces."""
         first = np.searchsorted(self.owner, [string.balloon for string in self.scene.string])
         held = (first + self.plan.held).astype(int)
-        names = "string_anchor", "string_length", "string_stiffness"
-        anchors, lengths, constants = (self.parameters[name][0] for name in names)
+        lengths, constants = (self.parameters[f"string_{name}"][0] for name in ("length", "stiffness"))
+        anchors = anchors_of(self.scene, self.parameters, self.frame_number + self.substep_number / self.substeps)[0]
         force += laws.strings(self.x, held, anchors, lengths[:, None], constants[:, None])
         driven = self.plan.driven
         newtons = driven.shares[:, None] * self.parameters["force_newtons"][0][driven.forces]

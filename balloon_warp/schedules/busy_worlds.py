@@ -19,6 +19,7 @@ from balloon_warp.schedules.fixtures import forget_looks, place_obstacles
 from balloon_warp.schedules.gather import GatherSchedule
 from balloon_warp.schedules.launches import Launches
 from balloon_warp.schedules.octet_pull import PullingOctets
+from balloon_warp.schedules.outer import place_anchors
 from balloon_warp.schedules.outlook import Outlook, busy_features, outlook_arrays
 
 
@@ -111,6 +112,7 @@ class BusyWorlds:
     def find(self, state: State) -> None:
         """Find the busy worlds, before the free ones are advanced."""
         place_obstacles(self._model, self._frames.tables, state)
+        place_anchors(self._model, self._frames.tables, state)
         self.outlook.look(state)
 
     def advance(self, state: State) -> None:

@@ -79,6 +79,7 @@ def model_features(model: Model) -> Features:
         ground=scene.ground is not None,
         fixtures=bool(scene.obstacle),
         fixture_meshes=any(obstacle.shape == "mesh" for obstacle in scene.obstacle),
+        anchors_move=model.anchor_motion.shape[0] > 1,
         fixtures_move=model.obstacle_motion.shape[0] > 1,
         fixtures_steered=model.is_steered,
         bodies=model.body_count,

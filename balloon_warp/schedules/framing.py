@@ -11,6 +11,7 @@ from balloon_warp.model import Model, State
 from balloon_warp.schedules.contact_sums import ContactSums
 from balloon_warp.schedules.fixtures import forget_looks, place_obstacles
 from balloon_warp.schedules.health import HealthCheck
+from balloon_warp.schedules.outer import place_anchors
 from balloon_warp.schedules.ramp import note_pressures, refresh_ramp, weigh_air
 
 
@@ -44,6 +45,7 @@ class Framing:
         refresh_ramp(self.model, state)
         weigh_air(self.model, self.features, self.tables, state, self._numbers)
         place_obstacles(self.model, self.tables, state)
+        place_anchors(self.model, self.tables, state)
         forget_looks(self.tables)
         if self.working and self.features.tells_contacts:
             self.working.contact_impulses.zero_()

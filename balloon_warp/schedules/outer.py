@@ -7,8 +7,13 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.frames.around import move_anchors
 from balloon_warp.kernels.outer_tables import ForceTable, StringTable
-from balloon_warp.model import Model
+from balloon_warp.launching import launch
+from balloon_warp.model import Model, State
+from balloon_warp.model.rows import VELOCITY
+from balloon_warp.model.state import frames_of
+from balloon_warp.model.strings import ANCHORED
 
 
 def string_table(model: Model) -> Any:
@@ -23,6 +28,19 @@ def string_table(model: Model) -> Any:
     return _with_strings(table, model)
 
 
+def place_anchors(model: Model, tables: Any, state: State) -> None:
+    """Place the anchors that move as the frame that begins has them, in each world by its own time."""
+    table = tables.strings
+    if model.anchor_motion.shape[0] > 1:
+        steered = model.parameters[VELOCITY] if model.is_steered else table.anchors  # which is not read
+        inputs = [
+            model.anchor_motion, model.string_carriers, *(model.parameters[name] for name in ANCHORED), steered,
+            int(model.is_steered), model.frame_seconds, state.frame, frames_of(model, state),
+        ]  # fmt: skip
+        shape = model.world_count, model.string_count
+        launch(move_anchors, shape, inputs, [table.anchors], device=model.device)
+
+
 def strings_of_world(model: Model, batch: Any) -> Any:
     """Return a batch's strings for one of its worlds, whose model has views of its parameters."""
     return _with_strings(_copied(batch, StringTable), model)
@@ -30,6 +48,9 @@ def strings_of_world(model: Model, batch: Any) -> Any:
 
 def _with_strings(table: Any, model: Model) -> Any:
     table.anchors = model.parameters["string_anchor"]
+    if model.anchor_motion.shape[0] > 1:
+        shape = (2 * model.world_count, model.string_count + 1)
+        table.anchors = wp.zeros(shape, dtype=wp.vec3, device=model.device)
     table.lengths = model.parameters["string_length"]
     table.stiffness = model.parameters["string_stiffness"]
     return table

@@ -14,6 +14,7 @@ from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.launches import Launches
+from balloon_warp.schedules.outer import place_anchors
 from balloon_warp.schedules.ramp import refresh_ramp
 from balloon_warp.schedules.tables import make_tables, tables_of_world
 
@@ -50,6 +51,7 @@ class ForceReader:
     def refresh(self, state: State) -> None:
         """Update values at the begin of a frame: the ramp of k_normal, inflation directions and area vectors."""
         refresh_ramp(self.model, state)
+        place_anchors(self.model, self._tables, state)
         self._execute(state, *self._first)
         if self._features.measures_areas:
             self._execute(state, PULL)

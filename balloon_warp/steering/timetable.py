@@ -75,7 +75,7 @@ def _appearances(model: Model, begun: Begun) -> Iterator[Appearance]:
 
 def has_times(model: Model) -> bool:
     """Return whether a scene says what comes when: changes, keyframes, moving obstacles, things that appear or end."""
-    moves = np.ptp(np.asarray(model.obstacle_motion.numpy()), axis=0).any()
+    moves = any(np.ptp(np.asarray(each.numpy()), axis=0).any() for each in (model.obstacle_motion, model.anchor_motion))
     keyed = any(balloon.inflation.has_keyframes for balloon in model.scene.balloon)
     return bool(model.due_changes or keyed or moves)
 

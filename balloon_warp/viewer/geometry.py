@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.mesh.geometry import triangulate, vertex_normals
 from balloon_warp.model import Model
+from balloon_warp.model.strings import ANCHORED, anchors_of
 from balloon_warp.outputs.usd.string_curve import string_curve
 from balloon_warp.viewer.colors import SPRINGS, STRAIN_BOUNDS
 from balloon_warp.viewer.picture import Picture
@@ -129,7 +130,8 @@ def string_reach(model: Model, up: NDArray[np.floating]) -> NDArray[np.floating]
     Args:
         up: Unit vector, shape (3,).
     """
-    anchors = model.parameters["string_anchor"].numpy()[0].reshape(-1, 3)
+    places = {name: model.parameters[name].numpy() for name in ANCHORED}
+    anchors = anchors_of(model.scene, places, 0)[0].reshape(-1, 3)[: len(model.scene.string)]
     lengths = model.parameters["string_length"].numpy()[0]
     held = [model.shapes[string.balloon].mesh.points for string in model.scene.string[: len(anchors)]]
     sizes = np.array([np.ptp(points, axis=0).max() for points in held])

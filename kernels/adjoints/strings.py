@@ -9,7 +9,7 @@ from balloon_warp.kernels.adjoint import Adjoint
 from balloon_warp.kernels.algebra import squared_length
 from balloon_warp.kernels.clock import time_of
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.loops.strings import string_pull
+from balloon_warp.kernels.loops.strings import anchor_function, string_pull
 from balloon_warp.kernels.memory import int_at
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.outer_tables import StringTable
@@ -59,6 +59,7 @@ def string_adjoint(features: Features) -> Adjoint:
 def strings_back_kernel(features: Features) -> Any:
     """Return the kernel that adds to the bars of each string's anchor, length and stiffness."""
     coefficient, read_numbers = features.laws_on("string"), numbers_reader(features.columns)
+    anchor_at = anchor_function(features)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def strings_back(
@@ -70,14 +71,14 @@ def strings_back_kernel(features: Features) -> Any:
         particle = t.strings.particles[held]
         string = t.strings.order[held]
         n = read_numbers(t, world, t.particles.balloon[particle])
-        d = t.strings.anchors[row_of_world(world, t.strings.anchors.shape[0]), string] - points[world, particle]
+        time = time_of(t, frame, time_in_frame)
+        d = anchor_at(t.strings, world, string, time) - points[world, particle]
         length = t.strings.lengths[row_of_world(world, t.strings.lengths.shape[0]), string]
         stiffness = t.strings.stiffness[row_of_world(world, t.strings.stiffness.shape[0]), string]
         velocity = velocities[world, particle]
         squared = squared_length(d)
         opening = -wp.dot(velocity, d)
         product = stiffness * length
-        time = time_of(t, frame, time_in_frame)
         pull = coefficient(squared, opening, length, stiffness, product, t.step_seconds, time, n)
         by_squared, by_opening, by_length, by_k, by_product, _step, _time, _n = wp.grad(coefficient)(
             squared, opening, length, stiffness, product, t.step_seconds, time, n

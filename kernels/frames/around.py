@@ -73,6 +73,42 @@ def place_fixtures(
 
 
 @wp.kernel
+def move_anchors(
+    # model
+    motion: wp.array2d[wp.transform],
+    carriers: wp.array[wp.int32],
+    anchors: wp.array2d[wp.vec3],
+    positions: wp.array2d[wp.vec3],
+    velocities: wp.array2d[wp.vec3],
+    steered: wp.int32,
+    frame_seconds: float,
+    # state in
+    frame: wp.array[wp.int32],
+    own_frame: wp.array[wp.int32],
+    # out
+    placed: wp.array2d[wp.vec3],
+):
+    """Place anchors of strings as the frame begins, and find how fast they move until it ends.
+
+    A thread a (world, string).
+    """
+    world, string = wp.tid()
+    begin = wp.clamp(own_frame[row_of_world(world, own_frame.shape[0])], 0, motion.shape[0] - 2)
+    anchor = anchors[row_of_world(world, anchors.shape[0]), string]
+    first = wp.transform_point(motion[begin, string], anchor)
+    speed = (wp.transform_point(motion[begin + 1, string], anchor) - first) / frame_seconds
+    carrier = carriers[string]
+    if carrier >= 0:
+        first += positions[row_of_world(world, positions.shape[0]), carrier]
+        if steered != 0:
+            speed += velocities[row_of_world(world, velocities.shape[0]), carrier]
+    placed[2 * world, string] = first
+    placed[2 * world + 1, string] = speed
+    if string == 0:
+        placed[2 * world, placed.shape[1] - 1] = wp.vec3(float(frame[0]) * frame_seconds, 0.0, 0.0)
+
+
+@wp.kernel
 def note_given_loads(
     # model
     inflation_kind: wp.array[wp.int32],

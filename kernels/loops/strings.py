@@ -14,9 +14,24 @@ from balloon_warp.kernels.tables import Tables, row_of_world
 
 
 @cache
+def anchor_function(features: Features) -> Any:
+    """Return the function that returns the anchor of a string at a time."""
+
+    @wp.func
+    def anchor_at(strings: StringTable, world: wp.int32, string: wp.int32, time: float):
+        """Return the anchor of a string [m]; between two frames it moves along a line."""
+        if wp.static(features.anchors_move):
+            begin = strings.anchors[2 * world, strings.anchors.shape[1] - 1][0]
+            return strings.anchors[2 * world, string] + (time - begin) * strings.anchors[2 * world + 1, string]
+        return strings.anchors[row_of_world(world, strings.anchors.shape[0]), string]
+
+    return anchor_at
+
+
+@cache
 def string_pull(features: Features) -> Any:
     """Return the function for the force of one string."""
-    coefficient = features.laws_on("string")
+    coefficient, anchor_at = features.laws_on("string"), anchor_function(features)
 
     @wp.func
     def pull_of_string(
@@ -30,7 +45,7 @@ def string_pull(features: Features) -> Any:
         time: float,
     ):
         """Force of a string on the particle that it holds [N]."""
-        d = strings.anchors[row_of_world(world, strings.anchors.shape[0]), string] - point
+        d = anchor_at(strings, world, string, time) - point
         length = strings.lengths[row_of_world(world, strings.lengths.shape[0]), string]
         stiffness = strings.stiffness[row_of_world(world, strings.stiffness.shape[0]), string]
         return d * coefficient(

@@ -11,6 +11,7 @@ from balloon_warp.model import ModelPlan
 from balloon_warp.model.bodies import initial_centers
 from balloon_warp.model.obstacle_motion import obstacle_motion
 from balloon_warp.model.starts import start_of
+from balloon_warp.model.strings import anchors_of
 
 ROOM = 2.0
 """Side of a cell, as a multiple of the largest world's width at the start"""
@@ -24,13 +25,14 @@ def horizontal_axes(up_axis: str) -> tuple[int, int]:
 def world_bounds(plans: Sequence[ModelPlan]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the lowest and highest corner of the box around every world [m].
 
-    It holds balloons, spheres, free bodies and anchors at the start, and obstacles wherever they get.
+    It holds balloons, spheres, free bodies and anchors at the start, anchors at the end, too, and obstacles wherever
+    they get.
     """
     clouds = []
     for plan in plans:
         for number, shape in enumerate(plan.shapes):
             clouds += [start_of(plan.scene, plan.parameters, number, box_corners(shape.mesh)).reshape(-1, 3)]
-        clouds += [plan.parameters["string_anchor"].reshape(-1, 3)]
+        clouds += [anchors_of(plan.scene, plan.parameters, frame).reshape(-1, 3) for frame in (0, plan.scene.frames)]
         centers, radii = plan.parameters["initial_sphere_positions"], plan.parameters["sphere_radius"][..., None]
         clouds += [(centers - radii).reshape(-1, 3), (centers + radii).reshape(-1, 3), *_obstacle_bounds(plan)]
         places = initial_centers(plan.scene, plan.bodies, plan.parameters["initial_body_positions"])

@@ -14,6 +14,7 @@ from pxr import Gf, Sdf, UsdGeom, Vt
 
 from balloon_warp.mesh.corners import beside_faces, corner_faces, corners_beside
 from balloon_warp.model import ModelPlan
+from balloon_warp.model.anchors import anchor_motion, anchors_at, carriers
 from balloon_warp.outputs.knot import Knot
 from balloon_warp.outputs.usd.body import inertia_of
 from balloon_warp.outputs.usd.grid_obstacles import PLACE, TURN, GridObstacles, values_over_time
@@ -96,17 +97,19 @@ class GridWorld:
         for plane, path in prototypes.pieces.items():
             piece = _referring(world, plane.piece, path)
             _translated(piece, plan.of_world(plane.height, row) * np.array(plan.scene.up))
+        self._positions = values_over_time(plan, "obstacle_position", row)
         self.obstacles = GridObstacles(
             [_referring(world, path.name, path) for path in prototypes.obstacles],
             plan,
             prototypes.obstacle_motion,
-            values_over_time(plan, "obstacle_position", row),
+            self._positions,
         )
         self._bodies = [
             _animated(self._body(world, path, number, row), {PLACE: Types.Double3, TURN: Types.Quatf})
             for number, path in enumerate(prototypes.bodies)
         ]
         self._string_anchors = values_over_time(plan, "string_anchor", row)
+        self._anchor_motion = carriers(plan.scene), anchor_motion(plan.scene)
         self._string_lengths = values_over_time(plan, "string_length", row)
         self._string_widths = prototypes.string_widths
 
@@ -197,10 +200,11 @@ class GridWorld:
     def _string_curve(self, number: int, points: NDArray[np.float32], time: int) -> NDArray[np.float32]:
         """Return a string's curve, from the points of the balloon that it holds."""
         end = points[self.plan.held[number]]
-        anchors, lengths = (
+        anchors, lengths, positions = (
             next(values for frame, values in reversed(over_time) if frame <= time)
-            for over_time in (self._string_anchors, self._string_lengths)
+            for over_time in (self._string_anchors, self._string_lengths, self._positions)
         )
+        anchors = anchors_at(anchors, positions, *self._anchor_motion, time)
         return string_curve(anchors[number], end, float(lengths[number]), self.plan.scene.up, self._ground_height)
 
 

@@ -6,6 +6,7 @@ from pxr import Sdf, Usd, UsdGeom
 from balloon_warp.frame import Frame
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Model
+from balloon_warp.model.strings import ANCHORED, anchors_of
 from balloon_warp.outputs.knot import has_knot
 from balloon_warp.outputs.usd.knot import KnotPrim, knot_path
 from balloon_warp.outputs.usd.lines import define_lines
@@ -32,7 +33,9 @@ class StringPrim:
         self.particle = int(model.string_particle.numpy()[number]) - model.particle_offsets[self.string.balloon]
         held = model.shapes[self.string.balloon].mesh
         self.prim = define_string(stage, path, held)
-        start = np.linspace(np.array(self.string.anchor), held.points[self.particle], POINT_COUNT)
+        places = {name: model.parameters[name].numpy() for name in ANCHORED}
+        anchor = anchors_of(model.scene, places, 0)[0, number]
+        start = np.linspace(anchor, held.points[self.particle], POINT_COUNT)
         self._strand = Strand(stage, self.prim, start)
         self._knot = None
         if has_knot(self.string, model.scene.balloon[self.string.balloon]):

@@ -1,6 +1,7 @@
 """Spheres and strings, with the times at which they appear and disappear, and outer forces."""
 
-from typing import Annotated, Any, Literal
+import itertools
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
@@ -49,10 +50,16 @@ class Sphere(Table):
 
 
 class String(Table):
-    """A string from a fixed anchor to one particle: it pulls when taut and does not push."""
+    """A string from an anchor to one particle: it pulls when taut and does not push."""
 
     anchor: Vector
-    """Position of the fixed end [m]"""
+    """Position of the anchored end [m]; with `obstacle`, in its own axes from its `position`"""
+    obstacle: Index | None = None
+    """Obstacle that carries the anchor, by its index in the scene: the anchor moves and turns with it. Fixed in the
+    scene when missing"""
+    motion: Annotated[list[tuple[NonNegative, Vector]], Field(min_length=1)] | None = None
+    """Keyframes [[time, shift], ...]: shifts from `anchor` [m], linear between them, and constant before the first and
+    after the last, as of a hand"""
     balloon: Index = 0
     """Balloon that the string holds, by its index in the scene"""
     particle: Index | Literal["highest", "lowest"] = "lowest"
@@ -70,6 +77,20 @@ class String(Table):
     """Draw the balloon's neck and a knot at the string; they are not simulated, and foil has none"""
 
     _lives = model_validator(mode="after")(_ends_after_its_start)
+
+    @property
+    def moves(self) -> bool:
+        """Return whether the anchor may move."""
+        return self.obstacle is not None or self.motion is not None
+
+    @model_validator(mode="after")
+    def _follows_one(self) -> Self:
+        if self.obstacle is not None and self.motion is not None:
+            raise ValueError("motion: an anchor follows an obstacle or keyframes; expected one of them")
+        times = [time for time, _ in self.motion or ()]
+        if any(later <= earlier for earlier, later in itertools.pairwise(times)):
+            raise ValueError(f"motion: keyframe times must increase (got {times})")
+        return self
 
 
 Particles = list[Index | Annotated[str, Field(min_length=1)]]

@@ -106,7 +106,7 @@ class Scene(Table):
     sphere: list[Sphere] = []
     """Rigid sphere that collides with balloons, spheres, obstacles and the ground."""
     string: list[String] = []
-    """String from a fixed anchor to one particle: it pulls when taut and does not push."""
+    """String from an anchor to one particle: it pulls when taut and does not push."""
     obstacle: list[Obstacle] = []
     """Rigid obstacle that balloons and spheres cannot enter: it stays, or moves as the scene says, whatever pushes
     it."""
@@ -194,6 +194,14 @@ class Scene(Table):
                         f"{name}.{number}.balloon: must be below the number of balloons, {len(self.balloon)} "
                         f"(got {thing.balloon})"
                     )
+        for number, string in enumerate(self.string):
+            if string.obstacle is not None and string.obstacle >= len(self.obstacle):
+                raise ValueError(
+                    f"string.{number}.obstacle: must be below the number of obstacles, {len(self.obstacle)} "
+                    f"(got {string.obstacle})"
+                )
+            if string.moves and self.solver == "projective":
+                raise ValueError(f'string.{number}: an anchor that moves needs another solver than "projective"')
         if self.correction != "none" and not any(
             not balloon.material.is_membrane or balloon.material.springs for balloon in self.balloon
         ):
