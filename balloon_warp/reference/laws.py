@@ -36,8 +36,9 @@ def springs(x, v, springs, viscosity=0.0, yield_stretch=np.inf, limit=None):
     d, opening = x[q] - x[p], v[q] - v[p]
     strain = 1.0 - springs.lengths / size(d)
     pull = np.where(strain > 1.0 - 1.0 / yield_stretch, 0.0, strain + viscosity * dot(d, opening) / size(d) ** 2)
-    if limit is not None:  # it gives way over the last 0.008 of the length, up to 0.999 of the limit
-        pull = pull * np.clip((0.999 * (1.0 + limit) * springs.lengths / size(d) - 1.0) / 0.008, 0.0, 1.0)
+    if limit is not None:  # from half of the limit on it gives way by k times the way
+        used = (size(d) / springs.lengths - 1.0) / limit
+        pull = pull * np.where(used > 0.5, np.maximum(1.0 / np.maximum(used, 0.5) - 1.0, 0.0), 1.0)
     force = springs.constants * pull * d
     return summed(len(x), p, force) - summed(len(x), q, force)
 

@@ -9,13 +9,8 @@ from balloon_warp.kernels.laws.law import Law, Parameter
 
 NEVER_YIELDS = 1.0e9
 """Yield stretch of springs that do not yield: 1 - 1 / stretch is 1 in float32"""
-GIVING_WAY = wp.constant(0.008)
-"""Width over which a spring's force drops to zero at its longest length, over that length"""
 NEVER_ZERO = wp.constant(1.0e-30)
-"""Least divisor, below all spring constants that count [N/m]"""
-AT_LIMIT = wp.constant(0.999)
-"""Fraction of its longest length above which a spring counts as at its limit; position correction leaves it there but
-for rounding"""
+"""Least divisor, below all that count"""
 
 
 @wp.func
@@ -49,14 +44,15 @@ def rubber_at_limit(
 ):
     """Return the addition to Hooke's coefficient [N/m] that removes the force at the corrected length.
 
-    Just below it their pull comes to its end gradually: many are there, and rounding is not to decide which of them
-    pull.
+    From half of the limit on the pull comes to its end as it began: it falls by k times the way. Many springs are at
+    their limit, and rounding is not to decide which of them pull: where their force falls faster than it rises, a
+    difference grows.
     """
     elastic = hooke(squared_length, stiffness, stiffness_times_length)
     plain = rubber(squared_length, opening, stiffness, stiffness_times_length, viscosity, yield_stretch)
-    longest = AT_LIMIT * (1.0 + correction_limit)
-    ahead = longest * (stiffness - elastic) - stiffness  # times 1/k, how much longer it could be, of its length
-    left = wp.clamp(ahead / wp.max(GIVING_WAY * stiffness, NEVER_ZERO), 0.0, 1.0)
+    rest = stiffness - elastic  # k L / |d|
+    used = elastic / wp.max(correction_limit * rest, NEVER_ZERO)  # strain over the limit
+    left = wp.where(used > 0.5, wp.max(1.0 / wp.max(used, 0.5) - 1.0, 0.0), 1.0)
     return left * plain - (1.0 - left) * elastic
 
 

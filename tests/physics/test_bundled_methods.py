@@ -61,7 +61,8 @@ def test_correction_constrains_a_strongly_inflated_balloon_most():
 
 def test_tarantinos_correction_is_smoother_than_provots():
     """As the paper says: of the hundredth that changes its velocity the most from frame to frame, at the limit, the
-    change is less, by 8% on the ground, by 9% in free air without gravity, by 14% on ice. A twentieth is asked."""
+    change is less, by 8% on the ground, by 9% in free air without gravity, by 14% on ice. A twentieth is asked. The
+    balloon is larger by less than 2%, as springs pull less near their limit."""
     jolts, volumes = [], []
     for correction in ("provot", "tarantino"):
         held = (("correction", correction), ("correction_limit", 0.1), ("frames", 120))
@@ -71,7 +72,7 @@ def test_tarantinos_correction_is_smoother_than_provots():
         jolts.append(np.percentile(changes, 99, axis=1).mean())
         volumes.append(signed_volume(shape_at(model, frames[-1])))
     assert jolts[1] < 0.95 * jolts[0]
-    assert volumes[1] == pytest.approx(volumes[0], rel=0.01)
+    assert volumes[1] == pytest.approx(volumes[0], rel=0.02)
 
 
 def test_cached_normals_give_the_shape_of_fresh_ones():

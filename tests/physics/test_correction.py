@@ -113,11 +113,13 @@ def test_no_spring_exceeds_its_worlds_limit_by_more_than_a_hundredth(device):
 
 
 def test_with_tarantino_a_spring_at_its_limit_does_not_pull(device):
-    for correction, stretch, pulls in (("provot", 1.1, True), ("tarantino", 1.1, False), ("tarantino", 1.09, True)):
+    """Up to half of the limit it pulls by Hooke's law, and from there on less, as steeply as before."""
+    rows = (("provot", 1.1, 0.1), ("tarantino", 1.1, 0.0), ("tarantino", 1.05, 0.05), ("tarantino", 1.08, 0.02))
+    for correction, stretch, strain in rows:
         scene = scene_of(PAIR, correction, stiffness=Stiffness(structural=8.0))
         simulator = Simulator(scene, device, schedule="scatter")
         put(simulator, np.array([[0, 0, 0], [stretch, 0, 0]]))
-        expected = 8.0 * (stretch - 1.0) if pulls else 0.0
+        expected = 8.0 * strain
         np.testing.assert_allclose(forces_by_scatter(simulator)[:, 0], [expected, -expected], atol=1e-5)
 
 
@@ -146,7 +148,20 @@ def test_rounding_does_not_decide_which_springs_at_the_limit_pull(limit: float):
         simulator = Simulator(scene, "cpu", schedule=schedule)
         ends.append(advanced(simulator, 30).points[0])
     assert np.mean(stretches(simulator.model, ends[0]) > 1.0 + 0.9 * limit) > 0.1
-    np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=3e-4)
+    np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=3e-5)
+
+
+def test_a_ball_against_its_limit_moves_alike_in_all_schedules():
+    """For a second the places of a ball of quads are alike, up to rounding: no spring's force changes by more than its
+    constant times the way. Where it ended over a hundredth of the length, they were 4 mm apart after six frames."""
+    ball, inflation = quad_sphere(5, 0.15), Inflation(k_normal=0.1)
+    scene = scene_of(ball, "tarantino", inflation=inflation, damping=0.05, stiffness=Stiffness(), substeps="auto")
+    simulators = [Simulator(scene, "cpu", schedule=schedule) for schedule in ("gather", "octets")]
+    for _ in range(60):
+        for simulator in simulators:
+            simulator.advance()
+        first, second = (simulator.state.points.numpy()[0] for simulator in simulators)
+        np.testing.assert_allclose(first, second, rtol=0, atol=1e-5)
 
 
 def test_correction_without_a_spring_is_refused():
