@@ -27,7 +27,7 @@ from balloon_warp.resume import (
     record_frames,
 )
 from balloon_warp.scene import Scene, SceneLike, scene_of
-from balloon_warp.schedules.balloon_contact import overflow_remarks
+from balloon_warp.schedules.contact_lists import overflow_remarks
 from balloon_warp.simulator import Simulator
 from balloon_warp.swelling import Swelling, swellings_of, told_before
 

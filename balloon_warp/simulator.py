@@ -31,6 +31,7 @@ from balloon_warp.resting import relax
 from balloon_warp.saved_state import go_back_to, packed, plain_values
 from balloon_warp.scene import SceneLike
 from balloon_warp.schedules.choose import Schedule
+from balloon_warp.schedules.contact_lists import overflow_remarks
 from balloon_warp.schedules.recorded_frame import RecordedFrame
 from balloon_warp.shown import Shown
 from balloon_warp.solids import MassProperties, mass_properties
@@ -122,7 +123,8 @@ class Simulator(Shown):
     @property
     def warnings(self) -> list[str]:
         """Remarks, a sentence each: on odd meshes, what became of them, and numbers that are not what was asked for."""
-        return self.model.warnings + remarks_in_sentences(self.model, self.state)
+        remarks = remarks_in_sentences(self.model, self.state)
+        return [*self.model.warnings, *remarks, *overflow_remarks(self.schedule.overflow)]
 
     def __repr__(self) -> str:
         return f"Simulator({self.model}, frame {self.frame_number}, {self.time:.3f} s)"

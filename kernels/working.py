@@ -137,7 +137,9 @@ class Working:
     touched: wp.array2d[wp.int8]
     """Role of each particle in contacts, see `contact.forces`"""
     overflow: wp.array[wp.int32]
-    """Number of candidate overflows: triangles or edges that had no place in a list"""
+    """Number of contacts that had no place in a list, and were ignored"""
+    needs: wp.array2d[wp.int32]
+    """Length that each list would have needed where it was full, or 0, see `contact.room`: (world_count, lists)"""
     edge_boxes: wp.array2d[wp.vec4]
     """Box around what each edge sweeps until the next search [m], its two corners: shape (world_count, 2 edges); empty
     unless sharp edges meet, see `contact.edges`, as are the next"""

@@ -9,13 +9,14 @@ from balloon_warp.errors import InputError
 from balloon_warp.gradients.chain import Chain
 from balloon_warp.gradients.each import require_each
 from balloon_warp.gradients.obstacles import KEYFRAMES, ByObstacles, is_on_obstacles
-from balloon_warp.model import Model, ModelPlan
+from balloon_warp.model import Model, ModelPlan, State
 from balloon_warp.model.friction import FRICTION
 from balloon_warp.schedules.backward import BackwardFrames
 from balloon_warp.schedules.backward_each import EachBackward, bytes_of_each
 from balloon_warp.schedules.backward_fixtures import POSITION, FixturesBackward, bytes_of_fixtures
 from balloon_warp.schedules.backward_launched import LaunchedBackward
 from balloon_warp.schedules.backward_strings import OF_STRINGS, StringsBackward
+from balloon_warp.schedules.choose_backward import Backward
 
 Values = NDArray[np.float64]
 EACH, STRINGS, OBSTACLES = "each part", "strings", "obstacles"
@@ -97,3 +98,11 @@ class ByLaunches:
         """Return the bars of each spring and each triangle, see `EachBackward.found`."""
         assert self._each
         return self._each.found()
+
+
+def made_backward(
+    plan: ModelPlan, model: Model, state: State, runs_back: Backward, columns: Sequence[int], wanted: Collection[str]
+) -> tuple[BackwardFrames, ByLaunches]:
+    """Return what runs frames backwards, with lists of contacts as long as they have come to be forwards."""
+    backward = runs_back(model, state, columns)
+    return backward, ByLaunches(plan, model, backward, wanted)

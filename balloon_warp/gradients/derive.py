@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.device import pick_device
 from balloon_warp.gradients.bars import columns_of_names
-from balloon_warp.gradients.by_launches import ByLaunches, bytes_by_launches, schedule_for, wanted_of
+from balloon_warp.gradients.by_launches import bytes_by_launches, made_backward, schedule_for, wanted_of
 from balloon_warp.gradients.chain import Chain, chains_of, names_in, product
 from balloon_warp.gradients.each import by_each
 from balloon_warp.gradients.loss import Loss, told_by
@@ -100,8 +100,8 @@ def derive(group: Group, asked: Asked, on_frame: Callable[[int], None] = lambda 
         runs_back = backwards_of(model, schedule)
         simulator = Simulator.of_model(model, forward_of(model, runs_back))
         model = simulator.model  # of parameters of its own, where they change
-        backward = runs_back(model, simulator.state, columns)
-        beside = ByLaunches(plan, model, backward, wanted)
+        backward, beside = made_backward(plan, model, simulator.state, runs_back, columns, wanted)
+    room = dict(model.contact_room)
     tracks, first = empty_tracks([group], world_count, frames // every + 1), int(group.worlds[0])
     parameters = KeptParameters(plan, model)
     if in_tracks:
@@ -117,6 +117,9 @@ def derive(group: Group, asked: Asked, on_frame: Callable[[int], None] = lambda 
         if number % every == 0:
             record(tracks, simulator, group, number // every, first)
         on_frame(number)
+    if model.contact_room != room:  # lists of contacts have grown on the way
+        with lock_of(model.device):
+            backward, beside = made_backward(plan, model, simulator.state, runs_back, columns, wanted)
     meshes = [shape.mesh for shape in plan.shapes]
     times = np.arange(0, frames + 1, every) / plan.scene.frames_per_second
     moved = Trajectories(plan.scene, meshes, times, **by_balloon(tracks, meshes), worlds=group.worlds)

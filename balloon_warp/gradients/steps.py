@@ -6,6 +6,7 @@ frame backwards.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,8 +18,8 @@ from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.gradients.bars import by_keyframes, by_start, columns_of_names, taken_numbers
 from balloon_warp.gradients.by_launches import (
     OBSTACLES,
-    ByLaunches,
     bytes_by_launches,
+    made_backward,
     schedule_for,
     wanted_of,
 )
@@ -116,8 +117,10 @@ class Steps:
             require_memory(model.device, [world_count], [needed])
             runs_back = backwards_of(self.model, schedule)
             self._simulator = Simulator.of_model(self.model, forward_of(self.model, runs_back))
-            self._backward = runs_back(self.model, self._simulator.state, self.columns)
-            self._beside = ByLaunches(self.plan, self.model, self._backward, wanted)
+            given = self.plan, self.model, self._simulator.state, runs_back, self.columns, wanted
+            self._make_backward = partial(made_backward, *given)
+            self._backward, self._beside = self._make_backward()
+        self._room = dict(self.model.contact_room)
         self._set: Values | None = None
         self._chains: list[Chain] = []
 
@@ -196,8 +199,12 @@ class Steps:
         """Return the derivatives by where a frame begins, and by the values, from those by where it ends."""
         self.set_values(values)
         self._fill(begin, frame)
-        back, model = self._backward, self.model
+        model = self.model
         with lock_of(model.device):
+            if model.contact_room != self._room:  # lists of contacts have grown on the way
+                self._room = dict(model.contact_room)
+                self._backward, self._beside = self._make_backward()
+            back = self._backward
             self._put(bars)
             back.turn_back(back.checkpoint(self._simulator.state))
             if back.spheres:

@@ -157,6 +157,8 @@ class Model:
     """
     reach: Mapping[str, Sequence[NDArray[np.float32]]] = field(default_factory=dict)
     """Rows of parameters at the bounds of what is written on the device between frames, by name"""
+    contact_room: dict[str, int] = field(default_factory=dict)
+    """Lengths to which lists of contacts have grown, by name, in any simulation of this scene"""
     ages: wp.array | None = None
     """Frames since each world began, if each has a time of its own, shape (world_count,), int32"""
 

@@ -15,7 +15,7 @@ from balloon_warp.launching import launch_tiled
 from balloon_warp.model import Model
 from balloon_warp.model.memory import Room
 from balloon_warp.schedules.backward_touch import TouchBackward
-from balloon_warp.schedules.balloon_contact import catch_count
+from balloon_warp.schedules.contact_lists import list_lengths
 from balloon_warp.schedules.launches import Moving, team_threads
 
 
@@ -68,7 +68,7 @@ def kept_of_edges(model: Model, features: Features, room: Room) -> tuple[list[Mo
         for _ in range(model.substeps + 1)
     ]
     bars = EdgeBars()
-    catches = catch_count(model, features)
+    catches = list_lengths(model, features)["edge_catches"]
     bars.eases = room.array((worlds, particles), wp.float32)
     bars.catches = room.array((worlds, catches), EdgeCatch)
     bars.frictions = room.array((worlds, catches), wp.float32)

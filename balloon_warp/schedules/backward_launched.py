@@ -225,7 +225,7 @@ class LaunchedBackward(BackwardFrames):
         if step.features.small_spheres:
             kept_of_faces(model, room)
         if step.features.ridges:
-            kept_of_balls(model, step.features, kept_of_ridges(model, room)[-1], room)
+            kept_of_balls(model, step.features, kept_of_ridges(model, step.features, room)[-1], room)
 
     def _touch(self, state: State, substep: int, time_in_frame: float, now: Moving) -> None:
         """Let balloons touch, and keep what they find."""

@@ -19,8 +19,8 @@ from balloon_warp.launching import launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
 from balloon_warp.schedules.backward_spheres import STATE_OF_SPHERES, SpheresBackward
+from balloon_warp.schedules.contact_lists import list_lengths
 from balloon_warp.schedules.launches import Moving, team_threads
-from balloon_warp.schedules.ridges import pair_count
 from balloon_warp.schedules.tables import world_state
 
 
@@ -40,7 +40,7 @@ class RidgesBackward:
     ):  # fmt: skip
         self._model, self._tables, self._working = model, tables, working
         self._back = ridges_back_kernel(features, columns)
-        self._came, self.left, self._again, self._bars = kept_of_ridges(model, room)
+        self._came, self.left, self._again, self._bars = kept_of_ridges(model, features, room)
         self._spheres = spheres if features.round_ridges else None
         self._left_spheres, self._again_spheres = kept_of_balls(model, features, self._bars, room)
         if spheres:
@@ -101,9 +101,10 @@ def _copy(to: Moving, what: Moving) -> None:
         wp.copy(target, array)
 
 
-def kept_of_ridges(model: Model, room: Room) -> tuple[list[Moving], list[Moving], Moving, Any]:
+def kept_of_ridges(model: Model, features: Features, room: Room) -> tuple[list[Moving], list[Moving], Moving, Any]:
     """Allocate what each substep comes to the contacts with, what it leaves them with, room to move it, and bars."""
-    worlds, particles, pairs = model.world_count, model.particle_count, pair_count(model)
+    worlds, particles = model.world_count, model.particle_count
+    pairs = list_lengths(model, features)["ridge_pairs"]
 
     def moving() -> Moving:
         return room.array((worlds, particles), wp.vec3), room.array((worlds, particles), wp.vec3)

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from balloon_warp.kernels.adjoints.pressing import keep_holds, keep_search, list_contacts_kernel, press_back_kernel
 from balloon_warp.kernels.adjoints.touching import KINDS, SUMS, TouchBars, sum_pairs, take_back_kernel
 from balloon_warp.kernels.contact.list_lengths import LENGTHS
-from balloon_warp.kernels.contact.nearby import MOST_TRIANGLES
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.working import Working
 from balloon_warp.launching import launch, launch_tiled
@@ -21,7 +20,7 @@ from balloon_warp.model import Model
 from balloon_warp.model.friction import FRICTION
 from balloon_warp.model.memory import Room
 from balloon_warp.model.touch import STIFFNESSES
-from balloon_warp.schedules.balloon_contact import pair_count
+from balloon_warp.schedules.contact_lists import list_arrays
 from balloon_warp.schedules.deferred import FEW_THREADS, MOST_AT_ONCE, threads_of_list
 from balloon_warp.schedules.launches import team_threads
 from balloon_warp.schedules.touch_table import substeps_of_search
@@ -145,11 +144,10 @@ def kept_of_touch(
     searches = -(-model.substeps // substeps_of_search(model))
     found = [
         {
-            "candidates": room.array((worlds, particles, int(MOST_TRIANGLES)), wp.int32),
             "candidate_counts": room.array((worlds, particles), wp.int32),
             "particle_lists": room.array((worlds, 2, particles), wp.int32),
             "list_lengths": room.array((worlds, LENGTHS), wp.int32),
-            "edge_pairs": room.array((worlds, pair_count(model, features)), wp.vec3i),
+            **list_arrays(model, features, room, ("candidates", "edge_pairs")),
         }
         for _ in range(searches)
     ]

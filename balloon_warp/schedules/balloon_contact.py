@@ -5,10 +5,8 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.contact.boxes import ARE_NEAR, box_balloons, meet_kernel
-from balloon_warp.kernels.contact.catch import EdgeCatch
 from balloon_warp.kernels.contact.edge_search import (
     BOXED_OF_EDGE,
-    PAIRS_OF_EDGE,
     SEEKING_OF_EDGE,
     leaves_kernel,
     measuring_kernel,
@@ -18,7 +16,6 @@ from balloon_warp.kernels.contact.eight_boxes import line_up_boxes, row_count
 from balloon_warp.kernels.contact.forces import take_counts
 from balloon_warp.kernels.contact.list_lengths import LENGTHS
 from balloon_warp.kernels.contact.near_parts import MOST_PARTS, near_parts_kernel
-from balloon_warp.kernels.contact.nearby import MOST_OF_BALLOON, MOST_TRIANGLES
 from balloon_warp.kernels.contact.parts import box_parts_of_worlds
 from balloon_warp.kernels.contact.response import response_kernel
 from balloon_warp.kernels.contact.search import find_kernel, looking_kernel
@@ -27,8 +24,8 @@ from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.working import EightBoxes, EightPlaces
 from balloon_warp.launching import launch, launch_tiled
 from balloon_warp.model import Model, State
-from balloon_warp.model.meeting_edges import meeting_edges
 from balloon_warp.model.memory import Room
+from balloon_warp.schedules.contact_lists import edge_count
 from balloon_warp.schedules.deferred import FEW_THREADS, threads_of_list
 from balloon_warp.schedules.tables import Worlds
 from balloon_warp.schedules.touch_table import part_count, substeps_of_search
@@ -37,9 +34,6 @@ BOX_THREADS = 128
 """Threads that loop over the particles of a balloon on a GPU"""
 MEET_THREADS = 32
 """Threads that loop over the balloons of a world on a GPU"""
-CATCHES, MOST_CATCHES, ROOMY = 8, 32, 32_768
-"""Number of pairs that a world has room for in a substep, for each edge: in a packet of layers all of its edges, and
-particles, are near many others, and so a world has room for all that may be listed, up to `ROOMY` pairs"""
 SEEKING_SHARE = 4
 """Edges of a thread on a GPU, if all go through trees"""
 LEAF_TURNS = 4
@@ -140,36 +134,8 @@ def threads_on(device: wp.Device, threads: int, turns: int) -> tuple[int, int]:
     return (threads, turns) if device.is_cuda else (1, 1)
 
 
-def overflow_remarks(overflow: int) -> list[str]:
-    """Return the warning for a number of candidate overflows."""
-    if not overflow:
-        return []
-    return [
-        f"touch: contacts were too crowded {overflow:,} times and some were ignored: a particle keeps the "
-        f"{int(MOST_OF_BALLOON)} nearest triangles of a balloon, sharp edges {PAIRS_OF_EDGE} others on average; more "
-        "substeps help"
-    ]
-
-
-def edge_count(model: Model, features: Features) -> int:
-    """Return the number of edges of a world that may meet others."""
-    return sum(map(len, meeting_edges(model.scene, model.shapes))) if features.edges_meet else 0
-
-
-def pair_count(model: Model, features: Features) -> int:
-    """Return the number of pairs of edges, and of particles and triangles, for which a world has room."""
-    edges = edge_count(model, features)
-    return edges * PAIRS_OF_EDGE + (model.particle_count * int(MOST_OF_BALLOON) if edges else 0)
-
-
-def catch_count(model: Model, features: Features) -> int:
-    """Return the number of pairs of edges for which a world has room in a substep."""
-    edges = edge_count(model, features)
-    return max(CATCHES * edges, min(MOST_CATCHES * edges, ROOMY))
-
-
 def touch_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]:
-    """Return the arrays of `Working` for balloons that touch."""
+    """Return the arrays of `Working` for balloons that touch, but for lists that grow."""
     worlds = model.world_count
     balloons, particles = (model.balloon_count, model.particle_count) if features.touches else (0, 0)
     parts = sum(part_count(shape.mesh) for shape in model.shapes) if features.touches else 0
@@ -189,7 +155,6 @@ def touch_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]
         "neighbor_counts": room.array((worlds, balloons), wp.int32),
         "near_balloons": room.array((worlds, balloons + 1 if features.touches else 0), wp.int32),
         "candidate_counts": room.array((worlds, particles), wp.int32),
-        "candidates": room.array((worlds, particles, int(MOST_TRIANGLES)), wp.int32),
         "particle_lists": room.array((worlds, 2, particles), wp.int32),
         "list_lengths": room.array((worlds, LENGTHS if features.touches else 0), wp.int32),
         "force_quanta": room.array((worlds, particles, 4), wp.int64),
@@ -200,10 +165,7 @@ def touch_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]
         "seeking_edges": room.array((worlds, edges * SEEKING_OF_EDGE), wp.vec2i),
         "boxed_edges": room.array((worlds, edges * BOXED_OF_EDGE), wp.vec2i),
         "edge_clearances": room.array((worlds, edges if features.touches_itself else 0), wp.float32),
-        "edge_pairs": room.array((worlds, pair_count(model, features)), wp.vec3i),
-        "edge_catches": room.array((worlds, catch_count(model, features)), EdgeCatch),
         "edge_shares": room.array((worlds, particles if edges else 0), wp.int32),
         "edge_stops": room.array((worlds, 0), wp.vec2),
         "edge_quanta": room.array((worlds, particles if edges else 0, 3), wp.int64),
-        "overflow": room.array(worlds if features.touches or features.ridges else 0, wp.int32),
     }

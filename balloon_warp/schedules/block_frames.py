@@ -29,8 +29,8 @@ class BlockFrames:
         working: what is kept beside the state, where others share it.
     """
 
-    overflow = 0
-    """Number of candidate overflows; balloons do not touch in blocks"""
+    contact_lists = None
+    """Lists of contacts: balloons do not touch in blocks"""
 
     def __init__(self, model: Model, features: Features, room: Room, working: Any | None = None):
         self.model, self.layout = model, layout_of(model, features)

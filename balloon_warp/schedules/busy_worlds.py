@@ -15,6 +15,7 @@ from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Room
 from balloon_warp.schedules.block_frames import BlockFrames
 from balloon_warp.schedules.block_room import fits_in_block
+from balloon_warp.schedules.contact_lists import ContactLists, has_lists, start_of_frame
 from balloon_warp.schedules.fixtures import forget_looks, place_obstacles
 from balloon_warp.schedules.gather import GatherSchedule
 from balloon_warp.schedules.launches import Launches
@@ -30,8 +31,8 @@ class BusyFrames(Protocol):
     working: Any
 
     @property
-    def overflow(self) -> int:
-        """Number of candidate overflows, as for every schedule."""
+    def contact_lists(self) -> ContactLists | None:
+        """Lists of contacts, as of every schedule."""
         ...
 
     def begin_loading(self) -> None:
@@ -49,9 +50,9 @@ class LaunchedFrames:
         self.tables, self.working = self._gather.tables, self._gather.launches.working
 
     @property
-    def overflow(self) -> int:
-        """Number of candidate overflows, as for every schedule."""
-        return self._gather.overflow
+    def contact_lists(self) -> ContactLists | None:
+        """Lists of contacts, as of every schedule."""
+        return self._gather.contact_lists
 
     def begin_loading(self) -> None:
         """Compile kernels ahead."""
@@ -92,12 +93,14 @@ class BusyWorlds:
             launches = launches_for(model)
             Launches.allot(model, launches.step_of(model, busy), room)
             launches.allot(model, busy, room)
+            if has_lists(busy):
+                start_of_frame(model, room)
         outlook_arrays(model, features, room)
 
     @property
-    def overflow(self) -> int:
-        """Number of candidate overflows, as for every schedule."""
-        return self._frames.overflow
+    def contact_lists(self) -> ContactLists | None:
+        """Lists of contacts, as of every schedule."""
+        return self._frames.contact_lists
 
     def begin_loading(self, are_recorded: bool) -> None:
         """Compile ahead what a frame needs.

@@ -10,6 +10,7 @@ from balloon_warp.model import Model, State
 from balloon_warp.model.folded import is_in_layers
 from balloon_warp.model.small_spheres import small_spheres
 from balloon_warp.schedules.block_room import fits_in_block, thread_a_particle
+from balloon_warp.schedules.contact_lists import ContactLists
 from balloon_warp.schedules.own_parts import looks_at_parts
 
 
@@ -35,10 +36,12 @@ class Schedule(Protocol):
 
     @property
     def overflow(self) -> int:
-        """Number of candidate overflows in all worlds.
+        """Number of contacts in all worlds that were ignored, since lists had no place for them and could not grow."""
+        ...
 
-        An overflow is a triangle that a particle may touch and that has no place in its list.
-        """
+    @property
+    def contact_lists(self) -> ContactLists | None:
+        """Lists of contacts that may have to grow, if there are any."""
         ...
 
     def advance_frame(self, state: State) -> None:

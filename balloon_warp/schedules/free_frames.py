@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, ClassVar
 from balloon_warp.kernels.features import Features
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Counting, Room
+from balloon_warp.schedules.contact_lists import ContactLists
 from balloon_warp.schedules.features import choosing_parameters, model_features
 from balloon_warp.schedules.fixtures import look_arrays
 from balloon_warp.schedules.framing import Framing
@@ -79,11 +80,13 @@ class FreeFramesSchedule(ABC):
 
     @property
     def overflow(self) -> int:
-        """Number of candidate overflows in all worlds.
+        """Number of contacts in all worlds that were ignored, since lists had no place for them and could not grow."""
+        return self.contact_lists.ignored if self.contact_lists else 0
 
-        An overflow is a triangle that a particle may touch and that has no place in its list.
-        """
-        return self.busy.overflow if self.busy else 0
+    @property
+    def contact_lists(self) -> ContactLists | None:
+        """Lists of contacts that may have to grow, if there are any."""
+        return self.busy.contact_lists if self.busy else None
 
     def advance_frame(self, state: State) -> None:
         """Advance all worlds by a frame."""

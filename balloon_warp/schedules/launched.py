@@ -13,6 +13,7 @@ from balloon_warp.kernels.substep import NOTHING, Instead, phases_of
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Counting, Room
 from balloon_warp.schedules.balloon_contact import TouchLaunches
+from balloon_warp.schedules.contact_lists import ContactLists, has_lists, start_of_frame
 from balloon_warp.schedules.features import choosing_parameters, model_features
 from balloon_warp.schedules.fixtures import look_arrays
 from balloon_warp.schedules.framing import Framing
@@ -20,7 +21,6 @@ from balloon_warp.schedules.launches import Launches, Moving, Own
 from balloon_warp.schedules.membranes import left_array
 from balloon_warp.schedules.tables import make_tables
 from balloon_warp.schedules.tears import tear_arrays
-from balloon_warp.warp_lock import lock_of
 
 
 class LaunchedSchedule(ABC):
@@ -47,6 +47,10 @@ class LaunchedSchedule(ABC):
         self._touch = None
         if self.features.touches:
             self._touch = TouchLaunches(model, self.features, self.tables, self.launches.working, self.fast_math)
+        self.contact_lists = None
+        """Lists of contacts that may have to grow, if there are any"""
+        if has_lists(self.features):
+            self.contact_lists = ContactLists(model, self.features, self.launches.working)
         self.framing = Framing(model, self.features, self.tables, self.launches.working)
 
     @classmethod
@@ -65,12 +69,8 @@ class LaunchedSchedule(ABC):
 
     @property
     def overflow(self) -> int:
-        """Number of candidate overflows in all worlds.
-
-        An overflow is a triangle that a particle may touch and that has no place in its list.
-        """
-        with lock_of(self.model.device):
-            return int(self.launches.working.overflow.numpy().sum())
+        """Number of contacts in all worlds that were ignored, since lists had no place for them and could not grow."""
+        return self.contact_lists.ignored if self.contact_lists else 0
 
     @classmethod
     def allot(cls, model: Model, features: Features, room: Room) -> tuple[Any, ...]:
@@ -82,6 +82,8 @@ class LaunchedSchedule(ABC):
         """Return the device memory that it keeps for each world, beside the state."""
         room, features = Counting(), model_features(model)
         Launches.allot(model, cls.step_of(model, features), room)
+        if has_lists(features):
+            start_of_frame(model, room)
         left_array(model, room)
         tear_arrays(model, room)
         cls.allot(model, features, room)

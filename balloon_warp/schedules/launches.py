@@ -19,6 +19,7 @@ from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
 from balloon_warp.model.state import contact_shape
 from balloon_warp.schedules.balloon_contact import touch_arrays
+from balloon_warp.schedules.contact_lists import counting_arrays, list_arrays
 from balloon_warp.schedules.ridges import ridge_arrays
 from balloon_warp.schedules.solids import solid_arrays
 from balloon_warp.schedules.tables import Worlds, kept_arguments
@@ -279,6 +280,8 @@ def working_arrays(model: Model, features: Features, room: Room) -> dict[str, An
         **ridge_arrays(model, features, room),
         "contact_impulses": room.array(contact_shape(model), wp.vec4),
         **touch_arrays(model, features, room),
+        **list_arrays(model, features, room),
+        **counting_arrays(model, features, room),
         **verdict_arrays(model, features, room),
         "near": room.array((worlds, mark_count(model.particle_count) if features.impulses else 0), wp.int32),
     }

@@ -1,10 +1,11 @@
 """A frame of a schedule, recorded once and replayed without the cost of its launches."""
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 from balloon_warp.model import Model, State
+from balloon_warp.schedules.contact_lists import ContactLists
 from balloon_warp.schedules.late_spheres import LateSpheres
 from balloon_warp.warp_lock import recording, replay
 
@@ -43,16 +44,25 @@ class RecordedFrame:
 
     def advance(self, schedule: Any, state: State) -> None:
         """Advance the state by a frame: record it, if the schedule can be and that is worth it, and launch it."""
-        if not schedule.capturable:
-            self._before()
-            schedule.advance_frame(state)
-            self._end(state)
-            return
-        for number, piece in enumerate(self._pieces(schedule)):
+        lists: ContactLists | None = schedule.contact_lists
+        pieces = self._pieces(schedule)
+        ending = len(pieces) - 1 if lists else len(pieces)
+        self._go_through(pieces, range(ending), state, schedule.capturable)
+        while lists and lists.grow(state):
+            lists.put_back(state)
+            self._graphs.clear()  # they have the shorter lists
+            self._launched.clear()
+            self._go_through(pieces, range(ending), state, schedule.capturable)
+        self._go_through(pieces, range(ending, len(pieces)), state, schedule.capturable)
+
+    def _go_through(self, pieces: Sequence[FramePiece], numbers: Iterable[int], state: State, recorded: bool) -> None:
+        """Launch pieces of a frame, by their numbers."""
+        for number in numbers:
+            piece = pieces[number]
             if piece.is_wanted is not None and not piece.is_wanted():
                 continue
             self._launched[number] += 1
-            if self._launched[number] <= self._unrecorded(piece):
+            if not recorded or self._launched[number] <= self._unrecorded(piece):
                 piece.launch(state)
             else:
                 self._replay(number, piece, state)
@@ -71,10 +81,15 @@ class RecordedFrame:
         replay(self._graphs[number])
 
     def _pieces(self, schedule: Any) -> Sequence[FramePiece]:
-        own = list(getattr(schedule, "pieces", None) or [FramePiece(schedule.advance_frame)])
+        """Return the pieces of a frame; where lists of contacts may have to grow, the last is what comes after it."""
+        has_pieces = schedule.capturable and getattr(schedule, "pieces", None)
+        own = list(has_pieces or [FramePiece(schedule.advance_frame)])
+        lists: ContactLists | None = schedule.contact_lists
         begin, end = own[0].launch, own[-1].launch
 
         def first(state: State) -> None:
+            if lists:
+                lists.begin(state)
             self._before()
             begin(state)
 
@@ -82,6 +97,8 @@ class RecordedFrame:
             (first if len(own) == 1 else end)(state)
             self._end(state)
 
+        if lists:
+            return [FramePiece(first), *own[1:], FramePiece(self._end)]
         return [FramePiece(first), *own[1:-1], FramePiece(last)] if len(own) > 1 else [FramePiece(last)]
 
     def _end(self, state: State) -> None:

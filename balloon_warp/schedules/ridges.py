@@ -6,12 +6,10 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.contact.catch import Catch
 from balloon_warp.kernels.contact_tables import RidgeTable
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.law import FAR
 from balloon_warp.kernels.laws.ridges import Ridge
-from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.triangles import triangles_of
 from balloon_warp.model import Model
 from balloon_warp.model.memory import Room
@@ -21,8 +19,6 @@ from balloon_warp.model.touch import edge_length
 
 MARGIN = 0.15
 """Distance within which ridges are listed until the next search, over an edge"""
-LEAST_PAIRS, PAIRS = 1024, 2
-"""Least number of pairs that a world has room for, and number for each triangle and edge"""
 CENTER = Ridges(np.zeros((1, 2, 3)), np.zeros((1, 2, 3)), 0.0, np.ones(1, np.int32))
 """Ridge of a sphere, whose radius is what it is in a world"""
 
@@ -48,16 +44,13 @@ def ridge_table(model: Model, features: Features) -> Any:
 
 
 def ridge_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]:
-    """Return the arrays of `Working` for ridges; empty where faces do not touch them."""
+    """Return the arrays of `Working` for ridges, but for lists that grow; empty where faces do not touch them."""
     worlds = model.world_count if features.ridges else 0
-    pairs = pair_count(model) if features.ridges else 0
     particles, bodies = model.particle_count, model.body_count
     spheres = model.sphere_count if features.round_ridges else 0
     return {
         "ridge_counts": room.array((worlds, 2), wp.int32),
         "ridge_budgets": room.array((worlds,), wp.float32),
-        "ridge_pairs": room.array((worlds, pairs), wp.vec3i),
-        "catches": room.array((worlds, pairs), Catch),
         "ridge_shares": room.array((worlds, particles), wp.int32),
         "ridge_body_shares": room.array((worlds, bodies), wp.int32),
         "ridge_ball_shares": room.array((worlds, spheres), wp.int32),
@@ -66,11 +59,6 @@ def ridge_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]
         "ridge_quanta": room.array((worlds, particles, 3), wp.int64),
         "ridge_body_quanta": room.array((worlds, bodies, 6), wp.int64),
     }
-
-
-def pair_count(model: Model) -> int:
-    """Return the number of features and ridges that are near each other for which a world has room."""
-    return max(LEAST_PAIRS, PAIRS * _feature_count(model))
 
 
 def _rows(ridges: Ridges) -> list[Any]:
@@ -105,13 +93,3 @@ def _features_of(model: Model) -> NDArray[np.int32]:
         rows.append(np.column_stack([triangles + first, np.full(len(triangles), number)]))
         rows.append(np.column_stack([edges + first, none, np.full(len(edges), number)]))
     return np.concatenate(rows).astype(np.int32)
-
-
-def _feature_count(model: Model) -> int:
-    """Count triangles and edges of closed meshes."""
-    return sum(_most_features(shape.mesh) for shape in model.shapes)
-
-
-def _most_features(mesh: PolygonMesh) -> int:
-    triangles = int(np.maximum(mesh.face_vertex_counts - 2, 0).sum())
-    return triangles + (3 * triangles + 1) // 2

@@ -21,17 +21,17 @@ from balloon_warp.model.touch import APART, STIFFNESSES, THICKNESS, crowd_of, ed
 
 SEARCH_SECONDS = 1.0 / 240.0
 """Time between two searches [s]: balloons that approach at 10 m/s come 4 cm nearer meanwhile. In twice the time lists
-overflow where balloons fall into a box, as in `balloon_pit`"""
+are long where balloons fall into a box, as in `balloon_pit`"""
 FOLDED_SECONDS = 1.0 / 300.0
 """Time between two searches of a balloon that is folded, of two layers, as flat foil is [s]: in a longer one lists
-overflow where that fills"""
+are long where that fills"""
 LEAST_SUBSTEPS, LEAST_SUBSTEPS_ITSELF = 2, 4
 """Least number of substeps between two searches; more where every particle has to search its own balloon, which takes
 as long as five substeps"""
 SLACK = 0.1
 """Distance that each of two particles may gain between two searches by accelerating, over an edge"""
 FOLDED_SLACK = 0.02
-"""Slack in a balloon that is folded at the start: with more, more layers are near a particle than its list holds"""
+"""Slack in a balloon that is folded at the start: with more, more layers are near a particle"""
 ITSELF = 1e-5
 """Initial distance from which on parts of a folded balloon may touch, in edges: a particle does not touch its own
 triangles"""

@@ -22,7 +22,7 @@ from balloon_warp.outputs.table import settled_table, table_names
 from balloon_warp.outputs.worlds_table import WORLDS_NAMES
 from balloon_warp.resume import CHECKPOINT_SECONDS, Checkpoints
 from balloon_warp.scene import Scene, SceneLike
-from balloon_warp.schedules.balloon_contact import overflow_remarks
+from balloon_warp.schedules.contact_lists import overflow_remarks
 from balloon_warp.shown import Shown, described
 from balloon_warp.sweep.checkpoints import batch_checkpoints
 from balloon_warp.sweep.cluster import Cluster

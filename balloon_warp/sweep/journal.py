@@ -35,7 +35,7 @@ class ShareJournal:
         self.remarks: list[Remark] = []
         """Remarks on worlds of the shares that this batch has done"""
         self.overflow = 0
-        """Candidate overflows in the shares that this batch has done, as schedules count them"""
+        """Contacts that were ignored in the shares that this batch has done, as schedules count them"""
         self._unsafe: list[int] = []
         self._unsafe_failures = Failures()
         for part in checkpoints.take_up(

@@ -54,7 +54,7 @@ class ShareResult:
     failures: Failures
     remarks: list[Remark]
     overflow: int
-    """Number of candidate overflows, as schedules count them"""
+    """Number of contacts that were ignored, as schedules count them"""
 
 
 def cut_into_shares(groups: Sequence[Group], device_kind: str) -> list[Group]:

@@ -106,7 +106,7 @@ class Outcome:
     """Pairs of things in contact that have columns"""
     remarks: list[Remark]
     overflow: int
-    """Number of candidate overflows, as schedules count them, since this batch began or resumed"""
+    """Number of contacts that were ignored, as schedules count them, since this batch began or resumed"""
     seconds: float
     """Duration of simulating and writing [s]"""
     resumed: float

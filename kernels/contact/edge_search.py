@@ -14,6 +14,7 @@ from balloon_warp.kernels.contact.clearances import pad_with_lookout
 from balloon_warp.kernels.contact.edge_catch import clear_substeps
 from balloon_warp.kernels.contact.list_lengths import BOXED, PAIRS, SEEKING
 from balloon_warp.kernels.contact.parts import Swept, box_of_edge, box_of_part
+from balloon_warp.kernels.contact.room import OF_PAIRS, ask_for_room
 from balloon_warp.kernels.contact.triangles import are_neighbors
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.edges import KEPT, crossing_of
@@ -24,10 +25,10 @@ from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.warps import next_place
 from balloon_warp.kernels.working import Working
 
-PAIRS_OF_EDGE, BOXED_OF_EDGE, SEEKING_OF_EDGE = 24, 12, 2
-"""Number of pairs that may touch, of pairs whose boxes meet, and of trees gone through, that a world has room for, for
-each of its edges; a thread that finds no room for the second measures by itself, and without room for the third all
-edges go through all trees"""
+BOXED_OF_EDGE, SEEKING_OF_EDGE = 12, 2
+"""Number of pairs whose boxes meet, and of trees gone through, that a world has room for, for each of its edges; a
+thread that finds no room for the first measures by itself, and without room for the second all edges go through all
+trees"""
 FIND_EDGES_REGISTERS = 64
 """Registers of a searching thread, so that more threads overlap their memory latencies"""
 
@@ -93,7 +94,7 @@ def measuring_functions(features: Features) -> tuple[Any, Any]:
                 due = clear_substeps(t, own, balloon, gap, kept, fastest)
                 working.edge_pairs[world, place] = wp.vec3i(edge, other, due)
             else:
-                wp.atomic_add(working.overflow, world, 1)
+                ask_for_room(working, world, OF_PAIRS, place + 1, 1)
 
     @wp.func
     def compare_with_leaf(

@@ -14,6 +14,7 @@ from balloon_warp.kernels.contact.catch import EdgeCatch
 from balloon_warp.kernels.contact.edge_catch import catching_function
 from balloon_warp.kernels.contact.edge_push import count_ends, excess_of, forget_stop, pushing_functions
 from balloon_warp.kernels.contact.list_lengths import CAUGHT, MARKED, PAIRS, SUBSTEPS
+from balloon_warp.kernels.contact.room import OF_CATCHES, ask_for_room
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.ridges import way_to_part
 from balloon_warp.kernels.tables import Tables, WorldState
@@ -51,7 +52,7 @@ def catching_all_function(features: Features, leaves_out: bool = True) -> Any:
         if slot < working.edge_catches.shape[1]:
             working.edge_catches[world, slot] = catch
         else:
-            wp.atomic_add(working.overflow, world, 1)
+            ask_for_room(working, world, OF_CATCHES, slot + 1, 1)
         return overlaps(catch)
 
     @wp.func

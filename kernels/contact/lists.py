@@ -90,10 +90,8 @@ def finding_functions(features: Features, eight: bool = False) -> Any:
                 listed = list_those(t, working, world, particle, balloon, other, points, velocities, wanted)
                 if wp.static(features.touches_itself):
                     if crossed:
-                        begin = count
-                        keep_side(
-                            t, working, world, particle, found.nearest, hold, deepest, points, begin, listed.count
-                        )
+                        begin, end = count, wp.min(listed.count, working.candidates.shape[2])
+                        keep_side(t, working, world, particle, found.nearest, hold, deepest, points, begin, end)
                 count = listed.count
         return count
 

@@ -25,27 +25,6 @@ from balloon_warp.kernels.memory import int_at, vector_at
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.working import Working
 
-MOST_TRIANGLES = wp.constant(40)
-"""Largest number of triangles that a particle keeps"""
-MOST_OF_BALLOON = wp.constant(24)
-"""Largest number of triangles of one balloon that a particle keeps"""
-Distances = wp.types.vector(length=24, dtype=wp.float32)
-
-
-@wp.func
-def slot_for(working: Working, world: wp.int32, kept: Distances, squared: float, count: wp.int32, most: wp.int32):
-    """Return the slot of a triangle among a balloon's: the next one, or the farthest one's; -1 if none is farther."""
-    slot = count
-    if count >= most:
-        wp.atomic_add(working.overflow, world, 1)
-        slot = wp.int32(-1)
-        farthest = squared
-        for held in range(most):
-            if kept[held] > farthest:
-                farthest = kept[held]
-                slot = held
-    return slot
-
 
 @wp.struct
 class Wanted:
@@ -64,7 +43,7 @@ class Nearby:
 
     nearest: wp.int32  # triangle; -1 if there is none
     place: Place  # beside that
-    count: wp.int32  # triangles in the particle's list
+    count: wp.int32  # triangles in the particle's list, those for which it has no room, too
 
 
 @cache
@@ -72,7 +51,7 @@ def nearby_function(features: Features, lists: bool, eight: bool = False) -> Any
     """Return the function that loops over the triangles of a balloon that a particle may touch.
 
     Args:
-        lists: whether it puts them into the particle's list, of too many the nearest; else it finds the nearest.
+        lists: whether it puts them into the particle's list; else it finds the nearest.
         eight: whether boxes are compared eight at a time.
     """
     may_touch, next_part, fill_queue = (
@@ -92,8 +71,6 @@ def nearby_function(features: Features, lists: bool, eight: bool = False) -> Any
         """
         point = vector_at(points, particle)
         first = wanted.count
-        most = wp.min(MOST_OF_BALLOON, MOST_TRIANGLES - first)
-        kept = Distances()
         found = Nearby()
         found.nearest = wp.int32(-1)
         found.place.squared = wanted.within * wanted.within
@@ -134,13 +111,13 @@ def nearby_function(features: Features, lists: bool, eight: bool = False) -> Any
                     place = triangle_beside(t, points, triangle, point)
                 if wp.static(lists):
                     if place.squared <= found.place.squared:
-                        slot = slot_for(working, world, kept, place.squared, found.count - first, most)
-                        if slot >= 0:
-                            kept[slot] = place.squared
-                            working.candidates[world, particle, first + slot] = candidate_of(
-                                triangle, is_behind(t, triangle, place, wanted.behind, wanted.beside), slot == 0
+                        if found.count < working.candidates.shape[2]:
+                            working.candidates[world, particle, found.count] = candidate_of(
+                                triangle,
+                                is_behind(t, triangle, place, wanted.behind, wanted.beside),
+                                found.count == first,
                             )
-                            found.count = wp.max(found.count, first + slot + 1)
+                        found.count += 1
                 else:
                     if is_nearer(place, found.place):
                         found.place = place

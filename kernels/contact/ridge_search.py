@@ -7,6 +7,7 @@ import warp as wp
 
 from balloon_warp.kernels.contact.boxes import LOWER, UPPER, squared_distance_to_box
 from balloon_warp.kernels.contact.ridge_poses import Placed, placing_function, sphere_of
+from balloon_warp.kernels.contact.room import OF_RIDGES, ask_for_room
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.ridges import Ridge, edge_near, face_near
 from balloon_warp.kernels.tables import Tables, WorldState, sphere_radius
@@ -69,7 +70,7 @@ def note_pair(working: Working, world: wp.int32, feature: wp.int32, ridge: wp.in
     if place < working.ridge_pairs.shape[1]:
         working.ridge_pairs[world, place] = wp.vec3i(feature, ridge, solid)
     else:
-        wp.atomic_add(working.overflow, world, 1)
+        ask_for_room(working, world, OF_RIDGES, place + 1, 1)
 
 
 @wp.func

@@ -21,6 +21,7 @@ from balloon_warp.kernels.contact.clearances import is_clear_of_own
 from balloon_warp.kernels.contact.eight_boxes import first_of, lining_function, nearing_ones
 from balloon_warp.kernels.contact.list_lengths import LOOKING, PAIRS, TOUCHING
 from balloon_warp.kernels.contact.lists import finding_functions
+from balloon_warp.kernels.contact.room import OF_PAIRS, OF_TRIANGLES, ask_for_room
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.memory import vector_at
 from balloon_warp.kernels.options import OPTIONS
@@ -47,7 +48,7 @@ def list_beside_edges(working: Working, world: wp.int32, particle: wp.int32, cou
     for at in range(fit):
         working.edge_pairs[world, begin + at] = wp.vec3i(-1 - particle, at, 0)
     if fit < count:
-        wp.atomic_add(working.overflow, world, count - fit)
+        ask_for_room(working, world, OF_PAIRS, begin + count, count - fit)
 
 
 @cache
@@ -213,6 +214,10 @@ def find_kernel(features: Features, fast_math: bool = False, eight: bool = False
                         count = find_of_balloon(
                             t, state, working, world, particle, balloon, other, points, velocities, may_be_deep, count
                         )
+        room = working.candidates.shape[2]
+        if count > room:
+            ask_for_room(working, world, OF_TRIANGLES, count, count - room)
+            count = room
         working.candidate_counts[world, particle] = count
         if count > 0 or state.holds[world, particle][3] != 0.0:
             put_on_list(working, world, TOUCHING, particle)
