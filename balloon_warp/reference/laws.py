@@ -36,9 +36,8 @@ def springs(x, v, springs, viscosity=0.0, yield_stretch=np.inf, limit=None):
     d, opening = x[q] - x[p], v[q] - v[p]
     strain = 1.0 - springs.lengths / size(d)
     pull = np.where(strain > 1.0 - 1.0 / yield_stretch, 0.0, strain + viscosity * dot(d, opening) / size(d) ** 2)
-    if limit is not None:  # from half of the limit on it gives way by k times the way
-        used = (size(d) / springs.lengths - 1.0) / limit
-        pull = pull * np.where(used > 0.5, np.maximum(1.0 / np.maximum(used, 0.5) - 1.0, 0.0), 1.0)
+    if limit is not None:  # it gives way smoothly
+        pull = pull * (1.0 - np.clip((size(d) / springs.lengths - 1.0) / limit, 0.0, 1.0) ** 2) ** 2
     force = springs.constants * pull * d
     return summed(len(x), p, force) - summed(len(x), q, force)
 

@@ -44,15 +44,16 @@ def rubber_at_limit(
 ):
     """Return the addition to Hooke's coefficient [N/m] that removes the force at the corrected length.
 
-    From half of the limit on the pull comes to its end as it began: it falls by k times the way. Many springs are at
-    their limit, and rounding is not to decide which of them pull: where their force falls faster than it rises, a
-    difference grows.
+    A pull k L s at the strain s comes to its end smoothly at the limit c, as k L s (1 - (s / c)^2)^2, with slopes from
+    -0.8 k to k. Many springs are at their limit, and rounding is not to decide which of them pull: where their force
+    falls faster than Hooke's rises, a difference grows.
     """
     elastic = hooke(squared_length, stiffness, stiffness_times_length)
     plain = rubber(squared_length, opening, stiffness, stiffness_times_length, viscosity, yield_stretch)
     rest = stiffness - elastic  # k L / |d|
-    used = elastic / wp.max(correction_limit * rest, NEVER_ZERO)  # strain over the limit
-    left = wp.where(used > 0.5, wp.max(1.0 / wp.max(used, 0.5) - 1.0, 0.0), 1.0)
+    used = wp.clamp(elastic / wp.max(correction_limit * rest, NEVER_ZERO), 0.0, 1.0)  # s / c
+    left = 1.0 - used * used
+    left *= left
     return left * plain - (1.0 - left) * elastic
 
 

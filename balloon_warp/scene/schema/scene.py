@@ -78,7 +78,7 @@ class Scene(Table):
     correction: Literal["none", "provot", "tarantino"] = "none"
     """Position correction after a step: "provot" shortens springs that are longer than (1 + correction_limit) times
     their rest length to that length (Provot 1995); with "tarantino" such springs also pull nothing there, as in the
-    paper, and ever less from half of the limit on"""
+    paper, and ever less up to there"""
     correction_limit: float = field_of("correction_limit")
     """Strain beyond which a spring is shortened [1]; 0.1 when missing"""
     correction_sweeps: Annotated[int, Field(ge=1, le=1000)] = 4
