@@ -61,13 +61,24 @@ def test_tests_may_be_columns_or_rows_of_one_table(form: str, tmp_path: Path):
         assert one.test == other.test
 
 
+def fitted(words: list[Any], *more: str) -> Any:
+    """Return what the command says."""
+    said = CliRunner().invoke(app, ["fit", *map(str, words), *more])
+    assert said.exit_code == 0, said.output
+    return said
+
+
+def table(text: str) -> dict[str, Any]:
+    """Return the pasted material, as a scene takes it."""
+    material = tomllib.loads(text[text.index("[balloon.material]") :])["balloon"]["material"]
+    bw.Scene(balloon=[bw.Balloon(mesh=quad_sphere(2), material=bw.Material(**material))])
+    return material
+
+
 def test_treloar_gives_a_material_to_paste(tmp_path: Path):
     """Tolerance is 10% of the modulus: readings near rest, of two digits, leave 2.25/6 = 0.375 MPa to 0.41 MPa open."""
-    words = ["fit", *map(str, treloar(tmp_path)), "--kind", "ogden", "-o", str(tmp_path / "plot.png")]
-    said = CliRunner().invoke(app, words)
-    assert said.exit_code == 0, said.output
-    material = tomllib.loads(said.output[said.output.index("[balloon.material]") :])["balloon"]["material"]
-    bw.Scene(balloon=[bw.Balloon(mesh=quad_sphere(2), material=bw.Material(**material))])
+    said = fitted([*treloar(tmp_path), "--kind", "ogden", "-o", tmp_path / "plot.png"])
+    material = table(said.output)
     modulus = 0.5 * np.dot(material["ogden_moduli"], material["ogden_exponents"])
     assert modulus == pytest.approx(G, rel=0.1)
     assert f"shear_modulus = {modulus:.0f}"[:-1] in said.output
