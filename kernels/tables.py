@@ -242,7 +242,7 @@ class WorldState:
     body_velocities: wp.array2d[wp.vec3]
     body_momenta: wp.array2d[wp.vec3]
     body_touches: wp.array2d[wp.int32]
-    body_impulses: wp.array2d[wp.vec3]
+    body_impulses: wp.array2d[wp.vec3d]
     first_bad: wp.array[wp.int32]
 
 

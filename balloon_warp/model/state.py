@@ -114,7 +114,7 @@ class State:
     """Contacts of points of bodies in the last substep, in ascending order until the first -1, see
     `kernels.loops.holding`, shape (world_count, most_touches), int32"""
     body_impulses: wp.array
-    """Normal and friction impulses of these contacts [N s], of that shape, vec3"""
+    """Normal and friction impulses of these contacts [N s], of that shape, vec3d"""
     unsettled: wp.array
     """Convergence of the projective solver: the frame whose iterations were the farthest from converged of those worth
     a warning, 0 if there is none, and the last iteration's change over that of springs, shape (world_count,), vec2"""
@@ -196,7 +196,7 @@ def new_state(model: Model, room: Room) -> State:
         body_velocities=room.array(bodies, wp.vec3),
         body_momenta=room.array(bodies, wp.vec3),
         body_touches=room.array(touches, wp.int32),
-        body_impulses=room.array(touches, wp.vec3),
+        body_impulses=room.array(touches, wp.vec3d),
         unsettled=room.array(worlds, wp.vec2),
         overstretched=room.array(worlds, wp.int32),
         pressed=room.array(balloons, wp.int32),

@@ -115,7 +115,7 @@ def settle(a, b, n, least, friction, impulse, allowed, most):
             rub = across(impulse[i], n[i]) - slide / max(along @ a[i, :, i] @ along, 1e-30)
             impulse[i] = part * n[i] + rub * np.minimum(friction[i] * part / size(rub), 1.0)
         added = impulse - last
-        if (size(added)[:, 0] * ease <= allowed + 4e-6 * size(impulse)[:, 0] * ease).all():
+        if (size(added)[:, 0] * ease <= allowed).all():
             return impulse, True
         turns_back, changed = ease @ dot(added, ahead + added) < 0.0, float((ease @ dot(added, added))[0])
         age, before = 0.0 if turns_back or changed > 2.0 * before else age + 1.0, changed
@@ -190,11 +190,12 @@ def move(bodies, things, friction, kept, h, gravity, up):
         gains = np.einsum("bxy,kzby->bxkz", ease, lever)
         return gains, np.einsum("kxby,bylz->kxlz", lever, gains)
 
+    most = int(np.clip(100_000 // max(len(found), 1), 50, 1000))
     gains, a = eased()
     if (gap < 0.0).any():  # overlaps are moved apart by mass, without speed
         out = np.where(gap < 0.0, np.minimum(-0.2 * gap, 3.0 * h), -gap) - (n * moving).sum(axis=1)
         none = np.zeros_like(n)
-        shifts, _ = settle(a, -moving, n, out, 0.0 * gap, none, 0.01 * -gap.min(), 16)
+        shifts, _ = settle(a, -moving, n, out, 0.0 * gap, none, 0.01 * -gap.min(), most)
         gap, ways = gap + (n * np.einsum("kxly,ly->kx", a, shifts)).sum(axis=1), np.einsum("bxkz,kz->bx", gains, shifts)
         for body, way in zip(bodies, ways, strict=True):  # what turns it turns its momentum, too
             body["position"], turn = body["position"] + way[:3], turn_by(way[3:])
@@ -215,9 +216,8 @@ def move(bodies, things, friction, kept, h, gravity, up):
     b = np.einsum("kxby,by->kx", lever, speeds) - moving
     fastest = max(h * abs(gravity), approach.max(initial=0.0))
     impulse = np.reshape([kept.get(key, np.zeros(3)) for key in columns[0]], (-1, 3))
-    most = int(np.clip(100_000 // max(len(found), 1), 50, 1000))
     group = groups_of(zip(*columns[1:3], strict=True), len(bodies))[[*columns[1]]]
-    impulse = push_each_other(a, b, u, n, least, -away / h, frictions, impulse, group, 3e-5 * fastest, most)
+    impulse = push_each_other(a, b, u, n, least, -away / h, frictions, impulse, group, 3e-6 * fastest, most)
     speeds += np.einsum("bxkz,kz->bx", gains, impulse)
     for body, speed in zip(bodies, speeds, strict=True):
         body["velocity"], body["spin"], body["position"] = speed[:3], speed[3:], body["start"] + h * speed[:3]

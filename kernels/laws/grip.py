@@ -31,7 +31,7 @@ OUT_IN_STEP = wp.constant(0.2)
 """Fraction of an overlap that a step removes"""
 FASTEST_OUT = wp.constant(3.0)
 """Largest speed at which an overlap is removed [m/s]"""
-AGREED = wp.constant(3.0e-5)
+AGREED = wp.constant(3.0e-6)
 """Largest change in a sweep at convergence, over the fastest approach or a step of gravity"""
 LEAST_SWEEPS, MOST_SWEEPS, MOST_PUSHES = wp.constant(50), wp.constant(1000), wp.constant(100_000)
 """Bounds on sweeps over all touching points in a step, and on their product, the number of point updates; one or two
@@ -40,12 +40,8 @@ BLURRED_SIZE = wp.constant(1.0e-5)
 """Gap or overlap that counts as zero, over a body's extent"""
 BLURRED_PLACE = wp.constant(4.0e-7)
 """Gap or overlap that counts as zero, over the distance to the origin, by the resolution of float32"""
-MOST_SWEEPS_OUT = wp.constant(16)
-"""Largest number of sweeps that remove overlaps"""
 APART = wp.constant(0.01)
 """Largest change of an overlap in a sweep at convergence, over the deepest overlap"""
-ROUNDING = wp.constant(4.0e-6)
-"""Relative resolution of an impulse in float32"""
 
 
 @wp.struct
@@ -65,12 +61,12 @@ class Grip:
     ease: float  # how much n . u gains by 1 N s along n [1/kg]
     friction: float
     restitution: float
-    impulse: wp.vec3  # so far [N s]
-    added: wp.vec3  # to it in the last sweep
-    ahead: wp.vec3  # by which it went on before that
-    before: wp.vec3  # velocity beside what is met, before gravity acts [m/s]
-    rebound: wp.vec3  # the impulse with all rebounds [N s]
-    leaving: wp.vec3  # u with these [m/s]
+    impulse: wp.vec3d  # so far [N s]
+    added: wp.vec3d  # to it in the last sweep
+    ahead: wp.vec3d  # by which it went on before that
+    before: wp.vec3d  # velocity beside what is met, before gravity acts [m/s]
+    rebound: wp.vec3d  # the impulse with all rebounds [N s]
+    leaving: wp.vec3d  # u with these [m/s]
 
 
 @wp.func
@@ -172,22 +168,23 @@ def way_out_of(gap: float, step_seconds: float):
 
 
 @wp.func
-def grip_impulse(grip: Grip, beside: wp.vec3, friction_ease: float, friction: float):
+def grip_impulse(grip: Grip, beside: wp.vec3d, friction_ease: float, friction: float):
     """Return the increment of the impulse at a grip [N s].
 
     Args:
         beside: u, with the impulse so far [m/s].
         friction_ease: how much u gains by 1 N s across n, along what slides [1/kg].
     """
-    before = wp.dot(grip.impulse, grip.normal)
-    speed = wp.dot(beside, grip.normal)
-    push = wp.max(before + (grip.least - speed) / grip.ease, 0.0)
-    across = grip.impulse - before * grip.normal - (beside - speed * grip.normal) / friction_ease
-    most = friction * push
+    normal = wp.vec3d(grip.normal)
+    before = wp.dot(grip.impulse, normal)
+    speed = wp.dot(beside, normal)
+    push = wp.max(before + (wp.float64(grip.least) - speed) / wp.float64(grip.ease), wp.float64(0.0))
+    across = grip.impulse - before * normal - (beside - speed * normal) / wp.float64(friction_ease)
+    most = wp.float64(friction) * push
     length = wp.length(across)
     if length > most:
         across *= most / length
-    return push * grip.normal + across - grip.impulse
+    return push * normal + across - grip.impulse
 
 
 @wp.func
@@ -198,8 +195,8 @@ def most_sweeps(count: wp.int32):
 
 @wp.func
 def has_agreed(grip: Grip, allowed: float):
-    """Return whether the last sweep changed no more than a speed [m/s], or than float32 resolves."""
-    return wp.length(grip.added) * grip.ease <= allowed + ROUNDING * wp.length(grip.impulse) * grip.ease
+    """Return whether the last sweep changed no more than a speed [m/s]."""
+    return float(wp.length(grip.added)) * grip.ease <= allowed
 
 
 @wp.func

@@ -27,7 +27,7 @@ def speed_of(t: Tables, state: WorldState, working: Working, world: wp.int32, bo
 
 
 @wp.func
-def last_impulse(touches: wp.array[wp.int32], impulses: wp.array[wp.vec3], key: wp.int32, place: wp.int32):
+def last_impulse(touches: wp.array[wp.int32], impulses: wp.array[wp.vec3d], key: wp.int32, place: wp.int32):
     """Return the warm start of a point: its impulse in the previous step [N s], zero without contact then.
 
     Also the place in that step's list at which to look for the next point.
@@ -35,9 +35,9 @@ def last_impulse(touches: wp.array[wp.int32], impulses: wp.array[wp.vec3], key: 
     while place < touches.shape[0] and touches[place] >= 0:
         found = touches[place]
         if found >= key:
-            return wp.where(found == key, impulses[place], wp.vec3()), place
+            return wp.where(found == key, impulses[place], wp.vec3d()), place
         place += 1
-    return wp.vec3(), place
+    return wp.vec3d(), place
 
 
 @wp.func

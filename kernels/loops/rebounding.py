@@ -47,9 +47,9 @@ def find_groups(working: Working, world: wp.int32, count: wp.int32):
 
 
 @wp.func
-def work_of(impulse: wp.vec3, before: wp.vec3, after: wp.vec3):
+def work_of(impulse: wp.vec3d, before: wp.vec3d, after: wp.vec3d):
     """Return the work of an impulse at a contact, beside what is met [J]."""
-    return wp.float64(0.5 * wp.dot(impulse, before + after))
+    return wp.float64(0.5) * wp.dot(impulse, before + after)
 
 
 @wp.func
@@ -71,7 +71,7 @@ def gains_energy(working: Working, world: wp.int32, count: wp.int32, agrees: boo
         grip.leaving = beside_at(working, world, grip)
         working.grips[world, number] = grip
         whole = work_of(grip.impulse, grip.before, grip.leaving)
-        exchanged = wp.abs(work_of(grip.impulse, grip.before, wp.vec3()))
+        exchanged = wp.abs(work_of(grip.impulse, grip.before, wp.vec3d()))
         more = wp.vec4d(whole, exchanged, wp.float64(0.0), wp.float64(0.0))
         working.body_gains[world, group] = working.body_gains[world, group] + more
     for body in range(working.body_groups.shape[1]):
@@ -108,7 +108,7 @@ def push_less(working: Working, world: wp.int32, count: wp.int32, jams: bool, fa
         now = beside_at(working, world, grip)
         free = grip.before
         if grip.other < 0:
-            free -= fallen
+            free -= wp.vec3d(fallen)
         without = work_of(grip.impulse, grip.before, now)
         curve = work_of(grip.rebound - grip.impulse, grip.leaving, -now)
         more = wp.vec4d(wp.float64(0.0), without, curve, work_of(grip.impulse, grip.before, free))
@@ -119,8 +119,8 @@ def push_less(working: Working, world: wp.int32, count: wp.int32, jams: bool, fa
         share = rebound_share(gains[1], gains[0], gains[2])
         if jams and gains[0] > wp.float64(0.0):
             share = wp.float64(0.0)
-        grip.impulse += float(share) * (grip.rebound - grip.impulse)
-        grip.impulse *= float(push_share(gains[1], gains[3]))
+        grip.impulse += share * (grip.rebound - grip.impulse)
+        grip.impulse *= push_share(gains[1], gains[3])
         working.grips[world, number] = grip
 
 

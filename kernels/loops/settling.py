@@ -2,7 +2,7 @@
 
 They act on how bodies move in working memory: as fast as they are, or as far as they are to be moved out of overlaps in
 a step of one second. A light body between heavy ones gets large impulses from both sides, of which little is left: so
-that is kept in float64."""
+they are in float64."""
 
 import warp as wp
 
@@ -39,20 +39,25 @@ def beside_at(working: Working, world: wp.int32, grip: Grip):
     speed = speed_at(working, world, grip.body, grip.arm) - wp.vec3d(grip.moving)
     if grip.other >= 0:
         speed -= speed_at(working, world, grip.other, grip.other_arm)
-    return wp.vec3(speed)
+    return speed
 
 
 @wp.func
-def push(working: Working, world: wp.int32, body: wp.int32, arm: wp.vec3, impulse: wp.vec3):
+def along_normal(grip: Grip, velocity: wp.vec3d):
+    """Return the part of a velocity along a contact's normal [m/s]."""
+    return wp.dot(wp.vec3d(grip.normal), velocity)
+
+
+@wp.func
+def push(working: Working, world: wp.int32, body: wp.int32, arm: wp.vec3, impulse: wp.vec3d):
     """Apply an impulse at a body's point [N s]."""
-    whole = wp.vec3d(impulse)
     mass = wp.float64(working.body_masses[world, body])
-    working.body_going[world, body] = working.body_going[world, body] + whole / mass
-    working.body_turning[world, body] = working.body_turning[world, body] + wp.cross(wp.vec3d(arm), whole)
+    working.body_going[world, body] = working.body_going[world, body] + impulse / mass
+    working.body_turning[world, body] = working.body_turning[world, body] + wp.cross(wp.vec3d(arm), impulse)
 
 
 @wp.func
-def push_apart(working: Working, world: wp.int32, grip: Grip, impulse: wp.vec3):
+def push_apart(working: Working, world: wp.int32, grip: Grip, impulse: wp.vec3d):
     """Apply an impulse at a contact, and the opposite one on the other thing [N s]."""
     push(working, world, grip.body, grip.arm, impulse)
     if grip.other >= 0:
@@ -60,13 +65,13 @@ def push_apart(working: Working, world: wp.int32, grip: Grip, impulse: wp.vec3):
 
 
 @wp.func
-def added_at(working: Working, world: wp.int32, grip: Grip, beside: wp.vec3, rubs: bool):
+def added_at(working: Working, world: wp.int32, grip: Grip, beside: wp.vec3d, rubs: bool):
     """Return the increment of a contact's impulse for the current velocities [N s]."""
     across = grip.ease
     friction = float(0.0)
     if rubs:
         friction = grip.friction
-        sliding = beside - wp.dot(beside, grip.normal) * grip.normal
+        sliding = wp.vec3(beside - along_normal(grip, beside) * wp.vec3d(grip.normal))
         if wp.length_sq(sliding) > 0.0:
             across = ease_at(working, world, grip, wp.normalize(sliding))
     return grip_impulse(grip, beside, across, friction)
@@ -85,7 +90,7 @@ def settle(working: Working, world: wp.int32, count: wp.int32, rubs: bool, allow
     for number in range(count):
         grip = working.grips[world, number]
         push_apart(working, world, grip, grip.impulse)
-        grip.ahead = wp.vec3()
+        grip.ahead = wp.vec3d()
         working.grips[world, number] = grip
     sweeps = wp.int32(0)
     age = float(0.0)
@@ -102,8 +107,8 @@ def settle(working: Working, world: wp.int32, count: wp.int32, rubs: bool, allow
             grip.impulse += grip.added
             push_apart(working, world, grip, grip.added)
             agreed = agreed and has_agreed(grip, allowed)
-            along += grip.ease * wp.dot(grip.added, grip.ahead + grip.added)
-            changed += grip.ease * wp.length_sq(grip.added)
+            along += grip.ease * float(wp.dot(grip.added, grip.ahead + grip.added))
+            changed += grip.ease * float(wp.length_sq(grip.added))
             working.grips[world, number] = grip
         sweeps += 1
         age = wp.where(along < 0.0 or changed > 2.0 * before, 0.0, age + 1.0)
@@ -111,7 +116,7 @@ def settle(working: Working, world: wp.int32, count: wp.int32, rubs: bool, allow
         if not agreed and sweeps < most:
             for number in range(count):
                 grip = working.grips[world, number]
-                grip.ahead = going_on(age) * (grip.ahead + grip.added)
+                grip.ahead = wp.float64(going_on(age)) * (grip.ahead + grip.added)
                 grip.impulse += grip.ahead
                 push_apart(working, world, grip, grip.ahead)
                 working.grips[world, number] = grip

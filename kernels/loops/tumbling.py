@@ -13,8 +13,8 @@ from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.grip import (
     AGREED,
     APART,
-    MOST_SWEEPS_OUT,
     least_speed,
+    most_sweeps,
     slowest_rebound,
     way_out_of,
 )
@@ -24,7 +24,7 @@ from balloon_warp.kernels.loops.bodies import Rigid, Stop, body_at, body_mass, p
 from balloon_warp.kernels.loops.friction import friction_between, number_of_body, number_of_sphere
 from balloon_warp.kernels.loops.holding import holding_function
 from balloon_warp.kernels.loops.rebounding import push_each_other
-from balloon_warp.kernels.loops.settling import beside_at, ease_at, settle
+from balloon_warp.kernels.loops.settling import along_normal, beside_at, ease_at, settle
 from balloon_warp.kernels.tables import (
     Tables,
     WorldState,
@@ -58,13 +58,13 @@ def part(t: Tables, state: WorldState, working: Working, world: wp.int32, count:
         grip = working.grips[world, number]
         deepest = wp.max(deepest, -grip.gap)
         grip.least = way_out_of(grip.gap, t.step_seconds) - wp.dot(grip.normal, grip.moving)
-        grip.impulse = wp.vec3()
+        grip.impulse = wp.vec3d()
         working.grips[world, number] = grip
     if deepest > 0.0:
-        settle(working, world, count, False, APART * deepest, MOST_SWEEPS_OUT)
+        settle(working, world, count, False, APART * deepest, most_sweeps(count))
         for number in range(count):
             grip = working.grips[world, number]
-            grip.gap += wp.dot(grip.normal, beside_at(working, world, grip) + grip.moving)
+            grip.gap += float(along_normal(grip, beside_at(working, world, grip) + wp.vec3d(grip.moving)))
             working.grips[world, number] = grip
         for body in range(state.body_positions.shape[1]):
             shift = wp.vec3(working.body_going[world, body])
@@ -91,7 +91,7 @@ def aim(t: Tables, state: WorldState, working: Working, world: wp.int32, count: 
     for number in range(count):
         grip = working.grips[world, number]
         grip.before = beside_at(working, world, grip)
-        approach = -wp.dot(grip.before, grip.normal)
+        approach = -float(along_normal(grip, grip.before))
         faster = float(0.0)  # two bodies fall alike
         if grip.other < 0:
             faster = pull * wp.dot(grip.normal, t.up)
@@ -122,7 +122,7 @@ def remember(state: WorldState, working: Working, world: wp.int32, count: wp.int
     for number in range(count):
         grip = working.grips[world, number]
         state.body_touches[world, number] = grip.key
-        state.body_impulses[world, number] = wp.where(grip.least > 0.0, wp.vec3(), grip.impulse)
+        state.body_impulses[world, number] = wp.where(grip.least > 0.0, wp.vec3d(), grip.impulse)
     if count < state.body_touches.shape[1]:
         state.body_touches[world, count] = -1
 
