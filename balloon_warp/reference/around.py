@@ -70,12 +70,13 @@ class Around:
     def _move_spheres(self):
         """Move spheres beside the ground and obstacles, and let them meet each other."""
         p, first = self.p, 1 + len(self.obstacles)
+        kick = -self.h * p.gravity * self.up
         grounds = [(p.ground_height, p.ground_restitution, friction[0]) for friction in self.of_spheres]
 
         def leave_obstacles(number):
             restitutions = (thing["restitution"] for thing in self.things[1:])
             around = list(zip(self.let_through, restitutions, self.of_spheres[number, 1:first], strict=True))
-            solids.leave_obstacles(self.spheres[number], self.spheres[number]["start"], around, self.h)
+            solids.leave_obstacles(self.spheres[number], self.spheres[number]["start"], around, kick, self.h)
 
         def put_beside(number):
             solids.leave_ground(self.spheres[number], self.h, self.up, grounds[number])

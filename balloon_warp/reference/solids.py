@@ -137,11 +137,10 @@ def rub(ball, moving, normal, stopped, friction, seconds):
     ball["spin"] = ball["spin"] + 2.5 / ball["radius"] ** 2 * np.cross(arm, gain)
 
 
-def bounce(ball, moving, normal, restitution, friction, seconds):
-    """Let a sphere leave a surface at the speed that it came with, times the restitution, and rub on it."""
-    stopped = (1.0 + restitution) * max((moving - ball["velocity"]) @ normal, 0.0)
-    ball["velocity"] = ball["velocity"] + stopped * normal
-    rub(ball, moving, normal, stopped, friction, seconds)
+def stop_of(coming, depth, before, restitution, h):
+    """Return how much a surface stops a sphere, which turns where it is with the speed that it had before the step."""
+    excess = min(depth / h, coming)
+    return max(excess, coming + restitution * before) if excess > 0.0 else 0.0
 
 
 def apart(gap, h):
@@ -160,8 +159,8 @@ def roll(ball, h, up, gravity, ground, momentum):
     pushed = np.zeros(3) if momentum else ball["force"] / ball["mass"]
     gap, rise = ball["position"] @ up - ball["radius"] - height, ball["velocity"] @ up
     ball["velocity"], ball["force"] = ball["velocity"] + h * (pushed - gravity * up), np.zeros(3)
-    excess = -(ball["velocity"] @ up) - max(gap, 0.0) / h
-    stopped = max(excess, -restitution * rise - ball["velocity"] @ up) if excess > 0.0 else 0.0
+    coming = -(ball["velocity"] @ up)
+    stopped = stop_of(coming, h * coming - gap, -rise, restitution, h)
     ball["velocity"] = ball["velocity"] + stopped * up
     ball["position"] = ball["position"] + h * ball["velocity"] + apart(gap, h) * up
     rub(ball, np.zeros(3), up, stopped, friction, h)
@@ -172,14 +171,17 @@ def leave_ground(ball, h, up, ground):
     height, restitution, friction = ground
     depth = height + ball["radius"] - ball["position"] @ up
     if depth > 0.0:
-        ball["position"] = ball["position"] + depth * up
-        bounce(ball, np.zeros(3), up, restitution, friction, h)
+        coming = -(ball["velocity"] @ up)
+        stopped = stop_of(coming, h * coming, coming, restitution, h)
+        ball["position"], ball["velocity"] = ball["position"] + depth * up, ball["velocity"] + stopped * up
+        rub(ball, np.zeros(3), up, stopped, friction, h)
 
 
-def leave_obstacles(ball, start, around, h):
+def leave_obstacles(ball, start, around, kick, h):
     """Move a sphere out of obstacles, which take turns.
 
     Args:
+        kick: Velocity that a step of gravity gives.
         around: `beside_obstacle` of each, with the restitution and the friction.
     """
     for _ in range(4):
@@ -187,8 +189,12 @@ def leave_obstacles(ball, start, around, h):
         for let_through, restitution, friction in around:
             let, normal, left, moving, _ = let_through(start[None], ball["position"][None], ball["radius"])
             if normal.any():
-                ball["position"] = let[0]
-                bounce(ball, moving[0], normal[0], restitution, friction, h * left[0, 0])
+                n, coming = normal[0], (moving[0] - ball["velocity"]) @ normal[0]
+                depth = (let[0] - ball["position"]) @ n
+                stopped = stop_of(coming, depth, coming + kick @ n, restitution, h)
+                ball["position"] = let[0] + max(h * stopped - depth, 0.0) * n
+                ball["velocity"] = ball["velocity"] + stopped * n
+                rub(ball, moving[0], n, stopped, friction, h * left[0, 0])
         moved, way = np.linalg.norm(ball["position"] - end), np.linalg.norm(end - start)
         if len(around) == 1 or moved <= 1e-3 * way + 2e-6 * np.linalg.norm(ball["position"]):
             break

@@ -17,32 +17,46 @@ from balloon_warp.kernels.adjoints.sphere_bars import (
 from balloon_warp.kernels.adjoints.sphere_courses import Pair, work_beside_convex, work_beside_mesh, work_of_pair
 from balloon_warp.kernels.adjoints.sphere_log import Event, LoggedSpheres
 from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.frames.backwards import Bars, numbers_adder
 from balloon_warp.kernels.laws.collision import mean_restitution
 from balloon_warp.kernels.laws.fixture import MESH
 from balloon_warp.kernels.loops.fixture_poses import pose_function
 from balloon_warp.kernels.loops.fixtures import meeting_function
 from balloon_warp.kernels.loops.friction import friction_between, number_of_obstacle, number_of_sphere
+from balloon_warp.kernels.params import numbers_type
 from balloon_warp.kernels.tables import Tables, row_of_world, sphere_mass, sphere_radius, sphere_restitution
 
 
 @cache
-def obstacle_adjoint(features: Features) -> Any:
-    """Return the function that runs a sphere's contact with an obstacle backwards."""
+def obstacle_adjoint(features: Features, columns: tuple[int, ...]) -> Any:
+    """Return the function that runs a sphere's contact with an obstacle backwards.
+
+    Args:
+        columns: of parameters by which something is derived.
+    """
     if not features.fixtures:
 
         @wp.func
         def meet_nothing(
-            t: Tables, spheres: LoggedSpheres, world: wp.int32, event: Event, end: float, bars: BarsOfSpheres
-        ):
+            t: Tables, spheres: LoggedSpheres, world: wp.int32, event: Event, end: float, bars: BarsOfSpheres,
+            of_frame: Bars,
+        ):  # fmt: skip
             return
 
         return meet_nothing
     meet, pose_at = meeting_function(features), pose_function(features)
+    place = features.columns.places["gravity"]
+    gravity = place - features.columns.balloon_width
+    Numbers, add_numbers = numbers_type(features.columns.width), numbers_adder(columns)  # noqa: N806 - a type
 
     @wp.func
     def add_of_obstacle(
-        t: Tables, bars: BarsOfSpheres, world: wp.int32, sphere: wp.int32, fixture: wp.int32, by_entry: Entry
-    ):
+        t: Tables, bars: BarsOfSpheres, of_frame: Bars, world: wp.int32, sphere: wp.int32, fixture: wp.int32,
+        by_entry: Entry,
+    ):  # fmt: skip
+        by_n = Numbers()
+        by_n[place] = by_entry.gravity
+        add_numbers(of_frame.numbers_of_balloons, world, 0, by_n)
         by_restitution = wp.float64(by_entry.restitution)
         bars.fixture_restitutions[world, fixture] = bars.fixture_restitutions[world, fixture] + by_restitution
         if wp.static(features.spheres_rub):
@@ -50,8 +64,9 @@ def obstacle_adjoint(features: Features) -> Any:
 
     @wp.func
     def meet_obstacle_backwards(
-        t: Tables, spheres: LoggedSpheres, world: wp.int32, event: Event, end: float, bars: BarsOfSpheres
-    ):
+        t: Tables, spheres: LoggedSpheres, world: wp.int32, event: Event, end: float, bars: BarsOfSpheres,
+        of_frame: Bars,
+    ):  # fmt: skip
         sphere, fixture = event.first, event.second
         start = spheres.sphere_starts[world, sphere]
         radius = sphere_radius(t.spheres, world, sphere)
@@ -66,16 +81,17 @@ def obstacle_adjoint(features: Features) -> Any:
             into(earlier, start), into(pose, event.mine.position), into(pose, met.let), met.part, solid, t.up, radius
         )
         entry.step = t.step_seconds
+        entry.gravity = t.world_numbers[row_of_world(world, t.world_numbers.shape[0]), gravity]
         entry.restitution = t.fixtures.restitutions[row_of_world(world, t.fixtures.restitutions.shape[0]), fixture]
         if wp.static(features.spheres_rub):
             entry.friction = friction_between(t, world, number_of_sphere(t, sphere), number_of_obstacle(fixture))
         if solid.kind == MESH:
-            by_mine, by_radius, _l, _n, _m, _c, by_meshed, _left, _b = wp.grad(work_beside_mesh)(
-                event.mine, radius, met.let, met.normal, met.moving, radius, entry, met.part, bar
+            by_mine, by_radius, _l, _n, _m, _c, _u, by_meshed, _left, _b = wp.grad(work_beside_mesh)(
+                event.mine, radius, met.let, met.normal, met.moving, radius, t.up, entry, met.part, bar
             )
             put_bar_of_course(bars, world, sphere, by_mine)
             add_by_sphere(bars, world, sphere, 0.0, by_radius)
-            add_of_obstacle(t, bars, world, sphere, fixture, by_meshed)
+            add_of_obstacle(t, bars, of_frame, world, sphere, fixture, by_meshed)
         else:
             by_start, by_course, of_radius, _s, _pose, _earlier, _up, by_entry, _bar = wp.grad(work_beside_convex)(
                 start, event.mine, radius, solid, pose, earlier, t.up, entry, bar
@@ -83,7 +99,7 @@ def obstacle_adjoint(features: Features) -> Any:
             put_bar_of_course(bars, world, sphere, by_course)
             bars.starts[world, sphere] = bars.starts[world, sphere] + by_start
             add_by_sphere(bars, world, sphere, 0.0, of_radius)
-            add_of_obstacle(t, bars, world, sphere, fixture, by_entry)
+            add_of_obstacle(t, bars, of_frame, world, sphere, fixture, by_entry)
 
     return meet_obstacle_backwards
 

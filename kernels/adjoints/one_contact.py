@@ -80,6 +80,7 @@ class Entry:
     steepness: float  # how fast the way comes in, its normal part [m]
     friction: float
     restitution: float  # of a sphere
+    gravity: float  # likewise [m/s^2]
     step: float  # [s]
 
 

@@ -108,7 +108,7 @@ def rolling_adjoint(features: Features, columns: tuple[int, ...]) -> Any:
 def roll_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
     """Return the kernel that runs spheres backwards, once all else of a substep has."""
     roll_event, meet_obstacle, meet_pair = (
-        rolling_adjoint(features, columns), obstacle_adjoint(features), pair_adjoint(features),
+        rolling_adjoint(features, columns), obstacle_adjoint(features, columns), pair_adjoint(features),
     )  # fmt: skip
 
     @wp.func
@@ -152,7 +152,7 @@ def roll_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
             if event.kind == MEETS:
                 meet_pair(t, spheres, world, event, bars)
             elif event.kind == BESIDE_OBSTACLE:
-                meet_obstacle(t, spheres, world, event, end, bars)
+                meet_obstacle(t, spheres, world, event, end, bars, of_frame)
             elif event.kind == STUCK:
                 bars.starts[world, event.first] = bars.starts[world, event.first] + bars.positions[world, event.first]
                 bars.positions[world, event.first] = wp.vec3()

@@ -8,7 +8,7 @@ import warp as wp
 from balloon_warp.kernels.adjoints.one_contact import Entry, into, nearest_on_convex, slid_on_convex
 from balloon_warp.kernels.contact_tables import Solid
 from balloon_warp.kernels.laws.collision import collision, share_of
-from balloon_warp.kernels.laws.contact import bounced, stop_of
+from balloon_warp.kernels.laws.contact import stop_of
 from balloon_warp.kernels.laws.impulse import fall
 from balloon_warp.kernels.laws.rigid import carried
 from balloon_warp.kernels.laws.sliding import ease_of_ball, friction_impulse, rubbed, spin_by
@@ -50,16 +50,37 @@ def work_of_roll(course: Course, ball: Ball, up: wp.vec3, step: float, bar: Cour
 def work_on_ground(course: Course, ball: Ball, up: wp.vec3, step: float, bar: Course):
     """Return the course of a sphere that another has pushed into the ground, see `loops.colliding`, times its bars."""
     depth = ball.ground_height + ball.radius - wp.dot(course.position, up)
-    stopped = stop_of(course.velocity, wp.vec3(), up, ball.ground_restitution)
-    going = bounced(course.velocity, wp.vec3(), up, ball.ground_restitution)
+    coming = -wp.dot(course.velocity, up)
+    stopped = stop_of(coming, step * coming, coming, ball.ground_restitution, step)
+    going = course.velocity + stopped * up
     gain, more = rubbed(going, course.spin, wp.vec3(), up, stopped, ball.radius, ball.friction)
     return worth(course.position + depth * up + step * gain, going + gain, course.spin + more, bar)
 
 
 @wp.func
-def work_beside_mesh(
-    course: Course, radius: float, let: wp.vec3, normal: wp.vec3, moving: wp.vec3, clear: float, entry: Entry,
+def worth_of_turn(
+    course: Course, place: wp.vec3, normal: wp.vec3, moving: wp.vec3, radius: float, up: wp.vec3, entry: Entry,
     left: float, bar: Course,
+):  # fmt: skip
+    """Return the course of a sphere that an obstacle lets go to a place, see `loops.rolling`, times its bars.
+
+    Args:
+        left: of the step, in which it slides.
+    """
+    coming = -wp.dot(course.velocity - moving, normal)
+    depth = wp.dot(place - course.position, normal)
+    before = coming - entry.step * entry.gravity * wp.dot(normal, up)
+    stopped = stop_of(coming, depth, before, entry.restitution, entry.step)
+    beyond = wp.max(entry.step * stopped - depth, 0.0)
+    going = course.velocity + stopped * normal
+    gain, more = rubbed(going, course.spin, moving, normal, stopped, radius, entry.friction)
+    return worth(place + beyond * normal + left * entry.step * gain, going + gain, course.spin + more, bar)
+
+
+@wp.func
+def work_beside_mesh(
+    course: Course, radius: float, let: wp.vec3, normal: wp.vec3, moving: wp.vec3, clear: float, up: wp.vec3,
+    entry: Entry, left: float, bar: Course,
 ):  # fmt: skip
     """Return a sphere's course past a mesh with frozen normal, times its bars.
 
@@ -68,10 +89,7 @@ def work_beside_mesh(
         left: of the step, in which it slides.
     """
     place = course.position + (wp.dot(let - course.position, normal) + radius - clear) * normal
-    stopped = stop_of(course.velocity, moving, normal, entry.restitution)
-    going = bounced(course.velocity, moving, normal, entry.restitution)
-    gain, more = rubbed(going, course.spin, moving, normal, stopped, radius, entry.friction)
-    return worth(place + left * entry.step * gain, going + gain, course.spin + more, bar)
+    return worth_of_turn(course, place, normal, moving, radius, up, entry, left, bar)
 
 
 @wp.func
@@ -91,10 +109,7 @@ def work_beside_convex(
     arm = wp.quat_rotate(pose.turn, place)
     outward = wp.quat_rotate(pose.turn, normal)
     moving = carried(pose.velocity, pose.spin, arm, -entry.step)
-    stopped = stop_of(course.velocity, moving, outward, entry.restitution)
-    going = bounced(course.velocity, moving, outward, entry.restitution)
-    gain, more = rubbed(going, course.spin, moving, outward, stopped, radius, entry.friction)
-    return worth(pose.center + arm + left * entry.step * gain, going + gain, course.spin + more, bar)
+    return worth_of_turn(course, pose.center + arm, outward, moving, radius, up, entry, left, bar)
 
 
 @wp.struct

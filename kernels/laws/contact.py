@@ -127,15 +127,23 @@ def penalty_force(penalty: float, inflation: wp.vec3, outward: wp.vec3):
 
 
 @wp.func
-def stop_of(velocity: wp.vec3, surface_velocity: wp.vec3, normal: wp.vec3, restitution: float):
-    """Return the change of a sphere's velocity along the normal when it meets a surface [m/s]."""
-    return -(1.0 + restitution) * wp.min(wp.dot(velocity - surface_velocity, normal), 0.0)
+def stop_of(coming: float, depth: float, before: float, restitution: float, step_seconds: float):
+    """Return the change of a sphere's speed along the normal of what it meets in a step [m/s].
 
+    It goes as far as the surface or, if it came, turns where it is, with the speed that it had before the step times
+    the restitution. So no energy is gained, and with restitution 1 what symplectic Euler conserves stays, whatever the
+    step: v^2 / 2 + a g + a h v / 2 of what is g away, comes at v, and is pulled by a.
 
-@wp.func
-def bounced(velocity: wp.vec3, surface_velocity: wp.vec3, normal: wp.vec3, restitution: float):
-    """Return the velocity of a sphere after contact: it leaves with its approach speed times the restitution."""
-    return velocity + stop_of(velocity, surface_velocity, normal, restitution) * normal
+    Args:
+        coming: How fast it comes after the step's forces [m/s].
+        depth: How far it would be behind the surface after the step [m].
+        before: How fast it came before these forces [m/s].
+    """
+    stopped = float(0.0)
+    excess = wp.min(depth / step_seconds, coming)
+    if excess > 0.0:
+        stopped = wp.max(excess, coming + restitution * before)
+    return stopped
 
 
 AS_OTHERS = -1.0

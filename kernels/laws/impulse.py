@@ -26,7 +26,7 @@ that the common center of mass stays, and without speed.
 import warp as wp
 
 from balloon_warp.kernels.algebra import squared_length
-from balloon_warp.kernels.laws.contact import way_out
+from balloon_warp.kernels.laws.contact import stop_of, way_out
 
 Press = wp.types.vector(length=18, dtype=wp.float32)
 """Sums over the particles that a body presses: m n n^T [kg], its six different numbers, and m a n [kg m/s]; and over
@@ -234,17 +234,14 @@ def fall(
 
     It has not met particles yet, or has the acceleration by their forces, `pushed` [m/s^2].
 
-    It goes as far as the ground, or, had it been falling, turns where it is, with the speed that it had before the
-    step times the restitution: then no energy is gained, whatever the step.
+    It turns beside the ground as `stop_of` has it.
     """
     gap = wp.dot(position, up) - radius - ground_height
     rise = wp.dot(velocity, up)
     velocity += step_seconds * (pushed - gravity * up)
-    excess = excess_speed(gap, -wp.dot(velocity, up), step_seconds)
-    stopped = float(0.0)
-    if excess > 0.0:
-        stopped = wp.max(excess, -ground_restitution * rise - wp.dot(velocity, up))
-        velocity += stopped * up
+    coming = -wp.dot(velocity, up)
+    stopped = stop_of(coming, step_seconds * coming - gap, -rise, ground_restitution, step_seconds)
+    velocity += stopped * up
     position += step_seconds * velocity + way_apart(gap, step_seconds) * up
     return position, velocity, stopped
 

@@ -7,7 +7,7 @@ import warp as wp
 
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.collision import collision, mean_restitution, share_of
-from balloon_warp.kernels.laws.contact import bounced, stop_of
+from balloon_warp.kernels.laws.contact import stop_of
 from balloon_warp.kernels.laws.sliding import ease_of_ball, friction_impulse, spin_by
 from balloon_warp.kernels.loops.friction import friction_between, number_of_sphere
 from balloon_warp.kernels.loops.rolling import (
@@ -58,9 +58,10 @@ def beside_function(features: Features, note: Any = None) -> Any:
                 if wp.static(note is not None):
                     note(spheres, world, BESIDE_GROUND, sphere, sphere, course, course)
                 restitution = t.world_numbers[row, ground_restitution]
-                stopped = stop_of(course.velocity, wp.vec3(), t.up, restitution)
+                coming = -wp.dot(course.velocity, t.up)
+                stopped = stop_of(coming, t.step_seconds * coming, coming, restitution, t.step_seconds)
                 course.position += depth * t.up
-                course.velocity = bounced(course.velocity, wp.vec3(), t.up, restitution)
+                course.velocity += stopped * t.up
                 course = rub_on_ground(t, world, sphere, course, stopped)
         if wp.static(features.fixtures):
             course = leave_fixtures(t, spheres, world, sphere, time, spheres.sphere_starts[world, sphere], course)

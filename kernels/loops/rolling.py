@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.contact import bounced, stop_of
+from balloon_warp.kernels.laws.contact import stop_of
 from balloon_warp.kernels.laws.fixture import MOST_TURNS, is_settled
 from balloon_warp.kernels.laws.impulse import fall
 from balloon_warp.kernels.laws.sliding import rubbed
@@ -117,12 +117,13 @@ def leaving_function(features: Features, note: Any = None) -> Any:
     """
     meet = meeting_function(features)
     rub = rubbing_function(features)
+    gravity = features.columns.places["gravity"] - features.columns.balloon_width
 
     @wp.func
     def leave_fixtures(
         t: Tables, spheres: Any, world: wp.int32, sphere: wp.int32, time: float, start: wp.vec3, course: Course
     ):
-        """Return a sphere out of obstacles, which it leaves at the speed it came with times their restitution.
+        """Return a sphere out of obstacles, from which it turns by their restitution, see `stop_of`.
 
         Args:
             time: at the end of the step [s].
@@ -130,6 +131,7 @@ def leaving_function(features: Features, note: Any = None) -> Any:
         """
         radius = sphere_radius(t.spheres, world, sphere)
         fixtures = t.fixtures.solids.shape[0]
+        pull = t.world_numbers[row_of_world(world, t.world_numbers.shape[0]), gravity]
         turns = wp.int32(0)
         while turns < MOST_TURNS:
             turns += 1
@@ -141,9 +143,12 @@ def leaving_function(features: Features, note: Any = None) -> Any:
                         note(spheres, world, BESIDE_OBSTACLE, sphere, fixture, course, course)
                     row = row_of_world(world, t.fixtures.restitutions.shape[0])
                     restitution = t.fixtures.restitutions[row, fixture]
-                    stopped = stop_of(course.velocity, met.moving, met.normal, restitution)
-                    course.position = met.let
-                    course.velocity = bounced(course.velocity, met.moving, met.normal, restitution)
+                    coming = -wp.dot(course.velocity - met.moving, met.normal)
+                    depth = wp.dot(met.let - course.position, met.normal)
+                    before = coming - t.step_seconds * pull * wp.dot(met.normal, t.up)
+                    stopped = stop_of(coming, depth, before, restitution, t.step_seconds)
+                    course.position = met.let + wp.max(t.step_seconds * stopped - depth, 0.0) * met.normal
+                    course.velocity += stopped * met.normal
                     friction = friction_between(t, world, number_of_sphere(t, sphere), number_of_obstacle(fixture))
                     left = met.part * t.step_seconds
                     course = rub(t, world, sphere, course, met.moving, met.normal, stopped, friction, left)
