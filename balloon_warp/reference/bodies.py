@@ -47,6 +47,13 @@ def push(body, impulse, torque, h, shift=0.0):
     body["position"] = body["position"] + h * gain + shift
 
 
+def carried_along(thing, body, arm, n, h):
+    """Return the velocity of a thing's surface at a body's point, along the surface as the body's center goes."""
+    center = body["position"] - thing["position"]
+    along = carried(thing["velocity"], thing["spin"], center, h) + np.cross(thing["spin"], arm)
+    return along + ((carried(thing["velocity"], thing["spin"], center + arm, h) - along) @ n) * n
+
+
 def speed_of(thing):
     return np.linalg.norm(thing["velocity"]) + np.linalg.norm(thing["spin"]) * thing["reach"]
 
@@ -82,12 +89,12 @@ def grips(bodies, things, friction, h, fall):
                 at = at - points[:, 3:] * normal
                 for k in np.flatnonzero(gap[:, 0] < within):
                     arm, other, n = at[k] - body["position"], at[k] - thing["position"], side * normal[k]
-                    moving = 0.0 if moves is not None else carried(thing["velocity"], thing["spin"], other, h)
+                    moving = 0.0 * n if moves is not None else carried_along(thing, body, arm, n, h)
                     blurred = 1e-5 * body["reach"] + 4e-7 * np.linalg.norm(body["position"])
                     open_gap = 0.0 if abs(gap[k, 0]) <= blurred else float(gap[k, 0])
                     rebound = np.sqrt(body["restitution"] * thing["restitution"])
                     key, rub = (number, place, first + k), friction[number, place]
-                    found.append((key, number, moves, n, arm, other, moving + 0.0 * n, open_gap, rub, rebound))
+                    found.append((key, number, moves, n, arm, other, moving, open_gap, rub, rebound))
                 first += len(points)
     return found
 

@@ -89,6 +89,25 @@ def carried(velocity: wp.vec3, spin: wp.vec3, arm: wp.vec3, seconds: float):
 
 
 @wp.func
+def carried_along(velocity: wp.vec3, spin: wp.vec3, center_arm: wp.vec3, arm: wp.vec3, normal: wp.vec3, seconds: float):
+    """Return the velocity of a surface at a point of a body that may turn with it.
+
+    Along the surface it is that which takes the body's center along its chord: the body's points then go along theirs
+    by its own turn. To each of them alone, friction would ask the body to shrink.
+
+    Args:
+        velocity: of the center of what carries it [m/s].
+        spin: likewise [rad/s].
+        center_arm: from there to the body's center, as the step begins [m].
+        arm: from the body's center to the point [m].
+        normal: of the surface.
+    """
+    along = carried(velocity, spin, center_arm, seconds) + wp.cross(spin, arm)
+    chord = carried(velocity, spin, center_arm + arm, seconds)
+    return along + wp.dot(chord - along, normal) * normal
+
+
+@wp.func
 def mean_spin(momentum: wp.vec3, ease: wp.mat33, seconds: float):
     """Return the spin by which a body turns for some seconds [rad/s], W, in its own axes.
 

@@ -7,7 +7,7 @@ import warp as wp
 
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.grip import Grip, clear_gap
-from balloon_warp.kernels.laws.rigid import carried
+from balloon_warp.kernels.laws.rigid import carried_along
 from balloon_warp.kernels.loops.friction import friction_between
 from balloon_warp.kernels.loops.nearest import Thing, thing_functions
 from balloon_warp.kernels.loops.settling import ease_at
@@ -76,7 +76,8 @@ def hold_point(
     grip.normal = normal
     grip.arm = point - own.center
     grip.other_arm = point - thing.center
-    grip.moving = carried(thing.velocity, thing.spin, grip.other_arm, step_seconds)
+    center_arm = own.center - thing.center
+    grip.moving = carried_along(thing.velocity, thing.spin, center_arm, grip.arm, normal, step_seconds)
     grip.gap = clear_gap(gap, own.reach, own.center)
     grip.ease = ease_at(working, world, grip, normal)
     grip.friction = thing.friction
