@@ -207,7 +207,12 @@ FLOORS: dict[str, dict[str, Any]] = {
             Obstacle(shape="capsule", radius=0.3, length=2.0, rotation=(0, 0, 90), position=(0, -0.3, 0), **HARD)
         ]
     },
-    "valley": {"obstacle": [Obstacle(shape="plane", rotation=(0, 0, degrees), **HARD) for degrees in (-40.0, 30.0)]},
+    "slopes": {
+        "obstacle": [
+            Obstacle(size=(8, 0.2, 8), rotation=(0, 0, degrees), position=(aside, -0.1, 0), **HARD)
+            for degrees, aside in ((-40.0, -0.1), (30.0, 0.1))
+        ]
+    },
 }
 
 
