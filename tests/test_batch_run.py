@@ -313,7 +313,7 @@ def test_a_step_that_only_soft_thin_parts_allow_is_no_reason_for_an_early_refusa
 
 
 def test_all_groups_take_the_step_of_the_stiffest_world(meshes: list[Path]):
-    """All are so light that stability asks for more substeps than spheres do."""
+    """The balloons are so light that stability asks for more substeps than spheres do."""
     automatic = scene(substeps="auto")
     vary = {"balloon.0.mesh": [meshes[0], meshes[1], meshes[0]], "balloon.mass": [1e-4, 1e-4, 2e-5]}
     alone = [plan_groups(automatic, 1, {path: [values[n]] for path, values in vary.items()}) for n in range(3)]

@@ -71,7 +71,8 @@ def test_a_balloon_of_any_size_resolution_and_stiffness_swells_alike_and_keeps_s
 
 
 def test_the_smallest_scene_falls_as_a_round_ball():
-    """It swells by a quarter of its radius, 0.06 m, within a second, and breathes so fast; half is left after 1.5 s."""
+    """The ball swells by a quarter of its radius, 0.06 m, within a second, and breathes so fast; half is left after 1.5
+    s."""
     ball = SCENES / "ball.obj"
     scene = Scene(balloon=[Balloon(mesh=ball), Balloon(mesh=ball, scale=0.6, position=(2.0, 0.0, 0.0))], frames=150)
     *_, end = Simulator(scene, "cpu").run()

@@ -174,7 +174,7 @@ def test_a_push_that_no_step_can_follow_is_the_cause(rises: bool, device):
     ],
 )
 def test_what_the_particle_lay_on_is_named(obstacles: dict, touched: tuple, device: str):
-    """All corners of the cube lie on it."""
+    """Corners of the cube lie on it."""
     scene = Scene(balloon=[Balloon(mesh=cube(), inflation=TOO_MUCH)], faces=False, **obstacles)
     report = blow_up(Simulator(scene, device))
     assert report.touched == touched

@@ -110,7 +110,7 @@ TRIED = ("README.md", "START.md", "OUTPUTS.md")
 
 @pytest.mark.full
 def test_commands_of_the_first_pages_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """They run in turn in one folder, as for a reader, with few frames; `view` and `batch` have other tests."""
+    """Commands run in turn in one folder, as for a reader, with few frames; `view` and `batch` have other tests."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(package, "render_stage", partial(render_stage, size=(32, 18), samples=1))
     write_obj(Path("MESH.obj"), quad_sphere(4))

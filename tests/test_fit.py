@@ -58,7 +58,7 @@ def test_a_curve_gives_back_its_rubber(kind: str):
 
 @pytest.mark.full
 def test_errors_are_as_large_as_they_are_said_to_be():
-    """One standard deviation covers about two thirds of the noise."""
+    """A standard deviation covers about two thirds of the noise."""
     true = np.array(list(TRUE["mooney_rivlin"].values()))
     fits = [fit_curves([curve_of("mooney_rivlin", 0.01, seed)], radius=RADIUS).fit for seed in range(40)]
     apart = np.abs([list(fit.values.values()) for fit in fits] - true)

@@ -34,7 +34,7 @@ def test_every_method_can_be_measured(method: Method):
 
 
 def test_the_page_has_a_line_for_every_method_with_the_values_that_were_measured():
-    """By its overrides a line can be repeated; of a long table it has the beginning."""
+    """The overrides repeat a line; of a long table the beginning stands there."""
     for method in METHODS:
         [line] = re.findall(rf"^\| {re.escape(method.name)} \|.*", PAGE, re.M)
         assert [value for value in method.overrides if value.split(",")[0] not in line] == [], method.name

@@ -343,7 +343,7 @@ def test_a_world_that_blew_up_is_still_known(device: str):
 
 
 def test_what_a_scene_does_not_have_need_not_be_saved():
-    """As in a checkpoint from before balloons could touch."""
+    """A checkpoint is such from before balloons could touch."""
     simulator = stepped(Simulator("squirrel_tether", "cpu"), 1)
     saved = {name: array.numpy() for name, array in simulator.state.arrays.items() if array.size}
     assert "holds" not in saved

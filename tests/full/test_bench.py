@@ -347,7 +347,7 @@ def test_the_balloons_are_apart_at_first_and_press_each_other_then():
 
 
 def test_newton_blows_them_up_alike():
-    """To a few percent, with the same springs and pressure, though by implicit steps."""
+    """Agreement within a few percent, with the same springs and pressure, though by implicit steps."""
     pytest.importorskip("newton")
     from balloon_warp.benchmarks.newton_crowd import NewtonCrowd
 

@@ -54,7 +54,7 @@ def test_a_number_that_one_has_to_ask_for_is_named(narrow: PolygonMesh, monkeypa
 
 
 def test_a_hole_that_no_cells_keep_is_closed_and_that_is_said(narrow: PolygonMesh, monkeypatch) -> None:
-    """As a scan has them, where its surface came too near to itself. The ring on the side is a cell thick: fitted whole
+    """Handles of a scan, whose surface came too near to itself. The ring on the side is a cell thick: fitted whole
     its quads cross each other in 108 places, so a part stays thick."""
     monkeypatch.setattr("balloon_warp.mesh.remesh.MAX_CELLS", 24)
     made = remesh(narrow, 16)

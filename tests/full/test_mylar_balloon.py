@@ -42,7 +42,7 @@ def two_discs(rings: int, radius: float) -> PolygonMesh:
 
 
 def test_it_has_the_rim_the_thickness_and_the_volume_of_the_elliptic_integrals(device: str):
-    """Of inextensible foil with wrinkles: the meridian z(x) = integral from x to r of t^2 / root(r^4 - t^4)."""
+    """Meridian of inextensible foil with wrinkles, z(x) = integral from x to r of t^2 / root(r^4 - t^4)."""
     mesh = two_discs(RINGS, RADIUS)
     balloon = Balloon(mesh=mesh, material=FOIL, inflation=Inflation(pressure=PRESSURE), damping=2.0)
     simulator = Simulator(Scene(balloon=[balloon], gravity=0.0), device)

@@ -41,7 +41,7 @@ def test_latex_inflate_shows_that_blowing_is_hardest_at_the_start():
 
 
 def test_foil_letters_fill_without_stretching():
-    """But for wrinkles and a few per cent that the pressure stretches them; and each stays upright: the O does not
+    """Sizes agree but for wrinkles and a few per cent of stretch; and each stays upright: the O does not
     fold."""
     model, frames = played("foil_letters")
     assert model.balloon_count == 5

@@ -10,7 +10,7 @@ from balloon_warp.mesh.geometry import signed_volume
 
 
 def test_with_correction_the_shape_is_a_scaled_copy():
-    """Which the paper did not want: at equal volume, without correction, the stretch varies twice as much."""
+    """The paper did not want that: at equal volume, without correction, the stretch varies twice as much."""
     strong = (
         *(("correction", "provot"), ("correction_limit", 0.25), ("frames", 110)),
         ("balloon.inflation.k_normal", ((0.2, 0.0), (1.7, 28.0))),
@@ -60,7 +60,7 @@ def test_correction_constrains_a_strongly_inflated_balloon_most():
 
 
 def test_tarantinos_correction_is_smoother_than_provots():
-    """As the paper says: of the hundredth that changes its velocity the most from frame to frame, at the limit, the
+    """The paper says so: of the hundredth that changes its velocity the most from frame to frame, at the limit, the
     change is less, by 8% on the ground, by 9% in free air without gravity, by 14% on ice. A twentieth is asked. The
     balloon is larger by less than 2%, as springs pull less near their limit."""
     jolts, volumes = [], []
@@ -76,7 +76,7 @@ def test_tarantinos_correction_is_smoother_than_provots():
 
 
 def test_cached_normals_give_the_shape_of_fresh_ones():
-    """As the paper says. In the last half second volumes agree to three thousandths: those with cached normals jitter,
+    """The paper says so. In the last half second volumes agree to three thousandths: those with cached normals jitter,
     and of seven starts a micrometer apart their means were 162.55 to 162.80 liters, where with fresh ones they were
     162.75 to 162.78."""
     model, fresh = played("squirrel_inflate")
@@ -130,7 +130,7 @@ PAPERS_TETHER = (
 
 
 def test_squirrel_tether_turns_from_upright_to_upside_down():
-    """It turns over in the frames of figures 19 to 21, and hangs so to the end, above a taut string."""
+    """The squirrel turns over in the frames of figures 19 to 21, and hangs so to the end, above a taut string."""
     model, frames = played("squirrel_tether", PAPERS_TETHER)
     places = [frames[number].points[0].astype(np.float64) for number in (0, 80, 300, -1)]
     turned = [turned_by(model.shapes[0].mesh.points, each, model.scene.up) for each in places]

@@ -222,9 +222,9 @@ def test_it_goes_on_bit_for_bit(device: str):
 
 @pytest.mark.always
 def test_a_hole_lets_out_what_its_area_does():
-    """By C A root(2 p / rho): until half is gone within 5 %, for the ball is not round where it is torn. The jet drives
-    what is left, and the gas in it, by 2 C A p along the hole's normal, within 5 %. The rest of the motion is by a torn
-    face's own tension."""
+    """The rate is C A root(2 p / rho): until half is gone within 5 %, for the ball is not round where it is torn. The
+    jet drives what is left, and the gas in it, by 2 C A p along the hole's normal, within 5 %. The rest of the motion
+    is by a torn face's own tension."""
     gas = Inflation(kind="gas", molar_mass=0.0289652, added_mass=0.0)
     scene = scene_of(quad_sphere(6, 0.1), rate=500.0, gas=gas, needle_time=0.01, tear_strength=8e9, strength=9e9)
     simulator = filled(scene, 1.5)

@@ -101,7 +101,7 @@ def test_they_leave_at_the_speed_of_impact_times_the_restitution(
 
 
 def test_an_oblique_impact_is_along_the_line_through_the_centers(solver: str, device: str):
-    """That is at asin(offset / R) to the path: the struck one leaves along it with v cos, the other across with v
+    """The normal is at asin(offset / R) to the path: the struck one leaves along it with v cos, the other across with v
     sin."""
     angle = 0.6
     _, velocities = after(billiard(device, pair(speed=3.0, aside=-0.3 * np.sin(angle)), solver=solver), 60)
@@ -362,7 +362,7 @@ def bare_cubes(device: str, spheres: list[Sphere], cubes: int = 1, **fields: Any
 
 @pytest.mark.parametrize("sphere_mass", [0.024, 1.2, 240.0])
 def test_balloons_that_touch_all_over_stick_to_the_sphere(sphere_mass: float, device: str):
-    """They go on at the mean of their speeds by mass. The corners see it under up to 0.7 / 29 from the middle."""
+    """Both go on at the mean of their speeds by mass. The corners see it under up to 0.7 / 29 from the middle."""
     wall = Sphere(position=(-28.9, 0.5, 0.5), radius=30.0, mass=sphere_mass)
     simulator = bare_cubes(device, [wall], cubes=3)
     put(simulator, velocities=np.tile([-2.0, 0.0, 0.0], (24, 1)))
@@ -390,7 +390,7 @@ def test_kinetic_energy_never_grows_by_contact(sphere_mass: float, device: str):
 
 
 def test_what_a_body_and_its_particles_do_is_the_nearest_that_is_allowed(device: str):
-    """By the conditions of Karush, Kuhn and Tucker: no penetration, impulses push and never pull, and a pushed particle
+    """Conditions of Karush, Kuhn and Tucker: no penetration, impulses push and never pull, and a pushed particle
     arrives at the surface. Eight corners come at a light sphere in their midst at random, in one step."""
     sphere = Sphere(position=(0.5, 0.5, 0.5), radius=0.86, mass=0.05, velocity=(1.0, 0.0, 0.0))
     simulator = bare_cubes(device, [sphere], frames_per_second=500.0)
@@ -437,7 +437,7 @@ def test_a_light_sphere_rebounds_no_higher_than_it_fell_and_alike_at_any_step(de
 
 
 def test_a_balloon_carries_a_sphere(device: str):
-    """By the paper's penalty it gives way to a sphere so heavy for the inflation."""
+    """The paper's penalty gives way to a sphere so heavy for the inflation."""
     stiff = Stiffness(structural=200.0, shear=100.0, flexion=100.0, viscosity=0.01)
     balloon = Balloon(
         mesh=quad_sphere(4, 0.5), position=(0.0, 0.5, 0.0), mass=0.5, damping=3.0, stiffness=stiff,
@@ -528,8 +528,8 @@ def test_a_touching_particle_keeps_no_speed_into_the_sphere(device: str):
     ("k_normal", "substeps", "sums"), [(0.6, 2, 0.6), ([(0.0, 0.2), (0.001, 1.0)], 4, 0.2 + 0.4 + 0.6)]
 )
 def test_penalty_force_is_the_touching_particles_inflation(k_normal: Any, substeps: int, sums: float, device: str):
-    """By h penalty 100 k_normal (A_p / A) / M; of four substeps, k_normal at the begin of the first three acts in the
-    next."""
+    """The speed changes by h penalty 100 k_normal (A_p / A) / M; of four substeps, k_normal at the begin of the first
+    three acts in the next."""
     sphere = Sphere(position=tuple(CORNER + [0.0, 0.15, 0.0]), radius=0.2, mass=3.0, penalty=2.0)
     inflation = {"inflation": Inflation(k_normal=k_normal)}
     simulator = bare_cubes(device, [sphere], contact="penalty", substeps=substeps, normals="cached", balloon=inflation)

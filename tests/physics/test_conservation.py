@@ -165,8 +165,8 @@ def test_symplectic_eulers_energy_swings_and_does_not_drift(device):
 
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_the_stable_step_is_exact_for_two_particles_on_a_spring(solver: Solver, device: str):
-    """By Gershgorin: w^2 h^2 + 2 g h = 4 where the spring is viscous, or h = g / w^2 by forward Euler, whose balloon is
-    damped. A step a hundredth longer gains energy, and one a hundredth shorter loses it."""
+    """Gershgorin's bound: w^2 h^2 + 2 g h = 4 where the spring is viscous, or h = g / w^2 by forward Euler, whose
+    balloon is damped. A step a hundredth longer gains energy, and one a hundredth shorter loses it."""
     rate = 0.2 * OMEGA
     viscous = {"stiffness": Stiffness(structural=STIFFNESS, viscosity=rate / OMEGA**2)}
     slowed = viscous if solver == "symplectic_euler" else {"damping": rate * 2.0 * MASS}
@@ -192,7 +192,7 @@ def test_auto_takes_the_step_at_which_damping_makes_up_for_forward_euler():
 
 
 def test_forward_euler_with_autos_substeps_loses_energy(device):
-    """With a tenth of the substeps it gains energy, though damped: the bound is right within its margins."""
+    """A tenth of the substeps gains energy, though damped: the bound is right within its margins."""
     for divisor, grows in ((1, False), (10, True)):
         balloon = Balloon(mesh=quad_sphere(3), damping=0.5, inflation=NO_INFLATION)
         scene = Scene(balloon=[balloon], gravity=0.0, solver="forward_euler")

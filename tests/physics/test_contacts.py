@@ -101,7 +101,7 @@ def test_balloons_press_each_other_alike() -> None:
 
 @pytest.mark.parametrize("gap", [0.8, 0.6])
 def test_the_force_on_a_plate_is_the_pressure_times_the_contact(gap: float, device: str) -> None:
-    """In a cut along the contact's edge only the pressure acts across. Net forces leave contacts out, so that at rest
+    """Only the pressure acts across a cut along the contact's edge. Net forces leave contacts out, so that at rest
     those of touching particles are the plate's load. The contact ends somewhere between the particles that touch and
     their neighbors; the area that is told of it ends half an edge around those that touch."""
     soft, pressure = {"structural": 20.0, "shear": 10.0, "flexion": 0.0}, 10.0

@@ -113,7 +113,7 @@ def test_no_spring_exceeds_its_worlds_limit_by_more_than_a_hundredth(device):
 
 
 def test_with_tarantino_a_spring_at_its_limit_does_not_pull(device):
-    """Its pull gives way smoothly: at half of the limit 9/16 of it are left."""
+    """The pull gives way smoothly: at half of the limit 9/16 of it are left."""
     rows = (
         ("provot", 1.1, 0.1),
         ("tarantino", 1.1, 0.0),
@@ -144,7 +144,7 @@ def uneven_ball(count: int = 300, radius: float = 0.5) -> PolygonMesh:
 
 @pytest.mark.parametrize("limit", [0.1, 0.25])
 def test_rounding_does_not_decide_which_springs_at_the_limit_pull(limit: float):
-    """Where the pull of springs at their limit ended abruptly, other sums led 7 and 76 mm apart."""
+    """An abrupt end of the pull at the limit was decided by rounding: other sums led 7 and 76 mm apart."""
     ball, strong = uneven_ball(), Inflation(k_normal=40.0 * limit)
     fields = {"inflation": strong, "damping": 0.3, "stiffness": Stiffness(), "correction_limit": limit}
     scene = scene_of(ball, "tarantino", **fields | {"substeps": "auto"})
@@ -157,7 +157,7 @@ def test_rounding_does_not_decide_which_springs_at_the_limit_pull(limit: float):
 
 
 def test_a_ball_against_its_limit_moves_alike_in_all_schedules():
-    """For a second the places of a ball of quads are alike, up to rounding: no spring's force changes by more than its
+    """Places of a ball of quads are alike for a second, up to rounding: no spring's force changes by more than its
     constant times the way. Where it ended over a hundredth of the length, they were 4 mm apart after six frames."""
     ball, inflation = quad_sphere(5, 0.15), Inflation(k_normal=0.1)
     scene = scene_of(ball, "tarantino", inflation=inflation, damping=0.05, stiffness=Stiffness(), substeps="auto")

@@ -64,7 +64,7 @@ def test_what_presses_back_less_is_crushed_flat_and_stays_so(scene: Scene, press
 
 
 def test_crushed_it_sinks_by_its_weight(device: str):
-    """What is left of its volume lifts nothing."""
+    """The rest of the volume lifts nothing."""
     simulator = Simulator(UNDER_WATER, device)
     moved(simulator, 20)
     heights = []
@@ -77,7 +77,7 @@ def test_crushed_it_sinks_by_its_weight(device: str):
 
 @pytest.mark.parametrize("substeps", ["auto", 64])
 def test_a_ball_of_gas_dents_rises_and_floats(substeps: int | str, schedule: str, device: str):
-    """Its volume is that of Boyle's law all the way, and at the surface it is as before."""
+    """The volume is that of Boyle's law all the way, and at the surface it is as before."""
     latex = Material(preset="latex")
     gas = Inflation(kind="gas", start_pressure=300.0, molar_mass=0.0289652)
     scene = Scene(

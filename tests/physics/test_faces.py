@@ -54,7 +54,7 @@ def sides_of(scene: Scene, device: str, schedule: str, frames: int) -> list[floa
 @pytest.mark.parametrize("speed", [0.5, 5.0, 100.0, 1000.0])
 @pytest.mark.parametrize("radius", [0.0001, 0.005, 0.03])
 def test_one_that_is_inside_stays_inside(radius, speed, device):
-    """At the highest speed a substep would take it three times the balloon's width, and the balloon moves along."""
+    """A substep at the highest speed would take it three times the balloon's width, and the balloon moves along."""
     ball = Sphere(position=(0.05, 0.02, 0.03), radius=radius, mass=0.05, velocity=(speed, 0.3 * speed, 0.1 * speed))
     np.testing.assert_allclose(sides_of(flight(ball), device, "scatter", frames=12), 1.0, atol=1e-3)
 

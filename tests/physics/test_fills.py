@@ -294,7 +294,7 @@ def push(mesh: PolygonMesh, inflation: Inflation, device: str) -> float:
 
 @pytest.mark.parametrize("cells", [4, 12])
 def test_k_normal_means_half_as_much_on_triangles_and_a_pressure_the_same(cells, device):
-    """There are as many quads as particles, which push by nearly 100 k_normal, and twice as many triangles of half the
+    """Quads are as many as particles, which push by nearly 100 k_normal, and twice as many triangles of half the
     area."""
     quads = quad_sphere(cells)
     meshes = quads, mesh_of(quads.points, triangles_of(quads))
@@ -332,8 +332,9 @@ def course(simulator: Simulator, frames: int) -> NDArray[np.float64]:
 
 @pytest.mark.parametrize(("own", "rate"), [(LATEX, 0.2), (LATEX, 1.0), (SPRINGS, 0.2)])
 def test_a_pump_takes_no_more_from_a_flat_balloon(own: dict[str, Any], rate: float, schedule: str, device: str):
-    """Within 5 % as it comes to rest, and a hundredth of the mesh's volume before. The air outside, without resistance,
-    would drive the walls to root(2 p V / m), 100 m/s and more; they have less than a tenth of that."""
+    """Agreement is within 5 % as it comes to rest, and a hundredth of the mesh's volume before. The air outside,
+    without resistance, would drive the walls to root(2 p V / m), 100 m/s and more; they have less than a tenth of
+    that."""
     rows = course(emptied(own, schedule, device, pump=[(0.0, 0.0), (0.05, 0.0), (0.07, -rate)]), 60)
     np.testing.assert_allclose(rows[30:, 1], FLAT, rtol=1e-4)
     assert np.isfinite(rows).all()

@@ -77,8 +77,8 @@ def test_layers_of_a_folded_strip_keep_apart(device: str):
 
 
 def test_layers_that_fall_on_the_ground_keep_apart(device: str):
-    """What is pushed into the ground, and taken out of it later, would go through what lies on it; with room for 8
-    pairs of each edge, at 227 places."""
+    """A part that is pushed into the ground, and taken out of it later, would go through what lies on it; with room for
+    8 pairs of each edge, at 227 places."""
     mesh = zigzag(6, 0.002)
     flat = replace(mesh, points=mesh.points[:, [0, 2, 1]] * [1.0, 1.0, -1.0])
     falls = {"position": (0.0, 0.001, 0.0), "velocity": (0.0, -4.0, 0.0), "gravity": 9.81, "ground": Ground()}
@@ -137,7 +137,7 @@ def test_a_long_tube_that_folds_fast_is_nowhere_in_itself():
 
 
 def test_letters_of_foil_that_meet_fast_come_apart_again():
-    """Without edges, or where they do not touch themselves, they are 10 cm deep in each other."""
+    """Sheets without edges, or that do not touch themselves, are 10 cm deep in each other."""
     letters = [
         Balloon(
             mesh=foil_mesh(letter, height=0.35, edge=0.035), mass=0.05, damping=0.02,
@@ -176,7 +176,7 @@ SHEET = square(4, 0.5)
 
 
 def test_flat_sheets_that_cross_edge_on_stop_each_other_and_keep_what_is_kept(device: str):
-    """Without thickness neither has a particle near a face of the other: they would pass like two cards with slits.
+    """No particle of sheets without thickness is near a face of the other: they would pass like two cards with slits.
     Rounding is of two hundred substeps."""
     upright, still = replace(SHEET, points=SHEET.points[:, [0, 2, 1]]), {"mass": 0.05, "damping": 0.0}
     balloons = [
@@ -198,8 +198,8 @@ def test_flat_sheets_that_cross_edge_on_stop_each_other_and_keep_what_is_kept(de
 
 
 def test_foil_cushions_thrown_at_each_other_stay_apart(device):
-    """One lies, one is upright, while they fill: no particle is deeper than 1 mm, a third of a hundredth of the width.
-    Without contact of edges seams were in each other for six frames."""
+    """A letter lies, one is upright, while they fill: no particle is deeper than 1 mm, a third of a hundredth of the
+    width. Without contact of edges seams were in each other for six frames."""
     mesh = cushion(3)
     upright = replace(mesh, points=mesh.points[:, [0, 2, 1]] * [1.0, -1.0, 1.0])
     foil = {"mass": 0.01, "damping": 0.0, "stiffness": Stiffness(structural=200.0, shear=100.0, flexion=0.0)}
@@ -255,7 +255,8 @@ def verdict(simulator: Simulator) -> int:
 
 
 def test_the_length_of_a_tube_over_its_diameter_is_its_slenderness():
-    """What is open or has too few vertices to bend is left alone, as balls are; a long tube touches itself, softly."""
+    """A mesh that is open or has too few vertices to bend is left alone, as balls are; a long tube touches itself,
+    softly."""
     for mesh, expected, itself in [
         (quad_sphere(8), np.pi**2 / 4.0, False),
         (cube(), 0.0, False),
@@ -271,7 +272,7 @@ def test_the_length_of_a_tube_over_its_diameter_is_its_slenderness():
 
 @pytest.mark.parametrize("schedule", ["octets", "block"])
 def test_a_straight_tube_moves_as_without_contact(schedule: str, device: str):
-    """It flies, turns and swells in free frames alone, to the same places to the bit."""
+    """The ball flies, turns and swells in free frames alone, to the same places to the bit."""
     if schedule == "octets" and device != "cpu":
         pytest.skip("runs on a CPU")
     thrown: dict[str, Any] = {"balloon.velocity": (9.0, 0.0, 0.0), "balloon.angular_velocity": (0.0, 3.0, 0.0)}
@@ -286,7 +287,7 @@ def test_a_straight_tube_moves_as_without_contact(schedule: str, device: str):
 
 
 def test_a_tube_that_folds_is_nowhere_in_itself_by_default():
-    """Its halves fold until they meet at 8 m/s; without contact they cross at more than 100 places."""
+    """The halves fold until they meet at 8 m/s; without contact they cross at more than 100 places."""
     simulator, mesh = folding_tube(None)
     assert simulator.schedule.name == "octets"
     seen = []
@@ -333,7 +334,7 @@ def true_gap(mesh: PolygonMesh, points: np.ndarray, apart: float) -> float:
 @pytest.mark.always("0.5")
 @pytest.mark.parametrize("bend", [0.0, 0.5, 2.0, 4.0])
 def test_the_room_is_no_larger_than_the_gap(bend: float):
-    """There is some room in a tube until it has bent by a radian in its length."""
+    """A tube has some room in a tube until it has bent by a radian in its length."""
     mesh = tube(17, 12)
     simulator = Simulator(load_scene(mesh), "cpu", schedule="octets")
     x, y, z = mesh.points.T

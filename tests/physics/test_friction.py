@@ -99,7 +99,8 @@ LOSSES = [(0.08, 0.8, 0.6), (None, 0.8, 0.3), (0.0, 0.8, 0.8), (None, 0.1, 0.0),
 
 @pytest.mark.parametrize("surface", SURFACES)
 def test_of_what_lands_each_loses_by_its_own(surface: str, device: str):
-    """At 1 m/s on a floor of 0.5: the root of 0.04 with 0.08 of its own; what is slower does not turn back."""
+    """Coefficients at 1 m/s on a floor of 0.5: the root of 0.04 with 0.08 of its own; what is slower does not turn
+    back."""
     balloons = [
         Balloon(mesh=cube(), position=(3.0 * number, 0.0, 0.0), damping=0.0, inflation=SLACK, friction=own)
         for number, (own, _, _) in enumerate(LOSSES)

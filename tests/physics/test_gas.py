@@ -56,7 +56,8 @@ def test_a_gas_squeezed_by_a_sphere_follows_p_v_gamma(gamma: float, device: str)
 
 @pytest.mark.parametrize("stretch", [1.3, 1.7, 2.0, 2.4, 3.5])
 def test_a_balloon_of_springs_is_in_balance_on_its_pressure_curve(stretch: float, device: str):
-    """At p = sum(k L0^2) (l - 1) / (3 V0 l^2) by the stretch l; it shrinks with a twentieth less pressure."""
+    """The pressure is p = sum(k L0^2) (l - 1) / (3 V0 l^2) by the stretch l; it shrinks with a twentieth less
+    pressure."""
     mesh, k = octahedron(0.1), 40.0
     v0, springs = signed_volume(mesh), 12 * k * 2.0 * 0.1**2
     pressure = springs * (stretch - 1.0) / (3.0 * v0 * stretch**2)
@@ -111,7 +112,7 @@ def test_a_pump_that_is_switched_on_later_pumps(device: str):
 
 
 def test_a_solid_that_is_far_away_changes_no_bit(device: str):
-    """So that a recording of the page replays: the rate of swelling must not add and subtract the old pressure."""
+    """A recording of the page replays: the rate of swelling must not add and subtract the old pressure."""
     ball = Balloon(mesh=jittered(torus(6, 5), 0.02), inflation=Inflation(kind="gas", start_pressure=300.0))
     alone = Scene(balloon=[ball], gravity=0.0, substeps=8)
     beside = alone.model_copy(update={"sphere": [Sphere(position=(0.0, 90.0, 0.0), radius=5.0)]})
@@ -149,7 +150,7 @@ def joined_tanks(first: float, second: float, conductance: float, substeps: int,
 
 @pytest.mark.parametrize("gamma", [1.0, 1.2, 1.4])
 def test_p_v_gamma_stays_when_the_air_s_pressure_falls(gamma: float):
-    """By a tenth, where p V^gamma once grew; or p V = n R T where heat passes."""
+    """Volumes were a tenth apart where p V^gamma once grew; or p V = n R T where heat passes."""
     simulator = in_balloon(gamma, {"atmosphere.pressure": 0.9 * AIR_PRESSURE})
     before = simulator.read_frame()
     after = advanced(simulator, 90)
@@ -261,8 +262,8 @@ def chained(conductance: float, substeps: int, breathing_damping: float = 1.0) -
 
 @pytest.mark.parametrize("substeps", [14, 96])
 def test_the_flow_is_the_conductance_times_the_difference_at_any_step(substeps: int, device: str):
-    """By pressures at the last substep of each frame. A regression had 0.77 of that in `two_balloons`, and 0.21
-    elsewhere."""
+    """Flow by the pressures at the last substep of each frame. A regression had 0.77 of that in `two_balloons`, and
+    0.21 elsewhere."""
     simulator = Simulator(chained(0.005, substeps), device)
     total = simulator.state.gas_amounts.numpy().sum()
     flows = []
@@ -328,7 +329,7 @@ def amplitude(swing: NDArray, phase: float) -> float:
 
 
 def test_an_undamped_balloon_breathes_on():
-    """At the frequency of the trapezoidal rule, up to the gas law's nonlinearity at a swing of a thousandth."""
+    """The frequency is that of the trapezoidal rule, up to the gas law's nonlinearity at a swing of a thousandth."""
     found = swing(0.0, 0.83, 22)
     expected = 2.0 * np.arctan(0.83 / 2.0)
     np.testing.assert_allclose(phase_of(found), expected, rtol=1e-3)
@@ -338,7 +339,8 @@ def test_an_undamped_balloon_breathes_on():
 
 
 def test_a_balloon_breathes_on_in_steps_as_long_as_its_breath():
-    """It flips from step to step: from rest, half a step after its velocity, it reaches root(1 + (omega h)^2 / 4)."""
+    """The volume flips from step to step: from rest, half a step after its velocity, it reaches root(1 + (omega h)^2 /
+    4)."""
     found = swing(0.0, 8.0, 200)
     np.testing.assert_allclose(phase_of(found), 2.0 * np.arctan(4.0), rtol=1e-3)
     widest = 1e-3 * np.sqrt(1.0 + 8.0**2 / 4.0)
@@ -461,7 +463,8 @@ def test_a_rigid_balloon_empties_or_fills_as_a_nozzle_lets_it(start: float, gamm
 
 
 def test_it_is_empty_when_it_should_be(device: str):
-    """At T = 2 V M sqrt(p) / (R T C_d A sqrt(2 rho)), 0.163 s: sqrt(p) falls linearly. Then nothing changes."""
+    """The time is T = 2 V M sqrt(p) / (R T C_d A sqrt(2 rho)), 0.163 s: sqrt(p) falls linearly. Then nothing
+    changes."""
     simulator = Simulator(rigid(1000.0, Neck(diameter=0.02)), device)
     density = DRY_AIR * (1.0 + 500.0 / AIR_PRESSURE)
     per_root = GAS_CONSTANT * TEMPERATURE * area_of(0.02) * np.sqrt(2.0 * density)

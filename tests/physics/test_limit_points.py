@@ -128,7 +128,7 @@ def filled(**material) -> tuple[Simulator, np.ndarray, np.ndarray]:
 
 
 def test_the_pressure_is_gents_up_to_nearly_the_limit_and_rises_on():
-    """Within 0.5%, as a ball of 98 particles is a little slack between its corners."""
+    """Agreement is within 0.5%, as a ball of 98 particles is a little slack between its corners."""
     simulator, stretches, pressures = filled()
     near = stretches < 0.96 * LOCK
     assert near.tolist() == [True] * 4 + [False] * 2

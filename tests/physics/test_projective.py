@@ -57,7 +57,7 @@ def test_springs_far_too_stiff_for_the_explicit_steps_stay_stable(device):
 
 
 def test_small_steps_approach_scatters_trajectory_at_first_order(device):
-    """On average, as a particle between two faces may take the area of either."""
+    """Areas agree on average, as a particle between two faces may take the area of either."""
     expected = after_frames(full_scene(substeps=1200), device, schedule="scatter").state
     errors = []
     for substeps in (25, 50, 100):
@@ -108,7 +108,7 @@ def test_the_factor_refuses_a_gpu_which_it_would_compute_wrongly_on():
 
 
 def test_the_inverse_solves_the_system_alike_for_one_world_and_for_many(device):
-    """By threads with one row each, or several rows of several worlds, for two balloons of 56 rows each."""
+    """Threads have one row each, or several rows of several worlds, for two balloons of 56 rows each."""
     many = MANY_WORLDS + 5
     right_sides = np.random.default_rng(3).normal(size=(many, 112, 3)).astype(np.float32)
     solutions = []

@@ -169,7 +169,7 @@ def test_a_fold_that_is_pushed_through_itself_comes_back_the_short_way(device):
 
 
 def test_torsion_springs_hardly_change_a_balloon(device):
-    """By about a hundredth where they are stiff enough to shorten the time step, as the paper finds."""
+    """Results differ by a hundredth where they are stiff enough to shorten the time step, as the paper finds."""
     ends = []
     for torsion in (0.0, 0.02):
         scene = load_scene("squirrel_inflate", [("balloon.stiffness.torsion", torsion), ("frames", 110)])

@@ -360,7 +360,7 @@ def test_no_contact_is_ignored_where_balls_meet_fast(device: str, tmp_path: Any)
 
 
 def test_what_has_no_place_in_a_list_is_told(device: str, tmp_path: Any, monkeypatch: pytest.MonkeyPatch):
-    """Where there is no memory for longer lists, a command and Python tell it alike; a batch counts it in all worlds:
+    """A want of memory for longer lists is told: a command and Python tell it alike; a batch counts it in all worlds:
     each has as many as alone."""
 
     def count(sentence: str) -> int:

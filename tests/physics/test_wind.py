@@ -60,14 +60,14 @@ def spread(count: int) -> NDArray[np.float64]:
 
 
 def test_gusts_have_no_mean_and_the_variance_that_they_are_given(device: str):
-    """Of 40,000 places some 20,000 are independent: a mean is off by 0.007, a mean square by 0.01, each over that."""
+    """Some 20,000 of 40,000 places are independent: a mean is off by 0.007, a mean square by 0.01, each over that."""
     found = gusts(spread(40_000), device)
     np.testing.assert_allclose(found.mean(axis=0), 0.0, atol=0.03)
     np.testing.assert_allclose(np.cov(found.T), np.eye(3), atol=0.04)
 
 
 def test_gusts_have_no_divergence(device: str):
-    """By differences over a five-thousandth of a length, a fifteenth of the shortest wave, which float32 resolves."""
+    """Differences over a five-thousandth of a length, a fifteenth of the shortest wave, which float32 resolves."""
     places, step = RANDOM.uniform(-2.0, 2.0, (4000, 3)), 1e-4 * LENGTH
     sides = [[gusts(places + way * axis, device) for way in (-step, step)] for axis in np.eye(3)]
     slopes = [(after - before) / (2.0 * step) for before, after in sides]
