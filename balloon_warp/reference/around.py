@@ -110,7 +110,7 @@ class Around:
         for ball in self.spheres:
             stood, _, normal = solids.leave_sphere(ball, stood, course)
             normals = np.where(normal.any(axis=1, keepdims=True), normal, normals)
-        stood, _, normal = solids.stand(self._stands(), x, stood, course, self.h, True, foreseen=True)
+        stood, _, normal = solids.stand(self._stands(), x, stood, course, self.h, bool(self.obstacles), foreseen=True)
         return stood, np.where(normal.any(axis=1, keepdims=True), normal, normals)
 
     def meet(self, start, x, v, mass, inflation):

@@ -40,12 +40,19 @@ def around_function(features: Features) -> Any:
     return around_particle
 
 
+def leaving_ground(features: Features) -> Any:
+    """Return the function that moves a particle up to the ground.
+
+    Beside obstacles it stops an approach at once: one pushes into the other there, and all take turns.
+    """
+    return stand_on_ground if features.stands_on_fixtures else leave_ground
+
+
 @cache
 def standing_function(features: Features) -> Any:
     """Return the function that holds a particle out of the ground and obstacles."""
     leave_fixtures = fixture_functions(features)[0] if features.stands_on_fixtures else None
-    # once is enough beside obstacles, where one pushes into the other and all take turns
-    leave = stand_on_ground if features.stands_on_fixtures else leave_ground
+    leave = leaving_ground(features)
 
     @wp.func
     def stand(
@@ -133,7 +140,7 @@ def obstacle_loop(features: Features, sphere_at: Any) -> Any:
 def detour_function(features: Features, sphere_at: Any) -> Any:
     """Return the function that foresees how obstacles deflect a particle."""
     out_of_fixtures = fixture_functions(features)[1] if features.stands_on_fixtures else None
-    spheres_there = features.spheres
+    spheres_there, leave = features.spheres, leaving_ground(features)
 
     @wp.func
     def detour_beside_obstacles(t: Tables, spheres: Any, around: Around, point: wp.vec3, velocity: wp.vec3):
@@ -157,7 +164,7 @@ def detour_function(features: Features, sphere_at: Any) -> Any:
         if wp.static(features.ground):
             if wp.dot(outside, t.up) < around.ground_height:
                 friction = friction_on(t, around.world, around.balloon, GROUND)
-                stood, _slowed = leave_ground(outside, velocity, t.up, around.ground_height, friction, t.step_seconds)
+                stood, _slowed = leave(outside, velocity, t.up, around.ground_height, friction, t.step_seconds)
                 outside = stood
                 normal = t.up
         return (outside - end) / t.step_seconds, normal
