@@ -14,11 +14,11 @@ from balloon_warp.schedules.scatter import ScatterSchedule
 def masses(simulator: Simulator) -> NDArray[np.float64]:
     """Return the moving mass of each particle [kg], with its share of the balloon's gas, shape (particle_count,)."""
     model = simulator.model
-    amounts = simulator.state.gas_amounts.numpy()[0]
+    skins, amounts = model.parameters["mass"].numpy()[0], simulator.state.gas_amounts.numpy()[0]
     parts = []
-    for balloon, shape, amount in zip(model.scene.balloon, model.shapes, amounts, strict=True):
+    for balloon, shape, skin, amount in zip(model.scene.balloon, model.shapes, skins, amounts, strict=True):
         gas = amount * balloon.inflation.molar_mass if balloon.inflation.kind == "gas" else 0.0
-        parts.append((balloon.mass + gas) * shape.mass_share)
+        parts.append((skin + gas) * shape.mass_share)
     return np.concatenate(parts)
 
 

@@ -6,7 +6,20 @@ from feature_sets import SETS, feature_set
 from meshes import quad_sphere
 from odd_meshes import finned
 
-from balloon_warp import Balloon, Body, Inflation, Material, Neck, Obstacle, Scene, Sphere, Touch, Tube, load_scene
+from balloon_warp import (
+    Balloon,
+    Body,
+    Inflation,
+    Material,
+    Neck,
+    Obstacle,
+    Scene,
+    Sphere,
+    String,
+    Touch,
+    Tube,
+    load_scene,
+)
 from balloon_warp.benchmarks.matrix import of_phase
 from balloon_warp.kernels.phase import Phase
 from balloon_warp.kernels.substep import asking_phases
@@ -15,6 +28,7 @@ from balloon_warp.scene.overrides import override_scene, parse_override
 SPRINGS = {"viscosity": 2e-3, "yield_stretch": 1.4, "torsion": 0.05, "variation": 0.3}
 BLOWN = {"litres": 2.0, "fill_time": 0.06, "gamma": 1.3, "breathing_damping": 0.3, "leak": 3e-5}
 PUMPED = Inflation(kind="gas", start_pressure=400.0, pump=0.02, gamma=1.3)
+TIED = String(anchor=(0.0, 3.0, 0.0), balloon=1, particle="highest", length=1.5)
 MOVES = [(0.0, (0.0, 0.0, 0.0)), (1.0, (0.5, 0.2, 0.0), (0.0, 90.0, 0.0))]
 
 
@@ -74,7 +88,7 @@ def with_phase(phase: Phase) -> Scene:
 
 VARIANTS = {
     "more": more(),
-    "more by penalty, dry": more({"contact": "penalty", "normals": "cached"}, water=None, obstacle=[]),
+    "more by penalty, dry": more({"contact": "penalty", "normals": "cached"}, water=None, obstacle=[], string=[TIED]),
     "more corrected": more({"correction": "tarantino", "correction_limit": 0.01, "correction_sweeps": 2}),
     "more in touch": more({"contact": "penalty"}, touch=Touch(spheres=False)),
     "more by forward Euler": with_fin(),

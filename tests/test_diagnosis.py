@@ -133,9 +133,9 @@ def test_inflation_that_is_too_strong_is_named_as_of_the_substep_and_the_step_is
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("pressure", [5e8, -5e8])
-def test_a_pressure_that_no_step_can_follow_is_the_cause(pressure: float, device):
+def test_a_pressure_that_no_step_can_follow_is_the_cause(device):
     """An enormous pressure is named as the cause; a modest one is not, where something else is."""
+    pressure = 5e8
     ball = Balloon(mesh=cube(), inflation=Inflation(pressure=pressure), mass=2.0)
     report = blow_up(Simulator(Scene(balloon=[ball], substeps=20, frames=120), device))
     assert report.pressure == pytest.approx(pressure)

@@ -61,7 +61,8 @@ def test_balloons_obstacles_and_bodies_are_called_as_they_are(suffix: str, tmp_p
 
 def test_names_that_look_the_same_get_numbers(tmp_path: Path):
     composed, decomposed = HALVES
-    prims = meshes_of(animated(scene(composed, decomposed, composed, f"{decomposed}_1"), tmp_path / "same.usda"))
+    stage = animated(scene(composed, decomposed, composed, f"{decomposed}_1"), tmp_path / "same.usda")
+    prims = meshes_of(stage)
     names = [prim.GetName() for prim in prims]
     assert names == ["é", "é_1", "é_2", "é_1_1"]
     assert all(name == unicodedata.normalize("NFC", name) for name in names)
@@ -71,7 +72,8 @@ def test_names_that_look_the_same_get_numbers(tmp_path: Path):
 @pytest.mark.parametrize("name", ["気球", "Ballon rouge é"])
 def test_a_file_s_name_stays(name: str, tmp_path: Path):
     write_obj(tmp_path / f"{name}.obj", cube())
-    prim = meshes_of(animated(load_scene(tmp_path / f"{name}.obj", {"frames": 1}), tmp_path / "out.usdc"))[0]
+    stage = animated(load_scene(tmp_path / f"{name}.obj", {"frames": 1}), tmp_path / "out.usdc")
+    prim = meshes_of(stage)[0]
     assert prim.GetName() == identifier(name)
     assert (prim.GetDisplayName() or prim.GetName()) == name
 

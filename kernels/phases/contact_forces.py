@@ -1,6 +1,7 @@
 """Impulses of contacts on particles, summed over a frame.
 
-An impulse follows from the change of a velocity that all other forces would have left as it was.
+An impulse follows from the change of a velocity that all other forces would have left as it was, with what damping and
+drag take of it in the step.
 """
 
 from typing import Any
@@ -9,7 +10,6 @@ import warp as wp
 
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.contact_things import nearest_thing_function
-from balloon_warp.kernels.loops.inertia import inertia_function
 from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.working import Working
@@ -29,7 +29,6 @@ def note_unhindered(features: Features, look: Look) -> Any:
 @phase("particle", when=lambda features: features.tells_contacts)
 def record_impulses(features: Features, look: Look) -> Any:
     """Sum the impulse of the thing nearest to a particle."""
-    inertia = inertia_function(features)
     nearest_thing = nearest_thing_function(features)
 
     @wp.func
@@ -42,10 +41,11 @@ def record_impulses(features: Features, look: Look) -> Any:
         point: wp.vec3,
         velocity: wp.vec3,
         unhindered: wp.vec3,
+        gain: float,
     ):
-        gain = velocity - unhindered
-        if wp.length_sq(gain) > 0.0:
-            impulse = inertia(working, params) * gain
+        change = velocity - unhindered
+        if wp.length_sq(change) > 0.0 and gain > 0.0:
+            impulse = (t.step_seconds / gain) * change
             thing = nearest_thing(t, state, params.world, end, point)
             if thing >= 0:
                 before = working.contact_impulses[params.world, thing, params.number]
