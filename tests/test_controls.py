@@ -18,7 +18,7 @@ BALL = Balloon(mesh=quad_sphere(3, 0.5), inflation=Inflation(pressure=5.0))
 ABOVE, BELOW = Sphere(position=(0.0, 0.8, 0.0), radius=0.4), String(anchor=(0.0, -1.0, 0.0), length=0.4)
 SCENE = Scene(balloon=[BALL], sphere=[ABOVE], string=[BELOW], substeps=24)
 BOUNDED = {
-    "balloon.inflation.pressure": (None, None),
+    "balloon.inflation.pressure": (0.0, 100.0),
     "balloon.damping": (0.0, 2.0),
     "balloon.drag_coefficient": (0.0, 1.0),
     "atmosphere.wind": (-9.0, 9.0),
@@ -81,7 +81,7 @@ def test_a_control_is_what_the_scene_plans_bit_for_bit(device: str):
     change = Change(time=2 / 60, set={"balloon.inflation.pressure": 9.0, "gravity": 3.0})
     planned = Simulator(SCENE.model_copy(update={"change": [change]}), device)
     controlled = Simulator(SCENE, device)
-    pressure, gravity = controlled.controls[PRESSURE], controlled.controls.open("gravity", 0.0, 10.0)
+    pressure, gravity = (controlled.controls.open(path, 0.0, 10.0) for path in (PRESSURE, "gravity"))
     for frame in range(4):
         if frame == 2:
             pressure.fill_(9.0)
@@ -105,7 +105,7 @@ def test_a_batch_is_what_each_world_is_alone():
 
 def test_an_array_begins_with_what_the_scene_has_and_stays(device: str):
     simulator = Simulator(SCENE, device, 2, {PRESSURE: [1.0, 2.0]})
-    pressure = simulator.controls[PRESSURE]
+    pressure = simulator.controls.open(PRESSURE, 0.0, 10.0)
     assert pressure.numpy().tolist() == [1.0, 2.0]
     simulator.set({PRESSURE: [3.0, 4.0]})
     assert pressure.numpy().tolist() == [3.0, 4.0]
