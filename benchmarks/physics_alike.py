@@ -20,6 +20,8 @@ from balloon_warp.trajectories import Trajectories
 SIGMAS = 4.0
 """Rounding of many substeps over that of one, times their root: several particles round at once, and the nudges that
 measured the growth of an error were but two of all directions"""
+AROUND = 6
+"""Faces around a particle"""
 SCHEDULES = ["gather", "lanes", "block"]
 """Schedules that are compared with the one of `auto`"""
 FEW_SUBSTEPS = 120
@@ -242,12 +244,19 @@ def _drifts(case: Case) -> Array:
 def _roundings(case: Case, other: Run) -> Array:
     """Return the sum of the roundings of places until each frame [m], shape (frames + 1,).
 
-    Each substep rounds each coordinate by half an epsilon of itself. After n substeps the errors' sum is sqrt(n) of
-    one, by `SIGMAS`; and n where all round the same way, as in steady flight.
+    Each substep rounds each coordinate by half an epsilon of itself, and moves it by the rounding of the forces that
+    the faces around it add up to, h^2 F / m, which counts where the step is as long as is stable. After n substeps the
+    errors' sum is sqrt(n) of one, by `SIGMAS`; and n where all round the same way, as in steady flight.
     """
+    model = case.run.model
     extent = max(float(np.abs(run.points).max()) for run in (case.run, other))
+    pushed = 0.0
+    for number, (mass, shape) in enumerate(zip(model.parameters["mass"].numpy()[0], model.shapes, strict=True)):
+        lightest = mass * shape.mass_share.min(where=shape.mass_share > 0.0, initial=1.0)
+        pushed = max(pushed, forces_rounding(model, number, AROUND) / lightest)
     substeps = 1.0 + other.model.substeps * np.arange(len(case.spread))
-    return 0.5 * EPSILON * extent * (substeps + SIGMAS * np.sqrt(substeps))
+    one = 0.5 * EPSILON * extent + model.step_seconds**2 * pushed
+    return one * (substeps + SIGMAS * np.sqrt(substeps))
 
 
 def meets(scene: Scene) -> bool:

@@ -17,8 +17,8 @@ from balloon_warp.statics.volume import Volume
 EPSILON = float(np.finfo(np.float32).eps)
 
 
-def forces_rounding(model: Model, number: int) -> float:
-    """Return the rounding of the sum of the forces on a balloon [N].
+def forces_rounding(model: Model, number: int, faces: int | None = None) -> float:
+    """Return the rounding of the sum of the forces on some faces of a balloon [N], all when missing.
 
     At rest a force is a difference of terms as large as a stiffness times an edge, of which half an epsilon is lost;
     those on F faces lose sqrt(F) of it.
@@ -30,7 +30,7 @@ def forces_rounding(model: Model, number: int) -> float:
         stiffness = told.material.shear_modulus * (told.material.thickness or 0.0)
     ends = skin.points[mesh_edges(skin).ends]
     edge = float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).max())
-    return 0.5 * EPSILON * len(skin.face_vertex_counts) ** 0.5 * stiffness * edge
+    return 0.5 * EPSILON * (faces or len(skin.face_vertex_counts)) ** 0.5 * stiffness * edge
 
 
 class Energies:
