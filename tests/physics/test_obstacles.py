@@ -373,13 +373,15 @@ def test_contact_gives_no_energy(device: str):
 
 @pytest.mark.parametrize("friction", [0.0, 0.5])
 def test_a_ball_goes_over_an_edge_without_a_kick(friction: float, device: str):
-    """A ball rolls off a tilted table: no particle moves faster, relative to the ball, than the ball fell."""
+    """A ball rolls off a tilted table: in no frame its motion and height gain more than its inflation can store, p V. A
+    particle that were kicked at 17 m/s would."""
     ball = Balloon(mesh=quad_sphere(6, 0.2), position=(0.3, 1.22, 0.0), inflation={"pressure": 2.0})
     table = Obstacle(size=(1.2, 0.1, 1.2), position=(0.0, 0.93, 0.0), rotation=(0.0, 0.0, -12.0), friction=friction)
     frames = list(Simulator(Scene(balloon=[ball], obstacle=[table], frames=120), device).run())
-    beside = [frame.velocities[0] - frame.velocities[0].mean(axis=0) for frame in frames]
     assert frames[-1].points[0][:, 0].min() > 0.6  # it has gone over
-    assert np.linalg.norm(beside, axis=-1).max() < 5.0
+    squares = np.array([(frame.velocities[0] ** 2).sum(axis=1).mean() for frame in frames])
+    energies = ball.mass * (0.5 * squares + GRAVITY * np.array([frame.points[0][:, 1].mean() for frame in frames]))
+    assert np.diff(energies).max() < 2.0 * max(frame.volumes[0] for frame in frames)
 
 
 def test_what_cuts_a_corner_is_stopped(device: str):
