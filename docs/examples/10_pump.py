@@ -10,7 +10,7 @@ import balloon_warp as bw
 
 HEIGHT = 1.0  # [m]
 TIMES = (0.0, 0.5, 1.0, 1.5)  # [s]
-PUMP = {f"balloon.0.inflation.pump.{key}.1": (-8.0, 8.0) for key in range(len(TIMES))}  # [mol/s]
+PUMP = {f"balloon.0.inflation.pump.{key}.1": (-4.0, 8.0) for key in range(len(TIMES))}  # [mol/s]
 
 helium = bw.Inflation(kind="gas", start_pressure=20.0, pump=[(time, 0.0) for time in TIMES])
 balloon = bw.Balloon(
