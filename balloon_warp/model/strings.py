@@ -1,6 +1,7 @@
 """Strings at the start: the particles that they hold, and their lengths."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,7 +90,7 @@ def _spans(
     return np.linalg.norm(starts - anchors_of(scene, parameters, 0), axis=-1)
 
 
-def anchors_of(scene: Scene, parameters: Mapping[str, NDArray[np.floating]], frame: float) -> NDArray[np.float64]:
+def anchors_of(scene: Scene, parameters: Mapping[str, Any], frame: float) -> NDArray[np.float64]:
     """Return the anchors of strings at a frame in each world [m], shape (W, string_count, 3)."""
-    places = [parameters[name] for name in ANCHORED]
-    return anchors_at(*places, carriers(scene), anchor_motion(scene), frame)
+    anchors, positions = (np.asarray(parameters[name]) for name in ANCHORED)
+    return anchors_at(anchors, positions, carriers(scene), anchor_motion(scene), frame)

@@ -167,8 +167,8 @@ class Law:
     """Bound on the derivative of the force by velocity [N s/m], of a pair's force by its rate of lengthening; 0 when
     missing"""
     resistance: Any = None
-    """Coefficient k of the part -k |v| v of a particle's force [kg/m], a `wp.func` of arguments such as the force's. A
-    step takes that part at the speed of its end, see `phases.resist`, so that it asks for no `drag`"""
+    """Coefficient k of the part `-k |v| v` of a particle's force [kg/m], a `wp.func` of such arguments as the force's.
+    A step takes that part at the speed of its end, see `phases.resist`, so that it asks for no `drag`"""
 
     def __post_init__(self) -> None:
         if not self.name:
