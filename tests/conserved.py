@@ -68,7 +68,7 @@ def advanced(simulator: Simulator, frames: int) -> Frame:
 
 
 def after_each(simulator: Simulator, frames: int, measure: Callable[[Simulator], Any]) -> list[Any]:
-    """Return what is measured after each of so many more frames."""
+    """Return measurements after each of so many more frames."""
     found = []
     for _ in range(frames):
         simulator.step_unread()

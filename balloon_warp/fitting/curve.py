@@ -127,7 +127,7 @@ class _Model:
                     self._meshes[number] = MeshCurve(Path(of), kind, thickness, curve.sizes)
 
     def families(self) -> list[Family]:
-        """Return what may be fitted, the simplest first."""
+        """Return the families of rubber that may be fitted, the simplest first."""
         families = [FAMILIES[self.kind]]
         if self.kind == "ogden" and self.of_sphere:
             families.append(WITH_EXPONENTS)

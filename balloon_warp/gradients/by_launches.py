@@ -85,7 +85,7 @@ class ByLaunches:
             self._obstacles = ByObstacles(plan, model, backward.fixtures)
 
     def note(self, frame: int) -> None:
-        """Collect what a frame has found that has run backwards."""
+        """Collect the derivatives of a frame that has run backwards."""
         if self._obstacles:
             self._obstacles.note(frame)
 
@@ -103,6 +103,6 @@ class ByLaunches:
 def made_backward(
     plan: ModelPlan, model: Model, state: State, runs_back: Backward, columns: Sequence[int], wanted: Collection[str]
 ) -> tuple[BackwardFrames, ByLaunches]:
-    """Return what runs frames backwards, with lists of contacts as long as they have come to be forwards."""
+    """Return the runner of frames backwards, with lists of contacts as long as they are forwards."""
     backward = runs_back(model, state, columns)
     return backward, ByLaunches(plan, model, backward, wanted)

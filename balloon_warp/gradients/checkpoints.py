@@ -31,7 +31,7 @@ class AllFrames:
         self._kept: list[Any] = []
 
     def note(self, frame: int) -> None:
-        """Keep what a frame begins with."""
+        """Keep the state with which a frame begins."""
         self._kept.append(self._keep(frame))
 
     def take(self, frame: int) -> Any:

@@ -59,7 +59,7 @@ class Gradient(Shown):
 
 
 class Asked(NamedTuple):
-    """Hold what is asked of a scene, see `gradient`."""
+    """Hold the derivatives that are asked of a scene, see `gradient`."""
 
     of: Sequence[str]
     loss: Loss

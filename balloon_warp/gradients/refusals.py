@@ -103,7 +103,7 @@ def _is_of_balloons(plan: ModelPlan, slopes: NDArray[np.float64]) -> bool:
 
 
 def _only_particles_meet(plan: ModelPlan) -> bool:
-    """Return whether particles alone meet obstacles: what else does, or hangs on them, is not derived by them."""
+    """Return whether particles alone meet obstacles: nothing else that does, or hangs on them, is derived by them."""
     return not (plan.scene.sphere or plan.scene.body or plan.ridges or _carried(plan))
 
 

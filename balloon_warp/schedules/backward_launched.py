@@ -110,7 +110,7 @@ class _Remembered:
         last leaves"""
 
     def note(self, state: State) -> None:
-        """Keep what a frame begins with."""
+        """Keep the state with which a frame begins."""
         for name, array in self.carried[0].items():
             wp.copy(array, getattr(state, name))
 

@@ -52,7 +52,7 @@ class ContactLists:
         """Number of contacts in all worlds that were ignored, since lists had no place for them and could not grow"""
 
     def begin(self, state: State) -> None:
-        """Keep what a frame begins with."""
+        """Keep the state with which a frame begins."""
         overwrite(self._start, state)
         if self._model.ages is not None:
             wp.copy(self._ages, self._model.ages)
@@ -129,13 +129,13 @@ def counting_arrays(model: Model, features: Features, room: Room) -> dict[str, w
 
 
 def list_lengths(model: Model, features: Features) -> dict[str, int]:
-    """Return how long lists are, of a particle or a world: as at first, or what they have grown to."""
+    """Return the lengths of lists, of a particle or a world: as at first, or grown."""
     first = first_lengths(model, features)
     return {name: max(length, model.contact_room.get(name, 0)) if length else 0 for name, length in first.items()}
 
 
 def first_lengths(model: Model, features: Features) -> dict[str, int]:
-    """Return how long lists are before any has grown; 0 of those that a scene does not need."""
+    """Return the lengths of lists before any has grown; 0 of those that a scene does not need."""
     edges = edge_count(model, features)
     return {
         "candidates": TRIANGLES if features.touches else 0,

@@ -74,7 +74,7 @@ def test_inflated_and_deflated_the_pressure_is_the_analytic_one(device: str):
 
 @pytest.mark.always
 def test_a_closed_way_costs_energy_and_the_same_way_again_costs_none(device: str):
-    """The formula is Ogden and Roxburgh's formula; where it is soft already, none."""
+    """The formula is Ogden and Roxburgh's; where it is soft already, none."""
     sheet = grid(3, 3)
     simulator = Simulator(scene_of("neo_hookean", sheet, 0.0, inflation=STILL), device, schedule="gather")
     energy, steps = ENERGIES["neo_hookean"], np.linspace(1.0, 2.5, 151)
