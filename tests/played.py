@@ -11,7 +11,7 @@ from balloon_warp.scene.overrides import Override
 
 BRISKLY: dict[str, tuple[Override, ...]] = {
     "balloon_pit": (("frames", 160),),
-    "pop": (("balloon.0.mesh", "ball.obj"), ("balloon.1.mesh", "ball.obj"), ("frames", 450)),
+    "pop": (("balloon.0.mesh", "ball.obj"), ("balloon.1.mesh", "ball.obj"), ("frames", 520)),
 }
 """what makes scenes that take a minute shorter: frames in which all lies still; and a coarser mesh, whose pieces lie as
 well (test_burst_outputs.py bursts the fine one)"""

@@ -161,7 +161,7 @@ def test_the_manifest_says_what_blew_up_and_repeats_it(tmp_path):
     assert manifest["on_blowup"] == "restart"
     assert manifest["restarted_worlds"] == {str(world): substeps for world, substeps in SUBSTEPS.items()}
     assert [report["world"] for report in manifest["blow_ups"]] == [1, 3, 4]
-    assert manifest["blow_ups"][0]["sentence"].startswith("the simulation blew up in frame 14, world 1, substep ")
+    assert manifest["blow_ups"][0]["sentence"].startswith("the simulation blew up in frame 16, world 1, substep ")
     assert manifest["blow_ups"][0]["spring"]["stretch"] > 1e3
     repeat_batch(tmp_path / "first" / "manifest.json", tmp_path / "again")
     assert_same_files(tmp_path / "first", tmp_path / "again")

@@ -17,8 +17,9 @@ from balloon_warp.trajectories import Trajectories
 
 @pytest.mark.parametrize("name", ["touch", "gas beside spheres", "by obstacles", "exchange"])
 def test_frames_one_by_one_have_the_derivatives_of_gradient(name: str, device: str):
-    """Frames are equal to the bit, and derivatives to 1e-5 of each: those by the values round in each frame. The loss
-    is of the last one: weighted sums of places of particles and velocities of spheres, whose weights are `bars`."""
+    """Frames are equal to the bit, and derivatives to 1e-5 of the larger of both worlds: those by the values round in
+    each frame. The loss is of the last one: weighted sums of places of particles and velocities of spheres, whose
+    weights are `bars`."""
     of, paths = CASES[name].scene, [*CASES[name].paths, "balloon.0.velocity.2"]
     values = np.array([[value_at(of, path) for path in paths]] * 2)
     values[1, -1] += 0.1
@@ -52,7 +53,8 @@ def test_frames_one_by_one_have_the_derivatives_of_gradient(name: str, device: s
         found += by_values
     found += steps.turn_start_back(values, bars)
     for column, path in enumerate(paths):
-        np.testing.assert_allclose(found[:, column], told.gradients[path], rtol=1e-5, err_msg=path)
+        expected = told.gradients[path]
+        np.testing.assert_allclose(found[:, column], expected, rtol=1e-5, atol=1e-5 * abs(expected).max(), err_msg=path)
 
 
 def test_the_gradient_of_a_bounce_is_the_slope_over_many():

@@ -42,6 +42,14 @@ def fine_grain(monkeypatch) -> None:
     monkeypatch.setattr(dask_workers, "WORKER_SECONDS", 120.0)
 
 
+@pytest.fixture(autouse=True, scope="module")
+def modules_that_load_late() -> None:
+    """Load now the modules of other tests that load when they are looked at, as Newton's: dask looks at all of them in
+    a thread of its own, and Python 3.11 before 3.11.8 cannot parse in two threads at once."""
+    for module in list(sys.modules.values()):
+        getattr(module, "__file__", None)
+
+
 @pytest.fixture
 def vary(tmp_path) -> dict:
     """Return two meshes in turn, which makes two groups, and a mass of its own for each world."""
