@@ -3,7 +3,7 @@
 python -m balloon_warp.benchmarks.gradients bounce
 
 The slope is that of a line through the heights of many worlds, whose speeds differ by a tenth in all; the gradient is
-the mean over them.
+the mean over them. A soft ball crumples: there both are those of `smooth`.
 """
 
 from collections.abc import Iterator
@@ -17,6 +17,8 @@ from balloon_warp.mesh.quad_sphere import quad_sphere
 SPEED, SPREAD, WORLDS = 2.0, 0.2, 65
 """Mean speed of the fall, range of the speeds [m/s], and their number"""
 PATH = "balloon.velocity.1"
+DEVIATION, SAMPLES = 0.1, 256
+"""Standard deviation of the speed of a soft ball [m/s], and the number of its samples"""
 
 
 def tables() -> Iterator[str]:
@@ -28,6 +30,13 @@ def tables() -> Iterator[str]:
             mean = gradients.mean()
             off = f"{abs(mean / slope - 1.0):.1%}; {gradients.std():.2g}"
             yield f"  {floor}, friction {friction:g}: {slope:.4f} s, {mean:.4f} s, {off}"
+    yield "a soft ball on the ground, smoothed: slope of its height by its speed, gradient, its standard error"
+    for friction in (0.0, 0.5):
+        found = bw.gradient(
+            _soft(friction), of=[PATH], loss=_height, smooth={PATH: DEVIATION}, samples=SAMPLES, device="cpu"
+        )
+        slope, mean, error = (float(each[PATH][0]) for each in (found.slopes, found.gradients, found.errors))
+        yield f"  friction {friction:g}: {slope:.3f} s, {mean:.3f} s, {error:.3f} s"
 
 
 def slope_and_gradients(floor: str, friction: float, worlds: int = WORLDS) -> tuple[float, np.ndarray]:
@@ -43,6 +52,18 @@ def slope_and_gradients(floor: str, friction: float, worlds: int = WORLDS) -> tu
         _scene(floor, friction), of=[PATH], loss=_height, world_count=worlds, vary={PATH: speeds}, device="cpu"
     )
     return float(np.polyfit(speeds, found.loss, 1)[0]), np.asarray(found.gradients[PATH], dtype=float)
+
+
+def _soft(friction: float) -> bw.Scene:
+    ball = bw.Balloon(
+        mesh=quad_sphere(8, 0.5),
+        damping=0.0,
+        velocity=(0.0, -3.0, 0.0),
+        inflation=bw.Inflation(kind="gas", start_pressure=200.0),
+    )
+    return bw.Scene(
+        balloon=[ball], gravity=0.0, frames=40, substeps=48, ground=bw.Ground(height=-0.75, friction=friction)
+    )
 
 
 def _scene(floor: str, friction: float) -> bw.Scene:

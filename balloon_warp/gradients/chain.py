@@ -59,7 +59,7 @@ def _spans(plan: ModelPlan, path: str, vary: Vary) -> tuple[Slopes, ...]:
 
 
 def _slopes(plan: ModelPlan, path: str, vary: Vary) -> Slopes:
-    value = _value(plan, path, vary)
+    value = value_in_worlds(plan, path, vary)
     reach = REACH * np.where(value == 0.0, 1.0, np.abs(value))
     sides = {}
     for sign in (1.0, -1.0, 2.0):
@@ -87,8 +87,12 @@ def _slopes(plan: ModelPlan, path: str, vary: Vary) -> Slopes:
     return slopes
 
 
-def _value(plan: ModelPlan, path: str, vary: Vary) -> NDArray[np.float64]:
-    """Return the value at a path in each world."""
+def value_in_worlds(plan: ModelPlan, path: str, vary: Vary) -> NDArray[np.float64]:
+    """Return the value at a path in each world, shape (world_count,).
+
+    Raises:
+        InputError: the path leads to no number, to several, or to one that the scene leaves open.
+    """
     rows = rows_of(plan.laws)
     said = vary_parameters(parameters_at(plan.scene, rows, 0), plan.scene, rows, plan.world_count, vary)
     places = places_of(plan.scene, rows)

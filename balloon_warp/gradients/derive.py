@@ -53,6 +53,11 @@ class Gradient(Shown):
     (world_count, face_count); by `rest_points`, shape (world_count, n, 3)"""
     spring_pairs: list[NDArray[np.int32]] = field(default_factory=list)
     """Particles at the ends of each spring, of each balloon, shape (spring_count, 2)"""
+    errors: dict[str, Values] = field(default_factory=dict)
+    """Standard errors of `gradients`, which with `smooth` are means over samples, by paths, shape (world_count,)"""
+    slopes: dict[str, Values] = field(default_factory=dict)
+    """Slopes of the loss over the samples of `smooth`, by its paths (least squares), shape (world_count,): they count
+    jumps of the loss, which no gradient sees"""
 
     def __repr__(self) -> str:
         return f"Gradient({len(self.loss)} worlds, of {', '.join([*self.gradients, *self.by_each])})"

@@ -8,13 +8,14 @@ from balloon_warp.errors import InputError
 from balloon_warp.gradients.derive import Asked, Gradient, derive
 from balloon_warp.gradients.loss import Loss
 from balloon_warp.gradients.refusals import require_differentiable, require_room_for_frames
+from balloon_warp.gradients.smoothing import averaged, sampled
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model import Vary
 from balloon_warp.model.varied_scene import scene_to_vary
 from balloon_warp.scene import SceneLike
 from balloon_warp.scene.overrides import Override
 from balloon_warp.sweep.cluster import Cluster
-from balloon_warp.sweep.groups import plan_groups
+from balloon_warp.sweep.groups import Group, plan_groups
 
 
 @checked
@@ -33,6 +34,8 @@ def gradient(
     schedule: str = "auto",
     cluster: Cluster | None = None,
     laws: Sequence[Law] = (),
+    smooth: Mapping[str, float] | None = None,
+    samples: int = 32,
     on_frame: Callable[[int], None] = lambda number: None,
 ) -> Gradient:
     """Simulate a scene, and differentiate a loss with respect to values of the scene.
@@ -65,6 +68,10 @@ def gradient(
             loss of its own, whose numbers are `worlds` of the trajectories. The result is the same to the bit.
         laws: User-defined laws beside the built-in ones, which Warp differentiates; on a cluster, global names that
             workers can import.
+        smooth: Standard deviations by dotted paths: each world becomes `samples` worlds, in a row, whose values there
+            are normally distributed around its own, and losses and derivatives are their means. For motion that is
+            chaotic. `errors` and `slopes` of the result say what the means are worth.
+        samples: Number of worlds for each, with `smooth`.
         on_frame: Called with the number of each frame when it is simulated, and again when it has run backwards; on a
             cluster now and then, with the number of frames that are done both ways, on average.
 
@@ -76,10 +83,13 @@ def gradient(
     """
     device = cluster.device(device) if cluster else device
     asked = Asked(of, loss, world_count, vary or {}, device, schedule, laws, each, every, checkpoints)
+    if smooth:
+        plan = _group_of(scene, overrides, asked).plan
+        asked = sampled(plan, asked, smooth, samples)
     found, depends = derived(scene, overrides, asked, on_frame, cluster)
     if depends:
         _require_effect(found)
-    return found
+    return averaged(found, smooth, samples) if smooth else found
 
 
 def derived(
@@ -96,16 +106,26 @@ def derived(
         BlowUpError: a world blew up.
         MissingExtraError, WorkersLostError: as `gradient`.
     """
+    group = _group_of(scene, overrides, asked)
+    require_differentiable(group.plan)
+    require_room_for_frames(group.plan, asked.every, asked.checkpoints)
+    if not cluster:
+        return derive(group, asked, on_frame)
+    from balloon_warp.gradients.spread import derive_on_workers
+
+    return derive_on_workers(group, asked, cluster, on_frame)
+
+
+def _group_of(scene: SceneLike, overrides: Mapping[str, Any] | Iterable[Override], asked: Asked) -> Group:
+    """Return the plan of all worlds.
+
+    Raises:
+        InputError: the scene cannot be simulated, or its worlds are of several models.
+    """
     groups = plan_groups(scene_to_vary(scene, asked.vary, overrides), asked.world_count, asked.vary, asked.laws)
     if len(groups) > 1:
         raise InputError("vary: gradients need one mesh and its springs; expected values that keep the model")
-    require_differentiable(groups[0].plan)
-    require_room_for_frames(groups[0].plan, asked.every, asked.checkpoints)
-    if not cluster:
-        return derive(groups[0], asked, on_frame)
-    from balloon_warp.gradients.spread import derive_on_workers
-
-    return derive_on_workers(groups[0], asked, cluster, on_frame)
+    return groups[0]
 
 
 def _require_effect(found: Gradient) -> None:

@@ -223,7 +223,7 @@ def test_a_cluster_tells_the_same(folder: Path, tmp_path: Path):
 
 
 def test_a_world_that_began_again_has_what_it_pressed_then(tmp_path: Path):
-    """Of the frames before it blew up nothing is left: the pair's force is that of a run with the later substeps."""
+    """The pair's force is that of a run with the later substeps: nothing is left of the frames before the blow-up."""
     vary = {"balloon.1.stiffness.structural": [30.0, 700.0]}
     rows, substeps = {}, 60
     for policy in ("freeze", "restart", "stop"):
