@@ -5,9 +5,9 @@
 2. From that frame nothing is left to learn. So `Simulator` keeps `Origins`: a state of a while ago, and all that it
    takes to begin again from there.
 3. `replay` simulates that one world again, its last frames substep by substep, until it goes bad.
-4. `diagnose` looks at that substep: what moved farthest, what pulled it (`pulls`), which step would have been stable.
+4. `diagnose` looks at that substep: the farthest mover, the forces on it (`pulls`), and the largest stable step.
    It makes a `BlowUp`, whose text is a sentence.
-5. `Simulator` raises a `BlowUpError` with it. A `policy` says what becomes of the run: it stops, ends at its last good
+5. `Simulator` raises a `BlowUpError` with it. A `policy` decides the fate of the run: it stops, ends at its last good
    frame, or begins again with half the step. A run does so in `job.py`, a batch in `sweep/blow_ups.py`; the viewer
    offers its last good state.
 """

@@ -38,5 +38,5 @@ class Origins:
         self._kept = replace(here, state=kept)
 
     def forget(self) -> None:
-        """Drop the kept states: what comes now does not follow from them."""
+        """Drop the kept states: later frames do not follow from them."""
         self._kept = None

@@ -72,7 +72,7 @@ class Pulls:
         return strengths
 
     def _outer_forces(self) -> dict[str, NDArray[np.float64]]:
-        """Return what outer forces push each particle with [N], if there are any."""
+        """Return the magnitude of the outer forces on each particle [N], shape (particle_count,), if any."""
         newtons, driven = _row(self.model.parameters["force_newtons"]), self.model.driven
         if not newtons.any():
             return {}

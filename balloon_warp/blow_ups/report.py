@@ -59,7 +59,7 @@ class BlowUp:
 
     @property
     def _advice(self) -> str:
-        """The step beside the stable one, and what helps."""
+        """The step beside the stable one, and the remedy."""
         if self.pressure:
             return f"its pressure of {self.pressure:.3g} Pa alone blows it up within a frame: less pressure helps"
         if self.k_normal:

@@ -85,7 +85,7 @@ def check_stage(
         within: Tolerated depth of a balloon in a solid [m]; a twentieth of its mean edge if not given.
         device: Device for the check, such as "cpu".
         on_frame: Called with the number of frames done, and of all.
-        on_note: Called with sentences on what the stage lacks, and what in it is not checked.
+        on_note: Called with sentences on missing files and images of the stage, and on shapes that are not checked.
 
     Raises:
         InputError: The stage cannot be read, or has nothing that could cross.

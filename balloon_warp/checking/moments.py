@@ -64,7 +64,7 @@ class Checker:
         return sum(len(surface.triangles) for surface in self.surfaces)
 
     def look(self, time: Usd.TimeCode) -> list[Met]:
-        """Return what is in each other, the deepest place of each pair of things."""
+        """Return the pairs of things that are in each other, each at its deepest place."""
         there = [surface.is_there(time) for surface in self.surfaces]
         points = [surface.at(time, self._unit) for surface in self.surfaces]
         rounds = [each for each in self.rounds if each.is_there(time)]
@@ -186,7 +186,7 @@ class Checker:
         rounds: list[Round],
         time: Usd.TimeCode,
     ) -> Iterator[Met]:
-        """Find what is below the ground, or a plane."""
+        """Find the things that reach below the ground, or a plane."""
         for space in self.half_spaces:
             origin, normal = space.at(time, self._unit)
             for each in (*shown, *rounds):

@@ -43,7 +43,7 @@ class Thing:
     """Thing of a stage.
 
     Args:
-        prim: what it is there.
+        prim: of the thing in the stage.
         group: those of one group do not meet.
     """
 

@@ -18,7 +18,7 @@ def parse_choices(text: str, scene_source: str = "") -> tuple[str, list[Any]]:
     """Split `PATH=VALUE,VALUE,...`; each value is read as in `--set`. Commas in brackets and quotes do not split.
 
     Args:
-        text: what follows `--vary`.
+        text: argument of `--vary`.
         scene_source: the scene that the command names; meshes are sought beside its file, too.
 
     Raises:

@@ -63,9 +63,9 @@ def simulate(
         frame: the frame that is shown, unless `picture_frame` is varied; when missing, the one that the scene names as
             its picture, else the last.
         laws: User-defined laws beside the built-in ones; see `balloon_warp.laws`.
-        on_begin: told what begins, and of it the frames until the one that is shown.
+        on_begin: called with a summary of the run, whose frames end at the one that is shown.
         on_frame: Called with the number of frames done, and of all.
-        clock: what frames are timed with.
+        clock: function that returns the time [s], by which frames are timed.
     """
     try:
         scene = override_scene(scene, values.items(), other_kinds=True)
@@ -89,7 +89,7 @@ def _measured(
     on_frame: Callable[[int, int], None],
     clock: Callable[[], float],
 ) -> tuple[dict[str, float], list[float]]:
-    """Measure the figures at the frame that is shown, and what each frame until then took [s]."""
+    """Measure the figures at the frame that is shown, and the wall time of each frame until then [s]."""
     last = shown_frame(scene, frame)
     simulator = Simulator(scene, device, schedule=schedule, laws=laws)
     on_begin(replace(Beginning.of(simulator.model, simulator.schedule.name), frames=last))

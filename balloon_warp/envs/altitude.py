@@ -65,7 +65,7 @@ def pump_air(
     pump: wp.array[float],
     molar_mass: wp.array[float],
 ):
-    """Pump air in or out, as long as there is some, and mix the molar mass of what is within."""
+    """Pump air in or out, as long as there is some, and mix the molar mass of the gas within."""
     world = wp.tid()
     amount = float(gas_amounts[world, 0])
     air = wp.max(amount - helium, 0.0)
@@ -89,7 +89,7 @@ def judge_height(
     rewards: wp.array[float],
     terminated: wp.array[wp.int32],
 ):
-    """Reward what is near its goal; the film bursts above twice the superpressure that it is made for."""
+    """Reward closeness to the goal height; the film bursts above twice its design superpressure."""
     world = wp.tid()
     above = centers[world, 0][1] - goals[world]
     observations[world, 0] = above / LENGTH

@@ -14,14 +14,14 @@ Output = Literal["numpy", "torch"]
 
 
 class NumpyOutput:
-    """Copies what a step tells to the host, at once and through pinned memory."""
+    """Copies the results of a step to the host, at once and through pinned memory."""
 
     def __init__(self, layout: Layout, device: wp.Device):
         self._layout, self._device = layout, device
         self._host = wp.empty(layout.size, dtype=wp.int32, device="cpu", pinned=device.is_cuda)
 
     def __call__(self, block: wp.array) -> Told:
-        """Return what a block tells."""
+        """Return the results in a block."""
         wp.copy(self._host, block)
         if self._device.is_cuda:
             wp.synchronize_stream(self._device.stream)
@@ -29,20 +29,20 @@ class NumpyOutput:
 
 
 class TorchOutput:
-    """Copies what a step tells into torch's memory of the same device; the host does not wait."""
+    """Copies the results of a step into torch's memory of the same device; the host does not wait."""
 
     def __init__(self, layout: Layout, device: wp.Device):
         self._layout = layout
 
     def __call__(self, block: wp.array) -> Told:
-        """Return what a block tells."""
+        """Return the results in a block."""
         import torch  # pyright: ignore[reportMissingImports]
 
         return self._layout.told(wp.to_torch(block).clone(), torch.float32)
 
 
 def output_of(output: Output) -> type[NumpyOutput] | type[TorchOutput]:
-    """Return the class that copies what a step tells into arrays of NumPy or torch.
+    """Return the class that copies the results of a step into arrays of NumPy or torch.
 
     Raises:
         InputError: there is no such kind.

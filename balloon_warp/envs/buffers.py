@@ -11,10 +11,10 @@ from balloon_warp.envs.told import Layout
 
 @dataclass(frozen=True)
 class Buffers:
-    """Arrays with a row a world. Those that are told lie in a single block, which is copied at once."""
+    """Arrays with a row a world. Those of the results lie in a single block, which is copied at once."""
 
     block: wp.array
-    """Memory of what is told, laid out by `Layout`, int32"""
+    """Memory of the results, laid out by `Layout`, int32"""
     given: wp.array
     """Actions as they are given, shape (world_count, actions)"""
     actions: wp.array

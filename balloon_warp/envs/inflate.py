@@ -46,7 +46,7 @@ def judge_volume(
     rewards: wp.array[float],
     terminated: wp.array[wp.int32],
 ):
-    """Reward what is near the volume; a skin that is stretched too far ends the episode."""
+    """Reward closeness to the goal volume; a skin that is stretched too far ends the episode."""
     world = wp.tid()
     growth = volumes[world, 0] / rest
     missing = wp.log(wp.max(growth, 0.1) / goals[world])
@@ -101,5 +101,5 @@ class Inflate(Task):
 
     @staticmethod
     def policy(observations: NDArray[Any]) -> NDArray[Any]:
-        """Pump by what is missing."""
+        """Pump in proportion to the logarithm of the missing growth."""
         return np.clip(-8.0 * observations[:, :1], -1.0, 1.0)

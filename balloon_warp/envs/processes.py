@@ -16,7 +16,7 @@ from balloon_warp.warp_logging import quiet_warp
 
 
 class Part(NamedTuple):
-    """Worlds of a process, and what it makes of them."""
+    """Worlds of a process, and the options of their environment."""
 
     task: Task
     worlds: range
@@ -76,11 +76,11 @@ class Processes:
             raise
 
     def ask(self, method: str, arguments: Sequence[tuple[Any, ...]]) -> list[Any]:
-        """Call a method of `_Served` in each process, with arguments of its own, and return what each answers.
+        """Call a method of `_Served` in each process, with arguments of its own, and return the answers.
 
         Raises:
             WorkersLostError: a process ended.
-            Exception: what a process raised.
+            Exception: of a process, raised again here.
         """
         if not self._workers:
             raise WorkersLostError(f"{self._option}: the processes have ended")
@@ -146,7 +146,7 @@ def _on_host(array: Any) -> Any:
 
 
 def _serve(connection: Connection, part: Part) -> None:
-    """Do what is asked through a connection until its other end is closed; runs in a process of its own."""
+    """Serve the requests of a connection until its other end is closed; runs in a process of its own."""
     quiet_warp()
     try:
         served = _Served(part.env())

@@ -14,7 +14,7 @@ class BalloonEnv(Unpickled, gymnasium.Env[Any, Any]):
     """A world of a task; many of them are a `BalloonVectorEnv`, which is as fast as one.
 
     Args:
-        task: what is to be done.
+        task: scene, actions, observations and rewards.
         device: Warp device; the GPU, or else the CPU, if not given.
         render_mode: "rgb_array", "human" for a page in the browser, or nothing.
     """

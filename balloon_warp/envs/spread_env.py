@@ -35,12 +35,12 @@ class SpreadVectorEnv(Unpickled, VectorEnv[Any, Any, Any]):
     `if __name__ == "__main__":`, since each process imports it.
 
     Args:
-        task: what is to be done.
+        task: scene, actions, observations and rewards.
         num_envs: number of worlds.
         gpus: number of GPUs of this machine.
         workers: number of processes on this machine's CPU, instead.
         autoreset_mode: as of `BalloonVectorEnv`.
-        output: "numpy" or "torch": what functions of `on_each` see.
+        output: "numpy" or "torch", the arrays that functions of `on_each` see.
         schedule: how the work is laid out, see `Simulator`.
         render_mode: "rgb_array", or nothing.
 
@@ -109,16 +109,16 @@ class SpreadVectorEnv(Unpickled, VectorEnv[Any, Any, Any]):
         return results_of(joined(self._processes.ask("step", parts)), self.autoreset_mode)
 
     def on_each(self, function: Callable[..., Any], *arguments: Any) -> list[Any]:
-        """Call a function in each process at once, and return what each returns, in the order of the worlds.
+        """Call a function in each process at once, and return the results in the order of the worlds.
 
         Use it to let a policy sit on each GPU: neither actions nor observations leave it then.
 
         Args:
-            function: of the process's own `BalloonVectorEnv`, and of `arguments`; what it returns is pickled.
+            function: of the process's own `BalloonVectorEnv`, and of `arguments`; its result is pickled.
 
         Raises:
             WorkersLostError: a process ended.
-            Exception: what the function raised first; all processes are ended then.
+            Exception: the first that the function raised; all processes are ended then.
         """
         require_open(self)
         told = (CloudpickleWrapper(function), arguments)

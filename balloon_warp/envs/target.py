@@ -49,7 +49,7 @@ def judge_flight(
     rewards: wp.array[float],
     terminated: wp.array[wp.int32],
 ):
-    """Reward what flies through the ring by 10, and what flies towards it by a tenth of its speed."""
+    """Reward a flight through the ring by 10, and one towards it by a hundredth of the speed in that direction."""
     world = wp.tid()
     ring = wp.vec3(FAR, heights[world], sides[world])
     way = ring - centers[world, 0]

@@ -13,7 +13,7 @@ from balloon_warp.simulator import Simulator
 
 
 class Task(ABC):
-    """A task of an environment. Copy one of this folder, and change what you want.
+    """A task of an environment. Copy one of this folder, and change it.
 
     Its kernels have a thread a world. They run on the device of the simulator, and nothing passes the host.
     """
@@ -23,7 +23,7 @@ class Task(ABC):
     observations: ClassVar[int]
     """Number of observations"""
     observation_limits: ClassVar[float | tuple[float, ...]] = float("inf")
-    """Largest magnitude of the observations, one for all or one for each: what is beyond is told as the limit"""
+    """Largest magnitude of the observations, one for all or one for each, to which they are clipped"""
     most_steps: int
     """Number of steps after which an episode is truncated"""
     frames: ClassVar[int] = 1
@@ -39,7 +39,7 @@ class Task(ABC):
 
     @abstractmethod
     def begin(self, simulator: Simulator) -> None:
-        """Open the controls and observations that the task needs, and say what is drawn for each episode."""
+        """Open the controls and observations that the task needs, and the random values of each episode."""
 
     @abstractmethod
     def act(self, actions: wp.array) -> None:
@@ -47,9 +47,9 @@ class Task(ABC):
 
     @abstractmethod
     def judge(self, observations: wp.array, rewards: wp.array, terminated: wp.array) -> None:
-        """Write what is seen, shape (world_count, observations), rewards, and 1 where an episode has ended."""
+        """Write observations, shape (world_count, observations), rewards, and 1 where an episode has ended."""
 
     @staticmethod
     @abstractmethod
     def policy(observations: NDArray[Any]) -> NDArray[Any]:
-        """Return the actions of a simple policy that is known to work, by what is seen."""
+        """Return the actions of a simple policy that is known to work, from observations."""

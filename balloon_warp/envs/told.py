@@ -24,7 +24,7 @@ class Told(NamedTuple):
 
 
 FLAGS = ("terminated", "truncated")
-"""Numbers that are told as truth values"""
+"""Numbers that become truth values in the results"""
 INTEGERS = (*FLAGS, "causes")
 
 
@@ -60,11 +60,11 @@ class Layout:
         return arrays
 
     def told(self, block: Any, float32: Any) -> Told:
-        """Return what a block tells, as `split` does."""
+        """Return the results in a block, split as by `split`."""
         arrays = self.split(block, float32)
         return Told(**{name: array != 0 if name in FLAGS else array for name, array in arrays.items()})
 
 
 def joined(parts: Sequence[Told]) -> Told:
-    """Return what worlds are told, from NumPy's arrays of parts in their order."""
+    """Return the results of all worlds, from NumPy's arrays of parts in their order."""
     return Told(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))

@@ -46,7 +46,7 @@ class BalloonVectorEnv(Unpickled, VectorEnv[Any, Any, Any]):
     or out of its bounds, 3 if the simulation blew up. Such a world ends, and the others go on.
 
     Args:
-        task: what is to be done.
+        task: scene, actions, observations and rewards.
         num_envs: number of worlds.
         device: a Warp device such as "cpu" or "cuda:0"; if missing, the GPU or else the CPU.
         autoreset_mode: when a world that is over begins anew: in the next step, in the same step, or when `reset` is
@@ -133,7 +133,7 @@ class BalloonVectorEnv(Unpickled, VectorEnv[Any, Any, Any]):
         return results_of(self.advance(actions), self.autoreset_mode)
 
     def advance(self, actions: Any) -> Told:
-        """Advance all worlds by the frames of a step. The host waits once, for what is told in the end.
+        """Advance all worlds by the frames of a step. The host waits once, for the results in the end.
 
         Raises:
             InputError: as `step`.
@@ -240,7 +240,7 @@ def limits_of(task: Task) -> NDArray[np.float32]:
 
 
 def results_of(told: Told, mode: AutoresetMode) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-    """Return what a step tells, as Gymnasium has it."""
+    """Return the results of a step in Gymnasium's form."""
     info: dict[str, Any] = {"cause": told.causes}
     if mode is AutoresetMode.SAME_STEP:
         over = told.terminated | told.truncated

@@ -43,7 +43,7 @@ class Request:
 def least_squares(
     run: Run, scene: Scene, data: str | Path | Mapping[str, Any], request: Request, on_stage: Callable[[str], None]
 ) -> Fit:
-    """Find the values of a scene that explain what was measured.
+    """Find the values of a scene that explain measured data.
 
     Raises:
         InputError: the data are wrong, no start can be simulated, or there is nothing to resume.

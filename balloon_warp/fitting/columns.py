@@ -98,10 +98,10 @@ def pairs_of(source: object, head: Sequence[str]) -> tuple[list[Pair], int | Non
     """Find the columns of each test, and the number of the column that names the test of each row, if there is one.
 
     Units stand in brackets of any kind, or after a blank, `_`, `/` or `,`; without one the numbers are in SI units.
-    Standard deviations stand in a column of that name, `pressure deviation`, or simply `std` right of what they are of.
+    Standard deviations stand in a column of that name, `pressure deviation`, or simply `std` right of their quantity.
 
     Args:
-        source: what a sentence calls the file.
+        source: name of the file in sentences.
         head: names of the columns.
 
     Raises:
@@ -165,7 +165,7 @@ def _pairs(source: object, columns: Sequence[Column]) -> list[Pair]:
             raise InputError(
                 f"{source}: has two columns of {column.quantity}, {other.text!r} and {column.text!r}; expected one"
             )
-        if other is None or (other.true and not column.true):  # what was measured comes first
+        if other is None or (other.true and not column.true):  # the measured column comes first
             found[column.key] = column
     pairs = []
     if ("size", True, None) in found and ("load", True, None) in found:
@@ -176,7 +176,7 @@ def _pairs(source: object, columns: Sequence[Column]) -> list[Pair]:
         size, load = (
             column or found.get((measures, False, None)) for measures, column in zip(("size", "load"), own, strict=True)
         )
-        if size and load and (test or not named or not (load.true or size.logarithmic)):  # else what was measured again
+        if size and load and (test or not named or not (load.true or size.logarithmic)):  # else measured again
             pairs.append(Pair(test, size, load))
     return pairs
 

@@ -81,12 +81,12 @@ def fit_curves(
 
     Args:
         curves: all of one rubber.
-        of: what was inflated: "sphere", whose formula is used, or the mesh of the balloon at rest, in meters.
+        of: the inflated body: "sphere", whose formula is used, or the mesh of the balloon at rest, in meters.
         kind: of material. The exponents of "ogden" are fitted if the data determine them (Akaike's criterion), and
             otherwise, and for a mesh, 1.3, 5 and -2.
         thickness: at rest [m].
         radius: of the sphere at rest [m]; found, too, when missing.
-        on_stage: told what is done.
+        on_stage: called with a few words at each stage.
 
     Raises:
         InputError: a number, a kind, the mesh or the curves together cannot be.
@@ -242,7 +242,7 @@ def _result(model: _Model, rows: Rows, found: Solution, thickness: float) -> Cur
     remarks += [*excess, *no_rubber(shear_modulus(model.kind, own), bool(model.inflations))]
     covariance = covariance_of(found, trusted=noise_known and not excess)
     values, derived = found.values, ()
-    if model.kind == "ogden":  # what all its values say together
+    if model.kind == "ogden":  # the modulus of all its values together
         more = np.zeros(len(values))
         more[: len(own)] = shear_modulus_slopes(model.kind, own)
         spread = np.vstack([more, np.eye(len(values))])

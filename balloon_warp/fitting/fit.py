@@ -1,4 +1,4 @@
-"""The values of a scene that explain what was measured."""
+"""The values of a scene that explain measured data."""
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial

@@ -24,7 +24,7 @@ def lack_of_fit(
         share: misfit over the largest load.
         name: of the curve.
         load: name of the load.
-        noise_known: whether deviations are given, which say what is too large.
+        noise_known: whether deviations are given, which then bound the misfit.
     """
     signs = residuals > 0.0
     above, count = int(signs.sum()), len(signs)

@@ -93,7 +93,7 @@ def _steps(starts: Starts) -> Values:
 
 
 def _take(starts: Starts, trial: Starts) -> None:
-    """Keep what is better."""
+    """Keep the trials that lower the cost, and adapt the dampings."""
     better = np.asarray(trial.costs < starts.costs)
     for name in ("places", "costs", "residuals", "jacobians"):
         kept, new = getattr(starts, name), getattr(trial, name)

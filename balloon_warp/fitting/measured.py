@@ -56,7 +56,7 @@ class Measured:
 
 
 def measured_of(data: str | Path | Mapping[str, Any], particle_count: int, last_time: float) -> Measured:
-    """Read what was measured: a .npz file, or a mapping, with `times` and what was seen then.
+    """Read measurements: a .npz file, or a mapping, with `times` and the tracks at these times.
 
     Args:
         particle_count: of the scene's balloon.

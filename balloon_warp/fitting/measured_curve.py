@@ -32,7 +32,7 @@ class Curve:
     load_deviations: Values | None = None
     """Standard deviations of the loads, where they are known, shape (n,)"""
     remarks: tuple[str, ...] = ()
-    """Sentences on what was taken of the file"""
+    """Sentences on the choices made in reading the file"""
     name: str = "the curve"
     """Name in sentences"""
     of_sphere: bool = False

@@ -18,11 +18,11 @@ SMALLEST = 1.0e-6
 
 @dataclass(frozen=True)
 class Found:
-    """The best place, and what the starts reached."""
+    """The best place, and the costs that the starts reached."""
 
     best: Narrowed
     costs: Values
-    """Mean squares of all starts, infinite of those that could not be simulated; the best is what clouds came to"""
+    """Mean squares of all starts, infinite of those that could not be simulated; the best is that of the clouds"""
 
 
 def search(

@@ -70,13 +70,13 @@ def solved(
     only that noise is known, that of the loads is as large as the residuals ask for.
 
     Args:
-        rows: what was measured.
+        rows: measured loads, with their deviations.
         loads: function from values to loads, shape (n,).
         slopes: function from values to derivatives of loads by sizes, shape (n,).
         names: of the values.
         starts: values where searches begin; their signs are kept.
         bounds: least and largest sizes of the values.
-        on_stage: told what is done.
+        on_stage: called with a few words at each stage.
     """
     signs = np.sign(starts[0])
     given = rows.largest if rows.load_deviations is None else rows.load_deviations
