@@ -221,5 +221,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """List what tab completion offers, before anything is loaded."""
+    """List the names for tab completion, before anything is loaded."""
     return sorted({*(name for name in globals() if name.startswith("__")), *__all__, "__version__"})

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
-if TYPE_CHECKING:  # who says what began does so before Warp is there
+if TYPE_CHECKING:  # displays import this before Warp is loaded
     from balloon_warp.model import Model
 
 

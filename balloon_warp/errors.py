@@ -2,7 +2,7 @@
 
 
 class InputError(ValueError):
-    """Bad input: the message names the file or field, what was found, and what was expected. Exit status 2."""
+    """Bad input: the message names the file or field, the value found, and the expected one. Exit status 2."""
 
 
 class NoRoomError(InputError):
@@ -14,10 +14,10 @@ class MissingExtraError(ImportError):
 
 
 class BlowUpError(RuntimeError):
-    """The simulation blew up. The message says where, why and what helps. Exit status 1.
+    """The simulation blew up. The message names the place, the cause and a remedy. Exit status 1.
 
     Args:
-        report: what the message is the text of: a `BlowUp`, or a sentence.
+        report: source of the message: a `BlowUp`, or a sentence.
     """
 
     def __init__(self, report: object):
@@ -26,7 +26,7 @@ class BlowUpError(RuntimeError):
 
 
 class WorkersLostError(RuntimeError):
-    """The workers of a batch, or their scheduler, are gone: the message says what was lost. Exit status 1."""
+    """The workers of a batch, or their scheduler, are gone: the message names the loss. Exit status 1."""
 
 
 class StoppedError(RuntimeError):

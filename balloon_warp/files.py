@@ -17,7 +17,7 @@ STAGE, PICTURES = ".usdc", (".png", ".webp", ".gif", ".mp4")
 
 
 def legible(name: str) -> str:
-    """Write a file's name with _ for what is no Unicode, as USD and JSON take it: names are bytes, of any encoding."""
+    """Write a file's name with _ for bytes that are no Unicode, for USD and JSON: names are bytes, of any encoding."""
     return "".join("_" if "\ud800" <= letter <= "\udfff" else letter for letter in name)
 
 
@@ -95,7 +95,7 @@ def regular_content(path: Path, most: int = LARGEST_FILE) -> bytes:
 
 
 def target_of(path: Path) -> Path:
-    """Follow links, and return where a file or folder is, or would be: what is written there leaves the links.
+    """Follow links, and return where a file or folder is, or would be: a file written there leaves the links.
 
     Raises:
         InputError: the links lead in a circle, or to something that is no file, such as a device.
@@ -113,7 +113,7 @@ def target_of(path: Path) -> Path:
 
 
 def file_behind(path: Path) -> Path:
-    """Return the file that a link leads to, which has beside it what it names.
+    """Return the file that a link leads to, beside which the files that it names lie.
 
     It is the link itself, where the file has another suffix, as in stores that call files by their content.
     """

@@ -31,7 +31,7 @@ class Threads:
         return self._pool.submit(call, *arguments, **named)
 
     def map(self, call: Callable[[Any], T], items: Any) -> Iterator[T]:
-        """Yield what calls return, in the order of the items."""
+        """Yield the results of calls, in the order of the items."""
         begun = [self.submit(call, item) for item in items]
         return (each.result() for each in begun)
 

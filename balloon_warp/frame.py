@@ -63,7 +63,7 @@ class Frame(Shown):
     def volumes(self) -> NDArray[np.float64]:
         """Volume of each balloon [m^3], shape (balloon_count,).
 
-        It is what a closed one encloses; 0 of one that burst, once it is open.
+        It is the enclosed volume of a closed one; 0 of one that burst, once it is open.
         """
         return self._volumes_and_areas[:, 0]
 

@@ -66,7 +66,7 @@ class WorldReader:
     Args:
         model: of the world alone.
         state: of all worlds.
-        forces: what finds the inflation's forces, or None if nothing does.
+        forces: finder of the inflation's forces, or None if they are not read.
         net_forces: whether it finds those of all, too.
         stream: of a GPU; None on a CPU.
     """
@@ -105,7 +105,7 @@ class WorldReader:
         return Reading(self.model, self._last, number, **self._motion, since=since)
 
     def _hand_over(self, reading: wp.Stream) -> None:
-        """Hand what the simulation has come to, once the last copy is read, to the reading stream."""
+        """Hand the current state of the simulation to the reading stream, once the last copy is read."""
         simulating = self.model.device.stream
         if self._last and self._last.filled:
             simulating.wait_event(self._last.filled)

@@ -21,7 +21,7 @@ def without_collecting() -> Iterator[None]:
     finally:
         if was_enabled:
             is_due = gc.get_count()[0] > gc.get_threshold()[0]
-            if is_due and not gc.get_freeze_count():  # which counts them: else, what others have frozen would thaw
+            if is_due and not gc.get_freeze_count():  # which counts them: else, objects that others froze would thaw
                 gc.freeze()
                 gc.unfreeze()  # into the oldest generation, wherever it was
             gc.enable()

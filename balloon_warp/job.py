@@ -119,8 +119,8 @@ def animate(
         resume: Go on from the last checkpoint, if there is one, to the same bytes as a run that was never stopped.
         on_begin, on_frame: Called with a summary of the run, once, and with the number of each simulated frame.
         on_note: Called with sentences: where the run begins, and whether an earlier one was not finished.
-        on_warning: Called with sentences: what is odd about a mesh, which strings start overstretched, which spheres
-            may come through, a blow-up that does not stop the run, and what ends badly.
+        on_warning: Called with sentences on defects of a mesh, strings that start overstretched, spheres that may come
+            through, a blow-up that does not stop the run, and bad endings.
 
     Raises:
         InputError: the scene cannot be simulated, an output cannot be written, or a checkpoint is another run's.
@@ -214,7 +214,7 @@ def _summary(
     inflation: list[Swelling],
     seconds: float,
 ) -> Summary:
-    """Sum up what `animate` hands back."""
+    """Sum up a run of `animate`."""
     model, frames = simulator.model, simulator.frame_number - bool(blow_up)
     return Summary(
         output=str(wanted.output),
@@ -249,9 +249,9 @@ def _write(
     on_frame: Callable[[int], None],
     on_note: Callable[[str], None],
 ) -> tuple[int, BlowUpError | None]:
-    """Simulate all frames, write them into a stage, and make of it what is wanted.
+    """Simulate all frames, write them into a stage, and make the wanted outputs of it.
 
-    Returns after which frame it began, and what ended them early, where that is to leave a stage.
+    Returns the frame after which it began, and the blow-up that ended them early, where that is to leave a stage.
     """
     wanted.check_textures(simulator.model)
     blow_up, job, scene = None, describe_run(simulator) | wanted.left_out, simulator.model.scene

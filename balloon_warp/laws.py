@@ -41,7 +41,7 @@ def particle_law(function: Any, parameters: Sequence[Parameter] = (), **more: An
     """Make a law that gives a force on each particle.
 
     Args:
-        function: A `wp.func` that returns the force, a vector [N]. The names of its arguments say what it needs: things
+        function: A `wp.func` that returns the force, a vector [N]. The names of its arguments select its inputs: things
             of `GIVEN["particle"]`, such as `position`, and parameters.
         parameters: Parameters of the law, in a scene called `balloon.law.NAME.PARAMETER`, or, with `of="world"`,
             `law.NAME.PARAMETER`, unless they have a path.
@@ -49,7 +49,7 @@ def particle_law(function: Any, parameters: Sequence[Parameter] = (), **more: An
             bounds the step of "auto" does not take the law into account.
 
     Raises:
-        InputError: The function does not fit; the sentence says what was expected.
+        InputError: The function does not fit; the sentence names the expected form.
     """
     return _law("particle", function, parameters, more)
 
@@ -97,7 +97,7 @@ def require_law(law: Law) -> None:
     """Make sure that a law can be computed.
 
     Raises:
-        InputError: its function is none of Warp's, or it asks for what there is not, or returns something else.
+        InputError: its function is none of Warp's, or it asks for unknown inputs, or returns another type.
     """
     if not isinstance(law, Law):
         raise InputError(f"laws: expected a Law (got {str(law)[:60]})")
@@ -149,7 +149,7 @@ def _require_own_function(whose: str, function: Any) -> None:
 
 
 def _require_function(whose: str, function: Any, types: Mapping[str, str], result: str, known: str) -> None:
-    """Make sure that a function names nothing but what there is, and that types are right as far as one can tell."""
+    """Make sure that a function takes known inputs alone, and that types are right as far as one can tell."""
     _require_own_function(whose, function)
     annotations = inspect.get_annotations(function.func)
     arguments = list(inspect.signature(function.func).parameters)
@@ -172,7 +172,7 @@ def _tried(whose: str, function: Any, samples: Sequence[Any]) -> Any:
         returned = function.func(*samples)
     except ArithmeticError:  # with these numbers
         return None
-    except Exception as mistake:  # whatever somebody else's function lets through
+    except Exception as mistake:  # any that somebody else's function lets through
         if _is_for_kernels(mistake):
             return None
         raise InputError(f"{whose}: cannot be called: {str(mistake).splitlines()[0]}") from None

@@ -22,7 +22,7 @@ STAGE_KEY = "balloonWarp"
 """Key in the `customLayerData` of a stage"""
 STAGES = (".usd", ".usda", ".usdc")
 HEAD_BYTES = 1024
-"""Largest size of what stands before a mark's end [bytes]"""
+"""Largest size of a file's head up to the end of its mark [bytes]"""
 
 
 def is_ours(path: Path) -> bool:

@@ -6,8 +6,8 @@ from balloon_warp.errors import InputError
 
 GIB = 2**30
 NEEDED = {"-v": ("RLIMIT_AS", 1.75 * GIB, 0.25 * GIB), "-d": ("RLIMIT_DATA", 0.5 * GIB, 0.125 * GIB)}
-"""Limits by the options of `ulimit`: what a small run with a picture takes of addresses, and of data, measured on 1 and
-2 cores, and what the threads of each core take beside that [bytes]"""
+"""Limits by the options of `ulimit`: addresses, and data, of a small run with a picture, measured on 1 and 2 cores, and
+those of the threads of each core beside that [bytes]"""
 MOST_CORES = 16
 """Most cores for which libraries start threads"""
 

@@ -247,7 +247,7 @@ def _trajectory_files(
 
 @contextmanager
 def _naming_vary() -> Iterator[None]:
-    """Name the option of a mistake in what differs between worlds."""
+    """Name the option of a mistake in values that differ between worlds."""
     from balloon_warp.model.vary import VaryError
 
     try:

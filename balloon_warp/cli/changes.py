@@ -19,7 +19,7 @@ def checked_parts(parts: str | None) -> Taken | None:
     """Check the value of `--parts`.
 
     Raises:
-        InputError: it is none of what it may be.
+        InputError: it is none of the possible ones.
     """
     return _one_of("--parts", parts, get_args(Taken))
 
@@ -28,7 +28,7 @@ def checked_up(up: str | None) -> UpAxis | None:
     """Check the value of `--up`.
 
     Raises:
-        InputError: it is none of what it may be.
+        InputError: it is none of the possible ones.
     """
     return _one_of("--up", up, get_args(UpAxis))
 
@@ -44,8 +44,8 @@ class Changes:
 
     Args:
         overrides: of `--set`.
-        mesh: what options say of the mesh.
-        length: what they say of the time.
+        mesh: options of the mesh.
+        length: options of the duration.
 
     Raises:
         InputError: an option is not of the form that it has, or stands beside one that says the same.
@@ -90,14 +90,14 @@ class Changes:
         """Load the scene of that name, changed.
 
         Args:
-            vary: what will differ between its worlds.
+            vary: values that will differ between its worlds.
 
         Raises:
             InputError: names the option whose value is wrong, else the scene.
         """
         with self._naming_options():
             if vary:
-                from balloon_warp.model.varied_scene import scene_to_vary  # loads what simulates
+                from balloon_warp.model.varied_scene import scene_to_vary  # loads the simulator
 
                 loaded = scene_to_vary(scene, vary, self.overrides)
             else:

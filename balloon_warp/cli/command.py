@@ -15,7 +15,7 @@ def command_line(context: typer.Context, without: Collection[str] = ()) -> str:
 
     Args:
         context: of the command.
-        without: names of parameters that are left out: those which do not change what is made, but where it goes.
+        without: names of parameters that are left out: those which do not change the result, but its place.
     """
     words = ["balloon-warp", str(context.info_name)]
     for parameter in context.command.params:

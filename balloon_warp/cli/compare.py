@@ -140,7 +140,7 @@ def figure_console() -> Console:
 
 
 def print_comparison(console: Console, comparison: "Comparison") -> None:
-    """Print the table without what is alike in all runs, which has a line of its own, and why runs are not done."""
+    """Print the table, figures that are alike in all runs in a line above it, and why runs are not done."""
     done = [run.figures for run in comparison.runs if run.figures]
     alike = {name: done[0][name] for name in COUNTS if len({figures[name] for figures in done}) == 1}
     console.print(", ".join(f"{_header(name)} {_cell(name, value)}" for name, value in alike.items()), style="dim")

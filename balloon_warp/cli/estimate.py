@@ -50,7 +50,7 @@ class FirstEstimate:
     """Frame at which timing starts, and its time"""
 
     def after(self, frame: int, total: int, now: float) -> str | None:
-        """Return what `time_left` says, where it is the first time that it says something.
+        """Return the first sentence of `time_left`; None before and after.
 
         Args:
             frame: that was simulated.

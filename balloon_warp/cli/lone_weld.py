@@ -14,13 +14,13 @@ EXACT = "exact"
 
 
 class Command(TyperCommand):
-    """A command whose `--weld` may stand alone: what follows it is its value only if it is a number."""
+    """A command whose `--weld` may stand alone: the next word is its value only if it is a number."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         return super().parse_args(ctx, with_values(args))
 
     def invoke(self, ctx: Any) -> Any:
-        require_addresses()  # before the command loads what would not find room
+        require_addresses()  # before the command loads modules that would not find room
         return super().invoke(ctx)
 
 
@@ -34,7 +34,7 @@ def with_values(words: list[str]) -> list[str]:
 
 
 def weld_of(said: str | None) -> bool | float | None:
-    """Return what `--weld` means as the value of the scene's field.
+    """Return the value of the scene's field for `--weld`.
 
     Raises:
         InputError: it is neither alone nor such a part.

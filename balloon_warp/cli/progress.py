@@ -57,7 +57,7 @@ class FrameProgress(Progress):
         super().__init__(*columns, TimeRemainingColumn(), console=console, disable=self._logs, transient=True)
 
     def begin(self, task_id: TaskID, beginning: Beginning) -> str | None:
-        """Show beside the bar what a frame costs, if there is room; return what a log says where there is no bar."""
+        """Show the cost of a frame beside the bar, if there is room; return the line of a log where there is no bar."""
         if self._logs:
             return begun(beginning)
         if self.console.width >= WIDE:
@@ -96,7 +96,7 @@ def frame_progress() -> Iterator[FrameProgress]:
     """Show the progress of tasks.
 
     Raises:
-        StoppedError: what is in the `with` block was stopped, and how far it was.
+        StoppedError: the `with` block was interrupted; the message says how far it was.
     """
     with FrameProgress(Console(emoji=False, stderr=True)) as progress:
         try:

@@ -31,7 +31,7 @@ def parse_frames(text: str) -> tuple[int | None, int | None]:
 
 
 def parse_place(text: str, option: str = "look-at") -> str | tuple[float, float, float]:
-    """Read a point of `X,Y,Z`, or what else is a name.
+    """Read a point of `X,Y,Z`, or a name, which has no comma.
 
     Raises:
         InputError: the text has commas and is no point.

@@ -21,7 +21,7 @@ class Stages:
     nothing.
 
     Args:
-        name: of what is worked on.
+        name: of the file or scene in work.
         console: where that is shown.
     """
 

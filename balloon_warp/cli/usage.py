@@ -57,14 +57,14 @@ def _command_meant(word: str, commands: Iterable[str]) -> str:
 
 
 def _called(parameter: Any) -> str:
-    """Name an option by its long name, an argument by what stands for it in the help."""
+    """Name an option by its long name, an argument by its metavar in the help."""
     if parameter.param_type_name == "argument":
         return parameter.metavar
     return max(parameter.opts, key=len)
 
 
 def _expected(error: Any) -> str:
-    """Return Pydantic's sentence, where newer versions of Typer have it from there, and what was found."""
+    """Return Pydantic's sentence, where newer versions of Typer have it from there, and the value found."""
     message = re.split(", (?:unable|got) ", error.message.rstrip("."))[0].replace("Input should", "must")
     found = error.__cause__.errors()[0]["input"] if isinstance(error.__cause__, ValidationError) else None
     return message if found is None else f"{message} (got {found})"

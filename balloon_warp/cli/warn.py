@@ -25,7 +25,7 @@ class Opening:
     """First line of a run about its mesh, printed before any other; a run that does not begin prints its error alone.
 
     Args:
-        name: of what is simulated.
+        name: of the simulated scene.
         sentence: a note on it, if there is one.
     """
 

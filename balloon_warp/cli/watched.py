@@ -22,7 +22,7 @@ def watched(view: bool, port: int | None, name: str) -> "Iterator[Callable[[Desi
     Args:
         view: whether it is wanted.
         port: of the page; 8080 or the next free one, when missing.
-        name: of what is designed.
+        name: of the design.
 
     Raises:
         InputError: the page cannot be served.

@@ -3,7 +3,7 @@
 from balloon_warp.beginning import Beginning
 
 BLENDERS_RATE = 24.0
-"""Frame rate at which Blender plays a stage by default, whatever the stage says [1/s]"""
+"""Frame rate at which Blender plays a stage by default, regardless of that of the stage [1/s]"""
 
 
 def counted(count: int, noun: str) -> str:
@@ -13,7 +13,7 @@ def counted(count: int, noun: str) -> str:
 
 
 def played(frames: int, rate: float, hint: bool = True) -> str:
-    """Return the duration of a stage and its rate, and with `hint` what to do where Blender plays it at another."""
+    """Return the duration of a stage and its rate, and with `hint` a remedy where Blender plays it at another."""
     said = f"{frames / rate:.3g} s at {rate:g} frames/s"
     return (
         said

@@ -82,7 +82,7 @@ class Reached:
 
     @classmethod
     def load(cls, path: Path) -> "Reached":
-        """Read what `save` wrote."""
+        """Read a file that `save` wrote."""
         with np.load(path, allow_pickle=False) as file:
             numbers = {name: file[name].item() for name in ("cost", "damping", "steps", "refused", "done", "anew")}
             return cls(design=file["design"], points=file["points"], **numbers)
@@ -129,7 +129,7 @@ def _stepped(problem: Problem, reached: Reached) -> Reached:
     found = _settled(problem, design, reached)
     if found is None or found[1] >= reached.cost:
         return replace(reached, damping=STIFFENED * damping, steps=reached.steps + 1, refused=True)
-    eased = damping if reached.refused else max(damping / EASED, LEAST_DAMPING)  # not at once what was refused
+    eased = damping if reached.refused else max(damping / EASED, LEAST_DAMPING)  # a refused damping waits a step
     points, cost = found
     steps = reached.steps + 1
     return replace(reached, design=design, points=points, cost=cost, damping=eased, steps=steps, refused=False)

@@ -57,15 +57,15 @@ def design(
     Args:
         target: Target shape: a mesh file, or a mesh; closed, of one part, not crossing itself. For foil, letters or the
             path of a drawing, .svg: the outline of the inflated balloon; or, with `panels`, a mesh.
-        of: what it is made of: a rest length for each of its springs; latex, whose mould is found; or foil.
+        of: Material: springs, with a rest length for each; latex, whose mould is found; or foil.
         stretch: Stretch of the skin in the target shape, not of foil; 1.2 for springs, 2 for latex, if not given.
         hold: Forces of springs: "tension" alone, or "any".
         size: Largest extent of the target shape [m]; its own if not given, and 0.3 for letters and drawings.
         thickness: of latex and foil [m]; of latex also the least and the greatest, between which it varies by place
             where the mould alone does not reach the shape.
-        panels: of foil, what the shape is sewn of: so many gores around its vertical axis; or it is cut between
+        panels: of foil, that are sewn to the shape: so many gores around its vertical axis; or it is cut between
             "materials" or "groups" of its mesh, or along the lines of vertices in a file.
-        gravity: of latex, under which it becomes the shape [m/s^2]: it hangs from what is fixed, or stands on it, Y up.
+        gravity: of latex, under which it becomes the shape [m/s^2]: it hangs from fixed vertices, or stands on them, Y up.
         fixed: vertices of the target, counted from 0, and groups of it, that hold it against gravity where they are;
             its group "neck" when missing.
         folder: where it is written: balloon.toml, which runs as it is, and its files, error.png and report.json. A
@@ -77,7 +77,7 @@ def design(
         on_step: Called with the balloon after each step, and as simulated in the end; not for outlines of foil.
 
     Raises:
-        InputError: the shape cannot be designed, a number cannot be, or what was designed finds no rest.
+        InputError: the shape cannot be designed, a number cannot be, or the designed balloon finds no rest.
     """
     for name, given, known in (("of", of, get_args(Of)), ("hold", hold, get_args(Hold))):
         if given not in known:

@@ -1,7 +1,7 @@
 """Panels laid flat with the least strain, and seams as long on both sides.
 
 A conformal map begins (Levy and others 2002, least squares); then Gauss and Newton's steps lessen the squared strain of
-the film between the flat panel and the surface, where what both sides of a seam differ by counts far more.
+the film between the flat panel and the surface, where a difference between the sides of a seam counts far more.
 """
 
 from typing import Any
@@ -64,7 +64,7 @@ def _frames(places: Values) -> Values:
 def _conformal(panels: Panels, frames: Values) -> Values:
     """Return each panel conformal, as large as it is."""
     inverse, areas = np.linalg.inv(frames), 0.5 * np.linalg.det(frames)
-    # The slopes of what is linear in a triangle, by its corners' values: shape (t, 2, 3).
+    # The slopes of linear functions in a triangle, by its corners' values: shape (t, 2, 3).
     slopes = np.einsum("tij,ki->tjk", inverse, np.array([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]]))
     slopes *= np.sqrt(areas)[:, None, None]
     count, rows = len(panels.sewn_to), np.arange(len(frames))

@@ -21,7 +21,7 @@ DOWN = np.array([0.0, -1.0, 0.0])
 MOST_GRAVITY = 1000.0
 """Largest gravity [m/s^2]"""
 SWING_DAMPING = 4.0
-"""Damping rate over the rate at which it would swing: what is damped more creeps to rest"""
+"""Damping rate over the rate at which it would swing; with more damping it creeps to rest"""
 SLOW_SWING = 2.0e-4
 """Speed that counts as rest over that of a swing by a size"""
 
@@ -47,7 +47,7 @@ class Hanging:
         return Loading(masses[:, None] * self.down + of_gas, self.held)
 
     def forces_by(self, volumes_by: Any) -> Any:
-        """Return the derivatives of the weights by what changes the volumes, shape (3 n, m)."""
+        """Return the derivatives of the weights by m unknowns, shape (3 n, m), from the volumes', shape (n, m)."""
         return self.density * sparse.kron(volumes_by, self.down[:, None], format="csc")
 
     def weight_of_air(self, gas: SealedGas, volume: Volume) -> Values:
@@ -62,7 +62,7 @@ class Hanging:
         return (denser * below)[:, None] * volume.slopes(points)
 
     def start(self, mould: PolygonMesh, target: Values) -> PolygonMesh:
-        """Return the mould hung up: what holds it where it does in the target, the rest carried along evenly.
+        """Return the mould hung up: held vertices at their places in the target, the rest carried along evenly.
 
         Args:
             target: points of the target shape [m], shape (n, 3).
@@ -77,7 +77,7 @@ class Hanging:
 
 
 def swing_rate(gravity: float, size: float) -> float:
-    """Return about how fast what hangs swings [1/s]."""
+    """Return about the angular frequency at which a hanging balloon swings [1/s]."""
     return float(np.sqrt(gravity / size))
 
 

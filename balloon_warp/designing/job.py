@@ -103,7 +103,7 @@ class Job:
         """Return the progress of the same design, if it is to be resumed.
 
         Args:
-            load: reads what `remember` has written.
+            load: reader of a file that `remember` has written.
 
         Raises:
             InputError: nothing was saved, or of another design.
@@ -152,8 +152,8 @@ class Job:
             held: the balance that was designed, shape (n, 3).
             plain: that of the rival.
             stretch: of the design, in the mean.
-            help_: what may bring nearer what is off, as the end of a sentence.
-            rival: what its picture is called.
+            help_: remedy for places that are off, as the end of a sentence.
+            rival: title of its picture.
             below: a picture that stands below the others.
             mould: that of rubber, which is drawn, too, shape (n, 3).
             more: for the report.

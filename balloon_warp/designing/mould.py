@@ -46,7 +46,7 @@ class MouldProblem:
     """Film with a mould that is the scaled-down target shape"""
     stretch: float
     hanging: Hanging | None = None
-    """Gravity, and what holds the balloon against it"""
+    """Gravity, and the vertices that hold the balloon against it"""
 
     @property
     def topples(self) -> bool:

@@ -1,8 +1,8 @@
 """A step towards the wanted shape: Gauss and Newton's, through the balance.
 
-At rest the forces vanish, whatever the design: K dx = B dq, where K is the stiffness of skin and gas, and B what the
-design does to the forces. So no gradient through time is needed: one sparse system gives the step of the design that
-brings the balance nearest to what is wanted, and changes the design least (Levenberg and Marquardt):
+At rest the forces vanish for every design: K dx = B dq, where K is the stiffness of skin and gas, and B the derivative
+of the forces by the design. So no gradient through time is needed: one sparse system gives the step of the design that
+brings the balance nearest to the wanted shape, and changes the design least (Levenberg and Marquardt):
 
     least |W (e - dx)|^2 + damping |y|^2   with   K dx = B dq,  dq = S y
 """
@@ -32,7 +32,7 @@ class Aim:
     weights: Any
     """W'W, shape (3 n, 3 n)"""
     easily: Any
-    """S: how the design changes easily, by how much and what together, shape (m, k)"""
+    """S: directions in which the design changes easily, as columns, scaled by how much, shape (m, k)"""
     damping: float
     """Damping, in a unit in which 1 is much"""
 

@@ -1,7 +1,7 @@
 """Design of a foil balloon of panels: from a target shape to its sewn panels, simulated.
 
-Panels laid flat lose what a surface is curved both ways, and the film between seams bulges. So the shape that is laid
-flat is changed by what the simulated balloon is off, a few times.
+Panels laid flat lose the double curvature of a surface, and the film between seams bulges. So the shape that is laid
+flat is corrected by the error of the simulated balloon, a few times.
 """
 
 from dataclasses import dataclass, replace
@@ -75,7 +75,7 @@ class Tried:
 
     @classmethod
     def load(cls, path: Path) -> "Tried":
-        """Read what `save` wrote."""
+        """Read a file that `save` wrote."""
         with np.load(path, allow_pickle=False) as file:
             return cls(**{name: file[name] if file[name].ndim else file[name].item() for name in file.files})
 

@@ -82,7 +82,7 @@ class Part:
 
 
 def corrected(part: Part, pattern: Values, rim: Values) -> Values:
-    """Return the rim of the next pattern: what an inflated rim is off is given back, smooth along the rim."""
+    """Return the rim of the next pattern, corrected by the error of an inflated rim, smoothed along the rim."""
     missing, begin, next_ = part.wanted - rim, 0, pattern.copy()
     for loop in part.loops:
         own = slice(begin, begin + len(loop))

@@ -1,4 +1,4 @@
-"""Patterns to cut: the outline of a foil balloon as a drawing, and as a picture beside what becomes of it."""
+"""Patterns to cut: the outline of a foil balloon as a drawing, and as a picture beside the inflated outline."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -57,7 +57,7 @@ def outline_picture(lines: Mapping[str, Sequence[Values]], loops: Loops, got: st
     """Draw rims of all parts over each other, by name.
 
     Args:
-        got: stands beside the name of what is inflated.
+        got: stands beside the name of the inflated rims.
     """
     low, high = _bounds([rim for rims in lines.values() for rim in rims])
     scale = PIXELS / (high - low).max()

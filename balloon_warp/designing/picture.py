@@ -1,4 +1,4 @@
-"""The picture of a design: the wanted shape, what becomes of the design, and of its rival, error as color."""
+"""The picture of a design: the wanted shape, and those that result from the design and its rival, error as color."""
 
 import io
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ def error_picture(
 
     Args:
         ruler: of the wanted shape.
-        shapes: what stands above each, and its points, shape (n, 3).
+        shapes: label above each, and its points, shape (n, 3).
         plain: the same of shapes that are drawn as they are, as large as the wanted one.
     """
     tiles = [Tile(["wanted"], _drawn(ruler, ruler.mesh.points, None), "")]

@@ -12,7 +12,7 @@ from balloon_warp.scene import Scene
 from balloon_warp.shown import Shown, described
 
 SAME = 0.01
-"""Relative difference up to which one has got what one asked for"""
+"""Relative difference up to which a number that one asked for counts as met"""
 
 
 @described

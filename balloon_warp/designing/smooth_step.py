@@ -129,7 +129,7 @@ class _Step:
         return self._back(self.response.transposed(self.aim.weights @ moves))
 
     def _of_gaps(self, widths: Values) -> Values:
-        """Return the transposed product of what widens the gaps that are kept open with widths, shape (m,)."""
+        """Return the transposed derivatives of the gaps that are kept open, weighted, times widths, shape (m,)."""
         gaps = self.aim.gaps
         moves = gaps.widening.T @ (gaps.weights * self.active * widths)
         return self._back(np.append(moves, np.zeros(len(self.aim.scales) - len(moves))))

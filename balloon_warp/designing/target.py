@@ -50,7 +50,7 @@ def held_target_of(
 
     Args:
         size: its largest extent [m]; its own when missing.
-        fixed: what is held: vertices of the file, counted from 0, and groups of the mesh; its neck when missing.
+        fixed: held vertices of the file, counted from 0, and held groups of the mesh; its neck when missing.
 
     Raises:
         InputError: as of `target_of`, or there is no such vertex or group.

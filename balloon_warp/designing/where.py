@@ -22,7 +22,7 @@ def places_off(ruler: Ruler, points: Values, help_: str = "") -> list[str]:
 
     Args:
         points: of the shape [m], shape (n, 3).
-        help_: what may bring it nearer, at the end of each sentence.
+        help_: remedy, at the end of each sentence.
     """
     off = np.linalg.norm(ruler.aligned(points) - ruler.mesh.points, axis=1) / ruler.size
     normal = np.abs(((ruler.aligned(points) - ruler.mesh.points) * ruler.normals).sum(axis=1)) / ruler.size

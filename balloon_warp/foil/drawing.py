@@ -1,4 +1,4 @@
-"""Outlines of what is drawn in an SVG file."""
+"""Outlines of the paths and shapes in an SVG file."""
 
 from collections.abc import Iterator
 from pathlib import Path

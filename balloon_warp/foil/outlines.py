@@ -28,11 +28,11 @@ def from_extra(module: str) -> Any:
 
 
 def enclosed(loops: Sequence[NDArray[np.float64]], rule: FillRule = "nonzero") -> list[Any]:
-    """Return the polygons of Shapely's that closed lines enclose together, whatever way they run and cross.
+    """Return the polygons of Shapely's that closed lines enclose together, which may run and cross in any way.
 
     Args:
         loops: points of each, shape (count, 2).
-        rule: inside is what lines wind around, or wind around an odd number of times.
+        rule: inside are points that lines wind around, or, "evenodd", wind around an odd number of times.
     """
     shapely = from_extra("shapely")
     loops = [loop for loop in loops if len(np.unique(loop, axis=0)) > 2]

@@ -147,7 +147,7 @@ def corner_areas(corners: NDArray[np.complex128]) -> NDArray[np.float64]:
     The two edges at the corner span it; their sum over a quad is four times its area.
 
     Args:
-        corners: in the complex plane, shape (quad_count, 4), like what is returned.
+        corners: in the complex plane, shape (quad_count, 4), like the result.
     """
     after, before = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
     return (after.conj() * before).imag
