@@ -65,7 +65,7 @@ def design(
             where the mould alone does not reach the shape.
         panels: of foil, that are sewn to the shape: so many gores around its vertical axis; or it is cut between
             "materials" or "groups" of its mesh, or along the lines of vertices in a file.
-        gravity: of latex, under which it becomes the shape [m/s^2]: it hangs from fixed vertices, or stands on them, Y up.
+        gravity: of latex, under which it becomes the shape [m/s^2]: it hangs from `fixed`, or stands on it, Y up.
         fixed: vertices of the target, counted from 0, and groups of it, that hold it against gravity where they are;
             its group "neck" when missing.
         folder: where it is written: balloon.toml, which runs as it is, and its files, error.png and report.json. A

@@ -85,7 +85,7 @@ def taken_numbers(model: Model, backward: BackwardFrames, beside: ByLaunches) ->
     """Return derivatives by the numbers of laws, spheres and contacts since they were last taken.
 
     Args:
-        beside: what launches have found besides.
+        beside: derivatives that only launches find.
     """
     totals = np.asarray(backward.bars.number_totals.numpy(), dtype=np.float64).copy()
     backward.bars.number_totals.zero_()

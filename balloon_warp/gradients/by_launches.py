@@ -23,10 +23,10 @@ EACH, STRINGS, OBSTACLES = "each part", "strings", "obstacles"
 
 
 def wanted_of(plan: ModelPlan, chains: Sequence[Chain], each: Sequence[str] = ()) -> dict[str, str]:
-    """Return what only launches find of what is asked for, and the path or name that asks.
+    """Return the derivatives that only launches find, each with the path or name that asks for it.
 
     Raises:
-        InputError: `each` asks for what the scene has not.
+        InputError: the scene has none of a kind in `each`.
     """
     wanted = {}
     if each:
@@ -45,7 +45,7 @@ def schedule_for(wanted: dict[str, str], schedule: str) -> str:
     """Return the schedule in which frames run backwards.
 
     Raises:
-        InputError: what is wanted needs launches, and another schedule is asked for.
+        InputError: wanted derivatives need launches, and another schedule is asked for.
     """
     if wanted and schedule == "block":
         path = next(iter(wanted.values()))
@@ -60,7 +60,7 @@ def bytes_by_launches(model: Model, wanted: Collection[str]) -> int:
 
 
 class ByLaunches:
-    """Have frames that run backwards find what is wanted, and collect it.
+    """Have frames that run backwards find wanted derivatives, and collect these.
 
     Args:
         backward: of launches, if anything is wanted.

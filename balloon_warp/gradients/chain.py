@@ -112,7 +112,7 @@ def value_in_worlds(plan: ModelPlan, path: str, vary: Vary) -> NDArray[np.float6
 
 
 def _refuse(plan: ModelPlan, path: str) -> NoReturn:
-    """Raise an error that says what is wrong with a path that leads to no parameter."""
+    """Raise the error of a path that leads to no parameter."""
     try:
         override_scene(plan.scene, [(path, 1.0)])
     except InputError as mistake:

@@ -13,17 +13,17 @@ class Beginnings(Protocol):
     """Beginnings of frames, noted in their order and taken from the last to the first."""
 
     def note(self, frame: int) -> None:
-        """Note what a frame that is about to be simulated begins with."""
+        """Note the start state of a frame that is about to be simulated."""
 
     def take(self, frame: int) -> Any:
-        """Return what a frame begins with, once."""
+        """Return the start state of a frame, once."""
 
 
 class AllFrames:
-    """Keep what every frame begins with.
+    """Keep the start state of every frame.
 
     Args:
-        keep: returns a copy of what a frame begins with, which is there now.
+        keep: returns a copy of the current state, with which a frame begins.
     """
 
     def __init__(self, keep: Callable[[int], Any]):
@@ -35,17 +35,17 @@ class AllFrames:
         self._kept.append(self._keep(frame))
 
     def take(self, frame: int) -> Any:
-        """Return what the last frame that has not been taken begins with."""
+        """Return the start state of the last frame that has not been taken."""
         return self._kept.pop()
 
 
 class FewFrames:
-    """Keep what few frames begin with, and simulate others again from there.
+    """Keep the start states of few frames, and simulate others again from there.
 
     Args:
         frames: number of all frames.
         most: of those that are kept at a time, at least 1.
-        keep: returns a copy of what a frame begins with, which is there now.
+        keep: returns a copy of the current state, with which a frame begins.
         go_back: takes such a copy, so that its frame is about to be simulated again.
         advance: simulates a frame again.
     """
@@ -61,12 +61,12 @@ class FewFrames:
             self._first.append(self._first[-1] + way_to_next(frames - self._first[-1], most - len(self._first)))
 
     def note(self, frame: int) -> None:
-        """Keep what a frame begins with, if it is one of those that are worth it."""
+        """Keep the start state of a frame, if it is one of those that are worth it."""
         if len(self._kept) < len(self._first) and self._first[len(self._kept)] == frame:
             self._kept.append((frame, self._keep(frame)))
 
     def take(self, frame: int) -> Any:
-        """Return what the last frame that has not been taken begins with."""
+        """Return the start state of the last frame that has not been taken."""
         if self._kept[-1][0] == frame:
             return self._kept.pop()[1]
         now = self._kept[-1][0]
@@ -85,7 +85,7 @@ class FewFrames:
 def frames_again(frames: int, free: int) -> int:
     """Return how many frames are simulated at least so that all run back, where each is computed again in doing so.
 
-    What is simulated for the first time counts, up to the last frame that is kept.
+    The first simulation of frames counts, up to the last frame that is kept.
 
     Args:
         free: number of beginnings that may be kept beside that of the first frame.

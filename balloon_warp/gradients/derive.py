@@ -83,7 +83,7 @@ def derive(group: Group, asked: Asked, on_frame: Callable[[int], None] = lambda 
 
     Args:
         group: Worlds, with their plan.
-        asked: what is asked of them.
+        asked: arguments of `gradient` for them.
         on_frame: as in `gradient`.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Derivatives by what each spring and each face has: from those of a model's springs and triangles to arrays."""
+"""Derivatives by values of each spring, face and vertex: from those of a model's springs and triangles to arrays."""
 
 from collections.abc import Callable, Sequence
 from itertools import accumulate, pairwise
@@ -14,11 +14,11 @@ from balloon_warp.springs.membrane import build_membrane
 Values = NDArray[np.float64]
 OF_SPRINGS = ("rest_lengths", "spring_constants")
 KNOWN = (*OF_SPRINGS, "thicknesses", "rest_points")
-"""Names of what each spring, each face, and each vertex of a shape at rest has"""
+"""Names of values of each spring, each face, and each vertex of a shape at rest"""
 
 
 def require_each(plan: ModelPlan, names: Sequence[str]) -> None:
-    """Make sure that a scene has what each of its parts is derived by.
+    """Make sure that a scene has springs, membranes and rest points for the values of each to derive by.
 
     Raises:
         InputError: it has not.
@@ -112,7 +112,7 @@ def _by_points_of_film(shape: BalloonShape, bars: Values) -> Values:
 
 
 def _gathered(values: Values, places: NDArray[np.integer], count: int) -> Values:
-    """Return the sums of what falls to each place, shape (W, count, ...), of values of shape (W, m, ...)."""
+    """Return the sums of values at each place, shape (W, count, ...), of values of shape (W, m, ...)."""
     totals = np.zeros((count, len(values), *values.shape[2:]))
     np.add.at(totals, places, values.swapaxes(0, 1))
     return totals.swapaxes(0, 1)

@@ -13,7 +13,7 @@ from balloon_warp.trajectories import Trajectories
 from balloon_warp.warp_lock import lock_of
 
 OF_LOSS = "loss"
-"""Name of a kernel's array of what it finds"""
+"""Name of a kernel's array of results"""
 VECTORS = ("points", "velocities", "sphere_positions", "sphere_velocities")
 """Arrays of vectors"""
 
@@ -36,7 +36,7 @@ class Seen(NamedTuple):
 
 
 Told = tuple[Any, Mapping[str, Any]]
-"""Number for each world, and its derivatives by what was used"""
+"""Number for each world, and its derivatives by the arrays that were used"""
 
 
 def of_torch(function: Callable[[Seen], Any]) -> Callable[[Trajectories], Told]:
@@ -83,7 +83,7 @@ def of_jax(function: Callable[[Seen], Any]) -> Callable[[Trajectories], Told]:
 def of_kernel(kernel: wp.Kernel) -> Callable[[Trajectories], Told]:
     """Return the loss that a kernel of Warp adds up, derived by its adjoint, on the CPU, where trajectories are.
 
-    Its arguments name what it reads: `points` and `velocities`, of all particles of all balloons, `volumes`,
+    Its arguments name its inputs: `points` and `velocities`, of all particles of all balloons, `volumes`,
     `pressures`, `sphere_positions` and `sphere_velocities`, arrays of the shape (world_count, frame_count, count); and
     `loss`, an array of shape (world_count,), to which it adds. A thread has an item of the first.
 
@@ -125,7 +125,7 @@ def _each(moved: Trajectories, made: Callable[[NDArray], Any]) -> Seen:
 
 
 def _mapped(seen: Seen, made: Callable[[Any], Any]) -> Seen:
-    """Return what is made of each array."""
+    """Apply a function to each array."""
     return Seen(*([made(one) for one in each] if isinstance(each, list) else made(each) for each in seen))
 
 

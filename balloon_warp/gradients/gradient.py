@@ -48,11 +48,11 @@ def gradient(
         scene: Scene, name of a bundled one, scene file, or mesh, as a file or in memory.
         overrides: Dotted paths and values, as in `load_scene`.
         of: Dotted paths of the values to differentiate by: "balloon.stiffness.structural", "balloon.inflation.amount".
-        each: What each spring or face has, to differentiate by: "rest_lengths" [m] and "spring_constants" [N/m], of
+        each: Values of each spring, face or vertex, to derive by: "rest_lengths" [m] and "spring_constants" [N/m], of
             springs; "thicknesses" [m], of the faces of rubber or film; "rest_points" [m], of the vertices of the
             stress-free shape. Masses, and all else that follows from these, stay as they are. Found by launches.
-        loss: Function of the `Trajectories`. It returns a number for each world, and its derivatives by what it used
-            of them: {"points": [...]}, an array for each balloon, as `velocities`; or {"volumes": ...}, as `pressures`.
+        loss: Function of the `Trajectories`. It returns a number for each world, and its derivatives by the arrays
+            that it used: {"points": [...]}, one for each balloon, as `velocities`; or {"volumes": ...}, as `pressures`.
             Or a kernel of Warp, which derives it; `losses.of_torch` and `losses.of_jax` take functions of these.
         world_count: Number of worlds, copies of the scene side by side.
         vary: Values that differ between worlds: dotted paths, and a value for each world.

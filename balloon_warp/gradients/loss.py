@@ -43,7 +43,7 @@ def told_by(loss: Loss, moved: Trajectories, shapes: Sequence[BalloonShape], wor
     """Evaluate a loss.
 
     Raises:
-        InputError: what it returns is not a number for each world, and a dictionary of derivatives.
+        InputError: its result is not a number for each world, and a dictionary of derivatives.
     """
     told = (of_kernel(loss) if isinstance(loss, wp.Kernel) else loss)(moved)
     if not (isinstance(told, tuple) and len(told) == 2 and isinstance(told[1], Mapping)):
@@ -106,7 +106,7 @@ def _add_volumes(
     moved: Trajectories,
     shapes: Sequence[BalloonShape],
 ) -> None:
-    """Add what volumes make of derivatives by places."""
+    """Add the contribution of volumes to derivatives by places, through the volumes' slopes."""
     begin = 0
     for number, shape in enumerate(shapes):
         end = begin + shape.mesh.vertex_count

@@ -61,7 +61,7 @@ class ByObstacles:
     """Collect the bars of obstacles, frame by frame.
 
     Args:
-        backward: what finds them.
+        backward: of contacts with obstacles, which finds them.
     """
 
     def __init__(self, plan: ModelPlan, model: Model, backward: FixturesBackward):
@@ -71,7 +71,7 @@ class ByObstacles:
         self._frictions = np.zeros((model.world_count, model.balloon_count, len(model.obstacles)))
 
     def note(self, frame: int) -> None:
-        """Add what a frame has found that has run backwards."""
+        """Add the bars of a frame that has run backwards."""
         places, frictions = self._backward.of_frame()
         self._positions += places.sum(axis=2)
         self._frictions += frictions

@@ -1,4 +1,4 @@
-"""Refuse what cannot be differentiated, in a sentence each."""
+"""Refuse features that cannot be differentiated, in a sentence each."""
 
 from collections.abc import Sequence
 
@@ -33,20 +33,20 @@ FOUND = (CONDUCTANCE, RESTITUTION, "keyframe_values", "initial_gas_amounts", "in
 OF_OBSTACLES = (POSITION, KEYFRAMES)
 """Parameters of obstacles by which is derived where particles alone meet these"""
 FRICTIONS = (FRICTION, "obstacle_friction", "sphere_friction")
-"""Friction of pairs, and what it follows from"""
+"""Friction of pairs, and the parameters that it follows from"""
 RESTITUTIONS = ("sphere_restitution", RESTITUTION)
 """Restitution of spheres, and of obstacles with them"""
 BYTES_OF_A_FRAME = 72
 """Memory of the host for a particle: place and velocity, and a loss's derivatives by place, as given and checked"""
 UNREAD = frozenset(row.name for row in (*SOFTENING, *TEARING))
-"""Parameters that only phases without an adjoint read, so that they do nothing in what is derived"""
+"""Parameters that only phases without an adjoint read, so that they have no effect on derivatives"""
 
 
 def require_differentiable(plan: ModelPlan) -> None:
     """Make sure that a scene is one that gradients know, as far as the scene tells.
 
     Raises:
-        InputError: names what it has.
+        InputError: names the feature that they do not know.
     """
     scene = plan.scene
     if scene.solver == "projective":
@@ -58,7 +58,7 @@ def require_differentiable(plan: ModelPlan) -> None:
 
 
 def require_paths(plan: ModelPlan, model: Model, chains: Sequence[Chain]) -> None:
-    """Make sure that all phases of a scene run backwards, and lead to what is derived by.
+    """Make sure that all phases of a scene run backwards, and lead to the values to derive by.
 
     Raises:
         InputError: names the phase, or the path.

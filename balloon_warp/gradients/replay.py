@@ -2,7 +2,7 @@
 
 Places and velocities with which a frame begins are those of the trajectories, where these have all frames. They stay on
 the host. So a device keeps little of each frame, and there may be many. Where trajectories have fewer, or few are asked
-for, what some frames begin with is kept on the host, and others are simulated again from there.
+for, the start states of some are kept on the host, and others are simulated again from there.
 """
 
 from collections.abc import Mapping
@@ -27,7 +27,7 @@ IN_TRACKS = ("points", "velocities")
 def beginnings_in_tracks(
     simulator: Simulator, backward: BackwardFrames, tracks: Mapping[str, NDArray[Any]]
 ) -> Beginnings:
-    """Return what all frames begin with, of which trajectories have most."""
+    """Return the start states of all frames, most of which trajectories have."""
 
     def keep(frame: int) -> dict[str, Any]:
         with lock_of(simulator.model.device):
@@ -40,7 +40,7 @@ def beginnings_in_tracks(
 def beginnings_on_host(
     simulator: Simulator, backward: BackwardFrames, parameters: KeptParameters, frames: int, most: int
 ) -> Beginnings:
-    """Return what some frames begin with, at most so many at a time; the simulator simulates others again."""
+    """Return the start states of some frames, at most so many at a time; the simulator simulates others again."""
     device = simulator.model.device
 
     def keep(frame: int) -> dict[str, Any]:

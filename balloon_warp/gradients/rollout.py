@@ -101,7 +101,7 @@ class Rollout(Shown):
         return Begun(0, *self._functions[0].apply(self._steps, values))
 
     def step(self, begun: Begun, values: Any) -> Begun:
-        """Simulate a frame, with these values from now on; what counts at the start alone is past.
+        """Simulate a frame, with these values from now on; those that count at the start alone have no effect.
 
         Raises:
             InputError: the values have another shape, or cannot be.

@@ -53,7 +53,7 @@ class KeptParameters:
         return self._kept[span]
 
     def bring_back(self, span: int) -> None:
-        """Set parameters to what they are in a span."""
+        """Set parameters to their values in a span."""
         for name, values in self._kept[span].items():
             self._model.parameters[name].assign(values)
 

@@ -53,7 +53,7 @@ def _require_that_it_travels(asked: Asked, cluster: Cluster) -> None:
 
 
 def _of_worlds(asked: Asked, rows: NDArray[np.integer]) -> Asked:
-    """Return what is asked of some of the worlds."""
+    """Return the arguments for some of the worlds."""
     vary = {path: np.asarray(values)[rows] for path, values in asked.vary.items()}
     return asked._replace(world_count=len(rows), vary=vary)
 

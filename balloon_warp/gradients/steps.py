@@ -1,4 +1,4 @@
-"""Frames of a model, one after the other, forward and backwards, for frameworks that derive what goes on between them.
+"""Frames of a model, one after the other, forward and backwards, for frameworks that derive the steps between them.
 
 The state at the start of a frame is handed out and taken back as device arrays; a caller that keeps them can run the
 frame backwards.
@@ -46,7 +46,7 @@ AT_START = "initial_"
 
 
 class Moving(NamedTuple):
-    """Hold what a frame begins with: arrays of the device, worlds first."""
+    """Hold the start state of a frame: arrays of the device, worlds first."""
 
     points: Any
     """Places of particles [m], shape (W, P, 3)"""
@@ -75,7 +75,7 @@ class Moving(NamedTuple):
 IN_STATE = {"points": "points", "velocities": "velocities", "loads": "inflation_loads", "pressures": "pressures"} | {
     name: name for name in (*STATE_OF_SPHERES, "sphere_forces", *STATE_OF_TOUCH)
 }
-"""Names of what a frame begins with, and of its arrays in the state; gas has two there"""
+"""Names of a frame's start state, and of its arrays in the state; gas has two there"""
 
 
 class Steps:

@@ -23,9 +23,9 @@ class WayBack:
 
     Args:
         parameters: in each span.
-        beginnings: what frames begin with.
+        beginnings: start states of frames.
         every: interval of the frames that the loss has seen.
-        beside: what launches find besides.
+        beside: derivatives that only launches find.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class WayBack:
         return sums
 
     def _add(self, told: Told, place: int, pressures: Values) -> None:
-        """Add what the loss says of a frame itself, by its place among those that it has seen."""
+        """Add the derivatives of the loss by a frame itself, by its place among those that it has seen."""
         self._backward.add(told.points[:, place], told.velocities[:, place], pressures)
         if self._backward.spheres:
             self._backward.spheres.add(told.sphere_positions[:, place], told.sphere_velocities[:, place])
