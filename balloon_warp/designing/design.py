@@ -63,7 +63,7 @@ def design(
         size: Largest extent of the target shape [m]; its own if not given, and 0.3 for letters and drawings.
         thickness: of latex and foil [m]; of latex also the least and the greatest, between which it varies by place
             where the mould alone does not reach the shape.
-        panels: of foil, that are sewn to the shape: so many gores around its vertical axis; or it is cut between
+        panels: of foil, of which the shape is sewn: so many gores around its vertical axis; or it is cut between
             "materials" or "groups" of its mesh, or along the lines of vertices in a file.
         gravity: of latex, under which it becomes the shape [m/s^2]: it hangs from `fixed`, or stands on it, Y up.
         fixed: vertices of the target, counted from 0, and groups of it, that hold it against gravity where they are;

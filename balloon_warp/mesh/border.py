@@ -63,7 +63,7 @@ class Border:
         bound = min(reach, across * lengths.max(initial=0.0))
         if count < 2 or not bound:
             return Pairs(np.zeros((0, 2), np.int64), np.zeros((0, 2, 2), np.int64), np.zeros(0))
-        from scipy.spatial import KDTree  # takes long to load: only for what is open
+        from scipy.spatial import KDTree  # takes long to load: only for open meshes
 
         middles = self.points[self.ends].mean(axis=1)
         found = KDTree(middles).query(middles, k=min(BESIDE, count), distance_upper_bound=np.nextafter(bound, np.inf))

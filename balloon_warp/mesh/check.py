@@ -1,4 +1,4 @@
-"""Checks that every mesh must pass, whatever file it came from."""
+"""Checks that every mesh must pass, from any kind of file."""
 
 import numpy as np
 

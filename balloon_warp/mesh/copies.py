@@ -21,7 +21,7 @@ def counted_once(mesh: PolygonMesh) -> PolygonMesh:
 
     A part that lies on others with every face gets the corners of those, whichever way they wind: then they are the
     same faces twice. A part shares no vertex with another. Vertices keep their numbers, and those of such a part move
-    along with what it lies on.
+    along with the parts that it lies on.
     """
     component = vertex_components(mesh, mesh_edges(mesh))
     starts = face_starts(mesh)

@@ -1,8 +1,8 @@
 """Crossings of a surface with itself: edges that go through triangles with which they share no corner.
 
 Where an edge meets a triangle at its rim, in its plane or at an end, signs of volumes do not tell. Such a place crosses
-if it does so however slightly all points are moved: outward or inward, which parts what only touches, and a little at
-random, which undoes symmetries (as in Edelsbrunner and Muecke 1990).
+if it does so however slightly all points are moved: outward or inward, which parts faces that only touch, and a little
+at random, which undoes symmetries (as in Edelsbrunner and Muecke 1990).
 """
 
 from collections.abc import Iterator
@@ -99,7 +99,7 @@ class NearPairs:
 def find_crossings(points: Values, triangles: NDArray[np.integer]) -> Crossings:
     """Return the edges of a surface that go through triangles with which they share no corner.
 
-    Two triangles that cross have such an edge: of the one or of the other. What only touches does not cross.
+    Two triangles that cross have such an edge: of the one or of the other. Triangles that only touch do not cross.
     """
     pairs = NearPairs.of(points, triangles)
     crosses = pairs.crossing(points)

@@ -36,7 +36,7 @@ def describe_defects(
     """Describe each kind of defect in the mesh: the number, the first, and the treatment.
 
     Args:
-        whole: Mesh once repaired, which tells what stays open.
+        whole: Mesh once repaired, whose open edges stay so.
         parts: Whether components are held together.
         left_out: Vertices of parts that are left out.
     """

@@ -54,7 +54,7 @@ def require_no_ribbons(mesh: PolygonMesh) -> None:
     Patches of a whole are many open parts, too, but wind around something.
 
     Raises:
-        InputError: it is; it says what of it can be taken.
+        InputError: it does; the message names an input that can be taken.
     """
     whole = oriented_outward(welded_along_seams(mesh))
     edges = mesh_edges(whole)

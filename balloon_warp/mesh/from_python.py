@@ -1,4 +1,4 @@
-"""Meshes that are no files: what Python has for a mesh, as a `PolygonMesh`."""
+"""Meshes that are no files: Python objects of a mesh, as a `PolygonMesh`."""
 
 from dataclasses import replace
 from pathlib import Path

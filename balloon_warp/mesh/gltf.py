@@ -1,4 +1,4 @@
-"""Reader of glTF 2.0 and GLB, through trimesh, with checks of what trimesh silently skips."""
+"""Reader of glTF 2.0 and GLB, through trimesh, with checks of features that trimesh silently skips."""
 
 import json
 import struct
@@ -38,7 +38,7 @@ def read_gltf(path: Path | str, prim: str | Sequence[str] | None = None) -> Poly
 
     Args:
         path: of the file.
-        prim: the name of a node or of a mesh, or several: only what is there or below it is taken.
+        prim: the name of a node or of a mesh, or several: only meshes there or below are taken.
 
     Raises:
         InputError: the file requires an extension that is not decoded, has no such node, or as `read_triangles`.
@@ -70,7 +70,7 @@ def read_gltf(path: Path | str, prim: str | Sequence[str] | None = None) -> Poly
 
 
 def _reason(error: Exception) -> str:
-    """Return what is wrong with a file, in one line."""
+    """Return the defect of a file, in one line."""
     if isinstance(error, RecursionError):
         return "it is nested too deeply"
     said = " ".join(str(error).split())
@@ -78,7 +78,7 @@ def _reason(error: Exception) -> str:
 
 
 def _parts(path: Path) -> tuple[dict[str, Any], bytes | None]:
-    """Return the JSON of a file and what follows it in a GLB; None in a .gltf."""
+    """Return the JSON of a file and the bytes that follow it in a GLB; None in a .gltf."""
     data = regular_content(path)
     if data[:4] != b"glTF":
         tree, rest = json.loads(data), None

@@ -44,7 +44,7 @@ class GltfBuffers:
         return self._buffer(view["buffer"])[begin : begin + view["byteLength"]]
 
     def array(self, number: Any) -> NDArray[np.float64]:
-        """Return an accessor's numbers, shape (count, width); normalized integers as what they stand for.
+        """Return an accessor's numbers, shape (count, width); normalized integers as their fractions.
 
         Raises:
             LookupError, TypeError, ValueError, AttributeError, InputError: it is not there, or is larger than its view.

@@ -107,7 +107,7 @@ def moved(places: NDArray[np.float64], transform: NDArray[np.float64]) -> NDArra
 
 
 def _base(material: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a material says of its base color, under the names of metallic roughness."""
+    """Return the fields of a material's base color, under the names of metallic roughness."""
     metallic = _child(material, "pbrMetallicRoughness")
     glossy = _child(_child(material, "extensions"), "KHR_materials_pbrSpecularGlossiness")
     if not metallic and "diffuseTexture" in glossy:

@@ -1,7 +1,7 @@
 """Nodes of a glTF file at its default pose: one after the other, each with its place in the scene.
 
-Transforms, skins, morph weights, instances and normalized integers are applied here. What reads the file then finds
-meshes that stand in a list, however deep and by whatever they were placed.
+Transforms, skins, morph weights, instances and normalized integers are applied here. A reader of the file then finds
+meshes that stand in a list, however deep and by any means they were placed.
 """
 
 from collections.abc import Callable
@@ -38,7 +38,7 @@ def pose(tree: dict[str, Any], buffers: GltfBuffers, is_taken: Callable[[tuple[s
         is_taken: whether a mesh is taken, by the names of the nodes that it stands in, its own, and the mesh's.
 
     Returns:
-        Sentences on what could not be applied, by name.
+        Sentences on features that could not be applied, by name.
 
     Raises:
         LookupError, TypeError, ValueError, AttributeError: the nodes do not fit together, or are too many.
@@ -221,7 +221,7 @@ def _skinned(
 
 
 def _unit(tree: dict[str, Any], mesh: dict[str, Any]) -> float:
-    """Return what integers stand for in a mesh of normalized ones, else 1.
+    """Return the length of the integer 1 in a mesh of normalized ones, else 1.
 
     The most negative integer, which stands for -1 as its neighbor does, becomes a little less.
     """

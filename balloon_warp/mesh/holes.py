@@ -16,11 +16,11 @@ from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.topology import MeshEdges, border_edges, mesh_edges, vertex_components
 
 PINHOLE = 2e-4
-"""A hole whose lid has less than this part of the mesh's area is closed, whatever is around it."""
+"""A hole whose lid has less than this part of the mesh's area is closed, whichever way the surface around it faces."""
 LARGEST_HOLE = 0.05
 """A larger one may be closed up to this part, if the surface around it faces as its lid does: not the end of a tube."""
 A_FACE = 4
-"""Number of edges up to which a hole is a missing face, whatever is around it"""
+"""Number of edges up to which a hole is a missing face, whichever way the surface around it faces"""
 FACING = 0.5
 """Least mean cosine between the surface around a hole and its lid"""
 UPON = 0.9
@@ -193,7 +193,7 @@ class _Surface:
         }
 
     def lids_of_holes(self, lids: list[Lid], points: NDArray[np.float64]) -> list[Lid]:
-        """Return the lids that close a hole in the surface, and not what is meant to be open."""
+        """Return the lids that close a hole in the surface, and not those that are meant to be open."""
         areas = np.array([lid.area(points) for lid in lids]) / self.area
         is_hole = np.array([self._may_be_hole(lid, points) for lid in lids])
         limit = BESIDE_OPENINGS * areas[~is_hole].max(initial=np.inf if is_hole.all() else 0.0)

@@ -1,4 +1,4 @@
-"""Least distances at the start between what may touch later: particles and triangles, and edges and edges.
+"""Least distances at the start between parts that may touch later: particles and triangles, and edges and edges.
 
 They may touch if all their corners are a distance apart. Between short ones that bounds how near their points are; it
 says nothing between long ones, which are measured.
@@ -18,7 +18,7 @@ ROWS = 2000
 
 
 def least_gaps(mesh: PolygonMesh, apart: float, most: float) -> Points:
-    """Return for each vertex the least distance between its triangles and edges, or itself, and what they may touch.
+    """Return for each vertex the least distance between its triangles, edges or itself and parts that they may touch.
 
     Args:
         apart: distance between corners from which on they may touch [m].

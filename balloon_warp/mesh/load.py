@@ -28,8 +28,8 @@ def load_mesh(source: Path | str | MeshLike, prim: str | Sequence[str] | None = 
     Args:
         source: a file; or a PolygonMesh, a trimesh.Trimesh, or points of shape (n, 3) [m] and faces, each a list of
             points' numbers from 0.
-        prim: of a USD stage, the path of a mesh, or of what has meshes below it; of an OBJ file, the name of an object
-            or a group; of a glTF file, the name of a node or a mesh; or several. All that it shows when missing.
+        prim: of a USD stage, the path of a mesh, or of a prim with meshes below it; of an OBJ file, the name of an
+            object or a group; of a glTF file, the name of a node or a mesh; or several. All that it shows when missing.
 
     Raises:
         InputError: there is no such file, its suffix is none of these, its content is wrong, or it has no such prim.

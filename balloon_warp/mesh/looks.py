@@ -64,7 +64,7 @@ class Picture:
         return stage.parent / FOLDER / self.name
 
     def places(self, stage: Path) -> list[Path]:
-        """List where programs look for it: beside a stage, and, if that is a link, beside what it leads to."""
+        """List where programs look for it: beside a stage, and, if that is a link, beside its target."""
         return list(dict.fromkeys([self.beside(stage), self.beside(target_of(stage))]))
 
     def check_beside(self, stage: Path) -> None:

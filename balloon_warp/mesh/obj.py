@@ -96,7 +96,7 @@ def read_obj(path: Path | str, prim: str | Sequence[str] | None = None) -> Polyg
 
 
 def _objects_of(mesh: PolygonMesh, path: Path, groups: ObjGroups, objects: Objects) -> PolygonMesh:
-    """Return what is taken of a mesh, without the other objects' vertices."""
+    """Return the taken objects of a mesh, without the other objects' vertices."""
     faces = groups.faces_of([name for name in mesh.groups if objects.takes([name])], mesh.face_count)
     objects.check(path)
     return replace(of_faces(mesh, faces), name=objects.name or mesh.name)
@@ -158,7 +158,7 @@ def write_obj(path: Path | str, mesh: PolygonMesh) -> None:
 
 
 def _material_lines(path: Path, mesh: PolygonMesh) -> dict[int, str]:
-    """Write a mesh's materials; what stands before those faces from which on it is another."""
+    """Write a mesh's materials; return the line that stands before each face from which on it is another."""
     if mesh.looks is None or not mesh.looks.materials or not mesh.face_count:
         return {}
     names = write_materials(path, mesh.looks)

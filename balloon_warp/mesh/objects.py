@@ -13,7 +13,7 @@ MOST_NAMED = 5
 class Objects:
     """The objects that are taken of a file, by name; all of it where none is named.
 
-    A name may be a path, as of prims: /Room/Wall is what is called Wall within Room.
+    A name may be a path, as of prims: /Room/Wall is an object Wall within Room.
     """
 
     def __init__(self, named: str | Sequence[str] | None):
@@ -32,7 +32,7 @@ class Objects:
         """Return whether an object is taken: it is one of them, or is within one.
 
         Args:
-            path: names of what it stands in, from the outside, and its own.
+            path: names of the objects around it, from the outside, and its own.
         """
         whole = [name for name in path if name]
         self._known.update(dict.fromkeys(reversed(whole)))

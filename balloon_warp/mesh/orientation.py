@@ -69,7 +69,7 @@ def wound_alike(mesh: PolygonMesh) -> PolygonMesh:
     pairs = edges.starts[edges.face_counts == 2]
     face = corner_faces(mesh)[edges.corners]
     first, second = face[pairs], face[pairs + 1]
-    # Each face stands for two nodes, as it is and turned over; what is wound alike is connected.
+    # Each face stands for two nodes, as it is and turned over; nodes that are wound alike are connected.
     turned = (edges.forward[pairs] == edges.forward[pairs + 1]) * mesh.face_count
     labels = component_labels(
         2 * mesh.face_count,

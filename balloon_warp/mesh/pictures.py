@@ -94,7 +94,7 @@ def _picture(named: str, data: bytes, file: Path | None) -> Picture | None:
                     shown.convert("RGB").save(packed, "PNG")
                     suffix, data = KEPT["PNG"], packed.getvalue()
             else:
-                image.load()  # to the end: what is cut off would fail once all is done
+                image.load()  # to the end: a truncated one would fail once all is done
     except (OSError, ValueError, SyntaxError, UnidentifiedImageError, Image.DecompressionBombError):
         return None
     bare = re.sub(r"[^0-9A-Za-z_-]+", "_", PurePosixPath(named.replace("\\", "/")).stem).strip("_")[:40] or "texture"

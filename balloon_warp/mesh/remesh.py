@@ -42,7 +42,7 @@ def remesh(mesh: PolygonMesh, cells: int, on_stage: Callable[[str], None] = lamb
     """Make a closed quad mesh of a surface that may have holes, cracks, flipped faces and sheets without thickness.
 
     The space that the surface winds around becomes the inside. Holes are closed by a smooth membrane. Sheets become 1.5
-    cells thick, but what has an inside stays as thin as it is, and tips stay where they are. Crumbs are dropped. Every
+    cells thick, but those with an inside stay as thin as they are, and tips where they are. Crumbs are dropped. Every
     other part of the surface is there in one piece, and a clean surface keeps its handles, which may take more cells.
     Colors and textures are those of the nearest place on the surface. `warnings` lists the changes. It runs on Warp's
     default device.
@@ -146,7 +146,7 @@ def _cells_for_handles(mesh: PolygonMesh, cells: int) -> int | None:
 
 
 def _quads(mesh: PolygonMesh, cells: int, on_stage: Callable[[str], None]) -> _Made:
-    """Make a closed quad mesh of a surface, with so many cells, and what to say about it."""
+    """Make a closed quad mesh of a surface, with so many cells, and its warnings."""
     on_stage("finding thin parts")
     level = Level.of(mesh, cells)
     on_stage(f"building quads on a grid of {cells} cells")
@@ -178,7 +178,7 @@ def _quads(mesh: PolygonMesh, cells: int, on_stage: Callable[[str], None]) -> _M
 
 
 def _without_crumbs(mesh: PolygonMesh) -> tuple[PolygonMesh, list[str]]:
-    """Find the components of the mesh that are worth keeping, and what to say about it; points are in cells."""
+    """Find the components of the mesh that are worth keeping, and warnings about the others; points are in cells."""
     edges = mesh_edges(mesh)
     labels = component_labels(mesh.vertex_count, edges.ends[:, 0], edges.ends[:, 1])
     lowest, highest = np.full((mesh.vertex_count, 3), np.inf), np.full((mesh.vertex_count, 3), -np.inf)

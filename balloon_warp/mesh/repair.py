@@ -1,4 +1,4 @@
-"""A mesh as a balloon can be made of it. `describe_defects` says what is wrong with it, and what is done about it."""
+"""A mesh as a balloon can be made of it. `describe_defects` names its defects and their treatment."""
 
 from dataclasses import replace
 from typing import Literal

@@ -1,11 +1,11 @@
 """Faces that separate a mesh's inside from the outside, and the side on which a pressure pushes them.
 
-A face has two sides. Around an edge its faces stand like pages around a spine, and what lies between one and the next
+A face has two sides. Around an edge its faces stand like pages around a spine, and the space between one and the next
 sees a side of each: these sides are of one *room*. So they are where a border is free: there one goes around it. The
 outside is a room, too. A face with the outside on one of its sides alone is pushed that way. One with the same on both,
-as a sheet, a fin, a Moebius strip or the wall between two rooms, is not: then whatever the faces are like, those that
-are pushed go all around something, so that the pressure is the gradient of a volume. It has no net force, and does no
-work on the way around.
+as a sheet, a fin, a Moebius strip or the wall between two rooms, is not: then for any faces, those that are
+pushed go all around something, so that the pressure is the gradient of a volume. It has no net force, and does no work
+on the way around.
 """
 
 from dataclasses import replace

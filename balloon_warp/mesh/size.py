@@ -13,13 +13,13 @@ LEAST_SIZE_OVER_DISTANCE = 1.0e-4
 
 
 def require_size(mesh: PolygonMesh, source: object) -> None:
-    """Refuse what float32 cannot simulate: extreme sizes, and positions far from the origin for their size.
+    """Refuse meshes that float32 cannot simulate: extreme sizes, and positions far from the origin for their size.
 
     Args:
         mesh: in the world [m].
 
     Raises:
-        InputError: names `source`, the size, and what is expected.
+        InputError: names `source`, the size, and the expected one.
     """
     size = float(np.ptp(mesh.points[mesh.face_vertex_indices], axis=0).max())
     if not LEAST_SIZE <= size <= LARGEST_SIZE:

@@ -9,7 +9,7 @@ from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.units import NO_AXIS
 
 BY_CUSTOM: dict[str, Literal["Y", "Z"]] = {".stl": "Z", ".ply": "Y", ".off": "Y"}
-"""Up axes of files that say nothing: what is printed is drawn upright along Z"""
+"""Up axes of files without one: models for printing are drawn upright along Z"""
 FLAT = 0.99
 """Least cosine between a flat side's faces and its axis"""
 AT_THE_END = 0.01

@@ -47,7 +47,7 @@ def extract(values: NDArray[np.float64], lower: NDArray[np.float64], cell: float
     """Return the surface nets of a sampled signed distance: a quad for each grid edge that the zero level crosses.
 
     Where the level passes through a cell more than once, each pass has a vertex of its own (Warp sees to that), so
-    each edge lies on exactly two faces, whatever the samples. Runs on Warp's default device.
+    each edge lies on exactly two faces, for any samples. Runs on Warp's default device.
 
     Args:
         values: the distance at the nodes of a grid, positive all around its border, shape (nx, ny, nz).

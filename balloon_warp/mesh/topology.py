@@ -63,7 +63,7 @@ def repeated_corners(mesh: PolygonMesh) -> NDArray[np.int64]:
 
 
 def first_alike(mesh: PolygonMesh) -> NDArray[np.int64]:
-    """Return, for each face, the first with the same corners, in whatever order, shape (face_count,)."""
+    """Return, for each face, the first with the same corners, in any order, shape (face_count,)."""
     vertices = mesh.face_vertex_indices[np.lexsort((mesh.face_vertex_indices, corner_faces(mesh)))]
     starts, first = face_starts(mesh), np.arange(mesh.face_count)
     for size in np.unique(mesh.face_vertex_counts):
@@ -76,7 +76,7 @@ def first_alike(mesh: PolygonMesh) -> NDArray[np.int64]:
 
 
 def duplicate_faces(mesh: PolygonMesh) -> NDArray[np.int64]:
-    """Return the faces, in order, with the same corners as an earlier one, in whatever order."""
+    """Return the faces, in order, with the same corners as an earlier one, in any order."""
     return np.flatnonzero(first_alike(mesh) != np.arange(mesh.face_count))
 
 

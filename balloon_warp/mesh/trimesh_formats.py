@@ -27,7 +27,7 @@ def read_triangles(
 
     Args:
         joined: make vertices at exactly the same place one.
-        source: what to read in place of the file, with the files beside it.
+        source: content to read in place of the file's, with the files beside it.
         materials: of the file, whose numbers are their names in `source`.
 
     Raises:
@@ -70,7 +70,7 @@ def read_triangles(
 
 
 def _of_part(part: Any, materials: GltfMaterials | None) -> PolygonMesh:
-    """Return a part of a scene of trimesh's, with what it looks like."""
+    """Return a part of a scene of trimesh's, with its looks."""
     points, triangles = np.array(part.vertices, dtype=np.float64), np.array(part.faces, dtype=np.int64)
     corners, visual = triangles.ravel(), part.visual
     shape = {"points": points.reshape(-1, 3), "face_vertex_counts": np.full(len(triangles), 3, dtype=np.int32)}

@@ -14,7 +14,7 @@ NO_AXIS = "file names no up axis"
 
 
 def as_told(mesh: PolygonMesh, unit: Unit | None, up: UpAxis | None) -> PolygonMesh:
-    """Return the mesh with its unit and up axis as given, whatever its file says; those of the file, when missing."""
+    """Return the mesh with its unit and up axis as given, in place of its file's; those of the file, when missing."""
     if unit:
         mesh = replace(mesh, meters_per_unit=METERS[unit], unit_known=True)
     return replace(mesh, up_axis=up, up_known=True) if up else mesh

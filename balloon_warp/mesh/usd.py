@@ -1,4 +1,4 @@
-"""USD files, whatever their suffix. The reader of stages is `usd_stage`."""
+"""USD files of any suffix. The reader of stages is `usd_stage`."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Instances of a USD stage, each as a prim of its own, in memory: what a PointInstancer scatters, and native ones."""
+"""Instances of a USD stage, each as a prim of its own, in memory: those of PointInstancers, and native ones."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -43,10 +43,10 @@ def share_nothing(stage: Usd.Stage, is_changed: Callable[[Usd.Prim], bool]) -> N
 
 
 def expand_instancers(stage: Usd.Stage, source: str) -> list[str]:
-    """Put a prim in the place of each instance of the stage's PointInstancers, which become what stands around them.
+    """Put a prim in the place of each instance of the stage's PointInstancers, which become transforms around them.
 
     Returns:
-        Sentences on what could not be taken.
+        Sentences on PointInstancers that could not be taken.
 
     Raises:
         InputError: there are too many instances.
@@ -73,7 +73,7 @@ def _scattered(instancer: UsdGeom.PointInstancer) -> Scattered:
     """Read the instances of a PointInstancer.
 
     Raises:
-        ValueError: what it says does not fit together, or its instances come and go.
+        ValueError: its attributes do not fit together, or its instances come and go.
     """
     own, prim = instancer.GetProtoIndicesAttr(), instancer.GetPrim()
     if len({tuple(own.Get(time) or ()) for time in own.GetTimeSamples()}) > 1:

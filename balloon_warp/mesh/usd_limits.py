@@ -17,7 +17,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.files import check_regular
 
 LARGEST_STAGE, LARGEST_TEXT = 1 << 40, 1 << 31
-"""Largest size of a stage's file, of which USD reads what it needs, and of one of text [bytes]"""
+"""Largest size of a stage's file, of which USD reads parts on demand, and of one of text [bytes]"""
 MOST_DEPTH = 500
 """Largest depth of brackets in a text, and of prims in each other"""
 MOST_PRIMS = 1_000_000
@@ -111,7 +111,7 @@ class Limits:
         return self._stacks[root]
 
     def _extent(self, start: Place) -> Extent:
-        """Return what a prim brings in, with all below it and all that it refers to."""
+        """Return the extent of a prim, with all below it and all that it refers to."""
         open_: list[tuple[Place, list[tuple[Place, int, bool]] | None]] = [(start, None)]
         within = set[Place]()
         while open_:
@@ -138,7 +138,7 @@ class Limits:
         return Extent(prims, arcs, depth)
 
     def _parts(self, place: Place) -> list[tuple[Place, int, bool]]:
-        """Return what makes up a prim: the place of each part, how often, and whether it is referred to."""
+        """Return the parts of a prim: the place of each, how often, and whether it is referred to."""
         root, path = place
         specs = [spec for layer in self._stack(root) if (spec := layer.GetPrimAtPath(path))]
         above, own = path, bool(specs)
@@ -156,7 +156,7 @@ class Limits:
         return [(part, count, is_arc) for part, (count, is_arc) in found.items() if part != place or is_arc]
 
     def _targets(self, root: str, spec: Any) -> list[tuple[Place, int]]:
-        """Return what a prim refers to, and how often."""
+        """Return the targets of a prim's references, and how often it refers to each."""
         found: list[tuple[Place, int]] = []
         for key in ARCS.keys() & set(spec.ListInfoKeys()):
             for each in getattr(spec, ARCS[key]).GetAddedOrExplicitItems():

@@ -58,7 +58,7 @@ class StageMotion:
 
 
 def read_motions(path: Path, prim: str | Sequence[str] | None) -> list[StageMotion]:
-    """Return the meshes that are taken of a stage, grouped by what moves together: what stays comes first.
+    """Return the meshes that are taken of a stage, grouped by those that move together; those that stay come first.
 
     Raises:
         InputError: as `read_usd`, or the stage's time does not run.
@@ -90,14 +90,14 @@ def samples_of_points(prim: Usd.Prim) -> list[float]:
 
 
 def _around(prim: Usd.Prim) -> Iterator[Usd.Prim]:
-    """Return a prim and what it stands in."""
+    """Return a prim and the prims that it stands in."""
     while prim:
         yield prim
         prim = prim.GetParent()
 
 
 def _movers(prim: Usd.Prim) -> Iterator[str]:
-    """Return the prims by whose samples a mesh moves: of itself and of what it stands in."""
+    """Return the prims by whose samples a mesh moves: of itself and of the prims that it stands in."""
     for each in _around(prim):
         if len(_samples_of_transforms(each)) > 1 or (each == prim and samples_of_points(prim)):
             yield str(each.GetPath())

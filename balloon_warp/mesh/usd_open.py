@@ -20,7 +20,7 @@ class Opened(NamedTuple):
 
     stage: Usd.Stage
     warnings: tuple[str, ...]
-    """Sentences on what is missing, and on what could not be taken"""
+    """Sentences on USD's errors, such as missing files, and on instances that could not be taken"""
 
 
 def open_stage(path: Path | str) -> Usd.Stage:
@@ -57,7 +57,7 @@ def open_meshes(path: Path | str, *, rounds: bool = True) -> Opened:
 
 
 def _first(errors: list[str]) -> list[str]:
-    """Return the first of what is missing of a stage, as USD says it, a sentence each, and how much more there is."""
+    """Return the first errors of a stage, as USD says them, a sentence each, and how many more there are."""
     more = [f"USD: {len(errors) - MOST_NAMED} more such errors."] if len(errors) > MOST_NAMED else []
     return [*(f"USD: {each}" for each in errors[:MOST_NAMED]), *more]
 

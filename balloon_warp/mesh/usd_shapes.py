@@ -1,6 +1,6 @@
 """Shapes of a USD stage that are no meshes, as meshes, in memory: cubes, spheres, cylinders, capsules, cones, planes.
 
-So whoever reads a stage knows meshes alone. What a stage has besides is named.
+So whoever reads a stage knows meshes alone. Other kinds of a stage's shapes are named.
 """
 
 from collections.abc import Callable, Iterable
@@ -51,7 +51,7 @@ SHAPES = {
 }
 """Shapes by their type's name in USD"""
 ROUND = ("Sphere", "Capsule")
-"""Shapes that pictures and checks take as what they are"""
+"""Shapes that pictures and checks take as they are, not as meshes"""
 
 
 def as_meshes(stage: Usd.Stage, source: str, *, rounds: bool) -> list[str]:
@@ -63,7 +63,7 @@ def as_meshes(stage: Usd.Stage, source: str, *, rounds: bool) -> list[str]:
         rounds: whether spheres and capsules become meshes, too; otherwise only those stretched along an axis do.
 
     Returns:
-        Sentences on what could not be taken.
+        Sentences on PointInstancers that could not be taken.
 
     Raises:
         InputError: there are too many instances, or a size is not finite.

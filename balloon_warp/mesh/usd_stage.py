@@ -83,7 +83,7 @@ def _names(prim: str | Sequence[str]) -> Sequence[str]:
 
 
 def _below(prims: list[Usd.Prim], name: str) -> list[Usd.Prim]:
-    """Return the prims at or below a path, or at or below what has a name."""
+    """Return the prims at or below a path, or at or below prims of a name."""
     words = f"/{name.strip('/')}/"
     paths = [(f"{each.GetPath()}/", each) for each in prims]
     return [each for path, each in paths if path.startswith(words) or (name[:1] != "/" and words in path)]
@@ -115,7 +115,7 @@ def _why_hidden(prim: Usd.Prim) -> str:
 
 
 def _appears_or_goes(prim: Usd.Prim) -> bool:
-    """Return whether the visibility of a prim, or of what it stands in, has several values over time."""
+    """Return whether the visibility of a prim, or of one that it stands in, has several values over time."""
     while prim:
         seen = UsdGeom.Imageable(prim).GetVisibilityAttr() if UsdGeom.Imageable(prim) else None
         if seen and len({seen.Get(time) for time in seen.GetTimeSamples()}) > 1:

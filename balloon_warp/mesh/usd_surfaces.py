@@ -88,7 +88,7 @@ def content_of(path: str) -> bytes | None:
 def places_of(mesh: UsdGeom.Mesh, image: Image, indices: NDArray[np.int32]) -> NDArray[np.float32] | None:
     """Return the place of each corner in an image, from 0 to 1 to the right and up, shape (corner_count, 2).
 
-    The mesh's only texture coordinates count, whatever their name. None where it does not say it.
+    The mesh's only texture coordinates count under any name. None where it does not say it.
     """
     places = texture_coordinates(mesh, image.coordinates, indices)
     if places is None:
