@@ -42,7 +42,7 @@ def remesh(mesh: PolygonMesh, cells: int, on_stage: Callable[[str], None] = lamb
     """Make a closed quad mesh of a surface that may have holes, cracks, flipped faces and sheets without thickness.
 
     The space that the surface winds around becomes the inside. Holes are closed by a smooth membrane. Sheets become 1.5
-    cells thick, but those with an inside stay as thin as they are, and tips where they are. Crumbs are dropped. Every
+    cells thick, but parts with an inside stay as thin as they are, and tips where they are. Crumbs are dropped. Every
     other part of the surface is there in one piece, and a clean surface keeps its handles, which may take more cells.
     Colors and textures are those of the nearest place on the surface. `warnings` lists the changes. It runs on Warp's
     default device.

@@ -50,7 +50,7 @@ def all_that_act(model: Parametrized) -> tuple[Law | Phase, ...]:
 
 
 def kept_values(model: Parametrized) -> tuple[Kept, ...]:
-    """Return what items keep from substep to substep."""
+    """Return the values that items keep from substep to substep."""
     return tuple(kept for phase in acting_phases(model) for kept in phase.kept)
 
 

@@ -1,4 +1,4 @@
-"""Free rigid bodies on the host: their shapes about their centers of mass, what they weigh and how they turn."""
+"""Free rigid bodies on the host: their shapes about their centers of mass, masses, inertia and rotations."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

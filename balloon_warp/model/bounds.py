@@ -34,14 +34,14 @@ class Stiffest(NamedTuple):
 
 
 class Bounds:
-    """The bounds of one balloon's laws, by what its particles are surrounded with.
+    """The bounds of one balloon's laws, by the springs, strings, hinges and faces around its particles.
 
     Args:
         scene: whose laws count.
         laws: among which they are.
         number: the balloon.
         parameters: of all worlds.
-        touch: what contacts add to the sums of stiffness and of drag, shape (W,) each, see `model.touch`.
+        touch: contribution of contacts to the sums of stiffness and of drag, shape (W,) each, see `model.touch`.
     """
 
     def __init__(

@@ -71,7 +71,7 @@ def lay_out(plan: ModelPlan, device: str | wp.Device | None = None) -> Model:
         return array(np.concatenate([np.asarray(part) for part in parts]), dtype)
 
     def of_particles(parts: Sequence[NDArray[Any]], dtype: Any) -> Any:
-        """Join what names particles of each balloon, from 0."""
+        """Join arrays that number the particles of each balloon from 0."""
         return joined([part + offset for part, offset in zip(parts, offsets, strict=False)], dtype)
 
     skins = [shape.skin for shape in shapes]

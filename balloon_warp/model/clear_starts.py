@@ -31,7 +31,7 @@ def require_clear_starts(
     """Refuse balloons of which a particle that moves starts inside an obstacle, in any world. Sheets have no inside.
 
     Args:
-        parameters: with what `settle_starts` makes.
+        parameters: with those that `settle_starts` makes.
 
     Raises:
         InputError: names balloon and obstacle, and how deep the one is in the other.

@@ -49,7 +49,7 @@ def _overlapping(shapes: Sequence[BalloonShape], starts: Sequence[NDArray[np.flo
 def _sentence(
     numbers: tuple[int, ...], shapes: Sequence[BalloonShape], starts: Sequence[NDArray[np.float64]]
 ) -> str | None:
-    """Return what crosses of one balloon, or of two, in words; None if nothing does."""
+    """Describe the crossing of one balloon with itself, or of two; None if nothing crosses."""
     triangles = [triangles_of(shapes[number].mesh) for number in numbers]
     counts = [len(starts[number]) for number in numbers]
     points = np.concatenate([starts[number] for number in numbers])

@@ -1,4 +1,4 @@
-"""The particles of a balloon that do not move, from what the scene says of them."""
+"""The particles of a balloon that do not move, from the scene's numbers and groups."""
 
 from collections.abc import Sequence
 

@@ -37,8 +37,8 @@ def exposed_ridges(
     """Cut ridges of obstacles that rest to where they stick out of all that rests beside them, in every world.
 
     Args:
-        ridges: of each obstacle, as seen from that; what follows behind stays as it is.
-        kept: distance that faces keep from ridges [m]: what is nearer lies flush.
+        ridges: of each obstacle, as seen from that; further ones behind stay as they are.
+        kept: distance that faces keep from ridges [m]: a nearer solid lies flush.
     """
     placed = _placed_solids(scene, obstacles, parameters, changes)
     cut = list(ridges)
@@ -113,7 +113,7 @@ class _Beside:
         self._own = np.where((other != 0.0).any(axis=1, keepdims=True), within, sheet)
 
     def cut(self) -> Ridges:
-        """Return what of the ridges sticks out."""
+        """Return the parts of the ridges that stick out."""
         middles = (np.arange(CELLS) + 0.5) / CELLS
         near = np.zeros(len(self._ridges.ends), bool)
         for neighbor in self._others:

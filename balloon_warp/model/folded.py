@@ -1,4 +1,4 @@
-"""Balloons that are folded at the start: what is near in space there is not near along the surface."""
+"""Balloons that are folded at the start, where neighbors in space are not neighbors along the surface."""
 
 import numpy as np
 

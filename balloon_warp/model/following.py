@@ -13,10 +13,10 @@ from balloon_warp.scene import Scene
 
 
 def follow_changes(scene: Scene, shapes: Sequence[BalloonShape], now: Parameters, then: Parameters) -> None:
-    """Set in `then` what follows from values that differ from those in `now`.
+    """Set in `then` the parameters that follow from values that differ from those in `now`.
 
-    These are masses of rubber and film, the contact stiffness of balloons, and coefficients of friction. What has been
-    written over, and what it follows from stays, stays as well.
+    These are masses of rubber and film, the contact stiffness of balloons, and coefficients of friction. One that has
+    been written over stays so while those that it follows from stay.
     """
     for settle in (
         lambda values: {"mass": settle_masses(scene, shapes, values)},

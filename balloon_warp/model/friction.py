@@ -1,4 +1,4 @@
-"""Coulomb's coefficient of each pair of things, resolved from what the scene says of each.
+"""Coulomb's coefficient of each pair of things, resolved from the scene's coefficient of each.
 
 The rule as a table is in docs/CONTACT.md. Things are numbered as in `kernels.loops.friction`: the ground, obstacles,
 spheres, free bodies, balloons.
@@ -20,9 +20,9 @@ SAID = (*OF_THINGS, OF_BALLOONS, BETWEEN_BALLOONS)
 
 
 def settle_friction(parameters: Parameters, rounded: bool = True) -> Parameters:
-    """Resolve the coefficient of each pair: the geometric mean of what both say.
+    """Resolve the coefficient of each pair: the geometric mean of those of both.
 
-    A balloon that says nothing takes what the other says; between balloons it takes `touch.friction`.
+    A balloon without one takes that of the other; between balloons it takes `touch.friction`.
 
     Args:
         rounded: whether coefficients are as devices keep them, so that resolving them again gives the same.
@@ -38,7 +38,7 @@ def settle_friction(parameters: Parameters, rounded: bool = True) -> Parameters:
 
 
 def _means(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the geometric means; of two that are alike exactly what they are."""
+    """Return the geometric means; of two that are alike exactly their value."""
     return np.where(first == second, first, np.sqrt(first * second))
 
 

@@ -1,4 +1,4 @@
-"""Gas as the host settles it: at the start, from what the scene says, and where its gamma changes."""
+"""Gas as the host settles it: at the start, from the scene's amounts and pressures, and where its gamma changes."""
 
 from collections.abc import Mapping, Sequence
 
@@ -94,7 +94,7 @@ def settle_gas(
     V (p / p_0)^(1 / gamma), see `kernels.laws.gas`.
 
     Args:
-        rounded: whether to round as devices do; what is not can be derived.
+        rounded: whether to round as devices do; unrounded values can be derived.
     """
     heights = parameters["initial_centers"] @ np.array(scene.up)
     p_a, temperature, air = _air_around(parameters, heights)

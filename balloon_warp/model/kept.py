@@ -10,7 +10,7 @@ from balloon_warp.model.model import Model
 
 
 def kept_arrays(model: Model, room: Room) -> dict[str, Any]:
-    """Return arrays for what items keep, by name."""
+    """Return arrays for the values that items keep, by name."""
     counts = {"particle": model.particle_count, "face": model.face_count, "triangle": model.triangle_count}
     return {
         each.name: room.array((model.world_count, counts[each.item]), wp.float32 if each.type is float else each.type)
@@ -19,13 +19,13 @@ def kept_arrays(model: Model, room: Room) -> dict[str, Any]:
 
 
 def start_kept(model: Model, kept: dict[str, Any]) -> None:
-    """Fill in what items keep at the start."""
+    """Fill in the values that items keep at the start."""
     for each in kept_values(model):
         kept[each.name].fill_(each.start)
 
 
 def go_on_keeping(model: Model, kept: dict[str, Any]) -> dict[str, Any]:
-    """Return what a model's items keep from here on: as it is, or as at the start."""
+    """Return the values that a model's items keep from here on: as they are, or as at the start."""
     fresh = kept_arrays(model, Allocating(model.device))
     start_kept(model, fresh)
     return {name: kept.get(name, array) for name, array in fresh.items()}

@@ -1,4 +1,4 @@
-"""The tables `law.NAME` of a scene, its balloons and spheres: what they say of parameters that stand there."""
+"""The tables `law.NAME` of a scene, its balloons and spheres: the values of parameters that stand there."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -17,10 +17,10 @@ Rows = Mapping[str, Mapping[str, Parameter]]
 
 
 def with_law_tables(scene: Scene, rows: Sequence[Parameter]) -> Scene:
-    """Return the scene with these tables made sure of, and filled with the defaults of what they leave out.
+    """Return the scene with these tables made sure of, and filled with the defaults of missing values.
 
     Raises:
-        InputError: names the path and what was expected.
+        InputError: names the path and the expected value.
     """
     fields = {of: _by_law(row for row in rows if row.of == of) for of in ("world", *HOLDERS)}
     law = _filled("law", scene.law, fields["world"])

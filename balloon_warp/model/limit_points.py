@@ -1,4 +1,4 @@
-"""The most pressure that a round balloon bears: beyond its limit point it swells without end, whatever the step."""
+"""The most pressure that a round balloon bears: beyond its limit point it swells without end, at any step."""
 
 from dataclasses import dataclass, replace
 
@@ -74,8 +74,8 @@ def passed_limit_point(
     Args:
         parameters: of one world.
         given: its pressure [Pa].
-        points: where its particles are [m], shape (particle_count, 3); without them what counts is whether it bears
-            that pressure at any stretch.
+        points: where its particles are [m], shape (particle_count, 3); without them it has passed if it bears that
+            pressure at no stretch.
     """
     if scene.balloon[number].inflation.kind != "pressure" or not np.isfinite(given) or given <= 0.0:
         return None

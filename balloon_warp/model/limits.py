@@ -11,7 +11,7 @@ MIB = 2**20
 
 
 class Limit(NamedTuple):
-    """A limit on the memory of a process, and what is left of it."""
+    """A limit on the memory of a process, and the memory left below it."""
 
     name: str
     """Name of the limit"""

@@ -1,4 +1,4 @@
-"""Edges of balloons that touch edges: sharp ones, and all of what may fold anywhere or touches itself."""
+"""Edges of balloons that touch edges: sharp ones, and all of balloons that may fold anywhere or touch themselves."""
 
 from collections.abc import Sequence
 

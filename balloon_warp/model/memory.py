@@ -1,4 +1,4 @@
-"""Memory: where arrays come from, what they will take, and whether it fits, before anything is allocated."""
+"""Memory: where arrays come from, their size, and whether it fits, before anything is allocated."""
 
 import math
 import os

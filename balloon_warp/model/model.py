@@ -1,6 +1,6 @@
 """The model: topology shared by all worlds, and parameters that may differ between them.
 
-Fixed during a simulation, but for what a scene's timeline writes into the parameters between frames."""
+Fixed during a simulation, but for parameters that a scene's timeline writes between frames."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -156,7 +156,7 @@ class Model:
     - of spheres, strings, obstacles, bodies and tubes: see `model.rows`, shape (W, count of them)
     """
     reach: Mapping[str, Sequence[NDArray[np.float32]]] = field(default_factory=dict)
-    """Rows of parameters at the bounds of what is written on the device between frames, by name"""
+    """Rows of parameters at the bounds of values that are written on the device between frames, by name"""
     contact_room: dict[str, int] = field(default_factory=dict)
     """Lengths to which lists of contacts have grown, by name, in any simulation of this scene"""
     ages: wp.array | None = None

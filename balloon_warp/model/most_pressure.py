@@ -28,7 +28,7 @@ def pressure_bound(mesh: PolygonMesh, mass_share: NDArray[np.float64]) -> float:
 
     Args:
         mesh: whose faces enclose the gas.
-        mass_share: of each particle; 0 of what is fixed.
+        mass_share: of each particle; 0 of fixed ones.
     """
     moves = mass_share > 0.0
     roots = np.sqrt(np.divide(1.0, mass_share, out=np.zeros(len(moves)), where=moves))[:, None]

@@ -42,7 +42,7 @@ class ObstacleShape:
     reach: float
     """Distance of the farthest point from the origin, with the thickness [m]; infinite for a plane"""
     remarks: tuple[str, ...] = ()
-    """Remarks on what was taken from the mesh's file, a sentence each"""
+    """Remarks on the reading of the mesh's file, a sentence each"""
 
     @property
     def triangles(self) -> NDArray[np.int32]:

@@ -101,7 +101,7 @@ def _tables(scene: Scene, row: Parameter) -> Sequence[Any]:
 
 
 def _has(table: Any, path: str) -> bool:
-    """Return whether a table has what a path leads through.
+    """Return whether a table has the fields that a path leads through.
 
     A scene may have no water, and an inflation only has the fields of its kind. Balloons that touch have all of
     `[touch]`, whether the scene has it or not.

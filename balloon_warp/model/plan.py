@@ -251,7 +251,7 @@ def substeps_over_time(
         velocities: at the start, as `Network.stable_step` has them.
 
     Raises:
-        InputError: they are not, or what changes differs between worlds.
+        InputError: they do not suffice, or a value that changes differs between worlds.
     """
     chosen = [_substeps(scene, network, parameters, velocities)]
     values, before = dict(parameters), scene

@@ -36,7 +36,7 @@ class PlannedChanges:
 
 
 def changed_parameters(change: DueChange, model: Model) -> dict[str, NDArray]:
-    """Find a model's parameters that change, and what follows from them, with the rows that they have from then on."""
+    """Find a model's parameters that change, and those that follow from them, with their rows from then on."""
     now = {name: array.numpy().astype(np.float64) for name, array in model.parameters.items()}
     then = now | {name: now[name].copy() for name in change.values}
     for name in change.values:

@@ -145,8 +145,8 @@ def _evenness(shape: BalloonShape, within: NDArray[np.bool_]) -> float:
     have springs along them alone, and would burst. A ratio of up to `UNEVEN` counts as even, as for quads that somebody
     drew.
 
-    A vertex has 1/2 k L^2 t t^T over its share of the area, summed over its springs of direction t; what counts is the
-    least of that across the normal. By the defaults of the constants, so that it is a property of the mesh.
+    A vertex has 1/2 k L^2 t t^T over its share of the area, summed over its springs of direction t; the least of that
+    across the normal counts. By the defaults of the constants, so that it is a property of the mesh.
 
     Args:
         within: whether each spring is in the surface, and holds no parts or walls together.

@@ -1,4 +1,4 @@
-"""Remarks on a simulation that goes on, though its values are not what was asked for."""
+"""Remarks on a simulation that goes on, though its values are not those that were asked for."""
 
 from collections import Counter
 from collections.abc import Sequence

@@ -62,7 +62,7 @@ def faces_meet(
 
 
 def _any_on_edge(scene: Scene, obstacles: Sequence[ObstacleShape]) -> bool:
-    """Return whether a box stands on an edge or a corner at the start: what falls on it meets such first."""
+    """Return whether a box stands on an edge or a corner at the start: a balloon that falls on it meets such first."""
     boxes = [number for number, solid in enumerate(obstacles) if solid.kind == "box"]
     if not boxes:
         return False
@@ -81,7 +81,8 @@ def ridges_of(solid: ObstacleShape, up: NDArray[np.float64], edge: float) -> Rid
     """Find the ridges of a solid; a plane has none.
 
     Args:
-        edge: mean one of the balloons [m]: what turns less within that is round to them, and no ridge.
+        edge: mean one of the balloons [m]: a surface that turns less within that is round to
+            them, and no ridge.
     """
     if solid.kind == "box":
         ridges = _ridges_of_box(solid.size)

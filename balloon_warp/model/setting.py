@@ -49,13 +49,13 @@ class Setting:
 
 
 def plan_setting(model: Model, changes: Mapping[str, Any], planned: Sequence[DueChange], frame: int) -> Setting:
-    """Check values that are to be set, and what follows from them.
+    """Check values that are to be set, and find those that follow from them.
 
     Args:
         model: as it is now, its scene and its parameters.
         changes: dotted paths as in overrides, and values; or for a number, or the numbers of a vector, an array with
             one for each world.
-        planned: what the scene still plans.
+        planned: changes that the scene still plans.
         frame: that is simulated next.
 
     Raises:
@@ -171,7 +171,7 @@ def _substeps(model: Model, scene: Scene, then: Parameters, different: set[str],
     """Return the substeps of a frame from now on.
 
     Raises:
-        InputError: the scene says too few, or what differs between worlds is planned to change.
+        InputError: the scene says too few, or a value that differs between worlds is planned to change.
     """
     methods_change = any(getattr(scene, name) != getattr(model.scene, name) for name in METHODS)
     if not methods_change and names_of_the_step(model.laws).isdisjoint(different):

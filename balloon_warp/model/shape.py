@@ -242,7 +242,7 @@ def vertex_weights(mesh: PolygonMesh, said: object, field: str) -> NDArray[np.fl
 
 
 def _mesh_of(balloon: Balloon) -> tuple[PolygonMesh, object]:
-    """Return the balloon's mesh as it is simulated, with a warning of what is odd about it, and where it is from."""
+    """Return the balloon's mesh as it is simulated, with warnings of its defects, and its source."""
     if isinstance(balloon.mesh, Path):
         mesh, source = load_mesh(balloon.mesh, balloon.prim), balloon.mesh
     else:

@@ -22,7 +22,7 @@ def small_spheres(model: Model) -> list[bool]:
 def round_ridges(model: Model) -> list[bool]:
     """Return whether each sphere touches faces as ridges do: it is not small, and exchanges momentum.
 
-    So it is where faces meet ridges, of what is thin beside them, or the scene says `faces = true`.
+    So it is where faces meet ridges, of solids that are thin beside them, or the scene says `faces = true`.
     """
     scene = model.scene
     if not scene.touches_spheres or scene.contact != "impulse":

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 Vector = NDArray[np.float64]
 TURNS = 40
 """Number of Lanczos iterations: from a random start the expected error is at most 0.103 (ln n / 39)^2 of the largest
-eigenvalue, downward, whatever the matrix (Kuczynski and Wozniakowski 1992): 0.4% for 2,500 particles"""
+eigenvalue, downward, for any matrix (Kuczynski and Wozniakowski 1992): 0.4% for 2,500 particles"""
 MARGIN = 1.01
 """Factor on the estimate, so that it is not too low"""
 FEW = 100
@@ -24,13 +24,13 @@ def highest_squared_frequency(
     """Return the largest eigenvalue of M^-1 K [1/s^2], or up to 1% more; 0 if nothing moves.
 
     K is the Laplacian of the springs, weighted with their constants, and more on its diagonal. In no state of the
-    springs, in no direction, are they stiffer: what one does is at most its constant, along it.
+    springs, in no direction, are they stiffer: each has at most its constant, along it.
 
     Args:
         pairs: of particles, shape (springs, 2).
         constants: of the springs [N/m], shape (springs,).
-        held: what else pulls a particle back to where it is, shape (particles,) [N/m].
-        masses: 0 of what is fixed [kg], shape (particles,).
+        held: other stiffness that pulls a particle back to its place, shape (particles,) [N/m].
+        masses: 0 of fixed particles [kg], shape (particles,).
     """
     count = len(masses)
     roots = np.sqrt(np.divide(1.0, masses, out=np.zeros(count), where=masses > 0.0))

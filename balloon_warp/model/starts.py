@@ -58,7 +58,7 @@ def start_of(scene: Scene, parameters: Parameters, number: int, points: NDArray[
     """Return the points of a balloon, where the scene has them, as they are at the start of each world.
 
     Args:
-        parameters: with what `settle_starts` makes.
+        parameters: with those that `settle_starts` makes.
         points: [m], shape (n, 3).
 
     Returns:

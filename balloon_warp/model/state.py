@@ -1,4 +1,4 @@
-"""The state: what changes during a simulation."""
+"""The state: arrays that change during a simulation."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -73,7 +73,7 @@ class State:
     """1 of particles that may be deep in another balloon, where nothing is near them: at the start that is not known of
     any; shape (world_count, particle_count), or (world_count, 0) where balloons do not touch, int8"""
     seen_points: wp.array
-    """Positions when parts of what touches itself were looked at last [m], like `points`, or (world_count, 0)"""
+    """Positions when balloons that touch themselves were looked at last [m], like `points`, or (world_count, 0)"""
     rooms: wp.array
     """Relative motion since then from which on particles may touch [m], like `pressures`, or (world_count, 0)"""
     torn: wp.array
@@ -298,7 +298,7 @@ def copy_of(state: State) -> State:
 
 
 def overwrite(state: State, other: State) -> None:
-    """Make a state what another of the same shapes is now."""
+    """Overwrite a state's arrays with those of another of the same shapes."""
     arrays = state.arrays
     for name, array in other.arrays.items():
         wp.copy(arrays[name], array)

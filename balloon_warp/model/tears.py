@@ -1,4 +1,4 @@
-"""Balloons that may burst: what the scene leaves open of their tears, and what they cannot be joined with yet."""
+"""Balloons that may burst: defaults of their tears, and features that they cannot be joined with yet."""
 
 from collections.abc import Mapping
 

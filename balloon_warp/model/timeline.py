@@ -35,7 +35,7 @@ class DueChange:
 
 
 def due_changes(scene: Scene, rows: Sequence[Parameter]) -> Iterator[DueChange]:
-    """Find what a scene plans to change, in order.
+    """Find the changes that a scene plans, in order.
 
     Raises:
         InputError: names the change, and the path or field that is wrong.

@@ -23,8 +23,8 @@ the skin's thickness where it lies against another, and the step becomes a quart
 SOFTER = 0.45
 """Contact stiffness over that, of a balloon alone that touches itself softly: its step is then hardly shorter"""
 APART = 2.0
-"""Initial distance from which on parts of a balloon may touch, in edges: farther than neighbors, nearer than what a
-sharp fold brings together"""
+"""Initial distance from which on parts of a balloon may touch, in edges: farther than neighbors, nearer than
+parts that a sharp fold brings together"""
 LOOSE_RATE = 600.0
 """Root of stiffness over mass of a balloon without springs [1/s]"""
 STIFFNESSES = "touch_stiffnesses"
@@ -88,11 +88,11 @@ def bound_of_touch(
     particle with all of the balloon's mass, and goes with the root of a particle's share: the reduced mass, which
     damps a contact, is at most a particle's own.
 
-    A particle meets a surface, and is a corner of triangles that others meet: as many as fit into what is its own of
-    the surface. When two surfaces move against each other, all of that pulls it back, twice; and then their springs
-    rest. While springs are at their stiffest, neighbors go opposite ways, and what a triangle's corners bear is evened
-    out: it counts half. Where contacts are stiffer than springs, they set the step alone. Where more meet than that, as
-    in what crumples, they share (`share_of_contact`), so that the step is stable in every state.
+    A particle meets a surface, and is a corner of triangles that others meet: as many as fit into its share of the
+    surface. When two surfaces move against each other, all of that pulls it back, twice; and then their springs rest.
+    While springs are at their stiffest, neighbors go opposite ways, and the load of a triangle's corners is evened out:
+    it counts half. Where contacts are stiffer than springs, they set the step alone. Where more meet than that, as in
+    crumpled skin, they share (`share_of_contact`), so that the step is stable in every state.
     """
     if not scene.touches:
         return {}

@@ -68,6 +68,6 @@ def _stretch_of(balloon: Balloon) -> float:
 
 
 def _form(mesh: PolygonMesh) -> tuple[bytes, bytes]:
-    """Return what is alike of meshes that differ in size and place alone."""
+    """Return a key that is alike for meshes that differ in size and place alone."""
     points = mesh.points - mesh.points.min(axis=0)
     return mesh.face_vertex_indices.tobytes(), np.round(points / max(float(points.max()), 1e-30), 5).tobytes()

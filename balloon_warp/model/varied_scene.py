@@ -1,4 +1,4 @@
-"""The scene of worlds that differ, where what differs asks for another kind of inflation than the scene has."""
+"""The scene of worlds that differ, where their values ask for another kind of inflation than the scene has."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -29,7 +29,7 @@ def scene_to_vary(
 
     Args:
         source: as of `load_scene`.
-        vary: what differs: dotted paths, and values.
+        vary: values that differ, by dotted paths.
         overrides: as of `load_scene`.
 
     Raises:

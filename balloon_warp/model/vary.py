@@ -49,7 +49,7 @@ def vary_parameters(
     """Return the parameters with a value for each world where `vary` has them.
 
     Raises:
-        VaryError: names the path, and the world whose value the scene's schema refuses; or what can vary.
+        VaryError: names the path, and the world whose value the scene's schema refuses; or the paths that can vary.
     """
     places = places_of(scene, rows)
     varied = dict(parameters)
@@ -111,7 +111,7 @@ def require_changeable(
     """Make sure that values may change while the scene is simulated.
 
     Args:
-        mass_follows: whether the mass of what is of rubber or film becomes what its thickness asks for.
+        mass_follows: whether the mass of rubber and film follows a change of its thickness.
 
     Raises:
         InputError: names the path that may not.
