@@ -60,7 +60,7 @@ class Layout:
         return arrays
 
     def told(self, block: Any, float32: Any) -> Told:
-        """Return the results in a block, split as by `split`."""
+        """Return the results in a block, from the arrays of `split`."""
         arrays = self.split(block, float32)
         return Told(**{name: array != 0 if name in FLAGS else array for name, array in arrays.items()})
 

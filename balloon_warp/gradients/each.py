@@ -18,7 +18,7 @@ KNOWN = (*OF_SPRINGS, "thicknesses", "rest_points")
 
 
 def require_each(plan: ModelPlan, names: Sequence[str]) -> None:
-    """Make sure that a scene has springs, membranes and rest points for the values of each to derive by.
+    """Make sure that a scene has the springs, membranes or rest points by whose values is derived.
 
     Raises:
         InputError: it has not.

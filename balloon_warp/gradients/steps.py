@@ -1,4 +1,4 @@
-"""Frames of a model, one after the other, forward and backwards, for frameworks that derive the steps between them.
+"""Frames of a model, one after the other, forward and backwards, for frameworks that derive computations between them.
 
 The state at the start of a frame is handed out and taken back as device arrays; a caller that keeps them can run the
 frame backwards.

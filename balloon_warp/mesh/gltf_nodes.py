@@ -221,7 +221,7 @@ def _skinned(
 
 
 def _unit(tree: dict[str, Any], mesh: dict[str, Any]) -> float:
-    """Return the length of the integer 1 in a mesh of normalized ones, else 1.
+    """Return the value of the integer 1 in a mesh of normalized ones, else 1.
 
     The most negative integer, which stands for -1 as its neighbor does, becomes a little less.
     """

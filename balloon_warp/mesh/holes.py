@@ -16,11 +16,11 @@ from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.topology import MeshEdges, border_edges, mesh_edges, vertex_components
 
 PINHOLE = 2e-4
-"""A hole whose lid has less than this part of the mesh's area is closed, whichever way the surface around it faces."""
+"""A hole whose lid has less than this part of the mesh's area is closed, regardless of the surface around it."""
 LARGEST_HOLE = 0.05
 """A larger one may be closed up to this part, if the surface around it faces as its lid does: not the end of a tube."""
 A_FACE = 4
-"""Number of edges up to which a hole is a missing face, whichever way the surface around it faces"""
+"""Number of edges up to which a hole is a missing face, regardless of the surface around it"""
 FACING = 0.5
 """Least mean cosine between the surface around a hole and its lid"""
 UPON = 0.9

@@ -20,7 +20,7 @@ SAID = (*OF_THINGS, OF_BALLOONS, BETWEEN_BALLOONS)
 
 
 def settle_friction(parameters: Parameters, rounded: bool = True) -> Parameters:
-    """Resolve the coefficient of each pair: the geometric mean of those of both.
+    """Resolve the coefficient of each pair: the geometric mean of the coefficients of both.
 
     A balloon without one takes that of the other; between balloons it takes `touch.friction`.
 

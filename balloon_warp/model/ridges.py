@@ -81,8 +81,7 @@ def ridges_of(solid: ObstacleShape, up: NDArray[np.float64], edge: float) -> Rid
     """Find the ridges of a solid; a plane has none.
 
     Args:
-        edge: mean one of the balloons [m]: a surface that turns less within that is round to
-            them, and no ridge.
+        edge: mean one of the balloons [m]: a surface that turns less within that is round to them, and no ridge.
     """
     if solid.kind == "box":
         ridges = _ridges_of_box(solid.size)
