@@ -1,7 +1,7 @@
 """Check the outcome of a run: balloons that came apart, fell for ever, collapsed, swelled, swallowed parts or folded.
 
-Cheap measures of the last frame's points beside the mesh, on the host, in NumPy. The bounds are far from what the
-bundled scenes end with, and near to what balloons in ruins do (tests/test_outcomes.py).
+Cheap measures of the last frame's points beside the mesh, on the host, in NumPy. The bounds are far from the
+endings of the bundled scenes, and near to those of balloons in ruins (tests/test_outcomes.py).
 """
 
 from collections import Counter
@@ -26,7 +26,7 @@ FALLEN = 5.0
 """Fall below the start, over the balloon's size, from which on a balloon with nothing below it counts as falling
 forever"""
 DRIFTED = 0.5
-"""Distance of a part from the largest part, over the balloon's size, beyond what the balloon's growth explains"""
+"""Distance of a part from the largest part, over the balloon's size, beyond the balloon's growth"""
 LEAST_VOLUME, LEAST_AREA, LEAST_RADIUS = 0.25, 0.25, 0.5
 """Least fraction of the mesh's value; the radius is the root mean square distance from the center"""
 LEAST_INFLATED_VOLUME, LEAST_HEIGHT = 0.9, 0.8
@@ -75,10 +75,10 @@ class LastFrame(NamedTuple):
 
 
 def bad_endings(model: Model | ModelPlan, frame: Frame | LastFrame) -> list[BadEnding]:
-    """Find the balloons of a world that ended badly, each with the gravest of what there is, in the scene's order.
+    """Find the balloons of a world that ended badly, each with its gravest defect, in the scene's order.
 
     Args:
-        model: what was simulated.
+        model: the simulated model.
         frame: the last one.
     """
     found = (_ending(model, frame, number) for number in range(len(model.shapes)))
@@ -201,7 +201,7 @@ def _collapsed(rest: PolygonMesh, end: PolygonMesh, used: NDArray[np.integer], c
 
 
 def _misshapen(model: Model | ModelPlan, rest: PolygonMesh, end: PolygonMesh, number: int) -> BadEnding | None:
-    """Look at what is closed and thick enough that its volume says something."""
+    """Find a wrong size or sides of a closed balloon that is thick enough for its volume to be meaningful."""
     volume = signed_volume(rest)
     if volume < COMPACT * total_area(rest) ** 1.5:
         return None
@@ -234,7 +234,7 @@ def _is_left_to_itself(model: Model | ModelPlan) -> bool:
 
 
 def _height_left(rest: PolygonMesh, end: PolygonMesh, up: NDArray[np.float64]) -> float:
-    """Compare the height at the end with that of the mesh, along what was up, as the balloon has turned (Kabsch)."""
+    """Return the height at the end over the mesh's, along an up axis that has turned with the balloon (Kabsch)."""
     before, after = (mesh.points[np.unique(mesh.face_vertex_indices)] for mesh in (rest, end))
     before, after = before - before.mean(axis=0), after - after.mean(axis=0)
     left, _, right = np.linalg.svd(after.T @ before)

@@ -40,7 +40,7 @@ def require_ours(path: Path, what: str = "an output goes") -> None:
     """Make sure that a file which nobody named as the output is not there, or is ours to replace.
 
     Args:
-        what: goes there, as in "the materials of ball.obj go".
+        what: subject and verb, as in "the materials of ball.obj go".
 
     Raises:
         InputError: somebody else made it, or edited it since.
@@ -89,7 +89,7 @@ def require_ours_in(folder: Path, names: Iterable[str], manifests: Iterable[str]
 def sole_writer(*outputs: Path | None) -> Iterator[None]:
     """Keep other processes and threads from writing some outputs, files or folders, in a `with` block.
 
-    None is no output. What this thread holds already it may hold again, as a run holds the picture that it renders.
+    None is no output. This thread may hold again an output that it holds already, as a run that renders its picture.
 
     Raises:
         InputError: somebody else writes one; the message says who.
@@ -125,7 +125,7 @@ def require_no_inputs(outputs: Iterable[Path | None], inputs: Mapping[Path, str]
 
     Args:
         outputs: None is no output.
-        inputs: what each is, as "the scene's mesh".
+        inputs: the role of each, as "the scene's mesh".
 
     Raises:
         InputError: one is.

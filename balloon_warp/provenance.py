@@ -35,7 +35,7 @@ def describe_scene(scene: Scene) -> dict[str, Any]:
 
 
 def describe_simulation(scene: Scene, laws: Iterable[Law], substeps: int) -> dict[str, Any]:
-    """Describe what is simulated, and by what. Before the run: files may change meanwhile."""
+    """Describe the scene and the laws, files and versions it runs with. Before the run: files may change meanwhile."""
     return {
         "scene": describe_scene(scene),
         "laws": describe_laws(laws),

@@ -76,7 +76,7 @@ class Knot:
 
 
 def knot_size(mesh: PolygonMesh) -> float:
-    """Return the diameter of a sphere of a balloon's area at the start [m]: what `PROFILE` is in."""
+    """Return the diameter of a sphere of a balloon's area at the start [m]: the unit of `PROFILE`."""
     return float(np.sqrt(total_area(mesh) / np.pi))
 
 

@@ -53,7 +53,7 @@ class TableWriter:
         folder: where the files go.
         frame_count: how many frames there will be, the start among them.
         frames_per_second: of the column `time` [s].
-        varied: what differs between the worlds: columns of shape (world_count,), numbers or words.
+        varied: the parameters that differ between the worlds: columns of shape (world_count,), numbers or words.
         measures: names of the measured columns.
         world_count: how many worlds there are.
         kind: of the file beside the .npz: "csv" or "parquet".
@@ -113,7 +113,7 @@ class TableWriter:
         return self._npz
 
     def end_rows(self) -> Path:
-        """Write what waits of the rows; return the file so far, as `write_arrays` does."""
+        """Write the rows that wait; return the file so far, as `write_arrays` does."""
         if not self._ended:
             self._ended = True
             self._rows.close()

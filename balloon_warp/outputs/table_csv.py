@@ -20,7 +20,7 @@ class CsvRows:
     Args:
         path: of the file.
         columns: names of the columns.
-        varied: what differs between the worlds: columns of shape (world_count,), numbers or words.
+        varied: the parameters that differ between the worlds: columns of shape (world_count,), numbers or words.
         world_count: how many worlds there are.
     """
 
@@ -49,7 +49,7 @@ class CsvRows:
             self._file.write(rows[rows != PAD].data)
 
     def begin_again(self) -> None:
-        """Forget what was written."""
+        """Forget the written rows."""
         self._file.seek(0)
         self._file.truncate()
         self._write_header()

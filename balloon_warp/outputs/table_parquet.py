@@ -45,7 +45,7 @@ class ParquetRows:
     Args:
         path: of the file.
         columns: names of the columns.
-        varied: what differs between the worlds: columns of shape (world_count,), numbers or words.
+        varied: the parameters that differ between the worlds: columns of shape (world_count,), numbers or words.
         world_count: how many worlds there are.
 
     Raises:
@@ -76,14 +76,14 @@ class ParquetRows:
             self._flush()
 
     def begin_again(self) -> None:
-        """Forget what was written."""
+        """Forget the written rows."""
         self._waiting.clear()
         self._flush(wait_for=0)
         self._parts.close()
         self._open()
 
     def close(self) -> None:
-        """Write what waits, and close the file."""
+        """Write the frames that wait, and close the file."""
         self._flush(wait_for=0)
         self._encoders.shutdown()
         self._parts.close()
@@ -101,7 +101,7 @@ class ParquetRows:
         self._parts = ParquetParts(self._path.open("wb"))
 
     def _flush(self, wait_for: int = THREADS) -> None:
-        """Have what waits encoded as a row group, and write those that are, until so many are under way."""
+        """Have the frames that wait encoded as a row group, and write encoded groups, until so many are under way."""
         if self._waiting:
             self._encoded.append(self._encoders.submit(self._encode, self._waiting))
             self._waiting = []

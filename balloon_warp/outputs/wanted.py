@@ -59,7 +59,7 @@ class Wanted:
 
     @property
     def left_out(self) -> dict[str, str]:
-        """Names of what the stage lacks, for its metadata."""
+        """Names of the parts that the stage lacks, for its metadata."""
         lacking = [name for name in ("lights", "ground") if not getattr(self, name)]
         return {"leftOut": " ".join(lacking)} if lacking else {}
 
@@ -82,7 +82,7 @@ class Wanted:
 
         Raises:
             InputError: that is not so.
-            MissingExtraError: what writes one is not installed.
+            MissingExtraError: the package that writes one is not installed.
         """
         check_export(self.output)
         if self.picture:
@@ -114,7 +114,7 @@ class Wanted:
         """Check the picture's names of prims.
 
         Raises:
-            InputError: The picture is to show what the stage, whose frames are not there yet, does not have.
+            InputError: The picture is to show a prim that the stage, whose frames are not there yet, does not have.
         """
         if self.picture:
             from balloon_warp.outputs.render.view import check_view
@@ -139,7 +139,7 @@ class Wanted:
 
         Raises:
             InputError: it cannot be written.
-            KeyboardInterrupt: Ctrl-C; the message says what there is.
+            KeyboardInterrupt: Ctrl-C; the message lists the files that are written.
         """
         if not self.is_stage:
             self._make(self.output, lambda: export_stage(self.stage, self.output, on_note=on_note))
@@ -151,7 +151,7 @@ class Wanted:
         """Make the picture of the stage, if one is wanted.
 
         Raises:
-            KeyboardInterrupt: Ctrl-C; the message says what there is.
+            KeyboardInterrupt: Ctrl-C; the message lists the files that are written.
         """
         if self.picture:
             from balloon_warp.outputs.render import render_stage

@@ -26,7 +26,7 @@ def write_worlds(
 
     Args:
         table: with all its frames.
-        endings: what is known of how worlds ended that did not blow up.
+        endings: the known endings of worlds that did not blow up.
         further: the last columns, shape (world_count,) each.
     """
     columns = {**dict(_columns(table, endings)), **further}

@@ -35,7 +35,7 @@ def check_export(output: Path) -> None:
 
     Raises:
         InputError: it cannot.
-        MissingExtraError: what writes it is not installed.
+        MissingExtraError: the package that writes it is not installed.
     """
     suffix = output.suffix.lower()
     check_writable(output, EXPORT_SUFFIXES)
@@ -81,12 +81,12 @@ def export_stage(
     Args:
         stage: Any file that USD opens.
         output: File to write.
-        on_note: Called with sentences, such as how large a file will be, or what the stage lacks.
+        on_note: Called with sentences, such as the size of a file to come, or the missing files of the stage.
         on_frame: Called with the amount done, and the whole.
 
     Raises:
         InputError: the stage cannot be read, the output cannot be written, or the file of a frame is not ours.
-        MissingExtraError: what writes it is not installed.
+        MissingExtraError: the package that writes it is not installed.
     """
     stage, output = Path(stage), Path(output)
     check_export(output)

@@ -210,7 +210,7 @@ class _Glb:
                 self._animate(path, values.astype(np.float32))
 
     def _show(self, part: Part, node: dict[str, Any]) -> None:
-        """Hide what is absent in some frames by zero scale: glTF has no visibility."""
+        """Hide a part that is absent in some frames by zero scale: glTF has no visibility."""
         seen = np.array([part.seen(frame) for frame in self.frames])
         if not seen.all():
             size = np.array(node.get("scale", [1.0, 1.0, 1.0]), np.float32)

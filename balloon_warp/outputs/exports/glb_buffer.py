@@ -1,4 +1,4 @@
-"""The container of a .glb file: arrays, what is said of them, and how both are packed."""
+"""The container of a .glb file: arrays, their description in JSON, and the packing of both."""
 
 import json
 import struct
@@ -50,14 +50,14 @@ class GlbBuffer:
         return len(self.accessors) - 1
 
     def add_bytes(self, data: bytes) -> int:
-        """Add what is no array, such as an image's file, and get the number of its view."""
+        """Add bytes that are no array, such as an image's file, and get the number of their view."""
         self._views.append({"buffer": 0, "byteOffset": self._length, "byteLength": len(data)})
         self._chunks.append(data + b"\0" * (-len(data) % 4))
         self._length += len(self._chunks[-1])
         return len(self._views) - 1
 
     def write(self, path: Path, content: dict[str, Any]) -> None:
-        """Write the file: what glTF says, with these arrays."""
+        """Write the file: the glTF document, with these arrays."""
         said = content | {
             "accessors": self.accessors,
             "bufferViews": self._views,

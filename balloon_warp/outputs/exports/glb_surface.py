@@ -44,7 +44,7 @@ class Surface(NamedTuple):
 def surface_of(part: Part) -> Surface:
     """Return the surface of a part.
 
-    Deformable parts are smooth everywhere: what bends sharply in one frame is round in the next.
+    Deformable parts are smooth everywhere: a sharp bend of one frame is round in the next.
     """
     smooth = part.soft or is_round(UsdGeom.Mesh(part.prim))
     cut = leave_whole(part.mesh) if smooth else cut_at_creases(part.mesh, CREASE)

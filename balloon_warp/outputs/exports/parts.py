@@ -20,7 +20,7 @@ from balloon_warp.outputs.tubes import tube_points, tube_topology
 from balloon_warp.outputs.usd.presence import is_shown
 
 LEVEL = ("ground", "floor", "water", "pool")
-"""Names of level planes: no export has them, as they are far larger than what moves above them"""
+"""Names of level planes: no export has them, as they are far larger than the parts that move above them"""
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class Animation:
 
     Args:
         path: any file that USD opens.
-        on_note: called with sentences on what the stage lacks, and what in it is not taken.
+        on_note: called with sentences on missing files and left-out shapes of the stage.
 
     Raises:
         InputError: the file cannot be read as a stage, or there is nothing to export in it.

@@ -25,7 +25,7 @@ def grid_path(output: Path, frame: int) -> Path:
 def write_series(
     output: Path, animation: Animation, on_note: Callable[[str], None], on_frame: Callable[[int, int], None]
 ) -> None:
-    """Write the grids, OUTPUT.0000.vtu and so on, and then what lists them; arguments as `export_stage` has them."""
+    """Write the grids, OUTPUT.0000.vtu and so on, and then the list of them; arguments as `export_stage` has them."""
     listed = []
     for done, frame in enumerate(animation.frames, start=1):
         path = grid_path(output, frame)

@@ -1,4 +1,4 @@
-"""Pictures of several stages through one camera, so that what differs in them differs in the scenes."""
+"""Pictures of several stages through one camera, so that each difference between them is one of the scenes."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path

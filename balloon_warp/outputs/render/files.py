@@ -62,7 +62,7 @@ def _common_palette(pictures: list[Picture]) -> Image.Image:
 def _dithered(picture: Picture, palette: Image.Image) -> Image.Image:
     """Return a picture in a palette's colors.
 
-    Ordered dither, unlike error diffusion, leaves alone what does not move.
+    Ordered dither, unlike error diffusion, leaves unmoved pixels alone.
     """
     rows, columns = np.indices(picture.shape[:2]) % len(_BAYER)
     shifted = picture + DITHER * (_BAYER[rows, columns, None] - 0.5)

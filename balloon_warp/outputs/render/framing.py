@@ -59,7 +59,7 @@ def frame_action(
 
 
 def _without_backdrops(stage: RenderStage, frame: int) -> list[NDArray[np.float64]]:
-    """Return the points of each mesh, without rigid ones that are far larger than what moves between them."""
+    """Return the points of each mesh, without rigid ones that are far larger than the soft parts."""
     used = [points[mesh.used] for points, mesh in zip(stage.points(frame), stage.meshes, strict=True)]
     soft = [points for points, mesh in zip(used, stage.meshes, strict=True) if mesh.soft]
     if not soft:

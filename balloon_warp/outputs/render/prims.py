@@ -1,4 +1,4 @@
-"""The prims that are drawn: what stays the same, read once, and where they are at a moment."""
+"""The prims that are drawn: their fixed part, read once, and their places at a moment."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""Images on surfaces: what a material's texture is, and where on the mesh it goes."""
+"""Images on surfaces: a material's texture, and its places on the mesh."""
 
 import io
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""Runs the ray casting kernels: uploads what is drawn, moves it from frame to frame, and takes pictures of it."""
+"""Runs the ray casting kernels: uploads the shapes, moves them from frame to frame, and takes pictures of them."""
 
 import os
 from collections.abc import Callable
@@ -88,7 +88,7 @@ class RayCaster:
         self._shapes.ground_height, self._shapes.water_height = heights.tolist()
 
     def picture(self, camera: Camera) -> NDArray[np.uint8]:
-        """Return sRGB bytes of what the camera sees, shape (height, width, 3); with opacity (height, width, 4)."""
+        """Return the camera's picture as sRGB bytes, shape (height, width, 3); with opacity (height, width, 4)."""
         lens = raycast.Camera()
         lens.eye = wp.vec3(*self._local(camera.eye))
         right, up, backward = camera.axes

@@ -95,7 +95,7 @@ def render_stage(
             ground's shadow stays, unless there is water.
         frames: First and last frame of an animation; the stage's if not given.
         frames_per_second: Frame rate of an animation, which keeps its true speed; the stage's if not given.
-        on_note: Called with sentences on what the stage lacks, and what in it is not drawn.
+        on_note: Called with sentences on missing files of the stage, and on shapes that are not drawn.
 
     Returns:
         The frames that were drawn.

@@ -22,7 +22,7 @@ def moments(frame: int, shutter: float, last_frame: int) -> list[float]:
 
 
 def one_over_the_other(pictures: Iterable[NDArray[np.uint8]]) -> NDArray[np.uint8]:
-    """Return the mean of pictures, as light adds up; what is clear adds no light."""
+    """Return the mean of pictures, as light adds up; clear pixels add no light."""
     several = list(pictures)
     total = np.zeros(1)
     for picture in several:

@@ -48,7 +48,7 @@ class RenderStage:
     Args:
         path: any file that USD opens.
         rounds: whether spheres and capsules are meshes, too.
-        on_note: called with sentences on what the stage lacks, and what in it is not taken.
+        on_note: called with sentences on missing files and left-out shapes of the stage.
 
     Raises:
         InputError: the file is missing, cannot be read as a stage, or its time codes run nowhere or at no rate.
@@ -96,10 +96,10 @@ class RenderStage:
         return self._stage
 
     def read_prims(self, frame: float) -> None:
-        """Find what is drawn, as it is at a frame.
+        """Find the visible prims, as they are at a frame.
 
         Raises:
-            InputError: nothing is there to be drawn.
+            InputError: there is nothing to draw.
         """
         moment = Moment(self._stage, frame)
         self.meshes: list[MeshPrim] = []

@@ -18,7 +18,7 @@ QUARTERS = [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]
 
 
 class SmoothSurface:
-    """The fixed part of a mesh: what its triangles are, and between which vertices new ones are put.
+    """The fixed part of a mesh: its triangles, and the edges on which new vertices are put.
 
     A new vertex lies on the curve through an edge's ends that meets their normals at right angles, as in PN triangles
     (Vlachos et al. 2001, "Curved PN Triangles"); the old vertices stay where they are. Along creases the surface is

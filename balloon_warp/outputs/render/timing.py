@@ -52,7 +52,7 @@ def timing_of(stage: Usd.Stage, path: Path) -> Timing:
     whole = np.abs(samples - np.round(samples)).max(initial=0.0) < NEAR
     if whole and (SLOWEST <= rate <= FASTEST or len(samples) < 2):
         first = math.ceil(begin)
-        # Where no whole frame is between them, the next one shows what the last time code does.
+        # Where no whole frame is between them, the next one shows the state of the last time code.
         return Timing(stage, first, max(first, math.floor(end)), rate)
     frames = _frame_rate(samples, rate, frame_rate if 0.0 < frame_rate < math.inf else USUAL_RATE)
     begin = float(samples[0]) if len(samples) else begin

@@ -43,7 +43,7 @@ class View:
     follow: bool = False
     """Whether the camera follows its target, which is the balloons when nothing is named"""
     aperture: float = 0.0
-    """Diameter of the lens, in the stage's unit: what is nearer or farther than `focus` is blurred; 0 for a pinhole"""
+    """Diameter of the lens, in the stage's unit: things nearer or farther than `focus` are blurred; 0 for a pinhole"""
     focus: str | Point | None = None
     """Name of a prim, or a point of the stage, in focus; the middle of the picture when missing"""
 
@@ -130,7 +130,7 @@ class View:
         return replace(camera, aperture=self.aperture, focus=float((camera.eye - sharp) @ camera.axes[2]))
 
     def _subject(self, stage: RenderStage, frame: int, named: str | Point | None) -> NDArray[np.float64]:
-        """Return the points of what is named, Y up, shape (n, 3); of the balloons if nothing is."""
+        """Return the points of the named prim or place, Y up, shape (n, 3); of the balloons if none is named."""
         if named is None:
             shapes = zip(stage.points(frame), stage.meshes, strict=True)
             soft = [points[mesh.used] for points, mesh in shapes if mesh.soft]

@@ -46,7 +46,7 @@ def define_backdrop(
     prim.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
     prim.CreateDoubleSidedAttr(True)
     prim.CreateExtentAttr(UsdGeom.PointBased.ComputeExtent(points))
-    prim.CreatePurposeAttr(UsdGeom.Tokens.render)  # a viewer that frames what is there frames the subject
+    prim.CreatePurposeAttr(UsdGeom.Tokens.render)  # a viewer that frames prims of default purpose frames the subject
     for key in (SCENERY, BACKDROP):
         prim.GetPrim().SetCustomDataByKey(key, "Backdrop")
     _light_from_within(prim, sheet.points[:, 1])

@@ -24,10 +24,10 @@ def fit_for(scene: Scene) -> CameraFit:
 
 
 def as_pictured(camera: Camera, center: NDArray[np.float64], scene: Scene) -> Camera:
-    """Return a camera as near, and at what place, as the scene's picture says.
+    """Return a camera with the target and the zoom of the scene's picture.
 
     Args:
-        center: of what the camera has in view, Y up, shape (3,).
+        center: of the camera's subject, Y up, shape (3,).
     """
     if scene.picture is None:
         return camera

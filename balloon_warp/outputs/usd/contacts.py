@@ -38,7 +38,7 @@ class ContactChannels:
         self._number = number
 
     def write(self, frame: Frame) -> None:
-        """Write what presses the balloon, and zero of what does not touch it."""
+        """Write the contacts of the balloon, and zero for things that do not touch it."""
         found = {each.thing: each for each in frame.contacts if each.number == self._number} if self._attributes else {}
         for thing, attributes in self._attributes.items():
             contact = found.get(thing)

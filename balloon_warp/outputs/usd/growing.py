@@ -70,7 +70,7 @@ class GrowingStage(ABC):
 
     @abstractmethod
     def _finish(self, last: int) -> None:
-        """Write what stands around all frames, once they are there."""
+        """Write the prims that depend on all frames, such as the studio, once these are there."""
 
     def __enter__(self) -> Self:
         with ExitStack() as files:
@@ -165,7 +165,7 @@ class GrowingStage(ABC):
         self._count(group, number)
 
     def _count(self, group: int, number: int) -> None:
-        """Save what is authored when its size allows, which depends on the frames alone, so that the bytes do."""
+        """Save the authored samples once they are large enough, which the frames alone decide, and so the bytes."""
         self.layer.endTimeCode = max(number, self.layer.endTimeCode)
         self._unsaved_bytes += self._groups[group].frame_bytes
         if self._grows and self._unsaved_bytes > SAVE_BYTES:
@@ -173,7 +173,7 @@ class GrowingStage(ABC):
             self._unsaved_bytes = 0
 
     def _save(self, kind: type[BaseException] | None, *_: object) -> None:
-        """Save what the file's end begins with, so that a failure to save is one of its own."""
+        """Write the end of the stage and save it before the file closes, so that a failure to save is its own."""
         if kind is not None:
             return
         if self._last is not None:

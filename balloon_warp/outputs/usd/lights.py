@@ -59,7 +59,7 @@ def define_lights(
 
 
 def _facing(backward: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the axes of what shines against a direction, a row each: to its right, up and backward."""
+    """Return the axes of a lamp that shines against a direction, a row each: to its right, up and backward."""
     straight = abs(backward[1]) > 0.99
     right = np.cross([0.0, 0.0, -1.0] if straight else [0.0, 1.0, 0.0], backward)
     right /= np.linalg.norm(right)

@@ -28,7 +28,7 @@ def write_textures(stage: Path, models: Iterable[Model | ModelPlan]) -> None:
     """Write the images that a stage names into the folder beside it.
 
     Args:
-        models: what is in the stage.
+        models: those in the stage.
 
     Raises:
         InputError: one cannot be written.

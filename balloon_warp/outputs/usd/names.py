@@ -1,4 +1,4 @@
-"""Names of prims: as what they show, in any script, as far as USD takes it."""
+"""Names of prims: the names of the shown things, in any script, as far as USD takes it."""
 
 import itertools
 import unicodedata

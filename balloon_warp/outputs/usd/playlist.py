@@ -17,7 +17,7 @@ def write_playlist(path: Path, still: str, parts: Sequence[tuple[int, str]], las
         still: the name of the stage that has all but the frames.
         parts: the first frame of each part, and its name.
         last: the last frame of the last one.
-        scene: what the stage shows.
+        scene: of the stage.
     """
     stage = _stage_over(path, [still], last, scene)
     clips = Usd.ClipsAPI(stage.GetDefaultPrim())

@@ -28,7 +28,7 @@ class SpherePrim:
         self.number, self._scene = number, model.scene
         self._translate = define_sphere(stage, path, model.scene.sphere[number], number)
         self.prim = UsdGeom.Sphere(stage.GetPrimAtPath(path))
-        if model.scene.sphere[number].start == 0.0:  # UsdPhysics has no word for what is not there yet
+        if model.scene.sphere[number].start == 0.0:  # UsdPhysics has no word for a body that is not there yet
             self._start(model)
 
     def _start(self, model: Model) -> None:

@@ -25,7 +25,7 @@ HOVER = 0.6
 LARGE = 12.0
 """Size of an obstacle, in sizes of the subject, from which on it is a floor or a wall itself"""
 BELOW = 1e-3
-"""Depth of the backdrop below what stands on it, in sizes of the subject"""
+"""Depth of the backdrop below the things that stand on it, in sizes of the subject"""
 
 
 @dataclass
@@ -56,7 +56,7 @@ class Bounds:
 def define_studio(
     stage: Usd.Stage, scene: Scene, paths: Sequence[Sdf.Path], frames: Sequence[int], *, backdrop: bool = True
 ) -> None:
-    """Define a camera, and lights and a backdrop around what it sees; nothing where nothing is to be seen.
+    """Define a camera, and lights and a backdrop around its subject; nothing where there is no subject.
 
     Args:
         scene: whose picture says from where to look.

@@ -1,6 +1,6 @@
-"""Velocities as a stage has them: of the points that stand in it, so that motion blur follows what is seen.
+"""Velocities as a stage has them: of the points in it, so that motion blur follows the visible motion.
 
-A simulated velocity is that of one substep. It trembles with what no frame shows, and would end in motion blur.
+A simulated velocity is that of one substep. It trembles with vibrations that no frame shows, but motion blur would.
 """
 
 import numpy as np

@@ -1,6 +1,6 @@
 """Files of a world each, with all that moved in it: for learning.
 
-world_file   what stands in such a file
+world_file   the contents of such a file
 frames       frames as they come, before they go into one
 packing      how arrays are cut and compressed
 hdf5         as HDF5, by h5py
