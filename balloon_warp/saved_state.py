@@ -14,7 +14,7 @@ CHANGES = "set"
 
 
 def packed(state: State, changes: Sequence[tuple[int, Mapping[str, Any]]]) -> dict[str, NDArray]:
-    """Copy a state to the host, with what was set until then.
+    """Copy a state to the host, with the values set until then.
 
     Args:
         changes: pairs of a frame and the values by their paths.
@@ -26,12 +26,12 @@ def packed(state: State, changes: Sequence[tuple[int, Mapping[str, Any]]]) -> di
 
 
 def saved_changes(saved: Mapping[str, NDArray]) -> list[tuple[int, dict[str, Any]]]:
-    """Find what had been set when a simulator was saved, in order."""
+    """Find the values set before a simulator was saved, in order."""
     return json.loads(str(saved[CHANGES])) if CHANGES in saved else []
 
 
 class Restored(Protocol):
-    """A simulator at its start, as what was saved is restored into it."""
+    """A simulator at its start, into which a saved one is restored."""
 
     frame_number: int
     state: State

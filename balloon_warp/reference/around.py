@@ -105,7 +105,7 @@ class Around:
         return self.contacts.touch.forces(x, v, self.h) if self.contacts.touch else 0.0
 
     def foresee(self, x, end, course):
-        """Return where particles would come beside what is around, and the normals there."""
+        """Return foreseen places of particles beside spheres, obstacles and the ground, and the normals there."""
         normals, stood = np.zeros_like(x), end
         for ball in self.spheres:
             stood, _, normal = solids.leave_sphere(ball, stood, course)

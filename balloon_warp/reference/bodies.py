@@ -61,7 +61,7 @@ def speed_of(thing):
 def grips(bodies, things, friction, h, fall):
     """Return contacts of samples, little balls, of each body with each thing, of an obstacle also at the body.
 
-    Each has its key, body, other body or None, normal, arms, velocity of what is met, gap, friction, restitution.
+    Each has its key, body, other body or None, normal, arms, velocity of the other surface, gap, friction, restitution.
 
     Args:
         things: The ground, obstacles and bodies.
@@ -100,9 +100,9 @@ def grips(bodies, things, friction, h, fall):
 
 
 def settle(a, b, n, least, friction, impulse, allowed, most):
-    """Let contacts push one after the other, with what was pushed so far, until they agree (projected Gauss-Seidel).
+    """Solve contacts' impulses one after the other, each with the latest of the others (projected Gauss-Seidel).
 
-    All go on by a part of what the last sweep has changed (Nesterov; O'Donoghue and Candes 2015).
+    All go on by a part of the last sweep's change (Nesterov; O'Donoghue and Candes 2015).
 
     Args:
         a, b: Velocities at contacts are b + a impulse, of shapes (k, 3, k, 3) and (k, 3).
@@ -204,7 +204,7 @@ def move(bodies, things, friction, kept, h, gravity, up):
         none = np.zeros_like(n)
         shifts, _ = settle(a, -moving, n, out, 0.0 * gap, none, 0.01 * -gap.min(), most)
         gap, ways = gap + (n * np.einsum("kxly,ly->kx", a, shifts)).sum(axis=1), np.einsum("bxkz,kz->bx", gains, shifts)
-        for body, way in zip(bodies, ways, strict=True):  # what turns it turns its momentum, too
+        for body, way in zip(bodies, ways, strict=True):  # a turn of it turns its momentum, too
             body["position"], turn = body["position"] + way[:3], turn_by(way[3:])
             body["spin"], body["turn"] = turn @ body["spin"], turn @ body["turn"]
             body["turning"] = turn @ body["turning"] @ turn.T
@@ -232,7 +232,7 @@ def move(bodies, things, friction, kept, h, gravity, up):
 
 
 def stop(body, start, end, v, radius, h):
-    """Return normals, arms, excess speeds and ways out of what moves past a body; normals are 0 where it lets it."""
+    """Return normals, arms, excess speeds and ways out of points that pass a body; normals are 0 where it lets them."""
     arm, turn = start - body["start"], turned(body, h)
     let, normal, _, _ = way_through(body["solid"], arm @ body["turn"], (end - body["position"]) @ turn, radius)
     back, normal = let @ turn.T - (end - body["position"]), normal @ turn.T

@@ -87,7 +87,7 @@ class Movers:
     Args:
         ease: Inverse masses of particles, shape (n, 1).
         solids: Dictionaries with position, velocity, spin, mass, and turning, the inverse inertia tensor.
-        ground: Its height and the axis up, where it stops what is pushed.
+        ground: Its height and the axis up, where it stops pushed movers.
     """
 
     def __init__(self, x, v, ease, solids=(), ground=None):

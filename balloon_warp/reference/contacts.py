@@ -1,4 +1,4 @@
-"""Contacts of a scene, which are empty where nothing meets: what `contact` and `touch` take, from the host's plan."""
+"""Contacts of a scene, which are empty where nothing meets: inputs of `contact` and `touch`, from the host's plan."""
 
 from itertools import product
 from types import SimpleNamespace
@@ -106,7 +106,7 @@ class Contacts:
 
 
 def solid_of(shape, up):
-    """Return what `solids.surface` takes of an obstacle's or a body's shape."""
+    """Return the input of `solids.surface` for an obstacle's or a body's shape."""
     return SimpleNamespace(shape=shape.kind, size=shape.size, thickness=shape.thickness, up=up)
 
 

@@ -56,7 +56,7 @@ def implicit_pressure(gas, p, h, bound, volume, response, rate, height, response
 
 
 def given_pressure(gas, p, h, given, enclosed, fall, volume, response, rate, height, response_height):
-    """Set the pressure and load of a balloon of a given one: never less than stops its volume at what stays in it.
+    """Set pressure and load of a balloon of a given one, raised where its volume would fall below a least one.
 
     On a flat skin in a liquid it rises with depth as the liquid does, `fall` [Pa/m], and nothing turns inside out.
     """

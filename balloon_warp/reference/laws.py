@@ -152,7 +152,7 @@ def fans(x, faces):
 
 
 def shared(faces, at_corner, at_next, at_center):
-    """Return what triangles of fans give their corners, summed over particles; all corners share the center's."""
+    """Return the sums over particles of values at the corners of fans' triangles; all corners share the center's."""
     count = faces.means.shape[1]
     at_center = summed(len(faces.means), faces.of, at_center)
     return summed(count, faces.corners, at_corner) + summed(count, faces.nexts, at_next) + faces.means.T @ at_center

@@ -35,7 +35,7 @@ def planned(scene: Scene, values: dict[str, float]) -> tuple[ModelPlan, dict[str
 
 
 def changed(plan: ModelPlan, change: Any, before: dict[str, Array]) -> dict[str, Array]:
-    """Return the parameters after a change that a scene plans, and what follows from them."""
+    """Return the parameters after a change that a scene plans, with their dependents."""
     after = before | {name: before[name].copy() for name in change.values}
     for name in change.values:
         change.apply(name, after[name])

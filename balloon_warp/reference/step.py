@@ -73,7 +73,7 @@ class Reference:
 
     @staticmethod
     def lacks(scene: Scene) -> list[str]:
-        """Name what a scene asks for that the reference does not have."""
+        """Name the features of a scene that the reference does not have."""
         asked = {
             "projective": scene.solver == "projective",
             "tears": any(balloon.material.strength is not None for balloon in scene.balloon),

@@ -30,7 +30,7 @@ class Checkpoints:
     """Keeps a job safe as it goes: a run, or a batch.
 
     A checkpoint is where the simulation of each group goes on, `state_FRAME_GROUP.npz`, the part of the stage since the
-    last, `frames_NUMBER.usdc`, and what goes with it, `rows_NUMBER.npz`; `frames.usda` plays all of them.
+    last, `frames_NUMBER.usdc`, and the rows beside it, `rows_NUMBER.npz`; `frames.usda` plays all of them.
 
     Each file appears whole, a part's rows last: a part without them is no part, and a state that no rows lead up to is
     not gone on from.
@@ -38,11 +38,11 @@ class Checkpoints:
     Args:
         folder: where they are, or will be.
         kind: of the job, in sentences: "run" or "batch".
-        job: what the bits of the job depend on.
-        scene: what the stage shows.
+        job: the inputs that decide the bits of the job.
+        scene: of the stage.
         seconds: between two checkpoints; 0 for none but the last of a job that is stopped.
         resume: whether to go on from those that are there.
-        on_note: told what is there, in a sentence.
+        on_note: called with a sentence on the checkpoints that are there.
     """
 
     def __init__(
@@ -132,17 +132,17 @@ class Checkpoints:
         """Save where the simulation of a group is, before the rows that lead up to it.
 
         Raises:
-            InputError: it cannot be written; what was there stays.
+            InputError: it cannot be written; earlier files stay.
         """
         self._begin()
         with self.folder.file(self._state(frame, group).name) as path:
             write_npz(path, arrays)
 
     def save_part(self, output: Output, part: Part) -> None:
-        """Save a part of what is in the output; states of earlier frames are not needed any more.
+        """Save a part of the output; states of earlier frames are not needed any more.
 
         Raises:
-            InputError: it cannot be written; what was there stays.
+            InputError: it cannot be written; earlier files stay.
         """
         self._begin()
         begins = [*self._begins, part.frames.start]
@@ -217,7 +217,7 @@ def _stage_name(part: int) -> str:
 
 @contextmanager
 def _reading(path: Path, what: str) -> Iterator[None]:
-    """Say of a file that is damaged or not there what was expected.
+    """Name the expected content where a file is damaged or not there.
 
     Raises:
         InputError: it is.

@@ -17,7 +17,7 @@ JOB_NAME = "job.json"
 
 
 class PartialFolder:
-    """A folder of files that each appear whole, in the order in which they are written, and that say of what job.
+    """A folder of files that each appear whole, in the order in which they are written, and their job.
 
     Args:
         path: where it is, or will be, or a link that leads there.
@@ -30,7 +30,7 @@ class PartialFolder:
         self._let_go: Callable[[], object] = lambda: None
 
     def job(self) -> dict[str, Any] | None:
-        """Read what the files are of; nothing where there are none.
+        """Read the job of the files; None where there are none.
 
         Raises:
             InputError: there is something else.
@@ -47,7 +47,7 @@ class PartialFolder:
         return without_mark(job)
 
     def require_own(self) -> None:
-        """Make sure that what is there, if anything, is ours to replace.
+        """Make sure that an existing file or folder is ours to replace.
 
         Raises:
             InputError: it is something else of the same name.
@@ -59,7 +59,7 @@ class PartialFolder:
                     raise InputError(f"{path}: is where checkpoints go; expected no file of that name")
 
     def clear(self, has_checkpoint: bool) -> None:
-        """Clear away what a process that was killed had begun here: all of it, where it came to no checkpoint."""
+        """Clear away the beginnings of a process that was killed: all of them, where it came to no checkpoint."""
         clear_left_over(self.path)
         if has_checkpoint:
             return
@@ -70,7 +70,7 @@ class PartialFolder:
             _remove(self.path)
 
     def begin(self, job: Mapping[str, Any]) -> None:
-        """Make the folder, for a job; what was there of an earlier one is put aside.
+        """Make the folder, for a job; the files of an earlier one are put aside.
 
         Raises:
             InputError: it cannot be made, or there is something else.
@@ -107,7 +107,7 @@ class PartialFolder:
         return whole_file(self.path / name)
 
     def remove(self) -> None:
-        """Remove the folder, and what was put aside, once the job is done."""
+        """Remove the folder, and the files put aside, once the job is done."""
         self._let_go()
         for path in (self.path, self.aside):
             _remove(path)

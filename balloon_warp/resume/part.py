@@ -29,7 +29,7 @@ class Output(Protocol):
         """Stage that grows, if there is one."""
 
     def rows(self, part: Part) -> Mapping[str, NDArray]:
-        """Return what a part has besides the stage, as arrays by name; what it refers to is safe then."""
+        """Return the contents of a part besides the stage, as arrays by name; files they refer to are safe then."""
         ...
 
     def take_rows(self, part: Part, saved: Mapping[str, NDArray]) -> None:

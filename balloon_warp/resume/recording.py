@@ -33,7 +33,7 @@ def record_frames(
     """Write frames, on a thread of their own, and a checkpoint when one is due or the job is stopped.
 
     Args:
-        frames: what is simulated, as it comes: numbers and what the output takes.
+        frames: numbers and simulated frames for the output, as they come.
         states: Functions that return the state of each group after the last frame.
         interrupts: that stop the job, after a frame and its checkpoint.
         on_frame: Called with the number of each simulated frame.

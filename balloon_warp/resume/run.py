@@ -39,7 +39,7 @@ class RunOutput:
 
 
 def partial_path(output: Path) -> Path:
-    """Name the folder of a run that is not finished, beside its output, or what links lead to from there."""
+    """Name the folder of a run that is not finished, beside its output, or beside the target of links there."""
     target = target_of(output)
     return target.with_name(f"{target.name}.partial")
 
@@ -57,7 +57,7 @@ def halvings_until(folder: Path, substeps: int) -> int:
 
 
 def describe_run(simulator: Simulator) -> dict[str, Any]:
-    """Describe what the bits of a run depend on, as JSON has it. Before the run: mesh files may change meanwhile."""
+    """Describe the inputs that decide a run's bits, for JSON. Before the run: mesh files may change meanwhile."""
     model = simulator.model
     done_by = {
         "schedule": simulator.schedule.name,
