@@ -1,4 +1,4 @@
-"""Scenes: what a TOML file says, checked, with overrides and defaults applied."""
+"""Scenes: the contents of a TOML file, checked, with overrides and defaults applied."""
 
 from balloon_warp.scene.load import SceneLike, bundled_scenes, load_scene, scene_of
 from balloon_warp.scene.schema import (

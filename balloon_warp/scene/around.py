@@ -45,7 +45,7 @@ def scene_table_around(
     balances there, would drive it away.
 
     Args:
-        balloon: how the mesh is to be placed, in which unit, and what kind of inflation it is to have.
+        balloon: the placement, the unit and the kind of inflation of the mesh.
         up_axis: "Y" or "Z"; the mesh's own when missing.
         gravity: that is asked for [m/s^2], and so is not told.
 
@@ -120,7 +120,7 @@ def _description(name: str, mesh: PolygonMesh, size: float, gravity: float | Non
     Args:
         size: of the mesh [m].
         gravity: that was chosen for it [m/s^2], if it was.
-        taken: which axis is up, and what else is known, in sentences.
+        taken: the mesh's up axis and unit, in sentences.
     """
     if mesh.unit_known:
         return f"{name}, {size:.3g} m across, inflates above a floor{taken}"

@@ -34,7 +34,7 @@ def balloon_color(scene: Scene, number: int) -> Color:
 
 
 def looks_of_file(mesh: PolygonMesh | None, said: Balloon | Obstacle | Body) -> Looks | None:
-    """Return the looks of a mesh's file, where they count: what the scene says of its color counts for more."""
+    """Return the looks of a mesh's file, where they count: a color or print in the scene has precedence."""
     covered = said.color is not None or (isinstance(said, Balloon) and said.print is not None)
     return None if mesh is None or covered else mesh.looks
 

@@ -1,4 +1,4 @@
-"""A validation error in one sentence: which field, what was found, what was expected."""
+"""A validation error in one sentence: the field, the value found, and the values expected."""
 
 import re
 import typing
@@ -18,9 +18,9 @@ MOST_ASKED = 4
 
 
 def complaint(error: ValidationError, schema: type[BaseModel]) -> str:
-    """Name the first wrong field, and what was expected of it.
+    """Name the first wrong field, and its expected values.
 
-    A value that fits no member of a union fails each of them: what they expect is joined by "or".
+    A value that fits no member of a union fails each of them: their expectations are joined by "or".
     """
     by_field: dict[str, list[ErrorDetails]] = {}
     for details in error.errors():
@@ -30,7 +30,7 @@ def complaint(error: ValidationError, schema: type[BaseModel]) -> str:
     # Unknown fields come first: a missing field is often there by another name.
     unknown = (field for field, failures in by_field.items() if failures[0]["type"] == "extra_forbidden")
     field = next(unknown, next(iter(by_field)))
-    deepest = max(len(details["loc"]) for details in by_field[field])  # of a union, what fits it nearly
+    deepest = max(len(details["loc"]) for details in by_field[field])  # of a union, the members it nearly fits
     failures = [details for details in by_field[field] if len(details["loc"]) == deepest]
     first = failures[0]
     match first["type"]:
@@ -114,7 +114,7 @@ def _key_count(annotation: object) -> int:
 
 
 def _expected(details: ErrorDetails) -> str:
-    """Return Pydantic's sentence as what a value must be."""
+    """Return the end of "must be ..." for a sentence of Pydantic."""
     message = details["msg"]
     if details.get("ctx", {}).get("ge") == TINY:
         return "greater than 0" if float(details["input"]) <= 0.0 else f"at least {TINY:g}"

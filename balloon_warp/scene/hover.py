@@ -23,7 +23,7 @@ INDENT = " " * 4
 
 
 def unsaid() -> Iterator[tuple[Tables, str, str]]:
-    """Return tables, fields that do not say below them what they are, and what that is."""
+    """Return tables, fields whose docstrings below them lack the meaning, and the meaning."""
     for table in dict.fromkeys(table for _, table in tables()):
         for field in vars(table).get("__annotations__", {}):
             if field in table.model_fields:
@@ -35,7 +35,7 @@ def unsaid() -> Iterator[tuple[Tables, str, str]]:
 
 
 def main() -> None:
-    """Write what is missing."""
+    """Write the missing docstrings."""
     for table, field, meaning in list(unsaid()):
         path = Path(inspect.getfile(table))
         lines = path.read_text(encoding="utf-8").splitlines()

@@ -45,7 +45,7 @@ def drop_masses(table: dict[str, Any], overrides: Iterable[tuple[str, Any]]) -> 
 
 
 def _set_fields(number: int, overrides: Iterable[tuple[str, Any]], field: str = "inflation") -> dict[str, Any]:
-    """Find what overrides set in the inflation, or another field, of a balloon."""
+    """Find the values that overrides set in the inflation, or another field, of a balloon."""
     fields = {}
     for path, value in overrides:
         for opening in (f"balloon.{field}.", f"balloon.{number}.{field}."):

@@ -40,7 +40,7 @@ def bundled_scenes() -> dict[str, Path]:
 
 
 def scene_name(source: str | Path) -> str:
-    """Name what outputs of this scene are called: the bundled name, or the file's name without its suffix."""
+    """Return the name of this scene's outputs: the bundled name, or the file's name without its suffix."""
     return legible(Path(source).stem)
 
 
@@ -51,7 +51,7 @@ def find_mesh(name: str, source: str | Path) -> Path:
 
 
 def scene_of(source: SceneLike) -> Scene:
-    """Return the scene itself, or what `load_scene` makes of what is none yet."""
+    """Return a scene itself, and load anything else by `load_scene`."""
     return source if isinstance(source, Scene) else load_scene(source)
 
 
@@ -94,7 +94,7 @@ def mesh_balloon(path: Path, overrides: Sequence[Override] = ()) -> Balloon:
 
 
 def _from_python(source: Scene | MeshLike, overrides: Sequence[Override]) -> Scene:
-    """Make a scene of what is no file: a scene, with its overrides made, or a mesh, with a scene around it.
+    """Make a scene of a Python object: a scene, with its overrides made, or a mesh, with a scene around it.
 
     Raises:
         InputError: it is neither, or as `load_scene`.
@@ -157,7 +157,7 @@ def _overridden(table: dict[str, Any], overrides: Sequence[Override], path: Path
 
 
 def _culprit(table: dict[str, Any], overrides: Sequence[Override]) -> OverrideError:
-    """Find the override at fault: the last without which all is well, or the first that spoils what came before."""
+    """Find the override at fault: the last without which all is well, or the first that spoils those before it."""
     numbers = range(len(overrides))
     for number in reversed(numbers):
         if not _complaint(table, [*overrides[:number], *overrides[number + 1 :]]):
@@ -167,7 +167,7 @@ def _culprit(table: dict[str, Any], overrides: Sequence[Override]) -> OverrideEr
 
 
 def _complaint(table: dict[str, Any], overrides: Sequence[Override] = ()) -> str | None:
-    """Return what is wrong with a table once values are set at some paths; None if nothing is."""
+    """Return the error of a table once values are set at some paths; None if it is valid."""
     overridden = copy.deepcopy(table)
     try:
         apply_overrides(overridden, overrides)
@@ -220,7 +220,7 @@ def files_of(meshed: Balloon | Obstacle | Body) -> dict[str, Path]:
 
 
 def files_of_scene(scene: Scene) -> dict[Path, str]:
-    """Return the files that a scene names, each with what it is, as "the scene's mesh"."""
+    """Return the files that a scene names, each with its role, as "the scene's mesh"."""
     tables = [each for name in MESHED for each in getattr(scene, name)]
     named = [(path, file) for each in tables for path, file in files_of(each).items()]
     return {file: f"the scene's {path.rpartition('.')[2]}" for path, file in named}
@@ -261,5 +261,5 @@ def _read_toml(path: Path) -> dict[str, Any]:
 
 
 def _without_advice(error: ValueError) -> str:
-    """Return what is wrong, without how to change Python."""
+    """Return the error, without advice on changing Python."""
     return str(error).partition(";")[0]

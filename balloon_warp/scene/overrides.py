@@ -57,7 +57,7 @@ def apply_overrides(table: dict[str, Any], overrides: Iterable[Override]) -> Non
 
     A list without a number in the path means all of it.
 
-    Where the kind of an inflation is set, what the table has for other kinds goes; what is set stays, in any order.
+    Where the kind of an inflation is set, the table's fields of other kinds go; set values stay, in any order.
 
     Raises:
         OverrideError: a path leads through a value that has no fields, or past the end of a list.
@@ -111,7 +111,7 @@ def override_scene(scene: Scene, overrides: Iterable[Override], other_kinds: boo
 
     Args:
         other_kinds: whether a field of another kind of inflation asks for that kind, where the scene names none, as in
-            a scene file; what is running keeps its own.
+            a scene file; a running scene keeps its own.
 
     Raises:
         InputError: names the path or field that is wrong.

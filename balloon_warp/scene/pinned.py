@@ -10,7 +10,7 @@ from balloon_warp.errors import InputError
 
 
 def pins_of(given: Any) -> Any:
-    """Make a list of a single name, and numbers of a mask; what is neither, stays as it is."""
+    """Make a list of a single name, and numbers of a mask; other values stay as they are."""
     if isinstance(given, str):
         return [given]
     is_mask = isinstance(given, list) and bool(given) and all(isinstance(pin, bool) for pin in given)

@@ -17,7 +17,7 @@ MOST = 0.5
 def pinned_at_borders(mesh: PolygonMesh, parts: Parts) -> NDArray[np.int64]:
     """Find the particles on the borders of open parts, in order; of a part without others, those of its first face.
 
-    None where most of the surface is of closed parts, or where parts are free and some of them are closed: what is held
+    None where most of the surface is of closed parts, or where parts are free and some of them are closed: pins
     would leave those to fall. Faces that go all around something count as closed, with fins on them, too.
 
     Args:

@@ -1,4 +1,4 @@
-"""Materials that are known: what is by whom, and what is an estimate.
+"""Materials that are known, with the sources of values, and the estimates.
 
 - latex: Mueller and Strehlow 2004, Rubber and Rubber Balloons, for a toy balloon: 2 C1 = 3 bar, 2 C2 = 0.3 bar. Skin
   and density are estimates, usual ones of toy balloons and of vulcanized rubber; the skin of latex_thick is one of

@@ -21,7 +21,7 @@ Tables = type[BaseModel]
 
 
 def default_of(table: Tables, field: str) -> str:
-    """Write what a field is where a file does not say it, as TOML; empty where it must be said, or is nothing then."""
+    """Write the default of a field, as TOML; empty where the field is required, or its default is empty or a table."""
     info = table.model_fields[field]
     if info.is_required() or info.default in (None, "", [], {}) or isinstance(info.default, BaseModel):
         return ""

@@ -1,4 +1,4 @@
-"""The scene over time: which of its spheres and strings are there, and what has changed."""
+"""The scene over time: the times of its spheres and strings, and its changes."""
 
 from collections.abc import Iterator
 from math import ceil
@@ -9,7 +9,7 @@ from balloon_warp.scene.schema import Scene, Sphere, String
 
 
 def frame_at(scene: Scene, seconds: float) -> int:
-    """Find the first frame that is not before a time; what rounding puts a little after a frame belongs to it."""
+    """Find the first frame that is not before a time; times that rounding puts a little after a frame belong to it."""
     return ceil(seconds * scene.frames_per_second - 1e-6)
 
 

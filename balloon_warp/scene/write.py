@@ -28,7 +28,7 @@ LONGEST_COMMENT = 100
 
 
 def write_scene(scene: Scene, path: Path) -> list[Path]:
-    """Write a scene as a file that runs wherever it is taken with what is beside it; returns the files written.
+    """Write a scene as a file that runs wherever it is taken with the files beside it; return the files written.
 
     Meshes and prints of bundled scenes are copied beside it. Others are named from where it is.
 
@@ -58,7 +58,7 @@ def write_scene(scene: Scene, path: Path) -> list[Path]:
 
 
 def scene_toml(scene: Scene, folder: Path) -> str:
-    """Write the scene as a TOML file in `folder` would say it, with what each field is, but without defaults.
+    """Write the scene as a TOML file in `folder` would say it, with each field's meaning, but without defaults.
 
     Mesh files are named from the folder, those of bundled scenes by their whole path. Every number has all its digits.
     """
@@ -122,7 +122,7 @@ def _lines(said: BaseModel, dump: dict[str, Any], path: str = "") -> list[str]:
 
     Args:
         said: the table.
-        dump: what of it is written.
+        dump: its written part.
         path: of the table in the scene, with a dot at its end.
     """
     values: dict[str, str] = {}
