@@ -1,4 +1,4 @@
-"""Schedules decide which thread computes what; the physics is the same in each."""
+"""Schedules assign the work of a substep to threads; the physics is the same in each."""
 
 from balloon_warp.schedules.choose import SCHEDULES, Schedule, make_schedule
 

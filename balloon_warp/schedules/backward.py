@@ -1,6 +1,6 @@
 """Frames backwards: from the derivatives by where a frame ends to those by where it begins.
 
-A frame is computed again from its beginning, and what each substep finds is kept. Then its substeps run backwards.
+A frame is computed again from its beginning, and the values of each substep are kept. Then its substeps run backwards.
 """
 
 from abc import ABC, abstractmethod
@@ -36,7 +36,7 @@ class BackwardFrames(ABC):
     """Run frames of a model backwards.
 
     Args:
-        state: of the simulation, whose arrays tell what a frame begins with; it stays as it is.
+        state: of the simulation, whose arrays hold the start of a frame; it stays as it is.
         columns: of the numbers of laws, those that are derived by.
         step: phases in pieces, as they are computed again.
         tables: of the model.
@@ -69,7 +69,7 @@ class BackwardFrames(ABC):
     @staticmethod
     @abstractmethod
     def room_of_frame(model: Model, room: Room) -> None:
-        """Ask for what the substeps of a frame keep."""
+        """Ask for the memory that the substeps of a frame keep."""
 
     @abstractmethod
     def frame(self) -> None:
@@ -77,14 +77,14 @@ class BackwardFrames(ABC):
 
     @property
     def carried_bars(self) -> dict[str, wp.array]:
-        """Bars of what spheres and contacts carry from frame to frame, by its names in the state."""
+        """Bars of the values that spheres and contacts carry from frame to frame, by their names in the state."""
         return {
             **(self.spheres.carried_bars if self.spheres else {}),
             **(self.touch.carried_bars if self.touch else {}),
         }
 
     def checkpoint(self, state: State, but: Collection[str] = ()) -> dict[str, wp.array]:
-        """Return what a frame begins with, copied, but for what somebody else keeps."""
+        """Return a copy of the arrays that a frame begins with, but for those that somebody else keeps."""
         return {name: wp.clone(getattr(state, name)) for name in self.kept_names if name not in but}
 
     @property

@@ -49,7 +49,7 @@ REGISTERS_OF_TWO = 64
 """Registers of threads that loop, where two blocks on a multiprocessor are faster, though numbers then wait in memory:
 without a gas, over faces of membranes, and as a frame is computed again"""
 MOST_SLOTS = 14
-"""Largest number of springs of a particle, with what fills up, for which there are registers"""
+"""Largest number of springs of a particle, with padding, for which there are registers"""
 WARP_THREADS = 32
 BYTES_PER_PARTICLE = 48
 """Shared memory for two buffers of points, and for the bars of forces and area vectors"""
@@ -58,8 +58,8 @@ BYTES_PER_PARTICLE = 48
 def fits_in_block_backwards(model: Model) -> bool:
     """Return whether a block can run a world backwards: one balloon, which fits in shared memory.
 
-    Gas that comes and goes is left to launches, water, spheres, normal forces, what touches itself, and faces that
-    meet ridges.
+    Left to launches are gas that comes and goes, water, spheres, normal forces, balloons that touch themselves, and
+    faces that meet ridges.
     """
     features = model_features(model)
     fits = model.balloon_count == 1 and model.particle_count <= most_particles(model, BYTES_PER_PARTICLE)
@@ -108,7 +108,7 @@ def layout_again(model: Model) -> Layout:
 def plan_backwards(model: Model) -> Backwards:
     """Return the phases of a model in pieces, as they run backwards, and as they are computed again before.
 
-    What particles see of each other, and what they add up, is kept.
+    Values that particles see of each other, and sums, are kept.
     """
     features, layout, forth = model_features(model), layout_backwards(model), layout_again(model)
     phases, look = phases_of(features), look_of(layout, features.spheres)
@@ -146,7 +146,7 @@ class BlockBackward(BackwardFrames):
 
     @staticmethod
     def room_of_frame(model: Model, room: Room) -> None:
-        """Ask for what the substeps of a frame note."""
+        """Ask for the memory of the values that the substeps of a frame note."""
         rows(model, plan_backwards(model), room)
 
     def frame(self) -> None:
@@ -181,7 +181,7 @@ def _slots(model: Model, layout: Layout) -> dict[str, Any]:
 
 
 def rows(model: Model, of: Backwards, room: Room) -> dict[str, Any]:
-    """Allocate what each substep of a frame notes, a row each, and one more for where it ends."""
+    """Allocate the notes of each substep of a frame, a row each, and one more for the frame's end."""
     count = model.world_count * (model.substeps + 1)
     named = {*arguments_again(of), *arguments_backwards(of, ())}
     shapes = {

@@ -1,4 +1,4 @@
-"""Directions of normal forces backwards: from what particles have found of theirs to where particles are."""
+"""Directions of normal forces backwards: from the bars of particles' directions to those of their places."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ class DirectionsBackward:
     """Run the directions of normal forces backwards: once a frame, or every substep.
 
     Args:
-        working: of the launches that compute frames again; particles leave there what they find.
+        working: of the launches that compute frames again; particles leave the bars of their directions there.
         point_bars: by where particles are, to which is added.
     """
 

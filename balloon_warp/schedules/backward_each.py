@@ -37,7 +37,7 @@ class EachBackward:
             self._triangles = wp.zeros((model.world_count, model.triangle_count), dtype=wp.vec4d)
 
     def turn_back(self, frame: wp.array, time_in_frame: float, points: wp.array, velocities: wp.array) -> None:
-        """Add what a substep says, once its particles have run backwards."""
+        """Add the derivatives of a substep, once its particles have run backwards."""
         model, device = self._model, self._model.device
         moving = [points, velocities, self._force_bars]
         if self._of_springs:

@@ -1,4 +1,4 @@
-"""Edges of balloons that meet, backwards: what a substep comes to it with is kept."""
+"""Edges of balloons that meet, backwards: the state before a substep's contacts is kept."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -24,7 +24,7 @@ class EdgesBackward:
 
     Args:
         columns: of the numbers that are derived by.
-        touch: the contacts of particles, which keeps what searches have found.
+        touch: the contacts of particles, which keeps the results of searches.
         arrays: bars of the substep that runs backwards, by name.
     """
 
@@ -61,7 +61,7 @@ class EdgesBackward:
 
 
 def kept_of_edges(model: Model, features: Features, room: Room) -> tuple[list[Moving], Moving, Any]:
-    """Allocate what each substep comes to the contacts with, room to move that again, and bars."""
+    """Allocate the state before each substep's contacts, room to move that again, and bars."""
     worlds, particles, pairs = model.world_count, model.particle_count, model.balloon_count**2
     came = [
         (room.array((worlds, particles), wp.vec3), room.array((worlds, particles), wp.vec3))

@@ -1,4 +1,4 @@
-"""Exchange of momentum between spheres and particles, backwards: what a substep comes to it with is kept."""
+"""Exchange of momentum between spheres and particles, backwards: the state before it in a substep is kept."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -69,7 +69,7 @@ class ExchangeBackward:
 
 
 def kept_of_exchange(model: Model, room: Room) -> tuple[list[tuple[wp.array, wp.array, wp.array]], Any]:
-    """Allocate what each substep comes to the exchange with, and what is found again of one."""
+    """Allocate the state before each substep's exchange, and the values of one that are computed again."""
     worlds, particles, spheres = model.world_count, model.particle_count, model.sphere_count
     exchanges = Exchanges()
     for name in ("points", "velocities"):

@@ -1,4 +1,4 @@
-"""Small spheres that meet faces, backwards: what a substep comes to their contacts with is kept."""
+"""Small spheres that meet faces, backwards: the state before a substep's contacts is kept."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -70,7 +70,7 @@ class FacesBackward:
 
 
 def kept_of_faces(model: Model, room: Room) -> tuple[list[tuple[wp.array, ...]], tuple[wp.array, ...], Any, Any]:
-    """Allocate what each substep comes to contacts with, room to move it, the log of contacts, and bars."""
+    """Allocate the state before each substep's contacts, room to move it, the log of contacts, and bars."""
     worlds, particles, spheres = model.world_count, model.particle_count, model.sphere_count
 
     def moving() -> tuple[wp.array, ...]:

@@ -1,6 +1,6 @@
 """Derivatives by where obstacles are, by the keyframes of their motion, and by the friction of balloons on them.
 
-Particles note what they find of each obstacle, which is added up once a frame.
+Particles note their derivatives by each obstacle, which are added up once a frame.
 """
 
 from typing import Any
@@ -38,7 +38,7 @@ class FixturesBackward:
             self._totals = wp.zeros((worlds, model.balloon_count, fixtures), dtype=Totals)
 
     def add_up(self) -> None:
-        """Add up what the particles of each balloon have found in a frame."""
+        """Add up the derivatives that the particles of each balloon have noted in a frame."""
         inputs = [self._tables, self._working, self._totals]
         launch(sum_fixture_bars, self._totals.shape, inputs, device=self._model.device)
 

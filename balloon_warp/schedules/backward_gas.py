@@ -1,4 +1,4 @@
-"""Gas that comes and goes, backwards: what a substep has of it is found again, and its bar carried on."""
+"""Gas that comes and goes, backwards: its amount in a substep is found again, and its bar carried on."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -41,7 +41,7 @@ class GasBackward:
         return found
 
     def turn_back(self, state: State, carried: Mapping[str, wp.array], substep: int) -> None:
-        """Turn the bars of the gas in a substep into those of what came to it."""
+        """Run the gas update of a substep backwards."""
         before = replace(state, **carried)
         inputs = [
             self._tables, world_state(before), self._amounts, substep * self._model.step_seconds, self._bars,

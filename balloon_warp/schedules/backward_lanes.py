@@ -59,7 +59,7 @@ def _goes_side_by_side(step: Step) -> bool:
 def step_backwards(features: Features, layout: Layout) -> Step:
     """Return the phases of a model in pieces, as they run backwards, and as they are computed again before.
 
-    What particles see of each other, and what they add up, is kept.
+    Values that particles see of each other, and sums, are kept.
     """
     phases, look = phases_of(features, instead=SHARED), LOOKS[layout]
     looking = (
@@ -71,7 +71,7 @@ def step_backwards(features: Features, layout: Layout) -> Step:
 
 
 def layout_of(model: Model) -> Layout:
-    """Return what lanes hold: worlds, or particles of a world that is alone."""
+    """Return the layout of lanes: of worlds, or of particles of a world that is alone."""
     return WORLDS_AS_OCTETS if model.world_count > 1 else OCTETS
 
 
@@ -94,7 +94,7 @@ class LanesBackward(BackwardFrames):
         self._kernel = kernel_backwards(step, self._layout, self.columns)
 
     def _tables(self, room: Room, threads: int) -> dict[str, Any]:
-        """Return what the kernel takes, by name."""
+        """Return the kernel's arguments, by name."""
         t, solids, working = (
             make_lane_tables(self.model, self.step.features, self._layout, self.tables),
             Solids(),
@@ -110,7 +110,7 @@ class LanesBackward(BackwardFrames):
 
     @staticmethod
     def room_of_frame(model: Model, room: Room) -> None:
-        """Ask for what the substeps of a frame note."""
+        """Ask for the memory of the values that the substeps of a frame note."""
         layout = layout_of(model)
         threads = len(shares_of(model, layout))
         rows_backwards(model, step_backwards(model_features(model), layout), layout, (), room, threads)
@@ -136,7 +136,7 @@ class LanesBackward(BackwardFrames):
 def rows_backwards(
     model: Model, step: Step, layout: Layout, columns: tuple[int, ...], room: Room, threads: int
 ) -> dict[str, Any]:
-    """Allocate what each thread has for the group at hand: a row each for the substeps, and bars."""
+    """Allocate the memory of each thread for the group at hand: a row each for the substeps, and bars."""
     items, rows = items_of(model, layout).count, threads * (model.substeps + 1)
     takes = arguments_backwards(step, layout, columns)
 

@@ -39,7 +39,7 @@ from balloon_warp.schedules.tables import make_tables, world_state
 
 
 class _Remembering(Launches):
-    """Launch a step's pieces, and keep what each substep finds.
+    """Launch a step's pieces, and keep the values of each substep.
 
     Args:
         remembered: where the values of each substep are kept.
@@ -51,7 +51,7 @@ class _Remembering(Launches):
         super().__init__(model, step, tables, room, own, fast_math=GatherSchedule.fast_math)
         self._remembered, self._substep = remembered, 0
         self.notes: dict[str, ExchangeBackward | EdgesBackward | RidgesBackward | FacesBackward] = {}
-        """Adjoints of phases that keep what comes to them, by names of these"""
+        """Adjoints of phases that keep the state before these, by their names"""
 
     def substep(self, state: State, substep: int, now: Moving) -> Moving:
         """Execute a substep, and return where particles are then."""
@@ -76,7 +76,7 @@ class _Remembering(Launches):
 
 
 FOUND_AGAIN = {"inflate"}
-"""Phases of which adjoints find again what they wrote, by a product, from what these read anyway"""
+"""Phases whose outputs adjoints recompute by a product, from inputs that these read anyway"""
 CARRIED = {"inflation_loads": wp.vec2}
 """Values that balloons carry from one substep to the next, and their types"""
 WAYS_OUT = {"meet_ridges": "faces = false"}
@@ -115,14 +115,14 @@ class _Remembered:
             wp.copy(array, getattr(state, name))
 
     def state_after(self, state: State, substep: int) -> State:
-        """Return a state in which a substep may change what balloons carry."""
+        """Return a state in which a substep may change the values that balloons carry."""
         for name, array in self.carried[substep + 1].items():
             wp.copy(array, self.carried[substep][name])
         return replace(state, **self.carried[substep + 1])
 
 
 def gradient_step(model: Model, features: Features) -> Step:
-    """Return the phases of a model, in pieces, with what they write kept, unless it is soon found again."""
+    """Return the phases of a model, in pieces, with their outputs kept, unless they are soon found again."""
     phases = phases_of(features)
     shown = [name for phase in phases if not (phase.light or phase.name in FOUND_AGAIN) for name in phase.writes]
     return cut(phases, features, GATHERED, shown=shown)
@@ -209,7 +209,7 @@ class LaunchedBackward(BackwardFrames):
 
     @staticmethod
     def room_of_frame(model: Model, room: Room) -> None:
-        """Ask for what the substeps of a frame keep."""
+        """Ask for the memory that the substeps of a frame keep."""
         step = gradient_step(model, model_features(model))
         for _ in range(model.substeps):
             step_arrays(model, step, room)
@@ -228,7 +228,7 @@ class LaunchedBackward(BackwardFrames):
             kept_of_balls(model, step.features, kept_of_ridges(model, step.features, room)[-1], room)
 
     def _touch(self, state: State, substep: int, time_in_frame: float, now: Moving) -> None:
-        """Let balloons touch, and keep what they find."""
+        """Let balloons touch, and keep their contacts."""
         assert self._searching
         assert self.touch
         self._searching.search(state, substep, *now)

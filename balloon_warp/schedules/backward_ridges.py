@@ -1,4 +1,4 @@
-"""Faces that meet ridges, backwards: what a substep comes to them with is kept, and what it leaves them with."""
+"""Faces that meet ridges, backwards: the states before and after a substep's contacts are kept."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -85,7 +85,7 @@ class RidgesBackward:
             working.sphere_starts = self._spheres.log.sphere_starts
         _copy(self._again, self._came[substep])
         if substep == model.substeps - 1:
-            self._working.ridge_budgets.zero_()  # what was near as the frame began is so no longer
+            self._working.ridge_budgets.zero_()  # faces near as the frame began are so no longer
         launch_tiled(
             self._back, dim=[model.world_count],
             inputs=[
@@ -102,7 +102,7 @@ def _copy(to: Moving, what: Moving) -> None:
 
 
 def kept_of_ridges(model: Model, features: Features, room: Room) -> tuple[list[Moving], list[Moving], Moving, Any]:
-    """Allocate what each substep comes to the contacts with, what it leaves them with, room to move it, and bars."""
+    """Allocate the states before and after each substep's contacts, room to move them, and bars."""
     worlds, particles = model.world_count, model.particle_count
     pairs = list_lengths(model, features)["ridge_pairs"]
 
@@ -124,7 +124,7 @@ def kept_of_balls(
 ) -> tuple[list[dict[str, wp.array]], dict[str, wp.array]]:
     """Allocate how spheres move after each substep's contacts, and room to move them again, by names in the state.
 
-    Both are empty where they meet no faces. Bars get what is kept of their sweeps.
+    Both are empty where they meet no faces. Bars get the kept values of their sweeps.
     """
     shape = (model.world_count, model.sphere_count if features.round_ridges else 0)
     bars.ball_sums = room.array((*shape, BALL_SUMS), wp.int64)

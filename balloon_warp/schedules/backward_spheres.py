@@ -1,6 +1,6 @@
-"""Spheres backwards: what particles have found of them in a substep is added up, and carried on.
+"""Spheres backwards: their bars from particles in a substep are added up, and carried on.
 
-What changes their courses in a substep is found again from where it began.
+The events that change their courses in a substep are computed again from its start.
 """
 
 from collections.abc import Mapping
@@ -67,7 +67,7 @@ class SpheresBackward:
 
     @property
     def carried_bars(self) -> dict[str, wp.array]:
-        """Bars of what goes on into the next frame, by its names in the state."""
+        """Bars of the values that go on into the next frame, by their names in the state."""
         bars = self.bars.positions, self.bars.velocities, self.bars.spins
         return {**dict(zip(STATE_OF_SPHERES, bars, strict=True)), "sphere_forces": self._working.sphere_push_bars}
 
@@ -79,7 +79,7 @@ class SpheresBackward:
         """Move spheres again, and return where they were as particles moved, by its names in the state.
 
         Args:
-            carried: what the substep began with, by its names in the state.
+            carried: the arrays that the substep began with, by their names in the state.
         """
         model, time = self._model, substep * self._model.step_seconds
         inputs = [self._tables, world_state(replace(state, **carried)), self._quanta[substep], time, self.log]
@@ -87,7 +87,7 @@ class SpheresBackward:
         return {name: getattr(self.log, name) for name in STATE_OF_SPHERES}
 
     def turn_back(self, substep: int) -> None:
-        """Turn the bars of spheres in a substep, which have been found again, into those of what came to it."""
+        """Run the motion of spheres in a substep, which has been computed again, backwards."""
         device, model, time = self._model.device, self._model, substep * self._model.step_seconds
         inputs = [self._working, self.bars]
         places = (model.world_count, model.sphere_count)
@@ -129,7 +129,7 @@ class SpheresBackward:
 
 
 def log_of_spheres(model: Model, room: Room) -> Any:
-    """Allocate the courses of spheres in a substep, and what changes them."""
+    """Allocate the courses of spheres in a substep, and the events that change them."""
     worlds, spheres = model.world_count, model.sphere_count
     log = LoggedSpheres()
     for name in ("positions", "velocities", "spins", "starts"):

@@ -31,7 +31,7 @@ class StringsBackward:
             self._bars = wp.zeros((model.world_count, model.string_count), dtype=StringBars)
 
     def turn_back(self, frame: wp.array, time_in_frame: float, points: wp.array, velocities: wp.array) -> None:
-        """Add what a substep says, once its particles have run backwards."""
+        """Add the derivatives of a substep, once its particles have run backwards."""
         inputs = [self._tables, frame, time_in_frame, points, velocities, self._force_bars, self._bars]
         launch(self._back, (self._model.world_count, self._model.string_count), inputs, device=self._model.device)
 

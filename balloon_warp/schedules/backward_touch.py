@@ -1,4 +1,4 @@
-"""Balloons that touch, backwards: what searches have found is kept, and each substep's contacts are gone through again.
+"""Balloons that touch, backwards: results of searches are kept, and each substep's contacts are gone through again.
 
 Frozen is who touches whom. Counts of contacts, by which crowded ones share, and the state of friction are carried on.
 """
@@ -65,11 +65,11 @@ class TouchBackward:
 
     @property
     def carried_bars(self) -> dict[str, wp.array]:
-        """Bars of what goes on into the next frame, by its names in the state; `deep` has none."""
+        """Bars of the values that go on into the next frame, by their names in the state; `deep` has none."""
         return {"holds": self.bars.holds}
 
     def note(self, substep: int, holds: wp.array) -> None:
-        """Keep what a substep knows of contacts before it presses."""
+        """Keep the contacts of a substep before they press."""
         m, device = self._model, self._model.device
         if substep % self._interval == 0:
             kept = self._searches[substep // self._interval]
@@ -82,7 +82,7 @@ class TouchBackward:
         launch(keep_holds, (m.world_count, self._threads), inputs, block_dim=FEW_THREADS, device=device)
 
     def turn_back(self, points: wp.array, velocities: wp.array, substep: int) -> None:
-        """Turn the bars of the forces of a substep into those of what it began with, such as places."""
+        """Run the contact forces of a substep backwards, into the bars of its inputs, such as places."""
         self._press(points, velocities, substep, only_counts=False)
         if substep == 0:  # as a frame begins, contacts are counted without forces
             self._press(points, velocities, substep, only_counts=True)
@@ -104,7 +104,7 @@ class TouchBackward:
         launch(self._take_back, (m.world_count, fours), [self.tables, bars, *arrays], device=device)
 
     def as_it_was(self, substep: int) -> Any:
-        """Return the working memory with what a substep knew of contacts."""
+        """Return the working memory with the contacts of a substep."""
         before = Working()
         for name in vars(Working.cls)["__annotations__"]:
             setattr(before, name, getattr(self._working, name))
@@ -119,7 +119,7 @@ class TouchBackward:
         launch_tiled(sum_pairs, dim=shape, inputs=inputs, block_dim=team_threads(m), device=m.device)
 
     def taken_numbers(self) -> dict[str, Values]:
-        """Return the bars of what pairs of balloons have, since they were last taken, by the names of parameters."""
+        """Return the bars of pairs' numbers, since they were last taken, by the names of parameters."""
         model = self._model
         totals = self.bars.totals.numpy().copy()
         self.bars.totals.zero_()
@@ -139,7 +139,7 @@ class TouchBackward:
 def kept_of_touch(
     model: Model, features: Features, room: Room
 ) -> tuple[list[dict[str, wp.array]], list[tuple[wp.array, wp.array]]]:
-    """Allocate what each search finds, by its names in the working memory, and each substep's counts and holds."""
+    """Allocate each search's results, by their names in the working memory, and each substep's counts and holds."""
     worlds, particles = model.world_count, model.particle_count
     searches = -(-model.substeps // substeps_of_search(model))
     found = [

@@ -43,7 +43,7 @@ PART_THREADS = 512
 
 
 class TouchLaunches:
-    """Launches what finds and presses balloons that touch."""
+    """Launches the kernels that find and press balloons that touch."""
 
     def __init__(self, model: Model, features: Features, tables: Any, working: Any, fast_math: bool = False):
         self.model, self._features, self._tables, self._working = model, features, tables, working

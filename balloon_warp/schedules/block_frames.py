@@ -26,7 +26,7 @@ class BlockFrames:
     """Advance worlds by frames.
 
     Args:
-        working: what is kept beside the state, where others share it.
+        working: the memory beside the state, where others share it.
     """
 
     contact_lists = None
@@ -87,7 +87,7 @@ def _working(model: Model, features: Features, room: Room) -> Any:
 
 
 def _values(model: Model, step: Step, layout: Layout, room: Room) -> dict[str, Any]:
-    """Allocate what lives from piece to piece, and has no place in the block."""
+    """Allocate the values that live from piece to piece, and have no place in the block."""
     counts = {"particle": model.particle_count, "face": model.face_count, "balloon": model.balloon_count}
     named, found = arguments_of_frame(step, layout), {}
     for value, dtype in values_of(step).items():

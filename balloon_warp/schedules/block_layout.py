@@ -56,8 +56,8 @@ def step_of(features: Features, layout: Layout) -> Step:
 def layout_of(model: Model, features: Features) -> Layout:
     """Return the layout that lets most worlds run at once on a multiprocessor.
 
-    A thread keeps one particle, or two, if their springs fit in registers; otherwise it loops. Two share what a thread
-    does for itself, and their loads overlap; where a multiprocessor has no second block to turn to while it waits, more
+    A thread keeps one particle, or two, if their springs fit in registers; otherwise it loops. Two share a thread's
+    fixed work, and their loads overlap; where a multiprocessor has no second block to turn to while it waits, more
     threads with one particle each are faster. Where few particles of many worlds leave obstacles, all loop.
     """
     if _small_ones_leave_fixtures(model, features):

@@ -103,10 +103,10 @@ class BusyWorlds:
         return self._frames.contact_lists
 
     def begin_loading(self, are_recorded: bool) -> None:
-        """Compile ahead what a frame needs.
+        """Compile ahead the kernels of a frame.
 
         Args:
-            are_recorded: whether frames become a graph, which has what busy worlds need even if there are none.
+            are_recorded: whether frames become a graph, which has the kernels of busy worlds even if there are none.
         """
         self.outlook.begin_loading()
         if are_recorded:

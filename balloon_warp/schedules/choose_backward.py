@@ -18,7 +18,7 @@ BACKWARDS: dict[str, Backward] = {"launched": LaunchedBackward, "block": BlockBa
 
 
 def backwards_of(model: Model, name: str = "auto") -> Backward:
-    """Return what runs a model backwards, whatever the number of its worlds: of that name, or the fastest.
+    """Return the backward schedule of a model, whatever the number of its worlds: of that name, or the fastest.
 
     Raises:
         InputError: there is none of that name, or it cannot run this model backwards.

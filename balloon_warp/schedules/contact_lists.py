@@ -1,7 +1,7 @@
 """Lists of contacts: how long they are, and how they grow where a frame has found no room in one.
 
-A frame that has found none is computed again from its start, with longer lists, so that what a world does depends
-neither on their length, nor on the worlds beside it that have made them grow.
+A frame that has found none is computed again from its start, with longer lists, so that the motion of a world
+depends neither on their length, nor on the worlds beside it that have made them grow.
 """
 
 import math
@@ -67,7 +67,7 @@ class ContactLists:
         """Make lists longer that the frame has found too short, and return whether there were any.
 
         Those of worlds that have blown up do not count: there everything is near everything. Where memory does not
-        suffice, nothing grows, and what was ignored is counted.
+        suffice, nothing grows, and ignored contacts are counted.
         """
         working = self._working
         needs = np.asarray(working.needs.numpy())

@@ -8,7 +8,7 @@ from balloon_warp.model import Model, State
 
 
 class ContactSums:
-    """Sum what things do to particles by balloon and thing: `state.contact_forces` and the like."""
+    """Sum the contacts of particles with things by balloon and thing: `state.contact_forces` and the like."""
 
     def __init__(self, model: Model):
         self._model = model

@@ -117,7 +117,7 @@ def _floats(array: wp.array) -> NDArray[np.float32]:
 
 
 def look_arrays(model: Model, room: Room) -> tuple[Any, Any]:
-    """Return the memory for what particles have seen of obstacles, where there are any, and of which, where of many."""
+    """Return the memory for looks of particles at obstacles, if there are any, and for obstacles' numbers, if many."""
     seen, many = (model.particle_count if len(model.obstacles) > least else 0 for least in (0, 1))
     return room.array((model.world_count, seen), wp.vec4), room.array((model.world_count, many), wp.vec2)
 

@@ -20,7 +20,7 @@ class Framing:
 
     Args:
         tables: that the schedule has made of it.
-        working: what its kernels keep beside the state; None where that is nothing from frame to frame.
+        working: the memory of its kernels beside the state; None where they keep nothing from frame to frame.
         numbers: of particles in the state, if tables have them in another order.
         looks: whether particles are looked at as a frame ends; otherwise kernels have done so.
     """
@@ -41,7 +41,7 @@ class Framing:
         self._health = HealthCheck(model, particles=looks)
 
     def begin(self, state: State) -> None:
-        """Update what follows from the frame, and read the forces that the last frame left on spheres."""
+        """Update the values that depend on the frame, and read the forces that the last frame left on spheres."""
         refresh_ramp(self.model, state)
         weigh_air(self.model, self.features, self.tables, state, self._numbers)
         place_obstacles(self.model, self.tables, state)

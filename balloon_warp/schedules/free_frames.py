@@ -26,7 +26,7 @@ class FreeFramesSchedule(ABC):
     name: ClassVar[str]
     capturable: bool = True
     busy_recorded: ClassVar[bool] = True
-    """Whether a recorded frame has what busy worlds need, even if there are none"""
+    """Whether a recorded frame has the kernels of busy worlds, even if there are none"""
     framing: Framing
 
     def __init__(self, model: Model):
@@ -43,7 +43,7 @@ class FreeFramesSchedule(ABC):
     @classmethod
     @abstractmethod
     def allot(cls, model: Model, features: Features, room: Room, shares_working: bool) -> None:
-        """Ask for all memory that free frames keep beside what all schedules keep."""
+        """Ask for all memory that free frames keep beside that of all schedules."""
 
     @abstractmethod
     def begin_loading(self) -> None:

@@ -30,7 +30,7 @@ class GatherSchedule(LaunchedSchedule):
         """Advance all worlds, or those that the features are for.
 
         Args:
-            working: what is kept beside the state, where others judge worlds there; they may have more features.
+            working: the memory beside the state, where others judge worlds there; they may have more features.
         """
         super().__init__(model, features)
         self.launches.working = working = working or self.launches.working
@@ -58,7 +58,7 @@ class GatherSchedule(LaunchedSchedule):
         return (PatchLaunch.arrays(model, features, patches, room),) if patches else ()
 
     def begin_loading(self) -> None:
-        """Compile what a substep launches ahead."""
+        """Compile the kernels of a substep ahead."""
         self.launches.begin_loading()
 
     def advance_frame(self, state: State) -> None:

@@ -36,7 +36,7 @@ class HealthCheck:
     and pressure. The host checks outputs once more: see `Frame.is_finite`.
 
     Args:
-        model: what is simulated.
+        model: the simulated model.
         threads: that share a world; as many as suit the device, when missing.
         particles: whether it looks at particles, or others have.
     """
@@ -56,7 +56,7 @@ class HealthCheck:
         self._launch(state, 0)
 
     def end_frame(self, state: State) -> None:
-        """Count the frame, and look at what it wrote."""
+        """Count the frame, and look at its results."""
         self._launch(state, 1)
         model, parameters = self._model, self._model.parameters
         if model.ages is not None:

@@ -23,7 +23,7 @@ FAR_AWAY = 1e16
 
 
 class LaneMemory(NamedTuple):
-    """Arrays by name; what a scene does not need is empty."""
+    """Arrays by name; those that a scene does not need are empty."""
 
     of_kernel: dict[str, Any]
     """State and values, as arguments of the kernel"""

@@ -156,8 +156,8 @@ def _add_springs(t: Any, model: Model, features: Features, items: Items, array: 
 def _quads_of(model: Model, layout: Layout) -> MembraneQuads:
     """Return quads and triangles, or eight alike of one balloon, with a last axis of lanes; padding has no area.
 
-    Eight worlds go through quads in the same order, with the same padding, which there has no triangle: what quads add
-    up to is alike in both.
+    Eight worlds go through quads in the same order, with the same padding, which there has no triangle: the sums of
+    quads are alike in both.
     """
     quads = membrane_quads(model)
     alike, counts = np.unique(np.stack([quads.balloons, -quads.triangles]), axis=1, return_counts=True)

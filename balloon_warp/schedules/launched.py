@@ -74,7 +74,7 @@ class LaunchedSchedule(ABC):
 
     @classmethod
     def allot(cls, model: Model, features: Features, room: Room) -> tuple[Any, ...]:
-        """Ask for its own memory, beside what launches share."""
+        """Ask for its own memory, beside that of all launches."""
         return ()
 
     @classmethod

@@ -47,22 +47,22 @@ LARGE = 2048
 Moving = tuple[wp.array, wp.array]
 """Points and velocities, shape (world_count, particle_count), vec3"""
 Own = Callable[[State, int, float, Moving], None]
-"""(state, substep, time in the frame, where particles are): what the host does itself of a step"""
+"""Function of (state, substep, time in the frame, points and velocities) for a phase that the host runs itself"""
 
 
 class _Asked(NamedTuple):
-    """Kernel of a piece, and what each launch hands it."""
+    """Kernel of a piece, and the arguments of each launch."""
 
     kernel: Any
     names: tuple[str, ...]
-    """Names of what the kernel takes"""
+    """Names of the kernel's arguments"""
 
 
 class Launches:
     """Launch each piece of a step.
 
     Args:
-        own: what phases of the host do, by their names.
+        own: functions of the host's phases, by the names of phases.
         fast_math: whether a GPU's own division and root will do, see `ROUGH`.
     """
 
@@ -95,7 +95,7 @@ class Launches:
         return other
 
     def begin_loading(self) -> None:
-        """Compile what a substep launches, all kernels beside each other."""
+        """Compile the kernels of a substep, all beside each other."""
         for piece in self.step.pieces:
             if piece.item != "launches" and piece.phases[0].name not in self._own:
                 for part in ("part", "parts") if piece.name in self._parts else ("all",):
@@ -148,7 +148,7 @@ class Launches:
         return new
 
     def _inputs(self, piece: Piece, has: Mapping[str, Any], part: Part = "all") -> list[Any]:
-        """Return what the kernel of a piece takes, in order."""
+        """Return the arguments of a piece's kernel, in order."""
         return [has[name] for name in self._asked(piece, part).names]
 
     def _targets(self, piece: Piece, state: State, now: Moving) -> Moving:
@@ -199,7 +199,7 @@ class Launches:
         return self._asked(piece, part).kernel
 
     def _asked(self, piece: Piece, part: Part) -> _Asked:
-        """Return what each launch asks of a piece."""
+        """Return the kernel of a piece, and the names of its arguments."""
         key = id(piece), part  # a hash of all that a piece consists of takes longer than a launch
         if key not in self._pieces:
             self._pieces[key] = _Asked(self._make_kernel(piece, part), arguments_of(self.step, piece, part))
@@ -271,7 +271,7 @@ def _part_count(model: Model, item: Item) -> int:
 
 
 def working_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]:
-    """Allocate what contact keeps beside the state; empty where a scene does not need it."""
+    """Allocate the memory of contact beside the state; empty where a scene does not need it."""
     worlds = model.world_count
     return {
         "gas_masses": room.array((worlds, model.balloon_count if features.gas else 0), wp.float32),
@@ -288,7 +288,7 @@ def working_arrays(model: Model, features: Features, room: Room) -> dict[str, An
 
 
 def verdict_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]:
-    """Allocate what is known of each world's frame as it begins; empty where nothing is asked."""
+    """Allocate the verdicts on each world's frame as it begins, and their bounds; empty where there are none."""
     asked = features.frames != "all"
     return {
         "ways": room.array(model.world_count if asked else 0, wp.float32),

@@ -56,7 +56,7 @@ def membrane_table(model: Model) -> Any:
 
 
 def left_array(model: Model, room: Room) -> Any:
-    """Return the memory for what is left of triangles' tensions, where rubber softens or tears."""
+    """Return the memory for the remaining fraction of triangles' tensions, where rubber softens or tears."""
     wears = model.softens or model.bursts
     return room.array((model.world_count, model.triangle_count if wears else 0), wp.float32)
 

@@ -70,7 +70,7 @@ class PullingOctets(GatherSchedule):
         return {**super().own(), PULL: self._pull}
 
     def begin_loading(self) -> None:
-        """Compile what a substep launches ahead."""
+        """Compile the kernels of a substep ahead."""
         begin_loading(self._kernel, self.model.device)
         self.launches.begin_loading()
 
@@ -87,7 +87,7 @@ class PullingOctets(GatherSchedule):
 
 
 def _pulling_step(step: Step) -> Step:
-    """Return the phases of an octet, in pieces, that find what a step's `pull` leaves."""
+    """Return the phases of an octet, in pieces, that compute the outputs of a step's `pull`."""
     (leaves,) = (piece.leaves for piece in step.pieces if piece.phases[0].name == PULL)
     features = step.features
     phases = [phase for phase in SHARED_PULL if phase.acts(features)]

@@ -54,7 +54,7 @@ def busy_features(features: Features) -> Features:
 
 
 class Outlook:
-    """Launches what looks at all worlds as a frame begins, and what puts those back that were believed to be free."""
+    """Launches the kernels that judge all worlds as a frame begins, and that restore those wrongly judged free."""
 
     def __init__(self, model: Model, features: Features, tables: Any, working: Any):
         self.model, self._features, self._tables, self._working = model, features, tables, working
@@ -72,7 +72,7 @@ class Outlook:
         self._judging = judge_kernel(features, looks_at_parts=self._own is not None)
 
     def begin_loading(self) -> None:
-        """Compile ahead what a look needs."""
+        """Compile ahead the kernels of a look."""
         of_kept = (busy_kernel(array.dtype) for array in self._kept.values())
         for kernel in (surround_kernel(self._features), self._judging, *of_kept):
             begin_loading(kernel, self.model.device)
@@ -126,7 +126,7 @@ class Outlook:
 
 
 def outlook_arrays(model: Model, features: Features, room: Room) -> tuple[dict[str, Any], ...]:
-    """Return the memory of `FreeFrames`, of what a world was before, of parts of balloons, and of items kept."""
+    """Return the memory of `FreeFrames`, of a world's earlier state, of parts of balloons, and of items kept."""
     worlds, balloons, spheres = model.world_count, model.balloon_count, model.sphere_count
     gas = (worlds, balloons if features.gas else 0)
     free = {

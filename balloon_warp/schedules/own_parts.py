@@ -20,7 +20,7 @@ from balloon_warp.schedules.touch_table import ITSELF, surface_of
 TRIANGLES = 24
 """Largest number of triangles of a part: of fewer more parts are compared, larger ones deform more"""
 FAR, FAR_FOLDED = 1.5, 1.0
-"""Distances up to which it matters how far what may touch is apart at the start, in edges: otherwise, and of a balloon
+"""Largest distances at the start that matter between triangles that may touch, in edges: otherwise, and of a balloon
 all of which may touch"""
 PARTS = 16
 """Largest number of parts of a group"""
@@ -66,7 +66,7 @@ def own_parts(model: Model) -> Any:
 
 
 def looks_at_parts(model: Model) -> bool:
-    """Return whether frames may be free of contact in what touches itself: on a GPU, which searches fast, slender."""
+    """Return whether balloons that touch themselves may have free frames: on a GPU, which searches fast, slender ones."""
     return model.scene.touches_itself and (model.device.is_cpu or model.scene.touches_softly)
 
 

@@ -21,7 +21,7 @@ def _nothing() -> None:
 
 
 class FramePiece(NamedTuple):
-    """Piece of a frame that is recorded by itself; what is never wanted is not even compiled."""
+    """Piece of a frame that is recorded by itself; a piece that is never wanted is not even compiled."""
 
     launch: Callable[[State], None]
     is_wanted: Callable[[], bool] | None = None
@@ -29,11 +29,11 @@ class FramePiece(NamedTuple):
 
 
 class RecordedFrame:
-    """A frame of one schedule and one state of a model, and what the host does to spheres at its end.
+    """A frame of one schedule and one state of a model, and the host's changes of spheres at its end.
 
     Args:
-        before: launches what comes before the frame, and is recorded with it.
-        after: launches what comes after it.
+        before: launches the kernels before the frame, which are recorded with it.
+        after: launch the kernels after it.
     """
 
     def __init__(self, model: Model, before: Callable[[], None] = _nothing, *after: Callable[[], None]):
@@ -81,7 +81,7 @@ class RecordedFrame:
         replay(self._graphs[number])
 
     def _pieces(self, schedule: Any) -> Sequence[FramePiece]:
-        """Return the pieces of a frame; where lists of contacts may have to grow, the last is what comes after it."""
+        """Return the pieces of a frame; where lists of contacts may have to grow, the last comes after it."""
         has_pieces = schedule.capturable and getattr(schedule, "pieces", None)
         own = list(has_pieces or [FramePiece(schedule.advance_frame)])
         lists: ContactLists | None = schedule.contact_lists

@@ -20,7 +20,7 @@ from balloon_warp.model.touch import edge_length
 MARGIN = 0.15
 """Distance within which ridges are listed until the next search, over an edge"""
 CENTER = Ridges(np.zeros((1, 2, 3)), np.zeros((1, 2, 3)), 0.0, np.ones(1, np.int32))
-"""Ridge of a sphere, whose radius is what it is in a world"""
+"""Ridge of a sphere, whose radius is the sphere's in a world"""
 
 
 def ridge_table(model: Model, features: Features) -> Any:

@@ -115,7 +115,7 @@ class Worlds:
 
 
 def kept_arguments(state: State) -> dict[str, wp.array]:
-    """Return the arguments of kernels that hold what items keep."""
+    """Return the arguments of kernels that hold the state of items."""
     return {f"kept_{name}": array for name, array in state.kept.items()}
 
 

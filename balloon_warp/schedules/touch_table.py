@@ -36,7 +36,7 @@ ITSELF = 1e-5
 """Initial distance from which on parts of a folded balloon may touch, in edges: a particle does not touch its own
 triangles"""
 DEPTH = 0.25
-"""Depth down to which what is inside is pushed out, over the least initial extent of a balloon; foil, which is flat
+"""Depth down to which particles inside are pushed out, over the least initial extent of a balloon; foil, which is flat
 then, pushes as deep as an edge is long"""
 FLAT = 0.999
 """Least initial extent of a balloon below which it is flat, over an edge: a cube of one quad a side is not, wherever"""
@@ -112,7 +112,7 @@ def touch_table(model: Model, features: Features) -> Any:
 
 
 def depth_of(mesh: PolygonMesh) -> float:
-    """Return the depth down to which a balloon pushes out what is inside [m], which does not depend on its place."""
+    """Return the depth down to which a balloon pushes out particles inside [m], which does not depend on its place."""
     edge = edge_length(mesh)
     extent = float(np.ptp(mesh.points[mesh.face_vertex_indices], axis=0).min())
     return edge if extent < FLAT * edge else DEPTH * extent
