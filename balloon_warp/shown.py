@@ -32,7 +32,7 @@ DOC = property(_doc_of)
 
 
 class ShownType(ABCMeta):
-    # The type of classes of which Tab and help() show what is meant for people.
+    # The type of classes of which Tab and help() show the members meant for people.
     __doc__ = DOC  # type: ignore
 
     def __dir__(cls) -> list[str]:
@@ -68,17 +68,17 @@ class FieldHelp(NamedTuple):
 class Help:
     """A class's docstring, followed by its fields once somebody reads it.
 
-    To find what stands below them in the source takes as long as to load them.
+    To find the docstrings below them in the source takes as long as to load them.
 
     Args:
-        fields_of: what is to be said of the fields of a class.
+        fields_of: the help on the fields of a class.
     """
 
     def __init__(self, fields_of: Callable[[type], Iterator[FieldHelp]]):
         self._fields_of, self._said = fields_of, ""
 
     def whole(self, cls: type) -> str:
-        """Return what help() says of the class."""
+        """Return the text of help() on the class."""
         if not self._said:
             self._said = inspect.cleandoc(plain_docstring(cls))  # for who asks while it is made
             with suppress(OSError):  # the source is not there

@@ -98,7 +98,7 @@ class Simulator(Shown):
         self.model = model.with_own_parameters() if model.due_changes else model
         if not hasattr(self, "controls"):
             self.controls, self.observations, self.starts = Controls(self), Observations(self), Starts(self)
-        self._lay_out(kind)  # while a thread still compiles what places balloons
+        self._lay_out(kind)  # while a thread still compiles the kernels that place balloons
         self.state, self.frame_number = initial_state(model), 0
         self._changes_set: list[tuple[int, dict[str, Any]]] = []
         self.starts.begin_again()
@@ -122,7 +122,7 @@ class Simulator(Shown):
 
     @property
     def warnings(self) -> list[str]:
-        """Remarks, a sentence each: on odd meshes, what became of them, and numbers that are not what was asked for."""
+        """Remarks, a sentence each: on odd meshes, their treatment, and numbers other than the requested ones."""
         remarks = remarks_in_sentences(self.model, self.state)
         return [*self.model.warnings, *remarks, *overflow_remarks(self.schedule.overflow)]
 
@@ -360,7 +360,7 @@ class Simulator(Shown):
         self._lay_out(solver_named(self._asked_schedule, self.model))
 
     def _lay_out(self, kind: type[Schedule]) -> None:
-        """Make the schedule of the model as it is now, and what records its frames and reads them."""
+        """Make the schedule of the model as it is now, and the recorder and the reader of its frames."""
         self.schedule = kind(self.model)
         self._frame_reader = FrameReader(self.model)
         self.record_again()
@@ -406,7 +406,7 @@ class Simulator(Shown):
         self._origins.forget()
 
     def __deepcopy__(self, memo: Any) -> Self:
-        """Return another simulator of the same worlds on the same device, where `restore` puts what `save` returns."""
+        """Return another simulator of the same worlds on the same device, restored to the saved state of this one."""
         model, schedule = self._first
         other = self.of_model(model.with_own_parameters(), schedule)
         other._varied = self._varied
@@ -414,11 +414,11 @@ class Simulator(Shown):
         return other
 
     def __copy__(self) -> Self:
-        """Return what `copy.deepcopy` does: two simulators do not share a state."""
+        """Return a deep copy: two simulators do not share a state."""
         return self.__deepcopy__({})
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return for `pickle` how another process makes a simulator of the same scene, and what `save` returns.
+        """Return for `pickle` how another process makes a simulator of the same scene, and the saved state.
 
         Raises:
             InputError: the simulator is of a model, and not of a scene.

@@ -1,4 +1,4 @@
-"""Balloons as solids: what each weighs and how it turns, if it were filled with one material."""
+"""Balloons as solids: mass and inertia of each, if it were filled with one material."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -42,7 +42,7 @@ def mass_properties(model: Model, points: wp.array) -> MassProperties:
     """Measure balloons on the device, bit-identically every time.
 
     Args:
-        model: what the balloons are made of.
+        model: of the balloons.
         points: [m], shape (world_count, particle_count), vec3.
     """
     shape = (model.world_count, model.balloon_count)

@@ -9,7 +9,7 @@ from typing import Any, TextIO
 def open_closed_streams() -> None:
     """Open /dev/null in place of each standard stream that is closed.
 
-    The next file that is opened would otherwise be the stream, and get what libraries print there.
+    The next file that is opened would otherwise be the stream, and get the output that libraries print there.
     """
     for descriptor in range(3):
         try:
@@ -28,7 +28,7 @@ def watch_streams() -> None:
 
 
 def lose_output() -> None:
-    """Write nothing to standard output any more, where what waits cannot be written either."""
+    """Write nothing to standard output any more, where the buffered output cannot be written either."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)
     os.close(nowhere)
@@ -46,7 +46,7 @@ class _Watched:
     """A stream.
 
     Args:
-        stream: what is watched.
+        stream: the watched one.
         on_error: called with why a text cannot be written.
     """
 
@@ -65,7 +65,7 @@ class _Watched:
             return len(text)
 
     def flush(self) -> None:
-        """Write what waits, as far as that is possible."""
+        """Write the buffered text, as far as that is possible."""
         try:
             self._stream.flush()
         except OSError as error:

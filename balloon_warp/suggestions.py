@@ -35,7 +35,7 @@ def did_you_mean_file(path: Path, suffixes: Iterable[str], names: Iterable[str] 
     Args:
         path: the file that was asked for.
         suffixes: of files that could have been meant, such as ".toml".
-        names: what else could have been meant, such as bundled scenes.
+        names: of other things that could have been meant, such as bundled scenes.
     """
     endings = tuple(suffixes)
     if path.is_symlink():

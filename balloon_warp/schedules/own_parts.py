@@ -66,7 +66,7 @@ def own_parts(model: Model) -> Any:
 
 
 def looks_at_parts(model: Model) -> bool:
-    """Return whether balloons that touch themselves may have free frames: on a GPU, which searches fast, slender ones."""
+    """Return whether balloons that touch themselves may have free frames: on a GPU, which searches fast, slender."""
     return model.scene.touches_itself and (model.device.is_cpu or model.scene.touches_softly)
 
 

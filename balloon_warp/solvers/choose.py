@@ -1,4 +1,4 @@
-"""Choice of what advances a model: a schedule of explicit steps, or the implicit solver."""
+"""Choice of the solver of a model: a schedule of explicit steps, or the implicit solver."""
 
 from balloon_warp.errors import InputError
 from balloon_warp.model import Model

@@ -125,7 +125,7 @@ class ProjectiveSolver(LaunchedSchedule):
 
 
 def _settling(model: Model, matrices: StepMatrices) -> Any:
-    """Make what the iterations of a model end by."""
+    """Make the stopping criteria of a model's iterations."""
     said = model.scene.solver_iterations
     settling = Settling()
     settling.least, settling.most = (LEAST_ITERATIONS, MOST_ITERATIONS) if said == "auto" else (said, said)

@@ -16,7 +16,7 @@ class StepMatrices:
     """The distinct matrices A = M + h C + h^2 L of a model's worlds, and which world has which.
 
     L is the Laplacian of springs and strings weighted by their constants. A fixed particle has a row and a column of
-    the identity: what it is asked to move, it moves, and nobody else notices.
+    the identity: it moves as far as it is asked to, and nobody else notices.
     """
 
     def __init__(self, model: Model):

@@ -1,7 +1,7 @@
 """Springs across thin parts of a balloon, from wall to wall, as an air mattress has them.
 
 A pressure drives the two walls of a plate, a cup or a blade apart, and would make a pillow of them: a film does not
-resist bending. Here each vertex of a closed part is held to what is opposite to it, by a spring that bears the
+resist bending. Here each vertex of a closed part is held to the opposite wall, by a spring that bears the
 pressure on the vertex when it is stretched by `STRETCH`. The thicker a part is, the less of the pressure: a ball has
 none.
 """

@@ -3,7 +3,7 @@
 Springs of constant k, rest length L and direction t (a unit vector) make the tension 1/2 sum k L^2 t t^T / A of a
 vertex of area A, for each unit of strain in all directions. A square grid has the same everywhere, K = k_structural +
 2 k_shear + 4 k_flexion both ways. Here springs begin with the areas at their ends over their squared lengths (van
-Gelder 1998), and are then multiplied by what their ends have too much or too little of along them, until each vertex
+Gelder 1998), and are then multiplied by the excess or lack of tension at their ends along them, until each vertex
 has K both ways: Sinkhorn's scaling (1964), of tensors. All constants stay above zero.
 
 The narrow faces of CAD meshes would ask for so much of that along their short edges that a frame took hundreds of

@@ -74,7 +74,7 @@ class Membrane:
     def laplacian(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Pairs of particles, shape (3 T, 2), and their cotangent weights, shape (3 T,).
 
-        Weights are half cotangents times the share of the triangle: the squared gradient of what is linear in each
+        Weights are half cotangents times the share of the triangle: the squared gradient of a function linear in each
         triangle, over its area, is the sum of the squared differences times these.
         """
         g11, g12, g22, area = self.rests.T
@@ -110,7 +110,7 @@ def build_membrane(mesh: PolygonMesh) -> Membrane:
 
     A quad has so its four corner triangles, each by half; a face of many corners has fans from a few.
 
-    A face of two corners has none, and neither has what is no wider than a line.
+    A face of two corners has none, and neither has one no wider than a line.
     """
     starts, corners, parts = face_starts(mesh), [np.zeros((0, 3), dtype=np.int64)], [np.zeros(0)]
     faces = [np.zeros(0, dtype=np.int64)]

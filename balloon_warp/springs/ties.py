@@ -1,6 +1,6 @@
 """Springs that hold the parts of a mesh together: components that touch, overlap or hang apart become one thing.
 
-In rounds, each part is tied to what is nearest to it, and counts as one with it from then on, until there is one
+In rounds, each part is tied to the part nearest to it, and counts as one with it from then on, until there is one
 (Boruvka's spanning tree). A part is tied where it is near: at a few particles, far from each other, and each of them to
 a few others, so that no tie is a hinge. Rest lengths are the distances at the start.
 """

@@ -51,7 +51,7 @@ class Loading:
         return np.repeat(np.where(self.held, 0.0, 1.0), 3)
 
     def of_free(self, forces: Values) -> Values:
-        """Return forces with the loads, and none on what is held, shape (n, 3)."""
+        """Return forces with the loads, and none on held particles, shape (n, 3)."""
         return np.where(self.held[:, None], 0.0, forces + self.forces)
 
     def work(self, way: Values) -> float:
@@ -59,7 +59,7 @@ class Loading:
         return float((self.forces * way).sum())
 
     def stiffness(self, matrix: Any) -> Any:
-        """Return a stiffness matrix in which what is held is coupled to nothing."""
+        """Return a stiffness matrix in which held particles are coupled to nothing."""
         free, unit = sparse.diags(self.free), float(np.abs(matrix.diagonal()).mean())
         return free @ matrix @ free + unit * sparse.diags(1.0 - self.free)
 
@@ -105,10 +105,10 @@ class Balance:
     ) -> Values | None:
         """Return the equilibrium reached from a start, or None if none is found.
 
-        The center and the turn of what is not held stay as they are, or nearly so.
+        The center and the turn of free balloons stay as they are, or nearly so.
 
         Args:
-            still: of the gas's forces, what may be left.
+            still: largest residual force, over the gas's forces.
             strays: says on the way whether it is not worth going on.
         """
         shift, here = FIRST_SHIFT, points

@@ -1,4 +1,4 @@
-"""Films of a material's law that give way to compression: energy, forces, stiffness, and what the shape at rest does.
+"""Films of a material's law that give way to compression: energy, forces, stiffness, and derivatives by the rest shape.
 
 Everything follows from the law's own function, as kernels call it, on arrays of float64. Its derivatives are complex
 steps: exact, without a formula for each law.
@@ -164,7 +164,7 @@ class FilmSkin:
         return places[:, 1:] - places[:, :1]
 
     def _assembled(self, blocks: Values, count: int) -> sparse.csc_matrix:
-        """Return the matrix of what edges do to edges, shape (t, 2, 2, 3, 3)."""
+        """Assemble the matrix of particles from blocks between edges, of shape (t, 2, 2, 3, 3)."""
         at_corners = np.einsum("ai,tijxy,bj->abtxy", CORNERS, blocks, CORNERS)
         parts = [(self.corners[:, a], self.corners[:, b], at_corners[a, b]) for a in range(3) for b in range(3)]
         return of_blocks(parts, count, count)

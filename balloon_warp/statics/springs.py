@@ -1,4 +1,4 @@
-"""Springs of any rest length and constant: their energy, forces, stiffness, and what rest lengths do to the forces."""
+"""Springs of any rest length and constant: their energy, forces, stiffness, and derivatives by rest lengths."""
 
 from dataclasses import dataclass
 from functools import cached_property

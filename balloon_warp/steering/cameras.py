@@ -1,4 +1,4 @@
-"""Cameras: depth and color of what is seen in each world, as device arrays that every frame refreshes as it ends."""
+"""Cameras: depth and color of their pictures of each world, as device arrays that every frame refreshes as it ends."""
 
 from collections.abc import Callable
 from typing import Any, Protocol
@@ -42,10 +42,10 @@ class Seen(Protocol):
 class WorldCamera(Shown):
     """A camera in each world: `camera = simulator.observations.camera(eye=(0, 1, 4), target=(0, 1, 0))`.
 
-    `camera.depth` is an array of shape (world_count, height, width), float32: how far away along the camera's axis what
-    a pixel shows is [m], infinite where there is nothing. `camera.color` is one of shape (world_count, height, width,
-    3), uint8, sRGB. Each is refreshed by every frame once it has been asked for. `eyes` and `targets` are arrays, too,
-    shape (world_count,), vec3, which may be written on the device.
+    `camera.depth` is an array of shape (world_count, height, width), float32: distance along the camera's axis of the
+    surface that a pixel shows [m], infinite where there is nothing. `camera.color` is one of shape (world_count,
+    height, width, 3), uint8, sRGB. Each is refreshed by every frame once it has been asked for. `eyes` and `targets`
+    are arrays, too, shape (world_count,), vec3, which may be written on the device.
 
     Balloons, spheres, obstacles, bodies and the ground are seen, and nothing is translucent. Strings and water are not.
     """
@@ -113,7 +113,7 @@ class WorldCamera(Shown):
         return self._color
 
     def refresh(self, mask: wp.array | None = None) -> None:
-        """Look again at what has been asked for, in the worlds of a mask or in all."""
+        """Refresh the requested arrays, in the worlds of a mask or in all."""
         if self._depth is None and self._color is None:
             return
         model, state = self._simulator.model, self._simulator.state

@@ -1,4 +1,4 @@
-"""Plan of a control: the parameters that it writes, their bounds, and what follows for the model."""
+"""Plan of a control: the parameters that it writes, their bounds, and the model with them."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -47,7 +47,7 @@ class ControlPlan:
 
 
 def plan_control(model: Model, path: str, low: float | None, high: float | None, beyond: Beyond) -> ControlPlan:
-    """Find what a path of the scene leads to, and check that it may be written on the device.
+    """Find the parameters at a path of the scene, and check that they may be written on the device.
 
     Raises:
         InputError: there is no such path, its value cannot change or lets others follow, or the bounds are wrong.
@@ -94,7 +94,7 @@ def _bound(path: str, name: str, given: float | None, own: float) -> float:
 
 
 def _require_bounded(model: Model, plan: ControlPlan, low: float | None, high: float | None) -> None:
-    """Make sure that what the step depends on has bounds for which a step is found."""
+    """Make sure that numbers on which the step depends have bounds for which a step is found."""
     if plan.names & {*names_of_the_step(model.laws), VELOCITY} and (low is None or high is None):
         raise InputError(f"{plan.path}: the step depends on it; expected bounds, as in open(path, low=..., high=...)")
 
@@ -119,7 +119,7 @@ def _require_alone(model: Model, plan: ControlPlan) -> None:
 
 
 def current_value(model: Model, plan: ControlPlan) -> NDArray[np.float64]:
-    """Return what the first place of each number has now, shape (world_count,) or (world_count, 3)."""
+    """Return the present value at the first place of each number, shape (world_count,) or (world_count, 3)."""
     columns = []
     for (name, index), *_ in plan.places:
         if name not in model.parameters:

@@ -75,7 +75,7 @@ class Controls(Shown):
         return f"Controls({', '.join(self._values) or 'none is open'})"
 
     def open(self, path: str, low: float | None = None, high: float | None = None, beyond: Beyond = "clip") -> wp.array:
-        """Open a control, and return its array, which begins with what the scene has now.
+        """Open a control, and return its array, which begins with the scene's present value.
 
         Kernels are made again for laws that may act from now on, and the step for the stiffest values within the
         bounds.
@@ -84,7 +84,7 @@ class Controls(Shown):
             path: to a number or a vector of the scene, as in overrides.
             low: least value; the scene's own bound, when missing.
             high: largest value.
-            beyond: "clip" what is beyond the bounds, or "end" the world.
+            beyond: "clip" values beyond the bounds, or "end" the world.
 
         Raises:
             InputError: there is no such path, its value cannot be written on the device, or the bounds are wrong.
@@ -131,21 +131,21 @@ class Controls(Shown):
         return component(self._values[path], axis)
 
     def firsts(self) -> Iterator[tuple[wp.array, wp.array]]:
-        """Yield what worlds get back as they begin anew, as it was when its control was opened, and where."""
+        """Yield values that worlds get back as they begin anew, from when a control was opened, and their arrays."""
         if self._places is not None:
             yield self._places, self._simulator.model.parameters["obstacle_position"]
         for path, values in self._values.items():
             yield self._first[path], values
 
     def begin_again(self) -> None:
-        """Go on with the same arrays in a model that has just begun; they have what the scene says."""
+        """Go on with the same arrays in a model that has just begun; they have the scene's values."""
         self.faults.zero_()
         if self._plans:
             self._simulator.go_on_in(with_reach(self._simulator.model, self._plans))
             self.follow()
 
     def follow(self) -> None:
-        """Read what the parameters are now, after the host has changed some."""
+        """Read the parameters, after the host has changed some."""
         model = self._simulator.model
         for plan in self._plans:
             for axis, places in enumerate(plan.places):
@@ -171,7 +171,7 @@ class Controls(Shown):
                 self.open(path, low if low > -FAR else None, high if high < FAR else None, beyond)
 
     def restore(self, saved: Mapping[str, NDArray]) -> None:
-        """Go back to what was saved, in a simulator that has its state already."""
+        """Restore saved controls, in a simulator that has its state already."""
         if SAVED not in saved:
             return
         for path, values in self._values.items():

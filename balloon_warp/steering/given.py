@@ -9,7 +9,7 @@ from balloon_warp.errors import InputError
 
 
 def copy_given(target: wp.array, given: Any, path: str) -> None:
-    """Copy values into an array of a device; what is on that device already does not pass the host.
+    """Copy values into an array of a device; values on that device already do not pass the host.
 
     Raises:
         InputError: they have another shape or are no numbers.

@@ -56,7 +56,7 @@ class Observations(Shown):
 
     - `centers`, `velocities`: means over each balloon's particles [m], [m/s], shape (world_count, balloon_count), vec3
     - `turns`: rotations of balloons by best fit, from their meshes as the scene places them, of that shape, quat
-    - `volumes`: [m^3], shape (world_count, balloon_count), 0 or little for what encloses nothing
+    - `volumes`: [m^3], shape (world_count, balloon_count), 0 or little for balloons that enclose nothing
     - `stretches`: the largest of each balloon's springs, or of its rubber or film, whether torn or not, of that shape
     - `particle_contact_forces`: on each particle in contact, averaged over the frame, where the scene asks for
       `contacts` [N], shape (world_count, particle_count), vec3
@@ -65,7 +65,7 @@ class Observations(Shown):
       `body_velocities`, `body_turns`, `contact_forces` [N] where the scene asks for `contacts`, `points`, and
       `first_bad`: as the state has them
 
-    `particles([...])` and `camera(...)` open arrays of chosen particles, and of what a camera sees.
+    `particles([...])` and `camera(...)` open arrays of chosen particles, and of a camera's view.
     """
 
     _internal = ("copies", "refresh", "refresh_chosen")
@@ -224,7 +224,7 @@ class Observations(Shown):
                 yield getattr(self._simulator.state, name), self._values[name]
 
     def _find(self, mask: wp.array | None) -> None:
-        """Compute what the state does not have, for the worlds of a mask or for all."""
+        """Compute the observations that the state does not have, for the worlds of a mask or for all."""
         model, state = self._simulator.model, self._simulator.state
         for name, find in (
             ("centers", self._find_motion),

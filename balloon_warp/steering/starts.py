@@ -24,7 +24,7 @@ from balloon_warp.steering.timetable import Begun, Timetable, begun_of, has_time
 from balloon_warp.warp_lock import recording, replay
 
 SAVED, AGES = "starts", "starts_ages"
-"""Prefix of the names of what is saved, and name of the saved time of each world"""
+"""Prefix of the names of saved arrays, and name of the saved time of each world"""
 PLACED = ("frame", "points", "velocities")
 """Arrays of the state that are not copied: the clock is all worlds', and particles are placed"""
 DRAWN = ("initial_velocities", "initial_spins", "initial_shifts", "initial_centers")
@@ -78,7 +78,7 @@ class Starts(Shown):
 
     @property
     def seed(self) -> int:
-        """Seed of what is drawn."""
+        """Seed of the draws."""
         return int(self._seed.numpy()[0])
 
     @seed.setter
@@ -152,7 +152,7 @@ class Starts(Shown):
         """Reset the worlds for which a mask is not 0.
 
         Raises:
-            InputError: the mask has another length, or the scene has what follows one clock for all worlds.
+            InputError: the mask has another length, or a part of the scene follows one clock for all worlds.
         """
         if mask is not self.mask:
             copy_given(self.mask, mask, "reset")
@@ -167,7 +167,7 @@ class Starts(Shown):
         replay(self._graph)
 
     def _follow_worlds(self) -> None:
-        """Let what is planned follow the time of each world from here on, if there is anything.
+        """Let planned changes follow the time of each world from here on, if there are any.
 
         Raises:
             InputError: a change cannot.
@@ -180,13 +180,13 @@ class Starts(Shown):
             simulator.go_on_in(replace(simulator.model.with_rows_of_worlds(), ages=self._timetable.ages))
 
     def write(self) -> None:
-        """Write what is planned for the next frame of each world, and all controls."""
+        """Write the values planned for the next frame of each world, and all controls."""
         if self._timetable:
             self._timetable.write(self._simulator.model)
         self._simulator.controls.write()
 
     def saved(self) -> dict[str, NDArray]:
-        """Copy the time of each world to the host, where they differ, and what the next draws follow from."""
+        """Copy the time of each world to the host, where they differ, and the state that draws depend on."""
         ages = {AGES: self._timetable.ages} if self._timetable else {}
         return {name: np.array(array.numpy()) for name, array in (ages | self._drawing).items()}
 
@@ -199,12 +199,12 @@ class Starts(Shown):
         return {f"{SAVED}_seed": self._seed, f"{SAVED}_episodes": self.episodes, **own}
 
     def open_saved(self, saved: Mapping[str, NDArray]) -> None:
-        """Let planned changes follow the time of each world, if they did in what was saved."""
+        """Let planned changes follow the time of each world, if they did in the saved simulator."""
         if AGES in saved:
             self._follow_worlds()
 
     def restore(self, saved: Mapping[str, NDArray]) -> None:
-        """Go back to the saved time of each world, and draw next what would have been drawn then."""
+        """Go back to the saved time of each world, and to the saved state that draws depend on."""
         if self._timetable and AGES in saved:
             self._timetable.ages.assign(saved[AGES])
             self._timetable.settle(self._simulator.model)
@@ -213,7 +213,7 @@ class Starts(Shown):
                 array.assign(saved[name])
 
     def _copies_at_start(self) -> RowCopies:
-        """Return the copies of what worlds have at the start, but for where their particles are."""
+        """Return the copies of worlds' arrays at the start, but for the places of particles."""
         simulator = self._simulator
         begins = _start_of(simulator.model).arrays
         state = ((begins[name], array) for name, array in simulator.state.arrays.items() if name not in PLACED)

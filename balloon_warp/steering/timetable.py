@@ -50,7 +50,7 @@ class Appearance(NamedTuple):
 
 
 def begun_of(model: Model) -> Begun:
-    """Copy what is planned to change, as a simulation begins."""
+    """Copy the parameters that planned changes set, as a simulation begins."""
     names = dict.fromkeys(name for change in model.due_changes for name in change.values)
     return {name: np.array(model.parameters[name].numpy()) for name in names}
 
@@ -74,7 +74,7 @@ def _appearances(model: Model, begun: Begun) -> Iterator[Appearance]:
 
 
 def has_times(model: Model) -> bool:
-    """Return whether a scene says what comes when: changes, keyframes, moving obstacles, things that appear or end."""
+    """Return whether a scene has things with times: changes, keyframes, moving obstacles, things that appear or end."""
     moves = any(np.ptp(np.asarray(each.numpy()), axis=0).any() for each in (model.obstacle_motion, model.anchor_motion))
     keyed = any(balloon.inflation.has_keyframes for balloon in model.scene.balloon)
     return bool(model.due_changes or keyed or moves)
@@ -105,7 +105,7 @@ class Timetable:
     """The changes that a scene plans, each in the frame of a world's own time.
 
     Args:
-        controls: in which what changes is opened, where it is not open yet.
+        controls: in which changed paths are opened, where they are not open yet.
         begun: parameters at the start.
         frame: how many frames all worlds have had.
 
@@ -135,7 +135,7 @@ class Timetable:
         self._nobody = wp.zeros(model.world_count, dtype=wp.int32, device=model.device)
 
     def write(self, model: Model) -> None:
-        """Write what is planned for the frame that each world begins."""
+        """Write the values planned for the frame that each world begins."""
         self._appear(model, self._nobody)
         count, device = self.ages.shape[0], self._device
         for turn in self._turns:
@@ -148,7 +148,7 @@ class Timetable:
         self._appear(model, mask)
 
     def settle(self, model: Model) -> None:
-        """Let be there what is, after the time of worlds has been set."""
+        """Let things appear and end, after the time of worlds has been set."""
         self._appear(model, wp.ones_like(self._nobody))
 
     def _appear(self, model: Model, mask: wp.array) -> None:
