@@ -1,7 +1,7 @@
 """Temporary files and folders that no kill leaves for long: whoever writes beside them next clears them away.
 
 Each has a lock file beside it. The process that made both holds the lock, and the system lets go of it however that
-process ends. So a lock that can be had is of a process that was killed, and what it had begun may go.
+process ends. So a lock that can be had is of a process that was killed, and its temporaries may go.
 """
 
 import atexit
@@ -25,14 +25,14 @@ except ModuleNotFoundError:  # Windows has none
 PREFIX, LOCK = ".balloon-warp-", ".partial.lock"
 """Prefix and suffix of the names of lock files"""
 MOST_SAID = 4096
-"""Largest size of what the holder of a lock says [bytes]"""
+"""Largest size of the message of a lock's holder [bytes]"""
 OLD_SECONDS = 86400.0
 """Age after which an untouched file counts as left over, where there are no locks [s]"""
 
 
 @contextmanager
 def temporary_in(folder: Path, suffix: str = "") -> Iterator[Path]:
-    """Yield a path in a folder at which there is nothing; what is put there goes when the block ends.
+    """Yield a path in a folder at which there is nothing; a file or folder put there goes when the block ends.
 
     Raises:
         OSError: the folder takes no files.
@@ -77,7 +77,7 @@ def folder_of_process() -> Path:
 
 
 def clear_left_over(folder: Path) -> None:
-    """Remove what processes that were killed had begun in a folder; what belongs to a living one stays."""
+    """Remove the temporaries of killed processes in a folder; those of a living one stay."""
     with suppress(OSError):
         with os.scandir(folder) as entries:
             names = [each.name for each in entries if each.name.startswith(PREFIX) and each.name.endswith(LOCK)]
@@ -92,10 +92,10 @@ def sole_holder(path: Path, said: str) -> Iterator[None]:
 
     Args:
         path: of it, at the end of links.
-        said: what others who want it are told.
+        said: message for others who want it.
 
     Raises:
-        BlockingIOError: somebody else holds it; `strerror` is what they said.
+        BlockingIOError: somebody else holds it; `strerror` is their message.
         OSError: the folder takes no files.
     """
     folder, name = (path, "") if path.is_dir() else (path.parent, path.name)
@@ -168,9 +168,9 @@ def _new_lock(folder: Path) -> tuple[Path, int]:
 
 
 def _clear(lock: Path) -> None:
-    """Remove a lock file and what belongs to it, if its process is gone."""
+    """Remove a lock file and its temporaries, if its process is gone."""
     descriptor = os.open(lock, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0))
-    # The temporary, and what the library that was writing it had put there.
+    # The temporary, and files beside it of the library that was writing it.
     beside = [path for path in lock.parent.iterdir() if path.name.startswith(_stem(lock)) and path != lock]
     try:
         try:

@@ -1,4 +1,4 @@
-"""A scene in, arrays of all that moves out: what was simulated, in one call."""
+"""A scene in, arrays of all motion out: a simulation in one call."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -56,7 +56,7 @@ class Trajectories(Shown):
 
     @cached_property
     def volumes(self) -> NDArray[np.float64]:
-        """Volume of each balloon [m^3], shape (frame_count, balloon_count): what a closed one encloses."""
+        """Volume of each balloon [m^3], shape (frame_count, balloon_count): enclosed by a closed one."""
         return self._measured(signed_volume)
 
     @cached_property

@@ -1,1 +1,1 @@
-"""Many worlds at once: what differs between them, and what is read from them."""
+"""Many worlds at once: their varied values, and their measures."""

@@ -150,10 +150,10 @@ def run_batch(
 
     Raises:
         InputError: the scene cannot be simulated, a value or a law is wrong, the worlds do not fit, a folder cannot be
-            written, the cluster is not there, or a checkpoint is another batch's; what was there stays.
-        BlowUpError: a world blew up, which is to stop all; what was there stays.
+            written, the cluster is not there, or a checkpoint is another batch's; earlier files stay.
+        BlowUpError: a world blew up, which is to stop all; earlier files stay.
         MissingExtraError: a scheduler is given and dask.distributed is not installed.
-        WorkersLostError: the cluster's workers or its scheduler end; what was there stays.
+        WorkersLostError: the cluster's workers or its scheduler end; earlier files stay.
         KeyboardInterrupt: Ctrl-C, after the frame and the checkpoint; the message says how to go on.
     """
     check_policy(on_blowup)
@@ -201,7 +201,7 @@ def _files(trajectories: TrajectoryFiles | str | Path | None, folder: str | Path
 def _warning(
     task: BatchTask, on_begin: Callable[[Beginning], None], on_warning: Callable[[str], None]
 ) -> Callable[[Beginning], None]:
-    """Make a listener to what begins that tells, too, what is odd about the meshes."""
+    """Make a listener to the beginning that passes on the warnings about meshes, too."""
 
     def begin(beginning: Beginning) -> None:
         on_begin(beginning)
@@ -245,7 +245,7 @@ def _remarks(outcome: Outcome) -> list[str]:
 
 
 def _summary(task: BatchTask, outcome: Outcome, name: str) -> BatchSummary:
-    """Sum up what `run_batch` hands back."""
+    """Make the summary that `run_batch` returns."""
     scene, groups, stage = task.scene, task.groups, str(task.folder / STAGE_NAME)
     substeps = groups[0].plan.substeps
     particles = task.particle_count

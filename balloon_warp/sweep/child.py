@@ -18,12 +18,12 @@ from balloon_warp.errors import InputError, WorkersLostError
 LOADED = ["balloon_warp.sweep.shares"]
 """Modules that a fork server loads: nearly all that any child needs"""
 SAFE_PATH = "PYTHONSAFEPATH"
-"""Variable that keeps Python from importing what lies in the current folder"""
+"""Variable that keeps Python from importing modules of the current folder"""
 ENDING_SECONDS = 1.0
 """Time that processes have to end by themselves [s]"""
 UNGUARDED = 'a script that starts processes needs its main part under `if __name__ == "__main__":`'
 UNSENT = (pickle.PicklingError, AttributeError, TypeError)
-"""Errors of what cannot be sent"""
+"""Errors of objects that cannot be sent"""
 
 
 def begin_children() -> None:
@@ -58,7 +58,7 @@ def _unlike_a_script() -> Iterator[None]:
 
 
 def start_child(serve: Callable[..., None], environment: Mapping[str, str], *given: Any) -> tuple[Any, Connection]:
-    """Start a process that calls a function of a connection and what is given; return it and the other end.
+    """Start a process that calls a function of a connection and given arguments; return it and the other end.
 
     Args:
         environment: variables that it has besides those of this process.
@@ -93,7 +93,7 @@ def end_children(processes: Iterable[Any], seconds: float = ENDING_SECONDS) -> N
 
 
 def pack(what: Any) -> bytes:
-    """Return what `pickle.loads` makes the same of in another process; cloudpickle, if installed, packs functions.
+    """Return bytes that `pickle.loads` unpacks in another process; cloudpickle, if installed, packs functions.
 
     Raises:
         PicklingError, AttributeError, TypeError: it cannot be sent.

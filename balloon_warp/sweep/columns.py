@@ -64,7 +64,7 @@ def describe_columns(
     The unit of numbers without one is "1", and that of words is empty.
 
     Args:
-        varied: the paths of what differs.
+        varied: the paths of values that differ.
         laws: your own.
         pairs: that pressed each other.
     """
@@ -78,7 +78,7 @@ def describe_columns(
 
 
 def units_of(scene: Scene, paths: Iterable[str], laws: Sequence[Law]) -> dict[str, str]:
-    """Return the units of what varies, by path: "1" of what has none, and nothing of words."""
+    """Return the units of varied values, by path: "1" of those without one, and nothing of words."""
     rows = rows_of((*LAWS, *laws))
     places, units = places_of(with_law_tables(scene, rows), rows), {row.name: row.unit for row in rows}
     found = {}
@@ -94,7 +94,7 @@ def units_of(scene: Scene, paths: Iterable[str], laws: Sequence[Law]) -> dict[st
 
 
 def _meaning(path: str) -> str:
-    """Return what the schema says of a field, or of what its path ends in."""
+    """Return the schema's meaning of a field, or of the end of its path."""
     if path.endswith(SHA256):
         return f"SHA-256 of the file that {path.removesuffix(SHA256)} names, or of a mesh's arrays; in worlds"
     said, table = "", cast("Any", Scene)

@@ -65,7 +65,7 @@ class DaskWorkers:
             self._stack = stack.pop_all()
 
     def devices(self, device: str | None, modules: Sequence[str]) -> list[str]:
-        """See `Workers`. Dask's scheduler opens what passes through it, and loads the modules, too."""
+        """See `Workers`. Dask's scheduler unpacks messages that pass through it, and loads the modules, too."""
         for module in modules:
             try:
                 for run in (self._client.run_on_scheduler, self._client.run):

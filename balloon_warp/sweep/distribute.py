@@ -98,7 +98,7 @@ def _require_table_memory(task: BatchTask) -> None:
 
 
 def _work(task: BatchTask, shares: Sequence[Group], done: Collection[int], device: str | None) -> Work:
-    """Return what workers are to do: the shares whose numbers are not among those that are done."""
+    """Return the work for workers: the shares whose numbers are not among those that are done."""
     told = (task.chosen, device, task.schedule, task.world_count, task.on_blowup)
     return Work(
         partial(simulate_share, every=task.every),

@@ -1,4 +1,4 @@
-"""Worlds of a batch grouped by what makes a model: a mesh, its scale, and its springs' constants beside each other."""
+"""Worlds of a batch grouped by model: by meshes, their scales, and the ratios of their springs' constants."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -51,7 +51,7 @@ class Group:
 
 
 def plan_groups(scene: Scene, world_count: int, vary: BatchVary, laws: Sequence[Law] = ()) -> list[Group]:
-    """Plan a model for each set of meshes, and of what else makes one.
+    """Plan a model for each set of meshes, and of other values that need a model of their own.
 
     All take the same step, which suits the stiffest world.
 
@@ -83,7 +83,7 @@ def plan_groups(scene: Scene, world_count: int, vary: BatchVary, laws: Sequence[
 
 
 def vary_columns(vary: BatchVary) -> dict[str, NDArray]:
-    """Write what varies as columns of a table: numbers, and the meshes' names, shape (world_count,).
+    """Write varied values as columns of a table: numbers, and the meshes' names, shape (world_count,).
 
     Files are named without their folders: `BatchTask.varied` has their hashes.
     """
@@ -94,7 +94,7 @@ def vary_columns(vary: BatchVary) -> dict[str, NDArray]:
 
 
 def is_mesh(path: str) -> bool:
-    """Return whether what varies at a path are meshes."""
+    """Return whether the values at a path are meshes."""
     return path.startswith("balloon.") and path.endswith(".mesh")
 
 

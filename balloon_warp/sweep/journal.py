@@ -17,7 +17,7 @@ class ShareJournal:
     """Puts shares into the output as they come, and those of an earlier batch first, where that is wanted.
 
     Args:
-        task: what is simulated.
+        task: of the batch.
         output: of the shares, in their order.
         checkpoints: where they are kept.
         device_kind: "cpu" or "cuda", on which the cut depends.
@@ -67,7 +67,7 @@ class ShareJournal:
         """Write a checkpoint of the shares that were done since the last, if there are any.
 
         Raises:
-            InputError: it cannot be written; what was there stays.
+            InputError: it cannot be written; earlier files stay.
         """
         if self._unsafe:
             notes = {

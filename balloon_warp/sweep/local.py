@@ -34,7 +34,7 @@ def simulate_locally(
 
     Args:
         device: Warp device; the GPU, or else the CPU, if not given.
-        checkpoints: what is kept safe meanwhile, and gone on from.
+        checkpoints: which keep the batch safe meanwhile, and from which it goes on.
         on_begin: called once all is laid out.
         on_frame: Called with the number of each simulated frame.
 
@@ -134,7 +134,7 @@ def _frames(
 def _take_up(
     checkpoints: Checkpoints, output: BatchOutput, simulators: Sequence[Simulator], recorders: Sequence[Recorder]
 ) -> int:
-    """Take up what an earlier batch saved, where that is wanted; return the first frame that is missing."""
+    """Take up the frames that an earlier batch saved, where that is wanted; return the first frame that is missing."""
     device = simulators[0].model.device
     begin = 0
     for part in checkpoints.take_up(

@@ -39,7 +39,7 @@ class Served(NamedTuple):
 
 
 class Line(Protocol):
-    """End of a connection that a worker has: tuples go out of the number of a share and what is told of it.
+    """A worker's end of a connection, on which it sends tuples: the number of a share, and news of it.
 
     That is a frame or the result; None for both is told by a worker that is free; -1 is the number of a failure of the
     worker itself.
@@ -65,7 +65,7 @@ class Line(Protocol):
 
 
 class InProcess:
-    """Worker in a process of its own, and what it has in hand.
+    """Worker in a process of its own, and its shares in hand.
 
     Args:
         environment: variables of the process besides those of this one.
@@ -92,7 +92,7 @@ class InProcess:
 
 
 class InThread:
-    """Worker in a thread of this process, and what it has in hand: results go from hand to hand.
+    """Worker in a thread of this process, and its shares in hand: results go from hand to hand.
 
     Args:
         ring: called where there is something to hear.
@@ -113,7 +113,7 @@ class InThread:
         self._line.given.put((share.number, share.call))
 
     def told_here(self) -> Iterator[tuple[int | None, Any]]:
-        """Iterate over what the thread has told since."""
+        """Iterate over the thread's messages since."""
         while True:
             try:
                 yield self._line.told.get_nowait()

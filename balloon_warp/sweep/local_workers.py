@@ -25,7 +25,7 @@ class LocalWorkers:
 
     Args:
         cluster: number of GPUs or processes. The first of several GPUs, and a single one, is this process's own.
-        module: what work needs; loaded by processes as they start.
+        module: that work needs; loaded by processes as they start.
 
     Raises:
         InputError: this machine has fewer GPUs, or a process cannot be started.
@@ -154,7 +154,7 @@ class LocalWorkers:
         self._take(worker, [told])
 
     def _take(self, worker: InProcess | InThread, news: Iterable[tuple[int | None, Any]]) -> None:
-        """Take in what a worker tells, as `Line` says."""
+        """Take in a worker's messages, as `Line` describes them."""
         for number, told in news:
             if number is None:
                 worker.free = worker.ready = True

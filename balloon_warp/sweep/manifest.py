@@ -25,7 +25,7 @@ MANIFEST_NAMES = (MANIFEST_NAME, f"{PARTIAL_NAME}/{JOB_NAME}")
 
 
 def describe_batch(task: BatchTask) -> dict[str, Any]:
-    """Describe what a batch is made of, as JSON has it, the same wherever its files are.
+    """Describe the inputs of a batch, as JSON has them, the same wherever its files are.
 
     Before the run: files may change meanwhile. A mesh from Python has the hash of its arrays, and its name.
     """
@@ -50,7 +50,7 @@ def write_manifest(
     """Write the manifest, after the outputs that it names: one that does not fit them is an earlier batch's.
 
     Args:
-        task: what was simulated.
+        task: of the batch.
         description: of it, as of `describe_batch`.
         provenance: where its values came from, such as the command and the seed.
         outcome: how it was done.

@@ -37,7 +37,7 @@ def require_room(
     That is where they are very many, and all of one size.
 
     Args:
-        varied: the paths of what differs.
+        varied: the paths of values that differ.
         device: Warp device; the GPU, or else the CPU, if not given.
         spread: whether workers simulate them, and only the table is here.
 

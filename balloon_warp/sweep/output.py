@@ -43,7 +43,7 @@ class BatchOutput:
     """Writes frames of a batch; its files appear when the `with` block, in which nobody else writes them, ends well.
 
     Args:
-        task: what is simulated. Its folder gets the tables and `worlds.usdc`; where no worlds are chosen there is no
+        task: of the batch. Its folder gets the tables and `worlds.usdc`; where no worlds are chosen there is no
             stage, and an earlier batch's goes.
         groups: the worlds, as they come together.
 
@@ -147,7 +147,7 @@ class BatchOutput:
     def rows(self, part: Part) -> dict[str, NDArray]:
         """Return a part of the table, once the files of worlds are as far: arrays by name.
 
-        They are the `worlds` of the part's groups, the names of what is measured, `columns`, and of each frame and
+        They are the `worlds` of the part's groups, the names of the measures, `columns`, and of each frame and
         world its `values` and `health`; of each world its `contacts`.
 
         Raises:
@@ -177,7 +177,7 @@ class BatchOutput:
         self.table.write_again()
 
     def endings(self) -> list[BadEnding]:
-        """Find what ended badly in worlds of the stage, in at most `MOST_LOOKED_AT` of them, spread evenly."""
+        """Find the bad endings in worlds of the stage, in at most `MOST_LOOKED_AT` of them, spread evenly."""
         if not self.stage:
             return []
         exported = [

@@ -32,7 +32,7 @@ OF_GAS = ("moles", "mean_stretch", "thrust")
 
 
 def columns_of(scene: Scene) -> list[str]:
-    """List what is measured of each world.
+    """List the measures of each world.
 
     It is `MEASURES`, the heights of spheres and of free bodies [m], how many balloons are in the box, how many have
     burst, and `OF_GAS`.
@@ -85,7 +85,7 @@ class Recorder:
     """Reads a simulator's frames.
 
     Args:
-        simulator: what is simulated.
+        simulator: of the worlds.
         chosen: the worlds whose shape is wanted.
         every: step between frames that go into files of worlds; 0 for none.
     """
@@ -146,7 +146,7 @@ class Recorder:
         yield end()
 
     def _begin(self) -> Callable[[], Record]:
-        """Send the frame that the simulator is at on its way to the host; return what waits for it. Two may be."""
+        """Start copying the simulator's frame to the host; return a function that waits for it. Two may be under way."""
         number = self.simulator.frame_number
         with lock_of(self.simulator.model.device):
             replay(self._graph)

@@ -20,7 +20,7 @@ AHEAD = 2
 
 
 class Work(NamedTuple):
-    """Shares of work, and what does them."""
+    """Shares of work, and the function that does them."""
 
     do: Callable[..., Any]
     """Function of a share's arguments, and of `on_frame`, which takes the number of frames that are done"""
@@ -82,7 +82,7 @@ def run_shares(
 ) -> Iterator[tuple[int, Any] | None]:
     """Do the shares, and yield each one's number and result as it comes, and nothing now and then meanwhile.
 
-    What a lost worker had is done again. Where a share does not fit, other workers do it and all that follow.
+    The shares of a lost worker are done again. Where a share does not fit, other workers do it and all that follow.
 
     Args:
         on_frame: told how many frames are done, on the average of all shares by their weights.

@@ -77,7 +77,7 @@ class BatchTask:
         return sum(len(group.worlds) * group.plan.particle_count for group in self.groups)
 
     def beginning(self, device: str, schedule: str, workers: int = 1) -> Beginning:
-        """Return what is simulated, where, and how."""
+        """Return the sizes of the simulation, its device, and its schedule."""
         return Beginning(
             worlds=self.world_count,
             particles=self.particle_count,

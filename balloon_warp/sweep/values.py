@@ -28,7 +28,7 @@ def parse_vary(text: str, scene_source: str = "") -> tuple[str, Choice]:
     """Split `PATH=LOW:HIGH` or `PATH=VALUE,VALUE,...`; only meshes are given by words.
 
     Args:
-        text: what follows `--vary`.
+        text: the argument of `--vary`.
         scene_source: the scene that the command names; meshes are sought beside its file, too.
 
     Raises:

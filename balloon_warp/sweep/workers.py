@@ -68,7 +68,7 @@ class Workers(Protocol):
         Raises:
             InputError: workers do not start.
             WorkersLostError: a share lost one worker after the other, no worker is left, or a scheduler is gone.
-            Exception: what a share raised.
+            Exception: as raised by a share.
         """
         ...
 

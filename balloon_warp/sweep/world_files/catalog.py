@@ -1,4 +1,4 @@
-"""Manifest of a folder of trajectories: what its files are, and which are for training, validation and test."""
+"""Manifest of a folder of trajectories: its files, and which are for training, validation and test."""
 
 import json
 import re
@@ -20,7 +20,7 @@ from balloon_warp.sweep.world_files.splits import SPLITS
 
 MANIFEST_NAME = "manifest.json"
 STATIC = "static"
-"""Name of the folder of what stays, and what the names of its files begin with"""
+"""Name of the folder of static fields, and the beginning of its files' names"""
 
 
 def write_catalog(
@@ -36,10 +36,10 @@ def write_catalog(
     """Write the manifest, after the files that it names.
 
     Args:
-        world: what stands in the first one.
+        world: contents of the first one.
         names: of the files, by world.
         health: of each world at the end.
-        static: names of the files with what stays.
+        static: names of the files with static fields.
         moments: of each moving field, over the files for training, if there are any.
 
     Raises:

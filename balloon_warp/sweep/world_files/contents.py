@@ -32,8 +32,8 @@ class Contents:
     """Contents of the files of a batch.
 
     Args:
-        scene: what all worlds have in common.
-        vary: what differs between them.
+        scene: common to all worlds.
+        vary: values that differ between them.
         laws: your own.
         every: step between frames that are written.
         columns: the same as `BatchTask.varied`.

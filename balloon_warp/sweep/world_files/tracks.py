@@ -61,7 +61,7 @@ HEALTH = (
 
 
 def tracks_of(plan: ModelPlan | Model) -> dict[Track, tuple[int, ...]]:
-    """Find what a world has of `TRACKS`, and in which shape."""
+    """Find the tracks that a world has of `TRACKS`, and their shapes."""
     scene = plan.scene
     counts = AXES | {
         "particle": sum(shape.mesh.vertex_count for shape in plan.shapes),
@@ -91,10 +91,10 @@ def bytes_of_frame(plan: ModelPlan) -> int:
 
 
 class Tracker:
-    """Reads what goes into files from a simulator.
+    """Reads the tracks that go into files from a simulator.
 
     Args:
-        simulator: what is simulated.
+        simulator: of the worlds.
         every: which frames are read: 2 for every second.
     """
 

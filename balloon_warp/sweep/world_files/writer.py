@@ -43,9 +43,9 @@ class TrajectoryWriter:
 
     Args:
         options: where they go, and how.
-        contents: what stands in them.
+        contents: of the files.
         groups: the worlds, as they come together.
-        job: what they are of; the same when a batch goes on.
+        job: description of the batch; the same when a batch goes on.
 
     Raises:
         InputError: the folder cannot be written to, or has files of somebody else; or the disk is too small.
@@ -59,7 +59,7 @@ class TrajectoryWriter:
         self._job = as_json({"trajectories": options.as_json(), **job})
         self._format = FORMATS[options.format]()
         self._statics: dict[str, Arrays] = {}
-        """What stays, by the names of its files"""
+        """Static fields, by the names of their files"""
         self._commons = self._with_static(contents)
         self.world_count = sum(len(group.worlds) for group in groups)
         self._splits = splits_of(self.world_count, options.seed)
