@@ -146,7 +146,7 @@ class Recorder:
         yield end()
 
     def _begin(self) -> Callable[[], Record]:
-        """Start copying the simulator's frame to the host; return a function that waits for it. Two may be under way."""
+        """Start to copy the simulator's frame to the host; return a function that awaits it. Two may be under way."""
         number = self.simulator.frame_number
         with lock_of(self.simulator.model.device):
             replay(self._graph)
