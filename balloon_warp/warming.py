@@ -1,4 +1,4 @@
-"""Kernels compiled ahead, so that what is simulated later begins at once."""
+"""Kernels compiled ahead, so that later simulations begin at once."""
 
 import time
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ class WarmUp:
     device: str
     schedule: str
     seconds: float
-    """Duration including compilation [s]; a second time, what is not compiled remains"""
+    """Duration including compilation [s]; a second time, all but the compilation remains"""
 
 
 @checked

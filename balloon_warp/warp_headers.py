@@ -1,7 +1,7 @@
 """Warp's own headers, compiled once for all processes of a machine.
 
 Warp compiles them in each thread that compiles a kernel, and throws them away with the process: two to three seconds of
-a first frame on a CPU. Here a thread begins with what others have made, which is kept beside the kernels.
+a first frame on a CPU. Here a thread begins with files compiled by others, which are kept beside the kernels.
 """
 
 import hashlib
@@ -15,7 +15,7 @@ from typing import Any
 from balloon_warp.temporaries import clear_left_over, folder_of_process, temporary_in
 
 _linked: set[Path] = set()
-"""Links of threads to what is shared. Warp deletes one that does not fit, and makes a file in its place"""
+"""Links of threads to shared files. Warp deletes one that does not fit, and makes a file in its place"""
 _shared: set[Path] = set()
 """Files of threads that are shared"""
 
@@ -30,7 +30,7 @@ def share_headers(runtime: Any, kernels: Path, native: Path) -> None:
     """
     runtime._get_or_create_pch_dir = _folder_of_thread
     if runtime.llvm is not None:
-        shared = kernels / f"wp_headers_{_fingerprint(runtime, native)}"  # Warp clears its cache of what begins so
+        shared = kernels / f"wp_headers_{_fingerprint(runtime, native)}"  # Warp clears its cache of such names
         runtime.get_clang_pch_dir = partial(_folder_of_clang, shared)
 
 
@@ -42,7 +42,7 @@ def _folder_of_thread() -> str:
 
 
 def _folder_of_clang(shared: Path) -> str:
-    """Return the thread's folder, with links to what others have made since, after what it has made is shared."""
+    """Return the thread's folder, with links to later files of others, after its own files are shared."""
     folder = Path(_folder_of_thread())
     with suppress(OSError):  # such as a cache that takes no files: the thread has its own
         for made in folder.glob("*.pch"):

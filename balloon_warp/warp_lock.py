@@ -1,7 +1,7 @@
 """Threads that use Warp beside each other.
 
-While Warp records a graph for a CPU, its native half takes down what the recording thread does, but its Python half
-keeps the graph that is recorded for the process, and so takes down, or refuses, what every other thread does meanwhile.
+While Warp records a graph for a CPU, its native half takes down the calls of the recording thread, but its Python half
+keeps the graph that is recorded for the process, and so takes down, or refuses, calls of all other threads meanwhile.
 `record_by_thread` makes that one's own affair, too. So simulators on a CPU step in parallel.
 
 Tiles are the exception: Warp compiles one place for them into each module for a CPU, which threads would take from each
@@ -47,7 +47,7 @@ def lock_of(device: wp.Device) -> AbstractContextManager[Any]:
 
 
 def locked(method: Callable[P, T]) -> Callable[P, T]:
-    """Hold the lock of the model's device while a method runs of what has a model."""
+    """Hold the lock of the model's device while a method of an object with a model runs."""
 
     @wraps(method)
     def holding(*arguments: P.args, **named: P.kwargs) -> T:
@@ -77,7 +77,7 @@ def replay(graph: Any, stream: wp.Stream | None = None) -> None:
 
 @contextmanager
 def recording(device: wp.Device, stream: wp.Stream | None = None) -> Iterator[wp.ScopedCapture]:
-    """Record what is queued on a device, or in one of its streams, as a graph; no other thread records meanwhile.
+    """Record the work queued on a device, or in one of its streams, as a graph; no other thread records meanwhile.
 
     Nothing is garbage collected, either: pinned memory that a simulator leaves behind would end a GPU's recording when
     it is freed.
@@ -102,7 +102,7 @@ def _remembering() -> Iterator[None]:
     """Let a recording on a CPU look for the pointers in a struct, and describe a launch, once, not in every substep.
 
     Warp looks through hundreds of arrays, which takes longer than the rest of a launch. Where bytes are the same, so
-    are pointers and what they point to, as nothing is freed in a recording.
+    are pointers and their targets, as nothing is freed in a recording.
     """
     from warp._src.context import runtime
 
@@ -134,7 +134,7 @@ def _remembering() -> Iterator[None]:
         key = kernel, module, adjoint, *(bytes(each) for at, each in enumerate(params[1:]) if at not in numbers)
         if key not in described:
             info = describe(kernel, module, hooks, params, given, adjoint, adj_args)
-            kept = [getattr(recorder, f"_last_{name}", None) for name in OF_LAUNCH]  # what it has pointers into
+            kept = [getattr(recorder, f"_last_{name}", None) for name in OF_LAUNCH]  # which it has pointers into
             if None in kept[:2]:
                 return info
             described[key] = info, kept

@@ -1,4 +1,4 @@
-"""Compiles what a hand will ask for, in a process of its own: a thread would hold Python's lock."""
+"""Compiles the kernels that a hand will need, in a process of its own: a thread would hold Python's lock."""
 
 import contextlib
 import hashlib
@@ -105,7 +105,7 @@ def _tell_and_wait(process: "subprocess.Popen[bytes]", task: bytes) -> None:
 
 
 def _tidy(process: int) -> None:
-    """Delete what a process that was ended had begun to compile."""
+    """Delete the unfinished kernels of a process that was ended."""
     for begun in _kernels().glob(f"*_p{process}_*"):
         shutil.rmtree(begun, ignore_errors=True)
 

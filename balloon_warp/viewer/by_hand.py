@@ -10,7 +10,7 @@ SPHERE_DRAG = 0.47
 
 
 def inflating(scene: Scene, value: float) -> list[tuple[str, Any]]:
-    """Return the paths and values for what is keyframed of all balloons that are inflated as the first one is.
+    """Return paths and values for the keyframed field of all balloons that are inflated as the first one is.
 
     The scene's own filling ends.
 

@@ -1,4 +1,4 @@
-"""The panel: what people reach for first, and everything else that can be set, in folders."""
+"""The panel: the controls that people reach for first, and everything else that can be set, in folders."""
 
 from collections.abc import Callable
 from typing import Any, get_args
@@ -27,8 +27,8 @@ class Controls:
 
     Args:
         server: of the page.
-        session: what is played.
-        layers: what is drawn.
+        session: that the panel steers.
+        layers: of the view.
         look: turns a window's camera to the balloon, and lets it follow or stay.
     """
 
@@ -66,7 +66,7 @@ class Controls:
 
     def follow(self, picture: Picture) -> None:
         """Bring the panel up to date with a picture."""
-        if picture.granted == self.session.asked:  # else hands are ahead of what is shown, and must not be pulled back
+        if picture.granted == self.session.asked:  # else hands are ahead of the picture, and must not be pulled back
             if self._bound != (picture.load, picture.revision):
                 self._bind(picture)
             if picture.scene is not self._seen:

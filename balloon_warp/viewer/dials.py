@@ -21,9 +21,9 @@ class Dial:
 
     Args:
         gui: of the page.
-        value: what it sets.
-        act: called with what somebody sets, within the dial's range.
-        tell: called with a sentence where what is typed is beyond that.
+        value: that it sets.
+        act: called with a number that somebody sets, within the dial's range.
+        tell: called with a sentence where a typed number is beyond that.
     """
 
     def __init__(

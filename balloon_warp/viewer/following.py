@@ -14,7 +14,7 @@ TURNED = 1e-3
 AWAY = 1.1
 """Distance of a camera from its target, over the target's size: it fills most of the view"""
 NARROW = 0.75
-"""Width over height of a window in which what fills its height is as wide as it"""
+"""Width over height of a window in which a view that fills its height is as wide as it"""
 
 
 class Follower:

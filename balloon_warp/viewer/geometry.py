@@ -17,7 +17,7 @@ Lines = NDArray[np.float32]
 
 
 class Drawing:
-    """The parts of a model that do not change, and what follows from a picture's points."""
+    """The parts of a model that do not change, and the lines and measures of a picture's points."""
 
     def __init__(self, model: Model):
         self.model = model

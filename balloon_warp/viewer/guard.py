@@ -1,6 +1,6 @@
 """Guard of the page's server: who may connect, and which messages it accepts.
 
-viser checks neither where a connection comes from nor what it says. Any site that somebody visits could so open a web
+viser checks neither the origin of a connection nor its messages. Any site that somebody visits could so open a web
 socket to the page on this machine, play with it and read it; and one message that is none would fill the terminal with
 tracebacks, or everybody's panel with NaN.
 """
@@ -132,7 +132,7 @@ async def _greet(handler: Handler, connection: ServerConnection) -> None:
 
 
 class _Connection(ServerConnection):
-    """Hears only what makes sense, as long as there is some in it."""
+    """Connection that hears only valid messages, and ends after `MOST_NONSENSE` others."""
 
     control: Callable[[str], Any]
     nonsense = 0

@@ -25,11 +25,11 @@ INFLATIONS = {"k_normal": "inflation (k_normal)", "pressure": "pressure [Pa]", "
 
 
 class HandsOn:
-    """Inflate and deflate, time, the scene, what balloons are made of and their color.
+    """Inflate and deflate, time, the scene, and the material and color of balloons.
 
     Args:
         server: of the page.
-        session: what is played.
+        session: that the panel steers.
         look: turns a window's camera to the balloon, and lets it follow or stay.
     """
 

@@ -45,7 +45,7 @@ LINES = {
 LIGHT = 2.8
 """Intensity of the studio's key light; the page finds its place and its shadow itself (page_files/look.js)"""
 SLOWER = 3
-"""Number of pictures between two drawings of what is large"""
+"""Number of pictures between two drawings of large layers"""
 
 
 class Layers:
@@ -89,7 +89,7 @@ class Layers:
         self.server.flush()
 
     def foresee(self, position: NDArray[np.floating], radius: float, color: colors.Color, asked: int) -> None:
-        """Draw a sphere that was asked for where it will start, until a picture shows what became of it.
+        """Draw a sphere that was asked for where it will start, until a picture shows the outcome.
 
         Args:
             asked: how many wishes there were until then.

@@ -84,7 +84,7 @@ def surface_of(
 
     Args:
         up: Unit vector of the up axis.
-        below: Point over the middle of what is drawn of a plane [m], shape (3,).
+        below: Point over the middle of the drawn part of a plane [m], shape (3,).
         half: Half its side [m].
     """
     if shape.mesh is not None:

@@ -30,7 +30,7 @@ class Origins:
 
     @property
     def hosts(self) -> set[str]:
-        """Host names of the trusted origins: a proxy may hand on what it was asked for as."""
+        """Host names of the trusted origins: a proxy may hand on the name by which it was asked."""
         return {str(urlsplit(origin).hostname) for origin in self.trusted}
 
     def admit(self, origin: str, host: str) -> bool:
@@ -59,7 +59,7 @@ class Origins:
 
 
 def refusal(origin: str) -> str:
-    """Return a sentence on what is refused, and how to permit it."""
+    """Return a sentence on a refused origin, and how to permit it."""
     return (
         f"a page at {origin} is refused; if you opened it there, through a proxy of yours, start the page with "
         f"--origin {origin}, in Python origins=['{origin}']"

@@ -19,7 +19,7 @@ class Pace:
         self.speed = speed
         self._due: float | None = None
         self._passed: deque[tuple[float, float]] = deque()
-        """Times at which frames were done, and what each simulated"""
+        """Times at which frames were done, and simulated time of each [s]"""
 
     def rest(self) -> None:
         """Stop time until the next frame."""

@@ -1,4 +1,4 @@
-"""The page: a server, what it draws and what is clicked in it. Several windows see, and do, the same."""
+"""The page: a server, its drawings and the clicks in them. Several windows see, and do, the same."""
 
 import functools
 import sys
@@ -85,7 +85,7 @@ class Page:
     def _show(self) -> None:
         """Draw the newest picture, whenever there is one and somebody looks; runs in the drawing thread."""
         drawn, panel_at, prepared = None, 0.0, 0
-        np.seterr(over="ignore", invalid="ignore")  # on this thread: the page says what blew up, not the terminal
+        np.seterr(over="ignore", invalid="ignore")  # on this thread: the page reports a blow-up, not the terminal
         while not self._stop.wait(SHOWN_SECONDS / 2):
             self.session.watched = bool(self.server.get_clients())
             picture, busy = self.session.picture, self.session.busy_seconds

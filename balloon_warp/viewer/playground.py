@@ -59,7 +59,7 @@ class Playground:
         """Go back to the start of the scene, as it was given."""
         self.simulator = Simulator.of_model(self._first_model)
         self.live = self.start
-        """Scene as it is now, but for what it has planned; once anything is touched, exactly as it is"""
+        """Scene as it is now, but for its planned changes; once anything is touched, exactly as it is"""
         self.journal = Journal(self.start.model_copy(update={"substeps": self.simulator.model.substeps}))
         self.numbers = list(range(len(self.live.sphere))), list(range(len(self.live.string)))
         """Numbers of the current spheres and strings in the journal"""
@@ -182,7 +182,7 @@ class Playground:
             self.journal.change(self.frame, f"string.{self.numbers[1][self.hands[who]]}.anchor", anchor)
 
     def release(self, who: object) -> None:
-        """Release what a window holds."""
+        """Release the point that a window holds."""
         if who in self.hands:
             self.cut(self.hands[who])
 
@@ -204,7 +204,7 @@ class Playground:
         )
 
     def return_to(self, moment: Moment) -> None:
-        """Go on from a moment; what was done since is undone. Nobody holds anything any more."""
+        """Go on from a moment; later actions are undone. Nobody holds anything any more."""
         self.journal = moment.journal.copy()
         self.numbers = list(moment.numbers[0]), list(moment.numbers[1])
         self._untouched, self.hands = False, dict(moment.hands)
@@ -234,7 +234,7 @@ class Playground:
             self.journal.change(self.frame, "substeps", substeps)
 
     def _take_over(self) -> None:
-        """Cancel what the scene itself had planned, from the first interaction on."""
+        """Cancel the scene's own planned changes, from the first interaction on."""
         if not self._untouched:
             return
         self._untouched = False

@@ -1,4 +1,4 @@
-"""Curves of what is measured, over the last seconds."""
+"""Curves of measures over the last seconds."""
 
 from collections import deque
 

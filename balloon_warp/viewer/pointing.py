@@ -23,9 +23,9 @@ class Pointing:
 
     Args:
         server: of the page.
-        session: what is played.
-        layers: what is drawn.
-        controls: which say what a click does.
+        session: of the simulation.
+        layers: of the view.
+        controls: which choose the action of a click.
     """
 
     def __init__(self, server: viser.ViserServer, session: Session, layers: Layers, controls: Controls):
@@ -42,7 +42,7 @@ class Pointing:
             self.session.ask(lambda playground: self._tie(playground, origin, direction))
 
     def _throw(self, origin: np.ndarray, direction: np.ndarray) -> None:
-        """Throw a sphere from before the camera to what the click points at.
+        """Throw a sphere from before the camera to the place that the click points at.
 
         It is drawn at once, and simulated as soon as possible.
         """

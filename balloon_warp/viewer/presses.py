@@ -41,7 +41,7 @@ class PressLayer:
         )  # fmt: skip
 
     def draw(self, picture: Picture, shown: bool) -> None:
-        """Show what a picture's contacts do to its balloons."""
+        """Show the net contact forces on a picture's balloons."""
         arrows = self.arrows_of(picture) if shown else np.zeros((0, 2, 3), np.float32)
         if len(arrows):
             self._arrows.points = arrows

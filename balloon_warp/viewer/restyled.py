@@ -12,7 +12,7 @@ FILM_STRETCH = 0.05
 
 
 def material_of(scene: Scene) -> str:
-    """Return the name of what the first balloon is made of."""
+    """Return the name of the first balloon's material."""
     balloon = scene.balloon[0]
     return balloon.material.preset or (balloon.look == "foil" and "foil") or balloon.material.law
 

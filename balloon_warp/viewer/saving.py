@@ -56,7 +56,7 @@ def save_recording(recorded: Recorded, folder: Path, name: str, laws: Sequence[L
 def told_of_saving(
     recorded: Recorded, folder: Path, name: str, laws: Sequence[Law] = ()
 ) -> tuple[str, tuple[Path, ...]]:
-    """Save a recording, and return what became of that in a sentence, and the files."""
+    """Save a recording, and return the outcome in a sentence, and the files."""
     try:
         files = save_recording(recorded, folder, name, laws)
     except InputError as mistake:
@@ -65,7 +65,7 @@ def told_of_saving(
 
 
 def main() -> None:
-    """Read a recording from standard input, write it, and tell the files, or what is wrong, on standard output."""
+    """Read a recording from standard input, write it, and tell the files, or the error, on standard output."""
     open_closed_streams()
     answers = os.dup(1)
     os.dup2(2, 1)  # a library's output is no answer

@@ -238,7 +238,7 @@ class Session:
 
     def _refuse(self, sentence: str) -> None:
         self.notices.append(sentence)
-        self._revision += 1  # whoever asked sees what holds
+        self._revision += 1  # whoever asked sees the present values
 
     def _advance(self) -> None:
         """Simulate one frame."""
@@ -257,7 +257,7 @@ class Session:
         self._step_seconds += 0.1 * (time.perf_counter() - began - self._step_seconds)
 
     def _end_recording(self) -> None:
-        """Write what was recorded, beside the simulation: it takes longer than a frame."""
+        """Write the recording, beside the simulation: it takes longer than a frame."""
         if not self.recording:
             return
         recorded, self.recording = self.recording.end(self.playground.journal), None

@@ -31,7 +31,7 @@ def status_line(picture: Picture, busy_seconds: float = 0.0) -> str:
     """Return the time and pace, in one line however long they are.
 
     Args:
-        busy_seconds: how long what was asked for takes by now, if it takes long.
+        busy_seconds: how long a request takes by now, if it takes long.
     """
     recorded = f" · ● {picture.recorded_seconds:.1f} s" if picture.recorded_seconds is not None else ""
     pace, why = (f"getting ready: {busy_seconds:.1f} s", COMPILING) if busy_seconds else _pace(picture)
@@ -49,7 +49,7 @@ def row_of(count: int, large: bool = False) -> str:
 
 
 def trouble_line(picture: Picture) -> str:
-    """Return what went wrong; more of it is shown where a pointer rests."""
+    """Return the error; more of it is shown where a pointer rests."""
     return f'<div class="bw-trouble" role="alert" title="{escape(picture.why)}">{escape(picture.trouble)}</div>'
 
 
@@ -69,7 +69,7 @@ def _pace(picture: Picture) -> tuple[str, str]:
 
 
 def details(picture: Picture) -> str:
-    """Return what is simulated, and by what."""
+    """Return the sizes of the model, its schedule and its device."""
     model = picture.model
     return (
         f'<div class="bw-details">{model.particle_count:,} particles, {model.spring_count:,} springs, '

@@ -44,8 +44,8 @@ def view(
         open_page: Whether to open the page in the browser.
         laws: User-defined laws beside the built-in ones; see `balloon_warp.laws`. Their parameters have sliders.
         on_start: Called with the page once it is served.
-        on_warning: told in a sentence what is odd about a mesh, and what became of it, of strings that start
-            overstretched, and of spheres that may come through; and what asks for the page and is refused.
+        on_warning: called with sentences on odd meshes and their treatment, on strings that start overstretched, on
+            spheres that may come through, and on origins that ask for the page and are refused.
 
     Raises:
         InputError: the scene cannot be simulated, the folder is not there, or the page cannot be served.
@@ -111,7 +111,7 @@ def look_on(simulator: Simulator, world: int = 0, **options: Any) -> "Onlooker":
 
 @contextmanager
 def _needing_viser() -> Iterator[None]:
-    """Load what needs viser, or say that it is missing."""
+    """Load modules that need viser, or say that it is missing."""
     try:
         yield
     except ModuleNotFoundError as missing:

@@ -74,7 +74,7 @@ class Wishes:
             wish(playground)
         except (InputError, ValueError, TypeError, IndexError, OverflowError) as mistake:
             self._refused(str(mistake).partition("\n")[0])
-        except Exception as mistake:  # one of ours must not end what others watch
+        except Exception as mistake:  # one of ours must not end the page that others watch
             self.fail(mistake)
             self._refused("this failed; the terminal has the error")
 
