@@ -25,7 +25,7 @@ WORLDS = (1, 64, 1024)
 MOST = 1.05
 """time of `auto` over that of the fastest"""
 ON_CPU, ON_GPU = ("gather", "lanes", "octets"), ("gather", "block")
-"""what is measured; `scatter` is for reading"""
+"""measured schedules; `scatter` is for reading"""
 VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
     "squirrel_inflate, pressure": (
         "squirrel_inflate",
@@ -40,7 +40,7 @@ VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
 }
 """bundled scenes with other physics"""
 FRAME_SECONDS = 0.2
-"""about as long as what is timed together"""
+"""approximate time of the frames that are timed together"""
 FRAMES_BEFORE = 60
 """that a GPU simulates first of balloons that touch, until they do"""
 
@@ -59,7 +59,7 @@ class Choice:
 
     @property
     def loss(self) -> float:
-        """Rate of the fastest over that of what is taken."""
+        """Rate of the fastest over that of the schedule taken."""
         return max(self.rates.values()) / self.rates[self.taken]
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class MeshCase:
-    """A mesh file, and what must become of it."""
+    """A mesh file, and its required outcome."""
 
     name: str
     content: Callable[[], bytes]
@@ -23,7 +23,7 @@ class MeshCase:
     says: str = ""
     """how the sentence goes on after the file's name, or how the warning begins"""
     overrides: tuple[tuple[str, object], ...] = ()
-    """what is asked of the balloon"""
+    """of the balloon's fields"""
 
 
 CUBE_POINTS = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nv 0 0 1\nv 1 0 1\nv 0 1 1\nv 1 1 1\n"

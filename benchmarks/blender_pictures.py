@@ -41,7 +41,7 @@ scene.view_settings.view_transform = transform
 scene.frame_set(int(frame))
 bpy.ops.render.render(write_still=True)
 """
-"""what one does by hand after ANIMATORS.md; in a process of its own, since Blender brings a USD of its own"""
+"""the steps by hand of ANIMATORS.md; in a process of its own, since Blender brings a USD of its own"""
 TRANSFORM = "Khronos PBR Neutral"
 """the view transform of our own pictures"""
 

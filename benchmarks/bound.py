@@ -31,7 +31,7 @@ def bound(model: Model, schedule: str) -> float | None:
     """Particle-substeps a second that the GPU could do at most; None where nobody has counted.
 
     Raises:
-        RuntimeError: what Warp raises if the GPU is lost.
+        RuntimeError: raised by Warp if the GPU is lost.
     """
     kinds = {balloon.inflation.kind for balloon in model.scene.balloon}
     if not model.device.is_cuda or kinds != {"normal_force"} or model.parameters["drag_coefficient"].numpy().any():
@@ -41,7 +41,7 @@ def bound(model: Model, schedule: str) -> float | None:
         return block_bound(multiprocessors, obstacles=model.sphere_count > 0)
     if schedule == "gather" and (patches := cut_into_patches(model, model_features(model))):
         blocks = min(model.device.sm_count, model.world_count * patches.count)
-        return block_bound(blocks, obstacles=False)  # by the same code; what blocks tell each other is not counted
+        return block_bound(blocks, obstacles=False)  # by the same code; messages between blocks are not counted
     if schedule == "gather":
         particles = model.world_count * model.particle_count
         launches = launch_seconds(model.device, particles) * (2 if model.sphere_count else 1)

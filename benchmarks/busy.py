@@ -18,7 +18,7 @@ from balloon_warp.schedules.recorded_frame import RecordedFrame
 from balloon_warp.warp_logging import quiet_warp
 
 BEFORE, FRAMES, TURNS = 6, 12, 3
-"""frames that are left out, that are timed together, and how often: what is recorded on the way is in the first two"""
+"""frames that are left out, that are timed together, and how often: recordings on the way are in the first two"""
 
 
 def seconds_of(name: str) -> list[float]:

@@ -110,7 +110,7 @@ def _certificate(name: str, reports: Sequence[CheckReport], seconds: float) -> C
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Certify what a command line asks for.
+    """Certify the scenes of a command line.
 
     Args:
         words: of it; if missing, those that Python was started with.

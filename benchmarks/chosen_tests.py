@@ -42,7 +42,7 @@ def processor_seconds() -> float:
 
 
 class Chosen:
-    """Deselect all other tests, and leave out what comes too late."""
+    """Deselect all other tests, and leave out those that come too late."""
 
     def __init__(self, tests: list[str], seconds: float, report: Path):
         self._place = {test: place for place, test in enumerate(tests)}
@@ -54,7 +54,7 @@ class Chosen:
 
     @pytest.hookimpl(trylast=True)
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
-        """Keep what was chosen, in order."""
+        """Keep the chosen tests, in order."""
         items[:] = [item for item in items if item.nodeid in self._place]
         items.sort(key=lambda item: self._place[item.nodeid])
 

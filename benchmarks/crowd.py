@@ -11,7 +11,7 @@ from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness, Touch
 APART = 1.05
 """between the middles of two neighbors, over the width at the start: they do not touch then"""
 HELD = 0.6
-"""how far what is held of each reaches from the corner that is farthest from all others, over the radius"""
+"""how far the held part of each reaches from the corner that is farthest from all others, over the radius"""
 PRESSURE = 12.0
 """[Pa]; a balloon by itself gets a fifth wider"""
 

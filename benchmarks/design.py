@@ -83,7 +83,7 @@ class Row:
     said: str
     seconds: float
     worked: float
-    """seconds of processors: what it takes where nothing else runs"""
+    """seconds of processors: the time where nothing else runs"""
 
     def __str__(self) -> str:
         return f"| {self.case} | {self.said} | {self.seconds:.0f} | {self.worked:.0f} |"

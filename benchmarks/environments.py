@@ -66,7 +66,7 @@ def of_task(task: Task, device: Any, worlds: int, steps: int) -> None:
 
 
 def _stepping(env: BalloonVectorEnv) -> Callable[[], Any]:
-    """Return what steps an environment by random actions, as arrays of its own kind."""
+    """Return a function that steps an environment by random actions, as arrays of its own kind."""
     observations, _ = env.reset(seed=0)
     actions: Any = np.random.default_rng(0).uniform(-1.0, 1.0, env.action_space.shape).astype(np.float32)
     if not isinstance(observations, np.ndarray):

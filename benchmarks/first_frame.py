@@ -39,7 +39,7 @@ def measure_first_frame(case: FirstFrameCase, device: wp.Device) -> Result:
     """
     seconds, printed = [], ""
     with tempfile.TemporaryDirectory(prefix="balloon-warp-") as folder:
-        _simulate(case, device, folder)  # Python keeps what it has compiled, too, as where a package is installed
+        _simulate(case, device, folder)  # Python keeps compiled modules, too, as of an installed package
         for number in range(REPEATS):
             elapsed, printed = _simulate(case, device, str(Path(folder) / str(number)) if case.cold else folder)
             seconds.append(elapsed)
@@ -55,7 +55,7 @@ def measure_first_frame(case: FirstFrameCase, device: wp.Device) -> Result:
 
 
 def _simulate(case: FirstFrameCase, device: wp.Device, cache: str) -> tuple[float, str]:
-    """Seconds until a process has its first frame, and what it says then."""
+    """Seconds until a process has its first frame, and its output then."""
     imported = str(Path(balloon_warp.__path__[0]).parent)
     path = os.pathsep.join(filter(None, [imported, os.environ.get("PYTHONPATH")]))
     environment = {**os.environ, "WARP_CACHE_PATH": cache, "PYTHONPATH": path}

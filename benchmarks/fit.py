@@ -58,9 +58,9 @@ class CurveRow:
     kind: str
     rows: int
     within: Values
-    """of each value, what 95% of the draws are nearer than [1]"""
+    """of each value, the error that 95% of the draws are below [1]"""
     bound: Values
-    """of each value, what no method without bias comes below (Cramer and Rao) [1]"""
+    """of each value, the least error of any method without bias (Cramer and Rao) [1]"""
     covered: tuple[Values, Values]
     """of each value, the fraction of draws within one and two reported standard deviations [1]"""
     seconds: float
@@ -135,7 +135,7 @@ def flight(seed: int, cells: int = CELLS, device: str = "cpu", starts: int = STA
     """Fit a scene to a flight that was seen.
 
     Args:
-        seed: of the noise, of what is hidden and of the starts.
+        seed: of the noise, of the hidden points and of the starts.
         cells: along an edge of the egg's mesh.
         device: that worlds are simulated on; the true flight is one on a CPU.
         starts: of the search.

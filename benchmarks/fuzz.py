@@ -42,7 +42,7 @@ ROUND = 200
 """files between looks at the clock"""
 
 Count = Counter[str]
-"""files by what became of them: "accepted" or "refused" """
+"""files by their outcomes: "accepted" or "refused" """
 
 
 def try_case(case: MeshCase, folder: Path) -> str | None:
@@ -71,7 +71,7 @@ def fuzz_meshes(folder: Path, examples: int, number: int, count: Count) -> None:
         folder: where they are written, one over the other.
         examples: how many.
         number: of the round; each has other files, and the same every time.
-        count: what became of them is added to it.
+        count: their outcomes are added to it.
     """
     path = folder / "mesh.obj"
 
@@ -171,7 +171,7 @@ def _limited_memory() -> Iterator[None]:
 
 
 def try_table(folder: Path) -> tuple[Count, list[str]]:
-    """Every mesh of the table: how many end how, and what is wrong with any."""
+    """Every mesh of the table: counts by outcome, and complaints."""
     with _limited_memory():
         wrong = [complaint for case in MESH_CASES if (complaint := try_case(case, folder))]
     return Counter(case.outcome for case in MESH_CASES), wrong
@@ -181,7 +181,7 @@ def fuzz_for(seconds: float, what: str, folder: Path) -> tuple[Count, str | None
     """Mutations of "meshes" or "scenes" until the time is over or one fails.
 
     Returns:
-        what became of them, and what failed; the shortest file that shows it is then copied to here.
+        their outcomes, and the failure; the shortest file that shows it is then copied to here.
     """
     count, end = Counter(), time.monotonic() + seconds
     try:

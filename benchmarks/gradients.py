@@ -28,7 +28,7 @@ from balloon_warp.simulator import Simulator
 from balloon_warp.warp_logging import quiet_warp
 
 Turn = tuple[Callable[[], Any], Callable[[], Any]]
-"""Preparation, and what is timed"""
+"""Preparation, and the timed function"""
 BACK = "back"
 CELLS = 9
 """of a cube's edge, blown up to a ball of 488 particles"""
@@ -111,7 +111,7 @@ def _lines(name: str, model: Model) -> Iterator[str]:
 
 
 def telling(backward: BackwardFrames) -> Callable[[], None]:
-    """Return what says by which derivatives a frame ends: other ones than 0, of which nothing would be added up."""
+    """Return a function that sets the derivatives at a frame's end: not 0, of which nothing would be added up."""
     draw, device = np.random.default_rng(1), backward.model.device
     bars = [backward.arrays[name] for name in ("all_point_bar", "all_velocity_bar")]
     told = [wp.array(draw.normal(size=(*bar.shape, 3)), dtype=wp.vec3, device=device) for bar in bars]

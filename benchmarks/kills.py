@@ -1,4 +1,4 @@
-"""Kills runs and batches at random moments, and looks at what is left of the outputs that they were to replace.
+"""Kills runs and batches at random moments, and looks at the remains of the outputs that they were to replace.
 
     python -m balloon_warp.benchmarks.kills --count 200
 
@@ -28,9 +28,9 @@ from balloon_warp.scene import Scene, load_scene
 from balloon_warp.warp_logging import quiet_warp
 
 FRAMES_BEFORE, FRAMES = 2, 60
-"""of the good output, and of what is to replace it"""
+"""of the good output, and of the one that is to replace it"""
 LONGER = 1.25
-"""times what an undisturbed process takes to write: the last moment of a kill"""
+"""times the writing time of an undisturbed process: the last moment of a kill"""
 CHECKPOINT_SECONDS = 0.02
 """between two checkpoints: many of the kills come while one is written"""
 WORLDS = 8
@@ -141,7 +141,7 @@ def _seconds_to_write(kind: str, output: Path) -> float:
 
 
 def _start(kind: str, output: Path, frames: int, resume: bool = False) -> BaseProcess:
-    server = multiprocessing.get_context("forkserver")  # loads what all need once
+    server = multiprocessing.get_context("forkserver")  # loads common modules once
     server.set_forkserver_preload(["balloon_warp.job", "balloon_warp.sweep.batch"])
     process = server.Process(target=_write, args=(kind, output, frames, resume))
     process.start()
@@ -184,7 +184,7 @@ def _read(output: Path, like: Files) -> dict[str, bytes | None]:
 
 
 def main() -> None:
-    """Print what became of how many outputs; status 1 where one is damaged."""
+    """Print the number of outputs by outcome; status 1 where one is damaged."""
     parser = argparse.ArgumentParser(description="Kill runs and batches at random moments, and look at what is left.")
     parser.add_argument("--count", type=int, default=200, help="processes to kill, half of them batches")
     parser.add_argument("--seed", type=int, default=0, help="of the moments")

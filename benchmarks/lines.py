@@ -1,4 +1,4 @@
-"""Lines of the kernel half, a row a folder: what they are.
+"""Lines of the kernel half by kind, a row a folder.
 
 python -m balloon_warp.benchmarks.lines
 """

@@ -5,7 +5,7 @@
 prints the memory of each at marks, and its slope after the warm-up; status 1 where it grows more than it may. Needs
 Linux, whose `RssAnon` it reads: pages of files, which the system takes back when it likes, do not count.
 
-Outputs are saved each so many bytes, so that memory rises and falls: what is compared are the highest marks of two
+Outputs are saved each so many bytes, so that memory rises and falls: compared are the highest marks of two
 stretches of the run, each longer than that takes.
 """
 
@@ -48,7 +48,7 @@ class Case:
     unit: int
     """the slope is said for so many frames"""
     may_grow: float
-    """MiB in so many frames, beside what a table's rows take"""
+    """MiB in so many frames, beside a table's rows"""
     save_bytes: int | None = None
     """of outputs that are kept in memory before they are added to the file, where not as many as always"""
 
@@ -85,7 +85,7 @@ class Growth:
     marks: list[tuple[int, float]]
     """frames done, and memory then [MiB]"""
     rows: float
-    """what the rows of a table take, known before it begins [MiB in `Case.unit` frames]"""
+    """size of the rows of a table, known before it begins [MiB in `Case.unit` frames]"""
 
     @property
     def slope(self) -> float:

@@ -19,12 +19,12 @@ def seconds_a_frame(
 ) -> list[float]:
     """Return the median time of a frame for each contender, over some repeats, after a warm-up.
 
-    The contenders take turns, so that what else the machine does slows all of them.
+    The contenders take turns, so that other work of the machine slows all of them.
 
     Args:
-        contenders: schedules, or what has a model and advances its states like one.
+        contenders: schedules, or objects that have a model and advance its states like one.
         frames: that are timed together; each then has its part of some 30 us to launch the first and wait for the last.
-        states: that they advance; what each begins with when missing.
+        states: that they advance; the initial one of each when missing.
     """
     states = states or [initial_state(contender.model) for contender in contenders]
     advances = [prepared(*each) for each in zip(contenders, states, strict=True)]
@@ -45,7 +45,7 @@ def prepared(schedule: Any, state: State) -> Callable[[], None]:
 
 
 def _replay(graph: Any, recorded: tuple[Any, State]) -> None:
-    """Launch a graph; it reads and writes arrays of what was recorded, which must live as long as it does."""
+    """Launch a graph; it reads and writes arrays of the recorded schedule, which must live as long as it does."""
     del recorded
     wp.capture_launch(graph)
 

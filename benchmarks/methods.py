@@ -19,7 +19,7 @@ from balloon_warp.warp_logging import quiet_warp
 
 SCENE = "squirrel_inflate"
 ROUNDS = 3
-"""of all methods in turns, so that what else the machine does slows all"""
+"""of all methods in turns, so that other work of the machine slows all"""
 
 
 class Method(NamedTuple):

@@ -1,4 +1,4 @@
-"""The tests that may find a mutant, and what they say: each mutant in a copy of the tree, under pytest."""
+"""The tests that may find a mutant, and their verdicts: each mutant in a copy of the tree, under pytest."""
 
 import difflib
 import json
@@ -56,7 +56,7 @@ def pytest_in(tree: Path, plugin: str, arguments: Sequence[str], wait: float | N
     """Run pytest with a plugin of ours in a copy of a tree.
 
     Returns:
-        its status, None if it was still running after `wait` seconds, and what it printed.
+        its status, None if it was still running after `wait` seconds, and its output.
     """
     paths = [str(tree), str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "CUDA_VISIBLE_DEVICES": ""}
@@ -166,7 +166,7 @@ def _mutated(path: Path, mutant: Mutant) -> Iterator[str]:
 
 
 def _replace(path: Path, text: bytes) -> None:
-    """Write a file, without what Python has compiled of it, which it would take if size and second were the same."""
+    """Write a file, and delete its compiled form, which Python would take if size and second were the same."""
     path.write_bytes(text)
     for compiled in (path.parent / "__pycache__").glob(f"{path.stem}.*.pyc"):
         compiled.unlink()

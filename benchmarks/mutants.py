@@ -1,7 +1,7 @@
 """Mutants: copies of the source with one small fault each, drawn by a seed.
 
 An operator replaces the text of one node of a file's syntax tree; the rest of the file stays as it is. Docstrings,
-comments, annotations, strings, names and what is raised are left alone.
+comments, annotations, strings, names and raised errors are left alone.
 """
 
 import ast
@@ -101,7 +101,7 @@ def _on_a_line(text: bytes) -> str:
 
 
 def _changeable(node: ast.AST) -> Iterator[ast.AST]:
-    """Return a node's children, without annotations, f-strings, words of sentences and what is raised."""
+    """Return a node's children, without annotations, f-strings, words of sentences and raised errors."""
     skipped: list[ast.AST | None] = []
     if isinstance(node, ast.FunctionDef):
         skipped = [node.returns]

@@ -45,7 +45,7 @@ STRATA = (
         )),
     ),
 )  # fmt: skip
-"""What is mutated"""
+"""Mutated files, and the share of each group"""
 LEAST = {"default": 0.90, "full": 0.97}
 """Share of the mutants that each suite has to find"""
 EQUIVALENT: Mapping[str, str] = {

@@ -1,4 +1,4 @@
-"""Operators of mutation: what a small fault may replace the text of one node of a syntax tree by.
+"""Operators of mutation: small faults as replacements of the text of one node of a syntax tree.
 
 Floats below `GUARD` are left alone, which keep a division from zero and change nothing else. So is a `+` of strings and
 lists.
@@ -185,4 +185,4 @@ OPERATORS: Mapping[str, Callable[[ast.AST, Source, Signatures], Edits]] = {
     "a condition negated": _negated,
     "a neighbor returned": _neighbor,
 }
-"""What may become of a node: each finds the edits of it"""
+"""Possible changes of a node: each finds the edits of it"""

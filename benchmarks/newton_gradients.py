@@ -3,8 +3,8 @@
     python -m balloon_warp.benchmarks.newton_gradients [DEVICE] [WORLDS] [FRAMES]
 
 Springs are the same on both sides, and both gradients agree. Of rubber each side has its own law on the same
-triangles. Ours goes frame by frame, as `Rollout` does; Newton's is recorded once, and then played. Memory is what each
-takes in a process of its own, of the host and of the device.
+triangles. Ours goes frame by frame, as `Rollout` does; Newton's is recorded once, and then played. Memory is that of
+each in a process of its own, of the host and of the device.
 """
 
 import subprocess
@@ -39,7 +39,7 @@ HEADER = """\
 
 
 class Case(NamedTuple):
-    """Hold what both sides derive."""
+    """Hold the case that both sides derive."""
 
     name: str
     worlds: int

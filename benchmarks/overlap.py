@@ -34,7 +34,7 @@ def deepest_in_itself(points: Points, mesh: PolygonMesh, apart: float) -> float:
     Args:
         points: of its particles.
         mesh: at the start.
-        apart: from a particle to all corners of what it may touch, at the start, at least [m].
+        apart: least distance at the start from a particle to all corners of a face that it may touch [m].
     """
     triangles, corners = surface(replace(mesh, points=points)), mesh.points[mesh.face_vertex_indices]
     counts = mesh.face_vertex_counts

@@ -17,11 +17,11 @@ SHOWN = {
     "under pressure, lying on a box": ("4,096 balloons on a box", ""),
     "under pressure, eight packed in a box": ("1,024 worlds of eight balloons that touch, packed in a box", ""),
 }
-"""what the README calls them, and the rows' case and schedule"""
+"""their names in the README, and the rows' case and schedule"""
 
 
 def rates(results: str) -> dict[str, tuple[float, float | None]]:
-    """Million balloon frames a second on one GPU, and Newton's, of what is shown; the first row of each name counts."""
+    """Million balloon frames a second on one GPU, and Newton's, of shown cases; the first row of a name counts."""
     rows = [[cell.strip().strip("`") for cell in line.split("|")[1:-1]] for line in results.splitlines() if "|" in line]
     found = {}
     for name, (case, schedule) in SHOWN.items():

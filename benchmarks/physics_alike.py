@@ -195,7 +195,7 @@ def compared(case: Case, other: Run, places: Array, name: str = "twin") -> Measu
     """Compare places with those of the scene as it is, within `rounding`, as long as it is not chaotic.
 
     Contact that begins a substep earlier or later makes a motion jump, which two nudges may not show. So where it is
-    beyond rounding, eight more starts are tried, as far apart as all rounding together, and twice what these come to.
+    beyond rounding, eight more starts are tried, as far apart as all rounding together, and twice their spread.
     """
     if case.run.blow_up or other.blow_up:
         return None
@@ -220,7 +220,7 @@ def _worst(case: Case, found: Array, spread: Array, allowed: Array, name: str) -
 
 
 def rounding(case: Case, other: Run) -> Array:
-    """Return what rounding may make of places by frame [m], shape (frames + 1,).
+    """Return the largest deviation of places by rounding, by frame [m], shape (frames + 1,).
 
     From each substep on its rounding grows as starts that are 1e-6 apart have grown, at most.
     """
@@ -228,10 +228,10 @@ def rounding(case: Case, other: Run) -> Array:
 
 
 def _drifts(case: Case) -> Array:
-    """Return how far rounded forces push what floats freely, by frame [m], shape (frames + 1,).
+    """Return how far rounded forces push a freely floating balloon, by frame [m], shape (frames + 1,).
 
-    Where each particle finds the forces on itself, the same is lost in each substep, and what nothing holds goes
-    a t^2 / 2 by it.
+    Where each particle finds the forces on itself, the same is lost in each substep, and a balloon that nothing holds
+    goes a t^2 / 2 by it.
     """
     scene, model = case.scene, case.run.model
     held = scene.ground or scene.obstacle or scene.string or scene.water or any(each.fixed for each in scene.balloon)

@@ -95,7 +95,7 @@ class Energies:
         return self._all_masses @ self._velocities
 
     def weight_impulses(self) -> Array:
-        """Return what gravity has added to the momentum since the start [kg m/s], shape (frames + 1, 3)."""
+        """Return the momentum added by gravity since the start [kg m/s], shape (frames + 1, 3)."""
         times = np.arange(len(self.run.points)) * self.model.frame_seconds
         return -self.scene.gravity * self._all_masses.sum() * times[:, None] * self.up
 

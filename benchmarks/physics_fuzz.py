@@ -3,7 +3,7 @@
     python -m balloon_warp.benchmarks.physics_fuzz --seconds 600
 
 A failure is shrunk to the smallest scene that shows it, printed as a scene file with the property and both numbers, and
-ends the process with status 1. It is what PhyFu (Xiao et al., ICSE 2023) did to Taichi, Warp, Brax and Nimble.
+ends the process with status 1. PhyFu (Xiao et al., ICSE 2023) tested Taichi, Warp, Brax and Nimble so.
 """
 
 import argparse
@@ -53,7 +53,7 @@ class PropertyError(AssertionError):
 
 
 def check(tables: Tables, properties: Sequence[Property], device: str, counts: Count) -> None:
-    """Hold a scene to properties; what became of it is added to the counts.
+    """Hold a scene to properties; its outcome is added to the counts.
 
     Raises:
         PropertyError: one does not hold.

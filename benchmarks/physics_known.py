@@ -60,7 +60,7 @@ def has_torn(case: Case) -> bool:
 
 
 ALIKE = ("is_alike_in_schedules", "is_alike_turned", "is_alike_mirrored", "is_alike_moved", "is_alike_scaled")
-"""Properties of what is not chaotic, as crumpling is"""
+"""Properties of motions that are not chaotic, as crumpling is"""
 KNOWN = (
     Known("A heavy gas that falls", ("stays_finite", "keeps_volume"), is_heavy_gas),
     Known(

@@ -55,7 +55,7 @@ def keeps_volume(case: Case) -> Measure | None:
 
     Its pressure grows without bound in a small volume, and nothing draws it to a large one. A given pressure bears no
     collapse, and past its limit point swells a balloon without end, as LIMITS.md says. A volume may be below zero by
-    what the blur of a mesh may fold, a hundredth of that at the start.
+    the volume that the blur of a mesh may fold, a hundredth of that at the start.
     """
     found, model = None, case.run.model
     if case.run.blow_up or model.bursts:
@@ -74,7 +74,7 @@ def gains_no_energy(case: Case) -> Measure | None:
     """Energy never exceeds that at the start: H = T + V + (h/2) v . F.
 
     H is the quantity that symplectic Euler keeps of a linear oscillator; T + V alone swings by h w / 2. Of others it is
-    off by (h w)^2 / 4 of what moves; contact acts between two substeps, and is off by h w / 2. At four times the
+    off by (h w)^2 / 4 of that in motion; contact acts between two substeps, and is off by h w / 2. At four times the
     substeps of `auto` h w is at most 0.4.
     """
     if not Energies.knows(case.scene):
@@ -181,7 +181,7 @@ def repeats(case: Case) -> Measure:
 
 
 def tells_contact_forces(case: Case) -> Measure | None:
-    """Contact forces of the ground, obstacles, spheres and bodies are what moves the balloons: F = dP/dt + M g.
+    """Contact forces of the ground, obstacles, spheres and bodies account for the motion: F = dP/dt + M g.
 
     At rest they sum to the weight. F is the mean over a frame, P the momentum of the balloons, moved by
     nothing else. Rounding is that of momentum in each substep.

@@ -1,7 +1,7 @@
-"""Random legal scenes: hypothesis strategies, by a kind that fixes what kernels are compiled for.
+"""Random legal scenes: hypothesis strategies, by a kind that fixes the features that kernels are compiled for.
 
 A scene is drawn in units of its own: a length, a mass and a stiffness over six decades, and so a time. All else is
-drawn as a multiple of these, so that what is tiny or huge in meters is as lively as a ball of one meter.
+drawn as a multiple of these, so that a scene tiny or huge in meters is as lively as a ball of one meter.
 """
 
 from collections.abc import Callable
@@ -170,7 +170,7 @@ def drawn(kind: Kind, examples: int, number: int, hold: Callable[[dict[str, Any]
         number: seed of the scenes; the same gives the same.
 
     Raises:
-        Exception: what the function raised for the smallest scene.
+        Exception: as raised by the function for the smallest scene.
     """
     settle = settings(
         max_examples=examples,

@@ -149,7 +149,7 @@ def _scaled(table: BaseModel, units: tuple[float, float, float]) -> Tables:
     for name in table.model_fields_set:
         value, exponents = getattr(table, name), dimension(meaning_of(type(table), name))
         factor = 1.0 if exponents is None else float(np.prod(np.array(units) ** exponents))
-        if name in ("motion", "pressure", "pump") and isinstance(value, list):  # keyframes: times, and what is then
+        if name in ("motion", "pressure", "pump") and isinstance(value, list):  # keyframes: times and values
             value = [
                 [row[0] * units[2], _times(row[1], units[0] if name == "motion" else factor), *row[2:]] for row in value
             ]

@@ -25,7 +25,7 @@ PAGE = Path("benchmarks/RESULTS.md")
 
 @dataclass(frozen=True)
 class Measurement:
-    """A command, and what it printed on a day."""
+    """A command, and its output on a day."""
 
     title: str
     measured: date
@@ -35,7 +35,7 @@ class Measurement:
     table: str
     """Markdown's"""
     says: str = ""
-    """what the table means, and what is to be known of it"""
+    """meaning of the table, and notes on it"""
 
 
 def read(path: Path) -> Measurement:
@@ -85,7 +85,7 @@ def _as_module(words: Sequence[str]) -> list[str]:
 
 
 def _machine(command: str) -> str:
-    """Name what a command runs on."""
+    """Name the device that a command runs on."""
     import warp as wp
 
     device = wp.get_device("cuda:0" if "cuda" in command or "--gpus" in command else "cpu")

@@ -1,7 +1,7 @@
 """Weak scaling: whether the rate grows with the GPUs, when each has the same number of worlds.
 
 Each GPU has a process of its own. All lay out their worlds and warm up, wait for each other, and advance some frames;
-what counts is the time from the first one's start to the last one's end. Nothing but the simulation is in it.
+measured is the time from the first one's start to the last one's end. Nothing but the simulation is in it.
 """
 
 import multiprocessing

@@ -138,7 +138,7 @@ def print_batch(counts: Sequence[int], kind: str, size: Size) -> None:
     print("|---|---|---|---|---|---|---|")
     alone: tuple[float, float] | None = None
     with tempfile.TemporaryDirectory() as folder:
-        batch_seconds(size.worlds, 1, kind, 1, Path(folder))  # compiles what so many worlds take
+        batch_seconds(size.worlds, 1, kind, 1, Path(folder))  # compiles the kernels for so many worlds
     for count in counts:
         with tempfile.TemporaryDirectory() as folder:
             start, together, digest = batch_seconds(size.worlds, size.frames, kind, count, Path(folder))

@@ -2,7 +2,7 @@
 
     python -m balloon_warp.benchmarks.trust [--quick] [--json]
 
-tries bad meshes, mutated files, kills and messages that are none, prints how many of each and what became of them, and
+tries bad meshes, mutated files, kills and messages that are none, prints how many of each and their outcomes, and
 ends with status 1 where one did harm. Each kind has a process of its own: one that dies is a failure, not the end.
 Needs the extras `test`, `cluster` and `view`.
 """

@@ -1,4 +1,4 @@
-"""Pictures of what was simulated beside what formulas say."""
+"""Pictures of simulations beside formulas."""
 
 from pathlib import Path
 from typing import Any

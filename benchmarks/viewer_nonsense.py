@@ -2,8 +2,8 @@
 
     python -m balloon_warp.benchmarks.viewer_nonsense --count 10000
 
-needs the extra `view`. The messages are those of a window with values, fields or bytes of them changed; what makes
-sense after all is not sent.
+needs the extra `view`. The messages are those of a window with values, fields or bytes of them changed; messages
+that make sense after all are not sent.
 """
 
 import argparse
@@ -42,7 +42,7 @@ ODD: list[Any] = [
     *(float("nan"), float("inf"), -1e300, 2**63, -1, 0, True, None, "", "nan", "../../etc/passwd", "x" * 5000),
     *([], {}, [[]], {"type": "ViewerCameraMessage"}, b"\xff", [float("nan")] * 3, ["0", "0", "0"], [0.0] * 5000),
 ]
-"""what takes a value's place"""
+"""values that take a value's place"""
 WENT_ON, STOOD_STILL = "looks found time going on", "looks found time standing still"
 
 

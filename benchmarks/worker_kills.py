@@ -94,7 +94,7 @@ def _are_same(folder: Path, other: Path) -> bool:
 
 
 def main() -> None:
-    """Print what became of how many batches; status 1 where one is damaged."""
+    """Print the number of batches by outcome; status 1 where one is damaged."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--count", type=int, default=10, help="workers to kill")
     parser.add_argument("--seed", type=int, default=0, help="of the moments")
