@@ -108,7 +108,7 @@ class Balance:
         The center and the turn of free balloons stay as they are, or nearly so.
 
         Args:
-            still: largest residual force, over the gas's forces.
+            still: largest `left_over` of an equilibrium.
             strays: says on the way whether it is not worth going on.
         """
         shift, here = FIRST_SHIFT, points
