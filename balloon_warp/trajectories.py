@@ -56,7 +56,7 @@ class Trajectories(Shown):
 
     @cached_property
     def volumes(self) -> NDArray[np.float64]:
-        """Volume of each balloon [m^3], shape (frame_count, balloon_count): enclosed by a closed one."""
+        """Volume of each balloon [m^3], shape (frame_count, balloon_count): the enclosed one, where it is closed."""
         return self._measured(signed_volume)
 
     @cached_property

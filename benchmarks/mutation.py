@@ -45,7 +45,7 @@ STRATA = (
         )),
     ),
 )  # fmt: skip
-"""Mutated files, and the share of each group"""
+"""Groups of mutated files, with their shares of the mutants"""
 LEAST = {"default": 0.90, "full": 0.97}
 """Share of the mutants that each suite has to find"""
 EQUIVALENT: Mapping[str, str] = {
