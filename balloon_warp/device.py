@@ -22,7 +22,7 @@ def pick_device(name: str | wp.Device | None) -> wp.Device:
         device = wp.get_device(name) if name else wp.get_preferred_device()
     except (ValueError, TypeError, AttributeError):
         known = ", ".join(str(device) for device in wp.get_devices())
-        raise InputError(f"--device {name}: no such device; this machine has {known}") from None
+        raise InputError(f"device {name}: no such device; this machine has {known}") from None
     if device.is_cuda and started_by != os.getpid():
         raise InputError(
             f"{device}: this process was forked from one that uses the GPU, and CUDA works in no fork; "

@@ -196,7 +196,7 @@ def test_to_stop_leaves_nothing(workers: int | None, tmp_path):
 def test_another_policy_is_refused(tmp_path):
     runs = [lambda: batch(tmp_path / "a", "pray"), lambda: animate(HOPELESS, tmp_path / "a.usdc", on_blowup="pray")]
     for run in runs:
-        with pytest.raises(InputError, match=r"^--on-blowup pray: expected freeze, stop, restart$"):
+        with pytest.raises(InputError, match=r"^on_blowup pray: expected freeze, stop, restart$"):
             run()
     assert list(tmp_path.iterdir()) == []
 

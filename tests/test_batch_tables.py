@@ -267,7 +267,7 @@ def test_many_rows_are_parquet_and_few_are_text_and_mistakes_are_told(monkeypatc
     assert table.settled_table("csv", many) == "csv"
     monkeypatch.setattr(table, "has_parquet", lambda: False)
     assert table.settled_table("auto", many) == "csv"
-    with pytest.raises(InputError, match=r"^--table xlsx: expected auto, csv, parquet$"):
+    with pytest.raises(InputError, match=r"^table xlsx: expected auto, csv, parquet$"):
         run_batch(scene(), tmp_path, 2, device="cpu", table="xlsx")
 
     monkeypatch.setattr(table_parquet, "import_module", Mock(side_effect=ImportError))

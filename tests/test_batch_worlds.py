@@ -309,9 +309,9 @@ def test_exports_are_all_none_or_chosen_worlds():
     assert parse_export("all", 3) == [0, 1, 2]
     assert parse_export("none", 3) == []
     assert parse_export("5, 0,5", 6) == [0, 5]
-    with pytest.raises(InputError, match=r"^--export 0,6: no world 6, the batch has worlds 0 to 5$"):
+    with pytest.raises(InputError, match=r"^export 0,6: no world 6, the batch has worlds 0 to 5$"):
         parse_export("0,6", 6)
-    with pytest.raises(InputError, match=r"^--export first: expected all, none, or worlds such as 0,5,9$"):
+    with pytest.raises(InputError, match=r"^export first: expected all, none, or worlds such as 0,5,9$"):
         parse_export("first", 6)
 
 

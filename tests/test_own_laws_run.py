@@ -81,7 +81,7 @@ def test_a_batch_on_workers_is_the_batch_here(tmp_path: Path):
 
 def test_workers_refuse_a_law_that_they_cannot_find(tmp_path: Path):
     nameless = bw.particle_law(magnet, MAGNET.parameters)
-    with pytest.raises(bw.InputError, match=r"^--workers 1: law magnet: other processes cannot find it; expected a gl"):
+    with pytest.raises(bw.InputError, match=r"^workers 1: law magnet: other processes cannot find it; expected a gl"):
         bw.run_batch(loose(), tmp_path, 2, cluster=bw.Cluster(workers=1), laws=[nameless])
 
 

@@ -169,5 +169,5 @@ def test_octets_of_a_model_with_bodies_are_launches_and_their_forces_for_eight()
 
 
 def test_who_has_no_kernels_is_refused():
-    with pytest.raises(InputError, match="--schedule weave: no such schedule"):
+    with pytest.raises(InputError, match="schedule weave: no such schedule"):
         kernel_source(load_scene("latex_inflate"), "weave")

@@ -196,7 +196,7 @@ def test_the_command_ends_with_a_failure_and_its_scene(monkeypatch: pytest.Monke
     [
         (["--seconds", "0"], "--seconds: must be a number of seconds from 1 on (got 0)"),
         (["--seconds", "soon"], "--seconds: must be a number of seconds from 1 on (got soon)"),
-        (["--device", "abacus"], "--device abacus: no such device"),
+        (["--device", "abacus"], "device abacus: no such device"),
     ],
 )
 def test_bad_input_is_one_sentence(arguments: list[str], sentence: str, capsys: Any):

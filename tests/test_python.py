@@ -150,7 +150,7 @@ MISTAKES: dict[str, tuple[Callable[[], Any], str]] = {
     "vary": (lambda: simulator(world_count=2, vary=[1, 2]), r"^vary: must be paths and values"),
     "worlds": (lambda: simulator(world_count="2"), r"^world_count: must be a whole number \(got '2'\)$"),
     "laws": (lambda: simulator(laws=3), r"^laws: must be a list of Laws \(got 3\)$"),
-    "device": (lambda: simulator(device="3"), r"^--device 3: no such device; this machine has "),
+    "device": (lambda: simulator(device="3"), r"^device 3: no such device; this machine has "),
     "world": (lambda: simulator().read_frame("0"), r"^world: no world 0; expected 0 to 0$"),
     "name": (lambda: simulator().set_parameters({"mas": 1}), r"^mas: no such parameter; known are "),
     "shape": (lambda: simulator().set_parameters({"mass": [1, 2]}), r"^mass: must be numbers of shape \(1, 1\)"),

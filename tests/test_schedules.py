@@ -132,7 +132,7 @@ def test_a_substep_of_scatter_is_few_launches(scene, kernels, monkeypatch):
 
 
 def test_an_unknown_schedule_is_refused():
-    with pytest.raises(InputError, match="--schedule weave: no such schedule; known are auto, scatter, gather"):
+    with pytest.raises(InputError, match="schedule weave: no such schedule; known are auto, scatter, gather"):
         Simulator(bare(), "cpu", schedule="weave")
 
 
@@ -144,7 +144,7 @@ def test_auto_takes_a_schedule_and_says_which():
 @pytest.mark.full
 def test_a_world_too_large_for_a_block_is_refused_and_not_taken_by_auto(device):
     scene = Scene(balloon=[Balloon(mesh=quad_sphere(43), mass=50.0)])
-    with pytest.raises(InputError, match=r"^--schedule block: a world of 11,096 particles is too large .* use gather$"):
+    with pytest.raises(InputError, match=r"^schedule block: a world of 11,096 particles is too large .* use gather$"):
         Simulator(scene, device, schedule="block")
     assert Simulator(scene, device).schedule.name == ("octets" if device == "cpu" else "gather")
 

@@ -16,7 +16,7 @@ def check_policy(on_blowup: str) -> None:
         InputError: there is not.
     """
     if on_blowup not in POLICIES:
-        raise InputError(f"--on-blowup {on_blowup}: expected {', '.join(POLICIES)}")
+        raise InputError(f"on_blowup {on_blowup}: expected {', '.join(POLICIES)}")
 
 
 def with_half_the_step(scene: Scene, substeps: int) -> Scene:

@@ -29,6 +29,7 @@ from balloon_warp.cli.spread import spread
 from balloon_warp.cli.usage import UsageError, usage_sentence
 from balloon_warp.cli.view import view
 from balloon_warp.cli.warm_up import warm_up
+from balloon_warp.cli.words import with_options
 from balloon_warp.errors import BlowUpError, InputError, MissingExtraError, StoppedError, WorkersLostError
 from balloon_warp.standard_streams import OutputLostError, lose_output
 
@@ -129,6 +130,6 @@ def main() -> None:
 
 def _fail(error: Exception | str, status: int) -> None:
     Console(emoji=False, stderr=True, soft_wrap=True, highlight=False).print(
-        "[bold red]error:[/]", str(error).replace("[", r"\[")
+        "[bold red]error:[/]", with_options(str(error)).replace("[", r"\[")
     )
     sys.exit(status)

@@ -1,9 +1,23 @@
-"""Wording of counts and durations."""
+"""Wording of counts, durations and arguments."""
 
 from balloon_warp.beginning import Beginning
 
 BLENDERS_RATE = 24.0
 """Frame rate at which Blender plays a stage by default, regardless of that of the stage [1/s]"""
+
+OPTIONS = {name: f"--{name}" for name in (
+    "cluster", "device", "every", "export", "font", "format", "gpus", "origin", "schedule", "seed", "table", "workers",
+)} | {"on_blowup": "--on-blowup", "world_count": "--worlds"}  # fmt: skip
+"""Options by the arguments of Python's functions that they are passed to"""
+
+
+def with_options(sentence: str) -> str:
+    """Write arguments as options of the command line, where a sentence begins with one and its value, or several."""
+    at_fault, colon, rest = sentence.partition(":")
+    named = [(*each.partition(" "),) for each in at_fault.split(", ")]
+    if named[0][0] not in OPTIONS or not (named[0][1] or named[1:]):
+        return sentence
+    return ", ".join(OPTIONS.get(name, name) + space + value for name, space, value in named) + colon + rest
 
 
 def counted(count: int, noun: str) -> str:

@@ -54,7 +54,7 @@ class Processes:
     They end with this object, and with the process that started them, however it ends. After a failure all are ended.
 
     Args:
-        option: names them in errors, such as "--gpus 4".
+        option: names them in errors, such as "gpus 4".
 
     Raises:
         InputError: the task cannot be sent to a process, or a part cannot be made.

@@ -32,7 +32,7 @@ def outlines_of_text(text: str, font: str | None = None) -> list[Any]:
     properties, face = _font(font)
     for character in line.replace(" ", ""):
         if not face.get_char_index(ord(character)):
-            raise InputError(f"text: the font {face.family_name} has no {character!r}; expected another --font")
+            raise InputError(f"text: the font {face.family_name} has no {character!r}; expected another font")
     path = from_extra("matplotlib.path").Path
     paths = from_extra("matplotlib.textpath").TextToPath()
     vertices, codes = paths.get_text_path(properties, line, ismath=False)
@@ -49,7 +49,7 @@ def _font(font: str | None) -> tuple[Any, Any]:
     path = font or FONT
     is_file = path.lower().endswith(FONT_SUFFIXES)
     if is_file and not Path(path).is_file():
-        raise InputError(f"--font {path}: no such file")
+        raise InputError(f"font {path}: no such file")
     try:
         if not is_file:
             wanted = manager.FontProperties(family=path, weight="bold")
@@ -57,7 +57,7 @@ def _font(font: str | None) -> tuple[Any, Any]:
         return manager.FontProperties(fname=path), manager.get_font(path)
     except ValueError:
         raise InputError(
-            f"--font {font}: no such font family; expected an installed one, or a file of {', '.join(FONT_SUFFIXES)}"
+            f"font {font}: no such font family; expected an installed one, or a file of {', '.join(FONT_SUFFIXES)}"
         ) from None
     except (RuntimeError, OSError):
-        raise InputError(f"--font {font}: cannot be read as a font") from None
+        raise InputError(f"font {font}: cannot be read as a font") from None

@@ -49,7 +49,7 @@ def _require_that_it_travels(asked: Asked, cluster: Cluster) -> None:
     try:
         pack(asked.loss)
     except UNSENT as error:
-        raise InputError(f"loss: cannot be sent to the workers of {cluster.option}: {error}") from None
+        raise InputError(f"loss: cannot be sent to other processes ({cluster.option}): {error}") from None
 
 
 def _of_worlds(asked: Asked, rows: NDArray[np.integer]) -> Asked:

@@ -31,7 +31,7 @@ def settled_table(asked: str, rows: int) -> str:
         MissingExtraError: it is Parquet, and pyarrow is not installed.
     """
     if asked not in (*KINDS, "auto"):
-        raise InputError(f"--table {asked}: expected auto, {', '.join(KINDS)}")
+        raise InputError(f"table {asked}: expected auto, {', '.join(KINDS)}")
     if asked == "parquet":
         require_pyarrow()
     if asked == "auto":

@@ -64,6 +64,6 @@ def require_block(model: Model, schedule: str) -> None:
     """
     if not fits_in_block(model):
         raise InputError(
-            f"--schedule {schedule}: a world of {model.particle_count:,} particles is too large for a block's shared "
+            f"schedule {schedule}: a world of {model.particle_count:,} particles is too large for a block's shared "
             f"memory, which holds {most_particles(model):,}; use gather"
         )

@@ -94,9 +94,9 @@ def schedule_named(name: str, model: Model) -> type[Schedule]:
     if name == "auto":
         name = fastest_schedule(model, model.world_count)
     if name not in SCHEDULES | OF_GRADIENTS:
-        raise InputError(f"--schedule {name}: no such schedule; known are auto, {', '.join(SCHEDULES)}")
+        raise InputError(f"schedule {name}: no such schedule; known are auto, {', '.join(SCHEDULES)}")
     if name not in LAUNCHED and (what := only_launched(model)):
-        raise InputError(f"--schedule {name}: does not support {what}; auto, {' and '.join(LAUNCHED)} do")
+        raise InputError(f"schedule {name}: does not support {what}; auto, {' and '.join(LAUNCHED)} do")
     module, schedule = (SCHEDULES | OF_GRADIENTS)[name]
     if name == "gather" and (features := _in_patches(model)) and features.watched:
         module, schedule = IN_FREE_PATCHES

@@ -45,7 +45,7 @@ class LanesSchedule(FreeFramesSchedule):
 
     def __init__(self, model: Model, thread_count: int | None = None):
         if not model.device.is_cpu:
-            raise InputError(f"--schedule {self.name}: runs on the CPU (got {model.device}); use block on a GPU")
+            raise InputError(f"schedule {self.name}: runs on the CPU (got {model.device}); use block on a GPU")
         super().__init__(model)
         step = self.step_of(self.features)
         self._kernel = kernel_of(step, self.layout)

@@ -32,19 +32,19 @@ class Cluster:
     def __post_init__(self) -> None:
         check_fields(self)
         if sum(choice is not None for choice in (self.address, self.gpus, self.workers)) != 1:
-            raise InputError("--cluster, --gpus, --workers: expected only one of them")
+            raise InputError("cluster, gpus, workers: expected only one of them")
         if self.address is not None and not re.fullmatch(r"(tcp|tls)://[^/]+:\d+", self.address):
-            raise InputError(f"--cluster {self.address}: expected an address such as {EXAMPLE}")
-        for option, count in (("--gpus", self.gpus), ("--workers", self.workers)):
+            raise InputError(f"cluster {self.address}: expected an address such as {EXAMPLE}")
+        for option, count in (("gpus", self.gpus), ("workers", self.workers)):
             if count is not None and count < 1:
                 raise InputError(f"{option} {count}: expected at least 1")
 
     @property
     def option(self) -> str:
-        """The option of the command line that asks for these workers."""
+        """The argument that asks for these workers, and its value."""
         if self.address is not None:
-            return f"--cluster {self.address}"
-        return f"--gpus {self.gpus}" if self.gpus else f"--workers {self.workers}"
+            return f"cluster {self.address}"
+        return f"gpus {self.gpus}" if self.gpus else f"workers {self.workers}"
 
     def device(self, asked: str | None) -> str | None:
         """Return the device of each worker.
@@ -55,7 +55,7 @@ class Cluster:
         if self.address is not None:
             return asked
         if asked:
-            raise InputError(f"--device {asked}: needs --cluster; --gpus and --workers choose the device themselves")
+            raise InputError(f"device {asked}: needs a cluster; gpus and workers choose the device themselves")
         return "cuda:0" if self.gpus else "cpu"
 
 

@@ -62,9 +62,9 @@ def plan_groups(scene: Scene, world_count: int, vary: BatchVary, laws: Sequence[
         InputError: as `plan_model`.
     """
     if world_count < 1:
-        raise InputError(f"--worlds {world_count}: expected at least 1")
+        raise InputError(f"world_count {world_count}: expected at least 1")
     if world_count > MOST_WORLDS:
-        raise InputError(f"--worlds {world_count}: expected at most {MOST_WORLDS:,}")
+        raise InputError(f"world_count {world_count}: expected at most {MOST_WORLDS:,}")
     shaping = {path: _column(path, vary[path], world_count) for path in vary if SHAPING.fullmatch(path)}
     require_laws(laws)
     rows = rows_of((*LAWS, *laws))

@@ -97,10 +97,10 @@ def parse_export(text: str, world_count: int) -> list[int]:
     try:
         worlds = sorted({int(word) for word in text.split(",")})
     except ValueError:
-        raise InputError(f"--export {text}: expected all, none, or worlds such as 0,5,9") from None
+        raise InputError(f"export {text}: expected all, none, or worlds such as 0,5,9") from None
     for world in worlds:
         if not 0 <= world < world_count:
-            raise InputError(f"--export {text}: no world {world}, the batch has worlds 0 to {world_count - 1}")
+            raise InputError(f"export {text}: no world {world}, the batch has worlds 0 to {world_count - 1}")
     return worlds
 
 

@@ -73,4 +73,4 @@ def _checked(origin: str) -> str:
         whole = text == f"{parts.scheme}://{parts.netloc}" and parts.hostname and parts.port != 0
         if whole and parts.scheme in ("http", "https") and "@" not in text:
             return text
-    raise InputError(f"--origin {origin}: expected http:// or https://, a host and maybe a port, and no path")
+    raise InputError(f"origin {origin}: expected http:// or https://, a host and maybe a port, and no path")

@@ -383,6 +383,6 @@ def test_what_does_not_go_with_it_gets_a_sentence(material: dict[str, Any], fiel
 
 def test_schedules_that_cannot_say_so(device: str):
     for schedule in ("block", "lanes", "octets"):
-        said = f"--schedule {schedule}: does not support balloons that burst; auto, scatter and"
+        said = f"schedule {schedule}: does not support balloons that burst; auto, scatter and"
         with pytest.raises(InputError, match=said):
             Simulator(scene_of(), device, schedule=schedule)

@@ -31,6 +31,6 @@ def format_named(name: str) -> type[Format]:
         MissingExtraError: its package is not installed.
     """
     if name not in FORMATS:
-        raise InputError(f"--format {name}: expected {', '.join(FORMATS)}")
+        raise InputError(f"format {name}: expected {', '.join(FORMATS)}")
     FORMATS[name]()  # which says if a package is missing
     return FORMATS[name]

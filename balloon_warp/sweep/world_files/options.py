@@ -33,9 +33,9 @@ class TrajectoryFiles(Shown):
     def __post_init__(self) -> None:
         check_fields(self)
         if self.every < 1:
-            raise InputError(f"--every {self.every}: expected a whole number of at least 1")
+            raise InputError(f"every {self.every}: expected a whole number of at least 1")
         if self.seed < 0:
-            raise InputError(f"--seed {self.seed}: expected a whole number of at least 0")
+            raise InputError(f"seed {self.seed}: expected a whole number of at least 0")
         format_named(self.format)
 
     @classmethod

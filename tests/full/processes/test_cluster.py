@@ -241,7 +241,7 @@ def test_the_command_spreads_over_a_scheduler(address: str, tmp_path, monkeypatc
 
 
 def test_a_device_that_is_not_there_or_named_twice_is_told(address: str, tmp_path, monkeypatch):
-    with pytest.raises(InputError, match=r"^--device cuda:99: no such device"):
+    with pytest.raises(InputError, match=r"^device cuda:99: no such device"):
         run_batch(scene(), tmp_path / "out", 2, cluster=Cluster(address=address), device="cuda:99")
     assert list(tmp_path.iterdir()) == []
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "1,0,1")
@@ -275,7 +275,7 @@ def test_the_first_gpu_is_this_process_s(tmp_path, monkeypatch):
         (["--workers", "0"], "--workers 0: expected at least 1"),
         (["--gpus", "99"], "--gpus 99: this machine has "),
         (["--gpus", "1", "--workers", "2"], "--cluster, --gpus, --workers: expected only one of them"),
-        (["--workers", "1", "--device", "cpu"], "--device cpu: needs --cluster"),
+        (["--workers", "1", "--device", "cpu"], "--device cpu: needs a cluster"),
     ],
 )
 def test_a_mistake_gets_one_sentence_and_status_2(tmp_path, monkeypatch, capfd, arguments: list[str], sentence: str):
@@ -297,7 +297,7 @@ def test_a_script_without_a_guard_is_told(tmp_path):
     (script := tmp_path / "script.py").write_text(batch)
     ended = subprocess.run([sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, timeout=300)
     assert ended.returncode == 1
-    assert ended.stderr.splitlines()[-1].startswith("balloon_warp.errors.InputError: --workers 1: the workers do not")
+    assert ended.stderr.splitlines()[-1].startswith("balloon_warp.errors.InputError: workers 1: the workers do not")
     assert not (tmp_path / "out").exists()
 
 
@@ -305,7 +305,7 @@ def test_no_workers_and_no_extra_are_told(tmp_path, monkeypatch):
     monkeypatch.setattr(dask_workers, "WORKER_SECONDS", 0.5)
     with (
         start_workers(0) as nobody,
-        pytest.raises(InputError, match=r"^--cluster tcp://.*: the scheduler has no worker after 0\.5 s"),
+        pytest.raises(InputError, match=r"^cluster tcp://.*: the scheduler has no worker after 0\.5 s"),
     ):
         run_batch(scene(), tmp_path / "out", 2, cluster=Cluster(address=address_of(nobody)))
     assert list(tmp_path.iterdir()) == []

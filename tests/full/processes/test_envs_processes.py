@@ -97,7 +97,7 @@ def is_gone(process: int, seconds: float = 10.0) -> bool:
 def test_a_process_that_ends_ends_all():
     env = make_vec(Brief(), 2, workers=2)
     processes = env.on_each(lambda _: os.getpid())
-    with pytest.raises(WorkersLostError, match=r"--workers 2: process 0 ended"):
+    with pytest.raises(WorkersLostError, match=r"workers 2: process 0 ended"):
         env.on_each(end_yourself)
     assert all(is_gone(process) for process in processes)
 
@@ -114,7 +114,7 @@ def test_what_a_function_raises_is_raised_here_and_ends_all():
     with pytest.raises(ValueError, match=r"world [01]"):
         env.on_each(fail)
     assert all(is_gone(process) for process in processes)
-    with pytest.raises(WorkersLostError, match=r"--workers 2: the processes have ended"):
+    with pytest.raises(WorkersLostError, match=r"workers 2: the processes have ended"):
         env.step(np.zeros((2, 3)))
 
 
@@ -159,11 +159,11 @@ class Local:
 
 MISTAKES = {
     "both": ({"gpus": 1, "workers": 1}, r"--cluster, --gpus, --workers: expected only one of them"),
-    "none": ({"workers": 0}, r"--workers 0: expected at least 1"),
+    "none": ({"workers": 0}, r"workers 0: expected at least 1"),
     "a device": ({"workers": 1, "device": "cpu"}, r"device: cannot be given with gpus or workers"),
-    "too many": ({"gpus": 99}, rf"--gpus 99: this machine has {wp.get_cuda_device_count()}"),
+    "too many": ({"gpus": 99}, rf"gpus 99: this machine has {wp.get_cuda_device_count()}"),
     "worlds": ({"workers": 1, "num_envs": 0}, r"num_envs: must be a whole number of at least 1 \(got 0\)"),
-    "a schedule": ({"workers": 1, "num_envs": 1, "schedule": "fast"}, r"--schedule fast: no such schedule"),
+    "a schedule": ({"workers": 1, "num_envs": 1, "schedule": "fast"}, r"schedule fast: no such schedule"),
     "a task": ({"workers": 1, "num_envs": 1, "task": Local().task()}, r"task: cannot be sent to a process"),
 }
 

@@ -76,5 +76,5 @@ def test_a_loss_that_cannot_be_sent_is_refused() -> None:
         with lock:
             return far(moved)
 
-    with pytest.raises(InputError, match=r"^loss: cannot be sent to the workers of --workers 2: "):
+    with pytest.raises(InputError, match=r"^loss: cannot be sent to other processes \(workers 2\): "):
         gradient(SCENE, of=[MASS], loss=locked, world_count=2, cluster=Cluster(workers=2))

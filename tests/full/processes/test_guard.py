@@ -215,5 +215,5 @@ def test_strangers_do_not_fill_the_terminal():
     ["hub.example", "https://", "ftp://hub.example", "https://hub.example/user/me", "https://a@b", "*", "null"],
 )
 def test_what_is_no_origin_is_refused(origin: str, tmp_path: Path):
-    with pytest.raises(InputError, match=r"^--origin .*: expected http:// or https://, a host"):
+    with pytest.raises(InputError, match=r"^origin .*: expected http:// or https://, a host"):
         show(Simulator(Scene(balloon=[Balloon(mesh=quad_sphere(2))]), "cpu"), folder=tmp_path, origins=[origin])

@@ -52,7 +52,7 @@ def test_each_process_sees_a_gpu_of_its_own(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "3,5")
     list(measure_scaling(GPU_SHARE, [2]))
     assert seen[-1] == [{"CUDA_VISIBLE_DEVICES": "3"}, {"CUDA_VISIBLE_DEVICES": "5"}]
-    with pytest.raises(InputError, match=r"^--gpus 4: this machine has 2$"):
+    with pytest.raises(InputError, match=r"^gpus 4: this machine has 2$"):
         list(measure_scaling(GPU_SHARE, [1, 4]))
 
 
