@@ -1,9 +1,9 @@
 """Adjoints of phases: functions by which a list of phases runs backwards.
 
 Let L be a number that depends on where a scene ends. The *bar* of a value is the derivative of L by that value. A
-phase's adjoint takes the bars of what the phase writes, and returns those of what it reads. Like a phase, it names what
-it needs: `velocity_bar` is the bar of a particle's own `velocity`, `force_bars` a view of those of all particles of its
-world. So a schedule, which knows no physics, can run any list backwards, see `schedules.launched.backward`.
+phase's adjoint takes the bars of the phase's outputs, and returns those of its inputs. Like a phase, it names its
+arguments: `velocity_bar` is the bar of a particle's own `velocity`, `force_bars` a view of those of all particles of
+its world. So a schedule, which knows no physics, can run any list backwards, see `schedules.launched.backward`.
 """
 
 from typing import Any, NamedTuple
@@ -13,11 +13,11 @@ class Adjoint(NamedTuple):
     """Hold a function that returns bars."""
 
     function: Any
-    """Function of Warp; its arguments name what it needs"""
+    """Function of Warp; its arguments name its inputs"""
     of: tuple[str, ...]
-    """Names whose bars it returns, in order: of what the phase reads, or of what it writes, to be added there"""
+    """Names whose bars it returns, in order: of the phase's inputs, or of its outputs, to be added there"""
     of_face: Any = None
-    """Function of a face of a membrane that runs for all faces before, and leaves at its corners what they take; it
+    """Function of a face of a membrane that runs for all faces before, and leaves the bars of its corners there; it
     returns the bar of the balloon's numbers. None if there is none"""
     of_eight: Any = None
     """Function that adds all that `function` finds of a world's particles, eight at a time, for a CPU, see

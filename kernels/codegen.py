@@ -11,7 +11,7 @@ def function_from(name: str, source: str, names: Mapping[str, Any]) -> Any:
     """Return a `wp.func` of a text, which Warp reads again by the file that is noted for it.
 
     Args:
-        names: what the text may refer to.
+        names: objects that the text may refer to, by name.
     """
     return wp.func(_read(name, source, names))
 
@@ -29,7 +29,7 @@ def kernel_from(name: str, source: str, names: Mapping[str, Any], **options: Any
     """Return a kernel of a text, in a module of its own.
 
     Args:
-        names: what the text may refer to.
+        names: objects that the text may refer to, by name.
         options: of `wp.kernel`.
     """
     return wp.kernel(_read(name, source, names), module="unique", enable_backward=False, **options)

@@ -1,7 +1,7 @@
 """Composition of laws: one function of Warp that adds up all laws of a kind.
 
-A law's arguments say what it needs, so that the sum is written out with just those: no law is paid for by scenes that
-do not have it, and no schedule knows any.
+A law's arguments name its inputs, so that the sum is written out with just those: no law is paid for by scenes that do
+not have it, and no schedule knows any.
 """
 
 import inspect

@@ -109,7 +109,7 @@ class TouchTable:
     slack: wp.array[float]
     """Distance that particles of each balloon may gain on each other by accelerating between two searches [m]"""
     depth: wp.array[float]
-    """Depth in each balloon down to which what is inside is pushed out the nearest way [m]"""
+    """Depth in each balloon down to which particles inside are pushed out the nearest way [m]"""
     crowd: wp.array[float]
     """Contacts on a particle of each balloon that the step allows for"""
     stiffness: wp.array2d[float]

@@ -130,7 +130,7 @@ class Features(NamedTuple):
 
     @property
     def kept_views(self) -> dict[str, str]:
-        """Views of what all items keep, and the value that each item has in a view."""
+        """Views of the kept values of all items, and the value that each item has in a view."""
         return {f"{each.name}s": each.name for each in self.keeps}
 
     def of_kind(self, kind: Kind) -> tuple[Law, ...]:

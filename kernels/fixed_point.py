@@ -66,8 +66,8 @@ def growth(totals: wp.array3d[wp.int64], taken: wp.array3d[wp.int64], world: wp.
     Both arrays are contiguous.
 
     Sums that grow for ever need no zeros: on a GPU a plain store to an address with recent atomic adds makes every load
-    around it wait. Beyond the range they wrap around, and their differences stay right. Four sums are as long as what a
-    GPU fetches at a time.
+    around it wait. Beyond the range they wrap around, and their differences stay right. Four sums are as long as a
+    GPU's fetch.
     """
     ...
 

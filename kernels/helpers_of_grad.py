@@ -1,7 +1,7 @@
 """Derivatives of functions that are called by others, wherever Warp meets them first.
 
-`wp.grad` asks for the adjoint of a function, and Warp asks for those of what that calls as it reads it. But it reads
-each function once. A function that it has read before, for a call without derivatives, is not read again, and the
+`wp.grad` asks for the adjoint of a function, and Warp asks for those of its callees as it reads it. But it reads each
+function once. A function that it has read before, for a call without derivatives, is not read again, and the
 helpers of that helper stay without adjoints: their derivatives are then 0, silently. Here they are requested, once all
 has been read. Callers of a function with a `wp.grad` in it are written after that, as if they had one themselves.
 """

@@ -1,4 +1,4 @@
-"""Reads and writes of memory without what Warp's own indexing allows for: strides, and indices from the end.
+"""Reads and writes of memory without the strides and indices from the end for which Warp's own indexing allows.
 
 In a loop over a particle's springs, that would be most of the instructions.
 """
@@ -50,7 +50,7 @@ def fixed_float_at(array: wp.array[float], index: wp.int32) -> float:
 def put_int_unless(condition: bool, array: wp.array[wp.int32], index: wp.int32, value: wp.int32):
     """Store an integer in a contiguous array unless a condition holds.
 
-    On a GPU without a branch, which would keep the compiler from mixing what comes before with what comes after.
+    On a GPU without a branch, which would keep the compiler from mixing the instructions before it and after it.
     """
     ...
 

@@ -12,12 +12,12 @@ from warp._src import codegen
 def _flags() -> str:
     """Return Warp's compiler flags, or those that the user has set, plus flags that keep results bitwise the same.
 
-    - Functions are inlined up to a quarter of what Warp allows: kernels are as fast, and those of free bodies compile
+    - Functions are inlined up to a quarter of Warp's limit: kernels are as fast, and those of free bodies compile
       in two thirds of the time.
     - Vector instructions are made of longer chains of sums and products: eight lanes of rubber run up to 1.5 times as
       fast, and compile as soon.
     - Without the short floats that no kernel of ours has: a third of the headers' time.
-    - What is made of the headers' templates is made once: a tenth of each kernel's time.
+    - The headers' templates are instantiated once: a tenth of each kernel's time.
     """
     flags = "-march=native" if wp.config.cpu_compiler_flags is None else wp.config.cpu_compiler_flags
     flags = flags.replace("-inline-threshold=9000", "-inline-threshold=2500")

@@ -21,7 +21,7 @@ def numbers_type(width: int) -> Any:
 def numbers_reader(columns: Columns) -> Any:
     """Return the function that reads a balloon's parameters.
 
-    The compiler leaves out what no law names.
+    The compiler leaves out numbers that no law names.
     """
     split = columns.balloon_width
     lines = [f"    n[{column}] = float_at(of_balloon, {column})" for column in range(split)]

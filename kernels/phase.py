@@ -1,19 +1,19 @@
 """Phase of a substep: the work of one item of a world between two barriers.
 
-Its function is one of Warp, of plain arguments. Their names say what it reads, `writes` says what it returns. So a
-schedule, which knows no physics, can execute any list of phases: it finds what each reads, keeps what a later one
-reads, and puts a barrier where one looks at what others have written. The step is such a list, see `substep`.
+Its function is one of Warp, of plain arguments. Their names are its inputs, those in `writes` its results. So a
+schedule, which knows no physics, can execute any list of phases: it finds the inputs of each, keeps those of a later
+one, and puts a barrier where one looks at results of others. The step is such a list, see `substep`.
 
 A name that a phase reads is one of these:
 
-- a handle: `t`, the tables; `state`; `working`, what contact keeps beside the state; `time_in_frame` [s]
+- a handle: `t`, the tables; `state`; `working`, the buffers of contact beside the state; `time_in_frame` [s]
 - the item: `world`, and within it `balloon`, `particle`, `face`, `triangle` or `sphere`, or all `threads` of a block
-- `own`, what a particle knows of itself, see `own`; a row of numbers of a law, by its name
+- `params`, a particle's own parameters, see `params`; a row of numbers of a law, by its name
 - `number`, a particle's in the state, where a schedule has particles in another order
 - state of a particle, `point` [m] and `velocity` [m/s], or a view of all in its world, `points` and `velocities`
 - a value that an earlier phase of the list has written, or that an item keeps, see `Phase.keeps`
 - the time: `time` when the substep begins, and `end` when it ends, since the frame began [s]
-- what a schedule says itself of items, see there: `keyed`, `load`, `gas_mass`, `origin`
+- values that a schedule itself has of items, see there: `keyed`, `load`, `gas_mass`, `origin`
 
 Where all that it reads is of type `Any`, it is a function of one item or of eight side by side, see `algebra`.
 """
@@ -107,7 +107,7 @@ class Phase:
     also_reads: tuple[str, ...] = ()
     """Values that a phase of the host reads"""
     adjoint: "Adjoints | None" = None
-    """Factory of what runs the phase backwards, see `adjoint`; None where that is not known"""
+    """Factory of the phase's adjoints, see `adjoint`; None where they are not known"""
     rows: tuple[Parameter, ...] = ()
     """Rows of its parameters, as of laws: of balloons, spheres or the world"""
     neutral: Mapping[str, float] = field(default_factory=dict)
@@ -115,8 +115,8 @@ class Phase:
     wants: Callable[[Any], bool] | None = None
     """Predicate of a scene, whether the phase belongs to it; all scenes, when missing"""
     keeps: Mapping[str, Any] = field(default_factory=dict)
-    """Values among those that it writes that each item keeps from substep to substep and from frame to frame, and what
-    they are at the start. An earlier phase, too, reads what was kept last, and `NAMEs` is the view of all items'"""
+    """Values among those that it writes that each item keeps from substep to substep and from frame to frame, and
+    their start values. An earlier phase, too, reads the last kept value, and `NAMEs` is the view of all items'"""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "rows", tuple(row.placed(self.name) for row in self.rows))
@@ -202,7 +202,7 @@ def _turned(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
 
 
 def phase(item: Item, writes: Mapping[str, Any] | None = None, **said: Any) -> Callable[[Any], Phase]:
-    """Decorate what makes a phase's function: it becomes the phase, named alike."""
+    """Decorate the factory of a phase's function: it becomes the phase, named alike."""
 
     def named(make: Any) -> Phase:
         return Phase(make.__name__, item, make, writes or {}, **said)

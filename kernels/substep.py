@@ -1,8 +1,8 @@
 """The substep: a list of phases, in order. It stands here alone; schedules execute it.
 
 A scene's list has the phases of its features alone, see `Phase.when`. A phase's function declares its reads and writes,
-and a schedule puts a barrier where one reads what others have written. So a balloon without gas goes from `pull` to
-`leave` in one go; with it, all particles wait for the pressure in between.
+and a schedule puts a barrier where one reads results of others. So a balloon without gas goes from `pull` to `leave` in
+one go; with it, all particles wait for the pressure in between.
 """
 
 from collections.abc import Mapping, Sequence
@@ -44,7 +44,7 @@ STEP: tuple[Phase, ...] = (
     pump, weigh, burden, respond,
     # where normal forces push: once a frame, or every substep
     measure, extend, find_direction,
-    # forces, what they would do, and the pressure that follows
+    # forces, the motion by them, and the pressure that follows
     push_face, soak, pull, bear, jet, jet_of_holes, drive, take, given_load, expect, resist, free, head, foresee,
     find_volume_rate, hold, find_load, note, flow,
     # particles move, by all forces
@@ -70,7 +70,7 @@ SHARED_PULL = (soak, bend, blow, share_out, pull)
 SHARED: Instead = {wear: (wear_out,), push_face: (), bear: (), soak: (), pull: SHARED_PULL}
 """Hinges, faces and membranes have added their forces to particles; rubber wears eight quads at a time"""
 PULLED: Instead = {push_face: (), bear: ()}
-"""Phases of launches where `pull` executes what is `SHARED`, eight particles side by side"""
+"""Phases of launches where `pull` executes those of `SHARED`, eight particles side by side"""
 SETTLE = Phase("settle", "launches", lambda features, look: None, also_reads=("inflation",))
 """Local and global steps in turn, until every world has converged, see `solvers.projective`"""
 PROJECTIVE_STEP = (

@@ -1,6 +1,6 @@
 """Tables of the model, as kernels read it: indexed by particle.
 
-Schedules fill these; see `balloon_warp.model.Model` for the shapes of what is named alike there.
+Schedules fill these; see `balloon_warp.model.Model` for the shapes of arrays named alike there.
 """
 
 import warp as wp
@@ -81,7 +81,7 @@ class PairTable:
 
 @wp.struct
 class HingeTable:
-    """The edges between two faces, and what each particle is to them; empty without torsion springs."""
+    """The edges between two faces, and the roles of each particle in them; empty without torsion springs."""
 
     ends: wp.array[wp.vec2i]
     wing_offsets: wp.array[wp.int32]
@@ -100,7 +100,7 @@ class MembraneTable:
     """The triangles of membranes, each once, and from each of their corners; empty where all balloons are springs.
 
     Four numbers describe a triangle at rest: components 11, 12 and 22 of the inverse of the products of its edges d1
-    and d2 from its first corner [1/m^2], and its area [m^2] times its part of what covers the face, times its thickness
+    and d2 from its first corner [1/m^2], and its area [m^2] times its part of the face's cover, times its thickness
     over that of its balloon.
     """
 
@@ -173,8 +173,8 @@ class CorrectionTable:
 class Tables:
     """Tables that do not change in a frame.
 
-    At most 8 KiB: of what is larger NVIDIA's compiler leaves copies in local memory wherever a function takes it, and a
-    kernel takes it minutes instead of seconds.
+    At most 8 KiB: of a larger struct NVIDIA's compiler leaves copies in local memory wherever a function takes it, and
+    a kernel takes it minutes instead of seconds.
     """
 
     particles: ParticleTable

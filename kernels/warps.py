@@ -27,7 +27,7 @@ def shared_words(name: str, count: int) -> Any:
     """Return a function that returns the address of a number of words of shared memory, the same at each call.
 
     Args:
-        name: what they are for; words of another name are others.
+        name: their purpose; words of another name are others.
     """
 
     @wp.func_native(f"// {name}{SHARED_WORDS.replace('COUNT', str(count))}")

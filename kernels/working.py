@@ -99,7 +99,7 @@ class Working:
     sought: wp.array2d[wp.vec3]
     """Position of each particle at the last search [m]"""
     clearances: wp.array2d[float]
-    """Distance of each particle from what it may touch of its own balloon at the last search [m], see
+    """Distance of each particle from triangles of its own balloon that it may touch at the last search [m], see
     `contact.clearances`; empty unless balloons touch themselves"""
     part_boxes: wp.array2d[wp.vec4]
     """Boxes around the parts of balloons' surfaces, without `PACE`: shape (world_count, 2 part_count)"""
@@ -141,15 +141,15 @@ class Working:
     needs: wp.array2d[wp.int32]
     """Length that each list would have needed where it was full, or 0, see `contact.room`: (world_count, lists)"""
     edge_boxes: wp.array2d[wp.vec4]
-    """Box around what each edge sweeps until the next search [m], its two corners: shape (world_count, 2 edges); empty
+    """Box around the sweep of each edge until the next search [m], its two corners: shape (world_count, 2 edges); empty
     unless sharp edges meet, see `contact.edges`, as are the next"""
     seeking_edges: wp.array2d[wp.vec2i]
     """Edges that go through trees in a search, each with the balloon"""
     boxed_edges: wp.array2d[wp.vec2i]
     """Pairs of edges whose boxes meet in a search"""
     edge_clearances: wp.array2d[float]
-    """Distance of each edge from what it may touch of its own balloon at the last search [m]; empty unless balloons
-    touch themselves"""
+    """Distance of each edge from edges of its own balloon that it may touch at the last search [m]; empty unless
+    balloons touch themselves"""
     edge_pairs: wp.array2d[wp.vec3i]
     """Pairs of edges that may touch until the next search, the lower number first, or of a particle, by -1 less its
     number, and a place in its list of triangles; and in which substep after the search they may do so at the earliest.

@@ -1,4 +1,4 @@
-"""Adjoint of phases that add to the force on a particle what depends on nothing, or runs backwards elsewhere."""
+"""Adjoint of phases that add to the force on a particle a term that depends on nothing, or runs backwards elsewhere."""
 
 from collections.abc import Sequence
 
@@ -10,7 +10,7 @@ from balloon_warp.kernels.phase import Look, Phase
 
 
 def add_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
-    """Return the adjoint: the force before is worth what the force after it is."""
+    """Return the adjoint: the bar of the force before is that of the force after it."""
 
     @wp.func
     def added_adjoint(force_bar: wp.vec3):

@@ -2,7 +2,7 @@
 
 An area vector a is the gradient of the volume V, whose second derivative is symmetric. So the sum over all particles of
 a' . bar, derived by a place x, is the derivative of x's own area vector along the bars: it is gathered around x, in
-the loop that finds a. Bars count relative to that of x, as places do, since a is that of what is shifted alike.
+the loop that finds a. Bars count relative to that of x, as places do, since a common shift leaves a as it is.
 """
 
 from functools import cache

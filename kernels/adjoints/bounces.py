@@ -1,4 +1,4 @@
-"""Adjoints of spheres that meet an obstacle, or each other: what meets what, and on meshes the normal, is frozen."""
+"""Adjoints of spheres that meet an obstacle, or each other: the pairs, and on meshes the normal, are frozen."""
 
 from functools import cache
 from typing import Any

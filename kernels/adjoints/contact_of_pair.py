@@ -10,7 +10,7 @@ from balloon_warp.kernels.loops.meeting import Touching, corner_counts, faced, p
 
 @wp.struct
 class WorthOfContact:
-    """Derivatives of the loss by what a contact finds."""
+    """Derivatives of the loss by the results of a contact."""
 
     a: wp.vec3  # by the force on each corner, less that by the force on the particle
     b: wp.vec3
@@ -21,7 +21,7 @@ class WorthOfContact:
 
 @wp.struct
 class BarsOfContact:
-    """Derivatives of the loss by what a contact reads."""
+    """Derivatives of the loss by the inputs of a contact."""
 
     point: wp.vec3
     velocity: wp.vec3
@@ -37,7 +37,7 @@ def work_of_contact(
     point: wp.vec3, velocity: wp.vec3, corners: wp.mat33, moving: wp.mat33, hold: wp.vec4, inputs: Touching,
     worth: WorthOfContact,
 ):  # fmt: skip
-    """Return what a contact that pushes finds, times what that is worth."""
+    """Return the results of a contact that pushes, times their bars."""
     beside = place_beside(point, corners[0], corners[1], corners[2])
     place = faced(beside, corners[0], corners[1], corners[2])
     forces = touch(inputs, place, hold, velocity, corners, moving)
@@ -47,7 +47,7 @@ def work_of_contact(
 
 @wp.func
 def work_of_counts(point: wp.vec3, corners: wp.mat33, worth: wp.vec3):
-    """Return the corners' shares in the count of contacts, times what these are worth."""
+    """Return the corners' shares in the count of contacts, times their bars."""
     beside = place_beside(point, corners[0], corners[1], corners[2])
     place = faced(beside, corners[0], corners[1], corners[2])
     return wp.dot(corner_counts(place, corners), worth)
@@ -58,7 +58,7 @@ def contact_back(
     point: wp.vec3, velocity: wp.vec3, corners: wp.mat33, moving: wp.mat33, hold: wp.vec4, inputs: Touching,
     worth: WorthOfContact,
 ):  # fmt: skip
-    """Return the derivatives by what a contact that pushes reads."""
+    """Return the derivatives by the inputs of a contact that pushes."""
     bars = BarsOfContact()
     by_point, by_velocity, by_corners, by_moving, by_hold, by_inputs, _worth = wp.grad(work_of_contact)(
         point, velocity, corners, moving, hold, inputs, worth
@@ -74,7 +74,7 @@ def contact_back(
 
 @wp.func
 def counts_back(point: wp.vec3, corners: wp.mat33, worth: wp.vec3):
-    """Return the derivatives by what the count of a contact reads that is only near."""
+    """Return the derivatives by the inputs of the count of a contact that is only near."""
     bars = BarsOfContact()
     by_point, by_corners, _worth = wp.grad(work_of_counts)(point, corners, worth)
     bars.point = by_point

@@ -21,7 +21,7 @@ MOST_CONTACTS = wp.constant(1000)
 
 @wp.struct
 class Contact:
-    """A contact of a particle in a substep, and what the particle comes with."""
+    """A contact of a particle in a substep, and the state with which the particle comes to it."""
 
     number: wp.int32  # in the order in which the particle comes to them, -1 if there is none
     thing: wp.int32  # number of the obstacle, or `ON_GROUND`

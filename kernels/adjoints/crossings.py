@@ -1,7 +1,7 @@
 """Adjoint of edges that push each other apart, a block a world.
 
-A substep's sweeps are done again, and the velocities before each are kept. Then the sweeps run backwards: each adds to
-velocities what its impulses do, so that the derivatives by what it read add up; those by the contacts themselves are
+A substep's sweeps are done again, and the velocities before each are kept. Then the sweeps run backwards: each adds the
+gains by its impulses to velocities, so that the derivatives by its inputs add up; those by the contacts themselves are
 summed over sweeps, and come back to places and velocities last. All adds up exactly, see `exact_sums`.
 """
 
@@ -40,7 +40,7 @@ OF_FRICTION, OF_THICKNESS, KINDS = wp.constant(3), wp.constant(4), 5
 
 @wp.struct
 class EdgeBars:
-    """Derivatives by what meeting edges read and find, and what is kept of a substep."""
+    """Derivatives by the inputs and results of meeting edges, and the records of a substep."""
 
     points: wp.array2d[wp.vec3]
     velocities: wp.array2d[wp.vec3]
@@ -79,7 +79,7 @@ def largest_of(rows: FOUR):
 
 @wp.func
 def spread(t: Tables, bars: EdgeBars, world: wp.int32, ends: wp.vec4i, found: CrossingBars, adds: bool):
-    """Add what a contact is worth to the sums of its ends and of its pair, or note how large that is."""
+    """Add the derivatives by a contact to the sums of its ends and of its pair, or note how large they are."""
     if not adds:
         note_size(bars.largest, world, OF_PLACES, largest_of(found.points))
         note_size(bars.largest, world, OF_VELOCITIES, largest_of(found.moving))

@@ -71,7 +71,7 @@ def crossings_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
         t: Tables, working: Working, first_points: wp.array2d[wp.vec3], all_points: wp.array2d[wp.vec3],
         all_velocities: wp.array2d[wp.vec3], bars: EdgeBars,
     ):  # fmt: skip
-        """Turn the derivatives by what edges leave into those by what they find; a block a world.
+        """Turn the derivatives by the state after edges meet into those by the state before; a block a world.
 
         Args:
             first_points: Places before edges meet.

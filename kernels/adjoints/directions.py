@@ -120,7 +120,7 @@ def area_of(t: Tables, points: wp.array[wp.vec3], face: wp.int32):
 def hand_on_to_faces(
     t: Tables, working: Working, all_points: wp.array2d[wp.vec3], areas: wp.array2d[float], bars: DirectionBars
 ):
-    """Turn the bar of each particle's direction into those of what it follows from, and clear it."""
+    """Turn the bar of each particle's direction into those of its inputs, and clear it."""
     world, particle = wp.tid()
     bar = working.direction_bars[world, particle]
     working.direction_bars[world, particle] = wp.vec3()
@@ -187,7 +187,7 @@ def bar_of_face(t: Tables, bars: DirectionBars, world: wp.int32, face: wp.int32,
 def gather_from_faces(
     t: Tables, all_points: wp.array2d[wp.vec3], bars: DirectionBars, all_point_bar: wp.array2d[wp.vec3]
 ):
-    """Add to the bar of each particle's place what the faces around it have; a thread a particle of each world."""
+    """Add to the bar of each particle's place the terms of the faces around it; a thread a particle of each world."""
     world, particle = wp.tid()
     points = all_points[world]
     of_total = bars.totals[world, t.particles.balloon[particle]]

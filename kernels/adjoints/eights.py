@@ -1,8 +1,8 @@
 """Adjoints around eight particles of a world at once, in a CPU's vector registers: of Hooke's springs, and of areas.
 
-They find what `springs.hooke_back` and `areas.area_adjoint` find of one particle, rounded alike, from the same tables,
-in which eight particles in a row have their entries side by side. Padding leads to the particle itself, and has no
-part. Of particles that are not there nothing is kept.
+They find the bars that `springs.hooke_back` and `areas.area_adjoint` find of one particle, rounded alike, from the same
+tables, in which eight particles in a row have their entries side by side. Padding leads to the particle itself, and has
+no part. Of particles that are not there nothing is kept.
 """
 
 from functools import cache
@@ -106,7 +106,7 @@ for (int slot = 0; slot < width; ++slot) {
 
 @cache
 def springs_of_eight(features: Features) -> Any:
-    """Return the function that adds to the bars of all places, and to those of constants, what springs give them."""
+    """Return the function that adds the terms of springs to the bars of all places, and to those of constants."""
     text = HEAD + SPRINGS.replace("VARY", str(int(features.springs_vary))) + TAIL.replace("SCALE", "")
 
     @wp.func_native(text)
@@ -138,7 +138,7 @@ def springs_of_eight(features: Features) -> Any:
 
 @cache
 def areas_of_eight() -> Any:
-    """Return the function that adds to the bars of all places what area vectors among quads give them."""
+    """Return the function that adds the terms of area vectors among quads to the bars of all places."""
 
     @wp.func_native(HEAD + AREAS + TAIL.replace("SCALE", "crosses *"))
     def add(
@@ -167,7 +167,7 @@ def areas_of_eight() -> Any:
 
 @wp.func
 def sum_of_lanes(kinds: Any, kind: wp.int32):
-    """Return what all lanes have of a kind of constants."""
+    """Return the sum over all lanes of a kind of constants."""
     total = float(0.0)
     for lane in range(EIGHT):
         total += kinds[EIGHT * kind + lane]

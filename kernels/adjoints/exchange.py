@@ -1,8 +1,8 @@
 """Adjoint of the exchange of momentum between spheres and particles, a block a world.
 
-Spheres exchange it one after the other. So what each has found, and where particles were before it, is found again, and
-then run through from the last to the first. The change of a sphere's velocity solves A D = b; with the derivatives d by
-D, those by A and b follow from l = A^-1 d: A is symmetric.
+Spheres exchange it one after the other. So the results of each, and the places of particles before it, are found again,
+and then run through from the last to the first. The change of a sphere's velocity solves A D = b; with the derivatives
+d by D, those by A and b follow from l = A^-1 d: A is symmetric.
 """
 
 from collections.abc import Sequence
@@ -52,7 +52,7 @@ def exchange_backwards(phase: Phase, features: Features, look: Look) -> Sequence
 
 @cache
 def exchange_again_kernel(features: Features) -> Any:
-    """Return the kernel that exchanges momentum again, and keeps what each sphere finds."""
+    """Return the kernel that exchanges momentum again, and keeps the results of each sphere."""
     ball_at = ball_function(features)
     settle = settling_function(features, vector_at, put_vector, sum_over_block)
     _, answer_at_mark, _ = marked_functions(features, vector_at, put_vector)
@@ -111,10 +111,10 @@ def particle_adjoint(features: Features) -> Any:
         t: Tables, working: Working, spheres: LoggedSpheres, exchanges: Exchanges, bars: ExchangeBars, world: wp.int32,
         sphere: wp.int32, particle: wp.int32, ball: Ball, answer: Answer, by_pressed: float, writes: bool,
     ):  # fmt: skip
-        """Return a particle's derivatives by what is common to all, and by the sphere.
+        """Return a particle's derivatives by the quantities common to all, and by the sphere.
 
         Args:
-            answer: with the derivatives by friction on all, and by what is pushed.
+            answer: with the derivatives by friction on all, and by the push.
             by_pressed: derivative by the mass of all that is pressed.
             writes: whether the particle's own derivatives are written.
         """

@@ -22,7 +22,7 @@ from balloon_warp.kernels.working import Working
 
 @cache
 def particle_functions(features: Features, columns: tuple[int, ...]) -> tuple[Any, Any]:
-    """Return functions that run backwards how a particle leaves solids, and that hand on what its mass is worth."""
+    """Return the adjoints of a particle's way out of solids, and of its mass."""
     _, read_params = params_functions(features.columns, features.balloons)
     around_particle, stand_backwards = around_function(features), standing_functions(features)[0]
     asked = [*ground_columns(features), features.columns.places["mass"]]

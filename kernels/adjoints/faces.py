@@ -1,7 +1,7 @@
 """Adjoint of the forces on faces, which their corners share: the air's lift and drag, and laws of one's own.
 
 A face's part in the sum over all particles of force . bar is its force times the mean of its corners' bars. Warp
-derives that by the face's center, area vector and velocity; each corner takes what is its own.
+derives that by the face's center, area vector and velocity; each corner takes its own bar.
 """
 
 from collections.abc import Sequence

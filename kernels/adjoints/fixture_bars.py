@@ -1,4 +1,4 @@
-"""Derivatives by where obstacles are, and by the friction on them: what particles have found, and its sums."""
+"""Derivatives by the places of obstacles, and by the friction on them: those of particles, and their sums."""
 
 from functools import cache
 from typing import Any
@@ -20,7 +20,7 @@ Totals = wp.types.vector(length=WIDTH, dtype=wp.float64)
 
 @cache
 def fixture_bars_function(features: Features) -> Any:
-    """Return the function that notes what a contact of a particle says of an obstacle, where that is asked for."""
+    """Return the function that notes the bars of an obstacle by a particle's contact, where they are asked for."""
 
     @wp.func
     def part_of_frame(t: Tables, time: float):
@@ -56,7 +56,7 @@ def fixture_bars_function(features: Features) -> Any:
 
 @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
 def sum_fixture_bars(t: Tables, working: Working, totals: wp.array3d[Totals]):
-    """Add up what a balloon has found of an obstacle, and clear it; a thread a (world, balloon, obstacle)."""
+    """Add up an obstacle's bars by a balloon's particles, and clear them; a thread a (world, balloon, obstacle)."""
     world, balloon, fixture = wp.tid()
     total = Totals()
     for particle in range(t.particles.offsets[balloon], t.particles.offsets[balloon + 1]):

@@ -18,7 +18,7 @@ from balloon_warp.kernels.tables import Tables
 
 
 def ground_columns(features: Features) -> tuple[int, int]:
-    """Return the columns of the ground's height, and of what a balloon's friction on the ground is told by."""
+    """Return the columns of the ground's height, and of a balloon's own coefficient of friction."""
     return features.columns.places["ground_height"], features.columns.places["balloon_friction"]
 
 
@@ -26,7 +26,7 @@ def ground_columns(features: Features) -> tuple[int, int]:
 def ground_backwards(
     t: Tables, around: Around, point: wp.vec3, velocity: wp.vec3, point_bar: wp.vec3, velocity_bar: wp.vec3
 ):
-    """Return the derivatives by what a particle comes with to the ground."""
+    """Return the derivatives by the state with which a particle comes to the ground."""
     bars = BarsOfContact()
     bars.point = point_bar
     bars.velocity = velocity_bar
@@ -46,7 +46,7 @@ def ground_backwards(
 def detour_of_ground_backwards(
     t: Tables, around: Around, start: wp.vec3, ahead: wp.vec3, course: wp.vec3, place_bar: wp.vec3, normal_bar: wp.vec3
 ):
-    """Return the derivatives by a place ahead, by the course, and by the normal of what has been met before."""
+    """Return the derivatives by a place ahead, by the course, and by the normal of the surface met before."""
     bars = ground_backwards(t, around, ahead, course, place_bar, wp.vec3())
     if wp.dot(ahead, t.up) >= around.ground_height:
         bars.normal = normal_bar

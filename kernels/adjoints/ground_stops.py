@@ -23,7 +23,7 @@ def note_stop(working: Working, world: wp.int32, particle: wp.int32, rise: float
 
 @wp.func
 def forget_stops(working: Working, world: wp.int32, thread: wp.int32, count: wp.int32):
-    """Clear what is noted of the ends of all pairs."""
+    """Clear the stops of the ends of all pairs."""
     if working.edge_stops.shape[1] > 0:
         for place in range(thread, count, wp.block_dim()):
             ends = working.edge_catches[world, place].ends
@@ -34,7 +34,7 @@ def forget_stops(working: Working, world: wp.int32, thread: wp.int32, count: wp.
 
 @wp.func
 def keep_stops(working: Working, bars: Any, world: wp.int32, thread: wp.int32, count: wp.int32, sweep: wp.int32):
-    """Keep what a sweep has noted of the ends of all pairs."""
+    """Keep the stops that a sweep has noted of the ends of all pairs."""
     if working.edge_stops.shape[1] > 0:
         for place in range(thread, count, wp.block_dim()):
             ends = working.edge_catches[world, place].ends
@@ -47,7 +47,7 @@ def keep_stops(working: Working, bars: Any, world: wp.int32, thread: wp.int32, c
 
 @wp.func
 def work_of_stop(rise: float, fall: float, step_seconds: float, by_place: float, by_speed: float):
-    """Return how a particle is raised and how its speed grows, times what that is worth."""
+    """Return the rise of a particle and the gain of its speed, times their bars."""
     return rise * by_place + stop_by_ground(rise, fall, step_seconds) * by_speed
 
 

@@ -1,8 +1,8 @@
 """Adjoint of the loop over a particle's hinges: torsion.
 
 A hinge's part in the sum over all particles of force . bar is that of its four places, where the bar of a wing is the
-mean of its corners'. Warp derives it by the places; each particle takes what is its own, and the first end of an edge
-the numbers'.
+mean of its corners'. Warp derives it by the places; each particle takes its own bar, and the first end of an edge the
+numbers'.
 """
 
 from functools import cache

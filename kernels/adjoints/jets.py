@@ -1,7 +1,7 @@
 """Adjoint of the thrust of a neck's jet, along the unit vector across the neck that its edges enclose.
 
 Each particle gives its share, by the pressure there and the neck's own numbers. Particles of the rim turn the vector:
-they gather what all shares are worth along it.
+they gather its bar from all shares.
 """
 
 from collections.abc import Sequence

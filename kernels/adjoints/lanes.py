@@ -1,7 +1,7 @@
 """Adjoints of forces on eight particles side by side, of eight worlds or of one: laws on particles, springs, areas.
 
-They gather what those of one particle gather, see `springs` and `areas`, in the same order for eight worlds and for
-eight particles of one, so that a world has the same derivatives in both to the bit.
+They gather the same terms as those of one particle, see `springs` and `areas`, in the same order for eight worlds and
+for eight particles of one, so that a world has the same derivatives in both to the bit.
 """
 
 from functools import cache
@@ -126,7 +126,7 @@ def inverse_roots(squares: Lanes) -> Lanes:
     """
 )
 def less_turned(total: Lanes3, d: Lanes3, bar: Lanes3, pull: Lanes, turned: Lanes) -> Lanes3:
-    """Return a sum less what a spring takes from it, as two fused instructions a component."""
+    """Return a sum less a spring's term, as two fused instructions a component."""
     ...
 
 

@@ -41,7 +41,7 @@ def lump_adjoint(features: Features) -> Any:
     def lump_back(
         t: Tables, working: Working, spheres: LoggedFaces, bars: Any, world: wp.int32, place: wp.int32
     ):  # fmt: skip
-        """Turn the derivatives by a lump into those by what came to it.
+        """Turn the derivatives by a lump into those by the sphere and corners that came to it.
 
         Args:
             spheres: as the contact has left them.
@@ -66,7 +66,7 @@ def lump_adjoint(features: Features) -> Any:
             held = held or its_mass == 0.0
             mass += its_mass
         ease = wp.where(held, 0.0, 1.0 / mass)
-        came = contact.course.position - start  # what is in it already came with the sphere
+        came = contact.course.position - start  # its members so far came with the sphere
         going = contact.course.velocity
         by_mass = ease * (wp.dot(came - way, by_way) + wp.dot(going - velocity, by_velocity))
         add_by_sphere(bars.spheres, world, sphere, by_mass, 0.0)

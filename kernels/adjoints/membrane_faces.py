@@ -19,7 +19,7 @@ def membrane_faces_adjoint(features: Features, membrane_face: MembraneFaceLayout
     """Return the adjoint that gathers the bar of a particle's place from its faces.
 
     Args:
-        keeps: whether a thread keeps where its particle's faces leave what is theirs.
+        keeps: whether a thread keeps the places where its particle's faces leave their bars.
     """
     take = membrane_faces_of(features, membrane_face).take
 

@@ -2,7 +2,7 @@
 
 A triangle pulls its corners with forces whose sum is zero. Its part in the sum over all particles of force . bar is
 that of two of them times how their bars differ from the first corner's, and Warp derives that by edges, by how fast
-they change, and by the material's numbers. All three corners come to it: each takes what is its own, and a third of the
+they change, and by the material's numbers. All three corners come to it: each takes its own bar, and a third of the
 numbers'.
 """
 

@@ -1,8 +1,8 @@
 """Adjoints of contact with obstacles, and with the ground beside them.
 
-Which particles touch what in which substep, and whether friction holds them, is frozen; on meshes the normal, too. For
-boxes, capsules and planes it is derived: at the place that is nearest to where a particle comes, or where its way comes
-in, if it slides on from there.
+Which particles touch which things in which substep, and whether friction holds them, is frozen; on meshes the normal,
+too. For boxes, capsules and planes it is derived: at the place that is nearest to where a particle comes, or where its
+way comes in, if it slides on from there.
 
 A particle may touch several things one after the other. To run backwards through them, the way up to each is found
 again: there are few.

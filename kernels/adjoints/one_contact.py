@@ -28,7 +28,7 @@ class BarsOfContact:
     velocity: wp.vec3
     height: float  # of the ground
     friction: float  # Coulomb's coefficient on the ground
-    normal: wp.vec3  # of what it has met before, if it meets nothing here
+    normal: wp.vec3  # of the surface that it has met before, if it meets nothing here
 
 
 @wp.func

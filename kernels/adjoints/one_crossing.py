@@ -13,7 +13,7 @@ from balloon_warp.kernels.laws.edges import FOUR, Crossing
 
 @wp.struct
 class CrossingBars:
-    """Derivatives by what a contact reads of its four ends, and by numbers of the pair of balloons."""
+    """Derivatives by the states of a contact's four ends, and by numbers of the pair of balloons."""
 
     points: FOUR
     moving: FOUR
@@ -32,7 +32,7 @@ def is_of_edges(catch: EdgeCatch):
 def work_of_push(
     catch: EdgeCatch, moving: FOUR, movers: wp.vec4, shares: wp.vec4, friction: float, step_seconds: float, worth: FOUR
 ):
-    """Return what the impulses of a sweep do to four ends, times what that is worth.
+    """Return the gains of four ends by the impulses of a sweep, times their bars.
 
     Args:
         movers: Inverse masses of the ends [1/kg].
@@ -48,7 +48,7 @@ def work_of_push(
 
 @wp.func
 def work_of_parting(catch: EdgeCatch, movers: wp.vec4, shares: wp.vec4, worth: FOUR):
-    """Return how far four ends are moved apart, times what that is worth."""
+    """Return the moves that part four ends, times their bars."""
     moves = moves_of(catch, wp.cw_mul(shares, movers))
     by_moves = wp.vec4(
         wp.dot(moves[0], worth[0]), wp.dot(moves[1], worth[1]), wp.dot(moves[2], worth[2]), wp.dot(moves[3], worth[3])
@@ -58,7 +58,7 @@ def work_of_parting(catch: EdgeCatch, movers: wp.vec4, shares: wp.vec4, worth: F
 
 @wp.func
 def worth_of_catch(catch: EdgeCatch, by: EdgeCatch):
-    """Return what a contact has, times the derivatives by it."""
+    """Return the numbers of a contact, times the derivatives by them."""
     found = wp.dot(catch.weights, by.weights) + catch.kept * by.kept + catch.crossing.gap * by.crossing.gap
     found += wp.dot(catch.crossing.normal, by.crossing.normal)
     return found + wp.dot(catch.crossing.first, by.crossing.first) + wp.dot(catch.crossing.second, by.crossing.second)

@@ -49,7 +49,7 @@ def facing_when(coming: Coming):
 
 @cache
 def impact_work(features: Features) -> Any:
-    """Return the function of what sphere and corners are after a contact, times the derivatives by that."""
+    """Return the function of the states of sphere and corners after a contact, times the derivatives by these."""
     change_of = changing_function(features)
 
     @wp.func

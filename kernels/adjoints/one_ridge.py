@@ -33,14 +33,14 @@ def moving_of(catch: Catch, moving: wp.mat33):
 
 @wp.func
 def work_of_gains(catch: Catch, bearing: Bearing, impulse: wp.vec3, worth: wp.mat33):
-    """Return what an impulse gains three corners, times what that is worth."""
+    """Return the gains of three corners by an impulse, times their bars."""
     by_gains = wp.vec3(wp.dot(impulse, worth[0]), wp.dot(impulse, worth[1]), wp.dot(impulse, worth[2]))
     return wp.dot(wp.cw_mul(catch.weights, bearing.eases), by_gains)
 
 
 @wp.struct
 class Motion:
-    """Velocity and spin of a sphere, or what gains of them are worth."""
+    """Velocity and spin of a sphere, or the bars of gains of them."""
 
     velocity: wp.vec3
     spin: wp.vec3
@@ -48,13 +48,13 @@ class Motion:
 
 @cache
 def ridge_works(features: Features) -> tuple[Any, Any]:
-    """Return the functions of what a push and a parting do to corners and a sphere, times what that is worth."""
+    """Return the functions of the gains of corners and a sphere by a push, and by a parting, times their bars."""
     gain_along, impulse_of = push_functions(features)
     moving_of_ball, gains_of_ball = ball_laws(features)
 
     @wp.func
     def work_on_ball(catch: Catch, bearing: Bearing, impulse: wp.vec3, worth: Motion):
-        """Return what an impulse on the balloon does to a sphere, times what that is worth."""
+        """Return the gains of a sphere by an impulse on the balloon, times their bars."""
         gain, twist = gains_of_ball(bearing.mass, bearing.radius, -impulse, wp.cross(catch.arm, -impulse))
         return wp.dot(gain, worth.velocity) + wp.dot(twist, worth.spin)
 

@@ -1,7 +1,7 @@
 """Sums of derivatives by places, velocities and inverse masses of particles, by contacts in any order.
 
 Bars of contacts have `points`, `velocities` and `eases`, shape (W, P), and `sums`, shape (W, P, SUMS), and `largest`,
-see `exact_sums`; of what is owed to masses, `gas_masses` and `numbers`.
+see `exact_sums`; for masses, `gas_masses` and `numbers`.
 """
 
 from functools import cache
@@ -50,7 +50,7 @@ def take_sums(bars: Any, world: wp.int32, particle: wp.int32):
 
 @cache
 def weighing_function(features: Features, columns: tuple[int, ...]) -> Any:
-    """Return the function that hands on what a particle's inverse mass is worth.
+    """Return the adjoint of a particle's inverse mass.
 
     Args:
         columns: of the numbers that are derived by.

@@ -1,4 +1,4 @@
-"""Contacts of balloons backwards: what the forces that particles take are worth, by all that these follow from.
+"""Contacts of balloons backwards: from the bars of the forces on particles to those of all inputs of these forces.
 
 A particle goes through its contacts of a substep as it did forwards, see `contact.response`. Few of those that are near
 push, and these take hundreds of times as long, so they are listed first: the threads of a warp then all have one.
@@ -33,7 +33,7 @@ def keep_search(
     working: Working, counts: wp.array2d[wp.int32], candidates: wp.array3d[wp.int32], lists: wp.array3d[wp.int32],
     lengths: wp.array2d[wp.int32],
 ):  # fmt: skip
-    """Keep what a search has found: of each particle no more than it has."""
+    """Keep the results of a search: of each particle no more than it has."""
     world, particle = wp.tid()
     count = working.candidate_counts[world, particle]
     counts[world, particle] = count
@@ -143,7 +143,7 @@ def contact_function(features: Features) -> Any:
 
     @wp.func
     def worth_of(bars: TouchBars, world: wp.int32, particle: wp.int32, corners: wp.vec3i):
-        """Return what forces and counts of a contact are worth; its hold aside."""
+        """Return the bars of a contact's forces and counts; its hold aside."""
         worth = WorthOfContact()
         own = bars.forces[world, particle]
         worth.a = bars.forces[world, corners[0]] - own
@@ -159,7 +159,7 @@ def contact_function(features: Features) -> Any:
         t: Tables, working: Working, world: wp.int32, particle: wp.int32, candidate: wp.int32, role: wp.int32,
         points: wp.array[wp.vec3], velocities: wp.array[wp.vec3], hold: wp.vec4, bars: TouchBars,
     ):  # fmt: skip
-        """Return the derivatives by what a contact reads, and its crowd and whether it pushes among them."""
+        """Return the derivatives by a contact's inputs, and its crowd and whether it pushes among them."""
         corners = triple_at(t.touch.triangles, triangle_of(candidate))
         point = vector_at(points, particle)
         places = rows_at(points, corners)
@@ -192,7 +192,7 @@ def press_back_kernel(features: Features, fast_math: bool = False) -> Any:
         t: Tables, working: Working, bars: TouchBars, world: wp.int32, particle: wp.int32, candidate: wp.int32,
         found: BarsOfContact,
     ):  # fmt: skip
-        """Add what a contact is worth to the sums of its particles, and of its pair of balloons."""
+        """Add the derivatives by a contact to the sums of its particles, and of its pair of balloons."""
         corners = triple_at(t.touch.triangles, triangle_of(candidate))
         eases = found.inputs.masses
         add_share(bars, world, particle, found.point, found.velocity, eases[0])

@@ -1,4 +1,4 @@
-"""Adjoint of `pull`: first of the laws on a particle, then, once all particles have their bars, of what is around."""
+"""Adjoint of `pull`: first of the laws on a particle, then, once all particles have bars, of the loops around it."""
 
 from collections.abc import Sequence
 from typing import Any

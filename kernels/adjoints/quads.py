@@ -1,4 +1,4 @@
-"""Adjoint of what quads of membranes do to their corners, eight quads side by side, see `loops.eight_quads`.
+"""Adjoint of the forces of membrane quads on their corners, eight quads side by side, see `loops.eight_quads`.
 
 The forces on the corners combine the quad's edges by tensions, which depend on the edges' products alone. With an
 energy, derivatives of forces are symmetric: the bars of the corners' places are how their forces change as the corners

@@ -17,7 +17,7 @@ KINDS_OF_BALLS, BALL_SUMS = 5, 11
 
 @wp.struct
 class BallShare:
-    """Derivatives by what a contact reads of a sphere."""
+    """Derivatives by a contact's inputs of a sphere."""
 
     velocity: wp.vec3
     spin: wp.vec3

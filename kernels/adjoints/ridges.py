@@ -1,8 +1,8 @@
 """Adjoint of faces that meet ridges of obstacles, and spheres as ridges, a block a world.
 
 A substep's sweeps are done again, and the velocities before each are kept. Then the sweeps run backwards, as those of
-edges do, see `crossings`: each adds to velocities what its impulses do, and derivatives by the contacts themselves,
-summed over sweeps, come back to places and velocities last. All adds up exactly, see `exact_sums`.
+edges do, see `crossings`: each adds the gains by its impulses to velocities, and derivatives by the contacts
+themselves, summed over sweeps, come back to places and velocities last. All adds up exactly, see `exact_sums`.
 """
 
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ KINDS = 3 + KINDS_OF_BALLS
 
 @wp.struct
 class RidgeBars:
-    """Derivatives by what faces that meet ridges read and find, and what is kept of a substep."""
+    """Derivatives by the inputs and results of faces that meet ridges, and the records of a substep."""
 
     points: wp.array2d[wp.vec3]
     velocities: wp.array2d[wp.vec3]
@@ -56,7 +56,7 @@ class RidgeBars:
 
 @wp.struct
 class CornerBars:
-    """Derivatives by what a contact reads of its three corners, and of a sphere."""
+    """Derivatives by a contact's inputs of its three corners, and of a sphere."""
 
     points: wp.mat33
     moving: wp.mat33
@@ -83,11 +83,11 @@ def rows_of(vectors: wp.array[wp.vec3], corners: wp.vec3i):
 
 @cache
 def spreading_function(features: Features) -> Any:
-    """Return the function that adds what a contact is worth to the sums of its corners and its sphere."""
+    """Return the function that adds the derivatives by a contact to the sums of its corners and its sphere."""
 
     @wp.func
     def spread(t: Tables, bars: RidgeBars, world: wp.int32, catch: Catch, found: CornerBars, adds: bool):
-        """Add what a contact is worth, or note how large that is."""
+        """Add the derivatives by a contact, or note how large they are."""
         for corner in range(3):
             place = found.points[corner]
             velocity = found.moving[corner]
@@ -123,7 +123,7 @@ def keep_course(
 
 @cache
 def ball_functions(features: Features) -> tuple[Any, Any]:
-    """Return the functions of how a contact's sphere moves before a sweep, and of what its gains are worth."""
+    """Return the functions of the motion of a contact's sphere before a sweep, and of the bars of its gains."""
 
     @wp.func
     def ball_of(t: Tables, bars: RidgeBars, world: wp.int32, sweep: wp.int32, catch: Catch):

@@ -38,7 +38,7 @@ def ridges_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
         t: Tables, state: WorldState, working: Working, time_in_frame: float, first_points: wp.array2d[wp.vec3],
         all_points: wp.array2d[wp.vec3], all_velocities: wp.array2d[wp.vec3], bars: RidgeBars,
     ):  # fmt: skip
-        """Turn the derivatives by what faces leave into those by what they find; a block a world.
+        """Turn the derivatives by the state after faces meet ridges into those by the state before; a block a world.
 
         Args:
             state: whose spheres are as they came to ridges, and are moved again.

@@ -1,8 +1,8 @@
-"""Adjoint of spheres that move: what particles have found of them is added up, and turned into that of before.
+"""Adjoint of spheres that move: the bars that particles have found are added up, and turned into those of before.
 
-What changes the courses of spheres in a substep is found again, see `sphere_log`, and run through from the last to the
-first: motion, the ground, obstacles, other spheres. Frozen is what meets what, whether it rebounds, and whether
-friction holds.
+The events that change the courses of spheres in a substep are found again, see `sphere_log`, and run through from the
+last to the first: motion, the ground, obstacles, other spheres. Frozen are the pairs that meet, whether they rebound,
+and whether friction holds.
 """
 
 from collections.abc import Sequence
@@ -41,7 +41,7 @@ def roll_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adj
 
 @cache
 def ball_function(features: Features) -> Any:
-    """Return the function that reads what a sphere's course depends on."""
+    """Return the function that reads the numbers on which a sphere's course depends."""
     places, split = features.columns.places, features.columns.balloon_width
     gravity, height, restitution = (places[name] - split for name in ("gravity", "ground_height", "ground_restitution"))
 
@@ -113,7 +113,7 @@ def roll_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
 
     @wp.func
     def take_totals(bars: BarsOfSpheres, world: wp.int32, sphere: wp.int32):
-        """Add what particles have found of a sphere."""
+        """Add the bars of a sphere that particles have found."""
         totals = bars.totals[world, sphere]
         bar = bar_of_course(bars, world, sphere)
         bar.position += wp.vec3(totals[0], totals[1], totals[2])
@@ -135,7 +135,7 @@ def roll_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
         """Turn the bars of where spheres are in a substep into those of before; a thread a world.
 
         Args:
-            spheres: as the substep moves them, and what has changed their courses.
+            spheres: as the substep moves them, and the events that have changed their courses.
             quanta: forces on spheres since they last moved, as the substep began.
         """
         world = wp.tid()

@@ -1,8 +1,8 @@
 """Adjoint of small spheres that meet faces, a block a world.
 
 A substep's contacts are resolved again, and each is noted, see `face_log`. Then one thread goes through them from the
-last to the first: each turns the derivatives by what it leaves of a sphere and corners into those by what came to it.
-So all adds up in one order. Frozen is which faces a sphere meets, in which order, and with which it moves on as one.
+last to the first: each turns the derivatives by a sphere and corners after it into those by their states before it. So
+all adds up in one order. Frozen is which faces a sphere meets, in which order, and with which it moves on as one.
 """
 
 from collections.abc import Sequence
@@ -160,7 +160,7 @@ def faces_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
         t: Tables, working: Working, spheres: LoggedFaces, all_points: wp.array2d[wp.vec3],
         all_velocities: wp.array2d[wp.vec3], bars: FaceBars,
     ):  # fmt: skip
-        """Turn the derivatives by what contacts leave into those by what they find; a block a world.
+        """Turn the derivatives by the state after contacts into those by the state before; a block a world.
 
         Args:
             spheres: as they come to faces; they are moved again, as are the next two.

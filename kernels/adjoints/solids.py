@@ -71,7 +71,7 @@ def stand_on_ground_backwards(
     t: Tables, working: Working, around: Around, point: wp.vec3, velocity: wp.vec3, point_bar: wp.vec3,
     velocity_bar: wp.vec3,
 ):  # fmt: skip
-    """Return the derivatives by what a particle comes with to the ground, where there is nothing else."""
+    """Return the derivatives by the state with which a particle comes to the ground, where there is nothing else."""
     return ground_backwards(t, around, point, velocity, point_bar, velocity_bar)
 
 

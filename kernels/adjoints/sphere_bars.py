@@ -1,4 +1,4 @@
-"""Derivatives by spheres: by their courses and numbers, and the sums of what particles have found of them."""
+"""Derivatives by spheres: by their courses and numbers, and the sums of those that particles have found."""
 
 import warp as wp
 
@@ -37,7 +37,7 @@ class BarsOfSpheres:
 
 @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
 def sum_sphere_bars(working: Working, bars: BarsOfSpheres):
-    """Add up what particles have found of a sphere, and clear it; a block a (world, sphere)."""
+    """Add up the bars of a sphere that particles have found, and clear them; a block a (world, sphere)."""
     world, sphere, thread = wp.tid()
     total = SphereBars()
     for particle in range(thread, working.sphere_bars.shape[1], wp.block_dim()):

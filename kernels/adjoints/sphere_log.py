@@ -29,7 +29,7 @@ class Event:
 
 @wp.struct
 class LoggedSpheres:
-    """Spheres of all worlds as a substep moves them, shape (W, S), and what changes their courses."""
+    """Spheres of all worlds as a substep moves them, shape (W, S), and the events that change their courses."""
 
     sphere_positions: wp.array2d[wp.vec3]
     sphere_velocities: wp.array2d[wp.vec3]
@@ -45,7 +45,7 @@ def note_event(
     spheres: LoggedSpheres, world: wp.int32, kind: wp.int32, first: wp.int32, second: wp.int32, mine: Course,
     other: Course,
 ):  # fmt: skip
-    """Note what changes a course, or two."""
+    """Note an event that changes a course, or two."""
     place = spheres.counts[world]
     if place < spheres.events.shape[1]:
         event = Event()
@@ -60,7 +60,7 @@ def note_event(
 
 @cache
 def roll_again_kernel(features: Features) -> Any:
-    """Return the kernel that moves spheres again, and notes what changes their courses."""
+    """Return the kernel that moves spheres again, and notes the events that change their courses."""
     course_after = rolling_function(features, note_event)
     collide_all = colliding_function(features, note_event)
     split = features.columns.balloon_width

@@ -17,7 +17,7 @@ from balloon_warp.kernels.working import SphereBars, Working
 
 @wp.struct
 class BarsBesideSpheres:
-    """Derivatives by what a particle comes with to spheres."""
+    """Derivatives by the state with which a particle comes to spheres."""
 
     point: wp.vec3
     velocity: wp.vec3

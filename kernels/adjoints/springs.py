@@ -2,8 +2,8 @@
 
 A spring between p and q pulls p with f = c d, along d to q, and q with -f. Its part in the sum over all particles of
 force . bar is f . (bar of p - bar of q). That is derived by d, by how fast d changes, and by the spring's numbers; Warp
-derives the coefficient c, which the laws give. Both ends come to it: each takes what is its own of places and
-velocities, and half of the numbers'. For Hooke's law alone all is written out, with a single root.
+derives the coefficient c, which the laws give. Both ends come to it: each takes the bars of its own place and velocity,
+and half of the numbers'. For Hooke's law alone all is written out, with a single root.
 
 Springs are read from tables, or are in slots, see `loops.slots`.
 """
@@ -37,7 +37,7 @@ def spring_adjoint(features: Features, at: Any, slots: Slots | None = None) -> A
 
 @wp.func
 def hooke_back(point_bar: wp.vec3, d: wp.vec3, bar: wp.vec3, stiffness: float, product: float, rest_length: float):
-    """Return the bar of the near end's place with what a spring adds, and what it gives its constant, over its scale.
+    """Return the bar of the near end's place with a spring's term, and the bar of its constant, over its scale.
 
     Args:
         bar: of the near end's force, less that of the far end's.

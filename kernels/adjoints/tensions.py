@@ -1,8 +1,8 @@
 """Changes of the tensions of eight triangles of membranes, by their edges' products, and of their energy, by numbers.
 
-It is `loops.membranes.tension_function`, differentiated: see there, and `laws.tension_field`, what is taut, in wrinkles
-or slack. The slopes of a law by trace and determinant are those of an energy, so that their changes are symmetric: what
-Warp derives of the slopes times the changes of trace and determinant is how the slopes change.
+It is `loops.membranes.tension_function`, differentiated: see there, and `laws.tension_field` for taut, wrinkled and
+slack triangles. The slopes of a law by trace and determinant are those of an energy, so that their changes are
+symmetric: Warp's derivatives of the slopes times the changes of trace and determinant are the changes of the slopes.
 """
 
 from functools import cache
@@ -22,11 +22,11 @@ OF_TENSION = ("is_taut", "counts", "full_trace", "over_apart", "apart_change")
 IN_WRINKLES = ("major", "major_change", "across", "across_change")
 STATE_ROWS = (*OF_LAW, *OF_TENSION, *IN_WRINKLES)
 """Numbers of eight triangles between their edges' products and their tensions: the state at which the law is asked, how
-it changes, and what the law's slopes are multiplied by; then what their tensions take, and those of wrinkles"""
+it changes, and the factors of the law's slopes; then the inputs of their tensions, and those of wrinkles"""
 StateLanes = wp.types.matrix(shape=(len(STATE_ROWS), 8), dtype=wp.float32)
 """Numbers in each of eight lanes, a row each"""
 TensionLanes = wp.types.matrix(shape=(7, 8), dtype=wp.float32)
-"""Tensions T11, T12 and T22 [N/m], their changes, and what slopes by the law's numbers count [m^3], in each lane"""
+"""Tensions T11, T12 and T22 [N/m], their changes, and the weight of slopes by the law's numbers [m^3], in each lane"""
 _ROWS = "\n".join(f"constexpr int {name} = {row};" for row, name in enumerate(STATE_ROWS))
 _VECTORS = """
     typedef float eight __attribute__((vector_size(32), aligned(4)));
@@ -133,7 +133,7 @@ def state_of_triangles(metric: Lanes3, change: Lanes3, rest: Lanes4, wrinkling: 
 def tensions_of_triangles(
     metric: Lanes3, change: Lanes3, rest: Lanes4, state: StateLanes, slopes: Lanes5, thickness: Lanes
 ) -> TensionLanes:
-    """Return the tensions and their changes, from the law's slopes and what is derived of them."""
+    """Return the tensions and their changes, from the law's slopes and the derivatives of these."""
     ...
 
 
@@ -145,10 +145,10 @@ def few_places(features: Features) -> tuple[int, ...]:
 
 @cache
 def slopes_function(features: Features) -> Any:
-    """Return the function for a law's slopes by trace and determinant, and for what is derived of them.
+    """Return the function for a law's slopes by trace and determinant, and for their derivatives.
 
-    It returns both, and how their sum, times what is asked of each, changes with trace, determinant and spread; and how
-    with the law's numbers, after a place for the thickness.
+    It returns both, and how their sum, times the weight asked of each, changes with trace, determinant and spread; and
+    how with the law's numbers, after a place for the thickness.
     """
     law, few = choice_of_laws_of_few(features.membranes, features.columns)
     numbers = [f"n{place}" for place in range(len(few))]

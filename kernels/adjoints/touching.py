@@ -1,6 +1,6 @@
-"""Sums of what contacts of balloons are worth, by the particles and pairs of balloons that they follow from.
+"""Sums of derivatives by contacts of balloons, for the particles and pairs of balloons that these follow from.
 
-What falls to corners of triangles, and to particles, adds up exactly, see `exact_sums`; `pressing` finds it.
+The parts of corners of triangles, and of particles, add up exactly, see `exact_sums`; `pressing` finds them.
 """
 
 from functools import cache
@@ -27,7 +27,7 @@ EASE, CONTACTS, SUMS = wp.constant(6), wp.constant(7), 8
 
 @wp.struct
 class TouchBars:
-    """Derivatives by what touching balloons read and find."""
+    """Derivatives by the inputs and results of touching balloons."""
 
     forces: wp.array2d[wp.vec3]
     """Derivatives by the forces that particles take"""
@@ -68,7 +68,7 @@ def note_sizes(bars: TouchBars, world: wp.int32, found: BarsOfContact, by_contac
 def add_share(
     bars: TouchBars, world: wp.int32, particle: wp.int32, by_place: wp.vec3, by_velocity: wp.vec3, by_ease: float
 ):
-    """Add what a contact is worth by one of its particles."""
+    """Add a contact's derivatives by one of its particles."""
     of_places = parts_per_unit(bars.largest, world, OF_PLACES)
     of_velocities = parts_per_unit(bars.largest, world, OF_VELOCITIES)
     for axis in range(3):
@@ -83,7 +83,7 @@ def add_by_contacts(
     t: Tables, working: Working, bars: TouchBars, world: wp.int32, particle: wp.int32, corners: wp.vec3i,
     masses: wp.vec4, by_crowd: float,
 ):  # fmt: skip
-    """Add what the crowd around a contact is worth by the contacts of the busiest of its particles."""
+    """Turn a contact's derivative by its crowd into one by the contacts of the busiest of its particles, and add it."""
     allowed = float_at(t.touch.crowd, int_at(t.particles.balloon, particle))
     of_other = float_at(t.touch.crowd, int_at(t.particles.balloon, corners[0]))
     most = crowd_of_corners(working, world, corners, masses)
@@ -152,7 +152,7 @@ def take_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
 
 @wp.kernel(enable_backward=False, module="unique", module_options=OPTIONS)
 def sum_pairs(t: Tables, bars: TouchBars):
-    """Add up what pairs of a particle and a balloon have found in a frame, by pairs of balloons; a block each."""
+    """Add up the bars of pairs of a particle and a balloon in a frame, by pairs of balloons; a block each."""
     world, first, second, thread = wp.tid()
     total = wp.vec3d()
     for particle in range(t.particles.offsets[first] + thread, t.particles.offsets[first + 1], wp.block_dim()):

@@ -1,7 +1,7 @@
 """Adjoint of gas that flows through tubes, and through necks and leaks beside them: a thread a world.
 
-Flows and pressures are found again in sweeps, each of which is kept, and so is what each tube then moves. Frozen is
-from which end gas flows.
+Flows and pressures are found again in sweeps, each of which is kept, and so are the gases as each tube then moves its
+part. Frozen is from which end gas flows.
 """
 
 from functools import cache
@@ -25,7 +25,7 @@ from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
 
 @wp.struct
 class TubeBars:
-    """Derivatives by what flows through tubes, and what is found again of a substep."""
+    """Derivatives by the flow of gas through tubes, and the records of a substep that is found again."""
 
     loads: wp.array2d[wp.vec2]
     """Derivatives by the load that each particle reads, shape (W, P)"""
@@ -47,7 +47,7 @@ class TubeBars:
 
 @cache
 def work_functions(features: Features) -> tuple[Any, Any]:
-    """Return the functions for what a tube's flow, and the gases after it, are worth; Warp derives them."""
+    """Return the functions for a tube's flow, and for the gases after it, times their bars; Warp derives them."""
     gamma, air_pressure, temperature = (
         features.columns.places[name] for name in ("gamma", "air_pressure", "air_temperature")
     )
@@ -97,7 +97,7 @@ def steps_of_sweep(t: Tables, vents: bool):
 
 @cache
 def back_functions(features: Features, columns: tuple[int, ...]) -> tuple[Any, Any]:
-    """Return the functions that run a step of a sweep backwards, and what a tube then moves."""
+    """Return the functions that run backwards a step of a sweep, and the gas's move through a tube after it."""
     work_of_flow, work_of_gases = work_functions(features)
     read_numbers, add_numbers = numbers_reader(features.columns), numbers_adder(columns)
 
@@ -145,7 +145,7 @@ def back_functions(features: Features, columns: tuple[int, ...]) -> tuple[Any, A
 
 @cache
 def again_function(features: Features) -> Any:
-    """Return the function that lets gas flow again, and keeps what it passes through."""
+    """Return the function that lets gas flow again, and keeps the states on its way."""
     find_flow, let_gas_flow = tube_functions(features)
     find_vent = vent_function(features)[0] if features.vents else None
 
@@ -229,7 +229,7 @@ def tubes_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
                 if wp.static(features.vents):
                     if t.inflation_kind[tube - count] == GAS:
                         vent_back(t, state, bars, of_frame, world, tube - count, step, time)
-        for balloon in range(t.inflation_kind.shape[0]):  # what is worth by the load alone is added where that is found
+        for balloon in range(t.inflation_kind.shape[0]):  # derivatives by the load alone are added where that is found
             of_frame.pressures[world, balloon] = bars.pressures[world, balloon] - sum_of_loads(t, bars, world, balloon)
 
     return turn_tubes_back

@@ -58,7 +58,7 @@ def vent_functions(features: Features) -> tuple[Any, Any]:
 
 @cache
 def vent_works(features: Features) -> tuple[Any, Any]:
-    """Return the functions for what a flow through openings, and the gas that it leaves, are worth beside tubes."""
+    """Return the functions for a flow through openings beside tubes, and for the gas after it, times their bars."""
     flow_through, left_by = vent_functions(features)
 
     @wp.func
@@ -78,7 +78,7 @@ def vent_works(features: Features) -> tuple[Any, Any]:
 
 @cache
 def vents_back_functions(features: Features, add_numbers: Any, read_numbers: Any) -> tuple[Any, Any]:
-    """Return the functions that run a vent's flow in a sweep backwards, and what it then takes.
+    """Return the functions that run backwards a vent's flow in a sweep, and the loss of gas after it.
 
     Args:
         add_numbers: function that adds derivatives by numbers to those of a balloon.

@@ -1,8 +1,8 @@
 """Adjoint of the load of a liquid on faces, which their corners share.
 
-A face's part in the sum over all particles of load . bar is that of the triangles of its fan: what falls to their
-corners times those corners' bars, and what falls to the center times the mean of all corners' bars. Warp derives that
-by the triangle's corners and by the level; each corner of the face takes what is its own.
+A face's part in the sum over all particles of load . bar is that of the triangles of its fan: the loads of their
+corners times those corners' bars, and the load of the center times the mean of all corners' bars. Warp derives that by
+the triangle's corners and by the level; each corner of the face takes its own bar.
 """
 
 from collections.abc import Sequence

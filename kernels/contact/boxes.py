@@ -20,13 +20,13 @@ SPEED, STRAYED, MOVED = wp.constant(0), wp.constant(1), wp.constant(2)
 """Entries of `PACE`: the highest speed [m/s], whether a particle has strayed, see `Sweep`, and the longest way that one
 has moved since it was looked for [m]"""
 APART, WAS_NEAR, ARE_NEAR, STILL_NEAR = wp.constant(0), wp.constant(1), wp.constant(2), wp.constant(3)
-"""Work in a world: none, clear the lists of near balloons, search, or reuse what was found"""
+"""Work in a world: none, clear the lists of near balloons, search, or reuse the last lists"""
 ALONE, KNOWN, LOOKS = wp.constant(0), wp.constant(1), wp.constant(2)
-"""Work of a balloon's particles: none, since no balloon is near; reuse what they found; or search"""
+"""Work of a balloon's particles: none, since no balloon is near; reuse their last lists; or search"""
 SPARE = wp.constant(0.25)
 """Fraction of a balloon's slack that its particles may move before a new search. Another balloon may move as much, and
-both as much before as after one of them was searched; so half of the slack is left for what they gain by
-accelerating"""
+both as much before as after one of them was searched; so half of the slack is left for their way by
+acceleration"""
 
 
 @wp.struct
@@ -139,7 +139,7 @@ def squared_distance_to_box(point: wp.vec3, lower: wp.vec3, upper: wp.vec3):
 def pad_function(features: Features) -> Any:
     """Return the function for the distance at which particles and triangles of two balloons are near [m].
 
-    The distance excludes what they sweep.
+    The distance excludes their own ways.
     """
     thickness_between, _ = skin_functions(features)
 
@@ -200,7 +200,7 @@ def decide(working: Working, world: wp.int32, near: bool, strayed: bool):
 
 @cache
 def meet_kernel(features: Features) -> Any:
-    """Return the kernel that finds the balloons that may touch, and what there is to do."""
+    """Return the kernel that finds the balloons that may touch, and the work that this asks for."""
     pad_between = pad_function(features)
 
     @wp.func

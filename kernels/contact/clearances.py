@@ -12,7 +12,7 @@ from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.working import Working
 
 LOOKOUT = wp.constant(5.0)
-"""Distance that a search looks beyond what it has to, over a balloon's slack"""
+"""Distance by which a search looks farther than it has to, over a balloon's slack"""
 ROUNDED = wp.constant(0.999)
 """Fraction of a clearance that is safe from rounding"""
 
@@ -25,7 +25,7 @@ def lookout_of(t: Tables, balloon: wp.int32):
 
 @wp.func
 def clearance_left(working: Working, world: wp.int32, balloon: wp.int32, clearance: float, moved: float):
-    """Return what is left of a clearance [m].
+    """Return the rest of a clearance [m].
 
     Args:
         moved: Distance that its owner has moved since it was found [m].
@@ -73,5 +73,5 @@ def is_clear_of_own(
 
 @wp.func
 def keep_clearance(working: Working, world: wp.int32, balloon: wp.int32, particle: wp.int32, distance: float):
-    """Keep the distance of a particle from what it may touch of its own balloon [m], if that is where it is now."""
+    """Keep a particle's distance from triangles of its balloon that it may touch [m], if that is where it is now."""
     working.clearances[world, particle] = wp.where(has_strayed(working, world, balloon), distance, 0.0)

@@ -62,7 +62,7 @@ def impulses_of(catch: EdgeCatch, moving: FOUR, eases: wp.vec4, friction: float,
 
 @wp.func
 def moves_of(catch: EdgeCatch, eases: wp.vec4):
-    """Return the moves of four ends, times masses, by which two edges get back what little is left of their distance.
+    """Return the moves of four ends, times masses, that restore the least distance between two edges.
 
     Without speed [kg m].
     """
@@ -136,7 +136,7 @@ def ground_function(features: Features, note: Any = forget_stop) -> Any:
         """Return where a particle is that does not go through the ground, and its velocity.
 
         It goes as far as it can, and no faster: who pushes it then finds it no farther away. Were it taken out of the
-        ground only in the next substep, it would go through what lies on it.
+        ground only in the next substep, it would go through a layer that lies on it.
 
         Args:
             speeds: 0 if it is moved without speed.
@@ -173,7 +173,7 @@ def pushing_functions(features: Features, note: Any = forget_stop) -> tuple[Any,
 
     @wp.func
     def part_pair(t: Tables, working: Working, world: wp.int32, catch: EdgeCatch):
-        """Add the moves, times masses, by which two edges get back what little is left of their distance."""
+        """Add the moves, times masses, that restore the least distance between two edges."""
         add_impulses(working, world, catch, moves_of(catch, shared_eases(t, working, world, catch)))
 
     @wp.func

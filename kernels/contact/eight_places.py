@@ -1,6 +1,6 @@
 """Positions of a particle relative to eight triangles side by side, in a CPU's vector registers.
 
-Each rounds as `meeting.place_beside` does for one triangle, which says what is computed.
+Each rounds as `meeting.place_beside` does for one triangle, which has the formulas.
 """
 
 import warp as wp

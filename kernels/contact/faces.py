@@ -111,7 +111,7 @@ def add_to_lump(lump: wp.array[wp.int32], count: wp.int32, corners: wp.vec3i):
 
 @cache
 def changing_function(features: Features) -> Any:
-    """Return the function that finds what a contact does to the sphere, or to a corner."""
+    """Return the function for the shift and gain of the sphere, or of a corner, by a contact."""
 
     @wp.func
     def change_of(met: Impact, number: wp.int32):

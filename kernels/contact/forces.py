@@ -55,7 +55,7 @@ def add_contact(working: Working, world: wp.int32, particle: wp.int32, corners: 
 def record_impulse(
     working: Working, world: wp.int32, particle: wp.int32, other: wp.int32, force: wp.vec3, seconds: float
 ):
-    """Add up what another balloon does to a particle: balloons are the last of all things."""
+    """Add up the impulses of another balloon on a particle: balloons are the last of all things."""
     thing = working.contact_impulses.shape[1] - working.balloon_boxes.shape[1] + other
     before = working.contact_impulses[world, thing, particle]
     push = seconds * force

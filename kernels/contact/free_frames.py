@@ -136,7 +136,7 @@ def judge_kernel(features: Features, looks_at_parts: bool) -> Any:
     """Return the kernel that decides which worlds have a free frame ahead.
 
     Args:
-        looks_at_parts: whether parts of what touches itself are looked at after it; without, no frame of it is free.
+        looks_at_parts: whether parts of balloons that touch themselves are looked at after it; else they have none.
     """
     never_free = features.always_busy or (features.touches_itself and not looks_at_parts)
     thickness_between = skin_functions(features)[0] if features.touches else None

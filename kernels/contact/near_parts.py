@@ -1,7 +1,7 @@
 """Parts of a balloon that are near each other, for a balloon that touches itself.
 
 A search finds them once for each leaf of the tree of parts, and all particles and edges of the leaf look into those:
-without, each would go through the tree by itself, and find mostly what is around it on the surface.
+without, each would go through the tree by itself, and find mostly its neighborhood on the surface.
 """
 
 from functools import cache

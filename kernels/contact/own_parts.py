@@ -2,11 +2,11 @@
 
 Two parts cannot touch where the boxes around them are apart. Parts beside each other on the surface always meet by
 their boxes. They cannot touch while the surface around them keeps its shape: where the placement of one part, turned
-and scaled as a whole, also places the other, but for a little, what was apart at the start still is.
+and scaled as a whole, also places the other, but for a little, places apart at the start still are.
 
 Both bound the room that there is: how far particles may move relative to each other until any can touch. Parts are
-looked at again once they have. So what flies, rests or trembles is hardly ever looked at. The state keeps the room and
-where it was found, so that a run that is resumed takes the same frames for free.
+looked at again once they have. So balloons that fly, rest or tremble are hardly ever looked at. The state keeps the
+room and where it was found, so that a run that is resumed takes the same frames for free.
 """
 
 from functools import cache
@@ -61,7 +61,7 @@ class OwnParts:
     centers: wp.array[wp.vec3]
     """Center of each part at the start, the mean of its particles [m]"""
     sizes: wp.array[wp.vec2]
-    """Radius of each part around its center at the start, and the least distance of it from what it may touch [m]"""
+    """Radius of each part around its center at the start, and its least gap to features that it may touch [m]"""
     balloons: wp.array[wp.int32]
     """Balloon of each part"""
     groups: wp.array[wp.int32]
@@ -206,7 +206,7 @@ def gap_between(boxes: wp.array3d[wp.vec3], world: wp.int32, first: wp.int32, se
 
 @wp.func
 def least_between(own: OwnParts, world: wp.int32, one: wp.int32, other: wp.int32):
-    """Return a bound on how near a particle or edge of a part is to what it may touch of another [m]."""
+    """Return a bound on how near a particle or edge of a part is to one of another that it may touch [m]."""
     first = wp.where(own.sizes[one][0] < own.sizes[other][0], other, one)
     second = one + other - first
     way = own.centers[second] - own.centers[first]

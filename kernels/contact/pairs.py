@@ -51,7 +51,7 @@ def mass_function(features: Features) -> Any:
 
 @cache
 def pair_functions(features: Features) -> tuple[Any, Any, Any]:
-    """Return the functions for what is asked of every pair that is near, for masses, and for one that pushes."""
+    """Return the functions for the parameters of near pairs, for masses, and for the parameters of pushing pairs."""
     thickness_between, stiffness_between = skin_functions(features)
     mass_of = mass_function(features)
 

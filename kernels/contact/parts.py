@@ -1,4 +1,4 @@
-"""Boxes around what parts of balloons sweep until the next search: they lead a particle to the triangles near it."""
+"""Boxes around the sweeps of parts of balloons until the next search: they lead a particle to the triangles near it."""
 
 import warp as wp
 
@@ -42,7 +42,7 @@ def is_boxed(working: Working, world: wp.int32, node: wp.vec4i):
 
 @wp.struct
 class Swept:
-    """Box around what an edge or a part sweeps until the next search [m]."""
+    """Box around the sweep of an edge or a part until the next search [m]."""
 
     lower: wp.vec3
     upper: wp.vec3
@@ -50,7 +50,7 @@ class Swept:
 
 @wp.func
 def box_of_part(working: Working, world: wp.int32, part: wp.int32):
-    """Return the box around what a part sweeps."""
+    """Return the box around the sweep of a part."""
     lower = lower_of_part(working, world, part)
     upper = upper_of_part(working, world, part)
     swept = Swept()
@@ -61,7 +61,7 @@ def box_of_part(working: Working, world: wp.int32, part: wp.int32):
 
 @wp.func
 def swept_by_edge(t: Tables, ends: wp.vec2i, points: wp.array[wp.vec3], velocities: wp.array[wp.vec3]):
-    """Return the box around what an edge sweeps."""
+    """Return the box around the sweep of an edge."""
     a = vector_at(points, ends[0])
     b = vector_at(points, ends[1])
     after_a = a + t.touch.seconds * vector_at(velocities, ends[0])
@@ -74,7 +74,7 @@ def swept_by_edge(t: Tables, ends: wp.vec2i, points: wp.array[wp.vec3], velociti
 
 @wp.func
 def box_of_edge(working: Working, world: wp.int32, edge: wp.int32):
-    """Return the box around what an edge sweeps."""
+    """Return the stored box around the sweep of an edge."""
     lower = four_in(working.edge_boxes, world, 2 * edge)
     upper = four_in(working.edge_boxes, world, 2 * edge + 1)
     swept = Swept()

@@ -51,7 +51,7 @@ def catching_function(features: Features) -> Any:
 
 @cache
 def bearing_function(features: Features) -> Any:
-    """Return the function of what bears a contact in a sweep."""
+    """Return the function of the masses that bear a contact in a sweep."""
     ease_of_moving = ease_function(features)
 
     @wp.func

@@ -12,6 +12,6 @@ LISTS = 4
 
 @wp.func
 def ask_for_room(working: Working, world: wp.int32, which: wp.int32, needed: wp.int32, ignored: wp.int32):
-    """Note how long a list would have to be, and count what it has no place for."""
+    """Note how long a list would have to be, and count the entries that it has no place for."""
     wp.atomic_max(working.needs, world, which, needed)
     wp.atomic_add(working.overflow, world, ignored)

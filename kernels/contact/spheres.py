@@ -33,8 +33,8 @@ from balloon_warp.kernels.working import Working
 def marked_functions(features: Features, at: Any, put: Any) -> tuple[Any, Any, Any]:
     """Return functions for the particles of a mark: their pressing, response and friction, and their support.
 
-    The first returns what they press a sphere with, the second applies the response and returns the friction, the last
-    puts them on the ground and on obstacles. `at` reads a point or velocity, `put` writes it.
+    The first returns the sums of their pressing on a sphere, the second applies the response and returns the friction,
+    the last puts them on the ground and on obstacles. `at` reads a point or velocity, `put` writes it.
     """
     _, read_params = params_functions(features.columns, features.balloons)
     inertia = inertia_function(features)
@@ -136,7 +136,7 @@ def settling_function(features: Features, at: Any, put: Any, total_of: Any) -> A
 
     @wp.func
     def settle(t: Tables, working: Working, world: wp.int32, thread: wp.int32, ball: Any, points: Any, velocities: Any):
-        """Return what a sphere bears, and the change of its velocity before it was settled, and after."""
+        """Return the pressing on a sphere, and the change of its velocity before it was settled, and after."""
         last = wp.vec3()
         change = wp.vec3()
         part = press_of_thread(t, working, world, thread, ball, last, points, velocities)

@@ -1,4 +1,4 @@
-"""Triangles beside a particle, and what a list says of them."""
+"""Triangles beside a particle, and their entries in its list."""
 
 import warp as wp
 

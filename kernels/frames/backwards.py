@@ -109,7 +109,7 @@ def numbers_adder(columns: tuple[int, ...]) -> Any:
 
 
 def _weigh_back(features: Features, columns: tuple[int, ...]) -> Any:
-    """Return the adjoint of what moves along with a balloon: its gas, and the air of its added mass."""
+    """Return the adjoint of the mass that moves along with a balloon: its gas, and the air of its added mass."""
     read_numbers, along = numbers_reader(features.columns), features.takes_air_along
     molar_mass = features.columns.places["molar_mass"]
     changes, add_numbers = features.gas_changes, numbers_adder(columns)

@@ -21,8 +21,8 @@ def write_control(
 ):
     """Write a control where the kernels read it; a thread a world.
 
-    A value beyond the bounds is clipped, or ends the world where that is asked; what is not finite always ends it, and
-    the parameter stays as it was. `faults` names the first control at fault, from 1; 0 where all is well.
+    A value beyond the bounds is clipped, or ends the world where that is asked; one that is not finite always ends it,
+    and the parameter stays as it was. `faults` names the first control at fault, from 1; 0 where all is well.
     """
     world = wp.tid()
     value = values[world]
@@ -43,7 +43,7 @@ def read_control(
     # out
     values: wp.array[float],
 ):
-    """Read what a parameter is now; a thread a world."""
+    """Read the present value of a parameter; a thread a world."""
     world = wp.tid()
     values[world] = source[world]
 

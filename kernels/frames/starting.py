@@ -143,7 +143,7 @@ def let_appear(
 ):
     """Let a thing appear or end in the frame that a world begins; a thread a world.
 
-    Where a mask is not 0, it gets what it has had until then, too.
+    Where a mask is not 0, it gets its values until then, too.
     """
     world = wp.tid()
     if mask[world] != 0:

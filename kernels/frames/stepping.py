@@ -1,4 +1,4 @@
-"""Kernels of environments: what comes before a step and after it, beside the task."""
+"""Kernels of environments: the work before a step and after it, beside the task."""
 
 import warp as wp
 

@@ -1,6 +1,6 @@
 """Laws of forces: on a particle, along a spring or a string, at a hinge, on a face, in a balloon, in a contact.
 
-Each is a file: formula, units, source, energy, and what it asks of the step. The list is all that the rest of the house
+Each is a file: formula, units, source, energy, and its bounds of the step. The list is all that the rest of the house
 knows of them: a law that stands there has its parameters in scenes, and acts in every schedule.
 """
 

@@ -1,7 +1,7 @@
 """Air around a balloon that moves along with it: added mass.
 
-A body that is accelerated in a fluid pushes that aside, and so sets it going: as if a part c of what it displaces were
-fixed to it, c = 1/2 for a sphere (Lamb, *Hydrodynamics*, section 92). It has inertia, and no weight.
+A body that is accelerated in a fluid pushes that aside, and so sets it going: as if a part c of the displaced fluid
+were fixed to it, c = 1/2 for a sphere (Lamb, *Hydrodynamics*, section 92). It has inertia, and no weight.
 
 All particles bear it in proportion to their mass. For the balloon as a whole that is exact. Where its surface swings in
 n waves, a sphere's air has rho R / (n + 1) for each square meter along the normal, and here there is rho R / 6: half of

@@ -277,7 +277,7 @@ def drag_bound(
 
 
 def density_of_given_air(air_pressure: Any, air_temperature: Any, air_density: Any) -> Any:
-    """Find on the host what `density_of_air` gives, for many worlds [kg/m^3]."""
+    """Find the density of `density_of_air` on the host, for many worlds [kg/m^3]."""
     dry = DRY_AIR_MOLAR_MASS / (GAS_CONSTANT * air_temperature / air_pressure)
     return (air_density < 0.0) * dry + (air_density >= 0.0) * air_density
 

@@ -18,7 +18,7 @@ from balloon_warp.kernels.laws.impulse import way_apart
 NEVER = wp.constant(2.0)
 """Marker: time of impact, as a fraction of the step, that is never reached"""
 SLOW = wp.constant(2.0)
-"""Approach speed below which nothing rebounds, in steps of gravity, so that what lies on something comes to rest"""
+"""Approach speed below which nothing rebounds, in steps of gravity, so that a sphere on another comes to rest"""
 
 
 @wp.func

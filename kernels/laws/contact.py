@@ -57,7 +57,7 @@ def stand_on(
     """Place [m] and velocity [m/s] of a particle that a step has brought to a place on a surface.
 
     The normal part of a velocity beside the surface is stopped, and by Coulomb's law at most `friction` times as much
-    of the tangential part. The way along it is that of the slower velocity: what friction holds does not creep.
+    of the tangential part. The way along it is that of the slower velocity: a held particle does not creep.
     """
     stopped = wp.max(-wp.dot(velocity - surface_velocity, normal), 0.0)
     return rub_on(place, velocity, surface_velocity, normal, stopped, friction, step_seconds)
@@ -99,7 +99,7 @@ def leave_ground(point: wp.vec3, velocity: wp.vec3, up: wp.vec3, height: float, 
     """Move a particle up to the ground's height, and stop as much of its approach as has led below: depth over step.
 
     The rest is stopped in the next step. So the impulse goes with the time of the contact, and does not jump where that
-    moves to another step: derivatives by what moves it are those of a bounce.
+    moves to another step: derivatives by the causes of that are those of a bounce.
     """
     depth = height - wp.dot(point, up)
     if depth > 0.0:
@@ -128,11 +128,11 @@ def penalty_force(penalty: float, inflation: wp.vec3, outward: wp.vec3):
 
 @wp.func
 def stop_of(coming: float, depth: float, before: float, restitution: float, step_seconds: float):
-    """Return the change of a sphere's speed along the normal of what it meets in a step [m/s].
+    """Return the change of a sphere's speed along the normal of the surface that it meets in a step [m/s].
 
     It goes as far as the surface or, if it came, turns where it is, with the speed that it had before the step times
-    the restitution. So no energy is gained, and with restitution 1 what symplectic Euler conserves stays, whatever the
-    step: v^2 / 2 + a g + a h v / 2 of what is g away, comes at v, and is pulled by a.
+    the restitution. So no energy is gained, and with restitution 1 the invariant of symplectic Euler stays, whatever
+    the step: v^2 / 2 + a g + a h v / 2 of a sphere that is g away, comes at v, and is pulled by a.
 
     Args:
         coming: How fast it comes after the step's forces [m/s].

@@ -8,7 +8,7 @@ impulse along n lets them come nearer by no more than is left of the distance d 
 with u as all other forces would leave it. The ends of each edge get it by the weights of p or q, where they were: so
 momentum and angular momentum stay, kinetic energy does not grow, no side has to be remembered, and none is crossed.
 
-Friction is Coulomb's: an impulse J across n, against what slides, up to friction times that along n. It acts at q and,
+Friction is Coulomb's: an impulse J across n, against the slip, up to friction times that along n. It acts at q and,
 opposite, at p. The torque of that, g n x J, is borne by couples along n at the ends of the edges e_1 and e_2: impulses
 of -a and a, and of -b and b, with a e_1 + b e_2 = g J. Slip is measured with the same weights, so that friction gives
 no energy.

@@ -1,4 +1,4 @@
-"""Balloons that are almost empty: what is left in them, and their pressure near the volume 0."""
+"""Balloons that are almost empty: the gas left in them, and their pressure near the volume 0."""
 
 import warp as wp
 

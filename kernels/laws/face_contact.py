@@ -1,7 +1,7 @@
 """Contact of a sphere with a triangle of a balloon in a step: the time of impact, and the impulse.
 
 With y the triangle's point nearest to the center c, of the corners' weights w_i, and n the unit vector from y to c, an
-impulse along n stops what comes nearer,
+impulse along n stops the approach,
 
     n . (V' - sum w_i v_i') >= 0,
 
@@ -63,7 +63,7 @@ class Impact:
     normal: wp.vec3
     shifts: wp.vec4
     gains: wp.vec4
-    pulled: wp.vec4  # what sphere and corners gain by 1 N s on the sphere [1/kg]
+    pulled: wp.vec4  # gains of sphere and corners by 1 N s on the sphere [1/kg]
     rub: wp.vec3  # the impulse of friction on the sphere [N s]
     arm: wp.vec3  # from its center to where that acts [m]
     seconds: float  # of the step, after it
@@ -150,12 +150,12 @@ def impact(
     friction: float,
     step_seconds: float,
 ):
-    """Find what comes of a contact after a part of the step.
+    """Find the impact of a contact after a part of the step.
 
     Args:
         velocity: of the sphere.
         velocities: of the corners, row by row.
-        eases: 1 over the masses of sphere and corners, 0 of what is fixed [1/kg].
+        eases: 1 over the masses of sphere and corners, 0 of one that is fixed [1/kg].
         spin: of the sphere [rad/s].
         friction: of both.
     """

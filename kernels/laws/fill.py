@@ -1,4 +1,4 @@
-"""Filling a balloon: breaths, litres or moles over some time, or what a pump gives, up to a pressure or a diameter."""
+"""Filling a balloon: breaths, litres or moles over some time, or the flow of a pump, up to a pressure or a diameter."""
 
 import math
 

@@ -3,7 +3,7 @@
 The distance is that to the surface, negative inside, less the obstacle's thickness; its gradient is the normal. A
 particle that a step has brought inside stands on the surface where it came in, and is slowed as by the ground, see
 `laws.contact.stand_on`: so it begins to slide on a slope of atan(friction), and slides with
-g (sin - friction cos). No energy is gained, but what a moving obstacle gives.
+g (sin - friction cos). No energy is gained, but by the motion of an obstacle.
 
 Distances of box and capsule: Quilez, *3D signed distance functions* (iquilezles.org, "distfunctions").
 """

@@ -1,4 +1,4 @@
-"""Sealed gas: its pressure, how a balloon swells under it, what is pumped in, and what flows through tubes.
+"""Sealed gas: its pressure, how a balloon swells under it, the pumped amounts, and the flow through tubes.
 
 Two numbers describe the sealed gas, its amount n [mol] and its *free volume* V_0 [m^3]: the volume that it would take
 at one atmosphere p_0 by an adiabatic change. The free volume stands for the entropy, is conserved whatever becomes of
@@ -75,10 +75,10 @@ def free_along(area_vector: Any, normal: Any):
 def rate_beside_obstacles(area_vector: Any, free: Any, velocity: Any, gain: Any, push: Any):
     """Return the rate of swelling at a particle without pressure [m^3/s], beside obstacles.
 
-    They take some of what the old pressure would give it. Where they take none, no bit changes.
+    They take some of the rate that the old pressure would give. Where they take none, no bit changes.
 
     Args:
-        free: what of the area vector it can follow, see `free_along`.
+        free: the part of the area vector that it can follow, see `free_along`.
         velocity: without pressure, with the change by obstacles that the old pressure led to [m/s].
         push: the old pressure [Pa].
     """
@@ -92,7 +92,7 @@ def swelling_of_particle(arm: Any, area_vector: Any, free: Any, rate: Any, gain:
 
     Args:
         arm: from a point of the balloon's own, about which its volume is taken, which keeps float32's digits.
-        free: what of the area vector it can follow, see `free_along`.
+        free: the part of the area vector that it can follow, see `free_along`.
         rate: the area vector times the velocity at which it will move in this step without pressure, less
             `memory_of_rate` of that before the step [m^3/s].
         gain: h / m, the velocity that a force gives in a step [m/s/N]; 0 if it is fixed.
@@ -209,7 +209,7 @@ def gas_load(
     stable at any step that the springs allow, p(V) at rest whatever the step, since r counts the other forces and
     obstacles, and p(V) for h -> 0. With w = 1, k = 0 it is backward Euler in the one direction in which the gas is
     stiff. With w = 1/4, k = 1 it is the mean (p_before + 2 p + p_after) / 4, the trapezoidal rule in that direction
-    (Newmark's beta = 1/4), which neither damps nor drives: what breathes at the rate omega does so at
+    (Newmark's beta = 1/4), which neither damps nor drives: a balloon that breathes at the rate omega does so at
     (2 / h) atan(omega h / 2). Forward Euler takes w = 1, k = 0, and keeps that mode as it is.
 
     The air's pressure falls with height, and the gas's less: that is buoyancy and the gas's weight. The area vectors

@@ -1,21 +1,21 @@
 """Contact of a point of a free rigid body: a normal impulse and Coulomb friction.
 
-With u the point's velocity beside what it meets and g its gap, the impulse P n is the least that makes
+With u the point's velocity beside the surface that it meets and g its gap, the impulse P n is the least that makes
 
     n . u >= -g / h,    or the speed of the rebound, where it comes faster than two steps of gravity,
 
 and friction stops as much of u across n as an impulse of friction times P can. Points push one after the other, and
 again until they agree, with their impulses so far (projected Gauss-Seidel; Catto 2005, *Iterative dynamics*), from
-where those of the step before ended. Between two sweeps all go on by a part of what the last has changed, which grows
-with their number, until that leads back (Nesterov's acceleration, begun anew; O'Donoghue and Candes 2015; Mazhar et al.
+where those of the step before ended. Between two sweeps all go on by a part of the last one's change, which grows with
+their number, until that leads back (Nesterov's acceleration, begun anew; O'Donoghue and Candes 2015; Mazhar et al.
 2015). So a light body under one a thousand times as heavy needs a hundred sweeps, not thousands.
 
 Friction and rebounds at several points may give energy (Kane's paradox), and so take place in part. With v the velocity
-beside what is met before gravity acts, and P the impulse there as a vector, bodies that touch each other gain
+beside that surface before gravity acts, and P the impulse there as a vector, bodies that touch each other gain
 
     G = sum P . (v + u) / 2
 
-in energy of motion and, as the step has it, of height; what moves by itself gives them its own work besides. Without
+in energy of motion and, as the step has it, of height; things with motion of their own add their work. Without
 rebounds, n . u <= 0 where P . n > 0, and friction acts against u: G = sum P . u less the energy of the change of motion
 is below zero, but for weight that comes to rest. From those impulses to those with rebounds, P + s (P' - P), all is
 linear: they keep momentum, nothing enters anything, friction is as much as Coulomb allows, and G is a square of s. So
@@ -51,7 +51,7 @@ class Grip:
     key: wp.int32  # which point at which thing; they ascend in a list
     body: wp.int32
     other: wp.int32  # the body that is met, or -1
-    normal: wp.vec3  # out of what is met
+    normal: wp.vec3  # out of the surface that is met
     arm: wp.vec3  # from the body's center of mass [m]
     other_arm: wp.vec3  # from that of the other
     moving: wp.vec3  # how fast it moves there, if it goes where it is told [m/s]
@@ -64,7 +64,7 @@ class Grip:
     impulse: wp.vec3d  # so far [N s]
     added: wp.vec3d  # to it in the last sweep
     ahead: wp.vec3d  # by which it went on before that
-    before: wp.vec3d  # velocity beside what is met, before gravity acts [m/s]
+    before: wp.vec3d  # velocity beside that surface, before gravity acts [m/s]
     rebound: wp.vec3d  # the impulse with all rebounds [N s]
     leaving: wp.vec3d  # u with these [m/s]
 
@@ -76,7 +76,7 @@ def rebound_speed(gap: float, approach: float, restitution: float, pull: float, 
     The body turns around where it is, not at the surface.
 
     The step's own energy, v^2 / 2 + a g + a h v / 2 of a point that is g away and comes at v, is kept to the last bit
-    by symplectic Euler. Here it becomes e^2 of what it was: so no energy is gained, and heights are e^2 of those
+    by symplectic Euler. Here it becomes e^2 of its value: so no energy is gained, and heights are e^2 of those
     before, whatever the step.
 
     Args:
@@ -96,7 +96,7 @@ def least_speed(gap: float, approach: float, restitution: float, pull: float, sl
 
     Args:
         pull: the acceleration by which it comes faster [m/s^2].
-        slow: what comes no faster does not rebound [m/s].
+        slow: a point that comes no faster does not rebound [m/s].
     """
     away = wp.max(gap, 0.0)
     least = -away / step_seconds
@@ -173,7 +173,7 @@ def grip_impulse(grip: Grip, beside: wp.vec3d, friction_ease: float, friction: f
 
     Args:
         beside: u, with the impulse so far [m/s].
-        friction_ease: how much u gains by 1 N s across n, along what slides [1/kg].
+        friction_ease: how much u gains by 1 N s across n, along the slip [1/kg].
     """
     normal = wp.vec3d(grip.normal)
     before = wp.dot(grip.impulse, normal)

@@ -9,7 +9,7 @@ a shell is that of von Karman's spectrum,
 
 L the length over which gusts belong together, the integral scale; beyond it is Kolmogorov's k^(-5/3). The waves end at
 L/300: from L/40 to L/5 the mean squares of differences grow with the distance to the 2/3, within 0.1 of that exponent,
-and below L/300 with its square, as what is smooth does. The seed draws the phases. They are carried along by the mean
+and below L/300 with its square, as in a smooth field. The seed draws the phases. They are carried along by the mean
 wind and do not change on the way (Taylor's hypothesis).
 
 The waves stand in a table, which a loop goes through: written out one by one they took a compiler a minute. On a CPU
@@ -97,7 +97,7 @@ def hashed(state: int) -> int:
 
 
 def _written() -> str:
-    """Write in C++ what sums the waves.
+    """Write the sum of the waves in C++.
 
     A wave is about sin(2 pi turns), to 0.001, without a sine: with few operations, alike on every device. Its phase is
     `randf` of `rand_init(seed, number)`, from 0 to 1. The threads of a warp of one world share out the waves, of which
@@ -178,7 +178,7 @@ def _written() -> str:
 
 
 def _derived() -> str:
-    """Write in C++ what derives the sum by the place, on every device one wave after the other."""
+    """Write the derivative of the sum by the place in C++, on every device one wave after the other."""
     count = 3 * SHELLS
     return f"""
     static constexpr float waves[{6 * count}] = {{{_table_by_wave()}}};

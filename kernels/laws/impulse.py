@@ -10,7 +10,7 @@ holds for all particles (an inelastic contact). They exchange an impulse along n
 
 - momentum stays, and angular momentum, since n passes through both at the step's start and places follow velocities;
 - kinetic energy does not grow, whatever the step and the masses: the velocities that are allowed are a convex set which
-  has rest in it, and the nearest of a convex set to what is given is no longer than that;
+  has rest in it, and the nearest of a convex set to a given vector is no longer than that;
 - nothing is moved against springs: the particle goes to the surface, and not into the body and out again.
 
 With a_p = -n . (v_p - V) - g / h, by how much a particle comes too fast, the body's velocity changes by the D of
@@ -140,7 +140,7 @@ def is_met(press: Press):
 
 @wp.func
 def common_inertia(press: Press, first: wp.int32, mass: float, ground: wp.float64, up: wp.vec3):
-    """Return M I + sum m n n^T of a body and what it meets [kg], from nine numbers."""
+    """Return M I + sum m n n^T of a body and the particles that it meets [kg], from nine numbers."""
     m = wp.float64(mass)
     xy = wp.float64(press[first + 1])
     xz = wp.float64(press[first + 2])
@@ -197,7 +197,7 @@ def push_of_ground(press: Press, mass: float, up: wp.vec3, change: wp.vec3):
 
 @wp.func
 def shift_of_body(press: Press, mass: float, up: wp.vec3):
-    """Return the displacement of a body out of what overlaps it [m]."""
+    """Return the displacement of a body out of the particles that overlap it [m]."""
     return common_gain(press, OVERLAPPING, mass, wp.float64(0.0), up, 0.0)
 
 

@@ -139,7 +139,7 @@ class Law:
     """A law of the simulation.
 
     Its bounds, `stiffness` and `drag`, are Python functions from which the stable step follows. The names of their
-    arguments say what they need: things of `INPUTS_OF_BOUNDS`, and parameters. They get arrays that broadcast: worlds
+    arguments are those of their inputs: `INPUTS_OF_BOUNDS`, and parameters. They get arrays that broadcast: worlds
     first, then particles, and a vector's three numbers last. Without bounds the step of "auto" does not take the law
     into account.
     """

@@ -1,8 +1,8 @@
 """Membranes: rubber and film that is stretched in its plane. Incompressible, so that its thickness is 1 / det F.
 
 C is the right Cauchy-Green tensor of the plane, a >= b its eigenvalues, the squared principal stretches; the third is
-1 / (a b). A law is an energy W(a, b) for each volume at rest; what it gives are its slopes by the trace a + b and by
-the determinant a b, from which the stress follows, S = 2 (dW/dtr 1 + dW/ddet adj C).
+1 / (a b). A law is an energy W(a, b) for each volume at rest; it gives its slopes by the trace a + b and by the
+determinant a b, from which the stress follows, S = 2 (dW/dtr 1 + dW/ddet adj C).
 
 A thin skin does not resist compression: it wrinkles. Its energy is the least that is reached by wrinkles of any size
 across the tension (Pipkin 1986, The relaxed energy density for isotropic elastic membranes):
@@ -73,7 +73,7 @@ OGDEN_MODULI = Parameter(
 OGDEN_EXPONENTS = Parameter(
     "ogden_exponents",
     "1",
-    least=-20.0,  # powers of what is squeezed to `LEAST_DET` are float32's up to here
+    least=-20.0,  # powers of a stretch squeezed to `LEAST_DET` are float32's up to here
     most=20.0,
     path="material.ogden_exponents",
     size=3,

@@ -92,7 +92,7 @@ def nozzle(pressure: float, behind: float, gamma: float):
 
         u^2 / 2 = k / (k - 1) (1 - (1 - x)^((k - 1) / k)) p_0 / rho = e x p_0 / rho
 
-    It pushes by its momentum, and by what is left of the pressure: C_d A (rho_t u^2 + p_t - p_air).
+    It pushes by its momentum, and by the rest of the pressure: C_d A (rho_t u^2 + p_t - p_air).
 
     Args:
         pressure: p, at least 0 [Pa].
@@ -161,7 +161,7 @@ def vent_flow(
         taken: free volume of a mole of the gas [m^3/mol], which takes it along.
         slope: rise of the pressure in the step with free volume [Pa/m^3].
         opening: C_d A of all [m^2].
-        most: what may leave [mol/s], before the balloon is flat.
+        most: largest flow out [mol/s], before the balloon is flat.
     """
     here = wp.max(air_pressure + pressure, THINNEST * STANDARD_PRESSURE)
     brought = throttled(molar_volume(STANDARD_PRESSURE, air_temperature), STANDARD_PRESSURE, here, gamma)

@@ -107,7 +107,7 @@ def tip_near(ridge: Ridge, tip: wp.vec3, away: wp.vec3, a: wp.vec3, b: wp.vec3, 
 
 @wp.func
 def nearer(first: Near, second: Near):
-    """Return the one of two that is nearer; what does not meet is far."""
+    """Return the one of two that is nearer; one that does not meet is far."""
     if wp.length_sq(second.normal) > 0.0 and (wp.length_sq(first.normal) == 0.0 or second.gap < first.gap):
         return second
     return first
@@ -138,7 +138,7 @@ def way_to_part(gap: float, kept: float):
 
 @wp.func
 def rub_against(slide: wp.vec3, normal: wp.vec3, ease: float, most: float):
-    """Return the impulse against what slides across n [N s], no more than `most`."""
+    """Return the impulse against the slip across n [N s], no more than `most`."""
     beside = slide - wp.dot(slide, normal) * normal
     speed = wp.length(beside)
     if speed > 0.0:

@@ -19,7 +19,7 @@ and each of those by (c . D + a) n. Then friction, as Coulomb has it: a particle
 an impulse against s where it is, the lesser of k m |s| and of `friction` times the impulse along n, and the body the
 opposite there. With
 
-    k = 1 / (1 + M e)    M the mass of all that are pressed, e no less than what a point of the body gains by 1 N s
+    k = 1 / (1 + M e)    M the mass of all that are pressed, e no less than the gain of a point of the body by 1 N s
 
 all of them together give no energy, whatever is heavier. Impulses act where particles are at the start of the step,
 from where all go on at their new velocities: so momentum and angular momentum stay, and kinetic energy does not grow.
@@ -96,7 +96,7 @@ def carried_along(velocity: wp.vec3, spin: wp.vec3, center_arm: wp.vec3, arm: wp
     by its own turn. To each of them alone, friction would ask the body to shrink.
 
     Args:
-        velocity: of the center of what carries it [m/s].
+        velocity: of the center of the carrier [m/s].
         spin: likewise [rad/s].
         center_arm: from there to the body's center, as the step begins [m].
         arm: from the body's center to the point [m].
@@ -257,7 +257,7 @@ def change_of_rigid(push: Push, mass: float, inertia: wp.mat33):
 
 @wp.func
 def friction_share(mass: float, ease: wp.mat33, reach: float, pressed: float):
-    """Share k of friction between a body and what it presses.
+    """Share k of friction between a body and the particles that it presses.
 
     Arguments are a body's mass [kg], the inverse inertia tensor of 1 kg [1/m^2], its reach [m], and the mass that it
     presses [kg].

@@ -1,6 +1,6 @@
 """Coulomb's friction as an impulse, which turns a sphere.
 
-With w the sphere's spin and r the arm from its center to where it touches something, what is there slides at
+With w the sphere's spin and r the arm from its center to where it touches something, its surface slides there at
 
     s = u - (u . n) n,    u = V + w x r - (how fast the other moves there),
 
@@ -31,7 +31,7 @@ def friction_impulse(beside: wp.vec3, normal: wp.vec3, ease: float, most: float)
 
     Args:
         beside: u [m/s].
-        ease: by how much 1 N s slows down what slides [1/kg].
+        ease: by how much 1 N s slows down the slip [1/kg].
         most: that friction can [N s].
     """
     sliding = beside - wp.dot(beside, normal) * normal

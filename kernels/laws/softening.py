@@ -6,7 +6,7 @@ third number that Mars gave it: the stress is that of the law, times
     eta = 1 - s erf((P - W) / (m + b P))
 
 W the energy density of the law [Pa], P the greatest that there has been. On first loading P = W and eta = 1; where P
-stays, the stress is the slope of an energy that is less than W by what is lost for good. s is their 1 / r.
+stays, the stress is the slope of an energy that is less than W by the part lost for good. s is their 1 / r.
 """
 
 from typing import Any

@@ -2,7 +2,7 @@
 
 A tear begins where the larger principal true stress reaches the `strength`, or where a needle pierces. From face to
 face it runs on where the stress ahead of its tip exceeds the `tear_strength`, at most as fast as waves on the surface
-of the unstretched material, 0.955 root(mu / rho) (Rayleigh's, of what is incompressible). Below a stress a balloon
+of the unstretched material, 0.955 root(mu / rho) (Rayleigh's, of an incompressible solid). Below a stress a balloon
 opens along one tear; above it tears branch, and it bursts to pieces (Moulinet and Adda-Bedia 2015, Popping balloons: a
 case study of dynamical fragmentation, PRL 115, 184301).
 

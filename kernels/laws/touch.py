@@ -5,8 +5,8 @@ x is behind, and g = n . (x - y) the gap, the particle overlaps by o = thickness
 
     F = k o + c (approach speed)    but never pulled
 
-the same from outside and from behind: what has come in is pushed out where it came in. Its energy is k o^2 / 2, no
-more than what came in with it: the damping, c = 2 z root(k m) of the reduced mass m, acts against the motion, and where
+the same from outside and from behind: a particle is pushed out where it came in. Its energy is k o^2 / 2, no
+more than came in with it: the damping, c = 2 z root(k m) of the reduced mass m, acts against the motion, and where
 the sum would pull it is left out. The triangle's corners get the opposite force by the barycentric weights of y, so
 that both forces are on one line, and neither momentum nor angular momentum changes.
 

@@ -1,7 +1,7 @@
 """A liquid under a level surface: pressure and drag on the wetted part of each face, cut exactly at the surface.
 
-A face is the fan of triangles about its center. Depth is linear over a triangle, and a corner takes of the pressure and
-of the wetted area what its barycentric coordinate weighs, the center's part being shared out evenly to the face's
+A face is the fan of triangles about its center. Depth is linear over a triangle, and a corner takes the pressure and
+the wetted area weighted by its barycentric coordinate, the center's part being shared out evenly to the face's
 corners: so force and torque are those of the hydrostatic pressure on the fan (Kim et al. 2006).
 """
 

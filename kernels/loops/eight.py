@@ -133,9 +133,9 @@ def loops_of_eight(features: Features, at: Any, take: Any, view_of: Any, params_
 
     Args:
         at: the function that reads eight points, or of a view of one world one.
-        take: the one that takes what hinges and membranes have added up.
+        take: the one that takes the sums of hinges and membranes.
         view_of: the one that gives a lane's view of the points.
-        own_of_one: the one that gives what the particle in a lane knows of itself.
+        params_of_one: the one that gives the parameters of the particle in a lane.
     """
     sum_strings = string_loop(features) if features.has("string") else None
     load_of_particle = ring_wetness_loop(at) if features.rings else wetness_loop(at)

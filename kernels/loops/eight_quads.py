@@ -123,7 +123,7 @@ def quad_wear(features: Features, at: Any, world_of: Any) -> Any:
 
     @wp.func
     def wear_of_quad(t: Any, points: Any, params: Any, peaks: wp.array2d[float]):
-        """Find what is left of the tensions of a quad's triangles, and keep their peak stretches."""
+        """Find the factors of wear on the tensions of a quad's triangles, and keep their peak stretches."""
         corners = 4 * params.number
         a = at(points, entry_at(t.quads, corners))
         b = at(points, entry_at(t.quads, corners + 1))
@@ -170,7 +170,7 @@ def quad_pull(features: Features, at: Any, world_of: Any) -> Any:
 
     @wp.func
     def worn(t: Any, params: Any, along: Lanes4, mixed: Lanes4, back: Lanes4):
-        """Return the tensions of a quad reduced by what is left of its triangles, see `phases.wear`."""
+        """Return the tensions of a quad reduced by the wear of its triangles, see `phases.wear`."""
         for corner in range(t.quad_triangles[params.number]):
             numbers = t.quad_numbers[4 * params.number + corner]
             left = Lanes()

@@ -63,7 +63,7 @@ def visits_function(features: Features) -> Any:
 
 @cache
 def push_of_faces_function(features: Features) -> Any:
-    """Return the function that sums what faces have found."""
+    """Return the function that sums the forces of faces."""
     visits = visits_function(features)
 
     @wp.func

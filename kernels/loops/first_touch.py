@@ -85,7 +85,7 @@ def mesh_function() -> Any:
     ):
         """Return the first contact with a mesh.
 
-        A ray finds where the center of what moves would pass triangles, and no angle is too small for it. Up to there
+        A ray finds where the moving center would pass triangles, and no angle is too small for it. Up to there
         distance queries, as far apart as the surface is away (Hart 1996, *Sphere tracing*), but at least half the skin
         or a fraction of the path, find where its skin comes in.
         """

@@ -40,7 +40,7 @@ def put_gas(state: WorldState, world: wp.int32, balloon: wp.int32, gas: wp.vec2d
 
 @cache
 def filled_function(features: Features) -> Any:
-    """Return the function for the gas blown into a balloon in a substep, from what it depends on."""
+    """Return the function for the gas blown into a balloon in a substep, from its state, the air and the time."""
     columns = features.columns
     gamma_column = columns.places["gamma"]
     air = ["air_pressure", "air_temperature"]

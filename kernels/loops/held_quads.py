@@ -19,7 +19,7 @@ class Quads(NamedTuple):
     """Hold the functions of a thread that keeps quads."""
 
     hold: Any
-    """(t, world, n, thread): what it keeps, as a frame begins"""
+    """(t, world, n, thread): its quads, kept as a frame begins"""
     stretch: Any
     """(t, world, thread, numbers, films, points, pulls, area_vectors): all of its quads; with the numbers of a
     balloon, if there is one alone"""

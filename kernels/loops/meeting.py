@@ -72,7 +72,7 @@ def faced(place: Place, a: wp.vec3, b: wp.vec3, c: wp.vec3):
     here.area_vector = place.area_vector
     here.normal = facing(place.arm, place.weights, place.area_vector)
     here.gap = wp.dot(place.arm, here.normal)
-    # beside an edge, so near that it is taken along the normal: what is met is below it, a little beyond the edge
+    # beside an edge, so near that it is taken along the normal: the place met is below it, a little beyond the edge
     beyond = across(place.arm, here.normal)
     more = wp.vec3(
         wp.dot(reach_gradient(here.normal, c - b, place.area_vector), beyond),

@@ -17,14 +17,14 @@ from balloon_warp.kernels.tables import Tables
 
 
 class MembraneFaceFunctions(NamedTuple):
-    """Hold what phases ask for, see `phases.stretch`."""
+    """Hold the functions and layout that phases ask for, see `phases.stretch`."""
 
     clear: Any
     stretch: Any
     collect: Any
     loops: Loops
     keeps: Any
-    """Function that reads what a thread keeps of faces as a frame begins, if it keeps any"""
+    """Function that reads the faces that a thread keeps as a frame begins, if it keeps any"""
     layout: MembraneFaceLayout
     keeps_places: bool
     """Whether particles keep where their faces' forces stand"""
@@ -32,13 +32,13 @@ class MembraneFaceFunctions(NamedTuple):
 
 @cache
 def kept_springs(features: Features, membrane_face: MembraneFaceLayout, slots: Slots) -> tuple[Any, Any]:
-    """Return the type of what a particle keeps of its springs and faces, and the function that reads it."""
+    """Return the type of a particle's kept springs and places of faces, and the function that reads them."""
     Springs, read_springs = springs_reader(features, slots)  # noqa: N806 - a type
     read_places = membrane_faces_of(features, membrane_face).read_places
 
     @wp.struct
     class Kept:
-        """Springs, and where what faces do to the particle stands."""
+        """Springs, and the places of the faces' forces on the particle."""
 
         springs: Springs
         places: wp.vec4i

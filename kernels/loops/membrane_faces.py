@@ -48,11 +48,11 @@ class MembraneFaces(NamedTuple):
     """Hold the functions of faces, and of particles at their corners."""
 
     clear: Any
-    """(t, pulls, area_vectors): what a frame begins with"""
+    """(t, pulls, area_vectors): the clearing as a frame begins"""
     stretch: Any
     """(t, world, membrane_face, points, velocities, pulls, area_vectors): a face"""
     read_places: Any
-    """(t, own, active): what a particle may keep for a frame: its first four places"""
+    """(t, own, active): a particle's first four places, which it may keep for a frame"""
     take: Any
     """(t, own, kept, pulls, area_vectors): the force on a particle [N], and its area vector [m^2], once all faces are
     measured"""

@@ -50,8 +50,8 @@ def pulls_between_corners(
     """Return the forces on the corners of a quad [N], whose sum is zero.
 
     Args:
-        along: what edges pull with, over their vectors [N/m].
-        across: what both diagonals do.
+        along: pulls of edges over their vectors [N/m].
+        across: those of both diagonals.
     """
     on_a = along[0] * ab - along[3] * da + across[0] * ac
     on_b = along[1] * bc - along[0] * ab + across[1] * bd
@@ -108,7 +108,7 @@ def tension_function(features: Features) -> Any:
 def taut_tension_function(features: Features) -> Any:
     """Return a faster function for the tensions of a triangle that is surely taut, without damping.
 
-    It gives the same bits, so that it does not matter to a triangle what is beside it. See `how_surely_taut`.
+    It gives the same bits, so that a triangle's do not depend on its neighbors. See `how_surely_taut`.
     """
     slopes_of_law = choice_of_laws(features.membranes, features.columns)
     thickness = features.columns.places["thickness"]

@@ -86,7 +86,7 @@ def near_function(features: Features) -> Any:
 def standing_test(features: Features) -> Any:
     """Return the function that returns whether one particle may touch an obstacle or the ground.
 
-    It goes by what the particle saw last.
+    It goes by the particle's last look.
     """
     height = features.columns.places["ground_height"]
 

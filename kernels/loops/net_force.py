@@ -49,7 +49,7 @@ def net_force_function(features: Features, loops: Loops) -> Any:
 
         Args:
             velocities: of all particles, where a law asks for its neighbors'.
-            springs: what the loop over springs goes by, beside the tables.
+            springs: inputs of the loop over springs, beside the tables.
             water_load: see `phases.soak`; anything where there is no liquid.
         """
         force, area_vector, vertex_normal = loops.around(t, points, velocities, params, springs, point, velocity, time)

@@ -64,7 +64,7 @@ def standing_function(features: Features) -> Any:
         """Return a particle's point and velocity outside of all obstacles.
 
         Most particles are above the ground and return at once. Where one obstacle may have pushed it into another, all
-        take another turn. If they do not agree, the particle stays at its previous place, outside of what rests.
+        take another turn. If they do not agree, the particle stays at its previous place, outside of resting obstacles.
         """
         start = point - t.step_seconds * velocity
         turns = wp.int32(0)

@@ -1,4 +1,4 @@
-"""Tensions of a membrane quad along edges and diagonals, from what its four triangles add up to at rest.
+"""Tensions of a membrane quad along edges and diagonals, from the sums of its four triangles at rest.
 
 For laws that are `Law.linear`: the constant parts of a taut quad are computed once.
 """
@@ -121,7 +121,7 @@ def taken(metric: wp.vec3, root: float):
 
 @cache
 def quad_tensions(features: Features) -> Any:
-    """Return the function for what edges pull with and what both diagonals do, over their vectors [N/m]."""
+    """Return the function for the pulls of edges and of both diagonals, over their vectors [N/m]."""
     pulls_whatever = tensions_whatever(features)
 
     @wp.func

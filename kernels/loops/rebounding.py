@@ -8,10 +8,10 @@ from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.working import Working
 
 NO_GAIN = wp.constant(wp.float64(1.0e-5))
-"""Gain of energy that counts as none, over what contacts exchange"""
+"""Gain of energy that counts as none, over the work that contacts exchange"""
 JAMMED = wp.constant(wp.float64(1.0e-2))
-"""Gain of energy, over what contacts exchange, below which impulses that do not agree are so large that bodies have
-jammed: they do without friction then, since that agrees, and without rebound"""
+"""Gain of energy, over the work that contacts exchange, below which impulses that do not agree are so large that bodies
+have jammed: they do without friction then, since that agrees, and without rebound"""
 NOT, DOES, JAMS = (wp.constant(number) for number in range(3))
 """Whether contacts give energy, and whether bodies have jammed"""
 
@@ -48,7 +48,7 @@ def find_groups(working: Working, world: wp.int32, count: wp.int32):
 
 @wp.func
 def work_of(impulse: wp.vec3d, before: wp.vec3d, after: wp.vec3d):
-    """Return the work of an impulse at a contact, beside what is met [J]."""
+    """Return the work of an impulse at a contact, beside the surface that is met [J]."""
     return wp.float64(0.5) * wp.dot(impulse, before + after)
 
 

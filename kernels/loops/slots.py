@@ -133,7 +133,7 @@ def slot_loop(features: Features, kind_slots: Slots) -> Any:
         velocity: wp.vec3,
         time: float,
     ):
-        """Force of one spring [N]; what fills up leads to the particle itself."""
+        """Force of one spring [N]; padding leads to the particle itself."""
         neighbor = springs.neighbors[slot]
         d = points[neighbor] - point
         stiffness = constant

@@ -128,7 +128,7 @@ def rub_on_ball(
     """Return friction's impulse on a pressed particle [N s], and its torque about the sphere's center [N m s].
 
     Args:
-        press: what the sphere bears.
+        press: of the sphere.
         last: as in `answer_to_ball`, as is the next.
         friction: Coulomb's coefficient of both.
         point: of the particle, before its answer.

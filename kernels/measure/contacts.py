@@ -67,7 +67,7 @@ def sum_of_pair(
     particles: wp.vec2i,
     center: wp.vec3,
 ):
-    """Sum what a thing does to the particles from the first to before the last; moments are about a center."""
+    """Sum the impulses of a thing on the particles from the first to before the last; moments are about a center."""
     sums = PairSums()
     for particle in range(particles[0], particles[1]):
         entry = impulses[world, thing, particle]
@@ -129,7 +129,7 @@ def sum_contacts(
         sums.strength += back.strength
         sums.place += back.place
         sums.area = wp.max(sums.area, back.area)
-        sums.pressure += back.pressure  # each bears a part of what presses them together
+        sums.pressure += back.pressure  # each bears a part of the pressure between them
     if sums.area > 0.0:
         sums.moment -= wp.cross(mean_arm(points, world, particles), sums.impulse)
     forces[world, balloon, thing] = sums.impulse / frame_seconds

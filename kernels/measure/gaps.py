@@ -1,4 +1,4 @@
-"""Distances and crossings of segments and triangles, in float64: for judging what others have simulated."""
+"""Distances and crossings of segments and triangles, in float64: for judging others' simulations."""
 
 from typing import Any
 

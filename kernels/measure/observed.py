@@ -226,7 +226,7 @@ def find_obstacles(
 def sum_particle_contacts(
     mask: wp.array[wp.int32], impulses: wp.array3d[wp.vec4], seconds: float, forces: wp.array2d[wp.vec3]
 ):
-    """Sum what all things did to each particle in a frame, as mean forces [N]; a thread a (world, particle)."""
+    """Sum the impulses of all things on each particle in a frame, as mean forces [N]; a thread a (world, particle)."""
     world, particle = wp.tid()
     if not is_chosen(mask, world):
         return

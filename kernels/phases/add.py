@@ -25,7 +25,7 @@ from balloon_warp.kernels.working import Working
 
 @cache
 def hinge_function(features: Features, at: Any, add: Any) -> Any:
-    """Make the function that adds what a hinge does.
+    """Make the function that adds the forces of a hinge.
 
     Args:
         at: the function that reads a point.
@@ -50,7 +50,7 @@ def hinge_function(features: Features, at: Any, add: Any) -> Any:
 
 @cache
 def surface_functions(features: Features, at: Any) -> tuple[Any, Any]:
-    """Make the functions that add what a triangle of a membrane, and a face do to a world's forces."""
+    """Make the functions that add the forces of a membrane's triangle, and of a face, to a world's."""
     push_at_corner = face_push(features, at, vector_at)
     read_numbers = numbers_reader(features.columns)
     pull_of_triangle = triangle_pull(features) if features.membranes else None
@@ -88,7 +88,7 @@ def surface_functions(features: Features, at: Any) -> tuple[Any, Any]:
 
 @phase("element")
 def add_forces(features: Features, look: Look) -> Any:
-    """Add what a spring, or string, or hinge, or triangle, or face does to its particles, in this order."""
+    """Add the forces of a spring, or string, or hinge, or triangle, or face on its particles, in this order."""
     add_hinge = hinge_function(features, look.at, look.add)
     add_triangle, add_face = surface_functions(features, look.at)
     pull_of_pair, pull_of_held_string = pair_pull(features), held_string_pull(features)

@@ -1,7 +1,7 @@
 """Impulses of contacts on particles, summed over a frame.
 
-An impulse follows from the change of a velocity that all other forces would have left as it was, with what damping and
-drag take of it in the step.
+An impulse follows from the change of a velocity that all other forces would have left as it was, with the part of it
+that damping and drag take in the step.
 """
 
 from typing import Any

@@ -26,7 +26,7 @@ def correct(features: Features, look: Look) -> Any:
         at_q = at(points, q)
         limit = t.world_numbers[row_of_world(world, t.world_numbers.shape[0]), limit_column]
         too_long = excess(at_q - at_p, float_at(t.correction.rest_lengths, spring), limit)
-        if wp.length_sq(too_long) > 0.0:  # few are: what the others would write takes longer than all the rest
+        if wp.length_sq(too_long) > 0.0:  # few are: the writes of the others would take longer than all the rest
             move_p, move_q = moves_of_ends(
                 float_at(t.particles.mass_share, p), float_at(t.particles.mass_share, q), too_long
             )

@@ -19,7 +19,7 @@ from balloon_warp.kernels.working import Working
     adjoint=leave_backwards,
 )  # fmt: skip
 def leave(features: Features, look: Look) -> Any:
-    """Leave spheres, obstacles and the ground; what may exchange momentum with a sphere waits for the others."""
+    """Leave spheres, obstacles and the ground; one that may exchange momentum with a sphere waits for the others."""
     leave_obstacles = obstacle_loop(features, look.sphere_at)
     is_noted, around_particle = noting_function(features, look.sphere_at), around_function(features)
     stand = standing_function(features)

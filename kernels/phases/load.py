@@ -22,7 +22,7 @@ from balloon_warp.kernels.tables import Tables, WorldState
     once=lambda features: not features.gas_changes, adjoint=nothing,
 )  # fmt: skip
 def hold(features: Features, look: Look) -> Any:
-    """Read what a balloon holds: amount of gas [mol], and its free volume [m^3]."""
+    """Read the gas in a balloon: its amount [mol], and its free volume [m^3]."""
 
     @wp.func
     def hold(state: WorldState, world: wp.int32, balloon: wp.int32):

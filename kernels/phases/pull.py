@@ -1,7 +1,7 @@
 """Net force on a particle but for the inflation's.
 
-They are of springs, strings, hinges, faces, membranes and laws on particles; the thrust of jets, and what contacts push
-with.
+They are of springs, strings, hinges, faces, membranes and laws on particles; the thrust of jets, and the forces of
+contacts.
 """
 
 from typing import Any
@@ -23,7 +23,7 @@ from balloon_warp.kernels.working import Working
 
 
 def _pulling(features: Features, look: Look, name: str, results: str) -> Any:
-    """Return the function of a phase that names what of others, and of a liquid, its forces depend on."""
+    """Return the function of a phase that names the values of others, and of a liquid, that its forces depend on."""
     alone, by_velocities = look.alone(features), features.looks_at_velocities
     views = [] if alone else ["points", "velocities"] if by_velocities else ["points"]
     load = ["water_load"] if features.in_water else []

@@ -45,7 +45,7 @@ def blow(features: Features, look: Look) -> Any:
 
 @phase("quad", when=lambda features: features.softens)
 def wear_out(features: Features, look: Look) -> Any:
-    """Find what is left of the tension of rubber, and keep its peak stretch, as `wear` does."""
+    """Find the factor on the tension of rubber, and keep its peak stretch, as `wear` does."""
     wear_of_quad = quad_wear(features, look.at, look.world)
 
     @wp.func
@@ -57,7 +57,7 @@ def wear_out(features: Features, look: Look) -> Any:
 
 @phase("quad", when=lambda features: bool(features.membranes), adjoint=quads_backwards)
 def share_out(features: Features, look: Look) -> Any:
-    """Add what a quad or triangle of a membrane does to its corners, or eight of them [N]."""
+    """Add the forces of a quad or triangle of a membrane, or of eight of them, to its corners [N]."""
     pull_of_quad, add_to_corners = quad_pull(features, look.at, look.world), look.add_to_corners
 
     @wp.func

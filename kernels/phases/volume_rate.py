@@ -70,7 +70,7 @@ def find_volume_rate(features: Features, look: Look) -> Any:
 
     @wp.func
     def without_memory(course: Any, params: Any, velocity: Any):
-        """Take from a course what of the velocity before the step counts, where one breathes on."""
+        """Take from a course the part of the velocity before the step that counts, where one breathes on."""
         if wp.static(features.breathes_on):
             return course - scaled(velocity, memory_of_rate(params.n[place]))
         else:

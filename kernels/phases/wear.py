@@ -22,7 +22,7 @@ def _may_wear(scene: Any) -> bool:
 
 @cache
 def wear_of_points(features: Features, at: Any) -> Any:
-    """Make the function that finds what is left of the tension of triangles, and their stresses.
+    """Make the function that finds the factor on the tension of triangles, and their stresses.
 
     It returns the greatest energy density so far [Pa].
     """

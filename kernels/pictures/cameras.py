@@ -1,7 +1,7 @@
 """Cameras that look into many worlds at once, by a ray through the middle of each pixel.
 
 Such pictures are small and many, and all that they show moves in every frame. So each triangle finds the rays that hit
-it, which needs no tree. What a ray sees first is the least of keys, see `pictures.sights`. A mask chooses the worlds
+it, which needs no tree. The first hit of a ray is the least of keys, see `pictures.sights`. A mask chooses the worlds
 that are looked at; one without entries chooses all.
 """
 
@@ -44,7 +44,7 @@ def see_triangles(
     # in and out
     keys: wp.array3d[wp.int64],
 ):
-    """Put triangles where they are nearer than what was seen before, but for torn ones; a thread a (world, triangle).
+    """Put triangles where they are nearer than earlier hits, but for torn ones; a thread a (world, triangle).
 
     Args:
         faces: of which the triangles are.
@@ -129,7 +129,7 @@ def show_colors(
     # out
     picture: wp.array4d[wp.uint8],
 ):
-    """Light what is seen, without shadows, and turn it into sRGB bytes; a thread a (world, row, column).
+    """Light the hits, without shadows, and turn them into sRGB bytes; a thread a (world, row, column).
 
     Args:
         colors: of all things, in order of their numbers, linear RGB; the first is the ground's.

@@ -1,7 +1,7 @@
 """The ray caster: one thread a pixel, three passes.
 
-1. `cast_pixels` adds up a pixel's samples. It keeps what the key light and the sky would add if nothing stood in their
-   way apart from how much of each gets there, which is what few samples make noisy.
+1. `cast_pixels` adds up a pixel's samples. It keeps the unobstructed light of the key light and the sky apart from the
+   shares of both that get there, which few samples make noisy.
 2. `smooth_light` blurs those two shares over neighbors that lie on the same surface, rows first, then columns.
 3. `develop` puts the light together and turns it into the bytes of an sRGB picture.
 
@@ -180,7 +180,7 @@ def catch_shadow(key: wp.vec3, sky: wp.vec3, key_share: wp.vec3, sky_share: wp.v
     Pictures are laid over each other by the numbers that are shown: about the power 1/2.2 of the light.
 
     Args:
-        key, sky: what the lights would add where nothing stands in their way, times `ground`.
+        key, sky: unobstructed light of both, times `ground`.
         ground: the share of the pixel that is the ground's.
     """
     most = key + sky

@@ -63,7 +63,7 @@ def wall_of(color: wp.vec3, thickness: float, facing: float):
     path = thickness / (facing + (1.0 - facing) / DEEPEST)
     clear = wp.exp(-CLOUDY * path)
     through = dyed(color, wp.min(DYED * path, 2.2))
-    # Light that comes back has met less and less of a thick wall: what is left is the color of the dye.
+    # Light that comes back has met less and less of a thick wall: the rest is the color of the dye.
     forth = (1.0 - clear) / (1.0 + path)
     wall = Wall()
     wall.clear = clear * through

@@ -210,7 +210,7 @@ def first_hit(shapes: Shapes, origin: wp.vec3, direction: wp.vec3, reach: float)
 def water_before(shapes: Shapes, origin: wp.vec3, direction: wp.vec3, hit: Hit):
     """Return the water's surface where a ray meets it first, else the given hit.
 
-    Not a part of `first_hit`, since what is under water is lit as if there were none.
+    Not a part of `first_hit`, since things under water are lit as if there were none.
     """
     if shapes.has_water != 0 and direction[1] * (origin[1] - shapes.water_height) < 0.0:
         t = (shapes.water_height - origin[1]) / direction[1]

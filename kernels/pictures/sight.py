@@ -68,7 +68,7 @@ def answer_of(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.vec
 
 @wp.func
 def light_farther(hit: Hit, inside: wp.bool, weight: wp.vec3, key: wp.vec3, sky: wp.vec3):
-    """Return the light on what is seen through something.
+    """Return the light on a surface that is seen through another.
 
     It gets a share of the light in place of shadows, which nobody misses there.
     """

@@ -1,4 +1,4 @@
-"""Sights of cameras that look into many worlds, and keys of what a pixel sees first: its depth, and what it is."""
+"""Sights of cameras that look into many worlds, and keys of a pixel's first hits: the depth, and the thing's number."""
 
 import warp as wp
 

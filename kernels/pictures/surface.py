@@ -35,7 +35,7 @@ class Answer:
     lights: wp.vec3
     """Mirror images of the lights"""
     through: wp.vec3
-    """Share, by color, of the light behind the surface, or of what it mirrors"""
+    """Share, by color, of the light behind the surface, or of its mirror image"""
     mirrors: wp.bool
     """Whether the ray goes on by mirror reflection"""
 
@@ -63,7 +63,7 @@ def water_answer(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.
         direction: of the ray that hit.
     """
     facing = -wp.dot(hit.normal, direction)
-    # Schlick's approximation for an index of 1.33, held back, or the room would hide what is under water.
+    # Schlick's approximation for an index of 1.33, held back, or the room would hide things under water.
     fresnel = 0.02 + 0.4 * wp.pow(1.0 - facing, 5.0)
     answer = Answer()
     answer.key = MURK * (1.0 - fresnel) * wp.max(wp.dot(hit.normal, studio.key), 0.0) * hit.color

@@ -12,7 +12,7 @@ from balloon_warp.kernels.tables import is_chosen, row_of_world
 wp.set_module_options({**OPTIONS, "enable_backward": False})
 
 MISSED = wp.constant(-1.0)
-"""Distance of what a ray does not hit"""
+"""Distance of a thing that a ray does not hit"""
 FARTHEST = wp.constant(1.0e30)
 """Distance beyond all that can be seen [m]"""
 
@@ -101,7 +101,7 @@ def solid_distance(solid: Solid, up: wp.vec3, origin: wp.vec3, direction: wp.vec
 
 @wp.func
 def nearer(glance: Glance, distance: float, number: wp.int32, normal: wp.vec3):
-    """Return what is nearer: what was seen before, or a thing at some distance."""
+    """Return the nearer one: the hit before, or a thing at some distance."""
     if distance > 0.0 and distance < glance.distance:
         glance.distance = distance
         glance.number = number
@@ -111,7 +111,7 @@ def nearer(glance: Glance, distance: float, number: wp.int32, normal: wp.vec3):
 
 @wp.func
 def glance_at_solids(things: Things, world: wp.int32, eye: wp.vec3, direction: wp.vec3, first: wp.int32, seen: Glance):
-    """Return what is nearer: what was seen before, or an obstacle or a body.
+    """Return the nearest one: the hit before, or an obstacle or a body.
 
     Args:
         first: number of the first obstacle.

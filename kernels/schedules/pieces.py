@@ -1,4 +1,4 @@
-"""A list of phases cut into pieces: what stands between two barriers."""
+"""A list of phases cut into pieces: the phases between two barriers."""
 
 from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple
@@ -135,7 +135,7 @@ def _goes_on(
 
 
 def _read(group: Sequence[Phase], light: Sequence[Phase], features: Features, look: Look) -> set[str]:
-    """Return what a group reads that it has not written itself, with what light phases need for it."""
+    """Return the inputs of a group that it has not written itself, with those of light phases that write them."""
     found: set[str] = set()
     written: set[str] = set()
     for phase in group:
@@ -145,7 +145,7 @@ def _read(group: Sequence[Phase], light: Sequence[Phase], features: Features, lo
 
 
 def _with_light(names: Collection[str], light: Sequence[Phase], features: Features, look: Look) -> set[str]:
-    """Return names, with what light phases read that write them; of a view, what is seen."""
+    """Return names, with the inputs of light phases that write them; of a view, the value that is seen."""
     found: set[str] = set()
     to_see = list(names)
     views = VIEWS | features.kept_views

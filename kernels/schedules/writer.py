@@ -26,7 +26,7 @@ SCOPE: Mapping[str, Any] = {
 
 
 class Writer(ABC):
-    """Write phases as source, line by line; a schedule says where it finds what they read."""
+    """Write phases as source, line by line; a schedule says where it finds their inputs."""
 
     aliases: Mapping[str, str] = {}
     """Handles that phases know by another name"""
@@ -40,10 +40,10 @@ class Writer(ABC):
 
     @abstractmethod
     def found(self, name: str) -> tuple[str, str] | None:
-        """Return the text that finds what a phase names, and the name that it takes itself, or ""; or None."""
+        """Return the text that finds a phase's argument, and the name that it takes itself, or ""; or None."""
 
     def bound(self, name: str) -> str:
-        """Return the variable that holds what a phase names."""
+        """Return the variable of a phase's argument or result."""
         return name
 
     def line(self, text: str) -> None:
@@ -51,7 +51,7 @@ class Writer(ABC):
         self.lines.append(self.indent + text)
 
     def calls(self, phases: Iterable[Phase]) -> None:
-        """Write calls of phases, each with what it does as a remark."""
+        """Write calls of phases, each with its summary as a remark."""
         for phase in phases:
             call = self.call(phase)
             if phase.name in self.known:
@@ -62,13 +62,13 @@ class Writer(ABC):
             self.known |= {self.bound(name) for name in phase.writes}
 
     def call(self, phase: Phase) -> str:
-        """Return the call of a phase, once what it reads is at hand."""
+        """Return the call of a phase, once its inputs are at hand."""
         for name in self.reads(phase):
             self.need(name)
         return f"{phase.name}({', '.join(self.bound(name) for name in self.reads(phase))})"
 
     def may_act(self, phase: Phase) -> str:
-        """Return the call that asks whether a rare phase has anything to do, once what it reads is at hand."""
+        """Return the call that asks whether a rare phase has anything to do, once its inputs are at hand."""
         asked = inspect.signature(phase.asked(self.step.features, self.step.look).func).parameters
         for name in asked:
             self.need(name)
@@ -104,11 +104,11 @@ class Writer(ABC):
 
     @property
     def kept_arrays(self) -> dict[str, str]:
-        """The arguments that hold what items keep, and their types."""
+        """The arguments that hold the kept values of items, and their types."""
         return {f"kept_{name}": f"wp.array2d[{name}_type]" for name in self.step.features.kept}
 
     def kept_at(self, name: str, world: str = "world") -> str:
-        """Return the text that finds what an item keeps, or all of a world do; "" where it is nothing of that."""
+        """Return the text that finds a kept value of an item, or of all of a world; "" where it is none of these."""
         features = self.step.features
         if name in features.kept_views:
             return f"kept_{features.kept_views[name]}[{world}]"
@@ -125,7 +125,7 @@ class Writer(ABC):
         return params, parts[0] if len(parts) == 1 else f"wp.vec3({', '.join(parts)})"
 
     def scope(self, phases: Iterable[Phase]) -> dict[str, Any]:
-        """Return what the text refers to, for its phases."""
+        """Return the objects that the text refers to for its phases, by name."""
         step = self.step
         called = {phase.name: phase.function(step.features, step.look) for phase in (*phases, *step.light)}
         types = {f"{value}_type": dtype for value, dtype in written_types(step).items()}

@@ -2,12 +2,12 @@
 
 An iteration of the solver is a step down g along A^-1 times its slope; A is at least the curvature of g. A motion
 without stretch is only inertia to g, but springs as well to A: it takes some h^2 k / m iterations to settle. With the
-momentum of Nesterov (1983) it takes the root of that: the next one begins beyond what this one reached, by what it
-moved times n / (n + 3). n counts since the momentum was last dropped, which it is wherever it leads up (O'Donoghue and
-Candes 2015). The balloon's own momentum stays as it is.
+momentum of Nesterov (1983) it takes the root of that: the next one begins beyond the end of this one, by its move times
+n / (n + 3). n counts since the momentum was last dropped, which it is wherever it leads up (O'Donoghue and Candes
+2015). The balloon's own momentum stays as it is.
 
-A world has settled once an iteration changes little beside what springs do in the whole substep, both by the root of
-their energies: |du|^2 = du A du, of the springs (u - w) (M + h C) (u - w). Where coordinates are large and springs
+A world has settled once an iteration changes little beside the effect of springs in the whole substep, both by the root
+of their energies: |du|^2 = du A du, of the springs (u - w) (M + h C) (u - w). Where coordinates are large and springs
 stiff, float32 resolves no more than that: then too, but not before `LEAST_OF_ROUNDED` iterations.
 """
 

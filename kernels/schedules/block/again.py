@@ -1,6 +1,6 @@
-"""A frame again as one kernel: from its beginning, to note what its substeps find for those that run backwards.
+"""A frame again as one kernel: from its beginning, to note results of its substeps for those that run backwards.
 
-Where each substep begins is noted, and what its particles see of each other.
+The beginning of each substep is noted, and the values that its particles see of each other.
 """
 
 from collections.abc import Collection
@@ -18,7 +18,7 @@ class AgainWriter(RowsWriter):
     """Write the kernel of a frame again, for threads that loop: values wait where they are noted.
 
     Args:
-        noted: places of what is noted of particles.
+        noted: places of the particles' notes.
     """
 
     velocity_row = "row"
@@ -36,11 +36,11 @@ class AgainWriter(RowsWriter):
 
     @property
     def remark(self) -> str:
-        """Return what the kernel is."""
+        """Return a sentence on the kernel."""
         return super().remark.replace("for a frame;", "for a frame again, with notes of its substeps;")
 
     def names(self) -> dict[str, Any]:
-        """Return what the text refers to."""
+        """Return the objects that the text refers to, by name."""
         return {**super().names(), **self.noted.names(), "put_vector_in": put_vector_in}
 
     def _body(self) -> None:
@@ -81,7 +81,7 @@ class AgainWriter(RowsWriter):
         """Write nothing: where a substep begins, the one before has noted."""
 
     def _end_substep(self) -> None:
-        """Write what is noted of the balloon, and bring points back to the tile that the next substep begins with."""
+        """Write the notes of the balloon, and bring points back to the tile that the next substep begins with."""
         if of_balloon := self._kept_of("balloon"):
             self.line("if thread == 0:")
             for value in of_balloon:
@@ -116,7 +116,7 @@ class HeldAgainWriter(AgainWriter):
     """Write the kernel of a frame again, for threads that keep particles.
 
     Args:
-        names: of what is noted of particles, besides their state.
+        names: of the values noted of particles, besides their state.
     """
 
     def __init__(self, step: Step, layout: Layout, noted: Notes, names: Collection[str]):
@@ -137,7 +137,7 @@ class HeldAgainWriter(AgainWriter):
             self._note_its(noted)
 
     def _note_its(self, names: Collection[str]) -> None:
-        """Write how the particle at hand notes what it has."""
+        """Write how the particle at hand notes its values."""
         b = self.bound
         self.line(f"if {b('is_there')}:")
         for name in names:

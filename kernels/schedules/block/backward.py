@@ -1,6 +1,6 @@
 """A frame backwards as one kernel: a block of threads has a world of one balloon.
 
-Rows tell where each substep began and what its particles saw of each other, see `again`.
+Rows have the beginning of each substep and the values that its particles saw of each other, see `again`.
 """
 
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ class BackwardBlockWriter(TurnsBesideParticles):
 
     Args:
         turned: phases that run backwards.
-        kept: the same forward, with what the others ask for kept.
+        kept: the same forward, which keep the values that the others ask for.
     """
 
     derived = True
@@ -61,7 +61,7 @@ class BackwardBlockWriter(TurnsBesideParticles):
 
     @property
     def remark(self) -> str:
-        """Return what the kernel is."""
+        """Return a sentence on the kernel."""
         return f"A block for each world, for a frame backwards; its {self.layout.threads} threads loop over particles."
 
     def _arguments(self) -> dict[str, str]:
@@ -76,7 +76,7 @@ class BackwardBlockWriter(TurnsBesideParticles):
         }  # fmt: skip
 
     def names(self) -> dict[str, Any]:
-        """Return what the text refers to."""
+        """Return the objects that the text refers to, by name."""
         self._written()
         loads, totals = (block_sum(name, Five, 1, self.layout.warps) for name in ("load_bar", "bars"))
         return {
@@ -140,7 +140,7 @@ class BackwardBlockWriter(TurnsBesideParticles):
                 self.line(f"put_vector_in(all_{name}_bar, world, particle, {bar})")
 
     def _begin_bars(self) -> None:
-        """Write what the bars of particles are at the end of a frame."""
+        """Write the bars of particles at the end of a frame."""
         with self._over("particle"):
             for name in STATE:
                 bar = f"vector_in(all_{name}_bar, world, particle)"

@@ -1,6 +1,6 @@
 """Kernels of frames backwards, for layouts in which threads loop or have particles.
 
-One computes a frame again and notes what its substeps find, the other runs them backwards: so each has the threads and
+One computes a frame again and notes results of its substeps, the other runs them backwards: so each has the threads and
 registers that suit it.
 """
 
@@ -18,12 +18,12 @@ from balloon_warp.kernels.schedules.pieces import Step
 
 
 class Backwards(NamedTuple):
-    """Hold what both kernels are written from."""
+    """Hold the phases and layouts of both kernels."""
 
     turned: Step
     """Phases that run backwards"""
     kept: Step
-    """Phases forward, with what the others ask for kept"""
+    """Phases forward, which keep the values that the others ask for"""
     layout: Layout
     again: Step
     """Phases of a frame that is computed again, on its own layout"""
@@ -68,11 +68,11 @@ def widths_of_rows(of: Backwards) -> dict[str, int]:
 
 @cache
 def arguments_backwards(of: Backwards, columns: tuple[int, ...]) -> tuple[str, ...]:
-    """Return the names of what the kernel backwards takes."""
+    """Return the names of the arguments of the kernel backwards."""
     return _writer(of, columns).arguments()
 
 
 @cache
 def arguments_again(of: Backwards) -> tuple[str, ...]:
-    """Return the names of what the kernel of a frame again takes."""
+    """Return the names of the arguments of the kernel of a frame again."""
     return _writer_again(of).arguments()

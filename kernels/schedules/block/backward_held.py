@@ -1,7 +1,7 @@
 """A frame backwards as one kernel, where each thread of a block keeps its particles: their bars stay in registers.
 
-What particles see of each other is put in shared memory just before anyone looks. On a GPU a thread has one particle,
-on a CPU the one thread may have them all.
+Values that particles see of each other are put in shared memory just before anyone looks. On a GPU a thread has one
+particle, on a CPU the one thread may have them all.
 """
 
 import re
@@ -55,7 +55,7 @@ class TurnsOfOne(TurnsInBlock):
         return ("", texts[name]) if name in texts else super().found(name)
 
     def noted(self, name: str, owner: str) -> str:
-        """Return the variable of what the substep noted, which is read as its turns begin."""
+        """Return the variable of a note of the substep, which is read as its turns begin."""
         return name
 
     def bar_at(self, name: str, owner: str) -> str:
@@ -76,7 +76,7 @@ class TurnsOfOne(TurnsInBlock):
             self.line(f"its_{name}_bar {sign} {text}")
 
     def its_own(self, text: str, zero: str) -> str:
-        """Return what a thread adds; zero where it has no particle."""
+        """Return a thread's term of a sum; zero where it has no particle."""
         return text if self.of_balloon else f"wp.where(is_there, {text}, {zero})"
 
 
@@ -85,15 +85,15 @@ class HeldBackwardWriter(BackwardBlockWriter):
 
     @property
     def remark(self) -> str:
-        """Return what the kernel is."""
+        """Return a sentence on the kernel."""
         held = "a particle" if self.layout.held == 1 else f"{self.layout.held} particles"
         return f"A block for each world, for a frame backwards; each of {self.layout.threads} threads has {held}."
 
     @property
     def _found_again(self) -> tuple[Phase, ...]:
-        """Return the phases whose values follow from what a particle has noted: they are found again, not noted.
+        """Return the phases whose values follow from the notes of a particle: they are found again, not noted.
 
-        What a phase changes, such as a force to which it adds, is noted after it.
+        A value that a phase changes, such as a force to which it adds, is noted after it.
         """
         phases = (phase for piece in self.step.pieces if piece.item == "particle" for phase in piece.phases)
         step = self.step
@@ -134,7 +134,7 @@ class HeldBackwardWriter(BackwardBlockWriter):
                     self.line(f"    put_vector_in(all_{name}_bar, world, {b('particle')}, {b(f'its_{name}_bar')})")
 
     def _begin_substep_back(self) -> None:
-        """Write how a thread reads what the substep has noted."""
+        """Write how a thread reads the notes of the substep."""
         self.line("row = first_row + (t.substeps - 1 - back)")
         self.line("time_in_frame = float(t.substeps - 1 - back) * t.step_seconds")
         for place in self.places:
@@ -152,7 +152,7 @@ class HeldBackwardWriter(BackwardBlockWriter):
         self.line("fetch_notes(notes, row - 1, thread)")
 
     def _turns(self, turns: Turns, its: set[str]) -> None:
-        """Write turns, and before those that look around what they see.
+        """Write turns, and before those that look around the values that they see.
 
         Nobody puts anything there while others still look: a sum in between is a barrier, too.
         """
@@ -180,7 +180,7 @@ class HeldBackwardWriter(BackwardBlockWriter):
             self.line("block_barrier()")
 
     def _show_its(self, its: set[str]) -> None:
-        """Write how particles show what others look at."""
+        """Write how particles show the values at which others look."""
         for place in self.places:
             with self.about(place):
                 b = self.bound
@@ -198,7 +198,7 @@ class HeldBackwardWriter(BackwardBlockWriter):
         return [words.sub(rf"\1_{place}", line) for line in lines if not line.lstrip().startswith("#")]
 
     def _begin_its_bars(self, its: set[str]) -> None:
-        """Write what the bars of a particle are at the end of a frame."""
+        """Write the bars of a particle at the end of a frame."""
         types = written_types(self.step)
         for name in sorted(its):
             bar = self.bound(f"its_{name}_bar")

@@ -25,7 +25,7 @@ SUM_OF_LOADS = (
     "load_part = wp.vec2()",
     "load_bar = wp.vec2(load_sum[0], load_sum[1])",
 )
-"""Statements that add up what particles have found of what presses on them"""
+"""Statements that add up the bars of the load that particles have found"""
 
 
 class TurnsInBlock(BackwardWriter):
@@ -33,7 +33,7 @@ class TurnsInBlock(BackwardWriter):
 
     Args:
         tiles: names of the bars that stand in shared memory.
-        notes: places of what was noted of particles.
+        notes: places of the particles' notes.
         bars: places of bars that no other particle sees.
     """
 
@@ -59,7 +59,7 @@ class TurnsInBlock(BackwardWriter):
         return self.trace.item == "balloon"
 
     def open(self) -> None:
-        """Write a loop over particles, or nothing: the sum of what they have found of the balloon comes before."""
+        """Write a loop over particles, or nothing: the sum of the load's bars that they have found comes before."""
         if self.of_balloon:
             self.known.add("load_bar")
             return
@@ -90,7 +90,7 @@ class TurnsInBlock(BackwardWriter):
         return super().found(name)
 
     def noted(self, name: str, owner: str) -> str:
-        """Return the text that finds what the substep noted."""
+        """Return the text that finds a note of the substep."""
         return self.notes.read(name, "row") if owner == "particle" else f"all_{name}[row, {owner}]"
 
     def _turn(self, entry: Entry, adjoint: Adjoint) -> None:
@@ -136,10 +136,10 @@ class TurnsInBlock(BackwardWriter):
         self.line(f"number_{place} += {self.its_own(text, 'float(0.0)')}")
 
     def add_over_frame(self, name: str, text: str) -> None:
-        """Add to the bar of what stays the same in a frame."""
+        """Add to the bar of a value that stays the same in a frame."""
         zero = "wp.vec2()" if OVER_FRAME[name] == 2 else "float(0.0)"
         self.line(f"over_{name} += {self.its_own(text, zero)}")
 
     def its_own(self, text: str, zero: str) -> str:
-        """Return what a thread adds; zero where it has no particle."""
+        """Return a thread's term of a sum; zero where it has no particle."""
         return text

@@ -16,7 +16,7 @@ class SumsOfFrame(RowsWriter):
     """Columns of the numbers that are derived by"""
 
     def _begin_sums(self) -> None:
-        """Write where what adds up begins, in each thread."""
+        """Write the start values of sums, in each thread."""
         self.line("# Substeps run backwards.")
         for place in range(len(self.columns)):
             self.line(f"number_{place} = float(0.0)")

@@ -13,7 +13,7 @@ from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.pieces import Step
 
 Turns = Sequence[tuple[TurnsInBlock, tuple[str, ...]]]
-"""Writers of what stands between two waits, and their lines"""
+"""Writers of the turns between two waits, and their lines"""
 
 
 class TurnsBesideParticles(SumsOfFrame):
@@ -27,7 +27,7 @@ class TurnsBesideParticles(SumsOfFrame):
         """Whether eight particles at a time add up bars of the constants of springs"""
 
     def _turn_faces(self, writer: TurnsInBlock, numbers: str) -> None:
-        """Write how faces of membranes run backwards, before their particles gather what they leave."""
+        """Write how faces of membranes run backwards, before their particles gather the bars that they leave."""
         for entry, adjoint in writer.turns:
             if adjoint.of_face is None:
                 continue
@@ -69,7 +69,7 @@ class TurnsBesideParticles(SumsOfFrame):
                 self.line(f"number_{self.columns.index(column)} += sum_of_lanes(kinds_bars, {number})")
 
     def _turn_balloon(self, writer: TurnsInBlock, lines: Sequence[str]) -> None:
-        """Write what follows of the balloon from what its particles have found."""
+        """Write the bars of the balloon's values that follow from those that its particles have found."""
         for line in SUM_OF_LOADS:
             self.line(line)
         self.lines += lines
@@ -80,7 +80,7 @@ class TurnsBesideParticles(SumsOfFrame):
             self.line(f"{target} += is_first * ({added})")
 
     def _find_loads(self) -> None:
-        """Write what the gas presses with in this substep, and in the one before."""
+        """Write the loads by the gas in this substep, and in the one before."""
         self.line("load_now = all_gas_load[row, 0]")
         self.line("load_after = wp.vec2(load_now[1], load_now[2])")
         self.line("load_before = two_in(state.inflation_loads, world, 0)")

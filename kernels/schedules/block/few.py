@@ -34,10 +34,10 @@ class FewInBlock(NamesInBlock):
         return tuple(phase for phase in piece.phases[:moving] if again and set(self.reads(phase)) == {"point"})
 
     def _few_items(self, piece: Piece, starts: Sequence[Phase]) -> None:
-        """Write what threads do for the particles that were noted.
+        """Write the work of threads for the particles that were noted.
 
         Args:
-            starts: what is found of the points that they had.
+            starts: phases whose values follow from the points that they had.
         """
         name, threads = piece.phases[0].name, self.layout.threads
         self.line(f"for noted in range(thread, count_of_{name}({self.turn}), {threads}):")
@@ -66,7 +66,7 @@ class FewInBlock(NamesInBlock):
                 self.calls(others)
 
     def _put_particle(self, piece: Piece) -> None:
-        """Write what a piece has moved to where it waits."""
+        """Write the velocity and point that a piece has moved to where they wait."""
         if "velocity" in piece.moves:
             self.line(self.write("velocity", self._target(piece, "velocity")))
         if "point" in piece.moves:

@@ -44,7 +44,7 @@ class GroupsInBlock(ItemsInBlock):
         return "thread == 0"
 
     def _over_balloons(self, phases: tuple[Phase, ...]) -> None:
-        """Write what is done for each balloon, by a warp of which one thread does it once all have the sums."""
+        """Write the work for each balloon, by a warp of which one thread does it once all have the sums."""
         self.line(f"for balloon in range({self._warps_of_balloons}):")
         with self.indented():
             self.known.add("balloon")
@@ -60,7 +60,7 @@ class GroupsInBlock(ItemsInBlock):
         self.line("block_barrier()")
 
     def _springs(self, piece: Piece) -> None:
-        """Write what is done to springs, color by color, to points and velocities where these are."""
+        """Write the work on springs, color by color, on points and velocities where these are."""
         self.line("colors = t.correction.color_offsets.shape[0] - 1")
         self.line("for color_of_sweep in range(t.correction.sweeps * colors):")
         with self.indented():
@@ -78,7 +78,7 @@ class GroupsInBlock(ItemsInBlock):
                 self.line(f"{b('velocity')} = vector_at({self.velocities[0]}, {b('particle')})")
 
     def _team(self, piece: Piece) -> None:
-        """Write what all threads do with points and velocities in arrays, if there is anything to do."""
+        """Write the work of all threads with points and velocities in arrays, if there is anything to do."""
         (phase,) = piece.phases
         self.line(f"if {phase.name}_is_due({self._asked(phase)}):")
         points, velocities = self.points, self.velocities
@@ -132,7 +132,7 @@ class GroupsInBlock(ItemsInBlock):
 
     @property
     def notes(self) -> tuple[Phase, ...]:
-        """Return the phases that note what all threads know anyway, for who asks once the frame has ended."""
+        """Return the phases that note values that all threads know anyway, for who asks once the frame has ended."""
         if not self.keeps_load or self.features.gas_changes:
             return ()
         behind = (piece for piece in self.step.pieces if piece.item == "balloon" and piece.phases[0].writes)

@@ -39,7 +39,7 @@ class ItemsInBlock(FewInBlock):
         return phase.item != "sphere" and "spheres" in self.reads(phase)
 
     def _settle_spheres(self) -> None:
-        """Write what is to be done before anyone asks where spheres are."""
+        """Write the deferred work, before anyone asks where spheres are."""
         if not self.spheres_moved:
             return
         self.spheres_moved = False
@@ -62,7 +62,7 @@ class ItemsInBlock(FewInBlock):
     def _held_particles(self, piece: Piece) -> None:
         summed = self._begin_sum(piece)
         asking = next((number for number, phase in enumerate(piece.phases) if self._asks(phase)), None)
-        if asking is not None and self.spheres_moved:  # others get on with what comes before
+        if asking is not None and self.spheres_moved:  # others get on with the phases before
             for place in self.places:
                 with self.about(place):
                     self.calls(piece.phases[:asking])
@@ -82,7 +82,7 @@ class ItemsInBlock(FewInBlock):
         """Write the halo exchange after a piece: none, where each block has a world of its own."""
 
     def _show_held(self, piece: Piece) -> None:
-        """Write what a piece has moved to where others see it."""
+        """Write the values that a piece has moved or keeps to where others see them."""
         b = self.bound
         for name in piece.keeps:
             if self._is_seen(name):
@@ -94,17 +94,17 @@ class ItemsInBlock(FewInBlock):
             self.line(f"    put_vector({self._target(piece, 'velocity')}, {b('particle')}, {b('velocity')})")
 
     def _is_seen(self, name: str) -> bool:
-        """Return whether a phase looks at what others keep."""
+        """Return whether a phase looks at a kept value of others."""
         return any(name in phase.views(self.features, self.step.look) for phase in self.phases)
 
     def _take_kept(self) -> None:
-        """Write how a thread takes what one of its particles keeps."""
+        """Write how a thread takes the kept values of one of its particles."""
         for name in self.kept_of_particles:
             self.line(f"{self.bound(name)} = kept_{name}[world, {self.bound('particle')}]")
             self.known.add(self.bound(name))
 
     def _put_kept(self, name: str) -> None:
-        """Write what a particle that a thread has keeps to where it stays."""
+        """Write a kept value of a thread's particle to where it stays."""
         self.line(f"if {self.bound('is_there')}:")
         self.line(f"    kept_{name}[world, {self.bound('particle')}] = {self.bound(name)}")
 
@@ -114,7 +114,7 @@ class ItemsInBlock(FewInBlock):
         return tuple(each.name for each in self.features.keeps if each.item == "particle")
 
     def _items(self, piece: Piece) -> None:
-        """Write what threads do in a loop over items, whose values then wait in memory."""
+        """Write the work of threads in a loop over items, whose values then wait in memory."""
         few = self.compacted(piece)
         if few is not None:
             read = {name for phase in piece.phases[few:] for name in self.reads(phase)}
@@ -249,6 +249,6 @@ class ItemsInBlock(FewInBlock):
 
 
 def _nothing(summed: Phase) -> str:
-    """Return what a sum begins with."""
+    """Return the start value of a sum."""
     ((value, dtype),) = summed.writes.items()
     return "float(0.0)" if dtype is float else f"{value}_type()"

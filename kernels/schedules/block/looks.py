@@ -49,7 +49,7 @@ def look_of(layout: Layout, spheres: int) -> Look:
 
 
 def reader_of_springs(features: Features, layout: Layout, derived: bool = False) -> Any:
-    """Return the function that reads what a particle keeps of its springs, and of its faces.
+    """Return the function that reads a particle's kept springs, and places of its faces.
 
     Args:
         derived: whether it is read for derivatives, too.

@@ -53,7 +53,7 @@ class NamesInBlock(Writer):
         return self.features.gas and self.alone and not self.features.gas_flows
 
     def bound(self, name: str) -> str:
-        """Return the variable that holds what a phase names; each particle that a thread keeps has its own."""
+        """Return the variable of a phase's argument or result; each particle that a thread keeps has its own."""
         if name == "points":
             return self.points[0]
         if name == "velocities":
@@ -70,7 +70,7 @@ class NamesInBlock(Writer):
         return self.layout.held > 1 or (self.layout.held == 1 and not self.alone)
 
     def params_of_any(self) -> str:
-        """Return the variable of what some particle of a thread knows of itself."""
+        """Return the variable of the parameters of some particle of a thread."""
         return ("params_0" if self.are_numbered else "params") if self.layout.held else "first"
 
     def forget(self, name: str) -> None:
@@ -173,7 +173,7 @@ class NamesInBlock(Writer):
 
     @contextmanager
     def indented(self) -> Iterator[None]:
-        """Write what belongs to the line before; what is bound there is not bound after."""
+        """Write the block below the line before; names bound there are not bound after."""
         known, self.indent = set(self.known), self.indent + "    "
         yield
         self.known, self.indent = known, self.indent[:-4]

@@ -1,9 +1,9 @@
-"""Notes of what each substep of a frame has found for its particles: a row of words for each substep of each world.
+"""Notes of each substep of a frame on its particles' values: a row of words for each substep of each world.
 
-What others look at stands in an array of its own. A row has a value's first components side by side, then all second
-ones: neighboring threads read neighboring words, and how far apart components are is known as a kernel is compiled, so
-that one address serves them all. They are a line more apart than particles need: an odd number of lines, so that they
-do not all fall into the same few sets of a cache.
+Values that others look at stand in an array of their own. A row has a value's first components side by side, then all
+second ones: neighboring threads read neighboring words, and the stride of components is known as a kernel is compiled,
+so that one address serves them all. They are a line more apart than particles need: an odd number of lines, so that
+they do not all fall into the same few sets of a cache.
 """
 
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""Code of a block that has a row for each substep of a frame: to note what a substep finds, or to read it again."""
+"""Code of a block that has a row for each substep of a frame: to note a substep's results, or to read them again."""
 
 from collections.abc import Iterable
 
@@ -7,7 +7,7 @@ from balloon_warp.kernels.schedules.block.source import BlockWriter
 
 
 class RowsWriter(BlockWriter):
-    """Write what kernels with rows have in common."""
+    """Write the common parts of kernels with rows."""
 
     def _arguments(self) -> dict[str, str]:
         return super()._arguments() | {
@@ -34,7 +34,7 @@ class RowsWriter(BlockWriter):
         self.known.add("time_in_frame")
 
     def _begin_frame(self) -> None:
-        """Write what comes before all substeps."""
+        """Write the lines before all substeps."""
         self.line("# Particles come from the state.")
         self._take_particles()
         self.line("block_barrier()")

@@ -37,7 +37,7 @@ class BlockWriter(StateInBlock):
     """Write the source of the kernel."""
 
     derived = False
-    """Whether what the kernel finds is derived"""
+    """Whether the kernel's results are derived"""
 
     @property
     def name(self) -> str:
@@ -51,13 +51,13 @@ class BlockWriter(StateInBlock):
 
     @property
     def remark(self) -> str:
-        """Return what the kernel is."""
+        """Return a sentence on the kernel."""
         held = self.layout.held
         keeps = f"keeps {held} particle{'s' * (held > 1)} in registers" if held else "loops over particles"
         return f"A block for each world, for a frame; each of {self.layout.threads} threads {keeps}."
 
     def arguments(self) -> tuple[str, ...]:
-        """Return the names of what the kernel takes."""
+        """Return the names of the kernel's arguments."""
         return tuple(named_in(self._written(), self._arguments()))
 
     def _arguments(self) -> dict[str, str]:
@@ -69,7 +69,7 @@ class BlockWriter(StateInBlock):
         }  # fmt: skip
 
     def names(self) -> dict[str, Any]:
-        """Return what the text refers to."""
+        """Return the objects that the text refers to, by name."""
         names = {
             **self.scope(phase for piece in self.step.pieces for phase in piece.phases),
             "in_tile": in_tile, "put_in_tile": put_in_tile, "vector_at": vector_at, "put_vector": put_vector,
@@ -158,7 +158,7 @@ class BlockWriter(StateInBlock):
         self.known.add("time_in_frame")
 
     def _places_of_membrane_faces(self) -> None:
-        """Write where faces of membranes leave what they do to their corners."""
+        """Write where faces of membranes leave the forces on their corners, and the area vectors."""
         membrane_face = self.layout.membrane_face
         if membrane_face and membrane_face.tile:
             areas = membrane_face.tile if membrane_face.areas else 1
@@ -169,12 +169,12 @@ class BlockWriter(StateInBlock):
             self.line("area_vectors = membrane_face_pulls[world]")
 
     def _forget_times(self) -> None:
-        """Find times anew in each substep: what happens once a frame has found those of its beginning."""
+        """Find times anew in each substep: phases that run once a frame have found those of its beginning."""
         for name in ("time", "end"):
             self.forget(name)
 
     def _keep_once(self) -> None:
-        """Write what stays the same in a frame, where registers keep it."""
+        """Write the values that stay the same in a frame, where registers keep them."""
         read = {name for piece in self.step.pieces if not piece.once for name in piece.takes}
         for phase in self.step.light:
             if phase.once(self.features) and not read.isdisjoint(phase.writes):
@@ -236,14 +236,14 @@ def _read_ones(lines: list[str]) -> list[str]:
 
 @wp.func
 def load_in(state: WorldState, world: wp.int32, balloon: wp.int32):
-    """Return what a balloon's gas presses with, as the state has it: see `laws.gas.gas_load`."""
+    """Return the load by a balloon's gas, as the state has it: see `laws.gas.gas_load`."""
     load = state.inflation_loads[world, balloon]
     return wp.vec4(state.pressures[world, balloon], load[0], load[1], 0.0)
 
 
 @cache
 def place_function(features: Features) -> Any:
-    """Return the function that makes a particle what a thread has: where there is none, one that does not move."""
+    """Return the function for the parameters of a thread's particle: where there is none, of one that does not move."""
     Params, _ = params_functions(features.columns, features.balloons)  # noqa: N806 - a type
 
     @wp.func
@@ -266,7 +266,7 @@ def kernel_of_frame(step: Step, layout: Layout) -> Any:
 
 @cache
 def arguments_of_frame(step: Step, layout: Layout) -> tuple[str, ...]:
-    """Return the names of what the kernel of a list takes."""
+    """Return the names of the arguments of a list's kernel."""
     return BlockWriter(step, layout).arguments()
 
 

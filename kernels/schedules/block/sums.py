@@ -1,6 +1,6 @@
 """Sums over the items of a world, balloon by balloon, by all threads of a block: the same to the bit every time.
 
-Each warp adds up what its threads have, in rows of shared memory; whoever wants the sum adds up the rows.
+Each warp adds up its threads' parts, in rows of shared memory; whoever wants the sum adds up the rows.
 """
 
 from functools import cache
@@ -21,7 +21,7 @@ class BlockSum(NamedTuple):
     clear: Any
     """(thread): nothing in the rows of the warp yet"""
     put: Any
-    """(thread, part): what a thread has of the one balloon"""
+    """(thread, part): a thread's part of the one balloon"""
     add: Any
     """(thread, balloon, part): more of a balloon; items stand in the order of their balloons, so that a warp has few"""
     total: Any

@@ -1,8 +1,8 @@
 """A frame backwards as one kernel: a thread has eight worlds of one balloon each, or one, and all goes side by side.
 
-The frame is computed again from its beginning. Each substep has a row of its own, for places, velocities and what
-particles see of each other. Then substeps run backwards. Both ways, a particle's sums have the same order for eight
-worlds and for eight particles of one.
+The frame is computed again from its beginning. Each substep has a row of its own, for places, velocities and the values
+that particles see of each other. Then substeps run backwards. Both ways, a particle's sums have the same order for
+eight worlds and for eight particles of one.
 """
 
 from functools import cache, partial
@@ -86,7 +86,7 @@ class BackwardLanesWriter(FrameWriter):
         return "\n".join([*head(self.name, self.arguments(), remark), *self.lines, ""])
 
     def names(self) -> dict[str, Any]:
-        """Return what the text refers to."""
+        """Return the objects that the text refers to, by name."""
         self.source()
         places = places_of(self.layout)
         bar_types = {f"{name}_bar_lanes": dtype for name, dtype in self.bars.items()}
@@ -200,7 +200,7 @@ def kernel_backwards(step: Step, layout: Layout, columns: tuple[int, ...]) -> An
 
 @cache
 def arguments_backwards(step: Step, layout: Layout, columns: tuple[int, ...]) -> dict[str, str]:
-    """Return the names of what it takes, in order, and their types."""
+    """Return the names of its arguments, in order, and their types."""
     writer = BackwardLanesWriter(step, layout, columns)
     writer.source()
     return writer.arguments()

@@ -25,7 +25,7 @@ class TurnsInLanes(TurnsOneByOne):
 
     Args:
         seen: values that items see of each other on the way forward, and those whose bars they see.
-        sums: places of what adds up over items.
+        sums: places of the sums over items.
     """
 
     row: ClassVar[str] = "row"
@@ -53,7 +53,7 @@ class TurnsInLanes(TurnsOneByOne):
         return self.trace.item == "quad"
 
     def written(self) -> tuple[str, ...]:
-        """Return the lines; what is of a world is named otherwise than what is of eight on the way forward."""
+        """Return the lines; values of a world have other names than those of eight on the way forward."""
         lines = [*super().written(), *self._results_put()]
         own = {"params"} if self.trace.item == "particle" else set[str]()
         if self.of_balloon:
@@ -62,7 +62,7 @@ class TurnsInLanes(TurnsOneByOne):
         return *self.before, *(line if "#" in line or not own else words.sub(r"its_\1", line) for line in lines)
 
     def _results_put(self) -> list[str]:
-        """Return the lines that put what a world's turns have found where items read it."""
+        """Return the lines that put the results of a world's turns where items read them."""
         lines, where = [], self.indent
         for name, text in self.results.items():
             kept = f"found_{name}_bar"
@@ -104,7 +104,7 @@ class TurnsInLanes(TurnsOneByOne):
         self.before.append(f"        {name} = {text}")
 
     def _of_balloon(self, name: str) -> str:
-        """Return the text that finds what is of the balloon, in all lanes; "" where it is of an item."""
+        """Return the text that finds a value of the balloon, in all lanes; "" where it is of an item."""
         if name == "load":
             return "load_after" if self.after_note else "load_before"
         if name == "numbers":
@@ -141,7 +141,7 @@ class TurnsInLanes(TurnsOneByOne):
         return variable
 
     def noted(self, name: str, owner: str) -> str:
-        """Return the text that finds what the way forward has noted of an item or of its balloon."""
+        """Return the text that finds a note of the way forward on an item or its balloon."""
         if self.of_balloon:
             return f"of_lane(all_{name}[row, balloon], place)"
         if owner == "balloon":
@@ -206,7 +206,7 @@ class TurnsInLanes(TurnsOneByOne):
             self.line(f"add_to(sums, slot, {self._sums.of_number(place)}, {ITEM}, {text})")
 
     def add_over_frame(self, name: str, text: str) -> None:
-        """Add to the bar of what stays the same in a frame."""
+        """Add to the bar of a value that stays the same in a frame."""
         if self.of_balloon:
             super().add_over_frame(name, text)
         else:

@@ -30,7 +30,7 @@ class TurnsOneByOne(BackwardWriter):
         self.known |= set(results)
 
     def _turn_one_by_one(self, entry: Entry, adjoint: Adjoint) -> None:
-        """Write the call of a rare phase's adjoint for each lane, where any needs it, and add up what it returns."""
+        """Write the call of a rare phase's adjoint for each lane, where any needs it, and add up its results."""
         phase, function = entry.phase, f"{entry.phase.name}_adjoint_{entry.adjoints.index(adjoint) + 1}"
         self.called[function] = adjoint.function
         self.line(f"# Backwards, one by one: {phase.summary}")
@@ -54,11 +54,11 @@ class TurnsOneByOne(BackwardWriter):
                 self._add_one_by_one(entry, name, result)
 
     def _add_one_by_one(self, entry: Entry, name: str, result: str) -> None:
-        """Add to a bar: it is in place of that of what the phase has written."""
+        """Add to a bar: it is in place of that of a value that the phase has written."""
         self._add(entry.seen[name] if name not in entry.writes else entry.reads[name], name, result)
 
     def _of_one(self, name: str, variable: str, bar: str = "") -> str:
-        """Return the text of an argument of what is called for one lane."""
+        """Return the text of an argument of a call for one lane."""
         if is_bar(name):
             return f"of_lane({bar}, lane)"
         if name == "params":

@@ -1,4 +1,4 @@
-"""Transfer of bars into the lanes as a frame begins to run backwards, and back; and what an item knows of itself."""
+"""Transfer of bars into the lanes as a frame begins to run backwards, and back; and the parameters of an item."""
 
 from functools import cache
 from typing import Any
@@ -14,7 +14,7 @@ from balloon_warp.kernels.schedules.lanes.tables import lane_structs
 
 @wp.func
 def load_in(noted: Lanes4):
-    """Return the pressures at height 0 [Pa], and their rises with height [Pa/m], of what is noted of a gas."""
+    """Return the pressures at height 0 [Pa], and their rises with height [Pa/m], of the note of a gas."""
     load = Lanes2()
     load[0] = noted[1]
     load[1] = noted[2]
@@ -67,7 +67,7 @@ def bar_functions(layout: Layout) -> tuple[Any, Any]:
 
 @cache
 def own_function(mass: int, layout: Layout) -> Any:
-    """Return the function that reads what an item knows of itself, without the numbers of its balloon.
+    """Return the function that reads the parameters of an item, without the numbers of its balloon.
 
     Args:
         mass: column of the mass.
@@ -76,7 +76,7 @@ def own_function(mass: int, layout: Layout) -> Any:
 
     @wp.struct
     class LaneOwn:
-        """Indices, share and mass of an item: what phases are derived by has no arrays."""
+        """Indices, share and mass of an item: a type by which phases are derived has no arrays."""
 
         group: wp.int32
         number: wp.int32

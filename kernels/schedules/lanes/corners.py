@@ -1,7 +1,7 @@
 """Sums at the corners of quads, in the same order for eight worlds and for eight quads of one.
 
 Eight worlds go quad by quad, and add to its four corners. Quads of one world may share corners: lane by lane, each adds
-to its four, so that what a particle gets adds up alike.
+to its four, so that a particle's sum adds up alike.
 """
 
 import warp as wp

@@ -1,4 +1,4 @@
-"""Loops over the items of a balloon, eight side by side, and what they leave or add up."""
+"""Loops over the items of a balloon, eight side by side, and their results and sums."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -46,7 +46,7 @@ class ItemsInLanes(NamesInLanes):
         self.known = known
 
     def _leave(self, piece: Piece) -> None:
-        """Write what an item has found to where it is kept."""
+        """Write the results of an item to where they are kept."""
         for name in piece.moves:
             view = STATE[name]
             target = self.place_of(view, self.flips[view] + self._flips(piece, view))
@@ -62,7 +62,7 @@ class ItemsInLanes(NamesInLanes):
                 self.line(f"all_{name}[{self.row}, {self.item}] = {name}")
 
     def _sum(self, piece: Piece) -> None:
-        """Write what a balloon's items find, and what they add up."""
+        """Write the results of a balloon's items, and their sum."""
         *others, phase = piece.phases
         (value,) = phase.writes
         parts = f"{value}_parts"

@@ -1,6 +1,6 @@
 """Layouts of the eight lanes: eight worlds, or eight particles of one world.
 
-Either way the loop over a balloon goes item by item, an item being what the lanes hold at once: a particle of eight
+Either way the loop over a balloon goes item by item, an item being the content of the lanes: a particle of eight
 worlds, or an octet, eight particles of one world. The layouts differ in where neighbors are: in the same lane of
 another item, or anywhere.
 """
@@ -23,7 +23,7 @@ class Layout(NamedTuple):
 
     @property
     def number(self) -> Any:
-        """The type of what may differ between particles."""
+        """The type of a number that may differ between particles."""
         return wp.float32 if self.worlds else Lanes
 
     @property
@@ -38,14 +38,14 @@ class Layout(NamedTuple):
 
     @property
     def vector(self) -> Any:
-        """The type of what others read: of an item, or of one particle, padded so that one load fetches it."""
+        """The type of a vector that others read: of an item, or of one particle, padded so that one load fetches it."""
         return Lanes3 if self.worlds else wp.vec4
 
 
 WORLDS, OCTETS, WORLDS_AS_OCTETS = Layout(worlds=True), Layout(worlds=False), Layout(worlds=True, as_octets=True)
 
 
-# ---- what others read: of eight worlds
+# ---- vectors that others read: of eight worlds
 
 
 @wp.func_native("return vectors.data[(unsigned int)item];")
@@ -72,7 +72,7 @@ def of_particle(vectors: wp.array[Lanes3], places: wp.array[wp.int32], particle:
     return vectors[particle]
 
 
-# ---- what others read: of eight particles
+# ---- vectors that others read: of eight particles
 
 
 @wp.func_native(

@@ -33,7 +33,7 @@ class NamesInLanes(Writer):
     row = "group"
     """Row in which values are kept"""
     place = "group"
-    """Row of what is used up within a substep"""
+    """Row of values that are used up within a substep"""
 
     def __init__(self, step: Step, layout: Layout):
         super().__init__(step, (*HANDLES, *STATE.values(), *(f"new_{view}" for view in STATE.values())))
@@ -53,7 +53,7 @@ class NamesInLanes(Writer):
 
     @property
     def seen(self) -> set[str]:
-        """Return what particles or faces look at in others: views of state, and values."""
+        """Return the names that particles or faces read of others: views of state, and values."""
         read = {
             name
             for piece in self.step.pieces
@@ -69,7 +69,7 @@ class NamesInLanes(Writer):
 
     @contextmanager
     def deeper(self, levels: int = 1) -> Iterator[None]:
-        """Write what belongs to the line before."""
+        """Write the block below the line before."""
         self.indent += "    " * levels
         yield
         self.indent = self.indent[: len(self.indent) - 4 * levels]
@@ -100,7 +100,7 @@ class NamesInLanes(Writer):
             super().need(name)
 
     def found_of_balloon(self, name: str) -> str:
-        """Return the text that finds what is of a balloon or of all, or "" where it is of an item."""
+        """Return the text that finds a value of a balloon or of all, or "" where it is of an item."""
         if name in self.step.kept and self.step.owner(name) == "balloon":
             return f"all_{name}[{self.row}, balloon]"
         if name in VIEWS and VIEWS[name] in self.step.kept:
@@ -108,7 +108,7 @@ class NamesInLanes(Writer):
         return OF_BALLOON.get(name, "").format(points=self.bound("points"))
 
     def bound(self, name: str) -> str:
-        """Return the variable that holds what a phase names."""
+        """Return the variable of a phase's argument or result."""
         if name in self.flips:
             return self.place_of(name, self.flips[name])
         return self.item if name == "particle" else name
@@ -142,13 +142,13 @@ class NamesInLanes(Writer):
         return f"{phase.name}({', '.join(self._of_one(name) for name in reads)})"
 
     def _bind_of_one(self, phase: Phase, call: str) -> None:
-        """Write a call, and what holds for the world at hand alone that it finds."""
+        """Write a call, whose results hold for the world at hand alone."""
         its = {name: f"its_{name}" for name in phase.writes}
         self.line(f"{', '.join(its.values())} = {call}" if its else call)
         self.single |= its
 
     def _of_one(self, name: str) -> str:
-        """Return the text that finds what a phase for one reads."""
+        """Return the text that finds an argument of a phase for one."""
         lane = self.lane
         light = next((phase for phase in self.step.light if name in phase.writes and phase.item == "balloon"), None)
         if light and name not in self.single:
@@ -178,7 +178,7 @@ class NamesInLanes(Writer):
         return f"of_lane({self.bound(name)}, {lane})"
 
     def keep_of_one(self, names: Iterable[str]) -> None:
-        """Write what an item of one world keeps to where it stays."""
+        """Write the kept values of an item of one world to where they stay."""
         for name in names:
             self.line(f"{self.kept_at(name)} = {self.single[name]}")
 
@@ -217,5 +217,5 @@ class NamesInLanes(Writer):
 
     @staticmethod
     def names_of(function: Any) -> list[str]:
-        """Return what a function of Warp reads."""
+        """Return the names of the arguments of a function of Warp."""
         return list(function.input_types) if function else []

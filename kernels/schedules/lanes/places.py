@@ -19,9 +19,9 @@ class Places(NamedTuple):
     first_world: Any
     """(group) to the first of them"""
     is_there: Any
-    """(t, group, item, lane) to whether a lane holds what no other lane does"""
+    """(t, group, item, lane) to whether a lane holds a particle that no other lane holds"""
     particle: Any
-    """(t, item, lane) to the particle in a lane; what fills up an octet copies the first there"""
+    """(t, item, lane) to the particle in a lane; the padding of an octet copies the first there"""
     totals: Any
     """Function that reduces sums of lanes to sums of worlds"""
 

@@ -1,6 +1,6 @@
 """Forces on the particles of busy worlds, eight particles side by side: a launch of its own in each substep.
 
-The other phases of such worlds are launched one by one, and read what this has found.
+The other phases of such worlds are launched one by one, and read the results of this one.
 """
 
 from functools import cache
@@ -28,7 +28,7 @@ class _Writer(FrameWriter):
 
     @property
     def remark(self) -> str:
-        """Return a sentence on what a thread does."""
+        """Return a sentence on a thread's work."""
         return "A thread for each world: some phases of a substep."
 
     def arguments(self) -> dict[str, str]:
@@ -58,7 +58,7 @@ class _Writer(FrameWriter):
             self.line(f"write_vectors(t, group, all_{value}[group], to_{value})")
 
     def names(self) -> dict[str, Any]:
-        """Return what the text refers to."""
+        """Return the objects that the text refers to, by name."""
         read_numbers, read_particles = reading_functions(self.step.features, self.layout)
         write_vectors = writing_function(self.layout)
         return super().names() | {
@@ -80,7 +80,7 @@ def pulling_source(step: Step) -> str:
 
 @cache
 def pulling_arguments(step: Step) -> dict[str, str]:
-    """Return the names of what it takes, in order, and their types."""
+    """Return the names of its arguments, in order, and their types."""
     writer = _Writer(step)
     writer.source()
     return writer.arguments()

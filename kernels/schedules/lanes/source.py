@@ -57,7 +57,7 @@ class FrameWriter(ItemsInLanes):
 
     @property
     def remark(self) -> str:
-        """Return a sentence on what a thread does."""
+        """Return a sentence on a thread's work."""
         return f"A thread for each {'eight worlds' if self.layout.worlds else 'world'}: a frame."
 
     def arguments(self) -> dict[str, str]:
@@ -165,7 +165,7 @@ class FrameWriter(ItemsInLanes):
         self.lane, self.single = "lane", single
 
     def _worlds(self, piece: Piece) -> None:
-        """Write what is done for a world, balloon by balloon."""
+        """Write the work for a world, balloon by balloon."""
         for of_balloon, some in groupby(piece.phases, key=lambda phase: phase.item == "balloon"):
             phases, single = tuple(some), dict(self.single)
             if of_balloon:
@@ -177,7 +177,7 @@ class FrameWriter(ItemsInLanes):
             self.single = single
 
     def _leave_of_world(self, name: str) -> None:
-        """Write what a balloon of a world has found to where it is kept, for all lanes that hold the world."""
+        """Write a result of a balloon of a world to where it is kept, for all lanes that hold the world."""
         kept = f"all_{name}[{self.row}, balloon]"
         if self.layout.worlds:
             self.line(f"{kept} = set_lane({kept}, place, its_{name})")
@@ -186,7 +186,7 @@ class FrameWriter(ItemsInLanes):
             self.line(f"    {kept} = set_lane({kept}, lane, its_{name})")
 
     def names(self) -> dict[str, Any]:
-        """Return what the text refers to."""
+        """Return the objects that the text refers to, by name."""
         step, layout = self.step, self.layout
         features, look = step.features, step.look
         phases = [phase for piece in step.pieces for phase in piece.phases]
@@ -219,7 +219,7 @@ def kernel_of(step: Step, layout: Layout) -> Any:
 
 @cache
 def arguments_of(step: Step, layout: Layout) -> dict[str, str]:
-    """Return the names of what it takes, in order, and their types."""
+    """Return the names of its arguments, in order, and their types."""
     writer = FrameWriter(step, layout)
     writer.source()
     return writer.arguments()
@@ -231,7 +231,7 @@ def source_of(step: Step, layout: Layout) -> str:
 
 
 def kinds_of(step: Step, layout: Layout) -> dict[str, tuple[Item, Any]]:
-    """Return whose the values are that are kept, and of what type."""
+    """Return the owners and types of the kept values."""
     seen = FrameWriter(step, layout).seen
     return {
         value: (step.owner(value), layout.vector if value in seen else IN_LANES[kind])

@@ -40,7 +40,7 @@ def put_in_lane(vectors: wp.array[wp.vec4], index: wp.int32, lane: wp.int32, vec
 
 @cache
 def kept_functions(kept: Kept, layout: Layout) -> dict[str, Any]:
-    """Return the functions that read what particles keep from the state, and write it there, by their names."""
+    """Return the functions that read kept values of particles from the state, and write them there, by their names."""
     LaneTables, places = lane_structs(layout).tables, places_of(layout)  # noqa: N806 - a type
     InLanes, number_type = IN_LANES[kept.type], wp.array2d(dtype=kept.type)  # noqa: N806 - a type
 

@@ -79,7 +79,7 @@ def backward_kernels(step: Step, columns: tuple[int, ...]) -> tuple[BackwardKern
 
 
 def writers_backwards(step: Step, columns: tuple[int, ...], make: Callable[..., W]) -> Iterator[W]:
-    """Yield what writes the turns of a step backwards, between one wait and the next; each writes before the next.
+    """Yield the writers of a step's turns backwards, between one wait and the next; each writes before the next.
 
     Raises:
         NoAdjointError: a phase of the step has no adjoint.

@@ -17,8 +17,8 @@ BARS = {
     "load": "wp.array2d[wp.vec2]", "pressure": "wp.array2d[float]", "gas_mass": "wp.array2d[float]",
     "keyed": "wp.array2d[wp.vec2]", "gas": "wp.array2d[wp.vec2]", "slope": "wp.array2d[float]",
 }  # fmt: skip
-"""Types of the bars of what no phase writes as a value. That of a keyframed value comes with its product with the time
-in the frame, and that of a slope is of what flows through tubes"""
+"""Types of the bars of inputs that no phase writes as a value. That of a keyframed value comes with its product with
+the time in the frame, and that of a slope is of the flow through tubes"""
 
 
 class Sinks:
@@ -32,7 +32,7 @@ class Sinks:
         self.begun = {"load"} if load_carried else set[str]()
 
     def sign(self, name: str) -> str:
-        """Return how a bar is written: added to what is there, or in place of what was."""
+        """Return how a bar is written: added to the one that is there, or in place of the one that was."""
         begun = name in self.begun
         self.begun.add(name)
         return "+=" if begun else "="
@@ -72,7 +72,7 @@ class BackwardWriter(PieceWriter):
         return tuple(self.lines)
 
     def open(self) -> None:
-        """Write whose thread it is, and of a balloon the sum of what its particles have found."""
+        """Write whose thread it is, and of a balloon the sum of the bars that its particles have found."""
         if self.trace.item == "particle":
             self._begin("world, particle")
             return
@@ -130,7 +130,7 @@ class BackwardWriter(PieceWriter):
         return owner
 
     def _turn(self, entry: Entry, adjoint: Adjoint) -> None:
-        """Call an adjoint, and add up what it returns."""
+        """Call an adjoint, and add up its results."""
         phase = entry.phase
         function = f"{phase.name}_adjoint_{entry.adjoints.index(adjoint) + 1}"
         self.called[function] = adjoint.function
@@ -158,7 +158,7 @@ class BackwardWriter(PieceWriter):
         return f"{variable}_bar"
 
     def _begun(self, variable: str, name: str) -> str:
-        """Return what other kernels have found of a bar, or "" if nothing."""
+        """Return the part of a bar that other kernels have found, or "" if none."""
         if self.trace.writer(variable) is None:
             return ""
         last = self.trace.current[name] == variable
@@ -202,10 +202,10 @@ class BackwardWriter(PieceWriter):
     # ---- where bars stand
 
     row = "world"
-    """Index of what was found on the way forward"""
+    """Index of the results of the way forward"""
 
     def noted(self, name: str, owner: str) -> str:
-        """Return the text that finds what the way forward has noted of an item or of its balloon."""
+        """Return the text that finds a note of the way forward on an item or its balloon."""
         return f"all_{name}[{self.row}, {owner}]"
 
     def bar_at(self, name: str, owner: str) -> str:
@@ -223,7 +223,7 @@ class BackwardWriter(PieceWriter):
         self.line(f"{array}, {place}] += {text}")
 
     def add_over_frame(self, name: str, text: str) -> None:
-        """Add to the bar of what stays the same in a frame."""
+        """Add to the bar of a value that stays the same in a frame."""
         of_balloon = "_of_balloons" if name == "keyed" and self.trace.item == "balloon" else ""
         self.line(f"all_{name}_bar{of_balloon}[world, {self.trace.item}] += {text}")
 
@@ -252,7 +252,7 @@ class BackwardWriter(PieceWriter):
                     self.put_bar(name, "particle", self.sinks.sign(name), self._zero(name))
 
     def _sink_source(self, name: str) -> None:
-        """Write the bar of what was there as the phases began."""
+        """Write the bar of a value that was there as the phases began."""
         if name in NOT_DIFFERENTIATED:
             return
         item = self.trace.item

@@ -1,4 +1,4 @@
-"""Phases as launches: the source of a kernel for each piece of a list, flat, with just what the piece does."""
+"""Phases as launches: the source of a kernel for each piece of a list, flat, with just the work of the piece."""
 
 from collections.abc import Mapping
 from functools import cache
@@ -53,7 +53,7 @@ END_OF_LIST = "wp.min(begin + ITEMS_OF_LIST, state.points.shape[1])"
 
 
 class PieceWriter(Writer):
-    """Find what phases name where the state is in arrays."""
+    """Find the arguments of phases where the state is in arrays."""
 
     aliases: ClassVar[Mapping[str, str]] = {"springs": "working"}
 
@@ -112,7 +112,7 @@ class _Writer(PieceWriter):
         return f"A thread for each {self.piece.item} of each world."
 
     def names(self) -> dict[str, Any]:
-        """Return what the text refers to."""
+        """Return the objects that the text refers to, by name."""
         names = {**self.scope(self.piece.phases), "ITEMS_OF_PART": ITEMS_OF_PART, "four_bytes_in": four_bytes_in}
         if ahead := asked_ahead(self.step, self.piece):
             names[f"{ahead.name}_may_act"] = ahead.asked(self.step.features, self.step.look)
@@ -196,7 +196,7 @@ class _Writer(PieceWriter):
         self._leave()
 
     def _leave(self) -> None:
-        """Write what the piece has found to where it is kept."""
+        """Write the results of the piece to where they are kept."""
         for name in self.piece.moves:
             self.line(f"put_vector_in(new_{STATE[name]}, world, {self.piece.item}, {name})")
         for name in self.piece.leaves:
@@ -205,7 +205,7 @@ class _Writer(PieceWriter):
             self.line(f"{self.kept_at(name)} = {name}")
 
     def _worlds(self) -> None:
-        """Write what a thread does for a world, balloon by balloon."""
+        """Write the work of a thread for a world, balloon by balloon."""
         self._begin("world")
         known = set(self.known)
         looping = False
@@ -222,7 +222,7 @@ class _Writer(PieceWriter):
             self.calls((phase,))
 
     def _sum(self) -> None:
-        """Write what a block adds up of a balloon, or a part of one, in the same order every time."""
+        """Write the sum of a block over a balloon, or a part of one, in the same order every time."""
         phase, *others = self.piece.phases
         value = self._summed
         self._begin("world, balloon, part, thread" if self.part == "part" else "world, balloon, thread")
@@ -273,7 +273,7 @@ def kernel_of(step: Step, piece: Piece, part: Part = "all", fast_math: bool = Fa
 
 @cache
 def arguments_of(step: Step, piece: Piece, part: Part = "all") -> tuple[str, ...]:
-    """Return the names of what the kernel of a piece takes."""
+    """Return the names of the arguments of a piece's kernel."""
     return tuple(_Writer(step, piece, part).arguments())
 
 

@@ -43,7 +43,7 @@ class Trace:
             self._add(phase)
 
     def writer(self, variable: str) -> Entry | None:
-        """Return what writes a variable; None for what is there as the phases begin."""
+        """Return the entry that writes a variable; None for one that is there as the phases begin."""
         return next((entry for entry in self.entries if variable in entry.writes.values()), None)
 
     @property
@@ -62,7 +62,7 @@ class Trace:
         self.current.update(writes)
 
     def _read(self, name: str) -> str:
-        """Return the variable of a name, once what is light has been found again."""
+        """Return the variable of a name, once light values have been found again."""
         if name not in self.current:
             for phase in self.step.light:
                 if name in phase.writes and phase.adjoints(self.step.features, self.step.look):
@@ -75,7 +75,7 @@ class Trace:
 
 
 def arguments_of(adjoint: Adjoint) -> tuple[str, ...]:
-    """Return what an adjoint names."""
+    """Return the names of an adjoint's arguments."""
     return tuple(inspect.signature(adjoint.function.func).parameters)
 
 
@@ -85,7 +85,7 @@ def is_bar(name: str) -> bool:
 
 
 def looks_around(adjoint: Adjoint) -> bool:
-    """Return whether an adjoint wants what others have found."""
+    """Return whether an adjoint wants the bars of others."""
     return any(name.endswith("_bars") for name in arguments_of(adjoint))
 
 

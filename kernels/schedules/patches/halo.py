@@ -33,7 +33,7 @@ def _listening(count: int) -> str:
     """Return the source of a wait for entries, one after the other: their vectors, or zeros for an idle thread.
 
     The threads of a warp stay together until the last has its entry. With a loop for each, which ends sooner for some
-    than for others, a compiler lets the first ones proceed alone to what only all may do.
+    than for others, a compiler lets the first ones proceed alone to work that only all may do.
     """
     return f"""
 #if defined(__CUDA_ARCH__)

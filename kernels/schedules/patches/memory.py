@@ -32,7 +32,7 @@ class PatchTable:
 class PatchMemory:
     """Global memory of patches; arrays that a scene does not need are empty.
 
-    Even and odd substeps have separate entries: a block that publishes has received what others published in the
+    Even and odd substeps have separate entries: a block that publishes has received the entries of others of the
     substep before.
     """
 

@@ -33,7 +33,7 @@ class PatchWriter(BlockWriter):
 
     @property
     def remark(self) -> str:
-        """Return what the kernel is."""
+        """Return a sentence on the kernel."""
         threads = self.layout.threads
         return f"A block for each patch of each world, for a frame; each of {threads} threads keeps a particle."
 
@@ -45,7 +45,7 @@ class PatchWriter(BlockWriter):
         return super()._arguments() | of_patches
 
     def names(self) -> dict[str, Any]:
-        """Return what the text refers to."""
+        """Return the objects that the text refers to, by name."""
         of_patches = {
             "PatchTable": PatchTable, "PatchMemory": PatchMemory, "take_patch": take_patch, "exchange": exchange,
         }  # fmt: skip
@@ -115,5 +115,5 @@ def kernel_of_patches(step: Step, layout: Layout) -> Any:
 
 @cache
 def arguments_of_patches(step: Step, layout: Layout) -> tuple[str, ...]:
-    """Return the names of what the kernel of a list takes."""
+    """Return the names of the arguments of a list's kernel."""
     return PatchWriter(step, layout).arguments()
