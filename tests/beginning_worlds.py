@@ -1,4 +1,4 @@
-"""Scenes whose worlds begin anew, and what they come to."""
+"""Scenes whose worlds begin anew, and their states."""
 
 import numpy as np
 from meshes import quad_sphere

@@ -16,7 +16,7 @@ playwright = pytest.importorskip("playwright.sync_api")
 from balloon_warp.viewer.page import Page  # noqa: E402
 
 LIMIT = 120.0
-"""seconds until what must come has not come: never waited for where all is well"""
+"""seconds after which an awaited event has not come: never waited for where all is well"""
 
 PATIENCE = 10.0
 """seconds after which a person tries again"""

@@ -16,7 +16,7 @@ OWN_SCHEDULE = {"cpu": "octets", "cuda:0": "block"}
 """schedule that `auto` takes for small balloons, by device"""
 HERE = Path(__file__).parent
 LEFT_OUT = (HERE / "physics", HERE / "full")
-"""folders that run with --full, or by name, but for what is marked `always`"""
+"""folders that run with --full, or by name, but for tests marked `always`"""
 PROCESSES = "full/processes/"
 """folder of tests that start processes or wait for a page"""
 

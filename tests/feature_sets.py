@@ -190,7 +190,7 @@ def feature_set(name: str) -> Scene:
 def varied(name: str, values: Mapping[str, Any]) -> Scene:
     """Return the scene of a set with other values by their paths, and the same kernels.
 
-    What a value of the set lets act acts still, since a change at a time that never comes brings it back."""
+    A law that a value of the set lets act acts still, since a change at a time that never comes brings it back."""
     scene = feature_set(name)
     back = {path: value for path in values if (value := value_at(scene, path)) is not None and may_change(scene, path)}
     other = load_scene(scene, dict(values))

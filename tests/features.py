@@ -39,7 +39,7 @@ def switches(features: Features) -> dict[str, int]:
 
 
 def some_with_all(shown: dict[str, set]) -> list[str]:
-    """Return names of a few items that have between them what all have, by greedy cover."""
+    """Return names of a few items that have between them all entries of all, by greedy cover."""
     left, found = set().union(*shown.values()), []
     while left:
         found.append(max(shown, key=lambda name: len(shown[name] & left)))

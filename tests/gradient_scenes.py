@@ -175,8 +175,8 @@ FLOWING = 4e-4
 def tubed(count: int, width: float = 1.0, leak: float = 0.0) -> Case:
     """Return two balls with a gas, one at three times the pressure of the other, and tubes between them.
 
-    Springs keep pressures apart. All is smooth, and a narrower difference would drown in rounding. `FLOWING` is what
-    that of states in float32 leaves: a flow follows the difference of absolute pressures, and turns of 1e-5 degrees
+    Springs keep pressures apart. All is smooth, and a narrower difference would drown in rounding. `FLOWING` is the
+    error by that of states in float32: a flow follows the difference of absolute pressures, and turns of 1e-5 degrees
     change derivatives by 1e-4 of themselves.
 
     Args:

@@ -15,8 +15,8 @@ from balloon_warp.kernels.options import OPTIONS
 COUNT = 64
 """of samples"""
 STEP = 0.01
-"""of differences, over the size of what is moved: of the fourth order, they are off by some STEP^4 = 1e-8, and by a
-float32's 1e-7 / STEP = 1e-5, of the function's size over the argument's"""
+"""of differences, over the size of the moved argument: of the fourth order, they are off by some STEP^4 = 1e-8, and by
+a float32's 1e-7 / STEP = 1e-5, of the function's size over the argument's"""
 Samples = Mapping[str, NDArray]
 """by argument, shape (COUNT,) or (COUNT, size)"""
 

@@ -19,7 +19,7 @@ from balloon_warp.scene import Balloon, Inflation, Scene, String, Water
 
 OWN = (MAGNET, HARDENING, GUST)
 TESTED: tuple[Law, ...] = (*LAWS, *OWN)
-"""what is listed is tested"""
+"""all laws that are listed, which are tested"""
 NAMES = [law.name for law in TESTED]
 AT_THE_END = ("damping", "water")
 """laws of whose drag a step takes the speed that it ends with, so that it needs no bound"""
@@ -49,7 +49,7 @@ def drawn(row: Parameter, random: np.random.Generator, count: int) -> NDArray[np
     if row.domain:
         return random.uniform(*row.domain, shape)
     value = value_of(row)
-    least, most = np.minimum(row.least, value), np.maximum(row.most, value)  # a default may stand for what is not said
+    least, most = np.minimum(row.least, value), np.maximum(row.most, value)  # a default may stand for a missing value
     return np.clip(random.uniform(0.8, 1.2, shape) * value, least, most)
 
 
@@ -77,7 +77,7 @@ def square() -> Any:
 
 
 def body_of(law: Law) -> Scene:
-    """Return a square and a tent without inflation, a particle between two taut strings, and what the law wants."""
+    """Return a square and a tent without inflation, a particle between two taut strings, and the things of the law."""
     still = Inflation(kind="pressure", pressure=0.0)
     scene = Scene(
         balloon=[

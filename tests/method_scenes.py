@@ -1,4 +1,4 @@
-"""Scenes that have all methods between them, for tests of schedules: the feature sets, and what these do not pair."""
+"""Scenes that have all methods between them, for tests of schedules: the feature sets, and pairs that these lack."""
 
 from typing import Any
 

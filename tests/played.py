@@ -13,8 +13,8 @@ BRISKLY: dict[str, tuple[Override, ...]] = {
     "balloon_pit": (("frames", 160),),
     "pop": (("balloon.0.mesh", "ball.obj"), ("balloon.1.mesh", "ball.obj"), ("frames", 520)),
 }
-"""what makes scenes that take a minute shorter: frames in which all lies still; and a coarser mesh, whose pieces lie as
-well (test_burst_outputs.py bursts the fine one)"""
+"""values that make scenes that take a minute shorter: frames in which all lies still; and a coarser mesh, whose pieces
+lie as well (test_burst_outputs.py bursts the fine one)"""
 
 
 @cache

@@ -19,7 +19,7 @@ class Run(NamedTuple):
     """Shape (frames + 1, spheres, 3)"""
     sphere_velocities: np.ndarray
     reference: Reference
-    """What it has come to"""
+    """At its end"""
 
 
 def run(

@@ -139,7 +139,7 @@ def quad_sphere(cells: int, radius: float = 1.0, center=(0.0, 0.0, 0.0)):
 
 
 def small_world(path: Path, up_axis: str = "Y") -> Usd.Stage:
-    """Write rubber before rubber, foil, a sphere and a string on the ground: a bit of each of what pictures have."""
+    """Write rubber before rubber, foil, a sphere and a string on the ground: one of each kind of thing in pictures."""
     stage = new_stage(path, up_axis)
     add_ground(stage)
     add_mesh(stage, "Red", *quad_sphere(6, 0.5, (-0.7, 0.9, 0.4)), (0.8, 0.05, 0.05), **LATEX)

@@ -47,7 +47,7 @@ def tensors(simulator: Simulator, world: int = 0) -> NDArray[np.float64]:
 
 
 def kinetic(simulator: Simulator, world: int = 0, beside: float = 0.0) -> float:
-    """Return the kinetic energy of the bodies [J], beside what moves along x [m/s]."""
+    """Return the kinetic energy of the bodies [J], beside a frame that moves along x [m/s]."""
     velocities, momenta = (body_state(simulator, name, world) for name in ("velocities", "momenta"))
     velocities = velocities - (beside, 0.0, 0.0)
     turning = sum(float(m @ np.linalg.solve(t, m)) for m, t in zip(momenta, tensors(simulator, world), strict=True))

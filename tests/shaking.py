@@ -12,7 +12,7 @@ from balloon_warp.model import Model
 from balloon_warp.model.state import State, initial_state
 
 MOVED = 1e-6
-"""of the size of a balloon: ten times what rounding of its places does"""
+"""of the size of a balloon: ten times the rounding of its places"""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -58,7 +58,7 @@ def shaken(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def _forget_results() -> None:
-    """Clear the caches of the tests' own functions, which keep what a former start led to."""
+    """Clear the caches of the tests' own functions, which keep the results of a former start."""
     here = str(Path(__file__).parent)
     for module in list(sys.modules.values()):
         if str(getattr(module, "__file__", "")).startswith(here):

@@ -30,7 +30,7 @@ def scene(**fields) -> Scene:
 
 
 def struck(**fields) -> Scene:
-    """Return a ball on a short string above the ground that a sphere strikes, which touches what is near it."""
+    """Return a ball on a short string above the ground that a sphere strikes, which touches things near it."""
     ball = Balloon(mesh=quad_sphere(3), position=(0.0, 1.2, 0.0), inflation=Inflation(k_normal=0.2))
     sphere, string = Sphere(position=(0.2, 2.1, 0.0), radius=0.3), String(anchor=(0.0, 0.0, 0.0), length=0.1)
     return Scene(balloon=[ball], sphere=[sphere], string=[string], ground=Ground(), **fields)

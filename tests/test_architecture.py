@@ -41,7 +41,7 @@ def tree_of(path: str) -> ast.Module:
 
 @cache
 def imports_of(path: str) -> tuple[str, ...]:
-    """Return what a file imports, see `imports`."""
+    """Return the imports of a file, see `imports`."""
     return tuple(imports(tree_of(path), module_of(path)))
 
 
@@ -160,8 +160,7 @@ LAYERS = (
     ("benchmarks", "scenes"),
     ("cli",),
 )
-"""what stands in balloon_warp/, and kernels/, from the bottom up: each imports what is in the lines above its own, and
-itself"""
+"""rooms of balloon_warp/, and kernels/, from the bottom up: each imports those in lines above its own, and itself"""
 MOST_FILE_LINES = 800
 MOST_FUNCTION_LINES = 80
 MOST_PARAMETERS = 12
@@ -223,7 +222,7 @@ LOADED_BY_NAME = {
     "balloon_warp/sweep/local_worker.py": "what simulates a share, in another process, as it starts",
     "kernels/laws/law.py": "a law of one's own, in another process",
 }
-"""files that load a module of which they do not say which, and what"""
+"""files that load a module of which they do not say which, and the module in words"""
 
 
 def test_who_loads_by_a_string_says_what() -> None:
@@ -284,7 +283,7 @@ def test_who_executes_a_list_of_phases_knows_none() -> None:
 
 
 def too_long(path: str) -> Iterator[str]:
-    """Return the parts of a file that are over a limit; the lines of a function are with those of what it nests."""
+    """Return the parts of a file that are over a limit; the lines of a function are with those of nested ones."""
     if (lines := TEXTS[path].count("\n")) > MOST_FILE_LINES:
         yield f"{path} has {lines} lines"
     for function in functions(tree_of(path)):
@@ -312,7 +311,7 @@ ALSO_ASKED = {
 
 
 def words(tree: ast.Module) -> set[str]:
-    """Return names and texts in a file's code, and what it imports by name."""
+    """Return names and texts in a file's code, and names that it imports."""
     found: set[str] = set()
     for node in ast.walk(tree):
         match node:

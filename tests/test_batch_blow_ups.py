@@ -227,7 +227,7 @@ def test_frozen_the_stage_ends_at_the_last_good_frame(device: str, tmp_path):
     warnings: list[str] = []
     how = {"device": device, "schedule": "gather", "checkpoint_seconds": 1e-9}
     summary = animate(HOPELESS, tmp_path / "a.usdc", on_blowup="freeze", on_warning=warnings.append, **how)
-    assert [path.name for path in tmp_path.iterdir()] == ["a.usdc"]  # what was saved meanwhile is in it
+    assert [path.name for path in tmp_path.iterdir()] == ["a.usdc"]  # the states saved meanwhile are in it
     assert summary.frames == 6
     assert "blew up in frame 7, " in (summary.blow_up or "")
     assert warnings[-1].rpartition(". ")[2] == "The stage ends at frame 6, the last good one"

@@ -1,4 +1,4 @@
-"""Bundled scenes show, measured, what the paper's figures show."""
+"""Bundled scenes show, measured, the effects in the paper's figures."""
 
 import numpy as np
 import pytest
@@ -180,8 +180,8 @@ def test_net_forces_point_outward_at_first_and_nearly_balance_in_the_end():
 
 @pytest.mark.full
 def test_pillow_on_water_displaces_its_weight():
-    """The floating pillow displaces its own weight of water (Archimedes). After four seconds what is left is its last
-    heaving, some 1e-4 m of its half a square meter."""
+    """The floating pillow displaces its own weight of water (Archimedes). After four seconds its last heaving is left,
+    some 1e-4 m of its half a square meter."""
     model, frames = played("pillow_on_water")
     mass = model.scene.balloon[0].mass
     submerged = [displaced(shape_at(model, frame), 0.0)[0] for frame in frames[-60:]]

@@ -1,4 +1,4 @@
-"""Depth and color of what cameras see in each world."""
+"""Depth and color images of cameras in each world."""
 
 from dataclasses import replace
 from typing import Any

@@ -69,7 +69,7 @@ def test_every_value_meets_every_other_and_the_last_path_makes_the_columns(tmp_p
     assert {run.outcome for run in result.runs} == {"done"}
     assert result.runs[0].figures["substeps"] > result.runs[-1].figures["substeps"]
     small, larger, largest, *others = [green(tile) for tile in tiles(tmp_path, 2, 3)]
-    assert 1.05 * small < larger < 0.95 * largest  # one camera: what grew more looks larger
+    assert 1.05 * small < larger < 0.95 * largest  # one camera: a ball that grew more looks larger
     assert others[0] == pytest.approx(small, rel=0.02)  # where nothing happens time does not matter
     assert others[0] < others[1] < others[2]
 

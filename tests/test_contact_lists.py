@@ -64,7 +64,7 @@ def test_gradients_have_the_lists_that_frames_have_come_to_need(device: str, sho
 
 
 def test_a_world_that_blows_up_makes_no_list_grow(device: str):
-    """Everything is near everything, and what is ignored is not told."""
+    """Everything is near everything, and ignored contacts are not told."""
     simulator = Simulator(feature_set("touch"), device, schedule="gather")
     lists = simulator.schedule.contact_lists
     assert lists

@@ -25,7 +25,7 @@ BOUNDED = {
     "string.0.anchor": (None, None),
     "gravity": (0.0, 10.0),
 }
-"""of `SCENE`: a keyframed value, a material's, a law's that did not act, a world's, a vector, and what falls"""
+"""of `SCENE`: a keyframed value, a material's, a law's that did not act, a world's, a vector, and gravity"""
 PRESSURE = "balloon.inflation.pressure"
 
 

@@ -48,7 +48,7 @@ BOX = shaped(np.sum(BALL.points**4, axis=1, keepdims=True) ** -0.15, "box")  # r
 
 
 def stop_at(step: str) -> Callable[[str], None]:
-    """Return what interrupts a design at a step."""
+    """Return a function that interrupts a design at a step."""
 
     def stop(stage: str) -> None:
         if stage.startswith(step):

@@ -34,7 +34,7 @@ ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", ROOT / "SECURITY.md", *sorted((ROOT / "docs").glob("*.md"))]
 COMMANDS = typer.main.get_command(app).commands  # pyright: ignore[reportAttributeAccessIssue]
 ELSEWHERE = {"README.md", "PYTHON.md", "LAWS.md", "ARCHITECTURE.md"}
-"""pages with Python that tests below run, since they look at what comes of it"""
+"""pages with Python that tests below run, since they look at its results"""
 
 
 def text_of(page: Path | str) -> str:
@@ -94,7 +94,7 @@ def test_commands_are_ones_that_there_are(page: Path):
     "page", [page for page in PAGES if code(page, "python") and page.name not in ELSEWHERE], ids=lambda page: page.stem
 )
 def test_the_python_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys):
-    """A page's Python prints what the page says."""
+    """A page's Python prints the values in the page."""
     monkeypatch.setenv("MPLBACKEND", "Agg")
     assert run_python(page, tmp_path).moved.points[0].shape[-1] == 3
     printed = capsys.readouterr().out
@@ -103,7 +103,7 @@ def test_the_python_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pyte
 
 
 SHORT = {"run": "--frames 51", "render": "--size 32x18 --samples 1"}
-"""what makes a command quick that takes long as it stands"""
+"""options that make a command quick that takes long as it stands"""
 TRIED = ("README.md", "START.md", "OUTPUTS.md")
 """pages whose commands are run; those of the others go on for long, or on machines that are not here"""
 

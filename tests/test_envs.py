@@ -299,7 +299,7 @@ def brief(mode: str, **options: Any) -> BalloonVectorEnv:
 
 @pytest.fixture(scope="module")
 def plain() -> tuple[list[Any], list[Any]]:
-    """Observations that steps begin with, and what they bring, of our own environment."""
+    """Observations that steps begin with, and their results, of our own environment."""
     env = brief("SameStep")
     seen, told = [env.reset(seed=5)[0]], []
     for actions in ACTIONS:
@@ -321,7 +321,7 @@ def test_torchrl_s_wrapper_sees_the_same(mode: str, output: str, plain: tuple[li
     checked, env = (torchrl.GymWrapper(brief(mode, output=output)) for _ in range(2))
     assert tuple(checked.batch_size) == (WORLDS,)
     torchrl.check_env_specs(checked)
-    env.rollout(1)  # it needs one to see what is told beside observations
+    env.rollout(1)  # it needs one to see the keys beside observations
     now = told = env.reset(seed=5)
     for actions, seen, expected in zip(ACTIONS[: Brief.most_steps], plain[0], plain[1], strict=False):
         told, after = env.step_and_maybe_reset(now.set("action", torch.from_numpy(actions)))

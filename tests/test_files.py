@@ -78,7 +78,7 @@ with ExitStack() as files:
     print("begun", flush=True)
     time.sleep(600)
 """
-"""what has all kinds of temporaries, until it is killed"""
+"""program that has all kinds of temporaries, until it is killed"""
 
 
 @pytest.fixture(autouse=True)

@@ -338,7 +338,7 @@ def test_a_flight_with_a_bounce_gives_back_its_rubber():
 def test_a_hundred_and_fifty_rows_of_a_curve_give_a_hundredth():
     """95% of draws are within 1%, and as many within one and two reported deviations as of a normal distribution."""
     row = fit_benchmark.curve("mooney_rivlin", 150, draws=100)
-    assert (row.within < 0.0115).all()  # 1%, and what the 95th of 100 draws strays
+    assert (row.within < 0.0115).all()  # 1%, and the straying of the 95th of 100 draws
     assert (row.within > 0.8 * row.bound).all()
     for covered, expected in zip(row.covered, (0.683, 0.954), strict=True):
         assert (np.abs(covered - expected) < 3.0 * np.sqrt(expected * (1.0 - expected) / 100)).all()

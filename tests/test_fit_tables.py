@@ -62,7 +62,7 @@ def test_tests_may_be_columns_or_rows_of_one_table(form: str, tmp_path: Path):
 
 
 def fitted(words: list[Any], *more: str) -> Any:
-    """Return what the command says."""
+    """Return the result of the command."""
     said = CliRunner().invoke(app, ["fit", *map(str, words), *more])
     assert said.exit_code == 0, said.output
     return said
@@ -354,7 +354,7 @@ DRAWS = 100
 def test_two_deviations_cover_95_draws_of_100(known: tuple[str, ...], of_pressure: float):
     """Noise of 2% of the volumes: before, one deviation of the modulus covered 50% of the draws, two 90%.
 
-    Covered are 68% and 95%, within three deviations of what so many draws tell of it."""
+    Covered are 68% and 95%, within three deviations of so many draws."""
     true, pulls = VALUES["mooney_rivlin"], []
     volumes = 4.0 / 3.0 * np.pi * 0.05**3 * np.linspace(1.05, 5.0, 150) ** 3
     pressures = sphere_pressures("mooney_rivlin", true, volumes, 2e-4, 0.05)

@@ -198,7 +198,7 @@ PLACES = 4.0e-5  # rounding of places [m]: the same sums in another order, for b
 
 
 def meeting(inflation: Inflation) -> Scene:
-    """Return two balloons 0.3 m apart; what CLOSING says decides when they meet."""
+    """Return two balloons 0.3 m apart; the value of CLOSING decides when they meet."""
     still, moves = {"inflation": inflation, "damping": 0.1}, {"position": (2.3, 0.1, 0.2), "velocity": (-3.0, 0.0, 0.0)}
     return Scene(balloon=[of_quads(**still), of_quads(**still, **moves)], ground=Ground(height=-1.05), frames=8)
 
@@ -262,7 +262,7 @@ def test_what_goes_further_than_was_free_touches_all_the_same_on_a_gpu(gpu: wp.D
 
 
 PLATE = Obstacle(size=(4.0, 1e-3, 4.0), position=(0.0, -0.5e-3, 0.0))
-FALL = 5000.0  # a gravity by which what is at rest falls 0.69 m in a frame, where it is believed to move 3 mm [m/s^2]
+FALL = 5000.0  # a gravity by which a balloon at rest falls 0.69 m in a frame, where it is believed to move 3 mm [m/s^2]
 
 
 def verdicts(simulator: Simulator) -> list[int]:

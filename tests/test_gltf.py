@@ -72,7 +72,7 @@ def box(mesh: PolygonMesh) -> list[list[float]]:
 def test_morph_weights_are_applied(tmp_path: Path, of_mesh: Any, of_node: Any, size: float, sparse: bool):
     file = Gltf({"mesh": 0, **({"weights": of_node} if of_node else {})})
     target = file.array(POINTS, "f4")
-    if sparse:  # as Blender writes what moves only some points
+    if sparse:  # as Blender writes a shape key that moves only some points
         moved = np.flatnonzero(POINTS.any(axis=1))
         indices, values = file.view(moved.astype("<u2")), file.view(POINTS[moved].astype("<f4"))
         accessor = file.tree["accessors"][target]

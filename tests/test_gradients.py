@@ -161,7 +161,7 @@ def test_the_center_of_what_flies_goes_on_as_it_began():
 @pytest.mark.parametrize("smooth", [False, True])
 def test_spheres_that_push_bounce_and_slip_have_the_slopes_of_the_reference(smooth: bool, device: str):
     """Two spheres meet on the ground, a box, a plane that is a mesh's side, and a capsule; one presses the ball. Along
-    directions in which each path makes as much of the loss, to 2e-4 of what one of them does; of smooth ones, by
+    directions in which each path makes as much of the loss, to 2e-4 of the part of one of them; of smooth ones, by
     friction and restitution, to 1e-4 of it."""
     of, told, paths = meeting(SLAB, smooth), meeting(PLANE, smooth), OF_RUBBING if smooth else OF_MEETING
     found = bw.gradient(of, of=paths, loss=ends, device=device).gradients

@@ -24,7 +24,7 @@ def least(frames: int, free: int) -> int:
 
 
 class Counted:
-    """Frames that are only counted: what one begins with is its number."""
+    """Frames that are only counted: the state at the start of one is its number."""
 
     def __init__(self, frames: int, most: int):
         self.now = self.simulated = 0

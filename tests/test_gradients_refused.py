@@ -24,7 +24,7 @@ from balloon_warp.schedules.features import model_features
 
 
 def told(loss: Any, *slopes: Any) -> dict[str, Any]:
-    """Return what is asked with a loss that says the same of any run."""
+    """Return the arguments with a loss that is the same for any run."""
     return {"of": SPRINGS, "loss": lambda moved: (loss, *slopes) if slopes else loss}
 
 

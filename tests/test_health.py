@@ -100,7 +100,7 @@ def test_free_fall_for_ten_minutes_is_good(device: str):
 
 SCHEDULES = ("scatter", "gather", "block", "lanes", "octets")
 OF_KIND = {"penalty": {}, "impulse": {"contact": "impulse"}, "gas": {"balloon.inflation.kind": "gas"}}
-"""what the kernels of `block` differ in"""
+"""settings by which the kernels of `block` differ"""
 
 
 @pytest.mark.parametrize("kind", OF_KIND)
@@ -113,7 +113,7 @@ def test_each_schedule_looks_at_what_a_frame_wrote(schedule: str, substeps: int,
     settings = {"substeps": substeps, "balloon.fixed": [7], **OF_KIND[kind]}
     try:
         simulator = Simulator(override_scene(apart, settings.items()), device, world_count=5, schedule=schedule)
-    except InputError as refusal:  # of what a schedule does not have
+    except InputError as refusal:  # of a feature that a schedule does not have
         pytest.skip(str(refusal))
     points, spheres = simulator.state.points.numpy(), simulator.state.sphere_positions.numpy()
     if kind != "gas":  # that would fill all the space up to there

@@ -17,7 +17,7 @@ from balloon_warp.kernels.laws.torsion import angle_beyond
 from balloon_warp.model.bounds import told_what_it_names
 
 DENSITY = 0.7
-"""of the air that laws are told of [kg/m^3]: less than what that of their parameters may be"""
+"""of the air that laws are told of [kg/m^3]: less than the densities that their parameters may have"""
 PLACES = {"particle": ("position",), "hinge": ("a", "b", "first", "second")}
 """by which the energy's slope is a force; of pairs it is the squared length"""
 

@@ -104,7 +104,7 @@ def test_a_short_run_on_a_gpu_is_that_of_the_cpu(name: str, schedule: str, devic
     try:
         start, expected = ten_frames(name, solver, "cpu", "scatter")
         found = ten_frames(name, solver, device, schedule)[1]
-    except InputError as refusal:  # of what a schedule or the solver does not have
+    except InputError as refusal:  # of a feature that a schedule or the solver does not have
         pytest.skip(str(refusal))
     size = float(np.ptp(start, axis=0).max())
     assert np.linalg.norm(expected - start, axis=1).max() / size > LARGEST

@@ -130,7 +130,7 @@ def test_powers_are_those_of_the_library():
     expected = samples["base"].astype(np.float64) ** samples["exponent"].astype(np.float64)
     found = called(power, samples)
     assert (np.abs(found / expected - 1.0) < 3e-7 + 6e-8 * np.abs(np.log2(expected))).all()
-    assert found[0] == 1.0  # what is at rest bears nothing
+    assert found[0] == 1.0  # a triangle at rest bears nothing
     slopes = adjoint(power, samples, np.ones(COUNT, dtype=np.float32), "float32")
     np.testing.assert_allclose(slopes["base"], samples["exponent"] * expected / samples["base"], rtol=1e-5)
     np.testing.assert_allclose(slopes["exponent"], expected * np.log(samples["base"]), rtol=1e-5)

@@ -317,7 +317,7 @@ TWICE = {
 def test_both_sides_of_a_ball_make_one_ball(mesh: PolygonMesh) -> None:
     once = whole(mesh)
     assert (genus(once, mesh_edges(once)), once.face_count) == (0, SOUND.face_count)
-    assert signed_volume(once) == pytest.approx(signed_volume(SOUND), rel=1e-5)  # what is rounded is moved by 1e-7
+    assert signed_volume(once) == pytest.approx(signed_volume(SOUND), rel=1e-5)  # rounded vertices are moved by 1e-7
     assert f"{mesh.face_count - SOUND.face_count:,} faces have the corners of earlier faces" in " ".join(once.warnings)
     assert not [warning for warning in once.warnings if "no face" in warning]
     used = np.isin(np.arange(mesh.vertex_count), once.face_vertex_indices)
@@ -392,7 +392,7 @@ def test_eye_sockets_are_closed_and_hold_gas() -> None:
     mesh = whole(eyed)
     edges = mesh_edges(mesh)
     assert (len(border_edges(edges)), len(inconsistent_edges(edges)), genus(mesh, edges)) == (0, 0, 0)
-    # What a flat lid of the radius sin(0.2) cuts off of the unit ball, pi h^2 (1 - h / 3), is a thousandth of it.
+    # The cap of the unit ball above a flat lid of the radius sin(0.2), pi h^2 (1 - h / 3), is a thousandth of it.
     cut = 2.0 * np.pi * (1.0 - np.cos(0.2)) ** 2
     assert signed_volume(BALL) - 3.0 * cut < signed_volume(mesh) < signed_volume(BALL)
     said = "2 holes in the surface are closed by faces numbered after the file's; the largest has 16"

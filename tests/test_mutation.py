@@ -233,7 +233,7 @@ def toy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def verdicts_on(toy: Path, new: set[str], seconds: float) -> dict[str, tuple[bool, str]]:
-    """Return whether mutants are found, and how, by what they put into the toy."""
+    """Return whether mutants are found, and how, by the code that they put into the toy."""
     of_toy = all_mutants(toy, (Stratum("toy", 1.0, ("toy/*.py",)),))["toy"]
     chosen = [each for each in of_toy if each.new in new]
     return {each.new: (each.found, each.by) for each in judge_all(toy, chosen, TRACED, 2, seconds)}

@@ -173,7 +173,7 @@ FILES_BESIDE = {
         [],
     ),
 }
-"""meshes, and what they have opened beside them: the materials and the base textures that are used"""
+"""meshes, and the files that they have opened beside them: the materials and the base textures that are used"""
 
 
 @pytest.mark.full

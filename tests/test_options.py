@@ -1,5 +1,5 @@
-"""Options of Warp's compiler, and sizes of what kernels take by value: our kernels leave out how structs are derived,
-and those of others do not."""
+"""Options of Warp's compiler, and sizes of arguments that kernels take by value: our kernels leave out how structs are
+derived, and those of others do not."""
 
 import ctypes
 import re
@@ -29,7 +29,7 @@ def multiply(pairs: wp.array(dtype=Pair), products: wp.array[float]):
 
 
 def test_how_structs_are_derived_is_left_out_of_our_kernels():
-    """Nothing but what is between our macro's lines is derived: it was a third of a small kernel's time."""
+    """Nothing but the code between our macro's lines is derived: it was a third of a small kernel's time."""
     flag = f"-D{NO_DERIVATIVES}="
     assert flag in OPTIONS["cpu_compiler_flags"].split()
     written = codegen.codegen_struct(Pair)

@@ -1,4 +1,4 @@
-"""Worlds that begin anew by themselves: what is planned comes in each world's own time."""
+"""Worlds that begin anew by themselves: planned changes come in each world's own time."""
 
 from typing import Any
 

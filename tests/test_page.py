@@ -1,4 +1,4 @@
-"""Page without a browser: its address, its view distance, what it draws, and its refusals."""
+"""Page without a browser: its address, its view distance, its drawings, and its refusals."""
 
 import re
 import socket

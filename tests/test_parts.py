@@ -66,7 +66,7 @@ def stiffness_of_parts(mesh: PolygonMesh, pairs: NDArray[np.int64]) -> NDArray[n
 
 
 LEVERS = {"cubes far apart": 5e-3, "rungs between rails": 5e-3}
-"""where ties are long beside what they hold, or parts hang on one another in a chain"""
+"""where ties are long beside the parts that they hold, or parts hang on one another in a chain"""
 
 
 @pytest.mark.parametrize("name", PARTS)

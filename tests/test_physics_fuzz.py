@@ -1,4 +1,4 @@
-"""Fuzzer of physics: what it found stays mended, fixed scenes hold to all properties, and each property can fail."""
+"""Fuzzer of physics: faults that it found stay mended, fixed scenes hold to all properties, and each can fail."""
 
 import itertools
 from collections import Counter
@@ -32,7 +32,7 @@ OF_THEIR_OWN_KERNELS = (tells_contact_forces, slopes_are_differences, physics_al
 
 @pytest.fixture
 def cheap(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave out what compiles kernels of its own."""
+    """Leave out properties that compile kernels of their own."""
     kept = tuple(each for each in PROPERTIES if each not in OF_THEIR_OWN_KERNELS)
     monkeypatch.setattr(physics_fuzz, "PROPERTIES", kept)
     monkeypatch.setattr("balloon_warp.benchmarks.physics_alike.SCHEDULES", ["gather"])
@@ -108,7 +108,7 @@ WRONG: dict[str, tuple[str, dict[str, Callable[[Any], Any]]]] = {
     "stays_outside": ("spheres", {"points": lambda x: x - (0.0, 2.0 * np.abs(x).max(), 0.0)}),
     "tells_contact_forces": ("spheres", {"contact_forces": lambda f: f + 1.0e9}),
 }
-"""Kinds of scenes in which properties of one run are checked, and what breaks them"""
+"""Kinds of scenes in which properties of one run are checked, and changes of states that break them"""
 
 
 @pytest.mark.parametrize("name", WRONG)

@@ -158,7 +158,7 @@ def test_a_glb_has_images_as_glb_takes_them(image: Path, tmp_path: Path, monkeyp
 
 
 def test_balloons_of_one_print_share_it_in_a_glb(image: Path, tmp_path: Path):
-    image.write_bytes(image.read_bytes() + bytes(1 + -len(image.read_bytes()) % 4))  # what follows is still aligned
+    image.write_bytes(image.read_bytes() + bytes(1 + -len(image.read_bytes()) % 4))  # the next buffer is still aligned
     scene = printed_scene(tmp_path)
     other = '[[balloon]]\nmesh = "cloth.obj"\nprint = "image.png"\nposition = [4.0, 0.0, 0.0]\n'
     foil = '[[balloon]]\nmesh = "cloth.obj"\nlook = "foil"\nposition = [8.0, 0.0, 0.0]\n'
@@ -182,7 +182,7 @@ def test_a_scene_is_copied_with_its_print(tmp_path: Path):
     assert [path.name for path in written] == ["mine.toml", "pillow.obj", "pillow.png"]
     assert load_scene(tmp_path / "mine.toml").balloon[0].print == tmp_path / "pillow.png"
     assert (tmp_path / "pillow.png").read_bytes() == kept.read_bytes()
-    # It is what the script makes; other machines round square roots their own way.
+    # It is the script's output; other machines round square roots their own way.
     assert np.abs(np.asarray(Image.open(kept)).astype(int) - dots()).max() <= 2
 
 

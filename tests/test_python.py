@@ -177,7 +177,7 @@ def test_everything_says_what_it_is_in_a_line_or_two():
 
 TABLES = list(dict.fromkeys(table for _, table in tables()))
 PYTHONS = ("Annotated[", "FieldInfo", "_SupportsArray", "numpy.dtype", "model_construct", "__dataclass_fields__")
-"""what Python and libraries say and nobody wants to read"""
+"""words that Python and libraries print and nobody wants to read"""
 SIMULATOR = """controls frame_number mass_properties model observations picture read_frame relax reset restore run save
 set starts state step stiffness time warnings"""
 FRAME = """areas body_poses contacts corners gas_amounts ground_height inflation_forces is_finite meshes net_forces

@@ -31,7 +31,7 @@ def scene_of(name: str, kind: str) -> Scene:
 
 
 def state_of(reference: Reference) -> dict[str, np.ndarray]:
-    """Return what a frame has, by the names of `Simulator.state`."""
+    """Return the state of a frame, by the names of `Simulator.state`."""
     balls = [[ball[name] for ball in reference.spheres] for name in ("position", "velocity")]
     bodies = [[body[name] for body in reference.bodies] for name in ("position", "velocity")]
     things = [np.reshape(each, (-1, 3)) for each in (*balls, *bodies)]
@@ -75,7 +75,7 @@ def tolerances(scene: Scene, start: Any, way: Any, others: list[Any], frames: in
         most[f"{thing}_positions"] += most[f"{thing}_velocities"] * frames / rate  # which they follow
     flowed = np.abs(way["gas_amounts"] - start["gas_amounts"]).max()
     most["gas_amounts"] = 1e-4 * flowed  # kept in float64; pressures, whose roots flows are, are known to 1e-5
-    if scene.correction != "none":  # a velocity changes by what a place is corrected, over the substep
+    if scene.correction != "none":  # a velocity changes by the correction of a place, over the substep
         most["velocities"] += roundings * np.abs(way["points"]).max() * rate * scene.substeps
     if any(balloon.inflation.kind == "gas" for balloon in scene.balloon):
         most["pressures"] += 8.0 * ULP * scene.atmosphere.pressure  # which is subtracted

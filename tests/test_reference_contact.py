@@ -1,4 +1,4 @@
-"""Contact in the reference: where features are nearest, what every kind keeps, and what single contacts come to."""
+"""Contact in the reference: where features are nearest, conservation by every kind, and results of single contacts."""
 
 from collections.abc import Callable
 from typing import Any

@@ -90,7 +90,7 @@ def test_tones_are_neutral_and_end_in_white():
     light = np.array([0.0, 0.02, 0.18, 0.5, 0.8, 2.0, 50.0], np.float32)
     out = wp.zeros(len(light), dtype=wp.uint8, device="cpu")
     wp.launch(develop_gray, len(light), inputs=[wp.array(light, device="cpu"), out], device="cpu")
-    # Khronos PBR Neutral takes 0.04 off, or less of what is darker, and compresses above 0.76; then sRGB's power law.
+    # Khronos PBR Neutral takes 0.04 off, or less of darker colors, and compresses above 0.76; then sRGB's power law.
     linear = np.array([0.0, 6.25 * 0.02**2, 0.14, 0.46, 0.76, 1 - 0.0576 / 1.44, 1.0])
     encoded = np.where(linear > 0.0031308, 1.055 * linear ** (1 / 2.4) - 0.055, 12.92 * linear)
     assert out.numpy().astype(int) == pytest.approx(255 * encoded, abs=1.0)

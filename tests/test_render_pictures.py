@@ -41,7 +41,7 @@ def test_a_sphere_covers_the_area_that_a_pinhole_sees(shape: str, tmp_path):
     seen = picture(stage, size=(300, 300))
     # The outline's cone has tangent r / sqrt(d^2 - r^2); the picture's half height has 12 / 40.
     radius = 150 * (1.0 / np.sqrt(24.0)) / (12.0 / 40.0)
-    # 1%: a sixteen-sided outline, which is what the mesh has before it is refined, would lack 2.6%.
+    # 1%: a sixteen-sided outline, which the mesh has before it is refined, would lack 2.6%.
     assert (seen.max(axis=2) < HALF_COVERED).sum() == pytest.approx(np.pi * radius**2, rel=0.01)
 
 
@@ -286,7 +286,7 @@ def test_an_open_shutter_smears_what_moves_along_its_way(tmp_path):
     stage = before_camera(tmp_path / "stage.usda", frames=3)
     add_sphere(stage, "Ball", [(-1.0, 0, 0), (0.0, 0, 0), (1.0, 0, 0)], 0.2, BLACK, roughness=1.0)
     sharp, smeared = (darkness(picture(stage, frame=1, shutter=open_for)) for open_for in (0.0, 0.5))
-    # 50 pixels a unit: 20 wide, and half a frame's way, 25, longer to the right; what is dark there is as much.
+    # 50 pixels a unit: 20 wide, and half a frame's way, 25, longer to the right; the sum of darkness is the same.
     columns = [np.flatnonzero(seen[100] > 0.05) for seen in (sharp, smeared)]
     assert columns[0][[0, -1]] == pytest.approx([90, 109], abs=1)
     assert columns[1][[0, -1]] == pytest.approx([90, 134], abs=4)
@@ -315,7 +315,7 @@ def test_a_transparent_picture_lies_over_its_backdrop_as_if_taken_before_it(tmp_
     assert opacity[100, 55] == 1.0
     assert opacity[20, 20] == opacity[180, 100] == 0.0
     assert 0.6 < opacity[100, 145] < 0.98
-    # The backdrop is nearly even: without it, the pixels are what is left once its share is taken away.
+    # The backdrop is nearly even: without it, the pixels are the rest once its share is taken away.
     share = opacity[..., None]
     together = share * (over[..., :3] / 255.0) ** 2.2 + (1 - share) * (whole[5, 100] / 255) ** 2.2
     assert np.abs(together - (whole / 255.0) ** 2.2)[65:135].mean() < 0.02
@@ -339,7 +339,7 @@ def test_a_transparent_picture_keeps_the_shadow_on_the_ground(tmp_path):
     bare = np.median(whole[~things & (over[..., 3] == 0)], axis=0)
     together = opacity * over[..., :3] + (1.0 - opacity) * bare
     off = np.abs(together - whole)[shaded]
-    # Far away the ground turns into the backdrop, 3 off; the film's curve darkens what is darkest, 10 more in 110.
+    # Far away the ground turns into the backdrop, 3 off; the film's curve darkens the darkest pixels, 10 more in 110.
     assert off.mean() < 2.5
     assert off.max() < 12.0
     np.testing.assert_allclose(over[100, 130:140], without[100, 130:140], atol=2)  # there the ground sends up no light

@@ -45,7 +45,7 @@ def test_it_is_that_of_the_whole_matrix_and_never_below_it(mesh: PolygonMesh, se
 
 @pytest.mark.parametrize(("masses", "expected"), [((1.0, 3.0), 6.0 * (1.0 + 1.0 / 3.0)), ((0.0, 0.0), 0.0)])
 def test_of_a_spring_between_two_masses_it_is_that_of_the_textbook(masses: tuple[float, float], expected: float):
-    """The squared frequency is k (1/m + 1/M), and that of what does not move is zero."""
+    """The squared frequency is k (1/m + 1/M), and that of fixed particles is zero."""
     found = highest_squared_frequency(np.array([[0, 1]]), np.array([6.0]), np.zeros(2), np.array(masses))
     assert found == pytest.approx(expected)
 

@@ -1,5 +1,5 @@
-"""Air by its altitude: the standard's table, and what follows from it in scenes, overrides, batches, files. Refusals of
-gas and air: meshes that cannot hold gas, and fields that do not fit it."""
+"""Air by its altitude: the standard's table, and its use in scenes, overrides, batches, files. Refusals of gas and air:
+meshes that cannot hold gas, and fields that do not fit it."""
 
 import re
 from dataclasses import replace

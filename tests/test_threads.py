@@ -24,7 +24,7 @@ from balloon_warp.viewer.session import Session
 
 FRAMES, THREADS = 6, 4
 QUEUED = "launch", "launch_tiled", "copy", "clone", "empty", "zeros", "full", "capture_launch", "synchronize_event"
-"""what Warp refuses, or records as well, while another thread records on the same GPU"""
+"""calls that Warp refuses, or records as well, while another thread records on the same GPU"""
 
 TURNS = Obstacle(
     size=(4, 0.2, 4), position=(0, -0.1, 0), motion=[(0, (0, 0, 0), (0, 0, 0)), (1, (0, 1, 0), (0, 90, 0))]
@@ -178,7 +178,7 @@ def test_garbage_is_not_freed_while_a_frame_is_recorded(device: str):
         for _ in range(10):
             Forgotten(device)
             with warp_lock.recording(wp.get_device(device)):
-                assert len([[] for _ in range(100)]) == 100  # what would set off the search
+                assert len([[] for _ in range(100)]) == 100  # which would set off the search
         assert simulated(1, device) == expected
     finally:
         gc.set_threshold(*thresholds)

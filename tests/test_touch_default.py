@@ -74,7 +74,7 @@ def test_touch_by_default_hardly_shortens_the_step():
 @pytest.mark.full
 @pytest.mark.parametrize(("name", "itself"), [("foil_letters", True), ("letter_slot", False), ("two_balloons", False)])
 def test_foil_touches_itself_by_default(name: str, itself: bool):
-    """Foil folds anywhere, so it touches itself; what resists bending does not, nor do balls."""
+    """Foil folds anywhere, so it touches itself; sheets that resist bending do not, nor do balls."""
     assert plan_model(load_scene(name)).scene.touches_itself is itself
 
 

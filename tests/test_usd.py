@@ -97,7 +97,7 @@ def test_balloons_are_the_frames_of_the_simulation(stage: Usd.Stage):
 
 
 def test_extents_hold_at_every_sample(stage: Usd.Stage):
-    """Each extent is what USD computes from the prim itself: the validators do not check it."""
+    """Each extent is the one that USD computes from the prim itself: the validators do not check it."""
     checked = 0
     for prim in stage.Traverse():
         boundable = UsdGeom.Boundable(prim)

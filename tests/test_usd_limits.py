@@ -107,7 +107,7 @@ def test_sublayers_that_multiply_are_refused(tmp_path: Path):
 
 
 def test_what_real_stages_do_is_not_refused(tmp_path: Path):
-    """References into what others refer to, inherited classes, variants, layers beside, and the same many times."""
+    """References into referenced prims, inherited classes, variants, layers beside, and the same many times."""
     (tmp_path / "rock.usda").write_text(f'#usda 1.0\n(defaultPrim = "Rock")\ndef "Rock" {{ {MESH} }}\n')
     (tmp_path / "layer.usda").write_text('#usda 1.0\nover "World" {\n over "a" {\n custom int x = 1\n }\n }\n')
     many = "".join(f'def "r{number}" (instanceable = true\n references = @./rock.usda@) {{}}\n' for number in range(50))

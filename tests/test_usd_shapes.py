@@ -1,4 +1,4 @@
-"""Stages of other programs: shapes that are no meshes, what a PointInstancer scatters, and time codes that are not
+"""Stages of other programs: shapes that are no meshes, instances of a PointInstancer, and time codes that are not
 frames, for all that read stages."""
 
 from pathlib import Path
@@ -36,7 +36,7 @@ class Files:
         return load_mesh(self.saved(), prim)
 
     def scatter(self, path: str, places: list[tuple[float, float, float]], **prototypes: str) -> UsdGeom.PointInstancer:
-        """Add a PointInstancer of cubes of 1 m, or of what other prims are, at places."""
+        """Add a PointInstancer of cubes of 1 m, or of other prims, at places."""
         instancer = UsdGeom.PointInstancer.Define(self.stage, path)
         if not prototypes:
             add_mesh(self.stage, f"{path}/Protos/Rock", cube())

@@ -1,8 +1,9 @@
-"""Watch of commands, which prints what they opened, connected to and started: JSON on the last line of standard output.
+"""Watch of commands, which prints the files that they opened, their connections and the processes that they started:
+JSON on the last line of standard output.
 
-Run as a process of its own: `python watched.py FOLDER '[["inspect", "ball.obj"], ["python", "1 + 1"]]'`. What Python
-opens anywhere an audit hook sees; what native code opens in the folder, as USD and Warp do, the kernel reports
-(inotify)."""
+Run as a process of its own: `python watched.py FOLDER '[["inspect", "ball.obj"], ["python", "1 + 1"]]'`. Files that
+Python opens anywhere an audit hook sees; those that native code opens in the folder, as USD and Warp do, the kernel
+reports (inotify)."""
 
 import ctypes
 import json

@@ -1,4 +1,4 @@
-"""Blender renders what our picture shows: the same colors and highlights, where its Python module is installed."""
+"""Blender renders our picture alike: the same colors and highlights, where its Python module is installed."""
 
 from pathlib import Path
 

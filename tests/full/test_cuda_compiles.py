@@ -30,7 +30,7 @@ from balloon_warp.schedules.patches import cut_into_patches, layout_of_patches, 
 pytestmark = pytest.mark.skipif(sys.platform == "darwin", reason="Warp has no CUDA there")
 HOPPER = 90
 GPU = SimpleNamespace(is_cpu=False, is_cuda=True, sm_count=132, max_shared_memory_per_block=226 << 10)
-"""What layouts ask of an H100"""
+"""The properties of an H100 that layouts ask for"""
 IN_A_CORNER = Scene(
     balloon=[Balloon(mesh=quad_sphere(3), position=(2.0, 2.0, 0.0))],
     obstacle=[Obstacle(shape="plane"), Obstacle(shape="plane", rotation=(0.0, 0.0, -90.0))],

@@ -1,5 +1,5 @@
-"""Gradients: frames hand on what spheres and touching balloons carry, and back; that of a bounce is the slope of
-what it derives."""
+"""Gradients: frames hand on the states of spheres and touching balloons, and the bars back; that of a bounce is the
+slope of its loss."""
 
 from typing import Any
 
@@ -58,7 +58,7 @@ def test_frames_one_by_one_have_the_derivatives_of_gradient(name: str, device: s
 
 
 def test_the_gradient_of_a_bounce_is_the_slope_over_many():
-    """The mean is within 1.5 %, three times what the deviation of 1.6 % makes of the mean of 17 worlds. It was a fifth
+    """The mean is within 1.5 %, three times the deviation of the mean of 17 worlds by theirs of 1.6 %. It was a fifth
     off while a step stopped all of an approach, whenever in the step the ground was met."""
     slope, gradients = slope_and_gradients("ground", 0.0, worlds=17)
     assert np.std(gradients) < 0.05 * abs(slope)

@@ -16,9 +16,9 @@ newton = pytest.importorskip("newton")
 RATE = 100.0
 THICKNESS, MODULUS = 2.0e-4, 3.0 * 3.3e5
 AS_NEWTON_HAS_IT = 0.499
-"""Poisson's ratio, of what is incompressible"""
+"""Poisson's ratio of incompressible materials"""
 KNOWN = ("authored velocities are not imported", "is incompressible")
-"""what Newton 1.8 says of latex, and must"""
+"""warnings that Newton 1.8 gives of latex, and must"""
 OF_SPRINGS = (*KNOWN, "no valid surface thickness", "surfaceShearStiffness is not applied")
 
 

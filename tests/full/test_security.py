@@ -118,7 +118,7 @@ def test_a_command_opens_nothing_elsewhere_but_its_programs(command: str, told: 
     folder, done = told[0], told[1]
     package = Path(balloon_warp.__path__[0]).resolve().parent
     places = [folder, package, sys.prefix, sys.base_prefix, done["inspect"]["cache"], "/dev/null", "/proc", "/sys"]
-    if sys.pycache_prefix:  # PYTHONPYCACHEPREFIX: where Python keeps what it compiles, else beside its modules
+    if sys.pycache_prefix:  # PYTHONPYCACHEPREFIX: where Python keeps its bytecode, else beside its modules
         places.append(sys.pycache_prefix)
     elsewhere = [path for path in done[command]["opened"] if not is_within(path, places)]
     temporary = [path for path in elsewhere if is_within(path, [tempfile.gettempdir()])]

@@ -1,4 +1,4 @@
-"""Mark of what stands in this folder: it is judged by physics, see `--shake`, but for what compares bits and files."""
+"""Mark of tests in this folder: judged by physics, see `--shake`, but for those that compare bits or files."""
 
 import pytest
 

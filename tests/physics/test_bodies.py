@@ -1,5 +1,5 @@
-"""Free rigid bodies: how they turn, bounce, slide, stand and lean, and what they exchange with balloons and spheres;
-and mass properties of balloons, measured on the device."""
+"""Free rigid bodies: how they turn, bounce, slide, stand and lean, and their exchange of momentum with balloons and
+spheres; and mass properties of balloons, measured on the device."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -52,7 +52,7 @@ def tumbled(device: str, substeps: int, frames: int = 100) -> tuple[float, NDArr
     for _ in range(frames):
         simulator.step()
         worst = max(worst, abs(kinetic(simulator) - energy))
-        np.testing.assert_array_equal(body_state(simulator, "momenta"), momenta)  # it is what is kept
+        np.testing.assert_array_equal(body_state(simulator, "momenta"), momenta)  # these are kept
     return worst / energy, body_state(simulator, "turns")[0]
 
 
@@ -151,7 +151,7 @@ FALL = 0.9
 
 def tops(simulator: Simulator, seconds: float, rest: float) -> list[float]:
     """Return the apex of a body after each bounce, above where it rests [m]: of each flight the frame nearest to its
-    top, less than a hundredth of a second from there, and what is left to go there, v^2 / 2 g."""
+    top, less than a hundredth of a second from there, and the rest of the way there, v^2 / 2 g."""
     found, best, before = [], (np.inf, 0.0), 0.0
     for _ in range(round(seconds * 60.0)):
         simulator.step()
@@ -281,7 +281,7 @@ def substeps_of(**fields: Any) -> int:
 
 @pytest.mark.always
 def test_auto_counts_bodies_and_spheres():
-    """Substeps follow from what may touch at all, by spin, and by speed over size, that of a fall to come as well."""
+    """Substeps follow from things that may touch, by spin, and by speed over size, that of a fall to come as well."""
     crate = Body(position=(0, 1, 0))
     assert substeps_of() == 1
     assert substeps_of(sphere=[Sphere(position=(0, 1, 0))]) == 8
@@ -408,7 +408,7 @@ def test_a_body_shot_at_a_balloon_does_not_go_through_particles(device):
 
 
 MOST = np.array([1.0e-3, 0.5, 1.0e-4])
-"""[m] and [degrees]: what nobody sees. They stay to some micrometers; `kernels.laws.grip` leaves overlaps of a
+"""[m] and [degrees]: motion that nobody sees. They stay to some micrometers; `kernels.laws.grip` leaves overlaps of a
 hundred-thousandth of their size. And of the energy, by where their velocities stop to agree"""
 
 
@@ -572,7 +572,7 @@ def test_an_overlap_is_shared_by_mass(device):
     simulator = started(device, *bodies, **SPACE)
     start = body_state(simulator, "positions")
     ways = (body_state(after(simulator, 10), "positions") - start)[:, 1]
-    np.testing.assert_allclose(ways, [-0.75e-3, 0.25e-3], atol=3e-6)  # but for what is no overlap, see above
+    np.testing.assert_allclose(ways, [-0.75e-3, 0.25e-3], atol=3e-6)  # but for the overlap left over, see above
     np.testing.assert_array_equal(body_state(simulator, "velocities"), 0.0)
     np.testing.assert_array_equal(body_state(simulator, "momenta"), 0.0)
 

@@ -1,4 +1,4 @@
-"""Bundled scenes of rubber and foil do what they are there to show."""
+"""Bundled scenes of rubber and foil show the effects for which they are there."""
 
 from functools import partial
 from itertools import pairwise
@@ -89,7 +89,7 @@ def test_rocket_balloon_is_driven_by_its_jet_and_loops():
         radius = np.cbrt(3.0 * frame.volumes[0] / (4.0 * np.pi))
         jet = 2.0 * 0.25 * np.pi * 0.01**2 * frame.pressures[0]
         drag = 0.5 * air * 0.47 * np.pi * radius**2 * speed**2 + 0.002 * speed
-        leaving = 60.0 * (mass_of(before) - mass_of(frame)) * speed  # what goes at the balloon's own speed
+        leaving = 60.0 * (mass_of(before) - mass_of(frame)) * speed  # the gas that goes at the balloon's own speed
         expected += (jet + 9.81 * (air * frame.volumes[0] - mass) - drag - leaving) / 60.0
     assert gained == pytest.approx(expected, rel=0.02)
     centers = np.array([frame.points[0].mean(axis=0) for frame in frames])

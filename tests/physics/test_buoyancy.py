@@ -169,8 +169,8 @@ def test_buoyancy_30_km_above_the_sea(device: str):
 
 @pytest.mark.parametrize("gamma", [1.0, 1.4])
 def test_a_gas_that_is_carried_up_presses_more(gamma: float, device: str):
-    """Gas at 3,000 m presses by what it was filled with at 1,000 m, cooled with the air or not. The balloon is too
-    heavy to expand in a millisecond, and its amount of gas balances the air at 1,000 m."""
+    """Gas at 3,000 m presses by the amount of its fill at 1,000 m, cooled with the air or not. The balloon is too heavy
+    to expand in a millisecond, and its amount of gas balances the air at 1,000 m."""
     (low, warm, _), (high, cold, _) = standard_air(1000.0, 0.0065), standard_air(3000.0, 0.0065)
     ball = quad_sphere(3, 5.0)
     amount = low * signed_volume(ball) / (GAS_CONSTANT * warm)

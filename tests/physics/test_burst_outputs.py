@@ -20,7 +20,7 @@ from balloon_warp.sweep.recorder import Recorder, columns_of
 
 
 def test_the_stage_loses_the_faces_that_tear(tmp_path, device: str):
-    """Areas exclude torn faces, volumes are of what holds gas, and pictures do not draw them."""
+    """Areas exclude torn faces, volumes are of the surface that bounds gas, and pictures do not draw them."""
     scene = scene_of(quad_sphere(4, 0.1), needle_time=1e-3, tear_strength=1e6)
     simulator = filled(scene, 2.0, device)
     path = tmp_path / "burst.usdc"

@@ -1,4 +1,4 @@
-"""Balloons that burst: the criterion, how tears run, what holes let out, and what becomes of the pieces."""
+"""Balloons that burst: the criterion, the run of tears, the outflow through holes, and the fate of the pieces."""
 
 from typing import Any
 
@@ -122,7 +122,7 @@ def test_one_tear_opens_it_at_low_tension(device: str):
     size = masses(simulator).sum() * np.abs(simulator.state.velocities.numpy()).max()
     last = np.broadcast_to(momenta[free], np.shape(momenta[free:]))
     np.testing.assert_allclose(momenta[free:], last, atol=1e-4 * size)
-    assert max(energies) < before + gas  # and what the gas has given
+    assert max(energies) < before + gas  # and the energy of the gas
     assert energies[-1] < before
     assert all(np.isfinite(array.numpy()).all() for array in simulator.state.arrays.values())
 
@@ -223,8 +223,8 @@ def test_it_goes_on_bit_for_bit(device: str):
 @pytest.mark.always
 def test_a_hole_lets_out_what_its_area_does():
     """The rate is C A root(2 p / rho): until half is gone within 5 %, for the ball is not round where it is torn. The
-    jet drives what is left, and the gas in it, by 2 C A p along the hole's normal, within 5 %. The rest of the motion
-    is by a torn face's own tension."""
+    jet drives the remnant, and the gas in it, by 2 C A p along the hole's normal, within 5 %. The rest of the motion is
+    by a torn face's own tension."""
     gas = Inflation(kind="gas", molar_mass=0.0289652, added_mass=0.0)
     scene = scene_of(quad_sphere(6, 0.1), rate=500.0, gas=gas, needle_time=0.01, tear_strength=8e9, strength=9e9)
     simulator = filled(scene, 1.5)

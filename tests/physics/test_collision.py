@@ -463,7 +463,7 @@ def test_a_balloon_carries_a_sphere(device: str):
 def test_a_balloon_turns_a_sphere_and_both_keep_what_physics_keeps(
     at: tuple[float, ...], radius: float, mass: float, friction: float, device: str
 ):
-    """Energy swings by h omega / 2 of what is in the fastest springs. Rounding is that of test_faces."""
+    """Energy swings by h omega / 2 of that in the fastest springs. Rounding is that of test_faces."""
     ball = Sphere(position=at, radius=radius, mass=mass, velocity=(-2.0, 1.0, 0.4), friction=friction)
     fine = {"mesh": quad_sphere(8, 0.5), "mass": 0.3, "inflation": Inflation(pressure=0.0)}
     simulator = struck(device, mass, fine, sphere=[ball], substeps=60)

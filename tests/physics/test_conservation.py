@@ -63,8 +63,7 @@ def test_a_free_balloon_keeps_momentum_and_angular_momentum_for_10000_substeps(k
 
 @pytest.mark.parametrize("normals", ["cached", "fresh"])
 def test_the_papers_inflation_pushes_a_free_balloon_about(normals, device):
-    """(A_p / A) n, with the nearest face's area and a mean of normals, has a net force over what is no perfect
-    sphere."""
+    """(A_p / A) n, with the nearest face's area and a mean of normals, has a net force over an imperfect sphere."""
     simulator = thrown(device, balloon={"inflation": Inflation(k_normal=0.2)}, normals=normals)
     drift, rounding = drifts(simulator, frames=20)
     assert (drift > 1e2 * rounding).all()

@@ -233,7 +233,7 @@ def test_a_world_that_began_again_has_what_it_pressed_then(tmp_path: Path):
         again = json.loads((tmp_path / policy / "manifest.json").read_text()).get("restarted_worlds", {})
         substeps = again.get("1", 60)
     assert [row["health"] for row in rows["restart"]] == ["1", "2"]
-    assert rows["restart"][0].items() <= rows["freeze"][0].items()  # where what blew up touched the ground, too
+    assert rows["restart"][0].items() <= rows["freeze"][0].items()  # where the blown-up world touched the ground, too
     assert rows["restart"][1] == rows["stop"][1] | {"health": "2"}
     frozen, again = (float(rows[policy][1]["upper_on_lower_force_max"]) for policy in ("freeze", "restart"))
     assert again < 0.1 * frozen

@@ -156,7 +156,7 @@ def test_a_knot_is_round_in_pictures_and_in_a_glb(stage: Usd.Stage, tmp_path: Pa
 
 
 class Drawn:
-    """Stand-in for the page's server that records what is drawn."""
+    """Stand-in for the page's server that records the drawn objects."""
 
     def __init__(self):
         self.scene, self.meshes = self, {}

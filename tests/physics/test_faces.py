@@ -75,7 +75,7 @@ def test_without_touch_it_flies_through(device):
 @pytest.mark.parametrize("speed", [1.0, 20.0])
 def test_both_keep_momentum_and_angular_momentum_and_gain_no_energy(speed, schedule, device):
     """Places and velocities are rounded by up to half an epsilon each substep, and once more at each of some hundred
-    contacts. Springs swing by h omega / 2 of what is in the fastest, as without contact."""
+    contacts. Energy of springs swings by h omega / 2 of that in the fastest, as without contact."""
     ball = Sphere(position=(0.7, 0.12, 0.05), radius=0.02, mass=0.05, velocity=(-speed, 0.0, 0.2 * speed))
     scene = flight(ball, substeps=60)
     slack = scene.balloon[0].model_copy(update={"inflation": Inflation(pressure=0.0)})

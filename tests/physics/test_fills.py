@@ -1,5 +1,5 @@
 """Balloons that are filled as in practice: by breaths, litres or moles, to a pressure or a diameter, or by a pump; how
-overrides and sweeps change what fills them; the page's slider; the paper's inflation along normals; and emptying."""
+overrides and sweeps change their fill; the page's slider; the paper's inflation along normals; and emptying."""
 
 import itertools
 import sys
@@ -105,7 +105,7 @@ def test_a_pump_follows_its_curve_and_stops(device: str):
 
 
 SCENE = Scene(balloon=[Balloon(mesh=quad_sphere(3)), Balloon(mesh=quad_sphere(3), position=(4, 0, 0))], frames=4)
-"""in which nobody said what fills the balloons"""
+"""in which nobody gave a fill for the balloons"""
 
 
 @pytest.mark.parametrize(
@@ -240,7 +240,7 @@ def test_a_pump_s_curve_stays():
 def test_many_balloons_are_inflated_at_once(monkeypatch: pytest.MonkeyPatch):
     """A hundred balloons are inflated by one plan: one by one the page stood still."""
     playground = Playground(load_scene("helium_rise"), "cpu")
-    playground.set("gravity", 9.0)  # what the scene had planned is over now
+    playground.set("gravity", 9.0)  # the scene's own plan is over now
     plans = []
     monkeypatch.setattr(module, "plan_setting", lambda *args, **kw: plans.append(1) or plan_setting(*args, **kw))
     playground.inflate(0.5 * playground.inflation)
@@ -309,7 +309,7 @@ MESH = quad_sphere(4, 0.05)
 FULL = AIR_PRESSURE * signed_volume(MESH) / (GAS_CONSTANT * TEMPERATURE)
 """of the air's pressure in the mesh's volume [mol]"""
 FLAT = 0.02
-"""what is left of the mesh's volume, see `laws.empty.EMPTY`"""
+"""part of the mesh's volume that stays, see `laws.empty.EMPTY`"""
 LATEX: dict[str, Any] = {"material": Material(kind="neo_hookean", shear_modulus=3e5, thickness=2e-4)}
 SPRINGS: dict[str, Any] = {"mass": 0.01}
 

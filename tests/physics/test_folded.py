@@ -1,5 +1,5 @@
-"""Contact of edges: rims and seams that cross between particles, and layers of what is folded at the start; parts of a
-balloon that touches itself, and what it saves to know how far apart they are."""
+"""Contact of edges: rims and seams that cross between particles, and layers that are folded at the start; parts of a
+balloon that touches itself, and the work saved by knowing how far apart they are."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -77,7 +77,7 @@ def test_layers_of_a_folded_strip_keep_apart(device: str):
 
 
 def test_layers_that_fall_on_the_ground_keep_apart(device: str):
-    """A part that is pushed into the ground, and taken out of it later, would go through what lies on it; with room for
+    """A part that is pushed into the ground, and taken out of it later, would go through the layer on it; with room for
     8 pairs of each edge, at 227 places."""
     mesh = zigzag(6, 0.002)
     flat = replace(mesh, points=mesh.points[:, [0, 2, 1]] * [1.0, 1.0, -1.0])
@@ -91,8 +91,8 @@ def test_layers_that_fall_on_the_ground_keep_apart(device: str):
 
 
 def test_which_edges_meet():
-    """Sharp edges, which are rims, seams and the edges of a box; all of what bends freely and is folded, flat or open,
-    and where balloons touch themselves; all or none, where the scene says so."""
+    """Sharp edges, which are rims, seams and the edges of a box; all of sheets that bend freely and are folded, flat or
+    open, and where balloons touch themselves; all or none, where the scene says so."""
     limp, stiff = (LIMP.model_copy(update={"flexion": flexion}) for flexion in (0.0, 5.0))
     small = square(3, 0.3)
     crate = box((0, 0, 0), (1, 1, 1), (3, 3, 3))

@@ -1,4 +1,4 @@
-"""Friction of each pair of things: the table of docs/CONTACT.md, its updates, and what a balloon on a floor loses."""
+"""Friction of each pair of things: the table of docs/CONTACT.md, its updates, and a balloon's losses on a floor."""
 
 import math
 from dataclasses import replace
@@ -94,12 +94,12 @@ SURFACES = {
     "obstacle": {"obstacle": [Obstacle(shape="plane", friction=0.5)]},
 }
 LOSSES = [(0.08, 0.8, 0.6), (None, 0.8, 0.3), (0.0, 0.8, 0.8), (None, 0.1, 0.0), (None, 0.4, 0.0)]
-"""Friction of a balloon, its speed along the floor, and what is left of it"""
+"""Friction of a balloon, its speed along the floor, and the rest of that"""
 
 
 @pytest.mark.parametrize("surface", SURFACES)
 def test_of_what_lands_each_loses_by_its_own(surface: str, device: str):
-    """Coefficients at 1 m/s on a floor of 0.5: the root of 0.04 with 0.08 of its own; what is slower does not turn
+    """Coefficients at 1 m/s on a floor of 0.5: the root of 0.04 with 0.08 of its own; slower balloons do not turn
     back."""
     balloons = [
         Balloon(mesh=cube(), position=(3.0 * number, 0.0, 0.0), damping=0.0, inflation=SLACK, friction=own)

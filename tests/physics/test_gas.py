@@ -188,7 +188,7 @@ def test_a_tank_that_is_filled_gains_gamma_r_t_with_each_mole(device: str):
     moles = full.gas_amounts[0] - empty.gas_amounts[0]
     np.testing.assert_allclose(moles, 0.8, rtol=1e-6)
     gained = GAMMA * GAS_CONSTANT * TEMPERATURE * moles / 0.02
-    # of 400 steps each presses what came in at its start by half a step's part too little
+    # of 400 steps each presses the gas that came in at its start by half a step's part too little
     np.testing.assert_allclose(full.pressures[0] - empty.pressures[0], gained, rtol=0.3 / 400)
     full, after = advanced(simulator, 1), advanced(simulator, 1)
     assert after.gas_amounts[0] < 0.8 * full.gas_amounts[0]
@@ -412,7 +412,7 @@ def flying(neck: Neck | None, device: str, molar_mass: float = OF_AIR, **fields)
 
 
 def left_in_rigid(area: float, start: float, seconds: NDArray[np.float64], gamma: float) -> NDArray[np.float64]:
-    """Return amounts [mol] by the differential equation; what passes the neck has no time for heat."""
+    """Return amounts [mol] by the differential equation; gas that passes the neck has no time for heat."""
     volume, outside = 0.02, GAS_CONSTANT * TEMPERATURE / AIR_PRESSURE
     first = (AIR_PRESSURE + start) * volume / (GAS_CONSTANT * TEMPERATURE)
 
@@ -427,7 +427,7 @@ def left_in_rigid(area: float, start: float, seconds: NDArray[np.float64], gamma
 
 @wp.func
 def of_nozzle(pressure: float, behind: float, gamma: float):
-    """Return what a nozzle makes of flow and thrust."""
+    """Return a nozzle's factors on flow and thrust."""
     of_flow = nozzle(pressure, behind, gamma)
     return wp.vec3(of_flow[0], of_flow[1], 0.0)
 
@@ -452,7 +452,7 @@ def test_a_nozzle_is_isentropic_and_chokes(gamma: float):
 @pytest.mark.parametrize(("start", "gamma"), [(2000.0, 1.0), (2000.0, 1.4), (-2000.0, 1.0), (1.5e5, 1.4)])
 def test_a_rigid_balloon_empties_or_fills_as_a_nozzle_lets_it(start: float, gamma: float, device: str):
     """Choked from 150 kPa, frame by frame; backward Euler lags by less than a step, and the tolerance of 2 % of a
-    frame's outflow is a tenth of that. What is drawn in is air by the same law."""
+    frame's outflow is a tenth of that. The balloon draws in air by the same law."""
     simulator = Simulator(rigid(start, Neck(diameter=0.02, discharge=0.7), gamma=gamma), device)
     amounts = [simulator.read_frame().gas_amounts[0]]
     amounts += [advanced(simulator, 1).gas_amounts[0] for _ in range(8)]
@@ -497,7 +497,7 @@ def test_the_jet_pushes_by_two_areas_times_the_pressure(device: str):
     simulator = flying(Neck(diameter=0.02, discharge=0.9), device)
     end, frames, flows = flown(simulator, 20)
     impulse = 0.9 * area_of(0.02) * sum(isentropic(frame.pressures[0], 1.0)[1] for frame in frames) / 1000.0
-    # what has left took its momentum along: less than a hundredth here, see the next test
+    # the outflow took its momentum along: less than a hundredth here, see the next test
     np.testing.assert_allclose(end, [0.0, impulse, 0.0], rtol=0.02, atol=2e-3 * impulse)
     np.testing.assert_allclose(flows[-1], 0.9 * area_of(0.02) * outflow(simulator, frames[-1]), rtol=0.01)
 

@@ -129,7 +129,7 @@ def test_a_stiff_string_is_part_of_the_stable_step(device):
     balloon = triangle_balloon(fixed=[1, 2], helium=20.0, damping=6.0)
     string = String(anchor=(0.0, 0.9, 0.0), particle=0, stiffness=1e5)
     frame = simulated(Scene(balloon=[balloon], string=[string], frames=60), device)
-    # exp(-10) of the ringing is left, so what counts is that float32 has steps of 1e-7 m at a height of 1 m
+    # exp(-10) of the ringing is left, so that float32's steps of 1e-7 m at a height of 1 m count
     np.testing.assert_allclose(frame.points[0][0], [0.0, 1.0 + 0.3 * (20.0 - 9.81) / 1e5, 0.0], atol=5e-7)
     assert np.abs(frame.velocities[0]).max() < 1e-3
 

@@ -1,5 +1,5 @@
-"""Obstacles with given motion, against closed forms: nothing passes them, at any speed, angle and thickness, and what
-slides on them obeys Coulomb; and with the motion of a USD stage. Particles without springs are independent."""
+"""Obstacles with given motion, against closed forms: nothing passes them, at any speed, angle and thickness, and
+sliding particles obey Coulomb; and with the motion of a USD stage. Particles without springs are independent."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -246,7 +246,7 @@ def test_what_flies_past_a_post_is_stopped_where_it_cuts_it(radius: float, devic
 @pytest.mark.parametrize("friction", [0.0, 0.2])
 @pytest.mark.parametrize("degrees", [0.0, 17.0])
 def test_flush_boxes_are_one_floor(degrees: float, friction: float, device: str):
-    """Friction alone slows what slides; without gravity, exactly along the tops, nothing does."""
+    """Friction alone slows sliding particles; without gravity, exactly along the tops, nothing does."""
     places = [(0.3 * i, -0.05, 0.3 * j) for i in range(-1, 8) for j in range(-1, 6)]
     boxes = [Obstacle(size=(0.3, 0.1, 0.3), position=place, friction=friction) for place in places]
     turn = np.radians(degrees)

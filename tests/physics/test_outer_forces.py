@@ -39,7 +39,7 @@ def momenta(simulator: Simulator) -> np.ndarray:
 
 @pytest.mark.parametrize("solver", ["symplectic_euler", "forward_euler", "projective"])
 def test_momentum_grows_by_force_times_time(solver: str, device: str) -> None:
-    """Springs add nothing to it: to float32's rounding, and for the implicit solver to what its iterations leave."""
+    """Springs add nothing to it: to float32's rounding, and for the implicit solver to its iterations' residual."""
     simulator = driven(device, scene=SCENE.model_copy(update={"solver": solver}))
     told = GIVEN / 60.0 * sum(1.0 + 0.5 * frame for frame in range(FRAMES))
     np.testing.assert_allclose(momenta(simulator), told, atol=2e-5 * np.abs(told).max())

@@ -52,7 +52,7 @@ def test_springs_far_too_stiff_for_the_explicit_steps_stay_stable(device):
     frame = simulator.read_frame()
     ends = simulator.model.spring_particles.numpy()
     lengths = np.linalg.norm(np.diff(frame.points[0][ends], axis=1)[:, 0], axis=1)
-    # 10 N of inflation in all, 0.1 N a particle, hardly stretch springs of 1,000 N/m; the rest is what still swings
+    # 10 N of inflation in all, 0.1 N a particle, hardly stretch springs of 1,000 N/m; the rest is the swing left over
     np.testing.assert_allclose(lengths / simulator.model.spring_rest_length.numpy(), 1.0, atol=0.05)
 
 

@@ -33,7 +33,7 @@ THINGS: dict[str, dict[str, Any]] = {
     "thin body": {"body": [Body(size=(0.006, 0.5, 1.0), position=(0.02, -0.27, 0.03), mass=20.0)], "gravity": 0.0},
     "needle": {"sphere": [Sphere(radius=0.01, mass=0.2, position=(0.03, -0.02, 0.03))], "gravity": 0.0},
 }
-"""what a ball falls on, its top at a height of 0"""
+"""solids that a ball falls on, the top at a height of 0"""
 
 
 def ball(cells: int, speed: float = 3.0, height: float = 0.52, **given: Any) -> Balloon:

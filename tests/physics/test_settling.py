@@ -73,7 +73,7 @@ def test_a_world_does_not_go_by_what_others_need(stiff_balls: Simulator):
 
 
 def test_a_step_that_has_settled_is_newtons():
-    """A converged step is Newton's of backward Euler, kicked, to 1% of what the springs do in it."""
+    """A converged step is Newton's of backward Euler, kicked, to 1% of the effect of springs in it."""
     step, points = one_step("auto", "cpu")
     expected = step.minimum(points)
     foreseen = step.start + step.free

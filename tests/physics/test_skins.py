@@ -29,7 +29,7 @@ def test_the_mass_is_that_of_the_skin():
     np.testing.assert_allclose(plan.parameters["mass"][:, 0], [area * 1e-4 * 940.0, area * 3e-4 * 940.0], rtol=2e-3)
     np.testing.assert_allclose(plan.shapes[0].mass_share.sum(), 1.0)
     fixed = plan_model(latex(fixed=[0])).shapes[0].mass_share
-    np.testing.assert_allclose(fixed[1:], plan.shapes[0].mass_share[1:])  # what is fixed keeps its own
+    np.testing.assert_allclose(fixed[1:], plan.shapes[0].mass_share[1:])  # a fixed particle keeps its own
     assert fixed[0] == 0.0
 
 

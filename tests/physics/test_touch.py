@@ -1,4 +1,4 @@
-"""Contact of balloons with each other and with themselves: what it keeps, what it keeps out, and how skins rub."""
+"""Contact of balloons with each other and with themselves: conservation, overlaps, and how skins rub."""
 
 import re
 from dataclasses import replace
@@ -43,8 +43,8 @@ EPSILON = float(np.finfo(np.float32).eps)
 
 def test_a_collision_keeps_momentum_and_gives_no_energy(device: str):
     """Momentum and angular momentum are conserved to the rounding of velocities and places. Energy of motion and
-    springs does not grow, from springs at rest and a push, but for the swing of explicit steps, half of h omega of what
-    is in the springs' fastest modes."""
+    springs does not grow, from springs at rest and a push, but for the swing of explicit steps, half of h omega of that
+    in the springs' fastest modes."""
     simulator = Simulator(collision(), device)
     start, spin, first, most, touched = momentum(simulator), angular_momentum(simulator), energy(simulator), 0.0, 0
     for frame in range(1, 61):
@@ -99,7 +99,7 @@ def test_many_contacts_on_a_particle_give_no_energy(device: str):
 def test_what_crumples_is_no_faster_than_it_falls(count: int, fineness: int, softness: float, frames: int, device: str):
     """Speeds of slack balls that fall on each other stay below that of the fall, but for a fifth, by which a skin may
     whip. Lost energy does not return, but for the swing of explicit steps: a two-thousandth. If contacts in a crowd did
-    not share what a step allows, six would gain more while they settle."""
+    not share the limit of a step, six would gain more while they settle."""
     soft = Stiffness(structural=40.0 * softness, shear=20.0 * softness, flexion=2.0 * softness)
     slack = {"mesh": quad_sphere(fineness, RADIUS), "stiffness": soft, "damping": 0.3, "inflation": SLACK}
     balls = [ball(0.1 * n, 0.55 + 1.05 * n, 0.05 * n, **slack) for n in range(count)]
@@ -149,7 +149,7 @@ def test_fast_balloons_do_not_come_through_each_other(touches: bool, device: str
 )
 def test_what_overlaps_at_the_start_comes_apart_gently(apart: tuple[float, float], inflation: Inflation, device: str):
     """An initial overlap is resolved gently: ten times the overlap begins to push each second, on either side, so that
-    no particle gets faster than twice ten times the deepest overlap, but for what a pressure adds."""
+    no particle gets faster than twice ten times the deepest overlap, but for the speed by a pressure."""
     balls = [ball(0.0, 0.0, 0.0, inflation=inflation), ball(*apart, 0.0, inflation=inflation)]
     simulator = Simulator(Scene(balloon=balls, touch=Touch(), **VACUUM), device)
     deep, fastest = deepest(simulator), 0.0

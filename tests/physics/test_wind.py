@@ -106,7 +106,7 @@ def test_gusts_belong_together_over_their_length(device: str):
 
 
 def test_the_wind_carries_gusts_along(device: str):
-    """Gusts move with the wind by Taylor's hypothesis: what is here now was upwind before."""
+    """Gusts move with the wind by Taylor's hypothesis: those here now were upwind before."""
     places = RANDOM.uniform(-2.0, 2.0, (500, 3))
     # float32 knows 20 m to a millionth of them, and the shortest waves, which are weak, are 1.7 cm
     carried = gusts(places + 3.0 * np.array(WIND), device, time=3.0)

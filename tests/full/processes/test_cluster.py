@@ -189,7 +189,7 @@ LOST = {
     "all": (None, lambda workers: workers.scale(0), r"^all workers ended, and none came for 1 s; "),
     "the scheduler": (None, lambda workers: workers.close(), r"^the scheduler is gone"),
 }
-"""what prepares a worker, what happens to all of them at each frame, and the sentence"""
+"""the preparation of a worker, the event for all of them at each frame, and the sentence"""
 
 
 @pytest.mark.parametrize("which", LOST)

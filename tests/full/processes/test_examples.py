@@ -28,9 +28,9 @@ PROGRAMS: dict[str, tuple[dict[str, int], list[str], str | None]] = {
     "11_mesh_graph_net": ({"WORLDS": 12, "FRAMES": 4, "STEPS": 2}, ["mesh_graph_net.png", "thrown"], "torch"),
     "12_ppo": ({}, ["ppo_Inflate.csv", "ppo_Inflate.png"], "torch"),
 }
-"""what replaces each one's numbers, the files that it makes, and the package that it needs"""
+"""the numbers that replace each one's, the files that it makes, and the package that it needs"""
 ARGUMENTS = {"12_ppo": "Inflate --envs 8 --steps 4 --updates 3 --device cpu"}
-"""what follows a program's name"""
+"""arguments of a program"""
 
 
 def small(name: str, folder: Path) -> Path:
@@ -50,7 +50,7 @@ def test_all_are_here():
 
 @pytest.fixture
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return a folder for what programs write, with plots off the screen."""
+    """Return a folder for the files that programs write, with plots off the screen."""
     monkeypatch.setenv("MPLBACKEND", "Agg")
     (tmp_path / "out").mkdir()
     monkeypatch.chdir(tmp_path / "out")

@@ -1,4 +1,4 @@
-"""Gradients on workers: each derives the loss of some of the worlds, and together they give what one process gives."""
+"""Gradients on workers: each derives the loss of some of the worlds, and together they give those of one process."""
 
 import re
 import threading

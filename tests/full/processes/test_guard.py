@@ -147,7 +147,7 @@ def test_a_page_for_others_warns_and_no_stranger_fills_the_terminal(host: str | 
         rest, complaints = process.communicate(timeout=300)
     assert process.returncode == 0
     assert complaints.startswith("note: ball.obj inflates above a floor. ")
-    told = complaints.splitlines()[1:]  # of what a browser may be behind a proxy, once, and of nothing else
+    told = complaints.splitlines()[1:]  # of the browser that may be behind a proxy, once, and of nothing else
     assert len(told) <= 1
     assert all("a page at https://evil.example is refused" in line for line in told)
     warning = (

@@ -23,7 +23,7 @@ from balloon_warp.viewer.page import Page  # noqa: E402
 NAN, INF = float("nan"), float("inf")
 
 REFUSED = (InvalidHandshake, ConnectionClosed, OSError, EOFError)
-"""what a client may see of a connection that is not let in"""
+"""exceptions that a client may see of a connection that is not let in"""
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,7 @@ def test_two_processes_simulate_a_share_each(monkeypatch: pytest.MonkeyPatch):
     (result,) = measure_scaling(SMALL, [2])
     work = 2 * 8 * 56 * 32 * SMALL.frames
     assert (result.case, result.worlds, result.particles) == ("8 balloons x 2", 16, 56)
-    assert result.ratio == pytest.approx(1.0)  # the first count is what the others are compared with
+    assert result.ratio == pytest.approx(1.0)  # the others are compared with the first count
     assert 0.0 < work / result.rate < time.perf_counter() - began
 
 

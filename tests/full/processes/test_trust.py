@@ -59,7 +59,7 @@ HARM = {
     "fuzz.fuzz_for": (lambda: trust.mutated_files("meshes", 1.0), (Counter(), "a hang"), "a hang"),
     "fuzz.try_table": (trust.bad_meshes, (Counter(), ["plain: refused"]), "plain: refused"),
 }
-"""what may be found, by what finds it: the effort, what is found, and the failure"""
+"""harm that may be found, by its finder: the effort, the findings, and the failure"""
 
 
 @pytest.mark.parametrize("finder", HARM)

@@ -192,7 +192,7 @@ def test_a_blow_up_is_caught_and_undone(fresh, served):
     uncheck(fresh, "Advanced", "keep the step stable")
     unfold(fresh, "Balloon", "structural springs")
     stiffness = "structural springs"
-    # Softer, which its substeps bear for ever: what is stiffer blows up by itself, and its good states with it.
+    # Softer, which its substeps bear for ever: a stiffer one blows up by itself, and its good states with it.
     slide(fresh, stiffness, 30.0, lambda: served.session.picture.scene.balloon[0].stiffness.structural == 30.0)
     before = volume(served)
     served.session.set("balloon.stiffness.structural", 1e9)

@@ -323,7 +323,7 @@ playground.step()
 ahead.begin(playground.start, "cpu")
 print("process", ahead._process and ahead._process.pid, flush=True)
 """
-"""what the page does first, with kernels that stay as they are written: it is about which are compiled"""
+"""start of the page, with kernels that stay as they are written: it is about which are compiled"""
 PLAYED = (
     PAGE
     + """
