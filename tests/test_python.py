@@ -139,6 +139,8 @@ MISTAKES: dict[str, tuple[Callable[[], Any], str]] = {
     "unnamed": (lambda: bw.Balloon("a.obj"), r"^Balloon: takes fields by their names, as in Balloon\(mesh=\.\.\.\)$"),
     "set": (lambda: setattr(scene(), "frames", 3), r"^frames: a Scene does not change; load_scene"),
     "mesh": (lambda: bw.Balloon(mesh=42), r"^balloon\.mesh: must be a path or a PolygonMesh \(got 42\)$"),
+    "no list": (lambda: bw.Scene(balloon=bw.Balloon(mesh=BALL)), r"^balloon: is one Balloon; expected a list of them"),
+    "plural": (lambda: bw.Scene(balloons=[]), r"^balloons: unknown field; did you mean balloon\?$"),
     "points": (lambda: bw.Balloon(mesh=([[0, 0]], [[0]])), r"^balloon\.mesh\.points: must have shape \(n, 3\)"),
     "faces": (lambda: bw.load_mesh((BALL.points, [["a"]])), r"^faces: face 0 must be point numbers, counted from 0"),
     "no faces": (lambda: bw.load_mesh((BALL.points, 3)), r"^faces: must be lists of point numbers \(got int\)$"),
@@ -156,6 +158,30 @@ MISTAKES: dict[str, tuple[Callable[[], Any], str]] = {
     "shape": (lambda: simulator().set_parameters({"mass": [1, 2]}), r"^mass: must be numbers of shape \(1, 1\)"),
     "nan": (lambda: simulator().set_parameters({"mass": np.nan}), r"^mass: must be finite \(got nan\)$"),
 }
+
+
+def test_names_of_colors_and_presets_are_taken():
+    """Names and digits are sRGB: 128 of 255 is 0.216 in linear light (IEC 61966-2-1)."""
+    assert bw.Balloon(mesh=BALL, color="red").color == (1.0, 0.0, 0.0)
+    assert bw.Balloon(mesh=BALL, color="#ff8000").color == pytest.approx((1.0, 0.21586, 0.0), abs=1e-5)
+    assert bw.Balloon(mesh=BALL, material="latex").material == bw.Material(preset="latex")
+
+
+@pytest.mark.parametrize(
+    ("fields", "doubt"),
+    [
+        ({"gravity": -9.81}, "gravity: -9.81 m/s2 pulls up, since positive is down; meant 9.81?"),
+        (
+            {"helium": 14000.0},
+            "mesh: helium lifts by 14000 N for each kilogram of the balloon? 11.8 lets it rise slowly",
+        ),
+    ],
+)
+def test_signs_and_sizes_that_others_have_are_asked_back(fields: dict[str, float], doubt: str):
+    own = {name: value for name, value in fields.items() if name == "helium"}
+    others = {name: value for name, value in fields.items() if name not in own}
+    of = bw.Scene(balloon=[bw.Balloon(mesh=BALL, **own)], **others)
+    assert doubt in bw.Simulator(of, "cpu").warnings
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)

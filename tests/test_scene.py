@@ -93,7 +93,13 @@ def test_an_override_reaches_all_or_one_and_makes_tables_that_are_not_there(scen
         ("mass=3", r"mass: unknown field; did you mean balloon\.mass, sphere\.mass or body\.mass\?$"),
         ("balloon.shear=3", r"balloon\.0\.shear: unknown field; did you mean balloon\.stiffness\.shear\?$"),
         ("balloon.penalty=3", r"balloon\.0\.penalty: unknown field; did you mean sphere\.penalty\?$"),
-        ("balloon.color=red", r"balloon\.0\.color: must be numbers in brackets \(got 'red'\)"),
+        ("balloon.color=redd", r"balloon\.0\.color: must be numbers in brackets \(got 'redd'\)"),
+        (
+            "balloon.material.kind=latex",
+            r"balloon\.0\.material\.kind: \"latex\" is a preset; expected preset = \"latex\"$",
+        ),
+        ("balloon.material=rubber", r"balloon\.0\.material\.preset: must be 'latex', .* \(got 'rubber'\)"),
+        ("fps=24", r"^fps: unknown field; did you mean frames_per_second\?$"),
         (
             "colour=1",
             r"colour: unknown field; did you mean balloon\.color, sphere\.color, obstacle\.color or body\.color\?$",
@@ -496,7 +502,7 @@ def test_every_default_of_a_scene_stands_in_them():
         ("`mesh`", "file", "required"),
         ("`molar_mass`", "number ≥ 0", "`0.0040026`"),
         ("`particle`", 'whole number ≥ 0 or `"highest"` or `"lowest"`', '`"lowest"`'),
-        ("`color`", "3 numbers from 0 to 1", "-"),
+        ("`color`", "3 numbers from 0 to 1 or text", "-"),
         ("`restitution`", "number from 0 to 1", "`0.3`"),
     }
 

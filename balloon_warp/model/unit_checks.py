@@ -21,16 +21,21 @@ HEAVIEST = 100.0
 """Largest mass over that of the air in a sphere of the balloon's size"""
 LIGHT = 5.0
 """Largest mass without a warning [kg]: a mesh by itself has less"""
+LIFTED = 100.0
+"""Largest lift by helium over weight"""
 AIR = 1.2
 """Density of air [kg/m^3]"""
 
 
 def doubts_about(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> list[str]:
-    """Return warnings of values that may be in another unit: sizes, walls and masses of balloons, in any world.
+    """Return warnings of values that may be in another unit, or of another sign, in any world.
 
-    Also of meshes turned to an up axis that their files do not name.
+    Of gravity, and of balloons' sizes, walls, masses and lift. Also of meshes turned to an up axis that their files do
+    not name.
     """
     found = []
+    if (gravity := float(parameters["gravity"].min())) < 0.0:
+        found.append(f"gravity: {gravity:g} m/s2 pulls up, since positive is down; meant {-gravity:g}?")
     for number, (balloon, shape) in enumerate(zip(scene.balloon, shapes, strict=True)):
         size, mass = size_of(shape.mesh), float(parameters["mass"][:, number].max())
         if not SMALLEST <= size <= LARGEST and balloon.unit is None:
@@ -49,6 +54,12 @@ def doubts_about(scene: Scene, shapes: Sequence[BalloonShape], parameters: Param
         if mass > max(LIGHT, HEAVIEST * AIR * np.pi / 6.0 * size**3):
             found.append(
                 f"{shape.name}: a mass of {mass:.3g} kg, for a balloon of {size:.3g} m? Masses are in kilograms"
+            )
+        lift, weight = float(parameters["helium"][:, number].max()), float(np.abs(parameters["gravity"]).max())
+        if lift > LIFTED * max(weight, 1.0):
+            found.append(
+                f"{shape.name}: helium lifts by {lift:g} N for each kilogram of the balloon? "
+                f"{1.2 * weight:.3g} lets it rise slowly"
             )
     return found
 

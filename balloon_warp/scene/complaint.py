@@ -13,6 +13,8 @@ from balloon_warp.suggestions import ask, closest, did_you_mean
 
 LISTS = ("balloon", "sphere", "string", "obstacle", "body", "tube", "force", "change")
 """Tables that may occur several times"""
+ALSO_CALLED = {"fps": "frames_per_second", "frame_rate": "frames_per_second"}
+"""Fields by names that other programs have for them"""
 MOST_ASKED = 4
 """Largest number of fields that a question names"""
 
@@ -82,6 +84,8 @@ def _hint(details: ErrorDetails, schema: type[BaseModel]) -> str:
     """
     name, (steps, table) = str(details["loc"][-1]), _walk(details, schema)
     only_tables = _is_table(details["input"])
+    if (meant := ALSO_CALLED.get(name, name.removesuffix("s"))) in table.model_fields:
+        return ask([meant])
 
     def paths_of(is_meant: Callable[[str], bool]) -> list[str]:
         return [*_paths_of(schema, is_meant, only_tables)]

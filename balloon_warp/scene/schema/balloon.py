@@ -31,6 +31,11 @@ from balloon_warp.scene.schema.inflation import Inflation, Neck
 from balloon_warp.scene.schema.material import Material
 
 
+def _preset_of(given: Any) -> Any:
+    """Return the table of a material that is the name of its preset; all else as it is."""
+    return {"preset": given} if isinstance(given, str) else given
+
+
 class Stiffness(Table):
     """Spring constants k [N/m] of the three kinds of springs (paper, figure 3)."""
 
@@ -136,7 +141,7 @@ class Balloon(Table):
     """File of springs (.npz), sought beside the scene file, in place of the mesh's own springs: `pairs` of particles,
     shape (m, 2); `rest_lengths` in the mesh's unit; and `constants` [N/m], which a later change of `stiffness`
     multiplies"""
-    material: Material = Material()
+    material: Annotated[Material, BeforeValidator(_preset_of)] = Material()
     """Material of the balloon: springs, as in the paper, or rubber or film with a thickness."""
     inflation: Inflation = Inflation()
     """Inflation of a balloon: a pressure, a sealed gas, or the paper's normal forces."""
@@ -147,7 +152,8 @@ class Balloon(Table):
     and `o` of an OBJ file, subsets of USD). In Python also a mask, or a function from the mesh's own points, shape (n,
     3), to a mask, shape (n,)"""
     color: Color | None = None
-    """Linear RGB; when missing, the colors or images of the mesh file, else a color of the palette"""
+    """Linear RGB, or a color of the web, "red" or "#ff8000"; when missing, the colors or images of the mesh file, else
+    a color of the palette"""
     look: Literal["latex", "foil"] | None = None
     """Appearance: translucent latex, or foil, which mirrors. When missing, latex, but foil where the material's preset
     is foil or nylon, and an opaque skin where the color is the mesh's own"""

@@ -37,7 +37,7 @@ class Sphere(Table):
     """Coulomb friction coefficient; a contact takes the geometric mean of both, so that 0 slides on everything and does
     not turn. Against balloons it acts with `contact = "impulse"`, or where the sphere is small and touches faces [1]"""
     color: Color | None = None
-    """Linear RGB; a color of the palette when missing"""
+    """Linear RGB, or a color of the web, "red" or "#ff8000"; a color of the palette when missing"""
     start: NonNegative = 0.0
     """Time at which the sphere appears, at its position and velocity [s]; until then nothing touches it"""
     end: NonNegative | None = None

@@ -108,6 +108,14 @@ class Material(Table):
     """Factor on the thickness for each vertex of the file, or for groups of the mesh by their names, 1 elsewhere, as
     for a neck. In Python also a function from the mesh's own points, shape (n, 3), to one factor each, shape (n,)"""
 
+    @model_validator(mode="before")
+    @classmethod
+    def _names_a_kind(cls, given: Any) -> Any:
+        kind = given.get("kind") if isinstance(given, dict) else None
+        if isinstance(kind, str) and kind in PRESETS:
+            raise ValueError(f'kind: "{kind}" is a preset; expected preset = "{kind}"')
+        return given
+
     @property
     def law(self) -> Kind:
         """Constitutive law of the material, or that of its preset."""

@@ -29,7 +29,7 @@ class Obstacle(Solid):
     name: str = ""
     """Name of the prim in the stage; the shape's name when empty"""
     color: Color | None = None
-    """Linear RGB; when missing, the color in the mesh file, else gray"""
+    """Linear RGB, or a color of the web, "red" or "#ff8000"; when missing, the color in the mesh file, else gray"""
 
     @model_validator(mode="after")
     def _times_increase(self) -> Self:

@@ -34,7 +34,8 @@ class Body(Solid):
     name: str = ""
     """Name of the prim in the stage; the shape's name when empty"""
     color: Color | None = None
-    """Linear RGB; when missing, the color in the mesh file, else a color of the palette"""
+    """Linear RGB, or a color of the web, "red" or "#ff8000"; when missing, the color in the mesh file, else a color of
+    the palette"""
 
     @model_validator(mode="after")
     def _weighs_something(self) -> Self:

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from balloon_warp.scene.complaint import LISTS
 from balloon_warp.scene.schema.balloon import Balloon
 from balloon_warp.scene.schema.bodies import Force, Sphere, String
 from balloon_warp.scene.schema.fields import (
@@ -184,6 +185,15 @@ class Scene(Table):
     def touches_softly(self) -> bool:
         """Return whether parts of a balloon touch each other softly, as those of slender ones do."""
         return bool(self.touch) and self.touch.itself == "soft"
+
+    @model_validator(mode="before")
+    @classmethod
+    def _lists(cls, given: Any) -> Any:
+        for name, each in given.items() if isinstance(given, dict) else ():
+            if name in LISTS and isinstance(each, Table):
+                one = type(each).__name__
+                raise ValueError(f"{name}: is one {one}; expected a list of them, {name}=[{one}(...)]")
+        return given
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
