@@ -195,6 +195,8 @@ MISTAKES = [
     ("run ball.obj --picture --look-at 1,2", "--look-at 1,2: expected X,Y,Z"),
     ("run ball.obj --picture --look-at Ball", "look-at: 'Ball' is not visible in ball.usdc; did you mean"),
     ("run ball.obj --pictur", "--pictur: unknown option of run; did you mean --picture?"),
+    ("run ball.obj --duration 3", "--duration: unknown option of run; did you mean --seconds?"),
+    ("run ball.obj --gravity=3", "--gravity=3: unknown option of run; did you mean --set gravity=?"),
     ("run ball.obj -frames 3", "-frames: unknown option of run; did you mean --frames?"),
     ("run ball.obj balloon.mass=3", "run: did not expect balloon.mass=3; --set goes before PATH=VALUE; balloon-"),
     ("run ball.obj --frames few", "--frames: must be a valid integer (got few); balloon-warp run --help explains"),

@@ -8,11 +8,14 @@ from typing import Any, cast
 import typer
 from pydantic import ValidationError
 
+from balloon_warp.scene import Scene
 from balloon_warp.scene.load import bundled_scenes
 from balloon_warp.suggestions import ask, did_you_mean
 
 UsageError = cast("type[Exception]", typer.BadParameter.__base__)
 """Base of Typer's usage errors, whose place differs from version to version"""
+ALSO_CALLED = {"duration": "--seconds", "length": "--seconds", "out": "--output", "framerate": "--fps", "rate": "--fps"}
+"""Options by names that other programs have for them"""
 
 
 def usage_sentence(error: Any, program: Any, words: Sequence[str]) -> str:
@@ -35,7 +38,7 @@ def _mistake(error: Any, command: Any, name: str, words: Sequence[str]) -> str:
     if option and hasattr(error, "possibilities"):  # newer versions have some for a command, too
         known = [text for each in command.params for text in each.opts if text.startswith("--")]
         written = next((word for word in words if word.startswith(str(option))), str(option))
-        return f"{written}: unknown option of {name}{did_you_mean(written, known)}"
+        return f"{written}: unknown option of {name}{_option_meant(written, known)}"
     if option:
         metavar = next((each.metavar for each in command.params if option in each.opts), None)
         return f"{option}: has no value; expected {option} {metavar}" if metavar else f"{option}: takes no value"
@@ -48,6 +51,16 @@ def _mistake(error: Any, command: Any, name: str, words: Sequence[str]) -> str:
     if unknown := re.match("No such command ['\"](.*?)['\"]", error.message):
         return f"{unknown[1]}: no such command{_command_meant(unknown[1], command.commands)}"
     return error.message.rstrip(".")
+
+
+def _option_meant(written: str, known: Sequence[str]) -> str:
+    """End a sentence with the option that another program calls so, the field of a scene, or a name that is like it."""
+    field = written.partition("=")[0].lstrip("-").replace("-", "_")
+    if ALSO_CALLED.get(field) in known:
+        return ask([ALSO_CALLED[field]])
+    if field in Scene.model_fields and "--set" in known and f"--{field}" not in known:
+        return ask([f"--set {field}="])
+    return did_you_mean(written, known)
 
 
 def _command_meant(word: str, commands: Iterable[str]) -> str:

@@ -445,7 +445,7 @@ LONG = [
     pytest.param((1, 1000), substeps, 0.0, minutes * 60.0, id=f"{minutes:g}-minutes-{substeps}")
     for substeps, minutes in (("auto", 10), (1, 10), (3, 10), (13, 1), (64, 0.5))
 ]
-"""Minutes of a thousand kilograms on one: half a minute is 75 times the time in which a disturbance once grew tenfold"""
+"""Minutes of a thousand kilograms on one: half a minute is 75 times the time in which a disturbance grew tenfold"""
 
 
 @pytest.mark.always("cpu-auto", "cpu-one")
