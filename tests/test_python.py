@@ -173,7 +173,7 @@ def test_names_of_colors_and_presets_are_taken():
         ({"gravity": -9.81}, "gravity: -9.81 m/s2 pulls up, since positive is down; meant 9.81?"),
         (
             {"helium": 14000.0},
-            "mesh: helium lifts by 14000 N for each kilogram of the balloon? 11.8 lets it rise slowly",
+            "mesh: helium accelerates upward by 14000 m/s2? 11.8 lets it rise slowly",
         ),
     ],
 )

@@ -174,7 +174,7 @@ def test_sheets_that_start_crossed_are_named():
     (of_one,) = told(joined(flat, tilted), itself=True)
     for sentence, words in (
         (of_two, (" cross at the start", "touch.balloons = false")),
-        (of_one, ("crosses itself at the start", "touch.itself = false")),
+        (of_one, ("cross each other at the start", "touch.itself = false")),
     ):
         assert "deepest by 0.02 m at (-0.15, 0, " in sentence
         assert all(word in sentence for word in words)

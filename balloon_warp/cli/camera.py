@@ -47,7 +47,9 @@ class CameraOptions:
     ] = None
     zoom: Annotated[
         float | None,
-        typer.Option(metavar="FACTOR", help="Zoom factor: 2 is twice as near.", rich_help_panel=CAMERA),
+        typer.Option(
+            metavar="FACTOR", help="Magnification: 2 doubles the size in the picture.", rich_help_panel=CAMERA
+        ),
     ] = None
     look_at: Annotated[
         str | None,

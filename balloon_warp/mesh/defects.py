@@ -163,14 +163,11 @@ def _about_components(
     if count > 1:
         apart = kept[int((component != component[0]).argmax())] + 1
         became = (
-            'Springs hold them together; parts = "free" lets them separate.'
+            'are tied together by springs; parts = "free" lets them separate'
             if parts == "held"
-            else "They are inflated as one balloon, and free to separate."
+            else "are inflated as one balloon, and free to separate"
         )
-        return (
-            f"The mesh has {count:,} components, which share no vertex; face {apart} is the first that face "
-            f"{kept[0] + 1} is not connected to, counting from 1. {became}"
-        )
+        return f"{count:,} separate parts, the second of which begins at face {apart}, counting from 1, {became}."
 
 
 def _face_components(mesh: PolygonMesh, edges: MeshEdges) -> NDArray[np.int64]:

@@ -61,12 +61,11 @@ def _sentence(
         return None
     worst = those[found.depths[those].argmax()]
     names = [shapes[number].name for number in numbers]
-    who = f"{names[0]} crosses itself" if len(names) == 1 else f"{names[0]} and {names[1]} cross"
+    who = f"parts of {names[0]} cross each other" if len(names) == 1 else f"{names[0]} and {names[1]} cross"
     faces = len(np.unique(found.triangles[those]))
     place = ", ".join(f"{x:.3g}" for x in found.places[worst])
-    passes = "touch.itself = false lets it pass" if len(names) == 1 else "touch.balloons = false lets them pass"
+    passes = "touch.itself = false lets them pass" if len(names) == 1 else "touch.balloons = false lets them pass"
     return (
-        f"touch: {who} at the start: edges go through {faces:,} face{'s' if faces > 1 else ''}, deepest by "
-        f"{found.depths[worst]:.2g} m at ({place}), and contact keeps what has crossed so; expected layers apart by "
-        f"touch.thickness: move them apart, or {passes} through"
+        f"touch: {who} at the start ({faces:,} face{'s' if faces > 1 else ''}, up to {found.depths[worst]:.2g} m near "
+        f"({place})), and stay interlocked there: separate them by touch.thickness, or {passes} through"
     )

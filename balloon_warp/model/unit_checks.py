@@ -58,8 +58,7 @@ def doubts_about(scene: Scene, shapes: Sequence[BalloonShape], parameters: Param
         lift, weight = float(parameters["helium"][:, number].max()), float(np.abs(parameters["gravity"]).max())
         if lift > LIFTED * max(weight, 1.0):
             found.append(
-                f"{shape.name}: helium lifts by {lift:g} N for each kilogram of the balloon? "
-                f"{1.2 * weight:.3g} lets it rise slowly"
+                f"{shape.name}: helium accelerates upward by {lift:g} m/s2? {1.2 * weight:.3g} lets it rise slowly"
             )
     return found
 

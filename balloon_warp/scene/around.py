@@ -128,8 +128,8 @@ def _description(name: str, mesh: PolygonMesh, size: float, gravity: float | Non
         return f"{name} inflates above a floor{taken}"
     *units, last = METERS
     return (
-        f"{name} inflates above a floor. Its unit is not known, so gravity is {gravity:.5g} m/s2, which suits its size "
-        f"of {size:.5g}. --unit {', '.join(units)} or {last} gives it true size and gravity{taken}"
+        f"{name} inflates above a floor. Its unit is not known: gravity is {gravity:.4g} m/s2, so that it moves like "
+        f"an object of 1 m. --unit {', '.join(units)} or {last} gives it true size and gravity{taken}"
     )
 
 

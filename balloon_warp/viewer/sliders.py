@@ -33,7 +33,7 @@ class Value:
 
 VALUES = (
     Value(PARAMETERS["gravity"], "gravity [m/s²]", 20.0, signed=True),
-    Value(PARAMETERS["helium"], "lift [N/kg]", 30.0),
+    Value(PARAMETERS["helium"], "lift [m/s^2]", 30.0),
     Value(PARAMETERS["damping"], "damping [N s/m]", 1.0),
     Value(PARAMETERS["structural"], "structural springs", 1.0),
     Value(PARAMETERS["shear"], "shear springs", 1.0),

@@ -29,7 +29,7 @@ MASS = Parameter(
 GRAVITY = Parameter(
     "gravity", "m/s^2", 9.81, of="world", path="gravity", meaning="Gravitational acceleration against the up axis"
 )
-HELIUM = Parameter("helium", "N/kg", path="helium", meaning="Lift per kilogram of balloon, against gravity's 9.81")
+HELIUM = Parameter("helium", "m/s^2", path="helium", meaning="Buoyant acceleration; above `gravity` the balloon rises")
 DAMPING_CONSTANT = Parameter(
     "damping",
     "N s/m",

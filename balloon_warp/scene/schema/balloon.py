@@ -122,7 +122,7 @@ class Balloon(Table):
     mass: float = field_of("mass")
     """Mass of the whole balloon, shared equally by its particles [kg]; 0.1 when missing"""
     helium: float = field_of("helium")
-    """Lift per kilogram of balloon, against gravity's 9.81 [N/kg]; 0.0 when missing"""
+    """Buoyant acceleration; above `gravity` the balloon rises [m/s^2]; 0.0 when missing"""
     damping: float = field_of("damping")
     """Linear drag coefficient of the whole balloon, distributed like the mass [N s/m]; 0.1 when missing"""
     drag_coefficient: float = field_of("drag_coefficient")
