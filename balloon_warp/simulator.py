@@ -16,7 +16,7 @@ from balloon_warp.frame_reader import FrameReader
 from balloon_warp.garbage import without_collecting
 from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.measure.health import HEALTHY
-from balloon_warp.model import Model, Vary, build_model, carried_over, fitting, initial_state, world_bytes
+from balloon_warp.model import Model, Vary, build_model, carried_over, fitting, initial_state, world_bytes, worlds_of
 from balloon_warp.model.acting import all_that_act
 from balloon_warp.model.gas import keep_pressures
 from balloon_warp.model.kept import go_on_keeping
@@ -46,7 +46,7 @@ class Simulator(Shown):
     Args:
         scene: Scene, name of a bundled one, scene file, or mesh, as a file or in memory.
         device: Warp device such as "cpu" or "cuda:0"; the GPU, or else the CPU, if not given.
-        world_count: Number of worlds, copies of the scene.
+        world_count: Number of worlds, copies of the scene; as many as `vary` has values, if not given.
         vary: Values that differ between worlds: dotted paths as in overrides, and arrays of shape (world_count,),
             such as {"balloon.inflation.k_normal": np.linspace(0.0, 8.0, 64)}.
         schedule: Parallel schedule: "scatter", "gather", "block", "lanes", "octets", or the fastest, "auto".
@@ -67,14 +67,15 @@ class Simulator(Shown):
         self,
         scene: SceneLike,
         device: str | None = None,
-        world_count: int = 1,
+        world_count: int | None = None,
         vary: Vary | None = None,
         schedule: str = "auto",
         laws: Sequence[Law] = (),
     ):
         self._varied = vary or {}
         with PROCESS_LOCK:
-            self._begin(build_model(scene_to_vary(scene, vary), pick_device(device), world_count, vary, laws), schedule)
+            worlds = worlds_of(world_count, vary)
+            self._begin(build_model(scene_to_vary(scene, vary), pick_device(device), worlds, vary, laws), schedule)
 
     @classmethod
     def of_model(cls, model: Model, schedule: str = "auto") -> Self:
@@ -129,15 +130,19 @@ class Simulator(Shown):
     def __repr__(self) -> str:
         return f"Simulator({self.model}, frame {self.frame_number}, {self.time:.3f} s)"
 
-    def step(self, world: int = 0) -> Frame:
-        """Advance every world by one frame, and return the frame of one: `frame = simulator.step()`.
+    @checked
+    def step(self, frames: int = 1, *, world: int = 0) -> Frame:
+        """Advance every world by a frame, or several, and return the last frame of one: `frame = simulator.step()`.
 
         Raises:
-            InputError: there is no such world; nothing is advanced then.
+            InputError: there is no such world, or `frames` is below 1; nothing is advanced then.
             BlowUpError: the simulation blew up.
         """
         self.model.require_world(world)
-        self.step_unread()
+        if frames < 1:
+            raise InputError(f"frames: expected at least 1 (got {frames})")
+        for _ in range(frames):
+            self.step_unread()
         return self.read_frame(world)
 
     @locked

@@ -14,7 +14,7 @@ from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.kernels.laws import Law
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import signed_volume, total_area
-from balloon_warp.model import lay_out
+from balloon_warp.model import lay_out, worlds_of
 from balloon_warp.model.memory import require_memory
 from balloon_warp.model.varied_scene import scene_to_vary
 from balloon_warp.scene import Scene, SceneLike
@@ -84,7 +84,7 @@ def simulate(
     scene: SceneLike,
     overrides: Mapping[str, Any] | Iterable[Override] = (),
     *,
-    world_count: int = 1,
+    world_count: int | None = None,
     vary: BatchVary | None = None,
     every: int = 1,
     device: str | None = None,
@@ -97,7 +97,7 @@ def simulate(
     Args:
         scene: Scene, name of a bundled one, scene file, or mesh, as a file or in memory.
         overrides: Dotted paths and values, as in `load_scene`: {"frames": 60, "balloon.mass": 2.0}.
-        world_count: Number of worlds, copies of the scene side by side.
+        world_count: Number of worlds, copies of the scene side by side; as many as `vary` has values, if not given.
         vary: Values that differ between worlds: dotted paths, and a value for each world.
         every: Interval of recorded frames: 2 records every second one.
         device: Warp device; the GPU, or else the CPU, if not given.
@@ -113,6 +113,7 @@ def simulate(
     scene = scene_to_vary(scene, vary, overrides)
     if every < 1:
         raise InputError(f"every: must be at least 1 (got {every})")
+    world_count = worlds_of(world_count, vary)
     groups = plan_groups(scene, world_count, vary or {}, laws)
     meshes = [shape.mesh for shape in groups[0].plan.shapes]
     tracks, target = empty_tracks(groups, world_count, scene.frames // every + 1), pick_device(device)

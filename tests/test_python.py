@@ -150,7 +150,7 @@ MISTAKES: dict[str, tuple[Callable[[], Any], str]] = {
     "overrides": (lambda: bw.load_scene(scene(), [1]), r"^overrides: must be dotted paths and values"),
     "override": (lambda: bw.load_scene(scene(), {"balloon.mas": 1}), r"balloon\.0\.mas: unknown field"),
     "vary": (lambda: simulator(world_count=2, vary=[1, 2]), r"^vary: must be paths and values"),
-    "worlds": (lambda: simulator(world_count="2"), r"^world_count: must be a whole number \(got '2'\)$"),
+    "worlds": (lambda: simulator(world_count="2"), r"^world_count: must be a whole number or None \(got '2'\)$"),
     "laws": (lambda: simulator(laws=3), r"^laws: must be a list of Laws \(got 3\)$"),
     "device": (lambda: simulator(device="3"), r"^device 3: no such device; this machine has "),
     "world": (lambda: simulator().read_frame("0"), r"^world: no world 0; expected 0 to 0$"),

@@ -61,14 +61,17 @@ def points(simulator: Simulator) -> np.ndarray:
 
 
 def test_a_step_hands_out_the_frame_of_a_world(device: str):
-    simulator = Simulator(BUSY, device, 2, {"balloon.mass": [0.1, 0.2]})
+    simulator = Simulator(BUSY, device, vary={"balloon.mass": [0.1, 0.2]})  # as many worlds as values
     frame, second = simulator.step(), simulator.step(world=1)
     assert (frame.number, second.number) == (1, 2)
     np.testing.assert_array_equal(second.points[0], points(simulator)[1])
     assert np.abs(second.points[0] - frame.points[0]).max() > 1e-4
     with pytest.raises(InputError, match="no world 2"):
-        simulator.step(2)
+        simulator.step(world=2)
+    with pytest.raises(InputError, match=r"^frames: expected at least 1 \(got 0\)$"):
+        simulator.step(0)
     assert simulator.frame_number == 2
+    assert simulator.step(3, world=1).number == 5
 
 
 def test_gravity_that_is_set_bends_the_fall(device: str, schedule: str):

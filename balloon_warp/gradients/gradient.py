@@ -10,7 +10,7 @@ from balloon_warp.gradients.loss import Loss
 from balloon_warp.gradients.refusals import require_differentiable, require_room_for_frames
 from balloon_warp.gradients.smoothing import averaged, sampled
 from balloon_warp.kernels.laws import Law
-from balloon_warp.model import Vary
+from balloon_warp.model import Vary, worlds_of
 from balloon_warp.model.varied_scene import scene_to_vary
 from balloon_warp.scene import SceneLike
 from balloon_warp.scene.overrides import Override
@@ -26,7 +26,7 @@ def gradient(
     of: Sequence[str] = (),
     each: Sequence[str] = (),
     loss: Loss,
-    world_count: int = 1,
+    world_count: int | None = None,
     vary: Vary | None = None,
     every: int = 1,
     checkpoints: int | None = None,
@@ -54,7 +54,7 @@ def gradient(
         loss: Function of the `Trajectories`. It returns a number for each world, and its derivatives by the arrays
             that it used: {"points": [...]}, one for each balloon, as `velocities`; or {"volumes": ...}, as `pressures`.
             Or a kernel of Warp, which derives it; `losses.of_torch` and `losses.of_jax` take functions of these.
-        world_count: Number of worlds, copies of the scene side by side.
+        world_count: Number of worlds, copies of the scene side by side; as many as `vary` has values, if not given.
         vary: Values that differ between worlds: dotted paths, and a value for each world.
         every: Interval of the frames that the loss sees, as for `simulate`: 2 for every second one, `scene.frames` for
             the first and the last. The trajectories of others are not kept.
@@ -82,7 +82,7 @@ def gradient(
         WorkersLostError: the cluster's workers or its scheduler end.
     """
     device = cluster.device(device) if cluster else device
-    asked = Asked(of, loss, world_count, vary or {}, device, schedule, laws, each, every, checkpoints)
+    asked = Asked(of, loss, worlds_of(world_count, vary), vary or {}, device, schedule, laws, each, every, checkpoints)
     if smooth:
         plan = _group_of(scene, overrides, asked).plan
         asked = sampled(plan, asked, smooth, samples)

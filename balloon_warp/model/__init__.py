@@ -6,7 +6,7 @@ from balloon_warp.model.plan import ModelPlan, plan_model
 from balloon_warp.model.remarks import Remark, remark_sentences, remarks_on
 from balloon_warp.model.state import State, carried_over, copy_of, initial_state, overwrite, world_bytes
 from balloon_warp.model.timeline import DueChange
-from balloon_warp.model.vary import Vary
+from balloon_warp.model.vary import Vary, worlds_of
 
 __all__ = [
     "DueChange",
@@ -26,4 +26,5 @@ __all__ = [
     "remark_sentences",
     "remarks_on",
     "world_bytes",
+    "worlds_of",
 ]

@@ -1,8 +1,8 @@
 """Values that vary between worlds, and values that may change during a simulation."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from typing import NoReturn
+from collections.abc import Iterable, Mapping, Sequence, Sized
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,6 +41,12 @@ class VaryError(InputError):
     def __init__(self, mistake: object, path: str):
         super().__init__(str(mistake))
         self.path = path
+
+
+def worlds_of(world_count: int | None, vary: Mapping[str, Any] | None) -> int:
+    """Return the number of worlds: as asked for, or else as many as the first path of `vary` has values."""
+    first = next(iter((vary or {}).values()), None) if isinstance(vary, Mapping) else None
+    return world_count if world_count is not None else len(first) if isinstance(first, Sized) else 1
 
 
 def vary_parameters(
