@@ -74,7 +74,7 @@ def load_scene(source: SceneLike, overrides: Mapping[str, Any] | Iterable[Overri
     path = bundled.get(str(source), Path(source))
     if not os.path.exists(path):  # no error either where no file can have such a name
         hint = did_you_mean_file(path, (".toml", *LOADERS), bundled)
-        if not hint and path.suffix.lower() in (".toml", *LOADERS):
+        if not hint and path.suffix:
             raise InputError(f"{source}: no such file" + (f" in {Path.cwd()}" if not path.is_absolute() else ""))
         names = f"; bundled scenes are {', '.join(bundled)}; or give a .toml scene or a mesh"
         raise InputError(f"{source}: no such scene or file{hint or names}")
