@@ -34,6 +34,8 @@ class StepAdvice:
     counted from 0"""
     limiting_place: tuple[float, float, float]
     """Position of that particle at the start [m]"""
+    limiting_body: int | None
+    """Free body that needs that step instead, by the strings that are tied to it, by its index in the scene"""
     many_substeps: str | None
     """Sentence on the cause of many substeps of a balloon of even springs, and its remedy; None if there are few"""
     doubts: tuple[str, ...]
@@ -52,7 +54,7 @@ def advise_step(scene: SceneLike, laws: Sequence[Law] = ()) -> StepAdvice:
     """
     scene = scene_of(scene)
     plan = plan_model(override_scene(scene, [("substeps", "auto")]), laws=laws)
-    network = Network(plan.shapes, plan.held, plan.laws)
+    network = Network(plan.shapes, plan.held, plan.laws, plan.bodies)
     step = network.stable_step(plan.scene, plan.parameters)
     balloon, particle = network.limiting_particle(plan.scene, plan.parameters)
     shape = plan.shapes[balloon]
@@ -66,6 +68,7 @@ def advise_step(scene: SceneLike, laws: Sequence[Law] = ()) -> StepAdvice:
         limiting_balloon=shape.name,
         limiting_particle=particle,
         limiting_place=(x, y, z),
+        limiting_body=network.limiting_body(plan.scene, plan.parameters),
         many_substeps=many_substeps_said(plan.scene, plan.shapes, plan.substeps),
         doubts=tuple(doubts_about(plan.scene, plan.shapes, plan.parameters)),
     )

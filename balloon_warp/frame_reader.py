@@ -85,10 +85,7 @@ class WorldReader:
         self._shown = {"inflation_forces": self._own.points} if forces else {}
         if net_forces:
             self._shown["net_forces"] = self._own.points
-        self._motion = {
-            "obstacle_motion": np.asarray(model.obstacle_motion.numpy(), dtype=np.float32),
-            "anchor_motion": (model.string_carriers.numpy(), np.asarray(model.anchor_motion.numpy(), dtype=np.float32)),
-        }
+        self._obstacle_motion = np.asarray(model.obstacle_motion.numpy(), dtype=np.float32)
         self._buffers: dict[int, HostBuffer] = {}
         self._last: HostBuffer | None = None
 
@@ -102,7 +99,7 @@ class WorldReader:
         self._last.fill()
         ages = self.model.ages
         since = number if ages is None else int(np.asarray(ages.numpy())[0])
-        return Reading(self.model, self._last, number, **self._motion, since=since)
+        return Reading(self.model, self._last, number, obstacle_motion=self._obstacle_motion, since=since)
 
     def _hand_over(self, reading: wp.Stream) -> None:
         """Hand the current state of the simulation to the reading stream, once the last copy is read."""

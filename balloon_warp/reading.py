@@ -12,7 +12,6 @@ from balloon_warp.contacts import PAIR_ARRAYS, Contact, contacts_of
 from balloon_warp.frame import Frame
 from balloon_warp.kernels.laws.law import FAR
 from balloon_warp.model import Model
-from balloon_warp.model.anchors import anchors_at
 from balloon_warp.model.obstacle_motion import obstacle_poses
 from balloon_warp.warp_lock import lock_of, recording, replay
 
@@ -95,17 +94,14 @@ class Reading:
     Args:
         number: of the frame.
         obstacle_motion: the model's, on the host.
-        anchor_motion: the model's carriers of strings and their motion, on the host.
         since: number of frames since the world began.
     """
 
     def __init__(
-        self, model: Model, buffer: HostBuffer, number: int, *, obstacle_motion: NDArray[np.float32],
-        anchor_motion: tuple[NDArray[np.int32], NDArray[np.float32]], since: int,
-    ):  # fmt: skip
+        self, model: Model, buffer: HostBuffer, number: int, *, obstacle_motion: NDArray[np.float32], since: int
+    ):
         self.model, self.number = model, number
         self._buffer, self._obstacle_motion, self._since = buffer, obstacle_motion, since
-        self._anchor_motion = anchor_motion
 
     def frame(self) -> Frame:
         """Return what was read, once it is there."""
@@ -125,7 +121,7 @@ class Reading:
             string_anchors=self._anchors(),
             string_lengths=self._row("string_length", np.float32),
             obstacle_poses=obstacle_poses(self._rows("obstacle_position"), self._obstacle_motion, self._since),
-            body_poses=np.concatenate([self._rows("body_positions"), self._rows("body_turns", 4)], axis=1),
+            body_poses=self._body_poses(),
             ground_height=self._height("ground_height"),
             water_level=self._height("water_level"),
             meshes=[shape.mesh for shape in self.model.shapes],
@@ -140,8 +136,11 @@ class Reading:
 
     def _anchors(self) -> NDArray[np.float32]:
         """Return the anchors of strings, where they have moved to."""
-        places = self._rows("string_anchor"), self._rows("obstacle_position")
-        return anchors_at(*places, *self._anchor_motion, self._since).astype(np.float32)
+        places = self._rows("string_anchor"), self._rows("obstacle_position"), self._body_poses()
+        return self.model.carriers.anchors_at(*places, self._since).astype(np.float32)
+
+    def _body_poses(self) -> NDArray[np.float32]:
+        return np.concatenate([self._rows("body_positions"), self._rows("body_turns", 4)], axis=1)
 
     def _contacts(self) -> list[Contact]:
         """Return what pressed what; none where nobody asks."""

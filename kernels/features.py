@@ -99,7 +99,9 @@ class Features(NamedTuple):
     fixture_meshes: bool = False
     """An obstacle is a mesh"""
     anchors_move: bool = False
-    """Obstacles or keyframes move the anchor of a string"""
+    """Obstacles, bodies or keyframes move the anchor of a string"""
+    ties: bool = False
+    """A free body carries the anchor of a string"""
     fixtures_move: bool = False
     fixtures_steered: bool = False
     """An obstacle moves"""

@@ -11,11 +11,12 @@ class StringTable:
     """Begin of each particle's strings; empty if there are no strings"""
     particles: wp.array[wp.int32]
     """Particle that each string holds, in order"""
-    order: wp.array[wp.int32]
-    """Index of the string in the model"""
+    order: wp.array[wp.vec2i]
+    """Index of the string in the model, and of the free body that carries its anchor, or -1"""
     anchors: wp.array2d[wp.vec3]
-    """Anchors; where any moves, as the frame begins, and their velocities over it, by turns, shape (2 world_count,
-    string_count + 1), where the last column has the time at which the frame begins"""
+    """Anchors. Where any moves: as the frame begins, on a body as the substep does; their velocities over the frame, on
+    a body 0; and in the axes of a body from its center of mass, by turns, shape (3 world_count, string_count + 1),
+    where the last column has the time at which the frame begins"""
     lengths: wp.array2d[float]
     stiffness: wp.array2d[float]
 

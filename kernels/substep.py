@@ -29,13 +29,14 @@ from balloon_warp.kernels.phases.roll import collide, roll, tumble
 from balloon_warp.kernels.phases.share_out import bend, blow, share_out, wear_out
 from balloon_warp.kernels.phases.soak import soak
 from balloon_warp.kernels.phases.stretch import clear, collect, stretch
+from balloon_warp.kernels.phases.tie import tie
 from balloon_warp.kernels.phases.volume_rate import find_volume_rate, foresee, head
 from balloon_warp.kernels.phases.watch import set_off, watch
 from balloon_warp.kernels.phases.wear import burst, look_at_wear, run, tear, wear, weigh_skin
 
 STEP: tuple[Phase, ...] = (
-    # spheres and free bodies move
-    roll, collide, tumble,
+    # spheres and free bodies move, these also by strings that are tied to them
+    roll, collide, tie, tumble,
     # balloons that touch find each other, and push
     keep_start, touch_balloons,
     # rubber softens, and tears

@@ -56,6 +56,10 @@ class Working:
     """Velocities of bodies while they push each other [m/s], or displacements out of overlaps [m]"""
     body_turning: wp.array2d[wp.vec3d]
     """Angular momenta of bodies while they push each other [kg m^2/s], or those of a rotation [kg m^2]"""
+    body_tugs: wp.array2d[wp.vec3]
+    """Velocities that strings give bodies in this substep [m/s]; empty where none is tied to one, as is the next"""
+    body_twists: wp.array2d[wp.vec3]
+    """Angular momenta that strings give them [kg m^2/s]"""
     body_groups: wp.array2d[wp.int32]
     """A body of lower number that each touches, perhaps by way of others, or itself, see `loops.rebounding`"""
     body_gains: wp.array2d[wp.vec4d]

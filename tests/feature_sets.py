@@ -150,6 +150,11 @@ SETS: dict[str, dict[str, Any]] = {
             {"size": (0.3, 0.3, 0.3), "mass": 0.4, "position": (0.1, -1.0, 0.9), "velocity": (1.0, -2.0, 0.0),
              "rotation": (20.0, 20.0, 0.0), "angular_velocity": (1.0, 0.0, 0.5)},
         ],
+        "string": [
+            {"anchor": (0.1, 0.2, 0.0), "body": 1, "particle": "highest", "length": 0.4},
+            {"anchor": (0.0, 3.0, 0.0), "particle": 7, "length": 2.5},
+            {"anchor": (-0.1, 0.15, 0.1), "body": 2, "length": 0.7, "stiffness": 40.0},
+        ],
         "ground": {"height": -1.2, "friction": 0.3},
     },
     "bursting": {

@@ -43,6 +43,7 @@ BOX = scene(frames=2, substeps=16, obstacle=[BELOW], faces=False)
 UNDER_A_SPHERE = {"sphere": [{"position": (0.0, 3.0, 0.0), "radius": 0.6}], "contact": "impulse"}
 WITH_A_SPHERE = scene(obstacle=[BELOW], faces=False, **UNDER_A_SPHERE)
 CARRIED = BOX.model_copy(update={"string": [bw.String(anchor=(0.0, 3.0, 0.0), obstacle=0, length=1.0)]})
+TIED = {"body": [bw.Body(position=(0.0, 4.0, 0.0))], "string": [bw.String(anchor=(0.0, 0.0, 0.0), body=0)]}
 FACES_MEET_IT = scene(obstacle=[BELOW], faces=True)
 NO_CHANGE = on_the_way(gravity=1.0)
 REFUSED: dict[str, tuple[bw.Scene, dict[str, Any], str]] = {
@@ -57,6 +58,7 @@ REFUSED: dict[str, tuple[bw.Scene, dict[str, Any], str]] = {
     "not finite": (scene(), told(np.nan, {}), "loss: is not finite in world 0"),
     "a correction": (scene(correction="provot"), {"of": SPRINGS},
                      "gradients: `correct` has no adjoint yet; expected a scene without"),
+    "a string to a body": (BOX.model_copy(update=TIED), {"of": MASS}, "gradients: `tie` has no adjoint yet; expected"),
     "gather": (both(), {"of": MASS, "schedule": "gather"},
                "schedule: expected auto, launched, block or lanes, which run backwards (got 'gather')"),
     "lanes of two": (both(), {"of": MASS, "schedule": "lanes"},

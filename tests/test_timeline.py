@@ -75,7 +75,9 @@ def test_an_anchor_follows(string: dict[str, Any], end: tuple[float, ...], devic
     ("string", "sentence"),
     [
         ({"obstacle": 1}, "string.0.obstacle: must be below the number of obstacles, 1 (got 1)"),
-        ({"obstacle": 0, "motion": [(0.0, (0, 0, 0))]}, "an anchor follows an obstacle or keyframes"),
+        ({"body": 0}, "string.0.body: must be below the number of bodies, 0 (got 0)"),
+        ({"obstacle": 0, "motion": [(0.0, (0, 0, 0))]}, "motion: an anchor follows an obstacle, a body or keyframes"),
+        ({"obstacle": 0, "body": 0}, "body: an anchor follows an obstacle, a body or keyframes; expected one of them"),
         ({"motion": [(1.0, (0, 0, 0)), (1.0, (1, 0, 0))]}, "motion: keyframe times must increase"),
     ],
 )

@@ -132,4 +132,4 @@ def _stable_step(last: LastSubstep) -> float | None:
         for particle, balloon in zip(model.string_particle.numpy().tolist(), balloons, strict=True)
     ]
     velocities = np.split(last.before.velocities.numpy()[0].astype(np.float64), model.particle_offsets[1:-1])
-    return Network(model.shapes, held, model.laws).stable_step(model.scene, parameters, velocities)
+    return Network(model.shapes, held, model.laws, model.bodies).stable_step(model.scene, parameters, velocities)

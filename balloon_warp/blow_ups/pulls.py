@@ -56,7 +56,8 @@ class Pulls:
         forces.refresh(state)
         time = float(state.frame.numpy()[0]) * model.frame_seconds + time_in_frame
         places = {name: array.numpy() for name, array in model.parameters.items() if name in ANCHORED}
-        self._anchors = np.array(anchors_of(model.scene, places, time / model.frame_seconds)[0], dtype=np.float64)
+        poses = np.concatenate([state.body_positions.numpy(), state.body_turns.numpy()], axis=-1)
+        self._anchors = anchors_of(model.scene, model.bodies, places, time / model.frame_seconds, poses)[0]
         self._tensions = _row(forces.spring_pulls(state, time)) if model.spring_count else np.zeros(0)
         self._strings = _row(forces.string_pulls(state, time)) if model.string_count else np.zeros(0)
         inflation = np.linalg.norm(_row(forces.inflation_forces(state, time_in_frame)), axis=1)

@@ -196,6 +196,8 @@ def _step_rows(step: dict) -> dict[str, str]:
         return {"step": f"stable at any step: {auto} {rate}", "explicit": f"{up_to} {rate}"}
     place = ", ".join(f"{coordinate:.3g}" for coordinate in step["limiting_place"])
     particle = f"particle {step['limiting_particle']:,} of {step['limiting_balloon']}, at ({place}) m"
+    if step["limiting_body"] is not None:
+        particle = f"body {step['limiting_body']}, by the strings that are tied to it"
     if step["many_substeps"]:
         particle += f". {step['many_substeps']}"
     return {"step": f"{up_to} {rate}, {auto}", "limited by": particle}

@@ -1,11 +1,15 @@
-"""Anchors of strings that move: with an obstacle, or by keyframes."""
+"""Anchors of strings that move: with an obstacle, with a free body, or by keyframes."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from math import ceil
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
+from balloon_warp.model.bodies import BodyShape
 from balloon_warp.model.obstacle_motion import MOST_FRAMES, obstacle_motion
 from balloon_warp.scene import Scene
 
@@ -14,15 +18,60 @@ REST = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 """No shift and no rotation"""
 
 
-def carriers(scene: Scene) -> NDArray[np.int32]:
-    """Return the obstacle that carries each string's anchor, -1 where none does, shape (string_count,)."""
-    return np.array([-1 if string.obstacle is None else string.obstacle for string in scene.string], dtype=np.int32)
+@dataclass(frozen=True)
+class Carriers:
+    """Carriers of the anchors of strings."""
+
+    obstacles: NDArray[np.int32]
+    """Obstacle that carries each anchor, or -1, shape (string_count,)"""
+    bodies: NDArray[np.int32]
+    """Free body that carries each, or -1, likewise"""
+    centers: NDArray[np.float64]
+    """Center of mass of that body, from its own origin [m], shape (string_count, 3)"""
+    motion: NDArray[np.float64]
+    """Motion of each anchor by itself, as from `anchor_motion`"""
+
+    @classmethod
+    def of(cls, scene: Scene, bodies: Sequence[BodyShape]) -> Self:
+        """Return those of a scene.
+
+        Raises:
+            InputError: as `anchor_motion`.
+        """
+        named = [(string.obstacle, string.body) for string in scene.string]
+        numbers = np.array([[-1 if each is None else each for each in pair] for pair in named], dtype=np.int32)
+        obstacles, carrying = numbers.reshape(-1, 2).T
+        centers = [np.zeros(3) if number < 0 else bodies[number].center for number in carrying.tolist()]
+        return cls(obstacles, carrying, np.array(centers).reshape(-1, 3), anchor_motion(scene))
+
+    def anchors_at(self, anchors: Values, positions: Values, poses: Values, frame: float) -> NDArray[np.float64]:
+        """Return the anchors of strings at a frame, or between two [m], shape (..., string_count, 3).
+
+        Args:
+            anchors: by the scene or its worlds [m], shape (..., string_count, 3).
+            positions: of obstacles [m], shape (..., obstacle_count, 3).
+            poses: centers of mass [m] and turns of bodies then, as `Frame.body_poses`, shape (..., body_count, 7).
+            frame: since the world began.
+        """
+        if len(self.motion) == 1:
+            return np.asarray(anchors, dtype=np.float64)
+        first, part = int(frame), frame - int(frame)
+        begin, end = (
+            _moved(self.motion[min(each, len(self.motion) - 1)], anchors - self.centers) for each in (first, first + 1)
+        )
+        moved = begin + part * (end - begin)
+        if positions.shape[-2]:
+            moved = moved + np.where((self.obstacles >= 0)[:, None], positions[..., self.obstacles.clip(min=0), :], 0.0)
+        if poses.shape[-2]:
+            on_bodies = _moved(poses[..., self.bodies.clip(min=0), :], anchors - self.centers)
+            moved = np.where((self.bodies >= 0)[:, None], on_bodies, moved)
+        return moved
 
 
 def anchor_motion(scene: Scene) -> NDArray[np.float64]:
     """Return the motion of anchors until all rest, as `obstacle_motion`, shape (frames, string_count, 7).
 
-    One frame where none moves; of one that an obstacle carries, the obstacle's.
+    One frame where none moves; of one that an obstacle carries, the obstacle's; of one on a body, rest.
 
     Raises:
         InputError: one moves for longer than is kept, or as `obstacle_motion`.
@@ -48,28 +97,8 @@ def anchor_motion(scene: Scene) -> NDArray[np.float64]:
     return motion
 
 
-def anchors_at(
-    anchors: Values, positions: Values, carried: NDArray[np.int32], motion: Values, frame: float
-) -> NDArray[np.float64]:
-    """Return the anchors of strings at a frame, or between two [m], shape (..., string_count, 3).
-
-    Args:
-        anchors: by the scene or its worlds [m], shape (..., string_count, 3).
-        positions: of obstacles [m], shape (..., obstacle_count, 3).
-        carried: as from `carriers`.
-        motion: as from `anchor_motion`.
-    """
-    if len(motion) == 1:
-        return np.asarray(anchors, dtype=np.float64)
-    first, part = int(frame), frame - int(frame)
-    begin, end = (_moved(anchors, motion[min(each, len(motion) - 1)]) for each in (first, first + 1))
-    moved = begin + part * (end - begin)
-    if positions.shape[-2]:
-        moved = moved + np.where((carried >= 0)[:, None], positions[..., carried.clip(min=0), :], 0.0)
-    return moved
-
-
-def _moved(anchors: Values, poses: Values) -> NDArray[np.float64]:
-    axis, scalar = poses[:, 3:6], poses[:, 6:]
-    across = 2.0 * np.cross(axis, anchors)
-    return poses[:, :3] + anchors + scalar * across + np.cross(axis, across)
+def _moved(poses: Values, places: Values) -> NDArray[np.float64]:
+    """Return places after shifts and turns, shape (..., n, 3), of shape (..., n, 7)."""
+    axis, scalar = poses[..., 3:6], poses[..., 6:]
+    across = 2.0 * np.cross(axis, places)
+    return poses[..., :3] + places + scalar * across + np.cross(axis, across)

@@ -92,6 +92,24 @@ def initial_centers(scene: Scene, shapes: Sequence[BodyShape], positions: NDArra
     return positions + np.array(arms).reshape(-1, 3)
 
 
+def initial_poses(scene: Scene, shapes: Sequence[BodyShape], positions: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Return initial centers of mass [m] and orientations, as `Frame.body_poses`, shape (W, body_count, 7)."""
+    centers = initial_centers(scene, shapes, positions)
+    turns = np.broadcast_to(initial_turns(scene), (*centers.shape[:-1], 4))
+    return np.concatenate([centers, turns], axis=-1)
+
+
+def most_ease(shape: BodyShape, arms: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Return the largest speed that an impulse of 1 N s gives points of a body of 1 kg [m/s], of all directions.
+
+    Args:
+        arms: of the points from the center of mass, in the body's axes [m], shape (..., 3).
+    """
+    across = np.cross(np.eye(3), arms[..., None, :])  # row i is e_i x r
+    turning = across @ np.linalg.solve(shape.inertia, across.swapaxes(-1, -2))
+    return np.asarray(1.0 + np.linalg.eigvalsh(turning)[..., -1], dtype=np.float64)
+
+
 def _moments_of_box(half: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
     """Return the volume, and the mean of x x^T, shape (3, 3)."""
     return float(8.0 * half.prod()), np.diag(half**2 / 3.0)

@@ -58,6 +58,8 @@ class Bounds:
         self._told |= {row.name: parameters[row.name][:, None] for row in columns.world}
         strings = [place for place, string in enumerate(scene.string) if string.balloon == number]
         self._strings = parameters["string_stiffness"][:, strings]
+        self._ends = [0.5 if scene.string[place].body is None else 1.0 for place in strings]
+        """Weights of strings: one from an anchor that does not give way counts half, as a force on a single particle"""
         self._touch = touch or {}
         self._membrane = membrane_bounds(scene, number, parameters)
         self._world_count = max(
@@ -113,6 +115,15 @@ class Bounds:
         membrane = np.max(self._membrane.get("stiffness", np.zeros(1)) / masses)
         return Stiffest(springs, held, float(membrane))
 
+    def of_strings(self, bound: Bound, worlds: slice = slice(None)) -> NDArray[np.float64]:
+        """Return the sum of the laws' bounds at each of the balloon's strings, shape (worlds, count of them)."""
+        told = {name: _some(values, worlds) for name, values in self._told.items()}
+        strings = _some(self._strings, worlds)
+        total = np.zeros_like(strings)
+        for of_string in self._of_kind("string", bound):
+            total = total + of_string(**told | {"stiffness": strings})
+        return total
+
     def _spring_constants(self, bound: Bound, worlds: slice) -> Iterator[tuple[int, Any, Any]]:
         """Iterate over laws and kinds of springs with their constant bound, and its increase with a spring's scale."""
         told = {name: values[worlds] if len(values) > 1 else values for name, values in self._told.items()}
@@ -124,12 +135,9 @@ class Bounds:
     def _other_sums(self, bound: Bound, around: Surroundings, worlds: slice) -> NDArray[np.float64]:
         """Return the sum of the bounds of all laws but those of springs, and of contacts."""
         told = {name: _some(values, worlds) for name, values in self._told.items()}
-        strings = _some(self._strings, worlds)
         total = np.zeros((1, around.particle_count))
-        for of_string in self._of_kind("string", bound):
-            for place in range(strings.shape[1]):
-                held = of_string(**told | {"stiffness": strings[:, place, None]})
-                total = total + 0.5 * held * around.strings[:, place]
+        for place, (end, held) in enumerate(zip(self._ends, self.of_strings(bound, worlds).T, strict=True)):
+            total = total + end * held[:, None] * around.strings[:, place]
         for of_hinge in self._of_kind("hinge", bound):
             total = total + of_hinge(**told) * around.hinges
         told |= {"mass_share": around.mass_share, "area": around.area, "velocity": around.velocity}

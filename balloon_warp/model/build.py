@@ -12,7 +12,7 @@ from balloon_warp.driver import begin_driver
 from balloon_warp.kernels.frames.around import place_balloons
 from balloon_warp.kernels.laws import Law
 from balloon_warp.launching import begin_loading
-from balloon_warp.model.anchors import anchor_motion, carriers
+from balloon_warp.model.anchors import Carriers
 from balloon_warp.model.model import Model
 from balloon_warp.model.obstacle_motion import obstacle_motion
 from balloon_warp.model.obstacles import warp_mesh
@@ -122,8 +122,7 @@ def lay_out(plan: ModelPlan, device: str | wp.Device | None = None) -> Model:
         neck_offsets=array(np.cumsum([0, *(len(shape.neck.edges) for shape in shapes)]), wp.int32),
         neck_edges=of_particles([shape.neck.edges for shape in shapes], wp.vec2i),
         string_particle=array([p + offsets[s.balloon] for s, p in zip(scene.string, plan.held, strict=True)], wp.int32),
-        string_carriers=array(carriers(scene), wp.int32),
-        anchor_motion=_items(anchor_motion(scene), wp.transform, device),
+        **_carried(Carriers.of(scene, plan.bodies), device),
         driven=plan.driven,
         obstacles=plan.obstacles,
         obstacle_meshes=[warp_mesh(shape, device) for shape in plan.obstacles],
@@ -138,6 +137,17 @@ def lay_out(plan: ModelPlan, device: str | wp.Device | None = None) -> Model:
         world_numbers=packed["world_numbers"],
         parameters={**views, **others},
     )
+
+
+def _carried(carriers: Carriers, device: wp.Device) -> dict[str, Any]:
+    """Return the carriers of strings' anchors, on the host and as arrays."""
+    numbers = np.stack([carriers.obstacles, carriers.bodies], axis=1)
+    return {
+        "carriers": carriers,
+        "string_carriers": wp.array(numbers, dtype=wp.vec2i, device=device),
+        "string_centers": wp.array(carriers.centers, dtype=wp.vec3, device=device),
+        "anchor_motion": _items(carriers.motion, wp.transform, device),
+    }
 
 
 def _neck_weights(shapes: Sequence[BalloonShape]) -> list[NDArray[np.float64]]:

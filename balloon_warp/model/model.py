@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.kernels.laws.columns import Columns
+from balloon_warp.model.anchors import Carriers
 from balloon_warp.model.bodies import BodyShape
 from balloon_warp.model.driven import Driven
 from balloon_warp.model.obstacles import ObstacleShape
@@ -96,8 +97,12 @@ class Model:
     # strings, tubes and outer forces
     string_particle: wp.array
     """Particle that each string holds, shape (string_count,), int32"""
+    carriers: Carriers
+    """Carriers of the anchors of strings"""
     string_carriers: wp.array
-    """Obstacle that carries each string's anchor, or -1, shape (string_count,), int32"""
+    """Obstacle that carries each string's anchor, or -1, and free body, likewise, shape (string_count,), vec2i"""
+    string_centers: wp.array
+    """Center of mass of that body from its own origin [m], shape (string_count,), vec3"""
     anchor_motion: wp.array
     """Motion of anchors as `obstacle_motion`, shape (frames, string_count), transform; one frame where none moves"""
     tube_balloons: wp.array

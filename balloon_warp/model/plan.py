@@ -115,7 +115,8 @@ class ModelPlan:
         doubts = doubts_about(self.scene, self.shapes, self.parameters)
         passing += crushed_starts(self.scene, self.shapes, self.parameters)
         passing += crossed_starts(self.scene, self.shapes, self.parameters)
-        return taken + doubts + passing + overstretched_strings(self.scene, self.shapes, self.held, self.parameters)
+        tied = self.scene, self.shapes, self.bodies, self.held, self.parameters
+        return taken + doubts + passing + overstretched_strings(*tied)
 
     @property
     def particle_count(self) -> int:
@@ -155,9 +156,9 @@ def plan_model(
     scene = settle_itself(scene, shapes)
     held = [held_particle(number, string, scene, shapes) for number, string in enumerate(scene.string)]
     said = vary_parameters(parameters_at(scene, rows, 0), scene, rows, world_count, vary or {})
-    parameters = _settled(scene, shapes, held, said)
-    obstacles = [shape_obstacle(number, obstacle, scene) for number, obstacle in enumerate(scene.obstacle)]
     bodies = [shape_body(number, body, scene) for number, body in enumerate(scene.body)]
+    parameters = _settled(scene, shapes, bodies, held, said)
+    obstacles = [shape_obstacle(number, obstacle, scene) for number, obstacle in enumerate(scene.obstacle)]
     parameters |= settle_bodies(scene, bodies, parameters)
     if obstacles:
         from balloon_warp.model.clear_starts import require_clear_starts  # takes long to load
@@ -173,7 +174,7 @@ def plan_model(
         from balloon_warp.model.flush import exposed_ridges  # takes long to load
 
         ridges = exposed_ridges(scene, obstacles, ridges, parameters, changes, kept_distance(shapes))
-    network = Network(shapes, held, (*LAWS, *laws))
+    network = Network(shapes, held, (*LAWS, *laws), bodies)
     substeps = substeps_over_time(scene, network, parameters, changes, start_velocities(shapes, parameters))
     if scene.substeps == "auto":
         substeps = max(substeps, substeps_of_solids(scene, bodies, parameters))
@@ -201,12 +202,13 @@ def settled_parameters(plan: ModelPlan, vary: Vary) -> Parameters:
     """
     rows = rows_of(plan.laws)
     said = vary_parameters(parameters_at(plan.scene, rows, 0), plan.scene, rows, plan.world_count, vary)
-    return _settled(plan.scene, plan.shapes, plan.held, said, rounded=False)
+    return _settled(plan.scene, plan.shapes, plan.bodies, plan.held, said, rounded=False)
 
 
 def _settled(
     scene: Scene,
     shapes: Sequence[BalloonShape],
+    bodies: Sequence[BodyShape],
     held: Sequence[int],
     said: Mapping[str, NDArray[np.float64]],
     rounded: bool = True,
@@ -227,7 +229,7 @@ def _settled(
         del parameters[name]
     for number, particle in enumerate(held):
         require_same_extreme(scene, parameters, number, shapes[scene.string[number].balloon], particle)
-    parameters["string_length"] = string_lengths(scene, shapes, held, parameters)
+    parameters["string_length"] = string_lengths(scene, shapes, bodies, held, parameters)
     require_openings(scene, shapes, parameters)
     require_profile(parameters)
     parameters["keyframe_values"] = settle_pressure(scene, shapes, parameters)
@@ -266,7 +268,7 @@ def substeps_over_time(
         follow_changes(turn.scene, network.shapes, values, then)
         values = then
         methods_change = (turn.scene.substeps, turn.scene.solver) != (before.substeps, before.solver)
-        if methods_change or not names_of_the_step(network.laws).isdisjoint(turn.values):
+        if methods_change or not names_of_the_step(turn.scene, network.laws).isdisjoint(turn.values):
             chosen.append(_substeps(turn.scene, network, values))
         before = turn.scene
     return max(chosen) if scene.substeps == "auto" else chosen[0]

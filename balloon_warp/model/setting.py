@@ -174,11 +174,11 @@ def _substeps(model: Model, scene: Scene, then: Parameters, different: set[str],
         InputError: the scene says too few, or a value that differs between worlds is planned to change.
     """
     methods_change = any(getattr(scene, name) != getattr(model.scene, name) for name in METHODS)
-    if not methods_change and names_of_the_step(model.laws).isdisjoint(different):
+    if not methods_change and names_of_the_step(scene, model.laws).isdisjoint(different):
         return model.substeps
     particles = model.string_particle.numpy()
     held = [int(particle) - model.particle_offsets[string.balloon]
             for string, particle in zip(scene.string, particles, strict=True)]  # fmt: skip
-    network = Network(model.shapes, held, model.laws)
+    network = Network(model.shapes, held, model.laws, model.bodies)
     substeps = substeps_over_time(scene, network, then, planned, None)
     return max(substeps, substeps_of_solids(scene, model.bodies, then)) if scene.substeps == "auto" else substeps

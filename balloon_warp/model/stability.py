@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.laws.hooke import KINDS
-from balloon_warp.model.bounds import Bounds, names_of_bounds
+from balloon_warp.model.bodies import BodyShape, most_ease
+from balloon_warp.model.bounds import Bound, Bounds, names_of_bounds
 from balloon_warp.model.crushing import step_while_crushed
 from balloon_warp.model.materials import NAMES as MEMBRANE_NAMES
 from balloon_warp.model.parameters import Parameters
@@ -50,6 +51,9 @@ class Network:
     omega^2 h^2 + 2 g h = 4; g is twice the largest such sum of the bounds by the velocity. A balloon's damping and the
     drag in water, taken at that after it, do not: see `phases.move` and `phases.resist`.
 
+    A string between a particle and a free body is a pair, too. The body's sum is of the strings' bounds times
+    the largest speed that an impulse of 1 N s gives its point there; twice that bounds omega^2.
+
     Forward Euler's bound is what all damping makes up for, h < g / omega^2, if that is less: 0 without damping.
     """
 
@@ -58,17 +62,19 @@ class Network:
     """Particle that each string of the scene holds, numbered within its balloon"""
     laws: Sequence[Law]
     """Laws, including the scene's; those without bounds do not count"""
+    bodies: Sequence[BodyShape] = ()
+    """Free bodies, to which strings may be tied"""
 
     def stable_step(
         self, scene: Scene, parameters: Parameters, velocities: Sequence[NDArray[np.float64]] | None = None
     ) -> float:
-        """Return a step [s] that is stable for every balloon in every world.
+        """Return a step [s] that is stable for every balloon in every world, and for bodies that are tied to them.
 
         Args:
             parameters: of all worlds.
             velocities: of each balloon's particles [m/s]; at rest, when missing.
         """
-        steps = []
+        steps = list(self._steps_of_ties(scene, parameters).values())
         for number in range(len(self.shapes)):
             bounds = self._bounds(scene, number, parameters)
             around = self._around(scene, number, bounds, None if velocities is None else velocities[number])
@@ -101,6 +107,22 @@ class Network:
             return min(AUTO_MARGIN * stable, pressed)
         apart = self.stable_step(scene.model_copy(update={"touch": False}), parameters, velocities)
         return min(AUTO_MARGIN * apart, TOUCH_MARGIN * stable, pressed)
+
+    def _steps_of_ties(self, scene: Scene, parameters: Parameters) -> dict[int, float]:
+        """Return the stable step of each free body to which strings are tied, by these [s]."""
+        steps = {}
+        for body in {string.body for string in scene.string if string.body is not None}:
+            sums: dict[Bound, Any] = {"stiffness": 0.0, "drag": 0.0}
+            for number in range(len(self.shapes)):
+                held = [place for place, string in enumerate(scene.string) if string.balloon == number]
+                tied = [at for at, place in enumerate(held) if scene.string[place].body == body]
+                arms = parameters["string_anchor"][:, [held[at] for at in tied]] - self.bodies[body].center
+                ease = most_ease(self.bodies[body], arms) / parameters["body_mass"][:, body, None]
+                for bound in sums:
+                    each = Bounds(scene, self.laws, number, parameters).of_strings(bound)[:, tied]
+                    sums[bound] = sums[bound] + 2.0 * (each * ease).sum(axis=1)
+            steps[body] = float(np.min(_step(np.maximum(sums["stiffness"], 1.0e-12), sums["drag"])))
+        return steps
 
     def _step_of_spectrum(
         self, shape: BalloonShape, masses: NDArray[np.float64], bounds: Bounds, around: Surroundings, rate: float
@@ -137,6 +159,11 @@ class Network:
                 limits.append((step, number, int(np.flatnonzero(shape.mass_share)[stiffest])))
         return min(limits, default=(np.inf, 0, 0))[1:]
 
+    def limiting_body(self, scene: Scene, parameters: Parameters) -> int | None:
+        """Return the free body that needs the stable step by the strings that are tied to it, if one does."""
+        stable = self.stable_step(scene, parameters)
+        return next((body for body, step in self._steps_of_ties(scene, parameters).items() if step == stable), None)
+
     def _bounds(self, scene: Scene, number: int, parameters: Parameters) -> Bounds:
         touch = bound_of_touch(scene, self.shapes, number, parameters)
         return Bounds(scene, self.laws, number, parameters, touch)
@@ -149,10 +176,12 @@ class Network:
         return surroundings_of(self.shapes[number], held, bounds.has_hinges, velocities)
 
 
-def names_of_the_step(laws: Sequence[Law]) -> set[str]:
+def names_of_the_step(scene: Scene, laws: Sequence[Law]) -> set[str]:
     """Return the parameters that the stable step depends on, and what else the bounds of these laws ask for."""
+    tied = any(string.body is not None for string in scene.string)
     return (
         {*(row.name for row in KINDS), "string_stiffness", "mass", "damping", "touch_stiffness", "water_level"}
+        | ({"string_anchor", "body_mass"} if tied else set())
         | names_of_bounds(laws)
         | MEMBRANE_NAMES
     )

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.model.anchors import anchor_motion, anchors_at, carriers
+from balloon_warp.model.anchors import Carriers
+from balloon_warp.model.bodies import BodyShape, initial_poses
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.model.starts import start_of
@@ -36,7 +37,11 @@ def held_particle(number: int, string: String, scene: Scene, shapes: Sequence[Ba
 
 
 def string_lengths(
-    scene: Scene, shapes: Sequence[BalloonShape], held: Sequence[int], parameters: Parameters
+    scene: Scene,
+    shapes: Sequence[BalloonShape],
+    bodies: Sequence[BodyShape],
+    held: Sequence[int],
+    parameters: Parameters,
 ) -> NDArray[np.float64]:
     """Return the strings' lengths [m], shape (W, string_count).
 
@@ -45,11 +50,15 @@ def string_lengths(
     lengths = parameters["string_length"]
     if not np.isnan(lengths).any():
         return lengths
-    return np.where(np.isnan(lengths), _spans(scene, shapes, held, parameters), lengths)
+    return np.where(np.isnan(lengths), _spans(scene, shapes, bodies, held, parameters), lengths)
 
 
 def overstretched_strings(
-    scene: Scene, shapes: Sequence[BalloonShape], held: Sequence[int], parameters: Parameters
+    scene: Scene,
+    shapes: Sequence[BalloonShape],
+    bodies: Sequence[BodyShape],
+    held: Sequence[int],
+    parameters: Parameters,
 ) -> list[str]:
     """Return a sentence for each string that exists from the start and is then longer than its length.
 
@@ -57,7 +66,8 @@ def overstretched_strings(
     """
     if not scene.string:
         return []
-    spans, lengths = np.broadcast_arrays(_spans(scene, shapes, held, parameters), parameters["string_length"])
+    spans = _spans(scene, shapes, bodies, held, parameters)
+    spans, lengths = np.broadcast_arrays(spans, parameters["string_length"])
     stretches = spans / lengths - 1.0
     sentences = []
     for number in np.flatnonzero(stretches.max(axis=0) > LEAST_STRETCH).tolist():
@@ -71,12 +81,16 @@ def overstretched_strings(
     return sentences
 
 
-ANCHORED = ("string_anchor", "obstacle_position")
+ANCHORED = ("string_anchor", "obstacle_position", "initial_body_positions")
 """Names of the parameters that anchors follow from"""
 
 
 def _spans(
-    scene: Scene, shapes: Sequence[BalloonShape], held: Sequence[int], parameters: Parameters
+    scene: Scene,
+    shapes: Sequence[BalloonShape],
+    bodies: Sequence[BodyShape],
+    held: Sequence[int],
+    parameters: Parameters,
 ) -> NDArray[np.float64]:
     """Return the vector from each string's anchor to its particle at the start [m], shape (W, string_count)."""
     balloons = [string.balloon for string in scene.string]
@@ -87,10 +101,22 @@ def _spans(
         ],
         axis=1,
     )
-    return np.linalg.norm(starts - anchors_of(scene, parameters, 0), axis=-1)
+    return np.linalg.norm(starts - anchors_of(scene, bodies, parameters), axis=-1)
 
 
-def anchors_of(scene: Scene, parameters: Mapping[str, Any], frame: float) -> NDArray[np.float64]:
-    """Return the anchors of strings at a frame in each world [m], shape (W, string_count, 3)."""
-    anchors, positions = (np.asarray(parameters[name]) for name in ANCHORED)
-    return anchors_at(anchors, positions, carriers(scene), anchor_motion(scene), frame)
+def anchors_of(
+    scene: Scene,
+    bodies: Sequence[BodyShape],
+    parameters: Mapping[str, Any],
+    frame: float = 0,
+    poses: NDArray[np.floating] | None = None,
+) -> NDArray[np.float64]:
+    """Return the anchors of strings at a frame in each world [m], shape (W, string_count, 3).
+
+    Args:
+        poses: of bodies then, shape (W, body_count, 7); those of the start, when missing.
+    """
+    anchors, positions, starts = (np.asarray(parameters[name]) for name in ANCHORED)
+    if poses is None:
+        poses = initial_poses(scene, bodies, starts)
+    return Carriers.of(scene, bodies).anchors_at(anchors, positions, poses, frame)

@@ -54,6 +54,16 @@ class Around:
         if self.contacts.touch:
             self.contacts.touch.begin_frame(x, v, h)
 
+    def tie(self, ties, h):
+        """Pull at bodies, by number, at a place with a force, as a step begins."""
+        self.tugs = np.zeros((len(self.bodies), 6))
+        for number, place, force in ties:
+            body = self.bodies[number]
+            spin = body["turning"] @ np.cross(place - body["position"], h * force)
+            self.tugs[number] += [*(h * force / body["mass"]), *spin]
+        for body, tug in zip(self.bodies, self.tugs, strict=True):
+            body["velocity"], body["spin"] = body["velocity"] + tug[:3], body["spin"] + tug[3:]
+
     def move(self, h, frame, parts):
         """Begin a step between two parts of a frame: move obstacles, spheres and bodies."""
         seconds = 1.0 / self.scene.frames_per_second
@@ -94,7 +104,7 @@ class Around:
         last = first + len(self.spheres)
         friction = np.delete(self.of_bodies[:, : last + len(self.bodies)], np.s_[first:last], axis=1)
         things = [*self.things, *self.bodies]
-        self.kept = bodies.move(self.bodies, things, friction, self.kept, self.h, gravity, self.up)
+        self.kept = bodies.move(self.bodies, things, friction, self.kept, self.h, gravity, self.up, self.tugs)
         for number, ball in enumerate(self.spheres):
             for body, of_body in zip(self.bodies, self.of_bodies, strict=True):
                 if ball["radius"] > 0.0:

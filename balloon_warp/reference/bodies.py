@@ -179,8 +179,12 @@ def push_each_other(a, b, before, n, least, closing, friction, impulse, group, a
     return agreed * (without + np.where(jams & (gain > 0.0), 0.0, share) * more)
 
 
-def move(bodies, things, friction, kept, h, gravity, up):
-    """Move bodies by a step, and return the impulses of their contacts, from which the next one begins."""
+def move(bodies, things, friction, kept, h, gravity, up, tugs):
+    """Move bodies by a step, and return the impulses of their contacts, from which the next one begins.
+
+    Args:
+        tugs: Velocity and spin that strings have given each body in it.
+    """
     found = grips(bodies, things, friction, h, h * abs(gravity))
     columns = list(zip(*found, strict=True)) or [()] * 10
     n, arms, others, moving = (np.reshape(column, (-1, 3)) for column in columns[3:7])
@@ -212,16 +216,17 @@ def move(bodies, things, friction, kept, h, gravity, up):
     for body in bodies:
         body["start"] = body["position"]
     speeds = np.array([[*body["velocity"], *body["spin"]] for body in bodies])
-    u = np.einsum("kxby,by->kx", lever, speeds) - moving
+    u = np.einsum("kxby,by->kx", lever, speeds - tugs) - moving
+    tug = (n * np.einsum("kxby,by->kx", lever, tugs)).sum(axis=1)
     approach = -(n * u).sum(axis=1)
-    pull = np.where([other is None for other in columns[2]], gravity * (n @ up), 0.0)
+    pull = np.where([other is None for other in columns[2]], gravity * (n @ up), 0.0) - tug / h
     away, kick, e = np.maximum(gap, 0.0), h * pull, restitutions**2
     squared = 0.25 * kick**2 + e * approach * (approach + kick) - 2.0 * (1.0 - e) * pull * away
-    rebounds = (approach > 2.0 * h * abs(gravity)) & (approach + kick > away / h)
+    rebounds = (approach > 2.0 * (h * abs(gravity) + np.abs(tug))) & (approach + kick > away / h)
     least = np.where(rebounds, np.maximum(-away / h, np.sqrt(np.maximum(squared, 0.0)) - 0.5 * kick), -away / h)
     speeds[:, :3] -= h * gravity * up
     b = np.einsum("kxby,by->kx", lever, speeds) - moving
-    fastest = max(h * abs(gravity), approach.max(initial=0.0))
+    fastest = max(h * abs(gravity), approach.max(initial=0.0), np.abs(tug).max(initial=0.0))
     impulse = np.reshape([kept.get(key, np.zeros(3)) for key in columns[0]], (-1, 3))
     group = groups_of(zip(*columns[1:3], strict=True), len(bodies))[[*columns[1]]]
     impulse = push_each_other(a, b, u, n, least, -away / h, frictions, impulse, group, 3e-6 * fastest, most)

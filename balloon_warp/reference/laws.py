@@ -54,10 +54,14 @@ def shortened(x, v, springs, share, limit, h):
     return x, v
 
 
-def strings(x, held, anchors, lengths, constants):
+def pulls_of_strings(x, held, anchors, lengths, constants):
     """Springs from anchors to the particles held, while taut."""
     d = anchors - x[held]
-    return summed(len(x), held, constants * np.maximum(1.0 - lengths / size(d), 0.0) * d)
+    return constants * np.maximum(1.0 - lengths / size(d), 0.0) * d
+
+
+def strings(x, held, *told):
+    return summed(len(x), held, pulls_of_strings(x, held, *told))
 
 
 def torsion(x, hinges, constant):

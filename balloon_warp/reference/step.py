@@ -93,6 +93,7 @@ class Reference:
         if self.substep_number == 0:
             self._begin_frame()
         h, start = self.h, self.x
+        pulls = self._pull_strings()
         self.around.move(h, self.frame_number, [(self.substep_number + end) / self.substeps for end in (0, 1)])
         self._pump()
         self.mass = self._masses()
@@ -100,7 +101,7 @@ class Reference:
         gain = np.where(self.mass > 0.0, h / np.where(self.mass > 0.0, self.mass + h * damping, 1.0), 0.0)[:, None]
         each = [self._forces(number) for number in range(len(self.balloons))]
         force, area, k = (np.concatenate(parts) for parts in zip(*each, strict=True))
-        self._drive(force)
+        self._drive(force, pulls)
         force += self.around.touch(self.x, self.v)
         others = force + k * laws.size(self.v) * self.v
         free, gain = laws.resisted(self.v, others, self._inflate(area), k, gain)
@@ -209,13 +210,24 @@ class Reference:
         opened = len(self.balloons[number].neck.edges) and p.neck_opens <= self.time < p.neck_closes
         return 0.25 * np.pi * p.neck_diameter**2 * p.neck_discharge if opened else 0.0
 
-    def _drive(self, force: Array) -> None:
-        """Add strings and outer forces."""
+    def _pull_strings(self) -> Array:
+        """Return the forces of strings on particles, and pull at the bodies to which they are tied."""
         first = np.searchsorted(self.owner, [string.balloon for string in self.scene.string])
         held = (first + self.plan.held).astype(int)
         lengths, constants = (self.parameters[f"string_{name}"][0] for name in ("length", "stiffness"))
-        anchors = anchors_of(self.scene, self.parameters, self.frame_number + self.substep_number / self.substeps)[0]
-        force += laws.strings(self.x, held, anchors, lengths[:, None], constants[:, None])
+        time = self.frame_number + self.substep_number / self.substeps
+        anchors = anchors_of(self.scene, self.plan.bodies, self.parameters, time)[0]
+        tied = [(number, string.body) for number, string in enumerate(self.scene.string) if string.body is not None]
+        for number, body in tied:
+            arm = self.parameters["string_anchor"][0, number] - self.plan.bodies[body].center
+            anchors[number] = self.bodies[body]["position"] + self.bodies[body]["turn"] @ arm
+        pulls = laws.pulls_of_strings(self.x, held, anchors, lengths[:, None], constants[:, None])
+        self.around.tie([(body, anchors[number], -pulls[number]) for number, body in tied], self.h)
+        return laws.summed(len(self.x), held, pulls)
+
+    def _drive(self, force: Array, pulls: Array) -> None:
+        """Add strings and outer forces."""
+        force += pulls
         driven = self.plan.driven
         newtons = driven.shares[:, None] * self.parameters["force_newtons"][0][driven.forces]
         force += laws.summed(len(force), driven.particles, newtons)

@@ -80,6 +80,7 @@ def model_features(model: Model) -> Features:
         fixtures=bool(scene.obstacle),
         fixture_meshes=any(obstacle.shape == "mesh" for obstacle in scene.obstacle),
         anchors_move=model.anchor_motion.shape[0] > 1,
+        ties=any(string.body is not None for string in scene.string),
         fixtures_move=model.obstacle_motion.shape[0] > 1,
         fixtures_steered=model.is_steered,
         bodies=model.body_count,

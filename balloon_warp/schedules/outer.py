@@ -13,7 +13,6 @@ from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
 from balloon_warp.model.rows import VELOCITY
 from balloon_warp.model.state import frames_of
-from balloon_warp.model.strings import ANCHORED
 
 
 def string_table(model: Model) -> Any:
@@ -24,7 +23,7 @@ def string_table(model: Model) -> Any:
     table = StringTable()
     table.offsets = _array(model, offsets, wp.int32)
     table.particles = _array(model, held[order], wp.int32)
-    table.order = _array(model, order, wp.int32)
+    table.order = _array(model, np.stack([order, model.carriers.bodies[order]], axis=1), wp.vec2i)
     return _with_strings(table, model)
 
 
@@ -34,11 +33,11 @@ def place_anchors(model: Model, tables: Any, state: State) -> None:
     if model.anchor_motion.shape[0] > 1:
         steered = model.parameters[VELOCITY] if model.is_steered else table.anchors  # which is not read
         inputs = [
-            model.anchor_motion, model.string_carriers, *(model.parameters[name] for name in ANCHORED), steered,
-            int(model.is_steered), model.frame_seconds, state.frame, frames_of(model, state),
+            model.anchor_motion, model.string_carriers, model.string_centers, model.parameters["string_anchor"],
+            model.parameters["obstacle_position"], steered, int(model.is_steered), model.frame_seconds, state.frame,
+            frames_of(model, state), state.body_positions, state.body_turns,
         ]  # fmt: skip
-        shape = model.world_count, model.string_count
-        launch(move_anchors, shape, inputs, [table.anchors], device=model.device)
+        launch(move_anchors, (model.world_count, model.string_count), inputs, [table.anchors], device=model.device)
 
 
 def strings_of_world(model: Model, batch: Any) -> Any:
@@ -49,7 +48,7 @@ def strings_of_world(model: Model, batch: Any) -> Any:
 def _with_strings(table: Any, model: Model) -> Any:
     table.anchors = model.parameters["string_anchor"]
     if model.anchor_motion.shape[0] > 1:
-        shape = (2 * model.world_count, model.string_count + 1)
+        shape = (3 * model.world_count, model.string_count + 1)
         table.anchors = wp.zeros(shape, dtype=wp.vec3, device=model.device)
     table.lengths = model.parameters["string_length"]
     table.stiffness = model.parameters["string_stiffness"]

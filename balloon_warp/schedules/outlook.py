@@ -42,6 +42,7 @@ def free_features(features: Features) -> Features:
         touches_itself=False,
         edges_meet=False,
         bodies=0,
+        ties=False,
         small_spheres=False,
         ridges=False,
         round_ridges=False,

@@ -25,6 +25,8 @@ def solid_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]
         "body_eases": room.array((worlds, bodies), wp.mat33d),
         "body_going": room.array((worlds, bodies), wp.vec3d),
         "body_turning": room.array((worlds, bodies), wp.vec3d),
+        "body_tugs": room.array((worlds, bodies if features.ties else 0), wp.vec3),
+        "body_twists": room.array((worlds, bodies if features.ties else 0), wp.vec3),
         "body_groups": room.array((worlds, bodies), wp.int32),
         "body_gains": room.array((worlds, bodies), wp.vec4d),
         "body_pushes": room.array((worlds, particles if bodies else 0), wp.vec3),

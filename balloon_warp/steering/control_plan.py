@@ -95,7 +95,7 @@ def _bound(path: str, name: str, given: float | None, own: float) -> float:
 
 def _require_bounded(model: Model, plan: ControlPlan, low: float | None, high: float | None) -> None:
     """Make sure that numbers on which the step depends have bounds for which a step is found."""
-    if plan.names & {*names_of_the_step(model.laws), VELOCITY} and (low is None or high is None):
+    if plan.names & {*names_of_the_step(model.scene, model.laws), VELOCITY} and (low is None or high is None):
         raise InputError(f"{plan.path}: the step depends on it; expected bounds, as in open(path, low=..., high=...)")
 
 
@@ -175,7 +175,7 @@ def _filled(own: NDArray[np.float32], plan: ControlPlan, name: str, value: float
 
 def _substeps(model: Model, plans: Sequence[ControlPlan]) -> int:
     """Return the substeps of a frame that suffice for all bounds together."""
-    steps = names_of_the_step(model.laws)
+    steps = names_of_the_step(model.scene, model.laws)
     asked = [plan for plan in plans if plan.names & steps and not plan.planned]
     corners = list(product(*((plan.low, plan.high) for plan in asked)))
     if len(corners) > MOST_CORNERS:

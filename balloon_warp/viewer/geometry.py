@@ -131,7 +131,7 @@ def string_reach(model: Model, up: NDArray[np.floating]) -> NDArray[np.floating]
         up: Unit vector, shape (3,).
     """
     places = {name: model.parameters[name].numpy() for name in ANCHORED}
-    anchors = anchors_of(model.scene, places, 0)[0].reshape(-1, 3)[: len(model.scene.string)]
+    anchors = anchors_of(model.scene, model.bodies, places)[0].reshape(-1, 3)[: len(model.scene.string)]
     lengths = model.parameters["string_length"].numpy()[0]
     held = [model.shapes[string.balloon].mesh.points for string in model.scene.string[: len(anchors)]]
     sizes = np.array([np.ptp(points, axis=0).max() for points in held])

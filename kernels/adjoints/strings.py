@@ -43,7 +43,7 @@ def string_adjoint(features: Features) -> Adjoint:
                 force_bar,
                 t.strings,
                 params.world,
-                t.strings.order[held],
+                t.strings.order[held][0],
                 params.n,
                 t.step_seconds,
                 time,
@@ -69,7 +69,7 @@ def strings_back_kernel(features: Features) -> Any:
         """Add the bars of a substep; a thread a (world, string)."""
         world, held = wp.tid()
         particle = t.strings.particles[held]
-        string = t.strings.order[held]
+        string = t.strings.order[held][0]
         n = read_numbers(t, world, t.particles.balloon[particle])
         time = time_of(t, frame, time_in_frame)
         d = anchor_at(t.strings, world, string, time) - points[world, particle]

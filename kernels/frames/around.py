@@ -76,7 +76,8 @@ def place_fixtures(
 def move_anchors(
     # model
     motion: wp.array2d[wp.transform],
-    carriers: wp.array[wp.int32],
+    carriers: wp.array[wp.vec2i],
+    centers: wp.array[wp.vec3],
     anchors: wp.array2d[wp.vec3],
     positions: wp.array2d[wp.vec3],
     velocities: wp.array2d[wp.vec3],
@@ -85,27 +86,34 @@ def move_anchors(
     # state in
     frame: wp.array[wp.int32],
     own_frame: wp.array[wp.int32],
+    body_positions: wp.array2d[wp.vec3],
+    body_turns: wp.array2d[wp.quat],
     # out
     placed: wp.array2d[wp.vec3],
 ):
     """Place anchors of strings as the frame begins, and find how fast they move until it ends.
 
-    A thread a (world, string).
+    Those on bodies are placed again in each substep, see `phases.tie`. A thread a (world, string).
     """
     world, string = wp.tid()
     begin = wp.clamp(own_frame[row_of_world(world, own_frame.shape[0])], 0, motion.shape[0] - 2)
-    anchor = anchors[row_of_world(world, anchors.shape[0]), string]
+    anchor = anchors[row_of_world(world, anchors.shape[0]), string] - centers[string]
     first = wp.transform_point(motion[begin, string], anchor)
     speed = (wp.transform_point(motion[begin + 1, string], anchor) - first) / frame_seconds
-    carrier = carriers[string]
+    carrier = carriers[string][0]
+    body = carriers[string][1]
     if carrier >= 0:
         first += positions[row_of_world(world, positions.shape[0]), carrier]
         if steered != 0:
             speed += velocities[row_of_world(world, velocities.shape[0]), carrier]
-    placed[2 * world, string] = first
-    placed[2 * world + 1, string] = speed
+    if body >= 0:
+        first = body_positions[world, body] + wp.quat_rotate(body_turns[world, body], anchor)
+        speed = wp.vec3()
+    placed[3 * world, string] = first
+    placed[3 * world + 1, string] = speed
+    placed[3 * world + 2, string] = anchor
     if string == 0:
-        placed[2 * world, placed.shape[1] - 1] = wp.vec3(float(frame[0]) * frame_seconds, 0.0, 0.0)
+        placed[3 * world, placed.shape[1] - 1] = wp.vec3(float(frame[0]) * frame_seconds, 0.0, 0.0)
 
 
 @wp.kernel

@@ -2,7 +2,8 @@
 
 With u the point's velocity beside the surface that it meets and g its gap, the impulse P n is the least that makes
 
-    n . u >= -g / h,    or the speed of the rebound, where it comes faster than two steps of gravity,
+    n . u >= -g / h,    or the speed of the rebound, where it comes faster than two steps of gravity
+    and of strings that are tied to it,
 
 and friction stops as much of u across n as an impulse of friction times P can. Points push one after the other, and
 again until they agree, with their impulses so far (projected Gauss-Seidel; Catto 2005, *Iterative dynamics*), from
@@ -11,7 +12,7 @@ their number, until that leads back (Nesterov's acceleration, begun anew; O'Dono
 2015). So a light body under one a thousand times as heavy needs a hundred sweeps, not thousands.
 
 Friction and rebounds at several points may give energy (Kane's paradox), and so take place in part. With v the velocity
-beside that surface before gravity acts, and P the impulse there as a vector, bodies that touch each other gain
+beside that surface before gravity and strings act, and P the impulse there as a vector, bodies that touch gain
 
     G = sum P . (v + u) / 2
 
@@ -64,7 +65,7 @@ class Grip:
     impulse: wp.vec3d  # so far [N s]
     added: wp.vec3d  # to it in the last sweep
     ahead: wp.vec3d  # by which it went on before that
-    before: wp.vec3d  # velocity beside that surface, before gravity acts [m/s]
+    before: wp.vec3d  # velocity beside that surface, before gravity and strings act [m/s]
     rebound: wp.vec3d  # the impulse with all rebounds [N s]
     leaving: wp.vec3d  # u with these [m/s]
 

@@ -3,7 +3,7 @@
 import warp as wp
 
 from balloon_warp.kernels.laws.grip import most_sweeps, push_share, rebound_share
-from balloon_warp.kernels.loops.settling import beside_at, push_apart, settle
+from balloon_warp.kernels.loops.settling import beside_at, push_apart, settle, tug_at
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.working import Working
 
@@ -106,7 +106,7 @@ def push_less(working: Working, world: wp.int32, count: wp.int32, jams: bool, fa
         grip = working.grips[world, number]
         group = group_of(working, world, grip.body)
         now = beside_at(working, world, grip)
-        free = grip.before
+        free = grip.before + tug_at(working, world, grip)
         if grip.other < 0:
             free -= wp.vec3d(fallen)
         without = work_of(grip.impulse, grip.before, now)

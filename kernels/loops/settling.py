@@ -43,6 +43,24 @@ def beside_at(working: Working, world: wp.int32, grip: Grip):
 
 
 @wp.func
+def tug_at(working: Working, world: wp.int32, grip: Grip):
+    """Return the part of the relative velocity at a contact that strings add in this substep [m/s]."""
+    tug = wp.vec3d()
+    if working.body_tugs.shape[1] > 0:
+        tug = tug_of(working, world, grip.body, grip.arm)
+        if grip.other >= 0:
+            tug -= tug_of(working, world, grip.other, grip.other_arm)
+    return tug
+
+
+@wp.func
+def tug_of(working: Working, world: wp.int32, body: wp.int32, arm: wp.vec3):
+    """Return the velocity of a body's point that strings add in this substep [m/s]."""
+    spin = working.body_eases[world, body] * wp.vec3d(working.body_twists[world, body])
+    return wp.vec3d(working.body_tugs[world, body]) + wp.cross(spin, wp.vec3d(arm))
+
+
+@wp.func
 def along_normal(grip: Grip, velocity: wp.vec3d):
     """Return the part of a velocity along a contact's normal [m/s]."""
     return wp.dot(wp.vec3d(grip.normal), velocity)

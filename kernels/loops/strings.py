@@ -21,8 +21,8 @@ def anchor_function(features: Features) -> Any:
     def anchor_at(strings: StringTable, world: wp.int32, string: wp.int32, time: float):
         """Return the anchor of a string [m]; between two frames it moves along a line."""
         if wp.static(features.anchors_move):
-            begin = strings.anchors[2 * world, strings.anchors.shape[1] - 1][0]
-            return strings.anchors[2 * world, string] + (time - begin) * strings.anchors[2 * world + 1, string]
+            begin = strings.anchors[3 * world, strings.anchors.shape[1] - 1][0]
+            return strings.anchors[3 * world, string] + (time - begin) * strings.anchors[3 * world + 1, string]
         return strings.anchors[row_of_world(world, strings.anchors.shape[0]), string]
 
     return anchor_at
@@ -66,7 +66,7 @@ def held_string_pull(features: Features) -> Any:
         """Return the force of a string on the particle that it holds [N]."""
         p = t.strings.particles[held]
         n = read_numbers(t, world, t.particles.balloon[p])
-        string = t.strings.order[held]
+        string = t.strings.order[held][0]
         return pull_of_string(t.strings, world, string, points[p], velocities[p], n, t.step_seconds, time)
 
     return pull_of_held_string
@@ -92,7 +92,7 @@ def string_loop(features: Features) -> Any:
         force = wp.vec3()
         if strings.offsets.shape[0] > 0:
             for held in range(int_at(strings.offsets, particle), int_at(strings.offsets, particle + 1)):
-                force += pull_of_string(strings, world, strings.order[held], point, velocity, n, step_seconds, time)
+                force += pull_of_string(strings, world, strings.order[held][0], point, velocity, n, step_seconds, time)
         return force
 
     return pull_of_strings

@@ -10,6 +10,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.laws.collision import SLOW
 from balloon_warp.kernels.laws.grip import (
     AGREED,
     APART,
@@ -24,7 +25,7 @@ from balloon_warp.kernels.loops.bodies import Rigid, Stop, body_at, body_mass, p
 from balloon_warp.kernels.loops.friction import friction_between, number_of_body, number_of_sphere
 from balloon_warp.kernels.loops.holding import holding_function
 from balloon_warp.kernels.loops.rebounding import push_each_other
-from balloon_warp.kernels.loops.settling import along_normal, beside_at, ease_at, settle
+from balloon_warp.kernels.loops.settling import along_normal, beside_at, ease_at, settle, tug_at
 from balloon_warp.kernels.tables import (
     Tables,
     WorldState,
@@ -84,7 +85,7 @@ def part(t: Tables, state: WorldState, working: Working, world: wp.int32, count:
 def aim(t: Tables, state: WorldState, working: Working, world: wp.int32, count: wp.int32, pull: float):
     """Set the target speed of each contact from its warm start, and return the fastest approach [m/s].
 
-    Or a step of gravity, if that is faster.
+    Or a step of gravity or of strings, if that is faster.
     """
     slow = slowest_rebound(pull, t.step_seconds)
     fastest = t.step_seconds * wp.abs(pull)
@@ -95,11 +96,14 @@ def aim(t: Tables, state: WorldState, working: Working, world: wp.int32, count: 
         faster = float(0.0)  # two bodies fall alike
         if grip.other < 0:
             faster = pull * wp.dot(grip.normal, t.up)
+        tug = float(along_normal(grip, tug_at(working, world, grip)))
+        faster -= tug / t.step_seconds
+        slowest = slow + SLOW * wp.abs(tug)
         grip.closing = -wp.max(grip.gap, 0.0) / t.step_seconds
-        grip.least = least_speed(grip.gap, approach, grip.restitution, faster, slow, t.step_seconds)
+        grip.least = least_speed(grip.gap, approach, grip.restitution, faster, slowest, t.step_seconds)
         grip.impulse = state.body_impulses[world, number]
         working.grips[world, number] = grip
-        fastest = wp.max(fastest, approach)
+        fastest = wp.max(fastest, wp.max(approach, wp.abs(tug)))
     return fastest
 
 
@@ -229,6 +233,9 @@ def tumbling_function(features: Features) -> Any:
             working.body_start_turns[world, body] = state.body_turns[world, body]
             working.body_going[world, body] = wp.vec3d(state.body_velocities[world, body])
             working.body_turning[world, body] = wp.vec3d(state.body_momenta[world, body])
+            if wp.static(features.ties):  # before they have pulled
+                working.body_going[world, body] -= wp.vec3d(working.body_tugs[world, body])
+                working.body_turning[world, body] -= wp.vec3d(working.body_twists[world, body])
         fastest = aim(t, state, working, world, count, pull)
         push_each_other(t, state, working, world, count, pull, AGREED * fastest)
         remember(state, working, world, count)

@@ -70,7 +70,7 @@ def string_measure(features: Features) -> Any:
     ):
         """Measure the force of a string on its particle [N]."""
         pull = pull_of_held_string(t, world, held, points, velocities, time)
-        pulls[0, t.strings.order[held]] = wp.length(pull)
+        pulls[0, t.strings.order[held][0]] = wp.length(pull)
 
     return measure_string
 

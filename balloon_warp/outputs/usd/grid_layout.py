@@ -32,7 +32,8 @@ def world_bounds(plans: Sequence[ModelPlan]) -> tuple[NDArray[np.float64], NDArr
     for plan in plans:
         for number, shape in enumerate(plan.shapes):
             clouds += [start_of(plan.scene, plan.parameters, number, box_corners(shape.mesh)).reshape(-1, 3)]
-        clouds += [anchors_of(plan.scene, plan.parameters, frame).reshape(-1, 3) for frame in (0, plan.scene.frames)]
+        told = plan.scene, plan.bodies, plan.parameters
+        clouds += [anchors_of(*told, frame).reshape(-1, 3) for frame in (0, plan.scene.frames)]
         centers, radii = plan.parameters["initial_sphere_positions"], plan.parameters["sphere_radius"][..., None]
         clouds += [(centers - radii).reshape(-1, 3), (centers + radii).reshape(-1, 3), *_obstacle_bounds(plan)]
         places = initial_centers(plan.scene, plan.bodies, plan.parameters["initial_body_positions"])

@@ -14,7 +14,7 @@ from pxr import Gf, Sdf, UsdGeom, Vt
 
 from balloon_warp.mesh.corners import beside_faces, corner_faces, corners_beside
 from balloon_warp.model import ModelPlan
-from balloon_warp.model.anchors import anchor_motion, anchors_at, carriers
+from balloon_warp.model.anchors import Carriers
 from balloon_warp.outputs.knot import Knot
 from balloon_warp.outputs.usd.body import inertia_of
 from balloon_warp.outputs.usd.grid_obstacles import PLACE, TURN, GridObstacles, values_over_time
@@ -109,7 +109,7 @@ class GridWorld:
             for number, path in enumerate(prototypes.bodies)
         ]
         self._string_anchors = values_over_time(plan, "string_anchor", row)
-        self._anchor_motion = carriers(plan.scene), anchor_motion(plan.scene)
+        self._carriers = Carriers.of(plan.scene, plan.bodies)
         self._string_lengths = values_over_time(plan, "string_length", row)
         self._string_widths = prototypes.string_widths
 
@@ -153,7 +153,7 @@ class GridWorld:
                 self.layer.SetTimeSample(path, time, value)
         for number, (point_path, extent_path) in enumerate(self._strings):
             own = self._held(number, points)
-            curve = self._string_curve(number, own, time)
+            curve = self._string_curve(number, own, body_poses, time)
             places = Vt.Vec3fArray.FromNumpy(curve)
             extent = UsdGeom.Curves.ComputeExtent(places, self._string_widths[number])
             self.layer.SetTimeSample(point_path, time, places)
@@ -197,14 +197,16 @@ class GridWorld:
         before = sum(shape.mesh.vertex_count for shape in self.plan.shapes[:balloon])
         return points[before : before + self.plan.shapes[balloon].mesh.vertex_count]
 
-    def _string_curve(self, number: int, points: NDArray[np.float32], time: int) -> NDArray[np.float32]:
+    def _string_curve(
+        self, number: int, points: NDArray[np.float32], body_poses: NDArray[np.float32], time: int
+    ) -> NDArray[np.float32]:
         """Return a string's curve, from the points of the balloon that it holds."""
         end = points[self.plan.held[number]]
         anchors, lengths, positions = (
             next(values for frame, values in reversed(over_time) if frame <= time)
             for over_time in (self._string_anchors, self._string_lengths, self._positions)
         )
-        anchors = anchors_at(anchors, positions, *self._anchor_motion, time)
+        anchors = self._carriers.anchors_at(anchors, positions, body_poses, time)
         return string_curve(anchors[number], end, float(lengths[number]), self.plan.scene.up, self._ground_height)
 
 

@@ -34,7 +34,7 @@ class StringPrim:
         held = model.shapes[self.string.balloon].mesh
         self.prim = define_string(stage, path, held)
         places = {name: model.parameters[name].numpy() for name in ANCHORED}
-        anchor = anchors_of(model.scene, places, 0)[0, number]
+        anchor = anchors_of(model.scene, model.bodies, places)[0, number]
         start = np.linspace(anchor, held.points[self.particle], POINT_COUNT)
         self._strand = Strand(stage, self.prim, start)
         self._knot = None

@@ -53,10 +53,13 @@ class String(Table):
     """A string from an anchor to one particle: it pulls when taut and does not push."""
 
     anchor: Vector
-    """Position of the anchored end [m]; with `obstacle`, in its own axes from its `position`"""
+    """Position of the anchored end [m]; with `obstacle` or `body`, in its own axes from its `position`"""
     obstacle: Index | None = None
     """Obstacle that carries the anchor, by its index in the scene: the anchor moves and turns with it. Fixed in the
     scene when missing"""
+    body: Index | None = None
+    """Free body that carries the anchor, by its index in the scene, and that the string pulls as hard as the balloon:
+    a basket"""
     motion: Annotated[list[tuple[NonNegative, Vector]], Field(min_length=1)] | None = None
     """Keyframes [[time, shift], ...]: shifts from `anchor` [m], linear between them, and constant before the first and
     after the last, as of a hand"""
@@ -81,12 +84,13 @@ class String(Table):
     @property
     def moves(self) -> bool:
         """Return whether the anchor may move."""
-        return self.obstacle is not None or self.motion is not None
+        return any(each is not None for each in (self.obstacle, self.body, self.motion))
 
     @model_validator(mode="after")
     def _follows_one(self) -> Self:
-        if self.obstacle is not None and self.motion is not None:
-            raise ValueError("motion: an anchor follows an obstacle or keyframes; expected one of them")
+        followed = [name for name in ("obstacle", "body", "motion") if getattr(self, name) is not None]
+        if len(followed) > 1:
+            raise ValueError(f"{followed[1]}: an anchor follows an obstacle, a body or keyframes; expected one of them")
         times = [time for time, _ in self.motion or ()]
         if any(later <= earlier for earlier, later in itertools.pairwise(times)):
             raise ValueError(f"motion: keyframe times must increase (got {times})")

@@ -205,11 +205,12 @@ class Scene(Table):
                         f"(got {thing.balloon})"
                     )
         for number, string in enumerate(self.string):
-            if string.obstacle is not None and string.obstacle >= len(self.obstacle):
-                raise ValueError(
-                    f"string.{number}.obstacle: must be below the number of obstacles, {len(self.obstacle)} "
-                    f"(got {string.obstacle})"
-                )
+            carriers = ("obstacle", "obstacles", self.obstacle), ("body", "bodies", self.body)
+            for field, words, things in carriers:
+                if (carrier := getattr(string, field)) is not None and carrier >= len(things):
+                    raise ValueError(
+                        f"string.{number}.{field}: must be below the number of {words}, {len(things)} (got {carrier})"
+                    )
             if string.moves and self.solver == "projective":
                 raise ValueError(f'string.{number}: an anchor that moves needs another solver than "projective"')
         if self.correction != "none" and not any(
