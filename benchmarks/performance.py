@@ -11,7 +11,7 @@ GPU_FRAME = 488 * 32
 """particle-substeps in a frame of the cases' balloon"""
 SHOWN = {
     "springs and the paper's push": ("4,096 balloons", "block"),
-    "the same, with the push recomputed at every step": ("4,096 balloons, fresh normals", "block"),
+    "the same, with pressure normals updated every substep": ("4,096 balloons, fresh normals", "block"),
     "a sealed gas, and drag in air": ("4,096 balloons, sealed gas", "block"),
     "latex that wrinkles, with a sealed gas": ("4,096 balloons of neo-Hookean rubber", ""),
     "under pressure, lying on a box": ("4,096 balloons on a box", ""),
