@@ -390,7 +390,7 @@ def test_the_summary_is_one_object_and_the_files_are_where_it_says(folder: Path,
     varied = ["--vary", "balloon.inflation.k_normal=0:8", "--vary", "sphere.0.mass=1,10,100", "--grid"]
     assert batch("--worlds", "9", *varied, "--export", "0,5", "-o", "out", "--json") == 0
     captured = capsys.readouterr()
-    (line,) = captured.err.splitlines()
+    line, *_ = captured.err.splitlines()  # a slow machine also estimates its time
     assert line.startswith("ball: 9 worlds, 234 particles, ")
     summary = json.loads(captured.out)
     assert (summary["worlds"], summary["exported_worlds"], summary["unhealthy_worlds"]) == (9, 2, 0)
