@@ -66,6 +66,7 @@ def test_gusts_have_no_mean_and_the_variance_that_they_are_given(device: str):
     np.testing.assert_allclose(np.cov(found.T), np.eye(3), atol=0.04)
 
 
+@pytest.mark.always("cpu")
 def test_gusts_have_no_divergence(device: str):
     """Differences over a five-thousandth of a length, a fifteenth of the shortest wave, which float32 resolves."""
     places, step = RANDOM.uniform(-2.0, 2.0, (4000, 3)), 1e-4 * LENGTH
