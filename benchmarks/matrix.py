@@ -99,6 +99,7 @@ METHODS = (
     ),
     Method("lift and drag by face", ("balloon.face_drag=1",)),
     Method("water", ("water={}",)),
+    Method("soft skin full of gas, in water", (GAS, "balloon.inflation.water_evened=0.5", "water={}")),
     Method("viscous springs", ("balloon.stiffness.viscosity=1e-3",)),
     Method("overextended springs stop pulling", ("balloon.stiffness.yield_stretch=2",)),
     Method("torsion springs", ("balloon.stiffness.torsion=0.01",)),

@@ -15,6 +15,7 @@ from balloon_warp.kernels.phases.contact import touch_balloons
 from balloon_warp.kernels.phases.contact_forces import note_unhindered, record_impulses
 from balloon_warp.kernels.phases.correct import correct
 from balloon_warp.kernels.phases.drive import drive
+from balloon_warp.kernels.phases.even_out import even_out, find_lift, read_lift
 from balloon_warp.kernels.phases.faces import bear, push_face
 from balloon_warp.kernels.phases.flow import burden, flow, pump, weigh
 from balloon_warp.kernels.phases.inflate import add_up, given_load, inflate
@@ -46,8 +47,8 @@ STEP: tuple[Phase, ...] = (
     # where normal forces push: once a frame, or every substep
     measure, extend, find_direction,
     # forces, the motion by them, and the pressure that follows
-    push_face, soak, pull, bear, jet, jet_of_holes, drive, take, given_load, expect, resist, free, head, foresee,
-    find_volume_rate, hold, find_load, note, flow,
+    push_face, soak, pull, find_lift, read_lift, even_out, bear, jet, jet_of_holes, drive, take, given_load, expect,
+    resist, free, head, foresee, find_volume_rate, hold, find_load, note, flow,
     # particles move, by all forces
     set_off, inflate, move_first, push, move,
     # springs that are too long are shortened; then faces leave ridges of obstacles and bodies, and particles leave
@@ -81,8 +82,8 @@ PROJECTIVE_STEP = (
 AIMING = (measure, extend, find_direction)
 """Phases that find the directions of normal forces"""
 READING = (
-    look_at_wear, weigh_skin, *AIMING, push_face, soak, pull, bear, jet, jet_of_holes, drive, given_load, inflate,
-    add_up,
+    look_at_wear, weigh_skin, *AIMING, push_face, soak, pull, find_lift, read_lift, even_out, bear, jet, jet_of_holes,
+    drive, given_load, inflate, add_up,
 )  # fmt: skip
 """Phases that find the forces of a state, for output"""
 

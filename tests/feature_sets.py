@@ -166,7 +166,8 @@ SETS: dict[str, dict[str, Any]] = {
     },
     "all": {
         "balloon": [
-            FALLS | {"mesh": FINE, "mass": 0.1, "inflation": GAS | {"leak": 1e-4}, "drag_coefficient": 0.5},
+            FALLS | {"mesh": FINE, "mass": 0.1, "inflation": GAS | {"leak": 1e-4, "water_evened": 0.3},
+                     "drag_coefficient": 0.5},
             FALLS | {"mesh": BALL, "mass": 0.1, "position": (0.1, 0.93, 0.0), "face_drag": 1.0,
                      "inflation": {"k_normal": 0.2}},
             {"mesh": BALL, "position": (1.2, 0.0, 0.0), "inflation": {"pressure": 600.0},

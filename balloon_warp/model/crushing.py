@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.kernels.laws.crushed import NO_INSIDE
+from balloon_warp.kernels.laws.water import EVENED
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape
@@ -14,6 +15,8 @@ from balloon_warp.scene import Balloon, Scene
 
 LEAST = 1.0
 """Pressure of water that is worth a sentence [Pa]"""
+PERCENT = 0.01
+"""Part of it, beyond what a skin bears, that is worth a sentence"""
 ROUNDING = 1.0e-6
 """Volume over the cube of the size that may be rounding's, as that of flat foil"""
 
@@ -96,10 +99,16 @@ def crushed_starts(scene: Scene, shapes: Sequence[BalloonShape], parameters: Par
         inside = parameters["initial_pressures"][:, number]
         if kind == "pressure":
             inside = parameters["keyframe_values"][:, number].max(axis=1)
-        outside, inside = np.broadcast_arrays(outside, inside)
+        outside, inside, evened = np.broadcast_arrays(outside, inside, parameters[EVENED.name][:, number])
         world = int(np.argmax(outside - inside))
         if outside[world] > max(inside[world], LEAST):
             follows = "its gas shrinks until it presses as hard" if kind == "gas" else "it is crushed flat"
+            if evened[world] >= PERCENT:
+                percent = 100.0 * (1.0 - evened[world])
+                follows += (
+                    f"; its skin bears {percent:.0f} % of how much harder water presses below than above, and the rest "
+                    "lifts it as a whole (inflation.water_evened)"
+                )
             found.append(
                 f"{shape.name}: water presses on it with {_told(outside[world])} where it starts, and it presses back "
                 f"with {_told(inside[world])}: {follows}"

@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.garbage import without_collecting
 from balloon_warp.kernels.laws import LAWS, Law
+from balloon_warp.kernels.laws.water import EVENED
 from balloon_warp.laws import require_laws
+from balloon_warp.model.bearing import settle_bearing
 from balloon_warp.model.bodies import BodyShape, settle_bodies, shape_body
 from balloon_warp.model.body_steps import substeps_of_solids
 from balloon_warp.model.crossed_starts import crossed_starts
@@ -235,7 +237,8 @@ def _settled(
     parameters["keyframe_values"] = settle_pressure(scene, shapes, parameters)
     parameters |= settle_touch(scene, shapes, parameters) | settle_friction(parameters, rounded)
     parameters |= settle_tears(scene, parameters)
-    return parameters | settle_gas(scene, shapes, parameters, rounded)
+    parameters |= settle_gas(scene, shapes, parameters, rounded)
+    return parameters | {EVENED.name: settle_bearing(scene, shapes, parameters)}
 
 
 def substeps_over_time(

@@ -232,14 +232,25 @@ def wet_means(depths):
     return found
 
 
-def water(x, v, faces, up, p):
-    """Hydrostatic pressure and drag on the wetted part of all fans (Kim et al. 2006), and k of the drag -k |v| v."""
+def water(x, v, faces, share, up, p):
+    """Hydrostatic pressure and drag on the wetted part of all fans (Kim et al. 2006), and k of the drag -k |v| v.
+
+    Of the pressure a part acts evenly, by shares of the mass.
+    """
     a, b, c = fans(x, faces)
     area = 0.5 * np.cross(a - c, b - c)
     moments, parts = wet_means(p.water_level - np.hstack([dot(each, up) for each in (a, b, c)]))
     load = shared(faces, *(moments[:, k : k + 1] * area for k in range(3)))
     wet = shared(faces, *(parts[:, k : k + 1] * size(area) for k in range(3)))
     k = 0.5 * p.water_density * p.water_drag * wet
+    if p.water_evened > 0.0:
+        inside, around = volume(x, faces)
+        depth = max(p.water_level - share @ (x @ up), 0.0)
+        left = p.air_pressure / (p.air_pressure + p.water_density * p.gravity * depth)
+        part = max(p.water_evened, np.clip((0.97 - left) / 0.05, 0.0, 1.0))
+        lift = -(load @ up).sum()
+        part *= np.clip(lift / (0.2 * inside), 0.0, 1.0)
+        load = load + part * (depth * around - share[:, None] * lift * up - load)
     return -p.water_density * p.gravity * load - k * size(v) * v, k
 
 

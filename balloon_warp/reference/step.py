@@ -194,7 +194,7 @@ class Reference:
         if p.face_drag or p.face_friction:
             force = force + laws.face_air(x, v, balloon.faces, wind_at, density_at, p.face_drag, p.face_friction)
         if self.scene.water is not None:
-            push, k = laws.water(x, v, balloon.faces, up, p)
+            push, k = laws.water(x, v, balloon.faces, balloon.share, up, p)
             force = force + push
         if opening := self._opening(number):
             edges, gas = balloon.neck.edges, self.gases[number]

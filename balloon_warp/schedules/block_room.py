@@ -28,7 +28,8 @@ def most_particles(model: Model, bytes_per_particle: int = BYTES_PER_PARTICLE) -
     """Return the largest number of particles whose points fit in shared memory, at a number of bytes each."""
     if model.device.is_cpu:
         return CPU_TILE_BYTES // bytes_per_particle
-    sums = 1 << 10  # bytes for each further balloon or sphere, of the most warps
+    # bytes for each further balloon or sphere, of the most warps; in water, of what floats, too
+    sums = 1 << 11 if model.scene.water else 1 << 10
     presses = 1 << 13 if model.scene.contact == "impulse" else 0
     reserved = RESERVED_BYTES + presses + sums * (model.balloon_count + model.sphere_count)
     capacity = (model.device.max_shared_memory_per_block - reserved) // bytes_per_particle

@@ -12,6 +12,7 @@ import warp as wp
 
 from balloon_warp.kernels.adjoint import Adjoint
 from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.lanes import Five
 from balloon_warp.kernels.laws.water import corner_load, triangle_load
 from balloon_warp.kernels.loops.areas import face_measures
 from balloon_warp.kernels.params import params_functions
@@ -69,3 +70,16 @@ def soak_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adj
         return point_bar, params_bar
 
     return (Adjoint(soak_adjoint, ("point", "params")),)
+
+
+def lift_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
+    """Return the adjoint of what every particle reads of its balloon: the sum of the bars of all of them."""
+
+    @wp.func
+    def lift_adjoint(t: Tables, params: Any, upheld_bars: Any):
+        total = Five()
+        for particle in range(t.particles.offsets[params.balloon], t.particles.offsets[params.balloon + 1]):
+            total += upheld_bars[particle]
+        return total
+
+    return (Adjoint(lift_adjoint, ("afloat",)),)

@@ -20,6 +20,7 @@ from balloon_warp.kernels.laws.air import AIR, ALIKE, air_of_height, molar_volum
 from balloon_warp.kernels.laws.body import GRAVITY
 from balloon_warp.kernels.laws.empty import COLLAPSING, EMPTIEST, end_of_collapse
 from balloon_warp.kernels.laws.law import Parameter
+from balloon_warp.kernels.laws.water import EVENED
 
 HELIUM_MOLAR_MASS = 0.0040026
 """Molar mass of helium [kg/mol]"""
@@ -49,6 +50,7 @@ PARAMETERS = (
         "backward Euler, 0 none by the trapezoidal rule, so that balloons breathe on",
     ),
     Parameter("molar_mass", "kg/mol", HELIUM_MOLAR_MASS, least=0.0, path="inflation.molar_mass", meaning="Molar mass"),
+    EVENED,
     *AIR,
     GRAVITY,
 )

@@ -114,6 +114,71 @@ def water(velocity: wp.vec3, water_load: wp.vec4, gravity: float, water_density:
     return pressure - resistance * velocity
 
 
+FROM_THE_SKIN = -1.0
+"""Marker: part that follows from what the skin bears"""
+EVENED = Parameter(
+    "water_evened",
+    "1",
+    FROM_THE_SKIN,
+    least=0.0,
+    most=1.0,
+    path="inflation.water_evened",
+    meaning='Part of a liquid\'s pressure that lifts a balloon of kind "gas" as a whole, and does not press on its '
+    "skin from place to place; what the skin does not bear when missing",
+)
+TAUT = wp.constant(0.97)
+"""Volume of gas at a depth over that at the level, below which a soft skin begins to hang slack"""
+SLACK = wp.constant(0.92)
+"""The same, below which it bears nothing"""
+WET = wp.constant(0.2)
+"""Part of a balloon's volume under water from which on the pressure is evened in full"""
+
+
+@wp.func
+def evened_part(
+    least: float, depth: float, lift: float, volume: float, water_density: float, gravity: float, air_pressure: float
+):
+    """Return the part of a liquid's pressure that acts evenly, deeper and deeper down.
+
+    Where the liquid has taken much of the volume, the skin bears nothing. What hardly dips in is pressed where it is,
+    and so floats upright.
+
+    Args:
+        least: see `EVENED`.
+        depth: of the center of mass [m].
+        lift: volume of the displaced liquid [m^3].
+        volume: of the balloon [m^3].
+    """
+    left = air_pressure / wp.max(air_pressure + water_density * gravity * depth, 1.0e-20)
+    part = wp.max(least, wp.clamp((TAUT - left) / (TAUT - SLACK), 0.0, 1.0))
+    return part * wp.clamp(lift / (WET * wp.max(volume, 1.0e-30)), 0.0, 1.0)
+
+
+@wp.func
+def evened(
+    water_load: wp.vec4, area_vector: wp.vec3, share: float, lift: float, height: float, volume: float, up: wp.vec3,
+    water_evened: float, water_level: float, water_density: float, gravity: float, air_pressure: float,
+):  # fmt: skip
+    """Return what a particle gets more as a part of a liquid's pressure on its balloon acts evenly [N].
+
+    For that part it is pressed as at the depth of the center of mass, and lifted by its share: net force and
+    compression stay.
+
+    Args:
+        share: of the balloon's mass.
+        lift: volume of the displaced liquid [m^3].
+        height: of the center of mass [m].
+        volume: of the balloon [m^3].
+    """
+    more = wp.vec3()
+    if water_evened > 0.0:
+        depth = wp.max(water_level - height, 0.0)
+        part = evened_part(water_evened, depth, lift, volume, water_density, gravity, air_pressure)
+        load = wp.vec3(water_load[0], water_load[1], water_load[2])
+        more = (water_density * gravity * part) * (load - depth * area_vector + (share * lift) * up)
+    return more
+
+
 NO_WATER = -1.0e30
 """Marker: level of a scene without liquid [m]"""
 WATER_LEVEL = Parameter(

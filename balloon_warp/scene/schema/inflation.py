@@ -75,6 +75,9 @@ class Inflation(Table):
     [1]; 0.5 when missing"""
     leak: float = field_of("leak")
     """Area of the leak through pores and pinholes, which gives no thrust, of kind "gas" [m^2]; 0.0 when missing"""
+    water_evened: UnitInterval | None = optional_field_of("water_evened")
+    """Part of a liquid's pressure that lifts a balloon of kind "gas" as a whole, and does not press on its skin from
+    place to place; what the skin does not bear when missing [1]"""
 
     @property
     def keyframed(self) -> Literal["k_normal", "pressure", "pump"]:
@@ -173,7 +176,7 @@ FIELDS_OF_KINDS: dict[str, tuple[str, ...]] = {
     "gas": (
         *("amount", "start_pressure", "pump", "pump_curve"),
         *("breaths", "litres", "moles", "fill_time", "fill_to_pressure", "fill_to_diameter"),
-        *("gamma", "breathing_damping", "molar_mass", "added_mass", "leak"),
+        *("gamma", "breathing_damping", "molar_mass", "added_mass", "leak", "water_evened"),
     ),
 }
 KEYFRAMED_FIELDS: dict[str, Literal["k_normal", "pressure", "pump"]] = {

@@ -243,6 +243,8 @@ class BackwardWriter(PieceWriter):
                 self.put_bar(name, self.trace.item, "=", f"{variable}_bar")
                 self._done.add(variable)
         for variable, name in waiting.items():
+            if name not in STATE and self.step.owner(name) != self.trace.item:
+                continue  # a sum, to which nothing has been added yet
             if variable not in self.bars and variable not in self._done and name not in self.external | STATE.keys():
                 self.put_bar(name, self.trace.item, "=", self._zero(name))
                 self._done.add(variable)
