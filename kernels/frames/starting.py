@@ -9,7 +9,6 @@ from balloon_warp.kernels.tables import row_of_world
 
 wp.set_module_options({**OPTIONS, "enable_backward": False})
 
-UNIFORM = wp.constant(0)
 LOG_UNIFORM = wp.constant(1)
 NORMAL = wp.constant(2)
 

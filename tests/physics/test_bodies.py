@@ -487,6 +487,19 @@ def test_a_disturbance_of_what_is_heavy_on_what_is_light_does_not_grow(
     assert (np.array(moved(after(later, round(60.0 * seconds)), after(begun, 60))) < STILL).all()
 
 
+@pytest.mark.always
+def test_impulses_of_what_has_left_are_forgotten(device: str):
+    """The list of touches, which -1 ends, is as long once a cube has been thrown off another one as if it had never
+    lain there."""
+    floor = Obstacle(shape="plane", friction=0.5, restitution=0.0)
+    lies, ends = Body(size=(0.2, 0.2, 0.2), position=(0.0, 0.1, 0.0), mass=1), []
+    for height in (0.3, 9.0):
+        thrown = Body(size=(0.2, 0.2, 0.2), position=(0.0, height, 0.0), mass=1, velocity=(0.0, 3.0, 0.0))
+        simulator = started(device, lies, thrown, gravity=9.81, frames_per_second=60.0, obstacle=[floor])
+        ends.append(list(after(simulator, 3).state.body_touches.numpy()[0]).index(-1))
+    assert ends[0] == ends[1] > 0
+
+
 def test_a_stack_that_is_dropped_comes_to_rest_and_gains_no_energy(device: str):
     bodies = [box(0.005 * number, 0.12 + 0.23 * number, rotation=(0, 7.0 * number, 0)) for number in range(5)]
     simulator, (_, _, gain) = watched(device, *bodies, seconds=4.0)

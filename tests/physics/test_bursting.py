@@ -16,7 +16,7 @@ from balloon_warp import Frame, InputError, PolygonMesh, Simulator
 from balloon_warp.mesh.geometry import face_vector_areas, signed_volume
 from balloon_warp.model import plan_model
 from balloon_warp.scene import Atmosphere, Balloon, Ground, Inflation, Material, Scene, Stiffness, Touch, Tube, Water
-from balloon_warp.schedules.tears import neighbors_of
+from balloon_warp.schedules.tears import neighbors_of, share_of_tear
 
 NEO = ENERGIES["neo_hookean"]
 GAS = Inflation(kind="gas", start_pressure=0.0)
@@ -140,6 +140,7 @@ def test_tears_run_no_faster_than_they_may(device: str):
     assert 1.5 * counts[0] < counts[1] < 2.5 * counts[0]
 
 
+@pytest.mark.always
 def test_it_bursts_to_pieces_above_a_stress(device: str):
     """Below the branching stress one tear runs all around, into two pieces; above it branches, into three."""
     pieces = []
@@ -152,6 +153,13 @@ def test_it_bursts_to_pieces_above_a_stress(device: str):
         pieces.append(_pieces(len(gone), pairs[~gone[pairs].any(axis=1)], ~gone))
         assert _kept(simulator) > 0.9
     assert pieces == [2, 3]
+
+
+@pytest.mark.always
+def test_a_tear_around_takes_less_of_finer_skin_and_as_much_of_a_larger_one():
+    coarse, fine, large = (share_of_tear(quad_sphere(parts, size)) for parts, size in ((8, 0.1), (16, 0.1), (8, 10.0)))
+    assert large == pytest.approx(coarse, rel=1e-6)
+    assert fine == pytest.approx(0.5 * coarse, rel=0.02)
 
 
 @pytest.mark.always("cpu-12")
@@ -177,7 +185,8 @@ def test_a_tear_runs_across_the_largest_tension(around: bool, device: str):
     ball = quad_sphere(8, 0.1)
     simulator = filled(scene_of(ball, needle_time=0.0, branching_stress=1e9), 2.0, device)
     start = simulator.state.points.numpy()[0]
-    put(simulator, start * np.where(np.arange(3) == 1, 1.4, 1.0) if around else start * (1.4, 1.0, 1.4))
+    longer = np.where(np.arange(3) == 1, 1.4, 1.0) if around else (1.4, 1.0, 1.4)
+    put(simulator, start * longer + (0.7, -0.3, 0.5))  # of places alone no tension follows
     advanced(simulator, 12)
     gone = torn(simulator)
     assert gone.sum() > 6

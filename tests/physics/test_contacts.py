@@ -69,6 +69,7 @@ LOADS = {
 """Things on a ball, their mass [kg], frames until they rest or fall off, and how well they rest by then"""
 
 
+@pytest.mark.always("tray")
 @pytest.mark.parametrize("name", ["tray", pytest.param("sphere 0", marks=pytest.mark.full)])
 def test_a_thing_presses_by_its_weight_and_what_carries_it_by_both(name: str) -> None:
     things, mass, frames, rel = LOADS[name]

@@ -103,6 +103,19 @@ def test_no_particle_passes_a_wall_at_any_angle(kind: str, friction: float, devi
             assert place[:, 1].mean() == pytest.approx(expected, abs=slack)
 
 
+@pytest.mark.always("cpu-0", "cpu-1", "cpu-2")
+@pytest.mark.parametrize("axis", range(3))
+def test_a_wall_is_looked_for_again_on_a_long_way(axis: int, device: str):
+    """Particles fly three meters along an axis to a box, with other coordinates as its side's: an old look tells it."""
+    along, size = np.eye(3)[axis], np.full(3, 4.0)
+    size[axis] = 2.0
+    begin = crowd(tuple(np.ones(3) + 3.0 * along), tuple(-20.0 * along))
+    box = Obstacle(size=tuple(size), position=tuple(np.ones(3) - along), friction=0.0)
+    *_, last = simulated(device, begin, obstacle=[box], frames=20)
+    assert (last.points[0][:, axis] >= 1.0 - 2e-5).all()
+    assert last.points[0][:, axis].min() < 1.01
+
+
 @pytest.mark.parametrize("kind", WALLS)
 @pytest.mark.parametrize("half", [2.5e-4, 1.5e-3, 0.025])
 def test_walls_of_any_thickness_hold(kind: str, half: float, device: str):
@@ -467,6 +480,17 @@ def test_an_obstacle_that_grows_is_refused(tmp_path: Path):
     said = r"block\.usda: /turntable/block changes its size while moving; expected a rigid obstacle$"
     with pytest.raises(InputError, match=said):
         obstacle_motion(scene_with(path))
+
+
+@pytest.mark.always
+def test_a_stage_that_turns_too_far_in_a_frame_is_refused(tmp_path: Path):
+    path = stage_of(tmp_path / "block.usda")
+    stage = Usd.Stage.Open(str(path))
+    UsdGeom.Xform(stage.GetPrimAtPath("/turntable")).GetOrderedXformOps()[0].Set(170.0, 36)
+    stage.Save()
+    scene = scene_with(path).model_copy(update={"frames_per_second": 1.0})
+    with pytest.raises(InputError, match=r"^obstacle\.0\.motion: turns by 170 degrees in a frame; expected at most "):
+        obstacle_motion(scene)
 
 
 def clock(path: Path) -> Path:
