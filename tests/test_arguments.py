@@ -46,7 +46,10 @@ def test_values_of_types(hint: Any, right: list[Any], wrong: list[Any]):
     [
         (lambda: bw.remesh(cube(), "8"), r"cells: must be a whole number \(got '8'\)"),  # pyright: ignore
         (lambda: bw.inspect_mesh(3), r"mesh: must be a PolygonMesh \(got 3\)"),  # pyright: ignore
-        (lambda: bw.Simulator("two_balloons", world_count=True), r"world_count: must be a whole number \(got True\)"),
+        (
+            lambda: bw.Simulator("two_balloons", world_count=True),
+            r"world_count: must be a whole number or None \(got True\)",
+        ),
         (lambda: bw.Simulator("two_balloons", schedule=[]), r"schedule: must be text \(got \[\]\)"),  # pyright: ignore
         (lambda: bw.animate("two_balloons", 3.5), r"output: must be a path \(got 3.5\)"),  # pyright: ignore
         (

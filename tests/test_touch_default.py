@@ -176,7 +176,7 @@ def test_sheets_that_start_crossed_are_named():
         (of_two, (" cross at the start", "touch.balloons = false")),
         (of_one, ("cross each other at the start", "touch.itself = false")),
     ):
-        assert "deepest by 0.02 m at (-0.15, 0, " in sentence
+        assert "up to 0.02 m near (-0.15, 0, " in sentence
         assert all(word in sentence for word in words)
 
 
