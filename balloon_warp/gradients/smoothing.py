@@ -67,5 +67,5 @@ def _columns(smooth: Mapping[str, float], samples: int) -> list[tuple[float, Val
     """Return each path's deviation, and what its samples are off by in it, shape (samples,)."""
     from scipy.special import ndtri
 
-    quantiles, order = ndtri((np.arange(samples) + 0.5) / samples), np.random.default_rng(0)
-    return [(deviation, order.permutation(quantiles)) for deviation in smooth.values()]
+    quantiles, order = np.array(ndtri((np.arange(samples) + 0.5) / samples)), np.random.default_rng(0)
+    return [(deviation, quantiles[order.permutation(samples)]) for deviation in smooth.values()]
