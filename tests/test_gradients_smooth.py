@@ -24,7 +24,7 @@ def flying() -> bw.Scene:
 def squared_way(moved: Trajectories) -> tuple[Any, dict[str, Any]]:
     """Return the square of the way, and more beyond a place: of that jump the gradient knows nothing."""
     way, slopes = moved.points[0][:, -1, :, 0].mean(axis=1), np.zeros(moved.points[0].shape)
-    slopes[:, -1, :, 0] = 2.0 * way[:, None] / slopes.shape[2]
+    slopes[:, -1, :, 0] = 2.0 * way[:, None] / moved.points[0].shape[2]
     return way**2 + JUMP * (way > AT), {"points": [slopes]}
 
 

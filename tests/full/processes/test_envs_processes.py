@@ -158,7 +158,7 @@ class Local:
 
 
 MISTAKES = {
-    "both": ({"gpus": 1, "workers": 1}, r"--cluster, --gpus, --workers: expected only one of them"),
+    "both": ({"gpus": 1, "workers": 1}, r"cluster, gpus, workers: expected only one of them"),
     "none": ({"workers": 0}, r"workers 0: expected at least 1"),
     "a device": ({"workers": 1, "device": "cpu"}, r"device: cannot be given with gpus or workers"),
     "too many": ({"gpus": 99}, rf"gpus 99: this machine has {wp.get_cuda_device_count()}"),
