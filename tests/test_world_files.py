@@ -389,7 +389,7 @@ def test_splits_depend_on_seed_and_number():
     [
         (lambda at: {"trajectories": at / "missing" / "data"}, r"data: the folder .*missing does not exist$"),
         (lambda at: {"trajectories": at / "file"}, "file: is a file; expected a folder$"),
-        (lambda at: {"trajectories": at / "out"}, r"^--trajectories .*out: is the batch's own folder; expected"),
+        (lambda at: {"trajectories": at / "out"}, r"^trajectories .*out: is the batch's own folder; expected"),
         (lambda at: {"trajectories": TrajectoryFiles(at, every=0)}, r"^every 0: expected a whole number"),
         (lambda at: {"trajectories": TrajectoryFiles(at, seed=-1)}, r"^seed -1: expected a whole number"),
         (lambda at: {"trajectories": TrajectoryFiles(at, format="csv")}, "^format: must be h5 or zarr or npz"),

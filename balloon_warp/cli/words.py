@@ -6,7 +6,8 @@ BLENDERS_RATE = 24.0
 """Frame rate at which Blender plays a stage by default, regardless of that of the stage [1/s]"""
 
 OPTIONS = {name: f"--{name}" for name in (
-    "cluster", "device", "every", "export", "font", "format", "gpus", "origin", "schedule", "seed", "table", "workers",
+    "cluster", "device", "every", "export", "font", "format", "gpus", "origin", "schedule", "seed", "table",
+    "trajectories", "workers",
 )} | {"on_blowup": "--on-blowup", "world_count": "--worlds"}  # fmt: skip
 """Options by the arguments of Python's functions that they are passed to"""
 

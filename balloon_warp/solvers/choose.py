@@ -19,7 +19,7 @@ def solver_named(schedule: str, model: Model) -> type[Schedule]:
     if model.scene.solver != PROJECTIVE:
         return schedule_named(schedule, model)
     if schedule not in ("auto", PROJECTIVE):
-        raise InputError(f'--schedule {schedule}: is for explicit steps; solver = "{PROJECTIVE}" needs auto')
+        raise InputError(f'schedule {schedule}: is for explicit steps; solver = "{PROJECTIVE}" needs auto')
     from balloon_warp.solvers.projective import ProjectiveSolver
 
     return ProjectiveSolver

@@ -192,9 +192,7 @@ def _files(trajectories: TrajectoryFiles | str | Path | None, folder: str | Path
     """
     files = TrajectoryFiles.of(trajectories)
     if files and is_same_file(Path(files.folder), Path(folder)):
-        raise InputError(
-            f"--trajectories {files.folder}: is the batch's own folder; expected another, or a folder in it"
-        )
+        raise InputError(f"trajectories {files.folder}: is the batch's own folder; expected another, or a folder in it")
     return files
 
 

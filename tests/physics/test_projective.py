@@ -154,7 +154,7 @@ def test_worlds_share_a_matrix_where_masses_and_spring_constants_are_alike():
 
 
 def test_what_it_cannot_simulate_is_refused():
-    said = r'^--schedule gather: is for explicit steps; solver = "projective" needs auto$'
+    said = r'^schedule gather: is for explicit steps; solver = "projective" needs auto$'
     with pytest.raises(InputError, match=said):
         Simulator(kicked_balloon(), "cpu", schedule="gather")
     with pytest.raises(InputError, match=r'^solver: "projective" does not support water; expected another'):
