@@ -104,7 +104,7 @@ class Reading:
         self._buffer, self._obstacle_motion, self._since = buffer, obstacle_motion, since
 
     def frame(self) -> Frame:
-        """Return what was read, once it is there."""
+        """Return the frame that was read, once it is there."""
         self._buffer.wait()
         return Frame(
             number=self.number,
@@ -143,7 +143,7 @@ class Reading:
         return np.concatenate([self._rows("body_positions"), self._rows("body_turns", 4)], axis=1)
 
     def _contacts(self) -> list[Contact]:
-        """Return what pressed what; none where nobody asks."""
+        """Return the contacts of pairs of things; none where nobody asks."""
         if "contact_forces" not in self._buffer.arrays:
             return []
         told = {name: self._row(f"contact_{name}", np.float64) for name in PAIR_ARRAYS}
@@ -157,7 +157,7 @@ class Reading:
         return np.split(self._row("torn", np.float32) >= 0.0, ends[:-1])
 
     def _row(self, name: str, dtype: Any) -> NDArray[Any]:
-        """Copy the world's row of what is on the host, for whoever is to keep it."""
+        """Copy the world's row of an array on the host, for whoever is to keep it."""
         return np.array(
             self._buffer.arrays[name].numpy()[0] if name in self._buffer.arrays else np.zeros(0), dtype=dtype
         )

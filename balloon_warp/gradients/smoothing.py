@@ -64,7 +64,7 @@ def averaged(found: Gradient, smooth: Mapping[str, float], samples: int) -> Grad
 
 
 def _columns(smooth: Mapping[str, float], samples: int) -> list[tuple[float, Values]]:
-    """Return each path's deviation, and what its samples are off by in it, shape (samples,)."""
+    """Return each path's deviation, and the offsets of its samples in that unit, shape (samples,)."""
     from scipy.special import ndtri
 
     quantiles, order = np.array(ndtri((np.arange(samples) + 0.5) / samples)), np.random.default_rng(0)

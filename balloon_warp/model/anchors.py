@@ -33,7 +33,7 @@ class Carriers:
 
     @classmethod
     def of(cls, scene: Scene, bodies: Sequence[BodyShape]) -> Self:
-        """Return those of a scene.
+        """Return the carriers of a scene's strings.
 
         Raises:
             InputError: as `anchor_motion`.

@@ -1,4 +1,4 @@
-"""How much of what a liquid presses harder below than above the skin of a balloon of sealed gas bears. Host side."""
+"""Part of a liquid's pressure gradient that the skin of a balloon of sealed gas bears. Host side."""
 
 from collections.abc import Sequence
 

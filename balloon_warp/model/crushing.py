@@ -69,7 +69,7 @@ def water_pressures(
 
 
 def step_while_crushed(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> float:
-    """Return the longest step [s] in which the turning of skins is stable under what presses them inward at the start.
+    """Return the longest step [s] in which the turning of skins is stable under inward pressures at the start.
 
     It is that of the bound of a gas's pressure, see `model.most_pressure`. Of a gas, what water presses harder below
     than above counts alone: the rest makes it smaller, which is stable at any step.

@@ -1,4 +1,4 @@
-"""The largest step at which symplectic Euler stays stable: what the laws' own bounds ask for."""
+"""The largest step at which symplectic Euler stays stable, by the laws' own bounds."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -177,7 +177,7 @@ class Network:
 
 
 def names_of_the_step(scene: Scene, laws: Sequence[Law]) -> set[str]:
-    """Return the parameters that the stable step depends on, and what else the bounds of these laws ask for."""
+    """Return the parameters that the stable step depends on, and those that the bounds of these laws ask for."""
     tied = any(string.body is not None for string in scene.string)
     return (
         {*(row.name for row in KINDS), "string_stiffness", "mass", "damping", "touch_stiffness", "water_level"}

@@ -73,7 +73,7 @@ def soak_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adj
 
 
 def lift_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
-    """Return the adjoint of what every particle reads of its balloon: the sum of the bars of all of them."""
+    """Return the adjoint of a balloon's value that every particle reads: the sum of the bars of all of them."""
 
     @wp.func
     def lift_adjoint(t: Tables, params: Any, upheld_bars: Any):

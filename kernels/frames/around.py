@@ -188,7 +188,7 @@ def end_frame(
     frame: wp.array[wp.int32],
     first_bad: wp.array[wp.int32],
 ):
-    """Check what a frame wrote, of the particles that are to be seen, and count the frame.
+    """Check the state that a frame wrote, of the particles that are to be seen, and count the frame.
 
     A thread a (world, thread), which takes every n-th particle and sphere. A single thread counts the frames that have
     passed.

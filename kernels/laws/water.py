@@ -129,7 +129,7 @@ EVENED = Parameter(
 TAUT = wp.constant(0.97)
 """Volume of gas at a depth over that at the level, below which a soft skin begins to hang slack"""
 SLACK = wp.constant(0.92)
-"""The same, below which it bears nothing"""
+"""Volume of gas over that at the level, below which a soft skin bears nothing"""
 WET = wp.constant(0.2)
 """Part of a balloon's volume under water from which on the pressure is evened in full"""
 
@@ -159,7 +159,7 @@ def evened(
     water_load: wp.vec4, area_vector: wp.vec3, share: float, lift: float, height: float, volume: float, up: wp.vec3,
     water_evened: float, water_level: float, water_density: float, gravity: float, air_pressure: float,
 ):  # fmt: skip
-    """Return what a particle gets more as a part of a liquid's pressure on its balloon acts evenly [N].
+    """Return the force that a particle gets as a part of a liquid's pressure on its balloon acts evenly [N].
 
     For that part it is pressed as at the depth of the center of mass, and lifted by its share: net force and
     compression stay.

@@ -48,7 +48,7 @@ def tangent_ratio(squared: float):
     "particle", {"gain": float, "free_velocity": wp.vec3}, when=lambda features: features.resists, adjoint=by_grad
 )  # fmt: skip
 def resist(features: Features, look: Look) -> Any:
-    """Find what velocity a force gives a particle in what resists it, and accelerate it by all but the inflation."""
+    """Find the velocity that a force gives a particle in a medium, and accelerate it by all but the inflation."""
     resistance = features.resistance
     place = features.columns.places["damping"] if features.damped else -1
 

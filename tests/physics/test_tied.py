@@ -107,7 +107,7 @@ def test_a_basket_on_a_balloon_that_is_held_swings_as_a_double_pendulum(device: 
 
 @pytest.mark.parametrize("newtons", [3.0, 100.0])
 def test_a_box_that_a_string_presses_to_the_ground_rests(newtons: float, device: str):
-    """It comes faster in each step than by two of gravity, and does not rebound: nothing but the string makes it."""
+    """The box comes faster in each step than by two of gravity, and does not rebound: the string makes its speed."""
     scene = tied(
         {"mass": 0.1, "position": (0.1, 0.0, -0.05)}, {"anchor": MIDDLE, "particle": 2, "length": 0.5},
         {"fixed": list(range(8)), "position": (0.0, -2.0, 0.0)}, ground=Ground(),

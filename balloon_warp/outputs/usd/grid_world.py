@@ -114,7 +114,7 @@ class GridWorld:
         self._string_widths = prototypes.string_widths
 
     def _body(self, world: Sdf.PrimSpec, path: Sdf.Path, number: int, row: int) -> Sdf.PrimSpec:
-        """Return a free body with what it weighs in this world."""
+        """Return a free body with its mass in this world."""
         prim, mass = _referring(world, path.name, path), float(self.plan.of_world("body_mass", row)[number])
         _set(prim, "physics:mass", Types.Float, mass)
         _set(prim, "physics:diagonalInertia", Types.Float3, inertia_of(self.plan.bodies[number], mass))
@@ -211,7 +211,7 @@ class GridWorld:
 
 
 def _referring(parent: Sdf.PrimSpec, name: str, prototype: Sdf.Path) -> Sdf.PrimSpec:
-    """Return a prim that is what the prototype is."""
+    """Return a prim of the prototype's type."""
     prim = Sdf.PrimSpec(parent, name, Sdf.SpecifierDef)
     prim.referenceList.Prepend(Sdf.Reference(primPath=prototype))
     return prim
