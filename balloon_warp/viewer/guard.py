@@ -1,4 +1,4 @@
-"""Guard of the page's server: who may connect, and which messages it accepts.
+"""Guard of the page's server: permitted connections, and accepted messages.
 
 viser checks neither the origin of a connection nor its messages. Any site that somebody visits could so open a web
 socket to the page on this machine, play with it and read it; and one message that is none would fill the terminal with

@@ -189,7 +189,7 @@ def pushing_functions(features: Features, note: Any = forget_stop) -> tuple[Any,
         t: Tables, working: Working, world: wp.int32, particle: wp.int32, points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3], speeds: float,
     ):  # fmt: skip
-        """Move an end of edges, by who comes first, which is the same for all of its sum.
+        """Move an end of edges by its whole sum of impulses; the first thread that comes does it.
 
         Args:
             speeds: 1, or 0 where impulses are moves without speed.

@@ -150,7 +150,7 @@ def sharing_functions(features: Features) -> tuple[Any, Any]:
         t: Tables, state: WorldState, working: Working, world: wp.int32, catch: Catch, speeds: float,
         points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
     ):  # fmt: skip
-        """Move the corners, each by who comes first, which is the same for all of its sum.
+        """Move the corners, each by its whole sum of impulses; the first thread that comes does it.
 
         Args:
             speeds: 1, or 0 where impulses are moves without speed.

@@ -191,7 +191,7 @@ class Balloon(Table):
     @model_validator(mode="before")
     @classmethod
     def _without_rules(cls, given: Any) -> Any:
-        """Turn a function of points into what it says, so that a scene can be written down."""
+        """Evaluate functions of points, so that a scene can be written down."""
         if not isinstance(given, dict) or "mesh" not in given:
             return given
         for field in ("fixed", "stiffness.weights", "material.weights"):
@@ -212,7 +212,7 @@ class Balloon(Table):
 
 
 def value_in(given: Any, name: str) -> Any:
-    """Return a field of what is given as a table, or as an object."""
+    """Return a field of a table, or of an object."""
     return given.get(name) if isinstance(given, dict) else getattr(given, name, None)
 
 
