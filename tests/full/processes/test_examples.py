@@ -23,7 +23,7 @@ PROGRAMS: dict[str, tuple[dict[str, int], list[str], str | None]] = {
     "06_batch_on_a_cluster": ({"WORLDS": 2, "FRAMES": 2}, ["lifts"], "distributed"),
     "07_results_with_pandas": ({"FRAMES": 3}, ["pandas.png", "spheres"], "pandas"),
     "08_gradient": ({}, [], None),
-    "09_throw": ({"STARTS": 2}, [], None),
+    "09_throw": ({}, [], None),
     "10_pump": ({}, [], None),
     "11_mesh_graph_net": ({"WORLDS": 12, "FRAMES": 4, "STEPS": 2}, ["mesh_graph_net.png", "thrown"], "torch"),
     "12_ppo": ({}, ["ppo_Inflate.csv", "ppo_Inflate.png"], "torch"),
