@@ -198,7 +198,7 @@ def tubed(count: int, width: float = 1.0, leak: float = 0.0) -> Case:
 
 
 BESIDE: dict[str, Any] = {
-    "position": (0.0, 1.02, 0.0), "velocity": (4.0, -2.0, 2.0), "angular_velocity": (0.1, 0.2, -0.1),
+    "position": (-0.003, 1.022, 0.0), "velocity": (4.0, -2.0, 2.0), "angular_velocity": (0.1, 0.2, -0.1),
 }  # fmt: skip
 """A ball that comes down on obstacles, and to those at its sides"""
 AMONG: list[dict[str, Any]] = [
@@ -276,7 +276,10 @@ def meeting(side: dict[str, Any], smooth: bool = False) -> bw.Scene:
     capsule = {"radius": 0.5, "length": 1.0, "rotation": (80.0, 0.0, 0.0), "position": (-1.9, 2.2, 0.1),
                "friction": 0.4}  # fmt: skip
     spheres = [*MEETING[:2], MEETING[2] | ({"friction": 0.05} if smooth else {})]
-    return scene(ground=True, frames=6, sphere=spheres, obstacle=[box, side, capsule], faces=False, contact="penalty")
+    return scene(
+        ground=True, frames=6, velocity=(0.3, -1.2, 0.1), sphere=spheres, obstacle=[box, side, capsule], faces=False,
+        contact="penalty",
+    )  # fmt: skip
 
 
 def of_spheres(count: int, *names: str) -> list[str]:

@@ -77,6 +77,8 @@ def tolerances(scene: Scene, start: Any, way: Any, others: list[Any], frames: in
     most["gas_amounts"] = 1e-4 * flowed  # kept in float64; pressures, whose roots flows are, are known to 1e-5
     if scene.correction != "none":  # a velocity changes by the correction of a place, over the substep
         most["velocities"] += roundings * np.abs(way["points"]).max() * rate * scene.substeps
+    if scene.obstacle:  # which stop an approach by the depth over the substep; rounding decides what passes an edge
+        most["velocities"] += most["points"] * rate * scene.substeps
     if any(balloon.inflation.kind == "gas" for balloon in scene.balloon):
         most["pressures"] += 8.0 * ULP * scene.atmosphere.pressure  # which is subtracted
     return most

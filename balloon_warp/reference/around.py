@@ -120,7 +120,7 @@ class Around:
         for ball in self.spheres:
             stood, _, normal = solids.leave_sphere(ball, stood, course)
             normals = np.where(normal.any(axis=1, keepdims=True), normal, normals)
-        stood, _, normal = solids.stand(self._stands(), x, stood, course, self.h, bool(self.obstacles), foreseen=True)
+        stood, _, normal = solids.stand(self._stands(), x, stood, course, self.h, foreseen=True)
         return stood, np.where(normal.any(axis=1, keepdims=True), normal, normals)
 
     def meet(self, start, x, v, mass, inflation):
@@ -136,13 +136,13 @@ class Around:
                 ball["force"] = ball["force"] - ball["penalty"] * (size(inflation) * normal * (ease > 0.0)).sum(axis=0)
         else:  # they leave the ground and obstacles once they have met spheres
             near = np.any([near[:, 0], *(solids.may_meet(ball, x, v, h) for ball in self.spheres)], axis=0)[:, None]
-        out, after, _ = solids.stand(self._stands(), x - h * v, x, v, h, bool(self.obstacles))
+        out, after, _ = solids.stand(self._stands(), x - h * v, x, v, h)
         x, v = np.where(near, x, out), np.where(near, v, after)
         if near.any():
             for number, (ball, friction) in enumerate(zip(self.spheres, self.of_spheres, strict=True)):
                 ground, rubs = (self.p.ground_height, 0.0, friction[0]), self.of_particles[:, [first + number]]
                 x, v = solids.exchange(ball, x, v, mass, rubs, h, self.up, ground)
-            out, after, _ = solids.stand(self._stands(), x - h * v, x, v, h, bool(self.obstacles))
+            out, after, _ = solids.stand(self._stands(), x - h * v, x, v, h)
             x, v = np.where(near, out, x), np.where(near, after, v)
         for number, body in enumerate(self.bodies, first + len(self.spheres)):
             x, v = bodies.exchange(body, x, v, mass[:, None], self.of_particles[:, [number]], h)
@@ -165,7 +165,7 @@ class Around:
     def _on_ground(self, start, x):
         depth = self.p.ground_height - dot(x, self.up)
         low = depth > 0.0
-        return x + low * depth * self.up, low * self.up, 1.0, np.zeros(3), np.where(low, 0.0, np.inf)
+        return x + low * depth * self.up, low * self.up, (False, 1.0), np.zeros(3), np.where(low, 0.0, np.inf)
 
     def hold_late_spheres(self, frame):
         """Put spheres that have not appeared back to their start."""

@@ -77,7 +77,7 @@ def way_through(solid, start, end, radius):
     slid = end + np.maximum(dot(place - end, out), 0.0) * out
     held = slides | (distance < 0.0)
     let = np.where(slides, slid, np.where(held, end - distance * normal, end))
-    return let, np.where(slides, out, normal) * held, np.where(slides, 1.0 - gone / way, 1.0), distance
+    return let, np.where(slides, out, normal) * held, (slides, np.where(slides, 1.0 - gone / way, 1.0)), distance
 
 
 def beside_obstacle(obstacle, poses, h, start, x, radius=0.0):
@@ -93,36 +93,53 @@ def beside_obstacle(obstacle, poses, h, start, x, radius=0.0):
     return let, normal @ turn.T, left, carried(velocity, spin, arm, -h), distance
 
 
-def stand(around, start, x, v, h, at_once, foreseen=False):
+def stand(around, start, x, v, h, foreseen=False):
     """Return places and velocities beside obstacles and the ground, and the normals of the last contacts.
 
-    Coulomb's friction takes at most its coefficient times the speed that is stopped; the way is that of the slower
-    velocity. Where two are near, one may push into the other, and both take turns.
+    Of an approach as much is stopped as has led behind the surface. Coulomb's friction takes at most its coefficient
+    times that; the way is that of the velocity once all is stopped. Where two are near, one may push into the other,
+    and both take turns; there all of an approach is stopped at once, as where a way passes an edge.
 
     Args:
         around: Functions from starts and ends of ways to `beside_obstacle`, each with its friction by particle.
-        at_once: whether all of an approach is stopped; only as much as has led behind the surface, if not.
         foreseen: whether only places are wanted, of particles that keep their velocities.
     """
+    at_once = np.zeros((len(x), 1), dtype=bool)
+    places, velocities, normals, several = _stand(around, start, x, v, h, at_once, foreseen)
+    if several.any():
+        again = _stand(around, start, x, v, h, several, foreseen)
+        places, velocities, normals = (
+            np.where(several, *both) for both in zip(again[:3], (places, velocities, normals), strict=True)
+        )
+    return places, velocities, normals
+
+
+def _stand(around, start, x, v, h, at_once, foreseen):
+    """Return also which particles met several things, of which `at_once` says where all of an approach is stopped."""
     normals, takes = np.zeros_like(x), np.ones((len(x), 1), dtype=bool)
+    met = np.zeros((len(x), len(around)), dtype=bool)
     for _ in range(1 if foreseen else 4):
         end, distances = x, []
-        for let_through, friction in around:
-            let, normal, left, moving, distance = let_through(start, x)
+        for number, (let_through, friction) in enumerate(around):
+            let, normal, (slides, left), moving, distance = let_through(start, x)
             normal, distances = np.where(takes, normal, 0.0), [*distances, distance]
             held, beside = normal.any(axis=1, keepdims=True), v - moving
-            rise = dot(beside, normal)
-            most = np.inf if at_once else np.maximum(dot(let - x, normal), 0.0) / h
-            along, stopped = beside - rise * normal, np.clip(-rise, 0.0, most)
-            lost = np.minimum(friction * stopped / size(along), 1.0)
-            x, normals = np.where(held, let - h * left * lost * along, x), np.where(held, normal, normals)
+            met[:, [number]] |= held
+            rise, depth = dot(beside, normal), np.maximum(dot(let - x, normal), 0.0)
+            along, approach = beside - rise * normal, np.maximum(-rise, 0.0)
+            once = at_once | slides
+            stopped = np.where(once, approach, np.minimum(approach, depth / h))
+            slid = np.where(once, left, stopped / np.maximum(approach, 1e-12))
+            rubbed = [np.minimum(friction * part / size(along), 1.0) for part in (approach, stopped)]
+            x, normals = np.where(held, let - h * slid * rubbed[0] * along, x), np.where(held, normal, normals)
             if not foreseen:
-                v = np.where(held, v - lost * along + stopped * normal, v)
+                v = np.where(held, v - rubbed[1] * along + stopped * normal, v)
         near = sum(distance < size(end - start) + size(x - end) for distance in distances)
         takes = (size(x - end) > 1e-3 * size(end - start) + 2e-6 * size(x)) & (near > 1)
         if not np.any(takes):
             break
-    return x, v, normals
+    several = (met.sum(axis=1, keepdims=True) > 1) & (not foreseen)
+    return x, v, normals, several
 
 
 def rub(ball, moving, normal, stopped, friction, seconds):
@@ -187,7 +204,7 @@ def leave_obstacles(ball, start, around, kick, h):
     for _ in range(4):
         end = ball["position"]
         for let_through, restitution, friction in around:
-            let, normal, left, moving, _ = let_through(start[None], ball["position"][None], ball["radius"])
+            let, normal, (_, left), moving, _ = let_through(start[None], ball["position"][None], ball["radius"])
             if normal.any():
                 n, coming = normal[0], (moving[0] - ball["velocity"]) @ normal[0]
                 depth = (let[0] - ball["position"]) @ n

@@ -6,15 +6,21 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.contact import stand_on, stand_on_ground
+from balloon_warp.kernels.laws.contact import leave_ground, stand_on
 from balloon_warp.kernels.laws.fixture import FAR_AWAY, MOST_TURNS, is_settled
 from balloon_warp.kernels.loops.fixture_looks import SURELY
-from balloon_warp.kernels.loops.fixtures import Around, Meeting, meeting_function
+from balloon_warp.kernels.loops.fixtures import (
+    NOBODY,
+    ON_GROUND,
+    SEVERAL,
+    Around,
+    Meeting,
+    meeting_function,
+    with_another,
+)
 from balloon_warp.kernels.loops.friction import GROUND, friction_on, number_of_obstacle
 from balloon_warp.kernels.tables import Tables
 
-ON_GROUND = wp.constant(-1)
-"""Partner of a contact with the ground, beside the numbers of obstacles"""
 MOST_CONTACTS = wp.constant(1000)
 """More contacts than a particle has in a substep"""
 
@@ -30,6 +36,7 @@ class Contact:
     velocity: wp.vec3
     met: Meeting
     friction: float
+    at_once: bool  # whether all contacts of the step stop all of an approach, see `stand_on`
 
 
 @cache
@@ -39,18 +46,22 @@ def contact_function(features: Features) -> Any:
 
     @wp.func
     def last_contact(
-        t: Tables, around: Around, start: wp.vec3, end: wp.vec3, course: wp.vec3, before: wp.int32, foreseen: bool
-    ):
+        t: Tables, around: Around, start: wp.vec3, end: wp.vec3, course: wp.vec3, before: wp.int32, foreseen: bool,
+        at_once: bool,
+    ):  # fmt: skip
         """Return the last contact of a particle before that of a number, see `loops.obstacles`.
 
         Args:
             foreseen: whether contacts are those that `detour_function` foresees, in one turn at one velocity.
+            at_once: whether contacts after this one were found to stop all of an approach.
         """
         found = Contact()
         found.number = -1
         found.start = start
+        found.at_once = at_once
         point = end
         velocity = course
+        partner = NOBODY
         seen = wp.int32(0)
         turns = wp.int32(0)
         while turns < wp.where(foreseen, 1, MOST_TURNS):
@@ -73,9 +84,19 @@ def contact_function(features: Features) -> Any:
                         found.met = met
                         found.friction = friction
                     seen += 1
+                    partner = with_another(partner, thing)
                     again = True
-                    step = met.part * t.step_seconds
-                    stood, slowed = stand_on(met.let, velocity, met.moving, met.normal, friction, step)
+                    stood, slowed = stand_on(
+                        point,
+                        met.let,
+                        velocity,
+                        met.moving,
+                        met.normal,
+                        friction,
+                        t.step_seconds,
+                        found.at_once or met.slides,
+                        met.part,
+                    )
                     point = stood
                     velocity = wp.where(foreseen, course, slowed)
             again = again and SURELY * beyond < wp.length(came - start) + wp.length(point - came)
@@ -89,14 +110,22 @@ def contact_function(features: Features) -> Any:
                         found.velocity = velocity
                         found.friction = friction
                     seen += 1
+                    partner = with_another(partner, ON_GROUND)
                     again = nearest < wp.length(point - start) + wp.length(point - came)
-                    stood, slowed = stand_on_ground(
-                        point, velocity, t.up, around.ground_height, friction, t.step_seconds
+                    stood, slowed = leave_ground(
+                        point, velocity, t.up, around.ground_height, friction, t.step_seconds, found.at_once
                     )
                     point = stood
                     velocity = wp.where(foreseen, course, slowed)
             if seen >= before or not again or is_settled(start, came, point):
                 turns = MOST_TURNS
+            if turns == MOST_TURNS and seen < before and partner == SEVERAL and not (found.at_once or foreseen):
+                found.at_once = True
+                found.number = -1
+                seen = 0
+                turns = 0
+                point = end
+                velocity = course
         return found
 
     return last_contact

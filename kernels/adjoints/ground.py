@@ -32,8 +32,8 @@ def ground_backwards(
     bars.velocity = velocity_bar
     if wp.dot(point, t.up) < around.ground_height:
         friction = friction_on(t, around.world, around.balloon, GROUND)
-        by_point, by_velocity, _up, by_height, by_friction, _step, _bar, _velocity_bar = wp.grad(work_on_ground)(
-            point, velocity, t.up, around.ground_height, friction, t.step_seconds, point_bar, velocity_bar
+        by_point, by_velocity, _up, by_height, by_friction, _step, _once, _bar, _v_bar = wp.grad(work_on_ground)(
+            point, velocity, t.up, around.ground_height, friction, t.step_seconds, False, point_bar, velocity_bar
         )
         bars.point = by_point
         bars.velocity = by_velocity
@@ -59,7 +59,7 @@ def work_of_detour(
 ):
     """Return the velocity change that the ground will bring, see `loops.obstacles.detour_function`, times a bar."""
     end = point + step_seconds * course
-    outside, _slowed = leave_ground(end, course, up, height, friction, step_seconds)
+    outside, _slowed = leave_ground(end, course, up, height, friction, step_seconds, False)
     return wp.dot(outside - end, bar) / step_seconds
 
 

@@ -42,9 +42,11 @@ def standing_adjoint(features: Features) -> Any:
         bars.velocity = velocity_bar
         start = point - t.step_seconds * velocity
         number = MOST_CONTACTS
+        at_once = bool(False)
         while number > 0:
-            contact = last_contact(t, around, start, point, velocity, number, False)
+            contact = last_contact(t, around, start, point, velocity, number, False, at_once)
             number = contact.number
+            at_once = contact.at_once
             if number >= 0:
                 more = contact_backwards(t, working, around, contact, bars.point, bars.velocity, wp.vec3())
                 bars.point = more.point
@@ -75,7 +77,7 @@ def detour_adjoint(features: Features) -> Any:
         bars.normal = normal_bar
         number = MOST_CONTACTS
         while number > 0:
-            contact = last_contact(t, around, start, ahead, course, number, True)
+            contact = last_contact(t, around, start, ahead, course, number, True, False)
             number = contact.number
             if number >= 0:
                 more = contact_backwards(t, working, around, contact, bars.point, wp.vec3(), bars.normal)

@@ -33,22 +33,22 @@ class BarsOfContact:
 
 @wp.func
 def work_on_ground(
-    point: wp.vec3, velocity: wp.vec3, up: wp.vec3, height: float, friction: float, step: float, point_bar: wp.vec3,
-    velocity_bar: wp.vec3,
+    point: wp.vec3, velocity: wp.vec3, up: wp.vec3, height: float, friction: float, step: float, at_once: bool,
+    point_bar: wp.vec3, velocity_bar: wp.vec3,
 ):  # fmt: skip
     """Return where a particle leaves the ground and its velocity, times their bars."""
-    out, after = leave_ground(point, velocity, up, height, friction, step)
+    out, after = leave_ground(point, velocity, up, height, friction, step, at_once)
     return wp.dot(out, point_bar) + wp.dot(after, velocity_bar)
 
 
 @wp.func
 def work_beside(
     point: wp.vec3, velocity: wp.vec3, let: wp.vec3, normal: wp.vec3, moving: wp.vec3, friction: float, step: float,
-    point_bar: wp.vec3, velocity_bar: wp.vec3,
+    part: float, at_once: bool, point_bar: wp.vec3, velocity_bar: wp.vec3,
 ):  # fmt: skip
     """Return the state of a particle after a contact with frozen normal, times bars."""
     place = point + wp.dot(let - point, normal) * normal
-    stood, slowed = stand_on(place, velocity, moving, normal, friction, step)
+    stood, slowed = stand_on(point, place, velocity, moving, normal, friction, step, at_once, part)
     return wp.dot(stood, point_bar) + wp.dot(slowed, velocity_bar)
 
 
@@ -82,6 +82,7 @@ class Entry:
     restitution: float  # of a sphere
     gravity: float  # likewise [m/s^2]
     step: float  # [s]
+    at_once: bool  # whether all of the approach is stopped, see `stand_on`
 
 
 @wp.func
@@ -129,7 +130,9 @@ def work_on_convex(
     arm = wp.quat_rotate(pose.turn, place)
     outward = wp.quat_rotate(pose.turn, normal)
     moving = carried(pose.velocity, pose.spin, arm, -entry.step)
-    stood, slowed = stand_on(pose.center + arm, velocity, moving, outward, entry.friction, left * entry.step)
+    stood, slowed = stand_on(
+        point, pose.center + arm, velocity, moving, outward, entry.friction, entry.step, entry.at_once, left
+    )
     return wp.dot(stood, point_bar) + wp.dot(slowed, velocity_bar) + wp.dot(outward, normal_bar)
 
 
@@ -145,21 +148,21 @@ def contact_adjoint(features: Features) -> Any:
     ):  # fmt: skip
         bars = BarsOfContact()
         if contact.thing == ON_GROUND:
-            let = contact.point + (around.ground_height - wp.dot(contact.point, t.up)) * t.up
-            of_point, of_velocity, by_let, _u, _moving, of_friction, _step, _bar, _velocity_bar = wp.grad(work_beside)(
-                contact.point, contact.velocity, let, t.up, wp.vec3(), contact.friction, t.step_seconds, point_bar,
-                velocity_bar,
+            of_point, of_velocity, _up, of_height, of_friction, _s, _once, _pb, _vb = wp.grad(work_on_ground)(
+                contact.point, contact.velocity, t.up, around.ground_height, contact.friction, t.step_seconds,
+                contact.at_once, point_bar, velocity_bar,
             )  # fmt: skip
             bars.point = of_point
             bars.velocity = of_velocity
-            bars.height = wp.dot(by_let, t.up)
+            bars.height = of_height
             bars.friction = of_friction
             return bars
         solid = t.fixtures.solids[contact.thing]
         if solid.kind == MESH:
-            of_point, of_velocity, by_let, _n, by_moving, of_friction, _s, _pb, _vb = wp.grad(work_beside)(
+            once = contact.at_once or contact.met.slides
+            of_point, of_velocity, by_let, _n, by_moving, of_friction, _s, _part, _o, _pb, _vb = wp.grad(work_beside)(
                 contact.point, contact.velocity, contact.met.let, contact.met.normal, contact.met.moving,
-                contact.friction, contact.met.part * t.step_seconds, point_bar, velocity_bar,
+                contact.friction, t.step_seconds, contact.met.part, once, point_bar, velocity_bar,
             )  # fmt: skip
             bars.point = of_point
             bars.velocity = of_velocity
@@ -174,6 +177,7 @@ def contact_adjoint(features: Features) -> Any:
         entry = entry_of(start, here, into(pose, contact.met.let), contact.met.part, solid, t.up, 0.0)
         entry.friction = contact.friction
         entry.step = t.step_seconds
+        entry.at_once = contact.at_once or contact.met.slides
         by_start, by_point, by_velocity, _on, by_pose, by_earlier, _up, by_entry, _p, _v, _n = wp.grad(work_on_convex)(
             contact.start, contact.point, contact.velocity, solid, pose, earlier, t.up, entry, point_bar,
             velocity_bar, normal_bar,

@@ -47,64 +47,54 @@ def leave_sphere(
 
 @wp.func
 def stand_on(
+    point: wp.vec3,
     place: wp.vec3,
     velocity: wp.vec3,
     surface_velocity: wp.vec3,
     normal: wp.vec3,
     friction: float,
     step_seconds: float,
+    at_once: bool,
+    part: float,
 ):
-    """Place [m] and velocity [m/s] of a particle that a step has brought to a place on a surface.
+    """Place [m] and velocity [m/s] of a particle that a step has brought to a point behind a surface.
 
-    The normal part of a velocity beside the surface is stopped, and by Coulomb's law at most `friction` times as much
-    of the tangential part. The way along it is that of the slower velocity: a held particle does not creep.
+    Of its approach as much is stopped as has led behind the surface, depth over step, and the rest in the next step. So
+    the impulse goes with the time of the contact, and does not jump where that moves to another step: derivatives by
+    the causes of that are those of a bounce.
+
+    By Coulomb's law friction stops at most `friction` times as much of the tangential part. The way along the surface
+    is that of the velocity once all is stopped: a particle goes as far as in a single contact, and a held one does not
+    creep.
+
+    Args:
+        place: where the surface lets the particle go.
+        at_once: whether all of the approach is stopped in this step: where one surface pushes it into another, or it
+            slides past an edge, and there may be no surface in the next.
+        part: of the step in which it slides along the surface, if so.
     """
-    stopped = wp.max(-wp.dot(velocity - surface_velocity, normal), 0.0)
-    return rub_on(place, velocity, surface_velocity, normal, stopped, friction, step_seconds)
-
-
-@wp.func
-def rub_on(
-    place: wp.vec3,
-    velocity: wp.vec3,
-    surface_velocity: wp.vec3,
-    normal: wp.vec3,
-    stopped: float,
-    friction: float,
-    step_seconds: float,
-):
-    """Place and velocity of a particle on a surface that stops some of its approach [m/s], see `stand_on`."""
     beside = velocity - surface_velocity
+    approach = wp.max(-wp.dot(beside, normal), 0.0)
+    stopped = approach
+    slid = part
+    if not at_once:
+        stopped = wp.min(approach, wp.max(wp.dot(place - point, normal), 0.0) / step_seconds)
+        slid = stopped / wp.max(approach, TINY)
     along = beside - wp.dot(beside, normal) * normal
-    lost = wp.min(friction * stopped * inverse_root(squared_length(along)), 1.0)
-    slowed = velocity - lost * along + stopped * normal
-    return place - (step_seconds * lost) * along, slowed
+    rubbed = friction * inverse_root(squared_length(along))
+    slowed = velocity - wp.min(rubbed * stopped, 1.0) * along + stopped * normal
+    return place - (slid * step_seconds * wp.min(rubbed * approach, 1.0)) * along, slowed
 
 
 @wp.func
-def stand_on_ground(
-    point: wp.vec3, velocity: wp.vec3, up: wp.vec3, height: float, friction: float, step_seconds: float
+def leave_ground(
+    point: wp.vec3, velocity: wp.vec3, up: wp.vec3, height: float, friction: float, step_seconds: float, at_once: bool
 ):
-    """Move a particle up to the ground's height, beside obstacles, and stop its approach."""
+    """Move a particle up to the ground's height, and slow it, see `stand_on`."""
     depth = height - wp.dot(point, up)
     if depth > 0.0:
-        stood, slowed = stand_on(point + depth * up, velocity, wp.vec3(), up, friction, step_seconds)
-        point = stood
-        velocity = slowed
-    return point, velocity
-
-
-@wp.func
-def leave_ground(point: wp.vec3, velocity: wp.vec3, up: wp.vec3, height: float, friction: float, step_seconds: float):
-    """Move a particle up to the ground's height, and stop as much of its approach as has led below: depth over step.
-
-    The rest is stopped in the next step. So the impulse goes with the time of the contact, and does not jump where that
-    moves to another step: derivatives by the causes of that are those of a bounce.
-    """
-    depth = height - wp.dot(point, up)
-    if depth > 0.0:
-        stopped = wp.min(wp.max(-wp.dot(velocity, up), 0.0), depth / step_seconds)
-        stood, slowed = rub_on(point + depth * up, velocity, wp.vec3(), up, stopped, friction, step_seconds)
+        place = point + depth * up
+        stood, slowed = stand_on(point, place, velocity, wp.vec3(), up, friction, step_seconds, at_once, 1.0)
         point = stood
         velocity = slowed
     return point, velocity

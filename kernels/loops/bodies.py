@@ -116,7 +116,7 @@ def stop_function(features: Features) -> Any:
         arm = end - rigid.end
         way = wp.length(arm - stop.arm) + step_seconds * wp.length(rigid.spin) * rigid.reach
         if wp.length(arm) - rigid.reach - radius <= way:
-            let, outward, _free, _part = let_through(
+            let, outward, _free, _slides, _part = let_through(
                 solid, up, wp.quat_rotate_inv(rigid.start_turn, stop.arm),
                 wp.quat_rotate_inv(rigid.end_turn, arm), radius,
             )  # fmt: skip

@@ -36,7 +36,20 @@ class Meeting:
     normal: wp.vec3  # there, zero if it is not in the way
     moving: wp.vec3  # how fast its surface moves there [m/s]
     free: float  # how far from the end of the way there is nothing for sure [m]
-    part: float  # of the step in which the particle slides along it
+    slides: bool  # whether it slides on from its contact, as it passes an edge
+    part: float  # of the step in which it does
+
+
+NOBODY, ON_GROUND, SEVERAL = wp.constant(-1), wp.constant(-2), wp.constant(-3)
+"""Partners of a particle in a step, beside the numbers of obstacles"""
+
+
+@wp.func
+def with_another(partner: wp.int32, thing: wp.int32):
+    """Return the partner of a particle that meets one more: an obstacle, the ground, or several."""
+    if thing == NOBODY or partner == thing:
+        return partner
+    return wp.where(partner == NOBODY, thing, SEVERAL)
 
 
 @cache
@@ -61,7 +74,7 @@ def meeting_function(features: Features) -> Any:
                 earlier = pose_at(t, world, fixture, time - t.step_seconds)
                 # where the particle would have been, had the obstacle stood already where it is now
                 before = wp.quat_rotate(pose.turn, wp.quat_rotate_inv(earlier.turn, start - earlier.center))
-            place, outward, free, part = let_through(
+            place, outward, free, slides, part = let_through(
                 t.fixtures.solids[fixture],
                 t.up,
                 wp.quat_rotate_inv(pose.turn, before),
@@ -75,6 +88,7 @@ def meeting_function(features: Features) -> Any:
                 met.normal = wp.quat_rotate(pose.turn, outward)
                 met.moving = carried(pose.velocity, pose.spin, arm, -t.step_seconds)
                 met.free = 0.0
+                met.slides = slides
                 met.part = part
         return met
 
@@ -114,15 +128,16 @@ def fixture_functions(features: Features) -> tuple[Any, Any]:
     meet = meeting_function(features)
 
     @wp.func
-    def leave_fixtures(t: Tables, around: Around, start: wp.vec3, point: wp.vec3, velocity: wp.vec3):
+    def leave_fixtures(t: Tables, around: Around, start: wp.vec3, point: wp.vec3, velocity: wp.vec3, at_once: bool):
         """Return a particle's point and velocity outside of all obstacles, at the end of a step.
 
-        Also whether one has moved it, and whether more than that one may be in its way.
+        Also the obstacle that has moved it, see `with_another`, and whether more than that one may be in its way.
 
         Args:
             start: Position before the step.
+            at_once: see `stand_on`.
         """
-        moved = bool(False)
+        partner = NOBODY
         crowded = bool(False)
         if not is_free(t, around.world, around.particle, around.time, point):
             end = point
@@ -144,16 +159,18 @@ def fixture_functions(features: Features) -> tuple[Any, Any]:
                 free = wp.min(free, met.free)
                 if wp.length_sq(met.normal) > 0.0:
                     friction = friction_on(t, around.world, around.balloon, number_of_obstacle(fixture))
-                    step = met.part * t.step_seconds
-                    stood, slowed = stand_on(met.let, velocity, met.moving, met.normal, friction, step)
+                    once = at_once or met.slides
+                    stood, slowed = stand_on(
+                        point, met.let, velocity, met.moving, met.normal, friction, t.step_seconds, once, met.part
+                    )
                     point = stood
                     velocity = slowed
-                    moved = True
+                    partner = with_another(partner, fixture)
             aside = wp.length(point - end)
             free = wp.min(free, beyond - aside)
             note_look(t, around.world, around.particle, around.time, free, nearest, beyond - aside, point)
             crowded = SURELY * beyond < wp.length(end - start) + aside
-        return point, velocity, moved, crowded
+        return point, velocity, partner, crowded
 
     @wp.func
     def out_of_fixtures(
@@ -170,8 +187,17 @@ def fixture_functions(features: Features) -> tuple[Any, Any]:
                 met = meet(t, around.world, fixture, around.time, start, outside, 0.0)
                 if wp.length_sq(met.normal) > 0.0:
                     friction = friction_on(t, around.world, around.balloon, number_of_obstacle(fixture))
-                    step = met.part * t.step_seconds
-                    stood, _slowed = stand_on(met.let, velocity, met.moving, met.normal, friction, step)
+                    stood, _slowed = stand_on(
+                        outside,
+                        met.let,
+                        velocity,
+                        met.moving,
+                        met.normal,
+                        friction,
+                        t.step_seconds,
+                        met.slides,
+                        met.part,
+                    )
                     outside = stood
                     outward = met.normal
         return outside, outward

@@ -12,11 +12,17 @@ from balloon_warp.kernels.laws.contact import (
     leave_sphere,
     out_of_sphere,
     penalty_force,
-    stand_on_ground,
 )
 from balloon_warp.kernels.laws.fixture import MOST_TURNS, is_settled
 from balloon_warp.kernels.loops.fixture_looks import forget_look, is_free
-from balloon_warp.kernels.loops.fixtures import Around, fixture_functions
+from balloon_warp.kernels.loops.fixtures import (
+    NOBODY,
+    ON_GROUND,
+    SEVERAL,
+    Around,
+    fixture_functions,
+    with_another,
+)
 from balloon_warp.kernels.loops.friction import GROUND, friction_on
 from balloon_warp.kernels.tables import Tables, sphere_penalty
 
@@ -40,19 +46,10 @@ def around_function(features: Features) -> Any:
     return around_particle
 
 
-def leaving_ground(features: Features) -> Any:
-    """Return the function that moves a particle up to the ground.
-
-    Beside obstacles it stops an approach at once: one pushes into the other there, and all take turns.
-    """
-    return stand_on_ground if features.stands_on_fixtures else leave_ground
-
-
 @cache
 def standing_function(features: Features) -> Any:
     """Return the function that holds a particle out of the ground and obstacles."""
     leave_fixtures = fixture_functions(features)[0] if features.stands_on_fixtures else None
-    leave = leaving_ground(features)
 
     @wp.func
     def stand(
@@ -65,25 +62,34 @@ def standing_function(features: Features) -> Any:
 
         Most particles are above the ground and return at once. Where one obstacle may have pushed it into another, all
         take another turn. If they do not agree, the particle stays at its previous place, outside of resting obstacles.
+        Where several have moved it, they begin anew, and stop all of its approach at once.
         """
         start = point - t.step_seconds * velocity
+        came = point
+        before = velocity
+        partner = NOBODY
+        at_once = bool(False)
         turns = wp.int32(0)
         while turns < MOST_TURNS:
             turns += 1
             end = point
             again = bool(False)
             if wp.static(features.stands_on_fixtures):
-                left, slowed, moved, crowded = leave_fixtures(t, around, start, point, velocity)
+                left, slowed, met, crowded = leave_fixtures(t, around, start, point, velocity, at_once)
                 point = left
                 velocity = slowed
-                again = moved and crowded
+                again = met != NOBODY and crowded
+                partner = with_another(partner, met)
             if wp.static(features.ground):
                 if wp.dot(point, t.up) < around.ground_height:
                     friction = friction_on(t, around.world, around.balloon, GROUND)
-                    stood, after = leave(point, velocity, t.up, around.ground_height, friction, t.step_seconds)
+                    stood, after = leave_ground(
+                        point, velocity, t.up, around.ground_height, friction, t.step_seconds, at_once
+                    )
                     point = stood
                     velocity = after
                     if wp.static(features.stands_on_fixtures):
+                        partner = with_another(partner, ON_GROUND)
                         again = not (
                             is_free(t, around.world, around.particle, around.time, start)
                             and is_free(t, around.world, around.particle, around.time, point)
@@ -95,6 +101,13 @@ def standing_function(features: Features) -> Any:
                 if wp.static(not features.fixtures_move):
                     if turns == MOST_TURNS:
                         point = start
+            if wp.static(features.stands_on_fixtures):
+                if turns == MOST_TURNS and partner == SEVERAL and not at_once:
+                    forget_look(t, around.world, around.particle)
+                    at_once = True
+                    turns = 0
+                    point = came
+                    velocity = before
         return point, velocity
 
     return stand
@@ -140,7 +153,7 @@ def obstacle_loop(features: Features, sphere_at: Any) -> Any:
 def detour_function(features: Features, sphere_at: Any) -> Any:
     """Return the function that foresees how obstacles deflect a particle."""
     out_of_fixtures = fixture_functions(features)[1] if features.stands_on_fixtures else None
-    spheres_there, leave = features.spheres, leaving_ground(features)
+    spheres_there = features.spheres
 
     @wp.func
     def detour_beside_obstacles(t: Tables, spheres: Any, around: Around, point: wp.vec3, velocity: wp.vec3):
@@ -164,7 +177,9 @@ def detour_function(features: Features, sphere_at: Any) -> Any:
         if wp.static(features.ground):
             if wp.dot(outside, t.up) < around.ground_height:
                 friction = friction_on(t, around.world, around.balloon, GROUND)
-                stood, _slowed = leave(outside, velocity, t.up, around.ground_height, friction, t.step_seconds)
+                stood, _slowed = leave_ground(
+                    outside, velocity, t.up, around.ground_height, friction, t.step_seconds, False
+                )
                 outside = stood
                 normal = t.up
         return (outside - end) / t.step_seconds, normal

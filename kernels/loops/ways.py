@@ -152,14 +152,15 @@ def way_function(meshes: bool) -> Any:
     def let_through(solid: Solid, up: wp.vec3, start: wp.vec3, end: wp.vec3, radius: float):
         """Return the end of a particle's path, on the surface if that is in the way.
 
-        Also the unit vector along which it is held back, or zero; the clearance at the end; and the fraction of the
-        path that it may slide.
+        Also the unit vector along which it is held back, or zero; the clearance at the end; whether it passes an edge,
+        and so slides on from its contact; and the fraction of the path that it may slide.
         """
         way = wp.length(end - start)
         farthest = way + solid.thickness + radius + 0.1 * solid.reach
         let = end
         outward = wp.vec3()
         part = float(1.0)
+        slides = bool(False)
         first, facing = surface_at(solid, up, start, radius, farthest)
         free = wp.min(first, farthest) - way
         if first <= way:
@@ -171,11 +172,12 @@ def way_function(meshes: bool) -> Any:
                     let = slid
                     outward = held
                     part = left
+                    slides = wp.length_sq(held) > 0.0
                 if wp.length_sq(outward) == 0.0 and last < 0.0:
                     let = end - last * normal
                     outward = normal
                 if wp.length_sq(outward) > 0.0:
                     free = 0.0
-        return let, outward, free, part
+        return let, outward, free, slides, part
 
     return let_through
