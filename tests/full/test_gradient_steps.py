@@ -60,7 +60,7 @@ def test_frames_one_by_one_have_the_derivatives_of_gradient(name: str, device: s
 @pytest.mark.parametrize("floor", ["ground", "obstacle"])
 def test_the_gradient_of_a_bounce_is_the_slope_over_many(floor: str):
     """The mean is within 1.5 %, three times the deviation of the mean of 17 worlds by theirs of 1.6 %. It was a fifth
-    off on the ground, and 4.5 % on an obstacle, while a step stopped all of an approach, whenever in the step it met."""
+    off on the ground, and 4.5 % on an obstacle, while all of an approach was stopped, whenever in a step it met."""
     slope, gradients = slope_and_gradients(floor, 0.0, worlds=17)
     assert np.std(gradients) < 0.05 * abs(slope)
     assert np.mean(gradients) == pytest.approx(slope, rel=0.015)
