@@ -452,6 +452,10 @@ CASES: dict[str, Case] = {
         scene(frames=2, substeps=16, obstacle=[BELOW], faces=False),
         [*OF_WAY, "obstacle.0.position.1", "obstacle.0.friction"], reach=3e-7,
     ),
+    "beside a box that moves": Case(
+        scene(frames=2, substeps=16, obstacle=[BELOW], faces=False), [SPRINGS[0], *MOTION[3:5], MOTION[7]],
+        ("launched", "block"), 3e-7,
+    ),
     "ridges": Case(ridged(2), [SPRINGS[0], MOTION[0], *MOTION[2:]], reach=3e-7),
     "ridges for a frame": Case(ridged(1), SPRINGS[:1], reach=3e-7),
     "gas beside spheres": Case(

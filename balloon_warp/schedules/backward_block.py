@@ -21,6 +21,7 @@ from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.block.looks import look_of
 from balloon_warp.kernels.schedules.pieces import Step, cut, values_of
 from balloon_warp.kernels.substep import FILMED, phases_of
+from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.working import Working
 from balloon_warp.launching import launch_tiled
 from balloon_warp.model import Model, State
@@ -132,7 +133,7 @@ class BlockBackward(BackwardFrames):
 
     def __init__(self, model: Model, state: State, columns: Sequence[int]):
         features, room, of = model_features(model), Allocating(model.device), plan_backwards(model)
-        self._of, tables, tables_again = of, *(_tables(model, features, each) for each in (of.layout, of.layout_again))
+        self._of, (tables, tables_again) = of, _tables(model, features, of)
         super().__init__(model, state, columns, of.turned, tables, room, one_by_one=False)
         working = Working()
         for name, array in working_arrays(model, features, room).items():
@@ -166,10 +167,17 @@ class BlockBackward(BackwardFrames):
         )
 
 
-def _tables(model: Model, features: Features, layout: Layout) -> Any:
-    tables = make_tables(model, features, in_block=True)
-    tables.membranes.membrane_faces = membrane_face_table(model, layout.membrane_face)
-    return tables
+def _tables(model: Model, features: Features, of: Backwards) -> tuple[Any, Any]:
+    """Return the tables of a frame backwards, and as it is computed again.
+
+    They differ by the faces of membranes, and share all that a frame places as it begins, such as obstacles.
+    """
+    both = tables, again = make_tables(model, features, in_block=True), Tables()
+    for name in Tables.vars:
+        setattr(again, name, getattr(tables, name))
+    for each, layout in zip(both, (of.layout, of.layout_again), strict=True):
+        each.membranes.membrane_faces = membrane_face_table(model, layout.membrane_face)
+    return both
 
 
 def _slots(model: Model, layout: Layout) -> dict[str, Any]:

@@ -12,7 +12,6 @@ from balloon_warp.kernels.loops.fixture_looks import SURELY
 from balloon_warp.kernels.loops.fixtures import (
     NOBODY,
     ON_GROUND,
-    SEVERAL,
     Around,
     Meeting,
     meeting_function,
@@ -36,7 +35,8 @@ class Contact:
     velocity: wp.vec3
     met: Meeting
     friction: float
-    at_once: bool  # whether all contacts of the step stop all of an approach, see `stand_on`
+    at_once: bool  # whether it stops all of an approach, see `stand_on`
+    partner: wp.int32  # of all contacts so far, see `with_another`
 
 
 @cache
@@ -52,16 +52,17 @@ def contact_function(features: Features) -> Any:
         """Return the last contact of a particle before that of a number, see `loops.obstacles`.
 
         Args:
-            foreseen: whether contacts are those that `detour_function` foresees, in one turn at one velocity.
-            at_once: whether contacts after this one were found to stop all of an approach.
+            foreseen: whether contacts are those of `detour_function`, in one turn at one velocity.
+            at_once: whether contacts stop all of an approach.
         """
         found = Contact()
         found.number = -1
         found.start = start
         found.at_once = at_once
+        h = t.step_seconds
         point = end
         velocity = course
-        partner = NOBODY
+        found.partner = NOBODY
         seen = wp.int32(0)
         turns = wp.int32(0)
         while turns < wp.where(foreseen, 1, MOST_TURNS):
@@ -84,24 +85,18 @@ def contact_function(features: Features) -> Any:
                         found.met = met
                         found.friction = friction
                     seen += 1
-                    partner = with_another(partner, thing)
+                    found.partner = with_another(found.partner, thing)
                     again = True
+                    once = found.at_once or met.slides
                     stood, slowed = stand_on(
-                        point,
-                        met.let,
-                        velocity,
-                        met.moving,
-                        met.normal,
-                        friction,
-                        t.step_seconds,
-                        found.at_once or met.slides,
-                        met.part,
+                        point, met.let, velocity, met.moving, met.normal, friction, h, once, met.part
                     )
                     point = stood
                     velocity = wp.where(foreseen, course, slowed)
             again = again and SURELY * beyond < wp.length(came - start) + wp.length(point - came)
             if wp.static(features.ground):
-                if wp.dot(point, t.up) < around.ground_height:
+                height = around.ground_height
+                if wp.dot(point, t.up) < height:
                     friction = friction_on(t, around.world, around.balloon, GROUND)
                     if seen < before:
                         found.number = seen
@@ -110,22 +105,13 @@ def contact_function(features: Features) -> Any:
                         found.velocity = velocity
                         found.friction = friction
                     seen += 1
-                    partner = with_another(partner, ON_GROUND)
+                    found.partner = with_another(found.partner, ON_GROUND)
                     again = nearest < wp.length(point - start) + wp.length(point - came)
-                    stood, slowed = leave_ground(
-                        point, velocity, t.up, around.ground_height, friction, t.step_seconds, found.at_once
-                    )
+                    stood, slowed = leave_ground(point, velocity, t.up, height, friction, h, found.at_once)
                     point = stood
                     velocity = wp.where(foreseen, course, slowed)
             if seen >= before or not again or is_settled(start, came, point):
                 turns = MOST_TURNS
-            if turns == MOST_TURNS and seen < before and partner == SEVERAL and not (found.at_once or foreseen):
-                found.at_once = True
-                found.number = -1
-                seen = 0
-                turns = 0
-                point = end
-                velocity = course
         return found
 
     return last_contact

@@ -19,7 +19,7 @@ from balloon_warp.kernels.adjoints.contacts import MOST_CONTACTS, contact_functi
 from balloon_warp.kernels.adjoints.ground import ground_columns
 from balloon_warp.kernels.adjoints.one_contact import BarsOfContact, contact_adjoint
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.loops.fixtures import Around
+from balloon_warp.kernels.loops.fixtures import SEVERAL, Around
 from balloon_warp.kernels.loops.obstacles import around_function
 from balloon_warp.kernels.params import params_functions
 from balloon_warp.kernels.phase import Look, Phase
@@ -45,8 +45,10 @@ def standing_adjoint(features: Features) -> Any:
         at_once = bool(False)
         while number > 0:
             contact = last_contact(t, around, start, point, velocity, number, False, at_once)
+            if number == MOST_CONTACTS and contact.partner == SEVERAL and not at_once:
+                at_once = True
+                continue
             number = contact.number
-            at_once = contact.at_once
             if number >= 0:
                 more = contact_backwards(t, working, around, contact, bars.point, bars.velocity, wp.vec3())
                 bars.point = more.point
