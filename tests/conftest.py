@@ -42,6 +42,7 @@ def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", "full: runs with --full only, as do tests/physics and tests/full")
     config.addinivalue_line("markers", "always(*ids): runs without --full; ids: those of its cases that do, else all")
     config.addinivalue_line("markers", "schedules: is in a schedule that its device does not take by itself")
+    config.addinivalue_line("markers", "nightly: takes longer than a run of CI may: runs with --full")
     config.addinivalue_line("markers", "physics: is judged by physics: --shake starts it from other places")
 
 
@@ -69,6 +70,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     in_own = {item.nodeid.partition("[")[0] for item in items if not in_another_schedule(item)}
     left, left_out = [], []
     for item in items:
+        if item.get_closest_marker("nightly"):
+            item.add_marker(pytest.mark.full)
         another = in_another_schedule(item) and item.nodeid.partition("[")[0] in in_own
         if another:
             item.add_marker(pytest.mark.schedules)

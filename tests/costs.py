@@ -3,6 +3,7 @@
 import os
 import time
 from collections import Counter
+from collections.abc import Collection, Iterable
 from contextlib import suppress
 from typing import Any
 
@@ -20,6 +21,11 @@ _compile = Module._compile
 def _counted(module: Module, *arguments: Any, **named: Any) -> bool:
     compiled_or_found[compiled := _compile(module, *arguments, **named)] += 1
     return compiled
+
+
+def nightly_but(usual: Collection[str], names: Iterable[str]) -> list[Any]:
+    """Return parameters, of which only the usual ones run in CI."""
+    return [name if name in usual else pytest.param(name, marks=pytest.mark.nightly) for name in names]
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -317,7 +317,7 @@ def test_starts_get_out_of_small_minima(seed: int):
     np.testing.assert_allclose(found.best.place, true, atol=1e-3)
 
 
-@pytest.mark.full
+@pytest.mark.nightly
 def test_a_flight_with_a_bounce_gives_back_its_rubber():
     """The fit is as good as FITTING.md says: this is a seed of its benchmark.
 

@@ -15,6 +15,7 @@ from balloon_warp.gradients.steps import Moving, Steps
 from balloon_warp.trajectories import Trajectories
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", ["touch", "gas beside spheres", "by obstacles", "exchange"])
 def test_frames_one_by_one_have_the_derivatives_of_gradient(name: str, device: str):
     """Frames are equal to the bit, and derivatives to 1e-5 of the larger of both worlds: those by the values round in

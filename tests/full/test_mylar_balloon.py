@@ -9,7 +9,7 @@ from scipy.integrate import quad
 from balloon_warp import Balloon, Inflation, Material, PolygonMesh, Scene, Simulator
 from balloon_warp.mesh.geometry import signed_volume
 
-pytestmark = pytest.mark.physics
+pytestmark = [pytest.mark.physics, pytest.mark.nightly]
 
 RADIUS, PRESSURE = 0.3, 40.0
 FOIL = Material(kind="neo_hookean", shear_modulus=1.0e7, thickness=2.0e-4, density=1000.0, most_stretch=1.1)

@@ -22,10 +22,11 @@ main()
 @pytest.mark.parametrize(
     ("options", "later"),
     [
-        ("", "run ball.obj --frames 3 --picture"),
-        ("--worlds 9", "batch ball.obj --frames 3 --worlds 12 --vary balloon.mass=1:3 --export all"),
+        pytest.param("", "run ball.obj --frames 3 --picture", id="run", marks=pytest.mark.nightly),
+        pytest.param(
+            "--worlds 9", "batch ball.obj --frames 3 --worlds 12 --vary balloon.mass=1:3 --export all", id="batch"
+        ),
     ],
-    ids=["run", "batch"],
 )
 def test_a_command_compiles_nothing_after_it(options: str, later: str, tmp_path: Path):
     write_obj(tmp_path / "ball.obj", quad_sphere(3))

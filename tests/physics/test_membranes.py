@@ -77,6 +77,7 @@ def settled(inflation: Inflation, path: str, values: Any, starts: Any, frames: i
     return [(np.array(found) / signed_volume(BALL)) ** (1.0 / 3.0), simulator.state.pressures.numpy()]
 
 
+@pytest.mark.nightly
 def test_a_sealed_balloon_has_the_pressure_of_the_analytic_curve(device: str):
     """Each stretch is a world, past the peak, too. Balloons start off it: the volume of each gives the stretch."""
     curves = [sphere_pressure(energy, BALL, THICKNESS, STRETCHES) for energy in ENERGIES.values()]

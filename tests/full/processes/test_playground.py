@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conserved import advanced
+from costs import nightly_but
 from features import some_bundled_scenes
 from meshes import quad_sphere
 
@@ -256,7 +257,11 @@ def test_a_journal_does_not_grow_forever(monkeypatch):
         playground.journal.scene(9)
 
 
-@pytest.mark.parametrize("name", bundled_scenes())
+SLOW = ("airbag", "balloon_pit", "bunch_in_wind", "letter_slot", "press")
+QUICK = [name for name in bundled_scenes() if name not in SLOW]
+
+
+@pytest.mark.parametrize("name", nightly_but(QUICK, bundled_scenes()))
 def test_bundled_scenes_can_be_played_with(name):
     if name not in some_bundled_scenes():
         pytest.skip("has nothing that others do not have")

@@ -81,7 +81,7 @@ def tables(schedule: str, folder: Path, cluster: Cluster | None = None) -> list[
     return [(folder / name).read_bytes() for name in ("table.npz", "table.csv")]
 
 
-@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize("count", [1, pytest.param(2, marks=pytest.mark.nightly), 3])
 def test_the_number_of_workers_is_not_in_the_table(count: int, tmp_path_factory, monkeypatch):
     pytest.importorskip("distributed", reason="needs the extra `cluster`")
     monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 1))  # small batches are cut, too
