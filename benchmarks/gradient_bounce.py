@@ -17,6 +17,8 @@ from balloon_warp.mesh.quad_sphere import quad_sphere
 SPEED, SPREAD, WORLDS = 2.0, 0.2, 65
 """Mean speed of the fall, range of the speeds [m/s], and their number"""
 PATH = "balloon.velocity.1"
+FLOORS = ("ground", "obstacle", "sphere, impulse", "sphere, penalty")
+"""What it falls on: an obstacle is a box; a sphere is large and heavy, with one rule of contact or the other"""
 DEVIATION, SAMPLES = 0.1, 256
 """Standard deviation of the speed of a soft ball [m/s], and the number of its samples"""
 
@@ -24,8 +26,8 @@ DEVIATION, SAMPLES = 0.1, 256
 def tables() -> Iterator[str]:
     """Yield the lines of the table."""
     yield "a stiff ball on: slope of its height by its speed, mean gradient, off by; deviation of the gradients"
-    for floor in ("ground", "obstacle"):
-        for friction in (0.0, 0.5):
+    for floor in FLOORS:
+        for friction in (0.0, 0.5) if floor != "sphere, penalty" else (0.0,):
             slope, gradients = slope_and_gradients(floor, friction)
             mean = gradients.mean()
             off = f"{abs(mean / slope - 1.0):.1%}; {gradients.std():.2g}"
@@ -43,7 +45,7 @@ def slope_and_gradients(floor: str, friction: float, worlds: int = WORLDS) -> tu
     """Return the slope of the height by the speed over all worlds [s], and their gradients, shape (worlds,).
 
     Args:
-        floor: "ground", or "obstacle", a box.
+        floor: One of `FLOORS`.
         friction: of the floor.
         worlds: their number.
     """
@@ -76,6 +78,10 @@ def _scene(floor: str, friction: float) -> bw.Scene:
     solids: dict[str, Any] = {"ground": bw.Ground(height=at, friction=friction)}
     if floor == "obstacle":
         solids = {"obstacle": [bw.Obstacle(size=(6.0, 1.0, 6.0), position=(0.0, at - 0.5, 0.0), friction=friction)]}
+    if floor.startswith("sphere"):
+        far = (0.0, at - 20.0, 0.0)
+        solids = {"sphere": [bw.Sphere(position=far, radius=20.0, mass=1e9, friction=friction)], "faces": False}
+        solids["contact"] = floor.partition(", ")[2]
     return bw.Scene(balloon=[ball], gravity=0.0, frames=30, substeps=64, **solids)
 
 

@@ -118,7 +118,7 @@ class Around:
         """Return foreseen places of particles beside spheres, obstacles and the ground, and the normals there."""
         normals, stood = np.zeros_like(x), end
         for ball in self.spheres:
-            stood, _, normal = solids.leave_sphere(ball, stood, course)
+            stood, _, normal = solids.leave_sphere(ball, stood, course, self.h)
             normals = np.where(normal.any(axis=1, keepdims=True), normal, normals)
         stood, _, normal = solids.stand(self._stands(), x, stood, course, self.h, foreseen=True)
         return stood, np.where(normal.any(axis=1, keepdims=True), normal, normals)
@@ -132,7 +132,7 @@ class Around:
         near = np.zeros((len(x), 1), dtype=bool)
         if self.scene.contact == "penalty":
             for ball in self.spheres:
-                x, v, normal = solids.leave_sphere(ball, x, v)
+                x, v, normal = solids.leave_sphere(ball, x, v, h)
                 ball["force"] = ball["force"] - ball["penalty"] * (size(inflation) * normal * (ease > 0.0)).sum(axis=0)
         else:  # they leave the ground and obstacles once they have met spheres
             near = np.any([near[:, 0], *(solids.may_meet(ball, x, v, h) for ball in self.spheres)], axis=0)[:, None]

@@ -217,12 +217,16 @@ def leave_obstacles(ball, start, around, kick, h):
             break
 
 
-def leave_sphere(ball, x, v):
-    """Return places and velocities outside of a sphere, and the normals of particles that were in it."""
+def leave_sphere(ball, x, v, h):
+    """Return places and velocities outside of a sphere, and the normals of particles that were in it.
+
+    Of an approach as much is stopped as has led inside.
+    """
     arm = x - ball["position"]
     normal = np.where(size(arm) < ball["radius"], arm / size(arm), 0.0)
     held = normal.any(axis=1, keepdims=True)
-    v = v - np.minimum(dot(v - ball["velocity"], normal), 0.0) * normal
+    approach = np.maximum(dot(ball["velocity"] - v, normal), 0.0)
+    v = v + np.minimum(approach, (ball["radius"] - dot(arm, normal)) / h) * normal
     return np.where(held, ball["position"] + ball["radius"] * normal, x), v, normal
 
 

@@ -39,10 +39,10 @@ def bars_of_sphere(center: wp.vec3, motion: wp.vec3, radius: float, penalty: flo
 @wp.func
 def work_of_sphere(
     point: wp.vec3, velocity: wp.vec3, center: wp.vec3, motion: wp.vec3, radius: float, penalty: float,
-    inflation: wp.vec3, up: wp.vec3, point_bar: wp.vec3, velocity_bar: wp.vec3, push_bar: wp.vec3,
+    inflation: wp.vec3, up: wp.vec3, step: float, point_bar: wp.vec3, velocity_bar: wp.vec3, push_bar: wp.vec3,
 ):  # fmt: skip
     """Return where a particle leaves a sphere, its velocity, and how it pushes the sphere, times their bars."""
-    out, after, outward = leave_sphere(point, velocity, center, motion, radius, up)
+    out, after, outward = leave_sphere(point, velocity, center, motion, radius, up, step)
     push = penalty_force(penalty, inflation, outward)
     return wp.dot(out, point_bar) + wp.dot(after, velocity_bar) + wp.dot(push, push_bar)
 
@@ -66,7 +66,7 @@ def past_spheres_function(sphere_at: Any) -> Any:
         is_met = bool(False)
         for sphere in range(most):
             center, motion, radius = sphere_at(t, spheres, world, sphere)
-            out, after, outward = leave_sphere(point, velocity, center, motion, radius, t.up)
+            out, after, outward = leave_sphere(point, velocity, center, motion, radius, t.up, t.step_seconds)
             point = out
             velocity = after
             is_met = is_met or wp.length_sq(outward) > 0.0
@@ -95,14 +95,14 @@ def leaving_spheres_adjoint(features: Features, sphere_at: Any) -> Any:
             came, before, _met = past_spheres(t, spheres, world, sphere, point, velocity)
             center, motion, radius = sphere_at(t, spheres, world, sphere)
             if wp.length_sq(came - center) < radius * radius:
-                by_point, by_velocity, by_center, by_motion, by_radius, by_penalty, by_push, _u, _p, _v, _f = wp.grad(
+                at, going, by_center, by_motion, by_radius, by_penalty, by_push, _u, _h, _p, _v, _b = wp.grad(
                     work_of_sphere
                 )(
                     came, before, center, motion, radius, sphere_penalty(t.spheres, world, sphere), inflation, t.up,
-                    bars.point, bars.velocity, working.sphere_push_bars[world, sphere],
+                    t.step_seconds, bars.point, bars.velocity, working.sphere_push_bars[world, sphere],
                 )  # fmt: skip
-                bars.point = by_point
-                bars.velocity = by_velocity
+                bars.point = at
+                bars.velocity = going
                 bars.inflation += by_push
                 more = bars_of_sphere(by_center, by_motion, by_radius, by_penalty)
                 working.sphere_bars[world, particle, sphere] = working.sphere_bars[world, particle, sphere] + more

@@ -31,17 +31,25 @@ def without_approach(velocity: wp.vec3, obstacle_velocity: wp.vec3, normal: wp.v
 
 @wp.func
 def leave_sphere(
-    point: wp.vec3, velocity: wp.vec3, center: wp.vec3, sphere_velocity: wp.vec3, radius: float, up: wp.vec3
+    point: wp.vec3,
+    velocity: wp.vec3,
+    center: wp.vec3,
+    sphere_velocity: wp.vec3,
+    radius: float,
+    up: wp.vec3,
+    step_seconds: float,
 ):
-    """Move a particle out of a sphere.
+    """Move a particle out of a sphere, and stop as much of its approach as has led inside, see `stand_on`.
 
     Returns its point, its velocity, and the unit vector along which it moved, zero if it is outside.
     """
     outward = wp.vec3()
     if wp.length_sq(point - center) < radius * radius:
         outward = way_out(point, center, up)
+        depth = radius - wp.dot(point - center, outward)
+        approach = wp.max(-wp.dot(velocity - sphere_velocity, outward), 0.0)
         point = center + radius * outward
-        velocity = without_approach(velocity, sphere_velocity, outward)
+        velocity += wp.min(approach, depth / step_seconds) * outward
     return point, velocity, outward
 
 

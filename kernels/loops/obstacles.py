@@ -135,7 +135,7 @@ def obstacle_loop(features: Features, sphere_at: Any) -> Any:
             for sphere in range(spheres_there):
                 center, motion, radius = sphere_at(t, spheres, around.world, sphere)
                 if wp.length_sq(point - center) < radius * radius:
-                    out, stopped, outward = leave_sphere(point, velocity, center, motion, radius, t.up)
+                    out, stopped, outward = leave_sphere(point, velocity, center, motion, radius, t.up, t.step_seconds)
                     point = out
                     velocity = stopped
                     push = penalty_force(sphere_penalty(t.spheres, around.world, sphere), inflation, outward)

@@ -10,7 +10,7 @@ from gradient_losses import value_at
 from gradient_scenes import CASES
 
 import balloon_warp as bw
-from balloon_warp.benchmarks.gradient_bounce import slope_and_gradients
+from balloon_warp.benchmarks.gradient_bounce import FLOORS, slope_and_gradients
 from balloon_warp.gradients.steps import Moving, Steps
 from balloon_warp.trajectories import Trajectories
 
@@ -58,7 +58,7 @@ def test_frames_one_by_one_have_the_derivatives_of_gradient(name: str, device: s
         np.testing.assert_allclose(found[:, column], expected, rtol=1e-5, atol=1e-5 * abs(expected).max(), err_msg=path)
 
 
-@pytest.mark.parametrize("floor", ["ground", "obstacle"])
+@pytest.mark.parametrize("floor", FLOORS)
 def test_the_gradient_of_a_bounce_is_the_slope_over_many(floor: str):
     """The mean is within 1.5 %, three times the deviation of the mean of 17 worlds by theirs of 1.6 %. It was a fifth
     off on the ground, and 4.5 % on an obstacle, while all of an approach was stopped, whenever in a step it met."""
