@@ -102,7 +102,7 @@ def test_few_checkpoints_give_the_same_bits(way: str, device: str):
     np.testing.assert_allclose(seldom.trajectories.times, [0.0, 10.0 / 240.0, 20.0 / 240.0])
 
 
-@pytest.mark.full
+@pytest.mark.nightly
 def test_gas_is_restored(device: str):
     of = scene("gas", frames=6, substeps=4, rate=240.0, ground=True)
     asked: dict[str, Any] = {"of": ["balloon.inflation.start_pressure"], "loss": at_end, "device": device}

@@ -64,7 +64,12 @@ def test_limits_has_what_is_known():
 
 @pytest.mark.usefixtures("cheap")
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.full if name in ("paper", "tubes", "all") else ()) for name in KINDS]
+    "name",
+    [
+        *(name for name in KINDS if name not in ("paper", "tubes", "all")),
+        *(pytest.param(name, marks=pytest.mark.full) for name in ("paper", "tubes")),
+        pytest.param("all", marks=pytest.mark.nightly),
+    ],
 )
 def test_fixed_scenes_hold_to_the_properties(name: str):
     counts: Counter[str] = Counter()

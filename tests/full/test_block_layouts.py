@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from block_layouts import LAYOUTS
+from costs import nightly_but
 from meshes import quad_sphere
 
 from balloon_warp.kernels.schedules.block.layout import Layout
@@ -75,7 +76,7 @@ def after_frames(scene: Scene, schedule: str) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.always("viscous latex-held", "fresh normals, odd substeps-held")
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", nightly_but(("held", "looped"), LAYOUTS))
 @pytest.mark.parametrize("name", NAMES)
 def test_blocks_do_what_launches_do(name: str, layout: str, monkeypatch: pytest.MonkeyPatch) -> None:
     layout_of, cells = LAYOUTS[layout]

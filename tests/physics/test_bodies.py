@@ -442,8 +442,11 @@ def test_what_is_heavy_stands_on_what_is_light(masses: tuple[float, ...], subste
 STILL = np.array([5.0e-6, 1.0e-3])
 """[m] and [degrees]: rounding of places at the largest step"""
 LONG = [
-    pytest.param((1, 1000), substeps, 0.0, minutes * 60.0, id=f"{minutes:g}-minutes-{substeps}")
-    for substeps, minutes in (("auto", 10), (1, 10), (3, 10), (13, 1), (64, 0.5))
+    pytest.param((1, 1000), substeps, 0.0, minutes * 60.0, id=f"{minutes:g}-minutes-{substeps}", marks=marks)
+    for substeps, minutes, marks in (
+        *(("auto", 10, pytest.mark.nightly), (1, 10, ()), (3, 10, ()), (13, 1, ())),
+        (64, 0.5, pytest.mark.nightly),
+    )
 ]
 """Minutes of a thousand kilograms on one: half a minute is 75 times the time in which a disturbance grew tenfold"""
 

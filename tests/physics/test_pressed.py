@@ -61,7 +61,10 @@ def test_a_ball_that_is_pressed_flat_is_whole_afterwards(gap: float, substeps: i
     assert f"and pushed with just {bound:,.3g} Pa" in told
 
 
-@pytest.mark.parametrize("mesh", [octahedron(), jittered(octahedron(0.3), 0.03), quad_sphere(4)], ids=str)
+LARGE = pytest.param(quad_sphere(4), marks=pytest.mark.nightly)
+
+
+@pytest.mark.parametrize("mesh", [octahedron(), jittered(octahedron(0.3), 0.03), LARGE], ids=str)
 def test_the_bound_is_that_of_the_volume_s_second_derivatives(mesh: PolygonMesh):
     """The largest eigenvalue of the Hessian by differences, between shares of mass; to a tenth where faces are bent."""
     share = np.random.default_rng(1).uniform(0.5, 1.5, mesh.vertex_count)

@@ -12,6 +12,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from costs import nightly_but
 
 EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
 PROGRAMS: dict[str, tuple[dict[str, int], list[str], str | None]] = {
@@ -67,7 +68,10 @@ def run(name: str, here: Path) -> ModuleType:
     return module
 
 
-@pytest.mark.parametrize("name", [name for name in PROGRAMS if name != "06_batch_on_a_cluster"])
+HERE = [name for name in PROGRAMS if name != "06_batch_on_a_cluster"]
+
+
+@pytest.mark.parametrize("name", nightly_but([name for name in HERE if name != "10_pump"], HERE))
 def test_it_runs(name: str, here: Path, monkeypatch: pytest.MonkeyPatch):
     _, made, needed = PROGRAMS[name]
     if needed:
