@@ -21,6 +21,13 @@ LIMIT = 120.0
 PATIENCE = 10.0
 """seconds after which a person tries again"""
 
+SELDOM = """
+const draw = window.requestAnimationFrame.bind(window);
+window.requestAnimationFrame = (drawing) => setTimeout(() => draw(drawing), 100);
+window.cancelAnimationFrame = clearTimeout;
+"""
+"""draws ten times a second: without a GPU a window would take a core, of the two that tests share"""
+
 
 def tethered() -> Scene:
     """Return a ball on a string, small enough for software rendering to keep up."""
@@ -40,6 +47,7 @@ def wait_until(happened: Callable[[], object], what: str, seconds: float = LIMIT
 def open_window(browser, served: Page, fetched: list[str] | None = None):
     before = len(served.server.get_clients())
     window = browser.new_page(viewport={"width": 1100, "height": 600})
+    window.add_init_script(SELDOM)
     window.set_default_timeout(1000.0 * LIMIT)
     if fetched is not None:
         window.on("request", lambda request: fetched.append(request.url))
