@@ -60,6 +60,8 @@ def pytest_in(tree: Path, plugin: str, arguments: Sequence[str], wait: float | N
     """
     paths = [str(tree), str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "CUDA_VISIBLE_DEVICES": ""}
+    # compiled modules are told apart by the second and the size: a mutant may have those of the source
+    environment["PYTHONDONTWRITEBYTECODE"] = "1"
     plugins = ("no:cacheprovider", "xdist", f"balloon_warp.benchmarks.{plugin}")
     command = [sys.executable, "-m", "pytest", "--rootdir", str(tree), *(f"-p{each}" for each in plugins)]
     with tempfile.TemporaryFile("w+") as output:
