@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from balloon_warp.benchmarks.physics_energy import Energies
 from balloon_warp.benchmarks.physics_runs import Case
 
 FLAT = 0.3
@@ -54,6 +55,15 @@ def is_heavy_gas(case: Case) -> bool:
     )
 
 
+def swings_with_the_step(case: Case) -> bool:
+    """Return whether the energy that a gas balloon gains, without contact, falls fourfold or more at half the step."""
+    if not any(balloon.inflation.kind == "gas" for balloon in case.scene.balloon):
+        return False
+    coarse, fine = (Energies(case.finer(times)) for times in (4, 8))
+    gains = [(each.total() - each.total()[0]).max() for each in (coarse, fine)]
+    return bool(coarse.is_smooth and gains[1] < 0.25 * gains[0])
+
+
 def has_torn(case: Case) -> bool:
     """Return whether a face has torn."""
     return bool((case.run.states["torn"] >= 0.0).any())
@@ -69,6 +79,7 @@ KNOWN = (
         is_pressed_flat,
     ),
     Known("Coarse balloons that touch", ("is_as_in_reference",), balloons_touch),
+    Known("A gas balloon that spins", ("gains_no_energy",), swings_with_the_step),
     Known("A tear that has both its neighbors to go to", ("is_alike_mirrored", "is_alike_relisted"), has_torn),
 )
 
