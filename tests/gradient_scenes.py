@@ -429,6 +429,10 @@ CASES: dict[str, Case] = {
         scene(string=[STRING], velocity=(0.3, -2.0, 0.1), springs={"viscosity": 0.003}, **DRAG),
         [*OF_STRING, "balloon.stiffness.viscosity", OF_WIND[0], MOTION[5]],
     ),
+    "an anchor that moves": Case(
+        scene(frames=2, string=[STRING], velocity=(0.3, -2.0, 0.1)), [SPRINGS[0], MOTION[0], MOTION[5]],
+        ("launched", "block"),
+    ),
     "a tube": tubed(1),
     "two tubes": tubed(2),
     "a wide tube": tubed(1, 400.0),

@@ -30,6 +30,16 @@ def without_approach(velocity: wp.vec3, obstacle_velocity: wp.vec3, normal: wp.v
 
 
 @wp.func
+def stopped_in_step(approach: float, depth: float, step_seconds: float):
+    """Return how much of an approach a step stops [m/s]: as much as has led behind the surface, depth over step.
+
+    The rest is stopped in the next step. So the impulse goes with the time of the contact, and does not jump where that
+    moves to another step: derivatives by the causes of that are those of a bounce.
+    """
+    return wp.max(wp.min(approach, depth / step_seconds), 0.0)
+
+
+@wp.func
 def leave_sphere(
     point: wp.vec3,
     velocity: wp.vec3,
@@ -39,7 +49,7 @@ def leave_sphere(
     up: wp.vec3,
     step_seconds: float,
 ):
-    """Move a particle out of a sphere, and stop as much of its approach as has led inside, see `stand_on`.
+    """Move a particle out of a sphere, and stop its approach, see `stopped_in_step`.
 
     Returns its point, its velocity, and the unit vector along which it moved, zero if it is outside.
     """
@@ -47,9 +57,9 @@ def leave_sphere(
     if wp.length_sq(point - center) < radius * radius:
         outward = way_out(point, center, up)
         depth = radius - wp.dot(point - center, outward)
-        approach = wp.max(-wp.dot(velocity - sphere_velocity, outward), 0.0)
+        approach = -wp.dot(velocity - sphere_velocity, outward)
         point = center + radius * outward
-        velocity += wp.min(approach, depth / step_seconds) * outward
+        velocity += stopped_in_step(approach, depth, step_seconds) * outward
     return point, velocity, outward
 
 
@@ -67,9 +77,7 @@ def stand_on(
 ):
     """Place [m] and velocity [m/s] of a particle that a step has brought to a point behind a surface.
 
-    Of its approach as much is stopped as has led behind the surface, depth over step, and the rest in the next step. So
-    the impulse goes with the time of the contact, and does not jump where that moves to another step: derivatives by
-    the causes of that are those of a bounce.
+    Its approach is stopped by `stopped_in_step`, or at once.
 
     By Coulomb's law friction stops at most `friction` times as much of the tangential part. The way along the surface
     is that of the velocity once all is stopped: a particle goes as far as in a single contact, and a held one does not
@@ -86,7 +94,7 @@ def stand_on(
     stopped = approach
     slid = part
     if not at_once:
-        stopped = wp.min(approach, wp.max(wp.dot(place - point, normal), 0.0) / step_seconds)
+        stopped = stopped_in_step(approach, wp.dot(place - point, normal), step_seconds)
         slid = stopped / wp.max(approach, TINY)
     along = beside - wp.dot(beside, normal) * normal
     rubbed = friction * inverse_root(squared_length(along))

@@ -187,16 +187,9 @@ def fixture_functions(features: Features) -> tuple[Any, Any]:
                 met = meet(t, around.world, fixture, around.time, start, outside, 0.0)
                 if wp.length_sq(met.normal) > 0.0:
                     friction = friction_on(t, around.world, around.balloon, number_of_obstacle(fixture))
+                    step = t.step_seconds
                     stood, _slowed = stand_on(
-                        outside,
-                        met.let,
-                        velocity,
-                        met.moving,
-                        met.normal,
-                        friction,
-                        t.step_seconds,
-                        met.slides,
-                        met.part,
+                        outside, met.let, velocity, met.moving, met.normal, friction, step, met.slides, met.part
                     )
                     outside = stood
                     outward = met.normal
