@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.adjoints.contacts import ON_GROUND, Contact
+from balloon_warp.kernels.adjoints.contacts import Contact
 from balloon_warp.kernels.adjoints.fixture_bars import fixture_bars_function
 from balloon_warp.kernels.contact_tables import Solid
 from balloon_warp.kernels.features import Features
@@ -13,7 +13,7 @@ from balloon_warp.kernels.laws.contact import leave_ground, stand_on
 from balloon_warp.kernels.laws.fixture import FAR_AWAY, LEAST_STEP, MESH
 from balloon_warp.kernels.laws.rigid import carried
 from balloon_warp.kernels.loops.fixture_poses import Pose, pose_function
-from balloon_warp.kernels.loops.fixtures import Around
+from balloon_warp.kernels.loops.fixtures import ON_GROUND, Around
 from balloon_warp.kernels.loops.solids import surface_function
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.working import Working
