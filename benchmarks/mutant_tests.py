@@ -26,6 +26,8 @@ WAITING = 8.0
 """Times the processor's time that a mutant may take on the wall: the rest is for tests that wait for ever"""
 ENOUGH = 2.0
 """Times the seconds of a mutant for which tests are chosen: some are quicker than they were"""
+ARBITER = "tests/test_reference.py"
+"""File of tests that compare whole steps with the reference: they find most of what is wrong in a kernel"""
 LEFT_OUT = (".git", ".venv", "__pycache__", ".*_cache", "build", "dist", "*.egg-info")
 """Files and folders that no test needs"""
 
@@ -114,7 +116,7 @@ def candidates(mutant: Mutant, traced: Sequence[Traced], root: Path) -> list[Tra
     """Return the tests that may find a mutant, the quickest that execute little else first, each kind once at first.
 
     They execute the function around its place, or else one around that, or anything of the file, or of one that
-    imports it.
+    imports it. Of kinds that have had as many turns, that of the arbiter is first.
     """
     found = []
     for span in [*mutant.spans, (0, sys.maxsize)]:
@@ -131,7 +133,7 @@ def candidates(mutant: Mutant, traced: Sequence[Traced], root: Path) -> list[Tra
         kind = test.test.partition("[")[0]
         turns[test.test] = times[kind]
         times[kind] += 1
-    return sorted(found, key=lambda test: turns[test.test])
+    return sorted(found, key=lambda test: (turns[test.test], not test.test.startswith(ARBITER)))
 
 
 def judge(mutant: Mutant, tree: Path, tests: Sequence[Traced], seconds: float, options: Sequence[str]) -> Verdict:

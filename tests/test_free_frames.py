@@ -218,15 +218,21 @@ def launched(scene: Scene, gpu: wp.Device, monkeypatch: pytest.MonkeyPatch) -> S
 
 @pytest.mark.parametrize("name", INFLATIONS)
 def test_balloons_meet_as_in_launches_on_a_gpu(name: str, gpu: wp.Device, monkeypatch: pytest.MonkeyPatch):
-    """Frames are free, then busy; places are those of launches to rounding, which contact makes no larger so soon."""
+    """Frames are free, then busy; places are those of launches to rounding, and to what contact makes of it: at most
+    four times of what it makes of starts that are moved by the rounding of places, 2e-7 m."""
     scene = meeting(INFLATIONS[name])
-    simulator, peer = Simulator(scene, str(gpu)), launched(scene, gpu, monkeypatch)
-    seen = []
+    simulator, peer, *moved = Simulator(scene, str(gpu)), *(launched(scene, gpu, monkeypatch) for _ in range(4))
+    seen, rng = [], np.random.default_rng(2)
+    for aside in moved:
+        points = aside.state.points.numpy()
+        aside.state.points.assign((points + 2e-7 * rng.uniform(-1.0, 1.0, points.shape)).astype(np.float32))
     for _ in range(scene.frames):
-        simulator.step()
-        peer.step()
+        for each in (simulator, peer, *moved):
+            each.step()
         seen += verdicts(simulator)
-        np.testing.assert_allclose(simulator.state.points.numpy(), peer.state.points.numpy(), atol=PLACES)
+        found, expected, *aside = (each.state.points.numpy() for each in (simulator, peer, *moved))
+        spread = max(np.abs(each - expected).max() for each in aside)
+        np.testing.assert_allclose(found, expected, atol=PLACES + 4.0 * spread)
         np.testing.assert_allclose(simulator.state.pressures.numpy(), peer.state.pressures.numpy(), atol=0.5)
     assert seen[0] == FREE
     assert seen[-1] == BUSY

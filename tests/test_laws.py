@@ -6,11 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+import warp as wp
 from law_functions import COUNT, adjoint, called, difference, most_agree, size_of
 from lone_laws import AT_THE_END, TESTED, drawn, value_of
 from numpy.typing import NDArray
 
 from balloon_warp.kernels.laws import PARAMETERS, Law
+from balloon_warp.kernels.laws.edges import CROSSED, crosses, crossing_of
 from balloon_warp.kernels.laws.gas import STANDARD_PRESSURE, gas_energy, gas_pressure
 from balloon_warp.kernels.laws.law import LAW_INPUTS, RESULT
 from balloon_warp.kernels.laws.torsion import angle_beyond
@@ -228,3 +230,21 @@ def test_warp_differentiates_a_law(law: Law):
                 expected.append((slope * weights).reshape(COUNT, -1).sum(axis=1))
             scale = max(size_of(values) / size_of(samples[name]), size_of(np.array(expected)))
             most_agree(gradient.reshape(COUNT, -1), np.stack(expected, axis=1), scale)
+
+
+@wp.func
+def rubs(a: wp.vec3, b: wp.vec3, c: wp.vec3, d: wp.vec3):
+    return wp.where(crosses(crossing_of(a, b, c, d)), 1.0, 0.0)
+
+
+def test_edges_rub_where_they_cross_between_their_ends():
+    """There the line between the closest points of their lines is square to both; nearly parallel ones do not rub."""
+    a, b, c, d = np.random.default_rng(3).uniform(-1.0, 1.0, (4, COUNT, 3))
+    first, second = b - a, d - c
+    normal = np.cross(first, second)
+    parts = np.linalg.solve(np.stack([first, -second, normal], axis=-1), (c - a)[..., None])[:, :2, 0]
+    steep = np.linalg.norm(normal, axis=1) > CROSSED * np.linalg.norm(first, axis=1) * np.linalg.norm(second, axis=1)
+    expected = ((parts > 0.0) & (parts < 1.0)).all(axis=1) & steep
+    assert 5 < expected.sum() < COUNT - 5
+    found = called(rubs, {"a": a, "b": b, "c": c, "d": d})
+    np.testing.assert_array_equal(found, expected)

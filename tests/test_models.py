@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from meshes import box, joined, quad_sphere
+from meshes import box, joined, mesh_of, quad_sphere
 from quads import assert_none_folded, edge_lengths
 
 import balloon_warp.scenes
@@ -169,6 +169,19 @@ def test_a_mesh_of_many_vertices_stands_on_its_hull() -> None:
     stands = samples.points[: samples.outermost]
     held = (stands[:, :3] @ ways.T + stands[:, 3:]).max(axis=0)
     assert (whole - held).max() < 1e-3 * turtle.reach
+
+
+def test_a_small_mesh_stands_as_a_large_one() -> None:
+    """Samples of a tetrahedron grow with it, from a gram to a mountain, as its balls do, which have room there."""
+    points = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
+    sizes = (1e-3, 1.0, 1e3)
+    found = [
+        sample(solid(mesh_of(size * points, [[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])), UP).points / size
+        for size in sizes
+    ]
+    assert (found[1][:, 3] > 0.0).all()
+    for each in found:
+        np.testing.assert_allclose(each, found[1], atol=1e-5)
 
 
 @pytest.mark.parametrize("half", [(0.5, 0.5, 0.5), (1.0, 0.04, 1.0), (0.01, 3.0, 0.2), (1e-3, 1e-3, 1.0)])

@@ -22,7 +22,16 @@ from balloon_warp.mesh.prepare import Parts, Treatment, prepared
 from balloon_warp.mesh.topology import mesh_edges, vertex_components
 from balloon_warp.model.shape import shape_balloon
 from balloon_warp.scene.pins import pinned_at_borders
-from balloon_warp.springs.ties import BRACED, EACH, TIED, balloon_springs, nearest_elsewhere, spread, tie_pairs
+from balloon_warp.springs.ties import (
+    BRACED,
+    EACH,
+    LEAST_TIED,
+    TIED,
+    balloon_springs,
+    nearest_elsewhere,
+    spread,
+    tie_pairs,
+)
 
 BALL = quad_sphere(8)
 FINE = quad_sphere(24)
@@ -81,6 +90,11 @@ def test_ties_are_few_and_hold_parts_against_motion_and_rotation(name: str) -> N
     assert len(np.unique(pairs, axis=0)) == len(pairs)
     # Rounds have half as many parts each: twice as many in all; each with its ties and a brace.
     assert len(pairs) <= 2 * len(np.unique(component)) * (TIED * EACH + BRACED**2)
+    for part in np.unique(component):  # each has some with as many ties as they are to have, however far those are
+        there = np.flatnonzero(component == part)
+        elsewhere = len(mesh.points) - len(there)
+        full = np.bincount(pairs.ravel(), minlength=len(mesh.points))[there] >= min(EACH, elsewhere)
+        assert full.sum() >= min(LEAST_TIED, len(there))
     np.testing.assert_array_equal(tie_pairs(mesh), pairs)
 
 

@@ -106,6 +106,12 @@ def test_the_schedule_of_a_device_does_what_the_reference_does(name: str, length
     require_same(name, length, "auto", device)
 
 
+@pytest.mark.parametrize("name", ["springs", "gas", "air and water", "faces"])
+def test_launches_do_what_the_reference_does(name: str, device: str):
+    """Without lanes: the same laws, of one particle at a time."""
+    require_same(name, "substep", "gather", device)
+
+
 NOTHING: dict[str, dict[str, Any]] = {
     "springs": {f"balloon.0.{name}": 0.0 for name in ("damping", "stiffness.torsion", "stiffness.viscosity")},
     "gas": {

@@ -346,6 +346,7 @@ def test_a_sphere_and_a_body_keep_momentum_and_none_goes_through(speed: float, d
     np.testing.assert_allclose(kinetic(simulator) + sphere_energies(simulator).sum(), energy, rtol=0.02)
 
 
+@pytest.mark.always
 def test_a_body_turns_a_sphere_that_lands_on_its_end(device: str):
     """Momentum and angular momentum are conserved by friction of a sphere and a free box; energy falls."""
     box = Body(shape="box", size=(0.4, 0.1, 0.3), mass=0.5, friction=0.8)

@@ -297,6 +297,7 @@ def test_a_heeling_cube_is_lifted_by_what_it_displaces_at_its_metacentric_lever(
     np.testing.assert_allclose(push_of_water(cube(), -1.0, device, **place), 0.0, atol=1e-9)
 
 
+@pytest.mark.always("cpu-ball--0.6")
 @pytest.mark.parametrize("level", [-0.6, -0.1, 0.0, 0.37, 5.0])
 @pytest.mark.parametrize("mesh", [quad_sphere(5), prism(7), torus(12, 7)], ids=["ball", "prism", "torus"])
 def test_force_and_torque_are_those_of_the_displaced_water(mesh, level, device):

@@ -38,6 +38,7 @@ def pressed(gap: float, substeps: int | str) -> Scene:
     return Scene(balloon=[ball], obstacle=plates, gravity=0.0, substeps=substeps)
 
 
+@pytest.mark.always("octets-cpu-0.01-auto")
 @pytest.mark.parametrize(("gap", "substeps"), [(0.03, "auto"), (0.01, "auto"), (0.01, 24)])
 def test_a_ball_that_is_pressed_flat_is_whole_afterwards(gap: float, substeps: int | str, schedule: str, device: str):
     """A ball stays between the plates, within a hundredth of its size, and after the plates have opened it is as large

@@ -11,6 +11,7 @@ from meshes import cube
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 from rigid import EPSILON, SPACE, body_state, whole
+from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
 from balloon_warp import InputError, Simulator, advise_step, animate, run_batch
@@ -88,16 +89,15 @@ def test_a_basket_on_a_balloon_that_is_held_swings_as_a_double_pendulum(device: 
     """The slow way of a string and of what swings about its end: from it, T is known."""
     length, reach, inertia = 0.6, 0.2, (0.2**2 + 0.4**2) / 12.0
     masses = np.array([[length**2, length * reach], [length * reach, reach**2 + inertia]])
-    squares, ways = np.linalg.eig(np.linalg.solve(masses, 9.81 * np.diag([length, reach])))
-    slow = int(squares.argmin())
-    string, turn = 0.03 * ways[:, slow] / ways[0, slow]
+    squares, ways = eigh(9.81 * np.diag([length, reach]), masses)
+    string, turn = 0.03 * ways[:, 0] / ways[0, 0]
     anchor = length * np.array([np.sin(string), -np.cos(string), 0.0])
     place = anchor - Rotation.from_euler("z", turn).apply(TOP)
     scene = tied(
         {"mass": 1.0, "position": tuple(place), "rotation": (0.0, 0.0, float(np.degrees(turn)))},
         {"anchor": TOP, "particle": 0, "length": length - 9.81 / 5e3, "stiffness": 5e3}, {"fixed": list(range(8))},
     )  # fmt: skip
-    simulator, period = Simulator(scene, device), 2.0 * np.pi / np.sqrt(squares[slow])
+    simulator, period = Simulator(scene, device), 2.0 * np.pi / np.sqrt(squares[0])
     swings = np.array(after_each(simulator, int(250 * period), lambda each: body_state(each, "positions")[0, 0]))
     past = np.flatnonzero(swings[:-1] * swings[1:] < 0.0)
     crossings = 0.01 * (past + 1.0 + swings[past] / (swings[past] - swings[past + 1]))
