@@ -19,6 +19,9 @@ AROUND = ("obstacle.", "string.")
 """Beginnings of paths that the reference takes from a scene alone"""
 RNG = np.random.default_rng(3)
 WEIGHTS, OF_COURSES = RNG.uniform(0.5, 1.5, (26, 3)), RNG.normal(size=(2, 3, 3))
+ULP = 6e-8
+"""Rounding of a float32 over its value"""
+SIGMAS = 4.0
 SPHERE_TRACKS = ("sphere_positions", "sphere_velocities")
 
 
@@ -117,16 +120,13 @@ def loss_of(name: str) -> float:
 
 
 @cache
-def slopes_of(name: str) -> dict[str, float]:
-    """Return central differences of the loss of a case by each path, in the reference."""
-    case = CASES[name]
-    of, found = case.scene, {}
-    for path in case.paths:
-        value = value_at(of, path)
-        h = case.reach * (abs(value) or 1.0)
-        more, less = (far_in_float64(of, {path: value + sign * h}) for sign in (1.0, -1.0))
-        found[path] = (more - less) / (2.0 * h)
-    return found
+def slope_of(name: str, path: str, rounded: int = 0) -> float:
+    """Return the central difference of the loss of a case by a value, in the reference, see `_rounded`."""
+    of, reach = CASES[name].scene, CASES[name].reach
+    value, shifts = value_at(of, path), _rounded(of, rounded)
+    h = reach * (abs(value) or 1.0)
+    more, less = (far_in_float64(of, {path: value + sign * h}, shifts) for sign in (1.0, -1.0))
+    return (more - less) / (2.0 * h)
 
 
 def random_shifts(of: bw.Scene) -> tuple[np.ndarray, np.ndarray]:
@@ -137,9 +137,29 @@ def random_shifts(of: bw.Scene) -> tuple[np.ndarray, np.ndarray]:
 
 
 @cache
-def slope_by_start(name: str, h: float = 1e-6) -> float:
-    """Return the central difference of a case's loss along that direction, in the reference."""
-    of = CASES[name].scene
-    points, velocities = random_shifts(of)
-    more, less = (far_in_float64(of, {}, (sign * h * points, sign * h * velocities)) for sign in (1.0, -1.0))
+def slope_by_start(name: str, rounded: int = 0) -> float:
+    """Return the central difference of a case's loss along that direction, in the reference, see `_rounded`."""
+    of, h = CASES[name].scene, 1e-6
+    ways, aside = random_shifts(of), _rounded(of, rounded)
+    starts = [[off + sign * h * way for off, way in zip(aside, ways, strict=True)] for sign in (1.0, -1.0)]
+    more, less = (far_in_float64(of, {}, (points, velocities)) for points, velocities in starts)
     return (more - less) / (2.0 * h)
+
+
+def _rounded(of: bw.Scene, number: int) -> tuple[Any, Any]:
+    """Return offsets of places and velocities at the start that are drawn from the rounding of float32; 0: none."""
+    if number == 0:
+        return 0.0, 0.0
+    rng, reference = np.random.default_rng(number), Reference(of)
+    tracks = np.concatenate(reference.points), np.concatenate(reference.velocities)
+    points, velocities = (ULP * np.abs(track) * rng.uniform(-1.0, 1.0, track.shape) for track in tracks)
+    return points, velocities
+
+
+def rounding(name: str, slope: Callable[..., float], *path: str) -> float:
+    """Return how far off a derivative may be in float32: all places and velocities are rounded in each substep, which
+    adds up as a random walk, and each does what it does to the slope at the start, by three draws."""
+    of = CASES[name].scene
+    assert isinstance(of.substeps, int)
+    apart = [slope(name, *path, rounded) - slope(name, *path) for rounded in (1, 2, 3)]
+    return SIGMAS * float(np.sqrt(np.mean(np.square(apart)) * of.frames * of.substeps))

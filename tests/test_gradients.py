@@ -7,7 +7,17 @@ import pytest
 import trimesh
 import warp as wp
 from block_layouts import held as held_layout
-from gradient_losses import ends, ends_along, far, loss_of, random_shifts, slope_by_start, slopes_of, value_at
+from gradient_losses import (
+    ends,
+    ends_along,
+    far,
+    loss_of,
+    random_shifts,
+    rounding,
+    slope_by_start,
+    slope_of,
+    value_at,
+)
 from gradient_scenes import CASES, HELD, OF_MEETING, OF_RUBBING, PLANE, SLAB, N, meeting, scene
 from reference_runs import run
 
@@ -49,20 +59,25 @@ def _layout_of_one_thread(model: Model) -> Layout:
 
 @pytest.mark.parametrize(("case", "way"), cases(CASES))
 def test_gradients_are_the_slopes_of_the_reference(case: str, way: str, schedule_back: str, device: str):
-    """Each derivative, and that by a random direction of all places and velocities at the start."""
+    """Each derivative, and that by a random direction of all places and velocities at the start; where they are not as
+    near as in other cases, as near as the rounding of float32 lets them be in this one."""
     of, paths, *_ = CASES[case]
     found = bw.gradient(of, of=paths, loss=far, device=device, schedule=schedule_back)
     loss, near = loss_of(case), CASES[case].near
     assert found.loss[0] == pytest.approx(loss, rel=1e-5)
-    slopes, sizes = slopes_of(case), {path: abs(value_at(of, path)) or 1.0 for path in paths}
+    slopes, sizes = (
+        {path: slope_of(case, path) for path in paths},
+        {path: abs(value_at(of, path)) or 1.0 for path in paths},
+    )
     most = max(abs(slopes[path]) * size for path, size in sizes.items())
     for path, size in sizes.items():
-        told = pytest.approx(slopes[path], rel=near, abs=1e-5 * most / size)
-        assert found.gradients[path][0] == told, path
+        off, allowed = abs(found.gradients[path][0] - slopes[path]), near * abs(slopes[path]) + 1e-5 * most / size
+        assert off <= allowed or off <= rounding(case, slope_of, path), path
     if CASES[case].shifts:
         tracks = zip((found.by_points, found.by_velocities), random_shifts(of), strict=True)
         parts = [(np.concatenate(track) * shift).sum() for track, shift in tracks]
-        assert sum(parts) == pytest.approx(slope_by_start(case), abs=CASES[case].dot * max(map(abs, parts)))
+        off, allowed = abs(sum(parts) - slope_by_start(case)), CASES[case].dot * max(map(abs, parts))
+        assert off <= allowed or off <= rounding(case, slope_by_start)
 
 
 @pytest.mark.full
