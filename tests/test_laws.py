@@ -13,7 +13,10 @@ from numpy.typing import NDArray
 
 from balloon_warp.kernels.laws import PARAMETERS, Law
 from balloon_warp.kernels.laws.edges import CROSSED, crosses, crossing_of
+from balloon_warp.kernels.laws.empty import EMPTY, amount_when_flat
+from balloon_warp.kernels.laws.fixture import BLURRED, mesh_normal
 from balloon_warp.kernels.laws.gas import STANDARD_PRESSURE, gas_energy, gas_pressure
+from balloon_warp.kernels.laws.impulse import PRESSED, Press, push_of_ground
 from balloon_warp.kernels.laws.law import LAW_INPUTS, RESULT
 from balloon_warp.kernels.laws.torsion import angle_beyond
 from balloon_warp.model.bounds import told_what_it_names
@@ -237,9 +240,10 @@ def rubs(a: wp.vec3, b: wp.vec3, c: wp.vec3, d: wp.vec3):
     return wp.where(crosses(crossing_of(a, b, c, d)), 1.0, 0.0)
 
 
-def test_edges_rub_where_they_cross_between_their_ends():
+@pytest.mark.parametrize("size", [0.01, 1.0, 100.0])
+def test_edges_rub_where_they_cross_between_their_ends(size: float):
     """There the line between the closest points of their lines is square to both; nearly parallel ones do not rub."""
-    a, b, c, d = np.random.default_rng(3).uniform(-1.0, 1.0, (4, COUNT, 3))
+    a, b, c, d = size * np.random.default_rng(3).uniform(-1.0, 1.0, (4, COUNT, 3))
     first, second = b - a, d - c
     normal = np.cross(first, second)
     parts = np.linalg.solve(np.stack([first, -second, normal], axis=-1), (c - a)[..., None])[:, :2, 0]
@@ -248,3 +252,52 @@ def test_edges_rub_where_they_cross_between_their_ends():
     assert 5 < expected.sum() < COUNT - 5
     found = called(rubs, {"a": a, "b": b, "c": c, "d": d})
     np.testing.assert_array_equal(found, expected)
+
+
+def test_a_flat_balloon_has_a_part_of_the_gas_of_its_volume():
+    """By the ideal gas law, p V / (R T)."""
+    rng = np.random.default_rng(4)
+    volumes, pressures, temperatures = (
+        rng.uniform(0.01, 2.0, COUNT),
+        rng.uniform(1e4, 2e5, COUNT),
+        rng.uniform(200.0, 400.0, COUNT),
+    )
+    air = np.stack([pressures, temperatures, np.ones(COUNT)], axis=1)
+    found = called(amount_when_flat, {"mesh_volume": volumes, "air": air})
+    np.testing.assert_allclose(found, float(EMPTY) * volumes * pressures / (8.314462618 * temperatures), rtol=1e-6)
+
+
+def test_beside_a_mesh_the_normal_is_along_the_arm_where_float32_tells():
+    """It is the face's below 3e-5 of the mesh's reach."""
+    rng, across = np.random.default_rng(5), np.tile([0.6, 0.0, 0.8], (COUNT, 1))
+    ways = rng.normal(size=(COUNT, 3))
+    ways /= np.linalg.norm(ways, axis=1)[:, None]
+    reach, far = rng.choice([0.1, 5.0], COUNT), rng.choice([0.5, 2.0], COUNT)
+    arms, side = (far * float(BLURRED) * reach)[:, None] * ways, rng.choice([-1.0, 1.0], COUNT)
+    found = called(mesh_normal, {"arm": arms, "face_normal": across, "side": side, "reach": reach}, "vec3")
+    np.testing.assert_allclose(found, np.where((far > 1.0)[:, None], side[:, None] * ways, across), atol=1e-6)
+
+
+@wp.func
+def push_by(diagonal: wp.vec3, beside: wp.vec3, change: wp.vec3):
+    press = Press()
+    for axis in range(3):
+        press[PRESSED + axis + 6] = 0.5
+    press[PRESSED] = diagonal[0]
+    press[PRESSED + 1] = beside[0]
+    press[PRESSED + 2] = beside[1]
+    press[PRESSED + 3] = diagonal[1]
+    press[PRESSED + 4] = beside[2]
+    press[PRESSED + 5] = diagonal[2]
+    return push_of_ground(press, 2.0, wp.vec3(0.36, 0.48, 0.8), change)
+
+
+def test_the_ground_pushes_a_body_by_what_it_and_what_presses_it_gain():
+    """The momentum along the normal: of the body of 2 kg, of the particles' masses, a symmetric matrix, and what they
+    have lost."""
+    diagonal, beside, change = np.random.default_rng(6).uniform(-1.0, 1.0, (3, COUNT, 3))
+    (a, d, f), (b, c, e) = diagonal.T, beside.T
+    masses = np.stack([[a, b, c], [b, d, e], [c, e, f]]).transpose(2, 0, 1)
+    gains = 2.0 * change + (masses @ change[..., None])[..., 0] + 0.5
+    found = called(push_by, {"diagonal": diagonal, "beside": beside, "change": change})
+    np.testing.assert_allclose(found, np.maximum(gains @ [0.36, 0.48, 0.8], 0.0), atol=1e-5)
