@@ -14,6 +14,7 @@ from balloon_warp.kernels.laws.air import AIR_ALIKE, AIR_THAT_VARIES
 from balloon_warp.kernels.laws.body import DAMPING
 from balloon_warp.kernels.laws.columns import Columns
 from balloon_warp.kernels.laws.law import RESULT, Kind, Law
+from balloon_warp.kernels.named_state import GAS, SPHERE_PUSH
 
 
 class Kept(NamedTuple):
@@ -36,6 +37,8 @@ class Features(NamedTuple):
     """Names of the phases that act, of those that not all scenes have by their parameters"""
     keeps: tuple[Kept, ...] = ()
     """Values that items keep for the phases that act"""
+    changes: tuple[str, ...] = ()
+    """Names of the state that those of the phases change, see `named_state`"""
     membranes: tuple[Law, ...] = ()
     """Membrane laws of balloons that are not made of springs"""
     viscous: bool = False
@@ -181,7 +184,7 @@ class Features(NamedTuple):
     @property
     def gas_changes(self) -> bool:
         """Return whether the amount of gas changes from substep to substep."""
-        return self.pumps or self.gas_flows
+        return self.pumps or self.gas_flows or GAS in self.changes
 
     @property
     def gas_meets_air(self) -> bool:
@@ -281,3 +284,13 @@ class Features(NamedTuple):
     def penalties(self) -> bool:
         """Return whether spheres push particles out one by one, by the paper's rule."""
         return self.spheres > 0 and not self.impulses
+
+    @property
+    def spheres_shoved(self) -> bool:
+        """Return whether phases push spheres that exchange momentum, where the paper's rule has no forces."""
+        return self.impulses and SPHERE_PUSH in self.changes
+
+    @property
+    def spheres_pushed(self) -> bool:
+        """Return whether forces on spheres are summed in a substep."""
+        return self.penalties or self.spheres_shoved

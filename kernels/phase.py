@@ -6,7 +6,8 @@ one, and puts a barrier where one looks at results of others. The step is such a
 
 A name that a phase reads is one of these:
 
-- a handle: `t`, the tables; `state`; `working`, the buffers of contact beside the state; `time_in_frame` [s]
+- a handle: `t`, the tables; `state`; `working`, the buffers of contact beside the state; `spheres`. What a phase reads
+  and changes through them has names, too, see `named_state`, which follow from its source
 - the item: `world`, and within it `balloon`, `particle`, `face`, `triangle` or `sphere`, or all `threads` of a block
 - `params`, a particle's own parameters, see `params`; a row of numbers of a law, by its name
 - `number`, a particle's in the state, where a schedule has particles in another order
@@ -25,9 +26,11 @@ from functools import cache
 from typing import Any, Literal, NamedTuple
 
 from balloon_warp.kernels.adjoint import Adjoint, NoAdjointError
+from balloon_warp.kernels.effects import effects_of
 from balloon_warp.kernels.features import Features, Kept
 from balloon_warp.kernels.laws.law import Parameter
 from balloon_warp.kernels.memory import add_at, put_vector, vector_at
+from balloon_warp.kernels.named_state import OF_ARRAY, names_of
 from balloon_warp.kernels.warp_sums import sum_over_block
 
 Item = Literal[
@@ -39,9 +42,13 @@ string, hinge, triangle or face; `team` all threads of a block, for a world; `la
 VIEWS = {"points": "point", "velocities": "velocity", "face_centers": "face_center", "face_areas": "face_area",
          "face_pushes": "face_push"}  # fmt: skip
 """Views of all items, and the value that each item has in a view"""
+HANDLES = ("t", "state", "working", "spheres")
+"""Structs through which a phase reaches what others than its item have"""
+WITHIN_LANES = "all."
+"""Path from the tables of lanes to those of all schedules"""
 TIMES = ("time", "end", "time_in_frame")
 """Times that are the same for all items"""
-KEEPERS = ("particle", "face", "triangle")
+KEEPERS = ("particle", "face", "triangle", "balloon", "sphere", "world")
 """Items that can keep values from one substep to the next"""
 STATE = {"point": "points", "velocity": "velocities"}
 """State of a particle from one substep to the next, and the arrays that hold it"""
@@ -148,6 +155,24 @@ class Phase:
             return self.also_reads
         return tuple(_arguments(self.function(features, look)))
 
+    def looks_at(self, features: Features, look: Look) -> frozenset[str]:
+        """Return the names of the state that the phase reads through handles, see `named_state`."""
+        return names_of(_reached(self, features, look, "reads"))
+
+    def changes(self, features: Features, look: Look) -> frozenset[str]:
+        """Return the names of the state that the phase changes through handles, see `named_state`.
+
+        Raises:
+            TypeError: it writes an array that has no name.
+        """
+        arrays = _reached(self, features, look, "writes")
+        if strange := sorted(set(arrays) - OF_ARRAY.keys()):
+            raise TypeError(
+                f"phase {self.name}: writes `{strange[0]}`, which has no name; expected arrays of "
+                "kernels.named_state.NAMED, or values that the phase writes or keeps"
+            )
+        return names_of(arrays)
+
     def takes_eight(self, features: Features, look: Look) -> bool:
         """Return whether the phase runs on eight items side by side: it names no type of one item.
 
@@ -187,6 +212,16 @@ def _made(phase: Phase, features: Features, look: Look) -> Any:
 @cache
 def _arguments(function: Any) -> Mapping[str, inspect.Parameter]:
     return inspect.signature(function.func).parameters
+
+
+@cache
+def _reached(phase: Phase, features: Features, look: Look, how: Literal["reads", "writes"]) -> tuple[str, ...]:
+    """Return the arrays that a phase reads or writes through its handles."""
+    if phase.item == "launches":
+        return ()
+    places = getattr(effects_of(phase.function(features, look)), how)
+    paths = (path.removeprefix(WITHIN_LANES) for handle, path in sorted(places) if handle in HANDLES)
+    return tuple(dict.fromkeys(filter(None, paths)))
 
 
 @cache

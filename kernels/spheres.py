@@ -68,8 +68,12 @@ def shared_spheres(count: int) -> tuple[Any, Any, Any]:
         return wp.array(ptr=first - wp.uint64(world * count * VECTOR_BYTES), shape=(world + 1, count), dtype=wp.vec3)
 
     @wp.func
-    def share_spheres(t: Tables, state: WorldState, world: wp.int32, thread: wp.int32):
-        """Return a barrier must follow."""
+    def share_spheres(t: Tables, state: WorldState, world: wp.int32, thread: wp.int32, penalties: bool):
+        """Return the spheres of a world; a barrier must follow.
+
+        Args:
+            penalties: Whether forces are those that have been summed and are still to act.
+        """
         spheres = Spheres()
         spheres.sphere_positions = vectors(world, 0)
         spheres.sphere_velocities = vectors(world, 1)
@@ -85,7 +89,9 @@ def shared_spheres(count: int) -> tuple[Any, Any, Any]:
             spheres.sphere_velocities[world, sphere] = state.sphere_velocities[world, sphere]
             spheres.sphere_spins[world, sphere] = state.sphere_spins[world, sphere]
             spheres.sphere_forces[world, sphere] = state.sphere_forces[world, sphere]
-            set_quanta(spheres.sphere_quanta, world, sphere, state.sphere_forces[world, sphere])
+            set_quanta(
+                spheres.sphere_quanta, world, sphere, wp.where(penalties, state.sphere_forces[world, sphere], wp.vec3())
+            )
         return spheres
 
     @wp.func

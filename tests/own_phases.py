@@ -8,9 +8,12 @@ import warp as wp
 
 from balloon_warp.kernels import substep
 from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.fixed_point import add_quanta
 from balloon_warp.kernels.laws import Parameter
+from balloon_warp.kernels.laws.gas import VOLUME, Swelling
+from balloon_warp.kernels.loops.gas import gas_in, put_gas
 from balloon_warp.kernels.phase import Look, Phase, phase
-from balloon_warp.kernels.tables import Tables, sphere_number
+from balloon_warp.kernels.tables import Tables, WorldState, sphere_number
 
 START = 300.0
 """of temperatures [K]"""
@@ -79,3 +82,106 @@ def list_after(patch: pytest.MonkeyPatch, line: str, *more: Phase) -> None:
     names = [each.name for each in substep.STEP]
     place = names.index(line) + 1
     patch.setattr(substep, "STEP", (*substep.STEP[:place], *more, *substep.STEP[place:]))
+
+
+VALVE = {"valve_rate": 0.0}
+ROWS_OF_VALVE = (
+    Parameter("valve_volume", "m^3", 1.0e6, least=0.0, domain=(0.1, 1.0)),
+    Parameter("valve_rate", "1/s", least=0.0, domain=(0.1, 2.0), meaning="part of the gas that leaves in a second"),
+)
+
+
+@phase("balloon", {"opened": float}, rows=ROWS_OF_VALVE, neutral=VALVE, keeps={"opened": 0.0})
+def switch(features: Features, look: Look) -> Any:
+    """Open a balloon's valve while it is larger than a volume, and shut it again 5 % below."""
+    bound = features.columns.places["valve_volume"]
+
+    @wp.func
+    def switch(swelling: Swelling, opened: float, numbers: Any):
+        now = opened
+        if swelling[VOLUME] > numbers[bound]:
+            now = 1.0
+        elif swelling[VOLUME] < 0.95 * numbers[bound]:
+            now = 0.0
+        return now
+
+    return switch
+
+
+@phase("balloon", neutral=VALVE)
+def release(features: Features, look: Look) -> Any:
+    """Let gas out of a balloon whose valve is open."""
+    rate = features.columns.places["valve_rate"]
+
+    @wp.func
+    def release(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32, opened: float, numbers: Any):
+        if opened > 0.5:
+            left = wp.float64(1.0 / (1.0 + t.step_seconds * numbers[rate]))
+            put_gas(state, world, balloon, left * gas_in(state, world, balloon))
+
+    return release
+
+
+@phase(
+    "particle",
+    {"force": wp.vec3},
+    rows=(
+        Parameter("magnet", "m^3/s^2", of="sphere", domain=(0.0, 1.0)),
+        Parameter("magnet_core", "m", 0.1, least=1.0e-3, of="sphere"),
+    ),
+    neutral={"magnet": 0.0},
+)
+def attract(features: Features, look: Look) -> Any:
+    """Pull a particle of mass m towards each sphere by s m / (r^2 + e^2), and the sphere towards it [N]."""
+    sphere_at, columns = look.sphere_at, features.columns.places_of_spheres
+    magnet, core = columns["magnet"], columns["magnet_core"]
+
+    @wp.func
+    def attract(t: Tables, spheres: Any, params: Any, point: wp.vec3, force: wp.vec3):
+        total = force
+        for sphere in range(t.spheres.numbers.shape[1]):
+            center, _motion, _radius = sphere_at(t, spheres, params.world, sphere)
+            way = center - point
+            softening = sphere_number(t.spheres, params.world, sphere, core)
+            strength = sphere_number(t.spheres, params.world, sphere, magnet) * params.mass
+            pull = strength / (wp.length_sq(way) + softening * softening) * wp.normalize(way)
+            add_quanta(spheres.sphere_quanta, params.world, sphere, -pull)
+            total += pull
+        return total
+
+    return attract
+
+
+@phase("sphere", {"traveled": float}, rows=(Parameter("odometer", "1", of="sphere"),), neutral={"odometer": 0.0},
+       keeps={"traveled": 0.0})  # fmt: skip
+def travel(features: Features, look: Look) -> Any:
+    """Add up a sphere's way [m]."""
+
+    @wp.func
+    def travel(t: Tables, spheres: Any, world: wp.int32, sphere: wp.int32, traveled: float, odometer: float):
+        return traveled + odometer * t.step_seconds * wp.length(spheres.sphere_velocities[world, sphere])
+
+    return travel
+
+
+@phase("world", {"passed": float}, keeps={"passed": 0.0}, wants=lambda scene: bool(scene.sphere))
+def count_substeps(features: Features, look: Look) -> Any:
+    """Count substeps."""
+
+    @wp.func
+    def count_substeps(passed: float):
+        return passed + 1.0
+
+    return count_substeps
+
+
+@phase("particle", {"force": wp.vec3}, wants=lambda scene: scene.gravity == 0.0)
+def scribble(features: Features, look: Look) -> Any:
+    """Write into a table, which no phase may."""
+
+    @wp.func
+    def scribble(t: Tables, params: Any, force: wp.vec3):
+        t.springs.valences[params.number] = 0
+        return force
+
+    return scribble

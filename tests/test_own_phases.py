@@ -12,7 +12,7 @@ from block_layouts import LAYOUTS
 from features import features
 from meshes import quad_sphere
 from method_scenes import with_phase
-from own_phases import list_after, slow, warm, weaken
+from own_phases import attract, count_substeps, list_after, release, scribble, slow, switch, travel, warm, weaken
 from trajectories import ROUNDING, after_frames, arrays, stepped
 
 from balloon_warp import Balloon, Change, Inflation, InputError, Obstacle, Scene, Simulator, Sphere
@@ -184,3 +184,63 @@ def test_bad_values_of_rows_are_refused_in_a_sentence(changes, sentence, listed)
 def test_a_solver_that_does_not_have_a_phase_says_so(listed):
     with pytest.raises(InputError, match='solver: "projective" does not support the phase slow'):
         Simulator(scene_with(SLOWED | {"solver": "projective"}), "cpu")
+
+
+def test_a_phase_that_lets_gas_out_makes_it_change(monkeypatch, schedule, device):
+    """In every schedule as in launches: no pump, neck or leak says that the gas changes, but the phase's source does.
+    Amounts follow the implicit steps n / (1 + h r) while the valve is open, from the second substep on; the second
+    balloon's stays shut."""
+    list_after(monkeypatch, "pump", release)
+    list_after(monkeypatch, "find_volume_rate", switch)
+    gas = Inflation(kind="gas", start_pressure=400.0)
+    balls = [Balloon(mesh=quad_sphere(4, 0.5), inflation=gas, position=(2.0 * number, 0.0, 0.0)) for number in range(2)]
+    scene = Scene(balloon=balls, gravity=0.0, substeps=16, frames=4, touch=False)
+    valves = [(f"balloon.{number}.law.switch.valve_volume", volume) for number, volume in enumerate((0.1, 10.0))]
+    rates = np.array([6.0, 3.0])
+    for some in (scene, scene.model_copy(update={"balloon": balls[:1]})):
+        told = override_scene(some, valves[: len(some.balloon)]), {"balloon.law.switch.valve_rate": rates}
+        simulator = Simulator(told[0], device, 2, told[1], schedule=schedule)
+        before = simulator.state.gas_amounts.numpy().copy()
+        stepped(simulator, scene.frames)
+        left = (1.0 + rates * simulator.model.step_seconds) ** -(scene.frames * 16.0 - 1.0)
+        found = simulator.state.gas_amounts.numpy() / before
+        np.testing.assert_allclose(found, np.stack([left, np.ones(2)], axis=1)[:, : len(some.balloon)], rtol=1e-5)
+        np.testing.assert_array_equal(simulator.state.kept["opened"].numpy(), [[1.0, 0.0][: len(some.balloon)]] * 2)
+        expected = stepped(Simulator(told[0], device, 2, told[1], schedule="gather"), scene.frames)
+        np.testing.assert_allclose(simulator.state.points.numpy(), expected.state.points.numpy(), atol=2e-6)
+
+
+def test_spheres_and_worlds_keep_values(monkeypatch, schedule, device):
+    list_after(monkeypatch, "roll", travel, count_substeps)
+    sphere = Sphere(position=(0.0, 9.0, 0.0), radius=0.1, velocity=(0.0, 0.0, 2.0))
+    scene = override_scene(SCENE.model_copy(update={"sphere": [sphere] * 2}), [("sphere.1.law.travel.odometer", 1.0)])
+    simulator = stepped(Simulator(scene, device, 2, schedule=schedule), 2)
+    told = 2.0 * 2.0 / scene.frames_per_second
+    np.testing.assert_allclose(simulator.state.kept["traveled"].numpy(), [[0.0, told]] * 2, rtol=1e-6)
+    np.testing.assert_array_equal(simulator.state.kept["passed"].numpy(), [[2.0 * 12.0]] * 2)
+
+
+@pytest.mark.parametrize("contact", ["penalty", "impulse"])
+def test_a_phase_pushes_spheres_whatever_their_contact(contact, monkeypatch, schedule, device):
+    """Magnets and what they pull keep their momentum: what the spheres have, the balloon lacks."""
+    list_after(monkeypatch, "take", attract)
+    rest = Balloon(mesh=quad_sphere(4, 0.5), inflation=Inflation(k_normal=0.0), damping=0.0)
+    spheres = [Sphere(position=(0.0, 1.5, 0.0), mass=0.5, radius=0.1), Sphere(position=(1.2, 0.3, 0.0), radius=0.1)]
+    scene = Scene(balloon=[rest], sphere=spheres, gravity=0.0, substeps=16, frames=4, faces=False, contact=contact)
+    scene = override_scene(scene, [(f"sphere.{number}.law.attract.magnet", 1.0 + number) for number in range(2)])
+    state = stepped(Simulator(scene, device, schedule=schedule), scene.frames).state
+    share = 1.0 / state.points.shape[1]
+    own = state.velocities.numpy()[0].astype(float).sum(axis=0) * share * rest.mass
+    masses = np.array([[each.mass] for each in scene.sphere])
+    theirs = (masses * state.sphere_velocities.numpy()[0]).sum(axis=0)
+    if contact == "penalty":  # which acts as the next substep begins
+        theirs += state.sphere_forces.numpy()[0].sum(axis=0) / (scene.frames_per_second * 16.0)
+    assert np.linalg.norm(own) > 5e-3
+    np.testing.assert_allclose(own + theirs, 0.0, atol=1e-6)
+
+
+def test_a_phase_that_writes_what_has_no_name_is_refused(monkeypatch, device):
+    list_after(monkeypatch, "pull", scribble)
+    scene = Scene(balloon=[Balloon(mesh=quad_sphere(2), inflation=Inflation(k_normal=0.2))], gravity=0.0)
+    with pytest.raises(TypeError, match=r"^phase scribble: writes `springs.valences`, which has no name; expected"):
+        Simulator(scene, device)

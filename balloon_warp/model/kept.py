@@ -11,7 +11,10 @@ from balloon_warp.model.model import Model
 
 def kept_arrays(model: Model, room: Room) -> dict[str, Any]:
     """Return arrays for the values that items keep, by name."""
-    counts = {"particle": model.particle_count, "face": model.face_count, "triangle": model.triangle_count}
+    counts = {
+        "particle": model.particle_count, "face": model.face_count, "triangle": model.triangle_count,
+        "balloon": model.balloon_count, "sphere": model.sphere_count, "world": 1,
+    }  # fmt: skip
     return {
         each.name: room.array((model.world_count, counts[each.item]), wp.float32 if each.type is float else each.type)
         for each in kept_values(model)

@@ -7,6 +7,7 @@ from balloon_warp.kernels.laws.air import VARYING
 from balloon_warp.kernels.laws.hooke import HOOKE
 from balloon_warp.kernels.laws.inflation import GAS, NORMAL_FORCE
 from balloon_warp.kernels.laws.rubber import RUBBER, RUBBER_AT_LIMIT
+from balloon_warp.kernels.schedules.launched.looks import GATHERED
 from balloon_warp.model import Model
 from balloon_warp.model.acting import acting_laws, acting_phases, kept_values, values_over_time
 from balloon_warp.model.crushing import may_be_crushed
@@ -41,7 +42,7 @@ def model_features(model: Model) -> Features:
     laws = acting_laws(model)
     viscosities = values_over_time(model, "film_viscosity")
     crushes = may_be_crushed(scene, model.shapes, list(values_over_time(model, "keyframe_values")))
-    return Features(
+    features = Features(
         laws=laws,
         columns=model.columns,
         acting=tuple(phase.name for phase in acting_phases(model)),
@@ -92,6 +93,10 @@ def model_features(model: Model) -> Features:
         touches_itself=scene.touches_itself,
         edges_meet=edges_meet(scene, model.shapes),
     )
+    changed = {
+        name for phase in acting_phases(model) if phase.acts(features) for name in phase.changes(features, GATHERED)
+    }
+    return features._replace(changes=tuple(sorted(changed)))
 
 
 def _pumps(model: Model) -> bool:

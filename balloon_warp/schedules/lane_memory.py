@@ -99,7 +99,7 @@ def _working(model: Model, features: Features, worlds: int, room: Room) -> dict[
     spheres = model.sphere_count
     return {
         "gas_masses": room.array((worlds, model.balloon_count if features.gas else 0), wp.float32),
-        "sphere_quanta": room.array((worlds, spheres if features.penalties else 0, 3), wp.int64),
+        "sphere_quanta": room.array((worlds, spheres if features.spheres_pushed else 0, 3), wp.int64),
         "sphere_starts": room.array((worlds, spheres if features.keeps_starts else 0), wp.vec3),
         "near": room.array((worlds, mark_count(model.particle_count) if features.impulses else 0), wp.int32),
     }

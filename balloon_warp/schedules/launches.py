@@ -275,7 +275,7 @@ def working_arrays(model: Model, features: Features, room: Room) -> dict[str, An
     worlds = model.world_count
     return {
         "gas_masses": room.array((worlds, model.balloon_count if features.gas else 0), wp.float32),
-        "sphere_quanta": room.array((worlds, model.sphere_count if features.penalties else 0, 3), wp.int64),
+        "sphere_quanta": room.array((worlds, model.sphere_count if features.spheres_pushed else 0, 3), wp.int64),
         **solid_arrays(model, features, room),
         **ridge_arrays(model, features, room),
         "contact_impulses": room.array(contact_shape(model), wp.vec4),

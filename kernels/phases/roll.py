@@ -11,7 +11,7 @@ from balloon_warp.kernels.loops.colliding import colliding_function, may_meet
 from balloon_warp.kernels.loops.rolling import course_at, put_course, rolling_function
 from balloon_warp.kernels.loops.tumbling import tumbling_function
 from balloon_warp.kernels.phase import Look, phase
-from balloon_warp.kernels.tables import Tables, row_of_world, sphere_mass
+from balloon_warp.kernels.tables import Tables, row_of_world, sphere_mass, sphere_radius
 
 
 @phase("sphere", when=lambda features: features.spheres > 0, adjoint=roll_backwards)
@@ -40,6 +40,21 @@ def roll(features: Features, look: Look) -> Any:
         put_course(spheres, world, sphere, course, wp.static(features.spheres_rub))
 
     return roll
+
+
+@phase("sphere", when=lambda features: features.spheres_shoved)
+def shove(features: Features, look: Look) -> Any:
+    """Push a sphere by the forces of the substep, before it exchanges momentum: so none is left as a frame ends."""
+
+    @wp.func
+    def shove(t: Tables, spheres: Any, world: wp.int32, sphere: wp.int32):
+        push = total_newtons(spheres.sphere_quanta, world, sphere)
+        set_quanta(spheres.sphere_quanta, world, sphere, wp.vec3())
+        if sphere_radius(t.spheres, world, sphere) > 0.0:  # it is there
+            gain = t.step_seconds / sphere_mass(t.spheres, world, sphere) * push
+            spheres.sphere_velocities[world, sphere] = spheres.sphere_velocities[world, sphere] + gain
+
+    return shove
 
 
 @wp.func

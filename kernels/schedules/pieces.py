@@ -4,6 +4,7 @@ from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple
 
 from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.named_state import NAMED
 from balloon_warp.kernels.phase import STATE, VIEWS, Item, Look, Phase
 
 
@@ -96,7 +97,12 @@ def cut(
         sums_along: whether those who add up may do so as they go, at the end of a piece; otherwise a sum begins one,
             and who adds up goes on with the balloon.
         shown: values that somebody reads afterwards.
+
+    Raises:
+        TypeError: a phase changes state that has no name, see `Phase.changes`.
     """
+    for phase in phases:
+        phase.changes(features, look)
     light = tuple(phase for phase in phases if phase.light)
     groups: list[list[Phase]] = []
     for phase in phases:
@@ -129,9 +135,16 @@ def _goes_on(
         looked_at = {name for each in group for name in each.views(features, look)}
         places = features.kept if doubles else STATE | features.kept
         waits = phase.views(features, look) & written or places.keys() & phase.writes.keys() & looked_at
+        waits = waits or _of_others(group, features, look) & phase.looks_at(features, look)
         return phase.item == first.item and (phase.item == "particle" or phase.sums) and not waits
     small = ("world", "balloon")
     return first.item in small and phase.item in small
+
+
+def _of_others(group: Sequence[Phase], features: Features, look: Look) -> set[str]:
+    """Return the names of the state of other items that a group changes, see `named_state`."""
+    changed = {name for phase in group for name in phase.changes(features, look)}
+    return {name for name in changed if NAMED[name].item != group[0].item}
 
 
 def _read(group: Sequence[Phase], light: Sequence[Phase], features: Features, look: Look) -> set[str]:

@@ -30,6 +30,8 @@ class Writer(ABC):
 
     aliases: Mapping[str, str] = {}
     """Handles that phases know by another name"""
+    tables = "t"
+    """Variable of the tables that all schedules have"""
 
     def __init__(self, step: Step, known: Iterable[str]):
         self.step = step
@@ -112,13 +114,21 @@ class Writer(ABC):
         features = self.step.features
         if name in features.kept_views:
             return f"kept_{features.kept_views[name]}[{world}]"
-        return f"kept_{name}[{world}, {features.kept[name].item}]" if name in features.kept else ""
+        if name not in features.kept:
+            return ""
+        item = features.kept[name].item
+        return f"kept_{name}[{world}, {'0' if item == 'world' else item}]"
+
+    def found_kept(self, name: str) -> tuple[str, str] | None:
+        """Return the arguments that a kept value depends on, and the text that reads it; None where it is none."""
+        kept, text = self.step.features.kept, self.kept_at(name)
+        return ("balloon" if name in kept and kept[name].item == "balloon" else "", text) if text else None
 
     def number_at(self, name: str, params: str = "params") -> tuple[str, str] | None:
         """Return the arguments of a parameter, and the text that reads it for the particle or sphere at hand."""
         columns = self.step.features.columns
         if "sphere" in self.known and name in columns.places_of_spheres:
-            return "", f"sphere_number(t.spheres, world, sphere, {columns.places_of_spheres[name]})"
+            return "", f"sphere_number({self.tables}.spheres, world, sphere, {columns.places_of_spheres[name]})"
         if name not in columns.places:
             return None
         parts = [f"{params}.n[{columns.places[name] + place}]" for place in range(columns.sizes[name])]

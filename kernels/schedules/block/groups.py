@@ -22,6 +22,7 @@ class GroupsInBlock(ItemsInBlock):
             for phase in phases:
                 if phase.writes:
                     self.calls((phase,))
+                    self._keep_for_all(phase)
                 elif phase in self.notes:
                     continue
                 else:
@@ -32,6 +33,14 @@ class GroupsInBlock(ItemsInBlock):
         if self.alone and waits:
             self.line("block_barrier()")
         self.forget("load")
+
+    def _keep_for_all(self, phase: Phase) -> None:
+        """Write the kept values that all threads have found to where one of them stores them, once all have read."""
+        if phase.keeps:
+            self.line("block_barrier()")
+            self.line("if thread == 0:")
+            self.lines += [f"{self.indent}    {self.kept_at(name)} = {self.bound(name)}" for name in phase.keeps]
+            self.line("block_barrier()")
 
     def _by_one_thread(self, phase: Phase) -> None:
         call = self.call(phase)
@@ -57,6 +66,8 @@ class GroupsInBlock(ItemsInBlock):
                 self.calls(phases)
                 for value in (value for phase in phases for value in phase.writes if value in self.step.kept):
                     self.line(f"all_{value}[world, balloon] = {value}")
+                for value in (value for phase in phases for value in phase.keeps):
+                    self.line(f"{self.kept_at(value)} = {value}")
         self.line("block_barrier()")
 
     def _springs(self, piece: Piece) -> None:

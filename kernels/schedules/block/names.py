@@ -92,8 +92,8 @@ class NamesInBlock(Writer):
             return anywhere[name]
         if VIEWS.get(name) in self.step.kept:
             return "", f"all_{VIEWS[name]}[world]"
-        if text := self.kept_at(name):
-            return "", text
+        if kept := self.found_kept(name):
+            return kept
         is_particle = self.place is not None or "particle" in self.known
         return self._of_particle(name) if is_particle else self._of_balloon(name)
 

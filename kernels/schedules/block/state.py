@@ -19,7 +19,7 @@ class StateInBlock(GroupsInBlock):
         if self.layout.membrane_face and self.layout.membrane_face.quads:
             self.line(f"membrane_faces = hold_membrane_faces(t, world, {self.params_of_any()}.n, thread)")
         if self.features.spheres:
-            self.line("spheres = share_spheres(t, state, world, thread)")
+            self.line(f"spheres = share_spheres(t, state, world, thread, {self.features.penalties})")
         if self.alone:
             with self.about(0):
                 for name in ("balloon", "ramp", "origin_place"):

@@ -30,6 +30,7 @@ class NamesInLanes(Writer):
     """Find names, and write calls."""
 
     aliases: ClassVar[Mapping[str, str]] = {"springs": "working"}
+    tables = "tables"
     row = "group"
     """Row in which values are kept"""
     place = "group"
@@ -105,6 +106,9 @@ class NamesInLanes(Writer):
             return f"all_{name}[{self.row}, balloon]"
         if name in VIEWS and VIEWS[name] in self.step.kept:
             return f"all_{VIEWS[name]}[{self.row}]"
+        features = self.step.features
+        if name in features.kept and features.kept[name].item == "balloon":
+            return f"{name}_of(t, kept_{name}, group, balloon)"
         return OF_BALLOON.get(name, "").format(points=self.bound("points"))
 
     def bound(self, name: str) -> str:

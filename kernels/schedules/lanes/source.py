@@ -172,6 +172,7 @@ class FrameWriter(ItemsInLanes):
                 self.line("for balloon in range(tables.inflation_kind.shape[0]):")
             with self.deeper(int(of_balloon)):
                 self.calls(phases)
+                self.keep_of_one(name for phase in phases for name in phase.keeps)
                 for name in [name for phase in phases for name in phase.writes if name in piece.leaves]:
                     self._leave_of_world(name)
             self.single = single

@@ -40,7 +40,7 @@ def put_in_lane(vectors: wp.array[wp.vec4], index: wp.int32, lane: wp.int32, vec
 
 @cache
 def kept_functions(kept: Kept, layout: Layout) -> dict[str, Any]:
-    """Return the functions that read kept values of particles from the state, and write them there, by their names."""
+    """Return the functions that read kept values from the state, and that write those of particles, by their names."""
     LaneTables, places = lane_structs(layout).tables, places_of(layout)  # noqa: N806 - a type
     InLanes, number_type = IN_LANES[kept.type], wp.array2d(dtype=kept.type)  # noqa: N806 - a type
 
@@ -51,6 +51,16 @@ def kept_functions(kept: Kept, layout: Layout) -> dict[str, Any]:
             world = places.world(group, lane, t.world_count)
             lanes = set_lane(lanes, lane, kept[world, places.particle(t, item, lane)])
         return lanes
+
+    @wp.func
+    def take_kept_of_other(t: LaneTables, kept: number_type, group: wp.int32, item: wp.int32):
+        lanes = InLanes()
+        for lane in range(t.lane_count):
+            lanes = set_lane(lanes, lane, kept[places.world(group, lane, t.world_count), item])
+        return lanes
+
+    if kept.item != "particle":
+        return {f"{kept.name}_of": take_kept_of_other}
 
     @wp.func
     def put_kept(t: LaneTables, kept: number_type, group: wp.int32, item: wp.int32, lanes: InLanes):

@@ -75,8 +75,8 @@ class PieceWriter(Writer):
         if name in kept:
             item = self.step.owner(name)
             return (item if item == "balloon" else ""), f"all_{name}[world, {item}]"
-        if text := self.kept_at(name):
-            return "", text
+        if kept := self.found_kept(name):
+            return kept
         particles = "particle" in self.known
         if particles and name in OF_PARTICLE:
             return OF_PARTICLE[name]
@@ -220,6 +220,8 @@ class _Writer(PieceWriter):
             looping = of_balloon
             self.indent = "        " if looping else "    "
             self.calls((phase,))
+            for name in phase.keeps:
+                self.line(f"{self.kept_at(name)} = {name}")
 
     def _sum(self) -> None:
         """Write the sum of a block over a balloon, or a part of one, in the same order every time."""
