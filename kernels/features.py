@@ -14,7 +14,7 @@ from balloon_warp.kernels.laws.air import AIR_ALIKE, AIR_THAT_VARIES
 from balloon_warp.kernels.laws.body import DAMPING
 from balloon_warp.kernels.laws.columns import Columns
 from balloon_warp.kernels.laws.law import RESULT, Kind, Law
-from balloon_warp.kernels.named_state import GAS, SPHERE_PUSH
+from balloon_warp.kernels.named_state import BODY_PUSH, GAS, SPHERE_PUSH
 
 
 class Kept(NamedTuple):
@@ -289,6 +289,11 @@ class Features(NamedTuple):
     def spheres_shoved(self) -> bool:
         """Return whether phases push spheres that exchange momentum, where the paper's rule has no forces."""
         return self.impulses and SPHERE_PUSH in self.changes
+
+    @property
+    def bodies_shoved(self) -> bool:
+        """Return whether phases push free bodies."""
+        return self.bodies > 0 and BODY_PUSH in self.changes
 
     @property
     def spheres_pushed(self) -> bool:

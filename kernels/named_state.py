@@ -17,7 +17,7 @@ class Named(NamedTuple):
     arrays: tuple[str, ...]
 
 
-GAS, SPHERE_PUSH = "gas", "sphere_push"
+GAS, SPHERE_PUSH, BODY_PUSH = "gas", "sphere_push", "body_push"
 NAMED: dict[str, Named] = {
     GAS: Named("balloon", "amount of gas, and its free volume", ("gas_amounts", "free_volumes")),
     "gas_mass": Named("balloon", "mass of the gas, and of the air that moves along", ("gas_masses",)),
@@ -32,7 +32,8 @@ NAMED: dict[str, Named] = {
             "body_masses", "body_eases",
         ),
     ),
-    "body_push": Named(
+    BODY_PUSH: Named("body", "sums of forces and torques since it last moved", ("body_quanta", "body_turning_quanta")),
+    "body_contact": Named(
         "body", "impulses between bodies, and of strings and balloons on them", (
             "body_going", "body_turning", "body_tugs", "body_twists", "body_groups", "body_gains", "body_pushes",
             "body_touches", "body_impulses", "grips",

@@ -26,7 +26,7 @@ from balloon_warp.kernels.phases.meet import keep_start, meet_bodies, meet_edges
 from balloon_warp.kernels.phases.move import free, move, move_first, push, respond
 from balloon_warp.kernels.phases.pull import jet, jet_of_holes, pull, pull_and_face, take
 from balloon_warp.kernels.phases.resist import expect, resist
-from balloon_warp.kernels.phases.roll import collide, roll, shove, tumble
+from balloon_warp.kernels.phases.roll import collide, roll, shove, shove_bodies, tumble
 from balloon_warp.kernels.phases.share_out import bend, blow, share_out, wear_out
 from balloon_warp.kernels.phases.soak import soak
 from balloon_warp.kernels.phases.stretch import clear, collect, stretch
@@ -55,7 +55,7 @@ STEP: tuple[Phase, ...] = (
     # spheres, obstacles and the ground
     correct, note_unhindered, meet_ridges, leave, watch,
     # momentum is exchanged, once all have moved
-    shove, meet_spheres, meet_bodies, meet_faces, record_impulses, meet_edges,
+    shove, shove_bodies, meet_spheres, meet_bodies, meet_faces, record_impulses, meet_edges,
 )  # fmt: skip
 
 Instead = Mapping[Phase, tuple[Phase, ...]]

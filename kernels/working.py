@@ -60,6 +60,10 @@ class Working:
     """Velocities that strings give bodies in this substep [m/s]; empty where none is tied to one, as is the next"""
     body_twists: wp.array2d[wp.vec3]
     """Angular momenta that strings give them [kg m^2/s]"""
+    body_quanta: wp.array3d[wp.int64]
+    """Forces of phases on bodies in this substep, see `fixed_point`; empty where no phase pushes any, as is the next"""
+    body_turning_quanta: wp.array3d[wp.int64]
+    """Torques about their centers of mass"""
     body_groups: wp.array2d[wp.int32]
     """A body of lower number that each touches, perhaps by way of others, or itself, see `loops.rebounding`"""
     body_gains: wp.array2d[wp.vec4d]

@@ -12,8 +12,11 @@ from balloon_warp.kernels.fixed_point import add_quanta
 from balloon_warp.kernels.laws import Parameter
 from balloon_warp.kernels.laws.gas import VOLUME, Swelling
 from balloon_warp.kernels.loops.gas import gas_in, put_gas
+from balloon_warp.kernels.loops.springs import constant_of_kind
+from balloon_warp.kernels.memory import int_at, pair_at
 from balloon_warp.kernels.phase import Look, Phase, phase
-from balloon_warp.kernels.tables import Tables, WorldState, sphere_number
+from balloon_warp.kernels.tables import SLICE, Tables, WorldState, first_entry, sphere_number
+from balloon_warp.kernels.working import Working
 
 START = 300.0
 """of temperatures [K]"""
@@ -84,6 +87,57 @@ def list_after(patch: pytest.MonkeyPatch, line: str, *more: Phase) -> None:
     patch.setattr(substep, "STEP", (*substep.STEP[:place], *more, *substep.STEP[place:]))
 
 
+CLOCK = {"skin_limit": 0.0}
+
+
+@phase(
+    "particle",
+    {"skin_age": float},
+    rows=(Parameter("skin_limit", "s", least=0.0, meaning="stretch times time at which springs weaken; 0 never"),),
+    neutral=CLOCK,
+    keeps={"skin_age": 0.0},
+)
+def age(features: Features, look: Look) -> Any:
+    """Let a particle's age grow with the mean stretch of its springs over time [s]."""
+    at = look.at
+
+    @wp.func
+    def age(t: Tables, points: Any, params: Any, point: wp.vec3, skin_age: float):
+        begin = first_entry(t.springs.slice_offsets, params.number)
+        total = float(0.0)  # noqa: UP018 - a variable of Warp
+        springs = int_at(t.springs.valences, params.number)
+        for slot in range(springs):
+            spring = pair_at(t.springs.entries, begin + SLICE * slot)
+            total += wp.length(at(points, wp.cast(spring[0], wp.int32) >> 2) - point) / spring[1] - 1.0
+        return skin_age + t.step_seconds * wp.max(total / float(springs), 0.0)
+
+    return age
+
+
+@phase("particle", {"force": wp.vec3}, neutral=CLOCK)
+def slacken(features: Features, look: Look) -> Any:
+    """Take half of a spring's force where either of its ends is too old."""
+    at = look.at
+
+    @wp.func
+    def slacken(
+        t: Tables, points: Any, skin_ages: Any, params: Any, point: wp.vec3, force: wp.vec3, skin_limit: float
+    ):  # fmt: skip
+        total = force
+        begin = first_entry(t.springs.slice_offsets, params.number)
+        for slot in range(int_at(t.springs.valences, params.number)):
+            spring = pair_at(t.springs.entries, begin + SLICE * slot)
+            kind_and_end = wp.cast(spring[0], wp.int32)
+            end = kind_and_end >> 2
+            if wp.max(skin_ages[params.number], skin_ages[end]) > skin_limit:
+                way = at(points, end) - point
+                stiffness = constant_of_kind(params.n, kind_and_end & 3)
+                total -= 0.5 * stiffness * (wp.length(way) - spring[1]) * wp.normalize(way)
+        return total
+
+    return slacken
+
+
 VALVE = {"valve_rate": 0.0}
 ROWS_OF_VALVE = (
     Parameter("valve_volume", "m^3", 1.0e6, least=0.0, domain=(0.1, 1.0)),
@@ -150,6 +204,21 @@ def attract(features: Features, look: Look) -> Any:
         return total
 
     return attract
+
+
+@phase("particle", {"force": wp.vec3}, rows=(Parameter("leash", "N/m"),), neutral={"leash": 0.0})
+def lead(features: Features, look: Look) -> Any:
+    """Pull a particle towards the first body's center, and that towards it: by its mass share of k d [N]."""
+
+    @wp.func
+    def lead(t: Tables, state: WorldState, working: Working, params: Any, point: wp.vec3, force: wp.vec3, leash: float):
+        way = state.body_positions[params.world, 0] - point
+        pull = leash * params.share * way
+        add_quanta(working.body_quanta, params.world, 0, -pull)
+        add_quanta(working.body_turning_quanta, params.world, 0, wp.cross(way, pull))
+        return force + pull
+
+    return lead
 
 
 @phase("sphere", {"traveled": float}, rows=(Parameter("odometer", "1", of="sphere"),), neutral={"odometer": 0.0},

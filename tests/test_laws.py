@@ -242,7 +242,7 @@ def rubs(a: wp.vec3, b: wp.vec3, c: wp.vec3, d: wp.vec3):
 
 @pytest.mark.parametrize("size", [0.01, 1.0, 100.0])
 def test_edges_rub_where_they_cross_between_their_ends(size: float):
-    """There the line between the closest points of their lines is square to both; nearly parallel ones do not rub."""
+    """The closest points of their lines are within both edges; nearly parallel ones do not rub."""
     a, b, c, d = size * np.random.default_rng(3).uniform(-1.0, 1.0, (4, COUNT, 3))
     first, second = b - a, d - c
     normal = np.cross(first, second)
@@ -255,7 +255,7 @@ def test_edges_rub_where_they_cross_between_their_ends(size: float):
 
 
 def test_a_flat_balloon_has_a_part_of_the_gas_of_its_volume():
-    """By the ideal gas law, p V / (R T)."""
+    """The ideal gas law gives n = p V / (R T)."""
     rng = np.random.default_rng(4)
     volumes, pressures, temperatures = (
         rng.uniform(0.01, 2.0, COUNT),
@@ -268,7 +268,7 @@ def test_a_flat_balloon_has_a_part_of_the_gas_of_its_volume():
 
 
 def test_beside_a_mesh_the_normal_is_along_the_arm_where_float32_tells():
-    """It is the face's below 3e-5 of the mesh's reach."""
+    """The face's normal takes its place below 3e-5 of the mesh's reach."""
     rng, across = np.random.default_rng(5), np.tile([0.6, 0.0, 0.8], (COUNT, 1))
     ways = rng.normal(size=(COUNT, 3))
     ways /= np.linalg.norm(ways, axis=1)[:, None]

@@ -12,10 +12,24 @@ from block_layouts import LAYOUTS
 from features import features
 from meshes import quad_sphere
 from method_scenes import with_phase
-from own_phases import attract, count_substeps, list_after, release, scribble, slow, switch, travel, warm, weaken
+from own_phases import (
+    age,
+    attract,
+    count_substeps,
+    lead,
+    list_after,
+    release,
+    scribble,
+    slacken,
+    slow,
+    switch,
+    travel,
+    warm,
+    weaken,
+)
 from trajectories import ROUNDING, after_frames, arrays, stepped
 
-from balloon_warp import Balloon, Change, Inflation, InputError, Obstacle, Scene, Simulator, Sphere
+from balloon_warp import Balloon, Body, Change, Inflation, InputError, Obstacle, Scene, Simulator, Sphere
 from balloon_warp.benchmarks.matrix import of_phase
 from balloon_warp.model import build_model, plan_model
 from balloon_warp.scene.overrides import override_scene
@@ -187,9 +201,8 @@ def test_a_solver_that_does_not_have_a_phase_says_so(listed):
 
 
 def test_a_phase_that_lets_gas_out_makes_it_change(monkeypatch, schedule, device):
-    """In every schedule as in launches: no pump, neck or leak says that the gas changes, but the phase's source does.
-    Amounts follow the implicit steps n / (1 + h r) while the valve is open, from the second substep on; the second
-    balloon's stays shut."""
+    """Amounts follow the implicit steps n / (1 + h r) while the valve is open, from the second substep on, though no
+    pump, neck or leak says that the gas changes; the second balloon's stays shut."""
     list_after(monkeypatch, "pump", release)
     list_after(monkeypatch, "find_volume_rate", switch)
     gas = Inflation(kind="gas", start_pressure=400.0)
@@ -208,6 +221,27 @@ def test_a_phase_that_lets_gas_out_makes_it_change(monkeypatch, schedule, device
         np.testing.assert_array_equal(simulator.state.kept["opened"].numpy(), [[1.0, 0.0][: len(some.balloon)]] * 2)
         expected = stepped(Simulator(told[0], device, 2, told[1], schedule="gather"), scene.frames)
         np.testing.assert_allclose(simulator.state.points.numpy(), expected.state.points.numpy(), atol=2e-6)
+
+
+def test_old_skin_is_weak_at_both_ends_of_a_spring(monkeypatch, schedule, device):
+    """Forces by what both ends keep add up to nothing, and schedules agree: a stretched ball relaxes less, once its age
+    passes the limit."""
+    list_after(monkeypatch, "pull", age, slacken)
+    large = quad_sphere(3, 0.5)
+    skin = Balloon(mesh=large, inflation=Inflation(pressure=20.0), mass=0.2, damping=0.5)
+    scene = Scene(balloon=[skin], gravity=0.0, substeps=16, frames=8)
+
+    def after(limit: float, schedule: str) -> Simulator:
+        told = override_scene(scene, [("balloon.law.age.skin_limit", limit)])
+        return stepped(Simulator(told, device, schedule=schedule), scene.frames)
+
+    old, peer, young = after(1e-3, schedule), after(1e-3, "gather"), after(10.0, schedule)
+    ages = old.state.kept["skin_age"].numpy()
+    assert ages.min() > 1e-3
+    np.testing.assert_allclose(ages, peer.state.kept["skin_age"].numpy(), rtol=1e-4)
+    np.testing.assert_allclose(old.state.points.numpy(), peer.state.points.numpy(), atol=3e-6)
+    assert np.linalg.norm(old.state.velocities.numpy().mean(axis=1)) < 1e-5
+    assert old.read_frame().volumes[0] > 1.05 * young.read_frame().volumes[0]
 
 
 def test_spheres_and_worlds_keep_values(monkeypatch, schedule, device):
@@ -237,6 +271,24 @@ def test_a_phase_pushes_spheres_whatever_their_contact(contact, monkeypatch, sch
         theirs += state.sphere_forces.numpy()[0].sum(axis=0) / (scene.frames_per_second * 16.0)
     assert np.linalg.norm(own) > 5e-3
     np.testing.assert_allclose(own + theirs, 0.0, atol=1e-6)
+
+
+def test_a_phase_pushes_a_body(monkeypatch, schedule, device):
+    """A body and a balloon that pull each other keep their momentum, and come together as two masses on a spring:
+    x' = -r w sin(w t), w^2 = k / M + k / m, within the 3 % of its first order in w h."""
+    list_after(monkeypatch, "take", lead)
+    rest = Balloon(mesh=quad_sphere(4, 0.5), inflation=Inflation(k_normal=0.0), damping=0.0, mass=0.5)
+    body = Body(shape="box", size=(0.2, 0.2, 0.2), mass=0.4, position=(3.0, 0.0, 0.0))
+    scene = Scene(balloon=[rest], body=[body], gravity=0.0, substeps=16, frames=12, touch=False)
+    simulator = Simulator(override_scene(scene, [("balloon.law.lead.leash", 4.0)]), device, schedule=schedule)
+    state = stepped(simulator, scene.frames).state
+    pace, time = np.sqrt(4.0 / 0.5 + 4.0 / 0.4), scene.frames / scene.frames_per_second
+    told = 3.0 * 0.5 * 0.4 / 0.9 * pace * np.sin(pace * time)  # momentum
+    own = 0.5 * state.velocities.numpy()[0].astype(float).mean(axis=0)
+    theirs = 0.4 * state.body_velocities.numpy()[0, 0].astype(float)
+    np.testing.assert_allclose(own + theirs, 0.0, atol=1e-6)
+    np.testing.assert_allclose(own, [told, 0.0, 0.0], rtol=0.03, atol=1e-5)
+    np.testing.assert_allclose(state.body_momenta.numpy(), 0.0, atol=1e-5)
 
 
 def test_a_phase_that_writes_what_has_no_name_is_refused(monkeypatch, device):

@@ -25,6 +25,8 @@ def solid_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]
         "body_eases": room.array((worlds, bodies), wp.mat33d),
         "body_going": room.array((worlds, bodies), wp.vec3d),
         "body_turning": room.array((worlds, bodies), wp.vec3d),
+        "body_quanta": room.array((worlds, bodies if features.bodies_shoved else 0, 3), wp.int64),
+        "body_turning_quanta": room.array((worlds, bodies if features.bodies_shoved else 0, 3), wp.int64),
         "body_tugs": room.array((worlds, bodies if features.ties else 0), wp.vec3),
         "body_twists": room.array((worlds, bodies if features.ties else 0), wp.vec3),
         "body_groups": room.array((worlds, bodies), wp.int32),

@@ -7,11 +7,13 @@ import warp as wp
 from balloon_warp.kernels.adjoints.rolling import roll_backwards
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.fixed_point import set_quanta, total_newtons
+from balloon_warp.kernels.loops.bodies import body_mass
 from balloon_warp.kernels.loops.colliding import colliding_function, may_meet
 from balloon_warp.kernels.loops.rolling import course_at, put_course, rolling_function
 from balloon_warp.kernels.loops.tumbling import tumbling_function
 from balloon_warp.kernels.phase import Look, phase
-from balloon_warp.kernels.tables import Tables, row_of_world, sphere_mass, sphere_radius
+from balloon_warp.kernels.tables import Tables, WorldState, row_of_world, sphere_mass, sphere_radius
+from balloon_warp.kernels.working import Working
 
 
 @phase("sphere", when=lambda features: features.spheres > 0, adjoint=roll_backwards)
@@ -55,6 +57,24 @@ def shove(features: Features, look: Look) -> Any:
             spheres.sphere_velocities[world, sphere] = spheres.sphere_velocities[world, sphere] + gain
 
     return shove
+
+
+@phase("world", when=lambda features: features.bodies_shoved)
+def shove_bodies(features: Features, look: Look) -> Any:
+    """Push free bodies by the forces and torques of the substep."""
+
+    @wp.func
+    def shove_bodies(t: Tables, state: WorldState, working: Working, world: wp.int32):
+        for body in range(state.body_positions.shape[1]):
+            push = t.step_seconds * total_newtons(working.body_quanta, world, body)
+            twist = t.step_seconds * total_newtons(working.body_turning_quanta, world, body)
+            set_quanta(working.body_quanta, world, body, wp.vec3())
+            set_quanta(working.body_turning_quanta, world, body, wp.vec3())
+            gain = push / body_mass(t, world, body)
+            state.body_velocities[world, body] = state.body_velocities[world, body] + gain
+            state.body_momenta[world, body] = state.body_momenta[world, body] + twist
+
+    return shove_bodies
 
 
 @wp.func

@@ -99,10 +99,13 @@ def cut(
         shown: values that somebody reads afterwards.
 
     Raises:
-        TypeError: a phase changes state that has no name, see `Phase.changes`.
+        TypeError: a phase changes state that has no name, see `Phase.changes`, or is named like what another reads.
     """
+    named = {name for phase in phases for name in phase.reads(features, look)}
     for phase in phases:
         phase.changes(features, look)
+        if phase.name in named:
+            raise TypeError(f"the phase {phase.name} is named like what another reads; expected a name of its own")
     light = tuple(phase for phase in phases if phase.light)
     groups: list[list[Phase]] = []
     for phase in phases:

@@ -56,8 +56,6 @@ class Writer(ABC):
         """Write calls of phases, each with its summary as a remark."""
         for phase in phases:
             call = self.call(phase)
-            if phase.name in self.known:
-                raise TypeError(f"{self.name}: the phase {phase.name} is named like what another reads")
             self.line(f"# {phase.summary}")
             writes = ", ".join(self.bound(name) for name in phase.writes)
             self.line(f"{writes} = {call}" if writes else call)
