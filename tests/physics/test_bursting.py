@@ -158,6 +158,22 @@ def test_it_bursts_to_pieces_above_a_stress(device: str):
 
 
 @pytest.mark.always
+def test_a_balloon_with_a_given_pressure_bursts_with_the_air_that_is_in_it(device: str):
+    """The ideal gas law gives its amount, and the pressure is what held it: within a thousandth and 3 %, for 3e-4 of
+    the gas may have left, through a hole of a face in half a millisecond."""
+    pressure = float(sphere_pressure(NEO, BALL, THICKNESS, np.array(1.5)))
+    scene = scene_of(gas=Inflation(pressure=pressure), needle_time=1e-3, branching_stress=1e9)
+    simulator = Simulator(scene, device)
+    stretched(simulator, 1.5)
+    while not torn(simulator).any():
+        simulator.step()
+    state, volume = simulator.state, volumes(simulator)[0]
+    assert float(state.pressures.numpy()[0, 0]) == pytest.approx(pressure, rel=0.03)
+    amount = volume * (AIR + pressure) / (8.314462618 * 293.15)
+    assert float(state.gas_amounts.numpy()[0, 0]) == pytest.approx(amount, rel=1e-3)
+
+
+@pytest.mark.always
 def test_a_tear_around_takes_less_of_finer_skin_and_as_much_of_a_larger_one():
     coarse, fine, large = (share_of_tear(quad_sphere(parts, size)) for parts, size in ((8, 0.1), (16, 0.1), (8, 10.0)))
     assert large == pytest.approx(coarse, rel=1e-6)
