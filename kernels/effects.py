@@ -57,15 +57,19 @@ class _Visit:
 
     def effects(self, body: Sequence[ast.stmt]) -> Effects:
         for node in _executed(body):
-            if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
-                place = self._place(node.value)
-                if place and not any(isinstance(each, ast.Subscript) for each in ast.walk(node.value)):
-                    self._places[node.targets[0].id] = place  # another name for it, not a copy of an element
+            if isinstance(node, ast.Assign):
+                self._assign(node.targets[0], node.value)
             elif isinstance(node, ast.Call):
                 self._call(node)
             elif isinstance(node, ast.Attribute | ast.Subscript):
                 self._access(node)
         return Effects(frozenset(self._reads), frozenset(self._writes))
+
+    def _assign(self, target: ast.expr, value: ast.expr) -> None:
+        """Note another name for a struct or an array, or a local struct that holds it: not a copy of an element."""
+        place = self._place(value)
+        if place and not any(isinstance(each, ast.Subscript) for each in ast.walk(value)):
+            self._places[ast.unparse(target)] = place
 
     def _access(self, node: ast.Attribute | ast.Subscript) -> None:
         place = self._place(node)
@@ -73,7 +77,7 @@ class _Visit:
             (self._reads if isinstance(node.ctx, ast.Load) else self._writes).add(place)
 
     def _call(self, node: ast.Call) -> None:
-        called = _value(node.func, self._known)
+        called = getattr(node.func, "warp_func", None) or _value(node.func, self._known)  # of `wp.static`, or by name
         if not isinstance(called, wp.Function):
             return
         if called.is_builtin():
@@ -82,11 +86,13 @@ class _Visit:
             return
         for form in [*called.user_overloads.values(), *called.user_templates.values()] or [called]:
             inner = effects_of(form) if form not in self._callers else NONE
+            given = dict(zip(form.input_types, node.args, strict=False)) | {
+                each.arg: each.value for each in node.keywords
+            }
             for into, places in ((self._reads, inner.reads), (self._writes, inner.writes)):
                 for parameter, path in places:
-                    number = list(form.input_types).index(parameter)
-                    if number < len(node.args):
-                        self._note(into, node.args[number], path)
+                    if parameter in given:
+                        self._note(into, given[parameter], path)
 
     def _note(self, into: set[Place], argument: ast.expr, path: str) -> None:
         place = self._place(argument)
@@ -95,8 +101,8 @@ class _Visit:
 
     def _place(self, node: ast.expr) -> Place | None:
         """Return the place that an expression names: elements belong to their array."""
-        if isinstance(node, ast.Name):
-            return self._places.get(node.id)
+        if isinstance(node, ast.Name | ast.Attribute) and (text := ast.unparse(node)) in self._places:
+            return self._places[text]
         if isinstance(node, ast.Subscript):
             return self._place(node.value)
         if isinstance(node, ast.Attribute):
