@@ -73,8 +73,10 @@ class _Visit:
 
     def _access(self, node: ast.Attribute | ast.Subscript) -> None:
         place = self._place(node)
-        if place:
-            (self._reads if isinstance(node.ctx, ast.Load) else self._writes).add(place)
+        if place and isinstance(node.ctx, ast.Load):
+            self._reads.add(place)
+        elif place and any(isinstance(each, ast.Subscript) for each in ast.walk(node)):  # not a field of a local struct
+            self._writes.add(place)
 
     def _call(self, node: ast.Call) -> None:
         called = getattr(node.func, "warp_func", None) or _value(node.func, self._known)  # of `wp.static`, or by name

@@ -58,6 +58,13 @@ def put_by_a_local_struct(spheres: Any):
 
 
 @wp.func
+def only_name(spheres: Any):
+    bag = Bag()
+    bag.points = spheres.sphere_points
+    return bag.points[0]
+
+
+@wp.func
 def change_a_copy(state: WorldState):
     velocity = state.velocities[0, 0]
     velocity[0] = 1.0
@@ -78,6 +85,7 @@ def never(state: WorldState):
         (put_in_native_code, {("spheres", "sphere_points")}),
         (put_by_another_name, {("spheres", "sphere_quanta")}),
         (put_by_a_local_struct, {("spheres", "sphere_points")}),
+        (only_name, set()),
         (never, set()),
     ],
     ids=lambda value: getattr(value, "key", ""),
