@@ -322,6 +322,15 @@ def words(tree: ast.Module) -> set[str]:
     return found
 
 
+def test_no_kernel_is_generic() -> None:
+    """Warp replays all forms of a kernel in a graph of a CPU as the last that it recorded."""
+    found = (each for path, text in TEXTS.items() if path.startswith("kernels/") for each in functions(ast.parse(text)))
+    kernels = [each for each in found if is_kernel(each)]
+    assert len(kernels) > 50
+    generic = [each.name for each in kernels if any("Any" in ast.unparse(arg) for arg in each.args.args)]
+    assert generic == []
+
+
 def test_laws_stand_in_their_folder() -> None:
     """Code that simulates names no law's parameter and calls no law's function."""
     parameters = {row.name for law in LAWS for row in law.parameters} - ALSO_ASKED.keys()

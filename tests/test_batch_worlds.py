@@ -4,15 +4,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import warp as wp
 from meshes import cube, quad_sphere
 from work import lines_executed
 
 from balloon_warp import BlowUpError, InputError, Simulator, load_scene, run_batch, simulate
 from balloon_warp.model import ModelPlan, plan_model
-from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere, Stiffness, String
+from balloon_warp.scene import Balloon, Body, Ground, Inflation, Scene, Sphere, Stiffness, String
 from balloon_warp.scene.overrides import override_scene
 from balloon_warp.sweep import shares
 from balloon_warp.sweep.groups import plan_groups
+from balloon_warp.sweep.recorder import Recorder
 from balloon_warp.sweep.shares import cut_into_shares
 from balloon_warp.sweep.values import Range, parse_export, parse_vary, spread
 
@@ -46,6 +48,22 @@ def run(simulator: Simulator) -> Simulator:
 
 def end_alone(*overrides: tuple[str, float]) -> np.ndarray:
     return end_state(run(Simulator(override_scene(EVERYTHING, overrides), "cpu", schedule="lanes")), 0)
+
+
+def test_a_recorder_of_places_and_turns_writes_within_its_arrays(monkeypatch: pytest.MonkeyPatch):
+    """Both are picked in one graph: what stands behind the places stays, from the first frame on."""
+    scene = Scene(balloon=[FREE_CUBE], body=[Body(size=(0.1, 0.1, 0.1), position=(3.0, 0.0, 0.0))], frames=2)
+    simulator = Simulator(scene, "cpu", 2)
+    shape = (2, simulator.model.particle_count)
+    for _ in range(2):  # once all kernels are compiled, too
+        room = wp.full(3 * shape[0] * shape[1] + 8, 7.25, dtype=float, device="cpu")
+        recorder = Recorder(simulator, np.array([0, 1]))
+        picked = wp.array(ptr=room.ptr, shape=shape, dtype=wp.vec3, device="cpu")
+        monkeypatch.setattr(recorder, "_points", picked)
+        for _ in recorder.run():
+            np.testing.assert_array_equal(room.numpy()[-8:], 7.25)
+        np.testing.assert_array_equal(picked.numpy(), simulator.state.points.numpy())
+        simulator.reset()
 
 
 def test_free_fall_goes_by_each_worlds_gravity(device):

@@ -35,6 +35,21 @@ def test_a_world_that_begins_anew_is_as_one_that_begins(schedule: str):
     begun_anew(scene, schedule, (5,), 3)
 
 
+def test_rows_that_do_not_fill_words_begin_anew_beside_those_that_do():
+    """The state of 82 particles has rows of bytes, 82 long, and of words: all are as at the start, to the bit."""
+    gas = Inflation(kind="gas", start_pressure=500.0)
+    balls = [Balloon(mesh=quad_sphere(parts, 0.5), inflation=gas) for parts in (2, 3)]
+    balls[1] = balls[1].model_copy(update={"position": (0.0, 1.02, 0.0), "velocity": (0.0, -1.0, 0.0)})
+    simulator = Simulator(Scene(balloon=balls, touch=True, gravity=0.0), "cpu", 2)
+    assert simulator.state.deep.shape == (2, 82)
+    began = {name: array.copy() for name, array in arrays(simulator).items()}
+    stepped(simulator, 8)
+    simulator.reset(np.array([True, False]))
+    for name, array in arrays(simulator).items():
+        if array.shape[:1] == (2,):
+            np.testing.assert_array_equal(array[0], began[name][0], err_msg=name)
+
+
 def test_what_appears_is_there_in_worlds_of_its_age_or_set_to_a_later_one():
     """Radius 2 from frame 3 on: worlds 0 and 1 go on, the others are set to their ages."""
     ages, mask = (wp.array(each, dtype=wp.int32, device="cpu") for each in ([3, 4, 2, 3, 4], [0, 0, 1, 1, 1]))

@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.frames.starting import ByteRows, WordRows, copy_rows
+from balloon_warp.kernels.frames.starting import ByteRows, WordRows, copy_bytes, copy_words
 from balloon_warp.launching import launch
 from balloon_warp.steering.views import rows_of_words
 
@@ -42,7 +42,7 @@ class RowCopies:
     def copy(self, mask: wp.array) -> None:
         """Copy the rows of worlds for which a mask is not 0."""
         threads = 1 if self._device.is_cpu else THREADS
-        for table in self._tables:
+        for kernel, table in zip((copy_words, copy_bytes), self._tables, strict=True):
             if table.size:
                 shape = (mask.shape[0], threads)
-                launch(copy_rows, shape, [mask, table, threads], device=self._device)
+                launch(kernel, shape, [mask, table, threads], device=self._device)

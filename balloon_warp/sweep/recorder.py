@@ -18,6 +18,7 @@ from balloon_warp.model import ModelPlan
 from balloon_warp.reading import HostBuffer
 from balloon_warp.scene import Box, Scene
 from balloon_warp.simulator import Simulator
+from balloon_warp.steering.views import rows_of_words
 from balloon_warp.sweep.contacts import COLUMNS, contacts_shape
 from balloon_warp.sweep.world_files.tracks import Tracker
 from balloon_warp.warp_lock import lock_of, recording, replay
@@ -250,16 +251,19 @@ class Recorder:
 
     def _pick(self) -> None:
         model, state = self.simulator.model, self.simulator.state
-        for kernel, every, picked in (
-            (pick_healthy_worlds, state.points, self._points),
-            (pick_healthy_worlds, state.sphere_positions, self._sphere_positions),
-            (pick_healthy_worlds, state.body_positions, self._body_positions),
-            (pick_healthy_worlds, state.body_turns, self._body_turns),
-            (pick_torn_faces, state.torn, self._torn),
+        for every, picked in (
+            (state.points, self._points),
+            (state.sphere_positions, self._sphere_positions),
+            (state.body_positions, self._body_positions),
+            (state.body_turns, self._body_turns),
         ):
             if picked.size:
-                given = [every, self._healthy, self._chosen]
-                launch(kernel, picked.shape, inputs=given, outputs=[picked], device=model.device)
+                words, target = rows_of_words(every), rows_of_words(picked)
+                given = [words, self._healthy, self._chosen]
+                launch(pick_healthy_worlds, target.shape, inputs=given, outputs=[target], device=model.device)
+        if self._torn.size:
+            given = [state.torn, self._healthy, self._chosen]
+            launch(pick_torn_faces, self._torn.shape, inputs=given, outputs=[self._torn], device=model.device)
 
 
 def record_bytes(plan: ModelPlan) -> int:

@@ -96,13 +96,9 @@ class ByteRows:
     target: wp.array2d[wp.uint8]
 
 
-@wp.kernel
-def copy_rows(mask: wp.array[wp.int32], copies: wp.array[Any], threads: wp.int32):
-    """Copy rows of worlds that a mask chooses, of any number of arrays.
-
-    A thread a (world, thread), which takes every n-th place of each row.
-    """
-    world, thread = wp.tid()
+@wp.func
+def copy_rows(mask: wp.array[wp.int32], copies: Any, threads: wp.int32, world: wp.int32, thread: wp.int32):
+    """Copy the rows of a world, if a mask chooses it, of any number of arrays: every n-th place of each."""
     if mask[world] != 0:
         for number in range(copies.shape[0]):
             rows = copies[number]
@@ -111,8 +107,19 @@ def copy_rows(mask: wp.array[wp.int32], copies: wp.array[Any], threads: wp.int32
                 rows.target[world, place] = rows.source[row, place]
 
 
-for rows_type in (WordRows, ByteRows):  # so that the module is compiled once
-    wp.overload(copy_rows, {"copies": wp.array(dtype=rows_type)})
+# Two kernels and no generic one: Warp replays all forms of a kernel in a graph of a CPU as the last that it recorded.
+@wp.kernel
+def copy_words(mask: wp.array[wp.int32], copies: wp.array[WordRows], threads: wp.int32):
+    """Copy rows of words, see `copy_rows`; a thread a (world, thread)."""
+    world, thread = wp.tid()
+    copy_rows(mask, copies, threads, world, thread)
+
+
+@wp.kernel
+def copy_bytes(mask: wp.array[wp.int32], copies: wp.array[ByteRows], threads: wp.int32):
+    """Copy rows of bytes, see `copy_rows`; a thread a (world, thread)."""
+    world, thread = wp.tid()
+    copy_rows(mask, copies, threads, world, thread)
 
 
 @wp.kernel

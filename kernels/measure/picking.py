@@ -1,7 +1,5 @@
 """Picks worlds out of a batch."""
 
-from typing import Any
-
 import warp as wp
 
 from balloon_warp.kernels.options import OPTIONS
@@ -11,13 +9,17 @@ wp.set_module_options(OPTIONS)
 
 @wp.kernel(enable_backward=False)
 def pick_healthy_worlds(
-    every: wp.array2d[Any], healthy: wp.array[wp.int32], chosen: wp.array[wp.int32], picked: wp.array2d[Any]
+    every: wp.array2d[wp.uint32], healthy: wp.array[wp.int32], chosen: wp.array[wp.int32], picked: wp.array2d[wp.uint32]
 ):
-    """Copy an item of a chosen world, or keep the last good copy if it is not healthy; a thread a (world, item)."""
-    place, item = wp.tid()
+    """Copy a word of a chosen world, or keep the last good copy if it is not healthy; a thread a (world, word).
+
+    Words of any array, and no generic kernel: Warp replays all forms of one in a graph of a CPU as the last that it
+    recorded.
+    """
+    place, word = wp.tid()
     world = chosen[place]
     if healthy[world] == 1:
-        picked[place, item] = every[world, item]
+        picked[place, word] = every[world, word]
 
 
 @wp.kernel(enable_backward=False)
