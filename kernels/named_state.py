@@ -50,7 +50,7 @@ NAMED: dict[str, Named] = {
     "force": Named("particle", "force and area vector, where they are summed", ("forces", "area_vectors")),
     "start": Named("particle", "place before the substep", ("point_starts",)),
     "look": Named("particle", "what may be near it", ("fixtures.looks", "fixtures.nearest", "near")),
-    "health": Named("world", "first frame in which it has a place that is no number", ("first_bad",)),
+    "health": Named("world", "lowest particle or sphere that was ever where it cannot be", ("first_bad",)),
     "verdict": Named("world", "whether its frame is free", ("verdicts", "ways", "any_busy")),
     "touch": Named(
         "particle", "what touches it, in sums and lists", (

@@ -26,7 +26,7 @@ class Spheres:
     sphere_forces: wp.array2d[wp.vec3]
     """Forces of the momentum that is exchanged [N]"""
     sphere_quanta: wp.array3d[wp.int64]
-    """Forces by the paper's rule since the spheres last moved, see `fixed_point`"""
+    """Forces by the paper's rule, or of phases, since the spheres last moved, see `fixed_point`"""
 
 
 @wp.func

@@ -28,7 +28,8 @@ class Working:
     gas_masses: wp.array2d[float]
     """Mass of the gas in each balloon [kg]"""
     sphere_quanta: wp.array3d[wp.int64]
-    """Forces on spheres since they last moved, see `fixed_point`; empty where momentum is exchanged"""
+    """Forces on spheres since they last moved, see `fixed_point`; empty where momentum is exchanged and no phase pushes
+    any"""
     sphere_bars: wp.array3d[SphereBars]
     """Derivatives by each sphere that each particle has found in a substep backwards, shape (W, P, S); empty where
     nothing runs backwards, as is the next, see `adjoints.spheres`"""

@@ -8,7 +8,7 @@ import warp as wp
 
 from balloon_warp.kernels import substep
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.fixed_point import add_quanta
+from balloon_warp.kernels.fixed_point import add_quanta, total_newtons
 from balloon_warp.kernels.laws import Parameter
 from balloon_warp.kernels.laws.gas import VOLUME, Swelling
 from balloon_warp.kernels.loops.gas import gas_in, put_gas
@@ -204,6 +204,17 @@ def attract(features: Features, look: Look) -> Any:
         return total
 
     return attract
+
+
+@phase("particle", {"force": wp.vec3}, neutral={"magnet": 0.0})
+def weigh_spheres(features: Features, look: Look) -> Any:
+    """Add the sum of the forces on the first sphere to that on a particle [N]."""
+
+    @wp.func
+    def weigh_spheres(spheres: Any, params: Any, force: wp.vec3):
+        return force + total_newtons(spheres.sphere_quanta, params.world, 0)
+
+    return weigh_spheres
 
 
 @phase("particle", {"force": wp.vec3}, rows=(Parameter("leash", "N/m"),), neutral={"leash": 0.0})

@@ -1,4 +1,4 @@
-"""Effects of functions of Warp, found in their source: what they write by calls, by other names, and in native code."""
+"""Analysis of the arrays that functions of Warp write: by calls, under other names, and in native code."""
 # pyright: reportGeneralTypeIssues=false
 
 from typing import Any

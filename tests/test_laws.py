@@ -293,8 +293,8 @@ def push_by(diagonal: wp.vec3, beside: wp.vec3, change: wp.vec3):
 
 
 def test_the_ground_pushes_a_body_by_what_it_and_what_presses_it_gain():
-    """The momentum along the normal: of the body of 2 kg, of the particles' masses, a symmetric matrix, and what they
-    have lost."""
+    """The impulse is the momentum gained along the normal: by the body of 2 kg, and by the particles, whose masses are
+    a symmetric matrix, beside their losses."""
     diagonal, beside, change = np.random.default_rng(6).uniform(-1.0, 1.0, (3, COUNT, 3))
     (a, d, f), (b, c, e) = diagonal.T, beside.T
     masses = np.stack([[a, b, c], [b, d, e], [c, e, f]]).transpose(2, 0, 1)
