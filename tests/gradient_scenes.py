@@ -489,7 +489,7 @@ CASES: dict[str, Case] = {
                               "position": (0.02, 1.97, 0.03)}, rate=480.0, substeps=4,
     ),
     "a small sphere beside a particle": tiny(
-        "gas", (8, 0), {"position": (0.15, 2.19, 0.05), "radius": 0.25, "velocity": (0.52, -3.0, 0.2), "mass": 0.1,
+        "gas", (3, 0), {"position": (0.15, 2.18, 0.05), "radius": 0.24, "velocity": (0.5, -3.0, 0.2), "mass": 0.1,
                         "friction": 0.1}, frames=2,
     ),
     "small spheres for frames": tiny(
