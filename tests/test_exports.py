@@ -114,15 +114,17 @@ def test_no_kind_of_file_tells_where_it_was_made(name: str, written: Path, tmp_p
 @pytest.mark.full
 @pytest.mark.parametrize("kind", ["glb", "usdz", "usda"])
 def test_run_writes_what_convert_makes_of_its_stage(tmp_path, kind: str):
-    small = scene(frames=2)
+    small, names = scene(frames=2), [f"out.{kind}", "points.h5"]
     animate(small, tmp_path / "stage.usdc", device="cpu")
     (folder := tmp_path / "run").mkdir()
-    summary = animate(small, folder / f"out.{kind}", picture=folder / "out.png", device="cpu")
-    assert summary.output == str(folder / f"out.{kind}")
-    assert sorted(path.name for path in folder.iterdir()) == sorted([f"out.{kind}", "out.png"])
-    export_stage(tmp_path / "stage.usdc", tmp_path / f"out.{kind}")
-    if kind == "glb":
-        assert (tmp_path / "out.glb").read_bytes() == (folder / "out.glb").read_bytes()
+    output, points_file, picture = (folder / name for name in (*names, "out.png"))
+    summary = animate(small, output, picture=picture, save_points=points_file, device="cpu")
+    assert (summary.output, summary.points) == (str(output), str(points_file))
+    assert {path.name for path in folder.iterdir()} == {*names, "out.png"}
+    for name in names:
+        export_stage(tmp_path / "stage.usdc", tmp_path / name)
+        if name in ("out.glb", "points.h5"):  # the others say which command made them
+            assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
 
 
 @pytest.mark.full
@@ -392,15 +394,6 @@ def test_a_grid_for_each_frame_and_a_list_of_their_times(written: Path, tmp_path
         assert len(np.unique(part)) == 6 + (frame >= 2)
         fastest = max(fastest, float(np.abs(grid.point_data["velocity"]).max()))
     assert fastest > 0.0
-
-
-@pytest.mark.full
-def test_points_are_saved_beside_the_stage(tmp_path):
-    small = scene(frames=2)
-    summary = animate(small, tmp_path / "out.usdc", save_points=tmp_path / "points.h5", device="cpu")
-    assert summary.points == str(tmp_path / "points.h5")
-    export_stage(tmp_path / "out.usdc", tmp_path / "same.h5")
-    assert (tmp_path / "same.h5").read_bytes() == (tmp_path / "points.h5").read_bytes()
 
 
 def test_mistakes_of_points_are_told_before_any_work(written: Path, tmp_path, monkeypatch):
