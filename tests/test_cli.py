@@ -154,7 +154,6 @@ MISTAKES = [
     ("run bad.toml --set substeps=0", "bad.toml: frames: must be greater than or equal to 1 (got 0)"),
     ("run ball.obj --set substeps=1", "…substeps: 1 are too few for these springs and masses"),
     ("run ball.obj --device cuda:77", "--device cuda:77: no such device; this machine has cpu"),
-    ("run ball.obj -o nowhere/out.usdc", "nowhere/out.usdc: the folder nowhere does not exist"),
     ("run ball.usda -o ball.usda", "ball.usda: is the scene's mesh; expected another name"),
     ("run ball.obj -o out.png", "out.png: cannot write .png; expected .usdc, .usda, .usd"),
     ("inspect missing.obj", "missing.obj: "),
@@ -162,8 +161,6 @@ MISTAKES = [
     ("foil L -o out.stl", "out.stl: cannot write .stl; expected .obj, .toml"),
     ("render missing.usdc", "missing.usdc: "),
     ("convert missing.usdc -o out.glb", "missing.usdc: "),
-    ("convert ball.obj -o out.ply", "out.ply: is one file for all frames; expected #### in the name"),
-    ("run ball.obj -o out.fbx", "out.fbx: cannot write .fbx; expected .usdc, "),
     ("render ball.obj --size big", "size: 'big'; expected WIDTHxHEIGHT"),
     ("rnu ball.obj", "rnu: no such command; did you mean run?"),
     ("ball.obj", "ball.obj: no such command; did you mean balloon-warp run ball.obj?"),
@@ -201,7 +198,6 @@ MISTAKES = [
     ("compare ball.obj --vary gravity=1:3", "--vary gravity=1:3: takes values, as in --vary gravity=1,3; ranges "),
     ("bench --json x.json", "bench: did not expect x.json; balloon-warp bench --help explains"),
     ("bench -o x.txt", "x.txt: cannot write .txt; expected .json"),
-    ("doctor --device cuda:77", "--device cuda:77: no such device; this machine has "),
 ]
 """words, and the beginning of the sentence, or a part of it after …"""
 
