@@ -160,7 +160,7 @@ CAUCHY = STRESSES * STRETCHES
 VOLUMES, PRESSURES, BESIDE = 2.0 * np.arange(1, 7), 3.0 * np.arange(1, 7), np.full(6, 20.0)
 
 
-HEADS: dict[str, tuple[str, tuple[Values, ...], str]] = {
+HEADS: dict[str, tuple[str, tuple[Any, ...], str]] = {
     "no units": ("volume,pressure", (VOLUMES, PRESSURES), "inflation"),
     "round brackets, the other order": ("pressure (kPa),volume (L)", (PRESSURES / 1e3, VOLUMES / 1e-3), "inflation"),
     "after _": ("Volume_mL,p_mbar", (VOLUMES / 1e-6, PRESSURES / 100.0), "inflation"),
