@@ -298,13 +298,6 @@ def test_the_text_of_a_number_is_that_of_nine_digits(values: np.ndarray):
     assert texts == [b"%.9g" % value for value in values.tolist()]
 
 
-def test_texts_of_columns_keep_their_shape():
-    values = RANDOM.normal(size=(3, 5)).astype(np.float32)
-    rows = decimals(values.T)
-    assert rows.shape[:2] == (5, 3)
-    assert float(rows[4, 1][rows[4, 1] != PAD].tobytes()) == pytest.approx(values[1, 4], rel=1e-8)
-
-
 def test_a_table_of_many_worlds_is_that_of_its_numbers(tmp_path, monkeypatch):
     """The table of text holds the numbers of the binary one, whatever the block of worlds and the varied values."""
     monkeypatch.setattr(table_csv, "BLOCK", 3)
