@@ -266,7 +266,7 @@ def test_mistakes_are_told_before_the_run(tmp_path, change: dict, complaint: str
 def test_far_too_many_worlds_are_refused_before_much_work(
     module: ModuleType, skipped: str, cluster: Cluster | None, tmp_path, monkeypatch
 ):
-    """What is thin takes longest to find, and adds no memory."""
+    """The search for thin parts takes longest, and adds no memory."""
     monkeypatch.setattr(module, skipped, never)
     many = load_scene(scene(frames=400), {"balloon.stiffness.thin": "softer"})
     with pytest.raises(InputError, match=r"^100000000 worlds do not fit: they need .* GiB, and cpu has "):
