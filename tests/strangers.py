@@ -21,6 +21,7 @@ from websockets.exceptions import ConnectionClosed  # noqa: E402
 from websockets.sync.client import connect  # noqa: E402
 from websockets.sync.connection import Connection  # noqa: E402
 
+from balloon_warp.viewer.onlooker import Onlooker  # noqa: E402
 from balloon_warp.viewer.page import Page  # noqa: E402
 from balloon_warp.viewer.server import free_port  # noqa: E402
 from balloon_warp.viewer.session import Session  # noqa: E402
@@ -50,15 +51,16 @@ def wait_until(happened: Callable[[], object], what: str) -> None:
 
 
 @contextlib.contextmanager
-def joined(page: Page, **headers: str) -> Iterator[Connection]:
-    """Connect without a browser and read all messages, as a browser does."""
+def joined(page: Page | Onlooker, arrived: list[bytes] | None = None, **headers: str) -> Iterator[Connection]:
+    """Connect without a browser and read all messages, as a browser does, into a list if there is one."""
     address, how = f"ws://127.0.0.1:{page.server.get_port()}", {"max_size": None, "proxy": None, "compression": None}
     with connect(address, subprotocols=[PROTOCOL], additional_headers=headers, **how) as window:
 
         def read() -> None:
             with contextlib.suppress(ConnectionClosed):
-                for _ in window:
-                    pass
+                for message in window:
+                    if arrived is not None:
+                        arrived.append(message)
 
         reader = threading.Thread(target=read)
         reader.start()

@@ -7,6 +7,7 @@ import sys
 import tomllib
 from collections.abc import Callable, Iterator
 from functools import cache
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -105,12 +106,8 @@ def _loaded(call: ast.Call, tree: ast.Module) -> Iterator[str]:
         yield f"? {ast.unparse(call)}"
 
 
-def graph() -> dict[str, set[str]]:
-    """Return the modules of the package that each file loads, with the packages around each."""
-    return {path: _loads(path) for path in MODULES.values() if path != FACE}
-
-
-def _loads(path: str) -> set[str]:
+def loads(path: str) -> set[str]:
+    """Return the files of the package that a file loads, with the packages around each."""
     own, found = module_of(path), set()
     for module in imports_of(path):
         around = [module.rsplit(".", depth)[0] for depth in range(1, module.count(".") + 1)]
@@ -120,20 +117,11 @@ def _loads(path: str) -> set[str]:
 
 def circle(loads: dict[str, set[str]]) -> list[str]:
     """Find a cycle of files that load each other, in order; empty where there is none."""
-    done: set[str] = set()
-
-    def follow(path: str, way: list[str]) -> list[str]:
-        if path in way:
-            return [*way[way.index(path) :], path]
-        if path in done:
-            return []
-        for other in sorted(loads.get(path, ())):
-            if found := follow(other, [*way, path]):
-                return found
-        done.add(path)
-        return []
-
-    return next((found for path in sorted(loads) if (found := follow(path, []))), [])
+    try:
+        TopologicalSorter(loads).prepare()
+    except CycleError as error:
+        return error.args[1][::-1]
+    return []
 
 
 LAYERS = (
@@ -211,9 +199,9 @@ def test_imports_go_down() -> None:
 
 def test_nothing_loads_what_loads_it() -> None:
     """Imports have no cycle, be they at a file's top, within functions, for types alone, or by a string."""
-    assert not circle(graph()), " loads\n".join(circle(graph()))
-    assert circle({"a": {"b"}, "b": {"c", "d"}, "c": set(), "d": {"b"}}) == ["b", "d", "b"]
-    assert not circle({"a": {"b", "c"}, "b": {"c"}, "c": set()})
+    found = circle({path: loads(path) for path in MODULES.values() if path != FACE})
+    assert not found, " loads\n".join(found)
+    assert set(circle({"a": {"b"}, "b": {"c", "d"}, "d": {"b"}})) == {"b", "d"}
 
 
 LOADED_BY_NAME = {
@@ -261,25 +249,28 @@ def test_every_room_has_a_layer_and_the_simulator_is_one_class() -> None:
     assert Simulator.__mro__ == (Simulator, Shown, object)
 
 
-def importing(folder: str, is_wrong: Callable[[str], bool]) -> str:
-    """Return the imports in a folder that are wrong, a line each."""
-    files = [path for path in TEXTS if path.startswith(folder)]
-    return "\n".join(f"{path} imports {each}" for path in files for each in imports_of(path) if is_wrong(each))
+OF_PHASES = ("balloon_warp.kernels.laws", "balloon_warp.kernels.phases")
 
 
-def test_kernels_import_warp_and_each_other_alone() -> None:
+def is_not_of_kernels(module: str) -> bool:
+    """Return whether a module is neither Python's nor Warp's nor a kernel's."""
     known = {"warp", "?", *sys.stdlib_module_names}
-
-    def is_other(module: str) -> bool:
-        return not f"{module}.".startswith("balloon_warp.kernels.") and re.split("[. ]", module)[0] not in known
-
-    assert not importing("kernels/", is_other)
+    return not f"{module}.".startswith("balloon_warp.kernels.") and re.split("[. ]", module)[0] not in known
 
 
-@pytest.mark.full
-def test_who_executes_a_list_of_phases_knows_none() -> None:
-    of_phases = ("balloon_warp.kernels.laws", "balloon_warp.kernels.phases")
-    assert not importing("kernels/schedules/", lambda module: module.startswith(of_phases))
+@pytest.mark.parametrize(
+    ("folder", "is_wrong"),
+    [
+        pytest.param("kernels/", is_not_of_kernels, id="kernels import Warp and each other alone"),
+        pytest.param(
+            "kernels/schedules/", lambda each: each.startswith(OF_PHASES), id="schedules know no phase or law"
+        ),
+    ],
+)
+def test_folders_import_what_they_may(folder: str, is_wrong: Callable[[str], bool]) -> None:
+    files = [path for path in TEXTS if path.startswith(folder)]
+    found = [f"{path} imports {each}" for path in files for each in imports_of(path) if is_wrong(each)]
+    assert not found, "\n".join(found)
 
 
 def too_long(path: str) -> Iterator[str]:

@@ -3,12 +3,13 @@
 import contextlib
 import json
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from batches import assert_text_has_the_numbers_of, stop_after
+from batches import assert_text_has_the_numbers_of
 from commands import status_of
 from meshes import quad_sphere
 from motion import assert_valid, assert_velocities_are_those_of_the_points
@@ -29,6 +30,7 @@ from balloon_warp.sweep import memory as sweep_memory
 from balloon_warp.sweep.groups import Group, plan_groups
 
 never = Mock(side_effect=AssertionError("is not to be called"))
+CLUSTER = Cluster(workers=2)
 RADII, CHOSEN = np.array([0.1, 0.2, 0.3, 0.4, 0.5]), (1, 2, 4)  # of the spheres, and worlds that are exported
 
 
@@ -82,7 +84,7 @@ def stage(written: Path) -> Usd.Stage:
     return Usd.Stage.Open(str(written / "worlds.usdc"))
 
 
-def test_the_table_has_a_row_for_each_world_and_frame(table: dict[str, np.ndarray], meshes: list[Path]):
+def test_the_table_has_a_row_for_each_world_and_frame(table: dict[str, np.ndarray], meshes: list[Path], written: Path):
     measures = ["volume", "area", "pressure", "center_height", "largest_stretch", "kinetic_energy", "sphere_0_height"]
     varied = ["balloon.0.mesh", "sphere.0.radius", "string.1.length"]
     assert list(table) == ["world", "frame", "time", *varied, *measures, "health"]
@@ -92,9 +94,6 @@ def test_the_table_has_a_row_for_each_world_and_frame(table: dict[str, np.ndarra
     np.testing.assert_array_equal(table["sphere.0.radius"], RADII[table["world"]])
     np.testing.assert_array_equal(table["balloon.0.mesh"], [meshes[world % 2].name for world in table["world"]])
     assert (table["health"] == 1).all()
-
-
-def test_csv_and_npz_are_the_same_to_the_last_bit(written: Path):
     assert_text_has_the_numbers_of(written / "table.npz")
 
 
@@ -116,7 +115,14 @@ def test_each_world_is_as_it_is_alone(table: dict[str, np.ndarray], stage: Usd.S
         assert_velocities_are_those_of_the_points(mesh_in(stage, world), 30.0)
 
 
-def test_each_world_says_what_differs_in_it(stage: Usd.Stage, meshes: list[Path], vary: dict):
+def test_the_stage_is_valid_and_says_what_it_is_and_what_differs_in_each_world(
+    stage: Usd.Stage, meshes: list[Path], vary: dict
+):
+    assert_valid(stage)
+    assert stage.GetDefaultPrim().GetPath() == "/World"
+    assert (UsdGeom.GetStageUpAxis(stage), UsdGeom.GetStageMetersPerUnit(stage)) == ("Y", 1.0)
+    assert stage.GetTimeCodesPerSecond() == stage.GetFramesPerSecond() == 30.0
+    assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (0.0, FRAMES)
     for world in CHOSEN:
         properties = prim_in(stage, world).GetPropertiesInNamespace("userProperties")
         assert {each.GetDisplayName(): (each.GetName(), each.Get()) for each in properties} == {
@@ -124,14 +130,6 @@ def test_each_world_says_what_differs_in_it(stage: Usd.Stage, meshes: list[Path]
             "sphere.0.radius": ("userProperties:sphere_0:radius", vary["sphere.0.radius"][world]),
             "string.1.length": ("userProperties:string_1:length", vary["string.1.length"][world]),
         }
-
-
-def test_the_stage_is_valid_and_says_what_it_is(stage: Usd.Stage):
-    assert_valid(stage)
-    assert stage.GetDefaultPrim().GetPath() == "/World"
-    assert (UsdGeom.GetStageUpAxis(stage), UsdGeom.GetStageMetersPerUnit(stage)) == ("Y", 1.0)
-    assert stage.GetTimeCodesPerSecond() == stage.GetFramesPerSecond() == 30.0
-    assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (0.0, FRAMES)
 
 
 def test_topology_is_stored_once_for_each_mesh(stage: Usd.Stage):
@@ -234,20 +232,6 @@ def test_saving_often_gives_the_same_samples(written: Path, vary: dict, tmp_path
     assert often.ExportToString() == once.ExportToString()
 
 
-def test_no_export_no_stage(tmp_path):
-    summary = run_batch(scene(frames=1), tmp_path, 2, device="cpu")
-    assert summary.stage is None
-    assert {path.name for path in tmp_path.iterdir()} == {*TABLES, "manifest.json"}
-
-
-def test_a_failed_batch_leaves_the_good_files(tmp_path):
-    run_batch(scene(frames=1), tmp_path, 2, export=[0], device="cpu")
-    good = {path: path.read_bytes() for path in tmp_path.iterdir()}
-    with pytest.raises(RuntimeError, match="stopped"):
-        run_batch(scene(), tmp_path, 3, export=[0, 1], device="cpu", on_frame=stop_after(3))
-    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == good
-
-
 MIXED = {"balloon.0.mesh": [quad_sphere(n) for n in (2, 3, 2, 3, 2)], "balloon.mass": [1.0, 1.0, 1.0, -1.0, 1.0]}
 """two groups of worlds, and a wrong value in the second of the second: it is told with its number in the batch"""
 
@@ -274,11 +258,19 @@ def test_mistakes_are_told_before_the_run(tmp_path, change: dict, complaint: str
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
-@pytest.mark.parametrize("cluster", [None, Cluster(workers=2)])
-def test_far_too_many_worlds_are_refused_before_they_get_values(tmp_path, monkeypatch, cluster: Cluster | None):
-    monkeypatch.setattr(batch_module, "plan_groups", never)
+@pytest.mark.parametrize(
+    ("module", "skipped", "cluster"),
+    [(batch_module, "plan_groups", None), (batch_module, "plan_groups", CLUSTER), (shape, "relative_thickness", None)],
+    ids=["before they get values", "nor on workers", "without finding what is thin"],
+)
+def test_far_too_many_worlds_are_refused_before_much_work(
+    module: ModuleType, skipped: str, cluster: Cluster | None, tmp_path, monkeypatch
+):
+    """The search for thin parts takes longest, and adds no memory."""
+    monkeypatch.setattr(module, skipped, never)
+    many = load_scene(scene(frames=400), {"balloon.stiffness.thin": "softer"})
     with pytest.raises(InputError, match=r"^100000000 worlds do not fit: they need .* GiB, and cpu has "):
-        run_batch(scene(frames=400), tmp_path, 10**8, device=None if cluster else "cpu", cluster=cluster)
+        run_batch(many, tmp_path, 10**8, device=None if cluster else "cpu", cluster=cluster)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -291,13 +283,6 @@ def test_what_is_refused_early_would_be_refused_late(monkeypatch):
         monkeypatch.setattr(memory, "free_memory", lambda device, room=room: room * bytes_of_all / memory.USABLE)
         with pytest.raises(InputError, match="do not fit") if refused else contextlib.nullcontext():
             sweep_memory.require_room(scene(), 4096, ["balloon.mass"], "cpu")
-
-
-def test_far_too_many_worlds_are_refused_without_finding_what_is_thin(tmp_path, monkeypatch):
-    """The early check of memory skips the search for thin parts, which takes longest and adds no memory."""
-    monkeypatch.setattr(shape, "relative_thickness", never)
-    with pytest.raises(InputError, match=r"^100000000 worlds do not fit: "):
-        run_batch(load_scene(scene(), {"balloon.stiffness.thin": "softer"}), tmp_path, 10**8, device="cpu")
 
 
 @pytest.mark.full
@@ -321,6 +306,8 @@ def test_all_groups_take_the_step_of_the_stiffest_world(meshes: list[Path]):
     assert [group.worlds.tolist() for group in groups] == [[0, 2], [1]]
     assert [group.plan.substeps for group in groups] == [max(one[0].plan.substeps for one in alone)] * 2
     assert len({one[0].plan.substeps for one in alone}) == 3
+    with pytest.raises(InputError, match=r"^substeps: \d+ are too few"):
+        plan_groups(scene(substeps=alone[0][0].plan.substeps), 3, vary)
 
 
 def simulated_bytes(groups: list[Group]) -> int:
@@ -378,12 +365,10 @@ def batch(*words: str) -> int:
 
 @pytest.mark.full
 def test_a_batch_in_which_nothing_varies_says_so(folder: Path, capsys):
-    assert batch("--worlds", "2") == 0
-    assert "\nnote: all worlds are alike; --vary PATH=LOW:HIGH" in capsys.readouterr().err
-    assert batch("--worlds", "2", "--vary", "sphere.0.mass=10,10") == 0
-    assert "\nnote: all worlds are alike" in capsys.readouterr().err
-    assert batch("--worlds", "1") == 0
-    assert "note: " not in capsys.readouterr().err
+    note = "\nnote: all worlds are alike; --vary PATH=LOW:HIGH"
+    for words, alike in (("2", True), ("2 --vary sphere.0.mass=10,10", True), ("1", False)):
+        assert batch("--worlds", *words.split()) == 0
+        assert (note in capsys.readouterr().err) == alike
 
 
 def test_the_summary_is_one_object_and_the_files_are_where_it_says(folder: Path, capsys):
@@ -439,28 +424,16 @@ def test_the_stage_of_an_earlier_batch_does_not_stay_beside_a_later_table(folder
     assert "removed" not in capsys.readouterr().out
 
 
-def test_one_is_one_and_names_are_as_they_are(folder: Path, capsys):
-    assert batch("--worlds", "1", "--set", "frames=1", "--set", "substeps=10", "-o", "a [bold] one") == 0
-    said = capsys.readouterr().out.splitlines()
-    assert said[0].startswith("ball: 1 world, 26 particles, 1 frame of 10 substeps in ")
-    assert said[1] == "wrote a [bold] one/table.npz"
-
-
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
         (["--vary", "balloon.mas=1:2"], "--vary balloon.mas: balloon.0.mas: unknown field; did you mean mass?\n"),
-        (["--vary", "balloon.mass=1,-1"], f"--vary balloon.mass: balloon.0.mass: {BELOW}\n"),
         (["--vary", "balloon.scale=1,-1"], f"--vary balloon.scale: balloon.0.scale: {BELOW}\n"),
         (["--vary", "water.level=0:1"], "--vary water.level: cannot differ between worlds, the scene has no water\n"),
-        (["--vary", "balloon.mass"], "--vary balloon.mass: expected PATH=LOW:HIGH with LOW below HIGH"),
-        (["--vary", "balloon.mass=-2:-1"], "--vary balloon.mass: balloon.0.mass: must be greater than 0"),
         (["--vary", "frames=1,2"], f"--vary frames: {BETWEEN_RUNS}; what can: "),
-        (["--vary", "substeps=1:9"], f"--vary substeps: {BETWEEN_RUNS}; "),
         (["--vary", "normals=cached,fresh"], "--vary normals=cached,fresh: expected PATH=LOW:HIGH with LOW below HIGH"),
         (["--export", "64"], "--export 64: no world 64, the batch has worlds 0 to 63"),
         (["--worlds", "0", "--vary", "gravity=1,2"], "--worlds 0: expected at least 1"),
-        (["--worlds", "-2", "--vary", "gravity=1:2", "--grid"], "--worlds -2: expected at least 1"),
     ],
 )
 def test_a_mistake_gets_one_sentence_and_status_2(folder: Path, capsys, arguments, sentence):

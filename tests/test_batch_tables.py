@@ -1,9 +1,7 @@
-"""Tables of a batch: their measures, units and kinds."""
+"""Tables of a batch: their measures, units and kinds, and how their numbers are written."""
 
 import itertools
 import json
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +16,8 @@ from pyarrow import parquet
 
 from balloon_warp import InputError, MissingExtraError, PolygonMesh, Simulator, run_batch
 from balloon_warp.mesh.geometry import signed_volume, total_area
-from balloon_warp.outputs import table, table_parquet
+from balloon_warp.outputs import table, table_csv, table_parquet
+from balloon_warp.outputs.decimals import PAD, decimals
 from balloon_warp.scene import Balloon, Box, Inflation, Scene, Sphere, Stiffness
 from balloon_warp.sweep.columns import describe_columns
 from balloon_warp.sweep.recorder import Recorder, columns_of
@@ -34,18 +33,6 @@ def recorder_of(simulator: Simulator) -> Recorder:
 def measured(simulator: Simulator, world: int = 0) -> dict[str, float]:
     row = recorder_of(simulator).read().measures[world]
     return dict(zip(columns_of(simulator.model.scene), row.tolist(), strict=True))
-
-
-def test_a_moving_box_is_measured_exactly(device):
-    scene = Scene(balloon=[Balloon(mesh=cube(), mass=0.5, **STILL)], sphere=[Sphere(position=(7.0, 3.5, 0.0))])
-    simulator = Simulator(scene, device)
-    simulator.state.points.assign((cube().points * [1, 2, 1])[None])
-    simulator.state.velocities.assign(np.full((1, 8, 3), [1.0, 2.0, 2.0]))
-    expected = {"volume": 2.0, "area": 10.0, "pressure": 0.0, "center_height": 1.0, "largest_stretch": 2.0}
-    expected |= {"kinetic_energy": 0.5 * 0.5 * 9.0, "sphere_0_height": 3.5}
-    # a mass share of an eighth, and areas and lengths that are powers of two: no rounding but the thirds of the volume
-    np.testing.assert_allclose(list(measured(simulator).values()), list(expected.values()), rtol=2 * FLOAT32)
-    assert list(measured(simulator)) == list(expected)
 
 
 def test_what_is_in_the_box_is_counted(device):
@@ -102,19 +89,6 @@ def test_largest_stretch_and_kinetic_energy_are_those_of_the_host(device):
     np.testing.assert_allclose(found["largest_stretch"], np.max(lengths / springs.rest_lengths), rtol=1e-6)
     energy = 0.5 * np.sum(0.3 * shares * np.sum(velocities**2, axis=1))
     np.testing.assert_allclose(found["kinetic_energy"], energy, rtol=20 * FLOAT32)
-
-
-def test_measures_have_the_same_bits_every_time_and_in_any_batch(device):
-    scene = Scene(balloon=[Balloon(mesh=quad_sphere(7)), Balloon(mesh=cube(), position=(3, 0, 0))])
-    batch, alone = Simulator(scene, device, 40), Simulator(scene, device)
-    points = deformed(quad_sphere(7), 0.3).points
-    for simulator in (batch, alone):
-        every = simulator.state.points.numpy().copy()
-        every[:, : len(points)] = points
-        simulator.state.points.assign(every)
-    rows = [recorder_of(batch).read().measures for _ in range(3)]
-    expected = np.repeat(recorder_of(alone).read().measures, 40, axis=0)
-    np.testing.assert_array_equal(rows, [expected] * 3)
 
 
 def test_a_world_whose_speeds_overflow_is_bad_before_its_places_are(device):
@@ -174,7 +148,10 @@ def tables(written: Path) -> dict[str, dict[str, np.ndarray]]:
 
 
 @pytest.mark.full
-def test_each_world_has_a_row_of_ends_and_extremes(tables: dict[str, dict[str, np.ndarray]]):
+def test_each_world_has_a_row_of_ends_and_extremes_and_how_it_ended(
+    written: Path, tables: dict[str, dict[str, np.ndarray]]
+):
+    """Falling forever is detected in worlds of the stage."""
     table, worlds = tables["table"], tables["worlds"]
     measures = columns_of(ending_scene())
     ends = [f"{name}_{end}" for name in measures for end in ("end", "min", "max")]
@@ -187,12 +164,6 @@ def test_each_world_has_a_row_of_ends_and_extremes(tables: dict[str, dict[str, n
         expected = [of_frames[-1], of_frames.min(axis=0), of_frames.max(axis=0)]
         np.testing.assert_array_equal([worlds[f"{name}_{end}"] for end in ("end", "min", "max")], expected)
     assert (worlds["center_height_max"] > worlds["center_height_end"] + 1.0)[[0, 1, 3]].all()
-
-
-@pytest.mark.full
-def test_it_says_how_each_world_ended(written: Path, tables: dict[str, dict[str, np.ndarray]]):
-    """Falling forever is detected in worlds of the stage."""
-    worlds = tables["worlds"]
     assert worlds["health"].tolist() == [1, 1, 0, 1]
     assert worlds["ending"].tolist() == ["falling", "finished", "blew up", "falling"]
     assert worlds["last_frame"].tolist() == [FRAMES, FRAMES, 0, FRAMES]
@@ -275,22 +246,6 @@ def test_many_rows_are_parquet_and_few_are_text_and_mistakes_are_told(monkeypatc
         run_batch(scene(), tmp_path, 2, device="cpu", table="parquet")
 
 
-def test_numbers_load_no_pandas(tmp_path):
-    script = f"""
-import sys, pathlib, numpy as np
-from balloon_warp.outputs.table_parquet import ParquetRows
-names, k = ["world", "frame", "time", "k", "a", "health"], {{"k": np.array([1.5, 2.5])}}
-rows = ParquetRows(pathlib.Path({str(tmp_path / "rows.parquet")!r}), names, k, 2)
-rows.write(3, 0.5, np.array([[4.0, 5.0]], np.float32), np.array([0, 1], np.int32))
-rows.close()
-sys.exit("pandas" in sys.modules)
-"""
-    assert subprocess.run([sys.executable, "-c", script], check=False).returncode == 0
-    rows = pd.read_parquet(tmp_path / "rows.parquet").to_dict("list")
-    expected = {"world": [0, 1], "frame": [3, 3], "time": [0.5, 0.5], "k": [1.5, 2.5], "a": [4.0, 5.0]}
-    assert rows == {**expected, "health": [0, 1]}
-
-
 PARTS_FRAMES, PARTS_WORLDS = 40, 300
 COLUMNS = ("world", "frame", "time", "mesh", "mass", "height", "health")
 MESHES = np.array([f"mesh {world % 7}" for world in range(PARTS_WORLDS)])
@@ -317,3 +272,39 @@ def test_row_groups_that_are_encoded_side_by_side_are_those_of_one_writer(tmp_pa
         for frame in range(0, PARTS_FRAMES, 2):
             writer.write_table(together.slice(frame * PARTS_WORLDS, 2 * PARTS_WORLDS), row_group_size=2**31 - 1)
     assert (tmp_path / "parts.parquet").read_bytes() == (tmp_path / "whole.parquet").read_bytes()
+
+
+POWERS = np.array([float(f"1e{exponent}") for exponent in range(-45, 39)], dtype=np.float32)
+NEXT_TO_POWERS = np.concatenate([(POWERS.view(np.int32) + step).clip(0).view(np.float32) for step in range(-3, 4)])
+RANDOM = np.random.default_rng(0)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(
+    "values",
+    [
+        pytest.param(RANDOM.integers(0, 2**32, 100_000, dtype=np.uint32).view(np.float32), id="any"),
+        pytest.param(np.concatenate([NEXT_TO_POWERS, -NEXT_TO_POWERS]), id="at powers of ten"),
+        pytest.param(
+            (RANDOM.integers(-(2**24), 2**24, 100_000) / 2.0 ** RANDOM.integers(0, 30, 100_000)).astype(np.float32),
+            id="halves of the last digit",
+        ),
+        pytest.param(np.array([0.0, -0.0, 1.0, 120.0, 0.5, np.inf, -np.inf, np.nan, 1e-45], np.float32), id="special"),
+        pytest.param(np.zeros(0, np.float32), id="none"),
+    ],
+)
+def test_the_text_of_a_number_is_that_of_nine_digits(values: np.ndarray):
+    texts = [row[row != PAD].tobytes() for row in decimals(values)]
+    assert texts == [b"%.9g" % value for value in values.tolist()]
+
+
+def test_a_table_of_many_worlds_is_that_of_its_numbers(tmp_path, monkeypatch):
+    """The table of text holds the numbers of the binary one, whatever the block of worlds and the varied values."""
+    monkeypatch.setattr(table_csv, "BLOCK", 3)
+    varied = {"balloon.mass": RANDOM.normal(size=11), "balloon.mesh": np.array(['a,"ü".obj'] * 11)}
+    with table.TableWriter(tmp_path, 2, 3.0, varied, ["volume", "area"], 11) as writer:
+        writer.values[:] = RANDOM.lognormal(0.0, 9.0, (2, 2, 11))
+        writer.health[:] = RANDOM.integers(0, 3, (2, 11))
+        for _ in range(2):
+            writer.write_frame()
+    assert_text_has_the_numbers_of(tmp_path / "table.npz")

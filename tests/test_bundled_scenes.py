@@ -2,12 +2,10 @@
 
 import numpy as np
 import pytest
-from played import played, shape_at, stretches
-from wetness import displaced
+from played import played, shape_at
 
 from balloon_warp import Frame, PolygonMesh, bundled_scenes
 from balloon_warp.benchmarks.overlap import depth, surface
-from balloon_warp.mesh.components import component_labels
 from balloon_warp.mesh.geometry import signed_volume, total_area
 from balloon_warp.outcomes import bad_endings
 
@@ -66,17 +64,6 @@ def test_turtle_inflate_fills_neck_and_belly():
 
 
 @pytest.mark.full
-def test_turtle_provot_keeps_every_spring_within_a_hundredth_of_its_limit():
-    """No spring exceeds its limit by a hundredth in any frame (figure 12). Without correction some do by a half."""
-    model, frames = played("turtle_provot")
-    longest = 1.0 + model.scene.correction_limit
-    assert max(stretches(model, frame).max() for frame in frames) < 1.01 * longest
-    without, frames_without = played("turtle_inflate")
-    assert stretches(without, frames_without[-1]).max() > 1.4 * longest
-    assert np.mean(stretches(model, frames[-1]) > 0.999 * longest) > 0.2  # many would go on
-
-
-@pytest.mark.full
 def test_turtle_provot_keeps_neck_and_belly_closer_to_the_rest_shape():
     """The belly bulges by less than three quarters as much, and the neck thickens by less than half, under the same
     inflation (figure 12 beside 11)."""
@@ -84,27 +71,6 @@ def test_turtle_provot_keeps_neck_and_belly_closer_to_the_rest_shape():
     belly_held, neck_held = growth_of_turtle("turtle_provot")
     assert 0.0 < belly_held < 0.75 * belly
     assert 0.0 < neck_held < 0.5 * neck
-
-
-@pytest.mark.full
-def test_squirrel_squish_dents_the_squirrel():
-    """A patch of the surface wraps more than a third of the radius; no particle is inside (figures 13 to 15)."""
-    model, frames = played("squirrel_squish")
-    radius = model.scene.sphere[0].radius
-    structural = model.shapes[0].springs.pairs[model.shapes[0].springs.kind == 0]
-    deepest = 0.0
-    for frame in frames:
-        arms = (frame.points[0] - frame.sphere_positions[0]).astype(np.float64)
-        distances = np.linalg.norm(arms, axis=1)
-        assert distances.min() > radius * (1.0 - 1e-5)  # float32 rounding of a point on the sphere
-        touching = distances < 1.01 * radius
-        both = structural[touching[structural].all(axis=1)]
-        labels = component_labels(len(arms), both[:, 0], both[:, 1])
-        patch = labels == np.bincount(labels[touching], minlength=1).argmax() if touching.any() else touching
-        if patch.sum() > 10:
-            axis = arms[patch].mean(axis=0)
-            deepest = max(deepest, float(np.ptp(arms[patch] @ (axis / np.linalg.norm(axis)))))
-    assert deepest > radius / 3.0
 
 
 def test_squirrel_squish_goes_from_free_to_squished_to_very_squished():
@@ -150,16 +116,6 @@ def test_pillow_four_spheres_lie_on_it_then_fly():
     assert (frames[52].sphere_velocities[:, 1] > 0.0).all()
 
 
-def test_pillow_four_spheres_bounces_all_four():
-    """Each sphere touches the pillow, then leaves it, moving up (figures 22 and 23)."""
-    _, frames = played("pillow_four_spheres")
-    for sphere, gaps in enumerate(np.array([gaps_of(frame, 0.12) for frame in frames]).T):
-        touched = int(np.argmax(gaps < 1e-3))
-        left = touched + int(np.argmax(gaps[touched:] > 0.02))
-        assert 0 < touched < left
-        assert frames[left].sphere_velocities[sphere, 1] > 1.0
-
-
 def test_bowl_becomes_a_sphere():
     """The isoperimetric quotient nears a sphere's; an egg a fifth longer than wide has 0.983 (figures 24 and 25)."""
     model, frames = played("bowl_to_sphere")
@@ -176,34 +132,6 @@ def test_net_forces_point_outward_at_first_and_nearly_balance_in_the_end():
     np.testing.assert_allclose(frames[0].net_forces[0], frames[0].inflation_forces[0] + weight, atol=2e-4)
     size = [float(np.linalg.norm(frame.net_forces[0], axis=1).mean()) for frame in (frames[0], frames[-1])]
     assert size[1] < 0.3 * size[0]
-
-
-@pytest.mark.full
-def test_pillow_on_water_displaces_its_weight():
-    """The floating pillow displaces its own weight of water (Archimedes). After four seconds its last heaving is left,
-    some 1e-4 m of its half a square meter."""
-    model, frames = played("pillow_on_water")
-    mass = model.scene.balloon[0].mass
-    submerged = [displaced(shape_at(model, frame), 0.0)[0] for frame in frames[-60:]]
-    assert mass / 1000.0 < 0.5 * signed_volume(shape_at(model, frames[-1]))
-    np.testing.assert_allclose(1000.0 * np.array(submerged), mass, rtol=1e-3)
-    assert max(np.linalg.norm(frame.velocities[0], axis=1).max() for frame in frames[-60:]) < 0.02
-
-
-@pytest.mark.full
-def test_helium_rise_reaches_terminal_velocity():
-    """The terminal velocity is sqrt(2 F / (rho C_d A)), F the lift less the weight, A a disk's as wide as the balloon.
-    Air sinks with its rubber, and the heavy gas falls faster."""
-    model, frames = played("helium_rise")
-    volume = signed_volume(shape_at(model, frames[-1]))
-    air_density = 1.20412
-    force = 9.81 * (air_density * volume - frames[-1].gas_amounts[0] * 0.0040026 - model.scene.balloon[0].mass)
-    disk = np.pi * (3.0 * volume / (4.0 * np.pi)) ** (2.0 / 3.0)
-    velocity = frames[-1].velocities[0].mean(axis=0)
-    np.testing.assert_allclose(velocity[1], np.sqrt(2.0 * force / (air_density * 0.47 * disk)), rtol=0.02)
-    np.testing.assert_allclose(velocity[[0, 2]], 0.0, atol=0.01)
-    air, heavy = (frames[30].velocities[balloon][:, 1].mean() for balloon in (1, 2))
-    assert 0.0 > air > 2.0 * air > heavy
 
 
 @pytest.mark.full
@@ -259,38 +187,3 @@ def test_scenes_do_not_flutter(name: str):
 def test_none_ends_badly(name: str):
     model, frames = played(name)
     assert bad_endings(model, frames[-1]) == []
-
-
-@pytest.mark.full
-def test_bunch_in_wind_leans_as_far_as_drag_and_lift_say_and_sways():
-    """The lean is drag over lift: at the mean wind of its height, 1.7 m/s, a balloon's drag, C_d = 4/3 C_n + 8/3 C_t,
-    is 0.66 of its lift; gusts and the swing account for the remaining eighth. Balloons stay apart on taut strings."""
-    model, frames = played("bunch_in_wind")
-    centers = np.array([[points.mean(axis=0) for points in frame.points] for frame in frames[50:]])
-    aside = np.linalg.norm(centers[..., [0, 2]], axis=2)
-    leans = aside / centers[..., 1]
-    balloon = shape_at(model, frames[-1])
-    volume, radius = signed_volume(balloon), np.ptp(balloon.points[:, 1]) / 2.0
-    lift = (1.204 * volume - 0.003 - frames[-1].gas_amounts[0] * 0.0040026) * 9.81
-    wind = np.hypot(1.7, 0.5) * (centers[..., 1].mean() / 1.5) ** 0.2
-    drag = 0.5 * 1.204 * (4.0 / 3.0 * 0.3 + 8.0 / 3.0 * 0.03) * np.pi * radius**2 * wind**2
-    assert leans.mean() == pytest.approx(drag / lift, rel=0.25)
-    assert leans.mean(axis=1).max() > 1.3 * leans.mean(axis=1).min()
-    surfaces = [surface(shape_at(model, frames[-1], number)) for number in range(3)]
-    assert max(depth(a.reshape(-1, 3), b) for a in surfaces for b in surfaces if a is not b) < 0.01 * 0.14
-    assert (centers[..., 1].min(axis=0) > 0.9).all()
-
-
-@pytest.mark.full
-def test_the_pieces_of_pop_lie_on_the_ground_as_skin():
-    """The pieces lie at the end as large as at rest, in heaps no higher than a third of the whole balloon."""
-    model, frames = played("pop")
-    for number, shape in enumerate(model.shapes):
-        membrane, points = shape.membrane, frames[-1].points[number].astype(np.float64)
-        whole = ~frames[-1].torn[number][membrane.faces]
-        edges = points[membrane.corners[:, 1:]] - points[membrane.corners[:, :1]]
-        now, at_rest = (np.linalg.norm(np.cross(e[:, 0], e[:, 1]), axis=1)[whole] for e in (edges, membrane.edges))
-        assert now.sum() == pytest.approx(at_rest.sum(), rel=0.05)
-        heights = points[membrane.corners[whole], 1]
-        assert heights.min() == pytest.approx(0.0, abs=1e-3)
-        assert heights.max() < 0.25 / 3.0

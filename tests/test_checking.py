@@ -1,8 +1,6 @@
 """Check of a stage: it finds crossings and their depths, and nothing else."""
 
 import re
-import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,8 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from commands import status_of
 from meshes import grid
-from pxr import Gf, Usd, UsdGeom
+from pxr import Gf, UsdGeom
+from render_stages import new_stage
 
 from balloon_warp import InputError, Scene, animate, check_stage
 from balloon_warp.mesh.geometry import triangulate
@@ -25,12 +25,7 @@ FRAMES = 3
 class Stage:
     def __init__(self, path: Path):
         self.path = path
-        self._stage = Usd.Stage.CreateNew(str(path))
-        UsdGeom.SetStageMetersPerUnit(self._stage, 1.0)
-        UsdGeom.SetStageUpAxis(self._stage, UsdGeom.Tokens.y)
-        self._stage.SetTimeCodesPerSecond(24.0)
-        self._stage.SetStartTimeCode(0)
-        self._stage.SetEndTimeCode(FRAMES - 1)
+        self._stage = new_stage(path, frames=FRAMES)
 
     def balloon(self, name: str, mesh: trimesh.Trimesh, *way: Sequence[float]) -> "Stage":
         """Add a mesh with a shift of its points at each frame."""
@@ -188,10 +183,7 @@ def test_bad_input_gets_a_sentence(stage: Stage):
 
 
 @pytest.mark.full
-def test_the_command_says_where_and_ends_with_one(stage: Stage):
-    stage.balloon("one", BALL, (0, 0, 0)).balloon("two", BALL, (0.9, 0, 0))
-    path = stage.save()
-    words = [sys.executable, "-m", "balloon_warp", "check", str(path), "--device", "cpu"]
-    run = subprocess.run(words, capture_output=True, text=True, check=False)
-    assert run.returncode == 1, run.stderr
-    assert re.search(r"balloon one penetrates balloon two by [\d.]+ m at \(", run.stdout)
+def test_the_command_says_where_and_ends_with_one(stage: Stage, capsys):
+    path = stage.balloon("one", BALL, (0, 0, 0)).balloon("two", BALL, (0.9, 0, 0)).save()
+    assert status_of("check", str(path), "--device", "cpu") == 1
+    assert re.search(r"balloon one penetrates balloon two by [\d.]+ m at \(", capsys.readouterr().out)

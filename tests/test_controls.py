@@ -12,7 +12,7 @@ from trimesh.transformations import quaternion_matrix
 
 from balloon_warp import BlowUpError, InputError, Simulator, foil_mesh, load_scene
 from balloon_warp.model.acting import acting_laws
-from balloon_warp.scene import Balloon, Change, Ground, Inflation, Obstacle, Scene, Sphere, String
+from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Scene, Sphere, String
 
 BALL = Balloon(mesh=quad_sphere(3, 0.5), inflation=Inflation(pressure=5.0))
 ABOVE, BELOW = Sphere(position=(0.0, 0.8, 0.0), radius=0.4), String(anchor=(0.0, -1.0, 0.0), length=0.4)
@@ -33,27 +33,22 @@ def points(simulator: Simulator) -> np.ndarray:
     return simulator.state.points.numpy().copy()
 
 
-def opened(world_count: int, **fields: str) -> Simulator:
-    simulator = Simulator(SCENE, "cpu", world_count, **fields)
-    for path, (low, high) in BOUNDED.items():
-        simulator.controls.open(path, low, high)
-    return simulator
-
-
-def values_of(frame: int, world_count: int) -> dict[str, np.ndarray]:
-    """Return the values of a frame, for each control in each world."""
-    drawn = np.random.default_rng(frame).uniform(0.1, 0.9, (world_count, 6, 3)).astype(np.float32)
+def values_of(frame: int) -> dict[str, np.ndarray]:
+    """Return the values of a frame, for each control in each of three worlds."""
+    drawn = np.random.default_rng(frame).uniform(0.1, 0.9, (3, 6, 3)).astype(np.float32)
     vectors = ("atmosphere.wind", "string.0.anchor")
     return {path: drawn[:, n] if path in vectors else drawn[:, n, 0] for n, path in enumerate(BOUNDED)}
 
 
-@pytest.mark.full
-def test_a_control_is_what_set_sets_bit_for_bit(schedule: str):
-    controlled, told = opened(3, schedule=schedule), Simulator(SCENE, "cpu", 3, schedule=schedule)
+def test_a_control_is_what_set_sets_bit_for_bit(schedule: str, device: str):
+    """Set values have the bits of planned changes, and of worlds alone (test_setting.py)."""
+    controlled, told = (Simulator(SCENE, device, 3, schedule=schedule) for _ in range(2))
+    for path, (low, high) in BOUNDED.items():
+        controlled.controls.open(path, low, high)
     for frame in range(3):
-        for path, values in values_of(frame, 3).items():
+        for path, values in values_of(frame).items():
             controlled.controls[path] = values
-        told.set(values_of(frame, 3))
+        told.set(values_of(frame))
         controlled.step_unread()
         told.step_unread()
     np.testing.assert_array_equal(points(controlled), points(told))
@@ -75,32 +70,6 @@ def test_an_obstacle_that_is_steered_goes_as_one_that_moves_by_keyframes(schedul
         each.step_unread()
     np.testing.assert_allclose(points(steered), points(told), atol=2e-5)
     assert np.abs(points(alone) - points(told))[..., 0].max() > 0.01, "it is taken along"
-
-
-def test_a_control_is_what_the_scene_plans_bit_for_bit(device: str):
-    change = Change(time=2 / 60, set={"balloon.inflation.pressure": 9.0, "gravity": 3.0})
-    planned = Simulator(SCENE.model_copy(update={"change": [change]}), device)
-    controlled = Simulator(SCENE, device)
-    pressure, gravity = (controlled.controls.open(path, 0.0, 10.0) for path in (PRESSURE, "gravity"))
-    for frame in range(4):
-        if frame == 2:
-            pressure.fill_(9.0)
-            gravity.fill_(3.0)
-        planned.step()
-        controlled.step()
-    np.testing.assert_array_equal(points(controlled), points(planned))
-
-
-@pytest.mark.full
-def test_a_batch_is_what_each_world_is_alone():
-    batch, alone = opened(3), opened(1)
-    for frame in range(2):
-        for path, values in values_of(frame, 3).items():
-            batch.controls[path] = values
-            alone.controls[path] = values[2:]
-        batch.step_unread()
-        alone.step_unread()
-    np.testing.assert_array_equal(points(batch)[2:], points(alone))
 
 
 def test_an_array_begins_with_what_the_scene_has_and_stays(device: str):

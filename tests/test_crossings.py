@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from meshes import box, grid, joined, mesh_of, quad_sphere
 
+from balloon_warp import bundled_scenes, load_mesh
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.crossings import crossings_of
 from balloon_warp.mesh.geometry import triangulate
@@ -67,6 +68,7 @@ TOUCHING = {
     "a seam": joined(SHEET, replace(SHEET, points=SHEET.points + [4, 0, 0])),
     "a seam where it bends": joined(SHEET, replace(SHEET, points=SHEET.points @ RISING + [4, 0, 0])),
     "slivers": with_slivers(),
+    "a squirrel": load_mesh(bundled_scenes()["squirrel_inflate"].with_name("squirrel.obj")),
 }
 MIRRORED, SWAPPED = np.diag([-1.0, 1.0, 1.0]), np.eye(3)[[2, 1, 0]]
 TURNED = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]

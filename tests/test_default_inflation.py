@@ -4,16 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conserved import energy, momentum
-from meshes import cube, joined, mesh_of, open_cube, prism, quad_sphere
+from meshes import cube, joined, mesh_of, open_cube, quad_sphere
 
-from balloon_warp import InputError, Simulator, bundled_scenes
+from balloon_warp import InputError, Simulator
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.model import plan_model
 from balloon_warp.scene import Balloon, Change, Inflation, Scene, Stiffness
 
 STRETCH = 1.0 + Inflation().stretch
-SCENES = next(iter(bundled_scenes().values())).parent  # where the bundled meshes are
 
 
 def pressure_of(balloon: Balloon, **fields) -> float:
@@ -70,66 +68,18 @@ def test_a_balloon_of_any_size_resolution_and_stiffness_swells_alike_and_keeps_s
         assert np.abs(off).max() < 1e-5 * size
 
 
-def test_the_smallest_scene_falls_as_a_round_ball():
-    """The ball swells by a quarter of its radius, 0.06 m, within a second, and breathes so fast; half is left after 1.5
-    s."""
-    ball = SCENES / "ball.obj"
-    scene = Scene(balloon=[Balloon(mesh=ball), Balloon(mesh=ball, scale=0.6, position=(2.0, 0.0, 0.0))], frames=150)
-    *_, end = Simulator(scene, "cpu").run()
-    for points, velocities in zip(end.points, end.velocities, strict=True):
-        assert np.linalg.norm(velocities - velocities.mean(axis=0), axis=1).max() < 0.05
-        radii = np.linalg.norm(points - points.mean(axis=0), axis=1)
-        assert np.ptp(radii) < 0.03 * radii.mean()
-        assert abs(points.mean(axis=0)[1]) > 1.0
-
-
-@pytest.mark.full
-@pytest.mark.parametrize("name", ["ball", "bowl", "pillow", "squirrel", "turtle"])
-def test_undamped_in_empty_space_no_bundled_mesh_heats_itself_or_goes_away(name: str):
-    """Momentum and energy are conserved for 20 s: the center stays in place, and once the pressure is constant, the
-    energy of motion, springs and p V swings by less than three hundredths of that in the springs. Soft springs allow a
-    long step: it is the number of steps that could heat it, some thousand, and each is as long as is stable. The bowl
-    swings most, by 0.0196 to 0.0219 from six starts a micrometer apart, and a third of that in half the step."""
-    soft = Stiffness(structural=0.5, shear=0.25, flexion=0.05)
-    balloon = Balloon(mesh=SCENES / f"{name}.obj", damping=0.0, stiffness=soft)
-    simulator = Simulator(Scene(balloon=[balloon], gravity=0.0, frames_per_second=20.0, touch=False), "cpu")
-    pressure = float(simulator.model.parameters["keyframe_values"].numpy()[0, 0, -1])
-    start = simulator.read_frame().points[0].mean(axis=0, dtype=np.float64)
-    energies = []
-    for number in range(1, 401):
-        simulator.step()
-        if number > 20 and number % 10 == 0:
-            volume = simulator.mass_properties().volume[0, 0]
-            energies.append((energy(simulator), energy(simulator) - pressure * volume))
-    in_springs, total = np.array(energies).T
-    assert np.ptp(total) <= 0.03 * in_springs.max()
-    end = simulator.read_frame().points[0].mean(axis=0, dtype=np.float64)
-    np.testing.assert_allclose(end, start, atol=1e-4)
-    np.testing.assert_allclose(momentum(simulator), 0.0, atol=1e-5)
-
-
 def test_worlds_get_the_pressure_of_their_own_springs():
-    """A pressure that is given stays."""
-    scene = Scene(balloon=[Balloon(mesh=quad_sphere(3)), Balloon(mesh=cube(), inflation=Inflation(pressure=7.0))])
+    """A pressure that is given stays, and a balloon that is not pinned gets none."""
+    given = Balloon(mesh=cube(), inflation=Inflation(pressure=7.0))
+    scene = Scene(balloon=[Balloon(mesh=quad_sphere(3)), given, Balloon(mesh=open_cube())])
     constants = {"structural": 9.0, "shear": 5.0, "flexion": 1.0}
-    vary = {f"balloon.stiffness.{kind}": [k, 2.0 * k] for kind, k in constants.items()}
-    values = plan_model(scene, 2, vary).parameters["keyframe_values"]
-    assert values.shape == (2, 2, 2)
-    assert values[1, 0, 1] == pytest.approx(2.0 * values[0, 0, 1])
+    vary = {f"balloon.stiffness.{kind}": [k, 2.0 * k, 2.0 * k] for kind, k in constants.items()}
+    vary["balloon.stiffness.structural"][2] = 9.0
+    pressures = plan_model(scene, 3, vary).parameters["keyframe_values"][:, :, 1]
     alone = Balloon(mesh=quad_sphere(3), stiffness=Stiffness(**constants))
-    assert values[0, 0, 1] == pytest.approx(pressure_of(alone))
-    assert (values[:, 1] == 7.0).all()
-
-
-def test_worlds_may_differ_in_one_kind_of_spring_alone():
-    """A balloon that is not pinned gets no pressure."""
-    scene = Scene(balloon=[Balloon(mesh=quad_sphere(3)), Balloon(mesh=open_cube())])
-    plan = plan_model(scene, 3, {"balloon.stiffness.structural": [10.0, 20.0, 30.0]})
-    pressures = plan.parameters["keyframe_values"]
-    assert pressures.shape == (3, 2, 2)
-    assert np.diff(pressures[:, 0, 1]) == pytest.approx(pressures[1, 0, 1] - pressures[0, 0, 1])
-    assert pressures[1, 0, 1] > pressures[0, 0, 1]
-    assert (pressures[:, 1] == 0.0).all()
+    assert pressures[:2, 0] == pytest.approx(pressure_of(alone) * np.array([1.0, 2.0]))
+    assert pressures[0, 0] < pressures[2, 0] < pressures[1, 0]
+    np.testing.assert_array_equal(pressures[:, 1:], [[7.0, 0.0]] * 3)
 
 
 def test_an_open_balloon_is_inflated_where_its_border_is_held_and_else_says_that_it_is_not():
@@ -163,15 +113,3 @@ def test_a_pressure_cannot_be_left_to_us_later():
     scene = Scene(balloon=[Balloon(mesh=cube(), inflation=Inflation(pressure=3.0))], change=late)
     with pytest.raises(InputError, match=r"change\.0\.set: balloon\.inflation\.pressure: must be a number or keyf"):
         plan_model(scene)
-
-
-@pytest.mark.parametrize("sections", [4, 40])
-def test_a_mesh_of_long_thin_faces_does_not_burst(sections: int):
-    """A cylinder whose sides go from end to end gets a pressure that its hoops bear."""
-    mesh = prism(sections)
-    mesh.points[:, 2] *= 4.0
-    simulator = Simulator(Scene(balloon=[Balloon(mesh=mesh, damping=1.0)], gravity=0.0, frames=120), "cpu")
-    *_, frame = simulator.run()
-    ring = frame.points[0][:sections].astype(np.float64)
-    girths = [np.linalg.norm(np.roll(r, 1, axis=0) - r, axis=1).sum() for r in (mesh.points[:sections], ring)]
-    assert 1.0 < girths[1] / girths[0] < 1.5

@@ -4,7 +4,6 @@ import json
 import re
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,7 +26,7 @@ from balloon_warp.designing.response import Response
 from balloon_warp.designing.smooth_step import SmoothAim, Smoothing, smooth_step
 from balloon_warp.designing.target import target_of
 from balloon_warp.designing.where import places_off
-from balloon_warp.mesh.crossings import NearPairs, crossings_of, find_crossings
+from balloon_warp.mesh.crossings import NearPairs, find_crossings
 from balloon_warp.mesh.geometry import triangulate
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.mesh.topology import mesh_edges
@@ -142,11 +141,6 @@ CROSSED = replace(BALL, points=BALL.points + (Z.max() * 0.6 < Z) * [0.1, 0.07, -
 """a ball whose top is pushed through its bottom"""
 
 
-def test_what_touches_itself_along_edges_does_not_cross():
-    squirrel = bw.load_mesh(Path(__file__).parent.parent / "scenes" / "squirrel.obj")
-    assert len(crossings_of(squirrel).edges) == 0
-
-
 @pytest.mark.parametrize(
     ("asked", "sentence"),
     [
@@ -155,7 +149,6 @@ def test_what_touches_itself_along_edges_does_not_cross():
         ({"target": FLAT}, "disk: is flat and encloses no volume"),
         ({"target": CROSSED}, r"crossed: crosses itself at \d+ places; expected a surface that does not"),
         ({"of": "foil"}, r"target: foil without panels needs letters or a drawing"),
-        ({"of": "steel"}, r"of: must be springs or latex or foil \(got 'steel'\)"),
         ({"hold": "none"}, r"hold: must be tension or any"),
         ({"stretch": 3.0}, r"stretch: must be from 1.02 to 2 for springs"),
         ({"stretch": float("nan")}, r"stretch: must be a number greater than 0"),

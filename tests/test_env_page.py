@@ -1,25 +1,19 @@
 """Page of an environment with `render_mode="human"`, without a browser: it is served, frames arrive, and it closes."""
 
-import contextlib
-import threading
 import urllib.error
 import urllib.request
-from collections.abc import Iterator
 from typing import Any
 from unittest.mock import Mock
 
 import gymnasium
 import numpy as np
 import pytest
-from strangers import CAMERA, PROTOCOL, say, wait_until
-from websockets.exceptions import ConnectionClosed
-from websockets.sync.client import connect
+from strangers import CAMERA, joined, say, wait_until
 
 from balloon_warp import InputError, MissingExtraError
 from balloon_warp.envs import make, make_vec
 from balloon_warp.envs.single_env import BalloonEnv
 from balloon_warp.viewer import view
-from balloon_warp.viewer.onlooker import Onlooker
 
 
 @pytest.fixture
@@ -28,25 +22,6 @@ def opened(monkeypatch) -> list[str]:
     addresses: list[str] = []
     monkeypatch.setattr("balloon_warp.viewer.onlooker.webbrowser.open", addresses.append)
     return addresses
-
-
-@contextlib.contextmanager
-def seen(page: Onlooker) -> Iterator[list[bytes]]:
-    """Look at a page without a browser, and yield the messages that arrive."""
-    arrived: list[bytes] = []
-    address = page.address.replace("http", "ws", 1)
-    with connect(address, subprotocols=[PROTOCOL], max_size=None, proxy=None, compression=None) as window:  # pyright: ignore
-
-        def read() -> None:
-            with contextlib.suppress(ConnectionClosed):
-                arrived.extend(window)  # pyright: ignore
-
-        reader = threading.Thread(target=read)
-        reader.start()
-        say(window, CAMERA)
-        wait_until(lambda: page.server.get_clients(), "a window")
-        yield arrived
-    reader.join()
 
 
 def test_a_page_shows_what_steps_and_closes_with_the_environment(opened: list[str], capsys):
@@ -60,7 +35,10 @@ def test_a_page_shows_what_steps_and_closes_with_the_environment(opened: list[st
         assert b"<html" in answer.read().lower()
     env.step(env.action_space.sample())  # nobody looks: nothing is drawn, and it is not slowed down
     before = page.layers._balloons[0].vertices.copy()
-    with seen(page) as arrived:
+    arrived: list[bytes] = []
+    with joined(page, arrived) as window:
+        say(window, CAMERA)
+        wait_until(lambda: page.server.get_clients(), "a window")
         for _ in range(3):
             there = len(arrived)
             env.step(env.action_space.sample())

@@ -51,6 +51,7 @@ def test_gymnasium_knows_all_tasks_and_makes_many_worlds_by_name():
     env = gymnasium.make_vec("BalloonWarp/Target-v0", num_envs=3, device="cpu", autoreset_mode="SameStep")
     assert isinstance(env, BalloonVectorEnv)
     assert env.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+    assert make_vec("Target", device="cpu").autoreset_mode is AutoresetMode.NEXT_STEP
     observations, info = env.reset(seed=1)
     assert observations in env.observation_space
     assert info == {}
@@ -307,10 +308,6 @@ def plain() -> tuple[list[Any], list[Any]]:
         seen.append(told[-1][0])
     assert told[3][3].all()
     return seen, told
-
-
-def test_the_mode_is_told_as_gymnasium_s_own_environments_tell_it():
-    assert make_vec("Target", device="cpu").autoreset_mode is AutoresetMode.NEXT_STEP
 
 
 @pytest.mark.parametrize("mode", ["SameStep", "Disabled"])

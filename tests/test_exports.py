@@ -5,7 +5,6 @@ import re
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
-from base64 import b64decode
 from pathlib import Path
 from pkgutil import resolve_name
 from unittest.mock import Mock
@@ -16,7 +15,7 @@ import numpy as np
 import pytest
 import trimesh
 import xarray
-from exported import BALL, FRAMES, RATE, STRING, points, scene
+from exported import BALL, FRAMES, RATE, STRING, UV, points, scene, turned
 from glb_files import Glb
 from motion import assert_valid
 from pxr import Usd, UsdGeom, UsdUtils
@@ -26,9 +25,6 @@ from test_resume import SCENE as RESUMED_SCENE
 from test_resume import press_ctrl_c, stop
 
 from balloon_warp import Balloon, InputError, MissingExtraError, PolygonMesh, animate, export_stage
-from balloon_warp.mesh.corners import edges_of
-from balloon_warp.mesh.geometry import signed_volume
-from balloon_warp.mesh.plain_shapes import capsule_faces, cylinder_faces
 from balloon_warp.outputs import hdf5_arrays
 from balloon_warp.outputs.exports import alembic, export, glb
 from balloon_warp.outputs.knot import AROUND, PROFILE
@@ -118,15 +114,17 @@ def test_no_kind_of_file_tells_where_it_was_made(name: str, written: Path, tmp_p
 @pytest.mark.full
 @pytest.mark.parametrize("kind", ["glb", "usdz", "usda"])
 def test_run_writes_what_convert_makes_of_its_stage(tmp_path, kind: str):
-    small = scene(frames=2)
+    small, names = scene(frames=2), [f"out.{kind}", "points.h5"]
     animate(small, tmp_path / "stage.usdc", device="cpu")
     (folder := tmp_path / "run").mkdir()
-    summary = animate(small, folder / f"out.{kind}", picture=folder / "out.png", device="cpu")
-    assert summary.output == str(folder / f"out.{kind}")
-    assert sorted(path.name for path in folder.iterdir()) == sorted([f"out.{kind}", "out.png"])
-    export_stage(tmp_path / "stage.usdc", tmp_path / f"out.{kind}")
-    if kind == "glb":
-        assert (tmp_path / "out.glb").read_bytes() == (folder / "out.glb").read_bytes()
+    output, points_file, picture = (folder / name for name in (*names, "out.png"))
+    summary = animate(small, output, picture=picture, save_points=points_file, device="cpu")
+    assert (summary.output, summary.points) == (str(output), str(points_file))
+    assert {path.name for path in folder.iterdir()} == {*names, "out.png"}
+    for name in names:
+        export_stage(tmp_path / "stage.usdc", tmp_path / name)
+        if name in ("out.glb", "points.h5"):  # the others say which command made them
+            assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
 
 
 @pytest.mark.full
@@ -199,21 +197,6 @@ def test_blender_writes_alembic_and_reads_it_back(written: Path, tmp_path):
     np.testing.assert_allclose(np.load(tmp_path / "ball.npy"), expected, atol=1e-5)
 
 
-@pytest.mark.parametrize("height", [0.0, 2.0])
-@pytest.mark.parametrize("axis", [0, 1, 2])
-def test_round_shapes_enclose_what_they_should(height: float, axis: int):
-    """A sphere of 16 rings of 32 loses 2 % of its volume at most: (pi/32)^2 / 3 around and as much along, twice."""
-    shapes = [(capsule_faces((0.5, 0.5), height, axis), np.pi * 0.25 * height + np.pi / 6.0, height + 1.0)]
-    if height:
-        cylinders = {(0.5, 0.5): 1.0 / 4.0, (0.0, 0.5): 1.0 / 12.0, (0.5, 0.25): 7.0 / 48.0}
-        shapes += [(cylinder_faces(ends, height, axis), np.pi * height * n, height) for ends, n in cylinders.items()]
-    for faces, exact, length in shapes:
-        assert 0.98 * exact < signed_volume(PolygonMesh(*faces)) < exact
-        assert np.ptp(faces.points, axis=0)[axis] == pytest.approx(length)
-        if height:
-            assert np.ptp(faces.points, axis=0).argmax() == axis
-
-
 def test_tubes_follow_their_curves():
     turn = np.linspace(0.0, np.pi, 200)
     curve = np.stack([np.cos(turn), np.sin(turn), np.zeros(200)], axis=1)
@@ -229,25 +212,95 @@ def test_tubes_follow_their_curves():
     assert PolygonMesh(places, counts, indices).face_count == len(counts)
 
 
+@pytest.mark.full
+def test_morph_targets_are_the_frames(written: Path, tmp_path):
+    """The weights of each keyframe give that frame's points; the root turns them so that Y is up."""
+    export_stage(written, tmp_path / "out.glb")
+    file = Glb(tmp_path / "out.glb")
+    root = file.nodes["World"]
+    stage = Usd.Stage.Open(str(written))
+    half = np.sqrt(0.5)
+    assert root.get("rotation") == (None if (turned(stage) == np.eye(3)).all() else pytest.approx([-half, 0, 0, half]))
+    for name in ("ball", "box"):
+        shapes = file.shapes(name)
+        times, _, _ = file.channels(name)["weights"]
+        np.testing.assert_allclose(times, np.arange(FRAMES + 1) / RATE, rtol=1e-6)
+        assert len(shapes) == FRAMES + 1
+        mesh = UsdGeom.Mesh(stage.GetPrimAtPath(f"/World/{name}"))
+        for frame, shape in enumerate(shapes):
+            expected = np.array(mesh.GetPointsAttr().Get(frame), np.float64)
+            # Vertices are split by their texture coordinates: as sets of points they are the same.
+            both = np.unique(np.round(shape, 5), axis=0), np.unique(np.round(expected, 5), axis=0)
+            distance = np.linalg.norm(shape[:, None] - expected, axis=-1).min(axis=1)
+            assert distance.max() < 1e-6  # a difference of two float32 near 3 is rounded by 1e-7
+            assert len(both[0]) == pytest.approx(len(both[1]), abs=3)
+        normals = file.shapes(name, "NORMAL")
+        np.testing.assert_allclose(np.linalg.norm(normals, axis=-1), 1.0, atol=1e-5)
+        outward = (normals * (shapes - shapes.mean(axis=1, keepdims=True))).sum(axis=-1)
+        assert (outward > 0.0).all()
+
+
+@pytest.mark.full
+def test_trimesh_reads_the_glb(written: Path, tmp_path):
+    """Trimesh reads the first frame without ground and water; objects that appear later have negligible size."""
+    export_stage(written, tmp_path / "out.glb")
+    found = trimesh.load(tmp_path / "out.glb", merge_primitives=True)
+    assert isinstance(found, trimesh.Scene)
+    assert set(found.geometry) == {"ball", "box", "Sphere_0", "Sphere_1", *STRING, "Obstacles_box"}
+    placed = {name: found.graph.get(name) for name in found.graph.nodes_geometry}
+    for name in ("ball", "box"):
+        transform, _ = placed[name]
+        here, expected = found.geometry[name].copy().apply_transform(transform), points(written, f"/World/{name}", 0)
+        np.testing.assert_allclose(here.bounds, [expected.min(axis=0), expected.max(axis=0)], atol=1e-5)
+        assert len(found.geometry[name].faces) == 2 * (54 if name == "ball" else 6)
+    color = found.geometry["box"].visual.material.baseColorFactor
+    np.testing.assert_allclose(color[:3], np.array([0.1, 0.2, 0.3]) * 255, atol=1.0)
+    assert found.geometry["ball"].visual.uv is not None
+    uv = np.unique(np.round(found.geometry["ball"].visual.uv, 5), axis=0)
+    np.testing.assert_allclose(uv, np.unique(np.round(UV, 5), axis=0), atol=2e-5)
+
+
+def test_what_is_rigid_moves_as_a_node(written: Path, tmp_path):
+    export_stage(written, tmp_path / "out.glb")
+    file, stage = Glb(tmp_path / "out.glb"), Usd.Stage.Open(str(written))
+    rigid = {"Sphere_0": "/World/Spheres/Sphere_0", "String_0_Knot": "/World/Strings/String_0_Knot"}
+    for name, path in (rigid | {"Obstacles_box": "/World/Obstacles/box"}).items():
+        prim = stage.GetPrimAtPath(path)
+        assert "targets" not in file.primitive(name)
+        moves = file.channels(name)
+        matrices = [np.array(UsdGeom.XformCache(frame).GetLocalToWorldTransform(prim)) for frame in range(FRAMES + 1)]
+        np.testing.assert_allclose(moves["translation"][1], [matrix[3, :3] for matrix in matrices], atol=1e-6)
+        if name == "Obstacles_box":
+            x, y, z, w = moves["rotation"][1].T
+            first = np.stack([1 - 2 * (y**2 + z**2), 2 * (x * y + z * w), 2 * (x * z - y * w)], axis=1)
+            expected = [matrix[0, :3] / np.linalg.norm(matrix[0, :3]) for matrix in matrices]
+            np.testing.assert_allclose(first, expected, atol=1e-6)
+            assert np.abs(first[-1] - first[0]).max() > 0.9
+    _, sizes, how = file.channels("Sphere_1")["scale"]
+    assert how == "STEP"
+    np.testing.assert_array_equal(sizes[:, 0], [0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0])
+    assert file.nodes["Sphere_1"]["scale"] == [0.0, 0.0, 0.0]
+
+
+def test_a_glb_is_bounded_and_says_so(written: Path, tmp_path, monkeypatch):
+    told: list[str] = []
+    export_stage(written, tmp_path / "all.glb", on_note=told.append)
+    assert "7 frames of" in told[0]
+    assert "MB" in told[0]
+    assert "room" not in told[0]
+    monkeypatch.setattr(glb, "MOST_TARGETS", 3)
+    export_stage(written, tmp_path / "few.glb", on_note=told.append)
+    assert "every 2nd of 7 frames, to fit into 3 morph targets" in told[1]
+    few = Glb(tmp_path / "few.glb")
+    assert len(few.primitive("box")["targets"]) == 3
+    np.testing.assert_allclose(few.shapes("box"), Glb(tmp_path / "all.glb").shapes("box")[::2], atol=1e-6)
+    monkeypatch.setattr(glb, "MOST_BYTES", 24 * 500)
+    with pytest.raises(InputError, match="moving vertices, too many for a"):
+        export_stage(written, tmp_path / "none.glb")
+    assert not (tmp_path / "none.glb").exists()
+
+
 PAGE = (Path(__file__).parent.parent / "docs" / "OUTPUTS.md").read_text(encoding="utf-8")
-TYPES = {"Float32": np.float32, "Int64": np.int64, "UInt8": np.uint8}
-
-
-def arrays(path: Path) -> dict[str, np.ndarray]:
-    """Return the arrays of a .vtu file, by VTK's description of the format."""
-    root = ElementTree.parse(path).getroot()
-    said = [root.get(name) for name in ("type", "header_type", "byte_order")]
-    assert said == ["UnstructuredGrid", "UInt64", "LittleEndian"]
-    found = {}
-    for array in root.iter("DataArray"):
-        data = b64decode(array.text or "")
-        assert int.from_bytes(data[:8], "little") == len(data) - 8
-        values = np.frombuffer(data[8:], TYPES[array.get("type", "")])
-        found[array.get("name") or array.get("Name", "")] = values.reshape(-1, int(array.get("NumberOfComponents", 1)))
-    piece = next(root.iter("Piece"))
-    assert int(piece.get("NumberOfPoints", 0)) == len(found["points"]) == len(found["velocity"])
-    assert int(piece.get("NumberOfCells", 0)) == len(found["types"]) == len(found["pressure"])
-    return found
 
 
 @pytest.mark.full
@@ -265,7 +318,8 @@ def test_h5py_reads_all_that_moved(written: Path, tmp_path):
             np.testing.assert_array_equal(ball["velocity"][frame], prim.GetVelocitiesAttr().Get(frame))
             assert ball["volume"][frame] == prim.GetPrim().GetAttribute("userProperties:volume").Get(frame)
         np.testing.assert_array_equal(ball["face_vertex_indices"], BALL.face_vertex_indices)
-        assert len(ball["edges"]) == len(BALL.points) + BALL.face_count - 2  # Euler's formula
+        edges = np.unique(np.sort(ball["edges"], axis=1), axis=0)
+        assert len(ball["edges"]) == len(edges) == len(BALL.points) + BALL.face_count - 2  # Euler's formula
         sphere = UsdGeom.XformCache(3.0).GetLocalToWorldTransform(stage.GetPrimAtPath("/World/Spheres/Sphere_0"))
         np.testing.assert_allclose(file["Sphere_0"]["pose"][3], np.array(sphere), rtol=1e-6)
 
@@ -320,50 +374,26 @@ def test_every_writer_is_there(place: str):
     assert callable(resolve_name(f"balloon_warp.outputs.exports.{place}"))
 
 
-def test_edges_are_the_sides_of_faces():
-    pairs = edges_of(BALL)
-    assert (pairs[:, 0] < pairs[:, 1]).all()
-    assert len(np.unique(pairs, axis=0)) == len(pairs) == 2 * BALL.face_count  # closed, of quads
-
-
 def test_a_grid_for_each_frame_and_a_list_of_their_times(written: Path, tmp_path):
     export_stage(written, tmp_path / "out.pvd")
     listed = list(ElementTree.parse(tmp_path / "out.pvd").getroot().iter("DataSet"))
     assert [entry.get("file") for entry in listed] == [f"out.{frame:04d}.vtu" for frame in range(FRAMES + 1)]
     np.testing.assert_allclose([float(entry.get("timestep", -1)) for entry in listed], np.arange(FRAMES + 1) / RATE)
-    stage = Usd.Stage.Open(str(written))
-    fastest = 0.0
+    stage, count, fastest = Usd.Stage.Open(str(written)), BALL.face_count, 0.0
     for frame, entry in enumerate(listed):
-        grid = arrays(tmp_path / str(entry.get("file")))
-        ball = grid["points"][: len(BALL.points)]
-        np.testing.assert_allclose(ball, points(written, "/World/ball", frame), atol=1e-6)
-        corners = grid["connectivity"][: len(BALL.face_vertex_indices), 0]
-        np.testing.assert_array_equal(corners, BALL.face_vertex_indices)
-        np.testing.assert_array_equal(grid["offsets"][: BALL.face_count, 0], np.cumsum(BALL.face_vertex_counts))
-        assert set(grid["types"][:, 0].tolist()) == {9}
-        assert grid["connectivity"].max() == len(grid["points"]) - 1
-        pressure = stage.GetPrimAtPath("/World/ball").GetAttribute("userProperties:pressure").Get(frame)
-        np.testing.assert_allclose(grid["pressure"][: BALL.face_count], pressure, rtol=1e-6)
-        assert len(np.unique(grid["part"])) == 6 + (frame >= 2)
-        fastest = max(fastest, float(np.abs(grid["velocity"]).max()))
+        grid = meshio.read(tmp_path / str(entry.get("file")))
+        ball = points(written, "/World/ball", frame)
+        np.testing.assert_allclose(grid.points[: len(BALL.points)], ball, atol=1e-6)
+        [quads] = grid.cells
+        assert quads.type == "quad"
+        np.testing.assert_array_equal(quads.data[:count], BALL.face_vertex_indices.reshape(-1, 4))
+        assert quads.data.max() == len(grid.points) - 1
+        pressure, part = (grid.cell_data[name][0] for name in ("pressure", "part"))
+        told = stage.GetPrimAtPath("/World/ball").GetAttribute("userProperties:pressure").Get(frame)
+        np.testing.assert_allclose(pressure[:count], told, rtol=1e-6)
+        assert len(np.unique(part)) == 6 + (frame >= 2)
+        fastest = max(fastest, float(np.abs(grid.point_data["velocity"]).max()))
     assert fastest > 0.0
-
-
-def test_meshio_reads_the_grids(written: Path, tmp_path):
-    export_stage(written, tmp_path / "out.pvd")
-    found = meshio.read(tmp_path / "out.0003.vtu")
-    np.testing.assert_allclose(found.points[: len(BALL.points)], points(written, "/World/ball", 3), atol=1e-6)
-    assert [cells.type for cells in found.cells] == ["quad"]
-    assert set(found.cell_data) == {"part", "pressure"}
-
-
-@pytest.mark.full
-def test_points_are_saved_beside_the_stage(tmp_path):
-    small = scene(frames=2)
-    summary = animate(small, tmp_path / "out.usdc", save_points=tmp_path / "points.h5", device="cpu")
-    assert summary.points == str(tmp_path / "points.h5")
-    export_stage(tmp_path / "out.usdc", tmp_path / "same.h5")
-    assert (tmp_path / "same.h5").read_bytes() == (tmp_path / "points.h5").read_bytes()
 
 
 def test_mistakes_of_points_are_told_before_any_work(written: Path, tmp_path, monkeypatch):

@@ -39,13 +39,6 @@ def test_a_list_of_those_that_leave_obstacles_changes_nothing(changed, is_told, 
     np.testing.assert_equal(found, expected)
 
 
-@pytest.mark.full
-def test_particles_on_a_table_that_are_put_off_do_the_same(monkeypatch):
-    at_once = arrays(after_frames(load_scene("table"), "gather", "cpu", 8, worlds=2))
-    monkeypatch.setattr("balloon_warp.schedules.gather.has_many", lambda model: True)
-    np.testing.assert_equal(arrays(after_frames(load_scene("table"), "gather", "cpu", 8, worlds=2)), at_once)
-
-
 @pytest.mark.parametrize(("name", "taken"), [("knot", "gather"), ("balloon_bunch", "block")])
 def test_auto_takes_what_is_faster_for_many_worlds_that_touch(name: str, taken: str, gpu: wp.Device):
     """The automatic schedule of a crowded batch is the faster one by benchmarks/RESULTS.md."""

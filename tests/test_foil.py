@@ -2,7 +2,6 @@
 
 import re
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -234,26 +233,6 @@ def test_a_drawing_stands_upright(tmp_path: Path):
     assert np.ptp(low[:, 0]) > 2.5 * np.ptp(high[:, 0])
 
 
-@pytest.mark.full
-def test_a_round_one_swells_to_nearly_what_foil_would(tmp_path: Path):
-    """Two discs of radius a that bend freely and do not stretch inflate to a volume of 1.2185 a^3, a thickness of
-    0.9139 a and a radius of 0.7627 a (Paulsen 1994). Springs resist where foil wrinkles finer than their length, so the
-    tolerance is a tenth."""
-    radius = 0.25
-    flat = foil_mesh(drawing(tmp_path, '<circle r="50"/>'), height=2.0 * radius, edge=0.0125)
-    stiffness = bw.Stiffness(structural=1000.0, shear=500.0, flexion=0.0)
-    inflation = bw.Inflation(pressure=[(0.0, 0.0), (0.5, 50.0)])
-    balloon = bw.Balloon(mesh=flat, mass=0.05, damping=0.2, stiffness=stiffness, inflation=inflation)
-    *_, frame = bw.Simulator(bw.Scene(balloon=[balloon], gravity=0.0, frames=90), "cpu").run()
-    full = replace(flat, points=frame.points[0].astype(np.float64))
-    assert signed_volume(flat) < 0.03 * signed_volume(full)
-    assert signed_volume(full) == pytest.approx(1.2185 * radius**3, rel=0.1)
-    assert np.ptp(full.points[:, 2]) == pytest.approx(0.9139 * radius, rel=0.1)
-    rim = full.points[flat.points[:, 2] == 0.0] - full.points.mean(axis=0)
-    assert np.linalg.norm(rim, axis=1).mean() == pytest.approx(0.7627 * radius, rel=0.1)
-    assert np.abs(rim[:, 2]).max() < 0.15 * radius  # it stays in its plane, but for wrinkles
-
-
 def test_an_edge_that_is_asked_for_is_about_that_long():
     for edge in (0.01, 0.02):
         assert np.median(lengths_of(foil_mesh("T", edge=edge))) == pytest.approx(edge, rel=0.25)
@@ -315,5 +294,3 @@ def test_the_command_writes_all_or_each(tmp_path: Path, monkeypatch: pytest.Monk
     done = CliRunner().invoke(app, ["foil", "Hi", "-o", "hi.obj", "--apart"])
     assert [line.split(":")[0] for line in done.output.splitlines()] == [f"wrote hi_{part}.obj" for part in (1, 2)]
     assert is_closed_surface(read_obj("hi_2.obj"))
-    done = CliRunner().invoke(app, ["foil", "Hi", "-o", "hi.stl"])
-    assert (done.exit_code, str(done.exception)) == (1, "hi.stl: cannot write .stl; expected .obj, .toml")

@@ -18,7 +18,7 @@ from gradient_losses import (
     slope_of,
     value_at,
 )
-from gradient_scenes import CASES, HELD, OF_MEETING, OF_RUBBING, PLANE, SLAB, N, meeting, scene
+from gradient_scenes import CASES, HELD, OF_MEETING, OF_RUBBING, PLANE, SLAB, meeting, scene
 from reference_runs import run
 
 import balloon_warp as bw
@@ -27,7 +27,6 @@ from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.model import Model, lay_out, plan_model
 from balloon_warp.schedules import backward_block
 from balloon_warp.schedules.features import model_features
-from balloon_warp.trajectories import Trajectories
 
 BY_DEFAULT = ("pressure", "gas on the ground")
 """Cases that run by launches without `--full`"""
@@ -152,24 +151,6 @@ def test_slack_rubber_leaves_no_trace_in_worlds_beside_it():
         np.testing.assert_array_equal(mixed[world], points(np.full(3, pressure))[0])
     sizes = np.ptp(mixed[:, -1], axis=1).min(axis=-1) / np.ptp(mixed[:, 0], axis=1).min(axis=-1)
     assert sizes[0] > 1.5 > 1.02 > sizes[1]
-
-
-def center(moved: Trajectories) -> tuple[Any, dict[str, Any]]:
-    """Return the loss of a ball's final place along x."""
-    slopes = np.zeros(moved.points[0].shape)
-    slopes[..., -1, :, 0] = 1.0 / N
-    return moved.points[0][..., -1, :, 0].mean(axis=-1), {"points": [slopes]}
-
-
-@pytest.mark.full
-def test_the_center_of_what_flies_goes_on_as_it_began():
-    """Internal forces do not move the center of a free balloon: only damping slows it."""
-    of = ["balloon.velocity.0", "balloon.position.0"]
-    found = bw.gradient(CASES["frames"].scene, of=of, loss=center, device="cpu").gradients
-    step, kept = 1.0 / 60.0 / 32.0, 1.0 / (1.0 + 0.05 / 0.05 / 60.0 / 32.0)
-    way = step * sum(kept**number for number in range(1, 4 * 32 + 1))
-    assert found["balloon.velocity.0"][0] == pytest.approx(way, rel=1e-5)
-    assert found["balloon.position.0"][0] == pytest.approx(1.0, rel=1e-5)
 
 
 @pytest.mark.full

@@ -93,6 +93,8 @@ REFUSED: dict[str, tuple[bw.Scene, dict[str, Any], str]] = {
     "the way of what faces meet": (FACES_MEET_IT, {"of": ["obstacle.0.motion.1.1.0"]}, "cannot be derived by yet"),
     "friction where a sphere meets faces": (exchange(BETWEEN_CORNERS, 1.75, faces=True), {"of": ["sphere.1.friction"]},
                                             "sphere.1.friction: cannot be derived by yet"),
+    "ground far below": (scene(ground=True, position=(0.0, 9.0, 0.0)), {"of": CASES["ground"].paths},
+                         "ground.height: no path leads from it to the loss"),
     "no list of parts": (scene(), {"each": "rest_lengths"}, "each: must be a list of texts"),
     "unknown parts": (scene(), {"each": ["lengths"]}, "each: expected some of rest_lengths, spring_constants"),
     "no springs": (scene(material={"kind": "mooney_rivlin"}), {"each": LENGTHS}, "the scene has no springs"),
@@ -129,12 +131,6 @@ def test_a_balloon_that_the_loss_knows_nothing_of_has_no_slopes():
     assert found.by_points[0].shape == found.by_points[1].shape == (26, 3)
     assert not found.by_points[0].any()
     assert found.by_points[1].any()
-
-
-@pytest.mark.full
-def test_what_has_no_effect_as_ground_far_below_is_refused():
-    with pytest.raises(bw.InputError, match=r"ground\.height: no path leads from it to the loss"):
-        bw.gradient(scene(ground=True, position=(0.0, 9.0, 0.0)), of=CASES["ground"].paths, loss=far, device="cpu")
 
 
 @pytest.mark.full

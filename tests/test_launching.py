@@ -1,16 +1,19 @@
-"""Compilation of kernels in background threads, whose errors reach the launching thread; and precompiled headers that
-processes share."""
+"""Work that begins ahead, in threads: compilation of kernels, whose errors reach the launching thread, and the start of
+a GPU's driver, only where a GPU is wanted; and precompiled headers that processes share."""
 
 import os
 import subprocess
 import sys
+import threading
+from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 import warp as wp
 
-from balloon_warp import launching
+from balloon_warp import driver, launching
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.launching import begin_loading, launch
 
@@ -47,6 +50,8 @@ def test_a_kernel_that_does_not_compile_is_told_at_each_launch():
 
 COMPILE_THREE = """
 import sys
+import threading
+from collections.abc import Iterator
 from pathlib import Path
 import warp as wp
 wp.config.optimization_level = 0
@@ -84,3 +89,45 @@ def test_a_process_finds_the_headers_that_another_has_compiled(tmp_path: Path):
     assert shared.stat().st_size == whole
     assert told(5.0) == "found"
     assert [path.name for path in shared.parent.iterdir()] == [shared.name]
+
+
+@pytest.fixture
+def of_two(monkeypatch: pytest.MonkeyPatch) -> Iterator[SimpleNamespace]:
+    """Yield the stand-in driver of a machine with two GPUs."""
+    two = SimpleNamespace(begun=[])
+
+    def get(device: Any, number: int) -> int:
+        device._obj.value = number
+        return 0 if number < 2 else 101
+
+    two.cuInit, two.cuDeviceGet = lambda _: 0, get
+    two.cuDevicePrimaryCtxRetain = lambda _, device: two.begun.append(device.value)
+    monkeypatch.setattr(driver.ctypes, "CDLL", lambda _: two)
+    driver._begin.cache_clear()
+    yield two
+    driver._begin.cache_clear()
+
+
+def begin_driver(device: str | None) -> None:
+    """Start the driver and wait until it has begun."""
+    driver.begin_driver(device)
+    for thread in threading.enumerate():
+        if thread.name == "driver":
+            thread.join()
+
+
+WANTED = {None: [0], "cuda": [0], "cuda:0": [0], "cuda:1": [1], "cpu": [], "cuda:2": [], "cuda:x": [], "gpu": []}
+
+
+@pytest.mark.parametrize(("device", "numbers"), WANTED.items())
+def test_the_gpu_that_is_wanted_and_there_begins_once(of_two: SimpleNamespace, device: str | None, numbers: list[int]):
+    for name in (device, *(f"cuda:{number}" for number in numbers)):
+        begin_driver(name)
+    assert of_two.begun == numbers
+
+
+def test_a_machine_without_a_driver_is_left_alone(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(driver, "LIBRARY", "libnothing.so")
+    driver._begin.cache_clear()
+    begin_driver(None)
+    driver._begin.cache_clear()

@@ -172,17 +172,11 @@ def test_what_a_mesh_names_is_found_beside_the_link_or_the_file(linked: str, tmp
     assert looks.materials[0].color == (1.0, 0.0, 0.0)
 
 
-def test_a_mesh_behind_a_link_in_a_circle_is_one_sentence_and_none_is_written_over(tmp_path: Path):
-    (tmp_path / "loop.obj").symlink_to("loop.obj")
+def test_no_mesh_is_written_over_through_a_link(tmp_path: Path):
     (tmp_path / "link.obj").symlink_to("box.obj")
     write_obj(tmp_path / "box.obj", cube())
-    swapped = load_scene(tmp_path / "box.obj", {"balloon.mesh": str(tmp_path / "loop.obj")})
-    loop = r"loop\.obj: no such file; it is a broken link to "
-    with pytest.raises(InputError, match=loop):
-        animate(swapped, tmp_path / "out.usdc", device="cpu")
-    for mesh, output, sentence in (("loop", "out", loop), ("box", "link", r"link\.obj: is the input mesh")):
-        with pytest.raises(InputError, match=sentence):
-            app(["remesh", f"{tmp_path}/{mesh}.obj", "-o", f"{tmp_path}/{output}.obj"], standalone_mode=False)
+    with pytest.raises(InputError, match=r"link\.obj: is the input mesh"):
+        app(["remesh", f"{tmp_path}/box.obj", "-o", f"{tmp_path}/link.obj"], standalone_mode=False)
 
 
 @pytest.mark.parametrize("kind", ["circle", "dangling"])
@@ -192,6 +186,10 @@ def test_a_link_that_leads_nowhere_is_one_sentence_as_an_input(kind: str, stage:
     for name in ("mesh.obj", "scene.toml"):
         with pytest.raises(InputError, match=f"{name}: no such .*; it is a broken link to .*{name}$"):
             load_scene(tmp_path / name)
+    write_obj(tmp_path / "box.obj", cube())
+    swapped = load_scene(tmp_path / "box.obj", {"balloon.mesh": str(tmp_path / "mesh.obj")})
+    with pytest.raises(InputError, match=r"mesh\.obj: no such file; it is a broken link to "):
+        animate(swapped, tmp_path / "out.usdc", device="cpu")
     with pytest.raises(InputError, match=r"stage\.usdc: no such .*; it is a broken link to "):
         WRITERS["render"](tmp_path / "stage.usdc", tmp_path / "out.png")
     (tmp_path / "link.usdc").symlink_to(stage)  # one that leads to a stage is drawn and converted

@@ -8,7 +8,6 @@ import io
 import json
 import shutil
 import struct
-import zipfile
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +17,7 @@ import painted
 import pytest
 import trimesh
 from motion import assert_valid
-from painted import CORNERS, QUADS, SIDES, atlas, color_in, linear, places, seen_sides, write_obj_cube, write_painted
+from painted import CORNERS, QUADS, SIDES, atlas, linear, places, seen_sides, write_obj_cube, write_painted
 from PIL import Image
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
 
@@ -41,14 +40,6 @@ def assert_painted(mesh: PolygonMesh) -> None:
         assert color == SIDES[side]
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_an_image_lies_on_each_side_as_its_file_says(kind: str, tmp_path):
-    mesh = load_mesh(write_painted(tmp_path, kind))
-    assert_painted(mesh)
-    assert mesh.warnings == ()
-    assert mesh.looks.materials[0].picture.data[:4] == b"\x89PNG"
-
-
 def torn_up(mesh: PolygonMesh) -> PolygonMesh:
     """Return a mesh of loose faces in another order, one reversed, one duplicated and one of zero area."""
     corners = mesh.face_vertex_indices.reshape(mesh.face_count, -1)
@@ -68,10 +59,14 @@ def torn_up(mesh: PolygonMesh) -> PolygonMesh:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_seams_and_turned_faces_keep_their_places_in_the_image(kind: str, tmp_path):
-    mesh = prepared(torn_up(load_mesh(write_painted(tmp_path, kind))), "cube", Treatment())
-    assert_painted(mesh)
-    assert len(np.unique(mesh.face_vertex_indices)) == 8
+def test_an_image_lies_on_each_side_as_its_file_says_whatever_its_faces_are_like(kind: str, tmp_path):
+    whole = load_mesh(write_painted(tmp_path, kind))
+    assert_painted(whole)
+    assert whole.warnings == ()
+    assert whole.looks.materials[0].picture.data[:4] == b"\x89PNG"
+    mended = prepared(torn_up(whole), "cube", Treatment())
+    assert_painted(mended)
+    assert len(np.unique(mended.face_vertex_indices)) == 8
 
 
 def test_a_lid_has_the_material_of_what_is_around_it(tmp_path):
@@ -140,11 +135,8 @@ def test_an_image_without_places_gives_its_mean_color_and_is_named(kind: str, tm
     np.testing.assert_allclose(look.color, ATLAS_MEAN, atol=0.02)
     (sentence,) = mesh.warnings
     assert "has no coordinates on the mesh; its mean color is taken" in sentence
-
-
-def test_pictures_and_exports_have_the_mean_color_of_an_image_without_places(tmp_path):
-    animation = Animation(without_places(write_painted(tmp_path, "usda")))
-    np.testing.assert_allclose(animation.parts[0].color, ATLAS_MEAN, atol=0.02)
+    if kind == "usda":  # which pictures and exports read, too
+        np.testing.assert_allclose(Animation(tmp_path / "cube.usda").parts[0].color, ATLAS_MEAN, atol=0.02)
 
 
 def test_the_only_texture_coordinates_of_a_mesh_count_whatever_their_name(tmp_path):
@@ -373,31 +365,17 @@ def test_pictures_show_each_side_in_its_color(kind: str, tmp_path):
         assert seen[color > 150].min() > 1.5 * seen[color < 80].max()
 
 
-def test_a_glb_has_the_image_and_where_it_lies(tmp_path):
+@pytest.mark.parametrize(("suffix", "images"), [("glb", 0), ("usdz", 0), ("usda", 1)])
+def test_what_a_stage_is_converted_to_has_the_image(suffix: str, images: int, tmp_path):
+    """The image is in the file or beside it, and is needed nowhere else."""
     stage = written(write_painted(tmp_path, "obj"))
-    export_stage(stage, tmp_path / "out.glb")
-    [cube] = trimesh.load(tmp_path / "out.glb", process=False).geometry.values()
-    for face, normal in zip(cube.faces, cube.face_normals, strict=True):
-        side = 2 * int(np.abs(normal).argmax()) + int(normal.sum() > 0.0)
-        assert color_in(cube.visual.material.baseColorTexture, cube.visual.uv[face].mean(axis=0)) == SIDES[side]
-    assert_painted(load_mesh(tmp_path / "out.glb"))
-
-
-def test_a_package_has_its_image_in_it(tmp_path):
-    export_stage(written(write_painted(tmp_path, "glb")), tmp_path / "cube.usdz")
-    assert sum(name.endswith(".png") for name in zipfile.ZipFile(tmp_path / "cube.usdz").namelist()) == 1
-    (tmp_path / "alone").mkdir()
-    assert_painted(load_mesh((tmp_path / "cube.usdz").rename(tmp_path / "alone/cube.usdz")))
-
-
-def test_a_stage_made_of_another_has_its_image_beside_it(tmp_path):
-    stage = written(write_painted(tmp_path, "obj"))
-    (tmp_path / "there").mkdir()
-    export_stage(stage, tmp_path / "there/other.usda")
-    shutil.rmtree(stage.parent)
-    shutil.rmtree(tmp_path / "images")
-    assert_painted(load_mesh(tmp_path / "there/other.usda"))
-    assert list((tmp_path / "there").rglob("*.png")) == list((tmp_path / "there/textures").iterdir())
+    export_stage(stage, stage.parent / f"other.{suffix}")
+    stage.unlink()
+    if not images:
+        shutil.rmtree(stage.parent / "textures")
+    other = moved(stage.with_name(f"other.{suffix}"))
+    assert len(list(other.parent.rglob("*.png"))) == images
+    assert_painted(load_mesh(other))
 
 
 def test_several_materials_are_subsets_that_share_out_the_faces(tmp_path):
