@@ -56,8 +56,8 @@ def test_momentum_and_angular_momentum_of_both_stay(device: str):
     pulls = after_each(simulator, 100, pulls_of)
     assert np.ptp(pulls) > 1.0  # it is taut and slack by turns
     assert np.linalg.norm(body_state(simulator, "momenta")) > 0.01
-    for one, other, size in zip(before, whole(simulator), (0.6, 0.6), strict=True):
-        np.testing.assert_allclose(one, other, atol=40.0 * EPSILON * size)
+    for one, other in zip(before[:2], whole(simulator)[:2], strict=True):
+        np.testing.assert_allclose(one, other, atol=40.0 * EPSILON * 0.6)
 
 
 def test_anchors_are_told_in_the_axes_of_the_body_from_its_position(device: str):
