@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from played import played, shape_at, stretches
 
-from balloon_warp import Simulator, load_scene
 from balloon_warp.mesh.geometry import signed_volume
 
 
@@ -143,16 +142,3 @@ def test_squirrel_tether_turns_from_upright_to_upside_down():
     assert np.linalg.norm(held - string.anchor) > string.length
     assert held[1] < points[:, 1].min() + 0.1
     assert points[:, 1].mean() > held[1] + 0.5
-
-
-def test_a_taut_string_pulls_alike_in_eight_worlds_and_in_one():
-    """Strings pull alike in `lanes`, which checks eight worlds at once, and in `octets`."""
-    scene = load_scene("squirrel_tether", [("string.0.length", 0.01)])
-    alone, one_of_two = (Simulator(scene, "cpu", count, schedule=name) for count, name in ((1, "octets"), (2, "lanes")))
-    held = int(alone.model.string_particle.numpy()[0])
-    start = alone.state.points.numpy()[0, held].copy()
-    for simulator in (alone, one_of_two):
-        simulator.advance()
-    moved = alone.state.points.numpy()[0, held] - start
-    assert np.linalg.norm(moved) > 1e-3
-    np.testing.assert_allclose(one_of_two.state.points.numpy()[1, held] - start, moved, atol=1e-5)

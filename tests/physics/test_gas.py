@@ -357,12 +357,6 @@ def test_the_default_is_damped_as_by_backward_euler():
     np.testing.assert_allclose(parts[1] / parts[0], 1.01 ** (-0.5 * 63), rtol=0.02)
 
 
-def test_the_undamped_frequency_is_right_to_second_order():
-    """The error of the phase omega h - 2 atan(omega h / 2) is (omega h)^3 / 12: the frequency's is of second order."""
-    errors = np.array([phase / phase_of(swing(0.0, phase, 4)) - 1.0 for phase in (0.8, 0.4, 0.2)])
-    np.testing.assert_allclose(errors[:-1] / errors[1:], 4.0, rtol=0.15)
-
-
 def test_its_damping_may_change_while_it_runs():
     gases = {"molar_mass": 0.0}, {"molar_mass": 0.0, "breathing_damping": 0.0}
     simulator, undamped = (
