@@ -172,24 +172,31 @@ def scene_file(folder: Path, *inflations: str) -> Path:
     return path
 
 
-@pytest.mark.parametrize("kind", ["", "kind = 'normal_force'\n"])
-@pytest.mark.parametrize("overrides", list(itertools.permutations(GAS)))
-def test_the_old_kinds_fields_go_in_any_order(tmp_path: Path, kind: str, overrides: list):
-    scene = load_scene(scene_file(tmp_path, f"{kind}k_normal = [[0, 1], [1, 2]]"), overrides)
-    assert scene.balloon[0].inflation == Inflation(kind="gas", amount=2.0)
-    assert scene.gravity == 3.0
+OLD, NEW = Inflation(k_normal=3.0), Inflation(kind="pressure", pressure=9.0)
 
 
-def test_only_the_balloon_that_is_named_changes(tmp_path: Path):
-    path = scene_file(tmp_path, "k_normal = 3", "k_normal = 3")
-    changed = load_scene(path, {"balloon.1.inflation.pressure": 9.0, "balloon.1.inflation.kind": "pressure"})
-    assert changed.balloon[0] == load_scene(path).balloon[0]
-    assert changed.balloon[1].inflation == Inflation(kind="pressure", pressure=9.0)
-
-
-def test_a_field_of_one_kind_asks_for_it_where_the_file_names_none(tmp_path: Path):
-    scene = load_scene(scene_file(tmp_path, "k_normal = 3"), {"balloon.inflation.pressure": 9.0})
-    assert scene.balloon[0].inflation == Inflation(kind="pressure", pressure=9.0)
+@pytest.mark.parametrize(
+    ("inflations", "overrides", "expected"),
+    [
+        *(
+            ([f"{kind}k_normal = [[0, 1], [1, 2]]"], overrides, [Inflation(kind="gas", amount=2.0)])
+            for kind in ("", "kind = 'normal_force'\n")
+            for overrides in itertools.permutations(GAS)
+        ),
+        (["k_normal = 3"], [("balloon.inflation.pressure", 9.0)], [NEW]),
+        (
+            ["k_normal = 3", "k_normal = 3"],
+            [("balloon.1.inflation.pressure", 9.0), ("balloon.1.inflation.kind", "pressure")],
+            [OLD, NEW],
+        ),
+    ],
+)
+def test_another_kind_takes_the_place_of_the_old_one_in_any_order_where_it_is_named(
+    inflations: list[str], overrides: list, expected: list[Inflation], tmp_path: Path
+):
+    scene = load_scene(scene_file(tmp_path, *inflations), overrides)
+    assert [balloon.inflation for balloon in scene.balloon] == expected
+    assert scene.gravity == dict(overrides).get("gravity", 9.81)
 
 
 @pytest.mark.parametrize(

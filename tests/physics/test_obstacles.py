@@ -369,18 +369,6 @@ def test_a_box_is_as_its_mesh_is(device: str):
     assert found[0][:, 1].mean() > 0.6  # it fell by 0.8 m otherwise
 
 
-def test_contact_gives_no_energy(device: str):
-    """The energy grows by no more than the swing of symplectic Euler's, some per mille."""
-    ball = Balloon(mesh=quad_sphere(4, 0.5), velocity=(4.0, -1.0, 0.0), damping=0.0, inflation={"k_normal": 0.0})
-    wall = Obstacle(size=(0.5, 4.0, 4.0), position=(1.2, 0.0, 0.0), rotation=(0.0, 0.0, 10.0))
-    for friction in (0.0, 0.8):
-        scene = Scene(balloon=[ball], obstacle=[wall.model_copy(update={"friction": friction})], gravity=0.0, frames=60)
-        frames = list(Simulator(scene, device).run())
-        energies = [0.5 * (frame.velocities[0] ** 2).sum() / len(frame.velocities[0]) for frame in frames]
-        assert max(energies) <= energies[0] * 1.002
-        assert energies[-1] < 0.95 * energies[0]
-
-
 @pytest.mark.parametrize("friction", [0.0, 0.5])
 def test_a_ball_goes_over_an_edge_without_a_kick(friction: float, device: str):
     """A ball rolls off a tilted table: in no frame its motion and height gain more than its inflation can store, p V. A
