@@ -394,13 +394,6 @@ def test_ratio_and_overlaps_are_of_the_same_run(monkeypatch):
     assert result.peer_overlap == pytest.approx(0.1, abs=0.02)  # a vertex of the mesh is not quite the deepest
 
 
-def test_both_peers_are_cases_of_a_processor():
-    crowds = [case for case in CPU_CASES if isinstance(case, CrowdCase)]
-    assert [case.peer for case in crowds] == ["newton", "blender"]
-    assert replace(crowds[0], peer="blender") == crowds[1]
-    assert build_model(crowds[0].scene(), "cpu").particle_count == 8 * 386
-
-
 def test_newton_gives_the_same_gradient():
     """Derivatives through the same springs agree to 1e-3 of the largest: both are float32, over 32 substeps."""
     pytest.importorskip("newton")

@@ -11,7 +11,6 @@ from balloon_warp.schedules.choose import schedule_named
 from balloon_warp.schedules.gather import GatherSchedule
 from balloon_warp.schedules.touch_table import triangles_of
 
-EPSILON = float(np.finfo(np.float32).eps)
 RADIUS = 0.5
 
 

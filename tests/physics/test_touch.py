@@ -38,8 +38,6 @@ from balloon_warp.simulator import Simulator
 
 pytestmark = pytest.mark.physics
 
-EPSILON = float(np.finfo(np.float32).eps)
-
 
 @pytest.mark.parametrize("name", ["touch", "faces", "spheres", "obstacles", "bodies"])
 def test_worlds_in_contact_are_as_each_alone(name: str, device: str):

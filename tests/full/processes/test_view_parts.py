@@ -151,7 +151,7 @@ def goes_on(session: Session, frames: int = 2) -> None:
 OUT_OF_BOUNDS = np.array([0.0, 1e13, 0.0])
 WRONG: dict[str, tuple[Callable[[Session], None], str]] = {
     **{
-        str(value): (lambda session, value=value: session.set("balloon.mass", value), r"balloon\.mass: must be ")
+        str(value): (lambda session, value=value: session.set("balloon.mass", value), r"balloon\.0\.mass: must be ")
         for value in ("wide", None, float("nan"), float("inf"), [1, 2], {"a": 1}, -1.0)
     },
     "a sphere that is too fast": (
