@@ -24,12 +24,6 @@ def started(device: str, *bodies: Body, schedule: str = "gather", **fields: Any)
     return Simulator(scene_of(*bodies, **fields), device, schedule=schedule)
 
 
-def after(simulator: Simulator, frames: int) -> Simulator:
-    for _ in range(frames):
-        simulator.step_unread()
-    return simulator
-
-
 def body_state(simulator: Simulator, name: str, world: int = 0) -> NDArray[np.float64]:
     """Return a state of the bodies of a world, shape (body_count, 3 or 4)."""
     return getattr(simulator.state, f"body_{name}").numpy()[world].astype(float)

@@ -17,7 +17,6 @@ from pxr import Usd, UsdGeom, UsdPhysics, UsdValidation
 from rigid import (
     EPSILON,
     SPACE,
-    after,
     body_energy,
     body_masses,
     body_state,
@@ -28,6 +27,7 @@ from rigid import (
 )
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
+from trajectories import stepped
 
 from balloon_warp import run_batch
 from balloon_warp.errors import InputError
@@ -303,7 +303,7 @@ def test_a_box_that_falls_comes_to_rest_on_its_side(floor, device):
     below = (
         {"ground": Ground()} if floor == "ground" else {"obstacle": [Obstacle(size=(9, 1, 9), position=(0, -0.5, 0))]}
     )
-    simulator = after(started(device, box, gravity=9.8, **below), 300)
+    simulator = stepped(started(device, box, gravity=9.8, **below), 300)
     height = body_state(simulator, "positions")[0, 1]
     assert min(abs(height - half) for half in (0.1, 0.15, 0.2)) < 2e-3
     assert np.abs(body_state(simulator, "velocities")).max() < 0.01
@@ -317,7 +317,7 @@ def test_friction_stops_what_slides_on_a_body(device):
     for friction in (0.0, 0.1, 5.0):
         plate = Body(size=(4.0, 0.2, 4.0), position=(0, -0.7, 0), mass=1e4, friction=friction)
         ball = Balloon(mesh=quad_sphere(4, 0.5), mass=0.2, damping=0.0, velocity=(2.0, -1.0, 0.0))
-        simulator = after(started(device, plate, balloon=[ball], **SPACE, substeps=40), 60)
+        simulator = stepped(started(device, plate, balloon=[ball], **SPACE, substeps=40), 60)
         lost = 0.4 - momentum(simulator)[0]
         gained = momentum(simulator)[1] + 0.2
         assert gained > 0.2
@@ -331,7 +331,7 @@ def test_a_body_shot_at_a_balloon_does_not_go_through_particles(device):
     plate = Body(size=(2.0, 0.02, 2.0), position=(0, 3.0, 0), mass=50.0, velocity=(0, -80.0, 0))
     ball = Balloon(mesh=quad_sphere(4, 0.5), mass=0.2, inflation=Inflation(pressure=0.0))
     simulator = started(device, plate, balloon=[ball], **SPACE, frames_per_second=60.0, substeps=6)
-    after(simulator, 6)
+    stepped(simulator, 6)
     below = body_state(simulator, "positions")[0, 1]
     assert motion(simulator)[0][:, 1].max() < below
 
@@ -409,7 +409,7 @@ def test_a_disturbance_of_what_is_heavy_on_what_is_light_does_not_grow(
         started(device, *cubes, gravity=9.81, substeps=substeps, frames_per_second=60.0, obstacle=[floor])
         for _ in range(2)
     )
-    assert (np.array(moved(after(later, round(60.0 * seconds)), after(begun, 60))) < STILL).all()
+    assert (np.array(moved(stepped(later, round(60.0 * seconds)), stepped(begun, 60))) < STILL).all()
 
 
 @pytest.mark.always
@@ -421,7 +421,7 @@ def test_impulses_of_what_has_left_are_forgotten(device: str):
     for height in (0.3, 9.0):
         thrown = Body(size=(0.2, 0.2, 0.2), position=(0.0, height, 0.0), mass=1, velocity=(0.0, 3.0, 0.0))
         simulator = started(device, lies, thrown, gravity=9.81, frames_per_second=60.0, obstacle=[floor])
-        ends.append(list(after(simulator, 3).state.body_touches.numpy()[0]).index(-1))
+        ends.append(list(stepped(simulator, 3).state.body_touches.numpy()[0]).index(-1))
     assert ends[0] == ends[1] > 0
 
 
@@ -511,7 +511,7 @@ def test_an_overlap_is_shared_by_mass(device):
     bodies = [Body(size=(0.3, 0.2, 0.3), position=(0, y, 0), mass=m) for y, m in zip((0.1, 0.299), masses, strict=True)]
     simulator = started(device, *bodies, **SPACE)
     start = body_state(simulator, "positions")
-    ways = (body_state(after(simulator, 10), "positions") - start)[:, 1]
+    ways = (body_state(stepped(simulator, 10), "positions") - start)[:, 1]
     np.testing.assert_allclose(ways, [-0.75e-3, 0.25e-3], atol=3e-6)  # but for the overlap left over, see above
     np.testing.assert_array_equal(body_state(simulator, "velocities"), 0.0)
     np.testing.assert_array_equal(body_state(simulator, "momenta"), 0.0)
