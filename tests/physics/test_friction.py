@@ -92,6 +92,7 @@ def test_it_must_not_be_negative(thing: str):
 SURFACES = {
     "ground": {"ground": Ground(friction=0.5)},
     "obstacle": {"obstacle": [Obstacle(shape="plane", friction=0.5)]},
+    "body": {"body": [Body(size=(99.0, 2.0, 99.0), position=(0.0, -1.0, 0.0), mass=1e9, friction=0.5)]},
 }
 LOSSES = [(0.08, 0.8, 0.6), (None, 0.8, 0.3), (0.0, 0.8, 0.8), (None, 0.1, 0.0), (None, 0.4, 0.0)]
 """Friction of a balloon, its speed along the floor, and the rest of that"""
@@ -111,8 +112,10 @@ def test_of_what_lands_each_loses_by_its_own(surface: str, device: str):
     simulator.step()
     below = np.tile(cube().points[:, 1] == 0.0, len(LOSSES))
     left = np.array([(left, 0.0, 0.0) for _, _, left in LOSSES]).repeat(4, axis=0)
-    # rounding of 1 m/s, and of springs at rest: a GPU's fast roots leave them some 1e-7 too short
-    np.testing.assert_allclose(motion(simulator)[1][below], left, atol=1e-6 if device == "cpu" else 1e-5)
+    # rounding of 1 m/s, and of springs at rest: a GPU's fast roots leave them some 1e-7 too short; a body's pushes come
+    # in sweeps
+    exact = device == "cpu" and surface != "body"
+    np.testing.assert_allclose(motion(simulator)[1][below], left, atol=1e-6 if exact else 1e-5)
 
 
 TURNING, FAR_OUT = 2.0, 0.5
