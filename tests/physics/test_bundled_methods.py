@@ -4,6 +4,7 @@ default, upside down as in the paper's figures."""
 import numpy as np
 import pytest
 from played import played, shape_at, stretches
+from scipy.spatial.transform import Rotation
 
 from balloon_warp.mesh.geometry import signed_volume
 
@@ -28,10 +29,9 @@ def test_with_correction_the_shape_is_a_scaled_copy():
 
 
 def apart(first: np.ndarray, second: np.ndarray) -> float:
-    """Return the root-mean-square distance of two shapes after alignment (Kabsch 1976) [m]."""
+    """Return the root-mean-square distance of two shapes after alignment [m]."""
     first, second = (points.astype(np.float64) - points.mean(axis=0) for points in (first, second))
-    left, _, right = np.linalg.svd(first.T @ second)
-    return float(np.sqrt(((first @ left @ right - second) ** 2).sum(axis=1).mean()))
+    return Rotation.align_vectors(second, first)[1] / len(first) ** 0.5
 
 
 def test_stiff_springs_on_a_coarse_model_come_close_to_correction():
@@ -92,11 +92,9 @@ def test_cached_normals_give_the_shape_of_fresh_ones():
 
 
 def turned_by(rest: np.ndarray, points: np.ndarray, up: tuple[float, float, float]) -> float:
-    """Return the angle [degrees] by which the best-fitting rotation (Kabsch 1976) turns the up axis."""
-    left, _, right = np.linalg.svd((rest - rest.mean(axis=0)).T @ (points - points.mean(axis=0)))
-    mirror = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
-    rotation = right.T @ mirror @ left.T
-    return float(np.degrees(np.arccos(np.clip(np.dot(rotation @ up, up), -1.0, 1.0))))
+    """Return the angle [degrees] by which the best-fitting rotation turns the up axis."""
+    rotation, _ = Rotation.align_vectors(points - points.mean(axis=0), rest - rest.mean(axis=0))
+    return float(np.degrees(np.arccos(np.clip(rotation.apply(up) @ up, -1.0, 1.0))))
 
 
 def test_squirrel_tether_floats_upright_and_still_above_its_anchor():

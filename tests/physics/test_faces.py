@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from conserved import after_each, motion
 from meshes import cube, grid, quad_sphere
-from numpy.typing import NDArray
 
 from balloon_warp import Atmosphere, Balloon, Ground, Inflation, Scene, Simulator, Sphere, Touch
+from balloon_warp.benchmarks.overlap import winding
 from balloon_warp.schedules.choose import schedule_named
 from balloon_warp.schedules.gather import GatherSchedule
 from balloon_warp.schedules.touch_table import triangles_of
@@ -26,17 +26,6 @@ def flying(mass: float = 0.05) -> Sphere:
     return Sphere(position=(1.0, 0.022, 0.031), radius=0.004, mass=mass, velocity=(-40.0, 0.0, 0.0))
 
 
-def turns_around(point: NDArray[np.float64], corners: NDArray[np.float64]) -> float:
-    """Return how often triangles (n, 3, 3) wind around a point: 1 inside, 0 outside (van Oosterom, Strackee 1983)."""
-    a, b, c = (corners[:, number] - point for number in range(3))
-    lengths = [np.linalg.norm(arm, axis=1) for arm in (a, b, c)]
-    over = np.einsum("ij,ij->i", a, np.cross(b, c))
-    under = np.prod(lengths, axis=0)
-    for first, second, length in ((a, b, lengths[2]), (b, c, lengths[0]), (c, a, lengths[1])):
-        under = under + np.einsum("ij,ij->i", first, second) * length
-    return float(np.arctan2(over, under).sum() / (2.0 * np.pi))
-
-
 def sides_of(scene: Scene, device: str, schedule: str, frames: int) -> list[float]:
     """Return the winding numbers around the sphere's center after each frame, or each substep of `scatter`."""
     simulator = Simulator(scene, device, schedule=schedule)
@@ -46,7 +35,7 @@ def sides_of(scene: Scene, device: str, schedule: str, frames: int) -> list[floa
         for _ in simulator.schedule.substeps(simulator.state) if schedule == "scatter" else [simulator.step()]:
             points, _ = motion(simulator)
             center = simulator.state.sphere_positions.numpy()[0, 0].astype(float)
-            found.append(turns_around(center, points[triangles]))
+            found.append(float(winding(center[None], points[triangles])[0]))
     return found
 
 
