@@ -93,7 +93,7 @@ def test_cached_normals_give_the_shape_of_fresh_ones():
 
 def turned_by(rest: np.ndarray, points: np.ndarray, up: tuple[float, float, float]) -> float:
     """Return the angle [degrees] by which the best-fitting rotation turns the up axis."""
-    rotation, _ = Rotation.align_vectors(points - points.mean(axis=0), rest - rest.mean(axis=0))
+    rotation = Rotation.align_vectors(points - points.mean(axis=0), rest - rest.mean(axis=0))[0]
     return float(np.degrees(np.arccos(np.clip(rotation.apply(up) @ up, -1.0, 1.0))))
 
 

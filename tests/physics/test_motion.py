@@ -96,12 +96,3 @@ def test_frames_stay_as_they_were_read(device):
     heights = [float(frame.points[0][0, 1]) for frame in frames]
     assert heights == sorted(heights, reverse=True)
     assert len(set(heights)) == len({float(frame.sphere_positions[0, 1]) for frame in frames}) == 4
-
-
-def test_balloons_of_a_scene_do_not_feel_each_other(device):
-    first = Balloon(mesh=quad_sphere(3), mass=0.2, helium=3.0)
-    second = Balloon(mesh=cube(), position=(5, 0, 0), damping=0.3, stiffness=Stiffness(structural=5.0))
-    together = simulated(Scene(balloon=[first, second], frames=10, substeps=40), device)
-    for number, balloon in enumerate([first, second]):
-        alone = simulated(Scene(balloon=[balloon], frames=10, substeps=40), device)
-        np.testing.assert_allclose(together.points[number], alone.points[0], atol=1e-6)

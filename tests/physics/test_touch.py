@@ -86,7 +86,7 @@ def test_what_crumples_is_no_faster_than_it_falls(count: int, fineness: int, sof
     fall = np.sqrt(2.0 * 9.81 * motion(simulator)[0][:, 1].max())
 
     def of_all(simulator: Simulator) -> float:
-        return energy(simulator) + 9.81 * masses(simulator) @ motion(simulator)[0][:, 1]
+        return energy(simulator) + float(9.81 * masses(simulator) @ motion(simulator)[0][:, 1])
 
     first, told = of_all(simulator), after_each(simulator, frames, lambda each: (of_all(each), speed(each)))
     energies = np.array([first, *(each for each, _ in told)])
