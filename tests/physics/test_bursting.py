@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 import warp as wp
-from conserved import advanced, assert_goes_on_alike, motion, put
+from conserved import advanced, after_each, assert_goes_on_alike, motion, put
 from gas_balloons import isentropic
 from meshes import prism, quad_sphere
 from numpy.typing import NDArray
@@ -103,14 +103,13 @@ def test_one_tear_opens_it_at_low_tension(device: str):
     simulator.step()
     before = energy(simulator)
     gas = float(simulator.state.pressures.numpy()[0, 0]) * volumes(simulator)[0]
-    energies, momenta, amounts, gone = [], [], [], torn(simulator)
-    for _ in range(50):
-        simulator.step()
-        if len(energies) < 14:  # until both ends meet
-            gone = torn(simulator)
-        energies.append(energy(simulator))
-        momenta.append(momentum(simulator))
-        amounts.append(float(simulator.state.gas_amounts.numpy()[0, 0]))
+
+    def measured(simulator: Simulator) -> tuple[float, NDArray, float]:
+        return energy(simulator), momentum(simulator), float(simulator.state.gas_amounts.numpy()[0, 0])
+
+    told = after_each(simulator, 14, measured)  # until both ends meet
+    gone = torn(simulator)
+    energies, momenta, amounts = zip(*told, *after_each(simulator, 36, measured), strict=True)
     pairs = neighbors_of(BALL).faces  # in both orders
     quads = BALL.face_vertex_indices.reshape(-1, 4)
     whole = np.bincount(quads[~gone].ravel(), minlength=BALL.vertex_count) > 0

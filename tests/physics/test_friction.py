@@ -5,8 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conserved import motion, put
+from conserved import after_each, motion, put
 from meshes import cube
+from numpy.typing import NDArray
+from rigid import body_state
 from touching import SLACK
 
 from balloon_warp import Balloon, Body, Change, Ground, Inflation, Obstacle, Scene, Sphere, Stiffness, Touch, load_scene
@@ -140,12 +142,11 @@ def test_what_rides_on_a_turntable_keeps_its_place(rides: str, device: str):
         balloons = [Balloon(mesh=small, position=(0, 50, 0), fixed=list(range(8)))]
         bodies = [Body(size=(0.1, 0.05, 0.1), position=(FAR_OUT, 0.025, 0), mass=1.0, **goes)]
     simulator = Simulator(Scene(balloon=balloons, body=bodies, obstacle=[table], frames=600), device)
-    places = []
-    for _ in range(600):
-        simulator.step()
-        at = simulator.state.body_positions.numpy()[0, 0] if bodies else simulator.state.points.numpy()[0].mean(axis=0)
-        places.append(at.astype(np.float64))
-    x, _, z = np.array(places).T
+
+    def place(simulator: Simulator) -> NDArray[np.float64]:
+        return body_state(simulator, "positions")[0] if bodies else motion(simulator)[0].mean(axis=0)
+
+    x, _, z = np.transpose(after_each(simulator, 600, place))
     radii, angles = np.hypot(x, z), np.unwrap(np.arctan2(-z, x)) - TURNING * np.arange(1, 601) / 60.0
     begin, most = (0, 1e-4) if bodies else (60, 1e-3)
     np.testing.assert_allclose(radii[begin:], FAR_OUT if bodies else radii[begin], atol=most)
