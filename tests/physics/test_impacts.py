@@ -134,7 +134,7 @@ def momenta(simulator: Simulator) -> NDArray[np.float64]:
     return np.concatenate([of_balloons, sphere_momenta(simulator), of_bodies])
 
 
-@pytest.mark.always(*(f"cpu-{name}" for name in BY_DEFAULT))
+@pytest.mark.always(*(f"{device}-{name}" for device in ("cpu", "cuda:0") for name in BY_DEFAULT))
 @pytest.mark.parametrize("name", MEETINGS)
 def test_momentum_and_angular_momentum_stay_and_no_energy_is_gained(name: str, device: str):
     scene, frames, rounding, pushed, gain, left, falls, spun = MEETINGS[name]
