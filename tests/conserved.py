@@ -76,6 +76,16 @@ def after_each(simulator: Simulator, frames: int, measure: Callable[[Simulator],
     return found
 
 
+def most_in(simulator: Simulator, frames: int, *measures: Callable[[Simulator], float]) -> list[float]:
+    """Return the most of each measurement after any of so many more frames."""
+    return np.max(after_each(simulator, frames, lambda each: [measure(each) for measure in measures]), axis=0).tolist()
+
+
+def speed(simulator: Simulator) -> float:
+    """Return the speed of the fastest particle [m/s]."""
+    return float(np.linalg.norm(motion(simulator)[1], axis=1).max())
+
+
 def forces_by_scatter(simulator: Simulator) -> NDArray[np.float32]:
     """Return the net forces on the particles [N], as `scatter` sums them, shape (particle_count, 3)."""
     scatter = ScatterSchedule(simulator.model)

@@ -24,12 +24,6 @@ def started(device: str, *bodies: Body, schedule: str = "gather", **fields: Any)
     return Simulator(scene_of(*bodies, **fields), device, schedule=schedule)
 
 
-def after(simulator: Simulator, frames: int) -> Simulator:
-    for _ in range(frames):
-        simulator.step_unread()
-    return simulator
-
-
 def body_state(simulator: Simulator, name: str, world: int = 0) -> NDArray[np.float64]:
     """Return a state of the bodies of a world, shape (body_count, 3 or 4)."""
     return getattr(simulator.state, f"body_{name}").numpy()[world].astype(float)
@@ -42,7 +36,8 @@ def body_masses(simulator: Simulator) -> NDArray[np.float64]:
 def tensors(simulator: Simulator, world: int = 0) -> NDArray[np.float64]:
     """Return the inertia tensors in the axes of the world [kg m^2], shape (body_count, 3, 3)."""
     turns = Rotation.from_quat(body_state(simulator, "turns", world)).as_matrix()
-    own = np.array([shape.inertia for shape in simulator.model.bodies]) * body_masses(simulator)[:, None, None]
+    inertias = np.reshape([shape.inertia for shape in simulator.model.bodies], (-1, 3, 3))
+    own = inertias * body_masses(simulator)[:, None, None]
     return turns @ own @ turns.swapaxes(1, 2)
 
 
@@ -66,9 +61,9 @@ def moved(simulator: Simulator, start: Simulator) -> tuple[float, float]:
     return float(np.linalg.norm(ways, axis=1).max()), float(np.degrees(turns.magnitude().max()))
 
 
-def whole(simulator: Simulator) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return momentum and angular momentum of balloons, bodies and spheres."""
+def whole(simulator: Simulator) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    """Return momentum, angular momentum and energy of balloons, bodies and spheres."""
     own = body_masses(simulator)[:, None] * body_state(simulator, "velocities")
     about = np.cross(body_state(simulator, "positions"), own) + body_state(simulator, "momenta")
-    total, turning, _ = conserved.whole(simulator)
-    return total + own.sum(axis=0), turning + about.sum(axis=0)
+    total, turning, energy = conserved.whole(simulator)
+    return total + own.sum(axis=0), turning + about.sum(axis=0), energy + kinetic(simulator)

@@ -101,11 +101,6 @@ def test_the_energy_of_a_free_balloon_swings_within_bounds_for_10000_substeps(de
     assert np.abs(found / found[0] - 1.0).max() < 0.04
 
 
-def test_the_energy_of_forward_euler_grows_at_once(device):
-    found = energies(thrown(device, solver="forward_euler"), 20)
-    assert found[-1] > 2.0 * found[0]
-
-
 Solver = Literal["symplectic_euler", "forward_euler"]
 SOLVERS: list[Solver] = ["symplectic_euler", "forward_euler"]
 STIFFNESS, MASS = 50.0, 0.1
@@ -188,16 +183,3 @@ def test_auto_takes_the_step_at_which_damping_makes_up_for_forward_euler():
     assert forward > 2 * symplectic
     with pytest.raises(InputError, match=r"^substeps: forward Euler without damping gains energy at every step"):
         Simulator(Scene(balloon=[balloon.model_copy(update={"damping": 0.0})], solver="forward_euler"), "cpu")
-
-
-def test_forward_euler_with_autos_substeps_loses_energy(device):
-    """A tenth of the substeps gains energy, though damped: the bound is right within its margins."""
-    for divisor, grows in ((1, False), (10, True)):
-        balloon = Balloon(mesh=quad_sphere(3), damping=0.5, inflation=NO_INFLATION)
-        scene = Scene(balloon=[balloon], gravity=0.0, solver="forward_euler")
-        substeps = Simulator(scene, "cpu").model.substeps // divisor
-        simulator = Simulator(scene.model_copy(update={"substeps": substeps}), device)
-        noise = np.random.default_rng(3).normal(scale=1e-3, size=simulator.state.points.shape + (3,))
-        put(simulator, motion(simulator)[0] + noise[0])
-        found = energies(simulator, frames=6)
-        assert (found[-1] > found[0]) == grows

@@ -2,16 +2,15 @@
 
 import numpy as np
 import pytest
-from conserved import advanced, after_each, motion, sphere_momenta, whole
+from conserved import after_each, motion
 from meshes import cube, grid, quad_sphere
-from numpy.typing import NDArray
 
-from balloon_warp import Atmosphere, Balloon, Ground, Inflation, InputError, Scene, Simulator, Sphere, Touch
+from balloon_warp import Atmosphere, Balloon, Ground, Inflation, Scene, Simulator, Sphere, Touch
+from balloon_warp.benchmarks.overlap import winding
 from balloon_warp.schedules.choose import schedule_named
 from balloon_warp.schedules.gather import GatherSchedule
 from balloon_warp.schedules.touch_table import triangles_of
 
-EPSILON = float(np.finfo(np.float32).eps)
 RADIUS = 0.5
 
 
@@ -27,17 +26,6 @@ def flying(mass: float = 0.05) -> Sphere:
     return Sphere(position=(1.0, 0.022, 0.031), radius=0.004, mass=mass, velocity=(-40.0, 0.0, 0.0))
 
 
-def turns_around(point: NDArray[np.float64], corners: NDArray[np.float64]) -> float:
-    """Return how often triangles (n, 3, 3) wind around a point: 1 inside, 0 outside (van Oosterom, Strackee 1983)."""
-    a, b, c = (corners[:, number] - point for number in range(3))
-    lengths = [np.linalg.norm(arm, axis=1) for arm in (a, b, c)]
-    over = np.einsum("ij,ij->i", a, np.cross(b, c))
-    under = np.prod(lengths, axis=0)
-    for first, second, length in ((a, b, lengths[2]), (b, c, lengths[0]), (c, a, lengths[1])):
-        under = under + np.einsum("ij,ij->i", first, second) * length
-    return float(np.arctan2(over, under).sum() / (2.0 * np.pi))
-
-
 def sides_of(scene: Scene, device: str, schedule: str, frames: int) -> list[float]:
     """Return the winding numbers around the sphere's center after each frame, or each substep of `scatter`."""
     simulator = Simulator(scene, device, schedule=schedule)
@@ -47,7 +35,7 @@ def sides_of(scene: Scene, device: str, schedule: str, frames: int) -> list[floa
         for _ in simulator.schedule.substeps(simulator.state) if schedule == "scatter" else [simulator.step()]:
             points, _ = motion(simulator)
             center = simulator.state.sphere_positions.numpy()[0, 0].astype(float)
-            found.append(turns_around(center, points[triangles]))
+            found.append(float(winding(center[None], points[triangles])[0]))
     return found
 
 
@@ -60,37 +48,14 @@ def test_one_that_is_inside_stays_inside(radius, speed, device):
 
 
 @pytest.mark.parametrize("contact", ["penalty", "impulse"])
-@pytest.mark.parametrize("schedule", ["scatter", "gather", "block"])
 @pytest.mark.parametrize("mass", [0.001, 0.05, 2.0])
-def test_one_that_is_outside_stays_outside(mass, schedule, contact, device):
+def test_one_that_is_outside_stays_outside(mass, contact, device):
     ball = flying(mass=mass)
-    np.testing.assert_allclose(sides_of(flight(ball, contact), device, schedule, frames=12), 0.0, atol=1e-3)
+    np.testing.assert_allclose(sides_of(flight(ball, contact), device, "scatter", frames=12), 0.0, atol=1e-3)
 
 
 def test_without_touch_it_flies_through(device):
     assert max(sides_of(flight(flying(), touch=None, faces=False), device, "scatter", frames=4)) > 0.9
-
-
-@pytest.mark.parametrize("schedule", ["scatter", "gather", "block"])
-@pytest.mark.parametrize("speed", [1.0, 20.0])
-def test_both_keep_momentum_and_angular_momentum_and_gain_no_energy(speed, schedule, device):
-    """Places and velocities are rounded by up to half an epsilon each substep, and once more at each of some hundred
-    contacts. Energy of springs swings by h omega / 2 of that in the fastest, as without contact."""
-    ball = Sphere(position=(0.7, 0.12, 0.05), radius=0.02, mass=0.05, velocity=(-speed, 0.0, 0.2 * speed))
-    scene = flight(ball, substeps=60)
-    slack = scene.balloon[0].model_copy(update={"inflation": Inflation(pressure=0.0)})
-    simulator = Simulator(scene.model_copy(update={"balloon": [slack]}), device, schedule=schedule)
-
-    start, pushed, sphere = whole(simulator), 0.0, sphere_momenta(simulator)[0]
-    for _ in range(60):
-        simulator.step()
-        now = whole(simulator)
-        rounding = 0.35 * speed * EPSILON * np.sqrt(60 * 60) * 4.0
-        np.testing.assert_allclose(now[0], start[0], atol=rounding)
-        np.testing.assert_allclose(now[1], start[1], atol=rounding)
-        assert now[2] < 1.001 * start[2]
-        pushed = max(pushed, float(np.abs(sphere_momenta(simulator)[0] - sphere).max()))
-    assert pushed > 0.02 * speed
 
 
 def test_it_lies_on_a_net_that_bears_its_weight(device):
@@ -110,27 +75,6 @@ def test_it_lies_on_a_net_that_bears_its_weight(device):
     assert np.abs(simulator.state.sphere_velocities.numpy()).max() < 0.02
 
 
-def test_a_world_in_a_batch_is_as_it_is_alone(device):
-    """Worlds of `lanes` are bit-identical to `block` alone: one sphere hits, one flies by and one is inside."""
-    if device != "cpu":
-        pytest.skip("lanes is for the CPU")
-    places = [1.0, 3.0, 0.05]
-    scene = flight(flying())
-    batch = Simulator(scene, device, 3, {"sphere.0.position.0": places}, schedule="lanes")
-    corners = triangles_of(batch.model.shapes[0].mesh)
-    advanced(batch, 3)
-    for world, place in enumerate(places):
-        ball = scene.sphere[0].model_copy(update={"position": (place, 0.022, 0.031)})
-        alone = Simulator(scene.model_copy(update={"sphere": [ball]}), device, schedule="block")
-        advanced(alone, 3)
-        for name in ("points", "sphere_positions", "sphere_velocities"):
-            found, expected = (getattr(each.state, name).numpy() for each in (batch, alone))
-            np.testing.assert_array_equal(found[world], expected[0])
-        center = batch.state.sphere_positions.numpy()[world, 0].astype(float)
-        points = batch.state.points.numpy()[world].astype(float)
-        assert turns_around(center, points[corners]) == pytest.approx(float(place == 0.05), abs=1e-3)
-
-
 def test_what_is_large_beside_faces_needs_no_more(device):
     ball = Sphere(position=(1.0, 0.0, 0.0), radius=0.2)
     assert schedule_named("block", Simulator(flight(ball), device).model).name == "block"
@@ -143,8 +87,6 @@ def test_touch_says_that_spheres_may_be_left_alone(device):
     model = Simulator(flight(ball, touch=Touch(itself=True, spheres=False)), device).model
     assert model.warnings[0].startswith("sphere 0: its radius of 0.01 m fits through faces")
     assert Simulator(flight(ball), device).model.warnings == []
-    with pytest.raises(InputError, match="balloons: expected true for balloons, itself or spheres"):
-        Touch(balloons=False, itself=False, spheres=False)
 
 
 def test_a_ball_rolls_about_in_a_balloon_on_the_ground(device):

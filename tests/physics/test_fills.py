@@ -172,24 +172,31 @@ def scene_file(folder: Path, *inflations: str) -> Path:
     return path
 
 
-@pytest.mark.parametrize("kind", ["", "kind = 'normal_force'\n"])
-@pytest.mark.parametrize("overrides", list(itertools.permutations(GAS)))
-def test_the_old_kinds_fields_go_in_any_order(tmp_path: Path, kind: str, overrides: list):
-    scene = load_scene(scene_file(tmp_path, f"{kind}k_normal = [[0, 1], [1, 2]]"), overrides)
-    assert scene.balloon[0].inflation == Inflation(kind="gas", amount=2.0)
-    assert scene.gravity == 3.0
+OLD, NEW = Inflation(k_normal=3.0), Inflation(kind="pressure", pressure=9.0)
 
 
-def test_only_the_balloon_that_is_named_changes(tmp_path: Path):
-    path = scene_file(tmp_path, "k_normal = 3", "k_normal = 3")
-    changed = load_scene(path, {"balloon.1.inflation.pressure": 9.0, "balloon.1.inflation.kind": "pressure"})
-    assert changed.balloon[0] == load_scene(path).balloon[0]
-    assert changed.balloon[1].inflation == Inflation(kind="pressure", pressure=9.0)
-
-
-def test_a_field_of_one_kind_asks_for_it_where_the_file_names_none(tmp_path: Path):
-    scene = load_scene(scene_file(tmp_path, "k_normal = 3"), {"balloon.inflation.pressure": 9.0})
-    assert scene.balloon[0].inflation == Inflation(kind="pressure", pressure=9.0)
+@pytest.mark.parametrize(
+    ("inflations", "overrides", "expected"),
+    [
+        *(
+            ([f"{kind}k_normal = [[0, 1], [1, 2]]"], overrides, [Inflation(kind="gas", amount=2.0)])
+            for kind in ("", "kind = 'normal_force'\n")
+            for overrides in itertools.permutations(GAS)
+        ),
+        (["k_normal = 3"], [("balloon.inflation.pressure", 9.0)], [NEW]),
+        (
+            ["k_normal = 3", "k_normal = 3"],
+            [("balloon.1.inflation.pressure", 9.0), ("balloon.1.inflation.kind", "pressure")],
+            [OLD, NEW],
+        ),
+    ],
+)
+def test_another_kind_takes_the_place_of_the_old_one_in_any_order_where_it_is_named(
+    inflations: list[str], overrides: list, expected: list[Inflation], tmp_path: Path
+):
+    scene = load_scene(scene_file(tmp_path, *inflations), overrides)
+    assert [balloon.inflation for balloon in scene.balloon] == expected
+    assert scene.gravity == dict(overrides).get("gravity", 9.81)
 
 
 @pytest.mark.parametrize(
@@ -248,48 +255,21 @@ def test_many_balloons_are_inflated_at_once(monkeypatch: pytest.MonkeyPatch):
     assert len({balloon.inflation.keyframes[0][1] for balloon in playground.live.balloon}) == 1
 
 
-def by_normals(mesh, k_normal, **fields) -> Scene:
-    balloon = gas_balloon(mesh, inflation=Inflation(k_normal=k_normal))
-    return Scene(**{"balloon": [balloon], "gravity": 0.0, "substeps": 4} | fields)
-
-
-def forces_at_start(scene: Scene, device: str) -> np.ndarray:
+def forces_at_start(mesh: PolygonMesh, inflation: Inflation, device: str) -> np.ndarray:
+    scene = Scene(balloon=[gas_balloon(mesh, inflation=inflation)], gravity=0.0, substeps=4)
     return Simulator(scene, device).read_frame(net_forces=True).inflation_forces[0]
 
 
 def test_a_cube_corner_is_pushed_along_its_diagonal(device):
     mesh = cube()
     outward = np.sign(mesh.points - mesh.points.mean(axis=0)) / np.sqrt(3.0)
-    forces = forces_at_start(by_normals(mesh, 0.3), device)
+    forces = forces_at_start(mesh, Inflation(k_normal=0.3), device)
     np.testing.assert_allclose(forces, 100.0 * 0.3 / 6.0 * outward, rtol=1e-5)
-
-
-def test_momentum_follows_the_ramp_within_a_frame(device):
-    """A particle's speed is the sum of h F / m over the substeps, F following the ramp substep by substep."""
-    simulator = Simulator(by_normals(cube(), [[0.0, 0.0], [0.02, 1.0]], frames_per_second=50, substeps=5), device)
-    speed = np.linalg.norm(simulator.step().velocities[0], axis=1)
-    h, mass, ramp = 0.02 / 5, 0.1 / 8, np.arange(5) / 5.0
-    np.testing.assert_allclose(speed, h * (100.0 / 6.0 * ramp / mass).sum(), rtol=1e-5)
-
-
-def test_cached_normals_stay_for_a_frame_and_fresh_ones_follow(device):
-    mesh = quad_sphere(3)
-    mesh.points[:, 0] *= 1.5  # normals turn as it grows: on the round sphere they would not
-
-    def points(normals: str, substeps: int) -> np.ndarray:
-        simulator = Simulator(by_normals(mesh, 2.0, normals=normals, substeps=substeps, frames_per_second=10), device)
-        return simulator.step().points[0]
-
-    # other kernels aim them, which round otherwise: by some 1e-7 of places 20 m apart
-    np.testing.assert_allclose(points("cached", 1), points("fresh", 1), atol=20 * 1e-6)
-    assert np.abs(points("cached", 8) - points("fresh", 8)).max() > 1e-3
 
 
 def push(mesh: PolygonMesh, inflation: Inflation, device: str) -> float:
     """Return the sum of forces along the radius of a round ball [N]."""
-    balloon = gas_balloon(mesh, inflation=inflation)
-    forces = forces_at_start(Scene(balloon=[balloon], gravity=0.0, substeps=4), device)
-    return float((forces * mesh.points).sum())
+    return float((forces_at_start(mesh, inflation, device) * mesh.points).sum())
 
 
 @pytest.mark.parametrize("cells", [4, 12])

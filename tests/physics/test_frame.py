@@ -31,27 +31,19 @@ def test_a_frame_knows_its_time_and_its_balloons_size():
     assert later.pressures[0] == 50.0
 
 
-def test_reset_goes_back_to_the_same_start():
-    simulator = Simulator(TWO, "cpu")
+@pytest.mark.parametrize("change", [TWO.change, []], ids=["planned changes", "nothing changes by itself"])
+def test_reset_goes_back_to_the_same_start(change: list[Change]):
+    simulator = Simulator(TWO.model_copy(update={"change": change}), "cpu")
     first = advanced(simulator, 4)
-    simulator.set_parameters({"gravity": 0.0})
-    simulator.step()
-    simulator.reset()
-    assert (simulator.frame_number, simulator.model.scene.normals) == (0, "cached")
+    for gravity in (0.0, 1.0):
+        simulator.set_parameters({"gravity": gravity})
+        simulator.step()
+        simulator.reset()
+        assert (simulator.frame_number, simulator.model.scene.normals) == (0, "cached")
+        assert simulator.model.parameters["gravity"].numpy() == np.float32(9.81)
     frames = list(zip(range(5), simulator.run(), strict=False))
     np.testing.assert_array_equal(frames[4][1].points[1], first.points[1])
     np.testing.assert_array_equal(frames[4][1].sphere_positions, first.sphere_positions)
-
-
-def test_reset_forgets_what_was_written_where_nothing_changes_by_itself():
-    simulator = Simulator(TWO.model_copy(update={"change": []}), "cpu")
-    simulator.set_parameters({"gravity": 0.0})
-    simulator.step()
-    simulator.reset()
-    assert simulator.model.parameters["gravity"].numpy() == np.float32(9.81)
-    simulator.set_parameters({"gravity": 1.0})
-    simulator.reset()
-    assert simulator.model.parameters["gravity"].numpy() == np.float32(9.81)
 
 
 def test_a_notebook_shows_a_picture(monkeypatch: pytest.MonkeyPatch):

@@ -5,8 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conserved import advanced, motion, put
+from conserved import after_each, motion, put
 from meshes import cube
+from numpy.typing import NDArray
+from rigid import body_state
 from touching import SLACK
 
 from balloon_warp import Balloon, Body, Change, Ground, Inflation, Obstacle, Scene, Sphere, Stiffness, Touch, load_scene
@@ -92,6 +94,7 @@ def test_it_must_not_be_negative(thing: str):
 SURFACES = {
     "ground": {"ground": Ground(friction=0.5)},
     "obstacle": {"obstacle": [Obstacle(shape="plane", friction=0.5)]},
+    "body": {"body": [Body(size=(99.0, 2.0, 99.0), position=(0.0, -1.0, 0.0), mass=1e9, friction=0.5)]},
 }
 LOSSES = [(0.08, 0.8, 0.6), (None, 0.8, 0.3), (0.0, 0.8, 0.8), (None, 0.1, 0.0), (None, 0.4, 0.0)]
 """Friction of a balloon, its speed along the floor, and the rest of that"""
@@ -111,23 +114,10 @@ def test_of_what_lands_each_loses_by_its_own(surface: str, device: str):
     simulator.step()
     below = np.tile(cube().points[:, 1] == 0.0, len(LOSSES))
     left = np.array([(left, 0.0, 0.0) for _, _, left in LOSSES]).repeat(4, axis=0)
-    # rounding of 1 m/s, and of springs at rest: a GPU's fast roots leave them some 1e-7 too short
-    np.testing.assert_allclose(motion(simulator)[1][below], left, atol=1e-6 if device == "cpu" else 1e-5)
-
-
-def test_a_balloon_rests_on_the_ground_and_friction_stops_it(device: str):
-    """Coulomb friction mu stops a balloon that slides at v after v^2 / (2 mu g)."""
-    stiff = Stiffness(structural=400.0, shear=400.0, flexion=400.0)
-    balloon = Balloon(mesh=cube(), stiffness=stiff, mass=1.0, damping=0.0, inflation=Inflation(k_normal=0.0))
-    scene = Scene(balloon=[balloon], ground=Ground(height=0.0, friction=0.4), frames=60, substeps=64)
-    simulator = Simulator(scene, device)
-    put(simulator, velocities=np.tile([1.0, 0.0, 0.0], (8, 1)))
-    start = motion(simulator)[0].mean(axis=0)
-    advanced(simulator, 60)
-    points = motion(simulator)[0]
-    assert points[:, 1].min() >= -1e-6
-    # the springs ring at the stop: some per cent of the way
-    np.testing.assert_allclose((points.mean(axis=0) - start)[0], 1.0 / (2 * 0.4 * 9.81), rtol=0.1)
+    # rounding of 1 m/s, and of springs at rest: a GPU's fast roots leave them some 1e-7 too short; a body's pushes come
+    # in sweeps
+    exact = device == "cpu" and surface != "body"
+    np.testing.assert_allclose(motion(simulator)[1][below], left, atol=1e-6 if exact else 1e-5)
 
 
 TURNING, FAR_OUT = 2.0, 0.5
@@ -152,12 +142,11 @@ def test_what_rides_on_a_turntable_keeps_its_place(rides: str, device: str):
         balloons = [Balloon(mesh=small, position=(0, 50, 0), fixed=list(range(8)))]
         bodies = [Body(size=(0.1, 0.05, 0.1), position=(FAR_OUT, 0.025, 0), mass=1.0, **goes)]
     simulator = Simulator(Scene(balloon=balloons, body=bodies, obstacle=[table], frames=600), device)
-    places = []
-    for _ in range(600):
-        simulator.step()
-        at = simulator.state.body_positions.numpy()[0, 0] if bodies else simulator.state.points.numpy()[0].mean(axis=0)
-        places.append(at.astype(np.float64))
-    x, _, z = np.array(places).T
+
+    def place(simulator: Simulator) -> NDArray[np.float64]:
+        return body_state(simulator, "positions")[0] if bodies else motion(simulator)[0].mean(axis=0)
+
+    x, _, z = np.transpose(after_each(simulator, 600, place))
     radii, angles = np.hypot(x, z), np.unwrap(np.arctan2(-z, x)) - TURNING * np.arange(1, 601) / 60.0
     begin, most = (0, 1e-4) if bodies else (60, 1e-3)
     np.testing.assert_allclose(radii[begin:], FAR_OUT if bodies else radii[begin], atol=most)

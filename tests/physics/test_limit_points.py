@@ -83,15 +83,6 @@ def test_what_holds_is_not_told_of():
     assert passed_limit_point(*told, 1.1 * MOST, MESH.points)
 
 
-def test_another_blow_up_keeps_its_advice():
-    scene = ball(Material(), 1.0)
-    simulator = Simulator(scene, "cpu")
-    simulator.set_parameters({"structural": [[1e6]]})
-    sentence = blow_up(simulator)
-    assert "limit point" not in sentence
-    assert "substeps a frame" in sentence
-
-
 GENT_MU, LIMIT = 3.9e5, 30.0
 LOCK = (0.5 * (LIMIT + 3.0)) ** 0.5
 """both ways, but for the fourth power of a quarter"""

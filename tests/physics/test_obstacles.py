@@ -25,7 +25,7 @@ HALF = 1.5
 """of a wall's edge [m]"""
 FRAME = 1.0 / 60.0
 """[s], here one substep: at 60 m/s a meter"""
-SPEEDS = [(2.0, 10.0), (0.05, 30.0), (5.0, 5.0), (10.0, 60.0), (60.0, 3.0), (400.0, 400.0)]
+SPEEDS = [(2.0, 10.0), (0.05, 30.0), (0.2, 60.0), (1.0, 8.0), (5.0, 5.0), (10.0, 60.0), (60.0, 3.0), (400.0, 400.0)]
 """into the wall and along it [m/s]: from a tenth of a degree to straight on"""
 GRAVITY, FRICTION = 9.81, 0.5
 FREE: dict[str, Any] = {
@@ -84,17 +84,26 @@ def expected_end(begin: float, gap: float, into: float, along: float, friction: 
 
 
 @pytest.mark.parametrize("kind", WALLS)
-@pytest.mark.parametrize("friction", [0.0, 0.5])
-def test_no_particle_passes_a_wall_at_any_angle(kind: str, friction: float, device: str):
-    """Particles stop at the wall and slide on by Coulomb's law: within 2 mm."""
-    half, gap, frames = 5e-4, 0.05, 6
+@pytest.mark.parametrize(
+    ("half", "gap", "friction"),
+    [
+        (5e-4, 0.05, 0.0),
+        (5e-4, 0.05, 0.5),
+        *((half, gap, 0.0) for half in (2.5e-4, 1.5e-3, 0.025) for gap in (1e-6, 0.05)),
+    ],
+)
+def test_no_particle_passes_a_wall_of_any_thickness_at_any_angle(
+    kind: str, half: float, gap: float, friction: float, device: str
+):
+    """Particles stop at the wall and slide on by Coulomb's law: within 2 mm. Without friction nothing sticks."""
     for into, along in SPEEDS[1:] if kind == "mesh" else SPEEDS:
         wall = Obstacle(**WALLS[kind](half), friction=friction)
         begin = crowd((-half - gap, -1.0, 0.0), (into, along, 0.0))
-        for number, frame in enumerate(simulated(device, begin, obstacle=[wall], frames=frames)[1:], start=1):
+        for number, frame in enumerate(simulated(device, begin, obstacle=[wall], frames=6)[1:], start=1):
             place = frame.points[0]
             beside = np.abs(place[:, 1:]).max(axis=1) < HALF - 0.1
             assert (place[beside, 0] <= -half + 2e-5).all()  # of 3 m, float32 tells some micrometers
+            assert friction or np.abs(frame.velocities[0][:, 1] - along).max() < 1e-3 * along
             expected = expected_end(-1.0, gap, into, along, friction, number * FRAME)
             if kind != "plane" and expected > HALF - 0.2:
                 break  # it has left the wall
@@ -115,19 +124,6 @@ def test_a_wall_is_looked_for_again_on_a_long_way(axis: int, device: str):
         [frame.points[0][:, axis] for frame in simulated(device, begin, obstacle=[box], frames=40, substeps=8)]
     )
     assert places.min() == pytest.approx(1.0, abs=2e-5)
-
-
-@pytest.mark.parametrize("kind", WALLS)
-@pytest.mark.parametrize("half", [2.5e-4, 1.5e-3, 0.025])
-def test_walls_of_any_thickness_hold(kind: str, half: float, device: str):
-    for gap in (1e-6, 0.05):
-        for into, along in [*SPEEDS, (1.0, 8.0), (0.2, 60.0)]:
-            begin = crowd((-half - gap, -1.0, 0.0), (into, along, 0.5))
-            wall = Obstacle(**WALLS[kind](half), friction=0.0)
-            for frame in simulated(device, begin, obstacle=[wall], frames=4):
-                beside = np.abs(frame.points[0][:, 1:]).max(axis=1) < HALF - 0.1
-                assert (frame.points[0][beside, 0] <= -half + 2e-5).all()
-                assert np.abs(frame.velocities[0][:, 1] - along).max() < 1e-3 * along  # nothing sticks
 
 
 @pytest.mark.parametrize("kind", WALLS)
@@ -371,18 +367,6 @@ def test_a_box_is_as_its_mesh_is(device: str):
         found.append(advanced(simulator, 24).points[0])
     np.testing.assert_allclose(found[0], found[1], atol=1e-3)
     assert found[0][:, 1].mean() > 0.6  # it fell by 0.8 m otherwise
-
-
-def test_contact_gives_no_energy(device: str):
-    """The energy grows by no more than the swing of symplectic Euler's, some per mille."""
-    ball = Balloon(mesh=quad_sphere(4, 0.5), velocity=(4.0, -1.0, 0.0), damping=0.0, inflation={"k_normal": 0.0})
-    wall = Obstacle(size=(0.5, 4.0, 4.0), position=(1.2, 0.0, 0.0), rotation=(0.0, 0.0, 10.0))
-    for friction in (0.0, 0.8):
-        scene = Scene(balloon=[ball], obstacle=[wall.model_copy(update={"friction": friction})], gravity=0.0, frames=60)
-        frames = list(Simulator(scene, device).run())
-        energies = [0.5 * (frame.velocities[0] ** 2).sum() / len(frame.velocities[0]) for frame in frames]
-        assert max(energies) <= energies[0] * 1.002
-        assert energies[-1] < 0.95 * energies[0]
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.5])

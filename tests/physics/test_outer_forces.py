@@ -8,7 +8,7 @@ from conserved import advanced
 from meshes import quad_sphere
 
 import balloon_warp as bw
-from balloon_warp import Balloon, Change, Force, Inflation, InputError, Scene, Simulator, String
+from balloon_warp import Balloon, Change, Force, Inflation, InputError, Scene, Simulator
 from balloon_warp.scene.overrides import override_scene
 
 MASS = 0.1
@@ -127,19 +127,3 @@ def test_gradients_by_a_force_are_refused() -> None:
     said = r"force\.0\.newtons\.1: cannot be derived by yet, for it acts by `force_newtons`"
     with pytest.raises(InputError, match=said):
         bw.gradient(scene, of=["force.0.newtons.1"], loss=bw.losses.height(1.0), device="cpu")
-
-
-def test_a_slack_string_does_nothing_and_a_taut_one_holds(device: str) -> None:
-    """Helium lift F on a string of stiffness k ends at length L + F / k, as damping leaves no motion."""
-    lift = 0.2 * (20.0 - 9.81)
-    balloon = Balloon(mesh=quad_sphere(3), mass=0.2, helium=20.0, damping=0.6, position=(0, 2, 0))
-    string = String(anchor=(0, 0, 0), length=1.5, stiffness=30.0)
-    simulator = Simulator(Scene(balloon=[balloon], string=[string], frames=400), device)
-    free = Simulator(Scene(balloon=[balloon], frames=400, substeps=simulator.model.substeps), device)
-    # Kernels for scenes with and without strings may fuse multiplications and additions differently, on a CPU where one
-    # of them was compiled for a brief test, without optimization.
-    first, expected = (advanced(each, 5).velocities[0] for each in (simulator, free))
-    np.testing.assert_allclose(first, expected, rtol=0, atol=1e-6)
-    held = int(simulator.model.string_particle.numpy()[0])
-    length = np.linalg.norm(advanced(simulator, 395).points[0][held])
-    np.testing.assert_allclose(length, 1.5 + lift / 30.0, rtol=0.01)

@@ -8,10 +8,9 @@ import pytest
 from conserved import advanced, forces_by_scatter, put
 from meshes import cube, mesh_of, prism, quad_sphere
 
-from balloon_warp import Balloon, Inflation, InputError, Scene, Simulator, Stiffness, load_scene
+from balloon_warp import Balloon, Inflation, InputError, PolygonMesh, Scene, Simulator, Stiffness, load_scene
 from balloon_warp.mesh.geometry import signed_volume
-from balloon_warp.model import build_model
-from balloon_warp.model.shape import shape_balloon
+from balloon_warp.model.shape import BalloonShape, shape_balloon
 from balloon_warp.schedules.readout import ForceReader
 from balloon_warp.springs.hinges import build_hinges
 
@@ -67,61 +66,59 @@ def test_an_overextended_spring_pulls_no_more(stretch: float, pulls: bool, devic
         np.testing.assert_allclose(forces[:, 0], [pull, -pull], atol=1e-5)
 
 
+BOX = replace(cube(), name="box", groups={"neck": np.array([0, 1]), "tip": np.array([1])})
+
+
+def shape_of(mesh: PolygonMesh = BOX, height: float = 0.0, **stiffness: Any) -> BalloonShape:
+    balloon = Balloon(mesh=mesh, position=(0.0, 0.0, height), stiffness=Stiffness(**stiffness))
+    return shape_balloon(balloon, Scene(balloon=[balloon]))
+
+
 def test_constants_change_along_an_axis():
     """Constants interpolate from the factor at the bottom to the one at the top, at the middle of each spring."""
-    stiffness = Stiffness(gradient=(0.5, 3.0), gradient_axis="Z")
-    balloon = balloon_of(stiffness, mesh=quad_sphere(4), position=(0.0, 0.0, 7.0))  # from 6 m up to 8 m
-    shape = build_model(Scene(balloon=[balloon]), "cpu").shapes[0]
+    shape = shape_of(quad_sphere(4), 7.0, gradient=(0.5, 3.0), gradient_axis="Z")  # from 6 m up to 8 m
     height = shape.mesh.points[shape.springs.pairs].mean(axis=1)[:, 2]
     np.testing.assert_allclose(shape.stiffness_scale, 0.5 + 2.5 * (height - 6.0) / 2.0)
     assert np.ptp(shape.stiffness_scale) > 2.0
 
 
-def test_weights_of_vertices_make_parts_stiffer():
-    mesh = cube()
-    weights = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0])
+@pytest.mark.parametrize(
+    ("weights", "of_vertices"),
+    [
+        (np.arange(8.0), np.arange(8.0)),
+        ({"neck": 3.0, "tip": 7.0}, [3.0, 7.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0]),
+        (lambda points: 2.0 * points[:, 1], 2.0 * BOX.points[:, 1]),
+    ],
+    ids=["of vertices", "of groups", "by a rule"],
+)
+def test_weights_make_parts_stiffer(weights: Any, of_vertices: Any):
+    plain = shape_of(variation=0.4)
+    expected = plain.stiffness_scale * np.array(of_vertices)[plain.springs.pairs].mean(axis=1)
+    np.testing.assert_allclose(shape_of(variation=0.4, weights=weights).stiffness_scale, expected, rtol=1e-15)
 
-    def shape(**fields):
-        balloon = Balloon(mesh=mesh, name="box", stiffness=Stiffness(variation=0.4, **fields))
-        return shape_balloon(balloon, Scene(balloon=[balloon]))
 
-    weighted, plain = shape(weights=weights), shape()
-    expected = plain.stiffness_scale * weights[plain.springs.pairs].mean(axis=1)
-    np.testing.assert_allclose(weighted.stiffness_scale, expected, rtol=1e-15)
-    said = r"^stiffness\.weights: box has 8 vertices; expected a number for each \(got 2"
-    with pytest.raises(InputError, match=said):
-        shape(weights=[1.0, 2.0])
+def test_weights_by_a_rule_are_written_as_numbers():
+    written = Balloon(mesh=BOX, stiffness={"weights": lambda points: points[:, 0]}).model_dump()["stiffness"]
+    assert written["weights"] == BOX.points[:, 0].tolist()
 
 
-def test_weights_of_a_group_or_of_a_rule_are_those_of_its_vertices(tmp_path):
-    mesh = replace(cube(), name="box", groups={"neck": np.array([0, 1]), "tip": np.array([1])})
-
-    def scale(weights: Any) -> np.ndarray:
-        balloon = Balloon(mesh=mesh, position=(0.0, 9.0, 0.0), stiffness=Stiffness(weights=weights))
-        return shape_balloon(balloon, Scene(balloon=[balloon])).stiffness_scale
-
-    of_group = scale({"neck": 3.0, "tip": 7.0})
-    np.testing.assert_array_equal(of_group, scale([3.0, 7.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0]))
-    np.testing.assert_array_equal(scale(lambda points: 2.0 * points[:, 1]), scale(2.0 * mesh.points[:, 1]))
-    written = Balloon(mesh=mesh, stiffness={"weights": lambda points: points[:, 0]}).model_dump()["stiffness"]
-    assert written["weights"] == mesh.points[:, 0].tolist()
-    for wrong, said in (
-        ({"nek": 2.0}, "stiffness.weights: box has no group nek; it has neck, tip"),
+@pytest.mark.parametrize(
+    ("weights", "said"),
+    [
+        ([1.0, 2.0], r"stiffness\.weights: box has 8 vertices; expected a number for each \(got 2"),
+        ({"nek": 2.0}, r"stiffness\.weights: box has no group nek; it has neck, tip"),
         (lambda points: points, r"balloon\.stiffness\.weights: the function must return a number for each point, of"),
-        (lambda points: -np.ones(len(points)), r"balloon\.stiffness\.weights\.0: must be greater than or equal to 0"),
+        (lambda points: -np.ones(8), r"balloon\.stiffness\.weights\.0: must be greater than or equal to 0"),
         ({"neck": -1.0}, r"stiffness\.weights: must be greater than or equal to 0"),
-    ):
-        with pytest.raises(InputError, match=rf"^{said}"):
-            scale(wrong)
+    ],
+)
+def test_weights_that_cannot_be_are_refused(weights: Any, said: str):
+    with pytest.raises(InputError, match=rf"^{said}"):
+        shape_of(weights=weights)
 
 
 def test_the_seed_decides_on_the_draws_alone():
-
-    def scales(seed: int) -> np.ndarray:
-        balloon = balloon_of(Stiffness(variation=0.4, seed=seed), mesh=quad_sphere(8))
-        return build_model(Scene(balloon=[balloon]), "cpu").shapes[0].stiffness_scale
-
-    first, again, other = scales(3), scales(3), scales(4)
+    first, again, other = (shape_of(quad_sphere(8), variation=0.4, seed=seed).stiffness_scale for seed in (3, 3, 4))
     np.testing.assert_array_equal(first, again)
     assert abs(np.corrcoef(first, other)[0, 1]) < 0.1  # of two thousand springs it is 0.02 or so by chance
     # a fifth of uniform draws is in each fifth of the range, within three standard deviations

@@ -10,8 +10,8 @@ import pytest
 from implicit_step import one_step
 from meshes import quad_sphere
 from projective_scenes import kick
-from rigid import after
 from scipy import sparse
+from trajectories import stepped
 
 from balloon_warp import Balloon, Inflation, InputError, Scene, Simulator, Stiffness, run_batch
 from balloon_warp.kernels.solvers.settling import LEAST_ITERATIONS, MOST_ITERATIONS
@@ -44,14 +44,14 @@ def stiff_balls() -> Simulator:
     """Return a world for each of `STIFF`, after a second."""
     vary = {f"balloon.stiffness.{kind}": [part * k for k, _ in STIFF] for kind, part in PARTS.items()}
     vary["balloon.inflation.k_normal"] = [push for _, push in STIFF]
-    return after(Simulator(ball(20.0, 1.0), "cpu", len(STIFF), vary), 60)
+    return stepped(Simulator(ball(20.0, 1.0), "cpu", len(STIFF), vary), 60)
 
 
 @pytest.mark.parametrize("number", range(4))
 def test_a_stiff_ball_grows_as_in_explicit_steps(number: int, stiff_balls: Simulator):
     """A stiff ball grows as in explicit steps to 3%, at rest: a converged implicit step has no error then, and
     iterations end where 0.2% of the springs' work may still change. Ten plain ones made a ball of 2,000 N/m shrink."""
-    expected = radii(after(Simulator(ball(*STIFF[number], solver="symplectic_euler"), "cpu"), 180))[0]
+    expected = radii(stepped(Simulator(ball(*STIFF[number], solver="symplectic_euler"), "cpu"), 180))[0]
     rest = radii(Simulator(ball(*STIFF[number]), "cpu"))[0]
     assert expected > rest
     # float32 places a point of 0.3 m to 3e-8 m, which counts where the growth is 0.3 mm
@@ -68,7 +68,7 @@ def test_so_many_iterations_are_made_as_it_takes(stiff_balls: Simulator):
 
 def test_a_world_does_not_go_by_what_others_need(stiff_balls: Simulator):
     for number in (0, 3):
-        alone = after(Simulator(ball(*STIFF[number]), "cpu"), 60)
+        alone = stepped(Simulator(ball(*STIFF[number]), "cpu"), 60)
         np.testing.assert_array_equal(alone.state.points.numpy()[0], stiff_balls.state.points.numpy()[number])
 
 
@@ -83,14 +83,14 @@ def test_a_step_that_has_settled_is_newtons():
 def test_what_has_not_settled_is_told():
     """Three iterations are too few for stiff springs; a world without has none. Two hundred may be too few, too."""
     vary = {f"balloon.stiffness.{kind}": [0.0, part * 2000.0] for kind, part in PARTS.items()}
-    few = after(Simulator(ball(2.0, 0.1, solver_iterations=3), "cpu", 2, vary), 6)
+    few = stepped(Simulator(ball(2.0, 0.1, solver_iterations=3), "cpu", 2, vary), 6)
     (sentence,) = few.warnings
     assert sentence.startswith('solver "projective": the iterations did not converge in frame ')
     assert " of world 1: the last one changed" in sentence
     assert 'solver_iterations = "auto" helps' in sentence
     many = Simulator(ball(2.0e7, 0.1, substeps=1), "cpu")  # a thousand iterations would be few
     kick(many)
-    after(many, 1)
+    stepped(many, 1)
     assert "more substeps or softer springs help" in many.warnings[0]
 
 

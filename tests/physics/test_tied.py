@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conserved import advanced, after_each, assert_goes_on_alike
+from conserved import advanced, after_each
 from meshes import cube
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
@@ -56,8 +56,8 @@ def test_momentum_and_angular_momentum_of_both_stay(device: str):
     pulls = after_each(simulator, 100, pulls_of)
     assert np.ptp(pulls) > 1.0  # it is taut and slack by turns
     assert np.linalg.norm(body_state(simulator, "momenta")) > 0.01
-    for one, other, size in zip(before, whole(simulator), (0.6, 0.6), strict=True):
-        np.testing.assert_allclose(one, other, atol=40.0 * EPSILON * size)
+    for one, other in zip(before[:2], whole(simulator)[:2], strict=True):
+        np.testing.assert_allclose(one, other, atol=40.0 * EPSILON * 0.6)
 
 
 def test_anchors_are_told_in_the_axes_of_the_body_from_its_position(device: str):
@@ -141,21 +141,6 @@ def test_a_light_body_is_part_of_the_stable_step(anchor: tuple[float, ...], devi
     speeds = after_each(simulator, 200, lambda each: np.linalg.norm(body_state(each, "velocities")))
     assert np.ptp(speeds) > 0.1
     assert max(speeds) < 1.0
-
-
-def test_a_world_of_a_batch_is_that_world_alone_and_goes_on_from_a_checkpoint(device: str):
-    masses = [0.1, 0.3, 0.7]
-    batch = Simulator(FLYING, device, 3, {"body.0.mass": masses, "string.0.anchor.0": [0.0, 0.1, 0.2]})
-    alone = Simulator(FLYING, device, 1, {"body.0.mass": masses[1:2], "string.0.anchor.0": [0.1]})
-    other = Simulator(FLYING, device, 1, {"body.0.mass": masses[1:2], "string.0.anchor.0": [0.1]})
-    for simulator in (batch, alone):
-        advanced(simulator, 20)
-    for name in ("points", "velocities", "body_positions", "body_turns", "body_velocities", "body_momenta"):
-        worlds, one = (getattr(each.state, name).numpy() for each in (batch, alone))
-        np.testing.assert_array_equal(worlds[1], one[0], err_msg=name)
-        assert (worlds[1] != worlds[2]).any()
-    np.testing.assert_array_equal(batch.read_frame(1).string_anchors, alone.read_frame().string_anchors)
-    assert_goes_on_alike(alone, other, 5)
 
 
 def test_stages_draw_strings_to_where_bodies_have_come(device: str, tmp_path: Path):
