@@ -38,13 +38,6 @@ def test_a_law_acts_in_every_schedule(schedule, device):
     np.testing.assert_allclose(sizes(simulator), np.abs(np.cos([1.5, 2.5])), atol=5e-3)
 
 
-@pytest.fixture(params=["scatter", "gather", "lanes", "block"])
-def schedule(request: pytest.FixtureRequest, device: str) -> str:
-    if request.param == "lanes" and device != "cpu":
-        pytest.skip("lanes is for the CPU")
-    return request.param
-
-
 @pytest.mark.full
 def test_a_law_begins_when_its_parameters_change(device):
     change = Change(time=0.5, set={STRENGTH: 9.0})
