@@ -6,23 +6,11 @@ from feature_sets import SETS, feature_set
 from meshes import quad_sphere
 from odd_meshes import finned
 
-from balloon_warp import (
-    Balloon,
-    Body,
-    Inflation,
-    Material,
-    Neck,
-    Obstacle,
-    Scene,
-    Sphere,
-    String,
-    Touch,
-    Tube,
-    load_scene,
-)
+from balloon_warp import load_scene
 from balloon_warp.benchmarks.matrix import of_phase
 from balloon_warp.kernels.phase import Phase
 from balloon_warp.kernels.substep import asking_phases
+from balloon_warp.scene import Balloon, Body, Inflation, Material, Neck, Obstacle, Scene, Sphere, String, Touch, Tube
 from balloon_warp.scene.overrides import override_scene, parse_override
 
 SPRINGS = {"viscosity": 2e-3, "yield_stretch": 1.4, "torsion": 0.05, "variation": 0.3}

@@ -1,5 +1,7 @@
-"""Methods agree with the trajectory of `scatter` in every schedule that takes them; the docs have a table of both."""
+"""Methods agree with the trajectory of `scatter` in every schedule that takes them; the docs' tables of schedules, of
+methods and of validation are those of the code, and each line of them runs."""
 
+import json
 import re
 from functools import cache
 from pathlib import Path
@@ -12,18 +14,18 @@ from lone_laws import TESTED, model_of_all
 from method_scenes import SCENES, VARIANTS
 from trajectories import ROUNDING, advance_both, assert_close, tolerance_of
 
-from balloon_warp import bundled_scenes
+from balloon_warp import InputError, bundled_scenes, load_scene
+from balloon_warp.benchmarks import methods, validation
 from balloon_warp.benchmarks.matrix import METHODS, Method, as_markdown
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws import LAWS
 from balloon_warp.kernels.substep import asking_phases
 from balloon_warp.model import Model, build_model
+from balloon_warp.scene.overrides import parse_override
 from balloon_warp.schedules.block_room import fits_in_block
-from balloon_warp.schedules.choose import LAUNCHED, fastest_schedule, only_launched
+from balloon_warp.schedules.choose import LAUNCHED, fastest_schedule, only_launched, schedule_named
 
-PAGE = Path(__file__).parent.parent / "docs" / "MATRIX.md"
-
-
+DOCS = Path(__file__).parent.parent / "docs"
 USUAL = ("more", "more in touch", "more, bursting")
 """the variants in which most features meet; the others vary one of them"""
 
@@ -118,5 +120,75 @@ def test_every_law_and_every_trait_is_run_on_and_off():
 
 @pytest.mark.full
 def test_the_table_in_the_docs_is_what_schedules_say():
-    (table,) = re.findall(r"<!-- matrix -->\n\n(.*?)\n\n<!-- end -->", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    (table,) = re.findall(
+        r"<!-- matrix -->\n\n(.*?)\n\n<!-- end -->", (DOCS / "MATRIX.md").read_text(encoding="utf-8"), re.DOTALL
+    )
     assert table == as_markdown(), "python -m balloon_warp.benchmarks.matrix makes it anew"
+
+
+@pytest.mark.full
+def test_methods_are_measured():
+    """Methods are measured: one of each solver, and one schedule by name; test_matrix.py runs all their features."""
+    some = [
+        method for method in methods.METHODS if method.name in ("the paper's step", "projective", "schedule `scatter`")
+    ]
+    rows = methods.measure_methods(some, device="cpu", rounds=1, frames=2)
+    assert [row.method for row in rows] == some
+    assert rows[0].ratio == 1.0
+    assert all(row.ratio is not None and row.ratio > 0.0 for row in rows)
+    assert len(methods.as_markdown(rows).splitlines()) == 2 + len(some) == 5
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("method", methods.METHODS, ids=lambda method: method.name)
+def test_every_method_can_be_measured(method: methods.Method):
+    overrides = [parse_override(text) for text in (*methods.PAPER, *method.overrides)]
+    model = build_model(load_scene(methods.SCENE, overrides), "cpu")
+    schedule_named(method.schedule, model)
+
+
+def test_the_page_has_a_line_for_every_method_with_the_values_that_were_measured():
+    """The overrides repeat a line; of a long table the beginning stands there."""
+    page = (DOCS / "METHODS.md").read_text("utf-8")
+    for method in methods.METHODS:
+        [line] = re.findall(rf"^\| {re.escape(method.name)} \|.*", page, re.M)
+        assert [value for value in method.overrides if value.split(",")[0] not in line] == [], method.name
+
+
+@pytest.mark.full
+def test_a_method_that_blows_up_is_said_to_and_one_that_is_refused_is_a_mistake():
+    rows = methods.measure_methods(
+        [methods.Method("first"), methods.Method("wild", ("balloon.inflation.k_normal=9e11",))], "cpu", 1, 3
+    )
+    assert methods.as_markdown(rows).splitlines()[-1].startswith("| wild | blows up |")
+    with pytest.raises(InputError, match=r"wrong: balloon\.0\.mass: must be greater than 0"):
+        methods.measure_methods([methods.Method("first"), methods.Method("wrong", ("balloon.mass=-1",))], "cpu", 1, 1)
+
+
+KEPT = json.loads((DOCS / "validation.json").read_text(encoding="utf-8"))
+
+MOST = {"rubber": 0.01, "gas": 0.001, "drag": 0.01, "convergence": 0.15}
+"""rubber that is pumped is not quite at rest; polyhedra are not quite spheres; errors have a next order, a tenth"""
+
+
+def test_the_table_is_that_of_the_json():
+    page = (DOCS / "VALIDATION.md").read_text("utf-8")
+    (table,) = re.findall(r"<!-- table -->\n\n(.*)\n\n<!-- end -->", page, re.DOTALL)
+    assert table == validation.table(KEPT)
+
+
+@pytest.mark.parametrize("name", validation.CASES)
+def test_curves_are_near_their_formulas_and_have_pictures(name: str):
+    for each in KEPT[name]["curves"]:
+        assert validation.Curve(**each).error < MOST[name]
+        assert np.ptp(each["x"]) > 0.5 * np.abs(each["x"]).max()
+        assert np.ptp(each["simulated"]) > 0.3 * np.abs(each["simulated"]).max()
+    assert (DOCS / "pictures" / f"validation_{name}.svg").read_text("utf-8").count("<svg") == 1
+    assert f"(pictures/validation_{name}.svg)" in (DOCS / "VALIDATION.md").read_text("utf-8")
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("name", ["gas", "drag"])
+def test_the_kept_curves_are_simulated_again(name: str):
+    for found, kept in zip(validation.CASES[name]().curves, KEPT[name]["curves"], strict=True):
+        np.testing.assert_allclose(found.simulated, kept["simulated"], rtol=1e-3, atol=1e-3 * max(kept["simulated"]))
