@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import warp as wp
 from costs import nightly_but
-from features import bundled, bundled_model, features, some_bundled_scenes, switches
+from features import features, switches
 from lone_laws import TESTED, model_of_all
 from method_scenes import SCENES, VARIANTS
 from trajectories import ROUNDING, advance_both, assert_close, tolerance_of
@@ -23,7 +24,7 @@ from balloon_warp.kernels.substep import asking_phases
 from balloon_warp.model import Model, build_model
 from balloon_warp.scene.overrides import parse_override
 from balloon_warp.schedules.block_room import fits_in_block
-from balloon_warp.schedules.choose import LAUNCHED, fastest_schedule, only_launched, schedule_named
+from balloon_warp.schedules.choose import LAUNCHED, only_launched, schedule_named
 
 DOCS = Path(__file__).parent.parent / "docs"
 USUAL = ("more", "more in touch", "more, bursting")
@@ -49,6 +50,24 @@ LONG_AGO = ("airbag",)
 """scenes that take `scatter` minutes to get there: `auto` leads to it"""
 
 
+@pytest.mark.full
+@pytest.mark.parametrize("schedule", ["gather", "block"])
+@pytest.mark.parametrize("name", bundled_scenes())
+def test_a_gpu_gives_scatters_trajectory_of_a_bundled_scene(name: str, schedule: str, gpu: wp.Device):
+    """Schedules agree over a frame in the thick of the action, with as many particles as users have. On a CPU the
+    scenes above have all features, as a test below requires, and threads do not share work."""
+    scene, device = load_scene(name), str(gpu)
+    model = build_model(scene, device)
+    if schedule == "block" and (only_launched(model) or not fits_in_block(model)):
+        pytest.skip("block refuses it")
+    settled, settled_by = ACTION.get(name, 30), "auto" if name in LONG_AGO else "scatter"
+    found, expected, start = advance_both(scene, schedule, device, settled, frames=1, settled_by=settled_by)
+    assert np.abs(expected["points"] - start["points"]).max() > 300 * ROUNDING
+    # Scatter adds in another order every time, and whether a particle touches an obstacle may hang on that; as anywhere
+    # whether one that is as near to two faces takes the area of the one or the other.
+    assert_close(found, expected, tolerance_of(scene), outliers=0.001)
+
+
 @cache
 def model_of(name: str) -> Model:
     """Return the model of a scene of methods."""
@@ -61,39 +80,17 @@ def model_with(method: str) -> Model:
     return next(line for line in METHODS if line.name == method).model()
 
 
-@pytest.mark.full
-@pytest.mark.parametrize("name", bundled_scenes())
-def test_a_schedule_gives_scatters_trajectory_of_a_bundled_scene(name, schedule, device):
-    """Schedules agree over a frame in the thick of the action. On a CPU, to save time, a scene with no feature of its
-    own runs in the schedule that it has alone there, and of those only some that cover all features."""
-    scene, model = bundled(name), bundled_model(name, device)
-    large = schedule == "block" and not fits_in_block(model)
-    if schedule not in LAUNCHED and (only_launched(model) or large):
-        pytest.skip(f"{schedule} refuses it")
-    usual = schedule == fastest_schedule(model, 1)
-    enough = usual and name in some_bundled_scenes()
-    if device == "cpu" and not enough and features(model) <= shown_otherwise():
-        pytest.skip("shows nothing that the scenes above do not")
-    settled, settled_by = ACTION.get(name, 30), "auto" if name in LONG_AGO else "scatter"
-    found, expected, start = advance_both(scene, schedule, device, settled, frames=1, settled_by=settled_by)
-    assert np.abs(expected["points"] - start["points"]).max() > 300 * ROUNDING
-    # On a GPU scatter adds in another order every time, and whether a particle touches an obstacle may hang on that; as
-    # anywhere whether one that is as near to two faces takes the area of the one or the other.
-    exact = device == "cpu" and tolerance_of(scene) == ROUNDING
-    assert_close(found, expected, tolerance_of(scene), outliers=0.0 if exact else 0.001)
-
-
 @cache
-def shown_otherwise() -> set[str]:
+def simulated() -> set[str]:
     """Return the features of the scenes of methods, and of those of test_law_schedules.py."""
     models = [model_of(name) for name in SCENES]
     return set().union(*map(features, models + [model_of_all(law, "cpu")[0] for law in TESTED]))
 
 
-@cache
-def simulated() -> set[str]:
-    """Return the features of the scenes of methods and of the bundled scenes."""
-    return shown_otherwise().union(*(features(bundled_model(name)) for name in bundled_scenes()))
+@pytest.mark.full
+@pytest.mark.parametrize("name", bundled_scenes())
+def test_every_feature_of_a_bundled_scene_is_run_in_every_schedule(name: str):
+    assert features(build_model(load_scene(name), "cpu")) <= simulated()
 
 
 @pytest.mark.full

@@ -1,6 +1,7 @@
 """Worlds that begin anew, by a mask or by themselves, with drawn values and planned changes in their own time; and
 restored simulations, which are those that went on."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -195,12 +196,6 @@ def test_worlds_are_what_the_values_say():
     np.testing.assert_allclose(moved, np.broadcast_to(moved[:, :1], moved.shape), atol=2e-6)
 
 
-@pytest.mark.parametrize("mask", [[1], [[0, 1]], "all", [0, 1, 0]])
-def test_a_mask_of_another_length_is_refused(mask: Any):
-    with pytest.raises(InputError, match=r"reset: expected a (value|number) for each world"):
-        Simulator(ALONE, "cpu", 2).reset(mask)
-
-
 @pytest.mark.full
 @pytest.mark.parametrize("case", MISTAKES)
 def test_what_cannot_be_drawn_is_refused(case: str):
@@ -251,22 +246,24 @@ def test_contact_forces_on_particles_add_up_to_those_on_the_balloon():
     assert (of_pairs.numpy()[:, 0].sum(axis=1)[:, :2] > 0.0).all()
 
 
-@pytest.mark.parametrize(
-    ("name", "sentence"),
-    [
-        ("center", r"center: no such observation; known are centers, velocities, turns, volumes, "),
-        ("contact_forces", r"contact_forces: needs contacts = true in the scene"),
-    ],
-)
-def test_what_is_not_there_cannot_be_observed(name: str, sentence: str):
+NOT_THERE: list[tuple[Callable[[Simulator], Any], str]] = [
+    (lambda of: of.observations["center"], r"center: no such observation; known are centers, velocities, turns, vol"),
+    (lambda of: of.observations["contact_forces"], r"contact_forces: needs contacts = true in the scene"),
+    *(
+        (lambda of, numbers=numbers: of.observations.particles(numbers), r"particles: must be numbers from 0 to 55")
+        for numbers in ([-1], [56], [], [0.5], [[1]])
+    ),
+    *(
+        (lambda of, mask=mask: of.reset(mask), r"reset: expected a (value|number) for each world")
+        for mask in ([1], [[0, 1]], "all", [0, 1, 0])
+    ),
+]
+
+
+@pytest.mark.parametrize(("ask", "sentence"), NOT_THERE)
+def test_what_is_not_there_is_neither_observed_nor_begun_anew(ask: Callable[[Simulator], Any], sentence: str):
     with pytest.raises(InputError, match=sentence):
-        _ = Simulator(ALONE, "cpu").observations[name]
-
-
-@pytest.mark.parametrize("numbers", [[-1], [56], [], [0.5], [[1]]])
-def test_particles_that_are_not_there_cannot_be_observed(numbers: Any):
-    with pytest.raises(InputError, match=r"particles: must be numbers from 0 to 55"):
-        Simulator(ALONE, "cpu").observations.particles(numbers)
+        ask(Simulator(ALONE, "cpu", 2))
 
 
 def test_a_cube_has_its_volume():
@@ -355,14 +352,12 @@ SCENES = {
     "limit": PLAIN.model_copy(update={"correction": "provot"}),
     "projective": PLAIN.model_copy(update={"solver": "projective"}),
 }
-WAYS = {
-    **{(name, schedule): SCENES[name] for name in SCENES for schedule in ("gather", "lanes", "block")},
-    ("plain", "octets"): PLAIN,
-    ("projective", "auto"): SCENES["projective"],
-    ("changes of solver", "auto"): SCENES["changes of solver"],
-}
-for name in ("gather", "lanes", "block"):  # these are the other solver's
-    del WAYS["projective", name], WAYS["changes of solver", name]
+OF_THE_OTHER_SOLVER = ("projective", "changes of solver")
+WAYS = [
+    *((name, by) for name in SCENES if name not in OF_THE_OTHER_SOLVER for by in ("gather", "lanes", "block")),
+    *[("plain", "octets"), *((name, "auto") for name in OF_THE_OTHER_SOLVER)],
+]
+"""Scenes and schedules"""
 
 
 def simulators(way: tuple[str, str], device: str) -> list[Simulator]:
@@ -370,7 +365,7 @@ def simulators(way: tuple[str, str], device: str) -> list[Simulator]:
     if device != "cpu" and schedule in ("octets", "lanes"):
         pytest.skip("simulates on the CPU")
     vary: Vary = {"balloon.mass": 0.1 + 0.01 * np.arange(WORLDS)}
-    return [Simulator(WAYS[name, schedule], device, WORLDS, vary, schedule) for _ in range(2)]
+    return [Simulator(SCENES[name], device, WORLDS, vary, schedule) for _ in range(2)]
 
 
 def bytes_of(simulator: Simulator) -> dict[str, bytes]:
