@@ -37,16 +37,12 @@ def switches(features: Features) -> dict[str, int]:
     return {name: value for name, value in features._asdict().items() if isinstance(value, int)}
 
 
-def some_with_all(shown: dict[str, set]) -> list[str]:
-    """Return names of a few items that have between them all entries of all, by greedy cover."""
+@cache
+def some_bundled_scenes() -> list[str]:
+    """Return names of a few bundled scenes that have between them all features of all, by greedy cover."""
+    shown = {name: features(build_model(load_scene(name), "cpu")) for name in bundled_scenes()}
     left, found = set().union(*shown.values()), []
     while left:
         found.append(max(shown, key=lambda name: len(shown[name] & left)))
         left -= shown[found[-1]]
     return found
-
-
-@cache
-def some_bundled_scenes() -> list[str]:
-    """Return names of a few bundled scenes that cover the features of all."""
-    return some_with_all({name: features(build_model(load_scene(name), "cpu")) for name in bundled_scenes()})

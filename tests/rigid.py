@@ -7,6 +7,7 @@ import numpy as np
 from meshes import cube
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from trajectories import stepped
 
 from balloon_warp import Atmosphere, Balloon, Body, Inflation, Scene, Simulator
 
@@ -24,10 +25,7 @@ def started(device: str, *bodies: Body, schedule: str = "gather", **fields: Any)
     return Simulator(scene_of(*bodies, **fields), device, schedule=schedule)
 
 
-def after(simulator: Simulator, frames: int) -> Simulator:
-    for _ in range(frames):
-        simulator.step_unread()
-    return simulator
+after = stepped
 
 
 def body_state(simulator: Simulator, name: str, world: int = 0) -> NDArray[np.float64]:
