@@ -28,18 +28,10 @@ def everything(**fields) -> Scene:
         Balloon(mesh=quad_sphere(3), name="ball", position=(0, 2, 0), helium=20.0, inflation=inflating),
         Balloon(mesh=grid(3, 2), name="ball", position=(4, 1, 0), color=(0.1, 0.2, 0.3)),
     ]
-    fields = {
-        "description": "one of each",
-        "balloon": balloons,
-        "sphere": [Sphere(position=(0, 4, 0), radius=0.3), Sphere(position=(1, 5, 0), radius=0.1)],
-        "string": [String(anchor=(0, 0, 0), length=2.0)],
-        "ground": Ground(height=-0.5),
-        "net_forces": True,
-        "frames": FRAMES,
-        "frames_per_second": 30,
-        "picture_frame": 4,
-    } | fields
-    return Scene(**fields)
+    spheres = [Sphere(position=(0, 4, 0), radius=0.3), Sphere(position=(1, 5, 0), radius=0.1)]
+    apart = {"obstacle": [], "water": None, "ground": Ground(height=-0.5), "net_forces": True}
+    said = {"description": "one of each", "picture_frame": 4}
+    return scene(**{"balloon": balloons, "sphere": spheres, **apart, **said} | fields)
 
 
 @pytest.fixture(scope="module")
