@@ -124,14 +124,14 @@ class Job:
         self.partial = folder / ("out.usdc.partial" if word == "run" else "partial")
 
     def begin(self, **how: Any) -> Any:
-        """Simulate it, or another of its name."""
+        """Simulate the job, or another of its name."""
         if self.word == "run":
             return animate(**{"scene": SCENE, "output": self.folder / "out.usdc", "device": "cpu", **how})
         of = {"scene": batches.scene(), "folder": self.folder, "world_count": 2, "vary": {"gravity": [1, 9]}}
         return run_batch(**{**of, "export": [0], "device": "cpu", **how})
 
     def stop(self, **how: Any) -> dict[str, bytes]:
-        """Kill it on the way, and return the files of its last checkpoint."""
+        """Kill the job on the way, and return the files of its last checkpoint."""
         how = {"checkpoint_seconds": batches.OFTEN, "on_frame": batches.stop_after(self.stopped_at), **how}
         with pytest.raises(RuntimeError, match="stopped"):
             self.begin(**how)
@@ -141,7 +141,7 @@ class Job:
         return {path.name: path.read_bytes() for path in (folder or self.partial).glob("*")}
 
     def refused(self, sentence: str, **how: Any) -> str:
-        """Require that it cannot go on, by one sentence, and that what was saved stays."""
+        """Require that the job cannot go on, by one sentence, and that what was saved stays."""
         before = self.saved()
         with pytest.raises(InputError, match=sentence) as refusal:
             self.begin(**{"resume": True, "on_frame": lambda _: pytest.fail("simulates"), **how})
@@ -223,7 +223,7 @@ def test_something_else_of_that_name_is_told_before_the_job(old: str, job: Job):
 
 
 def test_an_earlier_job_is_mentioned_and_kept_aside_until_another_is_done(job: Job):
-    """One that is too short for a checkpoint leaves it where it is."""
+    """Jobs that are too short for a checkpoint leave it where it is."""
     saved, notes, aside = job.stop(), [], job.partial.with_name(f"{job.partial.name}.old")
     other = {"scene": (SCENE if job.word == "run" else batches.scene()).model_copy(update={"substeps": 60})}
     job.begin(**other)
