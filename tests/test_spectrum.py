@@ -74,7 +74,7 @@ def is_of_springs(name: str) -> bool:
 
 
 OF_SPRINGS = [name for name in bundled_scenes() if is_of_springs(name)]
-"""rubber has a bound of its own, see test_membrane_step"""
+"""rubber has a bound of its own, see below"""
 
 
 @pytest.mark.full
