@@ -1,6 +1,7 @@
 """Cost of gradients: a frame forward, and backwards with its recomputation, over the same frame forward.
 
 python -m balloon_warp.benchmarks.gradients [DEVICE] [CELLS[xWORLDS]] [CASE ...]
+python -m balloon_warp.benchmarks.gradients flight      beside differences in double precision
 python -m balloon_warp.benchmarks.gradients horizon     how far they tell anything
 python -m balloon_warp.benchmarks.gradients bounce      beside the slope of many worlds
 """
@@ -14,7 +15,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from balloon_warp.benchmarks import gradient_bounce, gradient_horizon
+from balloon_warp.benchmarks import gradient_bounce, gradient_flight, gradient_horizon
 from balloon_warp.device import pick_device
 from balloon_warp.mesh.quad_sphere import quad_sphere
 from balloon_warp.model import Model, build_model, copy_of, overwrite
@@ -61,7 +62,7 @@ FITS: dict[str, Callable[[Model], bool]] = {
     "lanes": fits_in_lanes_backwards,
 }
 """Ways back, and whether a model can go them"""
-TABLES = {"horizon": gradient_horizon.tables, "bounce": gradient_bounce.tables}
+TABLES = {"flight": gradient_flight.tables, "horizon": gradient_horizon.tables, "bounce": gradient_bounce.tables}
 
 
 def main(arguments: Sequence[str]) -> int:

@@ -1,7 +1,6 @@
 """Helpers of the tests of stopped runs and batches, and a small batch that can be stopped."""
 
 import csv
-import json
 import os
 import resource
 import signal
@@ -10,10 +9,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-import pytest
 from meshes import quad_sphere
 
-from balloon_warp import Scene, run_batch
+from balloon_warp import Scene
 from balloon_warp.scene import Balloon, Ground, Inflation, Sphere, String
 from balloon_warp.sweep.output import STAGE_NAME
 
@@ -36,16 +34,6 @@ def assert_text_has_the_numbers_of(table: Path) -> None:
             np.testing.assert_array_equal(np.array(texts).astype(columns[name].dtype), columns[name], err_msg=name)
 
 
-def tamper(job: Path, path: str, value: object) -> None:
-    """Change the contents of a saved job."""
-    said = json.loads(job.read_text())
-    *above, name = path.split(".")
-    place = said[above[0]] if above else said
-    assert place[name] != value
-    place[name] = value
-    job.write_text(json.dumps(said))
-
-
 @contextmanager
 def files_limited_to(size: int) -> Iterator[None]:
     """Let no file become larger than a number of bytes."""
@@ -55,32 +43,6 @@ def files_limited_to(size: int) -> Iterator[None]:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-
-def watch_names(monkeypatch: pytest.MonkeyPatch) -> set[Path]:
-    """Return the list of files that are renamed into place from here on, each once it is whole."""
-    whole, replace = set(), os.replace
-
-    def name(source: Path, target: Path) -> None:
-        whole.add(target)
-        replace(source, target)
-
-    monkeypatch.setattr(os, "replace", name)
-    return whole
-
-
-class Spy:
-    """Pickle that runs code when it is loaded."""
-
-    def __reduce__(self) -> tuple:
-        return os.mkdir, ("run",)
-
-
-def plant_spy(path: Path, array: str) -> None:
-    """Replace an array of an .npz file by a pickle that makes the folder `run` when it is loaded."""
-    with np.load(path) as saved:
-        arrays = dict(saved)
-    np.savez(path, **{**arrays, array: np.array([Spy()], dtype=object)})
 
 
 def press_ctrl_c_once(begun: Callable[[int], bool]) -> Callable[[int], None]:
@@ -117,11 +79,3 @@ def stop_after(last: int) -> Callable[[int], None]:
             raise RuntimeError("stopped")
 
     return stop
-
-
-def stop_batch(folder: Path) -> Path:
-    """Return a folder with a batch that was stopped after frame 3, and saved after frame 2."""
-    often = {"checkpoint_seconds": OFTEN, "on_frame": stop_after(3)}
-    with pytest.raises(RuntimeError):
-        run_batch(scene(), folder, 2, {"gravity": [1, 9]}, device="cpu", **often)
-    return folder

@@ -8,15 +8,14 @@ import numpy as np
 import pytest
 from meshes import quad_sphere
 from numpy.typing import NDArray
+from strangers import LIMIT
+from strangers import wait_until as wait_until
 
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Stiffness, String
 
 viser = pytest.importorskip("viser")
 playwright = pytest.importorskip("playwright.sync_api")
 from balloon_warp.viewer.page import Page  # noqa: E402
-
-LIMIT = 120.0
-"""seconds after which an awaited event has not come: never waited for where all is well"""
 
 PATIENCE = 10.0
 """seconds after which a person tries again"""
@@ -35,13 +34,6 @@ def tethered() -> Scene:
     ball = {"mesh": quad_sphere(5, 0.5), "stiffness": springs, "inflation": Inflation(k_normal=0.5)}
     balloon, string = Balloon(**ball, mass=1.0, damping=4.0, helium=9.81), String(anchor=(0, -1, 0), stiffness=40.0)
     return Scene(normals="cached", balloon=[balloon], string=[string], ground=Ground(height=-1.0))
-
-
-def wait_until(happened: Callable[[], object], what: str, seconds: float = LIMIT) -> None:
-    deadline = time.monotonic() + seconds
-    while not happened():
-        assert time.monotonic() < deadline, f"{what}: not within {seconds:g} s"
-        time.sleep(0.02)
 
 
 def open_window(browser, served: Page, fetched: list[str] | None = None):

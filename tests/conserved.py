@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
+from trajectories import stepped
 
 from balloon_warp import Frame, Simulator
 from balloon_warp.schedules.scatter import ScatterSchedule
@@ -62,9 +63,7 @@ def put(simulator: Simulator, points: NDArray | None = None, velocities: NDArray
 
 def advanced(simulator: Simulator, frames: int) -> Frame:
     """Return the frame after so many more."""
-    for _ in range(frames):
-        simulator.step_unread()
-    return simulator.read_frame()
+    return stepped(simulator, frames).read_frame()
 
 
 def after_each(simulator: Simulator, frames: int, measure: Callable[[Simulator], Any]) -> list[Any]:

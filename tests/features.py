@@ -7,7 +7,6 @@ import numpy as np
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws import LAWS
 from balloon_warp.model import Model, build_model
-from balloon_warp.scene import Scene
 from balloon_warp.scene.load import bundled_scenes, load_scene
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.outlook import has_free_frames
@@ -38,27 +37,12 @@ def switches(features: Features) -> dict[str, int]:
     return {name: value for name, value in features._asdict().items() if isinstance(value, int)}
 
 
-def some_with_all(shown: dict[str, set]) -> list[str]:
-    """Return names of a few items that have between them all entries of all, by greedy cover."""
+@cache
+def some_bundled_scenes() -> list[str]:
+    """Return names of a few bundled scenes that have between them all features of all, by greedy cover."""
+    shown = {name: features(build_model(load_scene(name), "cpu")) for name in bundled_scenes()}
     left, found = set().union(*shown.values()), []
     while left:
         found.append(max(shown, key=lambda name: len(shown[name] & left)))
         left -= shown[found[-1]]
     return found
-
-
-@cache
-def bundled(name: str) -> Scene:
-    """Return a bundled scene, the same object each time."""
-    return load_scene(name)
-
-
-@cache
-def bundled_model(name: str, device: str = "cpu") -> Model:
-    return build_model(bundled(name), device)
-
-
-@cache
-def some_bundled_scenes() -> list[str]:
-    """Return names of a few bundled scenes that cover the features of all."""
-    return some_with_all({name: features(bundled_model(name)) for name in bundled_scenes()})

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import trimesh
@@ -19,15 +20,21 @@ def mesh_of(points: Sequence | np.ndarray, faces: Sequence[Sequence[int]], **fie
     )
 
 
+def lattice(rows: Sequence | np.ndarray) -> np.ndarray:
+    """Return the quads between neighboring rows of vertices, row by row, shape (quads, 4)."""
+    rows = np.asarray(rows)
+    return np.stack([rows[:-1, :-1], rows[:-1, 1:], rows[1:, 1:], rows[1:, :-1]], axis=-1).reshape(-1, 4)
+
+
+def closing(rows: np.ndarray) -> np.ndarray:
+    """Return rows that end with the vertex that they begin with."""
+    return np.concatenate([rows, rows[:, :1]], axis=1)
+
+
 def grid(nx: int, ny: int) -> PolygonMesh:
     """Return nx by ny unit quads in the plane z = 0, facing +z; vertices row by row."""
     points = [(x, y, 0) for y in range(ny + 1) for x in range(nx + 1)]
-    faces = []
-    for y in range(ny):
-        for x in range(nx):
-            corner = y * (nx + 1) + x
-            faces.append([corner, corner + 1, corner + nx + 2, corner + nx + 1])
-    return mesh_of(points, faces)
+    return mesh_of(points, lattice(np.arange(len(points)).reshape(ny + 1, nx + 1)).tolist())
 
 
 def box(center: Sequence[float], size: Sequence[float], cells: Sequence[int] = (2, 2, 2)) -> PolygonMesh:
@@ -92,13 +99,10 @@ def two_quads_at_a_vertex() -> PolygonMesh:
 
 def moebius(n: int) -> PolygonMesh:
     """Return a strip of n quads that closes with half a turn: 2 n vertices."""
-    turn = 2.0 * np.pi * np.arange(n) / n
-    points = []
-    for width in (-0.3, 0.3):
-        reach = 1.0 + width * np.cos(turn / 2.0)
-        points.append(np.stack([reach * np.cos(turn), reach * np.sin(turn), width * np.sin(turn / 2.0)], axis=1))
-    faces = [[i, i + 1, n + i + 1, n + i] for i in range(n - 1)]
-    return mesh_of(np.concatenate(points), [*faces, [n - 1, n, 0, 2 * n - 1]])
+    turn, width = 2.0 * np.pi * np.arange(n) / n, np.array([[-0.3], [0.3]])
+    reach = 1.0 + width * np.cos(turn / 2.0)
+    points = np.stack([reach * np.cos(turn), reach * np.sin(turn), width * np.sin(turn / 2.0)], axis=-1)
+    return mesh_of(points, lattice([[*range(n), n], [*range(n, 2 * n), 0]]).tolist())
 
 
 def torus(n: int, m: int, major: float = 1.0, minor: float = 0.4) -> PolygonMesh:
@@ -106,12 +110,7 @@ def torus(n: int, m: int, major: float = 1.0, minor: float = 0.4) -> PolygonMesh
     around, across = np.meshgrid(2.0 * np.pi * np.arange(n) / n, 2.0 * np.pi * np.arange(m) / m, indexing="ij")
     reach = major + minor * np.cos(across)
     points = np.stack([reach * np.cos(around), reach * np.sin(around), minor * np.sin(across)], axis=-1)
-    faces = []
-    for i in range(n):
-        for j in range(m):
-            right, up = (i + 1) % n, (j + 1) % m
-            faces.append([i * m + j, right * m + j, right * m + up, i * m + up])
-    return mesh_of(points, faces)
+    return mesh_of(points, lattice(closing(closing(np.arange(n * m).reshape(n, m)).T)).tolist())
 
 
 def joined(*meshes: PolygonMesh) -> PolygonMesh:
@@ -143,22 +142,7 @@ def hook(gap: float, across: int = 12, along: int = 48) -> PolygonMesh:
     outward = np.stack([np.cos(ways), np.sin(ways), np.zeros(along)], axis=1)
     up = np.array([0.0, 0.0, 1.0])
     tube = outward[:, None] * (1.0 + 0.25 * np.cos(around)[:, None]) + 0.25 * np.sin(around)[:, None] * up
-    first = np.arange(across)
-    following = (first + 1) % across
-    rows = across * np.arange(along - 1)[:, None]
-    quads = np.stack([rows + first, rows + across + first, rows + across + following, rows + following], axis=-1)
-    last = across * (along - 1)
-    ends = np.concatenate(
-        [
-            np.stack([first, following, np.full(across, across * along)], axis=1),
-            np.stack([last + following, last + first, np.full(across, across * along + 1)], axis=1),
-        ]
-    )
-    return PolygonMesh(
-        points=np.concatenate([tube.reshape(-1, 3), outward[[0, -1]]]),
-        face_vertex_counts=np.array([4] * (quads.size // 4) + [3] * len(ends), np.int32),
-        face_vertex_indices=np.concatenate([quads.ravel(), ends.ravel()]).astype(np.int32),
-    )
+    return with_tips(tube[:, ::-1], outward[[0, -1]])
 
 
 def at(mesh: PolygonMesh, place: Sequence[float], size: float = 1.0) -> PolygonMesh:
@@ -185,7 +169,15 @@ def rings(
     angles = 2.0 * np.pi * np.arange(around) / around
     circles = [[r * np.cos(angles), r * np.sin(angles), h + 0.0 * angles] for r, h in zip(radii, heights, strict=True)]
     ring = np.arange(len(circles) * around).reshape(-1, around)
-    right = np.roll(ring, -1, axis=1)
-    quads = np.stack([ring[:-1], right[:-1], right[1:], ring[1:]], axis=-1).reshape(-1, 4).tolist()
     ends = [ring[0, ::-1].tolist(), ring[-1].tolist()] if lids else []
-    return mesh_of(np.array(circles).transpose(0, 2, 1), [*quads, *ends])
+    return mesh_of(np.array(circles).transpose(0, 2, 1), [*lattice(closing(ring)).tolist(), *ends])
+
+
+def with_tips(circles: np.ndarray, tips: Sequence | np.ndarray) -> PolygonMesh:
+    """Return quads between rings of points, shape (rings, around, 3), and a fan of triangles from the first and from
+    the last ring to a tip."""
+    count = circles.shape[0] * circles.shape[1]
+    ring = closing(np.arange(count).reshape(circles.shape[:2]))
+    fans = [[count, after, here] for here, after in pairwise(ring[0].tolist())]
+    fans += [[count + 1, here, after] for here, after in pairwise(ring[-1].tolist())]
+    return mesh_of(np.concatenate([circles.reshape(-1, 3), tips]), [*lattice(ring).tolist(), *fans])

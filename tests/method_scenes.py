@@ -6,23 +6,11 @@ from feature_sets import SETS, feature_set
 from meshes import quad_sphere
 from odd_meshes import finned
 
-from balloon_warp import (
-    Balloon,
-    Body,
-    Inflation,
-    Material,
-    Neck,
-    Obstacle,
-    Scene,
-    Sphere,
-    String,
-    Touch,
-    Tube,
-    load_scene,
-)
+from balloon_warp import load_scene
 from balloon_warp.benchmarks.matrix import of_phase
 from balloon_warp.kernels.phase import Phase
 from balloon_warp.kernels.substep import asking_phases
+from balloon_warp.scene import Balloon, Body, Inflation, Material, Neck, Obstacle, Scene, Sphere, String, Touch, Tube
 from balloon_warp.scene.overrides import override_scene, parse_override
 
 SPRINGS = {"viscosity": 2e-3, "yield_stretch": 1.4, "torsion": 0.05, "variation": 0.3}
@@ -60,13 +48,17 @@ def with_fin() -> Scene:
 
 
 def of_meshes() -> Scene:
-    """Return a scene with obstacles and a body that are meshes, a small sphere, balloons that touch themselves, too."""
+    """Return a scene with obstacles and a body that are meshes, balloons that touch themselves, too, a small sphere and
+    one that faces meet."""
     of = feature_set("all")
     return more(
-        touch=Touch(itself=True), faces=None,
+        touch=Touch(itself=True), faces=True,
         obstacle=[*of.obstacle, Obstacle(mesh=quad_sphere(3, 0.4), position=(-0.95, 0.2, 0.0), motion=MOVES)],
         body=[Body(mesh=quad_sphere(3, 0.2), position=(1.2, 0.75, 0.1), mass=0.1, angular_velocity=(0.0, 0.0, 3.0))],
-        sphere=[*of.sphere, Sphere(position=(0.1, 3.0, 0.05), radius=0.004, friction=0.3)],
+        sphere=[
+            *of.sphere, Sphere(position=(0.1, 3.0, 0.05), radius=0.004, friction=0.3),
+            Sphere(position=(0.15, 2.02, 0.1), radius=0.6, mass=0.3, velocity=(0.0, -1.0, 0.0)),
+        ],
     )  # fmt: skip
 
 

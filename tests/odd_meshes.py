@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from meshes import box, joined, mesh_of, quad_sphere
+from meshes import box, closing, joined, lattice, mesh_of, quad_sphere
 from numpy.typing import NDArray
 
 from balloon_warp.mesh import PolygonMesh
@@ -77,45 +77,22 @@ def finned(cells: int = 8) -> PolygonMesh:
 
 def band(quads: int = 40, rows: int = 4, turns: float = 0.5) -> PolygonMesh:
     """Return a strip that closes with so many half turns: with an odd number, it has one side."""
-    points, faces = [], []
-    for i in range(quads):
-        turn = 2.0 * np.pi * i / quads
-        for j in range(rows + 1):
-            width = 0.3 * (2.0 * j / rows - 1.0)
-            reach = 1.0 + width * np.cos(turns * turn)
-            points.append((reach * np.cos(turn), reach * np.sin(turn), width * np.sin(turns * turn)))
-    for i in range(quads):
-        for j in range(rows):
-            right = [(i + 1) * (rows + 1) + j, (i + 1) * (rows + 1) + j + 1]
-            if i == quads - 1:
-                right = [rows - j, rows - j - 1] if round(2 * turns) % 2 else [j, j + 1]
-            faces.append([i * (rows + 1) + j, right[0], right[1], i * (rows + 1) + j + 1])
-    return mesh_of(points, faces)
+    turn, width = 2.0 * np.pi * np.arange(quads)[:, None] / quads, 0.3 * (2.0 * np.arange(rows + 1) / rows - 1.0)
+    reach = 1.0 + width * np.cos(turns * turn)
+    points = np.stack([reach * np.cos(turn), reach * np.sin(turn), width * np.sin(turns * turn)], axis=-1)
+    across = np.arange(quads * (rows + 1)).reshape(quads, -1)
+    last = across[0, ::-1] if round(2 * turns) % 2 else across[0]
+    return mesh_of(points, lattice(np.vstack([across, last]).T).tolist())
 
 
 def klein(n: int = 24, m: int = 12) -> PolygonMesh:
     """Return a Klein bottle: closed, and of one side."""
-    points, faces = [], []
-    for i in range(n):
-        u = 2.0 * np.pi * i / n
-        for j in range(m):
-            v = 2.0 * np.pi * j / m
-            reach = 1.0 + 0.4 * (np.cos(u / 2) * np.sin(v) - np.sin(u / 2) * np.sin(2 * v))
-            points.append(
-                (
-                    reach * np.cos(u),
-                    reach * np.sin(u),
-                    0.4 * (np.sin(u / 2) * np.sin(v) + np.cos(u / 2) * np.sin(2 * v)),
-                )
-            )
-    for i in range(n):
-        for j in range(m):
-            up = (j + 1) % m
-            if i < n - 1:
-                faces.append([i * m + j, (i + 1) * m + j, (i + 1) * m + up, i * m + up])
-            else:
-                faces.append([i * m + j, (m - j) % m, (m - up) % m, i * m + up])
-    return mesh_of(points, faces)
+    u, v = np.meshgrid(2.0 * np.pi * np.arange(n) / n, 2.0 * np.pi * np.arange(m) / m, indexing="ij")
+    reach = 1.0 + 0.4 * (np.cos(u / 2) * np.sin(v) - np.sin(u / 2) * np.sin(2 * v))
+    height = 0.4 * (np.sin(u / 2) * np.sin(v) + np.cos(u / 2) * np.sin(2 * v))
+    points = np.stack([reach * np.cos(u), reach * np.sin(u), height], axis=-1)
+    around = np.vstack([closing(np.arange(n * m).reshape(n, m)), -np.arange(m + 1) % m])
+    return mesh_of(points, lattice(around.T).tolist())
 
 
 def t_junction() -> PolygonMesh:

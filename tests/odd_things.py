@@ -1,12 +1,12 @@
 """Meshes from the wild: with legs and thin walls, of many parts, open."""
 
-import itertools
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import odd_meshes
-from meshes import grid, joined, mesh_of, quad_sphere
+from meshes import grid, joined, lattice, mesh_of, quad_sphere, with_tips
 from numpy.typing import NDArray
 from odd_meshes import band, box, chair, deformed, merged, without
 
@@ -17,9 +17,7 @@ from balloon_warp.mesh.geometry import face_centers
 def _twice(mesh: PolygonMesh) -> NDArray[np.bool_]:
     """Return the faces that coincide with others: the walls between neighboring parts."""
     sets = [frozenset(f.tolist()) for f in np.split(mesh.face_vertex_indices, np.cumsum(mesh.face_vertex_counts)[:-1])]
-    counts: dict[frozenset[int], int] = {}
-    for corners in sets:
-        counts[corners] = counts.get(corners, 0) + 1
+    counts = Counter(sets)
     return np.array([counts[corners] > 1 for corners in sets])
 
 
@@ -42,22 +40,12 @@ def table() -> PolygonMesh:
 
 def cup() -> PolygonMesh:
     """Return a closed cup, with a wall of a twelfth of its width."""
-    n, rings = 32, []
-    outer = [(0.0, 0.0), (0.2, 0.0), (0.3, 0.0), *((0.3, h) for h in np.linspace(0.08, 0.7, 9))]
-    inner = [*((0.25, h) for h in np.linspace(0.7, 0.1, 9)), (0.25, 0.05), (0.15, 0.05), (0.0, 0.05)]
-    profile = np.array(outer + inner)
-    turn = 2.0 * np.pi * np.arange(n) / n
-    points = [(0.0, profile[0, 1], 0.0)]
-    for reach, height in profile[1:-1]:
-        rings.append(len(points))
-        points += [(reach * np.cos(t), height, -reach * np.sin(t)) for t in turn]
-    last = len(points)
-    points.append((0.0, profile[-1, 1], 0.0))
-    faces: list[list[int]] = [[0, rings[0] + (i + 1) % n, rings[0] + i] for i in range(n)]
-    for low, high in itertools.pairwise(rings):
-        faces += [[low + i, low + (i + 1) % n, high + (i + 1) % n, high + i] for i in range(n)]
-    faces += [[rings[-1] + i, rings[-1] + (i + 1) % n, last] for i in range(n)]
-    return mesh_of(points, faces)
+    outer = [(0.2, 0.0), (0.3, 0.0), *((0.3, h) for h in np.linspace(0.08, 0.7, 9))]
+    inner = [*((0.25, h) for h in np.linspace(0.7, 0.1, 9)), (0.25, 0.05), (0.15, 0.05)]
+    turn = 2.0 * np.pi * np.arange(32) / 32
+    reach, height = np.array(outer + inner).T[..., None]
+    circles = np.stack([reach * np.cos(turn), height + 0.0 * turn, -reach * np.sin(turn)], axis=-1)
+    return with_tips(circles, [(0.0, 0.0, 0.0), (0.0, 0.05, 0.0)])
 
 
 def bowl() -> PolygonMesh:
@@ -101,7 +89,7 @@ def hair(ribbons: int = 200, length: int = 10) -> PolygonMesh:
         along = np.linspace(0.0, 1.0, length + 1)[:, None]
         middle = 0.12 * out + along * (0.1 * out + [0.0, -0.05, 0.0]) - [0.0, 0.25, 0.0] * along**2
         points = np.concatenate([middle - side, middle + side])
-        strands.append(mesh_of(points, [[i, i + 1, length + 2 + i, length + 1 + i] for i in range(length)]))
+        strands.append(mesh_of(points, lattice(np.arange(2 * length + 2).reshape(2, -1)).tolist()))
     return joined(*strands)
 
 

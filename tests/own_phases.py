@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 import warp as wp
+from toy_phases import phase_of
 
 from balloon_warp.kernels import substep
 from balloon_warp.kernels.features import Features
@@ -48,7 +49,7 @@ def slow(features: Features, look: Look) -> Any:
     return slow
 
 
-@phase(
+@phase_of(
     "particle",
     {"temperature": float},
     rows=(
@@ -58,26 +59,16 @@ def slow(features: Features, look: Look) -> Any:
     neutral={"weakening": 0.0},
     keeps={"temperature": START},
 )
-def warm(features: Features, look: Look) -> Any:
+def warm(t: Tables, temperature: float, air_temperature: float, warming_seconds: float):
     """Let a particle's temperature follow the air's [K]."""
-
-    @wp.func
-    def warm(t: Tables, temperature: float, air_temperature: float, warming_seconds: float):
-        part = t.step_seconds / (warming_seconds + t.step_seconds)
-        return temperature + part * (air_temperature - temperature)
-
-    return warm
+    part = t.step_seconds / (warming_seconds + t.step_seconds)
+    return temperature + part * (air_temperature - temperature)
 
 
-@phase("particle", {"force": wp.vec3}, neutral={"weakening": 0.0})
-def weaken(features: Features, look: Look) -> Any:
+@phase_of("particle", {"force": wp.vec3}, neutral={"weakening": 0.0})
+def weaken(force: wp.vec3, temperature: float, weakening: float):
     """Weaken the pull on a particle that is warm."""
-
-    @wp.func
-    def weaken(force: wp.vec3, temperature: float, weakening: float):
-        return (1.0 - weakening * (temperature - START)) * force
-
-    return weaken
+    return (1.0 - weakening * (temperature - START)) * force
 
 
 def list_after(patch: pytest.MonkeyPatch, line: str, *more: Phase) -> None:
@@ -206,62 +197,37 @@ def attract(features: Features, look: Look) -> Any:
     return attract
 
 
-@phase("particle", {"force": wp.vec3}, neutral={"magnet": 0.0})
-def weigh_spheres(features: Features, look: Look) -> Any:
+@phase_of("particle", {"force": wp.vec3}, neutral={"magnet": 0.0})
+def weigh_spheres(spheres: Any, params: Any, force: wp.vec3):
     """Add the sum of the forces on the first sphere to that on a particle [N]."""
-
-    @wp.func
-    def weigh_spheres(spheres: Any, params: Any, force: wp.vec3):
-        return force + total_newtons(spheres.sphere_quanta, params.world, 0)
-
-    return weigh_spheres
+    return force + total_newtons(spheres.sphere_quanta, params.world, 0)
 
 
-@phase("particle", {"force": wp.vec3}, rows=(Parameter("leash", "N/m"),), neutral={"leash": 0.0})
-def lead(features: Features, look: Look) -> Any:
+@phase_of("particle", {"force": wp.vec3}, rows=(Parameter("leash", "N/m"),), neutral={"leash": 0.0})
+def lead(t: Tables, state: WorldState, working: Working, params: Any, point: wp.vec3, force: wp.vec3, leash: float):
     """Pull a particle towards the first body's center, and that towards it: by its mass share of k d [N]."""
-
-    @wp.func
-    def lead(t: Tables, state: WorldState, working: Working, params: Any, point: wp.vec3, force: wp.vec3, leash: float):
-        way = state.body_positions[params.world, 0] - point
-        pull = leash * params.share * way
-        add_quanta(working.body_quanta, params.world, 0, -pull)
-        add_quanta(working.body_turning_quanta, params.world, 0, wp.cross(way, pull))
-        return force + pull
-
-    return lead
+    way = state.body_positions[params.world, 0] - point
+    pull = leash * params.share * way
+    add_quanta(working.body_quanta, params.world, 0, -pull)
+    add_quanta(working.body_turning_quanta, params.world, 0, wp.cross(way, pull))
+    return force + pull
 
 
-@phase("sphere", {"traveled": float}, rows=(Parameter("odometer", "1", of="sphere"),), neutral={"odometer": 0.0},
+@phase_of("sphere", {"traveled": float}, rows=(Parameter("odometer", "1", of="sphere"),), neutral={"odometer": 0.0},
        keeps={"traveled": 0.0})  # fmt: skip
-def travel(features: Features, look: Look) -> Any:
+def travel(t: Tables, spheres: Any, world: wp.int32, sphere: wp.int32, traveled: float, odometer: float):
     """Add up a sphere's way [m]."""
-
-    @wp.func
-    def travel(t: Tables, spheres: Any, world: wp.int32, sphere: wp.int32, traveled: float, odometer: float):
-        return traveled + odometer * t.step_seconds * wp.length(spheres.sphere_velocities[world, sphere])
-
-    return travel
+    return traveled + odometer * t.step_seconds * wp.length(spheres.sphere_velocities[world, sphere])
 
 
-@phase("world", {"passed": float}, keeps={"passed": 0.0}, wants=lambda scene: bool(scene.sphere))
-def count_substeps(features: Features, look: Look) -> Any:
+@phase_of("world", {"passed": float}, keeps={"passed": 0.0}, wants=lambda scene: bool(scene.sphere))
+def count_substeps(passed: float):
     """Count substeps."""
-
-    @wp.func
-    def count_substeps(passed: float):
-        return passed + 1.0
-
-    return count_substeps
+    return passed + 1.0
 
 
-@phase("particle", {"force": wp.vec3}, wants=lambda scene: scene.gravity == 0.0)
-def scribble(features: Features, look: Look) -> Any:
+@phase_of("particle", {"force": wp.vec3}, wants=lambda scene: scene.gravity == 0.0)
+def scribble(t: Tables, params: Any, force: wp.vec3):
     """Write into a table, which no phase may."""
-
-    @wp.func
-    def scribble(t: Tables, params: Any, force: wp.vec3):
-        t.springs.valences[params.number] = 0
-        return force
-
-    return scribble
+    t.springs.valences[params.number] = 0
+    return force

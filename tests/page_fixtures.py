@@ -25,16 +25,10 @@ def browser() -> Iterator:
 def served(tmp_path_factory) -> Iterator:
     """Yield a page that plays a small balloon."""
     pytest.importorskip("viser")
-    from asked_ahead import AskedAhead
     from browsing import tethered
+    from strangers import page_of
 
-    from balloon_warp.viewer.page import Page
-    from balloon_warp.viewer.server import free_port
-    from balloon_warp.viewer.session import Session
-
-    folder = tmp_path_factory.mktemp("recordings")
-    page = Page(Session("ball", tethered(), "cpu", folder), port=free_port("127.0.0.1", 0))
-    page.ahead = AskedAhead()
+    page = page_of(tethered(), tmp_path_factory.mktemp("recordings"))
     page.start()
     page.layers.show("shadow", False)  # which takes most of the time where no GPU draws
     yield page

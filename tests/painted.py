@@ -93,22 +93,28 @@ def write_usd_cube(folder: Path) -> Path:
     st = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar("uv", Sdf.ValueTypeNames.TexCoord2fArray, "faceVarying")
     st.Set(Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(places()[:, ::-1].reshape(-1, 2), np.float32)))
     material = UsdShade.Material.Define(stage, "/paint")
-    surface, texture, reader = (UsdShade.Shader.Define(stage, f"/paint/{name}") for name in ("s", "t", "r"))
-    for shader, kind in (
-        (surface, "UsdPreviewSurface"),
-        (texture, "UsdUVTexture"),
-        (reader, "UsdPrimvarReader_float2"),
-    ):
-        shader.CreateIdAttr(kind)
-    reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set("uv")
-    texture.CreateInput("file", Sdf.ValueTypeNames.Asset).Set("atlas.png")
-    texture.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(reader.ConnectableAPI(), "result")
-    color = surface.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f)
-    color.ConnectToSource(texture.ConnectableAPI(), "rgb")
+    surface = UsdShade.Shader.Define(stage, "/paint/s")
+    surface.CreateIdAttr("UsdPreviewSurface")
+    surface.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f)
+    show_image(material, surface, "atlas.png", "uv")
     material.CreateSurfaceOutput().ConnectToSource(surface.ConnectableAPI(), "surface")
     UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim()).Bind(material)
     stage.Save()
     return folder / "cube.usda"
+
+
+def show_image(material: UsdShade.Material, surface: UsdShade.Shader, file: str, primvar: str) -> None:
+    """Let an image be the color of a surface, where a primvar says."""
+    texture, reader = (
+        UsdShade.Shader.Define(material.GetPrim().GetStage(), material.GetPath().AppendChild(name))
+        for name in ("t", "r")
+    )
+    texture.CreateIdAttr("UsdUVTexture")
+    texture.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(file)
+    reader.CreateIdAttr("UsdPrimvarReader_float2")
+    reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set(primvar)
+    texture.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(reader.ConnectableAPI(), "result")
+    surface.GetInput("diffuseColor").ConnectToSource(texture.ConnectableAPI(), "rgb")
 
 
 def seen_sides(mesh: PolygonMesh) -> list[tuple[int, tuple[float, ...]]]:

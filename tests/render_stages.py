@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import meshes
 import numpy as np
 from PIL import Image
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
@@ -119,23 +120,8 @@ def paint(gprim: UsdGeom.Gprim, color, **finish: float) -> None:
 
 def quad_sphere(cells: int, radius: float = 1.0, center=(0.0, 0.0, 0.0)):
     """Return points, face counts and face indices of a cube of cells x cells quads a side, projected to a sphere."""
-    line = np.tan(np.linspace(-np.pi / 4, np.pi / 4, cells + 1))
-    u, v = (grid.ravel() for grid in np.meshgrid(line, line, indexing="ij"))
-    corner = np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)
-    quad = np.stack([corner, corner + cells + 1, corner + cells + 2, corner + 1], axis=-1).reshape(-1, 4)
-    points, quads = [], []
-    for axis in range(3):
-        for sign in (1.0, -1.0):
-            side = np.empty((len(u), 3))
-            side[:, axis], side[:, (axis + 1) % 3], side[:, (axis + 2) % 3] = sign, u, v
-            quads.append(sum(map(len, points)) + (quad if sign > 0 else quad[:, ::-1]))
-            points.append(side)
-    points = np.concatenate(points)
-    _, first, same = np.unique(points.round(9), axis=0, return_index=True, return_inverse=True)
-    indices = same.ravel()[np.concatenate(quads)]
-    points = points[first]
-    points = radius * points / np.linalg.norm(points, axis=1, keepdims=True) + np.asarray(center)
-    return points, np.full(len(indices), 4), indices.ravel()
+    mesh = meshes.at(meshes.quad_sphere(cells, radius), center)
+    return mesh.points, mesh.face_vertex_counts, mesh.face_vertex_indices
 
 
 def small_world(path: Path, up_axis: str = "Y") -> Usd.Stage:

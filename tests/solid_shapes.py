@@ -2,7 +2,7 @@
 
 import numpy as np
 import trimesh
-from meshes import mesh_of, quad_sphere
+from meshes import mesh_of, quad_sphere, with_tips
 from scipy.spatial import ConvexHull
 
 from balloon_warp.mesh import PolygonMesh
@@ -16,13 +16,7 @@ def uv_sphere(around: int, rings: int) -> PolygonMesh:
         np.stack([np.sin(h) * np.cos(turns), np.full(around, np.cos(h)), np.sin(h) * np.sin(turns)], axis=1)
         for h in heights
     ]
-    points = np.concatenate([*circles, [(0.0, 1.0, 0.0), (0.0, -1.0, 0.0)]])
-    ring = np.arange((rings - 1) * around).reshape(-1, around)
-    right = np.roll(ring, -1, axis=1)
-    quads = np.stack([ring[:-1], right[:-1], right[1:], ring[1:]], axis=-1).reshape(-1, 4)
-    fans = [(len(points) - 2, b, a) for a, b in zip(ring[0], right[0], strict=True)]
-    fans += [(len(points) - 1, a, b) for a, b in zip(ring[-1], right[-1], strict=True)]
-    return mesh_of(points, [*quads.tolist(), *fans])
+    return with_tips(np.array(circles), [(0.0, 1.0, 0.0), (0.0, -1.0, 0.0)])
 
 
 def scattered_sphere(count: int, denser: float = 1.0) -> PolygonMesh:

@@ -1,17 +1,17 @@
-"""Connections without a browser, for the tests of who may talk to the page."""
+"""Page that compiles nothing ahead, and connections to it without a browser."""
 
 import contextlib
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from asked_ahead import AskedAhead
 from meshes import quad_sphere
 
+from balloon_warp.kernels.laws import Law
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene, String
 
 viser = pytest.importorskip("viser")
@@ -21,11 +21,14 @@ from websockets.exceptions import ConnectionClosed  # noqa: E402
 from websockets.sync.client import connect  # noqa: E402
 from websockets.sync.connection import Connection  # noqa: E402
 
+from balloon_warp.viewer.ahead import Ahead  # noqa: E402
 from balloon_warp.viewer.onlooker import Onlooker  # noqa: E402
 from balloon_warp.viewer.page import Page  # noqa: E402
 from balloon_warp.viewer.server import free_port  # noqa: E402
 from balloon_warp.viewer.session import Session  # noqa: E402
 
+LIMIT = 120.0
+"""seconds after which an awaited event has not come: never waited for where all is well"""
 PROTOCOL = f"viser-v{viser.__version__}"
 
 CAMERA: dict[str, Any] = {"type": "ViewerCameraMessage", "wxyz": [0.0, 0.0, 1.0, 0.0], "position": [0.0, 0.0, 3.0]}
@@ -43,10 +46,29 @@ def ball() -> Scene:
     return Scene(balloon=[balloon], string=[String(anchor=(0, -1, 0))], ground=Ground(height=-1.0))
 
 
-def wait_until(happened: Callable[[], object], what: str) -> None:
-    deadline = time.monotonic() + 120.0
+class AskedAhead(Ahead):
+    """Stand-in that records the scenes to compile and compiles none: on a machine of two cores compilation would take
+    time that the page itself lacks."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.scenes: list[Scene] = []
+
+    def begin(self, scene: Scene, device: str, laws: Sequence[Law] = ()) -> None:
+        self.scenes.append(scene)
+
+
+def page_of(scene: Scene, folder: Path) -> Page:
+    """Return a page of a scene, which has yet to start; its recordings go into the folder."""
+    page = Page(Session("ball", scene, "cpu", folder), port=free_port("127.0.0.1", 0))
+    page.ahead = AskedAhead()
+    return page
+
+
+def wait_until(happened: Callable[[], object], what: str, seconds: float = LIMIT) -> None:
+    deadline = time.monotonic() + seconds
     while not happened():
-        assert time.monotonic() < deadline, f"{what}: not within two minutes"
+        assert time.monotonic() < deadline, f"{what}: not within {seconds:g} s"
         time.sleep(0.01)
 
 
@@ -95,8 +117,7 @@ def heard(page: Page, window: Connection) -> None:
 @contextlib.contextmanager
 def served(folder: Path) -> Iterator[Page]:
     """Yield a page of a ball on a string; its recordings go into the folder."""
-    page = Page(Session("ball", ball(), "cpu", folder), port=free_port("127.0.0.1", 0))
-    page.ahead = AskedAhead()
+    page = page_of(ball(), folder)
     page.start()
     yield page
     page.stop()

@@ -1,6 +1,7 @@
 """Laws of rubber and film against textbooks' energies, and their forces against derivatives of those: taut, in wrinkles
 and slack, of triangles, quads and polygons."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -33,21 +34,24 @@ def scene_of(kind: str, mesh: PolygonMesh) -> Scene:
     return Scene(balloon=[balloon], gravity=0.0)
 
 
+def derivative(function: Callable[..., Any], *at: Any, of: int = 0, h: float = 1e-4) -> Any:
+    """Return the central difference of a function by one of its arguments."""
+    more, less = ([each + step * (n == of) for n, each in enumerate(at)] for step in (h, -h))
+    return (function(*more) - function(*less)) / (2.0 * h)
+
+
 def told_of(kind: str) -> dict[str, NDArray[np.float64]]:
     return numbers_of(plan_model(scene_of(kind, quad_sphere(1))).parameters, 0)
 
 
 @each_law
 def test_slopes_are_those_of_the_energy_of_textbooks(kind: str):
-    energy, random, h = ENERGIES[kind], np.random.default_rng(0), 1e-4
+    energy, random = ENERGIES[kind], np.random.default_rng(0)
     first, second = random.uniform(0.7, 4.0, (2, 1000))
     first, second = np.maximum(first, second), np.minimum(first, second)
     first[:100] = second[:100]  # both alike, as in a round balloon
     found = slopes_by_stretches(MEMBRANES[kind], told_of(kind), first, second)
-    expected = (
-        (energy(first + h, second) - energy(first - h, second)) / (2.0 * h),
-        (energy(first, second + h) - energy(first, second - h)) / (2.0 * h),
-    )
+    expected = [derivative(energy, first, second, of=of) for of in (0, 1)]
     size = np.abs(expected).mean()
     for slope, other in zip(found, expected, strict=True):
         np.testing.assert_allclose(slope[0], other, atol=1e-6 * size, rtol=1e-6)
@@ -56,7 +60,7 @@ def test_slopes_are_those_of_the_energy_of_textbooks(kind: str):
 @each_law
 def test_a_law_s_own_energy_has_its_slopes(kind: str):
     """Up to stretches of 12, where Gent's is beyond the most that it allows; differences are off by some h^2."""
-    law, told, h = MEMBRANES[kind], told_of(kind), 1e-4
+    law, told = MEMBRANES[kind], told_of(kind)
     first = np.linspace(1.1, 12.0, 60)
     second = first**-0.3
 
@@ -66,10 +70,7 @@ def test_a_law_s_own_energy_has_its_slopes(kind: str):
         own = on_arrays(law.energy)
         return own(**{name: values[name] for name in own.__code__.co_varnames[: own.__code__.co_argcount]})
 
-    expected = (
-        (energy(first + h, second) - energy(first - h, second)) / (2.0 * h),
-        (energy(first, second + h) - energy(first, second - h)) / (2.0 * h),
-    )
+    expected = [derivative(energy, first, second, of=of) for of in (0, 1)]
     for slope, other in zip(slopes_by_stretches(law, told, first, second), expected, strict=True):
         np.testing.assert_allclose(slope, other, rtol=1e-5, atol=1e-6 * np.abs(other).max())
 
@@ -223,8 +224,7 @@ def test_what_is_slack_has_no_forces_and_wrinkles_none_across(device: str):
             np.testing.assert_allclose(at[1][:, 1:], 0.0, atol=1e-6 * size)
             np.testing.assert_allclose(at[1], at[2], atol=1e-5 * size)
             # tension over the width at rest, as in a bar: dW/dl at (l, 1 / root l)
-            energy, h = ENERGIES[kind], 1e-5
-            pull = (energy(2.0 + h, (2.0 + h) ** -0.5) - energy(2.0 - h, (2.0 - h) ** -0.5)) / (2.0 * h)
+            pull = derivative(lambda stretch, kind=kind: ENERGIES[kind](stretch, stretch**-0.5), 2.0, h=1e-5)
             np.testing.assert_allclose(at[1][1, 0] + at[1][2, 0], -2.0e-4 * pull, rtol=1e-4)
 
 
@@ -242,9 +242,9 @@ def test_triangles_cover_a_face_once_whatever_its_corners(corners: int):
 def test_a_polygon_is_as_stiff_as_the_same_of_quads(device: str):
     """A polygon has the energy of quads per area in equibiaxial stretch, and so the same sum of forces times places."""
     for mesh in (polygon(6), polygon(5), polygon(40)):
-        points, h = 1.7 * mesh.points, 1e-6
+        points = 1.7 * mesh.points
         area = build_membrane(mesh).areas.sum()
-        slopes = [(energy(1.7 + h, 1.7 + h) - energy(1.7 - h, 1.7 - h)) / (2.0 * h) for energy in ENERGIES.values()]
+        slopes = [derivative(lambda a, energy=energy: energy(a, a), 1.7, h=1e-6) for energy in ENERGIES.values()]
         for forces in forces_at(mesh, points, device):
             work = -(forces[0] * points).sum(axis=(1, 2))
             np.testing.assert_allclose(work, 2.0e-4 * area * 1.7 * np.array(slopes), rtol=1e-4)

@@ -7,7 +7,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from meshes import at, cube, grid, joined, loose, mesh_of, moebius, open_cube, polygon, quad_sphere, rings, torus
+from meshes import (
+    at,
+    cube,
+    grid,
+    joined,
+    lattice,
+    loose,
+    mesh_of,
+    moebius,
+    open_cube,
+    polygon,
+    quad_sphere,
+    rings,
+    torus,
+)
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
@@ -143,15 +157,10 @@ def uv_sphere(around: int, along: int, quads: bool = False) -> PolygonMesh:
     and cosine of a full turn leave them 1e-16 apart. Those at the poles of quads, too."""
     theta, phi = np.meshgrid(np.arange(along + 1) / along * np.pi, np.arange(around + 1) / around * 2 * np.pi)
     points = np.stack([-np.cos(phi) * np.sin(theta), np.cos(theta), np.sin(phi) * np.sin(theta)], axis=2)
-    faces = []
-    for i in range(around):
-        for j in range(along):
-            a, b = (i + 1) * (along + 1) + j, i * (along + 1) + j
-            c, d = b + 1, a + 1
-            if quads:
-                faces.append([a, b, c, d])
-            else:
-                faces += [[a, b, d]] * (j > 0) + [[b, c, d]] * (j < along - 1)
+    faces = lattice(np.arange((around + 1) * (along + 1)).reshape(around + 1, -1)).tolist()
+    if not quads:
+        halves = [(each, number % along) for number, each in enumerate(faces)]
+        faces = [half for (b, c, d, a), j in halves for half in [[a, b, d]] * (j > 0) + [[b, c, d]] * (j < along - 1)]
     return mesh_of(points.reshape(-1, 3), faces)
 
 

@@ -16,7 +16,6 @@ from balloon_warp.model.body_samples import MOST_SAMPLES, sample
 from balloon_warp.model.obstacles import ObstacleShape, shape_obstacle
 from balloon_warp.model.thinness import is_thin
 from balloon_warp.outputs.beveled import OF_LARGEST, OF_LEAST, beveled_box
-from balloon_warp.scenes.model_solids import ellipsoid, mirrored, round_cone, smooth_union, torus, tube
 from balloon_warp.scenes.models import MODELS, make_model
 
 
@@ -104,30 +103,6 @@ def test_bowl_is_far_from_a_sphere_and_a_pillow_thin_and_pointed() -> None:
     # The middle of a side is pulled in behind the line from corner to corner.
     assert np.abs(points[np.abs(points[:, 2]) < 0.01, 0]).max() < 0.46
     assert np.abs(points[:, 0]).max() == pytest.approx(0.5, abs=1e-4)
-
-
-def test_solids_measure_distance() -> None:
-    points = np.array([[0.0, 0.0, 0.0], [0.0, 3.0, 0.0], [2.0, 0.0, 0.0], [0.3, 1.5, -0.2], [0.0, -1.0, 0.0]])
-    ball = ellipsoid(points, (0.0, 0.0, 0.0), 0.5)
-    np.testing.assert_allclose(ball, [-0.5, 2.5, 1.5, np.sqrt(2.38) - 0.5, 0.5], rtol=1e-6)
-    capsule = round_cone(points, (0.0, 0.0, 0.0), (0.0, 2.0, 0.0), 0.5, 0.5)
-    np.testing.assert_allclose(capsule, [-0.5, 0.5, 1.5, np.hypot(0.3, 0.2) - 0.5, 0.5], rtol=1e-12)
-    # A straight tube of constant radius is the capsule.
-    straight = tube(points, [(0.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 2.0, 0.0)], [0.5, 0.5, 0.5])
-    np.testing.assert_allclose(straight, capsule, atol=1e-12)
-    np.testing.assert_allclose(torus(points[:3], (0.0, 0.0, 0.0), 1.0, 0.25), [0.75, np.sqrt(10.0) - 0.25, 0.75])
-    np.testing.assert_allclose(mirrored(np.array([[-1.0, -2.0, -3.0]])), [[1.0, -2.0, -3.0]])
-
-
-def test_round_cone_touches_both_its_spheres() -> None:
-    """The distance of a round cone's side is that to the tangent line of two circles, here of slope 3/4."""
-    along, across = 4.0 / 5.0, 3.0 / 5.0  # the side's direction for radii 4 and 1: sine (4 - 1) / 5
-    normal = np.array([along, across, 0.0])
-    at = 4.0 * normal + 2.0 * np.array([-across, along, 0.0])
-    distances = round_cone(np.array([at, at + 0.3 * normal]), (0.0, 0.0, 0.0), (0.0, 5.0, 0.0), 4.0, 1.0)
-    np.testing.assert_allclose(distances, [0.0, 0.3], atol=1e-12)
-    a, b = np.array([0.0, 1.0, 0.2]), np.array([1.0, 0.0, 0.2])  # a smooth union is one away from the seam
-    np.testing.assert_allclose(smooth_union(0.1, a, b), [0.0, 0.0, 0.2 - 0.025])
 
 
 UP = np.array([0.0, 1.0, 0.0])

@@ -9,7 +9,18 @@ from meshes import cube
 from motion import animated
 from pxr import Sdf, Usd, UsdGeom
 
-from balloon_warp import Balloon, Body, Obstacle, Scene, animate, export_stage, load_scene, render_stage, run_batch
+from balloon_warp import (
+    Balloon,
+    Body,
+    Ground,
+    Obstacle,
+    Scene,
+    animate,
+    export_stage,
+    load_scene,
+    render_stage,
+    run_batch,
+)
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.outputs.usd.names import identifier
 
@@ -61,12 +72,13 @@ def test_balloons_obstacles_and_bodies_are_called_as_they_are(suffix: str, tmp_p
 
 def test_names_that_look_the_same_get_numbers(tmp_path: Path):
     composed, decomposed = HALVES
-    stage = animated(scene(composed, decomposed, composed, f"{decomposed}_1"), tmp_path / "same.usda")
+    named = scene(composed, decomposed, composed, f"{decomposed}_1", "Ground").model_copy(update={"ground": Ground()})
+    stage = animated(named, tmp_path / "same.usda")
     prims = meshes_of(stage)
     names = [prim.GetName() for prim in prims]
-    assert names == ["é", "é_1", "é_2", "é_1_1"]
+    assert names == ["é", "é_1", "é_2", "é_1_1", "Ground_1", "Ground"]
     assert all(name == unicodedata.normalize("NFC", name) for name in names)
-    assert [prim.GetDisplayName() for prim in prims] == ["", "é", "é", "é_1"]
+    assert [prim.GetDisplayName() for prim in prims] == ["", "é", "é", "é_1", "Ground", ""]
 
 
 @pytest.mark.parametrize("name", ["気球", "Ballon rouge é"])

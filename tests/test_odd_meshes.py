@@ -285,11 +285,8 @@ def test_a_mesh_by_itself_is_held_at_its_open_border(tmp_path: Path, device: str
 
 @pytest.mark.full
 @pytest.mark.physics
-@pytest.mark.parametrize("schedule", ["gather", "lanes", "octets", "block"])
 def test_schedules_move_odd_meshes_alike(schedule: str, tmp_path: Path, device: str):
     """Schedules agree with `scatter` on odd meshes; the hub has more particles than a block takes."""
-    if device != "cpu" and schedule in ("octets", "lanes"):
-        pytest.skip("simulates on the CPU")
     path = tmp_path / "mesh.obj"
     for odd in WARNED:
         if odd.name == "a hub of 5,000 quads":

@@ -16,7 +16,7 @@ import pytest
 import trimesh
 from meshes import cube, quad_sphere
 from PIL import Image
-from strangers import wait_until
+from strangers import page_of, wait_until
 from typer.testing import CliRunner
 
 from balloon_warp import InputError, MissingExtraError, Simulator, show
@@ -31,16 +31,14 @@ from balloon_warp.viewer.page import Page
 from balloon_warp.viewer.plots import span_of
 from balloon_warp.viewer.presses import LONGEST, PressLayer
 from balloon_warp.viewer.prints import LARGEST, Printed, image_of
-from balloon_warp.viewer.server import free_port
 from balloon_warp.viewer.session import Session
 from balloon_warp.viewer.sliders import VALUES, does_something, of_tables
 from balloon_warp.viewer.smooth import Plain, Smooth
 from balloon_warp.viewer.status import COMPILING, status_line
 
 
-def served(tmp_path: Path):
-    scene = Scene(balloon=[Balloon(mesh=quad_sphere(3))])
-    return Page(Session("ball", scene, "cpu", tmp_path), port=free_port("127.0.0.1", 0))
+def served(tmp_path: Path) -> Page:
+    return page_of(Scene(balloon=[Balloon(mesh=quad_sphere(3))]), tmp_path)
 
 
 @pytest.mark.full
@@ -266,7 +264,7 @@ def test_the_page_moves_what_moves(tmp_path: Path):
         Obstacle(shape="capsule", position=(3.0, 0.0, 0.0), motion=[(0.0, (0, 0, 0)), (1.0, (0, 1, 0), (90, 0, 0))]),
     ]
     scene = Scene(balloon=[Balloon(mesh=quad_sphere(3))], obstacle=obstacles)
-    page = Page(Session("ball", scene, "cpu", tmp_path), port=free_port("127.0.0.1", 0))
+    page = page_of(scene, tmp_path)
     picture = page.session.picture
     page.layers.draw(picture)
     box, capsule = page.layers.obstacles._meshes

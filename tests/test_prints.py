@@ -7,6 +7,7 @@ import pytest
 import trimesh
 from glb_files import Glb
 from motion import animated, assert_valid
+from painted import show_image
 from PIL import Image
 from pxr import Sdf, Usd, UsdGeom, UsdShade, UsdUtils
 from render_stages import add_camera, add_mesh, new_stage
@@ -30,15 +31,8 @@ def square(path: Path, image: str, interpolation: str = "faceVarying") -> Usd.St
     st = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar("st", Sdf.ValueTypeNames.TexCoord2fArray, interpolation)
     st.Set(places[indices] if interpolation == "faceVarying" else places)
     material = UsdShade.Material(stage.GetPrimAtPath("/World/Looks/Square"))
-    texture = UsdShade.Shader.Define(stage, material.GetPath().AppendChild("Image"))
-    texture.CreateIdAttr("UsdUVTexture")
-    texture.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(image)
-    reader = UsdShade.Shader.Define(stage, material.GetPath().AppendChild("Places"))
-    reader.CreateIdAttr("UsdPrimvarReader_float2")
-    reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set("st")
-    texture.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(reader.ConnectableAPI(), "result")
-    shader = UsdShade.Shader(stage.GetPrimAtPath("/World/Looks/Square/Surface"))
-    shader.GetInput("diffuseColor").ConnectToSource(texture.ConnectableAPI(), "rgb")
+    surface = UsdShade.Shader(stage.GetPrimAtPath("/World/Looks/Square/Surface"))
+    show_image(material, surface, image, "st")
     add_camera(stage, distance=10.0, focal_length=60.0, aperture=24.0)
     stage.GetRootLayer().Save()
     return stage

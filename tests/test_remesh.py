@@ -20,7 +20,7 @@ from odd_meshes import deformed, without
 from odd_things import car, hair, haired, head, sword
 from painted import PLAIN, SIDES, seen_sides, write_obj_cube, write_painted
 from quads import assert_closed_quads, assert_none_folded, edge_lengths, sphere_distance
-from typer.testing import CliRunner
+from typer.testing import CliRunner, Result
 
 from balloon_warp import InputError, PolygonMesh, load_mesh, remesh
 from balloon_warp.cli.app import app
@@ -125,8 +125,14 @@ def test_quads_do_not_cross_whatever_the_number_of_cells(cells: int) -> None:
     assert crossings_said(remesh(overlapping(), cells)) is None
 
 
-def remeshed(source: Path, target: Path, cells: int) -> None:
-    app(["remesh", str(source), "-o", str(target), "--cells", str(cells)], standalone_mode=False)
+def remeshed(source: Path | str, target: Path | str, cells: int, *words: str) -> Result:
+    """Return what the command says of a surface that it can remesh; raise its refusal of another."""
+    named = ["remesh", str(source), "-o", str(target), "--cells", str(cells), *words]
+    said = CliRunner().invoke(app, named)
+    if said.exception and not isinstance(said.exception, SystemExit):
+        raise said.exception
+    assert said.exit_code == 0, said.output
+    return said
 
 
 def test_quads_that_cross_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -236,8 +242,7 @@ def test_bad_cells(cells: int) -> None:
 def test_command(tmp_path: Path) -> None:
     source, target = tmp_path / "ball.obj", tmp_path / "out.obj"
     write_obj(source, ball())
-    result = CliRunner().invoke(app, ["remesh", str(source), "-o", str(target), "--cells", "12"])
-    assert result.exit_code == 0, result.output
+    result = remeshed(source, target, 12)
     written = read_obj(target)
     assert_closed_quads(written)
     assert result.output.strip().endswith(f"{written.vertex_count:,} vertices, {written.face_count:,} quads")
@@ -255,9 +260,8 @@ def test_command(tmp_path: Path) -> None:
 def test_quads_stand_as_a_run_of_the_file_would(tmp_path: Path, file: str, words: list[str], upright: bool, said: str):
     """A cone along Z becomes one along Y, up in an OBJ file, where Z is up in its file, by the rule of `run`."""
     trimesh.creation.cone(radius=1.0, height=3.0, sections=16).export(tmp_path / file)
-    target = str(tmp_path / "quads.obj")
-    result = CliRunner().invoke(app, ["remesh", str(tmp_path / file), "-o", target, "--cells", "8", *words])
-    assert result.exit_code == 0, result.output
+    target = tmp_path / "quads.obj"
+    result = remeshed(tmp_path / file, target, 8, *words)
     assert int(np.ptp(read_obj(target).points, axis=0).argmax()) == (1 if upright else 2)
     assert said in result.stderr
     assert bool(said) == ("is up" in result.stderr)
@@ -475,15 +479,14 @@ def test_the_command_writes_materials_and_images(tmp_path: Path, monkeypatch: py
     monkeypatch.chdir(tmp_path)
     (tmp_path / "out").mkdir()
     write_painted(tmp_path, "obj")
-    done = CliRunner().invoke(app, ["remesh", "cube.obj", "-o", "out/quads.obj", "--cells", "12"])
-    assert done.exit_code == 0, done.output
+    remeshed("cube.obj", "out/quads.obj", 12)
     again = load_mesh(tmp_path / "out/quads.obj")
     assert again.warnings == ()
     assert all(color == SIDES[side] for side, color in within_sides(again))
     (image,) = (tmp_path / "out/textures").iterdir()
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["quads.mtl", "quads.obj", "textures"]
     assert f"map_Kd textures/{image.name}\n" in (tmp_path / "out/quads.mtl").read_text()
-    assert CliRunner().invoke(app, ["remesh", "cube.obj", "-o", "out/quads.obj", "--cells", "8"]).exit_code == 0
+    remeshed("cube.obj", "out/quads.obj", 8)
 
 
 def test_materials_stay_on_their_faces(tmp_path: Path):

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 import warp as wp
-from render_stages import quad_sphere
+from meshes import quad_sphere
 
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.pictures.film import srgb_byte, tone
@@ -120,8 +120,8 @@ def test_the_camera_is_as_near_as_the_margin_lets_it(aspect: float, angles: tupl
 
 
 def test_refining_a_sphere_keeps_its_vertices_and_comes_closer_to_round():
-    points, counts, indices = quad_sphere(4)
-    surface = SmoothSurface(PolygonMesh(points, counts.astype(np.int32), indices.astype(np.int32)))
+    ball = quad_sphere(4)
+    surface, points = SmoothSurface(ball), ball.points
     refined, normals = surface.place(points)
     assert len(surface.triangles) == 6 * 16 * 2 * 4**2
     assert surface.triangles.max() == len(refined) - 1
@@ -143,10 +143,8 @@ def test_disc_samples_of_a_tile_are_spread_evenly():
 
 
 def test_a_cube_stays_a_cube():
-    points, counts, indices = quad_sphere(1)  # a cube's, but for its size
-    corners = np.sign(points)
-    surface = SmoothSurface(PolygonMesh(corners, counts.astype(np.int32), indices.astype(np.int32)), CREASE)
-    points, normals = surface.place(corners)
+    surface = SmoothSurface(quad_sphere(1, np.sqrt(3.0)), CREASE)  # whose corners are at 1
+    points, normals = surface.place(quad_sphere(1, np.sqrt(3.0)).points)
     # Four vertices a side; then the sides' 5, and then their 16 edges' and triangles' middles: a 5 x 5 grid.
     assert len(points) == surface.vertex_count == 6 * 25
     assert np.abs(normals).max(axis=1) == pytest.approx(1.0)

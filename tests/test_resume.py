@@ -1,4 +1,4 @@
-"""Resumed runs, stopped or killed: the same bytes as of an uninterrupted one."""
+"""Resumed runs: the same bytes as of an uninterrupted one; and what holds for checkpoints of runs and batches alike."""
 
 import json
 import os
@@ -9,21 +9,18 @@ from pathlib import Path
 from time import sleep
 from typing import Any
 
+import batches
 import numpy as np
 import pytest
-from batches import plant_spy, tamper, watch_names
-from meshes import quad_sphere
+from meshes import cube, quad_sphere
 from pxr import Usd
 
-from balloon_warp import Balloon, Change, Ground, Inflation, InputError, Scene, Sphere, String, animate
-from balloon_warp.mesh.obj import write_obj
+from balloon_warp import Balloon, Change, Ground, Inflation, InputError, Scene, Sphere, String, animate, run_batch
 from balloon_warp.outputs.usd import growing
 from balloon_warp.outputs.usd import stage as usd_stage
 from balloon_warp.resume import differences
 
 FRAMES, STOPPED_AT = 12, 7
-ALWAYS = 1e-9
-"""seconds between checkpoints: one after each frame"""
 SCENE = Scene(
     frames=FRAMES,
     net_forces=True,
@@ -34,7 +31,6 @@ SCENE = Scene(
     ground=Ground(),
     change=[Change(time=0.06, set={"ground.height": 0.1}), Change(time=0.14, set={"normals": "fresh"})],
 )
-POINTS = "/World/mesh.points"
 SCENES = {"euler": SCENE, "projective": SCENE.model_copy(update={"solver": "projective", "change": SCENE.change[:1]})}
 
 
@@ -54,7 +50,7 @@ def press_ctrl_c(frame: int) -> None:
 
 def stop(scene: Scene, output: Path, how: Callable[[int], None] = crash, **options: Any) -> Path:
     """Run until frame `STOPPED_AT` and return the folder that is left."""
-    options = {"checkpoint_seconds": ALWAYS, **options}
+    options = {"checkpoint_seconds": batches.OFTEN, **options}
     with pytest.raises((CrashError, KeyboardInterrupt)):
         animate(scene, output, on_frame=how, **options)
     return output.with_name(f"{output.name}.partial")
@@ -120,81 +116,125 @@ def test_a_checkpoint_waits_for_frames_that_are_still_being_written(tmp_path, mo
     assert gone_on(SCENE, output) == STOPPED_AT
 
 
-@pytest.mark.full
-def test_several_parts_are_played_one_after_the_other(tmp_path):
-    folder = stop(SCENE, tmp_path / "out.usdc")
-    assert len(list(folder.glob("frames_*.usdc"))) == STOPPED_AT
-    assert len(list(folder.glob("state_*.npz"))) == 1
-    animate(SCENE, tmp_path / "whole.usdc")
-    together, whole = (Usd.Stage.Open(str(path)) for path in (folder / "frames.usda", tmp_path / "whole.usdc"))
-    for time in range(STOPPED_AT):
-        alone = Usd.Stage.Open(str(folder / f"frames_{time:06d}.usdc"))
-        assert (alone.GetStartTimeCode(), alone.GetEndTimeCode()) == (time, time)
-        expected = np.array(whole.GetAttributeAtPath(POINTS).Get(time))
-        for stage in (together, alone):
-            np.testing.assert_array_equal(np.array(stage.GetAttributeAtPath(POINTS).Get(time)), expected)
+class Job:
+    """A run, or a batch whose worlds differ in gravity."""
+
+    def __init__(self, word: str, folder: Path):
+        self.word, self.folder, self.stopped_at = word, folder, 7 if word == "run" else 3
+        self.partial = folder / ("out.usdc.partial" if word == "run" else "partial")
+
+    def begin(self, **how: Any) -> Any:
+        """Simulate the job, or another of its name."""
+        if self.word == "run":
+            return animate(**{"scene": SCENE, "output": self.folder / "out.usdc", "device": "cpu", **how})
+        of = {"scene": batches.scene(), "folder": self.folder, "world_count": 2, "vary": {"gravity": [1, 9]}}
+        return run_batch(**{**of, "export": [0], "device": "cpu", **how})
+
+    def stop(self, **how: Any) -> dict[str, bytes]:
+        """Kill the job on the way, and return the files of its last checkpoint."""
+        how = {"checkpoint_seconds": batches.OFTEN, "on_frame": batches.stop_after(self.stopped_at), **how}
+        with pytest.raises(RuntimeError, match="stopped"):
+            self.begin(**how)
+        return self.saved()
+
+    def saved(self, folder: Path | None = None) -> dict[str, bytes]:
+        return {path.name: path.read_bytes() for path in (folder or self.partial).glob("*")}
+
+    def refused(self, sentence: str, **how: Any) -> str:
+        """Require that the job cannot go on, by one sentence, and that what was saved stays."""
+        before = self.saved()
+        with pytest.raises(InputError, match=sentence) as refusal:
+            self.begin(**{"resume": True, "on_frame": lambda _: pytest.fail("simulates"), **how})
+        assert self.saved() == before
+        assert "\n" not in str(refusal.value)
+        return str(refusal.value)
+
+
+@pytest.fixture(params=["run", "batch"])
+def job(request: pytest.FixtureRequest, tmp_path: Path) -> Job:
+    return Job(request.param, tmp_path)
 
 
 @pytest.mark.parametrize("seconds", [0.0, 1e6])
-def test_what_is_short_or_not_to_be_saved_leaves_nothing(seconds: float, tmp_path):
-    assert not stop(SCENE, tmp_path / "out.usdc", checkpoint_seconds=seconds).exists()
-    assert list(tmp_path.iterdir()) == []
+def test_what_is_short_or_not_to_be_saved_leaves_nothing(seconds: float, job: Job):
+    job.stop(checkpoint_seconds=seconds)
+    assert list(job.folder.iterdir()) == []
 
 
-def test_another_scene_is_refused(tmp_path):
-    output = tmp_path / "out.usdc"
-    folder = stop(SCENE, output)
-    other = r"out\.usdc\.partial belongs to another run: scene\.gravity is 9\.81 there and 3"
-    with pytest.raises(InputError, match=other):
-        animate(SCENE.model_copy(update={"gravity": 3.0}), output, resume=True)
-    assert folder.exists()
+def scene_of(**fields: Any) -> dict[str, Scene]:
+    return {"scene": SCENE.model_copy(update=fields)}
 
 
-OTHERS = {"versions.warp-lang": "0.1", "versions.balloon-warp": "0.0.1", "device": "another", "schedule": "lanes"}
+ANOTHER = [
+    ("run", scene_of(balloon=[Balloon(mesh=quad_sphere(3, 0.6))]), "files.balloon.0.mesh is "),
+    ("batch", {"vary": {"gravity": [1, 8]}}, "vary.gravity.1 is 9.0 there and 8.0 here"),
+    ("batch", {"world_count": 3, "vary": {"gravity": [1, 9, 9]}}, "vary.gravity is a list of 2 there and a list of 3 "),
+    ("batch", {"export": []}, "export is a list of 1 there and a list of 0 here"),
+    ("batch", {"schedule": "gather"}, 'schedules.0 is "lanes" there and "gather" here'),
+    ("batch", {"scene": batches.scene(frames=9)}, "scene.frames is 6 there and 9 here"),
+    ("batch", {"scene": batches.scene(balloon=[Balloon(mesh=cube())])}, "files."),
+]
+"""Jobs of the same name, and where they differ"""
 
 
-@pytest.mark.full
-@pytest.mark.parametrize(("path", "value"), [*OTHERS.items(), ("substeps", 1)])
-def test_what_else_the_bits_depend_on_is_compared(path: str, value: object, tmp_path):
-    output = tmp_path / "out.usdc"
-    tamper(stop(SCENE, output) / "job.json", path, value)
-    there = rf"belongs to another run: {path} is {json.dumps(value)} there and .* here; expected"
-    with pytest.raises(InputError, match=there):
-        animate(SCENE, output, resume=True)
+@pytest.mark.parametrize(
+    ("job", "change", "difference"),
+    [
+        ("run", scene_of(gravity=3.0), "scene.gravity is 9.81 there and 3"),
+        *(pytest.param(*case, marks=pytest.mark.full) for case in ANOTHER),
+    ],
+    indirect=["job"],
+)
+def test_another_job_is_refused(job: Job, change: dict[str, Any], difference: str):
+    job.stop()
+    said = job.refused("belongs to another", **change)
+    assert said.startswith(f"--resume: {job.partial} belongs to another {job.word}: {difference}")
 
 
-@pytest.mark.full
-def test_another_mesh_is_refused(tmp_path):
-    mesh, output = tmp_path / "ball.obj", tmp_path / "out.usdc"
-    scene = SCENE.model_copy(update={"balloon": [Balloon(mesh=mesh, position=(0.0, 1.2, 0.0))]})
-    write_obj(mesh, quad_sphere(3))
-    stop(scene, output)
-    write_obj(mesh, quad_sphere(3, 0.6))
-    with pytest.raises(InputError, match=r"belongs to another run: files\.balloon\.0\.mesh is "):
-        animate(scene, output, resume=True)
-
-
-@pytest.mark.parametrize("name", ["out.usdc.partial", "out.usdc.partial.old"])
-def test_something_else_of_that_name_is_told_before_the_run(name: str, tmp_path):
-    (tmp_path / name).mkdir()
-    (tmp_path / name / "thesis.txt").write_text("not ours")
-    with pytest.raises(InputError, match=rf"{name}: is where checkpoints go; expected no file of that name$"):
-        animate(SCENE, tmp_path / "out.usdc", on_frame=lambda _: pytest.fail("simulates"))
-    assert (tmp_path / name / "thesis.txt").read_text() == "not ours"
+OTHERS = {"versions.warp-lang": "0.1", "device": "another", "substeps": 1}
+OF_RUN = {**OTHERS, "versions.balloon-warp": "0.0.1", "schedule": "lanes"}
+OF_BATCH = {**OTHERS, "on_blowup": "restart", "simulated": "in 3 shares"}
 
 
 @pytest.mark.full
-def test_an_earlier_run_is_mentioned_and_kept_aside_until_another_is_done(tmp_path):
-    output, notes = tmp_path / "out.usdc", []
-    folder = stop(SCENE, output)
-    saved = {path.name: path.read_bytes() for path in folder.iterdir()}
-    other, aside = SCENE.model_copy(update={"gravity": 3.0}), tmp_path / "out.usdc.partial.old"
-    stop(other, output, on_note=notes.append)
-    kept = f"it is kept as {aside.name} until this run is done"
-    assert notes == [f"{folder} holds an earlier run that --resume would continue; {kept}"]
-    assert {path.name: path.read_bytes() for path in aside.iterdir()} == saved
-    assert animate(other, output, resume=True).begin == STOPPED_AT - 1
-    assert [path.name for path in tmp_path.iterdir()] == ["out.usdc"]
+@pytest.mark.parametrize(
+    ("job", "path", "value"),
+    [*(("run", *other) for other in OF_RUN.items()), *(("batch", *other) for other in OF_BATCH.items())],
+    indirect=["job"],
+)
+def test_what_else_the_bits_depend_on_is_compared(job: Job, path: str, value: object):
+    job.stop()
+    said = json.loads((job.partial / "job.json").read_text())
+    *above, name = path.split(".")
+    place = said[above[0]] if above else said
+    assert place[name] != value
+    place[name] = value
+    (job.partial / "job.json").write_text(json.dumps(said))
+    job.refused(rf"belongs to another {job.word}: {path} is {json.dumps(value)} there and .* here; expected the same")
+
+
+@pytest.mark.parametrize("old", ["", ".old"])
+def test_something_else_of_that_name_is_told_before_the_job(old: str, job: Job):
+    there = job.partial.with_name(f"{job.partial.name}{old}")
+    there.mkdir()
+    (there / "thesis.txt").write_text("not ours")
+    job.refused(rf"{there.name}: is where checkpoints go; expected no file of that name$", resume=False)
+    assert (there / "thesis.txt").read_text() == "not ours"
+
+
+def test_an_earlier_job_is_mentioned_and_kept_aside_until_another_is_done(job: Job):
+    """Jobs that are too short for a checkpoint leave it where it is."""
+    saved, notes, aside = job.stop(), [], job.partial.with_name(f"{job.partial.name}.old")
+    other = {"scene": (SCENE if job.word == "run" else batches.scene()).model_copy(update={"substeps": 60})}
+    job.begin(**other)
+    assert job.saved() == saved
+    job.stop(**other, on_note=notes.append)
+    kept = f"it is kept as {aside.name} until this {job.word} is done"
+    assert notes == [f"{job.partial} holds an earlier {job.word} that --resume would continue; {kept}"]
+    assert job.saved(aside) == saved
+    job.begin(**other, resume=True)
+    assert not job.partial.exists()
+    assert not aside.exists()
 
 
 @pytest.mark.full
@@ -222,25 +262,79 @@ def test_where_two_jobs_differ_is_said(there: dict, here: dict, phrases: list[st
     assert list(differences(there, here)) == phrases
 
 
-@pytest.mark.full
-def test_nothing_to_resume_is_the_start_and_short_runs_leave_an_earlier_checkpoint_as_it_is(tmp_path):
-    output, notes = tmp_path / "out.usdc", []
-    assert animate(SCENE, output, resume=True, on_note=notes.append).begin == 0
-    assert "starting from the beginning" in notes[0]
-    folder = stop(SCENE, output)
-    animate(SCENE.model_copy(update={"gravity": 3.0}), output)
-    assert folder.exists()
+def test_nothing_to_resume_begins_at_the_start(job: Job):
+    notes: list[str] = []
+    job.begin(resume=True, on_note=notes.append)
+    assert notes == [f"no checkpoint in {job.partial} to resume from: starting from the beginning"]
 
 
-@pytest.mark.full
-@pytest.mark.parametrize("name", ["frames_000003.usdc", "state_000006_0000.npz", "job.json"])
-def test_a_damaged_checkpoint_is_refused(name: str, tmp_path):
-    output = tmp_path / "out.usdc"
-    damaged = stop(SCENE, output) / name
-    damaged.write_bytes(damaged.read_bytes()[:40])
-    with pytest.raises(InputError, match=name):
-        animate(SCENE, output, resume=True)
-    assert not output.exists()
+@pytest.mark.parametrize(
+    ("job", "name"),
+    [
+        ("run", "job.json"),
+        pytest.param("run", "frames_000003.usdc", marks=pytest.mark.full),
+        pytest.param("run", "state_000006_0000.npz", marks=pytest.mark.full),
+        *(("batch", name) for name in ("job.json", "rows_000001.npz", "state_000002_0000.npz")),
+    ],
+    indirect=["job"],
+)
+def test_a_damaged_checkpoint_is_refused(job: Job, name: str):
+    job.stop()
+    (job.partial / name).write_bytes((job.partial / name).read_bytes()[:40])
+    job.refused(rf"{name}: (cannot be read|USD cannot open it)")
+    assert [path.name for path in job.folder.iterdir()] == [job.partial.name]
+
+
+class Spy:
+    """Pickle that runs code when it is loaded."""
+
+    def __reduce__(self) -> tuple:
+        return os.mkdir, ("run",)
+
+
+@pytest.mark.parametrize(
+    ("job", "name", "array"),
+    [
+        pytest.param("run", "state_000006_0000.npz", "points", marks=pytest.mark.full),
+        ("batch", "rows_000000.npz", "values"),
+        ("batch", "state_000002_0000.npz", "points"),
+    ],
+    indirect=["job"],
+)
+def test_nothing_in_a_checkpoint_is_run(job: Job, name: str, array: str, monkeypatch):
+    monkeypatch.chdir(job.folder)
+    job.stop()
+    with np.load(job.partial / name) as saved:
+        arrays = dict(saved)
+    np.savez(job.partial / name, **{**arrays, array: np.array([Spy()], dtype=object)})
+    job.refused(rf"{name}: cannot be read: ")
+    assert not (job.folder / "run").exists()
+
+
+def test_each_file_of_a_checkpoint_appears_whole(job: Job, monkeypatch):
+    """Each is renamed into place, once it is whole."""
+    whole, replace = set(), os.replace
+
+    def name(source: Path, target: Path) -> None:
+        whole.add(target)
+        replace(source, target)
+
+    monkeypatch.setattr(os, "replace", name)
+    kinds = {name.partition("_")[0] for name in job.stop()}
+    assert kinds == {"job.json", "rows", "frames", "state", "frames.usda", "still.usdc"}
+    assert {*job.partial.iterdir()} <= whole
+
+
+def test_a_checkpoint_that_cannot_be_written_ends_the_job_and_harms_nothing(job: Job):
+    (job.folder / "out.usdc").write_bytes(b"good")
+
+    def take_away(frame: int) -> None:
+        if frame == job.stopped_at:
+            job.partial.rename(job.folder / "taken away")  # at once: it is written to meanwhile
+
+    with pytest.raises(InputError, match=rf"\A.*{job.partial.name}/.*: cannot be written: .*\Z"):
+        job.begin(checkpoint_seconds=batches.OFTEN, on_frame=take_away)
+    assert (job.folder / "out.usdc").read_bytes() == b"good"
 
 
 @pytest.mark.full
@@ -253,37 +347,9 @@ def test_a_kill_between_the_files_of_a_checkpoint_does_no_harm(name: str, tmp_pa
 
 
 @pytest.mark.full
-def test_nothing_in_a_checkpoint_is_run(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    path = stop(SCENE, tmp_path / "out.usdc") / f"state_{STOPPED_AT - 1:06d}_0000.npz"
-    plant_spy(path, "points")
-    with pytest.raises(InputError, match=rf"{path.name}: cannot be read: "):
-        animate(SCENE, tmp_path / "out.usdc", resume=True)
-    assert not (tmp_path / "run").exists()
-
-
-def test_each_file_of_a_checkpoint_appears_whole(tmp_path, monkeypatch):
-    whole = watch_names(monkeypatch)
-    assert {*stop(SCENE, tmp_path / "out.usdc").iterdir()} <= whole
-
-
-@pytest.mark.full
 def test_checkpoints_go_all_at_once_so_that_a_kill_leaves_nothing_to_resume(tmp_path, monkeypatch):
     output = tmp_path / "out.usdc"
     folder = stop(SCENE, output)
     monkeypatch.setattr(shutil, "rmtree", lambda *_, **__: None)
     animate(SCENE, output, resume=True)
     assert not folder.exists()
-
-
-def test_a_checkpoint_that_cannot_be_written_ends_the_run_and_harms_nothing(tmp_path):
-    output = tmp_path / "out.usdc"
-    output.write_bytes(b"good")
-
-    def take_away(frame: int) -> None:
-        if frame == STOPPED_AT:
-            (tmp_path / "out.usdc.partial").rename(tmp_path / "taken away")  # at once: it is written to meanwhile
-
-    with pytest.raises(InputError, match=r"out\.usdc\.partial/.*: cannot be written: "):
-        animate(SCENE, output, checkpoint_seconds=ALWAYS, on_frame=take_away)
-    assert output.read_bytes() == b"good"

@@ -1,11 +1,12 @@
-"""Restarts of worlds by a mask, with drawn values, and restored simulations, which are those that went on."""
+"""Worlds that begin anew, by a mask or by themselves, with drawn values and planned changes in their own time; and
+restored simulations, which are those that went on."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 import warp as wp
-from beginning_worlds import ALONE, BALL, TOUCHING, arrays, begun_anew
 from meshes import cube, quad_sphere
 from played import shape_at
 from trajectories import stepped
@@ -16,7 +17,62 @@ from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.model import Vary, plan_model
 from balloon_warp.model.starts import start_velocities
 from balloon_warp.outputs.npz import write_npz
-from balloon_warp.scene import Balloon, Body, Change, Ground, Inflation, Obstacle, Scene, Sphere, String, Water
+from balloon_warp.scene import (
+    Balloon,
+    Body,
+    Change,
+    Ground,
+    Inflation,
+    Material,
+    Neck,
+    Obstacle,
+    Scene,
+    Sphere,
+    String,
+    Water,
+)
+
+BALL = Balloon(mesh=quad_sphere(3, 0.5), inflation=Inflation(pressure=5.0), velocity=(0.0, -1.0, 0.0))
+GAS = Balloon(mesh=quad_sphere(3, 0.4), position=(0.0, 1.1, 0.0), inflation=Inflation(kind="gas"))
+TOUCHING = Scene(
+    balloon=[BALL, GAS],
+    sphere=[Sphere(position=(0.0, -0.9, 0.0), radius=0.35)],
+    body=[Body(shape="box", size=(0.2, 0.2, 0.2), position=(2.0, 1.0, 0.0))],
+    ground=Ground(height=-1.3),
+    contacts=True,
+)
+ALONE = Scene(balloon=[BALL], substeps=24)
+
+
+def arrays(simulator: Simulator) -> dict[str, np.ndarray]:
+    return {name: array.numpy().copy() for name, array in simulator.state.arrays.items() if name != "frame"}
+
+
+def begun_anew(scene: Scene, schedule: str, resets: tuple[int, ...], frames: int) -> tuple[Simulator, ...]:
+    """Require that a world that begins anew is, bit for bit, as one that begins, while the other goes on.
+
+    Args:
+        resets: Frames before each of the times that the second world begins anew.
+        frames: Those after the last.
+
+    Returns: Two worlds that only went on, two of which the second began anew, and one that only began."""
+    whole, masked = (Simulator(scene, "cpu", 2, schedule=schedule) for _ in range(2))
+    stepped(whole, sum(resets) + frames)
+    for before in resets:
+        stepped(masked, before).reset([0, 1])
+    stepped(masked, frames)
+    fresh = stepped(Simulator(scene, "cpu", 1, schedule=schedule), frames)
+    require_same(masked, fresh, slice(1, 2))
+    require_same(masked, whole, slice(0, 1), slice(0, 1))
+    return whole, masked, fresh
+
+
+def require_same(found: Simulator, expected: Simulator, of: slice = slice(None), like: slice = slice(None)) -> None:
+    """Require the same states, bit for bit, of some worlds of one simulator and another."""
+    other = arrays(expected)
+    for name, array in arrays(found).items():
+        np.testing.assert_array_equal(array[of], other[name][like], err_msg=name)
+
 
 MISTAKES = {
     "a name": (("balloon.mas", 0.0, 1.0), r"balloon\.mas: cannot change"),
@@ -140,12 +196,6 @@ def test_worlds_are_what_the_values_say():
     np.testing.assert_allclose(moved, np.broadcast_to(moved[:, :1], moved.shape), atol=2e-6)
 
 
-@pytest.mark.parametrize("mask", [[1], [[0, 1]], "all", [0, 1, 0]])
-def test_a_mask_of_another_length_is_refused(mask: Any):
-    with pytest.raises(InputError, match=r"reset: expected a (value|number) for each world"):
-        Simulator(ALONE, "cpu", 2).reset(mask)
-
-
 @pytest.mark.full
 @pytest.mark.parametrize("case", MISTAKES)
 def test_what_cannot_be_drawn_is_refused(case: str):
@@ -196,22 +246,24 @@ def test_contact_forces_on_particles_add_up_to_those_on_the_balloon():
     assert (of_pairs.numpy()[:, 0].sum(axis=1)[:, :2] > 0.0).all()
 
 
-@pytest.mark.parametrize(
-    ("name", "sentence"),
-    [
-        ("center", r"center: no such observation; known are centers, velocities, turns, volumes, "),
-        ("contact_forces", r"contact_forces: needs contacts = true in the scene"),
-    ],
-)
-def test_what_is_not_there_cannot_be_observed(name: str, sentence: str):
+NOT_THERE: list[tuple[Callable[[Simulator], Any], str]] = [
+    (lambda of: of.observations["center"], r"center: no such observation; known are centers, velocities, turns, vol"),
+    (lambda of: of.observations["contact_forces"], r"contact_forces: needs contacts = true in the scene"),
+    *(
+        (lambda of, numbers=numbers: of.observations.particles(numbers), r"particles: must be numbers from 0 to 55")
+        for numbers in ([-1], [56], [], [0.5], [[1]])
+    ),
+    *(
+        (lambda of, mask=mask: of.reset(mask), r"reset: expected a (value|number) for each world")
+        for mask in ([1], [[0, 1]], "all", [0, 1, 0])
+    ),
+]
+
+
+@pytest.mark.parametrize(("ask", "sentence"), NOT_THERE)
+def test_what_is_not_there_is_neither_observed_nor_begun_anew(ask: Callable[[Simulator], Any], sentence: str):
     with pytest.raises(InputError, match=sentence):
-        _ = Simulator(ALONE, "cpu").observations[name]
-
-
-@pytest.mark.parametrize("numbers", [[-1], [56], [], [0.5], [[1]]])
-def test_particles_that_are_not_there_cannot_be_observed(numbers: Any):
-    with pytest.raises(InputError, match=r"particles: must be numbers from 0 to 55"):
-        Simulator(ALONE, "cpu").observations.particles(numbers)
+        ask(Simulator(ALONE, "cpu", 2))
 
 
 def test_a_cube_has_its_volume():
@@ -300,14 +352,12 @@ SCENES = {
     "limit": PLAIN.model_copy(update={"correction": "provot"}),
     "projective": PLAIN.model_copy(update={"solver": "projective"}),
 }
-WAYS = {
-    **{(name, schedule): SCENES[name] for name in SCENES for schedule in ("gather", "lanes", "block")},
-    ("plain", "octets"): PLAIN,
-    ("projective", "auto"): SCENES["projective"],
-    ("changes of solver", "auto"): SCENES["changes of solver"],
-}
-for name in ("gather", "lanes", "block"):  # these are the other solver's
-    del WAYS["projective", name], WAYS["changes of solver", name]
+OF_THE_OTHER_SOLVER = ("projective", "changes of solver")
+WAYS = [
+    *((name, by) for name in SCENES if name not in OF_THE_OTHER_SOLVER for by in ("gather", "lanes", "block")),
+    *[("plain", "octets"), *((name, "auto") for name in OF_THE_OTHER_SOLVER)],
+]
+"""Scenes and schedules"""
 
 
 def simulators(way: tuple[str, str], device: str) -> list[Simulator]:
@@ -315,7 +365,7 @@ def simulators(way: tuple[str, str], device: str) -> list[Simulator]:
     if device != "cpu" and schedule in ("octets", "lanes"):
         pytest.skip("simulates on the CPU")
     vary: Vary = {"balloon.mass": 0.1 + 0.01 * np.arange(WORLDS)}
-    return [Simulator(WAYS[name, schedule], device, WORLDS, vary, schedule) for _ in range(2)]
+    return [Simulator(SCENES[name], device, WORLDS, vary, schedule) for _ in range(2)]
 
 
 def bytes_of(simulator: Simulator) -> dict[str, bytes]:
@@ -365,3 +415,156 @@ def test_what_a_scene_does_not_have_need_not_be_saved():
     again = Simulator("squirrel_tether", "cpu")
     again.restore(saved)
     np.testing.assert_array_equal(again.read_frame().points[0], simulator.read_frame().points[0])
+
+
+PLANNED = ALONE.model_copy(
+    update={
+        "change": [
+            Change(time=2 / 60, set={"gravity": 1.0, "balloon.inflation.pressure": 8.0}),
+            Change(time=4 / 60, set={"gravity": 4.0, "atmosphere.wind": [1.0, 0.0, 2.0], "balloon.damping": 0.4}),
+        ]
+    }
+)
+
+
+def test_planned_changes_come_in_a_worlds_own_time(schedule: str) -> None:
+    _, masked, fresh = begun_anew(PLANNED, schedule, (3, 1), 6)
+    masked.reset()
+    require_same(stepped(masked, 6), fresh, slice(0, 1))
+
+
+def test_worlds_of_different_times_are_saved_and_restored() -> None:
+    simulator = stepped(Simulator(PLANNED, "cpu", 2), 3)
+    simulator.reset([0, 1])
+    saved = stepped(simulator, 1).save()
+    stepped(simulator, 4)
+    other = Simulator(PLANNED, "cpu", 2)
+    for each in (other, simulator):
+        each.restore(saved)
+        require_same(stepped(each, 4), simulator if each is other else other)
+
+
+def test_a_control_of_ones_own_hears_of_what_is_planned() -> None:
+    simulator = Simulator(PLANNED, "cpu", 2)
+    pressure = simulator.controls["balloon.inflation.pressure"]
+    stepped(simulator, 1).reset([0, 1])
+    stepped(simulator, 1)
+    assert pressure.numpy().tolist() == [5.0, 5.0]
+    stepped(simulator, 1)
+    assert pressure.numpy().tolist() == [8.0, 5.0]
+    pressure.fill_(6.0)
+    stepped(simulator, 1)
+    assert pressure.numpy().tolist() == [6.0, 8.0]
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"substeps": 30}, r"change\.0\.set: substeps: changes in all worlds at once"),
+        ({"balloon.stiffness": {"shear": 3.0}}, r"change\.0\.set: balloon\.stiffness: must be a number or three"),
+        ({"balloon.friction": 0.3}, r"change: balloon\.friction: cannot be written on the device"),
+    ],
+)
+def test_what_cannot_change_in_a_world_by_itself_is_refused(change: dict[str, Any], sentence: str) -> None:
+    scene = ALONE.model_copy(update={"change": [Change(time=1.0, set=change)], "ground": Ground(height=-2.0)})
+    simulator = Simulator(scene, "cpu", 2)
+    with pytest.raises(InputError, match=r"reset: some worlds cannot begin anew by themselves: " + sentence):
+        simulator.reset([0, 1])
+
+
+ROPE = String(particle=0, anchor=(0.5, 1.5, 0.0), length=0.01, stiffness=200.0, start=1 / 60, end=5 / 60)
+APPEARING = ALONE.model_copy(
+    update={
+        "sphere": [
+            Sphere(position=(0.0, -0.4, 0.0), radius=0.2, velocity=(0.0, 1.0, 0.0), start=2 / 60, end=6 / 60),
+            Sphere(position=(0.0, 0.7, 0.0), radius=0.15, end=4 / 60),
+        ],
+        "string": [ROPE, ROPE.model_copy(update={"particle": 9, "start": 0.0, "end": None})],
+    }
+)
+
+
+@pytest.mark.full
+def test_things_appear_and_end_in_a_worlds_own_time(schedule: str) -> None:
+    """Also in a world that is saved and restored."""
+    _, masked, fresh = begun_anew(APPEARING, schedule, (3, 1), 7)
+    masked.reset([0, 1])
+    saved = stepped(masked, 3).save()
+    stepped(masked, 4).restore(saved)
+    require_same(stepped(masked, 4), fresh, slice(1, 2))
+
+
+INFLATED = Inflation(pressure=[(0.0, 2.0), (0.05, 9.0), (0.12, 4.0)])
+LIFTING: list[Any] = [
+    (0.0, (0.0, -0.1, 0.0)),
+    (0.04, (0.05, 0.05, 0.0), (0.0, 0.0, 10.0)),
+    (0.11, (0.0, 0.02, 0.1), (0.0, 5.0, 40.0)),
+]
+MOVED = TOUCHING.model_copy(
+    update={
+        "balloon": [BALL.model_copy(update={"inflation": INFLATED})],
+        "obstacle": [Obstacle(size=(1.5, 0.2, 1.5), position=(0.0, -0.7, 0.0), motion=LIFTING)],
+        "sphere": [Sphere(position=(0.0, 0.75, 0.0), radius=0.2)],
+        "ground": None,
+    }
+)
+
+
+@pytest.mark.full
+def test_keyframes_and_obstacles_follow_a_worlds_own_time(schedule: str) -> None:
+    scene = MOVED if schedule == "gather" else MOVED.model_copy(update={"contacts": False, "body": []})
+    whole, masked, fresh = begun_anew(scene, schedule, (5, 1), 6)
+    seen = masked.observations["obstacle_positions"].numpy()
+    for world, frame in enumerate((whole.read_frame(), fresh.read_frame())):
+        np.testing.assert_array_equal(masked.read_frame(world).obstacle_poses, frame.obstacle_poses)
+        np.testing.assert_array_equal(seen[world], frame.obstacle_poses[:, :3].astype(np.float32))
+    masked.reset()
+    require_same(stepped(masked, 6), fresh, slice(0, 1))
+
+
+@pytest.mark.full
+def test_obstacles_of_ones_own_control_do_not_know_the_time(schedule: str) -> None:
+    plate = Obstacle(size=(1.5, 0.2, 1.5), position=(0.0, -0.8, 0.0))
+    scene = ALONE.model_copy(update={"obstacle": [plate]})
+    late, fresh = (Simulator(scene, "cpu", 2, schedule=schedule) for _ in range(2))
+    for simulator in (late, fresh):
+        simulator.controls.open("obstacle.0.velocity", -2.0, 2.0)
+    stepped(late, 37).reset([1, 1])
+    for frame in range(8):
+        for simulator in (late, fresh):
+            simulator.controls["obstacle.0.velocity"] = np.full((2, 3), [0.1, 2.0 * np.cos(0.3 * frame), 0.2])
+            stepped(simulator, 1)
+    require_same(late, fresh)
+
+
+@pytest.mark.full
+def test_a_camera_sees_obstacles_where_they_are_in_each_world() -> None:
+    whole, masked = (Simulator(MOVED, "cpu", 2) for _ in range(2))
+    cameras = [each.observations.camera((0.0, 0.5, 4.0), (0.0, -0.5, 0.0), 16, 12) for each in (whole, masked)]
+    stepped(masked, 4).reset([0, 1])
+    stepped(masked, 2)
+    stepped(whole, 2)
+    depths = [camera.depth.numpy() for camera in cameras]
+    np.testing.assert_array_equal(depths[1][1], depths[0][1])
+    assert not np.array_equal(depths[1][0], depths[0][0])
+
+
+BLOWN = Inflation(kind="gas", litres=1.0)
+NEEDLE = Material(preset="latex", strength=1e7, needle_time=0.2)
+LATE = {
+    "a neck that opens or closes": {"balloon": [GAS.model_copy(update={"neck": Neck(diameter=0.01, opens=0.2)})]},
+    "gas that is blown in for a time": {"balloon": [GAS.model_copy(update={"inflation": BLOWN})]},
+    'strings that appear or end, and solver = "projective"': {
+        "balloon": [BALL.model_copy(update={"inflation": Inflation(k_normal=1.0)})],
+        **{"string": [ROPE], "solver": "projective"},
+    },
+    "a needle_time": {"balloon": [GAS.model_copy(update={"material": NEEDLE})]},
+}
+
+
+@pytest.mark.parametrize("reason", LATE)
+def test_worlds_of_one_clock_do_not_begin_anew_by_themselves(reason: str) -> None:
+    simulator = Simulator(ALONE.model_copy(update=LATE[reason]), "cpu", 2)
+    clock = f"reset: some worlds cannot begin anew where the scene has {reason}: the clock"
+    with pytest.raises(InputError, match=clock):
+        simulator.reset([0, 1])

@@ -7,7 +7,7 @@ import pytest
 from exported import FRAMES, scene
 from meshes import cube, grid, quad_sphere, tetrahedron
 from motion import animated, assert_valid, assert_velocities_are_those_of_the_points
-from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdShade
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdShade
 from render_stages import read_stage
 from test_resume import SCENE as RESUMED_SCENE
 from test_resume import crash, gone_on, stop
@@ -28,18 +28,10 @@ def everything(**fields) -> Scene:
         Balloon(mesh=quad_sphere(3), name="ball", position=(0, 2, 0), helium=20.0, inflation=inflating),
         Balloon(mesh=grid(3, 2), name="ball", position=(4, 1, 0), color=(0.1, 0.2, 0.3)),
     ]
-    fields = {
-        "description": "one of each",
-        "balloon": balloons,
-        "sphere": [Sphere(position=(0, 4, 0), radius=0.3), Sphere(position=(1, 5, 0), radius=0.1)],
-        "string": [String(anchor=(0, 0, 0), length=2.0)],
-        "ground": Ground(height=-0.5),
-        "net_forces": True,
-        "frames": FRAMES,
-        "frames_per_second": 30,
-        "picture_frame": 4,
-    } | fields
-    return Scene(**fields)
+    spheres = [Sphere(position=(0, 4, 0), radius=0.3), Sphere(position=(1, 5, 0), radius=0.1)]
+    apart = {"obstacle": [], "water": None, "ground": Ground(height=-0.5), "net_forces": True}
+    said = {"description": "one of each", "picture_frame": 4}
+    return scene(**{"balloon": balloons, "sphere": spheres, **apart, **said} | fields)
 
 
 @pytest.fixture(scope="module")
@@ -193,16 +185,6 @@ def test_materials_are_bound_and_colored(stage: Usd.Stage):
         assert shader.GetInput("diffuseColor").Get() == display
     chosen = UsdGeom.Gprim(stage.GetPrimAtPath("/World/ball_1")).GetDisplayColorAttr().Get()[0]
     assert Gf.IsClose(chosen, Gf.Vec3f(0.1, 0.2, 0.3), 1e-6)
-
-
-@pytest.mark.full
-def test_odd_names_become_prims_of_their_own(tmp_path):
-    names = ["a cow!", "a cow?", "Ground", "7", ""]
-    balloons = [Balloon(mesh=cube(), name=name, position=(3.0 * n, 0, 0)) for n, name in enumerate(names)]
-    stage = animated(Scene(balloon=balloons, frames=1, ground=Ground()), tmp_path / "odd.usda")
-    found = [prim.GetName() for prim in stage.GetDefaultPrim().GetChildren() if prim.IsA(UsdGeom.Mesh)]
-    assert len(set(found)) == 6
-    assert all(Tf.IsValidIdentifier(name) for name in found)
 
 
 def test_blender_reads_the_stage(written: Path):

@@ -5,7 +5,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from meshes import box, grid, mesh_of, quad_sphere
+from meshes import box, grid, mesh_of, quad_sphere, with_tips
 from numpy.typing import NDArray
 
 from balloon_warp import Atmosphere, Balloon, Ground, Inflation, PolygonMesh, Scene, Simulator, Stiffness, Touch
@@ -83,16 +83,8 @@ def cushion(cells: int) -> PolygonMesh:
 def tube(rings: int, around: int) -> PolygonMesh:
     """Return a closed tube of 2 m along x, 16 cm wide."""
     along, angles = np.linspace(-1.0, 1.0, rings), 2.0 * np.pi * np.arange(around) / around
-    points = [(x, 0.08 * np.cos(a), 0.08 * np.sin(a)) for x in along for a in angles]
-    ends, following = len(points), np.roll(np.arange(around), -1)
-    faces = [
-        [first + i, first + j, first + around + j, first + around + i]
-        for first in range(0, ends - around, around)
-        for i, j in enumerate(following)
-    ]
-    faces += [[ends, j, i] for i, j in enumerate(following)]
-    faces += [[ends + 1, ends - around + i, ends - around + j] for i, j in enumerate(following)]
-    return mesh_of([*points, (-1.04, 0.0, 0.0), (1.04, 0.0, 0.0)], faces)
+    circles = np.array([[(x, 0.08 * np.cos(a), 0.08 * np.sin(a)) for a in angles] for x in along])
+    return with_tips(circles, [(-1.04, 0.0, 0.0), (1.04, 0.0, 0.0)])
 
 
 def horseshoe() -> PolygonMesh:

@@ -62,9 +62,7 @@ def _from(start: dict[str, np.ndarray], scene: Scene, schedule: str, device: str
     simulator = Simulator(scene, device, schedule=schedule)
     for name, array in start.items():
         simulator.state.arrays[name].assign(array)
-    for _ in range(frames):
-        simulator.step_unread()
-    return simulator
+    return stepped(simulator, frames)
 
 
 def tolerance_of(scene: Scene) -> float:

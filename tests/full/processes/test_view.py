@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from asked_ahead import AskedAhead
 from browsing import (
     LIMIT,
     again,
@@ -36,6 +35,7 @@ from browsing import (
 )
 from PIL import Image
 from pxr import Usd, UsdGeom
+from strangers import AskedAhead
 
 from balloon_warp import Balloon, Ground, Scene, Water, load_scene, scenes
 from balloon_warp.viewer.notebook import Shown
