@@ -46,13 +46,13 @@ def test_every_substep_runs_once_in_order_and_searches_when_it_should(count: int
     assert a_frame.are_short == (count > rounds.FLAT)
 
 
-def scene(substeps: int, **changes: Any) -> Scene:
+def scene(**changes: Any) -> Scene:
     """Return balloons that inflate by a ramp, touch each other, and are lifted by a moving floor."""
     balloons = [
         Balloon(mesh=quad_sphere(3), position=(0.15 * k, 1.1, 0), inflation=Inflation(k_normal=[(0, 0.0), (1, 1.0)]))
         for k in (-1, 1)
     ]
-    return Scene(**{"balloon": balloons, "obstacle": [TURNS], "frames": 4, "substeps": substeps} | changes)
+    return Scene(**{"balloon": balloons, "obstacle": [TURNS], "frames": 4, "substeps": MANY} | changes)
 
 
 def points_of(made: Scene, schedule: str) -> np.ndarray:
@@ -72,7 +72,7 @@ def points_of(made: Scene, schedule: str) -> np.ndarray:
 def test_a_frame_of_rounds_is_to_the_bit_one_of_single_substeps(
     monkeypatch: pytest.MonkeyPatch, schedule: str, changes: dict[str, Any]
 ):
-    made = scene(MANY, **changes)
+    made = scene(**changes)
     in_rounds = points_of(made, schedule)
     monkeypatch.setattr(rounds, "FLAT", MORE)
     monkeypatch.setattr("balloon_warp.schedules.recorded_frame.FEW", 99)
@@ -90,6 +90,6 @@ def test_what_is_recorded_does_not_grow_with_the_substeps(monkeypatch: pytest.Mo
     monkeypatch.setattr(APICapture, "build_launch_info", counted)
     for substeps in (MANY, MORE):
         recorded.append(0)
-        points_of(scene(substeps), "gather")
+        points_of(scene(substeps=substeps), "gather")
     _, few, many = recorded
     assert 0 < many <= 1.2 * few, "what is left over of a turn, and between two searches, has fewer than a turn"
