@@ -1,7 +1,7 @@
 """Run-specific parts of checkpoints: description, folder, and output."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -60,6 +60,7 @@ def describe_run(simulator: Simulator) -> dict[str, Any]:
     """Describe the inputs that decide a run's bits, for JSON. Before the run: mesh files may change meanwhile."""
     model = simulator.model
     done_by = {
+        "softening": asdict(model.softening) if model.softening else None,
         "schedule": simulator.schedule.name,
         "device": model.device.name if model.device.is_cuda else "cpu",
     }

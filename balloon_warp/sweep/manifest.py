@@ -2,6 +2,7 @@
 
 import platform
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,7 @@ def describe_batch(task: BatchTask) -> dict[str, Any]:
         "export": task.chosen.tolist(),
         "laws": describe_laws(task.laws),
         "files": task.file_hashes,
+        "softening": [asdict(plan.softening) for group in task.groups if (plan := group.plan).softening],
     }
     return without_folders(described)
 
