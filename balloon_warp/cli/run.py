@@ -154,7 +154,7 @@ def run(
             resume=resume,
             view=asked,
             on_begin=lambda beginning: opening.add(
-                progress.begin(task, beginning), beginning.softening, beginning.many_substeps
+                progress.begin(task, beginning), beginning.strain_bound, beginning.many_substeps
             ),
             on_frame=opening.before(lambda number: progress.update(task, completed=number)),
             on_note=opening.before(note),

@@ -21,7 +21,7 @@ from balloon_warp.model.packing import views_of
 from balloon_warp.model.ridges import Ridges
 from balloon_warp.model.rows import VELOCITY
 from balloon_warp.model.shape import BalloonShape
-from balloon_warp.model.softened import Softening
+from balloon_warp.model.strain_bound import StrainBound
 from balloon_warp.model.timeline import DueChange
 from balloon_warp.scene import Scene
 
@@ -48,7 +48,7 @@ class Model:
     """Built-in laws and the user's own"""
     warnings: list[str]
     """Warnings on the start, see `ModelPlan.warnings`"""
-    softening: Softening | None
+    strain_bound: StrainBound | None
     """Films whose moduli are lower than their materials', if there are any"""
     frame_seconds: float
     up: wp.vec3
@@ -267,7 +267,7 @@ class Model:
     @property
     def softens(self) -> bool:
         """Return whether a balloon is of rubber that may soften."""
-        return any(balloon.material.softening is not None for balloon in self.scene.balloon)
+        return any(balloon.material.strain_bound is not None for balloon in self.scene.balloon)
 
     @property
     def bursts(self) -> bool:

@@ -36,9 +36,9 @@ from balloon_warp.model.pressure import settle_pressure
 from balloon_warp.model.ridges import Ridges, all_ridges, kept_distance
 from balloon_warp.model.rows import rows_of
 from balloon_warp.model.shape import BalloonShape, shape_balloon
-from balloon_warp.model.softened import Softening, softened_films, softened_moduli
 from balloon_warp.model.stability import Network, choose_substeps, names_of_the_step
 from balloon_warp.model.starts import require_same_extreme, settle_starts, start_velocities
+from balloon_warp.model.strain_bound import StrainBound, bounded_films, bounded_moduli
 from balloon_warp.model.strings import held_particle, overstretched_strings, string_lengths
 from balloon_warp.model.tears import settle_tears
 from balloon_warp.model.timeline import DueChange, due_changes
@@ -73,7 +73,7 @@ class ModelPlan:
     """Number of substeps at the start, by the stiffest world"""
     due_changes: list[DueChange]
     """Changes during the simulation"""
-    softening: Softening | None = None
+    strain_bound: StrainBound | None = None
     """Films whose moduli are lower than their materials', if there are any"""
 
     @property
@@ -184,7 +184,7 @@ def plan_model(
     substeps = substeps_over_time(scene, network, parameters, changes, start_velocities(shapes, parameters))
     if scene.substeps == "auto":
         substeps = max(substeps, substeps_of_solids(scene, bodies, parameters))
-    softening = _softening(scene, network, parameters, said[SHEAR_MODULUS.name], changes, substeps)
+    bound = _strain_bound(scene, network, parameters, said[SHEAR_MODULUS.name], changes, substeps)
     return ModelPlan(
         scene=scene,
         world_count=world_count,
@@ -198,7 +198,7 @@ def plan_model(
         parameters=parameters,
         substeps=substeps,
         due_changes=changes,
-        softening=softening,
+        strain_bound=bound,
     )
 
 
@@ -242,29 +242,29 @@ def _settled(
     require_openings(scene, shapes, parameters)
     require_profile(parameters)
     parameters["keyframe_values"] = settle_pressure(scene, shapes, parameters)
-    parameters[SHEAR_MODULUS.name] = softened_moduli(scene, shapes, parameters, changes)
+    parameters[SHEAR_MODULUS.name] = bounded_moduli(scene, shapes, parameters, changes)
     parameters |= settle_touch(scene, shapes, parameters) | settle_friction(parameters, rounded)
     parameters |= settle_tears(scene, parameters)
     parameters |= settle_gas(scene, shapes, parameters, rounded)
     return parameters | {EVENED.name: settle_bearing(scene, shapes, parameters)}
 
 
-def _softening(
+def _strain_bound(
     scene: Scene,
     network: Network,
     parameters: Parameters,
     exact: NDArray[np.float64],
     changes: Sequence[DueChange],
     substeps: int,
-) -> Softening | None:
-    """Return which films are softened, and the substeps that this spares; None where none is."""
-    films = softened_films(scene, network.shapes, parameters, exact, changes)
+) -> StrainBound | None:
+    """Return which films are bounded, and the substeps that this spares; None where none is."""
+    films = bounded_films(scene, network.shapes, parameters, exact, changes)
     if not films:
         return None
     spared = None
     if scene.substeps == "auto":
         spared = substeps_over_time(scene, network, {**parameters, SHEAR_MODULUS.name: exact}, changes, None)
-    return Softening(films, substeps, spared)
+    return StrainBound(films, substeps, spared)
 
 
 def substeps_over_time(

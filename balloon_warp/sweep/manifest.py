@@ -2,12 +2,12 @@
 
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from balloon_warp.files import whole_file
 from balloon_warp.marks import manifest_text
+from balloon_warp.model.strain_bound import strain_bound_described
 from balloon_warp.provenance import (
     describe_laws,
     describe_scene,
@@ -37,7 +37,7 @@ def describe_batch(task: BatchTask) -> dict[str, Any]:
         "export": task.chosen.tolist(),
         "laws": describe_laws(task.laws),
         "files": task.file_hashes,
-        "softening": [asdict(plan.softening) for group in task.groups if (plan := group.plan).softening],
+        "strain_bound": strain_bound_described(task.groups[0].plan),
     }
     return without_folders(described)
 

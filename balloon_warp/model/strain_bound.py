@@ -5,8 +5,8 @@ nothing changes that one sees. Ten times as soft in frequency it takes a tenth o
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import asdict, dataclass
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +38,7 @@ OVER = 1.05
 
 
 @dataclass(frozen=True)
-class SoftenedFilm:
+class BoundedFilm:
     """Film of a balloon whose modulus is lower than the material's, in the first world."""
 
     number: int
@@ -58,10 +58,10 @@ class SoftenedFilm:
 
 
 @dataclass(frozen=True)
-class Softening:
-    """Films that are softened, and what that spares."""
+class StrainBound:
+    """Films that have a modulus of a bound on their strain, and what that spares."""
 
-    films: tuple[SoftenedFilm, ...]
+    films: tuple[BoundedFilm, ...]
     substeps: int
     """Number of substeps of a frame"""
     exact_substeps: int | None
@@ -77,7 +77,7 @@ class Softening:
         return f"{most.material}{alike}: {stretch}: {moduli}{spared}"
 
 
-def softened_moduli(
+def bounded_moduli(
     scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters, changes: Sequence[DueChange]
 ) -> Values:
     """Return shear moduli of all balloons [Pa], shape (W, balloon_count), of film no higher than its bound asks for.
@@ -105,10 +105,10 @@ def softened_moduli(
     return moduli
 
 
-def softened_films(
+def bounded_films(
     scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters, exact: Values, changes: Sequence[DueChange]
-) -> tuple[SoftenedFilm, ...]:
-    """Return the films of the first world that are softened.
+) -> tuple[BoundedFilm, ...]:
+    """Return the films of the first world that have less than their own modulus.
 
     Args:
         exact: shear moduli as the scene says them [Pa].
@@ -120,7 +120,7 @@ def softened_films(
         if bound is not None and modulus < own:
             pressure = float(_planned_pressure(parameters, changes, number)[0])
             material = balloon.material.preset or "film"
-            films.append(SoftenedFilm(number, shape.name, material, bound, pressure, YOUNG * modulus, YOUNG * own))
+            films.append(BoundedFilm(number, shape.name, material, bound, pressure, YOUNG * modulus, YOUNG * own))
     return tuple(films)
 
 
@@ -162,26 +162,35 @@ def mean_strain(shape: BalloonShape, points: Values) -> float:
     return float(np.average(np.maximum(larger - 1.0, 0.0), weights=shape.membrane.areas))
 
 
-class Softens(Protocol):
-    """A plan, or a model, whose film may be softened."""
+class HasFilm(Protocol):
+    """A plan, or a model, whose film may have a bound."""
 
-    softening: Softening | None
+    strain_bound: StrainBound | None
     shapes: list[BalloonShape]
 
 
-def softening_said(plan: Softens) -> str | None:
+def strain_bound_said(plan: HasFilm) -> str | None:
     """Return a sentence on film that is softer than its material; None without such film."""
-    return str(plan.softening) if plan.softening else None
+    return str(plan.strain_bound) if plan.strain_bound else None
 
 
-def overstretched_films(plan: Softens, points: Sequence[NDArray[np.floating]]) -> list[str]:
-    """Return a sentence for each softened film that is stretched beyond its bound, and by how much.
+def strain_bound_described(plan: HasFilm) -> dict[str, dict[str, Any]]:
+    """Return a table for each film that is softer than its material, by its balloon, as JSON and stages have them."""
+    films = plan.strain_bound.films if plan.strain_bound else ()
+    return {
+        f"balloon.{film.number}": {name: value for name, value in asdict(film).items() if name != "number"}
+        for film in films
+    }
+
+
+def overstretched_films(plan: HasFilm, points: Sequence[NDArray[np.floating]]) -> list[str]:
+    """Return a sentence for each film that is stretched beyond its bound, and by how much.
 
     Args:
         points: of each balloon's particles [m], shape (particle_count, 3).
     """
     said = []
-    for film in plan.softening.films if plan.softening else ():
+    for film in plan.strain_bound.films if plan.strain_bound else ():
         strain = mean_strain(plan.shapes[film.number], points[film.number].astype(np.float64))
         if strain > OVER * film.strain_bound:
             said.append(
