@@ -267,7 +267,7 @@ class Model:
     @property
     def softens(self) -> bool:
         """Return whether a balloon is of rubber that may soften."""
-        return any(balloon.material.strain_bound is not None for balloon in self.scene.balloon)
+        return any(balloon.material.softening is not None for balloon in self.scene.balloon)
 
     @property
     def bursts(self) -> bool:
