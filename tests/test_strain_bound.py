@@ -61,6 +61,10 @@ def test_the_modulus_and_the_mass_stay_where_they_should():
     assert exact.strain_bound is None
     assert modulus(plan_model(scene_of(**FILM))) == pytest.approx(4.5e9), "without a preset only if it is asked for"
     assert modulus(plan_model(scene_of(**FILM, strain_bound=BOUND))) < 1e9
+    assert modulus(plan_model(scene_of(shear_modulus=1.2e9))) == pytest.approx(3.6e9), "whoever says one has it"
+    said = plan_model(scene_of(), 2, {"balloon.0.material.shear_modulus": [1.5e9, 1.0e9]}).parameters["shear_modulus"]
+    np.testing.assert_allclose(said[:, 0], [1.5e9, 1.0e9])
+    assert modulus(plan_model(scene_of(shear_modulus=1.2e9, strain_bound=BOUND))) < 1e9, "unless both are said"
     assert modulus(plan_model(scene_of(pressure=1e6))) == pytest.approx(4.5e9), "never stiffer than it is"
     assert modulus(plan_model(scene_of(pressure=0.0))) == pytest.approx(4.5e9), "nothing is planned"
     assert modulus(plan_model(scene_of(more={"balloon": [Balloon(mesh=BALL, material=Material(preset="foil"),

@@ -4,7 +4,7 @@ The scene's meshes become shapes. Its numbers become parameters, by the rows of 
 each world. Missing values get their defaults. Then the substeps follow from all of these.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -164,7 +164,7 @@ def plan_model(
     said = vary_parameters(parameters_at(scene, rows, 0), scene, rows, world_count, vary or {})
     bodies = [shape_body(number, body, scene) for number, body in enumerate(scene.body)]
     changes = list(due_changes(scene, rows))
-    parameters = _settled(scene, shapes, bodies, held, said, changes)
+    parameters = _settled(scene, shapes, bodies, held, said, changes, vary or {})
     obstacles = [shape_obstacle(number, obstacle, scene) for number, obstacle in enumerate(scene.obstacle)]
     parameters |= settle_bodies(scene, bodies, parameters)
     if obstacles:
@@ -210,7 +210,7 @@ def settled_parameters(plan: ModelPlan, vary: Vary) -> Parameters:
     """
     rows = rows_of(plan.laws)
     said = vary_parameters(parameters_at(plan.scene, rows, 0), plan.scene, rows, plan.world_count, vary)
-    return _settled(plan.scene, plan.shapes, plan.bodies, plan.held, said, plan.due_changes, rounded=False)
+    return _settled(plan.scene, plan.shapes, plan.bodies, plan.held, said, plan.due_changes, vary, rounded=False)
 
 
 def _settled(
@@ -220,6 +220,7 @@ def _settled(
     held: Sequence[int],
     said: Mapping[str, NDArray[np.float64]],
     changes: Sequence[DueChange],
+    varied: Collection[str],
     rounded: bool = True,
 ) -> Parameters:
     """Return the parameters with those that follow from them and from the shapes.
@@ -242,7 +243,7 @@ def _settled(
     require_openings(scene, shapes, parameters)
     require_profile(parameters)
     parameters["keyframe_values"] = settle_pressure(scene, shapes, parameters)
-    parameters[SHEAR_MODULUS.name] = bounded_moduli(scene, shapes, parameters, changes)
+    parameters[SHEAR_MODULUS.name] = bounded_moduli(scene, shapes, parameters, changes, varied)
     parameters |= settle_touch(scene, shapes, parameters) | settle_friction(parameters, rounded)
     parameters |= settle_tears(scene, parameters)
     parameters |= settle_gas(scene, shapes, parameters, rounded)

@@ -4,7 +4,7 @@ Real film hardly stretches, and its modulus makes short steps: a letter of foil 
 nothing changes that one sees. Ten times as soft in frequency it takes a tenth of them.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Protocol
 
@@ -78,7 +78,11 @@ class StrainBound:
 
 
 def bounded_moduli(
-    scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters, changes: Sequence[DueChange]
+    scene: Scene,
+    shapes: Sequence[BalloonShape],
+    parameters: Parameters,
+    changes: Sequence[DueChange],
+    varied: Collection[str] = (),
 ) -> Values:
     """Return shear moduli of all balloons [Pa], shape (W, balloon_count), of film no higher than its bound asks for.
 
@@ -87,13 +91,17 @@ def bounded_moduli(
     on average where E = 3 p V / (A h bound), or p R / (2 h bound) with a radius R = 6 V / A: twice that of a sphere.
     The stress by which a film bears its own weight, hung by an end, is added.
 
+    Args:
+        varied: paths of values that differ between worlds: a modulus among them stays, unless a bound is asked for.
+
     Raises:
         InputError: a bound is asked for where no pressure is planned, or the balloon has no inside.
     """
     moduli = parameters[SHEAR_MODULUS.name]
     for number, (balloon, shape) in enumerate(zip(scene.balloon, shapes, strict=True)):
         bound = balloon.material.bound_on_strain
-        if bound is None or not _has_plan(scene, shape, number):
+        told = balloon.material.strain_bound is None and any(path.endswith(SHEAR_MODULUS.path) for path in varied)
+        if bound is None or told or not _has_plan(scene, shape, number):
             continue
         pressure = _planned_pressure(parameters, changes, number)
         film = parameters["thickness"][:, number] * shape.membrane.areas.sum()

@@ -77,7 +77,7 @@ class Material(Table):
     the locking stretch of "gent" [1]"""
     strain_bound: Annotated[float, Field(gt=0.0, le=0.1)] | None = None
     """Mean strain of film at the largest planned `inflation.pressure`: its modulus is no higher than this asks for, so
-    that steps are longer, see FOIL.md; when missing 0.003 of the presets "foil" and "nylon", otherwise none [1]"""
+    that steps are longer, see FOIL.md; when missing 0.003 for the own modulus of "foil" and "nylon" [1]"""
     exact: bool = False
     """Keep the preset's own modulus, without its `strain_bound`"""
     viscosity: NonNegative = 0.0
@@ -148,8 +148,13 @@ class Material(Table):
 
     @property
     def bound_on_strain(self) -> float | None:
-        """Strain by which film of a lower modulus may stretch [1]; None where the modulus stays as it is."""
-        return None if self.exact or self.law != "neo_hookean" else self.value("strain_bound")
+        """Strain by which film of a lower modulus may stretch [1]; None where the modulus stays as it is.
+
+        A preset's is for its own modulus: one that is given stays.
+        """
+        if self.exact or self.law != "neo_hookean" or self.shear_modulus is not None:
+            return self.strain_bound
+        return self.value("strain_bound")
 
     @property
     def locking_stretch(self) -> float:
