@@ -1,4 +1,4 @@
-"""What the bound on film's strain spares and changes: the letter I of real foil, beside film of its own modulus.
+"""Cost and accuracy of the bound on film's strain: the letter I of real foil, beside film of its own modulus.
 
     python -m balloon_warp.benchmarks.foil [--letter I] [--pressure 50] [--frames 40]
 

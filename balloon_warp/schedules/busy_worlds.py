@@ -64,7 +64,7 @@ class LaunchedFrames:
 
     @property
     def are_short(self) -> bool:
-        """Whether far fewer substeps are launched, or recorded, than a frame has."""
+        """Return whether far fewer substeps are launched, or recorded, than a frame has."""
         return self._gather.rounds.are_short
 
     def _copy_busy(self, target: wp.array, source: wp.array) -> None:
@@ -107,7 +107,7 @@ class BusyWorlds:
 
     @property
     def are_short(self) -> bool:
-        """Whether far fewer substeps are launched, or recorded, than a frame has."""
+        """Return whether far fewer substeps are launched, or recorded, than a frame has."""
         return isinstance(self._frames, LaunchedFrames) and self._frames.are_short
 
     def begin_loading(self, are_recorded: bool) -> None:
