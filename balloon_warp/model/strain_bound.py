@@ -173,8 +173,15 @@ def mean_strain(shape: BalloonShape, points: Values) -> float:
 class HasFilm(Protocol):
     """A plan, or a model, whose film may have a bound."""
 
-    strain_bound: StrainBound | None
-    shapes: list[BalloonShape]
+    @property
+    def strain_bound(self) -> StrainBound | None:
+        """Films that have less than their own modulus, if there are any."""
+        ...
+
+    @property
+    def shapes(self) -> list[BalloonShape]:
+        """Shapes of the balloons."""
+        ...
 
 
 def strain_bound_said(plan: HasFilm) -> str | None:
