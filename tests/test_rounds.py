@@ -18,6 +18,7 @@ from balloon_warp.schedules.rounds import TURN, Rounds, make_clock
 TURNS = Obstacle(
     size=(4, 0.2, 4), position=(0, -0.1, 0), motion=[(0, (0, 0, 0), (0, 0, 0)), (1, (0, 1, 0), (0, 90, 0))]
 )
+SOFT = Balloon(mesh=quad_sphere(3), position=(0, 1.1, 0), inflation=Inflation(k_normal=[(0, 0.0), (1, 1.0)]))
 MANY, MORE = 501, 2003
 """Numbers of substeps of which none is a multiple of a turn, nor of the substeps between two searches"""
 
@@ -66,7 +67,7 @@ def points_of(made: Scene, schedule: str) -> np.ndarray:
         ("gather", {}),
         ("octets", {}),
         ("scatter", {"touch": Touch(itself=True)}),
-        ("projective", {"solver": "projective", "substeps": 67, "balloon": [Balloon(mesh=quad_sphere(3))]}),
+        ("projective", {"solver": "projective", "substeps": 67, "balloon": [SOFT]}),
     ],
 )
 def test_a_frame_of_rounds_is_to_the_bit_one_of_single_substeps(
