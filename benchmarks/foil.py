@@ -28,8 +28,8 @@ HEIGHT, RAMP = 0.35, 0.4
 """Height of the letter [m], and time in which its pressure rises [s]"""
 BOUNDS = (None, 0.001, 0.003, 0.01)
 """Bounds on the strain; None for the modulus of the material"""
-KIB = 2**10 if sys.platform != "darwin" else 1
-"""Units of a process's memory in a MiB, over 1024"""
+PER_MIB = 2**20 if sys.platform == "darwin" else 2**10
+"""Units in which a system tells the memory of a process, in a MiB"""
 
 
 class Filled(NamedTuple):
@@ -65,7 +65,7 @@ def filled(letter: str, pressure: float, frames: int, bound: float | None, itsel
         began = process_time()
     last = simulator.read_frame()
     points = last.points[0].astype(np.float64)
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / KIB
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / PER_MIB
     strain = mean_strain(simulator.model.shapes[0], points)
     return Filled(simulator.model.substeps, seconds, memory, points, float(last.volumes[0]), strain)
 
