@@ -9,6 +9,7 @@ from balloon_warp.kernels.laws import Law
 from balloon_warp.model.many_substeps import many_substeps_said
 from balloon_warp.model.plan import plan_model
 from balloon_warp.model.stability import Network
+from balloon_warp.model.strain_bound import strain_bound_said
 from balloon_warp.model.unit_checks import doubts_about
 from balloon_warp.scene import SceneLike, scene_of
 from balloon_warp.scene.overrides import override_scene
@@ -38,6 +39,8 @@ class StepAdvice:
     """Free body that needs that step instead, by the strings that are tied to it, by its index in the scene"""
     many_substeps: str | None
     """Sentence on the cause of many substeps of a balloon of even springs, and its remedy; None if there are few"""
+    strain_bound: str | None
+    """Sentence on film that is softer than its material, and the substeps that this spares; None without such film"""
     doubts: tuple[str, ...]
     """Warnings of values that may be in another unit than intended, and of axes, as sentences"""
 
@@ -70,5 +73,6 @@ def advise_step(scene: SceneLike, laws: Sequence[Law] = ()) -> StepAdvice:
         limiting_place=(x, y, z),
         limiting_body=network.limiting_body(plan.scene, plan.parameters),
         many_substeps=many_substeps_said(plan.scene, plan.shapes, plan.substeps),
+        strain_bound=strain_bound_said(plan),
         doubts=tuple(doubts_about(plan.scene, plan.shapes, plan.parameters)),
     )

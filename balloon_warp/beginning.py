@@ -25,11 +25,14 @@ class Beginning:
     """Number of processes that simulate"""
     many_substeps: str | None = None
     """Sentence on the cause of many substeps of a balloon of even springs, and its remedy; None if there are few"""
+    strain_bound: str | None = None
+    """Sentence on film that is softer than its material, and the substeps that this spares; None without such film"""
 
     @classmethod
     def of(cls, model: "Model", schedule: str) -> Self:
         """Summarize a model before its first frame."""
         from balloon_warp.model.many_substeps import many_substeps_said
+        from balloon_warp.model.strain_bound import strain_bound_said
 
         return cls(
             worlds=model.world_count,
@@ -40,4 +43,5 @@ class Beginning:
             device=str(model.device),
             schedule=schedule,
             many_substeps=many_substeps_said(model.scene, model.shapes, model.substeps),
+            strain_bound=strain_bound_said(model),
         )

@@ -13,6 +13,7 @@ from balloon_warp.errors import BlowUpError
 from balloon_warp.interrupts import Interrupts
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model.remarks import remarks_in_sentences
+from balloon_warp.model.strain_bound import StrainBound, overstretched_films
 from balloon_warp.outcomes import BadEnding, bad_endings, ending_sentences
 from balloon_warp.outputs.usd import StageWriter
 from balloon_warp.outputs.wanted import Wanted
@@ -65,6 +66,8 @@ class Summary:
     """Balloons that came apart, fell forever, collapsed or folded over by the last frame"""
     inflation: list[Swelling]
     """Results of "auto" pressures"""
+    strain_bound: StrainBound | None
+    """Film that is softer than its material, if there is any"""
     wall_seconds: float
     """Duration of simulating and writing, without the picture [s]"""
     particle_substeps_per_second: float
@@ -178,10 +181,12 @@ def _look_at_the_end(
     if blow_up:
         on_warning(f"{blow_up}. The stage ends at frame {simulator.frame_number - 1}, the last good one")
         return []
-    endings = bad_endings(simulator.model, simulator.read_frame(net_forces=False))
+    last = simulator.read_frame(net_forces=False)
+    endings = bad_endings(simulator.model, last)
     for sentence in ending_sentences(endings):
         on_warning(sentence)
-    remarks = remarks_in_sentences(simulator.model, simulator.state)
+    remarks = overstretched_films(simulator.model, last.points)
+    remarks += remarks_in_sentences(simulator.model, simulator.state)
     for sentence in [*remarks, *overflow_remarks(simulator.schedule.overflow)]:
         on_warning(sentence)
     return endings
@@ -234,6 +239,7 @@ def _summary(
         blow_up=str(blow_up) if blow_up else None,
         bad_endings=endings,
         inflation=inflation,
+        strain_bound=simulator.model.strain_bound,
         wall_seconds=round(seconds, 3),
         particle_substeps_per_second=round(model.particle_count * model.substeps * (frames - begin) / seconds),
     )

@@ -91,6 +91,29 @@ def prism(n: int) -> PolygonMesh:
     return mesh_of(np.concatenate([ring, ring + (0, 0, 1)]), [list(range(n))[::-1], list(range(n, 2 * n)), *sides])
 
 
+def two_discs(rings: int, radius: float) -> PolygonMesh:
+    """Return two discs of even triangles in rings around the centers; the first particle is the center of one disc, `1
+    + 3 rings (rings + 1)` that of the other, and those before it are on the rim."""
+    points, starts = [(0.0, 0.0)], [0]
+    for ring in range(1, rings + 1):
+        starts.append(len(points))
+        angles = 2.0 * np.pi * np.arange(6 * ring) / (6 * ring)
+        points += list(zip(ring / rings * np.cos(angles), ring / rings * np.sin(angles), strict=True))
+    faces = []
+    for ring in range(1, rings + 1):
+        around, inside = 6 * ring, max(6 * (ring - 1), 1)
+        for sector in range(6):
+            for step in range(ring):
+                outer = [starts[ring] + (sector * ring + step + k) % around for k in (0, 1)]
+                inner = [starts[ring - 1] + (sector * (ring - 1) + step + k) % inside for k in (0, 1)]
+                faces.append([*outer, inner[0]])
+                faces += [[outer[1], inner[1], inner[0]]] if step < ring - 1 else []
+    count, border = len(points), starts[-1]
+    other = [[corner + count if corner < border else corner for corner in face[::-1]] for face in faces]
+    flat = radius * np.array(points + points[:border])
+    return mesh_of(np.column_stack([flat, np.zeros(len(flat))]), faces + other)
+
+
 def two_quads_at_a_vertex() -> PolygonMesh:
     """Return two unit squares that share vertex 2 only."""
     points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (2, 1, 0), (2, 2, 0), (1, 2, 0)]

@@ -34,7 +34,7 @@ def diagnose(model: Model, state: State, schedule: Schedule, world: int, frame: 
     if last is None:
         return BlowUp(world, frame, model.substeps, model.step_seconds, _body(model, bad))
     model = last.model
-    pulls = Pulls(model, last.before, (last.substep - 1) * model.step_seconds)
+    pulls = Pulls(model, last.before, last.substep - 1)
     when = (world, frame, model.substeps, model.step_seconds)
     substep = last.substep if last.frame == frame else None  # the reference's rounding made it last longer
     if last.first_bad != HEALTHY and last.first_bad >= model.particle_count:

@@ -36,10 +36,10 @@ class Pulls:
 
     Args:
         state: whose inflation is refreshed.
-        time_in_frame: since the start of its frame [s].
+        substep: number of substeps of its frame that are done.
     """
 
-    def __init__(self, model: Model, state: State, time_in_frame: float):
+    def __init__(self, model: Model, state: State, substep: int):
         self.model = model
         self._points = _row(state.points)
         self._spheres = _row(state.sphere_positions)
@@ -54,13 +54,13 @@ class Pulls:
 
         forces = ForceReader(model)
         forces.refresh(state)
-        time = float(state.frame.numpy()[0]) * model.frame_seconds + time_in_frame
+        time = float(state.frame.numpy()[0]) * model.frame_seconds + substep * model.step_seconds
         places = {name: array.numpy() for name, array in model.parameters.items() if name in ANCHORED}
         poses = np.concatenate([state.body_positions.numpy(), state.body_turns.numpy()], axis=-1)
         self._anchors = anchors_of(model.scene, model.bodies, places, time / model.frame_seconds, poses)[0]
         self._tensions = _row(forces.spring_pulls(state, time)) if model.spring_count else np.zeros(0)
         self._strings = _row(forces.string_pulls(state, time)) if model.string_count else np.zeros(0)
-        inflation = np.linalg.norm(_row(forces.inflation_forces(state, time_in_frame)), axis=1)
+        inflation = np.linalg.norm(_row(forces.inflation_forces(state, substep)), axis=1)
         by_law = {name: _row(pulls) for name, pulls in forces.pulls_by_law(state, time).items()}
         self._pushes = {"inflation": inflation, **by_law, **self._outer_forces()}
 

@@ -213,7 +213,7 @@ def batch(
             checkpoint_seconds=checkpoint,
             resume=resume,
             provenance={"command": command_without_folders(sys.argv), "seed": seed},
-            on_begin=lambda beginning: opening.add(progress.begin(task, beginning)),
+            on_begin=lambda beginning: opening.add(progress.begin(task, beginning), beginning.strain_bound),
             on_frame=opening.before(lambda number: progress.update(task, completed=number)),
             on_note=opening.before(note),
             on_warning=opening.before(warner(first)),

@@ -200,7 +200,8 @@ def _step_rows(step: dict) -> dict[str, str]:
         particle = f"body {step['limiting_body']}, by the strings that are tied to it"
     if step["many_substeps"]:
         particle += f". {step['many_substeps']}"
-    return {"step": f"{up_to} {rate}, {auto}", "limited by": particle}
+    strain_bound = {"film": step["strain_bound"]} if step["strain_bound"] else {}
+    return {"step": f"{up_to} {rate}, {auto}", "limited by": particle, **strain_bound}
 
 
 def _table(name: str, rows: dict[str, str]) -> Table:

@@ -153,7 +153,9 @@ def run(
             checkpoint_seconds=checkpoint,
             resume=resume,
             view=asked,
-            on_begin=lambda beginning: opening.add(progress.begin(task, beginning), beginning.many_substeps),
+            on_begin=lambda beginning: opening.add(
+                progress.begin(task, beginning), beginning.strain_bound, beginning.many_substeps
+            ),
             on_frame=opening.before(lambda number: progress.update(task, completed=number)),
             on_note=opening.before(note),
             on_warning=opening.before(warner(first)),

@@ -98,6 +98,7 @@ def lay_out(plan: ModelPlan, device: str | wp.Device | None = None) -> Model:
         due_changes=plan.due_changes,
         laws=plan.laws,
         warnings=plan.warnings,
+        strain_bound=plan.strain_bound,
         frame_seconds=1.0 / scene.frames_per_second,
         up=wp.vec3(*scene.up),
         initial_points=array(np.concatenate([shape.mesh.points for shape in shapes]), wp.vec3d),

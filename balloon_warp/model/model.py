@@ -21,6 +21,7 @@ from balloon_warp.model.packing import views_of
 from balloon_warp.model.ridges import Ridges
 from balloon_warp.model.rows import VELOCITY
 from balloon_warp.model.shape import BalloonShape
+from balloon_warp.model.strain_bound import StrainBound
 from balloon_warp.model.timeline import DueChange
 from balloon_warp.scene import Scene
 
@@ -47,6 +48,8 @@ class Model:
     """Built-in laws and the user's own"""
     warnings: list[str]
     """Warnings on the start, see `ModelPlan.warnings`"""
+    strain_bound: StrainBound | None
+    """Films whose moduli are lower than their materials', if there are any"""
     frame_seconds: float
     up: wp.vec3
 

@@ -4,7 +4,7 @@ The scene's meshes become shapes. Its numbers become parameters, by the rows of 
 each world. Missing values get their defaults. Then the substeps follow from all of these.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.garbage import without_collecting
 from balloon_warp.kernels.laws import LAWS, Law
+from balloon_warp.kernels.laws.membrane import SHEAR_MODULUS
 from balloon_warp.kernels.laws.water import EVENED
 from balloon_warp.laws import require_laws
 from balloon_warp.model.bearing import settle_bearing
@@ -37,6 +38,7 @@ from balloon_warp.model.rows import rows_of
 from balloon_warp.model.shape import BalloonShape, shape_balloon
 from balloon_warp.model.stability import Network, choose_substeps, names_of_the_step
 from balloon_warp.model.starts import require_same_extreme, settle_starts, start_velocities
+from balloon_warp.model.strain_bound import StrainBound, bounded_films, bounded_moduli
 from balloon_warp.model.strings import held_particle, overstretched_strings, string_lengths
 from balloon_warp.model.tears import settle_tears
 from balloon_warp.model.timeline import DueChange, due_changes
@@ -71,6 +73,8 @@ class ModelPlan:
     """Number of substeps at the start, by the stiffest world"""
     due_changes: list[DueChange]
     """Changes during the simulation"""
+    strain_bound: StrainBound | None = None
+    """Films whose moduli are lower than their materials', if there are any"""
 
     @property
     def laws(self) -> tuple[Law, ...]:
@@ -159,7 +163,8 @@ def plan_model(
     held = [held_particle(number, string, scene, shapes) for number, string in enumerate(scene.string)]
     said = vary_parameters(parameters_at(scene, rows, 0), scene, rows, world_count, vary or {})
     bodies = [shape_body(number, body, scene) for number, body in enumerate(scene.body)]
-    parameters = _settled(scene, shapes, bodies, held, said)
+    changes = list(due_changes(scene, rows))
+    parameters = _settled(scene, shapes, bodies, held, said, changes, vary or {})
     obstacles = [shape_obstacle(number, obstacle, scene) for number, obstacle in enumerate(scene.obstacle)]
     parameters |= settle_bodies(scene, bodies, parameters)
     if obstacles:
@@ -170,7 +175,6 @@ def plan_model(
         from balloon_warp.model.clear_starts import require_clear_bodies  # takes long to load
 
         require_clear_bodies(scene, shapes, obstacles, bodies, parameters)
-    changes = list(due_changes(scene, rows))
     ridges = all_ridges(scene, shapes, obstacles, bodies)
     if ridges and obstacles:
         from balloon_warp.model.flush import exposed_ridges  # takes long to load
@@ -180,6 +184,7 @@ def plan_model(
     substeps = substeps_over_time(scene, network, parameters, changes, start_velocities(shapes, parameters))
     if scene.substeps == "auto":
         substeps = max(substeps, substeps_of_solids(scene, bodies, parameters))
+    bound = _strain_bound(scene, network, parameters, said[SHEAR_MODULUS.name], changes, substeps)
     return ModelPlan(
         scene=scene,
         world_count=world_count,
@@ -193,6 +198,7 @@ def plan_model(
         parameters=parameters,
         substeps=substeps,
         due_changes=changes,
+        strain_bound=bound,
     )
 
 
@@ -204,7 +210,7 @@ def settled_parameters(plan: ModelPlan, vary: Vary) -> Parameters:
     """
     rows = rows_of(plan.laws)
     said = vary_parameters(parameters_at(plan.scene, rows, 0), plan.scene, rows, plan.world_count, vary)
-    return _settled(plan.scene, plan.shapes, plan.bodies, plan.held, said, rounded=False)
+    return _settled(plan.scene, plan.shapes, plan.bodies, plan.held, said, plan.due_changes, vary, rounded=False)
 
 
 def _settled(
@@ -213,11 +219,13 @@ def _settled(
     bodies: Sequence[BodyShape],
     held: Sequence[int],
     said: Mapping[str, NDArray[np.float64]],
+    changes: Sequence[DueChange],
+    varied: Collection[str],
     rounded: bool = True,
 ) -> Parameters:
     """Return the parameters with those that follow from them and from the shapes.
 
-    They are the balloons' starting places, string lengths, "auto" pressures, and amounts of gas.
+    They are the balloons' starting places, string lengths, "auto" pressures, moduli of film, and amounts of gas.
 
     Raises:
         InputError: a balloon cannot hold gas, or let it out so, is too far away for float32, or cannot be turned so.
@@ -235,10 +243,29 @@ def _settled(
     require_openings(scene, shapes, parameters)
     require_profile(parameters)
     parameters["keyframe_values"] = settle_pressure(scene, shapes, parameters)
+    parameters[SHEAR_MODULUS.name] = bounded_moduli(scene, shapes, parameters, changes, varied)
     parameters |= settle_touch(scene, shapes, parameters) | settle_friction(parameters, rounded)
     parameters |= settle_tears(scene, parameters)
     parameters |= settle_gas(scene, shapes, parameters, rounded)
     return parameters | {EVENED.name: settle_bearing(scene, shapes, parameters)}
+
+
+def _strain_bound(
+    scene: Scene,
+    network: Network,
+    parameters: Parameters,
+    exact: NDArray[np.float64],
+    changes: Sequence[DueChange],
+    substeps: int,
+) -> StrainBound | None:
+    """Return which films are bounded, and the substeps that this spares; None where none is."""
+    films = bounded_films(scene, network.shapes, parameters, exact, changes)
+    if not films:
+        return None
+    spared = None
+    if scene.substeps == "auto":
+        spared = substeps_over_time(scene, network, {**parameters, SHEAR_MODULUS.name: exact}, changes, None)
+    return StrainBound(films, substeps, spared)
 
 
 def substeps_over_time(

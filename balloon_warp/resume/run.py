@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from balloon_warp.blow_ups import MOST_HALVINGS
 from balloon_warp.files import target_of
 from balloon_warp.frame import Frame
+from balloon_warp.model.strain_bound import strain_bound_described
 from balloon_warp.provenance import describe_simulation
 from balloon_warp.resume.folder import PartialFolder
 from balloon_warp.resume.part import Part
@@ -60,6 +61,7 @@ def describe_run(simulator: Simulator) -> dict[str, Any]:
     """Describe the inputs that decide a run's bits, for JSON. Before the run: mesh files may change meanwhile."""
     model = simulator.model
     done_by = {
+        "strain_bound": strain_bound_described(model),
         "schedule": simulator.schedule.name,
         "device": model.device.name if model.device.is_cuda else "cpu",
     }

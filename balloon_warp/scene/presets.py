@@ -27,6 +27,8 @@ LATEX: Mapping[str, Any] = {
 }
 FILM_STRETCH = 1.1
 """Largest stretch of a film without tearing"""
+STRAIN_BOUND = 0.003
+"""Mean strain at the largest planned pressure that film may have instead of its own, see FOIL.md"""
 PRESETS: Mapping[str, Mapping[str, Any]] = {
     "latex": LATEX,
     "latex_thick": {**LATEX, "thickness": 5.0e-4},
@@ -43,6 +45,7 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
         "thickness": 1.2e-5,
         "density": 1390.0,
         "most_stretch": FILM_STRETCH,
+        "strain_bound": STRAIN_BOUND,
     },
     "nylon": {
         "kind": "neo_hookean",
@@ -50,5 +53,6 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
         "thickness": 1.5e-5,
         "density": 1150.0,
         "most_stretch": FILM_STRETCH,
+        "strain_bound": STRAIN_BOUND,
     },
 }

@@ -46,7 +46,7 @@ class BackwardFrames(ABC):
     carries_loads: bool
     """Whether the pressure of one substep is read in the next"""
     recorded = True
-    """Whether a frame is recorded once, and replayed; not where threads share it"""
+    """Whether a frame is recorded once, and replayed; not where threads share it, or launches are too many"""
     spheres: SpheresBackward | None = None
     """Adjoint of spheres, where there are any"""
     touch: TouchBackward | None = None

@@ -58,13 +58,13 @@ class _Remembering(Launches):
         self._substep, self.values = substep, self._remembered.values[substep]
         return super().substep(state, substep, now)
 
-    def _launch(self, piece: Piece, state: State, time_in_frame: float, now: Moving) -> Moving:
+    def _launch(self, piece: Piece, state: State, substep: int, now: Moving) -> Moving:
         noting = self.notes.get(piece.phases[0].name)
         if isinstance(noting, FacesBackward):
             noting.note(state, self._substep, *now)
         elif noting:
             noting.note(self._substep, *now)
-        new = super()._launch(piece, state, time_in_frame, now)
+        new = super()._launch(piece, state, substep, now)
         if isinstance(noting, RidgesBackward):
             noting.note_left(state, self._substep, *new)
         return new
@@ -83,6 +83,9 @@ WAYS_OUT = {"meet_ridges": "faces = false"}
 """Settings by the names of phases without an adjoint, which they leave out"""
 GAS_CARRIED = {"pressures": wp.float32, "gas_amounts": wp.float64, "free_volumes": wp.float64}
 """Further values that balloons carry, where gas comes and goes"""
+MOST_RECORDED = 256
+"""Largest number of substeps of a frame of launches that is recorded: each keeps values in arrays of its own, so that
+none stands for others, and a graph would grow with their number"""
 
 
 class _Remembered:
@@ -161,6 +164,7 @@ class LaunchedBackward(BackwardFrames):
         features, room = model_features(model), Allocating(model.device)
         step, tables = gradient_step(model, features), make_tables(model, features)
         super().__init__(model, state, columns, step, tables, room)
+        self.recorded = model.substeps <= MOST_RECORDED
         kernels = kernels_of(step, self.columns)
         self._remembered = _Remembered(model, step, self.state, room)
         own = {"touch_balloons": self._touch}
@@ -227,7 +231,7 @@ class LaunchedBackward(BackwardFrames):
         if step.features.ridges:
             kept_of_balls(model, step.features, kept_of_ridges(model, step.features, room)[-1], room)
 
-    def _touch(self, state: State, substep: int, time_in_frame: float, now: Moving) -> None:
+    def _touch(self, state: State, substep: int, now: Moving) -> None:
         """Let balloons touch, and keep their contacts."""
         assert self._searching
         assert self.touch

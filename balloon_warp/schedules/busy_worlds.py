@@ -60,13 +60,16 @@ class LaunchedFrames:
 
     def advance(self, state: State) -> None:
         """Advance by a frame."""
-        now = kept = (state.points, state.velocities)
-        for substep in range(self._gather.model.substeps):
-            now = self._gather.launches.substep(state, substep, now)
-        for source, target in zip(now, kept, strict=True):
-            if source is not target:
-                inputs = [self.working.verdicts, source, target]
-                launch(busy_kernel(source.dtype), source.shape, inputs=inputs, device=self._gather.model.device)
+        self._gather.go_through(state, self._copy_busy)
+
+    @property
+    def are_short(self) -> bool:
+        """Return whether far fewer substeps are launched, or recorded, than a frame has."""
+        return self._gather.rounds.are_short
+
+    def _copy_busy(self, target: wp.array, source: wp.array) -> None:
+        inputs = [self.working.verdicts, source, target]
+        launch(busy_kernel(source.dtype), source.shape, inputs=inputs, device=self._gather.model.device)
 
 
 class BusyWorlds:
@@ -101,6 +104,11 @@ class BusyWorlds:
     def contact_lists(self) -> ContactLists | None:
         """Lists of contacts, as of every schedule."""
         return self._frames.contact_lists
+
+    @property
+    def are_short(self) -> bool:
+        """Return whether far fewer substeps are launched, or recorded, than a frame has."""
+        return isinstance(self._frames, LaunchedFrames) and self._frames.are_short
 
     def begin_loading(self, are_recorded: bool) -> None:
         """Compile ahead the kernels of a frame.

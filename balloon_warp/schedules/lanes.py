@@ -100,7 +100,7 @@ class LanesSchedule(FreeFramesSchedule):
         """Pieces of a frame that are recorded: busy worlds by themselves, where there are any."""
         if not self.busy:
             return [FramePiece(self.advance_frame)]
-        busy = FramePiece(self.busy.advance_busy, self.busy.are_there)
+        busy = FramePiece(self.busy.advance_busy, self.busy.are_there, self.busy.are_short)
         return [FramePiece(self.begin_frame), busy, FramePiece(self.framing.end)]
 
     def begin_loading(self) -> None:

@@ -1,7 +1,7 @@
 """Schedules that launch a kernel for each piece of a substep: `gather`, `scatter`, and the projective solver."""
 
 from abc import ABC
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, ClassVar
 
 import warp as wp
@@ -19,8 +19,11 @@ from balloon_warp.schedules.fixtures import look_arrays
 from balloon_warp.schedules.framing import Framing
 from balloon_warp.schedules.launches import Launches, Moving, Own
 from balloon_warp.schedules.membranes import left_array
+from balloon_warp.schedules.recorded_frame import FramePiece
+from balloon_warp.schedules.rounds import Rounds
 from balloon_warp.schedules.tables import make_tables
 from balloon_warp.schedules.tears import tear_arrays
+from balloon_warp.schedules.touch_table import substeps_of_search
 
 
 class LaunchedSchedule(ABC):
@@ -52,6 +55,7 @@ class LaunchedSchedule(ABC):
         if has_lists(self.features):
             self.contact_lists = ContactLists(model, self.features, self.launches.working)
         self.framing = Framing(model, self.features, self.tables, self.launches.working)
+        self.rounds = Rounds(model, substeps_of_search(model) if self._touch else 0, self.launches.clock)
 
     @classmethod
     def step_of(cls, model: Model, features: Features) -> Step:
@@ -71,6 +75,11 @@ class LaunchedSchedule(ABC):
     def overflow(self) -> int:
         """Number of contacts in all worlds that were ignored, since lists had no place for them and could not grow."""
         return self.contact_lists.ignored if self.contact_lists else 0
+
+    @property
+    def pieces(self) -> list[FramePiece]:
+        """Pieces of a frame that are recorded: one."""
+        return [FramePiece(self.advance_frame, is_short=self.rounds.are_short)]
 
     @classmethod
     def allot(cls, model: Model, features: Features, room: Room) -> tuple[Any, ...]:
@@ -92,8 +101,27 @@ class LaunchedSchedule(ABC):
 
     def advance_frame(self, state: State) -> None:
         """Advance all worlds by a frame."""
-        for _ in self.substeps(state):
-            pass
+        self.launches.begin_loading()
+        self.framing.begin(state)
+        self.go_through(state, wp.copy)
+        self.framing.end(state)
+
+    def go_through(self, state: State, copy: Callable[[wp.array, wp.array], None]) -> None:
+        """Launch the substeps of a frame.
+
+        Args:
+            copy: function of (target, source) that leaves points or velocities in the state.
+        """
+
+        def launch_substeps(numbers: range) -> None:
+            now = kept = (state.points, state.velocities)
+            for substep in numbers:
+                now = self.launches.substep(state, substep, now)
+            for target, source in zip(kept, now, strict=True):
+                if source is not target:
+                    copy(target, source)
+
+        self.rounds.go_through(launch_substeps)
 
     def substeps(self, state: State) -> Iterator[int]:
         """Return the one frame that pauses after each substep, with its number from 0."""
@@ -108,7 +136,7 @@ class LaunchedSchedule(ABC):
                 wp.copy(target, source)
         self.framing.end(state)
 
-    def _press(self, state: State, substep: int, time_in_frame: float, now: Moving) -> None:
+    def _press(self, state: State, substep: int, now: Moving) -> None:
         """Apply contact forces between balloons, and search for contacts now and then."""
         assert self._touch is not None
         self._touch.search(state, substep, *now)

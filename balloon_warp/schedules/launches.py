@@ -21,6 +21,7 @@ from balloon_warp.model.state import contact_shape
 from balloon_warp.schedules.balloon_contact import touch_arrays
 from balloon_warp.schedules.contact_lists import counting_arrays, list_arrays
 from balloon_warp.schedules.ridges import ridge_arrays
+from balloon_warp.schedules.rounds import make_clock
 from balloon_warp.schedules.solids import solid_arrays
 from balloon_warp.schedules.tables import Worlds, kept_arguments
 
@@ -46,8 +47,8 @@ LARGE = 2048
 
 Moving = tuple[wp.array, wp.array]
 """Points and velocities, shape (world_count, particle_count), vec3"""
-Own = Callable[[State, int, float, Moving], None]
-"""Function of (state, substep, time in the frame, points and velocities) for a phase that the host runs itself"""
+Own = Callable[[State, int, Moving], None]
+"""Function of (state, substep, points and velocities) for a phase that the host runs itself"""
 
 
 class _Asked(NamedTuple):
@@ -73,6 +74,7 @@ class Launches:
         self.model, self.step, self.tables = model, step, tables
         self._own, self._fast_math, self._worlds = own or {}, fast_math, Worlds()
         self._pieces: dict[tuple[int, Part], _Asked] = {}
+        self.clock = make_clock(model)
         self.working = Working()
         for name, array in working_arrays(model, step.features, room).items():
             setattr(self.working, name, array)
@@ -105,11 +107,9 @@ class Launches:
         """Execute a substep, and return where particles are then."""
         if substep == 0 and self.step.features.ridges:
             self.working.ridge_budgets.zero_()  # others may have moved all since the last frame
-        return self.execute(state, substep, substep * self.model.step_seconds, now)
+        return self.execute(state, substep, now)
 
-    def execute(
-        self, state: State, substep: int, time_in_frame: float, now: Moving, only: Collection[str] = ()
-    ) -> Moving:
+    def execute(self, state: State, substep: int, now: Moving, only: Collection[str] = ()) -> Moving:
         """Execute pieces, and return where particles are then.
 
         Args:
@@ -119,15 +119,16 @@ class Launches:
             if (piece.once and substep) or (only and piece.phases[0].name not in only):
                 continue
             if own := self._own.get(piece.phases[0].name):
-                own(state, substep, time_in_frame, now)
+                own(state, substep, now)
             else:
-                now = self._launch(piece, state, time_in_frame, now)
+                now = self._launch(piece, state, substep, now)
         return now
 
-    def _launch(self, piece: Piece, state: State, time_in_frame: float, now: Moving) -> Moving:
+    def _launch(self, piece: Piece, state: State, substep: int, now: Moving) -> Moving:
         new, m = self._targets(piece, state, now), self.model
         has = {
-            "t": self.tables, "time_in_frame": time_in_frame, "state": self._worlds.of(state), "working": self.working,
+            "t": self.tables, "clock": self.clock, "substep": substep, "state": self._worlds.of(state),
+            "working": self.working,
             **{f"all_{view}": array for view, array in zip(STATE.values(), now, strict=True)},
             **{f"new_{view}": array for view, array in zip(STATE.values(), new, strict=True)},
             **{f"all_{value}": array for value, array in self.values.items()}, **kept_arguments(state),

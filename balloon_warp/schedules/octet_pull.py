@@ -74,12 +74,12 @@ class PullingOctets(GatherSchedule):
         begin_loading(self._kernel, self.model.device)
         self.launches.begin_loading()
 
-    def _pull(self, state: State, substep: int, time_in_frame: float, now: Moving) -> None:
+    def _pull(self, state: State, substep: int, now: Moving) -> None:
         """Find the forces on all particles."""
         places = {f"from_{view}": array for view, array in zip(STATE.values(), now, strict=True)}
         found = {f"to_{value}": self.launches.values[value] for value in self._pulling.pieces[-1].leaves}
         has = {
-            **self._has, **places, **found, **kept_arguments(state), "time_in_frame": time_in_frame,
+            **self._has, **places, **found, **kept_arguments(state), "clock": self.launches.clock, "substep": substep,
             "state": self._states.of(state), "working": self.launches.working,
         }  # fmt: skip
         inputs = [has[name] for name in pulling_arguments(self._pulling)]

@@ -56,12 +56,12 @@ class ForceReader:
         if self._features.measures_areas:
             self._execute(state, PULL)
 
-    def inflation_forces(self, state: State, time_in_frame: float = 0.0) -> wp.array:
+    def inflation_forces(self, state: State, substep: int = 0) -> wp.array:
         """Return the inflation's force on each particle [N], shape (world_count, particle_count), vec3.
 
         `refresh` must be called before.
         """
-        self._execute(state, INFLATE, time_in_frame=time_in_frame)
+        self._execute(state, INFLATE, substep=substep)
         return self._launches.values["inflation"]
 
     def net_forces(self, state: State) -> wp.array:
@@ -108,6 +108,6 @@ class ForceReader:
             piece.phases[0].name for piece in self._launches.step.pieces if piece.phases[0].name not in (PULL, INFLATE)
         ]
 
-    def _execute(self, state: State, *phases: str, time_in_frame: float = 0.0) -> None:
+    def _execute(self, state: State, *phases: str, substep: int = 0) -> None:
         """Execute the pieces that begin with given phases."""
-        self._launches.execute(state, 0, time_in_frame, (state.points, state.velocities), phases)
+        self._launches.execute(state, substep, (state.points, state.velocities), phases)

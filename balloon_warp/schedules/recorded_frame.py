@@ -26,6 +26,8 @@ class FramePiece(NamedTuple):
     launch: Callable[[State], None]
     is_wanted: Callable[[], bool] | None = None
     """Whether it is wanted in this frame, which is known once earlier pieces are done; None for always"""
+    is_short: bool = False
+    """Whether far fewer substeps are recorded than it replays, so that it is worth recording at once, see `rounds`"""
 
 
 class RecordedFrame:
@@ -69,6 +71,8 @@ class RecordedFrame:
 
     def _unrecorded(self, piece: FramePiece) -> int:
         """Return how often a piece is launched before it is recorded."""
+        if piece.is_short:
+            return 0
         if self._device.is_cpu:
             return FEW
         return 0 if piece.is_wanted is None else RARE
@@ -98,8 +102,10 @@ class RecordedFrame:
             self._end(state)
 
         if lists:
-            return [FramePiece(first), *own[1:], FramePiece(self._end)]
-        return [FramePiece(first), *own[1:-1], FramePiece(last)] if len(own) > 1 else [FramePiece(last)]
+            return [own[0]._replace(launch=first), *own[1:], FramePiece(self._end)]
+        if len(own) == 1:
+            return [own[0]._replace(launch=last)]
+        return [own[0]._replace(launch=first), *own[1:-1], own[-1]._replace(launch=last)]
 
     def _end(self, state: State) -> None:
         self._late_spheres.hold(state)

@@ -38,4 +38,4 @@ class ScatterSchedule(LaunchedSchedule):
 
     def sum_forces(self, state: State) -> None:
         """Add up `forces` of a state, once."""
-        self.launches.execute(state, 0, 0.0, (state.points, state.velocities), ["add_forces"])
+        self.launches.execute(state, 0, (state.points, state.velocities), ["add_forces"])

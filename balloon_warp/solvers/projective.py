@@ -87,11 +87,11 @@ class ProjectiveSolver(LaunchedSchedule):
         """Name the phases that the solver itself replaces."""
         return {"settle": self._settle}
 
-    def _settle(self, state: State, substep: int, time_in_frame: float, now: Moving) -> None:
+    def _settle(self, state: State, substep: int, now: Moving) -> None:
         """Run local and global steps in turn, until every world has converged."""
         free, tried, reached, trials, _, _ = self.vectors
         t, settling, inflations = self.tables, self._settling, self.launches.values["inflation"]
-        begin = t, time_in_frame, world_state(state), inflations, settling
+        begin = t, self.launches.clock, substep, world_state(state), inflations, settling
         self._over_particles(foreseeing_kernel(self.features), *begin, free, tried, reached, trials)
         most, device = int(settling.most), self.model.device
         can_ask = device.is_cpu or wp.is_conditional_graph_supported()

@@ -7,6 +7,7 @@ from typing import Any
 
 from balloon_warp.files import whole_file
 from balloon_warp.marks import manifest_text
+from balloon_warp.model.strain_bound import strain_bound_described
 from balloon_warp.provenance import (
     describe_laws,
     describe_scene,
@@ -36,6 +37,7 @@ def describe_batch(task: BatchTask) -> dict[str, Any]:
         "export": task.chosen.tolist(),
         "laws": describe_laws(task.laws),
         "files": task.file_hashes,
+        "strain_bound": strain_bound_described(task.groups[0].plan),
     }
     return without_folders(described)
 

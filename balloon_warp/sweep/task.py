@@ -12,6 +12,7 @@ from balloon_warp.beginning import Beginning
 from balloon_warp.kernels.laws import Law
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Remark
+from balloon_warp.model.strain_bound import strain_bound_said
 from balloon_warp.outcomes import BadEnding
 from balloon_warp.provenance import hash_files, hash_of_mesh
 from balloon_warp.scene import Scene
@@ -87,6 +88,7 @@ class BatchTask:
             device=device,
             schedule=schedule,
             workers=workers,
+            strain_bound=strain_bound_said(self.groups[0].plan),
         )
 
 

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from balloon_warp.kernels.clock import ramp_at, time_of
+from balloon_warp.kernels.clock import Clock, ramp_at, time_in_frame_of, time_of
 from balloon_warp.kernels.loops.areas import volume_origin
 from balloon_warp.kernels.memory import put_vector_in, two_in, vector_in
 from balloon_warp.kernels.params import numbers_reader, params_functions
@@ -17,7 +17,8 @@ from balloon_warp.kernels.tables import Tables, WorldState, sphere_number
 from balloon_warp.kernels.working import Working
 
 SCOPE: Mapping[str, Any] = {
-    "Tables": Tables, "WorldState": WorldState, "Working": Working, "time_of": time_of,
+    "Tables": Tables, "WorldState": WorldState, "Working": Working, "Clock": Clock,
+    "time_of": time_of, "time_in_frame_of": time_in_frame_of,
     "ramp_at": ramp_at, "vector_in": vector_in, "put_vector_in": put_vector_in, "two_in": two_in,
     "volume_origin": volume_origin, "spheres_in_state": spheres_in_state,
     "sphere_number": sphere_number,
@@ -42,7 +43,7 @@ class Writer(ABC):
 
     @abstractmethod
     def found(self, name: str) -> tuple[str, str] | None:
-        """Return the text that finds a phase's argument, and the name that it takes itself, or ""; or None."""
+        """Return the names that the text takes itself, and the text that finds a phase's argument; or None."""
 
     def bound(self, name: str) -> str:
         """Return the variable of a phase's argument or result."""
@@ -93,8 +94,8 @@ class Writer(ABC):
         if where is None:
             raise TypeError(f"{self.name}: a phase reads {name}, which nothing before it writes")
         takes, text = where
-        if takes:
-            self.need(takes)
+        for each in takes.split():
+            self.need(each)
         self.line(f"{variable} = {text}")
 
     @property

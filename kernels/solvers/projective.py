@@ -21,7 +21,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.clock import time_of
+from balloon_warp.kernels.clock import Clock, time_in_frame_of, time_of
 from balloon_warp.kernels.compose import sum_of_laws
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.body import DAMPING
@@ -65,7 +65,8 @@ def foreseeing_kernel(features: Features) -> Any:
     def foresee_displacements(
         # model
         t: Tables,
-        time_in_frame: float,
+        clock: Clock,
+        substep: wp.int32,
         # state in
         state: WorldState,
         inflations: wp.array2d[wp.vec3],
@@ -83,7 +84,7 @@ def foreseeing_kernel(features: Features) -> Any:
         free = wp.vec3()
         if params.mass > 0.0:
             velocity = state.velocities[world, particle]
-            time = time_of(t, state.frame, time_in_frame)
+            time = time_of(t, state.frame, time_in_frame_of(clock, substep))
             force = inflations[world, particle] + particle_laws(
                 point, velocity, params.mass, params.share, wp.vec3(), wp.vec4(), t.up, t.step_seconds, time, params.n
             )

@@ -30,7 +30,7 @@ OF_ALL = (
 )
 FIELDS_OF_KINDS: dict[str, tuple[str, ...]] = {
     "springs": ("rest_mesh",),
-    "neo_hookean": (*OF_ALL, "shear_modulus"),
+    "neo_hookean": (*OF_ALL, "shear_modulus", "strain_bound", "exact"),
     "mooney_rivlin": (*OF_ALL, "shear_modulus", "mooney_ratio"),
     "ogden": (*OF_ALL, "ogden_moduli", "ogden_exponents"),
     "gent": (*OF_ALL, "shear_modulus", "gent_limit"),
@@ -75,6 +75,11 @@ class Material(Table):
     most_stretch: float | None = optional_field_of("most_stretch")
     """Largest equibiaxial stretch for which the step of "auto" is stable and "gent" holds; 6 when missing, or 0.96 of
     the locking stretch of "gent" [1]"""
+    strain_bound: Annotated[float, Field(gt=0.0, le=0.1)] | None = None
+    """Mean strain of film at the largest planned `inflation.pressure`: its modulus is no higher than this asks for, so
+    that steps are longer, see FOIL.md; when missing 0.003 for the own modulus of "foil" and "nylon" [1]"""
+    exact: bool = False
+    """Keep the preset's own modulus, without its `strain_bound`"""
     viscosity: NonNegative = 0.0
     """Viscosity of the material, which damps any change of its shape [Pa s]"""
     softening: Annotated[float, Field(ge=0.0, le=0.95)] | None = None
@@ -142,6 +147,16 @@ class Material(Table):
         return said
 
     @property
+    def bound_on_strain(self) -> float | None:
+        """Strain by which film of a lower modulus may stretch [1]; None where the modulus stays as it is.
+
+        A preset's is for its own modulus: one that is given stays.
+        """
+        if self.exact or self.law != "neo_hookean" or self.shear_modulus is not None:
+            return self.strain_bound
+        return self.value("strain_bound")
+
+    @property
     def locking_stretch(self) -> float:
         """Equibiaxial stretch at which a Gent material locks."""
         limit = self.value("gent_limit") or GENT_LIMIT.default
@@ -162,6 +177,12 @@ class Material(Table):
             for field in others:
                 if getattr(self, first) is None and getattr(self, field) != type(self).model_fields[field].default:
                     raise ValueError(f"{field}: needs `{first}`, {what}")
+        return self
+
+    @model_validator(mode="after")
+    def _exact_or_bounded(self) -> Self:
+        if self.exact and self.strain_bound is not None:
+            raise ValueError(f"exact: is true beside strain_bound = {self.strain_bound:g}; expected one of them")
         return self
 
     @model_validator(mode="after")

@@ -34,7 +34,8 @@ class _Writer(FrameWriter):
     def arguments(self) -> dict[str, str]:
         """Return the names of the kernel's arguments, as it needs them, and their types."""
         more = {
-            "time_in_frame": "float",
+            "clock": "Clock",
+            "substep": "wp.int32",
             "from_points": "wp.array2d[wp.vec3]",
             "from_velocities": "wp.array2d[wp.vec3]",
             **{f"to_{value}": f"wp.array2d[{value}_type]" for value in self.step.pieces[-1].leaves},
@@ -46,6 +47,7 @@ class _Writer(FrameWriter):
         if self.step.features.frames == "busy":
             self.line("if working.verdicts[group] == 0:")
             self.line("    return")
+        self.line("time_in_frame = time_in_frame_of(clock, substep)")
         self.line("if time_in_frame == 0.0:")
         self.line("    read_numbers(t, group)")
         self.line("points = all_points[group]")

@@ -48,6 +48,7 @@ class BackwardWriter(PieceWriter):
         columns: Sequence[int], external: set[str], after_note: bool,
     ):  # fmt: skip
         super().__init__(trace.step)
+        self.known.add("time_in_frame")
         self.trace, self.turns, self.left, self._done, self.sinks = trace, turns, left, done, sinks
         self.columns, self.external = columns, external
         """Columns of the numbers that are derived by; values that later phases read"""

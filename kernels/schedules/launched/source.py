@@ -23,10 +23,11 @@ ITEMS_OF_LIST = wp.constant(512)
 """Number of items among which a block finds those that a rare phase acts on"""
 Part = Literal["all", "part", "parts"]
 """Range that the kernel of a summing piece covers: all items of a balloon, the items of a part, or the parts"""
-HANDLES = ("t", "time_in_frame", "state", "working")
+HANDLES = ("t", "state", "working", "clock", "substep")
 NAMES: Mapping[str, tuple[str, str]] = {
-    "time": ("", "time_of(t, state.frame, time_in_frame)"),
-    "end": ("", "time_in_frame + t.step_seconds"),
+    "time_in_frame": ("", "time_in_frame_of(clock, substep)"),
+    "time": ("time_in_frame", "time_of(t, state.frame, time_in_frame)"),
+    "end": ("time_in_frame", "time_in_frame + t.step_seconds"),
     "points": ("", "all_points[world]"),
     "velocities": ("", "all_velocities[world]"),
     "spheres": ("", "spheres_in_state(t, state, working)"),
@@ -40,7 +41,7 @@ OF_PARTICLE: Mapping[str, tuple[str, str]] = {
     "velocity": ("", "vector_in(all_velocities, world, particle)"),
     "origin": ("balloon", "all_points[world, volume_origin(t, balloon)]"),
     "gas_mass": ("balloon", "working.gas_masses[world, balloon]"),
-    "keyed": ("balloon", "ramp_at(state, world, balloon, time_in_frame)"),
+    "keyed": ("balloon time_in_frame", "ramp_at(state, world, balloon, time_in_frame)"),
     "load": ("balloon", "two_in(state.inflation_loads, world, balloon)"),
 }
 """Expressions for names of a particle"""
@@ -126,7 +127,7 @@ class _Writer(PieceWriter):
     def arguments(self) -> dict[str, str]:
         """Return the names of the kernel's arguments, as it needs them, and their types."""
         may_be = {
-            "t": "Tables", "time_in_frame": "float", "state": "WorldState", "working": "Working",
+            "t": "Tables", "clock": "Clock", "substep": "wp.int32", "state": "WorldState", "working": "Working",
             **{f"all_{view}": "wp.array2d[wp.vec3]" for view in STATE.values()},
             **{f"new_{view}": "wp.array2d[wp.vec3]" for view in STATE.values()},
             **{f"all_{value}": f"wp.array2d[{value}_type]" for value in self.step.kept}, **self.kept_arrays,
