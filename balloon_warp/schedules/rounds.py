@@ -34,9 +34,8 @@ class Rounds:
     def __init__(self, model: Model, interval: int, clock: Any):
         self._device, self._clock = model.device, clock
         self._count, self._interval = model.substeps, interval or model.substeps
-        can_repeat = model.device.is_cpu or wp.is_conditional_graph_supported()
-        self.are_short = can_repeat and model.substeps > FLAT
-        """Whether far fewer substeps are launched, or recorded, than a frame has"""
+        self.are_short = model.device.is_cpu and model.substeps > FLAT
+        """Whether far fewer substeps are recorded than a frame has; on a GPU, where a recorded launch is small, all are"""
         self._turns = [clock.left[depth : depth + 1] for depth in (OUTER, INNER)]
 
     def go_through(self, launch_substeps: Substeps) -> None:
