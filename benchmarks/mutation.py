@@ -49,7 +49,7 @@ STRATA = (
 LEAST = {"default": 0.90, "full": 0.97}
 """Share of the mutants that each suite has to find"""
 EQUIVALENT: Mapping[str, str] = {
-    "kernels/contact/edge_catch.py clear_substeps: (t.touch.slack[balloon] + t.touch.slack[other]) * t.step_seconds -> "
+    "kernels/contact/edges.py clear_substeps: (t.touch.slack[balloon] + t.touch.slack[other]) * t.step_seconds -> "
     "(t.touch.slack[balloon] + t.touch.slack[other]) / t.step_seconds": "fewer substeps are passed over; contacts "
     "are the same",
     "kernels/contact/free_frames.py judge_kernel.judge_worlds: 0.0 -> 0.1": "a bound of the speed: fewer frames are "
@@ -67,7 +67,6 @@ EQUIVALENT: Mapping[str, str] = {
     "kernels/laws/face_contact.py : 1.0e-3 -> 0.0012": "a tolerance",
     "kernels/contact/triangles.py faced_triangle: faced(place, corners[0], corners[1], corners[2]) -> "
     "faced(place, corners[0], corners[2], corners[1])": "a search reads the gap, which has no corners in it",
-    "kernels/contact/ridges.py sweeping_functions.find_pushed: 0.0 -> 0.1": "sweeps go on in which nothing is pushed",
     "kernels/phases/pull.py jet_of_holes.jet_of_holes: state.bursts[params.world, params.balloon][1] -> "
     "state.bursts[params.world, params.balloon][0]": "the thrust of no hole is nothing",
     "balloon_warp/model/remarks.py _pressed: most_pressure(bound, float(masses[row % len(masses), balloon]), "

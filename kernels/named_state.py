@@ -55,9 +55,9 @@ NAMED: dict[str, Named] = {
     "touch": Named(
         "particle", "what touches it, in sums and lists", (
             "contacts", "touched", "forces_taken", "force_quanta", "lumps", "contact_impulses", "catches",
-            "ridge_budgets", "ridge_counts", "ridge_pairs", "ridge_shares", "ridge_body_shares", "ridge_ball_shares",
-            "ridge_ball_quanta", "ridge_radii", "ridge_quanta", "ridge_body_quanta", "edge_catches", "edge_pairs",
-            "edge_quanta", "edge_shares", "edge_stops", "list_lengths", "needs", "overflow",
+            "catch_counts", "contact_shares", "contact_quanta", "contact_stops", "solid_shares", "solid_quanta",
+            "ridge_budgets", "ridge_counts", "ridge_pairs", "ridge_radii", "edge_pairs", "list_lengths", "needs",
+            "overflow",
         ),
     ),
 }  # fmt: skip

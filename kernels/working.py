@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from balloon_warp.kernels.contact.catch import Catch, EdgeCatch
+from balloon_warp.kernels.contact.contact import Contact
 from balloon_warp.kernels.laws.grip import Grip
 
 EightBoxes = wp.types.matrix(shape=(6, 8), dtype=wp.float32)
@@ -76,30 +76,30 @@ class Working:
     contact_impulses: wp.array3d[wp.vec4]
     """Impulse [N s] and contact time [s] of each thing and particle since the frame began; empty unless a scene records
     contacts, see `phases.contact_forces`"""
-    ridge_counts: wp.array2d[wp.int32]
-    """Number of pairs of features of balloons and ridges that are near each other in each world: shape (world_count,
-    2); the second is the number that may meet in this substep. Empty unless faces meet ridges, as are the next arrays,
-    see `contact.ridges`"""
+    catches: wp.array2d[Contact]
+    """Contacts of one kind that may act in a substep; empty unless edges meet, or faces meet ridges, as are the next,
+    see `contact.sweeps`"""
+    catch_counts: wp.array2d[wp.int32]
+    """Number of these, and of those that come too near in a sweep: shape (world_count, 2)"""
+    contact_shares: wp.array2d[wp.int32]
+    """Number of contacts of each particle in a sweep, among which its mass is split"""
+    contact_quanta: wp.array3d[wp.int64]
+    """Impulses of contacts on particles in a sweep, see `contact.sums`"""
+    contact_stops: wp.array2d[wp.vec2]
+    """Height by which the ground raises a particle in a sweep [m], and its upward speed [m/s]; empty forward"""
+    solid_shares: wp.array2d[wp.int32]
+    """Number of contacts of each free body, and then of each sphere, in a sweep; empty unless faces meet ridges"""
+    solid_quanta: wp.array3d[wp.int64]
+    """Impulses on these, and their angular momenta: shape (world_count, bodies and spheres, 6)"""
+    ridge_counts: wp.array[wp.int32]
+    """Number of pairs of features of balloons and ridges that are near each other in each world. Empty unless faces
+    meet ridges, as are the next arrays, see `contact.ridges`"""
     ridge_budgets: wp.array[float]
     """Distance that anything may travel until the next search for ridges [m]"""
     ridge_pairs: wp.array2d[wp.vec3i]
     """Pairs of feature, ridge and solid that are near each other"""
-    catches: wp.array2d[Catch]
-    """Contacts that may happen in this substep"""
-    ridge_shares: wp.array2d[wp.int32]
-    """Number of contacts of each particle in a sweep"""
-    ridge_body_shares: wp.array2d[wp.int32]
-    """Number of contacts of each body in a sweep"""
-    ridge_ball_shares: wp.array2d[wp.int32]
-    """Number of contacts of each sphere in a sweep; empty unless faces meet them as ridges, as are the next two"""
-    ridge_ball_quanta: wp.array3d[wp.int64]
-    """Impulses on spheres in a sweep, and their angular momenta"""
     ridge_radii: wp.array2d[float]
-    """Radius of each sphere at the last search for ridges [m]"""
-    ridge_quanta: wp.array3d[wp.int64]
-    """Impulses on each particle in a sweep, see `contact.ridge_sums`"""
-    ridge_body_quanta: wp.array3d[wp.int64]
-    """Impulses on bodies in a sweep, and their angular momenta"""
+    """Radius of each sphere at the last search for ridges [m]; empty unless faces meet spheres as ridges"""
     near: wp.array2d[wp.int32]
     """Whether particles may touch a sphere, see `contact.spheres`; empty unless momentum is exchanged"""
     balloon_boxes: wp.array3d[wp.vec3]
@@ -163,14 +163,6 @@ class Working:
     """Pairs of edges that may touch until the next search, the lower number first, or of a particle, by -1 less its
     number, and a place in its list of triangles; and in which substep after the search they may do so at the earliest.
     In any order"""
-    edge_catches: wp.array2d[EdgeCatch]
-    """Pairs of edges that may touch in a substep"""
-    edge_shares: wp.array2d[wp.int32]
-    """Number of edge contacts of each particle in a sweep, among which its mass is split"""
-    edge_quanta: wp.array3d[wp.int64]
-    """Impulses of edges on particles in a sweep, see `contact.ridge_sums`"""
-    edge_stops: wp.array2d[wp.vec2]
-    """Height by which the ground raises a particle in a sweep [m], and its upward speed [m/s]; empty forward"""
     verdicts: wp.array[wp.int32]
     """Verdict on each world, see `contact.free_frames`; empty where no look ahead is needed, as are the next two"""
     ways: wp.array[float]

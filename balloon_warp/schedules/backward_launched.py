@@ -8,6 +8,7 @@ import warp as wp
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.adjoint import NoAdjointError
+from balloon_warp.kernels.adjoints.finds import EDGES_BACK, RIDGES_BACK
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.phase import STATE
 from balloon_warp.kernels.schedules.launched.backward import BackwardKernel, backward_kernels, made_kernels
@@ -20,14 +21,13 @@ from balloon_warp.model.memory import Allocating, Room
 from balloon_warp.schedules.backward import BackwardFrames
 from balloon_warp.schedules.backward_directions import DirectionsBackward
 from balloon_warp.schedules.backward_each import EachBackward
-from balloon_warp.schedules.backward_edges import EdgesBackward, kept_of_edges
 from balloon_warp.schedules.backward_exchange import ExchangeBackward, kept_of_exchange
 from balloon_warp.schedules.backward_faces import FacesBackward, kept_of_faces
 from balloon_warp.schedules.backward_fixtures import FixturesBackward
 from balloon_warp.schedules.backward_gas import GasBackward
-from balloon_warp.schedules.backward_ridges import RidgesBackward, kept_of_balls, kept_of_ridges
 from balloon_warp.schedules.backward_spheres import STATE_OF_SPHERES, SpheresBackward, log_of_spheres
 from balloon_warp.schedules.backward_strings import StringsBackward
+from balloon_warp.schedules.backward_sweeps import EdgesBackward, RidgesBackward, kept_of_ridges, kept_of_sweeps
 from balloon_warp.schedules.backward_touch import TouchBackward, kept_of_touch
 from balloon_warp.schedules.backward_tubes import TubesBackward
 from balloon_warp.schedules.balloon_contact import TouchLaunches
@@ -225,11 +225,12 @@ class LaunchedBackward(BackwardFrames):
         if step.features.touches:
             kept_of_touch(model, step.features, room)
         if step.features.edges_meet:
-            kept_of_edges(model, step.features, room)
+            kept_of_sweeps(EDGES_BACK, model, step.features, room)
         if step.features.small_spheres:
             kept_of_faces(model, room)
         if step.features.ridges:
-            kept_of_balls(model, step.features, kept_of_ridges(model, step.features, room)[-1], room)
+            kept_of_sweeps(RIDGES_BACK, model, step.features, room)
+            kept_of_ridges(model, step.features, room)
 
     def _touch(self, state: State, substep: int, now: Moving) -> None:
         """Let balloons touch, and keep their contacts."""
@@ -260,7 +261,7 @@ class LaunchedBackward(BackwardFrames):
         found = self._gas_back.found_again(self.state, kept.carried[substep], substep) if self._gas_back else {}
         among = self.spheres.found_again(self.state, kept.carried[substep], substep) if self.spheres else {}
         if self._edges:
-            self._edges.turn_back(substep)
+            self._edges.turn_back(self.state, substep)
         if self._faces:
             self._faces.turn_back(substep, points)
         if self._exchange and self.spheres:

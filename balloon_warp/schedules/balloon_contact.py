@@ -165,7 +165,4 @@ def touch_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]
         "seeking_edges": room.array((worlds, edges * SEEKING_OF_EDGE), wp.vec2i),
         "boxed_edges": room.array((worlds, edges * BOXED_OF_EDGE), wp.vec2i),
         "edge_clearances": room.array((worlds, edges if features.touches_itself else 0), wp.float32),
-        "edge_shares": room.array((worlds, particles if edges else 0), wp.int32),
-        "edge_stops": room.array((worlds, 0), wp.vec2),
-        "edge_quanta": room.array((worlds, particles if edges else 0, 3), wp.int64),
     }

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from balloon_warp.kernels.contact.catch import Catch, EdgeCatch
+from balloon_warp.kernels.contact.contact import Contact
 from balloon_warp.kernels.contact.room import LISTS
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.measure.health import HEALTHY
@@ -33,13 +33,13 @@ LEAST_RIDGE_PAIRS, RIDGE_PAIRS = 1024, 2
 """Least number of pairs of ridges that a world has room for, and number for each triangle and edge of its balloons"""
 GROWTH, ROUNDED = 1.5, 8
 """Length of a list that grows, over the one that it has needed, so that it seldom grows, and its divisor"""
-ARRAYS: dict[str, dict[str, Any]] = {
-    "candidates": {"candidates": wp.int32},
-    "edge_pairs": {"edge_pairs": wp.vec3i},
-    "edge_catches": {"edge_catches": EdgeCatch},
-    "ridge_pairs": {"ridge_pairs": wp.vec3i, "catches": Catch},
+ARRAYS: dict[str, Any] = {
+    "candidates": wp.int32,
+    "edge_pairs": wp.vec3i,
+    "catches": Contact,
+    "ridge_pairs": wp.vec3i,
 }
-"""Arrays of `Working` that are as long as each list, and their types; lists in the order of `kernels.contact.room`"""
+"""Lists of `Working` and their types, in the order of `kernels.contact.room`"""
 
 
 class ContactLists:
@@ -115,11 +115,7 @@ def list_arrays(
     """Return the arrays of `Working` for lists of contacts; empty where a scene does not need them."""
     rows = {"candidates": (model.particle_count if features.touches else 0,)}
     lengths = list_lengths(model, features)
-    return {
-        array: room.array((model.world_count, *rows.get(name, ()), lengths[name]), dtype)
-        for name in names
-        for array, dtype in ARRAYS[name].items()
-    }
+    return {name: room.array((model.world_count, *rows.get(name, ()), lengths[name]), ARRAYS[name]) for name in names}
 
 
 def counting_arrays(model: Model, features: Features, room: Room) -> dict[str, wp.array]:
@@ -137,11 +133,12 @@ def list_lengths(model: Model, features: Features) -> dict[str, int]:
 def first_lengths(model: Model, features: Features) -> dict[str, int]:
     """Return the lengths of lists before any has grown; 0 of those that a scene does not need."""
     edges = edge_count(model, features)
+    ridges = max(LEAST_RIDGE_PAIRS, RIDGE_PAIRS * _feature_count(model)) if features.ridges else 0
     return {
         "candidates": TRIANGLES if features.touches else 0,
         "edge_pairs": edges * PAIRS_OF_EDGE + (model.particle_count * TRIANGLES_OF_EDGE if edges else 0),
-        "edge_catches": max(CATCHES * edges, min(MOST_CATCHES * edges, ROOMY)),
-        "ridge_pairs": max(LEAST_RIDGE_PAIRS, RIDGE_PAIRS * _feature_count(model)) if features.ridges else 0,
+        "catches": max(CATCHES * edges, min(MOST_CATCHES * edges, ROOMY), ridges),
+        "ridge_pairs": ridges,
     }
 
 

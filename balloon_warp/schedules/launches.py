@@ -20,7 +20,7 @@ from balloon_warp.model.memory import Room
 from balloon_warp.model.state import contact_shape
 from balloon_warp.schedules.balloon_contact import touch_arrays
 from balloon_warp.schedules.contact_lists import counting_arrays, list_arrays
-from balloon_warp.schedules.ridges import ridge_arrays
+from balloon_warp.schedules.ridges import ridge_arrays, sweep_arrays
 from balloon_warp.schedules.rounds import make_clock
 from balloon_warp.schedules.solids import solid_arrays
 from balloon_warp.schedules.tables import Worlds, kept_arguments
@@ -279,6 +279,7 @@ def working_arrays(model: Model, features: Features, room: Room) -> dict[str, An
         "sphere_quanta": room.array((worlds, model.sphere_count if features.spheres_pushed else 0, 3), wp.int64),
         **solid_arrays(model, features, room),
         **ridge_arrays(model, features, room),
+        **sweep_arrays(model, features, room),
         "contact_impulses": room.array(contact_shape(model), wp.vec4),
         **touch_arrays(model, features, room),
         **list_arrays(model, features, room),

@@ -46,18 +46,25 @@ def ridge_table(model: Model, features: Features) -> Any:
 def ridge_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]:
     """Return the arrays of `Working` for ridges, but for lists that grow; empty where faces do not touch them."""
     worlds = model.world_count if features.ridges else 0
-    particles, bodies = model.particle_count, model.body_count
     spheres = model.sphere_count if features.round_ridges else 0
     return {
-        "ridge_counts": room.array((worlds, 2), wp.int32),
+        "ridge_counts": room.array((worlds,), wp.int32),
         "ridge_budgets": room.array((worlds,), wp.float32),
-        "ridge_shares": room.array((worlds, particles), wp.int32),
-        "ridge_body_shares": room.array((worlds, bodies), wp.int32),
-        "ridge_ball_shares": room.array((worlds, spheres), wp.int32),
-        "ridge_ball_quanta": room.array((worlds, spheres, 6), wp.int64),
         "ridge_radii": room.array((worlds, spheres), wp.float32),
-        "ridge_quanta": room.array((worlds, particles, 3), wp.int64),
-        "ridge_body_quanta": room.array((worlds, bodies, 6), wp.int64),
+    }
+
+
+def sweep_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]:
+    """Return the arrays of `Working` for sweeps over contacts, but for their list; empty where there are none."""
+    worlds = model.world_count if features.edges_meet or features.ridges else 0
+    solids = model.body_count + model.sphere_count if features.ridges else 0
+    return {
+        "catch_counts": room.array((worlds, 2), wp.int32),
+        "contact_shares": room.array((worlds, model.particle_count), wp.int32),
+        "contact_quanta": room.array((worlds, model.particle_count, 3), wp.int64),
+        "contact_stops": room.array((worlds, 0), wp.vec2),
+        "solid_shares": room.array((worlds, solids), wp.int32),
+        "solid_quanta": room.array((worlds, solids, 6), wp.int64),
     }
 
 

@@ -35,7 +35,7 @@ class Rounds:
         self._device, self._clock = model.device, clock
         self._count, self._interval = model.substeps, interval or model.substeps
         self.are_short = model.device.is_cpu and model.substeps > FLAT
-        """Whether far fewer substeps are recorded than a frame has; on a GPU, where a recorded launch is small, all are"""
+        """Whether far fewer substeps are recorded than a frame has; a GPU records all"""
         self._turns = [clock.left[depth : depth + 1] for depth in (OUTER, INNER)]
 
     def go_through(self, launch_substeps: Substeps) -> None:

@@ -1,4 +1,4 @@
-"""Adjoint of the ground, which stops particles that edges push into it: how is noted in each sweep.
+"""Adjoint of the ground, which stops particles that contacts push into it: how is noted in each sweep.
 
 Frozen is which particles it stops, and whether it takes all of their speed.
 """
@@ -8,7 +8,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.contact.edge_push import stop_by_ground
+from balloon_warp.kernels.contact.ends import stop_by_ground
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.warps import block_barrier
@@ -18,28 +18,28 @@ from balloon_warp.kernels.working import Working
 @wp.func
 def note_stop(working: Working, world: wp.int32, particle: wp.int32, rise: float, fall: float):
     """Note how the ground stops a particle in this sweep."""
-    working.edge_stops[world, particle] = wp.vec2(rise, fall)
+    working.contact_stops[world, particle] = wp.vec2(rise, fall)
 
 
 @wp.func
 def forget_stops(working: Working, world: wp.int32, thread: wp.int32, count: wp.int32):
-    """Clear the stops of the ends of all pairs."""
-    if working.edge_stops.shape[1] > 0:
+    """Clear the stops of the ends of all contacts."""
+    if working.contact_stops.shape[1] > 0:
         for place in range(thread, count, wp.block_dim()):
-            ends = working.edge_catches[world, place].ends
+            ends = working.catches[world, place].ends
             for end in range(4):
-                working.edge_stops[world, ends[end]] = wp.vec2()
+                working.contact_stops[world, ends[end]] = wp.vec2()
         block_barrier()
 
 
 @wp.func
 def keep_stops(working: Working, bars: Any, world: wp.int32, thread: wp.int32, count: wp.int32, sweep: wp.int32):
-    """Keep the stops that a sweep has noted of the ends of all pairs."""
-    if working.edge_stops.shape[1] > 0:
+    """Keep the stops that a sweep has noted of the ends of all contacts."""
+    if working.contact_stops.shape[1] > 0:
         for place in range(thread, count, wp.block_dim()):
-            ends = working.edge_catches[world, place].ends
+            ends = working.catches[world, place].ends
             for end in range(4):
-                stop = working.edge_stops[world, ends[end]]
+                stop = working.contact_stops[world, ends[end]]
                 bars.rises[sweep, world, ends[end]] = stop[0]
                 bars.falls[sweep, world, ends[end]] = stop[1]
         block_barrier()
@@ -87,7 +87,7 @@ def stops_function(features: Features, columns: tuple[int, ...]) -> Any:
         """
         if wp.static(features.ground):
             for place in range(thread, count, wp.block_dim()):
-                ends = working.edge_catches[world, place].ends
+                ends = working.catches[world, place].ends
                 for end in range(4):
                     rise = wp.atomic_exch(bars.rises, sweep, world, ends[end], 0.0)  # who comes first
                     if rise > 0.0:

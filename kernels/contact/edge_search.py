@@ -11,7 +11,7 @@ import warp as wp
 
 from balloon_warp.kernels.contact.boxes import ALONE, ARE_NEAR, boxes_meet, has_strayed, is_searched, pad_function
 from balloon_warp.kernels.contact.clearances import pad_with_lookout
-from balloon_warp.kernels.contact.edge_catch import clear_substeps
+from balloon_warp.kernels.contact.edges import clear_substeps
 from balloon_warp.kernels.contact.list_lengths import BOXED, PAIRS, SEEKING
 from balloon_warp.kernels.contact.parts import Swept, box_of_edge, box_of_part
 from balloon_warp.kernels.contact.room import OF_PAIRS, ask_for_room

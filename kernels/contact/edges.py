@@ -1,8 +1,7 @@
-"""Contact of edges, a block a world.
+"""Contact of sharp edges of balloons, see `laws.edges`, and of particles that would come through triangles.
 
-Each piece of a substep is a launch. A search now and then finds edges that are near each other; these push each other
-apart, all at once, a few times a substep: each of N contacts on a particle has an N-th of its mass (Tonge and others
-2012, mass splitting).
+The spring between a particle and a triangle, see `laws.touch`, may let it through. A search now and then finds pairs
+that are near each other.
 """
 
 from functools import cache
@@ -10,19 +9,21 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.contact.catch import EdgeCatch
-from balloon_warp.kernels.contact.edge_catch import catching_function
-from balloon_warp.kernels.contact.edge_push import count_ends, excess_of, forget_stop, pushing_functions
-from balloon_warp.kernels.contact.list_lengths import CAUGHT, MARKED, PAIRS, SUBSTEPS
-from balloon_warp.kernels.contact.room import OF_CATCHES, ask_for_room
+from balloon_warp.kernels.contact.contact import NONE, Contact
+from balloon_warp.kernels.contact.ends import four_of
+from balloon_warp.kernels.contact.list_lengths import PAIRS, SUBSTEPS
+from balloon_warp.kernels.contact.sweeps import Kind, begin_list, end_list, list_contact
+from balloon_warp.kernels.contact.triangles import side_of, triangle_of
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.ridges import way_to_part
+from balloon_warp.kernels.laws.edges import FOUR, KEPT, couples_of, crosses, crossing_of, weights_of
+from balloon_warp.kernels.loops.friction import friction_of_balloons
+from balloon_warp.kernels.loops.meeting import place_beside, skin_functions
 from balloon_warp.kernels.tables import Tables, WorldState
-from balloon_warp.kernels.warps import any_in_block, any_in_warp, block_barrier, next_place
+from balloon_warp.kernels.warps import any_in_warp
 from balloon_warp.kernels.working import Working
 
-MOST_SWEEPS = wp.constant(300)
-"""Largest number of sweeps over all pairs in a substep; it ends sooner where none comes too near"""
+AHEAD = wp.constant(2.0)
+"""Number of substeps ahead in which edges at their speeds would touch, so that they count as near in this one"""
 SETTLED = wp.constant(0.01)
 """Fraction of the distance that edges keep by which they may come nearer in a substep, left to the next one"""
 SAFE = wp.constant(0.2)
@@ -30,174 +31,192 @@ SAFE = wp.constant(0.2)
 
 
 @wp.func
-def overlaps(catch: EdgeCatch):
-    """Return whether a pair has come so near that it is moved apart."""
-    return way_to_part(catch.crossing.gap, catch.kept) > 0.0
+def edge_contact(before: FOUR, thickness: float, friction: float):
+    """Return the contact of two edges, by the places of their ends."""
+    contact = Contact()
+    crossing = crossing_of(before[0], before[1], before[2], before[3])
+    contact.weights = weights_of(crossing.parts)
+    contact.normal = crossing.normal
+    contact.gap = crossing.gap
+    contact.kept = KEPT * thickness
+    if crosses(crossing):
+        contact.friction = friction
+        first, other = couples_of(crossing)
+        contact.couple = first
+        contact.other_couple = other
+    return contact
+
+
+@wp.func
+def particle_contact(before: FOUR, thickness: float):
+    """Return the contact of a triangle and a particle, by the places of the corners and the particle.
+
+    Friction is that of the spring between them.
+    """
+    contact = Contact()
+    place = place_beside(before[3], before[0], before[1], before[2])
+    contact.weights = wp.vec4(-place.weights[0], -place.weights[1], -place.weights[2], 1.0)
+    contact.normal = wp.normalize(place.arm)
+    contact.gap = wp.sqrt(place.squared)
+    contact.kept = KEPT * thickness
+    return contact
+
+
+@wp.func
+def clear_substeps(t: Tables, balloon: wp.int32, other: wp.int32, gap: float, kept: float, fastest: float):
+    """Return the number of substeps after this one in which two edges of balloons cannot touch yet.
+
+    They may come nearer as fast as they do now, and by as much acceleration as lists allow for.
+
+    Args:
+        fastest: Largest speed of a point of one relative to one of the other [m/s].
+    """
+    way = t.step_seconds * fastest
+    gain = (t.touch.slack[balloon] + t.touch.slack[other]) * t.step_seconds / t.touch.seconds
+    return int(wp.max(gap - 2.0 * kept - AHEAD * way, 0.0) / (way + gain))
+
+
+@wp.func
+def may_touch(t: Tables, contact: Contact, moving: FOUR):
+    """Return whether two edges may touch in this substep."""
+    speed = wp.length(contact.weights * moving)
+    near = contact.gap < 2.0 * contact.kept + AHEAD * t.step_seconds * speed
+    return near and wp.length_sq(contact.normal) > 0.0
 
 
 @cache
-def catching_all_function(features: Features, leaves_out: bool = True) -> Any:
-    """Return the function that lists the pairs of edges, and of particles and triangles, that may touch.
-
-    Args:
-        leaves_out: Whether pairs are left out that cannot touch yet, by how near they were when last measured; of
-            substeps that follow each other alone.
-    """
-    catch_of = catching_function(features)
+def contact_function(features: Features) -> Any:
+    """Return the function that measures two edges, or a particle and a triangle, as a substep begins."""
+    thickness_between, _ = skin_functions(features)
 
     @wp.func
-    def put(working: Working, world: wp.int32, catch: EdgeCatch):
-        """List a pair, and return whether it overlaps."""
-        slot = wp.atomic_add(working.list_lengths, world, CAUGHT, 1)
-        if slot < working.edge_catches.shape[1]:
-            working.edge_catches[world, slot] = catch
-        else:
-            ask_for_room(working, world, OF_CATCHES, slot + 1, 1)
-        return overlaps(catch)
+    def edges_of_pair(
+        t: Tables, world: wp.int32, first: wp.int32, second: wp.int32, points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3],
+    ):  # fmt: skip
+        """Return two edges at the start of the substep, whether they may touch in it, and for how many more not."""
+        own = t.touch.edges[first]
+        other = t.touch.edges[second]
+        ends = wp.vec4i(own[0], own[1], other[0], other[1])
+        moving = four_of(velocities, ends)
+        before = four_of(points, ends) - t.step_seconds * moving
+        balloon = t.particles.balloon[own[0]]
+        beside = t.particles.balloon[other[0]]
+        friction = friction_of_balloons(t, world, balloon, beside)
+        contact = edge_contact(before, thickness_between(t, world, balloon, beside), friction)
+        contact.ends = ends
+        contact.solid = NONE
+        fastest = wp.max(
+            wp.max(wp.length(moving[0] - moving[2]), wp.length(moving[0] - moving[3])),
+            wp.max(wp.length(moving[1] - moving[2]), wp.length(moving[1] - moving[3])),
+        )
+        clear = clear_substeps(t, balloon, beside, contact.gap, contact.kept, fastest)
+        return contact, may_touch(t, contact, moving), clear
+
+    @wp.func
+    def particle_of_pair(
+        t: Tables, world: wp.int32, particle: wp.int32, candidate: wp.int32, points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3],
+    ):  # fmt: skip
+        """Return the same of a particle and a triangle.
+
+        One that is behind the triangle already, and to be pushed out of it, is let through.
+        """
+        corners = t.touch.triangles[triangle_of(candidate)]
+        ends = wp.vec4i(corners[0], corners[1], corners[2], particle)
+        moving = four_of(velocities, ends)
+        before = four_of(points, ends) - t.step_seconds * moving
+        own = t.particles.balloon[particle]
+        other = t.particles.balloon[corners[0]]
+        contact = particle_contact(before, thickness_between(t, world, own, other))
+        contact.ends = ends
+        contact.solid = NONE
+        area_vector = wp.cross(before[1] - before[0], before[2] - before[0])
+        is_right = other == own or side_of(candidate) * wp.dot(contact.normal, area_vector) >= 0.0
+        fastest = wp.max(
+            wp.max(wp.length(moving[0] - moving[3]), wp.length(moving[1] - moving[3])),
+            wp.length(moving[2] - moving[3]),
+        )
+        clear = clear_substeps(t, own, other, contact.gap, contact.kept, fastest)
+        return contact, is_right and may_touch(t, contact, moving), clear
+
+    @wp.func
+    def contact_of(
+        t: Tables, working: Working, world: wp.int32, pair: wp.vec2i, points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3],
+    ):  # fmt: skip
+        """Return a listed pair at the start of the substep, whether it may touch in it, and for how many more not."""
+        if pair[0] >= 0:
+            return edges_of_pair(t, world, pair[0], pair[1], points, velocities)
+        particle = -1 - pair[0]
+        candidate = working.candidates[world, particle, pair[1]]
+        return particle_of_pair(t, world, particle, candidate, points, velocities)
+
+    return contact_of
+
+
+@cache
+def listing_function(features: Features, backwards: bool) -> Any:
+    """Return the function that lists pairs that may touch in a substep, see `sweeps.Kind`.
+
+    Forward, pairs are left out that cannot touch yet, by how near they were when last measured.
+    """
+    contact_of = contact_function(features)
 
     @wp.func
     def next_due(working: Working, world: wp.int32, place: wp.int32, count: wp.int32, substep: wp.int32):
         """Return the place of the next pair of a thread that may touch in a substep, or one beyond the list."""
-        if wp.static(leaves_out):
+        if wp.static(not backwards):
             while place < count and working.edge_pairs[world, place][2] > substep:
                 place += wp.block_dim()
         return place
 
     @wp.func
-    def catch_all(
-        t: Tables, working: Working, world: wp.int32, thread: wp.int32, points: wp.array[wp.vec3],
-        velocities: wp.array[wp.vec3],
+    def list_edges(
+        t: Tables, state: WorldState, working: Working, world: wp.int32, thread: wp.int32, end: float,
+        points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
     ):  # fmt: skip
-        """List pairs that may touch in this substep, by all threads of a block, in any order.
-
-        Returns their number, and whether any overlap, so that they are moved apart.
+        """List contacts in any order.
 
         A thread takes single pairs: where all of an edge or a particle are one's, the others wait for the fullest.
         Each thread first goes on to its next pair that is due, so that those of a warp measure together.
         """
-        overlap = bool(False)
-        if thread == 0:
-            working.list_lengths[world, CAUGHT] = 0
-            working.list_lengths[world, MARKED] = 0
-        block_barrier()
+        if working.list_lengths[world, PAIRS] == 0:
+            return 0, False
+        begin_list(working, world, thread)
+        overlaps = bool(False)
         substep = working.list_lengths[world, SUBSTEPS]
         count = wp.min(working.list_lengths[world, PAIRS], working.edge_pairs.shape[1])
         place = next_due(working, world, thread, count, substep)
         while any_in_warp(place < count):  # or each thread of a warp would measure by itself
             if place < count:
                 pair = working.edge_pairs[world, place]
-                catch, near, clear = catch_of(t, working, world, wp.vec2i(pair[0], pair[1]), points, velocities)
+                contact, near, clear = contact_of(t, working, world, wp.vec2i(pair[0], pair[1]), points, velocities)
                 if near:
-                    overlap = put(working, world, catch) or overlap
-                if wp.static(leaves_out):
+                    contact.pair = place
+                    overlaps = list_contact(working, world, contact) or overlaps
+                if wp.static(not backwards):
                     working.edge_pairs[world, place] = wp.vec3i(pair[0], pair[1], substep + 1 + clear)
             place = next_due(working, world, place + wp.block_dim(), count, substep)
-        any_overlap = any_in_block(overlap)
+        caught, any_overlaps = end_list(working, world, overlaps)
         if thread == 0:
             working.list_lengths[world, SUBSTEPS] = substep + 1
-        return wp.min(working.list_lengths[world, CAUGHT], working.edge_catches.shape[1]), any_overlap
+        return caught, any_overlaps
 
-    return catch_all
-
-
-@wp.func
-def mark(working: Working, world: wp.int32, place: wp.int32):
-    """List a pair that comes too near, and count it among the contacts of its ends."""
-    working.edge_catches[world, next_place(working.list_lengths, world, MARKED)].marked = place
-    count_ends(working, world, working.edge_catches[world, place])
+    return list_edges
 
 
 @wp.func
-def mark_pushed(
-    t: Tables, working: Working, world: wp.int32, thread: wp.int32, count: wp.int32, velocities: wp.array[wp.vec3]
-):
-    """Mark the pairs of a thread that come too near, and return whether any does so far that one more sweep follows."""
-    goes_on = bool(False)
-    for place in range(thread, count, wp.block_dim()):
-        catch = working.edge_catches[world, place]
-        excess = excess_of(t, catch, velocities)
-        if excess > 0.0:
-            mark(working, world, place)
-            least = wp.min(SETTLED * catch.kept, SAFE * catch.crossing.gap)
-            goes_on = goes_on or t.step_seconds * excess > least
-    return goes_on
-
-
-@wp.func
-def mark_overlaps(working: Working, world: wp.int32, thread: wp.int32, count: wp.int32):
-    """Mark the pairs of a thread that overlap."""
-    for place in range(thread, count, wp.block_dim()):
-        if overlaps(working.edge_catches[world, place]):
-            mark(working, world, place)
+def near_enough(t: Tables, contact: Contact):
+    """Return the distance by which edges may come nearer in a substep [m]."""
+    return wp.min(SETTLED * contact.kept, SAFE * contact.gap)
 
 
 @cache
-def pushing_all_function(features: Features, note: Any = forget_stop) -> Any:
-    """Return the function that pushes marked pairs of edges apart.
-
-    Args:
-        note: function that keeps how the ground stops a particle.
-    """
-    push_pair, part_pair, move_end = pushing_functions(features, note)
-
-    @wp.func
-    def push_all(
-        t: Tables, working: Working, world: wp.int32, thread: wp.int32, points: wp.array[wp.vec3],
-        velocities: wp.array[wp.vec3], speeds: float,
-    ):  # fmt: skip
-        """Push all marked pairs apart, by all threads of a block, a thread a pair and then a thread an end.
-
-        Args:
-            speeds: 1, or 0 where they are moved without speed.
-        """
-        count = working.list_lengths[world, MARKED]
-        for item in range(thread, count, wp.block_dim()):
-            place = working.edge_catches[world, item].marked
-            if speeds > 0.0:
-                push_pair(t, working, world, working.edge_catches[world, place], velocities)
-            else:
-                part_pair(t, working, world, working.edge_catches[world, place])
-        block_barrier()
-        if thread == 0:
-            working.list_lengths[world, MARKED] = 0
-        for item in range(thread, 4 * count, wp.block_dim()):
-            place = working.edge_catches[world, item // 4].marked
-            particle = working.edge_catches[world, place].ends[item % 4]
-            move_end(t, working, world, particle, points, velocities, speeds)
-        block_barrier()
-
-    return push_all
+def features_of_edges(features: Features) -> Features:
+    """Return the features that edges see: no solid but the ground."""
+    return features._replace(ridges=False, round_ridges=False, bodies=0, spheres_rub=False)
 
 
-@cache
-def edges_function(features: Features) -> Any:
-    """Return the function by which edges push each other apart, once all particles have moved."""
-    catch_all, push_all = catching_all_function(features), pushing_all_function(features)
-
-    @wp.func
-    def meet_edges(
-        t: Tables,
-        state: WorldState,
-        working: Working,
-        world: wp.int32,
-        thread: wp.int32,
-        points: wp.array[wp.vec3],
-        velocities: wp.array[wp.vec3],
-    ):
-        """Resolve contacts of the edges of a world, by all threads of a block."""
-        if working.list_lengths[world, PAIRS] > 0:
-            count, overlap = catch_all(t, working, world, thread, points, velocities)
-            sweep = wp.int32(0)
-            while count > 0 and sweep < MOST_SWEEPS:
-                sweep += 1
-                goes_on = mark_pushed(t, working, world, thread, count, velocities)
-                again = any_in_block(goes_on)
-                push_all(t, working, world, thread, points, velocities, 1.0)
-                if not again:
-                    sweep = MOST_SWEEPS
-            if overlap:
-                mark_overlaps(working, world, thread, count)
-                block_barrier()
-                push_all(t, working, world, thread, points, velocities, 0.0)
-
-    return meet_edges
+EDGES = Kind(listing_function, near_enough, 300, features_of_edges)
+"""Sharp edges of balloons, and particles that would come through triangles"""

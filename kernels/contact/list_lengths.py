@@ -6,13 +6,9 @@ LOOKING, TOUCHING = wp.constant(0), wp.constant(1)
 """Particles that search, and those that have found triangles"""
 PAIRS = wp.constant(2)
 """Pairs of edges, and of particles and triangles, that may touch until the next search"""
-CAUGHT = wp.constant(3)
-"""Pairs that may touch in this substep"""
-SEEKING, BOXED = wp.constant(4), wp.constant(5)
+SEEKING, BOXED = wp.constant(3), wp.constant(4)
 """Edges that go through trees in a search, and pairs of edges whose boxes meet"""
-SUBSTEPS = wp.constant(6)
+SUBSTEPS = wp.constant(5)
 """Substeps in which edges have met since the search"""
-MARKED = wp.constant(7)
-"""Pairs that come too near in a sweep"""
-LENGTHS = 8
+LENGTHS = 6
 """Number of these"""

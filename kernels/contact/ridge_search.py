@@ -66,7 +66,7 @@ def near_in(placed: Placed, ridge: Ridge, feature: wp.vec4i, a: wp.vec3, b: wp.v
 @wp.func
 def note_pair(working: Working, world: wp.int32, feature: wp.int32, ridge: wp.int32, solid: wp.int32):
     """Append a feature and a ridge of a solid to the list of pairs."""
-    place = wp.atomic_add(working.ridge_counts, world, 0, 1)
+    place = wp.atomic_add(working.ridge_counts, world, 1)
     if place < working.ridge_pairs.shape[1]:
         working.ridge_pairs[world, place] = wp.vec3i(feature, ridge, solid)
     else:
@@ -219,7 +219,7 @@ def ridge_search_function(features: Features) -> Any:
             if t.ridges.ridges.shape[0] < DENSE:
                 margin = wp.max(margin, wp.min(LASTING * way, FARTHEST * t.ridges.margin))
             if thread == 0:
-                working.ridge_counts[world, 0] = 0
+                working.ridge_counts[world] = 0
                 for sphere in range(working.ridge_radii.shape[1]):
                     working.ridge_radii[world, sphere] = sphere_radius(t.spheres, world, sphere)
             block_barrier()
@@ -243,6 +243,6 @@ def ridge_search_function(features: Features) -> Any:
         if thread == 0:
             working.ridge_budgets[world] = left
         block_barrier()
-        return wp.min(working.ridge_counts[world, 0], working.ridge_pairs.shape[1]), way
+        return wp.min(working.ridge_counts[world], working.ridge_pairs.shape[1]), way
 
     return search_ridges

@@ -2,18 +2,9 @@
 
 Ridges are convex edges, the axes of capsules, and the centers of spheres.
 
-With q the point of a ridge and p the point of a balloon's face or edge that are nearest as a substep begins, n the unit
-vector from q to p and g their distance, less the ridge's radius, an impulse along n lets them come nearer by no more
-than is left of the distance d that is kept,
-
-    n . (u_p - u_q) >= -max(g - d, 0) / h,
-
-with u as all other forces would leave it: the rule of `laws.edges`. The corners get the impulse by the weights of p.
-
-All contacts of a sweep act at once. Each of N contacts on a particle, or on a body, has an Nth of its mass for itself,
-and afterwards the parts go on with their mean velocity (Tonge, Benevolenski and Voroshilov 2012, *Mass splitting for
-jitter-free parallel rigid body simulation*). Each contact alone finds the nearest allowed velocities of its parts,
-measured by kinetic energy, and so does the mean: it never grows. Sums of whole numbers do not depend on their order.
+With q the point of a ridge and p the point of a balloon's face or edge that are nearest as a substep begins, n is the
+unit vector from q to p and g their distance, less the ridge's radius. The corners bear the contact by the weights of p,
+see `contact.contact`.
 
 Which side of a ridge is outside is told by the solid's sides beside it: n may not lead far above one of them. A
 particle there that slides to the ridge is left to contact of particles; one a little above it may come down beside it
@@ -23,7 +14,7 @@ within a step.
 import warp as wp
 
 from balloon_warp.kernels.laws.edges import crossing_of
-from balloon_warp.kernels.laws.touch import LEAST, nearest_weights
+from balloon_warp.kernels.laws.touch import nearest_weights
 
 ABOVE = wp.constant(0.6)
 """Cosine between n and a side of the solid above which a balloon counts as on that side"""
@@ -125,22 +116,6 @@ def face_near(ridge: Ridge, a: wp.vec3, b: wp.vec3, c: wp.vec3):
 
 
 @wp.func
-def approach_allowed(gap: float, kept: float, step_seconds: float):
-    """Return the approach speed that is allowed [m/s]."""
-    return wp.max(gap - kept, 0.0) / step_seconds
-
-
-@wp.func
 def way_to_part(gap: float, kept: float):
     """Return the displacement that restores the distance in a step where little of it is left [m], without speed."""
     return PARTED * wp.max(LITTLE * kept - gap, 0.0)
-
-
-@wp.func
-def rub_against(slide: wp.vec3, normal: wp.vec3, ease: float, most: float):
-    """Return the impulse against the slip across n [N s], no more than `most`."""
-    beside = slide - wp.dot(slide, normal) * normal
-    speed = wp.length(beside)
-    if speed > 0.0:
-        return (-wp.min(speed / wp.max(ease, LEAST), most) / speed) * beside
-    return wp.vec3()

@@ -8,16 +8,16 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.adjoints.crossings import edges_backwards
 from balloon_warp.kernels.adjoints.exchange import exchange_backwards
-from balloon_warp.kernels.adjoints.ridges import ridges_backwards
+from balloon_warp.kernels.adjoints.finds import swept_backwards
 from balloon_warp.kernels.adjoints.small_spheres import small_spheres_backwards
 from balloon_warp.kernels.contact.bodies import bodies_function
-from balloon_warp.kernels.contact.edges import edges_function
+from balloon_warp.kernels.contact.edges import EDGES
 from balloon_warp.kernels.contact.faces import faces_function
 from balloon_warp.kernels.contact.near import are_noted
-from balloon_warp.kernels.contact.ridges import ridges_function
+from balloon_warp.kernels.contact.ridges import RIDGES
 from balloon_warp.kernels.contact.spheres import spheres_function
+from balloon_warp.kernels.contact.sweeps import meeting_function
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.working import Working
@@ -34,10 +34,10 @@ def keep_start(features: Features, look: Look) -> Any:
     return keep_start
 
 
-@phase("team", when=lambda features: features.ridges, adjoint=ridges_backwards)
+@phase("team", when=lambda features: features.ridges, adjoint=swept_backwards)
 def meet_ridges(features: Features, look: Look) -> Any:
     """Resolve contacts of balloon faces with ridges of obstacles and bodies."""
-    return ridges_function(features)
+    return meeting_function(RIDGES, features)
 
 
 @phase(
@@ -60,7 +60,7 @@ def meet_faces(features: Features, look: Look) -> Any:
     return faces_function(features)
 
 
-@phase("team", when=lambda features: features.edges_meet, adjoint=edges_backwards)
+@phase("team", when=lambda features: features.edges_meet, adjoint=swept_backwards)
 def meet_edges(features: Features, look: Look) -> Any:
     """Resolve contacts of sharp edges."""
-    return edges_function(features)
+    return meeting_function(EDGES, features)

@@ -1,4 +1,4 @@
-"""Impulses of contacts with ridges, added up as whole numbers, the same in any order."""
+"""Impulses of contacts, added up as whole numbers, the same in any order."""
 
 import warp as wp
 
@@ -29,11 +29,11 @@ def add_impulse(sums: wp.array3d[wp.int64], world: wp.int32, item: wp.int32, imp
 
 
 @wp.func
-def add_to_body(sums: wp.array3d[wp.int64], world: wp.int32, body: wp.int32, impulse: wp.vec3, twist: wp.vec3):
-    """Add an impulse [N s] and an angular momentum [N m s] to a body's."""
+def add_to_solid(sums: wp.array3d[wp.int64], world: wp.int32, solid: wp.int32, impulse: wp.vec3, twist: wp.vec3):
+    """Add an impulse [N s] and an angular momentum [N m s] to those of a body or a sphere."""
     for axis in range(3):
-        wp.atomic_add(sums, world, body, axis, whole(impulse[axis]))
-        wp.atomic_add(sums, world, body, axis + 3, whole(twist[axis]))
+        wp.atomic_add(sums, world, solid, axis, whole(impulse[axis]))
+        wp.atomic_add(sums, world, solid, axis + 3, whole(twist[axis]))
 
 
 @wp.func
@@ -43,8 +43,8 @@ def take_impulse(sums: wp.array3d[wp.int64], world: wp.int32, item: wp.int32):
 
 
 @wp.func
-def take_of_body(sums: wp.array3d[wp.int64], world: wp.int32, body: wp.int32):
-    """Take the impulse on a body [N s], and the angular momentum [N m s]."""
-    impulse = take_impulse(sums, world, body)
-    twist = wp.vec3(taken(sums, world, body, 3), taken(sums, world, body, 4), taken(sums, world, body, 5))
+def take_of_solid(sums: wp.array3d[wp.int64], world: wp.int32, solid: wp.int32):
+    """Take the impulse on a body or a sphere [N s], and the angular momentum [N m s]."""
+    impulse = take_impulse(sums, world, solid)
+    twist = wp.vec3(taken(sums, world, solid, 3), taken(sums, world, solid, 4), taken(sums, world, solid, 5))
     return impulse, twist

@@ -1,0 +1,192 @@
+"""Sweeps over a list of contacts, a block a world: the same for every kind.
+
+Each piece of a substep is a launch. Contacts that may act in the substep are listed once. In each sweep those that come
+too near are marked, a thread a contact; all marked ones push at once, and then a thread moves each end. Last, features
+that have come too near are moved apart, without speed.
+"""
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from balloon_warp.kernels.contact.contact import Contact, excess_of, overlap_of, resolving_functions
+from balloon_warp.kernels.contact.ends import (
+    adding_functions,
+    bearing_function,
+    forget_stop,
+    four_of,
+    motion_functions,
+    moving_functions,
+)
+from balloon_warp.kernels.contact.room import OF_CATCHES, ask_for_room
+from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.warps import any_in_block, block_barrier, next_place
+from balloon_warp.kernels.working import Working
+
+CAUGHT, MARKED = wp.constant(0), wp.constant(1)
+"""Indices of the number of contacts that may act in this substep, and of those that come too near in a sweep"""
+
+
+class Kind(NamedTuple):
+    """A kind of contacts, in sweeps of its own."""
+
+    list_all: Callable[[Features, bool], Any]
+    """Function that lists the contacts of a substep by all threads of a block, and returns their number, and whether
+    any overlaps; the second argument says whether substeps run backwards, so that none follows another"""
+    near_enough: Any
+    """Function of the distance by which a contact may come nearer in a substep [m], left to the next one"""
+    most_sweeps: int
+    """Largest number of sweeps in a substep; it ends sooner where nothing comes too near"""
+    seen: Callable[[Features], Features]
+    """Features that its contacts see: those of other kinds cost nothing"""
+
+
+@wp.func
+def list_contact(working: Working, world: wp.int32, contact: Contact):
+    """List a contact, in any order, and return whether its features overlap."""
+    place = wp.atomic_add(working.catch_counts, world, CAUGHT, 1)
+    if place < working.catches.shape[1]:
+        working.catches[world, place] = contact
+    else:
+        ask_for_room(working, world, OF_CATCHES, place + 1, 1)
+    return overlap_of(contact) > 0.0
+
+
+@wp.func
+def begin_list(working: Working, world: wp.int32, thread: wp.int32):
+    """Empty the list of contacts, by all threads of a block."""
+    if thread == 0:
+        working.catch_counts[world, CAUGHT] = 0
+        working.catch_counts[world, MARKED] = 0
+    block_barrier()
+
+
+@wp.func
+def end_list(working: Working, world: wp.int32, overlaps: bool):
+    """Return the number of contacts, and whether any overlaps, once all threads of a block have listed theirs."""
+    any_overlaps = any_in_block(overlaps)
+    return wp.min(working.catch_counts[world, CAUGHT], working.catches.shape[1]), any_overlaps
+
+
+@cache
+def marking_functions(kind: Kind, features: Features) -> tuple[Any, Any]:
+    """Return the functions that mark the contacts of a thread that come too near, and those that overlap."""
+    kind_of, motion_of = motion_functions(features)
+    relative_of, _, _ = resolving_functions(features)
+    count_in, _ = adding_functions(features)
+    near_enough = kind.near_enough
+
+    @wp.func
+    def mark(t: Tables, working: Working, world: wp.int32, place: wp.int32):
+        """List a contact that comes too near, and count it among those of what bears it."""
+        working.catches[world, next_place(working.catch_counts, world, MARKED)].marked = place
+        count_in(t, working, world, working.catches[world, place])
+
+    @wp.func
+    def mark_pushed(
+        t: Tables, state: WorldState, working: Working, world: wp.int32, thread: wp.int32, count: wp.int32,
+        velocities: wp.array[wp.vec3],
+    ):  # fmt: skip
+        """Mark contacts, and return whether any comes so near that one more sweep follows."""
+        goes_on = bool(False)
+        for place in range(thread, count, wp.block_dim()):
+            contact = working.catches[world, place]
+            solid = motion_of(t, state, working, world, contact)
+            relative = relative_of(contact, four_of(velocities, contact.ends), kind_of(t, contact), solid)
+            excess = excess_of(contact, relative, t.step_seconds)
+            if excess > 0.0:
+                mark(t, working, world, place)
+                goes_on = goes_on or t.step_seconds * excess > near_enough(t, contact)
+        return goes_on
+
+    @wp.func
+    def mark_overlaps(t: Tables, working: Working, world: wp.int32, thread: wp.int32, count: wp.int32):
+        for place in range(thread, count, wp.block_dim()):
+            if overlap_of(working.catches[world, place]) > 0.0:
+                mark(t, working, world, place)
+
+    return mark_pushed, mark_overlaps
+
+
+@cache
+def pushing_function(features: Features, note: Any = forget_stop) -> Any:
+    """Return the function that lets all marked contacts push.
+
+    Args:
+        note: function that keeps how the ground stops a particle.
+    """
+    _, motion_of = motion_functions(features)
+    relative_of, answer_of, parting_of = resolving_functions(features)
+    bearing_of, (_, add_answer) = bearing_function(features), adding_functions(features)
+    move_end, move_solid = moving_functions(features, note)
+
+    @wp.func
+    def push_all(
+        t: Tables, state: WorldState, working: Working, world: wp.int32, thread: wp.int32, points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3], speeds: float,
+    ):  # fmt: skip
+        """Push all marked contacts apart, by all threads of a block, a thread a contact and then a thread an end.
+
+        Args:
+            speeds: 1, or 0 where they are moved without speed.
+        """
+        count = working.catch_counts[world, MARKED]
+        for item in range(thread, count, wp.block_dim()):
+            contact = working.catches[world, working.catches[world, item].marked]
+            bearing = bearing_of(t, working, world, contact)
+            if speeds > 0.0:
+                moving = four_of(velocities, contact.ends)
+                solid = motion_of(t, state, working, world, contact)
+                relative = relative_of(contact, moving, bearing.kind, solid)
+                answer = answer_of(contact, bearing, moving, relative, t.step_seconds)
+                add_answer(t, working, world, contact, answer)
+            else:
+                add_answer(t, working, world, contact, parting_of(contact, bearing))
+        block_barrier()
+        if thread == 0:
+            working.catch_counts[world, MARKED] = 0
+        for item in range(thread, 4 * count, wp.block_dim()):
+            place = working.catches[world, item // 4].marked
+            particle = working.catches[world, place].ends[item % 4]
+            move_end(t, working, world, particle, points, velocities, speeds)
+        if wp.static(features.bodies > 0 or features.round_ridges):
+            for item in range(thread, count, wp.block_dim()):
+                place = working.catches[world, item].marked
+                move_solid(t, state, working, world, working.catches[world, place], speeds)
+        block_barrier()
+
+    return push_all
+
+
+@cache
+def meeting_function(kind: Kind, every: Features) -> Any:
+    """Return the function that resolves all contacts of a kind, by all threads of a block."""
+    features = kind.seen(every)
+    list_all = kind.list_all(every, False)
+    mark_pushed, mark_overlaps = marking_functions(kind, features)
+    push_all = pushing_function(features)
+    most_sweeps = kind.most_sweeps
+
+    @wp.func
+    def meet(
+        t: Tables, state: WorldState, working: Working, world: wp.int32, thread: wp.int32, end: float,
+        points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
+    ):  # fmt: skip
+        """Resolve contacts in a world; soon done where nothing is near."""
+        count, overlaps = list_all(t, state, working, world, thread, end, points, velocities)
+        sweep = wp.int32(0)
+        while count > 0 and sweep < most_sweeps:
+            sweep += 1
+            again = any_in_block(mark_pushed(t, state, working, world, thread, count, velocities))
+            push_all(t, state, working, world, thread, points, velocities, 1.0)
+            if not again:
+                sweep = most_sweeps
+        if overlaps:
+            mark_overlaps(t, working, world, thread, count)
+            block_barrier()
+            push_all(t, state, working, world, thread, points, velocities, 0.0)
+
+    return meet
