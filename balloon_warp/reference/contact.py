@@ -1,4 +1,4 @@
-"""Contact by impulses: a contact is a row of signed weights of up to four movers, and kinds differ in their rows alone.
+"""Contact by impulses: a contact is a stencil of signed weights of up to four movers, and kinds differ in that alone.
 
 Movers i are particles, and solids about their centers. A contact of weights w_i, arms r_i and couples g_i sees, with
 the velocities v_i, the spins s_i and its unit normal n, the relative velocity
@@ -6,12 +6,12 @@ the velocities v_i, the spins s_i and its unit normal n, the relative velocity
     u = sum w_i (v_i + s_i x r_i) + (n . v_i) g_i
 
 and an impulse J gives mover i, by the transposed of that, the momentum w_i J + (g_i . J) n and the angular momentum
-w_i r_i x J: both stay, and friction takes energy alone. All pairs of features are looked at.
+w_i r_i x J: both stay, and friction takes energy alone. All pairs of features are looked at. See docs/CONTACT.md.
 """
 
 import numpy as np
 
-from balloon_warp.reference.laws import dot, size, summed
+from balloon_warp.reference.laws import across, cross, dot, size, summed
 
 CONTACT = np.dtype(
     [("ends", int, 4), ("weights", float, (4, 1)), ("arms", float, (4, 3)), ("couples", float, (4, 3)),
@@ -19,16 +19,38 @@ CONTACT = np.dtype(
      ("friction", float, (1,))]
 )  # fmt: skip
 """Contact: its movers, w, r, g, n, the gap, how much of that it keeps, and approach that it leaves to the next step"""
+NEVER = 2.0
+"""Part of a step after which something meets that does not in it"""
 
 
-def cross(a, b):
-    """Return cross products, for few vectors in a third of the time of NumPy's."""
-    after, before = [1, 2, 0], [2, 0, 1]
-    return a[..., after] * b[..., before] - a[..., before] * b[..., after]
+class Movers:
+    """Particles, then the ground, obstacles, spheres and bodies: one array a quantity.
 
+    Args:
+        x, v: Places and velocities, shape (n, 3).
+        ease: Inverse masses, shape (n, 1); `turning` are inverse inertia tensors.
+    """
 
-def across(vector, normal):
-    return vector - dot(vector, normal) * normal
+    def __init__(self, x, v, ease):
+        self.x, self.v, self.ease, self.spin, self.start = x, v, ease, np.zeros_like(x), x.copy()
+        self.turning, self.turn = np.zeros((len(x), 3, 3)), np.tile(np.eye(3), (len(x), 1, 1))
+        self.radius, self.restitution = np.zeros(len(x)), np.zeros(len(x))
+
+    def velocity(self, c):
+        return relative(c, self.v[c["ends"]], self.spin[c["ends"]])
+
+    def gain(self, c, impulse):
+        """Return u that contacts gain, each alone: of N on a mover each has an Nth of its mass (Tonge et al. 2012)."""
+        shares = np.bincount(c["ends"][c["weights"][..., 0] != 0.0], minlength=len(self.x))[c["ends"]][..., None]
+        linear, angular = momenta(c, impulse)
+        turned = (self.turning[c["ends"]] @ angular[..., None])[..., 0]
+        return relative(c, shares * self.ease[c["ends"]] * linear, shares * turned)
+
+    def push(self, c, impulse, seconds, speeds=1.0):
+        """Apply impulses, which places follow for some seconds; or move by them, where `speeds` is 0."""
+        linear, angular = (summed_at(len(self.x), c, each) for each in momenta(c, impulse))
+        gain, twist = self.ease * linear, (self.turning @ angular[..., None])[..., 0]
+        self.x, self.v, self.spin = self.x + seconds * gain, self.v + speeds * gain, self.spin + speeds * twist
 
 
 def point_triangle(x):
@@ -56,11 +78,10 @@ def edge_edge(x):
     return np.stack([s - 1.0, -s, 1.0 - t, t], axis=1)
 
 
-def contacts(ends, weights, x, **more):
-    """Return contacts of features at x, shape (k, 4, 3): sum w x is the way between them."""
-    rows, way = np.zeros(len(x), CONTACT), (weights * x).sum(axis=1)
-    more |= {"ends": ends, "weights": weights, "gap": size(way), "normal": way / size(way)}
-    for name, value in more.items():
+def contacts(ends, weights, way, **more):
+    """Return contacts of features that are a way apart, shape (k, 3)."""
+    rows = np.zeros(len(way), CONTACT)
+    for name, value in ({"ends": ends, "weights": weights, "gap": size(way), "normal": way / size(way)} | more).items():
         rows[name] = value
     return rows
 
@@ -81,51 +102,6 @@ def summed_at(count, c, values):
     return summed(count, c["ends"].ravel(), values.reshape(-1, values.shape[-1]))
 
 
-class Movers:
-    """Particles, and after them solids, as contacts move them; `put_back` returns particles and changes solids.
-
-    Args:
-        ease: Inverse masses of particles, shape (n, 1).
-        solids: Dictionaries with position, velocity, spin, mass, and turning, the inverse inertia tensor.
-        ground: Its height and the axis up, where it stops pushed movers.
-    """
-
-    def __init__(self, x, v, ease, solids=(), ground=None):
-        self.solids, self.count, self.ground = solids, len(x), ground
-        rows = [np.reshape([solid[name] for solid in solids], (-1, 3)) for name in ("position", "velocity", "spin")]
-        self.x, self.v, self.spin = (np.concatenate(each) for each in zip((x, v, np.zeros_like(x)), rows, strict=True))
-        self.ease = np.append(ease, [1.0 / solid["mass"] for solid in solids])[:, None]
-        turning = np.reshape([solid["turning"] for solid in solids], (-1, 3, 3))
-        self.turning = np.concatenate([np.zeros((len(x), 3, 3)), turning])
-
-    def put_back(self):
-        for number, solid in enumerate(self.solids, self.count):
-            solid |= {"position": self.x[number], "velocity": self.v[number], "spin": self.spin[number]}
-        return self.x[: self.count], self.v[: self.count]
-
-    def velocity(self, c):
-        return relative(c, self.v[c["ends"]], self.spin[c["ends"]])
-
-    def gain(self, c, impulse):
-        """Return u that contacts gain, each alone: of N on a mover each has an Nth of its mass (Tonge et al. 2012)."""
-        shares = np.bincount(c["ends"][c["weights"][..., 0] != 0.0], minlength=len(self.x))[c["ends"]][..., None]
-        linear, angular = momenta(c, impulse)
-        turned = (self.turning[c["ends"]] @ angular[..., None])[..., 0]
-        return relative(c, shares * self.ease[c["ends"]] * linear, shares * turned)
-
-    def push(self, c, impulse, seconds, speeds=1.0):
-        """Apply impulses, which places follow for some seconds; or move by them, where `speeds` is 0."""
-        linear, angular = (summed_at(len(self.x), c, each) for each in momenta(c, impulse))
-        gain, twist = self.ease * linear, (self.turning @ angular[..., None])[..., 0]
-        self.x, self.v, self.spin = self.x + seconds * gain, self.v + speeds * gain, self.spin + speeds * twist
-        if self.ground:
-            (height, up), moved = self.ground, np.zeros((len(self.x), 1))
-            moved[c["ends"][c["weights"][..., 0] != 0.0]] = 1.0
-            rise = moved * np.maximum(height - dot(self.x, up), 0.0)
-            stop = speeds * np.minimum(rise / seconds, np.maximum(-dot(self.v, up), 0.0))
-            self.x, self.v = self.x + rise * up, self.v + stop * up
-
-
 def resolve(m, c, excess):
     """Return the impulses by which contacts gain a speed along their normals, and those of Coulomb's friction [N s]."""
     n = c["normal"]
@@ -136,14 +112,258 @@ def resolve(m, c, excess):
     return push * n, -np.minimum(stop, c["friction"] * push) * along
 
 
-def sweep(m, c, h, most):
+def hold_above(m, c, ground, seconds, speeds):
+    """Put movers of contacts out of the ground, given by its height and the axis up, and stop them as far as that."""
+    (height, up), moved = ground, np.zeros((len(m.x), 1))
+    moved[c["ends"][c["weights"][..., 0] != 0.0]] = 1.0
+    rise = moved * np.maximum(height - dot(m.x, up), 0.0)
+    stop = speeds * np.minimum(rise / seconds, np.maximum(-dot(m.v, up), 0.0))
+    m.x, m.v = m.x + rise * up, m.v + stop * up
+
+
+def sweep(m, c, h, most, ground=None):
     """Let all contacts push at once, until none comes nearer than it may, so often at most; then restore gaps."""
     for _ in range(most):
         excess = -np.maximum(c["gap"] - c["kept"], 0.0) / h - dot(m.velocity(c), c["normal"])
         pushed = excess[:, 0] > 0.0
         m.push(c[pushed], sum(resolve(m, c[pushed], excess[pushed])), h)
+        if ground:
+            hold_above(m, c[pushed], ground, h, 1.0)
         if not (pushed & (h * excess > c["left"])[:, 0]).any():
             break
     missing = 0.2 * np.maximum(0.5 * c["kept"] - c["gap"], 0.0)
     near = missing[:, 0] > 0.0
     m.push(c[near], resolve(m, c[near], missing[near])[0], 1.0, 0.0)
+    if ground:
+        hold_above(m, c[near], ground, 1.0, 0.0)
+
+
+def skin_contacts(ends, weights, x, owner, skins):
+    """Return contacts of two features of balloons at x, which keep half a thickness."""
+    thickness, _, friction = skins[tuple(owner[ends[:, [0, 3]]].T)].T[..., None]
+    c = contacts(ends, weights, (weights * x).sum(axis=1), kept=0.5 * thickness, friction=friction)
+    c["left"] = np.minimum(0.01 * c["kept"], 0.2 * c["gap"])
+    return c
+
+
+def edge_contacts(ends, x, owner, skins):
+    """Return contacts of edges, whose friction acts at both places.
+
+    Its torque couples along n at the ends balance; along edges there is none.
+    """
+    x = x[ends]
+    weights, first, second = edge_edge(x), x[:, 1] - x[:, 0], x[:, 3] - x[:, 2]
+    c = skin_contacts(ends, weights, x, owner, skins)
+    span = dot(cross(first, second), c["normal"])
+    rubs = (np.abs(span) > 0.3 * size(first) * size(second)) & (np.abs(weights) % 1.0 > 0.0).all(axis=1)
+    scale = c["gap"] / np.where(rubs, span, np.inf)
+    one, other = scale * cross(second, c["normal"]), scale * cross(c["normal"], first)
+    c["couples"], c["friction"] = np.stack([-one, one, -other, other], axis=1), rubs * c["friction"]
+    return c
+
+
+def point_contacts(ends, x, owner, skins):
+    """Return contacts without friction, of particles in front of triangles, or on either side of their own balloon."""
+    x = x[ends]
+    c = skin_contacts(ends, point_triangle(x), x, owner, skins)
+    c["friction"], own = 0.0, owner[ends]
+    front = dot(c["normal"], cross(x[:, 2] - x[:, 1], x[:, 3] - x[:, 1]))[:, 0] >= 0.0
+    return c[front | (own[:, 0] == own[:, 1])]
+
+
+def skins_meet(m, edges, points, owner, skins, h, ground):
+    """Let edges meet, and particles that a spring would let through a triangle, see `laws.edges`; given all pairs."""
+    x = m.x - h * m.v
+    c = np.concatenate([edge_contacts(edges, x, owner, skins), point_contacts(points, x, owner, skins)])
+    c = c[(c["gap"] < 2.0 * (c["kept"] + h * size((c["weights"] * m.v[c["ends"]]).sum(axis=1))))[:, 0]]
+    if len(c):
+        sweep(m, c, h, 300, ground)
+
+
+def ridges_meet(m, ridges, kept, friction, owner, triangles, edges, h):
+    """Let faces of balloons meet ridges of solids, see `laws.ridges`; a sphere is a ridge of one place.
+
+    Args:
+        ridges: Of each solid, as seen from that, by its number among movers.
+        kept: Gaps that faces keep of each solid, and last of any ridge [m].
+        friction: Between balloons and solids, shape (balloons, solids).
+        edges: Ends of all sides of triangles.
+    """
+    x, found = m.x - h * m.v, [np.zeros(0, CONTACT)]
+    x = x[: len(owner)]
+    for column, (solid, of_solid) in enumerate(ridges.items()):
+        for lines in zip(of_solid.ends, of_solid.inward, of_solid.tips, strict=True):
+            row = m, solid, of_solid.radius, (kept[column], 0.02 * kept[-1]), friction[owner, column], x
+            found += ridge_contacts(row, lines, triangles, edges)
+    c = np.concatenate(found)
+    c = c[(c["gap"] < c["kept"] + h * (size(m.v[: len(x)]).max() + size(m.v[len(x) :]).max(initial=0.0)))[:, 0]]
+    if len(c):
+        sweep(m, c, h, 24)
+
+
+def ridge_contacts(row, lines, triangles, edges):
+    """Return contacts of a ridge with edges, and with faces at the nearer of its tips."""
+    (m, solid, *_), (ends, inward, tips) = row, lines
+    line, inward, far = m.start[solid] + ends @ m.turn[solid].T, inward @ m.turn[solid].T, np.zeros(3)
+    own = [
+        line_contacts(row, inward, line[[tip]], point_triangle, triangles, line[1 - tip] - line[tip])
+        for tip in (0, 1)
+        if tips >> tip & 1
+    ]
+    nearest = np.argmin([c["gap"][:, 0] for c in own], axis=0) if len(own) == 2 else 0
+    nearer = [np.stack(own)[nearest, np.arange(len(triangles))]] if own else []
+    return [line_contacts(row, inward, line, edge_edge, edges, far), *nearer]
+
+
+def line_contacts(row, inward, line, kind, features, away):
+    """Return contacts of a line or a tip with features; where they do not meet, with a gap without end."""
+    m, solid, radius, (kept, left), friction, start = row
+    count, own = len(features), len(line)
+    x = np.concatenate([np.broadcast_to(line, (count, own, 3)), start[features]], axis=1)
+    w = kind(x) * (1.0 if own == 2 else -1.0)
+    ends = np.concatenate([np.full((count, own), solid), features], axis=1)
+    c = contacts(ends, w, (w * x).sum(axis=1), kept=kept, left=left, friction=friction[features[:, :1]])
+    c["weights"][:, :own, 0] = [-1.0, 0.0][:own]
+    c["arms"][:, 0] = (w * x)[:, own:].sum(axis=1) - m.start[solid]
+    within = (w[:, :own] < 0.0).all(axis=1) & (w.max(axis=1) <= 1.0 - 1e-4)
+    above = c["normal"] @ np.vstack([inward, away]).T > 0.6 * np.append([1.0, 1.0], size(away))
+    c["gap"] += np.where(within & ~above.any(axis=1, keepdims=True), -radius - m.radius[solid], np.inf)
+    return c
+
+
+def impact(m, c, gain, shift, seconds):
+    """Let a contact gain a speed and a way along its normal; friction acts on the way in the seconds that are left."""
+    push, rub = resolve(m, c, np.array([[gain]]))
+    m.push(c, push + rub, 0.0)
+    m.push(c, shift * resolve(m, c, 1.0)[0] + seconds * rub, 1.0, 0.0)
+
+
+def small_spheres_meet(m, small, friction, triangles, owner, h):
+    """Let small spheres meet faces, the soonest first, see `laws.face_contact`.
+
+    Args:
+        small: Their numbers among movers.
+        friction: Of particles and them, shape (particles, small).
+
+    Returns:
+        Numbers of contacts, and of those in which a sphere moves on with faces as one.
+    """
+    counts, moved, sweeps = np.zeros(2, int), True, 0
+    while moved and sweeps < 4:
+        moved, sweeps = False, sweeps + 1
+        for column, ball in enumerate(small):
+            lump = [ball]
+            for meeting in range(16 + 48):
+                ends, part, radius = first_face(m, ball, triangles, max(1.0 - 0.03 * meeting, 0.5))
+                if part > 1.0:
+                    break
+                moved = True
+                if meeting < 16:
+                    meet_face(m, ends, part, radius, friction[ends[1], column], h)
+                else:  # it moves on with them as one, or not at all if one of them is fixed
+                    lump += [end for end in ends if end not in lump]
+                    mass = 1.0 / np.maximum(m.ease[lump, 0], 1e-150) * (m.ease[lump] > 0.0).all()
+                    mean = mass / max(mass.sum(), 1e-150)
+                    m.x[lump], m.v[lump] = m.start[lump] + mean @ (m.x - m.start)[lump], mean @ m.v[lump]
+                counts += [meeting < 16, meeting >= 16]
+    return counts
+
+
+def first_face(m, ball, triangles, nearest):
+    """Return ends of a sphere's first contact, its part of the step by conservative advancement, and the radius.
+
+    A sphere meets triangles with a radius of float32's resolution at least.
+    """
+    ends = np.insert(triangles, 0, ball, axis=1)
+    x, ways = m.start[ends], (m.x - m.start)[ends]
+    radius = np.maximum(m.radius[ball], 1e-3 * size(x[:, 2:] - x[:, 1:2]).sum(axis=1))
+    longest = size(ways[:, :1] - ways[:, 1:]).max(axis=1)
+    little, part, found = 1e-4 * radius + 5e-7 * size(x[:, 0]), 0.0 * radius, NEVER + 0.0 * radius
+    for look in range(256):
+        at = x + part[:, None] * ways
+        weights = point_triangle(at)
+        arm = (weights * at).sum(axis=1)
+        distance, nearer = size(arm), (part - 1.0) * dot((weights * ways).sum(axis=1), arm)
+        goes_on = (part <= 1.0) & (found > 1.0)
+        meets = (distance < nearest * radius) & (nearer > little * distance) | (look == 255)
+        found = np.where(goes_on & meets, part, found)
+        ahead = np.maximum(distance - (1.0 - 0.5e-3) * nearest * radius, 0.5 * distance)
+        further = np.where(ahead < longest, part + ahead / np.maximum(longest, 1e-300), NEVER)
+        part = np.where(goes_on, further, part)
+        if not ((part <= 1.0) & (found > 1.0)).any():
+            break
+    first = found.argmin()
+    return ends[first], float(found.min()), float(radius[first, 0])
+
+
+def meet_face(m, ends, part, radius, friction, h):
+    """Let a sphere meet a face after a part of a step."""
+    before, seconds = m.start[ends][None], (1.0 - part) * h
+    at = before + part * (m.x[ends] - before)
+    weights = point_triangle(at)
+    c = contacts(ends, weights, (weights * at).sum(axis=1), friction=friction)
+    n = c["normal"][0]
+    way, beside = ((c["weights"][0] * each[ends]).sum(axis=0) for each in (m.x, m.v))
+    bent = way - seconds * beside  # where an earlier impact has bent the ways, they would be there in this moment
+    if bent @ n > 0.5 * np.linalg.norm(bent):
+        n = bent / np.linalg.norm(bent)
+    c["normal"], c["arms"][:, 0] = n, -bent
+    gain = max(-(beside @ n), 0.0)
+    gap = way @ n + seconds * gain - 0.8 * radius
+    out = max(apart(gap, h), 0.5 * min(float(c["gap"][0, 0]), radius) - 0.8 * radius - gap) if gap < 0.0 else 0.0
+    impact(m, c, gain, seconds * gain + out, seconds)
+
+
+def apart(gap, h):
+    """Return how far an overlap is resolved in a step: 10/s, at most a fifth."""
+    return np.maximum(-gap, 0.0) * min(10.0 * h, 0.2)
+
+
+def spheres_meet(m, balls, friction, slow, h, put_beside):
+    """Let spheres that have moved meet each other, pair after pair, until nothing moves, see `laws.collision`.
+
+    Args:
+        balls: Their numbers among movers.
+        slow: Speed up to which nothing rebounds, of two steps of gravity.
+        put_beside: Takes a sphere out of the ground and obstacles.
+    """
+    for _ in range(24):
+        moved = False
+        for second in range(1, len(balls)):
+            for first in range(second):
+                pair = balls[first], balls[second]
+                if meet_sphere(m, *pair, friction[first, second], slow, h):
+                    put_beside(pair[0])
+                    put_beside(pair[1])
+                    moved = True
+        if not moved:
+            break
+
+
+def meet_sphere(m, one, other, friction, slow, h):
+    """Let two spheres collide where they do on their ways, and return whether that moves them."""
+    start, reach = m.start[other] - m.start[one], m.radius[one] + m.radius[other]
+    way = m.x[other] - m.x[one]
+    part = part_until(start, way - start, reach) if min(m.radius[one], m.radius[other]) > 0.0 else NEVER
+    if part > 1.0:
+        return False
+    weights = np.array([-1.0, 1.0, 0.0, 0.0])[:, None]
+    c = contacts([one, other, 0, 0], weights, (start + part * (way - start))[None], friction=friction)
+    n = c["normal"][0]
+    c["arms"][0, :2] = m.radius[one] * n, -m.radius[other] * n
+    gap, approach = min(np.linalg.norm(start) - reach, 0.0), max(-float(m.velocity(c)[0] @ n), 0.0)
+    rebound = 1.0 + (np.sqrt(m.restitution[one] * m.restitution[other]) if approach > slow else 0.0)
+    shift = (1.0 if gap < 0.0 else rebound) * max(reach + gap + apart(gap, h) - way @ n, 0.0)
+    if shift + h * rebound * approach <= 1e-6 * reach:
+        return False
+    impact(m, c, rebound * approach, shift, (1.0 - part) * h)
+    return True
+
+
+def part_until(start, way, reach):
+    """Return after which part of its way something is so near: 0 where it begins there, `NEVER` where it never is."""
+    a, b, c = way @ way, start @ way, start @ start - reach**2
+    if c > 0.0 and (b >= 0.0 or b * b <= a * c):
+        return NEVER
+    part = float(c / (-b + np.sqrt(b * b - a * c))) if c > 0.0 else 0.0
+    return part if part <= 1.0 else NEVER

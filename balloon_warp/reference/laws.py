@@ -23,6 +23,17 @@ def size(a):
     return np.maximum(np.sqrt(dot(a, a)), 1e-150)
 
 
+def cross(a, b):
+    """Return cross products, for few vectors in a third of the time of NumPy's."""
+    after, before = [1, 2, 0], [2, 0, 1]
+    return a[..., after] * b[..., before] - a[..., before] * b[..., after]
+
+
+def across(vector, normal):
+    """Return vectors without their parts along normals."""
+    return vector - dot(vector, normal) * normal
+
+
 def summed(count, rows, values):
     """Return the sums of the values of each row, shape (count, ...)."""
     total = np.zeros((count, *np.shape(values)[1:]))
