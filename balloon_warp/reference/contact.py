@@ -36,6 +36,11 @@ class Movers:
         self.turning, self.turn = np.zeros((len(x), 3, 3)), np.tile(np.eye(3), (len(x), 1, 1))
         self.radius, self.restitution = np.zeros(len(x)), np.zeros(len(x))
 
+    def states(self, numbers):
+        """Return the state of movers, each by name."""
+        names = {"position": self.x, "velocity": self.v, "spin": self.spin, "turn": self.turn}
+        return [{name: values[number].copy() for name, values in names.items()} for number in numbers]
+
     def velocity(self, c):
         return relative(c, self.v[c["ends"]], self.spin[c["ends"]])
 

@@ -1,19 +1,17 @@
-"""Step of the reference: a scene's balloons, gases and spheres through one substep, in the order of the product's list.
+"""Step of the reference: a scene's balloons, gases and solids through one substep, in the order of the product's list.
 
 It is written to be read, and the arbiter of all schedules: NumPy in float64, no Warp, and no thought of speed.
 """
 
 from collections.abc import Mapping
 from functools import partial
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from balloon_warp.model.friction import FRICTION
 from balloon_warp.model.strings import anchors_of
-from balloon_warp.reference import bodies, contact, laws, solids, tables
-from balloon_warp.reference import gas as gases
+from balloon_warp.reference import bodies, contact, gas, laws, solids, tables
 from balloon_warp.scene import Scene
 from balloon_warp.scene.timeline import frame_at
 
@@ -30,12 +28,11 @@ class Reference:
 
     def __init__(self, scene: Scene, values: Mapping[str, float] | None = None, shifts: tuple[Any, Any] = (0.0, 0.0)):
         self.plan, self.parameters = tables.planned(scene, dict(values or {}))
-        self.scene = self.plan.scene
-        self.substeps: Any = self.plan.substeps
-        count = len(self.plan.shapes)
-        self.balloons = [tables.balloon_of(self.plan, number) for number in range(count)]
-        self.owner = np.repeat(np.arange(count), [len(balloon.share) for balloon in self.balloons])
-        self.parts = [np.flatnonzero(self.owner == number) for number in range(count)]
+        self.scene, self.substeps, self.up = self.plan.scene, self.plan.substeps, np.array(scene.up)
+        self.frame_number, self.substep_number = 0, 0
+        self.world, self.balloons = tables.balloons_of(self.plan, self.parameters)
+        self.share = np.concatenate([b.share for b in self.balloons])
+        self.owner = np.repeat(np.arange(len(self.balloons)), [len(b.share) for b in self.balloons])
         self.things = tables.things_of(self.plan, self.owner)
         self.m = tables.movers_of(self.plan, self.parameters, self.things, shifts)
         self.meetings = tables.meetings_of(self.plan, self.things, self.owner)
@@ -43,38 +40,20 @@ class Reference:
         """Forces of penalties on spheres [N]"""
         self.small_contacts = np.zeros(2, int)
         """Numbers of contacts of small spheres, and of those in which one moves on with faces as one"""
-        self.up, self.frame_number, self.substep_number = np.array(self.scene.up), 0, 0
-        names = "initial_gas_amounts", "initial_free_volumes", "initial_pressures", "initial_loads"
-        given = (self.parameters[name][0] for name in names)
-        self.gases = [
-            SimpleNamespace(amount=n, free_volume=free, pressure=p, load=load[0], rise=load[1], along=0.0, vent=0.0)
-            for n, free, p, load in zip(*given, strict=True)
-        ]
         self._take_parameters()
 
     x = property(lambda self: self.m.x[: len(self.owner)])
     v = property(lambda self: self.m.v[: len(self.owner)])
-    spheres = property(lambda self: self._solids(self.things.spheres))
-    bodies = property(lambda self: self._solids(self.things.bodies))
-    points = property(lambda self: [self.x[part] for part in self.parts])
-    velocities = property(lambda self: [self.v[part] for part in self.parts])
-    pressures = property(lambda self: np.array([gas.pressure for gas in self.gases]))
-    gas_amounts = property(lambda self: np.array([gas.amount for gas in self.gases]))
-
-    @property
-    def volumes(self) -> Array:
-        """Volumes of the balloons [m^3]."""
-        return np.array([laws.volume(x, b.faces)[0] for x, b in zip(self.points, self.balloons, strict=True)])
-
-    @property
-    def time(self) -> float:
-        """Time since the start [s]."""
-        return (self.frame_number + self.substep_number / self.substeps) / self.scene.frames_per_second
-
-    @property
-    def h(self) -> float:
-        """Length of a substep [s]."""
-        return 1.0 / self.scene.frames_per_second / self.substeps
+    points = property(lambda self: [self.x[b.part].copy() for b in self.balloons])
+    velocities = property(lambda self: [self.v[b.part].copy() for b in self.balloons])
+    pressures = property(lambda self: np.array([b.pressure for b in self.balloons]))
+    gas_amounts = property(lambda self: np.array([b.amount for b in self.balloons]))
+    volumes = property(lambda self: np.array([laws.volume(self.x[b.part], b.faces)[0] for b in self.balloons]))
+    spheres = property(lambda self: self.m.states(self.things.spheres))
+    bodies = property(lambda self: self.m.states(self.things.bodies))
+    time = property(lambda self: (self.frame_number + self.part) / self.scene.frames_per_second)
+    part = property(lambda self: self.substep_number / self.substeps)
+    h = property(lambda self: 1.0 / self.scene.frames_per_second / self.substeps)
 
     @staticmethod
     def lacks(scene: Scene) -> list[str]:
@@ -98,67 +77,56 @@ class Reference:
         if self.substep_number == 0:
             self._begin_frame()
         h, m, count = self.h, self.m, len(self.owner)
-        m.start = m.x.copy()
+        m.start, self.world.time = m.x.copy(), self.time
         pulls = self._pull_strings()
         self._move_obstacles()
         self._move_spheres()
         self._move_bodies()
         self._pump()
-        self.mass = self._masses()
-        damping = np.concatenate([b.share * p.damping for b, p in zip(self.balloons, self.p, strict=True)])
-        gain = np.where(self.mass > 0.0, h / np.where(self.mass > 0.0, self.mass + h * damping, 1.0), 0.0)[:, None]
-        each = [self._forces(number) for number in range(len(self.balloons))]
-        force, area, k = (np.concatenate(parts) for parts in zip(*each, strict=True))
-        self._drive(force, pulls)
-        if self.meetings.touch:
-            force += self.meetings.touch.forces(self.x, self.v, h)
-        others = force + k * laws.size(self.v) * self.v
-        free, gain = laws.resisted(self.v, others, self._inflate(area), k, gain)
+        moving = [b.share * (b.p.mass + b.amount * b.p.molar_mass + b.along) for b in self.balloons]
+        mass, damping = np.concatenate(moving), np.concatenate([b.share * b.p.damping for b in self.balloons])
+        gain = np.where(mass > 0.0, h / np.where(mass > 0.0, mass + h * damping, 1.0), 0.0)
+        force, k = self._forces(pulls)
+        area = np.concatenate([laws.volume(self.x[b.part], b.faces)[1] for b in self.balloons])
+        free, gain = laws.resisted(self.v, force, self._inflate(area), k, gain)
         self._find_pressures(free, area, gain)
-        inflation = self._inflate(area)
-        old, m.v[:count] = self.v.copy(), free + gain * inflation
+        inflation, old = self._inflate(area), self.v.copy()
+        m.v[:count] = free + gain * inflation
         m.x[:count] = self.x + h * (old if self.scene.solver == "forward_euler" else self.v)
-        if self.scene.correction != "none":
-            self._correct()
+        for b in self.balloons * self.scene.correction_sweeps if self.scene.correction != "none" else ():
+            m.x[b.part], m.v[b.part] = laws.shortened(m.x[b.part], m.v[b.part], b, h)
         x, v = self.x.copy(), self.v.copy()
-        self._meet(inflation)
+        self._meet(mass, inflation)
         m.x[:count], m.v[:count] = np.where(gain > 0.0, self.x, x), np.where(gain > 0.0, self.v, v)
         self.substep_number += 1
         if self.substep_number == self.substeps:
             self.frame_number, self.substep_number = self.frame_number + 1, 0
-            self._hold_late_spheres()
-
-    def _solids(self, numbers: Array) -> list[dict[str, Any]]:
-        """Return the state of solids, each by name."""
-        m = self.m
-        names = {"position": m.x, "velocity": m.v, "spin": m.spin, "turn": m.turn}
-        return [{name: values[number].copy() for name, values in names.items()} for number in numbers]
+            starts = tables.starts_of_spheres(self.parameters)
+            for ball, sphere, *start in zip(self.things.spheres, self.scene.sphere, *starts, strict=True):
+                if self.frame_number <= frame_at(self.scene, sphere.start) > 0:  # it has yet to appear
+                    m.x[ball], m.v[ball], m.spin[ball] = start
 
     def _take_parameters(self) -> None:
         """Take parameters from the scene's, which change over time."""
-        self.p = [tables.numbers(self.plan, self.parameters, number) for number in range(len(self.balloons))]
-        for balloon, p in zip(self.balloons, self.p, strict=True):
-            constants = np.array([p.structural, p.shear, p.flexion])[balloon.kinds] * balloon.scales
-            balloon.springs.constants = constants[:, None]
-        m, things, meetings, friction = self.m, self.things, self.meetings, self.parameters[FRICTION][0]
+        m, things, touch, friction = self.m, self.things, self.meetings.touch, self.parameters[FRICTION][0]
+        for number, b in enumerate(self.balloons):
+            b.p = p = tables.numbers(self.plan, self.parameters, number)
+            b.springs.constants = (np.array([p.structural, p.shear, p.flexion])[b.kinds] * b.scales)[:, None]
+        self.world.waves, self.world.correction = tables.waves_of(int(p.gust_seed)), self.scene.correction
         count = len(things.shapes) + len(things.spheres)
-        self.rubs = friction[:count, :count]
-        """Friction of the ground, obstacles, spheres and bodies with each other"""
-        self.of_particles = friction[count:][self.owner, :count]
-        """And of particles with these, shape (particles, things)"""
+        self.rubs, self.of_particles = friction[:count, :count], friction[count:][self.owner, :count]
+        """Friction of the ground, obstacles, spheres and bodies with each other, and of particles with these"""
         mass, radius = (self.parameters[f"sphere_{name}"][0] for name in ("mass", "radius"))
         m.ease[things.spheres, 0], m.radius[things.spheres] = 1.0 / mass, radius
         stiff = np.where(radius > 0.0, 2.5 / (mass * np.where(radius > 0.0, radius, 1.0) ** 2), 0.0)
         m.turning[things.spheres] = stiff[:, None, None] * np.eye(3)
         rebounds = (self.parameters[f"{thing}_restitution"][0] for thing in ("obstacle", "sphere", "body"))
-        m.restitution[len(self.owner) :] = np.concatenate([[self.p[0].ground_restitution], *rebounds])
-        m.x[things.ground] = self.p[0].ground_height * self.up
-        if meetings.touch:
-            share = np.concatenate([balloon.share for balloon in self.balloons])
-            mass = (share * self.parameters["mass"][0, self.owner])[:, None]
-            meetings.touch.ease = np.where(mass > 0.0, 1.0 / np.where(mass > 0.0, mass, 1.0), 0.0)
-            meetings.touch.skins = tables.skins_of(self.plan, self.parameters)
-        self.waves = tables.waves_of(int(self.p[0].gust_seed))
+        m.restitution[len(self.owner) :] = np.concatenate([[p.ground_restitution], *rebounds])
+        m.x[things.ground] = p.ground_height * self.up
+        if touch:
+            mass = self.share * self.parameters["mass"][0, self.owner][:, None]
+            touch.ease = np.where(mass > 0.0, 1.0 / np.where(mass > 0.0, mass, 1.0), 0.0)
+            touch.skins = tables.skins_of(self.plan, self.parameters)
 
     def _begin_frame(self) -> None:
         """Make the changes that the scene plans, and find the air around balloons."""
@@ -168,103 +136,97 @@ class Reference:
                 self.scene = self.scene.model_copy(update={n: getattr(change.scene, n) for n in change.methods})
                 self.substeps = self.scene.substeps if "substeps" in change.methods else self.substeps
                 self._take_parameters()
-        for x, balloon, gas, p in zip(self.points, self.balloons, self.gases, self.p, strict=True):
-            gas.outside, gas.temperature, gas.density = gases.air(x[0] @ self.up, p)
-            if balloon.kind == "gas":
-                inside = gases.ATMOSPHERE / (gas.outside + gas.pressure)
-                gas.along = p.added_mass * gas.density * gases.there(gas.free_volume, gas.temperature, p)
-                gas.along *= inside ** (1.0 / p.gamma)
-            gas.least = gases.EMPTY * balloon.volume * gas.outside / (gases.R * gas.temperature)
+        for b in self.balloons:
+            gas.begin_frame(b, self.x[b.part][0] @ self.up)
         if self.meetings.touch:
             self.meetings.touch.begin_frame(self.x, self.v, self.h)
 
-    def _given(self, number: int, part: float) -> float:
+    def _given(self, b: Any, part: float) -> float:
         """Interpolate keyframes over a frame, between their values at its ends."""
-        rate, values = self.scene.frames_per_second, self.parameters["keyframe_values"][0, number]
-        ends = [(self.frame_number + end) / rate for end in (0, 1)]
-        times = self.balloons[number].times
-        first, last = np.interp(ends, times, values[: len(times)])
+        ends = [(self.frame_number + end) / self.scene.frames_per_second for end in (0, 1)]
+        first, last = np.interp(ends, b.times, self.parameters["keyframe_values"][0, b.number, : len(b.times)])
         return first + part * (last - first)
 
     def _pump(self) -> None:
-        """Pump gas in, or out until a balloon is flat."""
-        middle = (self.substep_number + 0.5) / self.substeps
-        for number, (balloon, gas, p) in enumerate(zip(self.balloons, self.gases, self.p, strict=True)):
-            if balloon.kind == "gas":
-                pumped = self.h * self._given(number, middle)
-                moles = gases.filled(gas, p, self.h, self.time, pumped, balloon.curve)
-                if moles:
-                    moles = max(moles, min(gas.least - gas.amount, 0.0))
-                    gases.take(gas, moles, p, gas.temperature)
+        """Pump gas in or out, and open necks."""
+        for b in self.balloons:
+            if b.kind == "gas":
+                gas.fill(b, self.h, self.h * self._given(b, (self.substep_number + 0.5) / self.substeps))
+            is_open = len(b.neck.edges) and b.p.neck_opens <= self.time < b.p.neck_closes
+            b.opening = 0.25 * np.pi * b.p.neck_diameter**2 * b.p.neck_discharge if is_open else 0.0
 
-    def _masses(self) -> Array:
-        """Return the masses that move: of particles, with their parts of the gas and of the air around."""
-        each = zip(self.balloons, self.gases, self.p, strict=True)
-        return np.concatenate([b.share * (p.mass + gas.amount * p.molar_mass + gas.along) for b, gas, p in each])
+    def _forces(self, pulls: Array) -> tuple[Array, Array]:
+        """Return the forces on particles but for inflation and the water's drag -k |v| v, and k."""
+        each = [sum(law(self.x[b.part], self.v[b.part], b) for law in laws.LAWS) for b in self.balloons]
+        driven = self.plan.driven
+        newtons = driven.shares[:, None] * self.parameters["force_newtons"][0][driven.forces]
+        force = np.concatenate(each) + pulls + laws.summed(len(self.x), driven.particles, newtons)
+        if self.meetings.touch:
+            force += self.meetings.touch.forces(self.x, self.v, self.h)
+        return force, np.concatenate([laws.resistance(self.x[b.part], b) for b in self.balloons])
 
-    def _forces(self, number: int) -> tuple[Array, Array, Array]:
-        """Return the forces on a balloon but for its inflation and contact, its area vectors, and k of -k |v| v."""
-        balloon, p, up = self.balloons[number], self.p[number], self.up
-        x, v, mass = self.points[number], self.velocities[number], balloon.share[:, None] * p.mass
-        _, area = laws.volume(x, balloon.faces)
+    def _inflate(self, area: Array) -> Array:
+        """Return the forces of the inflation: a pressure times area vectors, or the paper's normal forces."""
+        found = []
+        for b in self.balloons:
+            if b.kind == "normal_force":
+                if self.substep_number == 0 or self.scene.normals == "fresh":
+                    b.directions = laws.normal_directions(self.x[b.part], b.faces)
+                found.append(100.0 * self._given(b, self.part) * b.directions)
+            else:
+                found.append((b.load + b.rise * laws.dot(self.x[b.part], self.up)) * area[b.part])
+        return np.concatenate(found)
 
-        def density_at(place: Array) -> Array:
-            return gases.air(laws.dot(place, up), p)[2] + 0.0 * laws.dot(place, up)
+    def _find_pressures(self, free: Array, area: Array, gain: Array) -> None:
+        """Find the pressures of balloons over the step, and let gas flow.
 
-        def wind_at(place: Array) -> Array:
-            return laws.wind(place, self.time, up, p, self.waves)
-
-        k = 0.0 * mass
-        force = mass * (p.helium - p.gravity) * up - balloon.share[:, None] * p.damping * v
-        limit = p.correction_limit if self.scene.correction == "tarantino" else None
-        force = force + laws.springs(x, v, balloon.springs, p.viscosity, p.yield_stretch, limit)
-        if balloon.film:
-            pull, balloon.peak = laws.membrane(x, v, balloon.film, balloon.peak, p)
-            force = force + pull
-        if p.torsion:
-            force = force + laws.torsion(x, balloon.hinges, p.torsion)
-        if p.drag_coefficient:
-            force = force + laws.drag(v - wind_at(x), area, density_at(x), p.drag_coefficient)
-        if p.face_drag or p.face_friction:
-            force = force + laws.face_air(x, v, balloon.faces, wind_at, density_at, p.face_drag, p.face_friction)
-        if self.scene.water is not None:
-            push, k = laws.water(x, v, balloon.faces, balloon.share, up, p)
-            force = force + push
-        if opening := self._opening(number):
-            edges, gas = balloon.neck.edges, self.gases[number]
-            out = np.cross(x[edges[:, 0]], x[edges[:, 1]]).sum(axis=0)
-            above = np.maximum(gas.load + gas.rise * (x @ up), 0.0)
-            thrust = 2.0 * opening * above * gases.nozzle(above, p.air_pressure + above, p.gamma)[1]
-            force = force - (balloon.neck.weights * thrust)[:, None] * out / np.linalg.norm(out)
-        return force, area, k
-
-    def _opening(self, number: int) -> float:
-        """Return C_d A of a neck [m^2], 0 while it is shut."""
-        p = self.p[number]
-        opened = len(self.balloons[number].neck.edges) and p.neck_opens <= self.time < p.neck_closes
-        return 0.25 * np.pi * p.neck_diameter**2 * p.neck_discharge if opened else 0.0
+        Args:
+            free: velocities after the step without inflation.
+        """
+        of_gas = [b for b in self.balloons if b.kind != "normal_force"]
+        if not of_gas:
+            return
+        heights = laws.dot(self.x, self.up)
+        before = np.concatenate([b.load + b.rise * heights[b.part] for b in self.balloons])
+        course = free + gain * before * area
+        end = self.x + self.h * course
+        stood, normals = self._foresee(end, course)
+        detour = np.where(gain > 0.0, (stood - end) / self.h, 0.0)
+        along = laws.across(area, normals)
+        swings = gain * laws.dot(along, along)
+        for b in of_gas:
+            damping = 1.0 if self.scene.solver == "forward_euler" else b.p.breathing_damping
+            k = (1.0 - damping) / (1.0 + 3.0 * damping)
+            rates = (laws.dot(area, course + detour - k * self.v) - before * swings)[b.part, 0]
+            swing, height = swings[b.part, 0], heights[b.part, 0]
+            volume = laws.volume(self.x[b.part], b.faces)[0]
+            moments = volume, swing.sum(), rates.sum(), b.share[:, 0] @ height, swing @ height
+            if b.kind == "gas":
+                gas.implicit_pressure(b, self.h, damping, *moments)
+            else:
+                gas.given_pressure(b, self.h, self._given(b, self.part), *moments)
+        ends = ([self.balloons[number] for number in tube.balloons] for tube in self.scene.tube)
+        tubes = zip(ends, self.parameters["tube_conductance"][0], strict=True)
+        gas.flow(self.balloons, [(*pair, conductance) for pair, conductance in tubes], self.h)
 
     def _pull_strings(self) -> Array:
         """Return the forces of strings on particles, and pull at the bodies to which they are tied."""
-        first = np.searchsorted(self.owner, [string.balloon for string in self.scene.string])
-        held = (first + self.plan.held).astype(int)
-        lengths, constants = (self.parameters[f"string_{name}"][0] for name in ("length", "stiffness"))
-        time = self.frame_number + self.substep_number / self.substeps
-        anchors = anchors_of(self.scene, self.plan.bodies, self.parameters, time)[0]
+        m, held = self.m, self.plan.held + np.searchsorted(self.owner, [each.balloon for each in self.scene.string])
+        told = [self.parameters[f"string_{name}"][0][:, None] for name in ("length", "stiffness")]
+        anchors = anchors_of(self.scene, self.plan.bodies, self.parameters, self.frame_number + self.part)[0]
         tied = [(number, string.body) for number, string in enumerate(self.scene.string) if string.body is not None]
         for number, body in tied:
             arm = self.parameters["string_anchor"][0, number] - self.plan.bodies[body].center
-            row = self.things.bodies[body]
-            anchors[number] = self.m.x[row] + self.m.turn[row] @ arm
-        pulls = laws.pulls_of_strings(self.x, held, anchors, lengths[:, None], constants[:, None])
+            anchors[number] = m.x[self.things.bodies[body]] + m.turn[self.things.bodies[body]] @ arm
+        pulls = laws.strings(self.x[held.astype(int)], anchors, *told)
         self.tugs = np.zeros((len(self.things.bodies), 6))
         for number, body in tied:
             row, impulse = self.things.bodies[body], -self.h * pulls[number]
-            spin = self.m.turning[row] @ np.cross(anchors[number] - self.m.x[row], impulse)
-            self.tugs[body] += [*(self.m.ease[row] * impulse), *spin]
-        self.m.v[self.things.bodies] += self.tugs[:, :3]
-        self.m.spin[self.things.bodies] += self.tugs[:, 3:]
-        return laws.summed(len(self.x), held, pulls)
+            spin = m.turning[row] @ np.cross(anchors[number] - m.x[row], impulse)
+            self.tugs[body] += [*(m.ease[row] * impulse), *spin]
+        m.v[self.things.bodies] += self.tugs[:, :3]
+        m.spin[self.things.bodies] += self.tugs[:, 3:]
+        return laws.summed(len(self.x), held.astype(int), pulls)
 
     def _move_obstacles(self) -> None:
         """Move obstacles over the substep, and find how they let particles and spheres through."""
@@ -280,7 +242,7 @@ class Reference:
 
     def _move_spheres(self) -> None:
         """Move spheres beside the ground and obstacles, and let them meet each other."""
-        m, h, p, up, things = self.m, self.h, self.p[0], self.up, self.things
+        m, h, p, up, things = self.m, self.h, self.balloons[0].p, self.up, self.things
         first, penalty = things.spheres[:1].sum() - things.ground, self.scene.contact == "penalty"
         kick, rebounds = -h * p.gravity * up, m.restitution[things.obstacles]
 
@@ -305,7 +267,7 @@ class Reference:
 
     def _move_bodies(self) -> None:
         """Move bodies beside the ground, obstacles and each other, and let them meet spheres."""
-        m, things, told = self.m, self.things, (self.h, self.p[0].gravity, self.up)
+        m, things, told = self.m, self.things, (self.h, self.balloons[0].p.gravity, self.up)
         if things.grips is None:
             return
         bodies.move(m, things.grips, lambda *ends: self.rubs[tuple(np.subtract(ends, things.ground))], *told, self.tugs)
@@ -314,79 +276,11 @@ class Reference:
                 rubs = self.rubs[body - things.ground, ball - things.ground]
                 bodies.meet_sphere(m, body, ball, things.shapes[body], things.tensors[body], rubs, *told)
 
-    def _drive(self, force: Array, pulls: Array) -> None:
-        """Add strings and outer forces."""
-        force += pulls
-        driven = self.plan.driven
-        newtons = driven.shares[:, None] * self.parameters["force_newtons"][0][driven.forces]
-        force += laws.summed(len(force), driven.particles, newtons)
-
-    def _find_pressures(self, free: Array, area: Array, gain: Array) -> None:
-        """Find the pressures of balloons over the step, and let gas flow.
-
-        Args:
-            free: velocities after the step without inflation.
-        """
-        of_gas = [number for number, balloon in enumerate(self.balloons) if balloon.kind != "normal_force"]
-        if not of_gas:
-            return
-        heights = self.x @ self.up
-        loads, rises = (np.array([getattr(gas, name) for gas in self.gases]) for name in ("load", "rise"))
-        before = (loads[self.owner] + rises[self.owner] * heights)[:, None]
-        course = free + gain * before * area
-        end = self.x + self.h * course
-        stood, normals = self._foresee(end, course)
-        detour = np.where(gain > 0.0, (stood - end) / self.h, 0.0)
-        along = area - laws.dot(area, normals) * normals
-        swings = (gain * laws.dot(along, along))[:, 0]
-        for number in of_gas:
-            part, share, gas, p = self.parts[number], self.balloons[number].share, self.gases[number], self.p[number]
-            k = (1.0 - p.breathing_damping) / (1.0 + 3.0 * p.breathing_damping)
-            k, damping = (0.0, 1.0) if self.scene.solver == "forward_euler" else (k, p.breathing_damping)
-            rates = laws.dot(area, course + detour - k * self.v)[:, 0] - before[:, 0] * swings
-            volume = laws.volume(self.x[part], self.balloons[number].faces)[0]
-            moments = swings[part].sum(), rates[part].sum(), share @ heights[part], swings[part] @ heights[part]
-            now = SimpleNamespace(**{**vars(p), "breathing_damping": damping})
-            if self.balloons[number].kind == "gas":
-                gases.implicit_pressure(gas, now, self.h, self.balloons[number].bound, volume, *moments)
-            else:
-                given = self._given(number, self.substep_number / self.substeps)
-                fall = 0.0 if self.scene.water is None else p.water_density * p.gravity
-                enclosed = self.balloons[number].enclosed
-                gases.given_pressure(gas, p, self.h, given, enclosed, fall, volume, *moments)
-        tubes = [
-            (*tube.balloons, conductance)
-            for tube, conductance in zip(self.scene.tube, self.parameters["tube_conductance"][0], strict=True)
-        ]
-        openings = [self._opening(number) + p.leak for number, p in enumerate(self.p)]
-        gases.flow(self.gases, tubes, openings, self.p, self.h)
-
-    def _inflate(self, area: Array) -> Array:
-        """Return the forces of the inflation: a pressure times area vectors, or the paper's normal forces."""
-        found = []
-        part = self.substep_number / self.substeps
-        for number, (balloon, gas) in enumerate(zip(self.balloons, self.gases, strict=True)):
-            x = self.points[number]
-            if balloon.kind == "normal_force":
-                if self.substep_number == 0 or self.scene.normals == "fresh":
-                    balloon.directions = laws.normal_directions(x, balloon.faces)
-                found.append(100.0 * self._given(number, part) * balloon.directions)
-                continue
-            found.append((gas.load + gas.rise * laws.dot(x, self.up)) * area[self.parts[number]])
-        return np.concatenate(found)
-
-    def _correct(self) -> None:
-        """Shorten springs that are too long, in sweeps."""
-        for part, balloon, p in zip(self.parts, self.balloons, self.p, strict=True):
-            for _ in range(self.scene.correction_sweeps):
-                given = self.x[part], self.v[part], balloon.springs, balloon.share, p.correction_limit, self.h
-                self.m.x[part], self.m.v[part] = laws.shortened(*given)
-
     def _stands(self) -> list[tuple[Any, Array]]:
         """Return obstacles and the ground as `solids.stand` takes them."""
         around: list = [(let, self.of_particles[:, [number]]) for number, let in enumerate(self.let_through, 1)]
         if self.scene.ground is not None:
-            around.append((partial(solids.on_ground, self.p[0].ground_height, self.up), self.of_particles[:, :1]))
+            around.append((partial(solids.on_ground, self.balloons[0].p.ground_height, self.up), self.of_particles[:, :1]))
         return around
 
     def _foresee(self, end: Array, course: Array) -> tuple[Array, Array]:
@@ -398,9 +292,9 @@ class Reference:
         stood, _, normal = solids.stand(self._stands(), self.x, stood, course, self.h, foreseen=True)
         return stood, np.where(normal.any(axis=1, keepdims=True), normal, normals)
 
-    def _meet(self, inflation: Array) -> None:
+    def _meet(self, mass: Array, inflation: Array) -> None:
         """Let particles that have moved meet all."""
-        m, h, things, meetings, mass = self.m, self.h, self.things, self.meetings, self.mass[:, None]
+        m, h, things, meetings = self.m, self.h, self.things, self.meetings
         count, ground = len(mass), self.things.ground
         m.ease[:count] = np.where(mass == 0.0, 0.0, 1.0 / np.where(mass == 0.0, 1.0, mass))
         friction = self.parameters[FRICTION][0][-len(self.balloons) :]
@@ -421,7 +315,7 @@ class Reference:
                 passing = solids.passing_sphere(m, ball, mass, h)
                 widest = 1.0 + 2.5 * laws.dot(passing[2], passing[2]) / m.radius[ball] ** 2
                 told = self.of_particles[:, [ball - ground]], widest, h
-                below = self.p[0].ground_height, self.up, self.rubs[ball - ground, 0]
+                below = self.balloons[0].p.ground_height, self.up, self.rubs[ball - ground, 0]
                 solids.exchange(m, ball, mass, passing, *told, below)
             self._stand(near)
         for body in things.bodies:
@@ -435,7 +329,7 @@ class Reference:
             told = meetings.small, rubs, meetings.triangles, self.owner, h
             self.small_contacts += contact.small_spheres_meet(m, *told)
         if meetings.pairs:
-            below = (self.p[0].ground_height, self.up) if self.scene.ground is not None else None
+            below = (self.balloons[0].p.ground_height, self.up) if self.scene.ground is not None else None
             contact.skins_meet(m, *meetings.pairs, self.owner, meetings.touch.skins, h, below)
         for body in things.bodies:
             bodies.take_turn(m, body, things.tensors[body], bodies.turned(m, body, things.tensors[body], h))

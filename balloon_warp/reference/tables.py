@@ -69,35 +69,43 @@ def numbers(plan: ModelPlan, parameters: dict[str, Array], balloon: int) -> Simp
     return SimpleNamespace(**named | {"mass": float(parameters["mass"][0, balloon])})
 
 
-def balloon_of(plan: ModelPlan, number: int) -> SimpleNamespace:
-    """Return the tables of a balloon: springs, hinges, film, faces, and the neck."""
-    shape, scene = plan.shapes[number], plan.scene
-    count, mesh, springs, hinges = len(shape.mesh.points), shape.skin, shape.springs, shape.hinges
+def balloons_of(plan: ModelPlan, parameters: dict[str, Array]) -> tuple[SimpleNamespace, list[SimpleNamespace]]:
+    """Return what all balloons see of the world, and their tables: springs, hinges, film, faces, neck, and the gas."""
+    scene, firsts = plan.scene, np.cumsum([0, *(len(shape.mesh.points) for shape in plan.shapes)])
+    world = SimpleNamespace(up=np.array(scene.up), water=scene.water is not None)
+    crushes = may_be_crushed(scene, plan.shapes, list(values_over_time(plan, "keyframe_values")))
+    bounds, balloons = pressure_bounds(scene, plan.shapes), []
+    starts = ("initial_gas_amounts", "initial_free_volumes", "initial_pressures", "initial_loads")
+    states = zip(*(parameters[name][0] for name in starts), strict=True)
+    for number, (shape, told, state) in enumerate(zip(plan.shapes, scene.balloon, states, strict=True)):
+        amount, free_volume, pressure, (load, rise) = state
+        springs, hinges = shape.springs, shape.hinges
+        wings, sizes = np.zeros((2 * len(hinges.ends), len(shape.mesh.points))), np.diff(hinges.wing_offsets)
+        np.add.at(wings, (np.repeat(np.arange(len(sizes)), sizes), hinges.wing_particles), 1.0 / np.repeat(sizes, sizes))
+        lengths = np.float32(springs.rest_lengths).astype(float)
+        order = np.lexsort([*springs.pairs.T[::-1], color_springs(springs.pairs, shape.mesh.points)])
+        balloons.append(SimpleNamespace(
+            world=world, number=number, part=slice(*firsts[number : number + 2]), share=shape.mass_share[:, None],
+            kind=told.inflation.kind, curve=told.inflation.pump_curve, times=[t for t, _ in told.inflation.keyframes],
+            amount=amount, free_volume=free_volume, pressure=pressure, load=load, rise=rise, along=0.0, vent=0.0,
+            enclosed=inside_volume(shape) if crushes else NO_INSIDE, volume=signed_volume(shape.mesh),
+            bound=bounds[number], neck=shape.neck, kinds=springs.kind, scales=shape.stiffness_scale,
+            springs=SimpleNamespace(pairs=springs.pairs, lengths=lengths[:, None],
+                                    corrected=[(*springs.pairs[n], lengths[n]) for n in order]),
+            hinges=SimpleNamespace(ends=hinges.ends, first=wings[::2], second=wings[1::2],
+                                   rest=hinges.angles(shape.mesh.points)[:, None]),
+            film=film_of(shape.membrane, told.material.law), peak=np.zeros(shape.membrane.count),
+            faces=faces_of(shape.skin, len(shape.mesh.points)),
+        ))  # fmt: skip
+    return world, balloons
+
+
+def faces_of(mesh: Any, count: int) -> SimpleNamespace:
+    """Return the corners of faces, those that follow, their faces, and how faces are the means of particles."""
     of, corners = corner_faces(mesh), mesh.face_vertex_indices.astype(int)
     means = np.zeros((len(mesh.face_vertex_counts), count))
     np.add.at(means, (of, corners), 1.0 / mesh.face_vertex_counts[of])
-    wings = np.zeros((2 * len(hinges.ends), count))
-    sizes = np.diff(hinges.wing_offsets)
-    np.add.at(wings, (np.repeat(np.arange(len(sizes)), sizes), hinges.wing_particles), 1.0 / np.repeat(sizes, sizes))
-    lengths = np.float32(springs.rest_lengths).astype(float)
-    order = np.lexsort([springs.pairs[:, 1], springs.pairs[:, 0], color_springs(springs.pairs, shape.mesh.points)])
-    crushes = may_be_crushed(scene, plan.shapes, list(values_over_time(plan, "keyframe_values")))
-    return SimpleNamespace(
-        enclosed=inside_volume(shape) if crushes else NO_INSIDE,
-        share=shape.mass_share, kind=scene.balloon[number].inflation.kind, neck=shape.neck,
-        kinds=springs.kind, scales=shape.stiffness_scale, curve=scene.balloon[number].inflation.pump_curve,
-        times=[time for time, _ in scene.balloon[number].inflation.keyframes],
-        springs=SimpleNamespace(
-            pairs=springs.pairs, lengths=lengths[:, None], constants=np.zeros((len(lengths), 1)),
-            corrected=[(*springs.pairs[n], lengths[n]) for n in order],
-        ),
-        hinges=SimpleNamespace(
-            ends=hinges.ends, first=wings[::2], second=wings[1::2], rest=hinges.angles(shape.mesh.points)[:, None]
-        ),
-        film=film_of(shape.membrane, scene.balloon[number].material.law), peak=np.zeros(shape.membrane.count),
-        faces=SimpleNamespace(corners=corners, nexts=corners[next_corners(mesh)], of=of, means=means),
-        volume=signed_volume(shape.mesh), bound=pressure_bounds(scene, plan.shapes)[number],
-    )  # fmt: skip
+    return SimpleNamespace(corners=corners, nexts=corners[next_corners(mesh)], of=of, means=means)
 
 
 def film_of(membrane: Any, law: str) -> SimpleNamespace | None:
