@@ -75,7 +75,7 @@ def points_of(m: Movers) -> np.ndarray:
 def ridges_of(m: Movers) -> np.ndarray:
     row = m, 8, RIDGE.radius, (0.5, 0.01), np.full(8, 0.3), m.x[:8]
     edges = np.unique(np.sort(FACES[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
-    found = np.concatenate(ridge_contacts(row, (RIDGE.ends[0], RIDGE.inward[0], 3), FACES, edges))
+    found = np.concatenate(ridge_contacts(row, RIDGE, FACES, edges))
     return found[np.isfinite(found["gap"][:, 0])]
 
 

@@ -194,45 +194,42 @@ def ridges_meet(m, ridges, kept, friction, owner, triangles, edges, h):
         friction: Between balloons and solids, shape (balloons, solids).
         edges: Ends of all sides of triangles.
     """
-    x, found = m.x - h * m.v, [np.zeros(0, CONTACT)]
-    x = x[: len(owner)]
-    for column, (solid, of_solid) in enumerate(ridges.items()):
-        for lines in zip(of_solid.ends, of_solid.inward, of_solid.tips, strict=True):
-            row = m, solid, of_solid.radius, (kept[column], 0.02 * kept[-1]), friction[owner, column], x
-            found += ridge_contacts(row, lines, triangles, edges)
-    c = np.concatenate(found)
-    c = c[(c["gap"] < c["kept"] + h * (size(m.v[: len(x)]).max() + size(m.v[len(x) :]).max(initial=0.0)))[:, 0]]
+    x, found = m.x - h * m.v, []
+    for column, (solid, of) in enumerate(ridges.items()):
+        told = m, solid, of.radius, (kept[column], 0.02 * kept[-1]), friction[owner, column], x
+        found += ridge_contacts(told, of, triangles, edges) if len(of.ends) else []
+    c, count = np.concatenate(found), len(owner)
+    c = c[(c["gap"] < c["kept"] + h * (size(m.v[:count]).max() + size(m.v[count:]).max()))[:, 0]]
     if len(c):
         sweep(m, c, h, 24)
 
 
-def ridge_contacts(row, lines, triangles, edges):
-    """Return contacts of a ridge with edges, and with faces at the nearer of its tips."""
-    (m, solid, *_), (ends, inward, tips) = row, lines
-    line, inward, far = m.start[solid] + ends @ m.turn[solid].T, inward @ m.turn[solid].T, np.zeros(3)
-    own = [
-        line_contacts(row, inward, line[[tip]], point_triangle, triangles, line[1 - tip] - line[tip])
-        for tip in (0, 1)
-        if tips >> tip & 1
-    ]
-    nearest = np.argmin([c["gap"][:, 0] for c in own], axis=0) if len(own) == 2 else 0
-    nearer = [np.stack(own)[nearest, np.arange(len(triangles))]] if own else []
-    return [line_contacts(row, inward, line, edge_edge, edges, far), *nearer]
+def ridge_contacts(told, ridges, triangles, edges):
+    """Return contacts of ridges with edges, and with faces at the nearer of their tips."""
+    place, turn = told[0].start[told[1]], told[0].turn[told[1]]
+    line, inward = place + ridges.ends @ turn.T, ridges.inward @ turn.T
+    number, tip = np.nonzero(ridges.tips[:, None] >> np.arange(2) & 1)
+    of_edges = line_contacts(*told, edge_edge, edges, line, inward, 0.0 * line[:, 0])
+    away = line[number, 1 - tip] - line[number, tip]
+    of_tips = line_contacts(*told, point_triangle, triangles, line[number, tip, None], inward[number], away)
+    gaps = np.full((len(line), 2, len(triangles)), np.inf)
+    gaps[number, tip] = of_tips["gap"].reshape(-1, len(triangles))
+    return [of_edges, of_tips[(gaps.argmin(axis=1)[number] == tip[:, None]).ravel()]]
 
 
-def line_contacts(row, inward, line, kind, features, away):
-    """Return contacts of a line or a tip with features; where they do not meet, with a gap without end."""
-    m, solid, radius, (kept, left), friction, start = row
-    count, own = len(features), len(line)
-    x = np.concatenate([np.broadcast_to(line, (count, own, 3)), start[features]], axis=1)
-    w = kind(x) * (1.0 if own == 2 else -1.0)
-    ends = np.concatenate([np.full((count, own), solid), features], axis=1)
-    c = contacts(ends, w, (w * x).sum(axis=1), kept=kept, left=left, friction=friction[features[:, :1]])
-    c["weights"][:, :own, 0] = [-1.0, 0.0][:own]
-    c["arms"][:, 0] = (w * x)[:, own:].sum(axis=1) - m.start[solid]
-    within = (w[:, :own] < 0.0).all(axis=1) & (w.max(axis=1) <= 1.0 - 1e-4)
-    above = c["normal"] @ np.vstack([inward, away]).T > 0.6 * np.append([1.0, 1.0], size(away))
-    c["gap"] += np.where(within & ~above.any(axis=1, keepdims=True), -radius - m.radius[solid], np.inf)
+def line_contacts(m, solid, radius, keeps, friction, start, kind, features, own, inward, away):
+    """Return contacts of lines or tips with all features; where they do not meet, with a gap without end."""
+    count, ends = own.shape[1], np.tile(features, (len(own), 1))
+    x = np.concatenate([np.repeat(own, len(features), axis=0), start[ends]], axis=1)
+    w = kind(x) * (1.0 if count == 2 else -1.0)
+    c = contacts(np.insert(ends, [0] * count, solid, axis=1), w, (w * x).sum(axis=1), friction=friction[ends[:, :1]])
+    (c["kept"], c["left"]), c["weights"][:, :count, 0] = keeps, [-1.0, 0.0][:count]
+    c["arms"][:, 0] = (w * x)[:, count:].sum(axis=1) - m.start[solid]
+    within = (w[:, :count] < 0.0).all(axis=1) & (w.max(axis=1) <= 1.0 - 1e-4)
+    sides = np.concatenate([inward, away[:, None]], axis=1)
+    along = c["normal"].reshape(len(own), -1, 3) @ sides.transpose(0, 2, 1)
+    above = (along > 0.6 * np.insert(size(away), 0, [[1.0], [1.0]], axis=1)[:, None]).any(axis=2).reshape(-1, 1)
+    c["gap"] += np.where(within & ~above, -radius - m.radius[solid], np.inf)
     return c
 
 
@@ -243,7 +240,7 @@ def impact(m, c, gain, shift, seconds):
     m.push(c, shift * resolve(m, c, 1.0)[0] + seconds * rub, 1.0, 0.0)
 
 
-def small_spheres_meet(m, small, friction, triangles, owner, h):
+def small_spheres_meet(m, small, friction, triangles, h):
     """Let small spheres meet faces, the soonest first, see `laws.face_contact`.
 
     Args:
@@ -253,24 +250,23 @@ def small_spheres_meet(m, small, friction, triangles, owner, h):
     Returns:
         Numbers of contacts, and of those in which a sphere moves on with faces as one.
     """
-    counts, moved, sweeps = np.zeros(2, int), True, 0
-    while moved and sweeps < 4:
-        moved, sweeps = False, sweeps + 1
+    counts, sweeps, before = np.zeros(2, int), 0, -1
+    while counts.sum() > before and sweeps < 4:
+        before, sweeps = counts.sum(), sweeps + 1
         for column, ball in enumerate(small):
             lump = [ball]
             for meeting in range(16 + 48):
                 ends, part, radius = first_face(m, ball, triangles, max(1.0 - 0.03 * meeting, 0.5))
                 if part > 1.0:
                     break
-                moved = True
+                counts[int(meeting >= 16)] += 1
                 if meeting < 16:
                     meet_face(m, ends, part, radius, friction[ends[1], column], h)
-                else:  # it moves on with them as one, or not at all if one of them is fixed
-                    lump += [end for end in ends if end not in lump]
-                    mass = 1.0 / np.maximum(m.ease[lump, 0], 1e-150) * (m.ease[lump] > 0.0).all()
-                    mean = mass / max(mass.sum(), 1e-150)
-                    m.x[lump], m.v[lump] = m.start[lump] + mean @ (m.x - m.start)[lump], mean @ m.v[lump]
-                counts += [meeting < 16, meeting >= 16]
+                    continue
+                lump += [end for end in ends if end not in lump]  # they move on as one, or not at all if one is fixed
+                mass = 1.0 / np.maximum(m.ease[lump, 0], 1e-150) * (m.ease[lump] > 0.0).all()
+                mean = mass / max(mass.sum(), 1e-150)
+                m.x[lump], m.v[lump] = m.start[lump] + mean @ (m.x - m.start)[lump], mean @ m.v[lump]
     return counts
 
 
@@ -332,43 +328,32 @@ def spheres_meet(m, balls, friction, slow, h, put_beside):
         slow: Speed up to which nothing rebounds, of two steps of gravity.
         put_beside: Takes a sphere out of the ground and obstacles.
     """
+    pairs = [(i, j) for j in range(len(balls)) for i in range(j) if min(m.radius[balls[i]], m.radius[balls[j]]) > 0.0]
     for _ in range(24):
-        moved = False
-        for second in range(1, len(balls)):
-            for first in range(second):
-                pair = balls[first], balls[second]
-                if meet_sphere(m, *pair, friction[first, second], slow, h):
-                    put_beside(pair[0])
-                    put_beside(pair[1])
-                    moved = True
-        if not moved:
+        if not any([meet_sphere(m, balls[i], balls[j], friction[i, j], slow, h, put_beside) for i, j in pairs]):
             break
 
 
-def meet_sphere(m, one, other, friction, slow, h):
+def meet_sphere(m, one, other, friction, slow, h, put_beside):
     """Let two spheres collide where they do on their ways, and return whether that moves them."""
-    start, reach = m.start[other] - m.start[one], m.radius[one] + m.radius[other]
-    way = m.x[other] - m.x[one]
-    part = part_until(start, way - start, reach) if min(m.radius[one], m.radius[other]) > 0.0 else NEVER
+    start, x, reach = m.start[other] - m.start[one], m.x[other] - m.x[one], m.radius[one] + m.radius[other]
+    way = x - start
+    a, b, c = way @ way, start @ way, start @ start - reach**2
+    if c > 0.0 and (b >= 0.0 or b * b <= a * c):
+        return False
+    part = float(c / (-b + np.sqrt(b * b - a * c))) if c > 0.0 else 0.0
     if part > 1.0:
         return False
     weights = np.array([-1.0, 1.0, 0.0, 0.0])[:, None]
-    c = contacts([one, other, 0, 0], weights, (start + part * (way - start))[None], friction=friction)
+    c = contacts([one, other, 0, 0], weights, (start + part * way)[None], friction=friction)
     n = c["normal"][0]
     c["arms"][0, :2] = m.radius[one] * n, -m.radius[other] * n
     gap, approach = min(np.linalg.norm(start) - reach, 0.0), max(-float(m.velocity(c)[0] @ n), 0.0)
     rebound = 1.0 + (np.sqrt(m.restitution[one] * m.restitution[other]) if approach > slow else 0.0)
-    shift = (1.0 if gap < 0.0 else rebound) * max(reach + gap + apart(gap, h) - way @ n, 0.0)
+    shift = (1.0 if gap < 0.0 else rebound) * max(reach + gap + apart(gap, h) - x @ n, 0.0)
     if shift + h * rebound * approach <= 1e-6 * reach:
         return False
     impact(m, c, rebound * approach, shift, (1.0 - part) * h)
+    put_beside(one)
+    put_beside(other)
     return True
-
-
-def part_until(start, way, reach):
-    """Return after which part of its way something is so near: 0 where it begins there, `NEVER` where it never is."""
-    a, b, c = way @ way, start @ way, start @ start - reach**2
-    if c > 0.0 and (b >= 0.0 or b * b <= a * c):
-        return NEVER
-    part = float(c / (-b + np.sqrt(b * b - a * c))) if c > 0.0 else 0.0
-    return part if part <= 1.0 else NEVER

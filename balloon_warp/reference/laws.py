@@ -57,7 +57,9 @@ def springs(x, v, b):
     (i, j), lengths = b.springs.pairs.T, b.springs.lengths
     d, opening = x[j] - x[i], v[j] - v[i]
     strain = 1.0 - lengths / size(d)
-    pull = np.where(strain > 1.0 - 1.0 / b.p.yield_stretch, 0.0, strain + b.p.viscosity * dot(d, opening) / size(d) ** 2)
+    pull = np.where(
+        strain > 1.0 - 1.0 / b.p.yield_stretch, 0.0, strain + b.p.viscosity * dot(d, opening) / size(d) ** 2
+    )
     if b.world.correction == "tarantino":  # it gives way smoothly
         pull = pull * (1.0 - np.clip((size(d) / lengths - 1.0) / b.p.correction_limit, 0.0, 1.0) ** 2) ** 2
     force = b.springs.constants * pull * d
@@ -299,7 +301,12 @@ def resistance(x, b):
     if not b.world.water:
         return 0.0 * b.share
     area, _, parts = wetted(x, b)
-    return 0.5 * b.p.water_density * b.p.water_drag * shared(b.faces, *(parts[:, k : k + 1] * size(area) for k in range(3)))
+    return (
+        0.5
+        * b.p.water_density
+        * b.p.water_drag
+        * shared(b.faces, *(parts[:, k : k + 1] * size(area) for k in range(3)))
+    )
 
 
 def jet(x, v, b):

@@ -90,7 +90,7 @@ def on_ground(height, up, start, x):
     return x + low * depth * up, low * up, (False, 1.0), np.zeros(3), np.where(low, 0.0, np.inf)
 
 
-def stand(around, start, x, v, h, foreseen=False):
+def stand(around, start, x, v, h, foreseen=False, at_once=False):
     """Return places and velocities beside obstacles and the ground, and the normals of the last contacts.
 
     Of an approach as much is stopped as has led behind the surface. Coulomb's friction takes at most its coefficient
@@ -100,25 +100,17 @@ def stand(around, start, x, v, h, foreseen=False):
     Args:
         around: Functions from starts and ends of ways to `beside_obstacle`, each with its friction by particle.
         foreseen: Whether only places are wanted, of particles that keep their velocities.
+        at_once: Which particles are near several things.
     """
-    *found, several = take_turns(around, start, x, v, h, np.zeros((len(x), 1), dtype=bool), foreseen)
-    if several.any():
-        again = take_turns(around, start, x, v, h, several, foreseen)
-        found = [np.where(several, *both) for both in zip(again, found, strict=False)]
-    return found
-
-
-def take_turns(around, start, x, v, h, at_once, foreseen):
-    """Return also which particles met several things, of which `at_once` says where all of an approach is stopped."""
-    normals, takes = np.zeros_like(x), np.ones((len(x), 1), dtype=bool)
-    met = np.zeros((len(x), len(around)), dtype=bool)
+    given, normals, takes = (x, v), np.zeros_like(x), np.ones((len(x), 1), dtype=bool)
+    met = np.zeros((len(around), len(x), 1), dtype=bool)
     for _ in range(1 if foreseen else 4):
         end, distances = x, []
         for number, (let_through, friction) in enumerate(around):
             let, normal, (slides, left), moving, distance = let_through(start, x)
             normal, distances = np.where(takes, normal, 0.0), [*distances, distance]
             held, beside = normal.any(axis=1, keepdims=True), v - moving
-            met[:, [number]] |= held
+            met[number] |= held
             along, approach = across(beside, normal), np.maximum(-dot(beside, normal), 0.0)
             stopped = np.minimum(approach, np.maximum(dot(let - x, normal), 0.0) / h)
             stopped = np.where(at_once | slides, approach, stopped)
@@ -131,7 +123,11 @@ def take_turns(around, start, x, v, h, at_once, foreseen):
         takes = (size(x - end) > 1e-3 * size(end - start) + 2e-6 * size(x)) & (near > 1)
         if not np.any(takes):
             break
-    return x, v, normals, (met.sum(axis=1, keepdims=True) > 1) & (not foreseen)
+    found, several = (x, v, normals), met.sum(axis=0) > 1
+    if foreseen or at_once is not False or not several.any():
+        return found
+    again = stand(around, start, *given, h, at_once=several)
+    return [np.where(several, *both) for both in zip(again, found, strict=True)]
 
 
 def rub(m, ball, n, moving, stopped, friction, seconds):

@@ -280,7 +280,9 @@ class Reference:
         """Return obstacles and the ground as `solids.stand` takes them."""
         around: list = [(let, self.of_particles[:, [number]]) for number, let in enumerate(self.let_through, 1)]
         if self.scene.ground is not None:
-            around.append((partial(solids.on_ground, self.balloons[0].p.ground_height, self.up), self.of_particles[:, :1]))
+            around.append(
+                (partial(solids.on_ground, self.balloons[0].p.ground_height, self.up), self.of_particles[:, :1])
+            )
         return around
 
     def _foresee(self, end: Array, course: Array) -> tuple[Array, Array]:
@@ -326,8 +328,7 @@ class Reference:
             solids.exchange(m, body, mass, passing, self.of_particles[:, [body - ground]], widest, h)
         if meetings.small:
             rubs = self.of_particles[:, np.subtract(meetings.small, ground)]
-            told = meetings.small, rubs, meetings.triangles, self.owner, h
-            self.small_contacts += contact.small_spheres_meet(m, *told)
+            self.small_contacts += contact.small_spheres_meet(m, meetings.small, rubs, meetings.triangles, h)
         if meetings.pairs:
             below = (self.balloons[0].p.ground_height, self.up) if self.scene.ground is not None else None
             contact.skins_meet(m, *meetings.pairs, self.owner, meetings.touch.skins, h, below)

@@ -81,7 +81,9 @@ def balloons_of(plan: ModelPlan, parameters: dict[str, Array]) -> tuple[SimpleNa
         amount, free_volume, pressure, (load, rise) = state
         springs, hinges = shape.springs, shape.hinges
         wings, sizes = np.zeros((2 * len(hinges.ends), len(shape.mesh.points))), np.diff(hinges.wing_offsets)
-        np.add.at(wings, (np.repeat(np.arange(len(sizes)), sizes), hinges.wing_particles), 1.0 / np.repeat(sizes, sizes))
+        np.add.at(
+            wings, (np.repeat(np.arange(len(sizes)), sizes), hinges.wing_particles), 1.0 / np.repeat(sizes, sizes)
+        )
         lengths = np.float32(springs.rest_lengths).astype(float)
         order = np.lexsort([*springs.pairs.T[::-1], color_springs(springs.pairs, shape.mesh.points)])
         balloons.append(SimpleNamespace(
