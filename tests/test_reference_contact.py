@@ -73,7 +73,7 @@ def points_of(m: Movers) -> np.ndarray:
 
 
 def ridges_of(m: Movers) -> np.ndarray:
-    row = m, 8, RIDGE.radius, (0.5, 0.01), np.full(8, 0.3), m.x[:8]
+    m.friction, row = np.full((1, 1), 0.3), (m, 8, RIDGE.radius, (0.5, 0.01), m.x[:8])
     edges = np.unique(np.sort(FACES[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
     found = np.concatenate(ridge_contacts(row, RIDGE, FACES, edges))
     return found[np.isfinite(found["gap"][:, 0])]
@@ -139,7 +139,7 @@ def two_balls(x: Any, v: Any) -> Movers:
 def test_elastic_spheres_exchange_their_velocities_on_the_way():
     """Spheres start 1.2 m apart at 4 m/s, touch after 0.05 s of 0.1 s, and part for as long."""
     m = two_balls([(-0.3, 0.0, 0.0), (0.5, 0.0, 0.0)], [(3.0, 0.0, 0.0), (-1.0, 0.0, 0.0)])
-    spheres_meet(m, [0, 1], np.zeros((2, 2)), 0.0, 0.1, lambda number: None)
+    spheres_meet(m, [0, 1], 0.0, 0.1, lambda number: None)
     np.testing.assert_allclose(m.v[:, 0], [-1.0, 3.0], rtol=1e-12)
     np.testing.assert_allclose(m.x[:, 0], [-0.5, 0.7], rtol=1e-12)
 
@@ -150,7 +150,8 @@ def test_spheres_that_grip_each_other_roll_off_and_others_obey_coulomb(friction:
     friction times the push, of 1 m/s; each gets the same spin."""
     m = two_balls([(-0.45, 0.0, 0.0), (0.45, 0.0, 0.0)], [(1.0, 0.7, 0.0), (-1.0, -0.7, 0.0)])
     m.start = np.array([(-0.55, 0.0, 0.0), (0.55, 0.0, 0.0)])
-    spheres_meet(m, [0, 1], np.full((2, 2), friction), 10.0, 0.1, lambda number: None)
+    m.friction = np.full((1, 1), friction)
+    spheres_meet(m, [0, 1], 10.0, 0.1, lambda number: None)
     np.testing.assert_allclose(m.v[0], [0.0, 0.7 - gain, 0.0], atol=1e-12)
     np.testing.assert_allclose(m.spin[0], m.spin[1], atol=1e-12)
     np.testing.assert_allclose(m.spin[0, 2], 2.5 / 0.5 * -gain, rtol=1e-12)

@@ -178,11 +178,10 @@ def levers_of(body, other, arm, at_other, bodies):
     return lever
 
 
-def move(m, grips, friction, h, gravity, up, tugs):
+def move(m, grips, h, gravity, up, tugs):
     """Move bodies by a step.
 
     Args:
-        friction: Between all movers but particles.
         tugs: Velocity and spin that strings have given each body in it.
     """
     bodies, fall = grips.bodies, h * abs(gravity)
@@ -216,7 +215,7 @@ def move(m, grips, friction, h, gravity, up, tugs):
     least = np.where(rebounds, np.maximum(-away / h, np.sqrt(np.maximum(squared, 0.0)) - 0.5 * kick), -away / h)
     speeds[:, :3] -= h * gravity * up
     b = np.einsum("kxby,by->kx", lever, speeds) - moving
-    fastest, rubs = max(fall, approach.max(initial=0.0), np.abs(tug).max(initial=0.0)), friction(body, thing)
+    fastest, rubs = max(fall, approach.max(initial=0.0), np.abs(tug).max(initial=0.0)), m.rub(body, thing)
     group = np.arange(len(m.x))
     for one, another in zip(body, thing, strict=True):
         if another in bodies:
@@ -229,7 +228,7 @@ def move(m, grips, friction, h, gravity, up, tugs):
     grips.kept[rows] = np.where((least > 0.0)[:, None], 0.0, impulse)
 
 
-def meet_sphere(m, body, ball, shape, tensor, friction, h, gravity, up):
+def meet_sphere(m, body, ball, shape, tensor, h, gravity, up):
     """Let a body and a sphere that have moved collide."""
     way = m.start[[ball]], m.x[[ball]], m.v[[ball]]
     _, (n,), (arm,), ((excess,),), ((out,),) = passing_body(
@@ -237,7 +236,7 @@ def meet_sphere(m, body, ball, shape, tensor, friction, h, gravity, up):
     )
     if not n.any():
         return
-    c = contacts([ball, body, 0, 0], np.array([1.0, -1.0, 0.0, 0.0])[:, None], n[None], friction=friction)
+    c = contacts([ball, body, 0, 0], np.array([1.0, -1.0, 0.0, 0.0])[:, None], n[None], friction=m.rub(body, ball))
     own = -m.radius[ball] * n
     c["normal"], c["arms"][0, :2] = n, (own, arm + own)
     approach, gain = -float(m.velocity(c)[0] @ n) - h * abs(gravity * (n @ up)), max(excess, 0.0)

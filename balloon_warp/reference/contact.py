@@ -35,11 +35,17 @@ class Movers:
         self.x, self.v, self.ease, self.spin, self.start = x, v, ease, np.zeros_like(x), x.copy()
         self.turning, self.turn = np.zeros((len(x), 3, 3)), np.tile(np.eye(3), (len(x), 1, 1))
         self.radius, self.restitution = np.zeros(len(x)), np.zeros(len(x))
+        self.friction, self.thing = np.zeros((1, 1)), np.zeros(len(x), int)
+        """Coulomb's coefficient between things, and the thing that each mover is or is of"""
 
     def states(self, numbers):
         """Return the state of movers, each by name."""
         names = {"position": self.x, "velocity": self.v, "spin": self.spin, "turn": self.turn}
         return [{name: values[number].copy() for name, values in names.items()} for number in numbers]
+
+    def rub(self, one, other):
+        """Return Coulomb's coefficient between movers."""
+        return self.friction[self.thing[one], self.thing[other]]
 
     def velocity(self, c):
         return relative(c, self.v[c["ends"]], self.spin[c["ends"]])
@@ -185,20 +191,20 @@ def skins_meet(m, edges, points, owner, skins, h, ground):
         sweep(m, c, h, 300, ground)
 
 
-def ridges_meet(m, ridges, kept, friction, owner, triangles, edges, h):
+def ridges_meet(m, ridges, kept, count, triangles, edges, h):
     """Let faces of balloons meet ridges of solids, see `laws.ridges`; a sphere is a ridge of one place.
 
     Args:
         ridges: Of each solid, as seen from that, by its number among movers.
         kept: Gaps that faces keep of each solid, and last of any ridge [m].
-        friction: Between balloons and solids, shape (balloons, solids).
+        count: Number of particles.
         edges: Ends of all sides of triangles.
     """
     x, found = m.x - h * m.v, []
     for column, (solid, of) in enumerate(ridges.items()):
-        told = m, solid, of.radius, (kept[column], 0.02 * kept[-1]), friction[owner, column], x
+        told = m, solid, of.radius, (kept[column], 0.02 * kept[-1]), x
         found += ridge_contacts(told, of, triangles, edges) if len(of.ends) else []
-    c, count = np.concatenate(found), len(owner)
+    c = np.concatenate(found)
     c = c[(c["gap"] < c["kept"] + h * (size(m.v[:count]).max() + size(m.v[count:]).max()))[:, 0]]
     if len(c):
         sweep(m, c, h, 24)
@@ -217,12 +223,14 @@ def ridge_contacts(told, ridges, triangles, edges):
     return [of_edges, of_tips[(gaps.argmin(axis=1)[number] == tip[:, None]).ravel()]]
 
 
-def line_contacts(m, solid, radius, keeps, friction, start, kind, features, own, inward, away):
+def line_contacts(m, solid, radius, keeps, start, kind, features, own, inward, away):
     """Return contacts of lines or tips with all features; where they do not meet, with a gap without end."""
     count, ends = own.shape[1], np.tile(features, (len(own), 1))
     x = np.concatenate([np.repeat(own, len(features), axis=0), start[ends]], axis=1)
     w = kind(x) * (1.0 if count == 2 else -1.0)
-    c = contacts(np.insert(ends, [0] * count, solid, axis=1), w, (w * x).sum(axis=1), friction=friction[ends[:, :1]])
+    c = contacts(
+        np.insert(ends, [0] * count, solid, axis=1), w, (w * x).sum(axis=1), friction=m.rub(ends[:, :1], solid)
+    )
     (c["kept"], c["left"]), c["weights"][:, :count, 0] = keeps, [-1.0, 0.0][:count]
     c["arms"][:, 0] = (w * x)[:, count:].sum(axis=1) - m.start[solid]
     within = (w[:, :count] < 0.0).all(axis=1) & (w.max(axis=1) <= 1.0 - 1e-4)
@@ -240,12 +248,11 @@ def impact(m, c, gain, shift, seconds):
     m.push(c, shift * resolve(m, c, 1.0)[0] + seconds * rub, 1.0, 0.0)
 
 
-def small_spheres_meet(m, small, friction, triangles, h):
+def small_spheres_meet(m, small, triangles, h):
     """Let small spheres meet faces, the soonest first, see `laws.face_contact`.
 
     Args:
         small: Their numbers among movers.
-        friction: Of particles and them, shape (particles, small).
 
     Returns:
         Numbers of contacts, and of those in which a sphere moves on with faces as one.
@@ -253,7 +260,7 @@ def small_spheres_meet(m, small, friction, triangles, h):
     counts, sweeps, before = np.zeros(2, int), 0, -1
     while counts.sum() > before and sweeps < 4:
         before, sweeps = counts.sum(), sweeps + 1
-        for column, ball in enumerate(small):
+        for ball in small:
             lump = [ball]
             for meeting in range(16 + 48):
                 ends, part, radius = first_face(m, ball, triangles, max(1.0 - 0.03 * meeting, 0.5))
@@ -261,7 +268,7 @@ def small_spheres_meet(m, small, friction, triangles, h):
                     break
                 counts[int(meeting >= 16)] += 1
                 if meeting < 16:
-                    meet_face(m, ends, part, radius, friction[ends[1], column], h)
+                    meet_face(m, ends, part, radius, h)
                     continue
                 lump += [end for end in ends if end not in lump]  # they move on as one, or not at all if one is fixed
                 mass = 1.0 / np.maximum(m.ease[lump, 0], 1e-150) * (m.ease[lump] > 0.0).all()
@@ -297,12 +304,12 @@ def first_face(m, ball, triangles, nearest):
     return ends[first], float(found.min()), float(radius[first, 0])
 
 
-def meet_face(m, ends, part, radius, friction, h):
+def meet_face(m, ends, part, radius, h):
     """Let a sphere meet a face after a part of a step."""
     before, seconds = m.start[ends][None], (1.0 - part) * h
     at = before + part * (m.x[ends] - before)
     weights = point_triangle(at)
-    c = contacts(ends, weights, (weights * at).sum(axis=1), friction=friction)
+    c = contacts(ends, weights, (weights * at).sum(axis=1), friction=m.rub(*ends[:2]))
     n = c["normal"][0]
     way, beside = ((c["weights"][0] * each[ends]).sum(axis=0) for each in (m.x, m.v))
     bent = way - seconds * beside  # where an earlier impact has bent the ways, they would be there in this moment
@@ -320,7 +327,7 @@ def apart(gap, h):
     return np.maximum(-gap, 0.0) * min(10.0 * h, 0.2)
 
 
-def spheres_meet(m, balls, friction, slow, h, put_beside):
+def spheres_meet(m, balls, slow, h, put_beside):
     """Let spheres that have moved meet each other, pair after pair, until nothing moves, see `laws.collision`.
 
     Args:
@@ -328,13 +335,14 @@ def spheres_meet(m, balls, friction, slow, h, put_beside):
         slow: Speed up to which nothing rebounds, of two steps of gravity.
         put_beside: Takes a sphere out of the ground and obstacles.
     """
-    pairs = [(i, j) for j in range(len(balls)) for i in range(j) if min(m.radius[balls[i]], m.radius[balls[j]]) > 0.0]
+    balls = [ball for ball in balls if m.radius[ball]]  # others have yet to begin
+    pairs = [(one, other) for number, other in enumerate(balls) for one in balls[:number]]
     for _ in range(24):
-        if not any([meet_sphere(m, balls[i], balls[j], friction[i, j], slow, h, put_beside) for i, j in pairs]):
+        if not sum(meet_sphere(m, *pair, slow, h, put_beside) for pair in pairs):
             break
 
 
-def meet_sphere(m, one, other, friction, slow, h, put_beside):
+def meet_sphere(m, one, other, slow, h, put_beside):
     """Let two spheres collide where they do on their ways, and return whether that moves them."""
     start, x, reach = m.start[other] - m.start[one], m.x[other] - m.x[one], m.radius[one] + m.radius[other]
     way = x - start
@@ -345,7 +353,7 @@ def meet_sphere(m, one, other, friction, slow, h, put_beside):
     if part > 1.0:
         return False
     weights = np.array([-1.0, 1.0, 0.0, 0.0])[:, None]
-    c = contacts([one, other, 0, 0], weights, (start + part * way)[None], friction=friction)
+    c = contacts([one, other, 0, 0], weights, (start + part * way)[None], friction=m.rub(one, other))
     n = c["normal"][0]
     c["arms"][0, :2] = m.radius[one] * n, -m.radius[other] * n
     gap, approach = min(np.linalg.norm(start) - reach, 0.0), max(-float(m.velocity(c)[0] @ n), 0.0)

@@ -90,7 +90,7 @@ def take(b, moles):
 
 
 def fill(b, h, pumped):
-    """Fill a balloon in a step: by keyframes, a pump's curve, and breaths, up to an end; or empty it until it is flat."""
+    """Fill a balloon in a step: by keyframes, a pump's curve, and breaths, up to an end; or empty it until flat."""
     p, inside, full = b.p, b.outside + b.pressure, R * b.temperature
     volume = there(b.free_volume, b, b.temperature) * (ATMOSPHERE / inside) ** (1.0 / p.gamma)
     blown = p.fill_moles + (1e-3 * p.fill_litres + 3.5e-3 * p.fill_breaths) / (full / b.outside)

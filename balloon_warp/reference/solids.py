@@ -235,7 +235,7 @@ def passing_body(m, body, shape, up, turn, start, end, v, radius, h):
     return held, normal, arm, excess, apart(h * np.maximum(excess, 0.0) - depth, h) * held
 
 
-def exchange(m, solid, mass, passing, friction, widest, h, ground=None):
+def exchange(m, solid, mass, passing, widest, h, ground=None):
     """Let a solid and particles exchange momentum: to the nearest velocities at which n . (v - V) >= -gap / h.
 
     Particles of no mass are fixed; the ground, of a great mass, takes part where a sphere is pressed to it.
@@ -244,7 +244,7 @@ def exchange(m, solid, mass, passing, friction, widest, h, ground=None):
         mass: Of particles, shape (n, 1).
         passing: What `passing_sphere` or `passing_body` returns.
         widest: Most inverse mass of its surface over that of its center, by which friction gives no energy.
-        ground: Height, axis up and friction of the ground.
+        ground: Number, height, and axis up of the ground.
     """
     near, n, arm, excess, out = passing
     count, heavy, radius = len(mass), 1.0 / m.ease[solid].item(), m.radius[solid]
@@ -253,7 +253,7 @@ def exchange(m, solid, mass, passing, friction, widest, h, ground=None):
         return
     x, v, up, sinking = m.x[:count], m.v[:count], np.zeros(6), 0.0
     if ground:
-        (height, up[:3], _), center = ground, m.x[solid] - h * m.v[solid]
+        (_, height, up[:3]), center = ground, m.x[solid] - h * m.v[solid]
         sinking = -(m.v[solid] @ up[:3]) - max(center @ up[:3] - radius - height, 0.0) / h
     c, inertia = np.hstack([n, cross(arm, n)]), np.zeros((6, 6))
     inertia[:3, :3], inertia[3:, 3:] = heavy * np.eye(3), np.linalg.inv(m.turning[solid])
@@ -277,11 +277,11 @@ def exchange(m, solid, mass, passing, friction, widest, h, ground=None):
         arm = x - h * v - (m.x[solid] - h * m.v[solid])
     share = 1.0 / (1.0 + w.sum() * widest / heavy)
     slip = across(v - m.v[solid] - cross(m.spin[solid], arm), n)
-    rubs = -np.minimum(share, friction * size(gain) / size(slip)) * slip * pressed
+    rubs = -np.minimum(share, m.rub(np.arange(count), solid)[:, None] * size(gain) / size(slip)) * slip * pressed
     m.x[:count], m.v[:count] = x + h * rubs, v + rubs
     slowed = -(mass * rubs).sum(axis=0) / heavy
     m.x[solid], m.v[solid] = m.x[solid] + h * slowed, m.v[solid] + slowed
     m.spin[solid] = m.spin[solid] - m.turning[solid] @ cross(arm, mass * rubs).sum(axis=0)
     if ground and grounded:
         pushed = max(up[:3] @ (heavy * change[:3] + (w * gain).sum(axis=0)), 0.0)
-        rub(m, solid, up[:3], 0.0, pushed / heavy, ground[2], h)
+        rub(m, solid, up[:3], 0.0, pushed / heavy, m.rub(solid, ground[0]), h)

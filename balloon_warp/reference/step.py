@@ -35,6 +35,9 @@ class Reference:
         self.owner = np.repeat(np.arange(len(self.balloons)), [len(b.share) for b in self.balloons])
         self.things = tables.things_of(self.plan, self.owner)
         self.m = tables.movers_of(self.plan, self.parameters, self.things, shifts)
+        self.m.thing = np.append(
+            len(self.m.x) - len(self.owner) + self.owner, np.arange(len(self.m.x) - len(self.owner))
+        )
         self.meetings = tables.meetings_of(self.plan, self.things, self.owner)
         self.pushes = np.zeros((len(self.things.spheres), 3))
         """Forces of penalties on spheres [N]"""
@@ -108,14 +111,12 @@ class Reference:
 
     def _take_parameters(self) -> None:
         """Take parameters from the scene's, which change over time."""
-        m, things, touch, friction = self.m, self.things, self.meetings.touch, self.parameters[FRICTION][0]
+        m, things, touch = self.m, self.things, self.meetings.touch
         for number, b in enumerate(self.balloons):
             b.p = p = tables.numbers(self.plan, self.parameters, number)
             b.springs.constants = (np.array([p.structural, p.shear, p.flexion])[b.kinds] * b.scales)[:, None]
         self.world.waves, self.world.correction = tables.waves_of(int(p.gust_seed)), self.scene.correction
-        count = len(things.shapes) + len(things.spheres)
-        self.rubs, self.of_particles = friction[:count, :count], friction[count:][self.owner, :count]
-        """Friction of the ground, obstacles, spheres and bodies with each other, and of particles with these"""
+        m.friction = self.parameters[FRICTION][0]
         mass, radius = (self.parameters[f"sphere_{name}"][0] for name in ("mass", "radius"))
         m.ease[things.spheres, 0], m.radius[things.spheres] = 1.0 / mass, radius
         stiff = np.where(radius > 0.0, 2.5 / (mass * np.where(radius > 0.0, radius, 1.0) ** 2), 0.0)
@@ -243,47 +244,40 @@ class Reference:
     def _move_spheres(self) -> None:
         """Move spheres beside the ground and obstacles, and let them meet each other."""
         m, h, p, up, things = self.m, self.h, self.balloons[0].p, self.up, self.things
-        first, penalty = things.spheres[:1].sum() - things.ground, self.scene.contact == "penalty"
-        kick, rebounds = -h * p.gravity * up, m.restitution[things.obstacles]
+        penalty, kick = self.scene.contact == "penalty", -h * p.gravity * up
 
         def ground_of(ball: int) -> tuple[float, float, float]:
-            return p.ground_height, p.ground_restitution, self.rubs[ball - things.ground, 0]
+            return p.ground_height, p.ground_restitution, m.rub(ball, things.ground)
 
         def leave_obstacles(ball: int) -> None:
-            rubs = self.rubs[ball - things.ground, 1:first]
-            solids.leave_obstacles(m, ball, list(zip(self.let_through, rebounds, rubs, strict=True)), kick, h)
+            told = zip(self.let_through, m.restitution[things.obstacles], m.rub(ball, things.obstacles), strict=True)
+            solids.leave_obstacles(m, ball, list(told), kick, h)
 
         def put_beside(ball: int) -> None:
             solids.leave_ground(m, ball, up, ground_of(ball), h)
             leave_obstacles(ball)
 
         for ball, push in zip(things.spheres, self.pushes, strict=True):
-            fall = h * (penalty * m.ease[ball] * push - p.gravity * up)
-            solids.roll(m, ball, up, fall, ground_of(ball), h)
+            solids.roll(m, ball, up, h * (penalty * m.ease[ball] * push - p.gravity * up), ground_of(ball), h)
             leave_obstacles(ball)
         self.pushes[:] = 0.0
-        rubs = self.rubs[first:, first:]
-        contact.spheres_meet(m, things.spheres, rubs, 2.0 * h * abs(p.gravity), h, put_beside)
+        contact.spheres_meet(m, things.spheres, 2.0 * h * abs(p.gravity), h, put_beside)
 
     def _move_bodies(self) -> None:
         """Move bodies beside the ground, obstacles and each other, and let them meet spheres."""
         m, things, told = self.m, self.things, (self.h, self.balloons[0].p.gravity, self.up)
-        if things.grips is None:
-            return
-        bodies.move(m, things.grips, lambda *ends: self.rubs[tuple(np.subtract(ends, things.ground))], *told, self.tugs)
+        if things.grips:
+            bodies.move(m, things.grips, *told, self.tugs)
         for ball in things.spheres[m.radius[things.spheres] > 0.0]:
             for body in things.bodies:
-                rubs = self.rubs[body - things.ground, ball - things.ground]
-                bodies.meet_sphere(m, body, ball, things.shapes[body], things.tensors[body], rubs, *told)
+                bodies.meet_sphere(m, body, ball, things.shapes[body], things.tensors[body], *told)
 
     def _stands(self) -> list[tuple[Any, Array]]:
         """Return obstacles and the ground as `solids.stand` takes them."""
-        around: list = [(let, self.of_particles[:, [number]]) for number, let in enumerate(self.let_through, 1)]
-        if self.scene.ground is not None:
-            around.append(
-                (partial(solids.on_ground, self.balloons[0].p.ground_height, self.up), self.of_particles[:, :1])
-            )
-        return around
+        on_ground = partial(solids.on_ground, self.balloons[0].p.ground_height, self.up)
+        around = [*zip(self.let_through, self.things.obstacles, strict=True)]
+        around += [(on_ground, self.things.ground)] * (self.scene.ground is not None)
+        return [(let, self.m.rub(np.arange(len(self.owner)), thing)[:, None]) for let, thing in around]
 
     def _foresee(self, end: Array, course: Array) -> tuple[Array, Array]:
         """Return foreseen places of particles beside spheres, obstacles and the ground, and the normals there."""
@@ -297,12 +291,10 @@ class Reference:
     def _meet(self, mass: Array, inflation: Array) -> None:
         """Let particles that have moved meet all."""
         m, h, things, meetings = self.m, self.h, self.things, self.meetings
-        count, ground = len(mass), self.things.ground
+        count, ground = len(mass), (things.ground, self.balloons[0].p.ground_height, self.up)
         m.ease[:count] = np.where(mass == 0.0, 0.0, 1.0 / np.where(mass == 0.0, 1.0, mass))
-        friction = self.parameters[FRICTION][0][-len(self.balloons) :]
         if meetings.ridges:
-            told = meetings.kept, friction[:, 1:], self.owner, meetings.triangles, meetings.edges
-            contact.ridges_meet(m, meetings.ridges, *told, h)
+            contact.ridges_meet(m, meetings.ridges, meetings.kept, count, meetings.triangles, meetings.edges, h)
         near = np.zeros((count, 1), dtype=bool)
         for ball, penalty, push in zip(things.spheres, self.parameters["sphere_penalty"][0], self.pushes, strict=True):
             if self.scene.contact == "impulse":
@@ -316,21 +308,18 @@ class Reference:
             for ball in things.spheres:
                 passing = solids.passing_sphere(m, ball, mass, h)
                 widest = 1.0 + 2.5 * laws.dot(passing[2], passing[2]) / m.radius[ball] ** 2
-                told = self.of_particles[:, [ball - ground]], widest, h
-                below = self.balloons[0].p.ground_height, self.up, self.rubs[ball - ground, 0]
-                solids.exchange(m, ball, mass, passing, *told, below)
+                solids.exchange(m, ball, mass, passing, widest, h, ground)
             self._stand(near)
         for body in things.bodies:
             turn = bodies.turned(m, body, things.tensors[body], h)
             told = self.x - h * self.v, self.x, self.v, 0.0, h
             passing = solids.passing_body(m, body, *things.shapes[body], turn, *told)
             widest = 1.0 + things.reach[body] ** 2 * np.linalg.norm(things.tensors[body]) / m.ease[body]
-            solids.exchange(m, body, mass, passing, self.of_particles[:, [body - ground]], widest, h)
+            solids.exchange(m, body, mass, passing, widest, h)
         if meetings.small:
-            rubs = self.of_particles[:, np.subtract(meetings.small, ground)]
-            self.small_contacts += contact.small_spheres_meet(m, meetings.small, rubs, meetings.triangles, h)
+            self.small_contacts += contact.small_spheres_meet(m, meetings.small, meetings.triangles, h)
         if meetings.pairs:
-            below = (self.balloons[0].p.ground_height, self.up) if self.scene.ground is not None else None
+            below = ground[1:] if self.scene.ground is not None else None
             contact.skins_meet(m, *meetings.pairs, self.owner, meetings.touch.skins, h, below)
         for body in things.bodies:
             bodies.take_turn(m, body, things.tensors[body], bodies.turned(m, body, things.tensors[body], h))
@@ -339,10 +328,3 @@ class Reference:
         """Let some particles leave obstacles and the ground."""
         out, after, _ = solids.stand(self._stands(), self.x - self.h * self.v, self.x, self.v, self.h)
         self.m.x[: len(of)], self.m.v[: len(of)] = np.where(of, out, self.x), np.where(of, after, self.v)
-
-    def _hold_late_spheres(self) -> None:
-        """Put spheres that have not appeared back to their start."""
-        starts = zip(self.things.spheres, self.scene.sphere, *tables.starts_of_spheres(self.parameters), strict=True)
-        for ball, sphere, *start in starts:
-            if self.frame_number <= frame_at(self.scene, sphere.start) > 0:
-                self.m.x[ball], self.m.v[ball], self.m.spin[ball] = start
