@@ -12,11 +12,7 @@ from balloon_warp.reference.solids import passing_body, surface, turn_by
 
 
 def turned(m, body, tensor, h):
-    """Return a body's turn after a step, by the mean of its angular momenta as it sees them before and after.
-
-    Args:
-        tensor: Inverse inertia tensor in its axes.
-    """
+    """Return a body's turn after a step, by the mean of its angular momenta as it sees them before and after."""
     turn, spin = m.turn[body], m.spin[body]
     whole, parts = np.linalg.solve(m.turning[body], spin), int(np.clip(np.ceil(h * np.linalg.norm(spin) / 0.5), 1, 16))
     for _ in range(parts):
@@ -42,15 +38,12 @@ def take_turn(m, body, tensor, turn):
 class Grips:
     """Contacts of bodies: little balls, samples of each, that come near another thing, of an obstacle also at the body.
 
-    Args:
-        shapes: Of the ground and obstacles, and of bodies, by their numbers among movers.
-        bodies: Their numbers.
-        samples: Of obstacles and bodies, by their numbers.
-        reach: Of all, by their numbers [m].
+    Shapes, samples and reaches [m] of the ground, obstacles and bodies are by their numbers among movers.
     """
 
     def __init__(self, shapes, bodies, samples, reach):
-        rows, self.shapes, self.bodies, self.reach = [], shapes, np.array(bodies), reach
+        rows, self.shapes, self.bodies, self.reach = [], shapes, bodies, np.zeros(1 + max(shapes))
+        self.reach[[*reach]] = [*reach.values()]
         for body in bodies:
             for thing in shapes:
                 own, moves = samples[body], thing in bodies
@@ -65,11 +58,7 @@ class Grips:
         """Impulses of the step before, from which the next one begins"""
 
     def near(self, m, h, fall):
-        """Return contacts: the rows, normals, arms at both, velocities of the other surface, and gaps.
-
-        Args:
-            fall: Speed that a step of gravity gives.
-        """
+        """Return contacts: the rows, normals, arms at both, velocities of the other surface, and gaps."""
         body, thing, bearer, met = self.ends.T
         moves = np.isin(thing, self.bodies)[:, None]
         at = m.x[bearer] + np.einsum("kxy,ky->kx", m.turn[bearer], self.points[:, :3])
@@ -80,9 +69,9 @@ class Grips:
             gap[of], n[of] = surface(shape, up, seen[of], self.points[of, 3:])
         n = np.einsum("kxy,ky->kx", m.turn[met], n)
         at, n = at - self.points[:, 3:] * n, np.where((met == thing)[:, None], n, -n)
-        speed = {k: np.linalg.norm(m.v[k]) + np.linalg.norm(m.spin[k]) * self.reach[k] for k in self.shapes}
-        fastest = max(each + fall * (number in self.bodies) for number, each in speed.items())
-        within = 1.5 * h * (np.array([speed[number] for number in body]) + fall + fastest)
+        speed = (size(m.v) + size(m.spin) * self.reach[:, None])[:, 0]
+        fastest = (speed + fall * np.isin(np.arange(len(speed)), self.bodies))[[*self.shapes]].max()
+        within = 1.5 * h * (speed[body] + fall + fastest)
         arm, other, center = at - m.x[body], at - m.x[thing], m.x[body] - m.x[thing]
         turns = turn_by(h * m.spin)[thing]
 
@@ -91,7 +80,7 @@ class Grips:
 
         along = carried(center) + cross(m.spin[thing], arm)  # as the body's center goes
         moving = np.where(moves, 0.0, along + dot(carried(center + arm) - along, n) * n)
-        blurred = 1e-5 * np.array([self.reach[number] for number in body]) + 4e-7 * size(m.x[body])[:, 0]
+        blurred = 1e-5 * self.reach[body] + 4e-7 * size(m.x[body])[:, 0]
         rows = np.flatnonzero(gap[:, 0] < within)
         gap = np.where(np.abs(gap[:, 0]) <= blurred, 0.0, gap[:, 0])
         return rows, *(each[rows] for each in (n, arm, other, moving, gap))
@@ -100,12 +89,9 @@ class Grips:
 def settle(a, b, n, least, friction, impulse, allowed, most):
     """Solve contacts' impulses one after the other, each with the latest of the others (projected Gauss-Seidel).
 
-    All go on by a part of the last sweep's change (Nesterov; O'Donoghue and Candes 2015).
-
-    Args:
-        a, b: Velocities at contacts are b + a impulse, of shapes (k, 3, k, 3) and (k, 3).
-        least: Speed that each is to have along its normal.
-        allowed: Change of a speed in a sweep at which they agree.
+    All go on by a part of the last sweep's change (Nesterov; O'Donoghue and Candes 2015). Velocities at contacts are
+    b + a impulse, of shapes (k, 3) and (k, 3, k, 3), and are to be at least so along normals; they agree once a sweep
+    changes none by more than is allowed.
     """
     ease = np.einsum("kx,kxky,ky->k", n, a, n)
     ahead, age, before = np.zeros_like(impulse), 0.0, np.inf
@@ -131,10 +117,8 @@ def settle(a, b, n, least, friction, impulse, allowed, most):
 def push_each_other(a, b, before, n, least, closing, friction, impulse, group, allowed, most):
     """Return impulses that give no group of contacts energy, see `laws.grip`.
 
-    Args:
-        before: Velocities at contacts before gravity acts.
-        closing: Speeds along normals without rebounds.
-        group: Of each contact, of all bodies that touch each other.
+    A group is of bodies that touch; velocities before are those before gravity acts, `closing` is `least` without
+    rebounds.
     """
 
     def in_group(each):
@@ -179,11 +163,7 @@ def levers_of(body, other, arm, at_other, bodies):
 
 
 def move(m, grips, h, gravity, up, tugs):
-    """Move bodies by a step.
-
-    Args:
-        tugs: Velocity and spin that strings have given each body in it.
-    """
+    """Move bodies by a step, in which strings have given each a velocity and spin by tugs."""
     bodies, fall = grips.bodies, h * abs(gravity)
     rows, n, arm, other, moving, gap = grips.near(m, h, fall)
     body, thing = grips.ends[rows, :2].T

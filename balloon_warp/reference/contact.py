@@ -194,11 +194,7 @@ def skins_meet(m, edges, points, owner, skins, h, ground):
 def ridges_meet(m, ridges, kept, count, triangles, edges, h):
     """Let faces of balloons meet ridges of solids, see `laws.ridges`; a sphere is a ridge of one place.
 
-    Args:
-        ridges: Of each solid, as seen from that, by its number among movers.
-        kept: Gaps that faces keep of each solid, and last of any ridge [m].
-        count: Number of particles.
-        edges: Ends of all sides of triangles.
+    Ridges are as seen from each solid; `kept` are the gaps that faces keep of each, and last of any ridge [m].
     """
     x, found = m.x - h * m.v, []
     for column, (solid, of) in enumerate(ridges.items()):
@@ -251,11 +247,7 @@ def impact(m, c, gain, shift, seconds):
 def small_spheres_meet(m, small, triangles, h):
     """Let small spheres meet faces, the soonest first, see `laws.face_contact`.
 
-    Args:
-        small: Their numbers among movers.
-
-    Returns:
-        Numbers of contacts, and of those in which a sphere moves on with faces as one.
+    Return the numbers of contacts, and of those in which a sphere moves on with faces as one.
     """
     counts, sweeps, before = np.zeros(2, int), 0, -1
     while counts.sum() > before and sweeps < 4:
@@ -330,10 +322,7 @@ def apart(gap, h):
 def spheres_meet(m, balls, slow, h, put_beside):
     """Let spheres that have moved meet each other, pair after pair, until nothing moves, see `laws.collision`.
 
-    Args:
-        balls: Their numbers among movers.
-        slow: Speed up to which nothing rebounds, of two steps of gravity.
-        put_beside: Takes a sphere out of the ground and obstacles.
+    Up to the slow speed of two steps of gravity nothing rebounds; `put_beside` takes one out of what stands around.
     """
     balls = [ball for ball in balls if m.radius[ball]]  # others have yet to begin
     pairs = [(one, other) for number, other in enumerate(balls) for one in balls[:number]]

@@ -71,11 +71,7 @@ def way_through(shape, up, start, end, radius):
 
 
 def beside_obstacle(shape, up, poses, h, start, x, radius=0.0):
-    """Return `way_through` an obstacle that moves, and how fast its surface moves there.
-
-    Args:
-        poses: Its place, turn, velocity and spin at the beginning and at the end of the step.
-    """
+    """Return `way_through` an obstacle that moves between two poses in a step, and how fast its surface moves there."""
     (before, earlier, *_), (place, turn, velocity, spin) = poses
     let, normal, left, distance = way_through(shape, up, (start - before) @ earlier, (x - place) @ turn, radius)
     arm = let @ turn.T
@@ -96,11 +92,8 @@ def stand(around, start, x, v, h, foreseen=False, at_once=False):
     Of an approach as much is stopped as has led behind the surface. Coulomb's friction takes at most its coefficient
     times that; the way is that of the velocity once all is stopped. Where two are near, one may push into the other,
     and both take turns; there all of an approach is stopped at once, as where a way passes an edge.
-
-    Args:
-        around: Functions from starts and ends of ways to `beside_obstacle`, each with its friction by particle.
-        foreseen: Whether only places are wanted, of particles that keep their velocities.
-        at_once: Which particles are near several things.
+    Around are functions from starts and ends of ways to `beside_obstacle`, each with its friction by particle; where
+    places are only foreseen, particles keep their velocities.
     """
     given, normals, takes = (x, v), np.zeros_like(x), np.ones((len(x), 1), dtype=bool)
     met = np.zeros((len(around), len(x), 1), dtype=bool)
@@ -153,11 +146,9 @@ def stop_of(coming, depth, before, restitution, h):
 
 
 def roll(m, ball, up, fall, ground, h):
-    """Move a sphere beside the ground, where it turns with the speed that it had before.
+    """Move a sphere beside the ground, where it turns with the speed that it had before its fall in the step.
 
-    Args:
-        fall: Velocity that forces give.
-        ground: Height, restitution and friction.
+    The ground has a height, restitution and friction.
     """
     (height, restitution, friction), rise = ground, m.v[ball] @ up
     gap, m.v[ball] = m.x[ball] @ up - m.radius[ball] - height, m.v[ball] + fall
@@ -175,12 +166,7 @@ def leave_ground(m, ball, up, ground, h):
 
 
 def leave_obstacles(m, ball, around, kick, h):
-    """Move a sphere out of obstacles, which take turns.
-
-    Args:
-        kick: Velocity that a step of gravity gives.
-        around: `beside_obstacle` of each, with the restitution and the friction.
-    """
+    """Move a sphere that gravity kicks out of obstacles, which take turns, with their restitution and friction."""
     start = m.start[ball]
     for _ in range(4):
         end = m.x[ball].copy()
@@ -238,13 +224,9 @@ def passing_body(m, body, shape, up, turn, start, end, v, radius, h):
 def exchange(m, solid, mass, passing, widest, h, ground=None):
     """Let a solid and particles exchange momentum: to the nearest velocities at which n . (v - V) >= -gap / h.
 
-    Particles of no mass are fixed; the ground, of a great mass, takes part where a sphere is pressed to it.
-
-    Args:
-        mass: Of particles, shape (n, 1).
-        passing: What `passing_sphere` or `passing_body` returns.
-        widest: Most inverse mass of its surface over that of its center, by which friction gives no energy.
-        ground: Number, height, and axis up of the ground.
+    They pass as `passing_sphere` or `passing_body` say; those of no mass are fixed. By `widest`, the inverse mass of
+    its surface over that of its center, friction gives no energy. The ground (its number, height and axis up) takes
+    part, of a great mass, where a sphere is pressed to it.
     """
     near, n, arm, excess, out = passing
     count, heavy, radius = len(mass), 1.0 / m.ease[solid].item(), m.radius[solid]

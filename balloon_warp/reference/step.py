@@ -34,10 +34,7 @@ class Reference:
         self.share = np.concatenate([b.share for b in self.balloons])
         self.owner = np.repeat(np.arange(len(self.balloons)), [len(b.share) for b in self.balloons])
         self.things = tables.things_of(self.plan, self.owner)
-        self.m = tables.movers_of(self.plan, self.parameters, self.things, shifts)
-        self.m.thing = np.append(
-            len(self.m.x) - len(self.owner) + self.owner, np.arange(len(self.m.x) - len(self.owner))
-        )
+        self.m = tables.movers_of(self.plan, self.parameters, self.things, self.owner, shifts)
         self.meetings = tables.meetings_of(self.plan, self.things, self.owner)
         self.pushes = np.zeros((len(self.things.spheres), 3))
         """Forces of penalties on spheres [N]"""
@@ -179,11 +176,7 @@ class Reference:
         return np.concatenate(found)
 
     def _find_pressures(self, free: Array, area: Array, gain: Array) -> None:
-        """Find the pressures of balloons over the step, and let gas flow.
-
-        Args:
-            free: velocities after the step without inflation.
-        """
+        """Find the pressures of balloons over the step, from velocities without inflation, and let gas flow."""
         of_gas = [b for b in self.balloons if b.kind != "normal_force"]
         if not of_gas:
             return

@@ -30,7 +30,7 @@ from balloon_warp.model.touch import APART, STIFFNESSES, THICKNESS, crowd_of, ed
 from balloon_warp.model.tunneling import held_within, widest_opening
 from balloon_warp.reference.bodies import Grips
 from balloon_warp.reference.contact import Movers
-from balloon_warp.reference.laws import MEMBRANES
+from balloon_warp.reference.laws import MEMBRANES, across, size
 from balloon_warp.reference.touch import Touch
 from balloon_warp.scene import Scene
 from balloon_warp.schedules.touch_table import ITSELF
@@ -115,15 +115,11 @@ def film_of(membrane: Any, law: str) -> SimpleNamespace | None:
     if law not in MEMBRANES:
         return None
     first, second = membrane.edges[:, 0], membrane.edges[:, 1]
-    along = first / np.linalg.norm(first, axis=1, keepdims=True)
-    flat = np.einsum("tex,tfx->tef", membrane.edges, np.stack([along, across_of(along, second)], axis=1))
+    along = first / size(first)
+    beside = across(second, along) / size(across(second, along))
+    flat = np.einsum("tex,tfx->tef", membrane.edges, np.stack([along, beside], axis=1))
     inverse = np.linalg.inv(flat).transpose(0, 2, 1)
     return SimpleNamespace(corners=membrane.corners, areas=membrane.areas, inverse=inverse, energy=MEMBRANES[law])
-
-
-def across_of(along: Array, second: Array) -> Array:
-    across = second - (second * along).sum(axis=1, keepdims=True) * along
-    return across / np.linalg.norm(across, axis=1, keepdims=True)
 
 
 def waves_of(seed: int) -> SimpleNamespace:
@@ -131,13 +127,6 @@ def waves_of(seed: int) -> SimpleNamespace:
     vectors, amplitudes = np.array(waves(), dtype=np.float32).astype(float).transpose(1, 0, 2)
     phases = [(hashed(hashed((seed + hashed(number)) % 2**32)) >> 8) * 2.0**-24 for number in range(len(vectors))]
     return SimpleNamespace(vectors=vectors, amplitudes=amplitudes, phases=np.array(phases))
-
-
-def start_of_balloon(plan: ModelPlan, parameters: dict[str, Array], number: int) -> tuple[Array, Array]:
-    """Return places and velocities at the start."""
-    x = start_of(plan.scene, parameters, number, plan.shapes[number].mesh.points)[0]
-    spin, center = (parameters[f"initial_{name}"][0, number] for name in ("spins", "centers"))
-    return x, parameters["initial_velocities"][0, number] + np.cross(spin, x - center)
 
 
 def things_of(plan: ModelPlan, owner: Array) -> SimpleNamespace:
@@ -166,13 +155,17 @@ def things_of(plan: ModelPlan, owner: Array) -> SimpleNamespace:
     )  # fmt: skip
 
 
-def movers_of(plan: ModelPlan, parameters: dict[str, Array], things: SimpleNamespace, shifts: Any) -> Movers:
+def movers_of(
+    plan: ModelPlan, parameters: dict[str, Array], things: SimpleNamespace, owner: Array, shifts: Any
+) -> Movers:
     """Return all movers at the start, whose particles are shifted by places and velocities."""
-    starts = [start_of_balloon(plan, parameters, number) for number in range(len(plan.shapes))]
-    x, v = (np.concatenate(each) + shift for each, shift in zip(zip(*starts, strict=True), shifts, strict=True))
+    x = [start_of(plan.scene, parameters, k, shape.mesh.points)[0] for k, shape in enumerate(plan.shapes)]
+    told = zip(*(parameters[f"initial_{name}"][0] for name in ("velocities", "spins", "centers")), x, strict=True)
+    v = np.concatenate([velocity + np.cross(spin, each - center) for velocity, spin, center, each in told]) + shifts[1]
     v[np.concatenate([shape.mass_share for shape in plan.shapes]) == 0.0] = 0.0
-    none = np.zeros((things.count - len(x), 3))
+    x, none = np.concatenate(x) + shifts[0], np.zeros((things.count - len(v), 3))
     m, spheres, bodies = Movers(np.vstack([x, none]), np.vstack([v, none]), 0.0), things.spheres, things.bodies
+    m.thing = np.append(len(none) + owner, np.arange(len(none)))
     m.ease, masses = np.zeros((len(m.x), 1)), settle_bodies(plan.scene, plan.bodies, parameters)["body_mass"][0]
     m.x[spheres], m.v[spheres], m.spin[spheres] = starts_of_spheres(parameters)
     m.x[bodies] = initial_centers(plan.scene, plan.bodies, parameters["initial_body_positions"])[0]
