@@ -131,7 +131,7 @@ def test_contacts_that_stop_what_approaches_all_at_once_give_no_energy(kind: str
 def two_balls(x: Any, v: Any) -> Movers:
     """Return solid spheres of 2 kg and 0.5 m that have moved for 0.1 s."""
     m = Movers(np.array(x), np.array(v), np.full((2, 1), 0.5))
-    m.start = m.x - 0.1 * m.v
+    m.h, m.start = 0.1, m.x - 0.1 * m.v
     m.turning[:], m.radius[:], m.restitution[:] = 2.5 / (2.0 * 0.5**2) * np.eye(3), 0.5, 1.0
     return m
 
@@ -139,7 +139,7 @@ def two_balls(x: Any, v: Any) -> Movers:
 def test_elastic_spheres_exchange_their_velocities_on_the_way():
     """Spheres start 1.2 m apart at 4 m/s, touch after 0.05 s of 0.1 s, and part for as long."""
     m = two_balls([(-0.3, 0.0, 0.0), (0.5, 0.0, 0.0)], [(3.0, 0.0, 0.0), (-1.0, 0.0, 0.0)])
-    spheres_meet(m, [0, 1], 0.0, 0.1, lambda number: None)
+    spheres_meet(m, [0, 1], lambda m, number: None)
     np.testing.assert_allclose(m.v[:, 0], [-1.0, 3.0], rtol=1e-12)
     np.testing.assert_allclose(m.x[:, 0], [-0.5, 0.7], rtol=1e-12)
 
@@ -150,8 +150,8 @@ def test_spheres_that_grip_each_other_roll_off_and_others_obey_coulomb(friction:
     friction times the push, of 1 m/s; each gets the same spin."""
     m = two_balls([(-0.45, 0.0, 0.0), (0.45, 0.0, 0.0)], [(1.0, 0.7, 0.0), (-1.0, -0.7, 0.0)])
     m.start = np.array([(-0.55, 0.0, 0.0), (0.55, 0.0, 0.0)])
-    m.friction = np.full((1, 1), friction)
-    spheres_meet(m, [0, 1], 10.0, 0.1, lambda number: None)
+    m.friction, m.gravity = np.full((1, 1), friction), 50.0  # below two steps of which nothing rebounds
+    spheres_meet(m, [0, 1], lambda m, number: None)
     np.testing.assert_allclose(m.v[0], [0.0, 0.7 - gain, 0.0], atol=1e-12)
     np.testing.assert_allclose(m.spin[0], m.spin[1], atol=1e-12)
     np.testing.assert_allclose(m.spin[0, 2], 2.5 / 0.5 * -gain, rtol=1e-12)

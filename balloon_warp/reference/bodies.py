@@ -11,9 +11,9 @@ from balloon_warp.reference.laws import across, cross, dot, size
 from balloon_warp.reference.solids import passing_body, surface, turn_by
 
 
-def turned(m, body, tensor, h):
+def turned(m, body):
     """Return a body's turn after a step, by the mean of its angular momenta as it sees them before and after."""
-    turn, spin = m.turn[body], m.spin[body]
+    turn, spin, tensor, h = m.turn[body], m.spin[body], m.tensors[body], m.h
     whole, parts = np.linalg.solve(m.turning[body], spin), int(np.clip(np.ceil(h * np.linalg.norm(spin) / 0.5), 1, 16))
     for _ in range(parts):
         momentum = mean = whole @ turn
@@ -28,10 +28,11 @@ def turned(m, body, tensor, h):
     return turn
 
 
-def take_turn(m, body, tensor, turn):
-    """Give a body another turn as a step begins, with the angular momentum that it has."""
+def take_turn(m, body):
+    """Give a body its turn after a step, with the angular momentum that it has."""
     momentum = np.linalg.solve(m.turning[body], m.spin[body])
-    m.turn[body], m.turning[body] = turn, turn @ tensor @ turn.T
+    m.turn[body] = turn = turned(m, body)
+    m.turning[body] = turn @ m.tensors[body] @ turn.T
     m.spin[body] = m.turning[body] @ momentum
 
 
@@ -57,9 +58,9 @@ class Grips:
         self.kept = np.zeros((len(rows), 3))
         """Impulses of the step before, from which the next one begins"""
 
-    def near(self, m, h, fall):
+    def near(self, m, fall):
         """Return contacts: the rows, normals, arms at both, velocities of the other surface, and gaps."""
-        body, thing, bearer, met = self.ends.T
+        (body, thing, bearer, met), h = self.ends.T, m.h
         moves = np.isin(thing, self.bodies)[:, None]
         at = m.x[bearer] + np.einsum("kxy,ky->kx", m.turn[bearer], self.points[:, :3])
         seen = np.einsum("kyx,ky->kx", m.turn[met], at - m.x[met])
@@ -162,10 +163,10 @@ def levers_of(body, other, arm, at_other, bodies):
     return lever
 
 
-def move(m, grips, h, gravity, up, tugs):
+def move(m, grips, tugs):
     """Move bodies by a step, in which strings have given each a velocity and spin by tugs."""
-    bodies, fall = grips.bodies, h * abs(gravity)
-    rows, n, arm, other, moving, gap = grips.near(m, h, fall)
+    bodies, h, fall = grips.bodies, m.h, m.h * abs(m.gravity)
+    rows, n, arm, other, moving, gap = grips.near(m, fall)
     body, thing = grips.ends[rows, :2].T
     lever, most = levers_of(body, thing, arm, other, bodies), int(np.clip(100_000 // max(len(rows), 1), 50, 1000))
 
@@ -188,12 +189,12 @@ def move(m, grips, h, gravity, up, tugs):
     m.start[bodies], speeds = m.x[bodies], np.hstack([m.v[bodies], m.spin[bodies]])
     u = np.einsum("kxby,by->kx", lever, speeds - tugs) - moving
     tug, approach = dot(n, np.einsum("kxby,by->kx", lever, tugs))[:, 0], -dot(n, u)[:, 0]
-    pull = np.where(np.isin(thing, bodies), 0.0, gravity * (n @ up)) - tug / h
+    pull = np.where(np.isin(thing, bodies), 0.0, m.gravity * (n @ m.up)) - tug / h
     away, kick, rebound = np.maximum(gap, 0.0), h * pull, m.restitution[body] * m.restitution[thing]
     squared = 0.25 * kick**2 + rebound * approach * (approach + kick) - 2.0 * (1.0 - rebound) * pull * away
     rebounds = (approach > 2.0 * (fall + np.abs(tug))) & (approach + kick > away / h)
     least = np.where(rebounds, np.maximum(-away / h, np.sqrt(np.maximum(squared, 0.0)) - 0.5 * kick), -away / h)
-    speeds[:, :3] -= h * gravity * up
+    speeds[:, :3] -= h * m.gravity * m.up
     b = np.einsum("kxby,by->kx", lever, speeds) - moving
     fastest, rubs = max(fall, approach.max(initial=0.0), np.abs(tug).max(initial=0.0)), m.rub(body, thing)
     group = np.arange(len(m.x))
@@ -208,19 +209,17 @@ def move(m, grips, h, gravity, up, tugs):
     grips.kept[rows] = np.where((least > 0.0)[:, None], 0.0, impulse)
 
 
-def meet_sphere(m, body, ball, shape, tensor, h, gravity, up):
+def meet_sphere(m, body, ball):
     """Let a body and a sphere that have moved collide."""
-    way = m.start[[ball]], m.x[[ball]], m.v[[ball]]
-    _, (n,), (arm,), ((excess,),), ((out,),) = passing_body(
-        m, body, *shape, turned(m, body, tensor, h), *way, m.radius[ball], h
-    )
+    way = m.start[[ball]], m.x[[ball]], m.v[[ball]], m.radius[ball]
+    _, (n,), (arm,), ((excess,),), ((out,),) = passing_body(m, body, turned(m, body), *way)
     if not n.any():
         return
     c = contacts([ball, body, 0, 0], np.array([1.0, -1.0, 0.0, 0.0])[:, None], n[None], friction=m.rub(body, ball))
     own = -m.radius[ball] * n
     c["normal"], c["arms"][0, :2] = n, (own, arm + own)
-    approach, gain = -float(m.velocity(c)[0] @ n) - h * abs(gravity * (n @ up)), max(excess, 0.0)
-    if gain > 0.0 and approach > 2.0 * h * abs(gravity):
+    approach, gain = -float(m.velocity(c)[0] @ n) - m.h * abs(m.gravity * (n @ m.up)), max(excess, 0.0)
+    if gain > 0.0 and approach > 2.0 * m.h * abs(m.gravity):
         gain = max(gain, (1.0 + np.sqrt(m.restitution[body] * m.restitution[ball])) * approach)
-    m.push(c, sum(resolve(m, c, np.array([[gain]]))), h)
+    m.push(c, sum(resolve(m, c, np.array([[gain]]))), m.h)
     m.push(c, out / (m.ease[ball] + m.ease[body]) * n[None], 1.0, 0.0)

@@ -35,6 +35,11 @@ class Movers:
         self.x, self.v, self.ease, self.spin, self.start = x, v, ease, np.zeros_like(x), x.copy()
         self.turning, self.turn = np.zeros((len(x), 3, 3)), np.tile(np.eye(3), (len(x), 1, 1))
         self.radius, self.restitution = np.zeros(len(x)), np.zeros(len(x))
+        self.h, self.gravity, self.up, self.height, self.ground = 0.0, 0.0, np.zeros(3), -np.inf, -1
+        """The step [s], gravity, axis up, and the height and the number of the ground"""
+        self.around, self.shapes, self.tensors = [], {}, {}
+        """The ground and obstacles, as functions from starts and ends of ways to `beside_obstacle`, with their numbers;
+        shapes, and inverse inertia tensors in bodies' axes, by number"""
         self.friction, self.thing = np.zeros((1, 1)), np.zeros(len(x), int)
         """Coulomb's coefficient between things, and the thing that each mover is or is of"""
 
@@ -123,30 +128,30 @@ def resolve(m, c, excess):
     return push * n, -np.minimum(stop, c["friction"] * push) * along
 
 
-def hold_above(m, c, ground, seconds, speeds):
-    """Put movers of contacts out of the ground, given by its height and the axis up, and stop them as far as that."""
-    (height, up), moved = ground, np.zeros((len(m.x), 1))
+def hold_above(m, c, seconds, speeds):
+    """Put movers of contacts out of the ground, and stop them as far as that."""
+    moved = np.zeros((len(m.x), 1))
     moved[c["ends"][c["weights"][..., 0] != 0.0]] = 1.0
-    rise = moved * np.maximum(height - dot(m.x, up), 0.0)
-    stop = speeds * np.minimum(rise / seconds, np.maximum(-dot(m.v, up), 0.0))
-    m.x, m.v = m.x + rise * up, m.v + stop * up
+    rise = moved * np.maximum(m.height - dot(m.x, m.up), 0.0)
+    stop = speeds * np.minimum(rise / seconds, np.maximum(-dot(m.v, m.up), 0.0))
+    m.x, m.v = m.x + rise * m.up, m.v + stop * m.up
 
 
-def sweep(m, c, h, most, ground=None):
+def sweep(m, c, h, most, ground=False):
     """Let all contacts push at once, until none comes nearer than it may, so often at most; then restore gaps."""
     for _ in range(most):
         excess = -np.maximum(c["gap"] - c["kept"], 0.0) / h - dot(m.velocity(c), c["normal"])
         pushed = excess[:, 0] > 0.0
         m.push(c[pushed], sum(resolve(m, c[pushed], excess[pushed])), h)
         if ground:
-            hold_above(m, c[pushed], ground, h, 1.0)
+            hold_above(m, c[pushed], h, 1.0)
         if not (pushed & (h * excess > c["left"])[:, 0]).any():
             break
     missing = 0.2 * np.maximum(0.5 * c["kept"] - c["gap"], 0.0)
     near = missing[:, 0] > 0.0
     m.push(c[near], resolve(m, c[near], missing[near])[0], 1.0, 0.0)
     if ground:
-        hold_above(m, c[near], ground, 1.0, 0.0)
+        hold_above(m, c[near], 1.0, 0.0)
 
 
 def skin_contacts(ends, weights, x, owner, skins):
@@ -182,21 +187,21 @@ def point_contacts(ends, x, owner, skins):
     return c[front | (own[:, 0] == own[:, 1])]
 
 
-def skins_meet(m, edges, points, owner, skins, h, ground):
+def skins_meet(m, edges, points, owner, skins):
     """Let edges meet, and particles that a spring would let through a triangle, see `laws.edges`; given all pairs."""
-    x = m.x - h * m.v
+    x, h = m.x - m.h * m.v, m.h
     c = np.concatenate([edge_contacts(edges, x, owner, skins), point_contacts(points, x, owner, skins)])
     c = c[(c["gap"] < 2.0 * (c["kept"] + h * size((c["weights"] * m.v[c["ends"]]).sum(axis=1))))[:, 0]]
     if len(c):
-        sweep(m, c, h, 300, ground)
+        sweep(m, c, h, 300, any(thing == m.ground for _, thing in m.around))
 
 
-def ridges_meet(m, ridges, kept, count, triangles, edges, h):
+def ridges_meet(m, ridges, kept, count, triangles, edges):
     """Let faces of balloons meet ridges of solids, see `laws.ridges`; a sphere is a ridge of one place.
 
     Ridges are as seen from each solid; `kept` are the gaps that faces keep of each, and last of any ridge [m].
     """
-    x, found = m.x - h * m.v, []
+    x, found, h = m.x - m.h * m.v, [], m.h
     for column, (solid, of) in enumerate(ridges.items()):
         told = m, solid, of.radius, (kept[column], 0.02 * kept[-1]), x
         found += ridge_contacts(told, of, triangles, edges) if len(of.ends) else []
@@ -244,7 +249,7 @@ def impact(m, c, gain, shift, seconds):
     m.push(c, shift * resolve(m, c, 1.0)[0] + seconds * rub, 1.0, 0.0)
 
 
-def small_spheres_meet(m, small, triangles, h):
+def small_spheres_meet(m, small, triangles):
     """Let small spheres meet faces, the soonest first, see `laws.face_contact`.
 
     Return the numbers of contacts, and of those in which a sphere moves on with faces as one.
@@ -260,7 +265,7 @@ def small_spheres_meet(m, small, triangles, h):
                     break
                 counts[int(meeting >= 16)] += 1
                 if meeting < 16:
-                    meet_face(m, ends, part, radius, h)
+                    meet_face(m, ends, part, radius)
                     continue
                 lump += [end for end in ends if end not in lump]  # they move on as one, or not at all if one is fixed
                 mass = 1.0 / np.maximum(m.ease[lump, 0], 1e-150) * (m.ease[lump] > 0.0).all()
@@ -296,9 +301,9 @@ def first_face(m, ball, triangles, nearest):
     return ends[first], float(found.min()), float(radius[first, 0])
 
 
-def meet_face(m, ends, part, radius, h):
+def meet_face(m, ends, part, radius):
     """Let a sphere meet a face after a part of a step."""
-    before, seconds = m.start[ends][None], (1.0 - part) * h
+    before, h, seconds = m.start[ends][None], m.h, (1.0 - part) * m.h
     at = before + part * (m.x[ends] - before)
     weights = point_triangle(at)
     c = contacts(ends, weights, (weights * at).sum(axis=1), friction=m.rub(*ends[:2]))
@@ -319,22 +324,22 @@ def apart(gap, h):
     return np.maximum(-gap, 0.0) * min(10.0 * h, 0.2)
 
 
-def spheres_meet(m, balls, slow, h, put_beside):
+def spheres_meet(m, balls, put_beside):
     """Let spheres that have moved meet each other, pair after pair, until nothing moves, see `laws.collision`.
 
-    Up to the slow speed of two steps of gravity nothing rebounds; `put_beside` takes one out of what stands around.
+    Up to the speed of two steps of gravity nothing rebounds; `put_beside` takes one out of what stands around.
     """
     balls = [ball for ball in balls if m.radius[ball]]  # others have yet to begin
     pairs = [(one, other) for number, other in enumerate(balls) for one in balls[:number]]
     for _ in range(24):
-        if not sum(meet_sphere(m, *pair, slow, h, put_beside) for pair in pairs):
+        if not sum(meet_sphere(m, *pair, put_beside) for pair in pairs):
             break
 
 
-def meet_sphere(m, one, other, slow, h, put_beside):
+def meet_sphere(m, one, other, put_beside):
     """Let two spheres collide where they do on their ways, and return whether that moves them."""
     start, x, reach = m.start[other] - m.start[one], m.x[other] - m.x[one], m.radius[one] + m.radius[other]
-    way = x - start
+    way, h = x - start, m.h
     a, b, c = way @ way, start @ way, start @ start - reach**2
     if c > 0.0 and (b >= 0.0 or b * b <= a * c):
         return False
@@ -346,11 +351,11 @@ def meet_sphere(m, one, other, slow, h, put_beside):
     n = c["normal"][0]
     c["arms"][0, :2] = m.radius[one] * n, -m.radius[other] * n
     gap, approach = min(np.linalg.norm(start) - reach, 0.0), max(-float(m.velocity(c)[0] @ n), 0.0)
-    rebound = 1.0 + (np.sqrt(m.restitution[one] * m.restitution[other]) if approach > slow else 0.0)
+    rebound = 1.0 + (np.sqrt(m.restitution[one] * m.restitution[other]) if approach > 2.0 * h * abs(m.gravity) else 0.0)
     shift = (1.0 if gap < 0.0 else rebound) * max(reach + gap + apart(gap, h) - x @ n, 0.0)
     if shift + h * rebound * approach <= 1e-6 * reach:
         return False
     impact(m, c, rebound * approach, shift, (1.0 - part) * h)
-    put_beside(one)
-    put_beside(other)
+    put_beside(m, one)
+    put_beside(m, other)
     return True

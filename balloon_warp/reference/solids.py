@@ -86,20 +86,19 @@ def on_ground(height, up, start, x):
     return x + low * depth * up, low * up, (False, 1.0), np.zeros(3), np.where(low, 0.0, np.inf)
 
 
-def stand(around, start, x, v, h, foreseen=False, at_once=False):
+def stand(m, start, x, v, foreseen=False, at_once=False):
     """Return places and velocities beside obstacles and the ground, and the normals of the last contacts.
 
     Of an approach as much is stopped as has led behind the surface. Coulomb's friction takes at most its coefficient
     times that; the way is that of the velocity once all is stopped. Where two are near, one may push into the other,
     and both take turns; there all of an approach is stopped at once, as where a way passes an edge.
-    Around are functions from starts and ends of ways to `beside_obstacle`, each with its friction by particle; where
-    places are only foreseen, particles keep their velocities.
+    Where places are only foreseen, particles keep their velocities.
     """
     given, normals, takes = (x, v), np.zeros_like(x), np.ones((len(x), 1), dtype=bool)
-    met = np.zeros((len(around), len(x), 1), dtype=bool)
+    met, h = np.zeros((len(m.around), len(x), 1), dtype=bool), m.h
     for _ in range(1 if foreseen else 4):
         end, distances = x, []
-        for number, (let_through, friction) in enumerate(around):
+        for number, (let_through, thing) in enumerate(m.around):
             let, normal, (slides, left), moving, distance = let_through(start, x)
             normal, distances = np.where(takes, normal, 0.0), [*distances, distance]
             held, beside = normal.any(axis=1, keepdims=True), v - moving
@@ -108,6 +107,7 @@ def stand(around, start, x, v, h, foreseen=False, at_once=False):
             stopped = np.minimum(approach, np.maximum(dot(let - x, normal), 0.0) / h)
             stopped = np.where(at_once | slides, approach, stopped)
             slid = np.where(at_once | slides, left, stopped / np.maximum(approach, 1e-12))
+            friction = m.rub(np.arange(len(x)), thing)[:, None]
             rubbed = [np.minimum(friction * part / size(along), 1.0) for part in (approach, stopped)]
             x, normals = np.where(held, let - h * slid * rubbed[0] * along, x), np.where(held, normal, normals)
             if not foreseen:
@@ -119,7 +119,7 @@ def stand(around, start, x, v, h, foreseen=False, at_once=False):
     found, several = (x, v, normals), met.sum(axis=0) > 1
     if foreseen or at_once is not False or not several.any():
         return found
-    again = stand(around, start, *given, h, at_once=several)
+    again = stand(m, start, *given, at_once=several)
     return [np.where(several, *both) for both in zip(again, found, strict=True)]
 
 
@@ -145,75 +145,75 @@ def stop_of(coming, depth, before, restitution, h):
     return max(excess, coming + restitution * before) if excess > 0.0 else 0.0
 
 
-def roll(m, ball, up, fall, ground, h):
-    """Move a sphere beside the ground, where it turns with the speed that it had before its fall in the step.
-
-    The ground has a height, restitution and friction.
-    """
-    (height, restitution, friction), rise = ground, m.v[ball] @ up
-    gap, m.v[ball] = m.x[ball] @ up - m.radius[ball] - height, m.v[ball] + fall
-    m.x[ball], coming = m.x[ball] + h * m.v[ball], -(m.v[ball] @ up)
-    stopped = stop_of(coming, h * coming - gap, -rise, restitution, h)
-    bounce(m, ball, up, 0.0, stopped, h * stopped + apart(gap, h), friction, h)
+def roll(m, ball, lift):
+    """Move a sphere that its lift accelerates beside the ground, where it turns with the speed that it had before."""
+    gap, rise = m.x[ball] @ m.up - m.radius[ball] - m.height, m.v[ball] @ m.up
+    m.v[ball] = m.v[ball] + m.h * (lift - m.gravity * m.up)
+    m.x[ball], coming = m.x[ball] + m.h * m.v[ball], -(m.v[ball] @ m.up)
+    stopped = stop_of(coming, m.h * coming - gap, -rise, m.restitution[m.ground], m.h)
+    bounce(m, ball, m.up, 0.0, stopped, m.h * stopped + apart(gap, m.h), m.rub(ball, m.ground), m.h)
 
 
-def leave_ground(m, ball, up, ground, h):
-    """Lift a sphere out of the ground, from which it bounces."""
-    height, restitution, friction = ground
-    depth, coming = height + m.radius[ball] - m.x[ball] @ up, -(m.v[ball] @ up)
+def put_beside(m, ball):
+    """Lift a sphere out of the ground, from which it bounces, and then out of obstacles, which take turns."""
+    depth, coming = m.height + m.radius[ball] - m.x[ball] @ m.up, -(m.v[ball] @ m.up)
     if depth > 0.0:
-        bounce(m, ball, up, 0.0, stop_of(coming, h * coming, coming, restitution, h), depth, friction, h)
+        stopped = stop_of(coming, m.h * coming, coming, m.restitution[m.ground], m.h)
+        bounce(m, ball, m.up, 0.0, stopped, depth, m.rub(ball, m.ground), m.h)
+    leave_obstacles(m, ball)
 
 
-def leave_obstacles(m, ball, around, kick, h):
-    """Move a sphere that gravity kicks out of obstacles, which take turns, with their restitution and friction."""
-    start = m.start[ball]
+def leave_obstacles(m, ball):
+    """Move a sphere out of obstacles, which take turns."""
+    start, around = m.start[ball], [each for each in m.around if each[1] != m.ground]
     for _ in range(4):
         end = m.x[ball].copy()
-        for let_through, restitution, friction in around:
+        for let_through, obstacle in around:
             let, (n,), (_, left), moving, _ = let_through(start[None], m.x[[ball]], m.radius[ball])
             if n.any():
                 coming, depth = (moving[0] - m.v[ball]) @ n, (let[0] - m.x[ball]) @ n
-                stopped = stop_of(coming, depth, coming + kick @ n, restitution, h)
-                bounce(m, ball, n, moving[0], stopped, max(h * stopped, depth), friction, h * left[0, 0])
+                before = coming - m.h * m.gravity * m.up @ n
+                stopped = stop_of(coming, depth, before, m.restitution[obstacle], m.h)
+                out, rubs = max(m.h * stopped, depth), m.rub(ball, obstacle)
+                bounce(m, ball, n, moving[0], stopped, out, rubs, m.h * left[0, 0])
         moved, way = np.linalg.norm(m.x[ball] - end), np.linalg.norm(end - start)
         if len(around) == 1 or moved <= 1e-3 * way + 2e-6 * np.linalg.norm(m.x[ball]):
             break
 
 
-def leave_sphere(center, velocity, radius, x, v, h):
+def leave_sphere(m, ball, x, v):
     """Return places and velocities outside of a sphere, and the normals of particles that were in it.
 
     Of an approach as much is stopped as has led inside.
     """
-    arm = x - center
+    arm, radius = x - m.x[ball], m.radius[ball]
     normal = np.where(size(arm) < radius, arm / size(arm), 0.0)
-    approach = np.maximum(dot(velocity - v, normal), 0.0)
-    v = v + np.minimum(approach, (radius - dot(arm, normal)) / h) * normal
-    return np.where(normal.any(axis=1, keepdims=True), center + radius * normal, x), v, normal
+    approach = np.maximum(dot(m.v[ball] - v, normal), 0.0)
+    v = v + np.minimum(approach, (radius - dot(arm, normal)) / m.h) * normal
+    return np.where(normal.any(axis=1, keepdims=True), m.x[ball] + radius * normal, x), v, normal
 
 
-def may_meet(m, ball, count, h):
+def may_meet(m, ball, count):
     """Return which particles may meet a sphere on twice their ways in a step, shape (count, 1)."""
-    way = h * (m.v[:count] - m.v[ball])
+    way = m.h * (m.v[:count] - m.v[ball])
     arm = m.x[:count] - m.x[ball] - way
     part = np.clip(-dot(arm, way) / np.maximum(dot(way, way), 1e-150), 0.0, 2.0)
     return size(arm + part * way) < 65.0 / 64.0 * m.radius[ball]
 
 
-def passing_sphere(m, ball, mass, h):
+def passing_sphere(m, ball, mass):
     """Return which particles are near a sphere, and the normals, arms, excess speeds and ways out of all."""
-    near = may_meet(m, ball, len(mass), h) & (mass > 0.0)
-    arm = m.x[: len(mass)] - h * m.v[: len(mass)] - (m.x[ball] - h * m.v[ball])
+    near, (x, v), h = may_meet(m, ball, len(mass)) & (mass > 0.0), (m.x[: len(mass)], m.v[: len(mass)]), m.h
+    arm = x - h * v - (m.x[ball] - h * m.v[ball])
     n, gap = arm / size(arm), size(arm) - m.radius[ball]
-    excess = -dot(m.v[: len(mass)] - m.v[ball], n) - np.maximum(gap, 0.0) / h
+    excess = -dot(v - m.v[ball], n) - np.maximum(gap, 0.0) / h
     return near, n, arm, excess, np.where(near, apart(gap, h), 0.0)
 
 
-def passing_body(m, body, shape, up, turn, start, end, v, radius, h):
+def passing_body(m, body, turn, start, end, v, radius=0.0):
     """Return which points pass a body on its way to another turn, and the same of them; normals are 0 of the others."""
-    arm = start - m.start[body]
-    let, normal, _, _ = way_through(shape, up, arm @ m.turn[body], (end - m.x[body]) @ turn, radius)
+    arm, h = start - m.start[body], m.h
+    let, normal, _, _ = way_through(*m.shapes[body], arm @ m.turn[body], (end - m.x[body]) @ turn, radius)
     back, normal = let @ turn.T - (end - m.x[body]), normal @ turn.T
     depth, held = size(back), normal.any(axis=1, keepdims=True)
     normal = np.where(held & (dot(back, normal) < 0.99 * depth), back / depth, normal)
@@ -221,22 +221,22 @@ def passing_body(m, body, shape, up, turn, start, end, v, radius, h):
     return held, normal, arm, excess, apart(h * np.maximum(excess, 0.0) - depth, h) * held
 
 
-def exchange(m, solid, mass, passing, widest, h, ground=None):
+def exchange(m, solid, mass, passing, widest):
     """Let a solid and particles exchange momentum: to the nearest velocities at which n . (v - V) >= -gap / h.
 
     They pass as `passing_sphere` or `passing_body` say; those of no mass are fixed. By `widest`, the inverse mass of
-    its surface over that of its center, friction gives no energy. The ground (its number, height and axis up) takes
-    part, of a great mass, where a sphere is pressed to it.
+    its surface over that of its center, friction gives no energy. The ground takes part, of a great mass, where a
+    sphere is pressed to it.
     """
-    near, n, arm, excess, out = passing
+    (near, n, arm, excess, out), h = passing, m.h
     count, heavy, radius = len(mass), 1.0 / m.ease[solid].item(), m.radius[solid]
     near, over, change = near & (mass > 0.0), mass * (out > 0.0), np.zeros(6)
     if not (near & (excess > 0.0) | (over > 0.0)).any():
         return
     x, v, up, sinking = m.x[:count], m.v[:count], np.zeros(6), 0.0
-    if ground:
-        (_, height, up[:3]), center = ground, m.x[solid] - h * m.v[solid]
-        sinking = -(m.v[solid] @ up[:3]) - max(center @ up[:3] - radius - height, 0.0) / h
+    if radius:
+        up[:3], center = m.up, m.x[solid] - h * m.v[solid]
+        sinking = -(m.v[solid] @ m.up) - max(center @ m.up - radius - m.height, 0.0) / h
     c, inertia = np.hstack([n, cross(arm, n)]), np.zeros((6, 6))
     inertia[:3, :3], inertia[3:, 3:] = heavy * np.eye(3), np.linalg.inv(m.turning[solid])
     pressed, grounded = near & (excess > 0.0), sinking > 0.0
@@ -264,6 +264,6 @@ def exchange(m, solid, mass, passing, widest, h, ground=None):
     slowed = -(mass * rubs).sum(axis=0) / heavy
     m.x[solid], m.v[solid] = m.x[solid] + h * slowed, m.v[solid] + slowed
     m.spin[solid] = m.spin[solid] - m.turning[solid] @ cross(arm, mass * rubs).sum(axis=0)
-    if ground and grounded:
-        pushed = max(up[:3] @ (heavy * change[:3] + (w * gain).sum(axis=0)), 0.0)
-        rub(m, solid, up[:3], 0.0, pushed / heavy, m.rub(solid, ground[0]), h)
+    if grounded:
+        pushed = max(m.up @ (heavy * change[:3] + (w * gain).sum(axis=0)), 0.0)
+        rub(m, solid, m.up, 0.0, pushed / heavy, m.rub(solid, m.ground), h)

@@ -77,11 +77,10 @@ class Reference:
         if self.substep_number == 0:
             self._begin_frame()
         h, m, count = self.h, self.m, len(self.owner)
-        m.start, self.world.time = m.x.copy(), self.time
+        m.h, m.start, self.world.time = h, m.x.copy(), self.time
         pulls = self._pull_strings()
         self._move_obstacles()
-        self._move_spheres()
-        self._move_bodies()
+        self._move_spheres_and_bodies()
         self._pump()
         moving = [b.share * (b.p.mass + b.amount * b.p.molar_mass + b.along) for b in self.balloons]
         mass, damping = np.concatenate(moving), np.concatenate([b.share * b.p.damping for b in self.balloons])
@@ -120,7 +119,7 @@ class Reference:
         m.turning[things.spheres] = stiff[:, None, None] * np.eye(3)
         rebounds = (self.parameters[f"{thing}_restitution"][0] for thing in ("obstacle", "sphere", "body"))
         m.restitution[len(self.owner) :] = np.concatenate([[p.ground_restitution], *rebounds])
-        m.x[things.ground] = p.ground_height * self.up
+        m.gravity, m.height, m.x[m.ground] = p.gravity, p.ground_height, p.ground_height * self.up
         if touch:
             mass = self.share * self.parameters["mass"][0, self.owner][:, None]
             touch.ease = np.where(mass > 0.0, 1.0 / np.where(mass > 0.0, mass, 1.0), 0.0)
@@ -224,100 +223,74 @@ class Reference:
 
     def _move_obstacles(self) -> None:
         """Move obstacles over the substep, and find how they let particles and spheres through."""
-        m, seconds, self.let_through = self.m, 1.0 / self.scene.frames_per_second, []
-        each = zip(self.things.obstacles, self.things.shifts, self.things.turns, strict=True)
-        for (row, *motion), position in zip(each, self.parameters["obstacle_position"][0], strict=True):
+        m, things, seconds, m.around = self.m, self.things, 1.0 / self.scene.frames_per_second, []
+        each = zip(things.obstacles, things.shifts, things.turns, self.parameters["obstacle_position"][0], strict=True)
+        for row, shifts, turns, position in each:
             parts = ((self.substep_number + end) / self.substeps for end in (0, 1))
-            poses = [solids.pose(*motion, self.frame_number, part, seconds) for part in parts]
-            poses = [(position + shift, *more) for shift, *more in poses]
+            poses = [solids.pose(position + shifts, turns, self.frame_number, part, seconds) for part in parts]
             m.x[row], m.turn[row], m.v[row], m.spin[row] = poses[0]
             m.start[row] = m.x[row]
-            self.let_through.append(partial(solids.beside_obstacle, *self.things.shapes[row], poses, self.h))
+            m.around.append((partial(solids.beside_obstacle, *m.shapes[row], poses, m.h), row))
+        if self.scene.ground is not None:
+            m.around.append((partial(solids.on_ground, m.height, m.up), m.ground))
 
-    def _move_spheres(self) -> None:
-        """Move spheres beside the ground and obstacles, and let them meet each other."""
-        m, h, p, up, things = self.m, self.h, self.balloons[0].p, self.up, self.things
-        penalty, kick = self.scene.contact == "penalty", -h * p.gravity * up
-
-        def ground_of(ball: int) -> tuple[float, float, float]:
-            return p.ground_height, p.ground_restitution, m.rub(ball, things.ground)
-
-        def leave_obstacles(ball: int) -> None:
-            told = zip(self.let_through, m.restitution[things.obstacles], m.rub(ball, things.obstacles), strict=True)
-            solids.leave_obstacles(m, ball, list(told), kick, h)
-
-        def put_beside(ball: int) -> None:
-            solids.leave_ground(m, ball, up, ground_of(ball), h)
-            leave_obstacles(ball)
-
+    def _move_spheres_and_bodies(self) -> None:
+        """Move spheres and bodies beside the ground, obstacles and their likes, and let them meet."""
+        m, things = self.m, self.things
         for ball, push in zip(things.spheres, self.pushes, strict=True):
-            solids.roll(m, ball, up, h * (penalty * m.ease[ball] * push - p.gravity * up), ground_of(ball), h)
-            leave_obstacles(ball)
+            solids.roll(m, ball, m.ease[ball] * push)
+            solids.leave_obstacles(m, ball)
         self.pushes[:] = 0.0
-        contact.spheres_meet(m, things.spheres, 2.0 * h * abs(p.gravity), h, put_beside)
-
-    def _move_bodies(self) -> None:
-        """Move bodies beside the ground, obstacles and each other, and let them meet spheres."""
-        m, things, told = self.m, self.things, (self.h, self.balloons[0].p.gravity, self.up)
+        contact.spheres_meet(m, things.spheres, solids.put_beside)
         if things.grips:
-            bodies.move(m, things.grips, *told, self.tugs)
+            bodies.move(m, things.grips, self.tugs)
         for ball in things.spheres[m.radius[things.spheres] > 0.0]:
             for body in things.bodies:
-                bodies.meet_sphere(m, body, ball, things.shapes[body], things.tensors[body], *told)
-
-    def _stands(self) -> list[tuple[Any, Array]]:
-        """Return obstacles and the ground as `solids.stand` takes them."""
-        on_ground = partial(solids.on_ground, self.balloons[0].p.ground_height, self.up)
-        around = [*zip(self.let_through, self.things.obstacles, strict=True)]
-        around += [(on_ground, self.things.ground)] * (self.scene.ground is not None)
-        return [(let, self.m.rub(np.arange(len(self.owner)), thing)[:, None]) for let, thing in around]
+                bodies.meet_sphere(m, body, ball)
 
     def _foresee(self, end: Array, course: Array) -> tuple[Array, Array]:
         """Return foreseen places of particles beside spheres, obstacles and the ground, and the normals there."""
         normals, stood, m = np.zeros_like(end), end, self.m
         for ball in self.things.spheres:
-            stood, _, normal = solids.leave_sphere(m.x[ball], m.v[ball], m.radius[ball], stood, course, self.h)
+            stood, _, normal = solids.leave_sphere(m, ball, stood, course)
             normals = np.where(normal.any(axis=1, keepdims=True), normal, normals)
-        stood, _, normal = solids.stand(self._stands(), self.x, stood, course, self.h, foreseen=True)
+        stood, _, normal = solids.stand(m, self.x, stood, course, foreseen=True)
         return stood, np.where(normal.any(axis=1, keepdims=True), normal, normals)
 
     def _meet(self, mass: Array, inflation: Array) -> None:
         """Let particles that have moved meet all."""
         m, h, things, meetings = self.m, self.h, self.things, self.meetings
-        count, ground = len(mass), (things.ground, self.balloons[0].p.ground_height, self.up)
+        count = len(mass)
         m.ease[:count] = np.where(mass == 0.0, 0.0, 1.0 / np.where(mass == 0.0, 1.0, mass))
         if meetings.ridges:
-            contact.ridges_meet(m, meetings.ridges, meetings.kept, count, meetings.triangles, meetings.edges, h)
+            contact.ridges_meet(m, meetings.ridges, meetings.kept, count, meetings.triangles, meetings.edges)
         near = np.zeros((count, 1), dtype=bool)
         for ball, penalty, push in zip(things.spheres, self.parameters["sphere_penalty"][0], self.pushes, strict=True):
             if self.scene.contact == "impulse":
-                near |= solids.may_meet(m, ball, count, h)
+                near |= solids.may_meet(m, ball, count)
                 continue
-            told = m.x[ball], m.v[ball], m.radius[ball]
-            m.x[:count], m.v[:count], normal = solids.leave_sphere(*told, self.x, self.v, h)
+            m.x[:count], m.v[:count], normal = solids.leave_sphere(m, ball, self.x, self.v)
             push -= penalty * (laws.size(inflation) * normal * (m.ease[:count] > 0.0)).sum(axis=0)
         self._stand(~near)
         if near.any():  # they leave the ground and obstacles once they have met spheres
             for ball in things.spheres:
-                passing = solids.passing_sphere(m, ball, mass, h)
+                passing = solids.passing_sphere(m, ball, mass)
                 widest = 1.0 + 2.5 * laws.dot(passing[2], passing[2]) / m.radius[ball] ** 2
-                solids.exchange(m, ball, mass, passing, widest, h, ground)
+                solids.exchange(m, ball, mass, passing, widest)
             self._stand(near)
         for body in things.bodies:
-            turn = bodies.turned(m, body, things.tensors[body], h)
-            told = self.x - h * self.v, self.x, self.v, 0.0, h
-            passing = solids.passing_body(m, body, *things.shapes[body], turn, *told)
-            widest = 1.0 + things.reach[body] ** 2 * np.linalg.norm(things.tensors[body]) / m.ease[body]
-            solids.exchange(m, body, mass, passing, widest, h)
+            way = self.x - h * self.v, self.x, self.v
+            passing = solids.passing_body(m, body, bodies.turned(m, body), *way)
+            widest = 1.0 + things.reach[body] ** 2 * np.linalg.norm(m.tensors[body]) / m.ease[body]
+            solids.exchange(m, body, mass, passing, widest)
         if meetings.small:
-            self.small_contacts += contact.small_spheres_meet(m, meetings.small, meetings.triangles, h)
+            self.small_contacts += contact.small_spheres_meet(m, meetings.small, meetings.triangles)
         if meetings.pairs:
-            below = ground[1:] if self.scene.ground is not None else None
-            contact.skins_meet(m, *meetings.pairs, self.owner, meetings.touch.skins, h, below)
+            contact.skins_meet(m, *meetings.pairs, self.owner, meetings.touch.skins)
         for body in things.bodies:
-            bodies.take_turn(m, body, things.tensors[body], bodies.turned(m, body, things.tensors[body], h))
+            bodies.take_turn(m, body)
 
     def _stand(self, of: Array) -> None:
         """Let some particles leave obstacles and the ground."""
-        out, after, _ = solids.stand(self._stands(), self.x - self.h * self.v, self.x, self.v, self.h)
+        out, after, _ = solids.stand(self.m, self.x - self.h * self.v, self.x, self.v)
         self.m.x[: len(of)], self.m.v[: len(of)] = np.where(of, out, self.x), np.where(of, after, self.v)

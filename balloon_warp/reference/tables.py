@@ -165,15 +165,16 @@ def movers_of(
     v[np.concatenate([shape.mass_share for shape in plan.shapes]) == 0.0] = 0.0
     x, none = np.concatenate(x) + shifts[0], np.zeros((things.count - len(v), 3))
     m, spheres, bodies = Movers(np.vstack([x, none]), np.vstack([v, none]), 0.0), things.spheres, things.bodies
+    m.up, m.ground, m.shapes = np.array(plan.scene.up), things.ground, things.shapes
     m.thing = np.append(len(none) + owner, np.arange(len(none)))
     m.ease, masses = np.zeros((len(m.x), 1)), settle_bodies(plan.scene, plan.bodies, parameters)["body_mass"][0]
     m.x[spheres], m.v[spheres], m.spin[spheres] = starts_of_spheres(parameters)
     m.x[bodies] = initial_centers(plan.scene, plan.bodies, parameters["initial_body_positions"])[0]
     m.v[bodies], m.spin[bodies] = (parameters[f"initial_body_{name}"][0] for name in ("velocities", "spins"))
     for body, told, mass in zip(bodies, plan.scene.body, masses, strict=True):
-        things.tensors[body] /= mass
+        m.tensors[body] = things.tensors[body] / mass
         m.ease[body], m.turn[body] = 1.0 / mass, rotation_matrix(told.rotation)
-        m.turning[body] = m.turn[body] @ things.tensors[body] @ m.turn[body].T
+        m.turning[body] = m.turn[body] @ m.tensors[body] @ m.turn[body].T
     return m
 
 
