@@ -9,6 +9,8 @@ and an impulse J gives mover i, by the transposed of that, the momentum w_i J + 
 w_i r_i x J: both stay, and friction takes energy alone. All pairs of features are looked at. See docs/CONTACT.md.
 """
 
+from typing import Any
+
 import numpy as np
 
 from balloon_warp.reference.laws import across, cross, dot, size, summed
@@ -30,6 +32,10 @@ class Movers:
         x, v: Places and velocities, shape (n, 3).
         ease: Inverse masses, shape (n, 1); `turning` are inverse inertia tensors.
     """
+
+    ease: Any
+    up: Any
+    shapes: Any
 
     def __init__(self, x, v, ease):
         self.x, self.v, self.ease, self.spin, self.start = x, v, ease, np.zeros_like(x), x.copy()
@@ -187,10 +193,10 @@ def point_contacts(ends, x, owner, skins):
     return c[front | (own[:, 0] == own[:, 1])]
 
 
-def skins_meet(m, edges, points, owner, skins):
+def skins_meet(m, pairs, owner, skins):
     """Let edges meet, and particles that a spring would let through a triangle, see `laws.edges`; given all pairs."""
     x, h = m.x - m.h * m.v, m.h
-    c = np.concatenate([edge_contacts(edges, x, owner, skins), point_contacts(points, x, owner, skins)])
+    c = np.concatenate([edge_contacts(pairs[0], x, owner, skins), point_contacts(pairs[1], x, owner, skins)])
     c = c[(c["gap"] < 2.0 * (c["kept"] + h * size((c["weights"] * m.v[c["ends"]]).sum(axis=1))))[:, 0]]
     if len(c):
         sweep(m, c, h, 300, any(thing == m.ground for _, thing in m.around))
@@ -216,17 +222,17 @@ def ridge_contacts(told, ridges, triangles, edges):
     place, turn = told[0].start[told[1]], told[0].turn[told[1]]
     line, inward = place + ridges.ends @ turn.T, ridges.inward @ turn.T
     number, tip = np.nonzero(ridges.tips[:, None] >> np.arange(2) & 1)
-    of_edges = line_contacts(*told, edge_edge, edges, line, inward, 0.0 * line[:, 0])
+    of_edges = line_contacts(told, edge_edge, edges, line, inward, 0.0 * line[:, 0])
     away = line[number, 1 - tip] - line[number, tip]
-    of_tips = line_contacts(*told, point_triangle, triangles, line[number, tip, None], inward[number], away)
+    of_tips = line_contacts(told, point_triangle, triangles, line[number, tip, None], inward[number], away)
     gaps = np.full((len(line), 2, len(triangles)), np.inf)
     gaps[number, tip] = of_tips["gap"].reshape(-1, len(triangles))
     return [of_edges, of_tips[(gaps.argmin(axis=1)[number] == tip[:, None]).ravel()]]
 
 
-def line_contacts(m, solid, radius, keeps, start, kind, features, own, inward, away):
+def line_contacts(told, kind, features, own, inward, away):
     """Return contacts of lines or tips with all features; where they do not meet, with a gap without end."""
-    count, ends = own.shape[1], np.tile(features, (len(own), 1))
+    (m, solid, radius, keeps, start), count, ends = told, own.shape[1], np.tile(features, (len(own), 1))
     x = np.concatenate([np.repeat(own, len(features), axis=0), start[ends]], axis=1)
     w = kind(x) * (1.0 if count == 2 else -1.0)
     c = contacts(

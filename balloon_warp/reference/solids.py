@@ -55,12 +55,14 @@ def way_through(shape, up, start, end, radius):
     way, (distance, normal) = size(end - start), surface(shape, up, end, radius)
     ahead, near = (end - start) / way, 2e-6 * (way + size(start))
     straight = (distance < 0.0) & (dot(start - end, normal) + distance >= -near)
-    gone, step = np.zeros_like(way), np.ones_like(way)
-    while step.any():
+    gone = np.zeros_like(way)
+    while True:
         here, out = surface(shape, up, start + gone * ahead, radius)
         falling = -dot(out, ahead)
         enters = here - falling * (way - gone) < -1e-12 * way  # or else all the rest is outside
         step = np.where(enters & (here > 1e-7 * near), here / np.where(enters, falling, 1.0), 0.0)
+        if not step.any():
+            break
         gone = gone + step
     place = start + gone * ahead - here * out
     slides = enters & ~straight
@@ -212,8 +214,8 @@ def passing_sphere(m, ball, mass):
 
 def passing_body(m, body, turn, start, end, v, radius=0.0):
     """Return which points pass a body on its way to another turn, and the same of them; normals are 0 of the others."""
-    arm, h = start - m.start[body], m.h
-    let, normal, _, _ = way_through(*m.shapes[body], arm @ m.turn[body], (end - m.x[body]) @ turn, radius)
+    (shape, up), arm, h = m.shapes[body], start - m.start[body], m.h
+    let, normal, _, _ = way_through(shape, up, arm @ m.turn[body], (end - m.x[body]) @ turn, radius)
     back, normal = let @ turn.T - (end - m.x[body]), normal @ turn.T
     depth, held = size(back), normal.any(axis=1, keepdims=True)
     normal = np.where(held & (dot(back, normal) < 0.99 * depth), back / depth, normal)

@@ -28,7 +28,8 @@ class Reference:
 
     def __init__(self, scene: Scene, values: Mapping[str, float] | None = None, shifts: tuple[Any, Any] = (0.0, 0.0)):
         self.plan, self.parameters = tables.planned(scene, dict(values or {}))
-        self.scene, self.substeps, self.up = self.plan.scene, self.plan.substeps, np.array(scene.up)
+        self.scene, self.up = self.plan.scene, np.array(scene.up)
+        self.substeps: Any = self.plan.substeps
         self.frame_number, self.substep_number = 0, 0
         self.world, self.balloons = tables.balloons_of(self.plan, self.parameters)
         self.share = np.concatenate([b.share for b in self.balloons])
@@ -109,8 +110,10 @@ class Reference:
         """Take parameters from the scene's, which change over time."""
         m, things, touch = self.m, self.things, self.meetings.touch
         for number, b in enumerate(self.balloons):
-            b.p = p = tables.numbers(self.plan, self.parameters, number)
-            b.springs.constants = (np.array([p.structural, p.shear, p.flexion])[b.kinds] * b.scales)[:, None]
+            b.p = tables.numbers(self.plan, self.parameters, number)
+            stiffnesses = np.array([b.p.structural, b.p.shear, b.p.flexion])
+            b.springs.constants = (stiffnesses[b.kinds] * b.scales)[:, None]
+        p = self.balloons[0].p
         self.world.waves, self.world.correction = tables.waves_of(int(p.gust_seed)), self.scene.correction
         m.friction = self.parameters[FRICTION][0]
         mass, radius = (self.parameters[f"sphere_{name}"][0] for name in ("mass", "radius"))
@@ -286,7 +289,7 @@ class Reference:
         if meetings.small:
             self.small_contacts += contact.small_spheres_meet(m, meetings.small, meetings.triangles)
         if meetings.pairs:
-            contact.skins_meet(m, *meetings.pairs, self.owner, meetings.touch.skins)
+            contact.skins_meet(m, meetings.pairs, self.owner, meetings.touch.skins)
         for body in things.bodies:
             bodies.take_turn(m, body)
 

@@ -222,7 +222,7 @@ def touch_of(plan: ModelPlan, owner: Array, triangles: list[Array]) -> Touch:
     return Touch(triangles, owner, far, crowds[owner], 0.5 * sizes, np.array([shape.closed for shape in shapes]))
 
 
-def pairs_of(edges: list[Array], triangles: list[Array], owner: Array, touch: Touch) -> tuple[Array, Array]:
+def pairs_of(edges: list[Array], triangles: list[Array], owner: Array, touch: Any) -> tuple[Array, Array]:
     """Return all pairs of edges, and of particles and triangles, of balloons, or far from each other in one."""
 
     def pairs(one: Array, other: Array) -> Array:
