@@ -28,9 +28,10 @@ class ImplicitStep:
     def slope(self, points: NDArray) -> NDArray:
         """Return the slope of the objective [N]."""
         parameters = (self.reference.parameters[f"string_{name}"][0] for name in ("anchor", "length", "stiffness"))
-        anchors, lengths, constants = (np.reshape(each, (len(self.reference.plan.held), -1)) for each in parameters)
-        pulls = laws.strings(points, self.reference.plan.held, anchors, lengths, constants)
-        pulls += laws.springs(points, 0.0 * points, self.reference.balloons[0].springs)
+        held = self.reference.plan.held
+        told = (np.reshape(each, (len(held), -1)) for each in parameters)
+        pulls = laws.springs(points, 0.0 * points, self.reference.balloons[0])
+        pulls += laws.summed(len(points), held, laws.strings(points[held], *told))
         return self.inertia[:, None] * (points - self.start - self.free) / self.h**2 - pulls
 
     def minimum(self, points: NDArray) -> NDArray:

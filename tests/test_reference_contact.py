@@ -11,9 +11,18 @@ from rigid import SPACE, body_state, scene_of
 from balloon_warp import Balloon, Body, Ground, Inflation, Obstacle, Scene, Simulator, Sphere
 from balloon_warp.model.ridges import Ridges as Lines
 from balloon_warp.reference import Reference
-from balloon_warp.reference.balls import collide
-from balloon_warp.reference.contact import Movers, edge_edge, momenta, point_triangle, resolve, sweep
-from balloon_warp.reference.meeting import Edges, Ridges
+from balloon_warp.reference.contact import (
+    Movers,
+    edge_contacts,
+    edge_edge,
+    momenta,
+    point_contacts,
+    point_triangle,
+    resolve,
+    ridge_contacts,
+    spheres_meet,
+    sweep,
+)
 from balloon_warp.reference.touch import Touch
 
 PLACES = np.random.default_rng(1).normal(size=(400, 4, 3))
@@ -44,40 +53,39 @@ def test_the_nearest_places_of_a_point_and_a_triangle_or_two_edges(nearest: Call
     require_nearest(PLACES, nearest(PLACES), first)
 
 
-def box() -> dict[str, Any]:
-    """Return a body below faces, of which a ridge is near them."""
-    turning = np.diag([3.0, 5.0, 7.0])
-    place, velocity, spin = (np.array(each) for each in ((0.1, -0.5, -0.6), (0.0, 0.0, 4.0), (0.1, 0.2, 0.3)))
-    moves = {"position": place, "start": place, "velocity": velocity, "spin": spin}
-    return moves | {"turn": np.eye(3), "turning": turning, "mass": 0.7, "radius": 0.02}
-
-
 RIDGE = Lines(np.array([[(-0.9, 0.5, 0.25), (0.9, 0.5, 0.3)]]), np.zeros((1, 2, 3)), 0.01, np.array([3], np.int32))
-"""Ridge of that"""
+"""Ridge of a box below faces, which is near them"""
 
 
-def edges_of(x: np.ndarray) -> np.ndarray:
-    return Edges(np.array([[0, 1, 4, 6], [0, 1, 5, 7], [2, 3, 5, 6]]), np.zeros((0, 4), int), OWNER, SKIN)._edges(x)
+def with_box(x: np.ndarray, v: np.ndarray, ease: np.ndarray) -> Movers:
+    """Return particles and the box after them."""
+    m = Movers(np.vstack([x, (0.1, -0.5, -0.6)]), np.vstack([v, (0.0, 0.0, 4.0)]), np.vstack([ease, 1.0 / 0.7]))
+    m.spin[-1], m.turning[-1], m.radius[-1] = (0.1, 0.2, 0.3), np.diag([3.0, 5.0, 7.0]), 0.02
+    return m
 
 
-def points_of(x: np.ndarray) -> np.ndarray:
-    points = np.array([[own, *face] for own in range(4) for face in FACES])
-    return Edges(np.zeros((0, 4), int), points, OWNER, SKIN)._points(x)
+def edges_of(m: Movers) -> np.ndarray:
+    return edge_contacts(np.array([[0, 1, 4, 6], [0, 1, 5, 7], [2, 3, 5, 6]]), m.x, OWNER, SKIN)
 
 
-def ridges_of(x: np.ndarray) -> np.ndarray:
-    of = Ridges([RIDGE], [0.5, 0.5], OWNER, FACES, np.array([[0.3], [0.3]]))
-    found = np.concatenate(of._near(0, box(), RIDGE.ends[0], RIDGE.inward[0], 3, x))
+def points_of(m: Movers) -> np.ndarray:
+    return point_contacts(np.array([[own, *face] for own in range(4) for face in FACES]), m.x, OWNER, SKIN)
+
+
+def ridges_of(m: Movers) -> np.ndarray:
+    m.friction, row = np.full((1, 1), 0.3), (m, 8, RIDGE.radius, (0.5, 0.01), m.x[:8])
+    edges = np.unique(np.sort(FACES[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
+    found = np.concatenate(ridge_contacts(row, RIDGE, FACES, edges))
     return found[np.isfinite(found["gap"][:, 0])]
 
 
-def touch_of(x: np.ndarray) -> np.ndarray:
+def touch_of(m: Movers) -> np.ndarray:
     own, closed = np.arange(4), np.array([True, True])
     touch = Touch([FACES[:0], FACES], OWNER, None, np.ones(8), np.ones(2), closed, SKIN)
-    return touch._beside(x, np.insert(FACES[touch._nearest(x, own, FACES, False)], 0, own, axis=1))[0]
+    return touch._beside(m.x, np.insert(FACES[touch._nearest(m.x, own, FACES, False)], 0, own, axis=1))[0]
 
 
-KINDS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+KINDS: dict[str, Callable[[Movers], np.ndarray]] = {
     "edges": edges_of, "points": points_of, "ridges": ridges_of, "touch": touch_of,
 }  # fmt: skip
 
@@ -86,7 +94,7 @@ def movers(seed: int) -> Movers:
     rng = np.random.default_rng(seed)
     x, v = np.array(SHAPE) + 0.02 * rng.normal(size=(8, 3)), rng.normal(size=(8, 3))
     v[:, 2] += np.repeat([-2.0, 2.0], 4)  # they approach
-    return Movers(x, v, 1.0 / rng.uniform(0.1, 2.0, (8, 1)), [box()])
+    return with_box(x, v, 1.0 / rng.uniform(0.1, 2.0, (8, 1)))
 
 
 def energy(m: Movers) -> float:
@@ -98,7 +106,7 @@ def energy(m: Movers) -> float:
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_contact_keeps_momentum_and_angular_momentum(kind: str, seed: int):
     m = movers(seed)
-    c = KINDS[kind](m.x[:8])
+    c = KINDS[kind](m)
     assert len(c)
     rubs = sum(resolve(m, c, np.ones((len(c), 1))))
     assert kind == "points" or (c["friction"] > 0.0).any()
@@ -112,7 +120,7 @@ def test_a_contact_keeps_momentum_and_angular_momentum(kind: str, seed: int):
 @pytest.mark.parametrize("kind", KINDS)
 def test_contacts_that_stop_what_approaches_all_at_once_give_no_energy(kind: str, seed: int):
     m, h = movers(seed), 1e-3
-    c = KINDS[kind](m.x[:8])
+    c = KINDS[kind](m)
     c["gap"], c["kept"] = 1.0, 1.0
     before = energy(m)
     sweep(m, c, h, 200)
@@ -120,32 +128,33 @@ def test_contacts_that_stop_what_approaches_all_at_once_give_no_energy(kind: str
     assert (m.velocity(c) * c["normal"]).sum(axis=1).min() >= -(c["left"] / h).max() - 1e-3
 
 
-def ball(x: tuple[float, float, float], v: tuple[float, float, float], **more: Any) -> dict[str, Any]:
-    """Return a solid sphere of 2 kg and 0.5 m that has moved for 0.1 s."""
-    place, velocity, turning = np.array(x), np.array(v), 2.5 / (2.0 * 0.5**2) * np.eye(3)
-    of = {"position": place, "start": place - 0.1 * velocity, "velocity": velocity, "spin": np.zeros(3)}
-    return of | {"mass": 2.0, "radius": 0.5, "restitution": 1.0, "turning": turning} | more
+def two_balls(x: Any, v: Any) -> Movers:
+    """Return solid spheres of 2 kg and 0.5 m that have moved for 0.1 s."""
+    m = Movers(np.array(x), np.array(v), np.full((2, 1), 0.5))
+    m.h, m.start = 0.1, m.x - 0.1 * m.v
+    m.turning[:], m.radius[:], m.restitution[:] = 2.5 / (2.0 * 0.5**2) * np.eye(3), 0.5, 1.0
+    return m
 
 
 def test_elastic_spheres_exchange_their_velocities_on_the_way():
     """Spheres start 1.2 m apart at 4 m/s, touch after 0.05 s of 0.1 s, and part for as long."""
-    one, other = ball((-0.3, 0.0, 0.0), (3.0, 0.0, 0.0)), ball((0.5, 0.0, 0.0), (-1.0, 0.0, 0.0))
-    collide([one, other], np.zeros((2, 2)), 0.0, 0.1, lambda number: None)
-    np.testing.assert_allclose([one["velocity"][0], other["velocity"][0]], [-1.0, 3.0], rtol=1e-12)
-    np.testing.assert_allclose([one["position"][0], other["position"][0]], [-0.5, 0.7], rtol=1e-12)
+    m = two_balls([(-0.3, 0.0, 0.0), (0.5, 0.0, 0.0)], [(3.0, 0.0, 0.0), (-1.0, 0.0, 0.0)])
+    spheres_meet(m, [0, 1], lambda m, number: None)
+    np.testing.assert_allclose(m.v[:, 0], [-1.0, 3.0], rtol=1e-12)
+    np.testing.assert_allclose(m.x[:, 0], [-0.5, 0.7], rtol=1e-12)
 
 
 @pytest.mark.parametrize(("friction", "gain"), [(10.0, 1.4 / 7.0), (0.1, 0.1)])
 def test_spheres_that_grip_each_other_roll_off_and_others_obey_coulomb(friction: float, gain: float):
     """Sliding at s = 1.4 m/s is stopped by the impulse s m / 7, as 1 + M R^2 / I = 7/2 of each, or slowed down by
     friction times the push, of 1 m/s; each gets the same spin."""
-    one, other = ball((-0.45, 0.0, 0.0), (1.0, 0.7, 0.0)), ball((0.45, 0.0, 0.0), (-1.0, -0.7, 0.0))
-    for each, x in ((one, -0.55), (other, 0.55)):
-        each["start"] = np.array([x, 0.0, 0.0])
-    collide([one, other], np.full((2, 2), friction), 10.0, 0.1, lambda number: None)
-    np.testing.assert_allclose(one["velocity"], [0.0, 0.7 - gain, 0.0], atol=1e-12)
-    np.testing.assert_allclose(one["spin"], other["spin"], atol=1e-12)
-    np.testing.assert_allclose(one["spin"][2], 2.5 / 0.5 * -gain, rtol=1e-12)
+    m = two_balls([(-0.45, 0.0, 0.0), (0.45, 0.0, 0.0)], [(1.0, 0.7, 0.0), (-1.0, -0.7, 0.0)])
+    m.start = np.array([(-0.55, 0.0, 0.0), (0.55, 0.0, 0.0)])
+    m.friction, m.gravity = np.full((1, 1), friction), 50.0  # below two steps of which nothing rebounds
+    spheres_meet(m, [0, 1], lambda m, number: None)
+    np.testing.assert_allclose(m.v[0], [0.0, 0.7 - gain, 0.0], atol=1e-12)
+    np.testing.assert_allclose(m.spin[0], m.spin[1], atol=1e-12)
+    np.testing.assert_allclose(m.spin[0, 2], 2.5 / 0.5 * -gain, rtol=1e-12)
 
 
 def on_a_slope(friction: float, degrees: float) -> np.ndarray:

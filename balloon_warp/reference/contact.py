@@ -1,4 +1,4 @@
-"""Contact by impulses: a contact is a row of signed weights of up to four movers, and kinds differ in their rows alone.
+"""Contact by impulses: a contact is a stencil of signed weights of up to four movers, and kinds differ in that alone.
 
 Movers i are particles, and solids about their centers. A contact of weights w_i, arms r_i and couples g_i sees, with
 the velocities v_i, the spins s_i and its unit normal n, the relative velocity
@@ -6,12 +6,14 @@ the velocities v_i, the spins s_i and its unit normal n, the relative velocity
     u = sum w_i (v_i + s_i x r_i) + (n . v_i) g_i
 
 and an impulse J gives mover i, by the transposed of that, the momentum w_i J + (g_i . J) n and the angular momentum
-w_i r_i x J: both stay, and friction takes energy alone. All pairs of features are looked at.
+w_i r_i x J: both stay, and friction takes energy alone. All pairs of features are looked at. See docs/CONTACT.md.
 """
+
+from typing import Any
 
 import numpy as np
 
-from balloon_warp.reference.laws import dot, size, summed
+from balloon_warp.reference.laws import across, cross, dot, size, summed
 
 CONTACT = np.dtype(
     [("ends", int, 4), ("weights", float, (4, 1)), ("arms", float, (4, 3)), ("couples", float, (4, 3)),
@@ -19,16 +21,58 @@ CONTACT = np.dtype(
      ("friction", float, (1,))]
 )  # fmt: skip
 """Contact: its movers, w, r, g, n, the gap, how much of that it keeps, and approach that it leaves to the next step"""
+NEVER = 2.0
+"""Part of a step after which something meets that does not in it"""
 
 
-def cross(a, b):
-    """Return cross products, for few vectors in a third of the time of NumPy's."""
-    after, before = [1, 2, 0], [2, 0, 1]
-    return a[..., after] * b[..., before] - a[..., before] * b[..., after]
+class Movers:
+    """Particles, then the ground, obstacles, spheres and bodies: one array a quantity.
 
+    Args:
+        x, v: Places and velocities, shape (n, 3).
+        ease: Inverse masses, shape (n, 1); `turning` are inverse inertia tensors.
+    """
 
-def across(vector, normal):
-    return vector - dot(vector, normal) * normal
+    ease: Any
+    up: Any
+    shapes: Any
+
+    def __init__(self, x, v, ease):
+        self.x, self.v, self.ease, self.spin, self.start = x, v, ease, np.zeros_like(x), x.copy()
+        self.turning, self.turn = np.zeros((len(x), 3, 3)), np.tile(np.eye(3), (len(x), 1, 1))
+        self.radius, self.restitution = np.zeros(len(x)), np.zeros(len(x))
+        self.h, self.gravity, self.up, self.height, self.ground = 0.0, 0.0, np.zeros(3), -np.inf, -1
+        """The step [s], gravity, axis up, and the height and the number of the ground"""
+        self.around, self.shapes, self.tensors = [], {}, {}
+        """The ground and obstacles, as functions from starts and ends of ways to `beside_obstacle`, with their numbers;
+        shapes, and inverse inertia tensors in bodies' axes, by number"""
+        self.friction, self.thing = np.zeros((1, 1)), np.zeros(len(x), int)
+        """Coulomb's coefficient between things, and the thing that each mover is or is of"""
+
+    def states(self, numbers):
+        """Return the state of movers, each by name."""
+        names = {"position": self.x, "velocity": self.v, "spin": self.spin, "turn": self.turn}
+        return [{name: values[number].copy() for name, values in names.items()} for number in numbers]
+
+    def rub(self, one, other):
+        """Return Coulomb's coefficient between movers."""
+        return self.friction[self.thing[one], self.thing[other]]
+
+    def velocity(self, c):
+        return relative(c, self.v[c["ends"]], self.spin[c["ends"]])
+
+    def gain(self, c, impulse):
+        """Return u that contacts gain, each alone: of N on a mover each has an Nth of its mass (Tonge et al. 2012)."""
+        shares = np.bincount(c["ends"][c["weights"][..., 0] != 0.0], minlength=len(self.x))[c["ends"]][..., None]
+        linear, angular = momenta(c, impulse)
+        turned = (self.turning[c["ends"]] @ angular[..., None])[..., 0]
+        return relative(c, shares * self.ease[c["ends"]] * linear, shares * turned)
+
+    def push(self, c, impulse, seconds, speeds=1.0):
+        """Apply impulses, which places follow for some seconds; or move by them, where `speeds` is 0."""
+        linear, angular = (summed_at(len(self.x), c, each) for each in momenta(c, impulse))
+        gain, twist = self.ease * linear, (self.turning @ angular[..., None])[..., 0]
+        self.x, self.v, self.spin = self.x + seconds * gain, self.v + speeds * gain, self.spin + speeds * twist
 
 
 def point_triangle(x):
@@ -56,11 +100,10 @@ def edge_edge(x):
     return np.stack([s - 1.0, -s, 1.0 - t, t], axis=1)
 
 
-def contacts(ends, weights, x, **more):
-    """Return contacts of features at x, shape (k, 4, 3): sum w x is the way between them."""
-    rows, way = np.zeros(len(x), CONTACT), (weights * x).sum(axis=1)
-    more |= {"ends": ends, "weights": weights, "gap": size(way), "normal": way / size(way)}
-    for name, value in more.items():
+def contacts(ends, weights, way, **more):
+    """Return contacts of features that are a way apart, shape (k, 3)."""
+    rows = np.zeros(len(way), CONTACT)
+    for name, value in ({"ends": ends, "weights": weights, "gap": size(way), "normal": way / size(way)} | more).items():
         rows[name] = value
     return rows
 
@@ -81,51 +124,6 @@ def summed_at(count, c, values):
     return summed(count, c["ends"].ravel(), values.reshape(-1, values.shape[-1]))
 
 
-class Movers:
-    """Particles, and after them solids, as contacts move them; `put_back` returns particles and changes solids.
-
-    Args:
-        ease: Inverse masses of particles, shape (n, 1).
-        solids: Dictionaries with position, velocity, spin, mass, and turning, the inverse inertia tensor.
-        ground: Its height and the axis up, where it stops pushed movers.
-    """
-
-    def __init__(self, x, v, ease, solids=(), ground=None):
-        self.solids, self.count, self.ground = solids, len(x), ground
-        rows = [np.reshape([solid[name] for solid in solids], (-1, 3)) for name in ("position", "velocity", "spin")]
-        self.x, self.v, self.spin = (np.concatenate(each) for each in zip((x, v, np.zeros_like(x)), rows, strict=True))
-        self.ease = np.append(ease, [1.0 / solid["mass"] for solid in solids])[:, None]
-        turning = np.reshape([solid["turning"] for solid in solids], (-1, 3, 3))
-        self.turning = np.concatenate([np.zeros((len(x), 3, 3)), turning])
-
-    def put_back(self):
-        for number, solid in enumerate(self.solids, self.count):
-            solid |= {"position": self.x[number], "velocity": self.v[number], "spin": self.spin[number]}
-        return self.x[: self.count], self.v[: self.count]
-
-    def velocity(self, c):
-        return relative(c, self.v[c["ends"]], self.spin[c["ends"]])
-
-    def gain(self, c, impulse):
-        """Return u that contacts gain, each alone: of N on a mover each has an Nth of its mass (Tonge et al. 2012)."""
-        shares = np.bincount(c["ends"][c["weights"][..., 0] != 0.0], minlength=len(self.x))[c["ends"]][..., None]
-        linear, angular = momenta(c, impulse)
-        turned = (self.turning[c["ends"]] @ angular[..., None])[..., 0]
-        return relative(c, shares * self.ease[c["ends"]] * linear, shares * turned)
-
-    def push(self, c, impulse, seconds, speeds=1.0):
-        """Apply impulses, which places follow for some seconds; or move by them, where `speeds` is 0."""
-        linear, angular = (summed_at(len(self.x), c, each) for each in momenta(c, impulse))
-        gain, twist = self.ease * linear, (self.turning @ angular[..., None])[..., 0]
-        self.x, self.v, self.spin = self.x + seconds * gain, self.v + speeds * gain, self.spin + speeds * twist
-        if self.ground:
-            (height, up), moved = self.ground, np.zeros((len(self.x), 1))
-            moved[c["ends"][c["weights"][..., 0] != 0.0]] = 1.0
-            rise = moved * np.maximum(height - dot(self.x, up), 0.0)
-            stop = speeds * np.minimum(rise / seconds, np.maximum(-dot(self.v, up), 0.0))
-            self.x, self.v = self.x + rise * up, self.v + stop * up
-
-
 def resolve(m, c, excess):
     """Return the impulses by which contacts gain a speed along their normals, and those of Coulomb's friction [N s]."""
     n = c["normal"]
@@ -136,14 +134,234 @@ def resolve(m, c, excess):
     return push * n, -np.minimum(stop, c["friction"] * push) * along
 
 
-def sweep(m, c, h, most):
+def hold_above(m, c, seconds, speeds):
+    """Put movers of contacts out of the ground, and stop them as far as that."""
+    moved = np.zeros((len(m.x), 1))
+    moved[c["ends"][c["weights"][..., 0] != 0.0]] = 1.0
+    rise = moved * np.maximum(m.height - dot(m.x, m.up), 0.0)
+    stop = speeds * np.minimum(rise / seconds, np.maximum(-dot(m.v, m.up), 0.0))
+    m.x, m.v = m.x + rise * m.up, m.v + stop * m.up
+
+
+def sweep(m, c, h, most, ground=False):
     """Let all contacts push at once, until none comes nearer than it may, so often at most; then restore gaps."""
     for _ in range(most):
         excess = -np.maximum(c["gap"] - c["kept"], 0.0) / h - dot(m.velocity(c), c["normal"])
         pushed = excess[:, 0] > 0.0
         m.push(c[pushed], sum(resolve(m, c[pushed], excess[pushed])), h)
+        if ground:
+            hold_above(m, c[pushed], h, 1.0)
         if not (pushed & (h * excess > c["left"])[:, 0]).any():
             break
     missing = 0.2 * np.maximum(0.5 * c["kept"] - c["gap"], 0.0)
     near = missing[:, 0] > 0.0
     m.push(c[near], resolve(m, c[near], missing[near])[0], 1.0, 0.0)
+    if ground:
+        hold_above(m, c[near], 1.0, 0.0)
+
+
+def skin_contacts(ends, weights, x, owner, skins):
+    """Return contacts of two features of balloons at x, which keep half a thickness."""
+    thickness, _, friction = skins[tuple(owner[ends[:, [0, 3]]].T)].T[..., None]
+    c = contacts(ends, weights, (weights * x).sum(axis=1), kept=0.5 * thickness, friction=friction)
+    c["left"] = np.minimum(0.01 * c["kept"], 0.2 * c["gap"])
+    return c
+
+
+def edge_contacts(ends, x, owner, skins):
+    """Return contacts of edges, whose friction acts at both places.
+
+    Its torque couples along n at the ends balance; along edges there is none.
+    """
+    x = x[ends]
+    weights, first, second = edge_edge(x), x[:, 1] - x[:, 0], x[:, 3] - x[:, 2]
+    c = skin_contacts(ends, weights, x, owner, skins)
+    span = dot(cross(first, second), c["normal"])
+    rubs = (np.abs(span) > 0.3 * size(first) * size(second)) & (np.abs(weights) % 1.0 > 0.0).all(axis=1)
+    scale = c["gap"] / np.where(rubs, span, np.inf)
+    one, other = scale * cross(second, c["normal"]), scale * cross(c["normal"], first)
+    c["couples"], c["friction"] = np.stack([-one, one, -other, other], axis=1), rubs * c["friction"]
+    return c
+
+
+def point_contacts(ends, x, owner, skins):
+    """Return contacts without friction, of particles in front of triangles, or on either side of their own balloon."""
+    x = x[ends]
+    c = skin_contacts(ends, point_triangle(x), x, owner, skins)
+    c["friction"], own = 0.0, owner[ends]
+    front = dot(c["normal"], cross(x[:, 2] - x[:, 1], x[:, 3] - x[:, 1]))[:, 0] >= 0.0
+    return c[front | (own[:, 0] == own[:, 1])]
+
+
+def skins_meet(m, pairs, owner, skins):
+    """Let edges meet, and particles that a spring would let through a triangle, see `laws.edges`; given all pairs."""
+    x, h = m.x - m.h * m.v, m.h
+    c = np.concatenate([edge_contacts(pairs[0], x, owner, skins), point_contacts(pairs[1], x, owner, skins)])
+    c = c[(c["gap"] < 2.0 * (c["kept"] + h * size((c["weights"] * m.v[c["ends"]]).sum(axis=1))))[:, 0]]
+    if len(c):
+        sweep(m, c, h, 300, any(thing == m.ground for _, thing in m.around))
+
+
+def ridges_meet(m, ridges, kept, count, triangles, edges):
+    """Let faces of balloons meet ridges of solids, see `laws.ridges`; a sphere is a ridge of one place.
+
+    Ridges are as seen from each solid; `kept` are the gaps that faces keep of each, and last of any ridge [m].
+    """
+    x, found, h = m.x - m.h * m.v, [], m.h
+    for column, (solid, of) in enumerate(ridges.items()):
+        told = m, solid, of.radius, (kept[column], 0.02 * kept[-1]), x
+        found += ridge_contacts(told, of, triangles, edges) if len(of.ends) else []
+    c = np.concatenate(found)
+    c = c[(c["gap"] < c["kept"] + h * (size(m.v[:count]).max() + size(m.v[count:]).max()))[:, 0]]
+    if len(c):
+        sweep(m, c, h, 24)
+
+
+def ridge_contacts(told, ridges, triangles, edges):
+    """Return contacts of ridges with edges, and with faces at the nearer of their tips."""
+    place, turn = told[0].start[told[1]], told[0].turn[told[1]]
+    line, inward = place + ridges.ends @ turn.T, ridges.inward @ turn.T
+    number, tip = np.nonzero(ridges.tips[:, None] >> np.arange(2) & 1)
+    of_edges = line_contacts(told, edge_edge, edges, line, inward, 0.0 * line[:, 0])
+    away = line[number, 1 - tip] - line[number, tip]
+    of_tips = line_contacts(told, point_triangle, triangles, line[number, tip, None], inward[number], away)
+    gaps = np.full((len(line), 2, len(triangles)), np.inf)
+    gaps[number, tip] = of_tips["gap"].reshape(-1, len(triangles))
+    return [of_edges, of_tips[(gaps.argmin(axis=1)[number] == tip[:, None]).ravel()]]
+
+
+def line_contacts(told, kind, features, own, inward, away):
+    """Return contacts of lines or tips with all features; where they do not meet, with a gap without end."""
+    (m, solid, radius, keeps, start), count, ends = told, own.shape[1], np.tile(features, (len(own), 1))
+    x = np.concatenate([np.repeat(own, len(features), axis=0), start[ends]], axis=1)
+    w = kind(x) * (1.0 if count == 2 else -1.0)
+    c = contacts(
+        np.insert(ends, [0] * count, solid, axis=1), w, (w * x).sum(axis=1), friction=m.rub(ends[:, :1], solid)
+    )
+    (c["kept"], c["left"]), c["weights"][:, :count, 0] = keeps, [-1.0, 0.0][:count]
+    c["arms"][:, 0] = (w * x)[:, count:].sum(axis=1) - m.start[solid]
+    within = (w[:, :count] < 0.0).all(axis=1) & (w.max(axis=1) <= 1.0 - 1e-4)
+    sides = np.concatenate([inward, away[:, None]], axis=1)
+    along = c["normal"].reshape(len(own), -1, 3) @ sides.transpose(0, 2, 1)
+    above = (along > 0.6 * np.insert(size(away), 0, [[1.0], [1.0]], axis=1)[:, None]).any(axis=2).reshape(-1, 1)
+    c["gap"] += np.where(within & ~above, -radius - m.radius[solid], np.inf)
+    return c
+
+
+def impact(m, c, gain, shift, seconds):
+    """Let a contact gain a speed and a way along its normal; friction acts on the way in the seconds that are left."""
+    push, rub = resolve(m, c, np.array([[gain]]))
+    m.push(c, push + rub, 0.0)
+    m.push(c, shift * resolve(m, c, 1.0)[0] + seconds * rub, 1.0, 0.0)
+
+
+def small_spheres_meet(m, small, triangles):
+    """Let small spheres meet faces, the soonest first, see `laws.face_contact`.
+
+    Return the numbers of contacts, and of those in which a sphere moves on with faces as one.
+    """
+    counts, sweeps, before = np.zeros(2, int), 0, -1
+    while counts.sum() > before and sweeps < 4:
+        before, sweeps = counts.sum(), sweeps + 1
+        for ball in small:
+            lump = [ball]
+            for meeting in range(16 + 48):
+                ends, part, radius = first_face(m, ball, triangles, max(1.0 - 0.03 * meeting, 0.5))
+                if part > 1.0:
+                    break
+                counts[int(meeting >= 16)] += 1
+                if meeting < 16:
+                    meet_face(m, ends, part, radius)
+                    continue
+                lump += [end for end in ends if end not in lump]  # they move on as one, or not at all if one is fixed
+                mass = 1.0 / np.maximum(m.ease[lump, 0], 1e-150) * (m.ease[lump] > 0.0).all()
+                mean = mass / max(mass.sum(), 1e-150)
+                m.x[lump], m.v[lump] = m.start[lump] + mean @ (m.x - m.start)[lump], mean @ m.v[lump]
+    return counts
+
+
+def first_face(m, ball, triangles, nearest):
+    """Return ends of a sphere's first contact, its part of the step by conservative advancement, and the radius.
+
+    A sphere meets triangles with a radius of float32's resolution at least.
+    """
+    ends = np.insert(triangles, 0, ball, axis=1)
+    x, ways = m.start[ends], (m.x - m.start)[ends]
+    radius = np.maximum(m.radius[ball], 1e-3 * size(x[:, 2:] - x[:, 1:2]).sum(axis=1))
+    longest = size(ways[:, :1] - ways[:, 1:]).max(axis=1)
+    little, part, found = 1e-4 * radius + 5e-7 * size(x[:, 0]), 0.0 * radius, NEVER + 0.0 * radius
+    for look in range(256):
+        at = x + part[:, None] * ways
+        weights = point_triangle(at)
+        arm = (weights * at).sum(axis=1)
+        distance, nearer = size(arm), (part - 1.0) * dot((weights * ways).sum(axis=1), arm)
+        goes_on = (part <= 1.0) & (found > 1.0)
+        meets = (distance < nearest * radius) & (nearer > little * distance) | (look == 255)
+        found = np.where(goes_on & meets, part, found)
+        ahead = np.maximum(distance - (1.0 - 0.5e-3) * nearest * radius, 0.5 * distance)
+        further = np.where(ahead < longest, part + ahead / np.maximum(longest, 1e-300), NEVER)
+        part = np.where(goes_on, further, part)
+        if not ((part <= 1.0) & (found > 1.0)).any():
+            break
+    first = found.argmin()
+    return ends[first], float(found.min()), float(radius[first, 0])
+
+
+def meet_face(m, ends, part, radius):
+    """Let a sphere meet a face after a part of a step."""
+    before, h, seconds = m.start[ends][None], m.h, (1.0 - part) * m.h
+    at = before + part * (m.x[ends] - before)
+    weights = point_triangle(at)
+    c = contacts(ends, weights, (weights * at).sum(axis=1), friction=m.rub(*ends[:2]))
+    n = c["normal"][0]
+    way, beside = ((c["weights"][0] * each[ends]).sum(axis=0) for each in (m.x, m.v))
+    bent = way - seconds * beside  # where an earlier impact has bent the ways, they would be there in this moment
+    if bent @ n > 0.5 * np.linalg.norm(bent):
+        n = bent / np.linalg.norm(bent)
+    c["normal"], c["arms"][:, 0] = n, -bent
+    gain = max(-(beside @ n), 0.0)
+    gap = way @ n + seconds * gain - 0.8 * radius
+    out = max(apart(gap, h), 0.5 * min(float(c["gap"][0, 0]), radius) - 0.8 * radius - gap) if gap < 0.0 else 0.0
+    impact(m, c, gain, seconds * gain + out, seconds)
+
+
+def apart(gap, h):
+    """Return how far an overlap is resolved in a step: 10/s, at most a fifth."""
+    return np.maximum(-gap, 0.0) * min(10.0 * h, 0.2)
+
+
+def spheres_meet(m, balls, put_beside):
+    """Let spheres that have moved meet each other, pair after pair, until nothing moves, see `laws.collision`.
+
+    Up to the speed of two steps of gravity nothing rebounds; `put_beside` takes one out of what stands around.
+    """
+    balls = [ball for ball in balls if m.radius[ball]]  # others have yet to begin
+    pairs = [(one, other) for number, other in enumerate(balls) for one in balls[:number]]
+    for _ in range(24):
+        if not sum(meet_sphere(m, *pair, put_beside) for pair in pairs):
+            break
+
+
+def meet_sphere(m, one, other, put_beside):
+    """Let two spheres collide where they do on their ways, and return whether that moves them."""
+    start, x, reach = m.start[other] - m.start[one], m.x[other] - m.x[one], m.radius[one] + m.radius[other]
+    way, h = x - start, m.h
+    a, b, c = way @ way, start @ way, start @ start - reach**2
+    if c > 0.0 and (b >= 0.0 or b * b <= a * c):
+        return False
+    part = float(c / (-b + np.sqrt(b * b - a * c))) if c > 0.0 else 0.0
+    if part > 1.0:
+        return False
+    weights = np.array([-1.0, 1.0, 0.0, 0.0])[:, None]
+    c = contacts([one, other, 0, 0], weights, (start + part * way)[None], friction=m.rub(one, other))
+    n = c["normal"][0]
+    c["arms"][0, :2] = m.radius[one] * n, -m.radius[other] * n
+    gap, approach = min(np.linalg.norm(start) - reach, 0.0), max(-float(m.velocity(c)[0] @ n), 0.0)
+    rebound = 1.0 + (np.sqrt(m.restitution[one] * m.restitution[other]) if approach > 2.0 * h * abs(m.gravity) else 0.0)
+    shift = (1.0 if gap < 0.0 else rebound) * max(reach + gap + apart(gap, h) - x @ n, 0.0)
+    if shift + h * rebound * approach <= 1e-6 * reach:
+        return False
+    impact(m, c, rebound * approach, shift, (1.0 - part) * h)
+    put_beside(m, one)
+    put_beside(m, other)
+    return True

@@ -1,28 +1,19 @@
-"""Sealed gas: its pressure in a step, and gas that is pumped in, leaves by openings, and flows through tubes.
+"""Sealed gas of a balloon b: its pressure in a step, and gas that is pumped in, leaves by openings, and flows in tubes.
 
-A gas has an amount n [mol], a free volume V0 [m^3] and a gauge pressure [Pa], see docs/GAS.md; `p` has its parameters.
+A gas has an amount n [mol], a free volume V0 [m^3] at one atmosphere and a gauge pressure [Pa]; see docs/GAS.md.
 """
 
 import numpy as np
 
-R, ATMOSPHERE, DRY_AIR, EMPTY = 8.314462618, 101325.0, 0.0289652, 0.02
-"""Gas constant [J/(mol K)]; one atmosphere [Pa]; molar mass of dry air [kg/mol]; part of a mesh's volume that stays"""
+from balloon_warp.reference.laws import ATMOSPHERE, R, air, nozzle
+
+EMPTY = 0.02
+"""Part of a mesh's volume that stays"""
 
 
-def air(height, p):
-    """Return the air's pressure, temperature and density, at rest under gravity where it grows colder with height."""
-    density = p.air_density if p.air_density >= 0.0 else DRY_AIR * p.air_pressure / (R * p.air_temperature)
-    if p.air_lapse == -1.0:  # uniform
-        return p.air_pressure, p.air_temperature, density + 0.0 * height
-    part = np.minimum(p.air_lapse * height / p.air_temperature, 0.9)
-    more = np.where(np.abs(part) > 1e-6, -np.log1p(-part) / np.where(part == 0.0, 1.0, part), 1.0 + 0.5 * part)
-    ratio = np.exp(-density * p.gravity * height * more / p.air_pressure)
-    return p.air_pressure * ratio, p.air_temperature * (1.0 - part), density * ratio / (1.0 - part)
-
-
-def there(free_volume, temperature, p):
+def there(free_volume, b, temperature):
     """Return a free volume at the air's temperature there, which it depends on where heat passes, gamma = 1."""
-    return free_volume * (temperature / p.air_temperature if p.gamma == 1.0 else 1.0)
+    return free_volume * (temperature / b.p.air_temperature if b.p.gamma == 1.0 else 1.0)
 
 
 def throttled(free_volume, before, after, gamma):
@@ -30,144 +21,137 @@ def throttled(free_volume, before, after, gamma):
     return free_volume * (before / after) ** (1.0 - 1.0 / gamma)
 
 
-def implicit_pressure(gas, p, h, bound, volume, response, rate, height, response_height):
+def begin_frame(b, height):
+    """Find the air around a balloon, the air that its gas moves along, and the least amount that stays."""
+    b.outside, b.temperature, b.density = air(height, b.p)
+    if b.kind == "gas":
+        inside = (ATMOSPHERE / (b.outside + b.pressure)) ** (1.0 / b.p.gamma)
+        b.along = b.p.added_mass * b.density * there(b.free_volume, b, b.temperature) * inside
+    b.least = EMPTY * b.volume * b.outside / (R * b.temperature)
+
+
+def implicit_pressure(b, h, damping, volume, response, rate, height, response_height):
     """Set the pressure P = p(V) - w s h r over a step, its load at height 0 and rise [Pa/m], and slope [Pa/m^3].
 
     s = -dp/dV, r = rate + response P the growth of the volume, by forces along all area vectors, and w its weight:
     backward Euler where breathing is damped, or the trapezoidal rule. Near empty the end's pressure is exact.
     """
-    outside, temperature, density = air(height, p)
-    free = there(gas.free_volume, temperature, p)
-    explicit = ATMOSPHERE * (free / volume) ** p.gamma - outside
-    gas.rise = (density - gas.amount * p.molar_mass / volume) * p.gravity
-    rate = rate + gas.rise * (response_height - height * response)
-    pull = (0.25 + 0.75 * p.breathing_damping) * p.gamma * (outside + explicit) / volume * h
-    gas.pressure = (explicit - pull * rate) / (1.0 + pull * response)
-    gas.slope = p.gamma * (outside + explicit) / free / (1.0 + pull * response)
+    outside, temperature, density = air(height, b.p)
+    free = there(b.free_volume, b, temperature)
+    explicit = ATMOSPHERE * (free / volume) ** b.p.gamma - outside
+    b.rise = (density - b.amount * b.p.molar_mass / volume) * b.p.gravity
+    rate = rate + b.rise * (response_height - height * response)
+    pull = (0.25 + 0.75 * damping) * b.p.gamma * (outside + explicit) / volume * h
+    b.pressure = (explicit - pull * rate) / (1.0 + pull * response)
+    b.slope = b.p.gamma * (outside + explicit) / free / (1.0 + pull * response)
     without, added = volume + h * rate, h * response
-    if without + added * gas.pressure < 0.5 * volume:
-        held = added * outside * free * (ATMOSPHERE / outside) ** (1.0 / p.gamma)
+    if without + added * b.pressure < 0.5 * volume:
+        held = added * outside * free * (ATMOSPHERE / outside) ** (1.0 / b.p.gamma)
         half = 0.5 * (without - added * outside)
         root = np.hypot(half, np.sqrt(held))
         end = half + root if half > 0.0 else held / (root - half)
-        gas.pressure, gas.slope = (end - without) / added, end * outside / (end**2 + held)
-    gas.pressure = min(gas.pressure, bound * p.mass / h**2)  # where the turning of the skin is stable
-    gas.load = gas.pressure - gas.rise * height
+        b.pressure, b.slope = (end - without) / added, end * outside / (end**2 + held)
+    b.pressure = min(b.pressure, b.bound * b.p.mass / h**2)  # where the turning of the skin is stable
+    b.load = b.pressure - b.rise * height
 
 
-def given_pressure(gas, p, h, given, enclosed, fall, volume, response, rate, height, response_height):
+def given_pressure(b, h, given, volume, response, rate, height, response_height):
     """Set pressure and load of a balloon of a given one, raised where its volume would fall below a least one.
 
-    On a flat skin in a liquid it rises with depth as the liquid does, `fall` [Pa/m], and nothing turns inside out.
+    On a flat skin in a liquid it rises with depth as the liquid does, and nothing turns inside out.
     """
-    gas.pressure, gas.rise, middle = given, 0.0, height
-    if enclosed >= 0.0 and response > 0.0:
-        least, flat = EMPTY * enclosed, 0.1 * enclosed
-        gas.pressure += max(least - volume - h * (rate + response * given), 0.0) / (h * response)
+    b.pressure, b.rise, middle = given, 0.0, height
+    if b.enclosed >= 0.0 and response > 0.0:
+        least, flat = EMPTY * b.enclosed, 0.1 * b.enclosed
+        b.pressure += max(least - volume - h * (rate + response * given), 0.0) / (h * response)
         middle = response_height / response
-        if fall and middle < p.water_level:
-            gas.rise = -fall * np.clip((flat - volume) / max(flat - least, 1e-30), 0.0, 1.0)
-    gas.load = gas.pressure - gas.rise * middle
-    gas.pressure = gas.load + gas.rise * height
+        if b.world.water and middle < b.p.water_level:
+            flatness = np.clip((flat - volume) / max(flat - least, 1e-30), 0.0, 1.0)
+            b.rise = -b.p.water_density * b.p.gravity * flatness
+    b.load = b.pressure - b.rise * middle
+    b.pressure = b.load + b.rise * height
 
 
-def raise_pressure(gas, free_volume):
+def raise_pressure(b, free_volume):
     """Raise the pressure of a step by more free volume in it."""
-    gas.pressure, gas.load = gas.pressure + gas.slope * free_volume, gas.load + gas.slope * free_volume
+    b.pressure, b.load = b.pressure + b.slope * free_volume, b.load + b.slope * free_volume
 
 
-def take(gas, moles, p, temperature):
+def take(b, moles):
     """Let an amount in at the air's temperature, through a valve, or if negative out with its part of free volume."""
-    part, gas.amount = moles / max(gas.amount, 1e-20), gas.amount + moles
-    if p.gamma == 1.0:
-        gas.free_volume = gas.amount * R * p.air_temperature / ATMOSPHERE
+    part, b.amount = moles / max(b.amount, 1e-20), b.amount + moles
+    if b.p.gamma == 1.0:
+        b.free_volume = b.amount * R * b.p.air_temperature / ATMOSPHERE
     elif moles > 0.0:
-        mole = R * temperature / ATMOSPHERE
-        gas.free_volume += moles * throttled(mole, ATMOSPHERE, gas.outside + gas.pressure, p.gamma)
+        mole = R * b.temperature / ATMOSPHERE
+        b.free_volume += moles * throttled(mole, ATMOSPHERE, b.outside + b.pressure, b.p.gamma)
     else:
-        gas.free_volume *= 1.0 + part
+        b.free_volume *= 1.0 + part
 
 
-def filled(gas, p, h, time, pumped, curve):
-    """Return the amount that is filled in a step [mol]: by keyframes, a pump's curve, and breaths, up to an end."""
-    outside, temperature = gas.outside, gas.temperature
-    mole, full = R * temperature / outside, R * temperature
-    volume = there(gas.free_volume, temperature, p) * (ATMOSPHERE / (outside + gas.pressure)) ** (1.0 / p.gamma)
-    blown = p.fill_moles + (1e-3 * p.fill_litres + 3.5e-3 * p.fill_breaths) / mole
-    moles = pumped + blown * np.clip(p.fill_time - time, 0.0, h) / p.fill_time
-    if curve:
-        pressures, flows = zip(*curve, strict=True)
-        moles += h * np.interp(gas.pressure, pressures, flows, right=0.0)
+def fill(b, h, pumped):
+    """Fill a balloon in a step: by keyframes, a pump's curve, and breaths, up to an end; or empty it until flat."""
+    p, inside, full = b.p, b.outside + b.pressure, R * b.temperature
+    volume = there(b.free_volume, b, b.temperature) * (ATMOSPHERE / inside) ** (1.0 / p.gamma)
+    blown = p.fill_moles + (1e-3 * p.fill_litres + 3.5e-3 * p.fill_breaths) / (full / b.outside)
+    moles = pumped + blown * np.clip(p.fill_time - b.world.time, 0.0, h) / p.fill_time
+    if b.curve:
+        pressures, flows = zip(*b.curve, strict=True)
+        moles += h * np.interp(b.pressure, pressures, flows, right=0.0)
     elif pumped == 0.0 and (p.fill_to_pressure > 0.0 or p.fill_to_diameter > 0.0):
-        moles += 3.5e-3 / mole * h / p.fill_time
+        moles += 3.5e-3 / (full / b.outside) * h / p.fill_time
     if moles > 0.0 and p.fill_to_pressure > 0.0:
-        moles = np.clip((p.fill_to_pressure - gas.pressure) * volume / (p.gamma * full), 0.0, moles)
+        moles = np.clip((p.fill_to_pressure - b.pressure) * volume / (p.gamma * full), 0.0, moles)
     if moles > 0.0 and p.fill_to_diameter > 0.0:
-        moles = np.clip((np.pi / 6.0 * p.fill_to_diameter**3 - volume) * (outside + gas.pressure) / full, 0.0, moles)
-    return moles
+        moles = np.clip((np.pi / 6.0 * p.fill_to_diameter**3 - volume) * inside / full, 0.0, moles)
+    if moles:
+        take(b, max(moles, min(b.least - b.amount, 0.0)))
 
 
-def nozzle(pressure, behind, gamma):
-    """Return the flow through an opening over that of Bernoulli's law, and its thrust over 2 C A p.
-
-    The gas expands without heat down to the pressure outside, or to that at which it is as fast as sound (de
-    Saint-Venant and Wantzel 1839).
-    """
-    k = np.maximum(gamma, 1.4)
-    drop = np.maximum(np.clip(pressure / behind, 0.0, 1.0), 1e-12)
-    x = np.minimum(drop, 1.0 - (2.0 / (k + 1.0)) ** (k / (k - 1.0)))
-    work, density = -np.expm1((1.0 - 1.0 / k) * np.log1p(-x)) * k / (k - 1.0), (1.0 - x) ** (1.0 / k)
-    return density * np.sqrt(work / drop), density * work / drop + 0.5 * (1.0 - x / drop)
-
-
-def vent(gas, p, h, opening):
+def vent(b, h):
     """Find the flow out of openings at the step's end, instead of the one believed before."""
-    taken = there(gas.free_volume / max(gas.amount, 1e-20), gas.temperature, p)
-    inside = gas.outside + gas.pressure
-    brought = throttled(R * gas.temperature / ATMOSPHERE, ATMOSPHERE, inside, p.gamma)
-    raise_pressure(gas, h * gas.vent * (taken if gas.vent > 0.0 else brought))
-    if gas.pressure > 0.0:
-        mole = taken * (ATMOSPHERE / inside) ** (1.0 / p.gamma)
-        density, softness, most = p.molar_mass / mole, gas.slope * taken, max(gas.amount - gas.least, 0.0) / h
-    else:
-        mole = R * gas.temperature / gas.outside
-        density, softness, most = gas.density, gas.slope * brought, np.inf
-    ahead = (gas.outside + gas.pressure, p.gamma) if gas.pressure > 0.0 else (gas.outside, 1.4)
-    squared = 2.0 * (opening * nozzle(abs(gas.pressure), *ahead)[0]) ** 2 / (density * mole**2)
-    driven, held = squared * abs(gas.pressure), squared * softness * h
+    taken = there(b.free_volume / max(b.amount, 1e-20), b, b.temperature)
+    inside = b.outside + b.pressure
+    brought = throttled(R * b.temperature / ATMOSPHERE, ATMOSPHERE, inside, b.p.gamma)
+    raise_pressure(b, h * b.vent * (taken if b.vent > 0.0 else brought))
+    mole, density, softness = R * b.temperature / b.outside, b.density, b.slope * brought
+    ahead, most = (b.outside, 1.4), np.inf
+    if b.pressure > 0.0:
+        mole = taken * (ATMOSPHERE / inside) ** (1.0 / b.p.gamma)
+        density, softness, most = b.p.molar_mass / mole, b.slope * taken, max(b.amount - b.least, 0.0) / h
+        ahead = b.outside + b.pressure, b.p.gamma
+    squared = 2.0 * ((b.opening + b.p.leak) * nozzle(abs(b.pressure), *ahead)[0]) ** 2 / (density * mole**2)
+    driven, held = squared * abs(b.pressure), squared * softness * h
     flow = 2.0 * driven / (held + np.sqrt(held**2 + 4.0 * driven) + 1e-300)
-    gas.vent = min(flow, most) if gas.pressure > 0.0 else -flow
-    raise_pressure(gas, -h * gas.vent * (taken if gas.vent > 0.0 else brought))
+    b.vent = min(flow, most) if b.pressure > 0.0 else -flow
+    raise_pressure(b, -h * b.vent * (taken if b.vent > 0.0 else brought))
 
 
-def flow(gases, tubes, openings, ps, h):
+def flow(balloons, tubes, h):
     """Let gas flow through tubes and openings, by the pressures at the step's end, which all change together."""
-    flows = np.zeros(len(tubes))
-    for gas in gases:
-        gas.vent = 0.0
-    for _ in range(8 if len(tubes) > 1 or (len(tubes) and any(openings)) else 1):
+    flows, open_ones = np.zeros(len(tubes)), [b for b in balloons if b.opening + b.p.leak > 0.0]
+    for b in balloons:
+        b.vent = 0.0
+    for _ in range(8 if len(tubes) > 1 or (len(tubes) and open_ones) else 1):
         for k, (first, second, conductance) in enumerate(tubes):
-            ends, p = (gases[first], gases[second]), (ps[first], ps[second])
-            source = ends[0] if ends[0].pressure > ends[1].pressure else ends[1]
-            moles = [there(source.free_volume / source.amount, g.temperature, q) for g, q in zip(ends, p, strict=True)]
-            most = [max(g.amount - g.least, 0.0) / h for g in ends]
-            softness = moles[0] * ends[0].slope + moles[1] * ends[1].slope
-            more = conductance * (ends[0].pressure - ends[1].pressure) - flows[k]
+            source = first if first.pressure > second.pressure else second
+            moles = [there(source.free_volume / source.amount, b, b.temperature) for b in (first, second)]
+            most = [max(b.amount - b.least, 0.0) / h for b in (first, second)]
+            softness = moles[0] * first.slope + moles[1] * second.slope
+            more = conductance * (first.pressure - second.pressure) - flows[k]
             more = np.clip(flows[k] + more / (1.0 + conductance * h * softness), -most[1], most[0]) - flows[k]
             flows[k] += more
-            for gas, mole, sign in zip(ends, moles, (-1.0, 1.0), strict=True):
-                raise_pressure(gas, sign * h * more * mole)
-        for gas, p, opening in zip(gases, ps, openings, strict=True):
-            if opening > 0.0:
-                vent(gas, p, h, opening)
-    for k, (first, second, _) in enumerate(tubes):
-        source, sink = (gases[first], gases[second]) if flows[k] > 0.0 else (gases[second], gases[first])
-        moles = min(h * abs(flows[k]), source.amount)
-        taken = source.free_volume / max(source.amount, 1e-20)
+            raise_pressure(first, -h * more * moles[0])
+            raise_pressure(second, h * more * moles[1])
+        for b in open_ones:
+            vent(b, h)
+    for rate, (first, second, _) in zip(flows, tubes, strict=True):
+        source, sink = (first, second) if rate > 0.0 else (second, first)
+        moles, taken = min(h * abs(rate), source.amount), source.free_volume / max(source.amount, 1e-20)
         inside = source.outside + source.pressure, sink.outside + sink.pressure
         source.amount, source.free_volume = source.amount - moles, max(source.free_volume - moles * taken, 0.0)
         sink.amount += moles
-        sink.free_volume += moles * throttled(taken, *inside, ps[first].gamma)
-    for gas, p in zip(gases, ps, strict=True):
-        if gas.vent:
-            take(gas, -h * gas.vent, p, gas.temperature)
+        sink.free_volume += moles * throttled(taken, *inside, first.p.gamma)
+    for b in balloons:
+        if b.vent:
+            take(b, -h * b.vent)

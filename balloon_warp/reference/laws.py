@@ -1,14 +1,15 @@
-"""Laws as formulas of NumPy arrays: forces [N] on n particles at x [m] with velocities v [m/s], shape (n, 3).
+"""Laws as formulas of NumPy arrays: `LAWS` are forces [N] on a balloon's particles at x [m] with velocities v [m/s].
 
-A table that a law takes, such as `springs`, has the fields that it names; docs/PHYSICS.md has the formulas and sources.
+A balloon b has tables, such as `springs`, its parameters p, and the world's axis up, time and waves of gusts. A law
+that does not act is 0. Formulas and sources are in docs/PHYSICS.md, docs/RUBBER.md and docs/FORMULAS.md.
 """
 
-from collections.abc import Callable
 from math import erf
-from typing import Any
 
 import numpy as np
 
+R, ATMOSPHERE, DRY_AIR = 8.314462618, 101325.0, 0.0289652
+"""Gas constant [J/(mol K)]; one atmosphere [Pa]; molar mass of dry air [kg/mol]"""
 STEP = 1e-30
 """Step of complex differentiation, which has no rounding"""
 
@@ -23,6 +24,17 @@ def size(a):
     return np.maximum(np.sqrt(dot(a, a)), 1e-150)
 
 
+def cross(a, b):
+    """Return cross products, for few vectors in a third of the time of NumPy's."""
+    after, before = [1, 2, 0], [2, 0, 1]
+    return a[..., after] * b[..., before] - a[..., before] * b[..., after]
+
+
+def across(vector, normal):
+    """Return vectors without their parts along normals."""
+    return vector - dot(vector, normal) * normal
+
+
 def summed(count, rows, values):
     """Return the sums of the values of each row, shape (count, ...)."""
     total = np.zeros((count, *np.shape(values)[1:]))
@@ -30,51 +42,61 @@ def summed(count, rows, values):
     return total
 
 
-def springs(x, v, springs, viscosity=0.0, yield_stretch=np.inf, limit=None):
+def weight(x, v, b):
+    """Gravity, and the paper's helium, which lifts by its acceleration."""
+    return b.share * b.p.mass * (b.p.helium - b.p.gravity) * b.world.up
+
+
+def damping(x, v, b):
+    """Damping of all motion, by shares of the mass."""
+    return -b.share * b.p.damping * v
+
+
+def springs(x, v, b):
     """Hooke's law, viscous, and none beyond the yield stretch (Tarantino 1996); gone at the limit of a correction."""
-    p, q = springs.pairs.T
-    d, opening = x[q] - x[p], v[q] - v[p]
-    strain = 1.0 - springs.lengths / size(d)
-    pull = np.where(strain > 1.0 - 1.0 / yield_stretch, 0.0, strain + viscosity * dot(d, opening) / size(d) ** 2)
-    if limit is not None:  # it gives way smoothly
-        pull = pull * (1.0 - np.clip((size(d) / springs.lengths - 1.0) / limit, 0.0, 1.0) ** 2) ** 2
-    force = springs.constants * pull * d
-    return summed(len(x), p, force) - summed(len(x), q, force)
+    (i, j), lengths = b.springs.pairs.T, b.springs.lengths
+    d, opening = x[j] - x[i], v[j] - v[i]
+    strain = 1.0 - lengths / size(d)
+    pull = np.where(
+        strain > 1.0 - 1.0 / b.p.yield_stretch, 0.0, strain + b.p.viscosity * dot(d, opening) / size(d) ** 2
+    )
+    if b.world.correction == "tarantino":  # it gives way smoothly
+        pull = pull * (1.0 - np.clip((size(d) / lengths - 1.0) / b.p.correction_limit, 0.0, 1.0) ** 2) ** 2
+    force = b.springs.constants * pull * d
+    return summed(len(x), i, force) - summed(len(x), j, force)
 
 
-def shortened(x, v, springs, share, limit, h):
+def shortened(x, v, b, h):
     """Shorten springs beyond the limit, one after another, and let velocities follow (Provot 1995)."""
-    x, v = x.copy(), v.copy()
-    for p, q, length in springs.corrected:
-        d = x[q] - x[p]
-        excess = max(1.0 - (1.0 + limit) * length / max(np.sqrt(d @ d), 1e-150), 0.0) * d
-        for end, other, sign in ((p, q, 1.0), (q, p, -1.0)):
-            part = sign * (0.0 if share[end] == 0.0 else 0.5 if share[other] > 0.0 else 1.0)
+    x, v, free = x.copy(), v.copy(), b.share[:, 0] > 0.0
+    for i, j, length in b.springs.corrected:
+        d = x[j] - x[i]
+        excess = max(1.0 - (1.0 + b.p.correction_limit) * length / max(np.sqrt(d @ d), 1e-150), 0.0) * d
+        for end, other, sign in ((i, j, 1.0), (j, i, -1.0)):
+            part = sign * (0.5 if free[other] else 1.0) * free[end]
             x[end], v[end] = x[end] + part * excess, v[end] + part * excess / h
     return x, v
 
 
-def pulls_of_strings(x, held, anchors, lengths, constants):
-    """Springs from anchors to the particles held, while taut."""
-    d = anchors - x[held]
+def strings(x, anchors, lengths, constants):
+    """Springs from anchors to particles at x, while taut."""
+    d = anchors - x
     return constants * np.maximum(1.0 - lengths / size(d), 0.0) * d
 
 
-def strings(x, held, *told):
-    return summed(len(x), held, pulls_of_strings(x, held, *told))
-
-
-def torsion(x, hinges, constant):
+def torsion(x, v, b):
     """Minus the constant times the angle beyond that at rest, times its gradient; a wing is the mean of its corners."""
-    p, q = hinges.ends.T
-    edge, first, second = x[q] - x[p], hinges.first @ x - x[p], hinges.second @ x - x[p]
+    if not b.p.torsion:
+        return 0.0
+    i, j = b.hinges.ends.T
+    edge, first, second = x[j] - x[i], b.hinges.first @ x - x[i], b.hinges.second @ x - x[i]
     normals = np.cross(edge, first), np.cross(second, edge)
     length, sine = size(edge), dot(np.cross(*normals), edge)
-    beyond = np.arctan2(sine / length, dot(*normals)) - hinges.rest
-    moment, force = constant * (beyond - 2.0 * np.pi * np.round(beyond / (2.0 * np.pi))), np.zeros_like(x)
-    for wing, arm, normal in zip((hinges.first, hinges.second), (first, second), normals, strict=True):
+    beyond = np.arctan2(sine / length, dot(*normals)) - b.hinges.rest
+    moment, force = b.p.torsion * (beyond - 2.0 * np.pi * np.round(beyond / (2.0 * np.pi))), np.zeros_like(x)
+    for wing, arm, normal in zip((b.hinges.first, b.hinges.second), (first, second), normals, strict=True):
         push, along = moment * length / dot(normal, normal) * normal, dot(arm, edge) / length**2
-        force += wing.T @ push - summed(len(x), p, (1.0 - along) * push) - summed(len(x), q, along * push)
+        force += wing.T @ push - summed(len(x), i, (1.0 - along) * push) - summed(len(x), j, along * push)
     return force
 
 
@@ -106,7 +128,7 @@ def gent(a, b, p):
     return 0.5 * p.shear_modulus * p.gent_limit * (beyond - np.log(left))
 
 
-MEMBRANES: dict[str, Callable[..., Any]] = {law.__name__: law for law in (neo_hookean, mooney_rivlin, ogden, gent)}
+MEMBRANES = {law.__name__: law for law in (neo_hookean, mooney_rivlin, ogden, gent)}
 
 
 def larger(a, b):
@@ -122,32 +144,35 @@ def relaxed(energy, a, b, p):
     return energy(a, b, p)
 
 
-def membrane(x, v, film, peak, p):
-    """Return forces of triangles, and the greatest energy densities so far, from which they are softened (Mullins).
+def membrane(x, v, b):
+    """Rubber: F = volume dW/dF of the deformation gradient U diag(a, b) V^T of each triangle.
 
-    F = U diag(a, b) V^T is the deformation gradient, and F = volume dW/dF; viscosity is that of a fluid (Kelvin-Voigt).
+    It softens from its greatest energy density so far (Mullins), and flows as a fluid (Kelvin-Voigt).
     """
+    if b.film is None:
+        return 0.0
+    film, p = b.film, b.p
     edges = [of[film.corners[:, 1:]] - of[film.corners[:, :1]] for of in (x, v)]
     gradient, change = (np.einsum("tex,tef->txf", each, film.inverse) for each in edges)
     frames, stretches, turns = np.linalg.svd(gradient, full_matrices=False)
-    a, b = stretches.T
-    stress = np.zeros((len(a), 2, 2))
-    stress[:, 0, 0] = relaxed(film.energy, a + 1j * STEP, b, p).imag / STEP
-    stress[:, 1, 1] = relaxed(film.energy, a, b + 1j * STEP, p).imag / STEP
+    first, second = stretches.T
+    stress = np.zeros((len(first), 2, 2))
+    stress[:, 0, 0] = relaxed(film.energy, first + 1j * STEP, second, p).imag / STEP
+    stress[:, 1, 1] = relaxed(film.energy, first, second + 1j * STEP, p).imag / STEP
     rate = np.einsum("txi,txf,tjf->tij", frames, change, turns) / stretches[:, None]
     rate = 0.5 * (rate + rate.transpose(0, 2, 1))
     flow = 2.0 * (rate + np.trace(rate, axis1=1, axis2=2)[:, None, None] * np.eye(2))
     if p.wrinkling:  # where it wrinkles only the tension's direction flows, and where it is slack nothing
-        one_way = np.where((a > 1.0)[:, None, None], 3.0 * rate * [[1.0, 0.0], [0.0, 0.0]], 0.0)
-        flow = np.where((b > np.maximum(a, 1.0) ** -0.5)[:, None, None], flow, one_way)
+        one_way = np.where((first > 1.0)[:, None, None], 3.0 * rate * [[1.0, 0.0], [0.0, 0.0]], 0.0)
+        flow = np.where((second > np.maximum(first, 1.0) ** -0.5)[:, None, None], flow, one_way)
     stress += p.film_viscosity * flow / stretches[:, None]
-    density = np.maximum(relaxed(film.energy, a, b, p), 0.0)
-    peak = np.maximum(peak, density)
-    worn = (peak - density) / (p.softening_energy + p.softening_share * peak)
-    left = 1.0 - p.softening * np.array([erf(each) for each in worn])
-    pulls = np.einsum("t,txi,tij,tjf,tef->tex", left * film.areas * p.thickness, frames, stress, turns, film.inverse)
+    density = np.maximum(relaxed(film.energy, first, second, p), 0.0)
+    b.peak = np.maximum(b.peak, density)
+    worn = (b.peak - density) / (p.softening_energy + p.softening_share * b.peak)
+    left = (1.0 - p.softening * np.array([erf(each) for each in worn])) * film.areas * p.thickness
+    pulls = np.einsum("t,txi,tij,tjf,tef->tex", left, frames, stress, turns, film.inverse)
     corners = np.concatenate([-pulls.sum(axis=1, keepdims=True), pulls], axis=1)
-    return -summed(len(x), film.corners.ravel(), corners.reshape(-1, 3)), peak
+    return -summed(len(x), film.corners.ravel(), corners.reshape(-1, 3))
 
 
 def fans(x, faces):
@@ -184,34 +209,50 @@ def normal_directions(x, faces):
     return size(areas)[ways.argmin(axis=1)] / size(areas).sum() * normals / size(normals)
 
 
-def wind(x, time, up, p, waves):
+def air(height, p):
+    """Return the air's pressure, temperature and density, at rest under gravity where it grows colder with height."""
+    density = p.air_density if p.air_density >= 0.0 else DRY_AIR * p.air_pressure / (R * p.air_temperature)
+    if p.air_lapse == -1.0:  # uniform
+        return p.air_pressure, p.air_temperature, density + 0.0 * height
+    part = np.minimum(p.air_lapse * height / p.air_temperature, 0.9)
+    more = np.where(np.abs(part) > 1e-6, -np.log1p(-part) / np.where(part == 0.0, 1.0, part), 1.0 + 0.5 * part)
+    ratio = np.exp(-density * p.gravity * height * more / p.air_pressure)
+    return p.air_pressure * ratio, p.air_temperature * (1.0 - part), density * ratio / (1.0 - part)
+
+
+def wind(x, b):
     """Return the air's velocity: a power law or a logarithmic one of height, and gusts that it carries along."""
-    height, growth = dot(x, up), 1.0
+    height, growth, p = dot(x, b.world.up), 1.0, b.p
     if p.wind_roughness > 0.0:
         z = np.clip(height, p.wind_roughness, 10.0 * p.wind_height) / p.wind_roughness
         growth = np.log(z) / np.log(max(p.wind_height / p.wind_roughness, 1.0 / 0.99))
     elif p.wind_shear > 0.0:
         growth = np.clip(height / p.wind_height, 0.0, 10.0) ** p.wind_shear
-    turns = (x - time * p.wind) / p.gust_length @ waves.vectors.T + waves.phases
+    turns = (x - b.world.time * p.wind) / p.gust_length @ b.world.waves.vectors.T + b.world.waves.phases
     part = turns - np.floor(turns) - 0.5
     arch = part * (16.0 * np.abs(part) - 8.0)  # nearly a sine
-    gusts = (arch * (0.775 + 0.225 * np.abs(arch))) @ waves.amplitudes
+    gusts = (arch * (0.775 + 0.225 * np.abs(arch))) @ b.world.waves.amplitudes
     return growth * p.wind + p.gusts * np.linalg.norm(p.wind) * gusts
 
 
-def drag(u, area, density, coefficient):
-    """1/2 density C_d (u . n)^2 for each area, u the velocity beside the air."""
-    flux = dot(u, area)
-    return -0.5 * density * coefficient * flux * np.abs(flux) / np.maximum(dot(area, area), 1e-30) * area
+def drag(x, v, b):
+    """Drag 1/2 density C_d (u . n)^2 of each particle's area, u the velocity beside the air."""
+    if not b.p.drag_coefficient:
+        return 0.0
+    area, density = volume(x, b.faces)[1], air(dot(x, b.world.up), b.p)[2]
+    flux = dot(v - wind(x, b), area)
+    return -0.5 * density * b.p.drag_coefficient * flux * np.abs(flux) / np.maximum(dot(area, area), 1e-30) * area
 
 
-def face_air(x, v, faces, wind_at, density_at, normal, tangential):
+def face_air(x, v, b):
     """Lift and drag of faces (Wejchert and Haumann 1991), which their corners share."""
-    centers, area = faces.means @ x, face_areas(x, faces)
-    u = faces.means @ v - wind_at(centers)
-    across = dot(u, area) / size(area) ** 2 * area
-    push = normal * across + tangential * (u - across)
-    return faces.means.T @ (-0.5 * density_at(centers) * size(area) * size(u) * push)
+    if not (b.p.face_drag or b.p.face_friction):
+        return 0.0
+    centers, area = b.faces.means @ x, face_areas(x, b.faces)
+    u, density = b.faces.means @ v - wind(centers, b), air(dot(centers, b.world.up), b.p)[2]
+    along = dot(u, area) / size(area) ** 2 * area
+    push = b.p.face_drag * along + b.p.face_friction * (u - along)
+    return b.faces.means.T @ (-0.5 * density * size(area) * size(u) * push)
 
 
 def wet_means(depths):
@@ -232,26 +273,63 @@ def wet_means(depths):
     return found
 
 
-def water(x, v, faces, share, up, p):
-    """Hydrostatic pressure and drag on the wetted part of all fans (Kim et al. 2006), and k of the drag -k |v| v.
+def wetted(x, b):
+    """Return the fans' area vectors [m^2], and `wet_means` of their depths."""
+    corners = fans(x, b.faces)
+    area = 0.5 * np.cross(corners[0] - corners[2], corners[1] - corners[2])
+    return area, *wet_means(b.p.water_level - np.hstack([dot(each, b.world.up) for each in corners]))
 
-    Of the pressure a part acts evenly, by shares of the mass.
-    """
-    a, b, c = fans(x, faces)
-    area = 0.5 * np.cross(a - c, b - c)
-    moments, parts = wet_means(p.water_level - np.hstack([dot(each, up) for each in (a, b, c)]))
-    load = shared(faces, *(moments[:, k : k + 1] * area for k in range(3)))
-    wet = shared(faces, *(parts[:, k : k + 1] * size(area) for k in range(3)))
-    k = 0.5 * p.water_density * p.water_drag * wet
+
+def water(x, v, b):
+    """Hydrostatic pressure on the wetted part (Kim et al. 2006), of which a part acts evenly, by shares of the mass."""
+    if not b.world.water:
+        return 0.0
+    (area, moments, _), p, up = wetted(x, b), b.p, b.world.up
+    load = shared(b.faces, *(moments[:, k : k + 1] * area for k in range(3)))
     if p.water_evened > 0.0:
-        inside, around = volume(x, faces)
-        depth = max(p.water_level - share @ (x @ up), 0.0)
+        inside, around = volume(x, b.faces)
+        depth = max(p.water_level - b.share[:, 0] @ (x @ up), 0.0)
         left = p.air_pressure / (p.air_pressure + p.water_density * p.gravity * depth)
-        part = max(p.water_evened, np.clip((0.97 - left) / 0.05, 0.0, 1.0))
         lift = -(load @ up).sum()
-        part *= np.clip(lift / (0.2 * inside), 0.0, 1.0)
-        load = load + part * (depth * around - share[:, None] * lift * up - load)
-    return -p.water_density * p.gravity * load - k * size(v) * v, k
+        part = max(p.water_evened, np.clip((0.97 - left) / 0.05, 0.0, 1.0)) * np.clip(lift / (0.2 * inside), 0.0, 1.0)
+        load = load + part * (depth * around - b.share * lift * up - load)
+    return -p.water_density * p.gravity * load
+
+
+def resistance(x, b):
+    """Return k [kg/m] of the water's drag -k |v| v, by the wetted area of all fans."""
+    if not b.world.water:
+        return 0.0 * b.share
+    area, _, parts = wetted(x, b)
+    return (
+        0.5
+        * b.p.water_density
+        * b.p.water_drag
+        * shared(b.faces, *(parts[:, k : k + 1] * size(area) for k in range(3)))
+    )
+
+
+def jet(x, v, b):
+    """Thrust 2 C A p of the gas that leaves a neck, on its rim."""
+    if not b.opening:
+        return 0.0
+    edges, above = b.neck.edges, np.maximum(b.load + b.rise * (x @ b.world.up), 0.0)
+    out = np.cross(x[edges[:, 0]], x[edges[:, 1]]).sum(axis=0)
+    thrust = 2.0 * b.opening * above * nozzle(above, b.p.air_pressure + above, b.p.gamma)[1]
+    return -(b.neck.weights * thrust)[:, None] * out / np.linalg.norm(out)
+
+
+def nozzle(pressure, behind, gamma):
+    """Return the flow through an opening over that of Bernoulli's law, and its thrust over 2 C A p.
+
+    The gas expands without heat down to the pressure outside, or to that at which it is as fast as sound (de
+    Saint-Venant and Wantzel 1839).
+    """
+    k = np.maximum(gamma, 1.4)
+    drop = np.maximum(np.clip(pressure / behind, 0.0, 1.0), 1e-12)
+    x = np.minimum(drop, 1.0 - (2.0 / (k + 1.0)) ** (k / (k - 1.0)))
+    work, density = -np.expm1((1.0 - 1.0 / k) * np.log1p(-x)) * k / (k - 1.0), (1.0 - x) ** (1.0 / k)
+    return density * np.sqrt(work / drop), density * work / drop + 0.5 * (1.0 - x / drop)
 
 
 def resisted(v, force, push, k, gain):
@@ -260,3 +338,7 @@ def resisted(v, force, push, k, gain):
     gain = gain * np.tanh(t) / t
     slower = 1.0 / (1.0 + gain * k * size(v))
     return slower * (v + gain * force), slower * gain
+
+
+LAWS = weight, damping, springs, membrane, torsion, drag, face_air, water, jet
+"""Forces on a balloon's particles but for its inflation and contact"""

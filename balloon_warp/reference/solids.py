@@ -1,19 +1,19 @@
-"""Ground, obstacles and spheres, which particles leave with Coulomb's friction, or exchange momentum with.
+"""Solids: how particles and spheres leave the ground and obstacles, and exchange momentum with spheres and bodies.
 
-An obstacle has a shape, size, thickness, friction by balloon, and places and turns by frame; a sphere is a dictionary.
+Solids have rows of `contact.Movers`; a shape has a kind, size, thickness, and the axis up. See docs/CONTACT.md.
 """
 
 import numpy as np
 
-from balloon_warp.reference.laws import dot, size
+from balloon_warp.reference.contact import apart
+from balloon_warp.reference.laws import across, cross, dot, size
 
 
-def turn_by(vector):
-    """Return the matrix of a turn about a vector, by its length [rad]."""
-    angle = np.linalg.norm(vector)
-    x, y, z = vector / max(angle, 1e-150)
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
+def turn_by(vectors):
+    """Return the matrices of turns about vectors, by their lengths [rad] (Rodrigues)."""
+    angles = size(vectors)[..., None]
+    skew = np.cross(np.eye(3), vectors[..., None, :] / angles)
+    return np.eye(3) + np.sin(angles) * skew + (1.0 - np.cos(angles)) * skew @ skew
 
 
 def carried(velocity, spin, arm, seconds):
@@ -21,57 +21,49 @@ def carried(velocity, spin, arm, seconds):
     return velocity + (arm @ turn_by(seconds * spin).T - arm) / seconds
 
 
-def vector_of(turn):
-    """Return the vector of a turn of less than half a circle."""
+def pose(shifts, turns, frame, part, frame_seconds):
+    """Return an obstacle's shift, turn, velocity and spin at a part of a frame, between those at its ends."""
+    first, last = (min(number, len(shifts) - 1) for number in (frame, frame + 1))
+    way, turn = shifts[last] - shifts[first], turns[last] @ turns[first].T
     twice = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
     sine = 0.5 * np.linalg.norm(twice)
-    return twice * 0.5 * (np.arctan2(sine, 0.5 * (np.trace(turn) - 1.0)) / sine if sine > 0.0 else 1.0)
+    turning = twice * 0.5 * (np.arctan2(sine, 0.5 * (np.trace(turn) - 1.0)) / sine if sine > 0.0 else 1.0)
+    place, at = shifts[first] + part * way, turn_by(part * turning) @ turns[first]
+    return place, at, way / frame_seconds, turning / frame_seconds
 
 
-def pose(obstacle, frame, part, frame_seconds):
-    """Return an obstacle's place, turn, velocity and spin at a part of a frame, between those at its ends."""
-    first, last = (min(number, len(obstacle.shifts) - 1) for number in (frame, frame + 1))
-    way = obstacle.shifts[last] - obstacle.shifts[first]
-    turning = vector_of(obstacle.turns[last] @ obstacle.turns[first].T)
-    place = obstacle.position + obstacle.shifts[first] + part * way
-    return place, turn_by(part * turning) @ obstacle.turns[first], way / frame_seconds, turning / frame_seconds
-
-
-def surface(solid, x, radius):
-    """Return the signed distance from a solid about its own origin, less a radius, and the normal."""
-    if solid.shape == "plane":
-        distance, normal = dot(x, solid.up), np.broadcast_to(solid.up, x.shape)
-    elif solid.shape == "capsule":
-        arm = x - np.clip(dot(x, solid.up), -solid.size[1], solid.size[1]) * solid.up
-        distance, normal = size(arm) - solid.size[0], arm / size(arm)
+def surface(shape, up, x, radius):
+    """Return the signed distance from a shape about its own origin, less a radius, and the normal."""
+    if shape.kind == "plane":
+        distance, normal = dot(x, up), np.broadcast_to(up, x.shape)
+    elif shape.kind == "capsule":
+        arm = x - np.clip(dot(x, up), -shape.size[1], shape.size[1]) * up
+        distance, normal = size(arm) - shape.size[0], arm / size(arm)
     else:
-        beyond, signs = np.abs(x) - solid.size, np.where(x < 0.0, -1.0, 1.0)
+        beyond, signs = np.abs(x) - shape.size, np.where(x < 0.0, -1.0, 1.0)
         most, out = beyond.max(axis=1, keepdims=True), np.maximum(beyond, 0.0)
         inward = np.eye(3)[beyond.argmax(axis=1)]
         distance, normal = np.where(most > 0.0, size(out), most), np.where(most > 0.0, out / size(out), inward) * signs
-    return distance - solid.thickness - radius, normal
+    return distance - shape.thickness - radius, normal
 
 
-def way_through(solid, start, end, radius):
-    """Narrow phase of ways past a convex solid: ends, contact normals or 0, remaining displacements, distances.
+def way_through(shape, up, start, end, radius):
+    """Narrow phase of ways past a convex shape: ends, contact normals or 0, remaining displacements, distances.
 
     Along a line the distance is convex: Newton's method comes to where a way enters, and never past it.
     """
-    way, (distance, normal) = size(end - start), surface(solid, end, radius)
+    way, (distance, normal) = size(end - start), surface(shape, up, end, radius)
     ahead, near = (end - start) / way, 2e-6 * (way + size(start))
     straight = (distance < 0.0) & (dot(start - end, normal) + distance >= -near)
-
-    def look(gone):
-        here, out = surface(solid, start + gone * ahead, radius)
+    gone = np.zeros_like(way)
+    while True:
+        here, out = surface(shape, up, start + gone * ahead, radius)
         falling = -dot(out, ahead)
         enters = here - falling * (way - gone) < -1e-12 * way  # or else all the rest is outside
-        return here, out, enters, np.where(enters & (here > 1e-7 * near), here / np.where(enters, falling, 1.0), 0.0)
-
-    gone = np.zeros_like(way)
-    here, out, enters, step = look(gone)
-    while step.any():
+        step = np.where(enters & (here > 1e-7 * near), here / np.where(enters, falling, 1.0), 0.0)
+        if not step.any():
+            break
         gone = gone + step
-        here, out, enters, step = look(gone)
     place = start + gone * ahead - here * out
     slides = enters & ~straight
     slid = end + np.maximum(dot(place - end, out), 0.0) * out
@@ -80,56 +72,44 @@ def way_through(solid, start, end, radius):
     return let, np.where(slides, out, normal) * held, (slides, np.where(slides, 1.0 - gone / way, 1.0)), distance
 
 
-def beside_obstacle(obstacle, poses, h, start, x, radius=0.0):
-    """Return `way_through` an obstacle that moves, and how fast its surface moves there.
-
-    Args:
-        poses: Its `pose` at the beginning and at the end of the step.
-    """
+def beside_obstacle(shape, up, poses, h, start, x, radius=0.0):
+    """Return `way_through` an obstacle that moves between two poses in a step, and how fast its surface moves there."""
     (before, earlier, *_), (place, turn, velocity, spin) = poses
-    let, normal, left, distance = way_through(obstacle, (start - before) @ earlier, (x - place) @ turn, radius)
+    let, normal, left, distance = way_through(shape, up, (start - before) @ earlier, (x - place) @ turn, radius)
     arm = let @ turn.T
     let = np.where(normal.any(axis=1, keepdims=True), place + arm, x)
     return let, normal @ turn.T, left, carried(velocity, spin, arm, -h), distance
 
 
-def stand(around, start, x, v, h, foreseen=False):
+def on_ground(height, up, start, x):
+    """Return the same of a ground, which stops all that is below its height."""
+    depth = height - dot(x, up)
+    low = depth > 0.0
+    return x + low * depth * up, low * up, (False, 1.0), np.zeros(3), np.where(low, 0.0, np.inf)
+
+
+def stand(m, start, x, v, foreseen=False, at_once=False):
     """Return places and velocities beside obstacles and the ground, and the normals of the last contacts.
 
     Of an approach as much is stopped as has led behind the surface. Coulomb's friction takes at most its coefficient
     times that; the way is that of the velocity once all is stopped. Where two are near, one may push into the other,
     and both take turns; there all of an approach is stopped at once, as where a way passes an edge.
-
-    Args:
-        around: Functions from starts and ends of ways to `beside_obstacle`, each with its friction by particle.
-        foreseen: whether only places are wanted, of particles that keep their velocities.
+    Where places are only foreseen, particles keep their velocities.
     """
-    at_once = np.zeros((len(x), 1), dtype=bool)
-    places, velocities, normals, several = _stand(around, start, x, v, h, at_once, foreseen)
-    if several.any():
-        again = _stand(around, start, x, v, h, several, foreseen)
-        places, velocities, normals = (
-            np.where(several, *both) for both in zip(again[:3], (places, velocities, normals), strict=True)
-        )
-    return places, velocities, normals
-
-
-def _stand(around, start, x, v, h, at_once, foreseen):
-    """Return also which particles met several things, of which `at_once` says where all of an approach is stopped."""
-    normals, takes = np.zeros_like(x), np.ones((len(x), 1), dtype=bool)
-    met = np.zeros((len(x), len(around)), dtype=bool)
+    given, normals, takes = (x, v), np.zeros_like(x), np.ones((len(x), 1), dtype=bool)
+    met, h = np.zeros((len(m.around), len(x), 1), dtype=bool), m.h
     for _ in range(1 if foreseen else 4):
         end, distances = x, []
-        for number, (let_through, friction) in enumerate(around):
+        for number, (let_through, thing) in enumerate(m.around):
             let, normal, (slides, left), moving, distance = let_through(start, x)
             normal, distances = np.where(takes, normal, 0.0), [*distances, distance]
             held, beside = normal.any(axis=1, keepdims=True), v - moving
-            met[:, [number]] |= held
-            rise, depth = dot(beside, normal), np.maximum(dot(let - x, normal), 0.0)
-            along, approach = beside - rise * normal, np.maximum(-rise, 0.0)
-            once = at_once | slides
-            stopped = np.where(once, approach, np.minimum(approach, depth / h))
-            slid = np.where(once, left, stopped / np.maximum(approach, 1e-12))
+            met[number] |= held
+            along, approach = across(beside, normal), np.maximum(-dot(beside, normal), 0.0)
+            stopped = np.minimum(approach, np.maximum(dot(let - x, normal), 0.0) / h)
+            stopped = np.where(at_once | slides, approach, stopped)
+            slid = np.where(at_once | slides, left, stopped / np.maximum(approach, 1e-12))
+            friction = m.rub(np.arange(len(x)), thing)[:, None]
             rubbed = [np.minimum(friction * part / size(along), 1.0) for part in (approach, stopped)]
             x, normals = np.where(held, let - h * slid * rubbed[0] * along, x), np.where(held, normal, normals)
             if not foreseen:
@@ -138,20 +118,27 @@ def _stand(around, start, x, v, h, at_once, foreseen):
         takes = (size(x - end) > 1e-3 * size(end - start) + 2e-6 * size(x)) & (near > 1)
         if not np.any(takes):
             break
-    several = (met.sum(axis=1, keepdims=True) > 1) & (not foreseen)
-    return x, v, normals, several
+    found, several = (x, v, normals), met.sum(axis=0) > 1
+    if foreseen or at_once is not False or not several.any():
+        return found
+    again = stand(m, start, *given, at_once=several)
+    return [np.where(several, *both) for both in zip(again, found, strict=True)]
 
 
-def rub(ball, moving, normal, stopped, friction, seconds):
-    """Let a sphere rub on something immovable, at an arm of its radius, that has changed its speed along the normal."""
-    if ball["radius"] == 0.0:
-        return  # it has yet to begin
-    arm = -ball["radius"] * normal
-    slip = ball["velocity"] + np.cross(ball["spin"], arm) - moving
-    slip = slip - (slip @ normal) * normal
-    gain = -min(1.0 / 3.5, friction * stopped / max(np.linalg.norm(slip), 1e-150)) * slip
-    ball["position"], ball["velocity"] = ball["position"] + seconds * gain, ball["velocity"] + gain
-    ball["spin"] = ball["spin"] + 2.5 / ball["radius"] ** 2 * np.cross(arm, gain)
+def rub(m, ball, n, moving, stopped, friction, seconds):
+    """Let a sphere rub at its radius on something immovable, which has changed its speed along the normal."""
+    if m.radius[ball]:  # it has begun
+        arm = -m.radius[ball] * n
+        slip = across(m.v[ball] + cross(m.spin[ball], arm) - moving, n)
+        gain = -min(1.0 / 3.5, friction * stopped / size(slip).item()) * slip
+        m.x[ball], m.v[ball] = m.x[ball] + seconds * gain, m.v[ball] + gain
+        m.spin[ball] = m.spin[ball] + 2.5 / m.radius[ball] ** 2 * cross(arm, gain)
+
+
+def bounce(m, ball, n, moving, stopped, out, friction, seconds):
+    """Let a sphere gain a speed and a way along the normal of something immovable, on which it rubs."""
+    m.x[ball], m.v[ball] = m.x[ball] + out * n, m.v[ball] + stopped * n
+    rub(m, ball, n, moving, stopped, friction, seconds)
 
 
 def stop_of(coming, depth, before, restitution, h):
@@ -160,122 +147,125 @@ def stop_of(coming, depth, before, restitution, h):
     return max(excess, coming + restitution * before) if excess > 0.0 else 0.0
 
 
-def apart(gap, h):
-    """Return how far an overlap is resolved in a step: 10/s, at most a fifth."""
-    return np.maximum(-gap, 0.0) * min(10.0 * h, 0.2)
+def roll(m, ball, lift):
+    """Move a sphere that its lift accelerates beside the ground, where it turns with the speed that it had before."""
+    gap, rise = m.x[ball] @ m.up - m.radius[ball] - m.height, m.v[ball] @ m.up
+    m.v[ball] = m.v[ball] + m.h * (lift - m.gravity * m.up)
+    m.x[ball], coming = m.x[ball] + m.h * m.v[ball], -(m.v[ball] @ m.up)
+    stopped = stop_of(coming, m.h * coming - gap, -rise, m.restitution[m.ground], m.h)
+    bounce(m, ball, m.up, 0.0, stopped, m.h * stopped + apart(gap, m.h), m.rub(ball, m.ground), m.h)
 
 
-def roll(ball, h, up, gravity, ground, momentum):
-    """Move a sphere beside the ground, where it turns with the speed that it had before.
-
-    Args:
-        ground: Height, restitution and friction.
-        momentum: Whether it exchanges momentum with particles, later; if not, its force moves it.
-    """
-    height, restitution, friction = ground
-    pushed = np.zeros(3) if momentum else ball["force"] / ball["mass"]
-    gap, rise = ball["position"] @ up - ball["radius"] - height, ball["velocity"] @ up
-    ball["velocity"], ball["force"] = ball["velocity"] + h * (pushed - gravity * up), np.zeros(3)
-    coming = -(ball["velocity"] @ up)
-    stopped = stop_of(coming, h * coming - gap, -rise, restitution, h)
-    ball["velocity"] = ball["velocity"] + stopped * up
-    ball["position"] = ball["position"] + h * ball["velocity"] + apart(gap, h) * up
-    rub(ball, np.zeros(3), up, stopped, friction, h)
-
-
-def leave_ground(ball, h, up, ground):
-    """Lift a sphere out of the ground, from which it bounces."""
-    height, restitution, friction = ground
-    depth = height + ball["radius"] - ball["position"] @ up
+def put_beside(m, ball):
+    """Lift a sphere out of the ground, from which it bounces, and then out of obstacles, which take turns."""
+    depth, coming = m.height + m.radius[ball] - m.x[ball] @ m.up, -(m.v[ball] @ m.up)
     if depth > 0.0:
-        coming = -(ball["velocity"] @ up)
-        stopped = stop_of(coming, h * coming, coming, restitution, h)
-        ball["position"], ball["velocity"] = ball["position"] + depth * up, ball["velocity"] + stopped * up
-        rub(ball, np.zeros(3), up, stopped, friction, h)
+        stopped = stop_of(coming, m.h * coming, coming, m.restitution[m.ground], m.h)
+        bounce(m, ball, m.up, 0.0, stopped, depth, m.rub(ball, m.ground), m.h)
+    leave_obstacles(m, ball)
 
 
-def leave_obstacles(ball, start, around, kick, h):
-    """Move a sphere out of obstacles, which take turns.
-
-    Args:
-        kick: Velocity that a step of gravity gives.
-        around: `beside_obstacle` of each, with the restitution and the friction.
-    """
+def leave_obstacles(m, ball):
+    """Move a sphere out of obstacles, which take turns."""
+    start, around = m.start[ball], [each for each in m.around if each[1] != m.ground]
     for _ in range(4):
-        end = ball["position"]
-        for let_through, restitution, friction in around:
-            let, normal, (_, left), moving, _ = let_through(start[None], ball["position"][None], ball["radius"])
-            if normal.any():
-                n, coming = normal[0], (moving[0] - ball["velocity"]) @ normal[0]
-                depth = (let[0] - ball["position"]) @ n
-                stopped = stop_of(coming, depth, coming + kick @ n, restitution, h)
-                ball["position"] = let[0] + max(h * stopped - depth, 0.0) * n
-                ball["velocity"] = ball["velocity"] + stopped * n
-                rub(ball, moving[0], n, stopped, friction, h * left[0, 0])
-        moved, way = np.linalg.norm(ball["position"] - end), np.linalg.norm(end - start)
-        if len(around) == 1 or moved <= 1e-3 * way + 2e-6 * np.linalg.norm(ball["position"]):
+        end = m.x[ball].copy()
+        for let_through, obstacle in around:
+            let, (n,), (_, left), moving, _ = let_through(start[None], m.x[[ball]], m.radius[ball])
+            if n.any():
+                coming, depth = (moving[0] - m.v[ball]) @ n, (let[0] - m.x[ball]) @ n
+                before = coming - m.h * m.gravity * m.up @ n
+                stopped = stop_of(coming, depth, before, m.restitution[obstacle], m.h)
+                out, rubs = max(m.h * stopped, depth), m.rub(ball, obstacle)
+                bounce(m, ball, n, moving[0], stopped, out, rubs, m.h * left[0, 0])
+        moved, way = np.linalg.norm(m.x[ball] - end), np.linalg.norm(end - start)
+        if len(around) == 1 or moved <= 1e-3 * way + 2e-6 * np.linalg.norm(m.x[ball]):
             break
 
 
-def leave_sphere(ball, x, v, h):
+def leave_sphere(m, ball, x, v):
     """Return places and velocities outside of a sphere, and the normals of particles that were in it.
 
     Of an approach as much is stopped as has led inside.
     """
-    arm = x - ball["position"]
-    normal = np.where(size(arm) < ball["radius"], arm / size(arm), 0.0)
-    held = normal.any(axis=1, keepdims=True)
-    approach = np.maximum(dot(ball["velocity"] - v, normal), 0.0)
-    v = v + np.minimum(approach, (ball["radius"] - dot(arm, normal)) / h) * normal
-    return np.where(held, ball["position"] + ball["radius"] * normal, x), v, normal
+    arm, radius = x - m.x[ball], m.radius[ball]
+    normal = np.where(size(arm) < radius, arm / size(arm), 0.0)
+    approach = np.maximum(dot(m.v[ball] - v, normal), 0.0)
+    v = v + np.minimum(approach, (radius - dot(arm, normal)) / m.h) * normal
+    return np.where(normal.any(axis=1, keepdims=True), m.x[ball] + radius * normal, x), v, normal
 
 
-def may_meet(ball, x, v, h):
-    """Return which particles may meet a sphere on twice their ways in a step."""
-    way = h * (v - ball["velocity"])
-    arm = x - ball["position"] - way
+def may_meet(m, ball, count):
+    """Return which particles may meet a sphere on twice their ways in a step, shape (count, 1)."""
+    way = m.h * (m.v[:count] - m.v[ball])
+    arm = m.x[:count] - m.x[ball] - way
     part = np.clip(-dot(arm, way) / np.maximum(dot(way, way), 1e-150), 0.0, 2.0)
-    return size(arm + part * way)[:, 0] < 65.0 / 64.0 * ball["radius"]
+    return size(arm + part * way) < 65.0 / 64.0 * m.radius[ball]
 
 
-def exchange(ball, x, v, mass, friction, h, up, ground):
-    """Let a sphere and particles exchange momentum: to the nearest velocities at which n . (v - V) >= -gap / h.
+def passing_sphere(m, ball, mass):
+    """Return which particles are near a sphere, and the normals, arms, excess speeds and ways out of all."""
+    near, (x, v), h = may_meet(m, ball, len(mass)) & (mass > 0.0), (m.x[: len(mass)], m.v[: len(mass)]), m.h
+    arm = x - h * v - (m.x[ball] - h * m.v[ball])
+    n, gap = arm / size(arm), size(arm) - m.radius[ball]
+    excess = -dot(v - m.v[ball], n) - np.maximum(gap, 0.0) / h
+    return near, n, arm, excess, np.where(near, apart(gap, h), 0.0)
 
-    Particles of no mass are fixed; the ground, of a great mass, takes part where it is pressed.
+
+def passing_body(m, body, turn, start, end, v, radius=0.0):
+    """Return which points pass a body on its way to another turn, and the same of them; normals are 0 of the others."""
+    (shape, up), arm, h = m.shapes[body], start - m.start[body], m.h
+    let, normal, _, _ = way_through(shape, up, arm @ m.turn[body], (end - m.x[body]) @ turn, radius)
+    back, normal = let @ turn.T - (end - m.x[body]), normal @ turn.T
+    depth, held = size(back), normal.any(axis=1, keepdims=True)
+    normal = np.where(held & (dot(back, normal) < 0.99 * depth), back / depth, normal)
+    excess = np.where(held, np.minimum(depth / h, -dot(v - m.v[body] - cross(m.spin[body], arm), normal)), -1e30)
+    return held, normal, arm, excess, apart(h * np.maximum(excess, 0.0) - depth, h) * held
+
+
+def exchange(m, solid, mass, passing, widest):
+    """Let a solid and particles exchange momentum: to the nearest velocities at which n . (v - V) >= -gap / h.
+
+    They pass as `passing_sphere` or `passing_body` say; those of no mass are fixed. By `widest`, the inverse mass of
+    its surface over that of its center, friction gives no energy. The ground takes part, of a great mass, where a
+    sphere is pressed to it.
     """
-    heavy, radius = ball["mass"], ball["radius"]
-    center, before = ball["position"] - h * ball["velocity"], ball["velocity"]
-    arm = x - h * v - center
-    n, gap = arm / size(arm), size(arm)[:, 0] - radius
-    excess = -dot(v - before, n)[:, 0] - np.maximum(gap, 0.0) / h
-    near = may_meet(ball, x, v, h) & (mass > 0.0)
-    out = np.where(near, apart(gap, h), 0.0)
-    sinking = -(before @ up) - max(center @ up - radius - ground[0], 0.0) / h
-    pressed, grounded, change = near & (excess > 0.0), sinking > 0.0, np.zeros(3)
+    (near, n, arm, excess, out), h = passing, m.h
+    count, heavy, radius = len(mass), 1.0 / m.ease[solid].item(), m.radius[solid]
+    near, over, change = near & (mass > 0.0), mass * (out > 0.0), np.zeros(6)
+    if not (near & (excess > 0.0) | (over > 0.0)).any():
+        return
+    x, v, up, sinking = m.x[:count], m.v[:count], np.zeros(6), 0.0
+    if radius:
+        up[:3], center = m.up, m.x[solid] - h * m.v[solid]
+        sinking = -(m.v[solid] @ m.up) - max(center @ m.up - radius - m.height, 0.0) / h
+    c, inertia = np.hstack([n, cross(arm, n)]), np.zeros((6, 6))
+    inertia[:3, :3], inertia[3:, 3:] = heavy * np.eye(3), np.linalg.inv(m.turning[solid])
+    pressed, grounded = near & (excess > 0.0), sinking > 0.0
     for _ in range(16):
-        m, earth = mass * pressed, 1e6 * (heavy + (mass * pressed).sum()) * grounded
-        inertia = heavy * np.eye(3) + (n * m[:, None]).T @ n + earth * np.outer(up, up)
-        change = -np.linalg.solve(inertia, (m * excess) @ n - earth * sinking * up)
-        before_that, pressed = pressed, near & (n @ change + excess > 0.0)
+        w = mass * pressed
+        earth = 1e6 * (heavy + w.sum()) * grounded
+        lost = (w * excess * c).sum(axis=0) - earth * sinking * up
+        change = -np.linalg.solve(inertia + (c * w).T @ c + earth * np.outer(up, up), lost)
+        before, pressed = pressed, near & (c @ change[:, None] + excess > 0.0)
         stood, grounded = grounded, sinking - up @ change > 0.0
-        if (pressed == before_that).all() and grounded == stood:
+        if (pressed == before).all() and grounded == stood:
             break
-    m = mass * pressed
-    over = mass * (out > 0.0)
-    if not (pressed.any() or over.any()):
-        return x, v
-    shift = -np.linalg.solve(heavy * np.eye(3) + (n * over[:, None]).T @ n, (over * out) @ n)
-    gain = np.where(pressed, n @ change + excess, 0.0)[:, None] * n
-    ease = (1.0 + 2.5 * dot(arm, arm) / radius**2) / heavy  # all together give no energy, see `laws.sliding`
-    slip = v + gain - before - change - np.cross(ball["spin"], arm)
-    slip = slip - dot(slip, n) * n
-    rubs = -np.minimum(1.0 / (1.0 + m.sum() * ease), friction * size(gain) / size(slip)) * slip * pressed[:, None]
-    x = x + h * (gain + rubs) + np.where(out > 0.0, n @ shift + out, 0.0)[:, None] * n
-    slowed = -(mass[:, None] * rubs).sum(axis=0) / heavy
-    ball["spin"] = ball["spin"] - 2.5 / (heavy * radius**2) * np.cross(arm, mass[:, None] * rubs).sum(axis=0)
-    ball["position"], ball["velocity"] = ball["position"] + h * (change + slowed) + shift, before + change + slowed
-    ball["force"] = ball["force"] + heavy / h * change
+    w = mass * pressed
+    shift = -np.linalg.solve(heavy * np.eye(3) + (n * over).T @ n, (over * out * n).sum(axis=0))
+    gain = np.where(pressed, c @ change[:, None] + excess, 0.0) * n
+    x, v = x + h * gain + np.where(over > 0.0, n @ shift[:, None] + out, 0.0) * n, v + gain
+    m.v[solid], m.spin[solid] = m.v[solid] + change[:3], m.spin[solid] + change[3:]
+    m.x[solid] = m.x[solid] + h * change[:3] + shift
+    if not radius:
+        arm = x - h * v - (m.x[solid] - h * m.v[solid])
+    share = 1.0 / (1.0 + w.sum() * widest / heavy)
+    slip = across(v - m.v[solid] - cross(m.spin[solid], arm), n)
+    rubs = -np.minimum(share, m.rub(np.arange(count), solid)[:, None] * size(gain) / size(slip)) * slip * pressed
+    m.x[:count], m.v[:count] = x + h * rubs, v + rubs
+    slowed = -(mass * rubs).sum(axis=0) / heavy
+    m.x[solid], m.v[solid] = m.x[solid] + h * slowed, m.v[solid] + slowed
+    m.spin[solid] = m.spin[solid] - m.turning[solid] @ cross(arm, mass * rubs).sum(axis=0)
     if grounded:
-        pushed = max(up @ (heavy * change + (m[:, None] * gain).sum(axis=0)), 0.0)
-        rub(ball, np.zeros(3), up, pushed / heavy, ground[2], h)
-    return x, v + gain + rubs
+        pushed = max(m.up @ (heavy * change[:3] + (w * gain).sum(axis=0)), 0.0)
+        rub(m, solid, m.up, 0.0, pushed / heavy, m.rub(solid, m.ground), h)

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from balloon_warp.reference.contact import across, contacts, cross, momenta, point_triangle, relative, summed_at
-from balloon_warp.reference.laws import dot, size
+from balloon_warp.reference.contact import contacts, momenta, point_triangle, relative, summed_at
+from balloon_warp.reference.laws import across, cross, dot, size
 
 
 @dataclass
@@ -94,7 +94,7 @@ class Touch:
         behind = np.where((hold == 0.0) | itself, gap, hold) < 0.0
         side = np.where(behind & (itself | ~closed), -1.0, 1.0)
         thickness, _, friction = self.skins[first, second].T[..., None]
-        c = contacts(ends, w, at, kept=thickness, friction=friction * reach.any(axis=2).any(axis=1, keepdims=True))
+        c = contacts(ends, w, arm, kept=thickness, friction=friction * reach.any(axis=2).any(axis=1, keepdims=True))
         c["normal"], c["gap"] = side * normal, side * gap
         c["couples"][:, 1:] = c["gap"][:, None] * reach
         meets = ((side * gap > -thickness) | itself | closed)[:, 0]
