@@ -93,13 +93,14 @@ def test_an_override_reaches_all_or_one_and_makes_tables_that_are_not_there(scen
         ("mass=3", r"mass: unknown field; did you mean balloon\.mass, sphere\.mass or body\.mass\?$"),
         ("balloon.shear=3", r"balloon\.0\.shear: unknown field; did you mean balloon\.stiffness\.shear\?$"),
         ("balloon.penalty=3", r"balloon\.0\.penalty: unknown field; did you mean sphere\.penalty\?$"),
-        ("balloon.color=redd", r"balloon\.0\.color: must be numbers in brackets \(got 'redd'\)"),
+        ("balloon.color=redd", r"balloon\.0\.color: must be a color such as \"red\" or \"#ff8000\", or three numbers"),
         (
             "balloon.material.kind=latex",
             r"balloon\.0\.material\.kind: \"latex\" is a preset; expected preset = \"latex\"$",
         ),
         ("balloon.material=rubber", r"balloon\.0\.material\.preset: must be 'latex', .* \(got 'rubber'\)"),
         ("fps=24", r"^fps: unknown field; did you mean frames_per_second\?$"),
+        ("duration=3", r"^duration: unknown field; did you mean frames\?$"),
         (
             "colour=1",
             r"colour: unknown field; did you mean balloon\.color, sphere\.color, obstacle\.color or body\.color\?$",

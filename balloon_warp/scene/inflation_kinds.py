@@ -45,12 +45,14 @@ def drop_masses(table: dict[str, Any], overrides: Iterable[tuple[str, Any]]) -> 
 
 
 def _set_fields(number: int, overrides: Iterable[tuple[str, Any]], field: str = "inflation") -> dict[str, Any]:
-    """Find the values that overrides set in the inflation, or another field, of a balloon."""
+    """Find the values that overrides set in the inflation, or another field, of a balloon; a name is a preset's."""
     fields = {}
     for path, value in overrides:
-        for opening in (f"balloon.{field}.", f"balloon.{number}.{field}."):
-            if path.startswith(opening):
-                fields[path.removeprefix(opening).split(".")[0]] = value
+        for whole in (f"balloon.{field}", f"balloon.{number}.{field}"):
+            if path == whole:
+                fields = {"preset": value} if isinstance(value, str) else dict(value) if isinstance(value, dict) else {}
+            elif path.startswith(f"{whole}."):
+                fields[path.removeprefix(f"{whole}.").split(".")[0]] = value
     return fields
 
 
