@@ -70,7 +70,7 @@ def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.Captu
     return ended
 
 
-FIRST_LINE = "note: ball.obj inflates above a floor. Its unit is not known"
+FIRST_LINE = "note: ball.obj inflates above a floor. Unit unknown"
 SECOND_LINE = "note: auto pressure 44.6 Pa, volume 1.00 -> 1.33"
 
 
@@ -141,6 +141,7 @@ def test_remesh_writes_quads_that_run_can_inflate(ball: Path):
 
 HELP = {f"{name} --help": "Usage: " for name in ("", "run", "compare", "scenes", "inspect", "remesh", "foil", "render")}
 HELP |= {"convert --help": "Usage: ", "": "balloon-warp run squirrel_tether --picture"}
+HELP |= {"fit --help": "'volume [ml], pressure [kPa]'"}
 
 
 @pytest.mark.parametrize(("words", "said"), HELP.items())

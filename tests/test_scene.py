@@ -340,8 +340,8 @@ def test_gravity_that_is_scaled_to_a_mesh_is_said_with_what_to_do(tmp_path: Path
     said = scene_of(tmp_path, cube(), factor=171.8)
     assert said.gravity == 1685.36
     assert said.description == (
-        "ball.obj inflates above a floor. Its unit is not known: gravity is 1685 m/s2, so that it moves like an object "
-        "of 1 m. --unit m, cm, mm, km, in or ft gives it true size and gravity" + Y_IS_UP
+        "ball.obj inflates above a floor. Unit unknown: gravity scaled to 1685 m/s2, so that it moves like an "
+        "object of 1 m. --unit m, cm, mm, km, in or ft gives it true size and gravity" + Y_IS_UP
     )
     assert scene_of(tmp_path, cube(), "gravity=0").description == "ball.obj inflates above a floor" + Y_IS_UP
 
@@ -363,7 +363,7 @@ def test_the_unit_of_a_stage_is_known_where_it_says_one(tmp_path: Path, said: bo
 def test_the_command_says_it_first_and_takes_a_unit(tmp_path: Path, capsys):
     write_obj(tmp_path / "box.obj", cube())
     run = f"run {tmp_path}/box.obj --set frames=1 --device cpu -o {tmp_path}/out.usdc".split()
-    unknown = "note: box.obj inflates above a floor. Its unit is not known: gravity is 9.81 m/s2, so that it "
+    unknown = "note: box.obj inflates above a floor. Unit unknown: gravity scaled to 9.81 m/s2, so that it "
     for more, first, status in (
         ([], unknown, 0),
         (["--unit", "ft"], "note: box.obj, 0.305 m across, inflates above a floor", 0),

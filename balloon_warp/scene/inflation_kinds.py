@@ -46,7 +46,7 @@ def drop_masses(table: dict[str, Any], overrides: Iterable[tuple[str, Any]]) -> 
 
 def _set_fields(number: int, overrides: Iterable[tuple[str, Any]], field: str = "inflation") -> dict[str, Any]:
     """Find the values that overrides set in the inflation, or another field, of a balloon; a name is a preset's."""
-    fields = {}
+    fields: dict[str, Any] = {}
     for path, value in overrides:
         for whole in (f"balloon.{field}", f"balloon.{number}.{field}"):
             if path == whole:
