@@ -26,6 +26,7 @@ from balloon_warp.cli.options import (
     Set,
 )
 from balloon_warp.cli.progress import frame_progress
+from balloon_warp.cli.spread import LISTED_ELSEWHERE
 from balloon_warp.cli.warn import Opening, first_line, note, warner
 from balloon_warp.cli.words import counted, played
 from balloon_warp.driver import begin_driver
@@ -50,7 +51,13 @@ Output = Annotated[
 ]
 Picture = Annotated[
     bool,
-    typer.Option("--picture", metavar="", help="Also make a picture, beside the animation.", rich_help_panel=OUTPUT),
+    typer.Option(
+        "--picture",
+        metavar="",
+        help="Also make a picture, beside the animation. It takes the camera's options that `balloon-warp render "
+        "--help` lists, such as --azimuth 90.",
+        rich_help_panel=OUTPUT,
+    ),
 ]
 SavePoints = Annotated[
     Path | None,
@@ -104,7 +111,7 @@ def run(
     *,
     output: Output = None,
     picture: Picture = False,
-    camera: CameraOptions,
+    camera: Annotated[CameraOptions, LISTED_ELSEWHERE],
     save_points: SavePoints = None,
     no_lights: NoLights = False,
     no_ground: NoGround = False,
