@@ -167,6 +167,9 @@ def test_names_of_colors_and_presets_are_taken():
     assert bw.Balloon(mesh=BALL, material="latex").material == bw.Material(preset="latex")
     (rubber,) = bw.load_scene("squirrel_tether", {"balloon.material": "latex"}).balloon  # its own mass goes
     assert rubber.material == bw.Material(preset="latex")
+    assert bw.Balloon(mesh=BALL, material="gent").material == bw.Material(kind="gent")
+    (springs,) = bw.load_scene("squirrel_tether", {"balloon.material": "springs"}).balloon
+    assert springs.mass == 2.0  # which stays
 
 
 def test_step_and_advance_take_frames():

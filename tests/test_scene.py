@@ -98,6 +98,12 @@ def test_an_override_reaches_all_or_one_and_makes_tables_that_are_not_there(scen
             "balloon.material.kind=latex",
             r"balloon\.0\.material\.kind: \"latex\" is a preset; expected preset = \"latex\"$",
         ),
+        (
+            "balloon.material.preset=gent",
+            r"balloon\.0\.material\.preset: \"gent\" is a kind; expected kind = \"gent\"$",
+        ),
+        ("balloon.parts=closed", r"balloon\.0\.parts: \"closed\" is a value of taken; expected taken = \"closed\"$"),
+        ("balloon.taken=free", r"balloon\.0\.taken: \"free\" is a value of parts; expected parts = \"free\"$"),
         ("balloon.material=rubber", r"balloon\.0\.material\.preset: must be 'latex', .* \(got 'rubber'\)"),
         ("fps=24", r"^fps: unknown field; did you mean frames_per_second\?$"),
         ("duration=3", r"^duration: unknown field; did you mean frames\?$"),

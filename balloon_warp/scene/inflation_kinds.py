@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from balloon_warp.scene.schema.inflation import FIELDS_OF_KINDS
+from balloon_warp.scene.schema.material import material_named
 
 KIND_OF_FIELD = {field: kind for kind, fields in FIELDS_OF_KINDS.items() for field in fields}
 
@@ -45,12 +46,14 @@ def drop_masses(table: dict[str, Any], overrides: Iterable[tuple[str, Any]]) -> 
 
 
 def _set_fields(number: int, overrides: Iterable[tuple[str, Any]], field: str = "inflation") -> dict[str, Any]:
-    """Find the values that overrides set in the inflation, or another field, of a balloon; a name is a preset's."""
+    """Find the values that overrides set in the inflation, or another field, of a balloon; a name is a material's."""
     fields: dict[str, Any] = {}
     for path, value in overrides:
         for whole in (f"balloon.{field}", f"balloon.{number}.{field}"):
             if path == whole:
-                fields = {"preset": value} if isinstance(value, str) else dict(value) if isinstance(value, dict) else {}
+                fields = (
+                    material_named(value) if isinstance(value, str) else dict(value) if isinstance(value, dict) else {}
+                )
             elif path.startswith(f"{whole}."):
                 fields[path.removeprefix(f"{whole}.").split(".")[0]] = value
     return fields
