@@ -51,9 +51,8 @@ def _set_fields(number: int, overrides: Iterable[tuple[str, Any]], field: str = 
     for path, value in overrides:
         for whole in (f"balloon.{field}", f"balloon.{number}.{field}"):
             if path == whole:
-                fields = (
-                    material_named(value) if isinstance(value, str) else dict(value) if isinstance(value, dict) else {}
-                )
+                table = material_named(value) if isinstance(value, str) else value
+                fields = dict(table) if isinstance(table, dict) else {}
             elif path.startswith(f"{whole}."):
                 fields[path.removeprefix(f"{whole}.").split(".")[0]] = value
     return fields

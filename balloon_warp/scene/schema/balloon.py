@@ -193,10 +193,9 @@ class Balloon(Table):
     @classmethod
     def _parts_or_taken(cls, given: Any) -> Any:
         for field, other, words in (("parts", "taken", get_args(Taken)), ("taken", "parts", get_args(Parts))):
-            if isinstance(given, dict) and given.get(field) in words:
-                raise ValueError(
-                    f'{field}: "{given[field]}" is a value of {other}; expected {other} = "{given[field]}"'
-                )
+            found = given.get(field) if isinstance(given, dict) else None
+            if isinstance(found, str) and found in words:
+                raise ValueError(f'{field}: "{found}" is a value of {other}; expected {other} = "{found}"')
         return given
 
     @model_validator(mode="before")
