@@ -37,7 +37,7 @@ class StepAdvice:
     limiting_body: int | None
     """Free body that needs that step instead, by the strings that are tied to it, by its index in the scene"""
     many_substeps: str | None
-    """Sentence on the cause of many substeps of a balloon of even springs, and its remedy; None if there are few"""
+    """Sentence on the cause of many substeps of a mesh by itself, and its remedy; None if there are few"""
     doubts: tuple[str, ...]
     """Warnings of values that may be in another unit than intended, and of axes, as sentences"""
 

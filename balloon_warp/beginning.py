@@ -24,12 +24,14 @@ class Beginning:
     workers: int = 1
     """Number of processes that simulate"""
     many_substeps: str | None = None
-    """Sentence on the cause of many substeps of a balloon of even springs, and its remedy; None if there are few"""
+    """Sentence on the cause of many substeps of a mesh by itself, and its remedy; None if there are few"""
+    coarse: str | None = None
+    """Sentence on a mesh by itself whose faces show, and its remedy; else None"""
 
     @classmethod
     def of(cls, model: "Model", schedule: str) -> Self:
         """Summarize a model before its first frame."""
-        from balloon_warp.model.many_substeps import many_substeps_said
+        from balloon_warp.model.many_substeps import coarse_said, many_substeps_said
 
         return cls(
             worlds=model.world_count,
@@ -40,4 +42,5 @@ class Beginning:
             device=str(model.device),
             schedule=schedule,
             many_substeps=many_substeps_said(model.scene, model.shapes, model.substeps),
+            coarse=coarse_said(model.scene, model.shapes),
         )

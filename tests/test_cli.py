@@ -71,6 +71,7 @@ def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.Captu
 
 
 FIRST_LINE = "note: ball.obj inflates above a floor. Unit unknown"
+COARSE = "note: ball is coarse and shows its faces (56 particles, faces up to 0.27 of its size): balloon-warp remesh "
 SECOND_LINE = "note: auto pressure 44.6 Pa, volume 1.00 -> 1.33"
 
 
@@ -84,8 +85,9 @@ def ball(tmp_path: Path) -> Path:
 def test_run_writes_stage_and_picture_and_says_where(ball: Path):
     done = balloon_warp(ball, "run", "ball.obj", "--picture", "--set", "frames=3", "--device", "cpu")
     assert done.returncode == 0, done.stderr
-    first, *others = done.stderr.splitlines()
+    first, coarse, *others = done.stderr.splitlines()
     assert first.startswith(FIRST_LINE)
+    assert coarse == f"{COARSE}--cells 32 makes them small and even"
     assert others == [SECOND_LINE]  # no bar in a pipe, no word of Warp's
     assert done.stdout.splitlines()[1:] == [
         "wrote ball.usdc: 0.05 s at 60 frames/s; in Blender, set the frame rate to 60, or run with --fps 24",
@@ -253,7 +255,7 @@ def test_a_blow_up_gets_one_sentence_and_status_1(tmp_path: Path):
     """A blow-up beyond float32 prints one sentence: springs are stable, but nothing holds the balloon."""
     write_obj(tmp_path / "box.obj", cube())
     done = balloon_warp(tmp_path, "run", "box.obj", "--device", "cpu", "--set", "balloon.inflation.k_normal=9e11")
-    note, error = done.stderr.splitlines()
+    note, _coarse, error = done.stderr.splitlines()
     assert done.returncode == 1
     assert note.startswith("note: box.obj inflates above a floor. ")
     assert error.startswith("error: the simulation blew up in frame 1, world 0, substep 1 of ")
@@ -284,7 +286,7 @@ def test_a_stopped_run_says_how_far_it_got_and_leaves_no_output(ball: Path, word
         process.kill()
     assert process.returncode == status
     stopped = rf"ball was interrupted after frame \d+ of 1000000; {left} the frames so far, and --resume continues"
-    assert re.fullmatch(rf"{FIRST_LINE}.*\n(?:{SECOND_LINE}\n)?error: {stopped} from them\n", said[1])
+    assert re.fullmatch(rf"{FIRST_LINE}.*\n(?:note: .*\n)*error: {stopped} from them\n", said[1])
     assert said[0] == ""
     assert [path.name for path in ball.iterdir() if path.suffix != ".partial" and path.is_file()] == ["ball.obj"]
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 
+from balloon_warp.beginning import Beginning
 from balloon_warp.cli.camera import Asked, CameraOptions
 from balloon_warp.cli.changes import Changes
 from balloon_warp.cli.command import command_line
@@ -145,6 +146,10 @@ def run(
         task = progress.add_task(escape(name), total=loaded.frames)
         first = first_line(scene, loaded)
         opening = Opening(name, first)
+
+        def begin(beginning: Beginning) -> None:
+            opening.add(progress.begin(task, beginning), beginning.many_substeps, then=beginning.coarse)
+
         summary = animate(
             loaded,
             stage,
@@ -160,7 +165,7 @@ def run(
             checkpoint_seconds=checkpoint,
             resume=resume,
             view=asked,
-            on_begin=lambda beginning: opening.add(progress.begin(task, beginning), beginning.many_substeps),
+            on_begin=begin,
             on_frame=opening.before(lambda number: progress.update(task, completed=number)),
             on_note=opening.before(note),
             on_warning=opening.before(warner(first)),
