@@ -237,7 +237,7 @@ WARNED = [
     _warned("seams", seams, "16 vertices along seams, exactly on others, have been welded to them"),
     _warned("welded seams", seams, "16 vertices that lay exactly on others have been welded", ("balloon.weld", True)),
     _warned("open seams", seams, "16 vertices lie exactly on others; the first is vertex", ("balloon.weld", False)),
-    _warned("several components", two_cubes, "2 separate parts (the second which begins at face 7"),
+    _warned("several components", two_cubes, "2 separate parts (the second starts at face 7)"),
     _warned("components that are free", two_cubes, "2 separate parts (the second", ("balloon.parts", "free")),
     _warned("a pinhole", pierced, "1 hole in the surface is closed by faces numbered after the file's; it has 4"),
     _warned("a hole that is kept", pierced, "4 edges are on open borders", ("balloon.holes", "keep")),
