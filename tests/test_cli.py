@@ -206,6 +206,10 @@ MISTAKES = [
     ("run ball.obj --duration 3", "--duration: unknown option of run; did you mean --seconds?"),
     ("run ball.obj --gravity=3", "--gravity=3: unknown option of run; did you mean --set gravity=?"),
     ("run ball.obj --vary gravity=1,2", "--vary: unknown option of run; `batch` and `compare` have it; balloon"),
+    (
+        "run ball.obj --parts free",
+        "--parts free: expected all, closed, largest; did you mean --set balloon.parts=free?",
+    ),
     ("run ball.obj -frames 3", "-frames: unknown option of run; did you mean --frames?"),
     ("run ball.obj balloon.mass=3", "run: did not expect balloon.mass=3; --set goes before PATH=VALUE; balloon-"),
     ("run ball.obj --frames few", "--frames: must be a valid integer (got few); balloon-warp run --help explains"),
