@@ -104,7 +104,8 @@ WARNINGS = {
     ),
     "parts": (
         joined(cube(), torus(5, 5)),
-        '2 separate parts (the second starts at face 7) are tied together by springs; parts = "free"',
+        "2 separate parts (the second starts at face 7) are tied together by springs; "
+        'parts = "free" lets them separate.',
     ),
     "the reader's": (replace(cube(), warnings=("The stage has 2 meshes.",)), "The stage has 2 meshes."),
 }
