@@ -38,7 +38,7 @@ class StepAdvice:
     limiting_body: int | None
     """Free body that needs that step instead, by the strings that are tied to it, by its index in the scene"""
     many_substeps: str | None
-    """Sentence on the cause of many substeps of a balloon of even springs, and its remedy; None if there are few"""
+    """Sentence on the cause of many substeps of a mesh by itself, and its remedy; None if there are few"""
     strain_bound: str | None
     """Sentence on film that is softer than its material, and the substeps that this spares; None without such film"""
     doubts: tuple[str, ...]

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from typing_extensions import TypeAliasType
 
 from balloon_warp.errors import InputError
+from balloon_warp.suggestions import did_you_mean
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -42,6 +43,7 @@ def checked(function: Callable[P, T]) -> Callable[P, T]:
 
     Raises:
         InputError: in a call, an argument is not of the type that the function's signature names.
+        TypeError: in a call, an argument is missing or has no such name.
     """
 
     signature = inspect.signature(function)
@@ -49,10 +51,25 @@ def checked(function: Callable[P, T]) -> Callable[P, T]:
 
     @wraps(function)
     def call(*arguments: P.args, **named: P.kwargs) -> T:
-        _check(signature.bind(*arguments, **named).arguments, hints())
+        _check(_bound(function, signature, arguments, named), hints())
         return function(*arguments, **named)
 
     return call
+
+
+def _bound(function: Any, signature: inspect.Signature, arguments: Any, named: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return arguments by their names.
+
+    Raises:
+        TypeError: they do not fit the signature; names the function, and the argument that a misspelled one is like.
+    """
+    try:
+        return signature.bind(*arguments, **named).arguments
+    except TypeError as error:
+        known = [name for name in signature.parameters if name != "self"]
+        unknown = next((name for name in named if name not in known), None)
+        meant = did_you_mean(unknown, known) or f"; known are {', '.join(known)}" if unknown else ""
+        raise TypeError(f"{function.__qualname__.removesuffix('.__init__')}: {error}{meant}") from None
 
 
 def check_fields(instance: Any) -> None:

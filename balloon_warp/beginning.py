@@ -24,14 +24,16 @@ class Beginning:
     workers: int = 1
     """Number of processes that simulate"""
     many_substeps: str | None = None
-    """Sentence on the cause of many substeps of a balloon of even springs, and its remedy; None if there are few"""
+    """Sentence on the cause of many substeps of a mesh by itself, and its remedy; None if there are few"""
     strain_bound: str | None = None
     """Sentence on film that is softer than its material, and the substeps that this spares; None without such film"""
+    coarse: str | None = None
+    """Sentence on a mesh by itself whose faces show, and its remedy; else None"""
 
     @classmethod
     def of(cls, model: "Model", schedule: str) -> Self:
         """Summarize a model before its first frame."""
-        from balloon_warp.model.many_substeps import many_substeps_said
+        from balloon_warp.model.many_substeps import coarse_said, many_substeps_said
         from balloon_warp.model.strain_bound import strain_bound_said
 
         return cls(
@@ -44,4 +46,5 @@ class Beginning:
             schedule=schedule,
             many_substeps=many_substeps_said(model.scene, model.shapes, model.substeps),
             strain_bound=strain_bound_said(model),
+            coarse=coarse_said(model.scene, model.shapes),
         )

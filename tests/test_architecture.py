@@ -125,10 +125,10 @@ def circle(loads: dict[str, set[str]]) -> list[str]:
 
 
 LAYERS = (
-    ("garbage", "marks", "standard_streams", "temporaries", "forks"),
+    ("garbage", "marks", "standard_streams", "temporaries", "forks", "suggestions"),
     ("warp_headers",),
     ("kernels", "errors", "warp_logging", "warp_lock", "driver", "shown"),
-    ("arguments", "files", "launching", "interrupts", "laws", "suggestions"),
+    ("arguments", "files", "launching", "interrupts", "laws"),
     ("ownership",),
     ("device",),
     ("mesh",),

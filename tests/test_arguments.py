@@ -1,5 +1,6 @@
 """Arguments of wrong types in public functions: each gets a sentence that names it, before anything is done."""
 
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -71,5 +72,23 @@ def test_the_signature_stays():
         return a + b
 
     assert add(1) + add(1, b=1) == 5
-    with pytest.raises(TypeError, match="missing a required argument: 'a'"):
-        add()
+
+
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        (lambda: bw.Simulator(device="cpu"), "Simulator: missing a required argument: 'scene'"),  # pyright: ignore
+        (
+            lambda: bw.simulate("two_balloons", device_name="cpu"),  # pyright: ignore
+            "simulate: got an unexpected keyword argument 'device_name'; did you mean device?",
+        ),
+        (
+            lambda: bw.Simulator("two_balloons", fps=24),  # pyright: ignore
+            "Simulator: got an unexpected keyword argument 'fps'; known are scene, device, world_count, vary, "
+            "schedule, laws",
+        ),
+    ],
+)
+def test_arguments_that_do_not_fit_the_signature_are_named_with_the_function(call: Callable[[], Any], sentence: str):
+    with pytest.raises(TypeError, match=f"^{re.escape(sentence)}$"):
+        call()

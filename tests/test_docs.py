@@ -26,6 +26,7 @@ from typer.testing import CliRunner
 from balloon_warp import Scene, Simulator, bundled_scenes, render_stage
 from balloon_warp.benchmarks.performance import RESULTS, rates
 from balloon_warp.cli.app import app
+from balloon_warp.kernels import substep
 from balloon_warp.kernels.laws.law import LAW_INPUTS
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.outputs import render as package
@@ -96,6 +97,7 @@ def test_commands_are_ones_that_there_are(page: Path):
 def test_the_python_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys):
     """A page's Python prints the values in the page."""
     monkeypatch.setenv("MPLBACKEND", "Agg")
+    monkeypatch.setattr(substep, "STEP", substep.STEP)  # a page may list a phase of its own
     assert run_python(page, tmp_path).moved.points[0].shape[-1] == 3
     printed = capsys.readouterr().out
     for said in re.findall(r"It prints `([^`]+)`", text_of(page)):

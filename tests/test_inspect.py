@@ -71,6 +71,11 @@ WARNINGS = {
         joined(quad_sphere(1), inside_out(open_cube()), inside_out(torus(5, 5))),
         "1 closed component winds inward; it has face 12, counting from 1. Such a component is flipped outward.",
     ),
+    "parts": (
+        joined(cube(), torus(5, 5)),
+        "2 separate parts (the second starts at face 7) are tied together by springs; "
+        'parts = "free" lets them separate.',
+    ),
     "the reader's": (replace(cube(), warnings=("The stage has 2 meshes.",)), "The stage has 2 meshes."),
 }
 """Those that no mesh of test_odd_meshes.py has, or has once"""

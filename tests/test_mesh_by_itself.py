@@ -17,7 +17,7 @@ from balloon_warp.mesh.geometry import signed_volume, total_area, vertex_areas
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.mesh.thickness import LEAST, relative_thickness
 from balloon_warp.model import plan_model
-from balloon_warp.model.many_substeps import many_substeps_said
+from balloon_warp.model.many_substeps import coarse_said, many_substeps_said
 from balloon_warp.scene.overrides import override_scene
 from balloon_warp.springs.across import springs_across
 from balloon_warp.springs.even import even_scales, film_tension
@@ -153,6 +153,12 @@ def test_masses_lie_where_springs_are_stiff_and_make_for_a_long_step():
         pytest.param(cad_shapes.blocks(), {"frames_per_second": 10.0}, "its parts are tied by stiff", id="ties"),
         pytest.param(quad_sphere(6), {"balloon.unit": "mm"}, "its mass of 0.004 kg is small for its", id="mass"),
         pytest.param(quad_sphere(20), {"frames_per_second": 15.0}, "it has 2,402 particles; remesh with", id="many"),
+        pytest.param(
+            quad_sphere(20),
+            {"balloon.material": "latex", "frames_per_second": 15.0},
+            "latex is stiff for its mass: springs take ",
+            id="latex",
+        ),
     ],
 )
 def test_a_short_step_is_explained(mesh: PolygonMesh, overrides: dict, why: str):
@@ -161,6 +167,27 @@ def test_a_short_step_is_explained(mesh: PolygonMesh, overrides: dict, why: str)
     assert said is not None
     assert said.startswith(f"A frame takes {plan.substeps} substeps, since {why}")
     assert said.endswith("helps")
+
+
+@pytest.mark.parametrize(
+    ("mesh", "said"),
+    [
+        (
+            quad_sphere(3),
+            "mesh is coarse and shows its faces (56 particles, faces up to 0.27 of its size): ",
+        ),
+        (cad_shapes.blocks(), "mesh is coarse"),
+        (quad_sphere(8), None),
+        (quad_sphere(20), None),
+    ],
+)
+def test_a_coarse_mesh_gets_a_remedy(mesh: PolygonMesh, said: str | None):
+    """Only one by itself: a scene's balloon may be as coarse as it is."""
+    plan = plan_model(load_scene(mesh))
+    found = coarse_said(plan.scene, plan.shapes)
+    assert (found is None) if said is None else (found or "").startswith(said)
+    of_scene = Scene(balloon=[Balloon(mesh=mesh)])
+    assert coarse_said(of_scene, plan.shapes) is None
 
 
 def test_nothing_of_it_needs_area_springs_or_volume():

@@ -169,7 +169,7 @@ def test_the_largest_is_by_area() -> None:
     closed = quad_sphere(4).face_count
     assert [taken(mesh, which).face_count for which in ("largest", "closed", "all")] == [5, closed, 5 + closed]
     assert taken(cube(), "largest").warnings == ()
-    with pytest.raises(InputError, match="has no closed part, all of its 20 parts are open; expected parts = "):
+    with pytest.raises(InputError, match="has no closed part, all of its 20 parts are open; expected taken = "):
         taken(hair(20), "closed")
 
 

@@ -165,6 +165,18 @@ def test_names_of_colors_and_presets_are_taken():
     assert bw.Balloon(mesh=BALL, color="red").color == (1.0, 0.0, 0.0)
     assert bw.Balloon(mesh=BALL, color="#ff8000").color == pytest.approx((1.0, 0.21586, 0.0), abs=1e-5)
     assert bw.Balloon(mesh=BALL, material="latex").material == bw.Material(preset="latex")
+    (rubber,) = bw.load_scene("squirrel_tether", {"balloon.material": "latex"}).balloon  # its own mass goes
+    assert rubber.material == bw.Material(preset="latex")
+    assert bw.Balloon(mesh=BALL, material="gent").material == bw.Material(kind="gent")
+    (springs,) = bw.load_scene("squirrel_tether", {"balloon.material": "springs"}).balloon
+    assert springs.mass == 2.0  # which stays
+
+
+def test_step_and_advance_take_frames():
+    stepped, advanced = simulator(), simulator()
+    assert stepped.step(3).time == pytest.approx(0.05)
+    advanced.advance(3)
+    np.testing.assert_array_equal(stepped.read_frame().points[0], advanced.read_frame().points[0])
 
 
 @pytest.mark.parametrize(

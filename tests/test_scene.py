@@ -93,13 +93,20 @@ def test_an_override_reaches_all_or_one_and_makes_tables_that_are_not_there(scen
         ("mass=3", r"mass: unknown field; did you mean balloon\.mass, sphere\.mass or body\.mass\?$"),
         ("balloon.shear=3", r"balloon\.0\.shear: unknown field; did you mean balloon\.stiffness\.shear\?$"),
         ("balloon.penalty=3", r"balloon\.0\.penalty: unknown field; did you mean sphere\.penalty\?$"),
-        ("balloon.color=redd", r"balloon\.0\.color: must be numbers in brackets \(got 'redd'\)"),
+        ("balloon.color=redd", r"balloon\.0\.color: must be a color such as \"red\" or \"#ff8000\", or three numbers"),
         (
             "balloon.material.kind=latex",
             r"balloon\.0\.material\.kind: \"latex\" is a preset; expected preset = \"latex\"$",
         ),
+        (
+            "balloon.material.preset=gent",
+            r"balloon\.0\.material\.preset: \"gent\" is a kind; expected kind = \"gent\"$",
+        ),
+        ("balloon.parts=closed", r"balloon\.0\.parts: \"closed\" is a value of taken; expected taken = \"closed\"$"),
+        ("balloon.taken=free", r"balloon\.0\.taken: \"free\" is a value of parts; expected parts = \"free\"$"),
         ("balloon.material=rubber", r"balloon\.0\.material\.preset: must be 'latex', .* \(got 'rubber'\)"),
         ("fps=24", r"^fps: unknown field; did you mean frames_per_second\?$"),
+        ("duration=3", r"^duration: unknown field; did you mean frames\?$"),
         (
             "colour=1",
             r"colour: unknown field; did you mean balloon\.color, sphere\.color, obstacle\.color or body\.color\?$",
@@ -339,8 +346,8 @@ def test_gravity_that_is_scaled_to_a_mesh_is_said_with_what_to_do(tmp_path: Path
     said = scene_of(tmp_path, cube(), factor=171.8)
     assert said.gravity == 1685.36
     assert said.description == (
-        "ball.obj inflates above a floor. Its unit is not known: gravity is 1685 m/s2, so that it moves like an object "
-        "of 1 m. --unit m, cm, mm, km, in or ft gives it true size and gravity" + Y_IS_UP
+        "ball.obj inflates above a floor. Unit unknown: gravity scaled to 1685 m/s2, so that it moves like an "
+        "object of 1 m. --unit m, cm, mm, km, in or ft gives it true size and gravity" + Y_IS_UP
     )
     assert scene_of(tmp_path, cube(), "gravity=0").description == "ball.obj inflates above a floor" + Y_IS_UP
 
@@ -362,7 +369,7 @@ def test_the_unit_of_a_stage_is_known_where_it_says_one(tmp_path: Path, said: bo
 def test_the_command_says_it_first_and_takes_a_unit(tmp_path: Path, capsys):
     write_obj(tmp_path / "box.obj", cube())
     run = f"run {tmp_path}/box.obj --set frames=1 --device cpu -o {tmp_path}/out.usdc".split()
-    unknown = "note: box.obj inflates above a floor. Its unit is not known: gravity is 9.81 m/s2, so that it "
+    unknown = "note: box.obj inflates above a floor. Unit unknown: gravity scaled to 9.81 m/s2, so that it "
     for more, first, status in (
         ([], unknown, 0),
         (["--unit", "ft"], "note: box.obj, 0.305 m across, inflates above a floor", 0),

@@ -9,6 +9,7 @@ from balloon_warp.cli.lone_weld import weld_of
 from balloon_warp.cli.options import LengthOptions, MeshOptions
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.parts import Taken
+from balloon_warp.mesh.prepare import Parts
 from balloon_warp.mesh.units import METERS, UpAxis
 from balloon_warp.scene.load import load_scene, mesh_balloon
 from balloon_warp.scene.overrides import Override, OverrideError, override_scene, parse_override
@@ -21,6 +22,10 @@ def checked_parts(parts: str | None) -> Taken | None:
     Raises:
         InputError: it is none of the possible ones.
     """
+    if parts in get_args(Parts):
+        raise InputError(
+            f"--parts {parts}: expected {', '.join(get_args(Taken))}; did you mean --set balloon.parts={parts}?"
+        )
     return _one_of("--parts", parts, get_args(Taken))
 
 

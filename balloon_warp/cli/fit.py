@@ -76,8 +76,8 @@ def fit(
         Path,
         typer.Argument(
             metavar="TABLE.csv|DATA.npz",
-            help="Measured data: a CSV with a head, such as 'volume [ml], pressure [kPa]' or 'stretch, stress [MPa]'; "
-            "or a motion.",
+            help="Measured data: a CSV with a head, such as 'volume \\[ml], pressure \\[kPa]' or 'stretch, stress "
+            "[MPa]'; or a motion.",
         ),
     ],
     more: Annotated[

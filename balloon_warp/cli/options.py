@@ -1,7 +1,7 @@
 """Options that several commands share."""
 
 from dataclasses import dataclass
-from typing import Annotated, get_args
+from typing import Annotated, Any, get_args
 
 import typer
 
@@ -57,14 +57,18 @@ UpOption = Annotated[
         rich_help_panel=SCENE,
     ),
 ]
-Device = Annotated[
-    str | None,
-    typer.Option(
+
+
+def _device_to(work: str) -> Any:
+    return typer.Option(
         metavar="NAME",
-        help="Device to simulate on: cpu, cuda:0 and so on. If not given, the GPU if there is one.",
+        help=f"Device to {work} on: cpu, cuda:0 and so on. If not given, the GPU if there is one.",
         rich_help_panel=MACHINE,
-    ),
-]
+    )
+
+
+Device = Annotated[str | None, _device_to("simulate")]
+RenderDevice = Annotated[str | None, _device_to("render")]
 Schedule = Annotated[
     str,
     typer.Option(

@@ -9,7 +9,7 @@ from rich.progress import Progress
 from balloon_warp.cli.camera import CameraOptions
 from balloon_warp.cli.console import Console
 from balloon_warp.cli.names import own_name
-from balloon_warp.cli.options import Device
+from balloon_warp.cli.options import RenderDevice
 from balloon_warp.cli.size import parse_frames, parse_size
 from balloon_warp.cli.warn import warn
 from balloon_warp.warp_logging import quiet_warp
@@ -46,7 +46,7 @@ def render(
         typer.Option(metavar="RATE", help="Frame rate of the animation, which keeps its true speed."),
     ] = None,
     samples: Annotated[int, typer.Option(metavar="COUNT", help="Rays per pixel. More is smoother and slower.")] = 4,
-    device: Device = None,
+    device: RenderDevice = None,
 ) -> None:
     """Render a picture or an animation of a stage. No display is needed.
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 
+from balloon_warp.beginning import Beginning
 from balloon_warp.cli.camera import Asked, CameraOptions
 from balloon_warp.cli.changes import Changes
 from balloon_warp.cli.command import command_line
@@ -26,6 +27,7 @@ from balloon_warp.cli.options import (
     Set,
 )
 from balloon_warp.cli.progress import frame_progress
+from balloon_warp.cli.spread import LISTED_ELSEWHERE
 from balloon_warp.cli.warn import Opening, first_line, note, warner
 from balloon_warp.cli.words import counted, played
 from balloon_warp.driver import begin_driver
@@ -50,7 +52,13 @@ Output = Annotated[
 ]
 Picture = Annotated[
     bool,
-    typer.Option("--picture", metavar="", help="Also make a picture, beside the animation.", rich_help_panel=OUTPUT),
+    typer.Option(
+        "--picture",
+        metavar="",
+        help="Also make a picture, beside the animation. It takes the camera's options that `balloon-warp render "
+        "--help` lists, such as --azimuth 90.",
+        rich_help_panel=OUTPUT,
+    ),
 ]
 SavePoints = Annotated[
     Path | None,
@@ -104,7 +112,7 @@ def run(
     *,
     output: Output = None,
     picture: Picture = False,
-    camera: CameraOptions,
+    camera: Annotated[CameraOptions, LISTED_ELSEWHERE],
     save_points: SavePoints = None,
     no_lights: NoLights = False,
     no_ground: NoGround = False,
@@ -138,6 +146,11 @@ def run(
         task = progress.add_task(escape(name), total=loaded.frames)
         first = first_line(scene, loaded)
         opening = Opening(name, first)
+
+        def begin(beginning: Beginning) -> None:
+            about_substeps = beginning.strain_bound, beginning.many_substeps
+            opening.add(progress.begin(task, beginning), *about_substeps, then=beginning.coarse)
+
         summary = animate(
             loaded,
             stage,
@@ -153,9 +166,7 @@ def run(
             checkpoint_seconds=checkpoint,
             resume=resume,
             view=asked,
-            on_begin=lambda beginning: opening.add(
-                progress.begin(task, beginning), beginning.strain_bound, beginning.many_substeps
-            ),
+            on_begin=begin,
             on_frame=opening.before(lambda number: progress.update(task, completed=number)),
             on_note=opening.before(note),
             on_warning=opening.before(warner(first)),

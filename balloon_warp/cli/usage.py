@@ -58,6 +58,8 @@ def _option_meant(written: str, known: Sequence[str]) -> str:
     field = written.partition("=")[0].lstrip("-").replace("-", "_")
     if ALSO_CALLED.get(field) in known:
         return ask([ALSO_CALLED[field]])
+    if field == "vary":
+        return "; `batch` and `compare` have it"
     if field in Scene.model_fields and "--set" in known and f"--{field}" not in known:
         return ask([f"--set {field}="])
     return did_you_mean(written, known)

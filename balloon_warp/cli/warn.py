@@ -31,10 +31,11 @@ class Opening:
 
     def __init__(self, name: str, sentence: str | None):
         self._name, self._sentence, self._more = name, sentence, ""
+        self._then: str | None = None
 
-    def add(self, *more: str | None) -> None:
-        """Take further sentences of the line."""
-        self._more = ". ".join(filter(None, more))
+    def add(self, *more: str | None, then: str | None = None) -> None:
+        """Take further sentences of the line, and a note below it."""
+        self._more, self._then = ". ".join(filter(None, more)), then
 
     def before(self, listener: Callable[..., Any]) -> Callable[..., None]:
         """Return a listener that says the line, if nobody did, before it hears anything."""
@@ -46,14 +47,16 @@ class Opening:
         return listen
 
     def _say(self) -> None:
-        sentence, more = self._sentence, self._more
-        self._sentence, self._more = None, ""
+        sentence, more, then = self._sentence, self._more, self._then
+        self._sentence, self._more, self._then = None, "", None
         if sentence:
             note(f"{sentence}. {more}" if more else sentence)
         elif more:
             Console(emoji=False, stderr=True, highlight=False, soft_wrap=True).print(
                 f"{self._name}: {more}", markup=False
             )
+        if then:
+            note(then)
 
 
 def unsaid(first: str | None, sentences: Iterable[str]) -> list[str]:

@@ -167,7 +167,7 @@ def _about_components(
             if parts == "held"
             else "are inflated as one balloon, and free to separate"
         )
-        return f"{count:,} separate parts, the second of which begins at face {apart}, counting from 1, {became}."
+        return f"{count:,} separate parts (the second starts at face {apart}) {became}."
 
 
 def _face_components(mesh: PolygonMesh, edges: MeshEdges) -> NDArray[np.int64]:

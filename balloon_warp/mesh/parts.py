@@ -38,7 +38,7 @@ def parts_taken(mesh: PolygonMesh, taken: Taken, source: object) -> tuple[NDArra
         if not len(kept):
             open_ = "its part is" if len(parts) == 1 else f"all of its {len(parts):,} parts are"
             raise InputError(
-                f'{source}: has no closed part, {open_} open; expected parts = "all" or "largest", or a mesh that '
+                f'{source}: has no closed part, {open_} open; expected taken = "all" or "largest", or a mesh that '
                 "`balloon-warp remesh` made"
             )
     left = len(parts) - len(kept)

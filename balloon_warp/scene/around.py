@@ -128,7 +128,7 @@ def _description(name: str, mesh: PolygonMesh, size: float, gravity: float | Non
         return f"{name} inflates above a floor{taken}"
     *units, last = METERS
     return (
-        f"{name} inflates above a floor. Its unit is not known: gravity is {gravity:.4g} m/s2, so that it moves like "
+        f"{name} inflates above a floor. Unit unknown: gravity scaled to {gravity:.4g} m/s2, so that it moves like "
         f"an object of 1 m. --unit {', '.join(units)} or {last} gives it true size and gravity{taken}"
     )
 

@@ -13,7 +13,10 @@ from balloon_warp.suggestions import ask, closest, did_you_mean
 
 LISTS = ("balloon", "sphere", "string", "obstacle", "body", "tube", "force", "change")
 """Tables that may occur several times"""
-ALSO_CALLED = {"fps": "frames_per_second", "frame_rate": "frames_per_second"}
+ALSO_CALLED = {
+    **dict.fromkeys(("fps", "frame_rate", "framerate"), "frames_per_second"),
+    **dict.fromkeys(("duration", "seconds"), "frames"),
+}
 """Fields by names that other programs have for them"""
 MOST_ASKED = 4
 """Largest number of fields that a question names"""

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from balloon_warp.scene.schema.inflation import FIELDS_OF_KINDS
+from balloon_warp.scene.schema.material import material_named
 
 KIND_OF_FIELD = {field: kind for kind, fields in FIELDS_OF_KINDS.items() for field in fields}
 
@@ -45,12 +46,15 @@ def drop_masses(table: dict[str, Any], overrides: Iterable[tuple[str, Any]]) -> 
 
 
 def _set_fields(number: int, overrides: Iterable[tuple[str, Any]], field: str = "inflation") -> dict[str, Any]:
-    """Find the values that overrides set in the inflation, or another field, of a balloon."""
-    fields = {}
+    """Find the values that overrides set in the inflation, or another field, of a balloon; a name is a material's."""
+    fields: dict[str, Any] = {}
     for path, value in overrides:
-        for opening in (f"balloon.{field}.", f"balloon.{number}.{field}."):
-            if path.startswith(opening):
-                fields[path.removeprefix(opening).split(".")[0]] = value
+        for whole in (f"balloon.{field}", f"balloon.{number}.{field}"):
+            if path == whole:
+                table = material_named(value) if isinstance(value, str) else value
+                fields = dict(table) if isinstance(table, dict) else {}
+            elif path.startswith(f"{whole}."):
+                fields[path.removeprefix(f"{whole}.").split(".")[0]] = value
     return fields
 
 

@@ -162,6 +162,6 @@ def overflow_remarks(overflow: int) -> list[str]:
     if not overflow:
         return []
     return [
-        f"touch: contacts were too crowded {overflow:,} times and some were ignored: there is no memory for longer "
-        "lists of what is near; fewer worlds, coarser meshes or more substeps help"
+        f"touch: contacts were too crowded {overflow:,} times and some were ignored; fewer worlds, "
+        "coarser meshes or more substeps help"
     ]

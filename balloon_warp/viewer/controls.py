@@ -30,6 +30,7 @@ class Controls:
         session: that the panel steers.
         layers: of the view.
         look: turns a window's camera to the balloon, and lets it follow or stay.
+        home: brings a window's camera back to where it was at first.
     """
 
     def __init__(
@@ -38,6 +39,7 @@ class Controls:
         session: Session,
         layers: Layers,
         look: Callable[[viser.ClientHandle], None],
+        home: Callable[[viser.ClientHandle], None],
     ):
         self.server, self.session, self.layers = server, session, layers
         self._bound: tuple[int, int] = (0, 0)
@@ -47,7 +49,7 @@ class Controls:
         gui.add_html(KEYS_BUTTON)
         self.status = gui.add_html("")
         self._add_trouble()
-        self.hands_on = HandsOn(server, session, look)
+        self.hands_on = HandsOn(server, session, look, home)
         with gui.add_folder("Click"):
             self._add_click()
         self._folders: list[tuple[Any, list[Dial]]] = []

@@ -31,10 +31,17 @@ class HandsOn:
         server: of the page.
         session: that the panel steers.
         look: turns a window's camera to the balloon, and lets it follow or stay.
+        home: brings a window's camera back to where it was at first.
     """
 
-    def __init__(self, server: viser.ViserServer, session: Session, look: Callable[[viser.ClientHandle], None]):
-        self._server, self._session, self._look = server, session, look
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        session: Session,
+        look: Callable[[viser.ClientHandle], None],
+        home: Callable[[viser.ClientHandle], None],
+    ):
+        self._server, self._session, self._look, self._go_home = server, session, look, home
         self._given = {session.name: session.scene}
         self._wanted = self._material = ""
         self._add_inflation()
@@ -71,16 +78,15 @@ class HandsOn:
     def _add_inflation(self) -> None:
         gui = self._server.gui
         gui.add_html(row_of(2, large=True))
-        for label, icon, sign in (
-            ("Inflate", viser.Icon.PLUS, 1.0),
-            ("Deflate", viser.Icon.MINUS, -1.0),
+        for label, icon, sign, key in (
+            ("Inflate", viser.Icon.PLUS, 1.0, "I"),
+            ("Deflate", viser.Icon.MINUS, -1.0, "K"),
         ):
-            key: Any = "arrowup" if sign > 0.0 else "arrowdown"
-            button = gui.add_button(label, icon=icon, hint=f"key {'↑' if sign > 0.0 else '↓'}; hold it for more")
+            button = gui.add_button(label, icon=icon, hint=f"key {key}; hold it for more")
             button.on_click(lambda _, sign=sign: self._nudge(sign * NUDGE))
             button.on_hold(lambda _, sign=sign: self._nudge(sign * HELD_NUDGE))
             self._key(label, key, lambda sign=sign: self._nudge(sign * NUDGE))
-        self.inflation = gui.add_slider("inflation", 0.0, 1.0, 0.001, 0.0, hint="keys ↑ and ↓")
+        self.inflation = gui.add_slider("inflation", 0.0, 1.0, 0.001, 0.0, hint="keys I and K")
         on_slide(self.inflation, self._inflate, self._session.tell)
 
     def _add_time(self) -> None:
@@ -94,11 +100,11 @@ class HandsOn:
         )
         self.run.on_click(lambda _: self._toggle_run())
         step.on_click(lambda _: session.step_once())
-        reset.on_click(lambda _: session.reset())
+        reset.on_click(self._reset)
         follow.on_click(lambda event: event.client and self._look(event.client))
         self._key("Pause or run", "space", self._toggle_run)
         self._key("Step one frame", "N", session.step_once)
-        self._key("Reset", "R", session.reset)
+        gui.add_command("Reset", hotkey="R").on_trigger(self._reset)
         command = gui.add_command("Follow the balloon", hotkey="F")
         command.on_trigger(lambda event: event.client and self._look(event.client))
 
@@ -115,6 +121,11 @@ class HandsOn:
 
     def _key(self, label: str, key: Any, act: Callable[[], None]) -> None:
         self._server.gui.add_command(label, hotkey=key).on_trigger(lambda event: act())
+
+    def _reset(self, event: Any) -> None:
+        self._session.reset()
+        if event.client:
+            self._go_home(event.client)
 
     def _toggle_run(self) -> None:
         self._session.run(not self._session.running)

@@ -52,7 +52,7 @@ class Page:
         self.server = guarded_server(host, port, origins, on_refused)
         self.follower, self.ahead = Follower(), Ahead()
         self.layers = Layers(self.server, functools.partial(drag, session))
-        self.controls = Controls(self.server, session, self.layers, self._look)
+        self.controls = Controls(self.server, session, self.layers, self._look, self._go_home)
         with self.controls.plots_folder:
             self.plots = Plots(self.server)
         self.pointing = Pointing(self.server, session, self.layers, self.controls)
@@ -114,6 +114,9 @@ class Page:
             client.add_notification("Balloon Warp", str(sentence), auto_close_seconds=8.0, color=color)
 
     async def _welcome(self, client: viser.ClientHandle) -> None:
+        self._go_home(client)
+
+    def _go_home(self, client: viser.ClientHandle) -> None:
         go_home(client.camera, *self.layers.home)
 
     def _look(self, client: viser.ClientHandle) -> None:

@@ -8,10 +8,10 @@ from balloon_warp.viewer.picture import Picture
 KEYS = (
     ("drag a balloon", "pulls it"),
     ("click", "throws a sphere there"),
-    ("↑ ↓", "inflates, deflates"),
+    ("I K", "inflates, deflates"),
     ("space", "pauses, resumes"),
     ("N", "steps one frame"),
-    ("R", "resets to the start"),
+    ("R", "resets to the start, the camera, too"),
     ("C", "cuts the strings"),
     ("F", "follows the balloon, or stops"),
     ("?", "shows or hides the keys"),

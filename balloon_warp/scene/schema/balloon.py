@@ -1,7 +1,7 @@
 """Balloons: their meshes and their springs."""
 
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import BeforeValidator, Field, InstanceOf, model_validator
 
@@ -28,12 +28,12 @@ from balloon_warp.scene.schema.fields import (
     optional_field_of,
 )
 from balloon_warp.scene.schema.inflation import Inflation, Neck
-from balloon_warp.scene.schema.material import Material
+from balloon_warp.scene.schema.material import Material, material_named
 
 
-def _preset_of(given: Any) -> Any:
-    """Return the table of a material that is the name of its preset; all else as it is."""
-    return {"preset": given} if isinstance(given, str) else given
+def _named(given: Any) -> Any:
+    """Return the table of a material that is a name; all else as it is."""
+    return material_named(given) if isinstance(given, str) else given
 
 
 class Stiffness(Table):
@@ -98,10 +98,11 @@ class Balloon(Table):
     """Close holes in the mesh's surface, such as pinholes and eye sockets, or "keep" them. Openings such as the rim of
     a bowl or a sleeve always stay"""
     parts: Parts = "held"
-    """Tie parts of the mesh that share no vertex together by structural springs, or leave them "free" """
+    """Tie parts of the mesh that share no vertex together by structural springs, or leave them "free"; `taken` chooses
+    parts"""
     taken: Taken = "all"
     """Parts of the mesh that make up the balloon: "all", the "closed" ones, without loose ribbons such as hair, or the
-    "largest" by area"""
+    "largest" by area; --parts of commands"""
     unit: Unit | None = None
     """Unit of the mesh's coordinates; when missing, the unit in the mesh file, else the meter"""
     name: str = ""
@@ -141,7 +142,7 @@ class Balloon(Table):
     """File of springs (.npz), sought beside the scene file, in place of the mesh's own springs: `pairs` of particles,
     shape (m, 2); `rest_lengths` in the mesh's unit; and `constants` [N/m], which a later change of `stiffness`
     multiplies"""
-    material: Annotated[Material, BeforeValidator(_preset_of)] = Material()
+    material: Annotated[Material, BeforeValidator(_named)] = Material()
     """Material of the balloon: springs, as in the paper, or rubber or film with a thickness."""
     inflation: Inflation = Inflation()
     """Inflation of a balloon: a pressure, a sealed gas, or the paper's normal forces."""
@@ -187,6 +188,15 @@ class Balloon(Table):
         if self.neck and self.inflation.kind != "gas":
             raise ValueError(f'neck: needs inflation.kind = "gas" (got "{self.inflation.kind}")')
         return self
+
+    @model_validator(mode="before")
+    @classmethod
+    def _parts_or_taken(cls, given: Any) -> Any:
+        for field, other, words in (("parts", "taken", get_args(Taken)), ("taken", "parts", get_args(Parts))):
+            found = given.get(field) if isinstance(given, dict) else None
+            if isinstance(found, str) and found in words:
+                raise ValueError(f'{field}: "{found}" is a value of {other}; expected {other} = "{found}"')
+        return given
 
     @model_validator(mode="before")
     @classmethod

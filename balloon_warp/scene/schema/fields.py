@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 from pydantic.json_schema import SkipJsonSchema
+from pydantic_core import PydanticCustomError
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import PARAMETERS, Parameter
@@ -50,7 +51,8 @@ def _color_of(given: Any) -> Any:
     try:
         red, green, blue, *_ = (value / 255.0 for value in ImageColor.getrgb(given))
     except ValueError:
-        return given
+        expected = 'Input should be a color such as "red" or "#ff8000", or three numbers from 0 to 1'
+        raise PydanticCustomError("color", expected) from None
     return tuple(c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in (red, green, blue))
 
 

@@ -40,6 +40,11 @@ NEARLY_LOCKED = 0.96
 computed there: it is 1 / (1 - 0.96^2) = 13 times as stiff against a change of shape as at rest"""
 
 
+def material_named(name: str) -> dict[str, str]:
+    """Return the table of the material of a name: of a kind, or else a preset."""
+    return {"kind" if name in FIELDS_OF_KINDS else "preset": name}
+
+
 class Material(Table):
     """Material of the balloon: springs, as in the paper, or rubber or film with a thickness.
 
@@ -115,10 +120,13 @@ class Material(Table):
 
     @model_validator(mode="before")
     @classmethod
-    def _names_a_kind(cls, given: Any) -> Any:
+    def _preset_or_kind(cls, given: Any) -> Any:
         kind = given.get("kind") if isinstance(given, dict) else None
         if isinstance(kind, str) and kind in PRESETS:
             raise ValueError(f'kind: "{kind}" is a preset; expected preset = "{kind}"')
+        preset = given.get("preset") if isinstance(given, dict) else None
+        if isinstance(preset, str) and preset in FIELDS_OF_KINDS:
+            raise ValueError(f'preset: "{preset}" is a kind; expected kind = "{preset}"')
         return given
 
     @property

@@ -48,6 +48,14 @@ from balloon_warp.viewer.status import KEYS
 SAVES = "Saves an animated stage (USD), and a scene that replays it from its start."
 
 
+def turned(served: Page) -> float:
+    """Return how far the camera's direction is from that at first [1]."""
+    [client] = served.server.get_clients().values()
+    home, middle = served.layers.home
+    now, first = np.array(client.camera.position) - client.camera.look_at, home - middle
+    return float(np.linalg.norm(now / np.linalg.norm(now) - first / np.linalg.norm(first)))
+
+
 def blue(window, times: float) -> int:
     """Return how many pixels are so many times as blue as red."""
     red, _, blue = np.moveaxis(picture_of(window), 2, 0)
@@ -76,10 +84,11 @@ def test_the_slider_changes_the_volume(fresh, served):
 
 def test_keys_inflate_pause_and_step(fresh, served):
     fresh.mouse.click(20, 400, button="right")  # the keys go to the page, not to a field
-    was = served.session.picture.inflation
+    was, seen = served.session.picture.inflation, turned(served)
     for _ in range(3):
-        fresh.keyboard.press("ArrowUp")
+        fresh.keyboard.press("i")
     wait_until(lambda: served.session.picture.inflation > was, "inflation by key")
+    assert turned(served) == seen  # arrows would turn the camera, and W, A, S, D, Q and E would move it
     fresh.keyboard.press("Space")
     wait_until(lambda: not served.session.picture.running, "pause by key")
     number = served.session.picture.frame.number
@@ -87,7 +96,7 @@ def test_keys_inflate_pause_and_step(fresh, served):
     wait_until(lambda: served.session.picture.frame.number == number + 1, "one frame by key")
     was = served.session.picture.inflation
     served.controls.hands_on.inflation.value = 0.0  # a slider that did not follow
-    fresh.keyboard.press("ArrowUp")
+    fresh.keyboard.press("i")
     wait_until(lambda: served.session.picture.inflation > was, "inflation by key, from where it is")
     see(fresh, served, fresh.get_by_text("Run", exact=True).is_visible, "it can go on")
     fresh.get_by_text("Run", exact=True).click()
@@ -171,6 +180,12 @@ def test_reset_goes_back_to_the_start(fresh, served):
     wait_until(lambda: not served.session.picture.scene.sphere, "reset")
     assert served.session.picture.inflation == pytest.approx(0.5)
     wait_until(lambda: served.controls.hands_on.inflation.value == pytest.approx(0.5, abs=1e-3), "the slider follows")
+    fresh.mouse.click(20, 400, button="right")
+    fresh.keyboard.down("ArrowUp")  # a key of the camera
+    wait_until(lambda: turned(served) > 0.2, "the camera turns")
+    fresh.keyboard.up("ArrowUp")
+    fresh.keyboard.press("r")
+    wait_until(lambda: turned(served) < 1e-3, "the camera is back")
 
 
 def test_a_blow_up_is_caught_and_undone(fresh, served):
