@@ -3,10 +3,12 @@
 `varied` changes parameters without another kernel, where they come to do nothing, too."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
-from meshes import cube, mesh_of, prism, quad_sphere
+import numpy as np
+from meshes import cube, mesh_of, prism, quad_sphere, zigzag
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import LAWS
@@ -22,6 +24,10 @@ NEVER = 1e4
 """Time at which parameters would have the values of the set again, for which its kernels stay as they are [s]"""
 BALL, FINE, PRISM = quad_sphere(2, 0.5), quad_sphere(3, 0.5), prism(5)
 TRIANGLES = mesh_of(BALL.points, triangles_of(BALL))
+ALIGNED = zigzag(1, 0.004)
+FOLDED = replace(ALIGNED, points=ALIGNED.points @ [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [7.0, 5.0, 1.0]])
+"""Two layers on each other, no particle above another, which would be as near to several triangles"""
+LOWER = np.flatnonzero(FOLDED.points[:, 2] == 0.0).tolist()
 SPRINGS = {"structural": 100.0, "shear": 50.0, "flexion": 20.0}
 MOVES = {"velocity": (0.3, -1.5, 0.2), "angular_velocity": (2.0, 1.0, -3.0)}
 FALLS: dict[str, Any] = {"mass": 0.05, "damping": 0.05, "stiffness": SPRINGS, **MOVES}
@@ -125,8 +131,10 @@ SETS: dict[str, dict[str, Any]] = {
             FALLS | {"mesh": cube(), "position": (-1.0, 0.5, 0.4), "velocity": (0.5, 0.0, -1.0)},
             FALLS | {"mesh": PRISM, "position": (-1.0, 1.6, 0.4), "rotation": (40.0, 0.0, 20.0),
                      "velocity": (0.5, -2.0, 0.0)},
+            FALLS | {"mesh": FOLDED, "fixed": LOWER, "scale": 4.0, "position": (2.0, 0.0, 0.0),
+                     "velocity": (0.1, 0.05, -0.4), "inflation": {"pressure": 0.0}},
         ],
-        "touch": {"friction": 0.3, "itself": False}, "ground": {"height": -0.88, "friction": 0.3},
+        "touch": {"friction": 0.3, "itself": True}, "ground": {"height": -0.88, "friction": 0.3},
     },
     "faces": {
         "balloon": [FALLS | {"mesh": FINE, "inflation": GAS}],

@@ -1,6 +1,6 @@
 """Edges of balloons that meet, and faces that meet ridges of solids: contacts from where features are nearest."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -21,7 +21,9 @@ class Edges:
 
     def sweep(self, x, v, ease, h, ground=None):
         """Return places and velocities after contact."""
-        c = np.concatenate([self._edges(x - h * v), self._points(x - h * v)])
+        start, reach = x - h * v, self.skins[..., 0].max() + 4.0 * h * size(v).max()
+        near = replace(self, edges=_near(self.edges, 2, start, reach), points=_near(self.points, 1, start, reach))
+        c = np.concatenate([near._edges(start), near._points(start)])
         c = c[(c["gap"] < 2.0 * (c["kept"] + h * size((c["weights"] * v[c["ends"]]).sum(axis=1))))[:, 0]]
         m = Movers(x, v, ease, ground=ground)
         if len(c):
@@ -53,6 +55,14 @@ class Edges:
         c["friction"], own = 0.0, self.owner[self.points]
         front = dot(c["normal"], cross(x[:, 2] - x[:, 1], x[:, 3] - x[:, 1]))[:, 0] >= 0.0
         return c[front | (own[:, 0] == own[:, 1])]
+
+
+def _near(pairs, count, x, reach):
+    """Return pairs of features, of which the first has so many particles, whose spheres are as near as that."""
+    one, other = x[pairs[:, :count]], x[pairs[:, count:]]
+    way = one.mean(axis=1) - other.mean(axis=1)
+    radii = [size(part - part.mean(axis=1, keepdims=True)).max(axis=1) for part in (one, other)]
+    return pairs[(size(way) - sum(radii) < reach)[:, 0]]
 
 
 @dataclass
