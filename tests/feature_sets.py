@@ -132,7 +132,8 @@ SETS: dict[str, dict[str, Any]] = {
             FALLS | {"mesh": PRISM, "position": (-1.0, 1.6, 0.4), "rotation": (40.0, 0.0, 20.0),
                      "velocity": (0.5, -2.0, 0.0)},
             FALLS | {"mesh": FOLDED, "fixed": LOWER, "scale": 4.0, "position": (2.0, 0.0, 0.0),
-                     "velocity": (0.1, 0.05, -0.4), "inflation": {"pressure": 0.0}},
+                     "rotation": (-90.0, 0.0, 0.0), "velocity": (0.1, -0.4, 0.05), "angular_velocity": (0.0, 0.0, 0.0),
+                     "inflation": {"pressure": 0.0}},
         ],
         "touch": {"friction": 0.3, "itself": True}, "ground": {"height": -0.88, "friction": 0.3},
     },
@@ -141,7 +142,8 @@ SETS: dict[str, dict[str, Any]] = {
         "contact": "impulse", "faces": True,
         "sphere": [
             {"position": (0.05, 0.56, 0.1), "radius": 0.06, "mass": 0.02, "velocity": (0.0, -6.0, 0.0)},
-            {"position": (0.7, 0.1, 0.0), "radius": 0.25, "mass": 0.3, "velocity": (-4.0, 0.0, 0.0), "friction": 0.4},
+            {"position": (1.0, 0.1, 0.0), "radius": 0.5, "mass": 0.3, "velocity": (-4.0, 0.0, 0.0), "friction": 0.4},
+            {"position": (0.1, 0.2, 0.93), "radius": 0.4, "mass": 0.1, "velocity": (0.0, 0.0, -5.0), "start": 0.02},
         ],
         "obstacle": [
             {"size": (0.4, 0.4, 0.4), "rotation": (45.0, 0.0, 35.26), "position": (0.02, -0.86, 0.03), "friction": 0.4},
@@ -151,12 +153,16 @@ SETS: dict[str, dict[str, Any]] = {
     "bodies": {
         "balloon": [FALLS | {"mesh": FINE, "inflation": GAS}], "faces": False,
         "body": [
-            {"size": (0.6, 0.3, 0.5), "mass": 0.4, "position": (0.1, -0.68, 0.0), "velocity": (0.0, 1.0, 0.0),
+            {"size": (0.6, 0.3, 0.5), "mass": 0.4, "position": (0.1, -0.632, 0.0), "velocity": (0.0, 1.0, 0.0),
              "rotation": (5.0, 20.0, 0.0), "angular_velocity": (1.0, 2.0, 0.5)},
             {"shape": "capsule", "radius": 0.15, "length": 0.4, "mass": 0.3, "position": (0.68, 0.1, 0.0),
              "velocity": (-3.0, 0.0, 0.0), "rotation": (0.0, 0.0, 10.0), "friction": 0.3},
             {"size": (0.3, 0.3, 0.3), "mass": 0.4, "position": (0.1, -1.0, 0.9), "velocity": (1.0, -2.0, 0.0),
              "rotation": (20.0, 20.0, 0.0), "angular_velocity": (1.0, 0.0, 0.5)},
+        ],
+        "obstacle": [
+            {"size": (0.3, 0.2, 0.4), "position": (0.5, -0.98, 0.9), "rotation": (10.0, 0.0, 0.0), "friction": 0.3,
+             "motion": [(0.0, (0.0, 0.0, 0.0)), (1.0, (-3.0, 0.5, 0.0), (0.0, 90.0, 60.0))]},
         ],
         "string": [
             {"anchor": (0.1, 0.2, 0.0), "body": 1, "particle": "highest", "length": 0.4},
