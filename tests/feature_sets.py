@@ -8,7 +8,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from meshes import cube, mesh_of, prism, quad_sphere, zigzag
+from meshes import cube, mesh_of, prism, quad_sphere, tetrahedron, zigzag
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import LAWS
@@ -127,6 +127,7 @@ SETS: dict[str, dict[str, Any]] = {
     "touch": {
         "balloon": [
             FALLS | {"mesh": BALL, "velocity": (0.0, -3.0, 0.2), "position": (0.1, 0.51, 0.05), "friction": 0.4},
+            FALLS | {"mesh": tetrahedron(), "fixed": [0, 1, 2, 3], "position": (4.0, 0.0, 0.0)},
             FALLS | {"mesh": BALL, "velocity": (0.3, 2.0, 0.0), "position": (0.0, -0.4, 0.0), "inflation": GAS},
             FALLS | {"mesh": cube(), "position": (-1.0, 0.5, 0.4), "velocity": (0.5, 0.0, -1.0)},
             FALLS | {"mesh": PRISM, "position": (-1.0, 1.6, 0.4), "rotation": (40.0, 0.0, 20.0),
