@@ -31,6 +31,8 @@ LOWER = np.flatnonzero(FOLDED.points[:, 2] == 0.0).tolist()
 SPRINGS = {"structural": 100.0, "shear": 50.0, "flexion": 20.0}
 MOVES = {"velocity": (0.3, -1.5, 0.2), "angular_velocity": (2.0, 1.0, -3.0)}
 FALLS: dict[str, Any] = {"mass": 0.05, "damping": 0.05, "stiffness": SPRINGS, **MOVES}
+LIES = FALLS | {"mesh": FOLDED, "scale": 4.0, "rotation": (-90.0, 0.0, 0.0), "angular_velocity": (0.0, 0.0, 0.0),
+                "inflation": {"pressure": 0.0}}  # fmt: skip
 GAS = {"kind": "gas", "start_pressure": 400.0}
 GROUND = {"height": -0.46, "friction": 0.3}
 
@@ -132,9 +134,8 @@ SETS: dict[str, dict[str, Any]] = {
             FALLS | {"mesh": cube(), "position": (-1.0, 0.5, 0.4), "velocity": (0.5, 0.0, -1.0)},
             FALLS | {"mesh": PRISM, "position": (-1.0, 1.6, 0.4), "rotation": (40.0, 0.0, 20.0),
                      "velocity": (0.5, -2.0, 0.0)},
-            FALLS | {"mesh": FOLDED, "fixed": LOWER, "scale": 4.0, "position": (2.0, 0.0, 0.0),
-                     "rotation": (-90.0, 0.0, 0.0), "velocity": (0.1, -0.4, 0.05), "angular_velocity": (0.0, 0.0, 0.0),
-                     "inflation": {"pressure": 0.0}},
+            LIES | {"fixed": LOWER, "position": (2.0, 0.0, 0.0), "velocity": (0.1, -0.4, 0.05)},
+            LIES | {"position": (-3.0, -0.879, 0.0), "velocity": (6.0, -0.6, 0.05)},
         ],
         "touch": {"friction": 0.3, "itself": True}, "ground": {"height": -0.88, "friction": 0.3},
     },
@@ -147,8 +148,8 @@ SETS: dict[str, dict[str, Any]] = {
             {"position": (0.1, 0.2, 0.93), "radius": 0.4, "mass": 0.1, "velocity": (0.0, 0.0, -5.0), "start": 0.02},
         ],
         "obstacle": [
-            {"size": (0.4, 0.4, 0.4), "rotation": (45.0, 0.0, 35.26), "position": (0.02, -0.86, 0.03), "friction": 0.4},
             {"radius": 0.02, "length": 2.0, "position": (-0.53, 0.11, 0.0), "rotation": (80.0, 0.0, -10.0)},
+            {"size": (0.4, 0.4, 0.4), "rotation": (45.0, 0.0, 35.26), "position": (0.02, -0.86, 0.03), "friction": 0.4},
         ],
     },
     "bodies": {
