@@ -2,35 +2,20 @@
 
 import os
 from pathlib import Path
-from typing import Any
 
 import pytest
 import warp as wp
-from xdist.scheduler import LoadScopeScheduling
+from distribution import PROCESSES
 
 wp.config.log_level = wp.LOG_ERROR
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of the processes that test: two threads each only wait for a core
 
-pytest_plugins = ("costs", "lasting", "page_fixtures", "shared_fixtures", "shaking")
+pytest_plugins = ("costs", "distribution", "lasting", "page_fixtures", "shared_fixtures", "shaking")
 OWN_SCHEDULE = {"cpu": "octets", "cuda:0": "block"}
 """schedule that `auto` takes for small balloons, by device"""
 HERE = Path(__file__).parent
 LEFT_OUT = (HERE / "physics", HERE / "full")
 """folders that run with --full, or by name, but for tests marked `always`"""
-PROCESSES = "full/processes/"
-"""folder of tests that start processes or wait for a page"""
-
-
-class ByFile(LoadScopeScheduling):
-    """Distribution of tests by files, which share kernels and simulations. One process goes through the folder of tests
-    with processes of their own, since a machine of two cores is too slow for several of them at once."""
-
-    def _split_scope(self, nodeid: str) -> str:
-        return PROCESSES if PROCESSES in nodeid else nodeid.partition("::")[0]
-
-
-def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadScopeScheduling:
-    return ByFile(config, log)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
