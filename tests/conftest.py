@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 import warp as wp
-from distribution import PROCESSES
 
 wp.config.log_level = wp.LOG_ERROR
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of the processes that test: two threads each only wait for a core
@@ -47,7 +46,7 @@ def is_left_out(path: Path, config: pytest.Config) -> bool:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Deselect tests marked full without `--full`, and begin with those that wait for other processes.
+    """Deselect tests marked full without `--full`.
 
     Physics runs in the device's own schedule alone, if there it can: test_reference.py holds all others to the same.
     """
@@ -68,7 +67,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         again = another and item.get_closest_marker("physics")
         (left_out if again or (is_full and not full) else left).append(item)
     config.hook.pytest_deselected(items=left_out)
-    items[:] = sorted(left, key=lambda item: PROCESSES not in item.nodeid)
+    items[:] = left
 
 
 def runs_always(item: pytest.Item) -> bool:

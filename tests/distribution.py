@@ -31,3 +31,9 @@ def set_named(test: str) -> str:
 
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadScopeScheduling:
     return ByFile(config, log)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with tests that wait for other processes."""
+    items.sort(key=lambda item: PROCESSES not in item.nodeid)

@@ -10,11 +10,13 @@ from scipy.spatial.transform import Rotation
 from touching import tube
 
 from balloon_warp import Balloon, PolygonMesh, Scene, Simulator, Touch
+from balloon_warp.kernels.contact.boxes import SPARE, box_balloons
 from balloon_warp.kernels.contact.own_parts import OwnParts, least_between, place_part
 from balloon_warp.kernels.laws.impulse import NEAR
 from balloon_warp.kernels.loops.near_solids import A_STEP, solid_function
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.launching import launch_tiled
 from balloon_warp.model import build_model
 from balloon_warp.model.memory import Allocating
 from balloon_warp.model.touch import APART, edge_length
@@ -88,6 +90,30 @@ def test_no_particle_that_may_meet_a_sphere_is_left_out_early():
         looks = distances**2 < reach + float(A_STEP) * lengths**2
         assert looks[comes].all()
         assert looks.mean() < 0.9
+
+
+def test_boxes_hold_what_particles_sweep_until_the_next_search():
+    """Where they are and will be by their speeds, and how far they have come since they were looked for."""
+    simulator = Simulator(feature_set("touch"), "cpu", schedule="gather")
+    simulator.step_unread()
+    t, working, state = simulator.schedule.tables, simulator.schedule.launches.working, simulator.state
+    dim = (1, simulator.model.balloon_count)
+    launch_tiled(
+        box_balloons, dim, [t, state.points, state.velocities, 0, working], block_dim=1, device=simulator.model.device
+    )
+    points, sought = state.points.numpy()[0], working.sought.numpy()[0]
+    way = t.touch.seconds * state.velocities.numpy()[0]
+    both, speed = np.stack([points, points + way]), np.linalg.norm(way, axis=1) / t.touch.seconds
+    moved = np.linalg.norm(points - sought, axis=1)
+    straying, slack = moved + t.touch.seconds * speed, t.touch.slack.numpy()
+    for balloon, (begin, end) in enumerate(pairwise(simulator.model.particle_offsets)):
+        lower, upper, pace = working.balloon_boxes.numpy()[0, balloon]
+        np.testing.assert_allclose(lower, both[:, begin:end].min(axis=(0, 1)), atol=1e-6)
+        np.testing.assert_allclose(upper, both[:, begin:end].max(axis=(0, 1)), atol=1e-6)
+        strayed = straying[begin:end].max() > float(SPARE) * slack[balloon]
+        np.testing.assert_allclose(
+            pace, [speed[begin:end].max(), strayed, moved[begin:end].max()], rtol=1e-5, atol=1e-6
+        )
 
 
 def test_balloons_that_part_have_no_lists():
