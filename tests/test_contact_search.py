@@ -11,12 +11,14 @@ from touching import tube
 
 from balloon_warp import Balloon, PolygonMesh, Scene, Simulator, Touch
 from balloon_warp.kernels.contact.boxes import SPARE, box_balloons
+from balloon_warp.kernels.contact.near_parts import near_parts_kernel
 from balloon_warp.kernels.contact.own_parts import OwnParts, least_between, place_part
+from balloon_warp.kernels.contact.parts import box_parts_of_worlds
 from balloon_warp.kernels.laws.impulse import NEAR
 from balloon_warp.kernels.loops.near_solids import A_STEP, solid_function
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.tables import Tables, WorldState
-from balloon_warp.launching import launch_tiled
+from balloon_warp.launching import launch, launch_tiled
 from balloon_warp.model import build_model
 from balloon_warp.model.memory import Allocating
 from balloon_warp.model.touch import APART, edge_length
@@ -114,6 +116,35 @@ def test_boxes_hold_what_particles_sweep_until_the_next_search():
         np.testing.assert_allclose(
             pace, [speed[begin:end].max(), strayed, moved[begin:end].max()], rtol=1e-5, atol=1e-6
         )
+
+
+def test_parts_list_those_whose_boxes_meet_theirs():
+    """Each part's box holds its triangles' sweeps; leaves of balloons too fast for clearances list those near them."""
+    simulator = Simulator(feature_set("touch"), "cpu", schedule="gather")
+    simulator.step_unread()
+    t, working, state = simulator.schedule.tables, simulator.schedule.launches.working, simulator.state
+    device, kernel = simulator.model.device, near_parts_kernel(simulator.schedule.features)
+    launch_tiled(box_parts_of_worlds, [1], [t, state.points, state.velocities, working], block_dim=1, device=device)
+    working.near_part_counts.zero_()
+    launch(kernel, (1, 2), [t, 2, working], device=device)
+    points, parts, triangles = state.points.numpy()[0], t.touch.parts.numpy(), t.touch.triangles.numpy()
+    both = np.stack([points, points + t.touch.seconds * state.velocities.numpy()[0]])
+    boxes = working.part_boxes.numpy()[0].reshape(-1, 2, 4)[..., :3]
+    for (_after, begin, end, _balloon), (lower, upper) in zip(parts, boxes, strict=True):
+        swept = both[:, triangles[begin:end].ravel()]
+        np.testing.assert_allclose(lower, swept.min(axis=(0, 1)), atol=1e-6)
+        np.testing.assert_allclose(upper, swept.max(axis=(0, 1)), atol=1e-6)
+    leaves = np.flatnonzero(parts[:, 0] == np.arange(len(parts)) + 1)
+    counts, listed = working.near_part_counts.numpy()[0], working.near_parts.numpy()[0]
+    searched = leaves[counts[leaves] >= 0]
+    assert set(parts[searched, 3]) == {len(simulator.model.shapes) - 1}
+    for leaf in searched:
+        balloon = parts[leaf, 3]
+        pad = float(t.touch.thickness.numpy()[balloon] + 2.0 * t.touch.slack.numpy()[balloon])
+        apart = np.maximum(boxes[leaf, 0] - boxes[:, 1], boxes[:, 0] - boxes[leaf, 1]).max(axis=1)
+        near = [other for other in leaves if parts[other, 3] == balloon and apart[other] <= pad]
+        assert sorted(listed[leaf, : counts[leaf]]) == near
+    assert 1 < counts[searched].min() < counts[searched].max() < len(leaves)
 
 
 def test_balloons_that_part_have_no_lists():
