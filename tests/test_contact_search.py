@@ -34,8 +34,9 @@ def place_all(own: OwnParts, points: wp.array2d[wp.vec3]):
 
 @wp.kernel(enable_backward=False)
 def bound_all(own: OwnParts, found: wp.array2d[float]):
-    one, other = wp.tid()
-    found[one, other] = least_between(own, 0, one, other)
+    one = wp.tid()
+    for other in range(found.shape[1]):
+        found[one, other] = least_between(own, 0, one, other)
 
 
 def bent(mesh: PolygonMesh, radius: float) -> np.ndarray:
@@ -56,7 +57,7 @@ def test_no_two_parts_of_a_balloon_are_nearer_than_their_bound(radius: float):
     count = len(own.balloons)
     found = wp.zeros((count, count), dtype=float, device="cpu")
     wp.launch(place_all, count, [own, wp.array(points[None], dtype=wp.vec3, device="cpu")], device="cpu")
-    wp.launch(bound_all, (count, count), [own, found], device="cpu")
+    wp.launch(bound_all, count, [own, found], device="cpu")
     first, particles = own.first.numpy(), own.particles.numpy()
     parts = [particles[begin:end] for begin, end in pairwise(first)]
     rest, now = (np.linalg.norm(each[:, None] - each, axis=-1) for each in (mesh.points, points))
