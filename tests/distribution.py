@@ -1,4 +1,4 @@
-"""Which tests a process of several goes through in a row: those that share kernels and simulations."""
+"""Distribution of tests among processes: one goes through those that share kernels and simulations."""
 
 from typing import Any
 

@@ -126,7 +126,7 @@ def launched(lanes: bool) -> tuple[list[NDArray[Any]], list[NDArray[Any]]]:
 
 @pytest.mark.parametrize("lanes", [False, True], ids=["one", "eight"])
 def test_functions_are_those_of_numpy(lanes: bool):
-    """To some roundings of numbers of up to 12."""
+    """The tolerance is some roundings of numbers of up to 12."""
     for found, expected in zip(launched(lanes)[0], EXPECTED, strict=True):
         np.testing.assert_allclose(found, expected, atol=2e-6)
 

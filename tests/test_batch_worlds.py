@@ -149,7 +149,7 @@ def test_a_balloon_that_leaves_it_open_has_the_inflation_that_differs(field: str
 
 @pytest.mark.parametrize("particle", ["highest", "lowest"])
 def test_a_string_holds_the_same_particle_in_all_worlds(particle: str):
-    """Of an octahedron on its tip, the next one is as high once it has turned by 45 degrees."""
+    """The next tip of an octahedron on its tip is as high once it has turned by 45 degrees."""
     faces = [[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]]
     tied = String(anchor=(0.0, 3.0, 0.0), particle=particle)
     scene = Scene(balloon=[Balloon(mesh=mesh_of([*np.eye(3), *-np.eye(3)], faces))], string=[tied])

@@ -48,7 +48,7 @@ def bent(mesh: PolygonMesh, radius: float) -> np.ndarray:
 
 @pytest.mark.parametrize("radius", [1e6, 4.0, 1.0])
 def test_no_two_parts_of_a_balloon_are_nearer_than_their_bound(radius: float):
-    """Of all particles that may touch, being far apart at the start; where nothing bends, bounds say much."""
+    """The bound is for all particles that may touch, far apart at the start; where nothing bends it says much."""
     mesh = tube(17, 12)
     model = build_model(Scene(balloon=[Balloon(mesh=mesh)], touch=Touch(itself=True)), "cpu")
     own, points = own_parts(model), bent(mesh, radius)
@@ -96,7 +96,7 @@ def test_no_particle_that_may_meet_a_sphere_is_left_out_early():
 
 
 def test_boxes_hold_what_particles_sweep_until_the_next_search():
-    """Where they are and will be by their speeds, and how far they have come since they were looked for."""
+    """Boxes have where particles are and will be by their speeds, and how far they have come since the last search."""
     simulator = Simulator(feature_set("touch"), "cpu", schedule="gather")
     simulator.step_unread()
     t, working, state = simulator.schedule.tables, simulator.schedule.launches.working, simulator.state

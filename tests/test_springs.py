@@ -185,7 +185,7 @@ def test_springs_without_end_are_refused(mesh: PolygonMesh, sentence: str) -> No
 
 @pytest.mark.parametrize("mesh", [joined(prism(5), tetrahedron()), torus(5, 4)], ids=["prism", "torus"])
 def test_gradients_of_hinges_are_the_slopes_of_their_angles(mesh: PolygonMesh) -> None:
-    """By both ends and by each wing as a whole: to the truncation of central differences, 1e-5 of a side, squared."""
+    """Slopes are by both ends and by each wing as a whole; central differences are off by 1e-5 of a side, squared."""
     hinges, move = build_hinges(mesh), 1e-5
     points = mesh.points + 0.1 * np.random.default_rng(1).normal(size=mesh.points.shape)
     wings = np.split(hinges.wing_particles, hinges.wing_offsets[1:-1])

@@ -94,7 +94,7 @@ def test_it_bursts_at_the_analytic_pressure(device: str):
 
 @pytest.mark.always
 def test_a_tear_that_has_waited_runs_no_faster_than_others(device: str):
-    """Faces that it reaches in a frame have torn no farther in that than its speed allows."""
+    """Faces that a tear reaches in a frame have torn no farther by its end than its speed allows."""
     simulator = filled(scene_of(needle_time=1e-3, branching_stress=1e9), 2.0, device)
     while not torn(simulator).any():
         simulator.step()
