@@ -11,7 +11,7 @@ from balloon_warp.mesh.corners import face_starts
 from balloon_warp.model import Model, build_model
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.membrane_faces import membrane_face_layout, membrane_face_table
-from balloon_warp.schedules.tables import make_tables
+from balloon_warp.schedules.tables import make_tables, quads_at_particles
 
 MIXED = joined(quad_sphere(2), halved(cube()))
 MESHES = {"triangles": halved(quad_sphere(2)), "prism": prism(5), "mixed": MIXED}
@@ -47,6 +47,16 @@ def test_fans_have_the_other_corners_of_all_faces_at_a_particle(name: str):
     once = others_at_corners(MESHES[name])
     again = [[tuple(each + len(once) for each in fan) for fan in fans] for fans in once]
     assert found == once + again
+
+
+def test_quads_have_their_other_corners_from_the_one_before():
+    model = two_of(quad_sphere(2))
+    particles, others = quads_at_particles(model)
+    once = others_at_corners(quad_sphere(2))
+    for number in range(model.particle_count):
+        again, vertex = divmod(number, len(once))
+        found = sorted(tuple(row) for row in (others[particles == number, ::-1] - again * len(once)).tolist())
+        assert found == once[vertex]
 
 
 @pytest.mark.parametrize("name", ["triangles", "mixed"])
