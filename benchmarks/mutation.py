@@ -79,6 +79,10 @@ EQUIVALENT: Mapping[str, str] = {
     "kernels/contact/seeking_edges.py way_of_edge: ends[0] -> ends[1]": "more edges search",
     "balloon_warp/model/crushing.py : 1.0e-6 -> 1.2e-06": "a tolerance",
     "kernels/contact/free_frames.py : 40.0 -> 48.0": "a bound with room: two edges are 40 thicknesses",
+    "kernels/contact/clearances.py lookout_of: LOOKOUT * t.touch.slack[balloon] -> "
+    "LOOKOUT / t.touch.slack[balloon]": "a search looks farther than it has to, and finds the same contacts",
+    "balloon_warp/schedules/lane_tables.py _add_membranes: model.balloon_count + 1 -> model.balloon_count + 2":
+    "an entry more, which nothing reads",
     "kernels/phases/wear.py wear: 0.0 -> 0.1": "0.1 Pa of an energy density that softens rubber from 1e3 Pa on",
 }  # fmt: skip
 """Mutants that change nothing that anyone could notice, by `Mutant.key`, and why"""

@@ -2,35 +2,19 @@
 
 import os
 from pathlib import Path
-from typing import Any
 
 import pytest
 import warp as wp
-from xdist.scheduler import LoadScopeScheduling
 
 wp.config.log_level = wp.LOG_ERROR
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of the processes that test: two threads each only wait for a core
 
-pytest_plugins = ("costs", "lasting", "page_fixtures", "shared_fixtures", "shaking")
+pytest_plugins = ("costs", "distribution", "lasting", "page_fixtures", "shared_fixtures", "shaking")
 OWN_SCHEDULE = {"cpu": "octets", "cuda:0": "block"}
 """schedule that `auto` takes for small balloons, by device"""
 HERE = Path(__file__).parent
 LEFT_OUT = (HERE / "physics", HERE / "full")
 """folders that run with --full, or by name, but for tests marked `always`"""
-PROCESSES = "full/processes/"
-"""folder of tests that start processes or wait for a page"""
-
-
-class ByFile(LoadScopeScheduling):
-    """Distribution of tests by files, which share kernels and simulations. One process goes through the folder of tests
-    with processes of their own, since a machine of two cores is too slow for several of them at once."""
-
-    def _split_scope(self, nodeid: str) -> str:
-        return PROCESSES if PROCESSES in nodeid else nodeid.partition("::")[0]
-
-
-def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadScopeScheduling:
-    return ByFile(config, log)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -62,7 +46,7 @@ def is_left_out(path: Path, config: pytest.Config) -> bool:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Deselect tests marked full without `--full`, and begin with those that wait for other processes.
+    """Deselect tests marked full without `--full`.
 
     Physics runs in the device's own schedule alone, if there it can: test_reference.py holds all others to the same.
     """
@@ -83,7 +67,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         again = another and item.get_closest_marker("physics")
         (left_out if again or (is_full and not full) else left).append(item)
     config.hook.pytest_deselected(items=left_out)
-    items[:] = sorted(left, key=lambda item: PROCESSES not in item.nodeid)
+    items[:] = left
 
 
 def runs_always(item: pytest.Item) -> bool:

@@ -3,10 +3,12 @@
 `varied` changes parameters without another kernel, where they come to do nothing, too."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
-from meshes import cube, mesh_of, prism, quad_sphere
+import numpy as np
+from meshes import cube, mesh_of, prism, quad_sphere, tetrahedron, zigzag
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import LAWS
@@ -22,9 +24,15 @@ NEVER = 1e4
 """Time at which parameters would have the values of the set again, for which its kernels stay as they are [s]"""
 BALL, FINE, PRISM = quad_sphere(2, 0.5), quad_sphere(3, 0.5), prism(5)
 TRIANGLES = mesh_of(BALL.points, triangles_of(BALL))
+ALIGNED = zigzag(1, 0.004)
+FOLDED = replace(ALIGNED, points=ALIGNED.points @ [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [7.0, 5.0, 1.0]])
+"""Two layers on each other, no particle above another, which would be as near to several triangles"""
+LOWER = np.flatnonzero(FOLDED.points[:, 2] == 0.0).tolist()
 SPRINGS = {"structural": 100.0, "shear": 50.0, "flexion": 20.0}
 MOVES = {"velocity": (0.3, -1.5, 0.2), "angular_velocity": (2.0, 1.0, -3.0)}
 FALLS: dict[str, Any] = {"mass": 0.05, "damping": 0.05, "stiffness": SPRINGS, **MOVES}
+LIES = FALLS | {"mesh": FOLDED, "scale": 4.0, "rotation": (-90.0, 0.0, 0.0), "angular_velocity": (0.0, 0.0, 0.0),
+                "inflation": {"pressure": 0.0}}  # fmt: skip
 GAS = {"kind": "gas", "start_pressure": 400.0}
 GROUND = {"height": -0.46, "friction": 0.3}
 
@@ -121,34 +129,42 @@ SETS: dict[str, dict[str, Any]] = {
     "touch": {
         "balloon": [
             FALLS | {"mesh": BALL, "velocity": (0.0, -3.0, 0.2), "position": (0.1, 0.51, 0.05), "friction": 0.4},
+            FALLS | {"mesh": tetrahedron(), "fixed": [0, 1, 2, 3], "position": (4.0, 0.0, 0.0)},
             FALLS | {"mesh": BALL, "velocity": (0.3, 2.0, 0.0), "position": (0.0, -0.4, 0.0), "inflation": GAS},
             FALLS | {"mesh": cube(), "position": (-1.0, 0.5, 0.4), "velocity": (0.5, 0.0, -1.0)},
             FALLS | {"mesh": PRISM, "position": (-1.0, 1.6, 0.4), "rotation": (40.0, 0.0, 20.0),
                      "velocity": (0.5, -2.0, 0.0)},
+            LIES | {"fixed": LOWER, "position": (2.0, 0.0, 0.0), "velocity": (0.1, -0.4, 0.05)},
+            LIES | {"position": (-3.0, -0.879, 0.0), "velocity": (6.0, -0.6, 0.05)},
         ],
-        "touch": {"friction": 0.3, "itself": False}, "ground": {"height": -0.88, "friction": 0.3},
+        "touch": {"friction": 0.3, "itself": True}, "ground": {"height": -0.88, "friction": 0.3},
     },
     "faces": {
         "balloon": [FALLS | {"mesh": FINE, "inflation": GAS}],
         "contact": "impulse", "faces": True,
         "sphere": [
             {"position": (0.05, 0.56, 0.1), "radius": 0.06, "mass": 0.02, "velocity": (0.0, -6.0, 0.0)},
-            {"position": (0.7, 0.1, 0.0), "radius": 0.25, "mass": 0.3, "velocity": (-4.0, 0.0, 0.0), "friction": 0.4},
+            {"position": (1.0, 0.1, 0.0), "radius": 0.5, "mass": 0.3, "velocity": (-4.0, 0.0, 0.0), "friction": 0.4},
+            {"position": (0.1, 0.2, 0.93), "radius": 0.4, "mass": 0.1, "velocity": (0.0, 0.0, -5.0), "start": 0.02},
         ],
         "obstacle": [
-            {"size": (0.4, 0.4, 0.4), "rotation": (45.0, 0.0, 35.26), "position": (0.02, -0.86, 0.03), "friction": 0.4},
             {"radius": 0.02, "length": 2.0, "position": (-0.53, 0.11, 0.0), "rotation": (80.0, 0.0, -10.0)},
+            {"size": (0.4, 0.4, 0.4), "rotation": (45.0, 0.0, 35.26), "position": (0.02, -0.86, 0.03), "friction": 0.4},
         ],
     },
     "bodies": {
         "balloon": [FALLS | {"mesh": FINE, "inflation": GAS}], "faces": False,
         "body": [
-            {"size": (0.6, 0.3, 0.5), "mass": 0.4, "position": (0.1, -0.68, 0.0), "velocity": (0.0, 1.0, 0.0),
+            {"size": (0.6, 0.3, 0.5), "mass": 0.4, "position": (0.1, -0.632, 0.0), "velocity": (0.0, 1.0, 0.0),
              "rotation": (5.0, 20.0, 0.0), "angular_velocity": (1.0, 2.0, 0.5)},
             {"shape": "capsule", "radius": 0.15, "length": 0.4, "mass": 0.3, "position": (0.68, 0.1, 0.0),
              "velocity": (-3.0, 0.0, 0.0), "rotation": (0.0, 0.0, 10.0), "friction": 0.3},
             {"size": (0.3, 0.3, 0.3), "mass": 0.4, "position": (0.1, -1.0, 0.9), "velocity": (1.0, -2.0, 0.0),
              "rotation": (20.0, 20.0, 0.0), "angular_velocity": (1.0, 0.0, 0.5)},
+        ],
+        "obstacle": [
+            {"size": (0.3, 0.2, 0.4), "position": (0.5, -0.98, 0.9), "rotation": (10.0, 0.0, 0.0), "friction": 0.3,
+             "motion": [(0.0, (0.0, 0.0, 0.0)), (1.0, (-3.0, 0.5, 0.0), (0.0, 90.0, 60.0))]},
         ],
         "string": [
             {"anchor": (0.1, 0.2, 0.0), "body": 1, "particle": "highest", "length": 0.4},

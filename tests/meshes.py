@@ -37,6 +37,16 @@ def grid(nx: int, ny: int) -> PolygonMesh:
     return mesh_of(points, lattice(np.arange(len(points)).reshape(ny + 1, nx + 1)).tolist())
 
 
+def zigzag(folds: int, gap: float) -> PolygonMesh:
+    """Return a strip 30 cm wide, folded to and fro, whose layers are closer than its particles."""
+    cells = 3
+    strip = grid((folds + 1) * (cells + 1) - 1, cells)
+    columns = strip.points[:, 0].astype(int)
+    layers, within = np.divmod(columns, cells + 1)
+    across = np.where(layers % 2 == 0, within, cells - within)
+    return replace(strip, points=0.1 * np.column_stack([across, strip.points[:, 1], gap / 0.1 * layers]))
+
+
 def box(center: Sequence[float], size: Sequence[float], cells: Sequence[int] = (2, 2, 2)) -> PolygonMesh:
     """Return a box of quads, so many along each side, winding outward."""
     numbers: dict[tuple[int, ...], int] = {}

@@ -5,11 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import warp as wp
-from meshes import cube, quad_sphere
+from meshes import cube, mesh_of, quad_sphere
 from work import lines_executed
 
 from balloon_warp import BlowUpError, InputError, Simulator, load_scene, simulate
 from balloon_warp.model import ModelPlan, plan_model
+from balloon_warp.model.varied_scene import scene_to_vary
 from balloon_warp.scene import Balloon, Body, Ground, Inflation, Scene, Sphere, Stiffness, String
 from balloon_warp.scene.overrides import override_scene
 from balloon_warp.sweep import shares
@@ -103,6 +104,24 @@ def test_strings_of_no_said_length_reach_from_each_worlds_anchor_to_its_balloon(
         held = quad_sphere(3).points[plan.held[0]] + [0.0, heights[world], 0.0]
         assert lengths[world, 0] == pytest.approx(np.linalg.norm(held - [anchors[world], -2.0, 0.0]), rel=1e-12)
     np.testing.assert_array_equal(lengths[:, 1], 0.5)
+
+
+@pytest.mark.parametrize(("field", "kind"), [("k_normal", "normal_force"), ("litres", "gas"), ("pressure", "pressure")])
+def test_a_balloon_that_leaves_it_open_has_the_inflation_that_differs(field: str, kind: str):
+    for path in (f"balloon.inflation.{field}", f"balloon.0.inflation.{field}"):
+        varied = scene_to_vary(Scene(balloon=[Balloon(mesh=cube())]), {path: [1.0, 2.0]})
+        assert varied.balloon[0].inflation.kind == kind
+
+
+@pytest.mark.parametrize("particle", ["highest", "lowest"])
+def test_a_string_holds_the_same_particle_in_all_worlds(particle: str):
+    """The next tip of an octahedron on its tip is as high once it has turned by 45 degrees."""
+    faces = [[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]]
+    tied = String(anchor=(0.0, 3.0, 0.0), particle=particle)
+    scene = Scene(balloon=[Balloon(mesh=mesh_of([*np.eye(3), *-np.eye(3)], faces))], string=[tied])
+    plan_model(scene, 2, {"balloon.rotation.2": [0.0, 40.0]})
+    with pytest.raises(InputError, match=f"in world 1 string 0 would hold another particle, which is the {particle}"):
+        plan_model(scene, 2, {"balloon.rotation.2": [0.0, 50.0]})
 
 
 @pytest.mark.full

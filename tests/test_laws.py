@@ -16,7 +16,7 @@ from balloon_warp.kernels.laws.edges import CROSSED, crosses, crossing_of
 from balloon_warp.kernels.laws.empty import EMPTY, amount_when_flat
 from balloon_warp.kernels.laws.fixture import BLURRED, mesh_normal
 from balloon_warp.kernels.laws.gas import STANDARD_PRESSURE, gas_energy, gas_pressure
-from balloon_warp.kernels.laws.impulse import NEAR, PRESSED, Press, comes_near, push_of_ground
+from balloon_warp.kernels.laws.impulse import NEAR, PRESSED, Press, meet_sphere, push_of_ground
 from balloon_warp.kernels.laws.law import LAW_INPUTS, RESULT
 from balloon_warp.kernels.laws.torsion import angle_beyond
 from balloon_warp.model.bounds import told_what_it_names
@@ -304,16 +304,22 @@ def test_the_ground_pushes_a_body_by_what_it_and_what_presses_it_gain():
 
 
 @wp.func
-def may_meet_sphere(start: wp.vec3, way: wp.vec3, radius: float):
-    return wp.where(comes_near(start, way, radius), 1.0, 0.0)
+def excess_at_sphere(start: wp.vec3, way: wp.vec3, radius: float, step_seconds: float):
+    _outward, excess, _out = meet_sphere(start, way, radius, wp.vec3(0.0, 1.0, 0.0), step_seconds)
+    return excess
 
 
 def test_a_particle_comes_near_a_sphere_where_twice_its_way_does():
-    """The nearest of many places on twice the way is within 65/64 of the radius."""
+    """The nearest of many places on twice the way is within 65/64 of the radius; then its excess speed is the approach
+    beyond what closes the gap in a step, and otherwise less than any."""
     rng = np.random.default_rng(7)
     radius = rng.uniform(0.05, 5.0, COUNT)
     start, way = rng.uniform(-2.0, 2.0, (2, COUNT, 3)) * radius[:, None]
     places = start[:, None] + np.linspace(0.0, 2.0, 20001)[:, None] * way[:, None]
-    expected = np.linalg.norm(places, axis=2).min(axis=1) < float(NEAR) * radius
-    assert 5 < expected.sum() < COUNT - 5
-    np.testing.assert_array_equal(called(may_meet_sphere, {"start": start, "way": way, "radius": radius}), expected)
+    near = np.linalg.norm(places, axis=2).min(axis=1) < float(NEAR) * radius
+    assert 5 < near.sum() < COUNT - 5
+    told = {"start": start, "way": way, "radius": radius, "step_seconds": np.full(COUNT, 0.25)}
+    found, away = called(excess_at_sphere, told), np.linalg.norm(start, axis=1)
+    expected = -4.0 * ((way * start).sum(axis=1) / away + np.maximum(away - radius, 0.0))
+    np.testing.assert_allclose(found[near], expected[near], rtol=1e-5, atol=1e-5)
+    assert (found[~near] < -1e9).all()

@@ -79,6 +79,7 @@ def tolerances(scene: Scene, start: Any, way: Any, others: list[Any], frames: in
         most["velocities"] += roundings * np.abs(way["points"]).max() * rate * scene.substeps
     if scene.obstacle:  # which stop an approach by the depth over the substep; rounding decides what passes an edge
         most["velocities"] += most["points"] * rate * scene.substeps
+        most["body_velocities"] += ULP * np.abs(way["body_positions"]).max(initial=0.0) * rate * scene.substeps
     if any(balloon.inflation.kind == "gas" for balloon in scene.balloon):
         most["pressures"] += 8.0 * ULP * scene.atmosphere.pressure  # which is subtracted
     return most

@@ -8,6 +8,7 @@ from meshes import two_quads_at_a_vertex as two_quads
 from balloon_warp import InputError, PolygonMesh
 from balloon_warp.mesh.check import LARGEST_FAN
 from balloon_warp.springs import SpringKind, Springs, build_springs
+from balloon_warp.springs.hinges import build_hinges
 
 
 def counts(mesh: PolygonMesh) -> tuple[int, int, int]:
@@ -180,3 +181,20 @@ def test_springs_without_end_are_refused(mesh: PolygonMesh, sentence: str) -> No
     with pytest.raises(InputError) as refusal:
         build_springs(mesh)
     assert str(refusal.value) == sentence
+
+
+@pytest.mark.parametrize("mesh", [joined(prism(5), tetrahedron()), torus(5, 4)], ids=["prism", "torus"])
+def test_gradients_of_hinges_are_the_slopes_of_their_angles(mesh: PolygonMesh) -> None:
+    """Slopes are by both ends and by each wing as a whole; central differences are off by 1e-5 of a side, squared."""
+    hinges, move = build_hinges(mesh), 1e-5
+    points = mesh.points + 0.1 * np.random.default_rng(1).normal(size=mesh.points.shape)
+    wings = np.split(hinges.wing_particles, hinges.wing_offsets[1:-1])
+    for number, found in enumerate(hinges.gradients(points)):
+        for part, size in zip([*hinges.ends[number], *wings[2 * number : 2 * number + 2]], found, strict=True):
+            slope = np.zeros(3)
+            for axis in range(3):
+                for way in (-move, move):
+                    moved = points.copy()
+                    moved[part, axis] += way
+                    slope[axis] += hinges.angles(moved)[number] / (2.0 * way)
+            np.testing.assert_allclose(np.linalg.norm(slope), size, rtol=1e-7)

@@ -69,6 +69,12 @@ def test_gas_begins_at_the_pressure_of_the_air_that_thins_out():
     assert plan.parameters["initial_gas_amounts"][0, 0] == pytest.approx(amount, rel=1e-4)
 
 
+def test_without_a_lapse_gas_begins_alike_at_every_height():
+    balls = [Balloon(mesh=cube(), position=(0.0, y, 0.0), inflation=Inflation(kind="gas")) for y in (0.0, 3000.0)]
+    low, high = plan_model(Scene(balloon=balls)).parameters["initial_gas_amounts"][0]
+    assert high == pytest.approx(low, rel=1e-6)
+
+
 def test_a_scene_at_an_altitude_has_its_air():
     scene = Scene(balloon=[Balloon(mesh=cube())], atmosphere=Atmosphere(altitude=30000.0))
     air = standard_air(30000.0)

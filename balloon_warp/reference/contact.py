@@ -193,10 +193,20 @@ def point_contacts(ends, x, owner, skins):
     return c[front | (own[:, 0] == own[:, 1])]
 
 
+def near_pairs(pairs, count, x, reach):
+    """Return pairs of features, of which the first has so many particles, whose spheres are as near as that."""
+    one, other = x[pairs[:, :count]], x[pairs[:, count:]]
+    way = one.mean(axis=1) - other.mean(axis=1)
+    radii = [size(part - part.mean(axis=1, keepdims=True)).max(axis=1) for part in (one, other)]
+    return pairs[(size(way) - sum(radii) < reach)[:, 0]]
+
+
 def skins_meet(m, pairs, owner, skins):
     """Let edges meet, and particles that a spring would let through a triangle, see `laws.edges`; given all pairs."""
     x, h = m.x - m.h * m.v, m.h
-    c = np.concatenate([edge_contacts(pairs[0], x, owner, skins), point_contacts(pairs[1], x, owner, skins)])
+    reach = skins[..., 0].max() + 4.0 * h * size(m.v).max()
+    edges, points = (near_pairs(each, count, x, reach) for each, count in zip(pairs, (2, 1), strict=True))
+    c = np.concatenate([edge_contacts(edges, x, owner, skins), point_contacts(points, x, owner, skins)])
     c = c[(c["gap"] < 2.0 * (c["kept"] + h * size((c["weights"] * m.v[c["ends"]]).sum(axis=1))))[:, 0]]
     if len(c):
         sweep(m, c, h, 300, any(thing == m.ground for _, thing in m.around))

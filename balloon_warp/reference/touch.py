@@ -46,6 +46,7 @@ class Touch:
             corners, pad = self.triangles[second], self.skins[first, second, 0] + self.reach[second]
             box = x[corners].min(axis=(0, 1)) - pad, x[corners].max(axis=(0, 1)) + pad
             own = np.flatnonzero((self.owner == first) & ((x >= box[0]) & (x <= box[1])).all(axis=1))
+            own = own[self._may(own, corners, first == second).any(axis=1)]
             if len(own):
                 ends = np.insert(corners[self._nearest(x, own, corners, first == second)], 0, own, axis=1)
                 c, side = self._beside(x, ends)
@@ -58,11 +59,15 @@ class Touch:
         self.counts, self.holds = counts, holds
         return force
 
+    def _may(self, own, corners, itself):
+        """Return whether each particle may touch each triangle."""
+        return self.far[own][:, corners].all(axis=2) if itself else np.ones((len(own), len(corners)), bool)
+
     def _nearest(self, x, own, corners, itself):
         """Return the triangle to which each particle is nearest; of those that share a place, that which faces it."""
         means = x[corners].mean(axis=1)
         radii, away = size(x[corners] - means[:, None]).max(axis=1)[:, 0], size(x[own][:, None] - means)[..., 0]
-        may = self.far[own][:, corners].all(axis=2) if itself else np.ones(away.shape, bool)
+        may = self._may(own, corners, itself)
         least = np.where(may, away + radii, np.inf).min(axis=1, keepdims=True)
         some, which = np.nonzero(may & (away - radii <= 1.001 * least))
         at = x[np.insert(corners[which], 0, own[some], axis=1)]

@@ -95,6 +95,21 @@ def test_it_bursts_at_the_analytic_pressure(device: str):
 
 
 @pytest.mark.always
+def test_a_tear_that_has_waited_runs_no_faster_than_others(device: str):
+    """Faces that a tear reaches in a frame have torn no farther by its end than its speed allows."""
+    simulator = filled(scene_of(needle_time=1e-3, branching_stress=1e9), 2.0, device)
+    while not torn(simulator).any():
+        simulator.step()
+    reached, before = simulator.state.torn.numpy(), torn(simulator)
+    simulator.state.torn.assign(np.where(reached >= 0.0, reached + 1.0, reached))  # as if it had waited for long
+    simulator.step()
+    after = torn(simulator) & ~before
+    assert after.any()
+    speed = float(simulator.model.parameters["tear_speed"].numpy()[0, 0])
+    assert simulator.state.torn.numpy()[0, after].max() <= 1.00001 * speed / 2000.0
+
+
+@pytest.mark.always
 def test_one_tear_opens_it_at_low_tension(device: str):
     """A line of faces, until both ends meet: each is beside the one before it, and where the line bends around a corner
     of three faces, beside the second before it, too."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conserved import advanced, after_each, angular_momentum, energy, momentum, motion, put
-from meshes import box, cube, grid, joined, mesh_of, quad_sphere
+from meshes import box, cube, grid, joined, mesh_of, quad_sphere, zigzag
 from odd_things import hair
 from played import played, shape_at
 from touching import SLACK, VACUUM, cushion, edges_through, square, touching, tube
@@ -35,16 +35,6 @@ LIMP = Stiffness(structural=50.0, shear=25.0, flexion=0.0)
 def crossings(points: np.ndarray, mesh: PolygonMesh) -> int:
     """Return the number of edges that pierce triangles with which they share no corner, in float64."""
     return len(find_crossings(points.astype(np.float64), triangles_of(mesh)).triangles)
-
-
-def zigzag(folds: int, gap: float) -> PolygonMesh:
-    """Return a strip 30 cm wide, folded to and fro, whose layers are closer than its particles."""
-    cells = 3
-    strip = grid((folds + 1) * (cells + 1) - 1, cells)
-    columns = strip.points[:, 0].astype(int)
-    layers, within = np.divmod(columns, cells + 1)
-    across = np.where(layers % 2 == 0, within, cells - within)
-    return replace(strip, points=0.1 * np.column_stack([across, strip.points[:, 1], gap / 0.1 * layers]))
 
 
 def test_the_airbag_is_folded_without_a_crossing_or_a_stretch():
