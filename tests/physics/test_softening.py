@@ -41,7 +41,7 @@ def wear(simulator: Simulator) -> None:
     """Update the peaks, as a substep does before it computes forces."""
     state = simulator.state
     launches = simulator.schedule.launches  # type: ignore[attr-defined]
-    launches.execute(state, 0, 0.0, (state.points, state.velocities), ["wear"])
+    launches.execute(state, 0, (state.points, state.velocities), ["wear"])
 
 
 def test_inflated_and_deflated_the_pressure_is_the_analytic_one(device: str):
