@@ -1,0 +1,221 @@
+"""A bake from Blender's side: a process, what it has told so far, and what the scene shows of it."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import bpy
+from bpy.types import Context, Object, Scene
+
+from . import modifier, preferences, properties
+from .reading import read_scene
+from .request import write_request
+from .snapshot import RefusedError
+
+TOLD = "progress.jsonl"
+"""File with what the process tells, a line each"""
+SECONDS = 0.2
+"""Interval between looks at it [s]"""
+STOP_SECONDS = 30.0
+"""Time in which a cancelled process may write a checkpoint [s]"""
+
+
+class Bake:
+    """A bake that runs.
+
+    Args:
+        scene: with the balloons.
+        folder: with the request.
+        resume: whether it goes on from a checkpoint.
+    """
+
+    def __init__(self, scene: Scene, folder: Path, resume: bool):
+        self.scene_name, self.folder = scene.name, folder
+        self.frame, self.frames, self.left = 0, scene.frame_end - scene.frame_start, None
+        """Frames done and wanted, and the seconds left"""
+        self.cancelled, self._read, self._end, self._warnings = False, 0, "", []
+        python = preferences.python()
+        command = [python or sys.executable, "-m", "balloon_warp.blender.bake", str(folder)]
+        environment = dict(os.environ, PYTHONUNBUFFERED="1")
+        if not python:  # Blender's own, which finds what Blender finds
+            environment["PYTHONPATH"] = os.pathsep.join(path for path in sys.path if path)
+        with (folder / TOLD).open("wb") as told, (folder / "errors.txt").open("wb") as errors:
+            self.process = subprocess.Popen(
+                [*command, "--resume"] if resume else command,
+                stdin=subprocess.DEVNULL,
+                stdout=told,
+                stderr=errors,
+                env=environment,
+            )
+
+    def poll(self) -> bool:
+        """Read what the process tells; return whether it goes on."""
+        ended = self.process.poll() is not None
+        before = self.frame
+        with (self.folder / TOLD).open("rb") as told:
+            told.seek(self._read)
+            for line in told:
+                if line.endswith(b"\n"):  # the rest comes next time
+                    self._read += len(line)
+                    self._hear(json.loads(line))
+        if scene := bpy.data.scenes.get(self.scene_name):
+            if self.frame != before or ended:
+                for name in modifier.caches_of(scene):
+                    scene.objects[name].update_tag()
+            say(scene, *self._said(ended))
+        return not ended
+
+    def cancel(self) -> None:
+        """Ask the process to stop; it writes a checkpoint first."""
+        self.cancelled = True
+        self.process.terminate()
+
+    def _hear(self, line: dict) -> None:
+        if "frame" in line:
+            self.frame, self.frames, self.left = line["frame"], line["of"], line["left"]
+        self._warnings += [line["warning"]] if "warning" in line else []
+        self._end = line.get("error", self._end)
+
+    def _said(self, ended: bool) -> tuple[str, bool]:
+        """Return the sentence of the panel, and whether it is an error."""
+        if not ended:
+            if self.left is None:
+                return "Preparing; the first bake of its kind compiles for up to a minute", False
+            return f"Frame {self.frame} of {self.frames}, {self.left:.0f} s left", False
+        if self._end:
+            return self._end, True
+        if self.process.returncode == 0:
+            return " ".join([f"Baked {self.frames} frames", *self._warnings]), False
+        if self.cancelled:
+            return f"Cancelled at frame {self.frame}; Continue goes on from there", False
+        return f"The bake ended at frame {self.frame}: {self._last_error()}; Continue goes on", True
+
+    def _last_error(self) -> str:
+        """Return the last line that the process wrote on its standard error."""
+        lines = (self.folder / "errors.txt").read_text(encoding="utf-8", errors="replace").split("\n")
+        last = [line.strip() for line in lines if line.strip()][-1:]
+        return last[0] if last else f"its process was killed ({self.process.returncode})"
+
+
+running: Bake | None = None
+"""The bake that runs, of which there is one at a time"""
+
+
+def start(context: Context) -> Bake:
+    """Write the request of a scene, and begin its bake; its balloons play it from now on.
+
+    Raises:
+        RefusedError: something cannot be baked, or another bake runs.
+    """
+    require_none()
+    scene, snapshot = context.scene, read_scene(context)
+    folder = folder_of(scene)
+    try:
+        shutil.rmtree(folder / "partial", ignore_errors=True)
+        files = write_request(folder, snapshot)
+        begun = begin(scene, folder, resume=False)
+    except OSError as error:
+        raise RefusedError(f"{folder}: cannot be written: {error.strerror}") from None
+    for thing, file in zip(snapshot.things, files, strict=True):
+        if file:
+            modifier.play(modifier.add(scene.objects[thing.name]), folder / file, scene.frame_start)
+    return begun
+
+
+def begin(scene: Scene, folder: Path, resume: bool) -> Bake:
+    """Begin the process of a bake, or go on with one that was stopped.
+
+    Raises:
+        RefusedError: another bake runs.
+    """
+    global running
+    require_none()
+    running = Bake(scene, folder, resume)
+    if not bpy.app.timers.is_registered(watch):
+        bpy.app.timers.register(watch, first_interval=SECONDS)
+    return running
+
+
+def require_none() -> None:
+    """Make sure that no bake runs.
+
+    Raises:
+        RefusedError: one does.
+    """
+    if running:
+        raise RefusedError(f"{running.scene_name}: is being baked; expected the end of that bake, or Cancel")
+
+
+def watch() -> float | None:
+    """Follow the bake that runs, as a timer of Blender's."""
+    global running
+    if running and not running.poll():
+        running = None
+    _redraw()
+    return SECONDS if running else None
+
+
+def stop() -> None:
+    """End the bake that runs, and wait for it, as when its file is closed."""
+    global running
+    if running:
+        running.cancel()
+        try:
+            running.process.wait(STOP_SECONDS)
+        except subprocess.TimeoutExpired:
+            running.process.kill()
+        running.poll()
+        running = None
+
+
+def delete(scene: Scene) -> None:
+    """Delete a scene's bake: its objects are as they were before it."""
+    folder = folder_of(scene)
+    for thing in scene.objects:
+        if found := modifier.find(thing):
+            modifier.rest(found)
+    for path in (folder / "request.json", folder / "arrays.npz", folder / TOLD, folder / "errors.txt"):
+        path.unlink(missing_ok=True)
+    for path in folder.glob("*.pc2"):
+        path.unlink(missing_ok=True)
+    shutil.rmtree(folder / "partial", ignore_errors=True)
+    if folder.is_dir() and not any(folder.iterdir()):
+        folder.rmdir()
+    say(scene, "")
+
+
+def folder_of(scene: Scene) -> Path:
+    """Return the folder of a scene's bake: of its caches, else beside the .blend, else of temporary files."""
+    for path in modifier.caches_of(scene).values():
+        return path.parent
+    beside = Path(bpy.data.filepath)
+    if bpy.data.filepath:
+        return beside.parent / "balloon_warp" / f"{beside.stem}_{scene.name}"
+    return Path(bpy.app.tempdir) / "balloon_warp" / scene.name
+
+
+def can_continue(scene: Scene) -> bool:
+    """Return whether a bake of the scene was stopped, and can go on."""
+    return not running and (folder_of(scene) / "partial" / "job.json").exists()
+
+
+def say(scene: Scene, message: str, is_error: bool = False) -> None:
+    """Keep a sentence on the scene's panel."""
+    shown = properties.of(scene)
+    shown.message, shown.is_error = message, is_error
+
+
+def _redraw() -> None:
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type in ("VIEW_3D", "PROPERTIES"):
+                area.tag_redraw()
+
+
+def inflate(thing: Object) -> None:
+    """Make a balloon of an object."""
+    properties.of(thing).role = "BALLOON"
+    modifier.add(thing)
