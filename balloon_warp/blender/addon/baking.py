@@ -65,7 +65,7 @@ class Bake:
             if self.frame != before or ended:
                 for name in modifier.caches_of(scene):
                     scene.objects[name].update_tag()
-            say(scene, *self._said(ended))
+            say(scene, *self._said(ended), "\n".join(self._warnings))
         return not ended
 
     def cancel(self) -> None:
@@ -88,7 +88,7 @@ class Bake:
         if self._end:
             return self._end, True
         if self.process.returncode == 0:
-            return " ".join([f"Baked {self.frames} frames", *self._warnings]), False
+            return f"Baked {self.frames} frames", False
         if self.cancelled:
             return f"Cancelled at frame {self.frame}; Continue goes on from there", False
         return f"The bake ended at frame {self.frame}: {self._last_error()}; Continue goes on", True
@@ -202,10 +202,10 @@ def can_continue(scene: Scene) -> bool:
     return not running and (folder_of(scene) / "partial" / "job.json").exists()
 
 
-def say(scene: Scene, message: str, is_error: bool = False) -> None:
-    """Keep a sentence on the scene's panel."""
+def say(scene: Scene, message: str, is_error: bool = False, remarks: str = "") -> None:
+    """Keep a sentence on the scene's panel, and remarks on its meshes, a line each."""
     shown = properties.of(scene)
-    shown.message, shown.is_error = message, is_error
+    shown.message, shown.is_error, shown.remarks = message, is_error, remarks
 
 
 def _redraw() -> None:

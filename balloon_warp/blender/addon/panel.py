@@ -91,8 +91,16 @@ def draw_bake(layout: UILayout, context: Context) -> None:
     if baking.can_continue(context.scene):
         layout.operator("balloon.resume", icon="PLAY")
     layout.operator("balloon.delete", icon="TRASH")
-    for number, line in enumerate(textwrap.wrap(settings.message, LINE)):
-        layout.label(text=line, icon="ERROR" if settings.is_error and not number else "NONE")
+    write(layout, settings.message, "ERROR" if settings.is_error else "NONE")
+    for remark in settings.remarks.splitlines():
+        write(layout.box(), remark, "INFO")
+
+
+def write(layout: UILayout, text: str, icon: str) -> None:
+    """Write a text in lines, the first with an icon."""
+    column = layout.column(align=True)
+    for number, line in enumerate(textwrap.wrap(text, LINE)):
+        column.label(text=line, icon=icon if not number else "BLANK1")
 
 
 CLASSES = (BALLOON_PT_balloon, BALLOON_PT_surroundings)

@@ -84,6 +84,7 @@ class SceneProperties(PropertyGroup):
     touch: BoolProperty(name="Touch", description="Balloons touch each other", default=True, options=set())
     quality: EnumProperty(name="Contact", items=QUALITIES, options=set())
     message: StringProperty(name="Message", options=set())
+    remarks: StringProperty(name="Remarks", options=set())
     is_error: BoolProperty(options=set())
 
 
