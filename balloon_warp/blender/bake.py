@@ -17,7 +17,7 @@ from balloon_warp.errors import BlowUpError, InputError
 
 PARTIAL = "partial"
 """Folder of checkpoints, beside the caches"""
-CHECKPOINT_SECONDS = 5.0
+CHECKPOINT_SECONDS = 2.0
 """Interval between checkpoints [s]: the most that a kill costs"""
 
 

@@ -49,6 +49,8 @@ class Request:
         """Return a sentence with objects' names in place of their tables."""
         for table, name in self.names.items():
             sentence = sentence.replace(f"{table}.mesh: ", f"{name}: ").replace(f"{table}.", f"{name}, ")
+        if len(self.names) == 1 and not any(name in sentence for name in self.names.values()):
+            return f"{next(iter(self.names.values()))}: {sentence}"  # who is alone is not named
         return sentence
 
 

@@ -182,8 +182,9 @@ def delete(scene: Scene) -> None:
     for path in folder.glob("*.pc2"):
         path.unlink(missing_ok=True)
     shutil.rmtree(folder / "partial", ignore_errors=True)
-    if folder.is_dir() and not any(folder.iterdir()):
-        folder.rmdir()
+    for empty in (folder, folder.parent):
+        if empty.is_dir() and not any(empty.iterdir()):
+            empty.rmdir()
     say(scene, "")
 
 
@@ -191,15 +192,38 @@ def folder_of(scene: Scene) -> Path:
     """Return the folder of a scene's bake: of its caches, else beside the .blend, else of temporary files."""
     for path in modifier.caches_of(scene).values():
         return path.parent
-    beside = Path(bpy.data.filepath)
     if bpy.data.filepath:
-        return beside.parent / "balloon_warp" / f"{beside.stem}_{scene.name}"
+        return beside(Path(bpy.data.filepath), scene)
     return Path(bpy.app.tempdir) / "balloon_warp" / scene.name
+
+
+def beside(blend: Path, scene: Scene) -> Path:
+    """Return the folder of a scene's bake beside its .blend."""
+    return blend.parent / "balloon_warp" / f"{blend.stem}_{scene.name}"
 
 
 def can_continue(scene: Scene) -> bool:
     """Return whether a bake of the scene was stopped, and can go on."""
-    return not running and (folder_of(scene) / "partial" / "job.json").exists()
+    return not running and has_checkpoint(folder_of(scene))
+
+
+def has_checkpoint(folder: Path) -> bool:
+    """Return whether a bake in a folder can go on."""
+    return any((folder / "partial").glob("rows_*.npz"))
+
+
+def move_beside(blend: str) -> None:
+    """Move bakes of temporary files beside the .blend that is about to be saved first."""
+    temporary = Path(bpy.app.tempdir)
+    for scene in bpy.data.scenes:
+        folder = folder_of(scene)
+        if running or not blend or not folder.is_relative_to(temporary) or not folder.exists():
+            continue
+        there = beside(Path(blend), scene)
+        shutil.rmtree(there, ignore_errors=True)
+        shutil.move(folder, there)
+        for name, path in modifier.caches_of(scene).items():
+            modifier.move(scene.objects[name], bpy.path.relpath(str(there / path.name), start=str(Path(blend).parent)))
 
 
 def say(scene: Scene, message: str, is_error: bool = False, remarks: str = "") -> None:

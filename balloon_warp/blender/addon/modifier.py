@@ -3,6 +3,7 @@
 Modifiers above it shape the mesh that is inflated, those below it the result.
 """
 
+import os
 from pathlib import Path
 
 import bpy
@@ -48,6 +49,12 @@ def rest(modifier: Modifier) -> None:
     modifier.show_viewport = modifier.show_render = False
 
 
+def move(thing: Object, path: str) -> None:
+    """Let the modifier play its cache from another place."""
+    if found := find(thing):
+        found.filepath = path
+
+
 def shown_path(path: Path) -> str:
     """Return a path as the .blend keeps it."""
     if bpy.data.filepath and path.is_relative_to(Path(bpy.data.filepath).parent):
@@ -58,7 +65,7 @@ def shown_path(path: Path) -> str:
 def cache_of(thing: Object) -> Path | None:
     """Return the path of the cache that an object plays."""
     found = find(thing)
-    return Path(bpy.path.abspath(found.filepath)) if found and found.filepath else None
+    return Path(os.path.abspath(bpy.path.abspath(found.filepath))) if found and found.filepath else None
 
 
 def caches_of(scene: Scene) -> dict[str, Path]:

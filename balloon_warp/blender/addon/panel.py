@@ -77,7 +77,7 @@ def shown_properties(settings: properties.ObjectProperties) -> list[str]:
         "PRESSURE": ["pressure", "lift"],
         "LITRES": ["litres", "fill_time", "filling"],
     }[settings.inflate]
-    return ["material", *springs, "inflate", *amount, "damping", "friction", "pinned", "string"]
+    return ["material", *springs, "inflate", *amount, "drag", "damping", "friction", "pinned", "string"]
 
 
 def draw_bake(layout: UILayout, context: Context) -> None:

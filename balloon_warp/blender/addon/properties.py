@@ -68,8 +68,16 @@ class ObjectProperties(PropertyGroup):
         soft_max=20.0,
         options=set(),
     )
+    drag: FloatProperty(
+        name="Air Drag",
+        description="Drag coefficient in the air and its wind; that of a sphere is 0.5",
+        default=0.5,
+        min=0.0,
+        soft_max=2.0,
+        options=set(),
+    )
     damping: FloatProperty(
-        name="Air Drag", description="Drag of the air [N s/m]", default=0.1, min=0.0, soft_max=1.0, options=set()
+        name="Damping", description="Damping of any motion [N s/m]", default=0.1, min=0.0, soft_max=1.0, options=set()
     )
     friction: FloatProperty(name="Friction", default=0.5, min=0.0, soft_max=1.0, options=set())
     pinned: StringProperty(name="Pin Group", description="Vertex group that does not move", options=set())

@@ -73,8 +73,8 @@ def _snapshot(context: Context, taking: list[Object]) -> Snapshot:
     scene, render = context.scene, context.scene.render
     scene.frame_set(scene.frame_start)
     graph = context.evaluated_depsgraph_get()
-    there = {each.original for each in graph.objects}
-    things = [(each, _read(each, graph)) for each in taking if each in there and not each.hide_viewport]
+    there = [each for each in taking if each.evaluated_get(graph).is_evaluated]  # also what is hidden by its eye alone
+    things = [(each, _read(each, graph)) for each in there]
     gravity = np.array(scene.gravity) if scene.use_gravity else np.zeros(3)
     if np.abs(gravity[:2]).max() > 1e-6:
         raise RefusedError(f"{scene.name}: its gravity has a part along X or Y; expected one along Z")

@@ -16,11 +16,18 @@ def before_load(*_: object) -> None:
     baking.stop()
 
 
+@persistent
+def before_save(path: str, *_: object) -> None:
+    """Take bakes along when a file is saved first."""
+    baking.move_beside(path)
+
+
 def register() -> None:
     """Register all parts, as Blender enables the extension."""
     for part in PARTS:
         part.register()
     bpy.app.handlers.load_pre.append(before_load)
+    bpy.app.handlers.save_pre.append(before_save)
     atexit.register(baking.stop)
 
 
@@ -29,6 +36,7 @@ def unregister() -> None:
     baking.stop()
     atexit.unregister(baking.stop)
     bpy.app.handlers.load_pre.remove(before_load)
+    bpy.app.handlers.save_pre.remove(before_save)
     if bpy.app.timers.is_registered(baking.watch):
         bpy.app.timers.unregister(baking.watch)
     for part in reversed(PARTS):

@@ -111,6 +111,7 @@ def _table(thing: Thing, snapshot: Snapshot) -> dict[str, Any]:
         "unit": "m",
         "helium": 0.0 if settings["inflate"] == "LITRES" else settings["lift"],
         "damping": settings["damping"],
+        "drag_coefficient": settings["drag"],
         "friction": settings["friction"],
         "fixed": thing.pinned.tolist(),
         "inflation": _inflation(thing, snapshot.frames_per_second),

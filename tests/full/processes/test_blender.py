@@ -114,6 +114,7 @@ def test_a_cube_is_baked_as_python_simulates_it(scene: Any):
         mass=0.2,
         helium=9.0,
         damping=0.1,
+        drag_coefficient=0.5,
         friction=0.5,
         stiffness=Stiffness(structural=80.0, shear=40.0, flexion=16.0, even=True, thin="tied"),
         inflation=Inflation(stretch=2.0 ** (1 / 3) - 1),
@@ -177,3 +178,271 @@ def test_two_balloons_and_an_animated_obstacle(scene: Any):
     place = plank.evaluated_get(bpy.context.evaluated_depsgraph_get()).matrix_world
     assert np.allclose(np.array(scene_read.obstacle[0].position) + motion[12][1], place.translation, atol=1e-6)
     assert motion[12][2] == pytest.approx([0.0, 0.0, math.degrees(place.to_euler().z)], abs=1e-3)
+
+
+def test_properties_outlast_saving_and_undo(scene: Any, tmp_path: Path):
+    cube = inflate(bpy.data.objects["Cube"], material="LATEX", inflate="LITRES", litres=3.0, pinned="")
+    cube.balloon_warp.string = bpy.data.objects.new("Hook", None)
+    scene.balloon_warp.ground_height = -2.0
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "film.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "film.blend"))
+    kept = bpy.data.objects["Cube"].balloon_warp
+    assert (kept.role, kept.material, kept.inflate, kept.litres) == ("BALLOON", "LATEX", "LITRES", 3.0)
+    assert kept.string == bpy.data.objects["Hook"]
+    assert bpy.context.scene.balloon_warp.ground_height == -2.0
+    assert modifier.find(bpy.data.objects["Cube"])
+
+
+def test_undo_takes_inflate_and_bake_back(scene: Any):
+    scene.frame_end = 3
+    bpy.ops.ed.undo_push(message="before")
+    select(bpy.data.objects["Cube"])
+    bpy.ops.balloon.inflate()
+    bpy.ops.ed.undo_push(message="Inflate")
+    bpy.ops.balloon.bake()
+    bpy.ops.ed.undo_push(message="Bake")
+    bpy.ops.ed.undo()
+    assert not modifier.caches_of(bpy.context.scene)  # while the process still works
+    wait()
+    bpy.ops.ed.undo()
+    cube = bpy.data.objects["Cube"]
+    assert cube.balloon_warp.role == "NONE"
+    assert not cube.modifiers
+    bpy.ops.ed.redo()
+    bpy.ops.ed.redo()
+    assert modifier.caches_of(bpy.context.scene)
+
+
+def test_a_duplicate_plays_the_bake_until_its_own(scene: Any):
+    scene.frame_end = 5
+    cube = inflate(bpy.data.objects["Cube"])
+    bpy.ops.balloon.bake()
+    wait()
+    select(cube)
+    bpy.ops.object.duplicate()
+    other = bpy.context.object
+    assert other.balloon_warp.role == "BALLOON"
+    assert np.array_equal(shown(other, 4), shown(cube, 4))
+    other.location.x += 5.0
+    bpy.ops.balloon.bake()
+    wait()
+    assert len(set(modifier.caches_of(scene).values())) == 2
+    assert np.abs(shown(other, 4) - shown(cube, 4) - (5.0, 0.0, 0.0)).max() < 1e-3
+
+
+def test_deleting_a_bake_brings_the_object_back(scene: Any, tmp_path: Path):
+    scene.frame_end = 3
+    cube = bpy.data.objects["Cube"]
+    before = shown(cube, 2)
+    inflate(cube)
+    bpy.ops.balloon.bake()
+    wait()
+    assert np.abs(shown(cube, 2) - before).max() > 1e-4
+    assert bpy.ops.balloon.delete() == {"FINISHED"}
+    assert np.array_equal(shown(cube, 2), before)
+    assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["film.blend"]
+    select(cube)
+    bpy.ops.balloon.remove()
+    assert not cube.modifiers
+
+
+def long_bake(scene: Any) -> Any:
+    scene.frame_end = 200
+    cube = bpy.data.objects["Cube"]
+    subdivide(cube, 5)
+    return inflate(cube)
+
+
+def file_of(thing: Any) -> Path:
+    path = modifier.cache_of(thing)
+    assert path
+    return path
+
+
+@pytest.mark.parametrize("how", ["cancel", "kill"])
+def test_a_bake_goes_on_where_it_was_stopped(scene: Any, how: str):
+    cube = long_bake(scene)
+    assert bpy.ops.balloon.bake() == {"FINISHED"}
+    whole = wait()
+    assert whole == "Baked 199 frames"
+    frames = file_of(cube).read_bytes()
+
+    assert bpy.ops.balloon.bake() == {"FINISHED"}
+    if how == "cancel":
+        wait(until=lambda bake: bake.frame > 3)
+        bpy.ops.balloon.cancel()
+        assert "Cancelled at frame" in wait()
+    else:
+        wait(until=lambda bake: bake.frame > 3 and baking.has_checkpoint(bake.folder))
+        assert baking.running
+        baking.running.process.kill()
+        assert wait().endswith("Continue goes on")
+        assert scene.balloon_warp.is_error
+    assert np.isfinite(shown(cube, 60)).all()
+    assert bpy.ops.balloon.resume() == {"FINISHED"}
+    assert wait() == "Baked 199 frames"
+    assert file_of(cube).read_bytes() == frames
+    assert not baking.can_continue(scene)
+
+
+def test_a_file_and_its_bake_move_together(scene: Any, tmp_path: Path):
+    scene.frame_end = 5
+    cube = inflate(bpy.data.objects["Cube"])
+    bpy.ops.balloon.bake()
+    wait()
+    before = shown(cube, 4)
+    bpy.ops.wm.save_mainfile()
+    (tmp_path / "elsewhere").mkdir()
+    for name in ("film.blend", "balloon_warp"):
+        (tmp_path / name).rename(tmp_path / "elsewhere" / name)
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "elsewhere" / "film.blend"))
+    assert np.array_equal(shown(bpy.data.objects["Cube"], 4), before)
+
+
+def test_a_bake_of_a_file_that_was_not_saved_goes_along_when_it_is(scene: Any, tmp_path: Path):
+    bpy.ops.wm.read_homefile(use_factory_startup=True)
+    bpy.context.scene.frame_end = 5
+    cube = inflate(bpy.data.objects["Cube"])
+    bpy.ops.balloon.bake()
+    wait()
+    before = shown(cube, 4)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "later.blend"))
+    assert file_of(cube).is_relative_to(tmp_path)
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "later.blend"))
+    assert np.array_equal(shown(bpy.data.objects["Cube"], 4), before)
+
+
+def test_uvs_materials_and_modifiers_below_stay(scene: Any):
+    scene.frame_end = 3
+    cube = bpy.data.objects["Cube"]
+    cube.data.polygons[0].material_index = 0
+    inflate(cube)
+    below = cube.modifiers.new("Below", "SUBSURF")
+    below.levels = 2
+    bpy.ops.balloon.bake()
+    wait()
+    assert modifier.find(cube).show_viewport
+    assert below.show_viewport
+    assert len(shown(cube, 2)) == 98
+    evaluated = cube.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    assert evaluated.data.uv_layers and evaluated.data.materials
+    assert len(read_request(baking.folder_of(scene)).scene.balloon[0].mesh.points) == 8
+
+
+def test_ngons_and_loose_vertices_keep_their_numbers(scene: Any):
+    scene.frame_end = 4
+    bpy.ops.mesh.primitive_cylinder_add(vertices=12, radius=0.5, depth=1.0, location=(0.0, 0.0, 2.0))
+    drum = bpy.context.object
+    drum.data.vertices.add(1)
+    drum.data.vertices[-1].co = (3.0, 0.0, 0.0)
+    inflate(drum)
+    bpy.ops.balloon.bake()
+    wait()
+    moved = simulate(read_request(baking.folder_of(scene)).scene, device="cpu")
+    assert np.abs(shown(drum, 3) - moved.points[0][3]).max() < NEAR
+
+
+def test_what_is_hidden_takes_part_as_in_blenders_physics(scene: Any):
+    scene.frame_end = 3
+    inflate(bpy.data.objects["Cube"])
+    names = {}
+    for name, x in (("Eye", 4.0), ("Monitor", 8.0)):
+        bpy.ops.mesh.primitive_cube_add(location=(x, 0.0, 0.0))
+        names[name] = bpy.context.object
+        names[name].name = name
+        names[name].balloon_warp.role = "OBSTACLE"
+    names["Eye"].hide_set(True)
+    names["Monitor"].hide_viewport = True
+    bpy.ops.balloon.bake()
+    wait()
+    assert [each.name for each in read_request(baking.folder_of(scene)).scene.obstacle] == ["Eye"]
+
+
+def test_a_body_is_carried_by_its_cache(scene: Any):
+    scene.use_gravity = True
+    bpy.ops.mesh.primitive_cube_add(size=0.5, location=(5.0, 0.0, 3.0), rotation=(0.3, 0.2, 0.0))
+    brick = bpy.context.object
+    brick.balloon_warp.role = "BODY"
+    inflate(bpy.data.objects["Cube"])
+    scene.frame_end = 13
+    bpy.ops.balloon.bake()
+    assert wait() == "Baked 12 frames"
+    fallen = shown(brick, 0) - shown(brick, 12)
+    assert fallen.mean(axis=0) == pytest.approx([0.0, 0.0, 0.5 * 9.81 * 0.25], abs=0.02)  # half a second, by steps
+    assert np.ptp(fallen, axis=0).max() < 1e-4
+    assert set(modifier.caches_of(scene)) == {"Cube", brick.name}
+
+
+def test_wind_and_a_string_from_an_empty(scene: Any):
+    hook = bpy.data.objects.new("Hook", None)
+    hook.location = (0.0, 0.0, -1.0)
+    scene.collection.objects.link(hook)
+    bpy.ops.object.effector_add(type="WIND", rotation=(0.0, math.pi / 2, 0.0))
+    bpy.context.object.field.strength = 5.0
+    cube = inflate(bpy.data.objects["Cube"], lift=15.0, string=hook)
+    scene.balloon_warp.ground = False
+    bake()
+    read = read_request(baking.folder_of(scene)).scene
+    assert read.atmosphere.wind == pytest.approx((5.0, 0.0, 0.0), abs=1e-5)
+    assert read.string[0].anchor == (0.0, 0.0, -1.0)
+    assert (shown(cube, FRAMES) - shown(cube, 0)).mean(axis=0)[0] > 0.1
+    assert_simulated(scene, [cube])
+
+
+MISTAKES = {
+    "no balloon": (lambda cube: setattr(cube.balloon_warp, "role", "NONE"), "has no balloon"),
+    "no faces": (lambda cube: cube.data.clear_geometry(), "Cube: has no faces"),
+    "no scale": (lambda cube: setattr(cube, "scale", (1.0, 0.0, 1.0)), "Cube: has a scale of 0"),
+    "no group": (lambda cube: setattr(cube.balloon_warp, "pinned", "Neck"), "Cube: has no vertex group Neck"),
+    "gravity": (lambda cube: setattr(bpy.context.scene, "gravity", (1.0, 0.0, 0.0)), "gravity has a part along X"),
+    "frames": (lambda cube: setattr(bpy.context.scene, "frame_end", 1), "frame range ends"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_is_one_sentence_and_changes_nothing(scene: Any, mistake: str):
+    cube = inflate(bpy.data.objects["Cube"])
+    act, said = MISTAKES[mistake]
+    act(cube)
+    frame = scene.frame_current
+    with pytest.raises(RuntimeError, match=said):  # what the window shows as a report
+        bpy.ops.balloon.bake()
+    assert said in scene.balloon_warp.message
+    assert scene.balloon_warp.is_error
+    assert scene.frame_current == frame
+    assert not modifier.caches_of(scene)
+    assert baking.running is None
+
+
+def test_a_mistake_of_the_scene_names_the_object(scene: Any):
+    inflate(bpy.data.objects["Cube"], inflate="PRESSURE", pressure=1e9)
+    scene.frame_end = 4
+    bpy.ops.balloon.bake()
+    assert "Cube" in wait()
+    assert scene.balloon_warp.is_error
+
+
+def test_the_panel_draws_each_role(scene: Any):
+    class Drawn:
+        """Layout that notes what is drawn."""
+
+        def __init__(self) -> None:
+            self.names: list[str] = []
+
+        def __getattr__(self, kind: str) -> Any:
+            def draw(*args: Any, **_: Any) -> "Drawn":
+                self.names += [each for each in args if isinstance(each, str)]
+                return self
+
+            return draw
+
+    cube = bpy.data.objects["Cube"]
+    for role in ("NONE", "BALLOON", "OBSTACLE", "BODY"):
+        for kind in ("VOLUME", "PRESSURE", "LITRES"):
+            cube.balloon_warp.role, cube.balloon_warp.inflate = role, kind
+            drawn = Drawn()
+            panel.draw_object(drawn, cube)
+            properties = {name for name in drawn.names if not name.startswith(("balloon.", "vertex_"))}
+            assert all(hasattr(cube.balloon_warp, name) for name in properties)
+            assert ("friction" in properties) == (role != "NONE")
+            assert ("litres" in properties) == (role == "BALLOON" and kind == "LITRES")
