@@ -87,7 +87,7 @@ class ObjectProperties(PropertyGroup):
 class SceneProperties(PropertyGroup):
     """Surroundings of balloons, and the state of their bake."""
 
-    ground: BoolProperty(name="Ground", description="Level ground", default=True, options=set())
+    ground: BoolProperty(name="Ground", description="Level ground", default=False, options=set())
     ground_height: FloatProperty(name="Height", description="Height of the ground", unit="LENGTH", options=set())
     touch: BoolProperty(name="Touch", description="Balloons touch each other", default=True, options=set())
     quality: EnumProperty(name="Contact", items=QUALITIES, options=set())
