@@ -1,5 +1,6 @@
 """Frames of a bake as point caches, each in the axes of its object."""
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -74,6 +75,38 @@ class PointCaches:
     def _open(self) -> None:
         if not self._caches:
             self._caches = [PointCache(self._folder / each.file, len(each.points)) for each in self._request.cached]
+
+
+class LatestFrame:
+    """Output of a preview: caches that have the latest frame alone, and appear whole.
+
+    Args:
+        request: with the objects.
+        folder: of the caches.
+        begin: of their names.
+    """
+
+    def __init__(self, request: Request, folder: Path, begin: str):
+        self._request, self._folder, self._begin = request, folder, begin
+        self._poses: NDArray[np.float64] | None = None
+
+    def write(self, frame: Frame) -> None:
+        """Write a frame in place of the last.
+
+        Raises:
+            InputError: a file cannot be written.
+        """
+        if self._poses is None:
+            self._poses = frame.body_poses.astype(np.float64)
+        for each in self._request.cached:
+            path = self._folder / f"{self._begin}{each.file}"
+            try:
+                cache = PointCache(path.with_suffix(".next"), len(each.points))
+                cache.write(0, local_points(each, frame, self._poses, self._request.meters))
+                cache.close()
+                os.replace(cache.path, path)
+            except OSError as error:
+                raise InputError(f"{path}: cannot be written: {error.strerror}") from None
 
 
 def local_points(each: Cached, frame: Frame, first: NDArray[np.float64], meters: float) -> NDArray[np.float32]:

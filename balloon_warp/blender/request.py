@@ -9,12 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from balloon_warp.blender.addon.request import FILES
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.scene import Scene
-
-REQUEST, ARRAYS = "request.json", "arrays.npz"
-"""Files of a request, in a folder"""
 
 
 @dataclass(frozen=True)
@@ -61,8 +59,9 @@ def read_request(folder: Path) -> Request:
         InputError: it is not there, is damaged, or has a scene that cannot be; it names the object.
     """
     try:
-        asked = json.loads((folder / REQUEST).read_text(encoding="utf-8"))
-        with np.load(folder / ARRAYS) as arrays:
+        told, numbers = (folder / name for name in FILES)
+        asked = json.loads(told.read_text(encoding="utf-8"))
+        with np.load(numbers) as arrays:
             read = {name: arrays[name] for name in arrays}
         return _request(asked, read)
     except (OSError, KeyError, json.JSONDecodeError, zipfile.BadZipFile) as error:

@@ -1,29 +1,22 @@
 """A bake from Blender's side: a process, what it has told so far, and what the scene shows of it."""
 
-import json
-import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import bpy
 from bpy.types import Context, Object, Scene
 
-from . import modifier, preferences, properties
+from . import modifier, properties
 from .reading import read_scene
-from .request import write_request
+from .request import FILES, write_request
 from .snapshot import RefusedError
+from .worker import ERRORS, TOLD, Worker
 
-TOLD = "progress.jsonl"
-"""File with what the process tells, a line each"""
 SECONDS = 0.2
-"""Interval between looks at it [s]"""
-STOP_SECONDS = 30.0
-"""Time in which a cancelled process may write a checkpoint [s]"""
+"""Interval between looks at what the process tells [s]"""
 
 
-class Bake:
+class Bake(Worker):
     """A bake that runs.
 
     Args:
@@ -33,38 +26,23 @@ class Bake:
     """
 
     def __init__(self, scene: Scene, folder: Path, resume: bool):
-        self.scene_name, self.folder = scene.name, folder
+        super().__init__("bake", folder, *(["--resume"] if resume else []))
+        self.scene_name = scene.name
         self.frame, self.frames, self.left = 0, scene.frame_end - scene.frame_start, None
         """Frames done and wanted, and the seconds left"""
-        self.cancelled, self._read, self._end, self._warnings = False, 0, "", []
-        python = preferences.python()
-        command = [python or sys.executable, "-m", "balloon_warp.blender.bake", str(folder)]
-        environment = dict(os.environ, PYTHONUNBUFFERED="1")
-        if not python:  # Blender's own, which finds what Blender finds
-            environment["PYTHONPATH"] = os.pathsep.join(path for path in sys.path if path)
-        with (folder / TOLD).open("wb") as told, (folder / "errors.txt").open("wb") as errors:
-            self.process = subprocess.Popen(
-                [*command, "--resume"] if resume else command,
-                stdin=subprocess.DEVNULL,
-                stdout=told,
-                stderr=errors,
-                env=environment,
-            )
+        self.cancelled, self._end, self._warnings = False, "", []
 
     def poll(self) -> bool:
-        """Read what the process tells; return whether it goes on."""
-        ended = self.process.poll() is not None
-        before = self.frame
-        with (self.folder / TOLD).open("rb") as told:
-            told.seek(self._read)
-            for line in told:
-                if line.endswith(b"\n"):  # the rest comes next time
-                    self._read += len(line)
-                    self._hear(json.loads(line))
+        """Show what the process tells; return whether it goes on."""
+        ended, before = self.ended, self.frame
+        for line in self.hear():
+            if "frame" in line:
+                self.frame, self.frames, self.left = line["frame"], line["of"], line["left"]
+            self._warnings += [line["warning"]] if "warning" in line else []
+            self._end = line.get("error", self._end)
         if scene := bpy.data.scenes.get(self.scene_name):
             if self.frame != before or ended:
-                for name in modifier.caches_of(scene):
-                    scene.objects[name].update_tag()
+                modifier.refresh(scene)
             say(scene, *self._said(ended), "\n".join(self._warnings))
         return not ended
 
@@ -72,12 +50,6 @@ class Bake:
         """Ask the process to stop; it writes a checkpoint first."""
         self.cancelled = True
         self.process.terminate()
-
-    def _hear(self, line: dict) -> None:
-        if "frame" in line:
-            self.frame, self.frames, self.left = line["frame"], line["of"], line["left"]
-        self._warnings += [line["warning"]] if "warning" in line else []
-        self._end = line.get("error", self._end)
 
     def _said(self, ended: bool) -> tuple[str, bool]:
         """Return the sentence of the panel, and whether it is an error."""
@@ -91,13 +63,7 @@ class Bake:
             return f"Baked {self.frames} frames", False
         if self.cancelled:
             return f"Cancelled at frame {self.frame}; Continue goes on from there", False
-        return f"The bake ended at frame {self.frame}: {self._last_error()}; Continue goes on", True
-
-    def _last_error(self) -> str:
-        """Return the last line that the process wrote on its standard error."""
-        lines = (self.folder / "errors.txt").read_text(encoding="utf-8", errors="replace").split("\n")
-        last = [line.strip() for line in lines if line.strip()][-1:]
-        return last[0] if last else f"its process was killed ({self.process.returncode})"
+        return f"The bake ended at frame {self.frame}: {self.last_error()}; Continue goes on", True
 
 
 running: Bake | None = None
@@ -154,7 +120,7 @@ def watch() -> float | None:
     global running
     if running and not running.poll():
         running = None
-    _redraw()
+    redraw()
     return SECONDS if running else None
 
 
@@ -162,11 +128,8 @@ def stop() -> None:
     """End the bake that runs, and wait for it, as when its file is closed."""
     global running
     if running:
-        running.cancel()
-        try:
-            running.process.wait(STOP_SECONDS)
-        except subprocess.TimeoutExpired:
-            running.process.kill()
+        running.cancelled = True
+        running.stop()
         running.poll()
         running = None
 
@@ -177,7 +140,7 @@ def delete(scene: Scene) -> None:
     for thing in scene.objects:
         if found := modifier.find(thing):
             modifier.rest(found)
-    for path in (folder / "request.json", folder / "arrays.npz", folder / TOLD, folder / "errors.txt"):
+    for path in (folder / name for name in (*FILES, TOLD, ERRORS)):
         path.unlink(missing_ok=True)
     for path in folder.glob("*.pc2"):
         path.unlink(missing_ok=True)
@@ -232,7 +195,8 @@ def say(scene: Scene, message: str, is_error: bool = False, remarks: str = "") -
     shown.message, shown.is_error, shown.remarks = message, is_error, remarks
 
 
-def _redraw() -> None:
+def redraw() -> None:
+    """Let Blender draw its views and panels again."""
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
             if area.type in ("VIEW_3D", "PROPERTIES"):

@@ -49,6 +49,23 @@ def rest(modifier: Modifier) -> None:
     modifier.show_viewport = modifier.show_render = False
 
 
+def state(modifier: Modifier) -> tuple[str, bool]:
+    """Return what a modifier plays, for `restore`."""
+    return modifier.filepath, modifier.show_viewport
+
+
+def restore(modifier: Modifier, before: tuple[str, bool]) -> None:
+    """Let a modifier play what it played."""
+    modifier.filepath, modifier.show_viewport = before
+    modifier.show_render = modifier.show_viewport
+
+
+def refresh(scene: Scene) -> None:
+    """Let Blender evaluate the objects again that play a cache."""
+    for name in caches_of(scene):
+        scene.objects[name].update_tag()
+
+
 def move(thing: Object, path: str) -> None:
     """Let the modifier play its cache from another place."""
     if found := find(thing):

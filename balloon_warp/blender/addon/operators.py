@@ -5,7 +5,7 @@ from collections.abc import Callable
 import bpy
 from bpy.types import Context, Operator
 
-from . import baking, modifier, properties
+from . import baking, modifier, preview, properties
 from .snapshot import RefusedError
 
 
@@ -81,7 +81,27 @@ class BALLOON_OT_bake(BalloonOperator):  # noqa: N801
         return not baking.running
 
     def execute(self, context: Context) -> set[str]:
-        return self.tried(context, lambda: baking.start(context), "Preparing")
+        def act() -> None:
+            preview.stop()
+            baking.start(context)
+
+        return self.tried(context, act, "Preparing")
+
+
+class BALLOON_OT_preview(BalloonOperator):  # noqa: N801
+    """Play all balloons of the scene live, or stop that."""
+
+    bl_idname = "balloon.preview"
+    bl_label = "Preview"
+    bl_description = "Play all balloons live while values are dragged; again to stop"
+    bl_options = {"REGISTER"}  # noqa: RUF012
+
+    @classmethod
+    def poll(cls, context: Context) -> bool:
+        return not baking.running
+
+    def execute(self, context: Context) -> set[str]:
+        return self.tried(context, preview.stop if preview.running else lambda: preview.start(context))
 
 
 class BALLOON_OT_resume(BalloonOperator):  # noqa: N801
@@ -138,6 +158,7 @@ CLASSES = (
     BALLOON_OT_inflate,
     BALLOON_OT_remove,
     BALLOON_OT_bake,
+    BALLOON_OT_preview,
     BALLOON_OT_resume,
     BALLOON_OT_cancel,
     BALLOON_OT_delete,

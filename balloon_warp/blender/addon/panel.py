@@ -5,7 +5,7 @@ import textwrap
 import bpy
 from bpy.types import Context, Object, Panel, UILayout
 
-from . import baking, properties
+from . import baking, preview, properties
 
 LINE = 40
 """Letters in a line of a message"""
@@ -87,9 +87,10 @@ def draw_bake(layout: UILayout, context: Context) -> None:
         layout.progress(factor=bake.frame / bake.frames, text=settings.message)
         layout.operator("balloon.cancel", icon="CANCEL")
         return
+    layout.operator("balloon.preview", text="Stop Preview" if preview.running else "Preview", icon="PLAY")
     layout.operator("balloon.bake", icon="PHYSICS")
     if baking.can_continue(context.scene):
-        layout.operator("balloon.resume", icon="PLAY")
+        layout.operator("balloon.resume", icon="FF")
     layout.operator("balloon.delete", icon="TRASH")
     write(layout, settings.message, "ERROR" if settings.is_error else "NONE")
     for remark in settings.remarks.splitlines():

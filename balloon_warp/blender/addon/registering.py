@@ -5,20 +5,27 @@ import atexit
 import bpy
 from bpy.app.handlers import persistent
 
-from . import baking, operators, panel, preferences, properties
+from . import baking, operators, panel, preferences, preview, properties
 
 PARTS = (preferences, properties, operators, panel)
 
 
-@persistent
-def before_load(*_: object) -> None:
-    """End the bake of a file that is closed."""
+def stop() -> None:
+    """End what runs."""
+    preview.stop()
     baking.stop()
 
 
 @persistent
+def before_load(*_: object) -> None:
+    """End the bake, or the preview, of a file that is closed."""
+    stop()
+
+
+@persistent
 def before_save(path: str, *_: object) -> None:
-    """Take bakes along when a file is saved first."""
+    """End a preview, and take bakes along when a file is saved first."""
+    preview.stop()
     baking.move_beside(path)
 
 
@@ -28,16 +35,17 @@ def register() -> None:
         part.register()
     bpy.app.handlers.load_pre.append(before_load)
     bpy.app.handlers.save_pre.append(before_save)
-    atexit.register(baking.stop)
+    atexit.register(stop)
 
 
 def unregister() -> None:
     """Unregister all parts, as Blender disables the extension; what the .blend keeps stays."""
-    baking.stop()
-    atexit.unregister(baking.stop)
+    stop()
+    atexit.unregister(stop)
     bpy.app.handlers.load_pre.remove(before_load)
     bpy.app.handlers.save_pre.remove(before_save)
-    if bpy.app.timers.is_registered(baking.watch):
-        bpy.app.timers.unregister(baking.watch)
+    for watch in (baking.watch, preview.watch):
+        if bpy.app.timers.is_registered(watch):
+            bpy.app.timers.unregister(watch)
     for part in reversed(PARTS):
         part.unregister()

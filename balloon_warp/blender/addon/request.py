@@ -14,6 +14,10 @@ from numpy.typing import NDArray
 from .point_cache import PointCache, samples_of
 from .snapshot import RefusedError, Snapshot, Thing
 
+FILES = ("request.json", "arrays.npz")
+"""Files of a request"""
+LIVE = "live_"
+"""Begin of the names of a preview's caches"""
 TABLES = {"BALLOON": "balloon", "BODY": "body", "OBSTACLE": "obstacle"}
 """Tables of a scene, by roles"""
 MOLAR_MASSES = {"HELIUM": 0.0040026, "AIR": 0.0289652}
@@ -44,13 +48,14 @@ def write_request(folder: Path, snapshot: Snapshot) -> list[str]:
         }
     scene = _surroundings(snapshot) | tables | _strings(snapshot)
     folder.mkdir(parents=True, exist_ok=True)
-    with (folder / "arrays.npz").open("wb") as file:
+    told, numbers = (folder / name for name in FILES)
+    with numbers.open("wb") as file:
         np.savez(file, **arrays)
     for thing, name in zip(snapshot.things, files, strict=True):
         if name and not samples_of(folder / name, len(thing.points)):  # else the last bake plays until the first frame
             PointCache(folder / name, len(thing.points)).write(0, thing.points.astype(np.float32))
     request = {"scene": scene, "things": listed, "meters": snapshot.meters}
-    (folder / "request.json").write_text(json.dumps(request), encoding="utf-8")
+    told.write_text(json.dumps(request), encoding="utf-8")
     return files
 
 

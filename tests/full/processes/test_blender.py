@@ -20,7 +20,7 @@ from balloon_warp.blender.request import read_request
 bpy = pytest.importorskip("bpy", reason="needs Blender's module: pip install bpy, for its Python")
 
 from balloon_warp.blender import addon  # noqa: E402 (from here on Blender is there)
-from balloon_warp.blender.addon import baking, modifier, panel  # noqa: E402
+from balloon_warp.blender.addon import baking, modifier, panel, preview  # noqa: E402
 
 FRAMES = 24
 PATIENCE = 300.0
@@ -251,41 +251,67 @@ def test_deleting_a_bake_brings_the_object_back(scene: Any, tmp_path: Path):
     assert not cube.modifiers
 
 
-def long_bake(scene: Any) -> Any:
-    scene.frame_end = 200
-    cube = bpy.data.objects["Cube"]
-    subdivide(cube, 5)
-    return inflate(cube)
-
-
 def file_of(thing: Any) -> Path:
     path = modifier.cache_of(thing)
     assert path
     return path
 
 
-@pytest.mark.parametrize("how", ["cancel", "kill"])
-def test_a_bake_goes_on_where_it_was_stopped(scene: Any, how: str):
-    cube = long_bake(scene)
+def test_a_bake_goes_on_where_it_was_cancelled_or_killed(scene: Any):
+    scene.frame_end = 61
+    cube = bpy.data.objects["Cube"]
+    subdivide(cube, 4)
+    inflate(cube)
     bake()
     frames = file_of(cube).read_bytes()
 
     assert bpy.ops.balloon.bake() == {"FINISHED"}
-    if how == "cancel":
-        wait(until=lambda bake: bake.frame > 3)
-        bpy.ops.balloon.cancel()
-        assert "Cancelled at frame" in wait()
-    else:
-        wait(until=lambda bake: bake.frame > 3 and baking.has_checkpoint(bake.folder))
-        assert baking.running
-        baking.running.process.kill()
-        assert wait().endswith("Continue goes on")
-        assert scene.balloon_warp.is_error
+    wait(until=lambda bake: bake.frame > 3)
+    bpy.ops.balloon.cancel()
+    assert wait().startswith("Cancelled at frame")
+    assert not scene.balloon_warp.is_error
+    assert bpy.ops.balloon.resume() == {"FINISHED"}
+    wait(until=lambda bake: bake.frame > 12)
+    assert baking.running
+    baking.running.process.kill()
+    assert wait().endswith("Continue goes on")
+    assert scene.balloon_warp.is_error
     assert np.isfinite(shown(cube, 60)).all()
     assert bpy.ops.balloon.resume() == {"FINISHED"}
-    assert wait() == "Baked 199 frames"
+    assert wait() == "Baked 60 frames"
     assert file_of(cube).read_bytes() == frames
     assert not baking.can_continue(scene)
+
+
+def test_a_preview_follows_what_is_dragged(scene: Any):
+    cube = inflate(bpy.data.objects["Cube"], inflate="PRESSURE", pressure=0.0, lift=9.81)
+    start = shown(cube, 0)
+    assert bpy.ops.balloon.preview() == {"FINISHED"}
+    live(until=lambda: modifier.cache_of(cube))
+    assert np.abs(shown(cube, 0) - start).max() < 0.01  # nothing acts yet
+    cube.balloon_warp.pressure = 2.0
+    live(until=lambda: np.ptp(shown(cube, 0), axis=0).min() > 2.05)
+    assert bpy.ops.balloon.preview() == {"FINISHED"}
+    assert preview.running is None
+    assert np.array_equal(shown(cube, 0), start)
+    assert not modifier.cache_of(cube)
+
+
+def live(until: Any) -> None:
+    """Follow the preview as Blender's timer does, until then."""
+    end = time.monotonic() + PATIENCE
+    while not until():
+        assert preview.watch(), bpy.context.scene.balloon_warp.message
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def test_a_preview_of_many_vertices_is_refused(scene: Any):
+    cube = bpy.data.objects["Cube"]
+    subdivide(cube, 5)
+    inflate(cube)
+    with pytest.raises(RuntimeError, match="6146 vertices; expected 3000 at most"):
+        bpy.ops.balloon.preview()
 
 
 def test_a_file_and_its_bake_move_together(scene: Any, tmp_path: Path):
