@@ -16,8 +16,8 @@ from balloon_warp.errors import MissingExtraError
 
 MODULE = "bl_ext.user_default.balloon_warp"
 FRAMES = 36
-SIZE = (640, 360)
-SAMPLES = 48
+SIZE = (480, 270)
+SAMPLES = 32
 
 
 def walk(folder: Path, frames: int = FRAMES, size: tuple[int, int] = SIZE, samples: int = SAMPLES) -> list[Path]:
@@ -57,7 +57,7 @@ def _model(bpy: Any, folder: Path, frames: int) -> None:
     bpy.ops.balloon.inflate()
     balloon = suzanne.balloon_warp
     balloon.inflate, balloon.lift, balloon.mass = "PRESSURE", 9.0, 0.3
-    for frame, pressure in ((1, 0.0), (frames // 2, 60.0), (frames + 1, 60.0)):
+    for frame, pressure in ((1, 0.0), (frames // 2, 120.0), (frames + 1, 120.0)):
         balloon.pressure = pressure
         balloon.keyframe_insert("pressure", frame=frame)
     bpy.ops.mesh.primitive_cube_add(size=1.0, location=(-2.6, 0.0, 1.2), scale=(0.2, 3.0, 2.4))
@@ -85,7 +85,6 @@ def _bake(bpy: Any) -> None:
     for polygon in suzanne.data.polygons:
         polygon.use_smooth = True
     latex = bpy.data.materials.new("Latex")
-    latex.use_nodes = True
     skin = latex.node_tree.nodes["Principled BSDF"]
     skin.inputs["Base Color"].default_value = (0.75, 0.02, 0.04, 1.0)
     skin.inputs["Roughness"].default_value = 0.2
@@ -99,7 +98,9 @@ def _render(bpy: Any, folder: Path, size: tuple[int, int], samples: int) -> list
     sun = bpy.data.objects["Light"].data
     sun.energy, sun.angle = 4.0, 0.2
     camera = bpy.data.objects["Camera"]
-    camera.data.lens = 40.0
+    camera.location = (4.6, -5.6, 2.6)
+    at = bpy.data.objects["Suzanne"].location - camera.location
+    camera.rotation_euler = at.to_track_quat("-Z", "Y").to_euler()
     scene.render.engine, scene.cycles.device, scene.cycles.samples = "CYCLES", "CPU", samples
     scene.render.resolution_x, scene.render.resolution_y = size
     scene.render.image_settings.file_format = "JPEG"

@@ -75,7 +75,7 @@ def test_a_balloon_is_in_meters_in_the_world(tmp_path: Path):
     assert scene.gravity == pytest.approx(0.0981)  # which Blender shows with such a unit
     assert scene.ground.height == pytest.approx(0.02)
     assert balloon.inflation.stretch == pytest.approx(1.0)
-    assert (balloon.mass, balloon.helium, balloon.drag_coefficient) == (0.2, 9.0, 0.5)
+    assert (balloon.mass, balloon.helium, balloon.drag_coefficient) == (0.2, 9.0, 0.0)
 
 
 def test_a_mirrored_object_is_wound_outward(tmp_path: Path):
@@ -152,6 +152,7 @@ def test_wind_that_changes_is_a_change_a_frame(tmp_path: Path):
     asked.winds = np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
     scene = scene_of(tmp_path, asked)
     assert scene.atmosphere.wind == (1.0, 0.0, 0.0)
+    assert scene.balloon[0].drag_coefficient == 0.5
     changes = [(change.time, change.set) for change in scene.change]
     assert changes == [(0.08, {"atmosphere.wind": [2.0, 0.0, 0.0]}), (0.16, {"atmosphere.wind": [0.0, 0.0, 0.0]})]
 

@@ -15,7 +15,7 @@ MOST_POINTS = 3000
 """Points of all balloons that play live"""
 SECONDS = 1.0 / 24.0
 """Interval between pictures [s]"""
-PATHS = {"pressure": "inflation.pressure", "lift": "helium", "damping": "damping", "drag": "drag_coefficient"}
+PATHS = {"pressure": "inflation.pressure", "lift": "helium", "damping": "damping"}
 """Fields of a balloon that follow a property while it is dragged"""
 
 
@@ -31,7 +31,7 @@ class Preview(Worker):
 
     def __init__(self, scene: Scene, folder: Path, snapshot: Snapshot, files: list[str]):
         super().__init__("preview", folder)
-        self.scene_name, self._playing = scene.name, False
+        self.scene_name, self._playing, self._error = scene.name, False, ""
         named = [(thing.name, file) for thing, file in zip(snapshot.things, files, strict=True) if file]
         self._files = {name: folder / f"{LIVE}{file}" for name, file in named}
         self._balloons = [thing.name for thing in snapshot.things if thing.role == "BALLOON"]
@@ -54,9 +54,9 @@ class Preview(Worker):
         if changed := {path: value for path, value in values.items() if self._told.get(path) != value}:
             self._told = values
             self.tell(changed)
-        errors = [line["error"] for line in heard if "error" in line]
-        if errors or ended:
-            baking.say(scene, errors[0] if errors else f"The preview ended: {self.last_error()}", is_error=True)
+        self._error = next((line["error"] for line in heard if "error" in line), self._error)
+        if ended:
+            baking.say(scene, self._error or f"The preview ended: {self.last_error()}", is_error=True)
         return not ended
 
     def close(self) -> None:

@@ -50,7 +50,7 @@ class ObjectProperties(PropertyGroup):
         name="Volume", description="Volume over that of the mesh", default=2.0, min=1.0, max=8.0, options=set()
     )
     pressure: FloatProperty(
-        name="Pressure", description="Pressure above that of the air [Pa]", default=10.0, soft_min=0.0, soft_max=1000.0
+        name="Pressure", description="Pressure above that of the air [Pa]", default=100.0, soft_min=0.0, soft_max=1000.0
     )
     litres: FloatProperty(
         name="Litres", description="Gas blown in, at the air's pressure [l]", default=10.0, min=0.0, options=set()
@@ -69,8 +69,8 @@ class ObjectProperties(PropertyGroup):
         options=set(),
     )
     drag: FloatProperty(
-        name="Air Drag",
-        description="Drag coefficient in the air and its wind; that of a sphere is 0.5",
+        name="Wind Drag",
+        description="Drag coefficient where there is wind; that of a sphere is 0.5",
         default=0.5,
         min=0.0,
         soft_max=2.0,

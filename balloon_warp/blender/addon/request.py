@@ -116,7 +116,7 @@ def _table(thing: Thing, snapshot: Snapshot) -> dict[str, Any]:
         "unit": "m",
         "helium": 0.0 if settings["inflate"] == "LITRES" else settings["lift"],
         "damping": settings["damping"],
-        "drag_coefficient": settings["drag"],
+        "drag_coefficient": settings["drag"] if np.any(snapshot.winds) else 0.0,
         "friction": settings["friction"],
         "fixed": thing.pinned.tolist(),
         "inflation": _inflation(thing, snapshot.frames_per_second),

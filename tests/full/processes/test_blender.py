@@ -122,7 +122,6 @@ def test_a_cube_is_baked_as_python_simulates_it(scene: Any):
         mass=0.2,
         helium=9.0,
         damping=0.1,
-        drag_coefficient=0.5,
         friction=0.5,
         stiffness=Stiffness(structural=80.0, shear=40.0, flexion=16.0, even=True, thin="tied"),
         inflation=Inflation(stretch=2.0 ** (1 / 3) - 1),
@@ -289,7 +288,7 @@ def test_a_preview_follows_what_is_dragged(scene: Any):
     assert bpy.ops.balloon.preview() == {"FINISHED"}
     live(until=lambda: modifier.cache_of(cube))
     assert np.abs(shown(cube, 0) - start).max() < 0.01  # nothing acts yet
-    cube.balloon_warp.pressure = 2.0
+    cube.balloon_warp.pressure = 100.0
     live(until=lambda: np.ptp(shown(cube, 0), axis=0).min() > 2.05)
     assert bpy.ops.balloon.preview() == {"FINISHED"}
     assert preview.running is None
