@@ -98,9 +98,10 @@ def _render(bpy: Any, folder: Path, size: tuple[int, int], samples: int) -> list
     sun = bpy.data.objects["Light"].data
     sun.energy, sun.angle = 4.0, 0.2
     camera = bpy.data.objects["Camera"]
-    camera.location = (4.6, -5.6, 2.6)
-    at = bpy.data.objects["Suzanne"].location - camera.location
-    camera.rotation_euler = at.to_track_quat("-Z", "Y").to_euler()
+    camera.location = (5.6, -6.4, 2.9)
+    way = bpy.data.objects["Suzanne"].location - camera.location
+    way.x += 0.35  # where the plate pushes it
+    camera.rotation_euler = way.to_track_quat("-Z", "Y").to_euler()
     scene.render.engine, scene.cycles.device, scene.cycles.samples = "CYCLES", "CPU", samples
     scene.render.resolution_x, scene.render.resolution_y = size
     scene.render.image_settings.file_format = "JPEG"
