@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from meshes import box, quad_sphere
 
-from balloon_warp import InputError, PolygonMesh
+from balloon_warp import InputError, PolygonMesh, simulate
 from balloon_warp.blender.__main__ import main
 from balloon_warp.blender.addon.point_cache import HEADER, PointCache, samples_of
 from balloon_warp.blender.addon.request import turn_angles, write_request
@@ -54,7 +54,8 @@ def place(*, scale: Any = 1.0, turn: float = 0.0, at: Any = (0.0, 0.0, 0.0)) -> 
 
 def thing(mesh: PolygonMesh = BALL, places: Any = None, name: str = "Ball", **settings: Any) -> Thing:
     matrices = np.array([np.eye(4)] if places is None else places)
-    return Thing(name, SETTINGS | settings, mesh.points, mesh.face_vertex_counts, mesh.face_vertex_indices, matrices)
+    skin = mesh.points, mesh.face_vertex_counts, mesh.face_vertex_indices
+    return Thing(name, SETTINGS | settings, *skin, matrices, amounts=[8.0])
 
 
 def snapshot(*things: Thing, meters: float = 1.0, **surroundings: Any) -> Snapshot:
@@ -88,21 +89,42 @@ def test_a_mirrored_object_is_wound_outward(tmp_path: Path):
     ("settings", "said"),
     [
         ({"inflate": "PRESSURE"}, {"kind": "pressure", "pressure": 7.0}),
-        ({"inflate": "LITRES"}, {"kind": "gas", "litres": 2.0, "fill_time": 0.5, "molar_mass": 0.0289652}),
+        ({"inflate": "LITRES"}, {"kind": "gas", "litres": 7.0, "fill_time": 0.5, "molar_mass": 0.0289652}),
     ],
 )
 def test_inflations_go_into_fields_of_their_names(settings: dict, said: dict, tmp_path: Path):
     balloon = thing(**settings)
-    balloon.pressures = [7.0]
+    balloon.amounts = [7.0]
     inflation = scene_of(tmp_path, snapshot(balloon)).balloon[0].inflation
     assert {name: getattr(inflation, name) for name in said} == said
 
 
 def test_an_animated_pressure_has_a_keyframe_a_frame(tmp_path: Path):
     balloon = thing(inflate="PRESSURE")
-    balloon.pressures = [0.0, 1.0, 3.0, 3.0, 2.0]
+    balloon.amounts = [0.0, 1.0, 3.0, 3.0, 2.0]
     keys = scene_of(tmp_path, snapshot(balloon)).balloon[0].inflation.pressure
     assert keys == [(0.0, 0.0), (0.04, 1.0), (0.08, 3.0), (0.12, 3.0), (0.16, 2.0)]
+
+
+def test_an_animated_volume_is_reached(tmp_path: Path):
+    volumes = np.linspace(1.0, 2.0, 76)
+    balloon = thing(quad_sphere(4), lift=9.81, damping=3.0)
+    balloon.amounts = [*volumes, *[2.0] * 25]
+    asked = snapshot(balloon, ground=False)
+    asked.frames, asked.frames_per_second = 100, 25.0
+    scene = scene_of(tmp_path, asked)
+    grown = simulate(scene, device="cpu").volumes[:, 0]
+    assert grown[-1] / grown[0] == pytest.approx(2.0, rel=0.05)  # as near as the pressure of "auto" comes
+    assert grown[38] / grown[0] == pytest.approx(volumes[38], rel=0.08)
+
+
+def test_animated_litres_are_pumped(tmp_path: Path):
+    balloon = thing(inflate="LITRES")
+    balloon.amounts = [1.0, 2.0, 4.0, 6.0, 6.0]
+    (said,) = scene_of(tmp_path, snapshot(balloon)).balloon
+    times, flows = np.array(said.inflation.pump).T
+    litres = np.trapezoid(flows, times) * 8.314462618 * 293.15 / 101.325
+    assert litres == pytest.approx(6.0, abs=0.3)  # half a frame's change of the flow at each end
 
 
 def test_an_obstacle_moves_and_turns_as_its_matrices(tmp_path: Path):

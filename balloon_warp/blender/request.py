@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.blender.addon.request import FILES
+from balloon_warp.blender.keyed import with_keyframes
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.scene import Scene
@@ -86,7 +87,10 @@ def _request(asked: dict[str, Any], arrays: dict[str, NDArray]) -> Request:
             cached.append(Cached(*where, points=mesh.points, places=arrays[f"{key}.places"]))
     request = Request(Scene.model_construct(), cached, asked["meters"], names)
     try:
-        scene = Scene(**scene)
+        whole = Scene(**scene)
+        for each in asked["things"]:
+            if each["amounts"]:
+                whole = with_keyframes(whole, each["number"], each["amounts"])
     except InputError as mistake:
         raise InputError(request.named(str(mistake))) from None
-    return Request(scene, cached, asked["meters"], names)
+    return Request(whole, cached, asked["meters"], names)

@@ -46,15 +46,11 @@ class ObjectProperties(PropertyGroup):
         name="Stiffness", description="Spring constant [N/m]", default=80.0, min=0.0, soft_max=1000.0, options=set()
     )
     inflate: EnumProperty(name="Inflate To", items=INFLATIONS, options=set())
-    volume: FloatProperty(
-        name="Volume", description="Volume over that of the mesh", default=2.0, min=1.0, max=8.0, options=set()
-    )
+    volume: FloatProperty(name="Volume", description="Volume over that of the mesh", default=2.0, min=1.0, max=8.0)
     pressure: FloatProperty(
         name="Pressure", description="Pressure above that of the air [Pa]", default=100.0, soft_min=0.0, soft_max=1000.0
     )
-    litres: FloatProperty(
-        name="Litres", description="Gas blown in, at the air's pressure [l]", default=10.0, min=0.0, options=set()
-    )
+    litres: FloatProperty(name="Litres", description="Gas blown in, at the air's pressure [l]", default=10.0, min=0.0)
     fill_time: FloatProperty(
         name="Within", description="Duration of the filling [s]", default=1.0, min=0.01, options=set()
     )
@@ -94,6 +90,11 @@ class SceneProperties(PropertyGroup):
     message: StringProperty(name="Message", options=set())
     remarks: StringProperty(name="Remarks", options=set())
     is_error: BoolProperty(options=set())
+
+
+def amount_of(inflation: str) -> str:
+    """Return the property that says how far a balloon is inflated."""
+    return inflation.lower()
 
 
 CLASSES = (ObjectProperties, SceneProperties)

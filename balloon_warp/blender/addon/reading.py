@@ -126,7 +126,7 @@ def _read(original: Object, graph: Depsgraph) -> Thing:
         corners=corners,
         places=place[None],
         pinned=pinned,
-        pressures=[settings["pressure"]],
+        amounts=[settings[properties.amount_of(settings["inflate"])]],
         anchors=_place_of(anchor, graph)[None] if anchor else None,
     )
 
@@ -182,7 +182,7 @@ def _follow(context: Context, things: list[tuple[Object, Thing]], snapshot: Snap
     scene = context.scene
     places: list[list[np.ndarray]] = [[] for _ in things]
     anchors: list[list[np.ndarray]] = [[] for _ in things]
-    pressures: list[list[float]] = [[] for _ in things]
+    amounts: list[list[float]] = [[] for _ in things]
     winds = []
     for frame in range(scene.frame_start, scene.frame_end + 1):
         scene.frame_set(frame)
@@ -191,7 +191,8 @@ def _follow(context: Context, things: list[tuple[Object, Thing]], snapshot: Snap
         for number, (original, thing) in enumerate(things):
             evaluated = original.evaluated_get(graph)
             places[number].append(np.array(evaluated.matrix_world, np.float64))
-            pressures[number].append(properties.of(evaluated).pressure)
+            amount = properties.amount_of(thing.settings["inflate"])
+            amounts[number].append(getattr(properties.of(evaluated), amount))
             if thing.anchors is not None:
                 anchors[number].append(_place_of(properties.of(original).string, graph))
             if thing.role == "OBSTACLE":
@@ -199,7 +200,7 @@ def _follow(context: Context, things: list[tuple[Object, Thing]], snapshot: Snap
     snapshot.winds = _changing(np.array(winds))
     for number, (_, thing) in enumerate(things):
         thing.places = _changing(np.array(places[number]))
-        thing.pressures = _changing(np.array(pressures[number])).tolist()
+        thing.amounts = _changing(np.array(amounts[number])).tolist()
         if thing.anchors is not None:
             thing.anchors = _changing(np.array(anchors[number]))
 

@@ -38,7 +38,8 @@ def write_request(folder: Path, snapshot: Snapshot) -> list[str]:
     for number, (thing, file) in enumerate(zip(snapshot.things, files, strict=True)):
         within = tables.setdefault(TABLES[thing.role], [])
         place = {"table": TABLES[thing.role], "number": len(within), "arrays": str(number)}
-        listed.append({"name": thing.name, "file": file} | place)
+        keyed = len(thing.amounts) > 1 and thing.settings["inflate"] != "PRESSURE"  # which has keyframes itself
+        listed.append({"name": thing.name, "file": file, "amounts": thing.amounts if keyed else []} | place)
         within.append(_table(thing, snapshot))
         arrays |= {
             f"{number}.points": start_points(thing, snapshot.meters),
@@ -130,18 +131,14 @@ def _table(thing: Thing, snapshot: Snapshot) -> dict[str, Any]:
 
 def _inflation(thing: Thing, frames_per_second: float) -> dict[str, Any]:
     settings = thing.settings
+    first, stays = thing.amounts[0], len(thing.amounts) == 1
     if settings["inflate"] == "VOLUME":
-        return {"stretch": settings["volume"] ** (1.0 / 3.0) - 1.0}
+        return {"stretch": first ** (1.0 / 3.0) - 1.0}
     if settings["inflate"] == "PRESSURE":
-        pressures = thing.pressures
-        keyed = [[frame / frames_per_second, pressure] for frame, pressure in enumerate(pressures)]
-        return {"pressure": keyed if len(pressures) > 1 else pressures[0]}
-    return {
-        "kind": "gas",
-        "litres": settings["litres"],
-        "fill_time": settings["fill_time"],
-        "molar_mass": MOLAR_MASSES[settings["filling"]],
-    }
+        keyed = [[frame / frames_per_second, pressure] for frame, pressure in enumerate(thing.amounts)]
+        return {"pressure": first if stays else keyed}
+    gas = {"kind": "gas", "fill_time": settings["fill_time"], "molar_mass": MOLAR_MASSES[settings["filling"]]}
+    return gas | ({"litres": first} if stays else {})
 
 
 def _obstacle(thing: Thing, snapshot: Snapshot) -> dict[str, Any]:

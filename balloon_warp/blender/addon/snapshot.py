@@ -28,8 +28,8 @@ class Thing:
     """Matrices from its own axes to the world's, one or one a frame, shape (1 or frames, 4, 4)"""
     pinned: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
     """Points that do not move"""
-    pressures: list[float] = field(default_factory=list)
-    """Pressures of the frames [Pa]; of the start alone where it does not change"""
+    amounts: list[float] = field(default_factory=list)
+    """Volume, pressure [Pa] or litres that it is inflated to, of each frame; of the start alone where it stays"""
     anchors: NDArray[np.float64] | None = None
     """Places of the empty that its string is tied to, shape (1 or frames, 3)"""
 

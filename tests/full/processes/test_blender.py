@@ -480,7 +480,7 @@ def test_the_ten_steps_of_the_page(tmp_path: Path):
     assert start.shape == (54, 96, 3)
     assert np.abs(start - end).max() > 50.0
     write_extension(tmp_path / "small.zip", wheels=False)
-    (validator,) = Path(bpy.__file__).parent.glob("*/scripts/addons_core/bl_pkg/cli/blender_ext.py")
+    validator = Path(bpy.utils.system_resource("SCRIPTS"), "addons_core", "bl_pkg", "cli", "blender_ext.py")
     command = [sys.executable, str(validator), "validate", str(tmp_path / "small.zip")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
