@@ -10,11 +10,11 @@ import subprocess
 import sys
 import zipfile
 from collections.abc import Iterator, Sequence
-from importlib import import_module, metadata
+from importlib import metadata
+from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import balloon_warp
 from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable, whole_file
 from balloon_warp.scene.toml import toml_value
@@ -139,9 +139,10 @@ def write_own_wheel(folder: Path) -> Path:
 
 def _own_files() -> Iterator[tuple[str, Path]]:
     """Iterate over the package's files, with their places in a wheel."""
-    roots = {"balloon_warp": Path(str(balloon_warp.__file__)).parent}
-    for name in ("balloon_warp.kernels", "balloon_warp.scenes"):
-        roots[name.replace(".", "/")] = Path(str(import_module(name).__file__)).parent
+    roots: dict[str, Path] = {}
+    for name in ("balloon_warp", "balloon_warp.kernels", "balloon_warp.scenes"):  # in a source tree side by side
+        if (spec := find_spec(name)) and spec.submodule_search_locations:
+            roots[name.replace(".", "/")] = Path(spec.submodule_search_locations[0])
     seen: set[str] = set()
     for place, root in roots.items():
         for file in sorted(root.rglob("*")):
