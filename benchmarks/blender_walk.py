@@ -17,7 +17,7 @@ from balloon_warp.errors import MissingExtraError
 MODULE = "bl_ext.user_default.balloon_warp"
 FRAMES = 36
 SIZE = (480, 270)
-SAMPLES = 32
+SAMPLES = 24
 
 
 def walk(folder: Path, frames: int = FRAMES, size: tuple[int, int] = SIZE, samples: int = SAMPLES) -> list[Path]:
@@ -98,9 +98,9 @@ def _render(bpy: Any, folder: Path, size: tuple[int, int], samples: int) -> list
     sun = bpy.data.objects["Light"].data
     sun.energy, sun.angle = 4.0, 0.2
     camera = bpy.data.objects["Camera"]
-    camera.location = (5.6, -6.4, 2.9)
+    camera.location = (6.2, -7.0, 3.0)
     way = bpy.data.objects["Suzanne"].location - camera.location
-    way.x += 0.35  # where the plate pushes it
+    way.x += 0.8  # where the plate pushes it
     camera.rotation_euler = way.to_track_quat("-Z", "Y").to_euler()
     scene.render.engine, scene.cycles.device, scene.cycles.samples = "CYCLES", "CPU", samples
     scene.render.resolution_x, scene.render.resolution_y = size

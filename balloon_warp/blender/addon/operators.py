@@ -172,6 +172,6 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Unregister them."""
+    """Unregister the buttons."""
     for each in reversed(CLASSES):
         bpy.utils.unregister_class(each)

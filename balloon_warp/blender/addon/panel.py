@@ -12,7 +12,7 @@ LINE = 40
 
 
 class BALLOON_PT_balloon(Panel):  # noqa: N801 (Blender's rule)
-    """What the active object is in the simulation, and the bake."""
+    """Panel of the active object's role in the simulation, and of the bake."""
 
     bl_label = "Balloon"
     bl_category = "Balloon"
@@ -114,6 +114,6 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Unregister it."""
+    """Unregister the panel."""
     for each in reversed(CLASSES):
         bpy.utils.unregister_class(each)

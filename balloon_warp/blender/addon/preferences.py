@@ -6,7 +6,7 @@ from bpy.types import AddonPreferences
 
 
 class Preferences(AddonPreferences):
-    """Where Balloon Warp is installed, if not in the extension."""
+    """Preferences of the extension: the place of Balloon Warp, if it is not in the zip."""
 
     bl_idname = __package__
 
@@ -33,5 +33,5 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Unregister them."""
+    """Unregister the preferences."""
     bpy.utils.unregister_class(Preferences)

@@ -60,7 +60,7 @@ class Preview(Worker):
         return not ended
 
     def close(self) -> None:
-        """End it; its objects play what they played before."""
+        """End the preview; its objects play what they played before."""
         self.stop()
         if scene := bpy.data.scenes.get(self.scene_name):
             for name, before in self._before.items():

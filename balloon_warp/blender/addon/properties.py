@@ -38,7 +38,7 @@ def has_mesh(_: object, chosen: Object) -> bool:
 
 
 class ObjectProperties(PropertyGroup):
-    """What an object is in the simulation."""
+    """Role of an object in the simulation, and its values."""
 
     role: EnumProperty(name="Role", items=ROLES, options=set())
     material: EnumProperty(name="Material", items=MATERIALS, options=set())
@@ -114,7 +114,7 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Take them away; the .blend keeps the values."""
+    """Take the properties away; the .blend keeps the values."""
     for owner in (bpy.types.Scene, Object):
         delattr(owner, NAME)
     for each in reversed(CLASSES):

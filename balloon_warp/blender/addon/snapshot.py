@@ -1,4 +1,4 @@
-"""What a bake takes of a Blender scene, as plain numbers: no `bpy` is needed from here on."""
+"""Snapshot of a Blender scene for a bake, as plain numbers: no `bpy` is needed from here on."""
 
 from dataclasses import dataclass, field
 from typing import Any

@@ -40,7 +40,7 @@ class Worker:
 
     @property
     def ended(self) -> bool:
-        """Return whether it has ended."""
+        """Return whether the process has ended."""
         return self.process.poll() is not None
 
     def hear(self) -> list[dict[str, Any]]:
@@ -55,7 +55,7 @@ class Worker:
         return heard
 
     def tell(self, what: dict[str, Any]) -> None:
-        """Tell it a line, if it still listens."""
+        """Tell the process a line, if it still listens."""
         try:
             if self.process.stdin:
                 self.process.stdin.write(json.dumps(what).encode() + b"\n")
@@ -64,7 +64,7 @@ class Worker:
             return
 
     def stop(self) -> None:
-        """End it, and wait for that."""
+        """End the process, and wait for that."""
         self.process.terminate()
         try:
             self.process.wait(STOP_SECONDS)
