@@ -32,7 +32,7 @@ QUALITIES = (
 )
 
 
-def has_mesh(_: object, chosen: Object) -> bool:
+def is_empty(_: object, chosen: Object) -> bool:
     """Return whether an object can be an anchor."""
     return chosen.type == "EMPTY"
 
@@ -77,7 +77,7 @@ class ObjectProperties(PropertyGroup):
     )
     friction: FloatProperty(name="Friction", default=0.5, min=0.0, soft_max=1.0, options=set())
     pinned: StringProperty(name="Pin Group", description="Vertex group that does not move", options=set())
-    string: PointerProperty(name="String", description="Empty to which the balloon is tied", type=Object, poll=has_mesh)
+    string: PointerProperty(name="String", description="Empty to which the balloon is tied", type=Object, poll=is_empty)
 
 
 class SceneProperties(PropertyGroup):

@@ -187,7 +187,16 @@ def test_two_balloons_and_an_animated_obstacle(scene: Any):
     assert turn[0] == pytest.approx([0.0, 0.0, math.degrees(place.to_euler().z)], abs=1e-3)
 
 
-def test_properties_outlast_saving_and_undo(scene: Any, tmp_path: Path):
+def test_the_add_on_goes_and_comes_back_with_what_the_file_keeps(scene: Any):
+    cube = inflate(bpy.data.objects["Cube"], mass=3.0)
+    addon.unregister()
+    assert not hasattr(cube, "balloon_warp")
+    assert "inflate" not in dir(bpy.ops.balloon)
+    addon.register()
+    assert cube.balloon_warp.mass == 3.0
+
+
+def test_properties_outlast_saving(scene: Any, tmp_path: Path):
     cube = inflate(bpy.data.objects["Cube"], material="LATEX", inflate="LITRES", litres=3.0, pinned="")
     cube.balloon_warp.string = bpy.data.objects.new("Hook", None)
     scene.balloon_warp.ground_height = -2.0
@@ -442,6 +451,48 @@ def test_a_mistake_of_the_scene_names_the_object(scene: Any):
     bpy.ops.balloon.bake()
     assert "Cube" in wait()
     assert scene.balloon_warp.is_error
+
+
+def test_an_object_of_another_file_is_refused_as_a_balloon(scene: Any, tmp_path: Path):
+    inflate(bpy.data.objects["Cube"]).name = "Linked"
+    bpy.data.libraries.write(str(tmp_path / "library.blend"), {bpy.data.objects["Linked"]})
+    bpy.data.objects.remove(bpy.data.objects["Linked"])
+    with bpy.data.libraries.load(str(tmp_path / "library.blend"), link=True) as (_, taken):
+        taken.objects = ["Linked"]
+    scene.collection.objects.link(bpy.data.objects["Linked"])
+    with pytest.raises(RuntimeError, match="Linked: is linked from another file"):
+        bpy.ops.balloon.bake()
+
+
+def test_an_obstacle_that_bends_is_refused(scene: Any):
+    inflate(bpy.data.objects["Cube"])
+    bpy.ops.mesh.primitive_plane_add(location=(0.0, 0.0, -3.0))
+    sheet = bpy.context.object
+    sheet.balloon_warp.role = "OBSTACLE"
+    sheet.shape_key_add(name="Basis")
+    bent = sheet.shape_key_add(name="Bent")
+    bent.data[0].co.z = 0.5
+    for frame, value in ((1, 0.0), (25, 1.0)):
+        bent.value = value
+        bent.keyframe_insert("value", frame=frame)
+    with pytest.raises(RuntimeError, match="Plane: bends as it moves"):
+        bpy.ops.balloon.bake()
+    assert scene.frame_current == 1
+
+
+def test_a_volume_follows_its_keyframes(scene: Any):
+    cube = bpy.data.objects["Cube"]
+    subdivide(cube, 2)
+    inflate(cube, lift=9.81)
+    for frame, volume in ((1, 1.0), (25, 2.0)):
+        cube.balloon_warp.volume = volume
+        cube.balloon_warp.keyframe_insert("volume", frame=frame)
+    bake()
+    keyed = read_request(baking.folder_of(scene)).scene.balloon[0].inflation.pressure
+    pressures = [pressure for _, pressure in keyed]
+    assert pressures[0] == 0.0
+    assert (np.diff(pressures) > 0.0).all()
+    assert_simulated(scene, [cube])
 
 
 def test_the_panel_draws_each_role(scene: Any):
