@@ -142,7 +142,7 @@ LAYERS = (
     ("resume",),
     ("job",),
     ("sweep", "viewer"),
-    ("checking", "comparison", "trajectories", "warming", "doctor", "envs"),
+    ("blender", "checking", "comparison", "trajectories", "warming", "doctor", "envs"),
     ("gradients",),
     ("designing", "fitting"),
     ("benchmarks", "scenes"),

@@ -1,0 +1,41 @@
+"""Command that builds the extension: `python -m balloon_warp.blender balloon_warp.zip`."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from balloon_warp.blender.extension import PLATFORMS, write_extension
+from balloon_warp.errors import InputError
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Write the zip, and return the exit status: 0, or 2 after a mistake, which gets a sentence."""
+    parser = argparse.ArgumentParser(
+        prog="python -m balloon_warp.blender",
+        description="Build the extension for Blender 4.2 and later: drop the zip into Blender's window to install it.",
+    )
+    parser.add_argument("zip", type=Path, help="file to write")
+    parser.add_argument(
+        "--platform",
+        action="append",
+        metavar="NAME",
+        help=f"platform whose wheels it has: {', '.join(PLATFORMS)}; may be given several times; this one if not given",
+    )
+    parser.add_argument(
+        "--no-wheels",
+        action="store_true",
+        help="leave the wheels out: small, and its preferences name the Python of an environment with balloon-warp",
+    )
+    asked = parser.parse_args(arguments)
+    try:
+        path = write_extension(asked.zip, asked.platform, not asked.no_wheels)
+    except InputError as mistake:
+        print(mistake, file=sys.stderr)
+        return 2
+    print(f"wrote {path}: drop it into Blender's window")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

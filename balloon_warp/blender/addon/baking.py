@@ -1,0 +1,209 @@
+"""A bake from Blender's side: a process, what it has told so far, and what the scene shows of it."""
+
+import shutil
+from pathlib import Path
+
+import bpy
+from bpy.types import Context, Object, Scene
+
+from . import modifier, properties
+from .reading import read_scene
+from .request import FILES, write_request
+from .snapshot import RefusedError
+from .worker import ERRORS, TOLD, Worker
+
+SECONDS = 0.2
+"""Interval between looks at what the process tells [s]"""
+
+
+class Bake(Worker):
+    """A bake that runs.
+
+    Args:
+        scene: with the balloons.
+        folder: with the request.
+        resume: whether it goes on from a checkpoint.
+    """
+
+    def __init__(self, scene: Scene, folder: Path, resume: bool):
+        super().__init__("bake", folder, *(["--resume"] if resume else []))
+        self.scene_name = scene.name
+        self.frame, self.frames, self.left = 0, scene.frame_end - scene.frame_start, None
+        """Frames done and wanted, and the seconds left"""
+        self.cancelled, self._end, self._warnings = False, "", []
+
+    def poll(self) -> bool:
+        """Show what the process tells; return whether it goes on."""
+        ended, before = self.ended, self.frame
+        for line in self.hear():
+            if "frame" in line:
+                self.frame, self.frames, self.left = line["frame"], line["of"], line["left"]
+            self._warnings += [line["warning"]] if "warning" in line else []
+            self._end = line.get("error", self._end)
+        if scene := bpy.data.scenes.get(self.scene_name):
+            if self.frame != before or ended:
+                modifier.refresh(scene)
+            say(scene, *self._said(ended), "\n".join(self._warnings))
+        return not ended
+
+    def cancel(self) -> None:
+        """Ask the process to stop; it writes a checkpoint first."""
+        self.cancelled = True
+        self.process.terminate()
+
+    def _said(self, ended: bool) -> tuple[str, bool]:
+        """Return the sentence of the panel, and whether it is an error."""
+        if not ended:
+            if self.left is None:
+                return "Preparing; the first bake of its kind compiles for up to a minute", False
+            return f"Frame {self.frame} of {self.frames}, {self.left:.0f} s left", False
+        if self._end:
+            return self._end, True
+        if self.process.returncode == 0:
+            return f"Baked {self.frames} frames", False
+        if self.cancelled:
+            return f"Cancelled at frame {self.frame}; Continue goes on from there", False
+        return f"The bake ended at frame {self.frame}: {self.last_error()}; Continue goes on", True
+
+
+running: Bake | None = None
+"""The bake that runs, of which there is one at a time"""
+
+
+def start(context: Context) -> Bake:
+    """Write the request of a scene, and begin its bake; its balloons play it from now on.
+
+    Raises:
+        RefusedError: something cannot be baked, or another bake runs.
+    """
+    require_none()
+    scene, snapshot = context.scene, read_scene(context)
+    folder = folder_of(scene)
+    try:
+        shutil.rmtree(folder / "partial", ignore_errors=True)
+        files = write_request(folder, snapshot)
+        begun = begin(scene, folder, resume=False)
+    except OSError as error:
+        raise RefusedError(f"{folder}: cannot be written: {error.strerror}") from None
+    for thing, file in zip(snapshot.things, files, strict=True):
+        if file:
+            modifier.play(modifier.add(scene.objects[thing.name]), folder / file, scene.frame_start)
+    return begun
+
+
+def begin(scene: Scene, folder: Path, resume: bool) -> Bake:
+    """Begin the process of a bake, or go on with one that was stopped.
+
+    Raises:
+        RefusedError: another bake runs.
+    """
+    global running
+    require_none()
+    running = Bake(scene, folder, resume)
+    if not bpy.app.timers.is_registered(watch):
+        bpy.app.timers.register(watch, first_interval=SECONDS)
+    return running
+
+
+def require_none() -> None:
+    """Make sure that no bake runs.
+
+    Raises:
+        RefusedError: one does.
+    """
+    if running:
+        raise RefusedError(f"{running.scene_name}: is being baked; expected the end of that bake, or Cancel")
+
+
+def watch() -> float | None:
+    """Follow the bake that runs, as a timer of Blender's."""
+    global running
+    if running and not running.poll():
+        running = None
+    redraw()
+    return SECONDS if running else None
+
+
+def stop() -> None:
+    """End the bake that runs, and wait for it, as when its file is closed."""
+    global running
+    if running:
+        running.cancelled = True
+        running.stop()
+        running.poll()
+        running = None
+
+
+def delete(scene: Scene) -> None:
+    """Delete a scene's bake: its objects are as they were before it."""
+    folder = folder_of(scene)
+    for thing in scene.objects:
+        if found := modifier.find(thing):
+            modifier.rest(found)
+    for path in (folder / name for name in (*FILES, TOLD, ERRORS)):
+        path.unlink(missing_ok=True)
+    for path in folder.glob("*.pc2"):
+        path.unlink(missing_ok=True)
+    shutil.rmtree(folder / "partial", ignore_errors=True)
+    for empty in (folder, folder.parent):
+        if empty.is_dir() and not any(empty.iterdir()):
+            empty.rmdir()
+    say(scene, "")
+
+
+def folder_of(scene: Scene) -> Path:
+    """Return the folder of a scene's bake: of its caches, else beside the .blend, else of temporary files."""
+    for path in modifier.caches_of(scene).values():
+        return path.parent
+    if bpy.data.filepath:
+        return beside(Path(bpy.data.filepath), scene)
+    return Path(bpy.app.tempdir) / "balloon_warp" / scene.name
+
+
+def beside(blend: Path, scene: Scene) -> Path:
+    """Return the folder of a scene's bake beside its .blend."""
+    return blend.parent / "balloon_warp" / f"{blend.stem}_{scene.name}"
+
+
+def can_continue(scene: Scene) -> bool:
+    """Return whether a bake of the scene was stopped, and can go on."""
+    return not running and has_checkpoint(folder_of(scene))
+
+
+def has_checkpoint(folder: Path) -> bool:
+    """Return whether a bake in a folder can go on."""
+    return any((folder / "partial").glob("rows_*.npz"))
+
+
+def move_beside(blend: str) -> None:
+    """Move bakes of temporary files beside the .blend that is about to be saved first."""
+    temporary = Path(bpy.app.tempdir)
+    for scene in bpy.data.scenes:
+        folder = folder_of(scene)
+        if running or not blend or not folder.is_relative_to(temporary) or not folder.exists():
+            continue
+        there = beside(Path(blend), scene)
+        shutil.rmtree(there, ignore_errors=True)
+        shutil.move(folder, there)
+        for name, path in modifier.caches_of(scene).items():
+            modifier.move(scene.objects[name], bpy.path.relpath(str(there / path.name), start=str(Path(blend).parent)))
+
+
+def say(scene: Scene, message: str, is_error: bool = False, remarks: str = "") -> None:
+    """Keep a sentence on the scene's panel, and remarks on its meshes, a line each."""
+    shown = properties.of(scene)
+    shown.message, shown.is_error, shown.remarks = message, is_error, remarks
+
+
+def redraw() -> None:
+    """Let Blender draw its views and panels again."""
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type in ("VIEW_3D", "PROPERTIES"):
+                area.tag_redraw()
+
+
+def inflate(thing: Object) -> None:
+    """Make a balloon of an object."""
+    properties.of(thing).role = "BALLOON"
+    modifier.add(thing)

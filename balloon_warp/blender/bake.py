@@ -1,0 +1,102 @@
+"""Process of a bake: `python -m balloon_warp.blender.bake FOLDER` simulates a request and writes its caches.
+
+Each line of its output is JSON: a `note` or `warning`, a `frame` of how many, with the seconds `left`; and at last
+`done`, `stopped` or an `error`, a sentence.
+"""
+
+import argparse
+import json
+import signal
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from balloon_warp.errors import BlowUpError, InputError
+
+PARTIAL = "partial"
+"""Folder of checkpoints, beside the caches"""
+CHECKPOINT_SECONDS = 2.0
+"""Interval between checkpoints [s]: the most that a kill costs"""
+
+
+def tell(**what: Any) -> None:
+    """Print a line for the add-on."""
+    print(json.dumps(what), flush=True)
+
+
+class Progress:
+    """Tells frames, and the seconds left at the mean rate so far."""
+
+    def __init__(self, frames: int):
+        self._frames = frames
+        self._begin: tuple[int, float] | None = None
+
+    def tell(self, number: int) -> None:
+        """Tell that a frame was simulated."""
+        now = time.monotonic()
+        self._begin = self._begin or (number, now)
+        done = number - self._begin[0]
+        left = (now - self._begin[1]) / done * (self._frames - number) if done else None
+        tell(frame=number, of=self._frames, left=left)
+
+
+def bake(folder: Path, device: str | None, resume: bool) -> None:
+    """Simulate the request of a folder, and write its caches there.
+
+    Raises:
+        InputError: the request cannot be simulated, or a cache not be written.
+        BlowUpError: it blew up; the frames until then stay.
+        KeyboardInterrupt: it was stopped, after a checkpoint.
+    """
+    from balloon_warp.blender.caches import PointCaches  # these load Warp, which takes a second
+    from balloon_warp.blender.request import read_request
+    from balloon_warp.interrupts import Interrupts
+    from balloon_warp.resume import Checkpoints, describe_run, record_frames
+    from balloon_warp.simulator import Simulator
+
+    request = read_request(folder)
+    try:
+        simulator = Simulator(request.scene, device)
+        for warning in simulator.model.warnings:
+            tell(warning=request.named(warning))
+        output, progress = PointCaches(request, folder), Progress(request.scene.frames)
+        job = describe_run(simulator)
+        checkpoints = Checkpoints(
+            *(folder / PARTIAL, "bake", job, request.scene), seconds=CHECKPOINT_SECONDS, resume=resume
+        )
+        with Interrupts() as interrupts:
+            missing = max((part.frames.stop for part in checkpoints.take_up(output)), default=0)
+            checkpoints.restore(missing, [simulator.restore])
+            frames = ((frame.number, frame) for frame in simulator.run())
+            states = [lambda: simulator.save().items()]
+            record_frames(frames, output, checkpoints, states, interrupts, progress.tell)
+        output.close()
+        checkpoints.remove()
+    except (InputError, BlowUpError) as failure:
+        raise type(failure)(request.named(str(failure))) from None
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Bake, and return the exit status: 0; 1 after a blow-up, 2 after a mistake, 130 when stopped."""
+    parser = argparse.ArgumentParser(prog="python -m balloon_warp.blender.bake", description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--device", help="Warp device; the GPU, or else the CPU, if not given")
+    parser.add_argument("--resume", action="store_true", help="go on from the last checkpoint")
+    asked = parser.parse_args(arguments)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        bake(asked.folder, asked.device, asked.resume)
+    except (InputError, BlowUpError) as failure:
+        tell(error=str(failure))
+        return 2 if isinstance(failure, InputError) else 1
+    except KeyboardInterrupt:
+        tell(stopped=True)
+        return 130
+    tell(done=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
