@@ -28,7 +28,9 @@ NUMBERS = SimpleNamespace(
     shear_modulus=MU, mooney_ratio=RATIO, ogden_moduli=OGDEN[0], ogden_exponents=OGDEN[1], gent_limit=LIMIT,
     most_stretch=1e3, wrinkling=True,
 )  # fmt: skip
-ENERGIES: dict[str, Energy] = {name: partial(energy, p=NUMBERS) for name, energy in laws.MEMBRANES.items()}
+ENERGIES: dict[str, Callable[..., NDArray]] = {
+    name: partial(energy, p=NUMBERS) for name, energy in laws.MEMBRANES.items()
+}
 """Of the reference"""
 
 

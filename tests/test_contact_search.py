@@ -1,4 +1,5 @@
 """Searches of contact against all pairs: bounds that leave things out, and lists of what is near."""
+# pyright: reportGeneralTypeIssues=false
 
 from itertools import pairwise
 
