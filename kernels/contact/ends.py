@@ -1,4 +1,4 @@
-"""What a contact pushes: particles at its ends, and a body or a sphere. How they move, bear it, and take its impulses.
+"""Ends of a contact: particles, and a body or a sphere. Their motion, their masses, and the impulses on them.
 
 Impulses add up as whole numbers, the same in any order.
 """
