@@ -458,9 +458,9 @@ def test_many_that_rub_at_once_give_no_energy(device: str):
 
 def test_a_diagnosis_names_all_touching_particles(device: str):
     simulator = struck(device, 0.5)
-    assert Pulls(simulator.model, simulator.state, 0.0).contact_at(0, newtons=0.0) is None
+    assert Pulls(simulator.model, simulator.state, 0).contact_at(0, newtons=0.0) is None
     advanced(simulator, 5)
-    push = Pulls(simulator.model, simulator.state, 0.0).contact_at(0, newtons=3.0)
+    push = Pulls(simulator.model, simulator.state, 0).contact_at(0, newtons=3.0)
     assert re.fullmatch(r"\d+ particles in contact with it pushed it with 3 N", str(push))
 
 
