@@ -55,6 +55,16 @@ def test_a_balls_modulus_is_by_its_radius_and_pressure():
     ), "it may hang"
 
 
+def test_film_inflates_by_itself_to_300_times_its_weight():
+    for material in ({}, {"exact": True}, {"preset": "nylon"}):
+        plan = plan_model(scene_of(pressure="auto", **material))
+        weight = (
+            9.81 * plan.scene.balloon[0].material.value("density") * plan.scene.balloon[0].material.value("thickness")
+        )
+        assert plan.parameters["keyframe_values"][0, 0, -1] == pytest.approx(300.0 * weight)
+        assert 45.0 < 300.0 * weight < 55.0
+
+
 def test_the_modulus_and_the_mass_stay_where_they_should():
     exact = plan_model(scene_of(exact=True))
     assert modulus(exact) == pytest.approx(4.5e9)

@@ -15,10 +15,13 @@ from balloon_warp.model.materials import law_of, numbers_of, slopes_by_stretches
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.model.strung import mean_radius, pressure_of_stretch
-from balloon_warp.scene import Scene
+from balloon_warp.scene import Balloon, Scene
 
-MOST_OF_FILM = 4.0e3
-"""Largest "auto" pressure of rubber and film [Pa]: foil, which hardly stretches, is filled to about as much"""
+MOST_OF_RUBBER = 4.0e3
+"""Largest "auto" pressure of a membrane [Pa]"""
+TAUT, WEIGHT_OF_MASS = 300.0, 9.81
+"""Largest "auto" pressure of film, over its weight on its area where 1 kg weighs 9.81 N: 50 Pa for foil. By more, film
+that hardly stretches only asks for a higher modulus, and so for more substeps, see `strain_bound`"""
 MOST_SWELLING = 1.28
 """Largest volume over that of a ball of the same stretch, of surfaces with edges of more than two faces"""
 LEAST_FACTOR, HALVINGS = 1.0e-3, 7
@@ -48,7 +51,8 @@ def settle_pressure(scene: Scene, shapes: Sequence[BalloonShape], parameters: Pa
                 pressures = np.zeros((1, 1))
                 if not shape.flies_off:
                     stretches = np.array([1.0 + balloon.inflation.stretch])
-                    pressures = np.minimum(pressures_of_membrane(shape, law, told, stretches), MOST_OF_FILM)
+                    most = _most_pressure(balloon, parameters, number)
+                    pressures = np.minimum(pressures_of_membrane(shape, law, told, stretches), most)
                 values = _with_settled(values, number, pressures)
                 continue
             constants = np.stack(np.broadcast_arrays(*(parameters[row.name][:, number] for row in KINDS)), axis=-1)
@@ -57,6 +61,13 @@ def settle_pressure(scene: Scene, shapes: Sequence[BalloonShape], parameters: Pa
             pressures = pressures * _held_back(shape, constants[0], pressures[0, 0], balloon.inflation.stretch)
             values = _with_settled(values, number, pressures)
     return values
+
+
+def _most_pressure(balloon: Balloon, parameters: Parameters, number: int) -> NDArray[np.float64]:
+    """Return the largest "auto" pressure of a balloon of rubber or film [Pa], shape (W, 1)."""
+    weights = WEIGHT_OF_MASS * parameters["initial_density"][:, [number]] * parameters["thickness"][:, [number]]
+    is_film = balloon.material.value("strain_bound") is not None
+    return np.minimum(MOST_OF_RUBBER, TAUT * weights if is_film else np.inf)
 
 
 def _with_settled(values: NDArray[np.float64], number: int, pressures: NDArray[np.float64]) -> NDArray[np.float64]:
