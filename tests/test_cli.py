@@ -35,7 +35,7 @@ from balloon_warp.cli.words import counted
 from balloon_warp.mesh.obj import write_obj
 
 SUMMARY_KEYS = """output picture points scene device schedule worlds particles springs frames begin frames_per_second
-substeps restarts blow_up bad_endings inflation wall_seconds particle_substeps_per_second"""
+substeps restarts blow_up bad_endings inflation strain_bound wall_seconds particle_substeps_per_second"""
 ONE_FACE = """#usda 1.0
 def Mesh "face"
 {
