@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from functools import partial
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,10 +29,8 @@ NUMBERS = SimpleNamespace(
     shear_modulus=MU, mooney_ratio=RATIO, ogden_moduli=OGDEN[0], ogden_exponents=OGDEN[1], gent_limit=LIMIT,
     most_stretch=1e3, wrinkling=True,
 )  # fmt: skip
-ENERGIES: dict[str, Callable[..., NDArray]] = {
-    name: partial(energy, p=NUMBERS) for name, energy in laws.MEMBRANES.items()
-}
-"""Of the reference"""
+ENERGIES: dict[str, Any] = {name: partial(energy, p=NUMBERS) for name, energy in laws.MEMBRANES.items()}
+"""Of the reference, each an `Energy`"""
 
 
 def relaxed(energy: Energy, a: NDArray, b: NDArray) -> NDArray:
