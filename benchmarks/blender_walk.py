@@ -71,7 +71,7 @@ def _model(bpy: Any, folder: Path, frames: int) -> None:
 
 
 def _bake(bpy: Any) -> None:
-    """Bake, and refine what comes out of it: steps 8 and 9."""
+    """Bake, and refine the result: steps 8 and 9."""
     from bl_ext.user_default.balloon_warp import baking  # as Blender installed it
 
     bpy.ops.balloon.bake()

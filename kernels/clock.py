@@ -8,7 +8,7 @@ from balloon_warp.kernels.tables import Tables, WorldState
 
 @wp.struct
 class Clock:
-    """Clock of launches: a substep's time in the frame, however often what is recorded of it is replayed."""
+    """Clock of launches: a substep's time in the frame, however often its recording is replayed."""
 
     done: wp.array[wp.int32]
     """Number of substeps by which the frame is further on than the number that a launch is given says; one entry"""

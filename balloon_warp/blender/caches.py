@@ -47,7 +47,7 @@ class PointCaches:
             raise InputError(f"{self._folder}: cannot be written: {error.strerror}") from None
 
     def rows(self, part: Part) -> Mapping[str, NDArray]:
-        """Make sure that the caches are safe, and return what later frames need of earlier ones."""
+        """Make sure that the caches are safe, and return the rows of earlier frames that later ones need."""
         for cache in self._caches:
             cache.sync()
         return {"poses": self._poses}

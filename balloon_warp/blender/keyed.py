@@ -1,4 +1,4 @@
-"""Volumes and litres that are animated, as what a scene has keyframes of: pressures and the flow of a pump."""
+"""Keyframes of a scene from animated volumes and litres: pressures, and the flow of a pump."""
 
 from collections.abc import Sequence
 

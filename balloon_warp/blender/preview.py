@@ -20,7 +20,7 @@ from balloon_warp.errors import BlowUpError, InputError
 
 
 def preview(folder: Path, device: str | None, told: "queue.Queue[dict[str, Any] | None]") -> None:
-    """Simulate the request of a folder in real time, with what is told, until that is None.
+    """Simulate the request of a folder in real time, with the values that are sent, until these are None.
 
     Raises:
         InputError: the request cannot be simulated, a value cannot be, or a cache not be written.

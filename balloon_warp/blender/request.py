@@ -35,7 +35,7 @@ class Cached:
 
 @dataclass(frozen=True)
 class Request:
-    """A scene, and what of it is cached."""
+    """Scene of a bake, and the caches of its objects."""
 
     scene: Scene
     cached: list[Cached]

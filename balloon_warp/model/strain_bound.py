@@ -59,7 +59,7 @@ class BoundedFilm:
 
 @dataclass(frozen=True)
 class StrainBound:
-    """Films that have a modulus of a bound on their strain, and what that spares."""
+    """Films with a modulus of a bound on their strain, and the substeps with and without it."""
 
     films: tuple[BoundedFilm, ...]
     substeps: int

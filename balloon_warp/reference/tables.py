@@ -70,7 +70,7 @@ def numbers(plan: ModelPlan, parameters: dict[str, Array], balloon: int) -> Simp
 
 
 def balloons_of(plan: ModelPlan, parameters: dict[str, Array]) -> tuple[SimpleNamespace, list[SimpleNamespace]]:
-    """Return what all balloons see of the world, and their tables: springs, hinges, film, faces, neck, and the gas."""
+    """Return the surroundings of all balloons, and their tables: springs, hinges, film, faces, neck, and the gas."""
     scene, firsts = plan.scene, np.cumsum([0, *(len(shape.mesh.points) for shape in plan.shapes)])
     world = SimpleNamespace(up=np.array(scene.up), water=scene.water is not None)
     crushes = may_be_crushed(scene, plan.shapes, list(values_over_time(plan, "keyframe_values")))
@@ -184,7 +184,7 @@ def starts_of_spheres(parameters: dict[str, Array]) -> list[Array]:
 
 
 def meetings_of(plan: ModelPlan, things: SimpleNamespace, owner: Array) -> SimpleNamespace:
-    """Return what may meet: touch, all pairs of edges and of points and triangles, ridges, and small spheres."""
+    """Return the features that may meet: skins, pairs of edges and of points and triangles, ridges, small spheres."""
     scene, shapes = plan.scene, plan.shapes
     firsts = np.searchsorted(owner, np.arange(len(shapes)))
     of_each = [triangles_of(shape.mesh) + first for shape, first in zip(shapes, firsts, strict=True)]

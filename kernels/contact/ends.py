@@ -102,7 +102,7 @@ def bearing_function(features: Features) -> Any:
 
 @cache
 def adding_functions(features: Features) -> tuple[Any, Any]:
-    """Return the functions that count a contact among those of what bears it, and that add its impulses to theirs."""
+    """Return the functions that count a contact at its ends, and that add its impulses to theirs."""
     kind_of, _ = motion_functions(features)
 
     @wp.func

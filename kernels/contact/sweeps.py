@@ -81,7 +81,7 @@ def marking_functions(kind: Kind, features: Features) -> tuple[Any, Any]:
 
     @wp.func
     def mark(t: Tables, working: Working, world: wp.int32, place: wp.int32):
-        """List a contact that comes too near, and count it among those of what bears it."""
+        """List a contact that comes too near, and count it at its ends."""
         working.catches[world, next_place(working.catch_counts, world, MARKED)].marked = place
         count_in(t, working, world, working.catches[world, place])
 

@@ -1,4 +1,4 @@
-"""Rounds of substeps: what is recorded once, and replayed so many times in a frame."""
+"""Rounds of substeps: recorded once, and replayed so many times in a frame."""
 
 import warp as wp
 

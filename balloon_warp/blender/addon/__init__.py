@@ -1,6 +1,6 @@
-"""The add-on: what Blender loads of the extension. It needs nothing but `bpy` and NumPy, which Blender has.
+"""Add-on: the part of the extension that Blender loads. It needs nothing but `bpy` and NumPy, which Blender has.
 
-What makes a request of numbers needs no `bpy`, and runs without Blender.
+The modules `request` and `snapshot` need no `bpy`, and run without Blender.
 """
 
 
@@ -12,7 +12,7 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Unregister the add-on, as Blender disables the extension; what the .blend keeps stays."""
+    """Unregister the add-on, as Blender disables the extension; the .blend keeps its properties."""
     from .registering import unregister
 
     unregister()

@@ -1,4 +1,4 @@
-"""A bake from Blender's side: a process, what it has told so far, and what the scene shows of it."""
+"""Bakes as Blender sees them: a process, its messages so far, and the message on the panel."""
 
 import shutil
 from pathlib import Path
@@ -33,7 +33,7 @@ class Bake(Worker):
         self.cancelled, self._end, self._warnings = False, "", []
 
     def poll(self) -> bool:
-        """Show what the process tells; return whether it goes on."""
+        """Show the messages of the process; return whether it goes on."""
         ended, before = self.ended, self.frame
         for line in self.hear():
             if "frame" in line:
@@ -152,9 +152,13 @@ def delete(scene: Scene) -> None:
 
 
 def folder_of(scene: Scene) -> Path:
-    """Return the folder of a scene's bake: of its caches, else beside the .blend, else of temporary files."""
+    """Return the folder of a scene's bake: of its caches, else beside the .blend, else of temporary files.
+
+    A folder without a request is not a bake's: a modifier may play a cache of somebody else's, which is to stay.
+    """
     for path in modifier.caches_of(scene).values():
-        return path.parent
+        if (path.parent / FILES[0]).exists():
+            return path.parent
     if bpy.data.filepath:
         return beside(Path(bpy.data.filepath), scene)
     return Path(bpy.app.tempdir) / "balloon_warp" / scene.name

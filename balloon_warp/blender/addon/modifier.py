@@ -50,12 +50,12 @@ def rest(modifier: Modifier) -> None:
 
 
 def state(modifier: Modifier) -> tuple[str, bool]:
-    """Return what a modifier plays, for `restore`."""
+    """Return the path of a modifier's cache, and whether it plays, for `restore`."""
     return modifier.filepath, modifier.show_viewport
 
 
 def restore(modifier: Modifier, before: tuple[str, bool]) -> None:
-    """Let a modifier play what it played."""
+    """Let a modifier play its cache of before."""
     modifier.filepath, modifier.show_viewport = before
     modifier.show_render = modifier.show_viewport
 

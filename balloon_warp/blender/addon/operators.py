@@ -15,7 +15,7 @@ class BalloonOperator(Operator):
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 (Blender reads it from the class)
 
     def tried(self, context: Context, act: Callable[[], object], done: str = "") -> set[str]:
-        """Act, and return what Blender wants to know."""
+        """Act, and return the operator's result."""
         try:
             act()
         except RefusedError as refusal:

@@ -81,7 +81,7 @@ def shown_properties(settings: properties.ObjectProperties) -> list[str]:
 
 
 def draw_bake(layout: UILayout, context: Context) -> None:
-    """Draw the buttons of the bake, and what it says."""
+    """Draw the buttons of the bake, and its message."""
     settings, bake = properties.of(context.scene), baking.running
     if bake:
         layout.progress(factor=bake.frame / bake.frames, text=settings.message)

@@ -40,7 +40,7 @@ class Preview(Worker):
         self._told = self._values(scene)
 
     def poll(self) -> bool:
-        """Tell what was dragged, and show the latest frame; return whether it goes on."""
+        """Send values that were dragged, and show the latest frame; return whether it goes on."""
         ended, heard = self.ended, self.hear()
         if not (scene := bpy.data.scenes.get(self.scene_name)):
             return False
@@ -60,7 +60,7 @@ class Preview(Worker):
         return not ended
 
     def close(self) -> None:
-        """End the preview; its objects play what they played before."""
+        """End the preview; its objects play their caches of before."""
         self.stop()
         if scene := bpy.data.scenes.get(self.scene_name):
             for name, before in self._before.items():

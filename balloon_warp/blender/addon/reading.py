@@ -1,4 +1,4 @@
-"""Reading of a Blender scene for a bake: evaluated meshes, and what moves from frame to frame."""
+"""Reading of a Blender scene for a bake: evaluated meshes, and motion from frame to frame."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -178,7 +178,7 @@ def _moves(scene: Scene, things: list[Object]) -> bool:
 
 
 def _follow(context: Context, things: list[tuple[Object, Thing]], snapshot: Snapshot) -> None:
-    """Write down what changes from frame to frame."""
+    """Record motion and keyframes from frame to frame."""
     scene = context.scene
     places: list[list[np.ndarray]] = [[] for _ in things]
     anchors: list[list[np.ndarray]] = [[] for _ in things]

@@ -11,7 +11,7 @@ PARTS = (preferences, properties, operators, panel)
 
 
 def stop() -> None:
-    """End what runs."""
+    """End a bake or a preview that runs."""
     preview.stop()
     baking.stop()
 
@@ -39,7 +39,7 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Unregister all parts, as Blender disables the extension; what the .blend keeps stays."""
+    """Unregister all parts, as Blender disables the extension; the .blend keeps its properties."""
     stop()
     atexit.unregister(stop)
     bpy.app.handlers.load_pre.remove(before_load)

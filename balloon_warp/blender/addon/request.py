@@ -27,7 +27,7 @@ RIGID = 1e-4
 
 
 def write_request(folder: Path, snapshot: Snapshot) -> list[str]:
-    """Write a request into a folder, and return the name of each thing's cache, empty for what is not cached.
+    """Write a request into a folder, and return the name of each thing's cache, empty for a thing without one.
 
     Raises:
         RefusedError: a thing cannot be simulated.
