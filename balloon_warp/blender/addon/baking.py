@@ -190,6 +190,8 @@ def move_beside(blend: str) -> None:
         shutil.rmtree(there, ignore_errors=True)
         shutil.move(folder, there)
         for name, path in modifier.caches_of(scene).items():
+            if path.parent != folder:
+                continue
             modifier.move(scene.objects[name], bpy.path.relpath(str(there / path.name), start=str(Path(blend).parent)))
 
 

@@ -259,6 +259,16 @@ def test_deleting_a_bake_brings_the_object_back(scene: Any, tmp_path: Path):
     assert not cube.modifiers
 
 
+def test_a_cache_of_somebody_elses_stays(scene: Any, tmp_path: Path):
+    """A modifier of the same name may play it: its folder is not a bake's."""
+    cube, theirs = bpy.data.objects["Cube"], tmp_path / "theirs"
+    theirs.mkdir()
+    (theirs / "cube.pc2").write_bytes(b"theirs")
+    modifier.play(modifier.add(cube), theirs / "cube.pc2", 1)
+    assert bpy.ops.balloon.delete() == {"FINISHED"}
+    assert (theirs / "cube.pc2").read_bytes() == b"theirs"
+
+
 def file_of(thing: Any) -> Path:
     path = modifier.cache_of(thing)
     assert path
