@@ -56,9 +56,9 @@ def scene(**changes: Any) -> Scene:
     return Scene(**{"balloon": balloons, "obstacle": [TURNS], "frames": 4, "substeps": MANY} | changes)
 
 
-def points_of(made: Scene, schedule: str) -> np.ndarray:
+def points_of(made: Scene, schedule: str, device: str = "cpu") -> np.ndarray:
     """Return the points of all frames."""
-    return np.stack([np.concatenate(frame.points) for frame in Simulator(made, device="cpu", schedule=schedule).run()])
+    return np.stack([np.concatenate(frame.points) for frame in Simulator(made, device=device, schedule=schedule).run()])
 
 
 @pytest.mark.parametrize(
@@ -71,13 +71,15 @@ def points_of(made: Scene, schedule: str) -> np.ndarray:
     ],
 )
 def test_a_frame_of_rounds_is_to_the_bit_one_of_single_substeps(
-    monkeypatch: pytest.MonkeyPatch, schedule: str, changes: dict[str, Any]
+    monkeypatch: pytest.MonkeyPatch, device: str, schedule: str, changes: dict[str, Any]
 ):
+    if schedule in ("octets", "scatter") and device != "cpu":
+        pytest.skip("octets are a CPU's, and a GPU's scatter adds forces in any order")
     made = scene(**changes)
-    in_rounds = points_of(made, schedule)
+    in_rounds = points_of(made, schedule, device)
     monkeypatch.setattr(rounds, "FLAT", MORE)
     monkeypatch.setattr("balloon_warp.schedules.recorded_frame.FEW", 99)
-    np.testing.assert_array_equal(in_rounds, points_of(made, schedule))
+    np.testing.assert_array_equal(in_rounds, points_of(made, schedule, device))
 
 
 def test_what_is_recorded_does_not_grow_with_the_substeps(monkeypatch: pytest.MonkeyPatch):

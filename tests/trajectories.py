@@ -83,8 +83,8 @@ def assert_close(
         apart = np.abs(found[name] - expected[name]).max(axis=-1, initial=0.0)
         assert (apart > tolerance).sum() <= outliers * apart.size, (name, apart.max())
         assert apart.max(initial=0.0) <= 10 * tolerance, (name, apart.max())
-    # The flow through a tear goes by the square root of a pressure that is rounded, see below.
-    np.testing.assert_allclose(found["gas_amounts"], expected["gas_amounts"], rtol=1e-6)
+    # The flow through a tear goes by the square root of a pressure that is rounded, see below, and changes with points.
+    np.testing.assert_allclose(found["gas_amounts"], expected["gas_amounts"], rtol=1e-6 * tolerance / ROUNDING)
     # A float32 volume is rounded by up to 1e-7 of itself, and so the pressure by that of the air's, over some frames,
     # in which forward Euler does not damp it. Where a point may be off by 1e-4 m, it alone changes the volume of a
     # balloon of 100 particles by 1e-5 of itself: by 1 Pa more.

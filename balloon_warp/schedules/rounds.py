@@ -34,8 +34,9 @@ class Rounds:
     def __init__(self, model: Model, interval: int, clock: Any):
         self._device, self._clock = model.device, clock
         self._count, self._interval = model.substeps, interval or model.substeps
-        self.are_short = model.device.is_cpu and model.substeps > FLAT
-        """Whether far fewer substeps are recorded than a frame has; a GPU records all"""
+        can_repeat = model.device.is_cpu or wp.is_conditional_graph_supported()
+        self.are_short = can_repeat and model.substeps > FLAT
+        """Whether far fewer substeps are recorded than a frame has; a GPU with an old driver records all"""
         self._turns = [clock.left[depth : depth + 1] for depth in (OUTER, INNER)]
 
     def go_through(self, launch_substeps: Substeps) -> None:

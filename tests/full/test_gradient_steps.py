@@ -46,7 +46,9 @@ def test_frames_one_by_one_have_the_derivatives_of_gradient(name: str, device: s
         of, of=paths, loss=end, world_count=2, vary=dict(zip(paths, values.T, strict=True)), device=device
     )
     last = told.trajectories
-    np.testing.assert_array_equal(begins[-1].points.numpy(), np.concatenate([each[:, -1] for each in last.points], 1))
+    points = np.concatenate([each[:, -1] for each in last.points], 1)
+    contracted = 0 if device == "cpu" else 2  # units in the last place: NVRTC joins products and sums by the module
+    np.testing.assert_array_max_ulp(begins[-1].points.numpy(), points, contracted)
     np.testing.assert_array_equal(begins[-1].sphere_positions.numpy(), last.sphere_positions[:, -1])
     found = np.zeros(values.shape)
     for frame in reversed(range(of.frames)):
