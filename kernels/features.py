@@ -270,6 +270,11 @@ class Features(NamedTuple):
         return self.bodies > 0 or self.small_spheres or self.edges_meet or self.ridges
 
     @property
+    def lists_contacts(self) -> bool:
+        """Return whether contacts are items of a list, see `contact.kinds`."""
+        return self.edges_meet or self.ridges or self.bodies > 0
+
+    @property
     def in_blocks(self) -> bool:
         """Return whether the scene has features that `lanes` and `octets` leave to the kernels of `block`."""
         return self.touches or self.meets_solids

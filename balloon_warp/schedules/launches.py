@@ -31,7 +31,7 @@ TEAM_THREADS_OF_SMALL, SMALL = 64, 1024
 """Threads where no balloon has more particles: more blocks then run at once, while one thread of each ends its sum"""
 EDGE_THREADS = 256
 """Threads of a block for edges that touch: where a thread has fewer pairs, its block waits less"""
-TEAM_REGISTERS = {"meet_edges": 64, "meet_ridges": 128}
+TEAM_REGISTERS = {"meet": 64, "meet_ridges": 128}
 """Registers of a thread of a whole world's block, at most: so that a multiprocessor has more of them at once"""
 MOST_REGISTERS = 128
 """Registers of a thread with a particle, so that a multiprocessor has two blocks of 256 where particles touch
@@ -182,7 +182,7 @@ class Launches:
     def _team_threads(self, piece: Piece) -> int:
         """Return the threads of a block."""
         device = self.model.device
-        if piece.phases[0].name == "meet_edges" and device.is_cuda:
+        if piece.phases[0].name == "meet" and self.step.features.edges_meet and device.is_cuda:
             return EDGE_THREADS
         if acts_on_few(self.step, piece):
             return LISTING_THREADS if device.is_cuda else 1

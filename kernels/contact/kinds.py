@@ -1,0 +1,13 @@
+"""All kinds of contacts that are items of a list, one a line: those of a sweep act at once."""
+
+from balloon_warp.kernels.contact.bodies import BODIES
+from balloon_warp.kernels.contact.edges import EDGES
+from balloon_warp.kernels.contact.kind import Sweep
+from balloon_warp.kernels.contact.ridges import RIDGES
+
+BESIDE_RIDGES = Sweep((RIDGES,), lambda features: features._replace(ground=False))
+"""Before particles leave the ground and obstacles, see docs/design/one_contact.md"""
+AT_LAST = Sweep(
+    (BODIES, EDGES), lambda features: features._replace(ridges=False, round_ridges=False, spheres_rub=False)
+)
+"""Once all have moved: bodies, layers, and the ground below them take part in the same sweeps"""
