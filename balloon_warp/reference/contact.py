@@ -224,8 +224,8 @@ def contacts_of_skins(m, pairs, owner, skins):
     return c[(c["gap"] < 2.0 * (c["kept"] + h * size((c["weights"] * m.v[c["ends"]]).sum(axis=1))))[:, 0]]
 
 
-def ridges_meet(m, ridges, kept, count, triangles, edges):
-    """Let faces of balloons meet ridges of solids, see `laws.ridges`; a sphere is a ridge of one place.
+def contacts_of_ridges(m, ridges, kept, count, triangles, edges):
+    """Return contacts of faces of balloons with ridges of solids, see `laws.ridges`; a sphere is a ridge of one place.
 
     Ridges are as seen from each solid; `kept` are the gaps that faces keep of each, and last of any ridge [m].
     """
@@ -234,9 +234,7 @@ def ridges_meet(m, ridges, kept, count, triangles, edges):
         told = m, solid, of.radius, (kept[column], 0.02 * kept[-1]), x
         found += ridge_contacts(told, of, triangles, edges) if len(of.ends) else []
     c = np.concatenate(found)
-    c = c[(c["gap"] < c["kept"] + h * (size(m.v[:count]).max() + size(m.v[count:]).max()))[:, 0]]
-    if len(c):
-        sweep(m, c, h, 24)
+    return c[(c["gap"] < c["kept"] + h * (size(m.v[:count]).max() + size(m.v[count:]).max()))[:, 0]]
 
 
 def ridge_contacts(told, ridges, triangles, edges):

@@ -265,8 +265,10 @@ class Reference:
         m, h, things, meetings = self.m, self.h, self.things, self.meetings
         count = len(mass)
         m.ease[:count] = np.where(mass == 0.0, 0.0, 1.0 / np.where(mass == 0.0, 1.0, mass))
-        if meetings.ridges:
-            contact.ridges_meet(m, meetings.ridges, meetings.kept, count, meetings.triangles, meetings.edges)
+        told = m, meetings.ridges, meetings.kept, count, meetings.triangles, meetings.edges
+        first = len(things.obstacles) > 0 or not len(things.bodies)
+        if meetings.ridges and first:
+            contact.sweep(m, contact.contacts_of_ridges(*told), h, 24)
         near = np.zeros((count, 1), dtype=bool)
         for ball, penalty, push in zip(things.spheres, self.parameters["sphere_penalty"][0], self.pushes, strict=True):
             if self.scene.contact == "impulse":
@@ -285,6 +287,8 @@ class Reference:
         for body in things.bodies:
             passing = solids.passing_body(m, body, bodies.turned(m, body), *way)
             found.append(contact.contacts_of_body(m, body, things.reach[body], mass, passing))
+        if meetings.ridges and not first:
+            found.append(contact.contacts_of_ridges(*told))
         if meetings.pairs:
             found.append(contact.contacts_of_skins(m, meetings.pairs, self.owner, meetings.touch.skins))
         if found:

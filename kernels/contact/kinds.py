@@ -8,6 +8,7 @@ from balloon_warp.kernels.contact.ridges import RIDGES
 BESIDE_RIDGES = Sweep((RIDGES,), lambda features: features._replace(ground=False))
 """Before particles leave the ground and obstacles, see docs/design/one_contact.md"""
 AT_LAST = Sweep(
-    (BODIES, EDGES), lambda features: features._replace(ridges=False, round_ridges=False, spheres_rub=False)
+    (BODIES, RIDGES._replace(acts=lambda features: features.ridges and not features.ridges_first), EDGES),
+    lambda features: features.without_ridges if features.ridges_first else features,
 )
 """Once all have moved: bodies, layers, and the ground below them take part in the same sweeps"""

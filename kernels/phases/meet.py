@@ -32,7 +32,7 @@ def keep_start(features: Features, look: Look) -> Any:
     return keep_start
 
 
-@phase("team", when=lambda features: features.ridges, adjoint=swept_backwards)
+@phase("team", when=lambda features: features.ridges_first, adjoint=swept_backwards)
 def meet_ridges(features: Features, look: Look) -> Any:
     """Resolve contacts of balloon faces with ridges of obstacles and bodies."""
     return meeting_function(BESIDE_RIDGES, features)
@@ -54,5 +54,5 @@ def meet_faces(features: Features, look: Look) -> Any:
 
 @phase("team", when=lambda features: features.edges_meet or features.bodies > 0, adjoint=swept_backwards)
 def meet(features: Features, look: Look) -> Any:
-    """Resolve contacts of particles with free bodies, and of sharp edges, beside the ground."""
+    """Resolve contacts of balloons with free bodies, and of sharp edges, beside the ground."""
     return meeting_function(AT_LAST, features)
