@@ -292,7 +292,7 @@ class Reference:
         if meetings.pairs:
             found.append(contact.contacts_of_skins(m, meetings.pairs, self.owner, meetings.touch.skins))
         if found:
-            most = 300 if meetings.pairs else 100
+            most = 300 if meetings.pairs else 50
             contact.sweep(m, np.concatenate(found), h, most, any(thing == m.ground for _, thing in m.around))
         for body in things.bodies:
             bodies.take_turn(m, body)

@@ -68,5 +68,5 @@ def listing_function(features: Features, backwards: bool) -> Any:
     return list_bodies
 
 
-BODIES = Kind(lambda features: features.bodies > 0, listing_function, 100)
+BODIES = Kind(lambda features: features.bodies > 0, listing_function, 50)
 """Particles that would come into free bodies"""
