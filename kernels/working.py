@@ -84,7 +84,7 @@ class Working:
     contact_quanta: wp.array3d[wp.int64]
     """Impulses of contacts on particles in a sweep, see `contact.sums`"""
     layer_quanta: wp.array3d[wp.int64]
-    """Those of contacts of balloons alone since the substep began; empty unless impulses of solids are told"""
+    """Impulses of contacts of balloons alone since the substep began; empty unless those of solids are told"""
     contact_stops: wp.array2d[wp.vec2]
     """Height by which the ground raises a particle in a sweep [m], and its upward speed [m/s]; empty forward"""
     solid_shares: wp.array2d[wp.int32]
