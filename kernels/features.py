@@ -270,6 +270,21 @@ class Features(NamedTuple):
         return self.bodies > 0 or self.small_spheres or self.edges_meet or self.ridges
 
     @property
+    def lists_contacts(self) -> bool:
+        """Return whether contacts are items of a list, see `contact.kinds`."""
+        return self.edges_meet or self.ridges or self.bodies > 0
+
+    @property
+    def ridges_first(self) -> bool:
+        """Return whether faces meet ridges before particles leave obstacles; bodies alone they meet with the rest."""
+        return self.ridges and (self.fixtures or not self.bodies)
+
+    @property
+    def without_ridges(self) -> "Features":
+        """Return the features that contacts see which meet no ridges."""
+        return self._replace(ridges=False, round_ridges=False, spheres_rub=False)
+
+    @property
     def in_blocks(self) -> bool:
         """Return whether the scene has features that `lanes` and `octets` leave to the kernels of `block`."""
         return self.touches or self.meets_solids

@@ -35,7 +35,7 @@ NAMED: dict[str, Named] = {
     BODY_PUSH: Named("body", "sums of forces and torques since it last moved", ("body_quanta", "body_turning_quanta")),
     "body_contact": Named(
         "body", "impulses between bodies, and of strings and balloons on them", (
-            "body_going", "body_turning", "body_tugs", "body_twists", "body_groups", "body_gains", "body_pushes",
+            "body_going", "body_turning", "body_tugs", "body_twists", "body_groups", "body_gains",
             "body_touches", "body_impulses", "grips",
         ),
     ),
@@ -55,9 +55,9 @@ NAMED: dict[str, Named] = {
     "touch": Named(
         "particle", "what touches it, in sums and lists", (
             "contacts", "touched", "forces_taken", "force_quanta", "lumps", "contact_impulses", "catches",
-            "catch_counts", "contact_shares", "contact_quanta", "contact_stops", "solid_shares", "solid_quanta",
-            "ridge_budgets", "ridge_counts", "ridge_pairs", "ridge_radii", "edge_pairs", "list_lengths", "needs",
-            "overflow",
+            "catch_counts", "contact_shares", "contact_quanta", "contact_stops", "layer_quanta", "solid_shares",
+            "solid_quanta", "ridge_budgets", "ridge_counts", "ridge_pairs", "ridge_radii", "edge_pairs", "list_lengths",
+            "needs", "overflow",
         ),
     ),
 }  # fmt: skip

@@ -22,7 +22,7 @@ from balloon_warp.kernels.phases.inflate import add_up, given_load, inflate
 from balloon_warp.kernels.phases.inflation_direction import extend, find_direction, measure, spread, turn
 from balloon_warp.kernels.phases.leave import leave
 from balloon_warp.kernels.phases.load import find_load, hold, note
-from balloon_warp.kernels.phases.meet import keep_start, meet_bodies, meet_edges, meet_faces, meet_ridges, meet_spheres
+from balloon_warp.kernels.phases.meet import keep_start, meet, meet_faces, meet_ridges, meet_spheres
 from balloon_warp.kernels.phases.move import free, move, move_first, push, respond
 from balloon_warp.kernels.phases.pull import jet, jet_of_holes, pull, pull_and_face, take
 from balloon_warp.kernels.phases.resist import expect, resist
@@ -55,7 +55,7 @@ STEP: tuple[Phase, ...] = (
     # spheres, obstacles and the ground
     correct, note_unhindered, meet_ridges, leave, watch,
     # momentum is exchanged, once all have moved
-    shove, shove_bodies, meet_spheres, meet_bodies, meet_faces, record_impulses, meet_edges,
+    shove, shove_bodies, meet_spheres, meet_faces, meet, record_impulses,
 )  # fmt: skip
 
 Instead = Mapping[Phase, tuple[Phase, ...]]

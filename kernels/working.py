@@ -69,26 +69,26 @@ class Working:
     """A body of lower number that each touches, perhaps by way of others, or itself, see `loops.rebounding`"""
     body_gains: wp.array2d[wp.vec4d]
     """Energy that each group of bodies would gain by contacts [J]: with all rebounds, without, and see `push_less`"""
-    body_pushes: wp.array2d[wp.vec3]
-    """Impulse of a body on each particle [N s]"""
     grips: wp.array2d[Grip]
     """Contacts of points of bodies in this substep"""
     contact_impulses: wp.array3d[wp.vec4]
     """Impulse [N s] and contact time [s] of each thing and particle since the frame began; empty unless a scene records
     contacts, see `phases.contact_forces`"""
     catches: wp.array2d[Contact]
-    """Contacts of one kind that may act in a substep; empty unless edges meet, or faces meet ridges, as are the next,
-    see `contact.sweeps`"""
+    """Contacts that may act in sweeps; empty unless edges, faces beside ridges or bodies meet, as are the next, see
+    `contact.kinds`"""
     catch_counts: wp.array2d[wp.int32]
     """Number of these, and of those that come too near in a sweep: shape (world_count, 2)"""
     contact_shares: wp.array2d[wp.int32]
     """Number of contacts of each particle in a sweep, among which its mass is split"""
     contact_quanta: wp.array3d[wp.int64]
     """Impulses of contacts on particles in a sweep, see `contact.sums`"""
+    layer_quanta: wp.array3d[wp.int64]
+    """Impulses of contacts of balloons alone since the substep began; empty unless those of solids are told"""
     contact_stops: wp.array2d[wp.vec2]
     """Height by which the ground raises a particle in a sweep [m], and its upward speed [m/s]; empty forward"""
     solid_shares: wp.array2d[wp.int32]
-    """Number of contacts of each free body, and then of each sphere, in a sweep; empty unless faces meet ridges"""
+    """Number of contacts of each free body, and then of each sphere, in a sweep; empty where they meet none"""
     solid_quanta: wp.array3d[wp.int64]
     """Impulses on these, and their angular momenta: shape (world_count, bodies and spheres, 6)"""
     ridge_counts: wp.array[wp.int32]

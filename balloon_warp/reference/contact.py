@@ -18,9 +18,10 @@ from balloon_warp.reference.laws import across, cross, dot, size, summed
 CONTACT = np.dtype(
     [("ends", int, 4), ("weights", float, (4, 1)), ("arms", float, (4, 3)), ("couples", float, (4, 3)),
      ("normal", float, 3), ("gap", float, (1,)), ("kept", float, (1,)), ("left", float, (1,)),
-     ("friction", float, (1,))]
+     ("friction", float, (1,)), ("out", float, (1,))]
 )  # fmt: skip
-"""Contact: its movers, w, r, g, n, the gap, how much of that it keeps, and approach that it leaves to the next step"""
+"""Contact: its movers, w, r, g, n, the gap, how much of that it keeps, approach that it leaves to the next step,
+friction, and how far it moves them apart without speed, besides what is missing of the gap that it keeps"""
 NEVER = 2.0
 """Part of a step after which something meets that does not in it"""
 
@@ -135,9 +136,10 @@ def resolve(m, c, excess):
 
 
 def hold_above(m, c, seconds, speeds):
-    """Put movers of contacts out of the ground, and stop them as far as that."""
+    """Put particles of contacts out of the ground, and stop them as far as that."""
     moved = np.zeros((len(m.x), 1))
     moved[c["ends"][c["weights"][..., 0] != 0.0]] = 1.0
+    moved[m.ground :] = 0.0
     rise = moved * np.maximum(m.height - dot(m.x, m.up), 0.0)
     stop = speeds * np.minimum(rise / seconds, np.maximum(-dot(m.v, m.up), 0.0))
     m.x, m.v = m.x + rise * m.up, m.v + stop * m.up
@@ -153,7 +155,7 @@ def sweep(m, c, h, most, ground=False):
             hold_above(m, c[pushed], h, 1.0)
         if not (pushed & (h * excess > c["left"])[:, 0]).any():
             break
-    missing = 0.2 * np.maximum(0.5 * c["kept"] - c["gap"], 0.0)
+    missing = c["out"] + 0.2 * np.maximum(0.5 * c["kept"] - c["gap"], 0.0)
     near = missing[:, 0] > 0.0
     m.push(c[near], resolve(m, c[near], missing[near])[0], 1.0, 0.0)
     if ground:
@@ -201,19 +203,29 @@ def near_pairs(pairs, count, x, reach):
     return pairs[(size(way) - sum(radii) < reach)[:, 0]]
 
 
-def skins_meet(m, pairs, owner, skins):
-    """Let edges meet, and particles that a spring would let through a triangle, see `laws.edges`; given all pairs."""
+def contacts_of_body(m, body, reach, mass, passing):
+    """Return contacts of particles that would come into a body, as `solids.passing_body` says."""
+    held, n, arm, excess, out = passing
+    rows = np.flatnonzero((held & (mass > 0.0))[:, 0])
+    ends = np.stack([np.full(len(rows), body), rows, rows, rows], axis=1)
+    c = contacts(ends, np.array([[-1.0], [1.0], [0.0], [0.0]]), n[rows], friction=m.rub(rows, body)[:, None])
+    c["arms"][:, 0], c["out"] = arm[rows], out[rows]
+    c["gap"] = m.h * (-dot(m.velocity(c), c["normal"]) - excess[rows])
+    c["left"] = 1e-3 * m.h * np.maximum(excess[rows], 0.0) + 1e-7 * reach
+    return c
+
+
+def contacts_of_skins(m, pairs, owner, skins):
+    """Return contacts of edges, and of particles that a spring would let through a triangle; given all pairs."""
     x, h = m.x - m.h * m.v, m.h
     reach = skins[..., 0].max() + 4.0 * h * size(m.v).max()
     edges, points = (near_pairs(each, count, x, reach) for each, count in zip(pairs, (2, 1), strict=True))
     c = np.concatenate([edge_contacts(edges, x, owner, skins), point_contacts(points, x, owner, skins)])
-    c = c[(c["gap"] < 2.0 * (c["kept"] + h * size((c["weights"] * m.v[c["ends"]]).sum(axis=1))))[:, 0]]
-    if len(c):
-        sweep(m, c, h, 300, any(thing == m.ground for _, thing in m.around))
+    return c[(c["gap"] < 2.0 * (c["kept"] + h * size((c["weights"] * m.v[c["ends"]]).sum(axis=1))))[:, 0]]
 
 
-def ridges_meet(m, ridges, kept, count, triangles, edges):
-    """Let faces of balloons meet ridges of solids, see `laws.ridges`; a sphere is a ridge of one place.
+def contacts_of_ridges(m, ridges, kept, count, triangles, edges):
+    """Return contacts of faces of balloons with ridges of solids, see `laws.ridges`; a sphere is a ridge of one place.
 
     Ridges are as seen from each solid; `kept` are the gaps that faces keep of each, and last of any ridge [m].
     """
@@ -222,9 +234,7 @@ def ridges_meet(m, ridges, kept, count, triangles, edges):
         told = m, solid, of.radius, (kept[column], 0.02 * kept[-1]), x
         found += ridge_contacts(told, of, triangles, edges) if len(of.ends) else []
     c = np.concatenate(found)
-    c = c[(c["gap"] < c["kept"] + h * (size(m.v[:count]).max() + size(m.v[count:]).max()))[:, 0]]
-    if len(c):
-        sweep(m, c, h, 24)
+    return c[(c["gap"] < c["kept"] + h * (size(m.v[:count]).max() + size(m.v[count:]).max()))[:, 0]]
 
 
 def ridge_contacts(told, ridges, triangles, edges):

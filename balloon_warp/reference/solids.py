@@ -223,49 +223,42 @@ def passing_body(m, body, turn, start, end, v, radius=0.0):
     return held, normal, arm, excess, apart(h * np.maximum(excess, 0.0) - depth, h) * held
 
 
-def exchange(m, solid, mass, passing, widest):
-    """Let a solid and particles exchange momentum: to the nearest velocities at which n . (v - V) >= -gap / h.
+def exchange(m, ball, mass, passing):
+    """Let a sphere and particles exchange momentum: to the nearest velocities at which n . (v - V) >= -gap / h.
 
-    They pass as `passing_sphere` or `passing_body` say; those of no mass are fixed. By `widest`, the inverse mass of
-    its surface over that of its center, friction gives no energy. The ground takes part, of a great mass, where a
-    sphere is pressed to it.
+    They pass as `passing_sphere` says; those of no mass are fixed. By the inverse mass of the sphere's surface over
+    that of its center, friction gives no energy. The ground takes part, of a great mass, where the sphere is pressed
+    to it.
     """
     (near, n, arm, excess, out), h = passing, m.h
-    count, heavy, radius = len(mass), 1.0 / m.ease[solid].item(), m.radius[solid]
-    near, over, change = near & (mass > 0.0), mass * (out > 0.0), np.zeros(6)
+    count, heavy, radius = len(mass), 1.0 / m.ease[ball].item(), m.radius[ball]
+    near, over, change = near & (mass > 0.0), mass * (out > 0.0), np.zeros(3)
     if not (near & (excess > 0.0) | (over > 0.0)).any():
         return
-    x, v, up, sinking = m.x[:count], m.v[:count], np.zeros(6), 0.0
-    if radius:
-        up[:3], center = m.up, m.x[solid] - h * m.v[solid]
-        sinking = -(m.v[solid] @ m.up) - max(center @ m.up - radius - m.height, 0.0) / h
-    c, inertia = np.hstack([n, cross(arm, n)]), np.zeros((6, 6))
-    inertia[:3, :3], inertia[3:, 3:] = heavy * np.eye(3), np.linalg.inv(m.turning[solid])
+    x, v, center = m.x[:count], m.v[:count], m.x[ball] - h * m.v[ball]
+    sinking = -(m.v[ball] @ m.up) - max(center @ m.up - radius - m.height, 0.0) / h
     pressed, grounded = near & (excess > 0.0), sinking > 0.0
     for _ in range(16):
         w = mass * pressed
         earth = 1e6 * (heavy + w.sum()) * grounded
-        lost = (w * excess * c).sum(axis=0) - earth * sinking * up
-        change = -np.linalg.solve(inertia + (c * w).T @ c + earth * np.outer(up, up), lost)
-        before, pressed = pressed, near & (c @ change[:, None] + excess > 0.0)
-        stood, grounded = grounded, sinking - up @ change > 0.0
+        lost = (w * excess * n).sum(axis=0) - earth * sinking * m.up
+        change = -np.linalg.solve(heavy * np.eye(3) + (n * w).T @ n + earth * np.outer(m.up, m.up), lost)
+        before, pressed = pressed, near & (n @ change[:, None] + excess > 0.0)
+        stood, grounded = grounded, sinking - m.up @ change > 0.0
         if (pressed == before).all() and grounded == stood:
             break
     w = mass * pressed
     shift = -np.linalg.solve(heavy * np.eye(3) + (n * over).T @ n, (over * out * n).sum(axis=0))
-    gain = np.where(pressed, c @ change[:, None] + excess, 0.0) * n
+    gain = np.where(pressed, n @ change[:, None] + excess, 0.0) * n
     x, v = x + h * gain + np.where(over > 0.0, n @ shift[:, None] + out, 0.0) * n, v + gain
-    m.v[solid], m.spin[solid] = m.v[solid] + change[:3], m.spin[solid] + change[3:]
-    m.x[solid] = m.x[solid] + h * change[:3] + shift
-    if not radius:
-        arm = x - h * v - (m.x[solid] - h * m.v[solid])
-    share = 1.0 / (1.0 + w.sum() * widest / heavy)
-    slip = across(v - m.v[solid] - cross(m.spin[solid], arm), n)
-    rubs = -np.minimum(share, m.rub(np.arange(count), solid)[:, None] * size(gain) / size(slip)) * slip * pressed
+    m.v[ball], m.x[ball] = m.v[ball] + change, m.x[ball] + h * change + shift
+    share = 1.0 / (1.0 + w.sum() * (1.0 + 2.5 * dot(arm, arm) / radius**2) / heavy)
+    slip = across(v - m.v[ball] - cross(m.spin[ball], arm), n)
+    rubs = -np.minimum(share, m.rub(np.arange(count), ball)[:, None] * size(gain) / size(slip)) * slip * pressed
     m.x[:count], m.v[:count] = x + h * rubs, v + rubs
     slowed = -(mass * rubs).sum(axis=0) / heavy
-    m.x[solid], m.v[solid] = m.x[solid] + h * slowed, m.v[solid] + slowed
-    m.spin[solid] = m.spin[solid] - m.turning[solid] @ cross(arm, mass * rubs).sum(axis=0)
+    m.x[ball], m.v[ball] = m.x[ball] + h * slowed, m.v[ball] + slowed
+    m.spin[ball] = m.spin[ball] - m.turning[ball] @ cross(arm, mass * rubs).sum(axis=0)
     if grounded:
-        pushed = max(m.up @ (heavy * change[:3] + (w * gain).sum(axis=0)), 0.0)
-        rub(m, solid, m.up, 0.0, pushed / heavy, m.rub(solid, m.ground), h)
+        pushed = max(m.up @ (heavy * change + (w * gain).sum(axis=0)), 0.0)
+        rub(m, ball, m.up, 0.0, pushed / heavy, m.rub(ball, m.ground), h)

@@ -265,8 +265,10 @@ class Reference:
         m, h, things, meetings = self.m, self.h, self.things, self.meetings
         count = len(mass)
         m.ease[:count] = np.where(mass == 0.0, 0.0, 1.0 / np.where(mass == 0.0, 1.0, mass))
-        if meetings.ridges:
-            contact.ridges_meet(m, meetings.ridges, meetings.kept, count, meetings.triangles, meetings.edges)
+        told = m, meetings.ridges, meetings.kept, count, meetings.triangles, meetings.edges
+        first = len(things.obstacles) > 0 or not len(things.bodies)
+        if meetings.ridges and first:
+            contact.sweep(m, contact.contacts_of_ridges(*told), h, 24)
         near = np.zeros((count, 1), dtype=bool)
         for ball, penalty, push in zip(things.spheres, self.parameters["sphere_penalty"][0], self.pushes, strict=True):
             if self.scene.contact == "impulse":
@@ -277,19 +279,21 @@ class Reference:
         self._stand(~near)
         if near.any():  # they leave the ground and obstacles once they have met spheres
             for ball in things.spheres:
-                passing = solids.passing_sphere(m, ball, mass)
-                widest = 1.0 + 2.5 * laws.dot(passing[2], passing[2]) / m.radius[ball] ** 2
-                solids.exchange(m, ball, mass, passing, widest)
+                solids.exchange(m, ball, mass, solids.passing_sphere(m, ball, mass))
             self._stand(near)
-        for body in things.bodies:
-            way = self.x - h * self.v, self.x, self.v
-            passing = solids.passing_body(m, body, bodies.turned(m, body), *way)
-            widest = 1.0 + things.reach[body] ** 2 * np.linalg.norm(m.tensors[body]) / m.ease[body]
-            solids.exchange(m, body, mass, passing, widest)
         if meetings.small:
             self.small_contacts += contact.small_spheres_meet(m, meetings.small, meetings.triangles)
+        found, way = [], (self.x - h * self.v, self.x, self.v)
+        for body in things.bodies:
+            passing = solids.passing_body(m, body, bodies.turned(m, body), *way)
+            found.append(contact.contacts_of_body(m, body, things.reach[body], mass, passing))
+        if meetings.ridges and not first:
+            found.append(contact.contacts_of_ridges(*told))
         if meetings.pairs:
-            contact.skins_meet(m, meetings.pairs, self.owner, meetings.touch.skins)
+            found.append(contact.contacts_of_skins(m, meetings.pairs, self.owner, meetings.touch.skins))
+        if found:
+            most = 300 if meetings.pairs else 50
+            contact.sweep(m, np.concatenate(found), h, most, any(thing == m.ground for _, thing in m.around))
         for body in things.bodies:
             bodies.take_turn(m, body)
 

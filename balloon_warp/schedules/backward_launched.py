@@ -193,7 +193,7 @@ class LaunchedBackward(BackwardFrames):
             self._launches.notes["meet_spheres"] = self._exchange
         if self.touch and features.edges_meet:
             self._edges = EdgesBackward(model, features, self.columns, self.touch, self.arrays, room)
-            self._launches.notes["meet_edges"] = self._edges
+            self._launches.notes["meet"] = self._edges
         if features.ridges:
             self._ridges = RidgesBackward(
                 model, features, self.columns, tables, working, self.arrays, self.spheres, room

@@ -10,7 +10,7 @@ from balloon_warp.kernels.adjoints.finds import EDGES_BACK, RIDGES_BACK
 from balloon_warp.kernels.adjoints.particle_sums import SUMS
 from balloon_warp.kernels.adjoints.ridge_balls import BALL_SUMS
 from balloon_warp.kernels.adjoints.sphere_log import LoggedSpheres
-from balloon_warp.kernels.adjoints.sweeps import KINDS, KindBack, SweepBars
+from balloon_warp.kernels.adjoints.sweeps import KINDS, SweepBack, SweepBars
 from balloon_warp.kernels.adjoints.sweeps_back import sweeps_back_kernel
 from balloon_warp.kernels.contact.contact import Contact
 from balloon_warp.kernels.features import Features
@@ -34,7 +34,7 @@ class SweepsBackward:
     """
 
     def __init__(
-        self, back: KindBack, model: Model, features: Features, columns: tuple[int, ...], tables: Any,
+        self, back: SweepBack, model: Model, features: Features, columns: tuple[int, ...], tables: Any,
         arrays: Mapping[str, wp.array], room: Room,
     ):  # fmt: skip
         self._model, self._tables = model, tables
@@ -147,10 +147,10 @@ def _moving(model: Model, room: Room) -> Moving:
     return room.array(shape, wp.vec3), room.array(shape, wp.vec3)
 
 
-def kept_of_sweeps(back: KindBack, model: Model, features: Features, room: Room) -> tuple[list[Moving], Moving, Any]:
+def kept_of_sweeps(back: SweepBack, model: Model, features: Features, room: Room) -> tuple[list[Moving], Moving, Any]:
     """Allocate the state before each substep's contacts, room to move that again, and bars."""
-    worlds, particles, sweeps = model.world_count, model.particle_count, back.kind.most_sweeps
-    seen = back.kind.seen(features)
+    worlds, particles, sweeps = model.world_count, model.particle_count, back.of.most(features)
+    seen = back.of.seen(features)
     came = [_moving(model, room) for _ in range(model.substeps)]
     bars = SweepBars()
     bars.eases = room.array((worlds, particles), wp.float32)

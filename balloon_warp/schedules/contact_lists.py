@@ -101,7 +101,7 @@ class ContactLists:
 
 def has_lists(features: Features) -> bool:
     """Return whether launches list contacts."""
-    return features.touches or features.ridges
+    return features.touches or features.lists_contacts
 
 
 def start_of_frame(model: Model, room: Room) -> tuple[State, Any]:
@@ -134,10 +134,11 @@ def first_lengths(model: Model, features: Features) -> dict[str, int]:
     """Return the lengths of lists before any has grown; 0 of those that a scene does not need."""
     edges = edge_count(model, features)
     ridges = max(LEAST_RIDGE_PAIRS, RIDGE_PAIRS * _feature_count(model)) if features.ridges else 0
+    beside_bodies = model.particle_count if features.bodies else 0
     return {
         "candidates": TRIANGLES if features.touches else 0,
         "edge_pairs": edges * PAIRS_OF_EDGE + (model.particle_count * TRIANGLES_OF_EDGE if edges else 0),
-        "catches": max(CATCHES * edges, min(MOST_CATCHES * edges, ROOMY), ridges),
+        "catches": max(CATCHES * edges, min(MOST_CATCHES * edges, ROOMY), ridges, beside_bodies),
         "ridge_pairs": ridges,
     }
 

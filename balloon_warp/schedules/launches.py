@@ -31,8 +31,9 @@ TEAM_THREADS_OF_SMALL, SMALL = 64, 1024
 """Threads where no balloon has more particles: more blocks then run at once, while one thread of each ends its sum"""
 EDGE_THREADS = 256
 """Threads of a block for edges that touch: where a thread has fewer pairs, its block waits less"""
-TEAM_REGISTERS = {"meet_edges": 64, "meet_ridges": 128}
-"""Registers of a thread of a whole world's block, at most: so that a multiprocessor has more of them at once"""
+EDGE_REGISTERS, SOLID_REGISTERS = 64, 128
+"""Registers of a thread of a whole world's block in sweeps over contacts, at most, where these are of edges alone, and
+where solids meet, too: so that a multiprocessor has more of them at once"""
 MOST_REGISTERS = 128
 """Registers of a thread with a particle, so that a multiprocessor has two blocks of 256 where particles touch
 obstacles, too"""
@@ -40,6 +41,8 @@ FEW_REGISTERS = 64
 """Registers where obstacles are left in another launch, and of faces: a multiprocessor has four blocks"""
 ROUGH = {"pull", "push_face", "leave"}
 """Phases for which a GPU's own division and root will do"""
+SWEEPS = {"meet", "meet_ridges"}
+"""Phases of sweeps over contacts"""
 LISTING_THREADS = 32
 """Threads of a block that lists particles, of which few have anything to do"""
 LARGE = 2048
@@ -182,7 +185,7 @@ class Launches:
     def _team_threads(self, piece: Piece) -> int:
         """Return the threads of a block."""
         device = self.model.device
-        if piece.phases[0].name == "meet_edges" and device.is_cuda:
+        if piece.phases[0].name == "meet" and self.step.features.edges_meet and device.is_cuda:
             return EDGE_THREADS
         if acts_on_few(self.step, piece):
             return LISTING_THREADS if device.is_cuda else 1
@@ -213,7 +216,8 @@ class Launches:
         registers = 0 if piece.sums else most.get(piece.item, 0)
         device = self.model.device
         if device.is_cuda and self.model.world_count > device.sm_count:
-            registers = TEAM_REGISTERS.get(piece.phases[0].name, registers)
+            edges_alone = "meet" in names and not self.step.features.bodies
+            registers = EDGE_REGISTERS if edges_alone else SOLID_REGISTERS if names & SWEEPS else registers
         return kernel_of(self.step, piece, part, self._fast_math and not names.isdisjoint(ROUGH), registers)
 
     def _shape(self, item: Item) -> tuple[int, ...]:

@@ -56,12 +56,14 @@ def ridge_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]
 
 def sweep_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]:
     """Return the arrays of `Working` for sweeps over contacts, but for their list; empty where there are none."""
-    worlds = model.world_count if features.edges_meet or features.ridges else 0
-    solids = model.body_count + model.sphere_count if features.ridges else 0
+    worlds = model.world_count if features.lists_contacts else 0
+    solids = model.body_count + (model.sphere_count if features.ridges else 0)
+    tells = features.tells_contacts and features.edges_meet
     return {
         "catch_counts": room.array((worlds, 2), wp.int32),
         "contact_shares": room.array((worlds, model.particle_count), wp.int32),
         "contact_quanta": room.array((worlds, model.particle_count, 3), wp.int64),
+        "layer_quanta": room.array((worlds, model.particle_count if tells else 0, 3), wp.int64),
         "contact_stops": room.array((worlds, 0), wp.vec2),
         "solid_shares": room.array((worlds, solids), wp.int32),
         "solid_quanta": room.array((worlds, solids, 6), wp.int64),

@@ -31,7 +31,6 @@ def solid_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]
         "body_twists": room.array((worlds, bodies if features.ties else 0), wp.vec3),
         "body_groups": room.array((worlds, bodies), wp.int32),
         "body_gains": room.array((worlds, bodies), wp.vec4d),
-        "body_pushes": room.array((worlds, particles if bodies else 0), wp.vec3),
         "grips": room.array((worlds, most_touches(model.bodies) if bodies else 0), Grip),
         "point_starts": room.array((worlds, particles if features.small_spheres else 0), wp.vec3),
         "lumps": room.array((worlds, int(MOST_IN_LUMP) if features.small_spheres else 0), wp.int32),

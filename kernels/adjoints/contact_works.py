@@ -62,7 +62,7 @@ def works_of_contact(features: Features) -> tuple[Any, Any]:
 def worth_of_contact(contact: Contact, by: Contact):
     """Return the numbers of a contact, times the derivatives by them."""
     found = wp.dot(contact.weights, by.weights) + wp.dot(contact.normal, by.normal) + contact.gap * by.gap
-    found += contact.kept * by.kept + wp.dot(contact.couple, by.couple)
+    found += contact.kept * by.kept + contact.overlap * by.overlap + wp.dot(contact.couple, by.couple)
     found += wp.dot(contact.other_couple, by.other_couple)
     return found + wp.dot(contact.arm, by.arm) + wp.dot(contact.moving, by.moving)
 
@@ -75,6 +75,7 @@ def sum_of_contacts(one: Contact, other: Contact):
     total.normal = one.normal + other.normal
     total.gap = one.gap + other.gap
     total.kept = one.kept + other.kept
+    total.overlap = one.overlap + other.overlap
     total.friction = one.friction + other.friction
     total.couple = one.couple + other.couple
     total.other_couple = one.other_couple + other.other_couple

@@ -7,13 +7,14 @@ import warp as wp
 
 from balloon_warp.kernels.adjoint import Adjoint, NoAdjointError
 from balloon_warp.kernels.adjoints.contact_works import worth_of_contact
-from balloon_warp.kernels.adjoints.sweeps import ContactBars, KindBack
+from balloon_warp.kernels.adjoints.sweeps import ContactBars, SweepBack
 from balloon_warp.kernels.contact.contact import Contact
-from balloon_warp.kernels.contact.edges import EDGES, edge_contact, particle_contact
+from balloon_warp.kernels.contact.edges import edge_contact, particle_contact
 from balloon_warp.kernels.contact.ends import four_of
+from balloon_warp.kernels.contact.kinds import AT_LAST, BESIDE_RIDGES
 from balloon_warp.kernels.contact.ridge_poses import Placed, placing_function
 from balloon_warp.kernels.contact.ridge_search import seen_from
-from balloon_warp.kernels.contact.ridges import RIDGES, ridge_contact
+from balloon_warp.kernels.contact.ridges import ridge_contact
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.edges import FOUR
 from balloon_warp.kernels.laws.ridges import Ridge
@@ -30,7 +31,7 @@ def swept_backwards(phase: Phase, features: Features, look: Look) -> tuple[Adjoi
     Raises:
         NoAdjointError: contacts push free bodies, too.
     """
-    if features.ridges and features.bodies:
+    if features.bodies:
         raise NoAdjointError("free bodies")
     return ()
 
@@ -122,5 +123,5 @@ def ridges_found(features: Features) -> Any:
     return find_back
 
 
-EDGES_BACK, RIDGES_BACK = KindBack(EDGES, edges_found), KindBack(RIDGES, ridges_found)
-"""Kinds of contacts that run backwards"""
+EDGES_BACK, RIDGES_BACK = SweepBack(AT_LAST, edges_found), SweepBack(BESIDE_RIDGES, ridges_found)
+"""Sweeps that run backwards"""

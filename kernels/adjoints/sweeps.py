@@ -18,8 +18,8 @@ from balloon_warp.kernels.adjoints.ridge_balls import KINDS_OF_BALLS, BallShare,
 from balloon_warp.kernels.adjoints.sphere_bars import BarsOfSpheres
 from balloon_warp.kernels.contact.contact import Contact, Motion
 from balloon_warp.kernels.contact.ends import bearing_function, four_of, mover_of
+from balloon_warp.kernels.contact.kind import MARKED, Sweep
 from balloon_warp.kernels.contact.ridge_poses import sphere_of
-from balloon_warp.kernels.contact.sweeps import MARKED, Kind
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.edges import FOUR
 from balloon_warp.kernels.tables import Tables, WorldState
@@ -75,10 +75,10 @@ class ContactBars:
     thickness: float
 
 
-class KindBack(NamedTuple):
-    """A kind of contacts that runs backwards."""
+class SweepBack(NamedTuple):
+    """Sweeps that run backwards, over contacts of one kind."""
 
-    kind: Kind
+    of: Sweep
     find_back: Callable[[Features], Any]
     """Function of (t, state, working, world, contact, end, points, velocities, by) that returns the derivatives by all
     from which a contact was found, see `ContactBars`"""
@@ -233,9 +233,9 @@ PUSHES, PARTS, FINDS = wp.constant(0), wp.constant(1), wp.constant(2)
 
 
 @cache
-def stage_function(back: KindBack, every: Features) -> Any:
+def stage_function(back: SweepBack, every: Features) -> Any:
     """Return the function that runs a stage backwards for all its contacts, by all threads of a block."""
-    features = back.kind.seen(every)
+    features = back.of.seen(every)
     push_back, part_back = contact_functions(features)
     find_back, spread = back.find_back(every), spreading_function(features)
 

@@ -12,12 +12,13 @@ from balloon_warp.kernels.adjoints.sweeps import (
     FINDS,
     PARTS,
     PUSHES,
-    KindBack,
+    SweepBack,
     SweepBars,
     keep_course,
     stage_function,
     take_pairs,
 )
+from balloon_warp.kernels.contact.kind import listing_function
 from balloon_warp.kernels.contact.sweeps import marking_functions, pushing_function
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.options import OPTIONS
@@ -27,10 +28,10 @@ from balloon_warp.kernels.working import Working
 
 
 @cache
-def sweeping_function(back: KindBack, every: Features) -> Any:
+def sweeping_function(back: SweepBack, every: Features) -> Any:
     """Return the function that does the sweeps again, keeps the velocities before each, and returns their number."""
-    features, most_sweeps = back.kind.seen(every), back.kind.most_sweeps
-    mark_pushed, _ = marking_functions(back.kind, features)
+    features, most_sweeps = back.of.seen(every), back.of.most(every)
+    mark_pushed, _ = marking_functions(features)
     push_all = pushing_function(features, note_stop)
 
     @wp.func
@@ -54,15 +55,15 @@ def sweeping_function(back: KindBack, every: Features) -> Any:
 
 
 @cache
-def sweeps_back_kernel(back: KindBack, every: Features, columns: tuple[int, ...]) -> Any:
+def sweeps_back_kernel(back: SweepBack, every: Features, columns: tuple[int, ...]) -> Any:
     """Return the kernel that runs the sweeps of a kind of contacts backwards.
 
     Args:
         columns: of the numbers that are derived by.
     """
-    features = back.kind.seen(every)
-    list_all, sweep_again = back.kind.list_all(every, True), sweeping_function(back, every)
-    mark_pushed, mark_overlaps = marking_functions(back.kind, features)
+    features = back.of.seen(every)
+    list_all, sweep_again = listing_function(back.of, every, True), sweeping_function(back, every)
+    mark_pushed, mark_overlaps = marking_functions(features)
     part_all, stops_back = pushing_function(features, note_stop), stops_function(features, columns)
     stage_back, weigh_back = stage_function(back, every), weighing_function(features, columns)
 

@@ -25,7 +25,6 @@ import warp as wp
 
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.edges import FOUR
-from balloon_warp.kernels.laws.ridges import way_to_part
 from balloon_warp.kernels.laws.rigid import spin_of
 from balloon_warp.kernels.laws.sliding import spin_by
 from balloon_warp.kernels.laws.touch import LEAST, across
@@ -45,6 +44,8 @@ class Contact:
     normal: wp.vec3  # along which they part; zero if they do not meet
     gap: float  # [m]
     kept: float  # distance that they keep [m]
+    left: float  # by how much they may come nearer in a substep, left to the next one [m]
+    overlap: float  # by which they are parted, without speed [m]
     friction: float
     couple: wp.vec3  # at the first two ends, by 1 N s of friction along each axis, see `laws.edges.couples`
     other_couple: wp.vec3  # at the other two
@@ -99,12 +100,6 @@ def excess_of(contact: Contact, relative: wp.vec3, step_seconds: float):
         relative: Velocity by which the features part [m/s].
     """
     return -wp.dot(relative, contact.normal) - wp.max(contact.gap - contact.kept, 0.0) / step_seconds
-
-
-@wp.func
-def overlap_of(contact: Contact):
-    """Return the displacement that parts features, where little of their distance is left [m]."""
-    return way_to_part(contact.gap, contact.kept)
 
 
 @wp.func
@@ -185,7 +180,7 @@ def resolving_functions(features: Features) -> tuple[Any, Any, Any]:
         """Return the move times mass [kg m], as an impulse, that parts features by their overlap, without speed."""
         answer = Answer()
         along = gain_along(contact, bearing, contact.normal)
-        answer.impulse = (overlap_of(contact) / wp.max(wp.dot(along, contact.normal), LEAST)) * contact.normal
+        answer.impulse = (contact.overlap / wp.max(wp.dot(along, contact.normal), LEAST)) * contact.normal
         return answer
 
     return relative_of, answer_of, parting_of

@@ -11,15 +11,16 @@ import warp as wp
 
 from balloon_warp.kernels.contact.contact import NONE, Contact
 from balloon_warp.kernels.contact.ends import four_of
+from balloon_warp.kernels.contact.kind import Kind, list_contact
 from balloon_warp.kernels.contact.list_lengths import PAIRS, SUBSTEPS
-from balloon_warp.kernels.contact.sweeps import Kind, begin_list, end_list, list_contact
 from balloon_warp.kernels.contact.triangles import side_of, triangle_of
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.edges import FOUR, KEPT, couples_of, crosses, crossing_of, weights_of
+from balloon_warp.kernels.laws.ridges import way_to_part
 from balloon_warp.kernels.loops.friction import friction_of_balloons
 from balloon_warp.kernels.loops.meeting import place_beside, skin_functions
 from balloon_warp.kernels.tables import Tables, WorldState
-from balloon_warp.kernels.warps import any_in_warp
+from balloon_warp.kernels.warps import any_in_warp, block_barrier
 from balloon_warp.kernels.working import Working
 
 AHEAD = wp.constant(2.0)
@@ -31,14 +32,24 @@ SAFE = wp.constant(0.2)
 
 
 @wp.func
+def of_balloons(normal: wp.vec3, gap: float, thickness: float):
+    """Return a contact of balloons a gap apart along a normal, where they keep a part of the thickness."""
+    contact = Contact()
+    contact.solid = NONE
+    contact.normal = normal
+    contact.gap = gap
+    contact.kept = KEPT * thickness
+    contact.left = wp.min(SETTLED * contact.kept, SAFE * gap)
+    contact.overlap = way_to_part(gap, contact.kept)
+    return contact
+
+
+@wp.func
 def edge_contact(before: FOUR, thickness: float, friction: float):
     """Return the contact of two edges, by the places of their ends."""
-    contact = Contact()
     crossing = crossing_of(before[0], before[1], before[2], before[3])
+    contact = of_balloons(crossing.normal, crossing.gap, thickness)
     contact.weights = weights_of(crossing.parts)
-    contact.normal = crossing.normal
-    contact.gap = crossing.gap
-    contact.kept = KEPT * thickness
     if crosses(crossing):
         contact.friction = friction
         first, other = couples_of(crossing)
@@ -53,12 +64,9 @@ def particle_contact(before: FOUR, thickness: float):
 
     Friction is that of the spring between them.
     """
-    contact = Contact()
     place = place_beside(before[3], before[0], before[1], before[2])
+    contact = of_balloons(wp.normalize(place.arm), wp.sqrt(place.squared), thickness)
     contact.weights = wp.vec4(-place.weights[0], -place.weights[1], -place.weights[2], 1.0)
-    contact.normal = wp.normalize(place.arm)
-    contact.gap = wp.sqrt(place.squared)
-    contact.kept = KEPT * thickness
     return contact
 
 
@@ -105,7 +113,6 @@ def contact_function(features: Features) -> Any:
         friction = friction_of_balloons(t, world, balloon, beside)
         contact = edge_contact(before, thickness_between(t, world, balloon, beside), friction)
         contact.ends = ends
-        contact.solid = NONE
         fastest = wp.max(
             wp.max(wp.length(moving[0] - moving[2]), wp.length(moving[0] - moving[3])),
             wp.max(wp.length(moving[1] - moving[2]), wp.length(moving[1] - moving[3])),
@@ -130,7 +137,6 @@ def contact_function(features: Features) -> Any:
         other = t.particles.balloon[corners[0]]
         contact = particle_contact(before, thickness_between(t, world, own, other))
         contact.ends = ends
-        contact.solid = NONE
         area_vector = wp.cross(before[1] - before[0], before[2] - before[0])
         is_right = other == own or side_of(candidate) * wp.dot(contact.normal, area_vector) >= 0.0
         fastest = wp.max(
@@ -157,7 +163,7 @@ def contact_function(features: Features) -> Any:
 
 @cache
 def listing_function(features: Features, backwards: bool) -> Any:
-    """Return the function that lists pairs that may touch in a substep, see `sweeps.Kind`.
+    """Return the function that lists pairs that may touch in a substep, see `kind.Kind`.
 
     Forward, pairs are left out that cannot touch yet, by how near they were when last measured.
     """
@@ -181,9 +187,6 @@ def listing_function(features: Features, backwards: bool) -> Any:
         A thread takes single pairs: where all of an edge or a particle are one's, the others wait for the fullest.
         Each thread first goes on to its next pair that is due, so that those of a warp measure together.
         """
-        if working.list_lengths[world, PAIRS] == 0:
-            return 0, False
-        begin_list(working, world, thread)
         overlaps = bool(False)
         substep = working.list_lengths[world, SUBSTEPS]
         count = wp.min(working.list_lengths[world, PAIRS], working.edge_pairs.shape[1])
@@ -198,25 +201,13 @@ def listing_function(features: Features, backwards: bool) -> Any:
                 if wp.static(not backwards):
                     working.edge_pairs[world, place] = wp.vec3i(pair[0], pair[1], substep + 1 + clear)
             place = next_due(working, world, place + wp.block_dim(), count, substep)
-        caught, any_overlaps = end_list(working, world, overlaps)
+        block_barrier()
         if thread == 0:
             working.list_lengths[world, SUBSTEPS] = substep + 1
-        return caught, any_overlaps
+        return overlaps
 
     return list_edges
 
 
-@wp.func
-def near_enough(t: Tables, contact: Contact):
-    """Return the distance by which edges may come nearer in a substep [m]."""
-    return wp.min(SETTLED * contact.kept, SAFE * contact.gap)
-
-
-@cache
-def features_of_edges(features: Features) -> Features:
-    """Return the features that edges see: no solid but the ground."""
-    return features._replace(ridges=False, round_ridges=False, bodies=0, spheres_rub=False)
-
-
-EDGES = Kind(listing_function, near_enough, 300, features_of_edges)
+EDGES = Kind(lambda features: features.edges_meet, listing_function, 300)
 """Sharp edges of balloons, and particles that would come through triangles"""

@@ -8,7 +8,18 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.contact.contact import BALL, BODY, FIXED, Answer, Bearing, Contact, Motion, bears, on_end
+from balloon_warp.kernels.contact.contact import (
+    BALL,
+    BODY,
+    FIXED,
+    NONE,
+    Answer,
+    Bearing,
+    Contact,
+    Motion,
+    bears,
+    on_end,
+)
 from balloon_warp.kernels.contact.ridge_poses import body_of, sphere_of
 from balloon_warp.kernels.contact.sums import add_impulse, add_to_solid, take_impulse, take_of_solid
 from balloon_warp.kernels.features import Features
@@ -115,10 +126,17 @@ def adding_functions(features: Features) -> tuple[Any, Any]:
                 wp.atomic_add(working.solid_shares, world, mover_of(t, contact), 1)
 
     @wp.func
-    def add_answer(t: Tables, working: Working, world: wp.int32, contact: Contact, answer: Answer):
+    def add_answer(
+        t: Tables, working: Working, world: wp.int32, contact: Contact, answer: Answer, speeds: float
+    ):  # fmt: skip
+        """Add the impulses of a contact, which are moves without speed where `speeds` is 0."""
         for end in range(4):
             if bears(contact, end):
-                add_impulse(working.contact_quanta, world, contact.ends[end], on_end(contact, answer, end))
+                impulse = on_end(contact, answer, end)
+                add_impulse(working.contact_quanta, world, contact.ends[end], impulse)
+                if wp.static(features.tells_contacts and features.edges_meet):
+                    if contact.solid == NONE and speeds > 0.0:
+                        add_impulse(working.layer_quanta, world, contact.ends[end], impulse)
         if wp.static(features.bodies > 0 or features.round_ridges):
             if kind_of(t, contact) != FIXED:
                 twist = wp.cross(contact.arm, -answer.impulse)

@@ -6,11 +6,11 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.contact.contact import Contact
+from balloon_warp.kernels.contact.kind import Kind, list_contact
 from balloon_warp.kernels.contact.ridge_poses import Placed, placing_function
 from balloon_warp.kernels.contact.ridge_search import corners_of, near_in, ridge_search_function, start_in
-from balloon_warp.kernels.contact.sweeps import Kind, begin_list, end_list, list_contact
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.ridges import Ridge
+from balloon_warp.kernels.laws.ridges import Ridge, way_to_part
 from balloon_warp.kernels.loops.friction import friction_on
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.working import Working
@@ -31,6 +31,7 @@ def ridge_contact(placed: Placed, ridge: Ridge, feature: wp.vec4i, a: wp.vec3, b
     contact.kept = placed.kept
     contact.weights = wp.vec4(near.weights[0], near.weights[1], near.weights[2], 0.0)
     contact.gap = near.gap
+    contact.overlap = way_to_part(near.gap, placed.kept)
     if wp.length_sq(near.normal) > 0.0:
         contact.normal = wp.quat_rotate(placed.turn, near.normal)
         inside = near.weights[0] * a + near.weights[1] * b + near.weights[2] * c
@@ -61,6 +62,7 @@ def contact_function(features: Features) -> Any:
         contact.ends = ends
         contact.pair = number
         contact.solid = pair[2]
+        contact.left = SETTLED * t.ridges.kept
         if wp.length_sq(contact.normal) > 0.0:
             contact.friction = friction_on(t, world, t.particles.balloon[ends[0]], placed.thing)
         return contact
@@ -70,7 +72,7 @@ def contact_function(features: Features) -> Any:
 
 @cache
 def listing_function(features: Features, backwards: bool) -> Any:
-    """Return the function that lists pairs that may meet in a substep, see `sweeps.Kind`."""
+    """Return the function that lists pairs that may meet in a substep, see `kind.Kind`."""
     search_ridges, contact_of = ridge_search_function(features), contact_function(features)
 
     @wp.func
@@ -79,25 +81,15 @@ def listing_function(features: Features, backwards: bool) -> Any:
         points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
     ):  # fmt: skip
         near, way = search_ridges(t, state, working, world, thread, end, points, velocities)
-        if near == 0:
-            return 0, False
-        begin_list(working, world, thread)
         overlaps = bool(False)
         for number in range(thread, near, wp.block_dim()):
             contact = contact_of(t, state, working, world, number, end, points, velocities)
             if wp.length_sq(contact.normal) > 0.0 and contact.gap < contact.kept + way:
                 overlaps = list_contact(working, world, contact) or overlaps
-        count, any_overlaps = end_list(working, world, overlaps)
-        return count, any_overlaps
+        return overlaps
 
     return list_ridges
 
 
-@wp.func
-def near_enough(t: Tables, contact: Contact):
-    """Return the distance by which a feature may come nearer to a ridge in a substep [m]."""
-    return SETTLED * t.ridges.kept
-
-
-RIDGES = Kind(listing_function, near_enough, 24, lambda features: features._replace(ground=False))
+RIDGES = Kind(lambda features: features.ridges, listing_function, 24)
 """Faces and edges of balloons beside ridges of solids; particles leave the ground and obstacles after them"""

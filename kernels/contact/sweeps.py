@@ -5,13 +5,12 @@ too near are marked, a thread a contact; all marked ones push at once, and then 
 that have come too near are moved apart, without speed.
 """
 
-from collections.abc import Callable
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.contact.contact import Contact, excess_of, overlap_of, resolving_functions
+from balloon_warp.kernels.contact.contact import excess_of, resolving_functions
 from balloon_warp.kernels.contact.ends import (
     adding_functions,
     bearing_function,
@@ -20,64 +19,19 @@ from balloon_warp.kernels.contact.ends import (
     motion_functions,
     moving_functions,
 )
-from balloon_warp.kernels.contact.room import OF_CATCHES, ask_for_room
+from balloon_warp.kernels.contact.kind import MARKED, Sweep, listing_function
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.warps import any_in_block, block_barrier, next_place
 from balloon_warp.kernels.working import Working
 
-CAUGHT, MARKED = wp.constant(0), wp.constant(1)
-"""Indices of the number of contacts that may act in this substep, and of those that come too near in a sweep"""
-
-
-class Kind(NamedTuple):
-    """A kind of contacts, in sweeps of its own."""
-
-    list_all: Callable[[Features, bool], Any]
-    """Function that lists the contacts of a substep by all threads of a block, and returns their number, and whether
-    any overlaps; the second argument says whether substeps run backwards, so that none follows another"""
-    near_enough: Any
-    """Function of the distance by which a contact may come nearer in a substep [m], left to the next one"""
-    most_sweeps: int
-    """Largest number of sweeps in a substep; it ends sooner where nothing comes too near"""
-    seen: Callable[[Features], Features]
-    """Features that its contacts see: those of other kinds cost nothing"""
-
-
-@wp.func
-def list_contact(working: Working, world: wp.int32, contact: Contact):
-    """List a contact, in any order, and return whether its features overlap."""
-    place = wp.atomic_add(working.catch_counts, world, CAUGHT, 1)
-    if place < working.catches.shape[1]:
-        working.catches[world, place] = contact
-    else:
-        ask_for_room(working, world, OF_CATCHES, place + 1, 1)
-    return overlap_of(contact) > 0.0
-
-
-@wp.func
-def begin_list(working: Working, world: wp.int32, thread: wp.int32):
-    """Empty the list of contacts, by all threads of a block."""
-    if thread == 0:
-        working.catch_counts[world, CAUGHT] = 0
-        working.catch_counts[world, MARKED] = 0
-    block_barrier()
-
-
-@wp.func
-def end_list(working: Working, world: wp.int32, overlaps: bool):
-    """Return the number of contacts, and whether any overlaps, once all threads of a block have listed theirs."""
-    any_overlaps = any_in_block(overlaps)
-    return wp.min(working.catch_counts[world, CAUGHT], working.catches.shape[1]), any_overlaps
-
 
 @cache
-def marking_functions(kind: Kind, features: Features) -> tuple[Any, Any]:
+def marking_functions(features: Features) -> tuple[Any, Any]:
     """Return the functions that mark the contacts of a thread that come too near, and those that overlap."""
     kind_of, motion_of = motion_functions(features)
     relative_of, _, _ = resolving_functions(features)
     count_in, _ = adding_functions(features)
-    near_enough = kind.near_enough
 
     @wp.func
     def mark(t: Tables, working: Working, world: wp.int32, place: wp.int32):
@@ -99,13 +53,13 @@ def marking_functions(kind: Kind, features: Features) -> tuple[Any, Any]:
             excess = excess_of(contact, relative, t.step_seconds)
             if excess > 0.0:
                 mark(t, working, world, place)
-                goes_on = goes_on or t.step_seconds * excess > near_enough(t, contact)
+                goes_on = goes_on or t.step_seconds * excess > contact.left
         return goes_on
 
     @wp.func
     def mark_overlaps(t: Tables, working: Working, world: wp.int32, thread: wp.int32, count: wp.int32):
         for place in range(thread, count, wp.block_dim()):
-            if overlap_of(working.catches[world, place]) > 0.0:
+            if working.catches[world, place].overlap > 0.0:
                 mark(t, working, world, place)
 
     return mark_pushed, mark_overlaps
@@ -142,9 +96,9 @@ def pushing_function(features: Features, note: Any = forget_stop) -> Any:
                 solid = motion_of(t, state, working, world, contact)
                 relative = relative_of(contact, moving, bearing.kind, solid)
                 answer = answer_of(contact, bearing, moving, relative, t.step_seconds)
-                add_answer(t, working, world, contact, answer)
+                add_answer(t, working, world, contact, answer, speeds)
             else:
-                add_answer(t, working, world, contact, parting_of(contact, bearing))
+                add_answer(t, working, world, contact, parting_of(contact, bearing), speeds)
         block_barrier()
         if thread == 0:
             working.catch_counts[world, MARKED] = 0
@@ -162,13 +116,12 @@ def pushing_function(features: Features, note: Any = forget_stop) -> Any:
 
 
 @cache
-def meeting_function(kind: Kind, every: Features) -> Any:
-    """Return the function that resolves all contacts of a kind, by all threads of a block."""
-    features = kind.seen(every)
-    list_all = kind.list_all(every, False)
-    mark_pushed, mark_overlaps = marking_functions(kind, features)
+def meeting_function(of: Sweep, every: Features) -> Any:
+    """Return the function that resolves all contacts of a sweep's kinds, by all threads of a block."""
+    features, most_sweeps = of.seen(every), of.most(every)
+    list_all = listing_function(of, every, False)
+    mark_pushed, mark_overlaps = marking_functions(features)
     push_all = pushing_function(features)
-    most_sweeps = kind.most_sweeps
 
     @wp.func
     def meet(

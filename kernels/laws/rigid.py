@@ -1,4 +1,4 @@
-"""Free rigid body: its rotation, and the impulses between it and particles.
+"""Free rigid body: its rotation, and what impulses at its points do.
 
 Without torque its angular momentum L stays, in the axes of the world, to the last bit: it is L that is kept, and the
 spin w = R J^-1 R^T L follows from how the body is turned, R. A step turns it by the mean of its angular momenta as the
@@ -9,25 +9,10 @@ body sees them before and after, l = R^T L and l',
 So turns remain turns, and energy of motion stays: l' - l is square to W, and E' - E = (l' - l) . J^-1 (l + l') / 2 is
 their product. It is solved by Newton's method for M = (l + l') / 2: by half the angle, M + k W x M = l, where k is
 h / 2 times tan(a) / a at a = h |W| / 2. How it has turned is off by the square of the step.
-
-With particles it exchanges momentum as a sphere does, see `laws.impulse`, but that it turns, too: along the normal n at
-the arm r from its center of mass, with c = (n, r x n), its velocity and spin change by the D of
-
-    (diag(M I, J) + sum m c c^T) D = -sum m a c       over particles that it presses, those with c . D + a > 0
-
-and each of those by (c . D + a) n. Then friction, as Coulomb has it: a particle that slides at s beside the body gets
-an impulse against s where it is, the lesser of k m |s| and of `friction` times the impulse along n, and the body the
-opposite there. With
-
-    k = 1 / (1 + M e)    M the mass of all that are pressed, e no less than the gain of a point of the body by 1 N s
-
-all of them together give no energy, whatever is heavier. Impulses act where particles are at the start of the step,
-from where all go on at their new velocities: so momentum and angular momentum stay, and kinetic energy does not grow.
 """
 
 import warp as wp
 
-from balloon_warp.kernels.laws.impulse import OVERLAPPING, Press, put_part
 from balloon_warp.kernels.laws.sliding import friction_impulse
 
 MOST_TURN = wp.constant(0.5)
@@ -38,18 +23,6 @@ AGREED_TURN = wp.constant(1.0e-6)
 """Residual at which Newton's iterations end, over the angular momentum"""
 MOST_LOOKS = wp.constant(8)
 """Largest number of Newton iterations for a turn; two to five usually suffice"""
-
-Push = wp.types.vector(length=36, dtype=wp.float32)
-"""Sums over particles, with t = r x n; over those that a body presses: m n n^T, m t t^T (six numbers each), m n t^T
-(nine), m a n, m a t; over those that overlap it: nine numbers as in `Press`"""
-FORWARD, TURNING, MIXED, LOST, OVERLAPS = (
-    wp.constant(0),
-    wp.constant(6),
-    wp.constant(12),
-    wp.constant(21),
-    wp.constant(27),
-)
-"""Offsets of the sets of numbers in `Push`"""
 
 
 @wp.func
@@ -159,113 +132,6 @@ def ease_along(turn: wp.quat, ease: wp.mat33, mass: float, arm: wp.vec3, normal:
     return 1.0 / mass + wp.dot(torque, spin_of(turn, ease, mass, torque))
 
 
-@wp.struct
-class Change:
-    """Change of a body's velocity and angular momentum."""
-
-    velocity: wp.vec3  # [m/s]
-    spin: wp.vec3  # [rad/s]
-
-
-@wp.func
-def gain_at(change: Change, arm: wp.vec3, normal: wp.vec3):
-    """Return the gain along n of the body's point at an arm: c . D [m/s]."""
-    return wp.dot(normal, change.velocity + wp.cross(change.spin, arm))
-
-
-@wp.func
-def push_of_particle(mass: float, arm: wp.vec3, normal: wp.vec3, excess: float, out: float, last: Change):
-    """Return a particle's contribution to `Push`, beside a body with a given change.
-
-    Args:
-        excess: Excess approach speed a [m/s].
-        out: Displacement out of an overlap [m].
-    """
-    push = Push()
-    if gain_at(last, arm, normal) + excess > 0.0:
-        along = mass * normal
-        torque = wp.cross(arm, normal)
-        about = mass * torque
-        place = wp.int32(0)
-        for row in range(3):
-            for column in range(row, 3):
-                push[FORWARD + place] = along[row] * normal[column]
-                push[TURNING + place] = about[row] * torque[column]
-                place += 1
-            for column in range(3):
-                push[MIXED + 3 * row + column] = along[row] * torque[column]
-            push[LOST + row] = excess * along[row]
-            push[LOST + 3 + row] = excess * about[row]
-    if out > 0.0:
-        overlap = put_part(Press(), OVERLAPPING, mass, normal, out)
-        for number in range(9):
-            push[OVERLAPS + number] = overlap[OVERLAPPING + number]
-    return push
-
-
-@wp.func
-def overlap_of(push: Push):
-    """Return the overlap numbers of `Push` in the layout of `laws.impulse`."""
-    press = Press()
-    for number in range(9):
-        press[OVERLAPPING + number] = push[OVERLAPS + number]
-    return press
-
-
-@wp.func
-def pressed_mass(push: Push):
-    """Return the mass of the particles that press a body [kg], the trace of m n n^T."""
-    return push[FORWARD] + push[FORWARD + 3] + push[FORWARD + 5]
-
-
-@wp.func
-def is_pushed(push: Push):
-    """Return whether any particle presses a body or overlaps it."""
-    return pressed_mass(push) + push[OVERLAPS] + push[OVERLAPS + 3] + push[OVERLAPS + 5] > 0.0
-
-
-@wp.func
-def symmetric(push: Push, first: wp.int32):
-    """Make the matrix of six numbers."""
-    xx = wp.float64(push[first])
-    xy = wp.float64(push[first + 1])
-    xz = wp.float64(push[first + 2])
-    yy = wp.float64(push[first + 3])
-    yz = wp.float64(push[first + 4])
-    zz = wp.float64(push[first + 5])
-    return wp.mat33d(xx, xy, xz, xy, yy, yz, xz, yz, zz)
-
-
-@wp.func
-def change_of_rigid(push: Push, mass: float, inertia: wp.mat33):
-    """Return D, of the body's mass [kg] and its inertia tensor in the world's axes [kg m^2]."""
-    forward = symmetric(push, FORWARD) + wp.float64(mass) * wp.identity(n=3, dtype=wp.float64)
-    turning = symmetric(push, TURNING) + wp.mat33d(inertia)
-    mixed = wp.mat33d()
-    for row in range(3):
-        for column in range(3):
-            mixed[row, column] = wp.float64(push[MIXED + 3 * row + column])
-    lost = wp.vec3d(wp.float64(push[LOST]), wp.float64(push[LOST + 1]), wp.float64(push[LOST + 2]))
-    about = wp.vec3d(wp.float64(push[LOST + 3]), wp.float64(push[LOST + 4]), wp.float64(push[LOST + 5]))
-    back = wp.inverse(forward)
-    spin = wp.inverse(turning - wp.transpose(mixed) * back * mixed) * (wp.transpose(mixed) * (back * lost) - about)
-    change = Change()
-    change.spin = wp.vec3(spin)
-    change.velocity = wp.vec3(-(back * (lost + mixed * spin)))
-    return change
-
-
-@wp.func
-def friction_share(mass: float, ease: wp.mat33, reach: float, pressed: float):
-    """Share k of friction between a body and the particles that it presses.
-
-    Arguments are a body's mass [kg], the inverse inertia tensor of 1 kg [1/m^2], its reach [m], and the mass that it
-    presses [kg].
-    """
-    widest = wp.sqrt(wp.ddot(ease, ease))  # no less than the largest eigenvalue
-    return 1.0 / (1.0 + pressed * (1.0 + reach * reach * widest) / mass)
-
-
 @wp.func
 def rub_on(beside: wp.vec3, pushed: wp.vec3, mass: float, share: float, friction: float):
     """Return the impulse of friction on a particle [N s].
@@ -275,10 +141,3 @@ def rub_on(beside: wp.vec3, pushed: wp.vec3, mass: float, share: float, friction
         pushed: the impulse along n.
     """
     return friction_impulse(beside, wp.normalize(pushed), 1.0 / (share * mass), friction * wp.length(pushed))
-
-
-@wp.func
-def is_same(change: Change, last: Change, reach: float):
-    """Return whether another iteration changed nothing visible at the body's surface."""
-    differs = wp.length(change.velocity - last.velocity) + reach * wp.length(change.spin - last.spin)
-    return differs <= 1.0e-6 * (wp.length(change.velocity) + reach * wp.length(change.spin))

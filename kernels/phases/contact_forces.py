@@ -8,11 +8,16 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.contact.sums import take_impulse
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.contact_things import nearest_thing_function
+from balloon_warp.kernels.loops.inertia import ease_function
 from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.working import Working
+
+ROUNDING = wp.constant(1.0e-5)
+"""Part of a velocity that is rounding where balloons push each other in many sweeps"""
 
 
 @phase("particle", {"unhindered": wp.vec3}, when=lambda features: features.tells_contacts)
@@ -29,7 +34,7 @@ def note_unhindered(features: Features, look: Look) -> Any:
 @phase("particle", when=lambda features: features.tells_contacts)
 def record_impulses(features: Features, look: Look) -> Any:
     """Sum the impulse of the thing nearest to a particle."""
-    nearest_thing = nearest_thing_function(features)
+    nearest_thing, ease_of_moving = nearest_thing_function(features), ease_function(features)
 
     @wp.func
     def record_impulses(
@@ -44,7 +49,13 @@ def record_impulses(features: Features, look: Look) -> Any:
         gain: float,
     ):
         change = velocity - unhindered
-        if wp.length_sq(change) > 0.0 and gain > 0.0:
+        least = float(0.0)
+        if wp.static(features.edges_meet):
+            of_layers = take_impulse(working.layer_quanta, params.world, params.number)
+            if wp.length_sq(of_layers) > 0.0:
+                change -= ease_of_moving(t, working, params.world, params.number) * of_layers
+                least = ROUNDING * (wp.length(velocity) + wp.length(unhindered))
+        if wp.length(change) > least and gain > 0.0:
             impulse = (t.step_seconds / gain) * change
             thing = nearest_thing(t, state, params.world, end, point)
             if thing >= 0:

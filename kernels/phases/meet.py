@@ -1,7 +1,7 @@
 """Exchange of momentum once all particles have moved.
 
-Spheres and particles exchange it, as do bodies and particles, small spheres and faces, and sharp edges. Each by all
-threads of a block, for a world.
+Spheres and particles exchange it, as do small spheres and faces, and then all that is on a list of contacts. Each by
+all threads of a block, for a world.
 """
 
 from typing import Any
@@ -11,11 +11,9 @@ import warp as wp
 from balloon_warp.kernels.adjoints.exchange import exchange_backwards
 from balloon_warp.kernels.adjoints.finds import swept_backwards
 from balloon_warp.kernels.adjoints.small_spheres import small_spheres_backwards
-from balloon_warp.kernels.contact.bodies import bodies_function
-from balloon_warp.kernels.contact.edges import EDGES
 from balloon_warp.kernels.contact.faces import faces_function
+from balloon_warp.kernels.contact.kinds import AT_LAST, BESIDE_RIDGES
 from balloon_warp.kernels.contact.near import are_noted
-from balloon_warp.kernels.contact.ridges import RIDGES
 from balloon_warp.kernels.contact.spheres import spheres_function
 from balloon_warp.kernels.contact.sweeps import meeting_function
 from balloon_warp.kernels.features import Features
@@ -34,10 +32,10 @@ def keep_start(features: Features, look: Look) -> Any:
     return keep_start
 
 
-@phase("team", when=lambda features: features.ridges, adjoint=swept_backwards)
+@phase("team", when=lambda features: features.ridges_first, adjoint=swept_backwards)
 def meet_ridges(features: Features, look: Look) -> Any:
     """Resolve contacts of balloon faces with ridges of obstacles and bodies."""
-    return meeting_function(RIDGES, features)
+    return meeting_function(BESIDE_RIDGES, features)
 
 
 @phase(
@@ -48,19 +46,13 @@ def meet_spheres(features: Features, look: Look) -> Any:
     return spheres_function(features, *look.in_team)
 
 
-@phase("team", when=lambda features: features.bodies > 0)
-def meet_bodies(features: Features, look: Look) -> Any:
-    """Exchange momentum between free bodies and particles."""
-    return bodies_function(features)
-
-
 @phase("team", when=lambda features: features.small_spheres, adjoint=small_spheres_backwards)
 def meet_faces(features: Features, look: Look) -> Any:
     """Resolve contacts of small spheres with faces."""
     return faces_function(features)
 
 
-@phase("team", when=lambda features: features.edges_meet, adjoint=swept_backwards)
-def meet_edges(features: Features, look: Look) -> Any:
-    """Resolve contacts of sharp edges."""
-    return meeting_function(EDGES, features)
+@phase("team", when=lambda features: features.edges_meet or features.bodies > 0, adjoint=swept_backwards)
+def meet(features: Features, look: Look) -> Any:
+    """Resolve contacts of balloons with free bodies, and of sharp edges, beside the ground."""
+    return meeting_function(AT_LAST, features)

@@ -99,7 +99,7 @@ def test_free_frames_in_patches_compile(tmp_path: Path):
 def test_edges_that_touch_compile(tmp_path: Path):
     model = build_model(load_scene("knot"), "cpu", 2)
     step = GatherSchedule.step_of(model, model_features(model))
-    (piece,) = (each for each in step.pieces if each.name == "worlds_meet_edges")
+    (piece,) = (each for each in step.pieces if each.name == "worlds_meet")
     assert "bar.red" in compiled(kernel_of(step, piece), EDGE_THREADS, tmp_path)
 
 
