@@ -39,6 +39,9 @@ SETTINGS = {
     "drag": 0.5,
     "damping": 0.1,
     "friction": 0.3,
+    "burst": "NEVER",
+    "strength": 20.0,
+    "burst_frame": 3,
 }
 SURROUNDINGS = {"ground": True, "ground_height": 2.0, "touch": True, "quality": "GOOD"}
 
@@ -59,7 +62,7 @@ def thing(mesh: PolygonMesh = BALL, places: Any = None, name: str = "Ball", **se
 
 
 def snapshot(*things: Thing, meters: float = 1.0, **surroundings: Any) -> Snapshot:
-    return Snapshot(list(things), 4, 25.0, meters, 9.81, SURROUNDINGS | surroundings)
+    return Snapshot(list(things), 1, 4, 25.0, meters, np.array([9.81]), SURROUNDINGS | surroundings)
 
 
 def scene_of(folder: Path, asked: Snapshot) -> Any:

@@ -4,6 +4,7 @@ Modifiers above it shape the mesh that is inflated, those below it the result.
 """
 
 import os
+from itertools import takewhile
 from pathlib import Path
 
 import bpy
@@ -26,6 +27,16 @@ def add(thing: Object) -> Modifier:
     made.name = NAME
     rest(made)
     return made
+
+
+def from_cache_on(thing: Object) -> list[Modifier]:
+    """Return an object's modifiers from the one of a bake on; none, where it has none."""
+    return list(thing.modifiers)[len(above(thing)) :]
+
+
+def above(thing: Object) -> list[Modifier]:
+    """Return an object's modifiers that shape the mesh that is inflated."""
+    return list(takewhile(lambda each: each != find(thing), thing.modifiers))
 
 
 def remove(thing: Object) -> None:

@@ -63,7 +63,8 @@ def inflate(thing: Any, **settings: Any) -> Any:
 
 
 def subdivide(thing: Any, levels: int) -> None:
-    thing.modifiers.new("Subdivision", "SUBSURF").levels = levels
+    made = thing.modifiers.new("Subdivision", "SUBSURF")
+    made.levels = made.render_levels = levels
 
 
 def wait(until: Any = lambda bake: False) -> str:
