@@ -92,8 +92,7 @@ def start(context: Context) -> Bake:
     except OSError as error:
         raise RefusedError(f"{folder}: cannot be written: {error.strerror}") from None
     for thing, file in zip(snapshot.things, files, strict=True):
-        if file:
-            found = scene.objects[thing.name]
+        if file and (found := modifier.player(scene, thing.name)):
             play(scene, found, folder / file)
             tears.remove(found)
             if thing.bursts:
@@ -114,7 +113,7 @@ def resume(scene: Scene) -> Bake:
     except (OSError, ValueError) as error:
         raise RefusedError(f"{folder}: cannot be read: {error}; expected a bake to go on with") from None
     for each in asked["things"]:
-        if each["file"] and (found := scene.objects.get(each["name"])):
+        if each["file"] and (found := modifier.player(scene, each["name"])):
             play(scene, found, folder / each["file"])
             if not tears.find(found) and (torn := tears_of(folder / each["file"])).exists():
                 tears.add(found, torn.stat().st_size // FLOAT)
@@ -232,10 +231,10 @@ def move_beside(blend: str) -> None:
             stop()
         shutil.rmtree(there, ignore_errors=True)
         shutil.move(folder, there)
-        for name, path in modifier.caches_of(scene).items():
+        for thing, path in modifier.caches_of(scene).items():
             if path.parent == folder:
                 relative = bpy.path.relpath(str(there / path.name), start=str(Path(blend).parent))
-                modifier.move(scene.objects[name], relative)
+                modifier.move(thing, relative)
         if goes_on:
             begin(scene, there, resume=True)
 

@@ -40,7 +40,7 @@ def parts_of(graph: Depsgraph, taking: list[Object], instanced: bool = True) -> 
     """
     for thing in taking:
         evaluated = thing.evaluated_get(graph)
-        yield Part((thing.name,), thing.name, thing, evaluated, np.array(evaluated.matrix_world, np.float64))
+        yield Part((thing.name_full,), thing.name, thing, evaluated, np.array(evaluated.matrix_world, np.float64))
     for each in graph.object_instances if instanced else ():
         if not each.is_instance or each.object.type != "MESH":
             continue
@@ -52,7 +52,7 @@ def parts_of(graph: Depsgraph, taking: list[Object], instanced: bool = True) -> 
             )
         if role == "OBSTACLE":
             name, place = f"{original.name} of {each.parent.name}", np.array(each.matrix_world, np.float64)
-            yield Part((each.parent.name, *each.persistent_id), name, original, each.object, place)
+            yield Part((each.parent.original.name_full, *each.persistent_id), name, original, each.object, place)
 
 
 def objects_of(context: Context) -> list[Object]:
@@ -113,9 +113,9 @@ def is_wind(thing: Object) -> bool:
 
 def names_of(scene: Scene, parts: list[Part]) -> set[str]:
     """Return the names of all objects that a bake of parts looks at."""
-    names = {name for each in parts for name in (each.original.name, each.key[0])}
-    names |= {string.name for each in parts if (string := properties.of(each.original).string)}
-    return names | {each.name for each in scene.objects if is_wind(each)}
+    names = {name for each in parts for name in (each.original.name_full, each.key[0])}
+    names |= {string.name_full for each in parts if (string := properties.of(each.original).string)}
+    return names | {each.name_full for each in scene.objects if is_wind(each)}
 
 
 def moves(scene: Scene, names: set[str]) -> bool:
@@ -123,7 +123,7 @@ def moves(scene: Scene, names: set[str]) -> bool:
     found: set[str] = set()
 
     def note(_: Scene, graph: Depsgraph) -> None:
-        found.update(update.id.name for update in graph.updates if isinstance(update.id, Object))
+        found.update(update.id.name_full for update in graph.updates if isinstance(update.id, Object))
 
     bpy.app.handlers.frame_change_post.append(note)
     try:

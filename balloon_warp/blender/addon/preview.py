@@ -35,8 +35,8 @@ class Preview(Worker):
         named = [(thing.name, file) for thing, file in zip(snapshot.things, files, strict=True) if file]
         self._files = {name: folder / f"{LIVE}{file}" for name, file in named}
         self._balloons = [thing.name for thing in snapshot.things if thing.role == "BALLOON"]
-        before = {name: modifier.state(modifier.add(scene.objects[name])) for name in self._files}
-        self._before = {path: before[name] for name, path in self._files.items()}
+        players = {path: modifier.player(scene, name) for name, path in self._files.items()}
+        self._before = {path: modifier.state(modifier.add(thing)) for path, thing in players.items() if thing}
         """Modifiers before it by what they play, for afterwards: objects may get other names"""
         self._told = self._values(scene)
 
@@ -48,9 +48,9 @@ class Preview(Worker):
         if heard and not self._playing and all(path.exists() for path in self._files.values()):
             self._playing = True
             for name, path in self._files.items():
-                if name in scene.objects:
-                    baking.play(scene, scene.objects[name], path)
-                    tears.show(scene.objects[name], torn=False)
+                if thing := modifier.player(scene, name):
+                    baking.play(scene, thing, path)
+                    tears.show(thing, torn=False)
         modifier.refresh(scene)
         values = self._values(scene)
         if changed := {path: value for path, value in values.items() if self._told.get(path) != value}:
@@ -76,7 +76,7 @@ class Preview(Worker):
         """Return the values that can be dragged, by their paths in the simulated scene."""
         found = {}
         for number, name in enumerate(self._balloons):
-            if not (thing := scene.objects.get(name)):
+            if not (thing := modifier.player(scene, name)):
                 continue
             settings = properties.of(thing)
             for field, path in PATHS.items():

@@ -101,8 +101,8 @@ class ObjectProperties(PropertyGroup):
     burst: EnumProperty(name="Burst", items=BURSTS, **STAYS)
     strength: FloatProperty(
         name="Strength",
-        description="Stress at which the skin tears [MPa]; latex has 20 to 30",
-        default=20.0,
+        description="Stress at which the skin tears [MPa]; that of latex is 20 to 30",
+        default=10.0,
         min=0.01,
         soft_max=100.0,
         **STAYS,

@@ -63,7 +63,7 @@ def _snapshot(context: Context, taking: list[Object]) -> Snapshot:
     parts = [(part, _read(part, graph)) for part in parts_of(graph, there)]
     things = {part.key: thing for part, thing in parts if len(thing.counts)}
     for part, thing in parts:
-        if part.name not in (key[0] for key in things):  # nor does it scatter instances
+        if part.key[0] not in {key[0] for key in things}:  # nor does it scatter instances
             raise RefusedError(f"{thing.name}: has no faces; expected a mesh with a surface")
     units = scene.unit_settings
     snapshot = Snapshot(

@@ -53,8 +53,7 @@ def show(thing: Object, torn: bool) -> None:
 
 def refresh(scene: Scene) -> None:
     """Take the tears so far from the files of a bake."""
-    for name, cache in modifier.caches_of(scene).items():
-        thing = scene.objects[name]
+    for thing, cache in modifier.caches_of(scene).items():
         player, found = modifier.find(thing), find(thing)
         if player and found and (faces := found[_socket(found)]):
             _put(faces.data, tears_of(cache), player.frame_start)
