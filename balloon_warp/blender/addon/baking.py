@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
 import bpy
@@ -27,14 +28,15 @@ class Bake(Worker):
         scene: with the balloons.
         folder: with the request.
         resume: whether it goes on from a checkpoint.
+        remarks: Sentences for the panel.
     """
 
-    def __init__(self, scene: Scene, folder: Path, resume: bool):
+    def __init__(self, scene: Scene, folder: Path, resume: bool, remarks: Sequence[str] = ()):
         super().__init__("bake", folder, "--attached", *(["--resume"] if resume else []))
         self.scene_name = scene.name
         self.frame, self.frames, self.left = 0, scene.frame_end - scene.frame_start, None
         """Frames done and wanted, and the seconds left"""
-        self.cancelled, self._end, self._warnings = False, "", []
+        self.cancelled, self._end, self._warnings = False, "", list(remarks)
 
     def poll(self) -> bool:
         """Show the messages of the process; return whether it goes on."""
@@ -88,9 +90,12 @@ def start(context: Context) -> Bake:
         for path in folder.glob("*.torn"):
             path.unlink()
         files = write_request(folder, snapshot)
-        begun = begin(scene, folder, resume=False)
+        begun = begin(scene, folder, resume=False, remarks=snapshot.remarks)
     except OSError as error:
         raise RefusedError(f"{folder}: cannot be written: {error.strerror}") from None
+    for each, cache in modifier.caches_of(scene).items():
+        if cache.parent == folder and cache.name not in files:
+            rest(each)  # which takes part no more
     for thing, file in zip(snapshot.things, files, strict=True):
         if file and (found := modifier.player(scene, thing.name)):
             play(scene, found, folder / file)
@@ -125,13 +130,20 @@ def play(scene: Scene, thing: Object, cache: Path) -> None:
     modifier.play(modifier.add(thing), cache, scene.frame_start)
 
 
+def rest(thing: Object) -> None:
+    """Let an object play nothing."""
+    if found := modifier.find(thing):
+        modifier.rest(found)
+    tears.remove(thing)
+
+
 def show(scene: Scene) -> None:
     """Let Blender show what the bake has so far."""
     tears.refresh(scene)
     modifier.refresh(scene)
 
 
-def begin(scene: Scene, folder: Path, resume: bool) -> Bake:
+def begin(scene: Scene, folder: Path, resume: bool, remarks: Sequence[str] = ()) -> Bake:
     """Begin the process of a bake, or go on with one that was stopped.
 
     Raises:
@@ -139,7 +151,7 @@ def begin(scene: Scene, folder: Path, resume: bool) -> Bake:
     """
     global running
     require_none()
-    running = Bake(scene, folder, resume)
+    running = Bake(scene, folder, resume, remarks)
     if not bpy.app.timers.is_registered(watch):
         bpy.app.timers.register(watch, first_interval=SECONDS)
     return running
@@ -178,9 +190,7 @@ def delete(scene: Scene) -> None:
     """Delete a scene's bake: its objects are as they were before it."""
     folder = folder_of(scene)
     for thing in scene.objects:
-        if found := modifier.find(thing):
-            modifier.rest(found)
-            tears.remove(thing)
+        rest(thing)
     for path in (*(folder / name for name in (*FILES, TOLD, ERRORS)), *folder.glob("*.pc2"), *folder.glob("*.torn")):
         path.unlink(missing_ok=True)
     shutil.rmtree(folder / "partial", ignore_errors=True)

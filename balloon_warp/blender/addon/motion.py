@@ -1,7 +1,7 @@
 """Motion of a part from frame to frame."""
 
 import numpy as np
-from bpy.types import Depsgraph
+from bpy.types import Depsgraph, Object
 
 from . import properties
 from .parts import Part, mesh_points
@@ -74,7 +74,7 @@ def require_size(name: str, place: np.ndarray) -> None:
         raise RefusedError(f"{name}: has a scale of 0; expected another along each axis")
 
 
-def place_of(thing: object, graph: Depsgraph) -> np.ndarray:
+def place_of(thing: Object, graph: Depsgraph) -> np.ndarray:
     """Return the place of an object in the world."""
     return np.array(thing.evaluated_get(graph).matrix_world.translation, np.float64)
 

@@ -111,6 +111,18 @@ def is_wind(thing: Object) -> bool:
     return bool(thing.field) and thing.field.type == "WIND" and not thing.hide_viewport
 
 
+def left_out(scene: Scene) -> list[str]:
+    """Return sentences on force fields that a bake leaves out, or takes for simpler ones."""
+    remarks = []
+    for each in scene.objects:
+        kind = each.field.type if each.field and not each.hide_viewport else "NONE"
+        if kind not in ("NONE", "WIND"):
+            remarks.append(f"{each.name}: only wind acts on balloons, and no field of another type")
+        elif kind == "WIND" and (each.field.noise or each.field.falloff_power or each.field.use_max_distance):
+            remarks.append(f"{each.name}: blows alike everywhere, without its noise and falloff")
+    return remarks
+
+
 def names_of(scene: Scene, parts: list[Part]) -> set[str]:
     """Return the names of all objects that a bake of parts looks at."""
     names = {name for each in parts for name in (each.original.name_full, each.key[0])}

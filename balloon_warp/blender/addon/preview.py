@@ -66,8 +66,9 @@ class Preview(Worker):
         self.stop()
         if scene := bpy.data.scenes.get(self.scene_name):
             for thing in scene.objects:
-                if (found := modifier.find(thing)) and (before := self._before.get(modifier.cache_of(thing))):
-                    modifier.restore(found, before)
+                path, found = modifier.cache_of(thing), modifier.find(thing)
+                if path in self._before and found:
+                    modifier.restore(found, self._before[path])
                     tears.show(thing, torn=True)
         for path in self._before:
             path.unlink(missing_ok=True)

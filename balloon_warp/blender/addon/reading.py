@@ -10,7 +10,7 @@ from bpy.types import Context, Depsgraph, Object, Scene
 
 from . import modifier, properties
 from .motion import Motion, changing, place_of, require_size
-from .parts import Part, is_wind, moves, names_of, objects_of, parts_of
+from .parts import Part, is_wind, left_out, moves, names_of, objects_of, parts_of
 from .snapshot import RefusedError, Snapshot, Thing, in_world
 
 PINNED = 0.5
@@ -75,6 +75,7 @@ def _snapshot(context: Context, taking: list[Object]) -> Snapshot:
         gravities=_gravity(scene)[None],
         settings=_values(properties.of(scene)),
         winds=_wind(scene, graph)[None],
+        remarks=left_out(scene),
     )
     if moves(scene, names_of(scene, [part for part, _ in parts])):
         _follow(context, there, things, snapshot)

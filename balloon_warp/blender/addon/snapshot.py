@@ -74,6 +74,8 @@ class Snapshot:
     """Properties of the scene's panel, by their names"""
     winds: NDArray[np.float64] = field(default_factory=lambda: np.zeros((1, 3)))
     """Wind of all force fields [m/s], shape (1 or frames, 3)"""
+    remarks: list[str] = field(default_factory=list)
+    """Sentences on what the bake leaves out"""
 
 
 def is_rigid(places: NDArray[np.float64]) -> bool:
