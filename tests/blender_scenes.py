@@ -21,6 +21,8 @@ from balloon_warp.blender.addon import baking, modifier  # noqa: E402 (from here
 FRAMES = 24
 PATIENCE = 300.0
 """Longest time of a bake, with the compiling of its kernels [s]"""
+PICTURE = (64, 36)
+"""Width and height of renders"""
 NEAR = 1e-5
 """Rounding of float32 places of some meters, there and back between axes [m]"""
 
@@ -107,7 +109,7 @@ def assert_rendered(first: int, last: int) -> None:
     scene = bpy.context.scene
     render = scene.render
     render.engine, scene.cycles.device, scene.cycles.samples, scene.cycles.seed = "CYCLES", "CPU", 2, 0
-    render.resolution_x, render.resolution_y, render.image_settings.file_format = 64, 36, "PNG"
+    (render.resolution_x, render.resolution_y), render.image_settings.file_format = PICTURE, "PNG"
     start, end = (_picture(scene, frame) for frame in (first, last))
     assert (np.abs(start - end).max(axis=2) > 0.1).mean() > 0.01
 

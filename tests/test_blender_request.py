@@ -153,9 +153,10 @@ def test_an_obstacle_that_bends_is_led(tmp_path: Path):
     write_request(tmp_path, snapshot(thing(), wall, ground=False))
     request = read_request(tmp_path)
     assert [balloon.name for balloon in request.scene.balloon] == ["Ball", "Wall"]
-    for frame in led_frames(Simulator(request.scene, "cpu"), request):
+    frames = list(led_frames(Simulator(request.scene, "cpu"), request))
+    assert len(frames) == 5
+    for frame in frames:
         assert np.abs(frame.points[1] - wall.paths[frame.number]).max() < 1e-6
-    assert frame.number == 4
 
 
 def test_contact_that_cannot_be_is_refused(tmp_path: Path):
