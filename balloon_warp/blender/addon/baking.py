@@ -16,7 +16,6 @@ from .worker import ERRORS, TOLD, Worker
 
 SECONDS = 0.2
 """Interval between looks at what the process tells [s]"""
-
 FLOAT = 4
 """Bytes of a number"""
 

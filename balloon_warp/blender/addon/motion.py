@@ -9,7 +9,7 @@ from .snapshot import RIGID, RefusedError, Thing, in_world, is_rigid
 
 
 class Motion:
-    """What a part does in each frame.
+    """Places and shape of a part, frame by frame.
 
     Args:
         thing: the part at the start, which gets its motion in the end.

@@ -20,7 +20,7 @@ class Part:
     """An object that takes part, or an instance of one, in one frame."""
 
     key: tuple[Any, ...]
-    """What tells it from others, the same in each frame: the name of an object, with numbers if that has instances"""
+    """Identity in all frames: the name of an object, with numbers if that has instances"""
     name: str
     original: Object
     evaluated: Object

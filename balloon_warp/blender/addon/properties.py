@@ -38,9 +38,9 @@ QUALITIES = (
     ("FINE", "Fine", "Edges touch edges, too: slower"),
 )
 OVERRIDABLE: dict[str, Any] = {"override": {"LIBRARY_OVERRIDABLE"}}
-"""Also of objects that are overrides of linked ones"""
+"""Options of a property that overrides of linked objects keep"""
 STAYS: dict[str, Any] = OVERRIDABLE | {"options": set()}
-"""Not animated"""
+"""Options of one that cannot be animated, besides"""
 
 
 def is_empty(_: object, chosen: Object) -> bool:

@@ -45,12 +45,12 @@ class Thing:
 
     @property
     def bends(self) -> bool:
-        """Return whether it is an obstacle that moves point by point."""
+        """Return whether the thing is an obstacle that moves point by point."""
         return self.role == "OBSTACLE" and len(self.pinned) > 0
 
     @property
     def bursts(self) -> bool:
-        """Return whether it is a balloon that may burst: springs do not tear."""
+        """Return whether the thing is a balloon that may burst: springs do not tear."""
         settings = self.settings
         return self.role == "BALLOON" and settings["burst"] != "NEVER" and settings["material"] != "SPRINGS"
 

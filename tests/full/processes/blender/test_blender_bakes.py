@@ -1,4 +1,4 @@
-"""What Blender shows of a bake, against the same scene in Python."""
+"""Bakes as Blender shows them, against the same scenes in Python."""
 
 import math
 import os
@@ -288,7 +288,7 @@ def test_a_volume_follows_its_keyframes(scene: Any):
 
 
 def test_meshes_of_all_kinds_keep_their_vertices(scene: Any):
-    """Of n-gons with a loose vertex, of seams, of one mesh with two users, and above what multiplies the result."""
+    """N-gons with a loose vertex, seams, one mesh with two users, and a modifier below that refines the result."""
     scene.frame_start, scene.frame_end = 5, 9
     bpy.ops.mesh.primitive_cylinder_add(vertices=12, radius=0.5, depth=1.0, location=(0.0, 0.0, 4.0))
     drum = bpy.context.object

@@ -134,7 +134,7 @@ def test_undo_takes_inflate_and_bake_back(scene: Any):
 
 @pytest.mark.parametrize("copy", [False, True])
 def test_a_bake_of_a_file_that_was_not_saved_goes_along_when_it_is(tmp_path: Path, copy: bool):
-    """It goes along while it runs, too, and is played by both files if one is a copy."""
+    """Bakes go along while they run, too, and both files play them if one is a copy."""
     bpy.ops.wm.read_homefile(use_factory_startup=True)
     bpy.context.scene.frame_end = 41
     subdivide(cube(), 4)
@@ -174,7 +174,7 @@ def test_a_cache_of_somebody_elses_stays(scene: Any, tmp_path: Path):
 
 
 def test_undo_keeps_tears(scene: Any):
-    """What undo brings back is older than the bake's file, which counts."""
+    """Undo brings an older state back than the bake's file has, which counts."""
     inflate(cube())
     cache = baking.folder_of(scene) / "000_Cube.pc2"
     cache.parent.mkdir(parents=True)
