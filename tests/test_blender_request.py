@@ -145,7 +145,7 @@ def test_an_obstacle_moves_and_turns_as_its_matrices(tmp_path: Path):
 
 
 def test_an_obstacle_that_bends_is_led(tmp_path: Path):
-    """Fixed points of a balloon, which get velocities, are such an obstacle."""
+    """Points that are fixed, and get velocities, make such an obstacle."""
     steps = np.array([[0.0, 0.0, 0.01 * frame**2] for frame in range(5)])
     wall = thing(box((0, 0, 0), (1, 1, 1)), [place(at=(3.0, 0.0, 0.0))], "Wall", role="OBSTACLE")
     wall.pinned = np.arange(len(wall.points))

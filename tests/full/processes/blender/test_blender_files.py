@@ -108,7 +108,7 @@ def test_a_duplicate_plays_the_bake_until_its_own(baked: Any):
     bake()
     assert len(set(modifier.caches_of(bpy.context.scene).values())) == 2
     assert np.abs(shown(other, 4) - shown(baked, 4) - (5.0, 0.0, 0.0)).max() < 1e-3
-    baked.balloon_warp.role = "OBSTACLE"
+    baked.balloon_warp.role = "NONE"
     bake()
     assert set(modifier.caches_of(bpy.context.scene)) == {other}
 
