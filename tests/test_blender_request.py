@@ -6,6 +6,7 @@ import subprocess
 import sys
 import tomllib
 import zipfile
+from dataclasses import replace
 from importlib.metadata import packages_distributions
 from pathlib import Path
 from typing import Any
@@ -14,12 +15,13 @@ import numpy as np
 import pytest
 from meshes import box, quad_sphere
 
-from balloon_warp import InputError, PolygonMesh, simulate
+from balloon_warp import InputError, PolygonMesh, Simulator, simulate
 from balloon_warp.blender.__main__ import main
 from balloon_warp.blender.addon.point_cache import HEADER, PointCache, samples_of
 from balloon_warp.blender.addon.request import turn_angles, write_request
 from balloon_warp.blender.addon.snapshot import RefusedError, Snapshot, Thing
-from balloon_warp.blender.caches import local_points, moved
+from balloon_warp.blender.bake import led_frames
+from balloon_warp.blender.caches import local_points, moved, torn_faces
 from balloon_warp.blender.extension import manifest, write_own_wheel
 from balloon_warp.blender.request import Cached, read_request
 from balloon_warp.mesh.geometry import signed_volume
@@ -39,6 +41,9 @@ SETTINGS = {
     "drag": 0.5,
     "damping": 0.1,
     "friction": 0.3,
+    "burst": "NEVER",
+    "strength": 20.0,
+    "burst_frame": 3,
 }
 SURROUNDINGS = {"ground": True, "ground_height": 2.0, "touch": True, "quality": "GOOD"}
 
@@ -59,7 +64,7 @@ def thing(mesh: PolygonMesh = BALL, places: Any = None, name: str = "Ball", **se
 
 
 def snapshot(*things: Thing, meters: float = 1.0, **surroundings: Any) -> Snapshot:
-    return Snapshot(list(things), 4, 25.0, meters, 9.81, SURROUNDINGS | surroundings)
+    return Snapshot(list(things), 1, 4, 25.0, meters, np.array([9.81]), SURROUNDINGS | surroundings)
 
 
 def scene_of(folder: Path, asked: Snapshot) -> Any:
@@ -139,11 +144,48 @@ def test_an_obstacle_moves_and_turns_as_its_matrices(tmp_path: Path):
         assert time == pytest.approx(0.04 * list(turns).index(expected))
 
 
-def test_an_obstacle_that_grows_is_refused(tmp_path: Path):
-    wall = thing(places=[place(), place(scale=2.0)], name="Wall", role="OBSTACLE")
-    with pytest.raises(RefusedError, match="Wall: its scale changes"):
-        write_request(tmp_path, snapshot(thing(), wall))
+def test_an_obstacle_that_bends_is_led(tmp_path: Path):
+    """Points that are fixed, and get velocities, make such an obstacle."""
+    steps = np.array([[0.0, 0.0, 0.01 * frame**2] for frame in range(5)])
+    wall = thing(box((0, 0, 0), (1, 1, 1)), [place(at=(3.0, 0.0, 0.0))], "Wall", role="OBSTACLE")
+    wall.pinned = np.arange(len(wall.points))
+    wall.paths = wall.points + (3.0, 0.0, 0.0) + steps[:, None] * wall.points[:, :1]
+    write_request(tmp_path, snapshot(thing(), wall, ground=False))
+    request = read_request(tmp_path)
+    assert [balloon.name for balloon in request.scene.balloon] == ["Ball", "Wall"]
+    frames = list(led_frames(Simulator(request.scene, "cpu"), request))
+    assert len(frames) == 5
+    for frame in frames:
+        assert np.abs(frame.points[1] - wall.paths[frame.number]).max() < 1e-6
+
+
+def test_contact_that_cannot_be_is_refused(tmp_path: Path):
+    wall = thing(name="Wall", role="OBSTACLE")
+    wall.pinned = np.arange(len(wall.points))
+    with pytest.raises(RefusedError, match="Wall: bends, and pushes balloons as one of them; expected Touch"):
+        write_request(tmp_path, snapshot(thing(), wall, touch=False))
+    latex = thing(material="LATEX", burst="STRESS")
+    for other, said in ((wall, "Wall, which bends,"), (thing(), "other balloons")):
+        with pytest.raises(RefusedError, match=f"Ball: may burst, and cannot touch {said}"):
+            write_request(tmp_path, snapshot(latex, other))
     assert not list(tmp_path.iterdir())
+
+
+def test_a_balloon_bursts_at_its_strength_or_a_needle(tmp_path: Path):
+    for burst, time in (("STRESS", 1e9), ("NEEDLE", 2 / 25)):
+        scene = scene_of(tmp_path, snapshot(thing(material="LATEX", burst=burst)))
+        assert scene.balloon[0].material.strength == 20.0e6
+        assert scene.balloon[0].material.needle_time == pytest.approx(time)
+    assert scene_of(tmp_path, snapshot(thing(burst="NEEDLE"))).balloon[0].material.strength is None  # springs
+
+
+def test_torn_faces_are_known_by_their_corners():
+    """A repaired mesh may have other faces in another order, and welded corners."""
+    given = PolygonMesh(np.zeros((6, 3)), np.array([3, 3]), np.array([0, 1, 2, 3, 4, 5]))
+    stand_ins = np.array([0, 1, 2, 2, 4, 5])
+    repaired = replace(given, face_vertex_indices=np.array([4, 2, 5, 2, 1, 0]), stand_ins=stand_ins)
+    assert torn_faces(given, repaired, np.array([True, False])).tolist() == [False, True]
+    assert torn_faces(given, repaired, np.array([False, True])).tolist() == [True, False]
 
 
 def test_turns_have_no_jumps():
@@ -190,7 +232,7 @@ def test_a_mistake_names_the_object(tmp_path: Path):
 def test_points_return_to_the_axes_of_their_object():
     places = np.array([place(scale=(-2.0, 1.0, 0.5), turn=0.4, at=(1.0, 2.0, 3.0))])
     world = 0.1 * (BALL.points @ places[0, :3, :3].T + places[0, :3, 3])
-    cached = Cached("Ball", "balloon", 0, "ball.pc2", world, places)
+    cached = Cached("Ball", "balloon", 0, "ball.pc2", replace(BALL, points=world), places)
 
     class Frame:
         number, points = 3, [world.astype(np.float32)]

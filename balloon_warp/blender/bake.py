@@ -4,16 +4,24 @@ Each line of its output is JSON: a `note` or `warning`, a `frame` of how many, w
 `done`, `stopped` or an `error`, a sentence.
 """
 
+import _thread
 import argparse
 import json
+import os
 import signal
 import sys
+import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from balloon_warp.errors import BlowUpError, InputError
+
+if TYPE_CHECKING:
+    from balloon_warp.blender.request import Request
+    from balloon_warp.frame import Frame
+    from balloon_warp.simulator import Simulator
 
 PARTIAL = "partial"
 """Folder of checkpoints, beside the caches"""
@@ -69,7 +77,7 @@ def bake(folder: Path, device: str | None, resume: bool) -> None:
         with Interrupts() as interrupts:
             missing = max((part.frames.stop for part in checkpoints.take_up(output)), default=0)
             checkpoints.restore(missing, [simulator.restore])
-            frames = ((frame.number, frame) for frame in simulator.run())
+            frames = ((frame.number, frame) for frame in led_frames(simulator, request))
             states = [lambda: simulator.save().items()]
             record_frames(frames, output, checkpoints, states, interrupts, progress.tell)
         output.close()
@@ -78,14 +86,39 @@ def bake(folder: Path, device: str | None, resume: bool) -> None:
         raise type(failure)(request.named(str(failure))) from None
 
 
+def led_frames(simulator: "Simulator", request: "Request") -> Iterator["Frame"]:
+    """Yield the frames that are missing, in which some points go where the request leads them."""
+    from balloon_warp.blender.leading import Leading
+
+    leading = Leading(simulator, request.led)
+    for frame in simulator.run():
+        leading.lead(frame)
+        yield frame
+
+
+def stop_with_input() -> None:
+    """Interrupt the bake once the standard input ends, as when Blender cancels it or is gone."""
+
+    def wait() -> None:
+        while os.read(0, 1024):  # sys.stdin would be locked when the process ends
+            pass
+        _thread.interrupt_main()
+
+    threading.Thread(target=wait, daemon=True).start()
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Bake, and return the exit status: 0; 1 after a blow-up, 2 after a mistake, 130 when stopped."""
     parser = argparse.ArgumentParser(prog="python -m balloon_warp.blender.bake", description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--device", help="Warp device; the GPU, or else the CPU, if not given")
     parser.add_argument("--resume", action="store_true", help="go on from the last checkpoint")
+    parser.add_argument("--attached", action="store_true", help="stop once the standard input ends")
     asked = parser.parse_args(arguments)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    for number in (signal.SIGINT, signal.SIGTERM):  # who starts Blender may ignore them
+        signal.signal(number, signal.default_int_handler)
+    if asked.attached:
+        stop_with_input()
     try:
         bake(asked.folder, asked.device, asked.resume)
     except (InputError, BlowUpError) as failure:

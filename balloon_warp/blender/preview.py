@@ -27,12 +27,14 @@ def preview(folder: Path, device: str | None, told: "queue.Queue[dict[str, Any] 
         BlowUpError: it blew up.
     """
     from balloon_warp.blender.caches import LatestFrame  # these load Warp, which takes a second
+    from balloon_warp.blender.leading import Leading
     from balloon_warp.blender.request import read_request
     from balloon_warp.simulator import Simulator
 
     request = read_request(folder)
     try:
         simulator = Simulator(request.scene, device)
+        leading = Leading(simulator, request.led)
         output, due = LatestFrame(request, folder, LIVE), time.monotonic()
         frame = simulator.read_frame()
         while True:
@@ -43,6 +45,7 @@ def preview(folder: Path, device: str | None, told: "queue.Queue[dict[str, Any] 
                     return
                 simulator.set(changes)
             due = max(due + 1.0 / request.scene.frames_per_second, time.monotonic())
+            leading.lead(frame)
             frame = simulator.step()
             time.sleep(max(0.0, due - time.monotonic()))
     except (InputError, BlowUpError) as failure:
@@ -51,8 +54,9 @@ def preview(folder: Path, device: str | None, told: "queue.Queue[dict[str, Any] 
 
 def listen(told: "queue.Queue[dict[str, Any] | None]") -> None:
     """Take the lines of the input, and None at its end, as when Blender is gone."""
-    for line in sys.stdin:
-        told.put(json.loads(line))
+    with open(0, "rb", buffering=0, closefd=False) as lines:  # sys.stdin would be locked when the process ends
+        for line in lines:
+            told.put(json.loads(line))
     told.put(None)
 
 

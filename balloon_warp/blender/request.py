@@ -27,10 +27,21 @@ class Cached:
     """Number within that table"""
     file: str
     """Name of its cache"""
-    points: NDArray[np.float64]
-    """Points at the start, in the world [m], shape (n, 3)"""
+    mesh: PolygonMesh
+    """Mesh at the start, in the world [m]"""
     places: NDArray[np.float64]
     """Matrices from its own axes and units to the world's, one for all frames or each, shape (1 or frames, 4, 4)"""
+
+
+@dataclass(frozen=True)
+class Led:
+    """Points of a balloon that an animation leads."""
+
+    balloon: int
+    particles: NDArray[np.int64]
+    """Numbers of the points, shape (n,)"""
+    places: NDArray[np.float64]
+    """Places in the world [m], shape (frames, n, 3)"""
 
 
 @dataclass(frozen=True)
@@ -39,10 +50,15 @@ class Request:
 
     scene: Scene
     cached: list[Cached]
+    led: list[Led]
     meters: float
     """Length of Blender's unit [m]"""
     names: dict[str, str]
     """Names of objects by the tables that they became, as "balloon.0\""""
+
+    def bursts(self, each: Cached) -> bool:
+        """Return whether an object is a balloon that may burst."""
+        return each.table == "balloon" and self.scene.balloon[each.number].material.strength is not None
 
     def named(self, sentence: str) -> str:
         """Return a sentence with objects' names in place of their tables."""
@@ -70,7 +86,7 @@ def read_request(folder: Path) -> Request:
 
 
 def _request(asked: dict[str, Any], arrays: dict[str, NDArray]) -> Request:
-    scene, cached, names = asked["scene"], [], {}
+    scene, cached, led, names = asked["scene"], [], [], {}
     for each in asked["things"]:
         key, table, number = each["arrays"], each["table"], each["number"]
         mesh = PolygonMesh(
@@ -84,8 +100,10 @@ def _request(asked: dict[str, Any], arrays: dict[str, NDArray]) -> Request:
         names[f"{table}.{number}"] = each["name"]
         if each["file"]:
             where = each["name"], table, number, each["file"]
-            cached.append(Cached(*where, points=mesh.points, places=arrays[f"{key}.places"]))
-    request = Request(Scene.model_construct(), cached, asked["meters"], names)
+            cached.append(Cached(*where, mesh=mesh, places=arrays[f"{key}.places"]))
+        if len(paths := arrays[f"{key}.paths"]) > 1:
+            led.append(Led(number, arrays[f"{key}.pinned"], paths))
+    request = Request(Scene.model_construct(), cached, led, asked["meters"], names)
     try:
         whole = Scene(**scene)
         for each in asked["things"]:
@@ -93,4 +111,4 @@ def _request(asked: dict[str, Any], arrays: dict[str, NDArray]) -> Request:
                 whole = with_keyframes(whole, each["number"], each["amounts"])
     except InputError as mistake:
         raise InputError(request.named(str(mistake))) from None
-    return Request(whole, cached, asked["meters"], names)
+    return Request(whole, cached, led, asked["meters"], names)

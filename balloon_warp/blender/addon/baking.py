@@ -1,19 +1,23 @@
 """Bakes as Blender sees them: a process, its messages so far, and the message on the panel."""
 
+import json
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
 import bpy
 from bpy.types import Context, Object, Scene
 
-from . import modifier, properties
+from . import modifier, properties, tears
 from .reading import read_scene
-from .request import FILES, write_request
+from .request import FILES, tears_of, write_request
 from .snapshot import RefusedError
 from .worker import ERRORS, TOLD, Worker
 
 SECONDS = 0.2
 """Interval between looks at what the process tells [s]"""
+FLOAT = 4
+"""Bytes of a number"""
 
 
 class Bake(Worker):
@@ -23,14 +27,15 @@ class Bake(Worker):
         scene: with the balloons.
         folder: with the request.
         resume: whether it goes on from a checkpoint.
+        remarks: Sentences for the panel.
     """
 
-    def __init__(self, scene: Scene, folder: Path, resume: bool):
-        super().__init__("bake", folder, *(["--resume"] if resume else []))
+    def __init__(self, scene: Scene, folder: Path, resume: bool, remarks: Sequence[str] = ()):
+        super().__init__("bake", folder, "--attached", *(["--resume"] if resume else []))
         self.scene_name = scene.name
         self.frame, self.frames, self.left = 0, scene.frame_end - scene.frame_start, None
         """Frames done and wanted, and the seconds left"""
-        self.cancelled, self._end, self._warnings = False, "", []
+        self.cancelled, self._end, self._warnings = False, "", list(remarks)
 
     def poll(self) -> bool:
         """Show the messages of the process; return whether it goes on."""
@@ -42,14 +47,14 @@ class Bake(Worker):
             self._end = line.get("error", self._end)
         if scene := bpy.data.scenes.get(self.scene_name):
             if self.frame != before or ended:
-                modifier.refresh(scene)
+                show(scene)
             say(scene, *self._said(ended), "\n".join(self._warnings))
         return not ended
 
     def cancel(self) -> None:
         """Ask the process to stop; it writes a checkpoint first."""
         self.cancelled = True
-        self.process.terminate()
+        self.ask_to_end()
 
     def _said(self, ended: bool) -> tuple[str, bool]:
         """Return the sentence of the panel, and whether it is an error."""
@@ -81,17 +86,63 @@ def start(context: Context) -> Bake:
     folder = folder_of(scene)
     try:
         shutil.rmtree(folder / "partial", ignore_errors=True)
+        for path in folder.glob("*.torn"):
+            path.unlink()
         files = write_request(folder, snapshot)
-        begun = begin(scene, folder, resume=False)
+        begun = begin(scene, folder, resume=False, remarks=snapshot.remarks)
     except OSError as error:
         raise RefusedError(f"{folder}: cannot be written: {error.strerror}") from None
+    for each, cache in modifier.caches_of(scene).items():
+        if cache.parent == folder and cache.name not in files:
+            rest(each)  # which takes part no more
     for thing, file in zip(snapshot.things, files, strict=True):
-        if file:
-            modifier.play(modifier.add(scene.objects[thing.name]), folder / file, scene.frame_start)
+        if file and (found := modifier.player(scene, thing.name)):
+            play(scene, found, folder / file)
+            tears.remove(found)
+            if thing.bursts:
+                tears.add(found, len(thing.counts))
     return begun
 
 
-def begin(scene: Scene, folder: Path, resume: bool) -> Bake:
+def resume(scene: Scene) -> Bake:
+    """Go on with the bake of a scene that was stopped; its balloons play it, also if they did not.
+
+    Raises:
+        RefusedError: another bake runs, or the request cannot be read.
+    """
+    folder = folder_of(scene)
+    try:
+        asked = json.loads((folder / FILES[0]).read_text(encoding="utf-8"))
+        begun = begin(scene, folder, resume=True)
+    except (OSError, ValueError) as error:
+        raise RefusedError(f"{folder}: cannot be read: {error}; expected a bake to go on with") from None
+    for each in asked["things"]:
+        if each["file"] and (found := modifier.player(scene, each["name"])):
+            play(scene, found, folder / each["file"])
+            if not tears.find(found) and (torn := tears_of(folder / each["file"])).exists():
+                tears.add(found, torn.stat().st_size // FLOAT)
+    return begun
+
+
+def play(scene: Scene, thing: Object, cache: Path) -> None:
+    """Let an object play its cache."""
+    modifier.play(modifier.add(thing), cache, scene.frame_start)
+
+
+def rest(thing: Object) -> None:
+    """Let an object play nothing."""
+    if found := modifier.find(thing):
+        modifier.rest(found)
+    tears.remove(thing)
+
+
+def show(scene: Scene) -> None:
+    """Let Blender show what the bake has so far."""
+    tears.refresh(scene)
+    modifier.refresh(scene)
+
+
+def begin(scene: Scene, folder: Path, resume: bool, remarks: Sequence[str] = ()) -> Bake:
     """Begin the process of a bake, or go on with one that was stopped.
 
     Raises:
@@ -99,7 +150,7 @@ def begin(scene: Scene, folder: Path, resume: bool) -> Bake:
     """
     global running
     require_none()
-    running = Bake(scene, folder, resume)
+    running = Bake(scene, folder, resume, remarks)
     if not bpy.app.timers.is_registered(watch):
         bpy.app.timers.register(watch, first_interval=SECONDS)
     return running
@@ -138,11 +189,8 @@ def delete(scene: Scene) -> None:
     """Delete a scene's bake: its objects are as they were before it."""
     folder = folder_of(scene)
     for thing in scene.objects:
-        if found := modifier.find(thing):
-            modifier.rest(found)
-    for path in (folder / name for name in (*FILES, TOLD, ERRORS)):
-        path.unlink(missing_ok=True)
-    for path in folder.glob("*.pc2"):
+        rest(thing)
+    for path in (*(folder / name for name in (*FILES, TOLD, ERRORS)), *folder.glob("*.pc2"), *folder.glob("*.torn")):
         path.unlink(missing_ok=True)
     shutil.rmtree(folder / "partial", ignore_errors=True)
     for empty in (folder, folder.parent):
@@ -152,16 +200,18 @@ def delete(scene: Scene) -> None:
 
 
 def folder_of(scene: Scene) -> Path:
-    """Return the folder of a scene's bake: of its caches, else beside the .blend, else of temporary files.
+    """Return the folder of a scene's bake: beside its .blend, else of temporary files.
 
-    A folder without a request is not a bake's: a modifier may play a cache of somebody else's, which is to stay.
+    Its balloons may play another: a file that was saved under a new name plays the bake of the old one until its own.
     """
-    for path in modifier.caches_of(scene).values():
-        if (path.parent / FILES[0]).exists():
-            return path.parent
     if bpy.data.filepath:
         return beside(Path(bpy.data.filepath), scene)
-    return Path(bpy.app.tempdir) / "balloon_warp" / scene.name
+    return temporary() / scene.name
+
+
+def temporary() -> Path:
+    """Return the folder of bakes of files that were not saved."""
+    return Path(bpy.app.tempdir) / "balloon_warp"
 
 
 def beside(blend: Path, scene: Scene) -> Path:
@@ -180,19 +230,30 @@ def has_checkpoint(folder: Path) -> bool:
 
 
 def move_beside(blend: str) -> None:
-    """Move bakes of temporary files beside the .blend that is about to be saved first."""
-    temporary = Path(bpy.app.tempdir)
-    for scene in bpy.data.scenes:
-        folder = folder_of(scene)
-        if running or not blend or not folder.is_relative_to(temporary) or not folder.exists():
+    """Move bakes of temporary files beside the .blend that is about to be saved first; one that runs goes on there."""
+    for scene in bpy.data.scenes if blend and not bpy.data.filepath else ():
+        folder, there = temporary() / scene.name, beside(Path(blend), scene)
+        goes_on = running is not None and running.folder == folder
+        if not goes_on and folder not in (path.parent for path in modifier.caches_of(scene).values()):
             continue
-        there = beside(Path(blend), scene)
+        if goes_on:
+            stop()
         shutil.rmtree(there, ignore_errors=True)
         shutil.move(folder, there)
-        for name, path in modifier.caches_of(scene).items():
-            if path.parent != folder:
-                continue
-            modifier.move(scene.objects[name], bpy.path.relpath(str(there / path.name), start=str(Path(blend).parent)))
+        for thing, path in modifier.caches_of(scene).items():
+            if path.parent == folder:
+                relative = bpy.path.relpath(str(there / path.name), start=str(Path(blend).parent))
+                modifier.move(thing, relative)
+        if goes_on:
+            begin(scene, there, resume=True)
+
+
+def stay_with_copy(blend: str) -> None:
+    """Let balloons of a file that was not saved, but for a copy, play the bake beside the copy."""
+    for scene in bpy.data.scenes if blend and not bpy.data.filepath else ():
+        for thing in scene.objects:
+            if (found := modifier.find(thing)) and found.filepath:
+                modifier.move(thing, bpy.path.abspath(found.filepath, start=str(Path(blend).parent)))
 
 
 def say(scene: Scene, message: str, is_error: bool = False, remarks: str = "") -> None:

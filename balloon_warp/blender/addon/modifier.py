@@ -4,6 +4,7 @@ Modifiers above it shape the mesh that is inflated, those below it the result.
 """
 
 import os
+from itertools import takewhile
 from pathlib import Path
 
 import bpy
@@ -26,6 +27,16 @@ def add(thing: Object) -> Modifier:
     made.name = NAME
     rest(made)
     return made
+
+
+def from_cache_on(thing: Object) -> list[Modifier]:
+    """Return an object's modifiers from the one of a bake on; none, where it has none."""
+    return list(thing.modifiers)[len(above(thing)) :]
+
+
+def above(thing: Object) -> list[Modifier]:
+    """Return an object's modifiers that shape the mesh that is inflated."""
+    return list(takewhile(lambda each: each != find(thing), thing.modifiers))
 
 
 def remove(thing: Object) -> None:
@@ -62,8 +73,8 @@ def restore(modifier: Modifier, before: tuple[str, bool]) -> None:
 
 def refresh(scene: Scene) -> None:
     """Let Blender evaluate the objects again that play a cache."""
-    for name in caches_of(scene):
-        scene.objects[name].update_tag()
+    for thing in caches_of(scene):
+        thing.update_tag()
 
 
 def move(thing: Object, path: str) -> None:
@@ -85,7 +96,12 @@ def cache_of(thing: Object) -> Path | None:
     return Path(os.path.abspath(bpy.path.abspath(found.filepath))) if found and found.filepath else None
 
 
-def caches_of(scene: Scene) -> dict[str, Path]:
-    """Return the caches that objects of a scene play, by their names."""
-    found = {thing.name: cache_of(thing) for thing in scene.objects}
-    return {name: path for name, path in found.items() if path}
+def caches_of(scene: Scene) -> dict[Object, Path]:
+    """Return the caches that objects of a scene play."""
+    found = {thing: cache_of(thing) for thing in scene.objects}
+    return {thing: path for thing, path in found.items() if path}
+
+
+def player(scene: Scene, name: str) -> Object | None:
+    """Return the object of a name that can play a cache: one that is linked from another file may have it, too."""
+    return next((thing for thing in scene.objects if thing.name == name and thing.is_editable), None)

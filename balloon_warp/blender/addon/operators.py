@@ -5,7 +5,7 @@ from collections.abc import Callable
 import bpy
 from bpy.types import Context, Operator
 
-from . import baking, modifier, preview, properties
+from . import baking, modifier, preview, properties, tears
 from .snapshot import RefusedError
 
 
@@ -64,6 +64,7 @@ class BALLOON_OT_remove(BalloonOperator):  # noqa: N801
     def execute(self, context: Context) -> set[str]:
         def act() -> None:
             modifier.remove(context.object)
+            tears.remove(context.object)
             properties.of(context.object).role = "NONE"
 
         return self.tried(context, act)
@@ -117,8 +118,7 @@ class BALLOON_OT_resume(BalloonOperator):  # noqa: N801
         return baking.can_continue(context.scene)
 
     def execute(self, context: Context) -> set[str]:
-        scene = context.scene
-        return self.tried(context, lambda: baking.begin(scene, baking.folder_of(scene), resume=True), "Preparing")
+        return self.tried(context, lambda: baking.resume(context.scene), "Preparing")
 
 
 class BALLOON_OT_cancel(BalloonOperator):  # noqa: N801

@@ -77,7 +77,11 @@ def shown_properties(settings: properties.ObjectProperties) -> list[str]:
         "PRESSURE": ["pressure", "lift"],
         "LITRES": ["litres", "fill_time", "filling"],
     }[settings.inflate]
-    return ["material", *springs, "inflate", *amount, "drag", "damping", "friction", "pinned", "string"]
+    bursts = [] if settings.material == "SPRINGS" else ["burst"]
+    if bursts and settings.burst != "NEVER":
+        bursts += ["strength"] if settings.burst == "STRESS" else ["strength", "burst_frame"]
+    held = ["pinned", "string"]
+    return ["material", *springs, "inflate", *amount, *bursts, "drag", "damping", "friction", *held]
 
 
 def draw_bake(layout: UILayout, context: Context) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 import bpy
 from bpy.types import Context, Scene
 
-from . import baking, modifier, properties
+from . import baking, modifier, properties, tears
 from .reading import read_scene
 from .request import LIVE, write_request
 from .snapshot import RefusedError, Snapshot
@@ -35,8 +35,9 @@ class Preview(Worker):
         named = [(thing.name, file) for thing, file in zip(snapshot.things, files, strict=True) if file]
         self._files = {name: folder / f"{LIVE}{file}" for name, file in named}
         self._balloons = [thing.name for thing in snapshot.things if thing.role == "BALLOON"]
-        self._before = {name: modifier.state(modifier.add(scene.objects[name])) for name in self._files}
-        """Modifiers before it, for afterwards"""
+        players = {path: modifier.player(scene, name) for name, path in self._files.items()}
+        self._before = {path: modifier.state(modifier.add(thing)) for path, thing in players.items() if thing}
+        """Modifiers before it by what they play, for afterwards: objects may get other names"""
         self._told = self._values(scene)
 
     def poll(self) -> bool:
@@ -47,8 +48,9 @@ class Preview(Worker):
         if heard and not self._playing and all(path.exists() for path in self._files.values()):
             self._playing = True
             for name, path in self._files.items():
-                if name in scene.objects:
-                    modifier.play(modifier.add(scene.objects[name]), path, scene.frame_start)
+                if thing := modifier.player(scene, name):
+                    baking.play(scene, thing, path)
+                    tears.show(thing, torn=False)
         modifier.refresh(scene)
         values = self._values(scene)
         if changed := {path: value for path, value in values.items() if self._told.get(path) != value}:
@@ -63,17 +65,19 @@ class Preview(Worker):
         """End the preview; its objects play their caches of before."""
         self.stop()
         if scene := bpy.data.scenes.get(self.scene_name):
-            for name, before in self._before.items():
-                if (thing := scene.objects.get(name)) and (found := modifier.find(thing)):
-                    modifier.restore(found, before)
-        for path in self._files.values():
+            for thing in scene.objects:
+                path, found = modifier.cache_of(thing), modifier.find(thing)
+                if path in self._before and found:
+                    modifier.restore(found, self._before[path])
+                    tears.show(thing, torn=True)
+        for path in self._before:
             path.unlink(missing_ok=True)
 
     def _values(self, scene: Scene) -> dict[str, float]:
         """Return the values that can be dragged, by their paths in the simulated scene."""
         found = {}
         for number, name in enumerate(self._balloons):
-            if not (thing := scene.objects.get(name)):
+            if not (thing := modifier.player(scene, name)):
                 continue
             settings = properties.of(thing)
             for field, path in PATHS.items():
@@ -98,9 +102,14 @@ def start(context: Context) -> None:
     points = sum(len(thing.points) for thing in snapshot.things if thing.role == "BALLOON")
     if points > MOST_POINTS:
         raise RefusedError(f"{context.scene.name}: its balloons have {points} vertices; expected {MOST_POINTS} at most")
+    for thing in snapshot.things:
+        thing.settings["burst"] = "NEVER"  # who drags wants to see it whole
     folder = Path(bpy.app.tempdir) / "balloon_warp_preview"
-    files = write_request(folder, snapshot)
-    running = Preview(context.scene, folder, snapshot, files)
+    try:
+        files = write_request(folder, snapshot)
+        running = Preview(context.scene, folder, snapshot, files)
+    except OSError as error:
+        raise RefusedError(f"{folder}: cannot be written: {error.strerror}") from None
     bpy.app.timers.register(watch, first_interval=SECONDS)
 
 

@@ -1,7 +1,9 @@
 """Properties of the panel, which the .blend keeps and undo knows."""
 
+from typing import Any
+
 import bpy
-from bpy.props import BoolProperty, EnumProperty, FloatProperty, PointerProperty, StringProperty
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 from bpy.types import Object, PropertyGroup
 
 NAME = "balloon_warp"
@@ -26,10 +28,19 @@ INFLATIONS = (
     ("LITRES", "Litres", "A sealed amount of gas, which has its own weight and lift"),
 )
 FILLINGS = (("HELIUM", "Helium", "Rises"), ("AIR", "Air", "Falls"))
+BURSTS = (
+    ("NEVER", "Never", "The skin holds"),
+    ("STRESS", "When Overstretched", "Where its stress reaches its strength"),
+    ("NEEDLE", "At a Frame", "A needle pierces it there, at the latest"),
+)
 QUALITIES = (
     ("GOOD", "Good", "Faces touch particles"),
     ("FINE", "Fine", "Edges touch edges, too: slower"),
 )
+OVERRIDABLE: dict[str, Any] = {"override": {"LIBRARY_OVERRIDABLE"}}
+"""Options of a property that overrides of linked objects keep"""
+STAYS: dict[str, Any] = OVERRIDABLE | {"options": set()}
+"""Options of one that cannot be animated, besides"""
 
 
 def is_empty(_: object, chosen: Object) -> bool:
@@ -40,29 +51,36 @@ def is_empty(_: object, chosen: Object) -> bool:
 class ObjectProperties(PropertyGroup):
     """Role of an object in the simulation, and its values."""
 
-    role: EnumProperty(name="Role", items=ROLES, options=set())
-    material: EnumProperty(name="Material", items=MATERIALS, options=set())
+    role: EnumProperty(name="Role", items=ROLES, **STAYS)
+    material: EnumProperty(name="Material", items=MATERIALS, **STAYS)
     stiffness: FloatProperty(
-        name="Stiffness", description="Spring constant [N/m]", default=80.0, min=0.0, soft_max=1000.0, options=set()
+        name="Stiffness", description="Spring constant [N/m]", default=80.0, min=0.0, soft_max=1000.0, **STAYS
     )
-    inflate: EnumProperty(name="Inflate To", items=INFLATIONS, options=set())
-    volume: FloatProperty(name="Volume", description="Volume over that of the mesh", default=2.0, min=1.0, max=8.0)
+    inflate: EnumProperty(name="Inflate To", items=INFLATIONS, **STAYS)
+    volume: FloatProperty(
+        name="Volume", description="Volume over that of the mesh", default=2.0, min=1.0, max=8.0, **OVERRIDABLE
+    )
     pressure: FloatProperty(
-        name="Pressure", description="Pressure above that of the air [Pa]", default=100.0, soft_min=0.0, soft_max=1000.0
+        name="Pressure",
+        description="Pressure above that of the air [Pa]",
+        default=100.0,
+        soft_min=0.0,
+        soft_max=1000.0,
+        **OVERRIDABLE,
     )
-    litres: FloatProperty(name="Litres", description="Gas blown in, at the air's pressure [l]", default=10.0, min=0.0)
-    fill_time: FloatProperty(
-        name="Within", description="Duration of the filling [s]", default=1.0, min=0.01, options=set()
+    litres: FloatProperty(
+        name="Litres", description="Gas blown in, at the air's pressure [l]", default=10.0, min=0.0, **OVERRIDABLE
     )
-    filling: EnumProperty(name="Gas", items=FILLINGS, options=set())
-    mass: FloatProperty(name="Mass", default=0.1, min=1e-6, soft_max=10.0, precision=3, unit="MASS", options=set())
+    fill_time: FloatProperty(name="Within", description="Duration of the filling [s]", default=1.0, min=0.01, **STAYS)
+    filling: EnumProperty(name="Gas", items=FILLINGS, **STAYS)
+    mass: FloatProperty(name="Mass", default=0.1, min=1e-6, soft_max=10.0, precision=3, unit="MASS", **STAYS)
     lift: FloatProperty(
         name="Helium Lift",
         description="Upward acceleration [m/s^2]; the balloon rises where it is above gravity",
         default=9.0,
         soft_min=0.0,
         soft_max=20.0,
-        options=set(),
+        **STAYS,
     )
     drag: FloatProperty(
         name="Wind Drag",
@@ -70,14 +88,26 @@ class ObjectProperties(PropertyGroup):
         default=0.5,
         min=0.0,
         soft_max=2.0,
-        options=set(),
+        **STAYS,
     )
     damping: FloatProperty(
-        name="Damping", description="Damping of any motion [N s/m]", default=0.1, min=0.0, soft_max=1.0, options=set()
+        name="Damping", description="Damping of any motion [N s/m]", default=0.1, min=0.0, soft_max=1.0, **STAYS
     )
-    friction: FloatProperty(name="Friction", default=0.5, min=0.0, soft_max=1.0, options=set())
-    pinned: StringProperty(name="Pin Group", description="Vertex group that does not move", options=set())
-    string: PointerProperty(name="String", description="Empty to which the balloon is tied", type=Object, poll=is_empty)
+    friction: FloatProperty(name="Friction", default=0.5, min=0.0, soft_max=1.0, **STAYS)
+    pinned: StringProperty(name="Pin Group", description="Vertex group that moves as it is animated", **STAYS)
+    string: PointerProperty(
+        name="String", description="Empty to which the balloon is tied", type=Object, poll=is_empty, **OVERRIDABLE
+    )
+    burst: EnumProperty(name="Burst", items=BURSTS, **STAYS)
+    strength: FloatProperty(
+        name="Strength",
+        description="Stress at which the skin tears [MPa]; that of latex is 20 to 30",
+        default=10.0,
+        min=0.01,
+        soft_max=100.0,
+        **STAYS,
+    )
+    burst_frame: IntProperty(name="Frame", description="Frame in which a needle pierces it", default=24, **STAYS)
 
 
 class SceneProperties(PropertyGroup):
@@ -109,7 +139,7 @@ def register() -> None:
     """Give objects and scenes their properties."""
     for each in CLASSES:
         bpy.utils.register_class(each)
-    setattr(Object, NAME, PointerProperty(type=ObjectProperties))
+    setattr(Object, NAME, PointerProperty(type=ObjectProperties, **OVERRIDABLE))
     setattr(bpy.types.Scene, NAME, PointerProperty(type=SceneProperties))
 
 

@@ -12,33 +12,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .point_cache import PointCache, samples_of
-from .snapshot import RefusedError, Snapshot, Thing
+from .snapshot import RefusedError, Snapshot, Thing, in_world
 
 FILES = ("request.json", "arrays.npz")
 """Files of a request"""
 LIVE = "live_"
 """Begin of the names of a preview's caches"""
+NEVER = 1e9
+"""Frame of faces that do not tear"""
 TABLES = {"BALLOON": "balloon", "BODY": "body", "OBSTACLE": "obstacle"}
 """Tables of a scene, by roles"""
 MOLAR_MASSES = {"HELIUM": 0.0040026, "AIR": 0.0289652}
 """Molar masses of fillings [kg/mol]"""
-RIGID = 1e-4
-"""Largest growth of what counts as rigid, over its size"""
+SPRINGS_OF_SKIN = {"structural": 20.0, "shear": 10.0, "flexion": 5.0, "yield_stretch": 1.0, "viscosity": 1.0e-4}
+"""Springs that only push, which keep the pieces of a burst balloon as skin [N/m]"""
 
 
 def write_request(folder: Path, snapshot: Snapshot) -> list[str]:
     """Write a request into a folder, and return the name of each thing's cache, empty for a thing without one.
 
     Raises:
-        RefusedError: a thing cannot be simulated.
+        RefusedError: things cannot be simulated together.
     """
+    _require_contact(snapshot)
     tables: dict[str, list[dict[str, Any]]] = {}
     arrays: dict[str, Any] = {}
     listed, files = [], [_file(number, thing) for number, thing in enumerate(snapshot.things)]
     for number, (thing, file) in enumerate(zip(snapshot.things, files, strict=True)):
-        within = tables.setdefault(TABLES[thing.role], [])
-        place = {"table": TABLES[thing.role], "number": len(within), "arrays": str(number)}
-        keyed = len(thing.amounts) > 1 and thing.settings["inflate"] != "PRESSURE"  # which has keyframes itself
+        table = "balloon" if thing.bends else TABLES[thing.role]
+        within = tables.setdefault(table, [])
+        place = {"table": table, "number": len(within), "arrays": str(number)}
+        keyed = thing.role == "BALLOON" and len(thing.amounts) > 1 and thing.settings["inflate"] != "PRESSURE"
         listed.append({"name": thing.name, "file": file, "amounts": thing.amounts if keyed else []} | place)
         within.append(_table(thing, snapshot))
         arrays |= {
@@ -46,6 +50,8 @@ def write_request(folder: Path, snapshot: Snapshot) -> list[str]:
             f"{number}.counts": thing.counts,
             f"{number}.corners": _outward(thing),
             f"{number}.places": thing.places,
+            f"{number}.pinned": thing.pinned,
+            f"{number}.paths": snapshot.meters * thing.paths,
         }
     scene = _surroundings(snapshot) | tables | _strings(snapshot)
     folder.mkdir(parents=True, exist_ok=True)
@@ -60,11 +66,33 @@ def write_request(folder: Path, snapshot: Snapshot) -> list[str]:
     return files
 
 
+def tears_of(cache: Path) -> Path:
+    """Return the path of the file beside a cache with the frames after the start in which faces tear, float32."""
+    return cache.with_suffix(".torn")
+
+
+def _require_contact(snapshot: Snapshot) -> None:
+    """Make sure that what pushes balloons can.
+
+    Raises:
+        RefusedError: an obstacle that bends has no contact, or a balloon that bursts would touch another thing.
+    """
+    skins = [thing for thing in snapshot.things if thing.role == "BALLOON" or thing.bends]
+    bent = next((thing.name for thing in skins if thing.bends), None)
+    bursting = next((thing.name for thing in skins if thing.bursts), None)
+    if not snapshot.settings["touch"]:
+        if bent:
+            raise RefusedError(f"{bent}: bends, and pushes balloons as one of them; expected Touch")
+    elif bursting and len(skins) > 1:
+        what = f"{bent}, which bends," if bent else "other balloons"
+        raise RefusedError(f"{bursting}: may burst, and cannot touch {what} then; expected Burst Never, or no Touch")
+
+
 def start_points(thing: Thing, meters: float) -> NDArray[np.float64]:
-    """Return the points at the start [m], along the world's axes; of an obstacle from its own origin."""
-    place = thing.places[0]
-    turned = thing.points @ place[:3, :3].T
-    return meters * (turned if thing.role == "OBSTACLE" else turned + place[:3, 3])
+    """Return the points at the start [m], along the world's axes; of a rigid obstacle from its own origin."""
+    points = in_world(thing.points, thing.places[0])
+    from_origin = thing.role == "OBSTACLE" and not thing.bends
+    return meters * (points - thing.places[0, :3, 3] if from_origin else points)
 
 
 def _file(number: int, thing: Thing) -> str:
@@ -82,10 +110,10 @@ def _outward(thing: Thing) -> NDArray[np.int32]:
 
 
 def _surroundings(snapshot: Snapshot) -> dict[str, Any]:
-    settings, winds = snapshot.settings, snapshot.winds
+    settings = snapshot.settings
     scene: dict[str, Any] = {
         "up_axis": "Z",
-        "gravity": snapshot.gravity * snapshot.meters,
+        "gravity": snapshot.gravities[0] * snapshot.meters,
         "frames": snapshot.frames,
         "frames_per_second": snapshot.frames_per_second,
     }
@@ -93,21 +121,33 @@ def _surroundings(snapshot: Snapshot) -> dict[str, Any]:
         scene["ground"] = {"height": settings["ground_height"] * snapshot.meters}
     if not settings["touch"]:
         scene["touch"] = False
-    elif settings["quality"] == "FINE":
+    elif settings["quality"] == "FINE" and not any(thing.bursts for thing in snapshot.things):
         scene |= {"touch": {"edges": True}, "faces": True}
-    if np.any(winds):
-        scene["atmosphere"] = {"wind": winds[0].tolist()}
-        scene["change"] = [
-            {"time": frame / snapshot.frames_per_second, "set": {"atmosphere.wind": winds[frame].tolist()}}
-            for frame in range(1, len(winds))
-            if np.any(winds[frame] != winds[frame - 1])
-        ]
+    if np.any(snapshot.winds):
+        scene["atmosphere"] = {"wind": snapshot.winds[0].tolist()}
+    if changes := _changes(snapshot):
+        scene["change"] = changes
     return scene
+
+
+def _changes(snapshot: Snapshot) -> list[dict[str, Any]]:
+    """Make the changes of gravity and wind, at the frames that have other ones than the last."""
+    values = {"gravity": snapshot.gravities * snapshot.meters, "atmosphere.wind": snapshot.winds}
+    changes = []
+    for frame in range(1, max(len(of_frames) for of_frames in values.values())):
+        said = {
+            path: of_frames[frame].tolist()
+            for path, of_frames in values.items()
+            if len(of_frames) > 1 and np.any(of_frames[frame] != of_frames[frame - 1])
+        }
+        if said:
+            changes.append({"time": frame / snapshot.frames_per_second, "set": said})
+    return changes
 
 
 def _table(thing: Thing, snapshot: Snapshot) -> dict[str, Any]:
     if thing.role == "OBSTACLE":
-        return _obstacle(thing, snapshot)
+        return _bending(thing) if thing.bends else _obstacle(thing, snapshot)
     settings = thing.settings
     if thing.role == "BODY":
         return {"name": thing.name, "mass": settings["mass"], "friction": settings["friction"], "up": "Z"}
@@ -122,11 +162,30 @@ def _table(thing: Thing, snapshot: Snapshot) -> dict[str, Any]:
         "fixed": thing.pinned.tolist(),
         "inflation": _inflation(thing, snapshot.frames_per_second),
     }
+    if thing.bursts:
+        material = {"strength": 1e6 * settings["strength"], "springs": ["structural", "shear", "flexion"]}
+        if settings["burst"] == "NEEDLE":
+            material["needle_time"] = max(settings["burst_frame"] - snapshot.first, 0) / snapshot.frames_per_second
+        balloon["stiffness"] = SPRINGS_OF_SKIN
+        return balloon | {"material": material | {"preset": settings["material"].lower()}}
     if settings["material"] != "SPRINGS":
         return balloon | {"material": {"preset": settings["material"].lower()}}
     constant = settings["stiffness"]
     constants = {"structural": constant, "shear": 0.5 * constant, "flexion": 0.2 * constant}
     return balloon | {"mass": settings["mass"], "stiffness": constants | {"even": True, "thin": "tied"}}
+
+
+def _bending(thing: Thing) -> dict[str, Any]:
+    """Make the table of an obstacle that bends: a balloon all of whose points are pinned."""
+    return {
+        "name": thing.name,
+        "up": "Z",
+        "unit": "m",
+        "friction": thing.settings["friction"],
+        "fixed": thing.pinned.tolist(),
+        "inflation": {"pressure": 0.0},
+        "holes": "keep",
+    }
 
 
 def _inflation(thing: Thing, frames_per_second: float) -> dict[str, Any]:
@@ -154,8 +213,6 @@ def _obstacle(thing: Thing, snapshot: Snapshot) -> dict[str, Any]:
     if len(thing.places) == 1:
         return table
     turns = np.array([place[:3, :3] @ np.linalg.inv(first[:3, :3]) for place in thing.places])
-    if np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max() > RIGID:
-        raise RefusedError(f"{thing.name}: its scale changes; expected an obstacle that keeps its size")
     shifts = meters * (thing.places[:, :3, 3] - first[:3, 3])
     keys = zip(shifts.tolist(), turn_angles(turns).tolist(), strict=True)
     return table | {"motion": [[frame / snapshot.frames_per_second, *key] for frame, key in enumerate(keys)]}

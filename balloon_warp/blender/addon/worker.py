@@ -4,15 +4,17 @@ import json
 import os
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from . import preferences
+from .snapshot import RefusedError
 
 TOLD, ERRORS = "progress.jsonl", "errors.txt"
 """Files with what a process tells, and with its standard error"""
 STOP_SECONDS = 30.0
-"""Time in which a process that is stopped may write a checkpoint [s]"""
+"""Time that a process has to keep what it has [s]"""
 
 
 class Worker:
@@ -24,7 +26,8 @@ class Worker:
         options: of its command.
 
     Raises:
-        OSError: it cannot be started.
+        OSError: the folder cannot be written.
+        RefusedError: there is no such Python.
     """
 
     def __init__(self, module: str, folder: Path, *options: str):
@@ -36,7 +39,12 @@ class Worker:
         command = [python or sys.executable, "-m", f"balloon_warp.blender.{module}", str(folder), *options]
         with (folder / TOLD).open("wb") as told, (folder / ERRORS).open("wb") as errors:
             pipes = {"stdin": subprocess.PIPE, "stdout": told, "stderr": errors}
-            self.process = subprocess.Popen(command, env=environment, **pipes)
+            try:
+                self.process = subprocess.Popen(command, env=environment, **pipes)
+            except OSError as error:
+                raise RefusedError(
+                    f"{command[0]}: cannot be started: {error.strerror}; see Preferences, Python"
+                ) from None
 
     @property
     def ended(self) -> bool:
@@ -56,16 +64,20 @@ class Worker:
 
     def tell(self, what: dict[str, Any]) -> None:
         """Tell the process a line, if it still listens."""
-        try:
+        with suppress(OSError):  # it has ended
             if self.process.stdin:
                 self.process.stdin.write(json.dumps(what).encode() + b"\n")
                 self.process.stdin.flush()
-        except OSError:  # it has ended
-            return
+
+    def ask_to_end(self) -> None:
+        """End the input of the process, upon which it keeps what it has, and ends."""
+        with suppress(OSError):
+            if self.process.stdin:
+                self.process.stdin.close()
 
     def stop(self) -> None:
         """End the process, and wait for that."""
-        self.process.terminate()
+        self.ask_to_end()
         try:
             self.process.wait(STOP_SECONDS)
         except subprocess.TimeoutExpired:
