@@ -33,6 +33,11 @@ def balloon_color(scene: Scene, number: int) -> Color:
     return scene.balloon[number].color or palette_color(number)
 
 
+def paper_of(scene: Scene) -> Color:
+    """Return the color of the ground and the backdrop."""
+    return (scene.picture and scene.picture.paper) or GROUND_COLOR
+
+
 def looks_of_file(mesh: PolygonMesh | None, said: Balloon | Obstacle | Body) -> Looks | None:
     """Return the looks of a mesh's file, where they count: a color or print in the scene has precedence."""
     covered = said.color is not None or (isinstance(said, Balloon) and said.print is not None)

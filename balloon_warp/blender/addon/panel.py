@@ -5,7 +5,7 @@ import textwrap
 import bpy
 from bpy.types import Context, Object, Panel, UILayout
 
-from . import baking, preview, properties
+from . import baking, preview, properties, studio_look
 
 LINE = 40
 """Letters in a line of a message"""
@@ -25,6 +25,8 @@ class BALLOON_PT_balloon(Panel):  # noqa: N801 (Blender's rule)
         thing = context.object
         if thing and thing.type == "MESH":
             draw_object(self.layout, thing)
+        if studio_look.can_dress(context.scene):
+            self.layout.operator("balloon.dress", icon="LIGHT")
         draw_bake(self.layout, context)
 
 
