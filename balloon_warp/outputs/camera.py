@@ -101,9 +101,14 @@ class CameraFit:
 
 
 def turned(level_axes: NDArray[np.float64], light: float) -> NDArray[np.float64]:
-    """Return a camera's level axes, shape (3, 3), turned so that its main light comes from an azimuth [degrees]."""
-    angle = np.radians(light - KEY_AZIMUTH)
+    """Return a camera's level axes, shape (3, 3), turned so that its main light comes from an azimuth [degrees].
+
+    A studio lit from the right is the mirror image of one lit from the left, or its other lamp would be behind the scene.
+    """
     right, up, backward = level_axes
+    if light > 0.0:
+        right, light = -right, -light
+    angle = np.radians(light - KEY_AZIMUTH)
     return np.stack(
         [np.cos(angle) * right - np.sin(angle) * backward, up, np.sin(angle) * right + np.cos(angle) * backward]
     )

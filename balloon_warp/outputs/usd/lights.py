@@ -51,10 +51,10 @@ def define_lights(
         light.CreateColorAttr(Gf.Vec3f(*box.color))
         light.CreateWidthAttr(box.width * size)
         light.CreateHeightAttr(box.height * size)
-        toward = np.array(box.toward) / np.linalg.norm(box.toward)
+        toward = np.array(box.toward) @ level_axes / np.linalg.norm(box.toward)
         matrix = np.eye(4)
-        matrix[:3, :3] = _facing(toward) @ level_axes
-        matrix[3, :3] = center + box.distance * size * toward @ level_axes
+        matrix[:3, :3] = _facing(toward)
+        matrix[3, :3] = center + box.distance * size * toward
         UsdGeom.Xformable(light).AddTransformOp().Set(Gf.Matrix4d(matrix.tolist()))
 
 
