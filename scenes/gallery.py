@@ -1,6 +1,6 @@
 """Pictures of docs/, made again.
 
-Run it by python -m balloon_warp.scenes.gallery docs/pictures, for all of them, or with names of scenes behind, for those.
+`python -m balloon_warp.scenes.gallery docs/pictures` makes them all, with names of scenes behind it those.
 """
 
 import sys

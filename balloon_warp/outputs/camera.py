@@ -103,7 +103,8 @@ class CameraFit:
 def turned(level_axes: NDArray[np.float64], light: float) -> NDArray[np.float64]:
     """Return a camera's level axes, shape (3, 3), turned so that its main light comes from an azimuth [degrees].
 
-    A studio lit from the right is the mirror image of one lit from the left, or its other lamp would be behind the scene.
+    A studio lit from the right is the mirror image of one lit from the left: its other lamp must not get behind the
+    scene, whose outlines would shine.
     """
     right, up, backward = level_axes
     if light > 0.0:

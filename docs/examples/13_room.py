@@ -25,12 +25,13 @@ def box(size: tuple, position: tuple, color: tuple) -> Obstacle:
 
 def back_wall() -> Obstacle:
     """Return a wall of 4.4 by 2.6 m and 12 cm, with a window of 1.8 by 1.3 m."""
-    outer, inner = [(-2.2, 0.0), (2.2, 0.0), (2.2, 2.6), (-2.2, 2.6)], [(-1.2, 0.9), (0.6, 0.9), (0.6, 2.2), (-1.2, 2.2)]
-    points = [(x, y, z) for z in (0.06, -0.06) for x, y in (*outer, *inner)]
+    outer = [(-2.2, 0.0), (2.2, 0.0), (2.2, 2.6), (-2.2, 2.6)]
+    window = [(-1.2, 0.9), (0.6, 0.9), (0.6, 2.2), (-1.2, 2.2)]
+    points = [(x, y, z) for z in (0.06, -0.06) for x, y in (*outer, *window)]
     faces = []
-    for n in range(4):
-        m = (n + 1) % 4
-        faces += [(n, m, m + 4, n + 4), (n + 8, n + 12, m + 12, m + 8), (n, n + 8, m + 8, m), (n + 4, m + 4, m + 12, n + 12)]
+    for n, m in ((0, 1), (1, 2), (2, 3), (3, 0)):
+        faces += [(n, m, m + 4, n + 4), (n + 8, n + 12, m + 12, m + 8)]  # the sides to the room and to the garden
+        faces += [(n, n + 8, m + 8, m), (n + 4, m + 4, m + 12, n + 12)]  # the wall's rim and the window's
     wall = PolygonMesh(np.array(points), np.full(16, 4, np.int32), np.array(faces, np.int32).ravel())
     return Obstacle(mesh=wall, position=(0.0, 0.0, -1.95), color=PLASTER)
 
@@ -78,7 +79,8 @@ balloons = [
     Balloon(
         name="cloud", mesh=MESHES / "pillow.obj", scale=0.6, position=(0.8, 1.75, -0.7), rotation=(10.0, 20.0, 4.0),
         mass=0.1, helium=9.83, damping=0.3, color=(0.82, 0.83, 0.86), look="foil",
-        stiffness={"structural": 100.0, "shear": 50.0, "flexion": 0.0}, inflation={"kind": "pressure", "pressure": 60.0},
+        stiffness={"structural": 100.0, "shear": 50.0, "flexion": 0.0},
+        inflation={"kind": "pressure", "pressure": 60.0},
     ),
     Balloon(
         name="cushion", mesh=MESHES / "pillow.obj", scale=0.36, print=MESHES / "pillow.png",
@@ -87,8 +89,8 @@ balloons = [
         inflation={"kind": "pressure", "pressure": 150.0},
     ),
     Balloon(
-        name="squirrel", mesh=MESHES / "squirrel.obj", scale=0.42, position=(1.2, 0.73, -0.75), rotation=(0.0, -50.0, 0.0),
-        mass=0.2, helium=7.0, damping=2.0, color=(0.80, 0.07, 0.06),
+        name="squirrel", mesh=MESHES / "squirrel.obj", scale=0.42, position=(1.2, 0.73, -0.75),
+        rotation=(0.0, -50.0, 0.0), mass=0.2, helium=7.0, damping=2.0, color=(0.80, 0.07, 0.06),
         stiffness={"structural": 100.0, "shear": 50.0, "flexion": 10.0},
         inflation={"kind": "pressure", "pressure": 120.0},
     ),
@@ -103,8 +105,12 @@ scene = Scene(
     string=[String(balloon=n, anchor=(-0.89, 0.95, -0.66 + 0.02 * n), stiffness=5.0) for n in range(5)],
     touch={"edges": True},
     picture={
-        "azimuth": -4.0, "elevation": 5.0, "zoom": 1.62, "look_at": (0.0, 1.0, -0.6),
-        "light": 40.0, "paper": (0.55, 0.72, 0.85),
+        "azimuth": -4.0,
+        "elevation": 5.0,
+        "zoom": 1.62,
+        "look_at": (0.0, 1.0, -0.6),
+        "light": 40.0,
+        "paper": (0.55, 0.72, 0.85),
     },
 )
 bw.animate(scene, "room.usdc")
