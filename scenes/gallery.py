@@ -33,7 +33,6 @@ MOVING = {
     "knot": Moving(30, 300, 10.0),
     "latex_inflate": Moving(0, 120, 15.0),
     "letter_slot": Moving(70, 230, 15.0),
-    "press": Moving(0, 210, 12.0),
     "rocket_balloon": Moving(0, 120, 15.0),
     "squirrel_inflate": Moving(0, 150, 15.0),
     "table": Moving(60, 240, 15.0),
