@@ -29,11 +29,11 @@ MOVING = {
     "foil_letters": Moving(0, 119, 20.0),
     "bowl_to_sphere": Moving(0, 90, 20.0),
     "bunch_in_wind": Moving(0, 150, 15.0),
-    "helium_rise": Moving(0, 60, 20.0),
+    "helium_rise": Moving(0, 36, 30.0),
     "knot": Moving(30, 300, 10.0),
     "latex_inflate": Moving(0, 120, 15.0),
     "letter_slot": Moving(70, 230, 15.0),
-    "rocket_balloon": Moving(0, 120, 15.0),
+    "rocket_balloon": Moving(0, 66, 20.0),
     "squirrel_inflate": Moving(0, 150, 15.0),
     "table": Moving(60, 240, 15.0),
 }
