@@ -26,9 +26,9 @@ class Moving(NamedTuple):
 
 
 MOVING = {
-    "foil_letters": Moving(0, 119, 20.0),
+    "foil_letters": Moving(0, 80, 20.0),
     "bowl_to_sphere": Moving(0, 90, 20.0),
-    "bunch_in_wind": Moving(0, 150, 15.0),
+    "bunch_in_wind": Moving(72, 150, 15.0),
     "helium_rise": Moving(0, 36, 30.0),
     "knot": Moving(30, 300, 10.0),
     "latex_inflate": Moving(0, 120, 15.0),

@@ -16,8 +16,6 @@ from balloon_warp.viewer.following import go_home, home_of
 from balloon_warp.viewer.server import address_of, close, guarded_server
 
 UP, SIDE = np.array([0.0, 1.0, 0.0]), np.array([0.55, 0.0, 1.0])
-NEARER = 0.62
-"""Distance of the camera, over that of a page whose balloon moves about"""
 LIGHT = 2.8
 WANTED = (90, 80, 70)
 """Color of the wires of the target shape"""
@@ -82,8 +80,7 @@ class DesignPage:
     def _begin(self, step: DesignStep) -> None:
         """Look at the wanted shape from where all of it is seen."""
         self._show_wanted()
-        place, middle = home_of(step.ruler.mesh.points, UP, SIDE)
-        self.home = (middle + NEARER * (place - middle), middle)
+        self.home = home_of(step.ruler.mesh.points, UP, SIDE)
         for camera in [self.server.initial_camera, *(each.camera for each in self.server.get_clients().values())]:
             go_home(camera, *self.home)
 
