@@ -37,7 +37,7 @@ def test_ground_and_backdrop_are_of_the_paper(tmp_path: Path):
 
 @pytest.mark.parametrize("light", [-120.0, -45.0, 40.0, 120.0])
 def test_the_main_light_comes_from_its_azimuth(light: float, tmp_path: Path):
-    """Its lamp is there in the stage, and a picture's highlight is on that side of the ball."""
+    """The lamp is there in the stage, and a picture's highlight is on that side of the ball."""
     path = staged(tmp_path, light=light, azimuth=20.0, elevation=10.0)
     stage = Usd.Stage.Open(str(path))
     matrix = UsdGeom.XformCache(0).GetLocalToWorldTransform(stage.GetPrimAtPath("/World/Studio/Key"))

@@ -46,7 +46,7 @@ ROOM = (
     (0.66, (0.62, 0.64, 0.68)),
     (0.78, (1.25, 1.25, 1.25)),
 )
-"""What mirrors see of the room, by the height of their direction: a floor, a wall, and a white cloth overhead"""
+"""Light of the room that mirrors see, by the height of their direction: floor, wall, and a white cloth overhead"""
 PAPER = ((0.90, 0.86, 0.80), (0.86, 0.83, 0.80))
 """Light of the backdrop at the bottom and at the top of the picture"""
 WHITE = (0.72, 0.70, 0.66)
@@ -113,6 +113,8 @@ class Wiring:
     """Nodes of a material or a world, made one from another by their sockets."""
 
     def __init__(self, owner: Material | World):
+        if owner.node_tree is None:  # before Blender 5
+            owner.use_nodes = True
         self.tree = owner.node_tree
 
     def node(self, kind: str, *values: object, **settings: object) -> Node:
@@ -250,7 +252,6 @@ def _light(scene: Scene) -> None:
     key.data.type = "SUN"
     key.data.energy, key.data.angle, key.visible_glossy = KEY_LIGHT, KEY_ANGLE, False
     scene.world = bpy.data.worlds.new("Studio")
-    scene.world.use_nodes = True
     floor, sheet = scene.objects.get("Ground"), scene.objects.get("Backdrop")
     paper = _skin(_materials(floor or sheet)[0]).inputs["Base Color"].default_value if floor or sheet else WHITE
     _make_room(Wiring(scene.world), tuple(map(truediv, paper[:3], WHITE)))
@@ -271,7 +272,6 @@ def _add_card(scene: Scene, lamp: Object, half_width: float, half_height: float,
     card.location, turn, _ = lamp.matrix_world.decompose()
     card.rotation_mode, card.rotation_quaternion = "QUATERNION", turn
     card.visible_camera = card.visible_diffuse = card.visible_transmission = card.visible_shadow = False
-    material.use_nodes = True
     wires = Wiring(material)
     place = wires.node("ShaderNodeTexCoord").outputs["Object"]
     place = wires.vector("MULTIPLY", place, (1.0 / half_width, 1.0 / half_height, 0.0))
