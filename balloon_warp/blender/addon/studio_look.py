@@ -7,6 +7,7 @@ stage into an empty scene and dresses it. Run in Blender's Scripting tab it dres
 import sys
 from collections.abc import Sequence
 from operator import mul, truediv
+from typing import Any
 
 import bpy
 from bpy.types import Material, Node, NodeSocket, NodeTree, Object, Scene, World
@@ -99,7 +100,8 @@ def _materials(thing: Object) -> list[Material]:
     return [slot.material for slot in thing.material_slots if slot.material]
 
 
-def _skin(material: Material) -> Node | None:
+def _skin(material: Material) -> Any:
+    """Return the node of a material's surface as it was imported, or None."""
     nodes = material.node_tree.nodes if material.node_tree else ()
     return next((node for node in nodes if node.type == "BSDF_PRINCIPLED"), None)
 
@@ -115,7 +117,7 @@ class Wiring:
     def __init__(self, owner: Material | World):
         if owner.node_tree is None:  # before Blender 5
             owner.use_nodes = True
-        self.tree = owner.node_tree
+        self.tree: Any = owner.node_tree
 
     def node(self, kind: str, *values: object, **settings: object) -> Node:
         """Return a new node whose inputs, in order, have values or come from other nodes' sockets."""
@@ -178,7 +180,7 @@ def _thinning(thing: Object) -> NodeTree:
     """Return geometry nodes, for below the mesh cache, that compare the area at each point with that at the start."""
     start = thing.data.attributes.new(AT_START, "FLOAT", "FACE")
     start.data.foreach_set("value", [face.area for face in thing.data.polygons])
-    tree = bpy.data.node_groups.new("Thinned", "GeometryNodeTree")
+    tree: Any = bpy.data.node_groups.new("Thinned", "GeometryNodeTree")
     for way in ("INPUT", "OUTPUT"):
         tree.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
     names = ("NodeGroupInput", "NodeGroupOutput", "GeometryNodeInputNamedAttribute", "GeometryNodeInputMeshFaceArea",
