@@ -5,8 +5,9 @@ from collections.abc import Callable
 import bpy
 from bpy.types import Context, Operator
 
-from . import baking, modifier, preview, properties, studio_look
+from . import baking, modifier, preview, properties
 from .snapshot import RefusedError
+from .studio_look import can_dress, dress
 
 
 class BalloonOperator(Operator):
@@ -163,10 +164,10 @@ class BALLOON_OT_dress(BalloonOperator):  # noqa: N801
 
     @classmethod
     def poll(cls, context: Context) -> bool:
-        return studio_look.can_dress(context.scene)
+        return can_dress(context.scene)
 
     def execute(self, context: Context) -> set[str]:
-        return self.tried(context, lambda: studio_look.dress(context.scene))
+        return self.tried(context, lambda: dress(context.scene))
 
 
 CLASSES = (
