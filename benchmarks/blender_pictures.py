@@ -15,6 +15,7 @@ import numpy as np
 from PIL import Image
 
 from balloon_warp import animate, load_scene, render_stage
+from balloon_warp.blender.extension import STUDIO_LOOK
 from balloon_warp.errors import MissingExtraError
 from balloon_warp.outputs.render.stage_reader import RenderStage
 
@@ -24,26 +25,20 @@ SAMPLES = 64
 QUALITY = 88
 """of the JPEG files"""
 SCRIPT = """
+import runpy
 import sys
 import bpy
 
-stage, picture, frame, width, height, samples, transform = sys.argv[1:]
-bpy.ops.wm.read_factory_settings()
-bpy.data.batch_remove(bpy.data.objects)
-bpy.ops.wm.usd_import(filepath=stage)
-scene = bpy.context.scene
-scene.camera = bpy.data.objects["Camera"]
-scene.render.engine, scene.cycles.device, scene.cycles.samples = "CYCLES", "CPU", int(samples)
+look, stage, picture, frame, width, height, samples = sys.argv[1:]
+scene = runpy.run_path(look)["import_stage"](stage)
+scene.cycles.device, scene.cycles.samples = "CPU", int(samples)
 scene.render.resolution_x, scene.render.resolution_y = int(width), int(height)
 scene.render.resolution_percentage = 100
 scene.render.image_settings.file_format, scene.render.filepath = "PNG", picture
-scene.view_settings.view_transform = transform
 scene.frame_set(int(frame))
 bpy.ops.render.render(write_still=True)
 """
-"""the steps by hand of ANIMATORS.md; in a process of its own, since Blender brings a USD of its own"""
-TRANSFORM = "Khronos PBR Neutral"
-"""the view transform of our own pictures"""
+"""the steps of ANIMATORS.md; in a process of its own, since Blender brings a USD of its own"""
 
 
 def blender_python() -> str | None:
@@ -62,27 +57,22 @@ def require_blender() -> str:
     python = blender_python()
     if python is None:
         raise MissingExtraError(
-            "no Blender: expected bpy to be installed , or BALLOON_WARP_BLENDER to name a Python that has it"
+            "no Blender: expected bpy to be installed, or BALLOON_WARP_BLENDER to name a Python that has it"
         )
     return python
 
 
 def render_in_blender(
-    stage: Path,
-    picture: Path,
-    frame: int,
-    size: tuple[int, int] = SIZE,
-    samples: int = SAMPLES,
-    transform: str = TRANSFORM,
+    stage: Path, picture: Path, frame: int, size: tuple[int, int] = SIZE, samples: int = SAMPLES
 ) -> None:
-    """Make a picture of a stage as Blender imports it, by its own camera and lights, in Cycles on the CPU.
+    """Make a picture of a stage in the studio look, by its own camera, in Cycles on the CPU.
 
     Raises:
         MissingExtraError: Blender is not there.
         RuntimeError: it failed.
     """
     python = require_blender()
-    words = [stage.resolve(), picture.resolve(), frame, *size, samples, transform]
+    words = [STUDIO_LOOK, stage.resolve(), picture.resolve(), frame, *size, samples]
     done = subprocess.run([python, "-c", SCRIPT, *map(str, words)], capture_output=True, text=True, check=False)
     if done.returncode or not picture.is_file():
         raise RuntimeError(f"Blender could not render {stage}: {done.stderr.strip() or done.stdout.strip()}")

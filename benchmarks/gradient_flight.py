@@ -34,7 +34,8 @@ def tables() -> Iterator[str]:
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
 
-    figure, axes = plt.subplots(1, 2, figsize=(10, 4), sharey=True, layout="constrained")
+    plt.style.use("balloon_warp.outputs.charts")
+    figure, axes = plt.subplots(1, 2, figsize=(10, 4), sharey=True)
     for axis, grounded in zip(axes, (False, True), strict=True):
         found, told = _measured(grounded)
         off = np.abs(found / told - 1.0)
@@ -44,10 +45,9 @@ def tables() -> Iterator[str]:
         axis.loglog(SUBSTEPS * np.array(FRAMES), np.maximum(off, 1e-8), "o-", label=LABELS)
         axis.set(title="bounces on the ground" if grounded else "flies", xlabel="substeps")
         axis.axhline(1e-4, color="gray", linewidth=0.8)
-        axis.grid(alpha=0.3)
     axes[0].set_ylabel("gradient against difference, relative")
     axes[0].legend(title="by")
-    figure.savefig(PICTURE, dpi=110)
+    figure.savefig(PICTURE)
     yield PICTURE
 
 

@@ -40,18 +40,19 @@ def draw(path: Path) -> None:
     from matplotlib import pyplot as plt
 
     found = rates(RESULTS.read_text(encoding="utf-8"))
-    with plt.rc_context({"svg.hashsalt": "balloon-warp", "svg.fonttype": "none", "font.family": "sans-serif"}):
+    with plt.style.context("balloon_warp.outputs.charts"):
         figure, axes = plt.subplots(figsize=(8.0, 3.6))
         for place, (ours, peer) in enumerate(found.values()):
-            for height, rate, color in ((place - 0.18, ours, "#c8102e"), (place + 0.18, peer, "#8a8f98")):
+            for height, rate, color in ((place - 0.18, ours, "C0"), (place + 0.18, peer, "C5")):
                 if rate is not None:
                     axes.barh(height, rate, 0.34, color=color)
                     axes.text(rate * 1.05, height, f"{rate:.2g}", va="center", fontsize=9)
         axes.set_yticks(range(len(found)), [name.replace(", ", ",\n") for name in found])
         axes.invert_yaxis()
         axes.set(xscale="log", xlim=(0.05, 15.0), xlabel="million balloon frames a second on one NVIDIA H100")
-        axes.set_title("Balloon Warp (red) and Newton 1.8 (gray), balloons of 488 particles", fontsize=10)
-        figure.tight_layout()
+        title = "Balloon Warp (red) and Newton 1.8 (gray), balloons of 488 particles"
+        figure.suptitle(title, x=0.01, horizontalalignment="left", fontsize=11)
+        axes.grid(axis="y", visible=False)
         figure.savefig(path, metadata={"Date": None})
         plt.close(figure)
 

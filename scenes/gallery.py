@@ -1,33 +1,64 @@
 """Pictures of docs/, made again.
 
-Run it by python -m balloon_warp.scenes.gallery docs/pictures.
+`python -m balloon_warp.scenes.gallery docs/pictures` makes them all, with names of scenes behind it those.
 """
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import NamedTuple
 
 import numpy as np
 
 from balloon_warp import animate, bundled_scenes, compare, load_scene, render_stage, run_batch
 
-SIZE = (640, 360)
+SIZE, MOVING_SIZE = (640, 360), (480, 270)
 SAMPLES = 16
-MOVING = {"foil_letters": {"frames": (0, 119), "frames_per_second": 20.0}}
-"""scenes of which there is an animation, too, and which part of them it shows"""
 
 
-def main(folder: Path) -> None:
-    """Simulate each bundled scene, a correction and none side by side, and a batch; write their pictures."""
+class Moving(NamedTuple):
+    """Part of a scene's run that an animation shows."""
+
+    first: int
+    last: int
+    frames_per_second: float
+
+
+MOVING = {
+    "foil_letters": Moving(0, 80, 20.0),
+    "bowl_to_sphere": Moving(0, 90, 20.0),
+    "bunch_in_wind": Moving(72, 150, 15.0),
+    "helium_rise": Moving(0, 36, 30.0),
+    "knot": Moving(30, 300, 10.0),
+    "latex_inflate": Moving(0, 120, 15.0),
+    "letter_slot": Moving(70, 230, 15.0),
+    "rocket_balloon": Moving(0, 66, 20.0),
+    "squirrel_inflate": Moving(0, 150, 15.0),
+    "table": Moving(60, 240, 15.0),
+}
+"""Scenes of which there is an animation, too"""
+
+
+def main(folder: Path, names: Sequence[str] = ()) -> None:
+    """Simulate bundled scenes, and write a picture of each and animations of some.
+
+    Args:
+        folder: where they go.
+        names: of the scenes; all if there are none, with a comparison and a batch besides.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory() as stages:
-        for name in bundled_scenes():
+        for name in names or bundled_scenes():
             stage = Path(stages) / f"{name}.usdc"
             animate(load_scene(name), stage)
             render_stage(stage, folder / f"{name}.png", size=SIZE, samples=SAMPLES)
-            if name in MOVING:
-                render_stage(stage, folder / f"{name}.webp", size=SIZE, **MOVING[name])
+            if shown := MOVING.get(name):
+                moving, part = folder / f"{name}.webp", (shown.first, shown.last)
+                render_stage(stage, moving, size=MOVING_SIZE, frames=part, frames_per_second=shown.frames_per_second)
             print(f"wrote {folder / name}.png", flush=True)
+        if names:
+            return
         compare(load_scene("turtle_provot"), {"correction": ["none", "provot"]}, folder / "correction.png")
         inflation = np.linspace(0.5, 8.0, 9)
         batch = load_scene("squirrel_inflate", [("frames", 90)])
@@ -36,4 +67,4 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1] if len(sys.argv) > 1 else "docs/pictures"))
+    main(Path(sys.argv[1] if len(sys.argv) > 1 else "docs/pictures"), sys.argv[2:])

@@ -287,6 +287,17 @@ def test_the_zip_without_wheels_is_the_add_on_alone(tmp_path: Path, capsys: pyte
     assert capsys.readouterr().err.startswith("--platform: expected one of linux-x64")
 
 
+def test_the_studio_look_is_a_script_that_needs_nothing_beside_it(tmp_path: Path, capsys: pytest.CaptureFixture):
+    assert main([str(tmp_path / "look.py")]) == 0
+    assert f"blender --python {tmp_path / 'look.py'}" in capsys.readouterr().out
+    source = (tmp_path / "look.py").read_text(encoding="utf-8")
+    modules = {
+        line.split()[1].partition(".")[0] for line in source.splitlines() if line.startswith(("import ", "from "))
+    }
+    assert modules <= {"bpy", "mathutils", *sys.stdlib_module_names}
+    assert main([str(tmp_path / "none" / "look.py")]) == 2
+
+
 @pytest.mark.full
 def test_the_own_wheel_bakes_with_what_is_listed_alone(tmp_path: Path):
     """The wheel runs where nothing but it, NumPy and the listed requirements can be imported."""

@@ -7,18 +7,20 @@ import pytest
 from PIL import Image
 from render_stages import small_world
 
-from balloon_warp import bundled_scenes, render_stage
+from balloon_warp import bundled_scenes, load_scene, render_stage
+from balloon_warp.scenes.gallery import MOVING, MOVING_SIZE
 
 PICTURES = Path(__file__).parent.parent / "docs" / "pictures"
 KEPT = Path(__file__).parent / "kept"
 COLORFUL = 70
-"""between a pixel's largest and smallest byte: balloons and their spheres have more, ground, strings and shades less"""
+"""spread of the three differences of a pixel from the paper: balloons and their spheres have more, shades less"""
 
 
 def silhouette(path: Path) -> np.ndarray:
-    """Return the mask of colorful pixels, which show the scene's subject."""
+    """Return the mask of pixels of another color than the paper in the corners, which show the scene's subject."""
     pixels = np.asarray(Image.open(path).convert("RGB")).astype(int)
-    return np.ptp(pixels, axis=2) > COLORFUL
+    corners = pixels[[0, 0, -1, -1], [0, -1, 0, -1]]
+    return np.ptp(pixels - np.median(corners, axis=0).astype(int), axis=2) > COLORFUL
 
 
 @pytest.mark.parametrize("name", bundled_scenes())
@@ -27,6 +29,19 @@ def test_what_a_scene_is_about_fills_a_third_of_its_pictures_height(name: str):
     # Two pixels, not one: no stray one counts.
     assert (colorful.sum(axis=1) >= 2).mean() >= 1.0 / 3.0
     assert colorful.mean() >= 0.03
+
+
+@pytest.mark.parametrize("name", MOVING)
+def test_an_animation_stands_beside_the_command_that_makes_it(name: str):
+    first, last, rate = MOVING[name]
+    size = "x".join(map(str, MOVING_SIZE))
+    options = f"-o {name}.webp --size {size} --frames {first}:{last} --fps {rate:g}"
+    gallery = (PICTURES.parent / "GALLERY.md").read_text(encoding="utf-8")
+    assert f"`balloon-warp render {name}.usdc {options}`" in gallery
+    with Image.open(PICTURES / f"{name}.webp") as shown:
+        assert shown.size == MOVING_SIZE
+        count = int((last - first) * rate / load_scene(name).frames_per_second + 1e-9) + 1
+        assert 0.7 * count <= shown.n_frames <= count  # frames that are alike are one
 
 
 def likeness(one: np.ndarray, other: np.ndarray) -> float:

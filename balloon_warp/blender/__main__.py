@@ -1,21 +1,25 @@
-"""Command that builds the extension: `python -m balloon_warp.blender balloon_warp.zip`."""
+"""Command that writes files for Blender: the extension, or the script that dresses a stage as our pictures.
+
+`python -m balloon_warp.blender balloon_warp.zip` and `python -m balloon_warp.blender studio_look.py`.
+"""
 
 import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from balloon_warp.blender.extension import PLATFORMS, write_extension
+from balloon_warp.blender.extension import PLATFORMS, write_extension, write_studio_look
 from balloon_warp.errors import InputError
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Write the zip, and return the exit status: 0, or 2 after a mistake, which gets a sentence."""
+    """Write the file, and return the exit status: 0, or 2 after a mistake, which gets a sentence."""
     parser = argparse.ArgumentParser(
         prog="python -m balloon_warp.blender",
-        description="Build the extension for Blender 4.2 and later: drop the zip into Blender's window to install it.",
+        description="Build the extension for Blender 4.2 and later, which is a zip: drop it into Blender's window. "
+        "Or write the script of the studio look: blender --python studio_look.py -- balloon.usdc",
     )
-    parser.add_argument("zip", type=Path, help="file to write")
+    parser.add_argument("file", type=Path, help="file to write: .zip for the extension, .py for the studio look")
     parser.add_argument(
         "--platform",
         action="append",
@@ -29,7 +33,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     asked = parser.parse_args(arguments)
     try:
-        path = write_extension(asked.zip, asked.platform, not asked.no_wheels)
+        if asked.file.suffix == ".py":
+            print(f"wrote {write_studio_look(asked.file)}: blender --python {asked.file} -- balloon.usdc")
+            return 0
+        path = write_extension(asked.file, asked.platform, not asked.no_wheels)
     except InputError as mistake:
         print(mistake, file=sys.stderr)
         return 2

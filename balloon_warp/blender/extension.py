@@ -20,6 +20,7 @@ from balloon_warp.files import check_writable, whole_file
 from balloon_warp.scene.toml import toml_value
 
 ADDON = Path(__file__).parent / "addon"
+STUDIO_LOOK = ADDON / "studio_look.py"
 NEEDED = ("warp-lang", "scipy", "pydantic", "typing-extensions")
 """Requirements of a bake; Blender has NumPy, and a USD of its own, which another one beside it would break"""
 PLATFORMS = {
@@ -76,6 +77,18 @@ def write_extension(path: Path, platforms: Sequence[str] | None = None, wheels: 
                 archive.write(file, file.name)
             for wheel in found:
                 archive.write(wheel, f"wheels/{wheel.name}", zipfile.ZIP_STORED)
+    return path
+
+
+def write_studio_look(path: Path) -> Path:
+    """Write the script that dresses an imported stage as our own pictures, and return its path.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    check_writable(path, (".py",))
+    with whole_file(path) as temporary:
+        temporary.write_bytes(STUDIO_LOOK.read_bytes())
     return path
 
 

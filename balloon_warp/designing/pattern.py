@@ -18,14 +18,18 @@ SEAM = 0.008
 """Allowance beyond the seam [m]"""
 MARGIN = 0.01
 """Margin of the page [m]"""
-PIXELS, GAP = 900, 40
+PIXELS, GAP, ROW = 920, 36, 30
+"""Width of a picture, margin around it, and height of a row of its legend [pixels]"""
+FINER = 4
+"""Factor by which a picture is drawn larger, so that its lines are smooth"""
 COLORS = {
-    "wanted": (190, 190, 190),
-    "without design": (214, 90, 60),
-    "inflated": (30, 90, 170),
-    "pattern": (60, 60, 60),
+    "wanted": (214, 222, 230),
+    "without design": (224, 122, 66),
+    "inflated": (26, 84, 160),
+    "pattern": (70, 74, 80),
 }
-WIDTHS = {"wanted": 9, "without design": 2, "inflated": 3, "pattern": 2}
+WIDTHS = {"without design": 2.2, "inflated": 3.2, "pattern": 1.3}
+"""Width of lines [pixels]; what has none is an area"""
 NAMES = {"inflated": "designed, inflated", "pattern": "pattern, flat", "without design": "without design, inflated"}
 
 
@@ -54,24 +58,46 @@ def write_pattern(path: Path, rims: Sequence[Values], loops: Loops) -> None:
 
 
 def outline_picture(lines: Mapping[str, Sequence[Values]], loops: Loops, got: str) -> Image.Image:
-    """Draw rims of all parts over each other, by name.
+    """Draw rims over each other, by name, those of each part apart from the next one's.
 
     Args:
         got: stands beside the name of the inflated rims.
     """
+    lines = _beside(lines)
     low, high = _bounds([rim for rims in lines.values() for rim in rims])
-    scale = PIXELS / (high - low).max()
-    width, height = (scale * (high - low)).astype(int) + 2 * GAP
-    image = Image.new("RGB", (width, height + 30 * len(lines)), (255, 255, 255))
-    draw, font = ImageDraw.Draw(image), ImageFont.load_default(20)
+    scale = FINER * PIXELS / float(high[0] - low[0])
+    width, height = (scale * (high - low)).astype(int) + 2 * FINER * GAP
+    image = Image.new("RGB", (width, height + FINER * (ROW * len(lines) + GAP // 2)), (255, 255, 255))
+    draw, font = ImageDraw.Draw(image), ImageFont.load_default(18 * FINER)
     for row, (name, rims) in enumerate(lines.items()):
+        color, thick = COLORS[name], round(FINER * WIDTHS.get(name, 0))
         for rim, of_part in zip(rims, loops, strict=True):
-            for line in _split(rim, of_part):
-                places = (scale * (line - low) * [1.0, -1.0] + [GAP, height - GAP]).tolist()
-                draw.line([tuple(place) for place in (*places, places[0])], COLORS[name], WIDTHS[name])
+            for number, line in enumerate(_split(rim, of_part)):
+                places = (scale * (line - low) * [1.0, -1.0] + [FINER * GAP, height - FINER * GAP]).tolist()
+                corners = [tuple(place) for place in (*places, *places[:2])]
+                if thick:
+                    draw.line(corners, color, thick, joint="curve")
+                else:
+                    draw.polygon(corners, (255, 255, 255) if number else color)
         told = f"{NAMES.get(name, name)}: {got}" if name == "inflated" else NAMES.get(name, name)
-        draw.text((GAP, height + 30 * row), told, COLORS[name], font)
-    return image
+        left, middle = FINER * GAP, height + FINER * ROW * (row + 0.5)
+        half = 0.5 * (thick or 14 * FINER)
+        draw.rectangle((left, middle - half, left + 34 * FINER, middle + half), color)
+        draw.text((left + 48 * FINER, middle), told, (40, 40, 40), font, anchor="lm")
+    return image.resize((image.width // FINER, image.height // FINER), Image.Resampling.LANCZOS)
+
+
+def _beside(lines: Mapping[str, Sequence[Values]]) -> dict[str, list[Values]]:
+    """Return the rims of all names with each part to the right of all rims of the part before."""
+    moved: dict[str, list[Values]] = {name: [] for name in lines}
+    right, gap = -np.inf, SEAM
+    for rims in zip(*lines.values(), strict=True):
+        low, high = _bounds(rims)
+        shift = [max(0.0, right + gap - float(low[0])), 0.0]
+        for name, rim in zip(lines, rims, strict=True):
+            moved[name].append(rim + shift)
+        right = float(high[0]) + shift[0]
+    return moved
 
 
 def _apart(rims: Sequence[Values]) -> list[Values]:

@@ -5,7 +5,7 @@ from typing import Any
 
 from balloon_warp.foil.outlines import from_extra, united
 
-WIDTH = 0.5
+WIDTH = 0.24
 """Width of a neck, over the horizontal overlap of the parts"""
 ABOVE = 0.5
 """Least overlap of two parts, one above the other, over the narrower one's width"""

@@ -11,6 +11,8 @@ AZIMUTH = 32.0
 """Azimuth of a three-quarter view, from the front (+Z) toward +X [degrees]"""
 ELEVATION = 13.0
 """Elevation above the horizon [degrees]"""
+KEY_AZIMUTH = -45.0
+"""Azimuth of the main light from the camera toward its right [degrees]: over the photographer's left shoulder"""
 MARGIN = 0.80
 """Fraction of the picture's half size within which the action stays"""
 
@@ -96,3 +98,18 @@ class CameraFit:
         back = -self._support.sum(axis=1) / (2.0 * self._sines)
         eye = np.array([*middle, back.max()]) @ self.axes
         return Camera(eye, self.axes, self.half_width, self.half_height)
+
+
+def turned(level_axes: NDArray[np.float64], light: float) -> NDArray[np.float64]:
+    """Return a camera's level axes, shape (3, 3), turned so that its main light comes from an azimuth [degrees].
+
+    A studio lit from the right is the mirror image of one lit from the left: its other lamp must not get behind the
+    scene, whose outlines would shine.
+    """
+    right, up, backward = level_axes
+    if light > 0.0:
+        right, light = -right, -light
+    angle = np.radians(light - KEY_AZIMUTH)
+    return np.stack(
+        [np.cos(angle) * right - np.sin(angle) * backward, up, np.sin(angle) * right + np.cos(angle) * backward]
+    )

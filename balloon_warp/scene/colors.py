@@ -16,7 +16,7 @@ SPHERE_COLORS: list[Color] = [(0.06, 0.16, 0.45), (0.85, 0.60, 0.05), (0.08, 0.4
 BODY_COLORS: list[Color] = [(0.50, 0.28, 0.10), (0.30, 0.34, 0.40), (0.42, 0.42, 0.16), (0.40, 0.16, 0.12)]
 STRING_COLOR: Color = (0.25, 0.20, 0.16)
 OBSTACLE_COLOR: Color = (0.45, 0.45, 0.47)
-FORCE_COLOR: Color = (0.02, 0.30, 0.10)
+FORCE_COLOR: Color = (0.02, 0.05, 0.25)
 GROUND_COLOR: Color = (0.72, 0.70, 0.66)
 WATER_COLOR: Color = (0.06, 0.40, 0.52)
 
@@ -31,6 +31,11 @@ def palette_color(number: int) -> Color:
 def balloon_color(scene: Scene, number: int) -> Color:
     """Return the color of a balloon: its own, or the palette's for its number."""
     return scene.balloon[number].color or palette_color(number)
+
+
+def paper_of(scene: Scene) -> Color:
+    """Return the color of the ground and the backdrop."""
+    return (scene.picture and scene.picture.paper) or GROUND_COLOR
 
 
 def looks_of_file(mesh: PolygonMesh | None, said: Balloon | Obstacle | Body) -> Looks | None:

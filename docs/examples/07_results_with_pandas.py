@@ -22,9 +22,9 @@ by_mass = table.groupby("sphere.0.mass").agg(
 )
 print(by_mass.round(3))
 
-table.pivot(index="time", columns="sphere.0.mass", values="sphere_0_height").plot(figsize=(6.4, 3.6), colormap="plasma")
+plt.style.use("balloon_warp.outputs.charts")
+table.pivot(index="time", columns="sphere.0.mass", values="sphere_0_height").plot()
 plt.ylabel("height of the sphere [m]")
 plt.xlabel("time [s]")
-plt.legend(title="sphere [kg]", fontsize=7)
-plt.tight_layout()
+plt.legend(title="sphere [kg]", fontsize=8)
 plt.savefig("pandas.png")

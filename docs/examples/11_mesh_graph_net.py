@@ -94,6 +94,7 @@ with torch.no_grad():
 rollout = torch.stack(learned, 1)
 errors = (rollout - tests).norm(dim=-1).mean((0, 2))
 print(f"mean error of {len(tests)} test worlds after {FRAMES} frames: {1e3 * errors[-1]:.1f} mm")
+plt.style.use("balloon_warp.outputs.charts")
 figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4), width_ratios=[2, 1])
 for place, frame in enumerate(range(0, FRAMES + 1, max(FRAMES // 5, 1))):
     for points, color in ((tests, "black"), (rollout, "tab:red")):
@@ -102,4 +103,4 @@ for place, frame in enumerate(range(0, FRAMES + 1, max(FRAMES // 5, 1))):
 left.set(aspect="equal", title="simulated (black), learned (red)", ylabel="height [m]")
 right.plot(1e3 * errors)
 right.set(xlabel="frame", ylabel="mean error [mm]")
-figure.savefig("mesh_graph_net.png", dpi=120)
+figure.savefig("mesh_graph_net.png")

@@ -141,10 +141,11 @@ np.savetxt(f"ppo_{given.task}.csv", curve, "%.9g", ",", header="seconds,steps,ep
 if find_spec("matplotlib"):
     import matplotlib.pyplot as plt
 
+    plt.style.use("balloon_warp.outputs.charts")
     figure, axes = plt.subplots(figsize=(6, 4))
     axes.plot([row[0] / 60.0 for row in curve], [row[3] for row in curve], label="while learning")
     for name, style in (("learned", "-"), ("scripted", "--"), ("random", ":")):
         axes.axhline(returns[name], color="black", linewidth=1, linestyle=style, label=name)
     axes.set(xlabel="minutes", ylabel="mean return of an episode", title=f"{given.task}, {given.envs} worlds")
     axes.legend()
-    figure.savefig(f"ppo_{given.task}.png", dpi=120)
+    figure.savefig(f"ppo_{given.task}.png")

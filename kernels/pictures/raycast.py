@@ -96,7 +96,7 @@ def cast_pixels(
         if camera.aperture > 0.0:
             origin = lens_place(camera, lens_samples[sample, tile])
             toward = camera.eye + camera.focus * toward - origin
-        behind = backdrop(y, x)
+        behind = wp.cw_mul(studio.paper, backdrop(y, x))
         if camera.transparent:
             behind = wp.vec3()
         # Shares of light are blurred: every other ray's are enough of each.

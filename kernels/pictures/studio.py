@@ -22,6 +22,8 @@ class Studio:
     rim_up: wp.vec3
     key_radiance: wp.vec3
     """Radiance that the key light adds to a white surface facing it"""
+    paper: wp.vec3
+    """Tint of the backdrop"""
     key_spread: float
     """Tangent of the half angle of the key light, for soft shadows"""
 

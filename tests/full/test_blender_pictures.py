@@ -1,4 +1,4 @@
-"""Blender renders our picture alike: the same colors and highlights, where its Python module is installed."""
+"""Blender renders our picture alike in the studio look: colors, highlights and paper, where `bpy` is installed."""
 
 from pathlib import Path
 

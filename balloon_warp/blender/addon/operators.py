@@ -7,6 +7,7 @@ from bpy.types import Context, Operator
 
 from . import baking, modifier, preview, properties, tears
 from .snapshot import RefusedError
+from .studio_look import can_dress, dress
 
 
 class BalloonOperator(Operator):
@@ -154,6 +155,21 @@ class BALLOON_OT_delete(BalloonOperator):  # noqa: N801
         return self.tried(context, lambda: baking.delete(context.scene))
 
 
+class BALLOON_OT_dress(BalloonOperator):  # noqa: N801
+    """Give a stage that was imported the look of Balloon Warp's own pictures, in Cycles."""
+
+    bl_idname = "balloon.dress"
+    bl_label = "Studio Look"
+    bl_description = "Thin latex, softboxes and a backdrop for a stage of Balloon Warp that was imported, in Cycles"
+
+    @classmethod
+    def poll(cls, context: Context) -> bool:
+        return can_dress(context.scene)
+
+    def execute(self, context: Context) -> set[str]:
+        return self.tried(context, lambda: dress(context.scene))
+
+
 CLASSES = (
     BALLOON_OT_inflate,
     BALLOON_OT_remove,
@@ -162,6 +178,7 @@ CLASSES = (
     BALLOON_OT_resume,
     BALLOON_OT_cancel,
     BALLOON_OT_delete,
+    BALLOON_OT_dress,
 )
 
 

@@ -6,6 +6,7 @@ import bpy
 from bpy.types import Context, Object, Panel, UILayout
 
 from . import baking, preview, properties
+from .studio_look import can_dress
 
 LINE = 40
 """Letters in a line of a message"""
@@ -25,6 +26,8 @@ class BALLOON_PT_balloon(Panel):  # noqa: N801 (Blender's rule)
         thing = context.object
         if thing and thing.type == "MESH":
             draw_object(self.layout, thing)
+        if can_dress(context.scene):
+            self.layout.operator("balloon.dress", icon="LIGHT")
         draw_bake(self.layout, context)
 
 

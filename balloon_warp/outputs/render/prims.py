@@ -14,6 +14,7 @@ from balloon_warp.outputs.render.appearance import read_colors, read_finish
 from balloon_warp.outputs.render.covering import Covering, read_covering
 from balloon_warp.outputs.render.printed import read_texels
 from balloon_warp.outputs.render.surface import SmoothSurface
+from balloon_warp.outputs.usd.deformable import REST_POINTS
 
 
 class Capsules(NamedTuple):
@@ -75,13 +76,18 @@ class MeshPrim:
         self.soft = self._mesh.GetPointsAttr().GetNumTimeSamples() > 0
         """Whether its points move"""
         covering = read_covering(self._mesh, counts, indices, len(points), seen)
-        # Edges sharp at first stay sharp, as the seam of foil, which is two flat sheets then.
-        at_first = self.points(start) if self.soft else points
+        # Edges sharp at rest stay sharp, as the seam of foil, which is two flat sheets then.
+        at_first = self._at_rest(start) if self.soft else points
         foil = any(cover.finish.metallic > 0.0 for cover in covering.covers)
         crease = SOFT_CREASE if self.soft and not foil else None if is_round(self._mesh) and not foil else CREASE
         self.surface = SmoothSurface(PolygonMesh(at_first, counts[seen], indices[whole]), crease)
         self.cover = SurfaceCover(self.surface, covering)
         self._first_areas = self.surface.vertex_areas(self.points(start)) if self.soft else None
+
+    def _at_rest(self, start: Moment) -> NDArray[np.float64]:
+        """Return the points of the rest shape that a deformable has, or else those at the start."""
+        rest = np.array(self._mesh.GetPrim().GetAttribute(f"physics:{REST_POINTS}").Get() or [], np.float64)
+        return rest if rest.shape == (self.point_count, 3) and np.isfinite(rest).all() else self.points(start)
 
     def shrunk(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the initial area around each of the surface's vertices over the current one."""

@@ -97,7 +97,7 @@ class RayCaster:
         lens.up = wp.vec3(*(camera.half_height * up))
         lens.aperture, lens.focus = 0.5 * camera.aperture / self._size, camera.focus / self._size
         lens.transparent = self._transparent
-        studio = light_studio(camera)
+        studio = light_studio(camera, **self._stage.picture_light)
         noisy, smooth, surface = self._shares[:2], self._shares[2:], [self._places, self._normals]
         light = [self._plain, self._key, self._sky]
         radius = max(2, round(WIDEST_BLUR * min(1.0, (4.0 / self._samples) ** 0.5)))
@@ -147,7 +147,7 @@ class RayCaster:
         # Nobody sees that a picture without its water had some: a shadow at the bottom would be nowhere.
         caught = self._stage.water is None
         self._shapes.has_ground = int(ground is not None and (caught or not self._transparent))
-        self._shapes.ground_color = wp.vec3(0.5)
+        self._shapes.ground_color = wp.vec3(*self._stage.picture_light.get("paper", (0.5, 0.5, 0.5)))
         if ground is not None:
             self._shapes.ground_color = wp.vec3(*ground.color.tolist())
         water = self._stage.water

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,16 +75,21 @@ class RenderStage:
 
     @property
     def picture_view(self) -> dict[str, float | tuple[float, float, float]]:
-        """Camera settings that the stage has for pictures, by the names of a scene's fields."""
+        """Settings of camera and light that the stage has for pictures, by the names of a scene's fields."""
         said = self._said("pictureView")
         view: dict[str, float | tuple[float, float, float]] = {}
         for name, value in said.items() if isinstance(said, dict) else ():
-            if name == "look_at" and isinstance(value, Gf.Vec3d):
+            if name in ("look_at", "paper") and isinstance(value, Gf.Vec3d):
                 x, y, z = np.array(value).tolist()
                 view[name] = (x, y, z)
-            elif name in ("azimuth", "elevation", "zoom") and isinstance(value, float | int):
+            elif name in ("azimuth", "elevation", "zoom", "light") and isinstance(value, float | int):
                 view[name] = float(value)
         return view
+
+    @property
+    def picture_light(self) -> dict[str, Any]:
+        """Color of the paper and azimuth of the main light, where the stage says them."""
+        return {name: value for name, value in self.picture_view.items() if name in ("paper", "light")}
 
     def _said(self, name: str):
         """Return a value that a stage of ours has about itself."""

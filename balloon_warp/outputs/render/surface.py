@@ -9,7 +9,7 @@ from balloon_warp.mesh.geometry import face_vector_areas, triangulate, vertex_no
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.outputs.render.creases import cut_at_creases, leave_whole
 
-MOST_TRIANGLES = 25_000
+MOST_TRIANGLES = 60_000
 """Number of triangles beyond which a surface is not refined, since they are small enough in a picture"""
 
 
@@ -65,13 +65,16 @@ class SmoothSurface:
             spread = np.concatenate([spread, middles], axis=1)[:, QUARTERS].reshape(-1, 3, values.shape[1])
         return spread.reshape(-1, values.shape[1])
 
-    def _evened(self, normals: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _evened(self, mesh: PolygonMesh) -> NDArray[np.float64]:
         """Return normals of vertices, each turned toward its neighbors' as the limit of subdivision turns them.
 
-        A highlight shows where normals change abruptly. Normals at creases stay.
+        A highlight shows where normals change abruptly. Normals at creases stay. Faces count by their areas, or the
+        narrow ones at a box's edges would make its sides bulge.
         """
-        counts, corners = self._mesh.face_vertex_counts, self._mesh.face_vertex_indices
-        sides = np.repeat(np.add.reduceat(normals[corners], np.cumsum(counts) - counts) / counts[:, None], counts, 0)
+        normals, counts, corners = vertex_normals(mesh), mesh.face_vertex_counts, mesh.face_vertex_indices
+        weights = np.linalg.norm(face_vector_areas(mesh), axis=1) / counts
+        sides = np.add.reduceat(normals[corners], np.cumsum(counts) - counts) * weights[:, None]
+        sides = np.repeat(sides, counts, axis=0)
         sums = np.stack([np.bincount(corners, side, len(normals)) for side in sides.T], axis=1)
         length = np.linalg.norm(sums, axis=1, keepdims=True)
         return np.divide(sums, length, out=normals.copy(), where=(length > 1e-12) & ~self._at_crease[:, None])
@@ -89,7 +92,7 @@ class SmoothSurface:
     def place(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return all vertices for the mesh's points, and their unit normals, each of shape (vertex_count, 3)."""
         points = points[self._source]
-        normals = self._evened(vertex_normals(replace(self._mesh, points=points)))
+        normals = self._evened(replace(self._mesh, points=points))
         for edges, straight in zip(self._edges, self._straight, strict=True):
             begin, end = points[edges[:, 0]], points[edges[:, 1]]
             normal_begin, normal_end = normals[edges[:, 0]], normals[edges[:, 1]]

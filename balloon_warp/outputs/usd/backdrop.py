@@ -7,9 +7,8 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade, Vt
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import vertex_normals
 from balloon_warp.mesh.usd_stage import SCENERY
-from balloon_warp.outputs.usd.material import paint, shine_from_within, take_from_primvar
+from balloon_warp.outputs.usd.material import Color, paint, shine_from_within, take_from_primvar
 from balloon_warp.outputs.usd.presence import BACKDROP
-from balloon_warp.scene.colors import GROUND_COLOR
 
 RADIUS, BEND, HEIGHT = 9.0, 7.0, 9.0
 """Radius of the floor, radius of the curve between floor and wall, and height of the wall, in sizes of the subject"""
@@ -26,7 +25,12 @@ ROUGHNESS = 0.9
 
 
 def define_backdrop(
-    stage: Usd.Stage, path: Sdf.Path, foot: NDArray[np.float64], level_axes: NDArray[np.float64], size: float
+    stage: Usd.Stage,
+    path: Sdf.Path,
+    foot: NDArray[np.float64],
+    level_axes: NDArray[np.float64],
+    size: float,
+    paper: Color,
 ) -> None:
     """Define the sheet, in the coordinates of the prim's parent, where Y is up.
 
@@ -34,6 +38,7 @@ def define_backdrop(
         foot: the point of the floor below the subject, shape (3,).
         level_axes: unit vectors to the right, up, and level back toward the camera, a row each, shape (3, 3).
         size: of the subject.
+        paper: color of the sheet.
     """
     sheet = sweep()
     points = Vt.Vec3fArray.FromNumpy((size * sheet.points @ level_axes + foot).astype(np.float32))
@@ -49,22 +54,22 @@ def define_backdrop(
     prim.CreatePurposeAttr(UsdGeom.Tokens.render)  # a viewer that frames prims of default purpose frames the subject
     for key in (SCENERY, BACKDROP):
         prim.GetPrim().SetCustomDataByKey(key, "Backdrop")
-    _light_from_within(prim, sheet.points[:, 1])
+    _light_from_within(prim, sheet.points[:, 1], paper)
 
 
-def glow_like_floor(ground: Usd.Prim) -> None:
+def glow_like_floor(ground: Usd.Prim, paper: Color) -> None:
     """Make the ground emit light as the sheet below it does, so that the transition is invisible."""
     material = UsdShade.MaterialBindingAPI(ground).ComputeBoundMaterial()[0]
-    shine_from_within(material).Set(FLOOR_GLOW * Gf.Vec3f(*GROUND_COLOR))
+    shine_from_within(material).Set(FLOOR_GLOW * Gf.Vec3f(*paper))
 
 
-def _light_from_within(prim: UsdGeom.Mesh, heights: NDArray[np.float64]) -> None:
-    material = paint(prim, GROUND_COLOR, roughness=ROUGHNESS)
+def _light_from_within(prim: UsdGeom.Mesh, heights: NDArray[np.float64], paper: Color) -> None:
+    material = paint(prim, paper, roughness=ROUGHNESS)
     shares = FLOOR_GLOW + (WALL_GLOW - FLOOR_GLOW) * _smooth_step(*GLOW_RISES, heights)
-    colors = np.outer(shares, GROUND_COLOR).astype(np.float32)
+    colors = np.outer(shares, paper).astype(np.float32)
     kind, each_point = Sdf.ValueTypeNames.Color3fArray, UsdGeom.Tokens.vertex
     UsdGeom.PrimvarsAPI(prim).CreatePrimvar("glow", kind, each_point).Set(Vt.Vec3fArray.FromNumpy(colors))
-    take_from_primvar(shine_from_within(material), "glow", FLOOR_GLOW * Gf.Vec3f(*GROUND_COLOR))
+    take_from_primvar(shine_from_within(material), "glow", FLOOR_GLOW * Gf.Vec3f(*paper))
 
 
 def sweep() -> PolygonMesh:

@@ -4,6 +4,8 @@ Where it may burst, the corners of its faces are written in each frame: those of
 vertices, so that the number of faces stays.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom, Vt
 
@@ -12,8 +14,9 @@ from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.corners import beside_faces
 from balloon_warp.mesh.folds import SOFT_CREASE, sharp_edges
 from balloon_warp.model import Model
+from balloon_warp.model.shape import BalloonShape
 from balloon_warp.outputs.usd.contacts import ContactChannels
-from balloon_warp.outputs.usd.deformable import define_deformable
+from balloon_warp.outputs.usd.deformable import define_deformable, rest_points
 from balloon_warp.outputs.usd.looks import paint_as_file, place_texture
 from balloon_warp.outputs.usd.material import offer_latex, paint, print_on
 from balloon_warp.scene import Balloon
@@ -27,19 +30,21 @@ PAINTED = {"roughness": 0.4, "clearcoat": 0.3}
 """Opaque finish of a mesh with looks of its own"""
 
 
-def define_balloon(stage: Usd.Stage, path: Sdf.Path, mesh: PolygonMesh, number: int, balloon: Balloon) -> UsdGeom.Mesh:
+def define_balloon(
+    stage: Usd.Stage, path: Sdf.Path, shape: BalloonShape, number: int, balloon: Balloon
+) -> UsdGeom.Mesh:
     """Define the mesh's topology and look; no points yet.
 
     The look is the balloon's color, else that of the mesh's file, else the palette's for its number.
     """
-    prim = UsdGeom.Mesh.Define(stage, path)
+    mesh, prim = shape.mesh, UsdGeom.Mesh.Define(stage, path)
     prim.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(mesh.face_vertex_counts))
     prim.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(mesh.face_vertex_indices))
     # Who draws it refines it, or makes it smooth at least: simulated points are the control points of that surface.
     prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.catmullClark)
     if (mesh.face_vertex_counts == 3).any():
         prim.CreateTriangleSubdivisionRuleAttr(UsdGeom.Tokens.smooth)
-    _crease(prim, mesh)
+    _crease(prim, replace(mesh, points=rest_points(shape)))
     prim.CreateDoubleSidedAttr(True)
     place_texture(prim, mesh)
     own, looks_like = balloon.color or palette_color(number), balloon.looks_like
@@ -63,7 +68,7 @@ def define_balloon(stage: Usd.Stage, path: Sdf.Path, mesh: PolygonMesh, number: 
 
 
 def _crease(prim: UsdGeom.Mesh, mesh: PolygonMesh) -> None:
-    """Keep edges sharp that are so at the start, as those of a box and the seam of foil."""
+    """Keep edges sharp that are so at rest, as those of a box and the seam of foil, but no folds of a parcel."""
     edges = sharp_edges(mesh, SOFT_CREASE)
     if len(edges):
         prim.CreateCreaseIndicesAttr(Vt.IntArray.FromNumpy(edges.ravel()))
@@ -79,7 +84,7 @@ class BalloonPrim:
         kind = model.scene.balloon[number].inflation.kind
         self._has_pressure, self._has_gas = kind != "normal_force", kind == "gas"
         self.mesh = model.shapes[number].mesh
-        self.prim = define_balloon(stage, path, self.mesh, number, model.scene.balloon[number])
+        self.prim = define_balloon(stage, path, model.shapes[number], number, model.scene.balloon[number])
         define_deformable(self.prim, model, number)
         self._may_burst = model.scene.balloon[number].material.strength is not None
         self._first_area = model.shapes[number].area

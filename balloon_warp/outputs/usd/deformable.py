@@ -13,13 +13,21 @@ from pxr import Sdf, Usd, UsdGeom, UsdPhysics, Vt
 from balloon_warp.mesh.geometry import triangulate
 from balloon_warp.model.materials import law_of
 from balloon_warp.model.model import Model
-from balloon_warp.model.shape import vertex_weights
+from balloon_warp.model.shape import BalloonShape, vertex_weights
 from balloon_warp.outputs.usd.rigid import HOME
 from balloon_warp.outputs.usd.substance import bind_substance
 from balloon_warp.scene import Scene
 
 SCHEMAS = ("PhysicsDeformableBodyAPI", "PhysicsSurfaceDeformableSimAPI")
+REST_POINTS = "restShapePoints"
+"""Attribute, below `physics:`, of the points without stress"""
 Types = Sdf.ValueTypeNames
+
+
+def rest_points(shape: BalloonShape) -> NDArray[np.float64]:
+    """Return a balloon's stress-free points, or those at the start if it is cut into panels, shape (point_count, 3)."""
+    panels = shape.resting.vertex_count != shape.mesh.vertex_count
+    return (shape.mesh if panels else shape.resting).points
 
 
 def define_deformable(mesh_prim: UsdGeom.Mesh, model: Model, number: int) -> None:
@@ -32,7 +40,8 @@ def define_deformable(mesh_prim: UsdGeom.Mesh, model: Model, number: int) -> Non
     triangles = Vt.Vec3iArray.FromNumpy(np.ascontiguousarray(triangulate(mesh)[0], dtype=np.int32))
     mesh_prim.CreatePointsAttr(points)
     mesh_prim.CreateVelocitiesAttr(Vt.Vec3fArray.FromNumpy(_start_velocities(model, number)))
-    _say(prim, "restShapePoints", Types.Point3fArray, points)
+    rest = rest_points(model.shapes[number])
+    _say(prim, REST_POINTS, Types.Point3fArray, Vt.Vec3fArray.FromNumpy(rest.astype(np.float32)))
     _say(prim, "restTriVertexIndices", Types.Int3Array, triangles)
     _say(prim, "restBendAnglesDefault", Types.Token, "restShape")
     if law_of(model.scene, number):

@@ -13,7 +13,7 @@ class Softbox(NamedTuple):
     """A rectangular lamp that faces the subject. Lengths are in sizes of the subject."""
 
     toward: tuple[float, float, float]
-    """Direction from the subject: to the camera's right, up, and back toward the camera"""
+    """Direction from the subject: right, up, and back, as the camera sees it unless the light is turned"""
     distance: float
     width: float
     height: float
@@ -38,7 +38,7 @@ def define_lights(
 
     Args:
         center: the subject's middle, shape (3,).
-        level_axes: unit vectors to the right, up, and level back toward the camera, a row each, shape (3, 3).
+        level_axes: unit vectors by which directions to lamps are given, a row each, shape (3, 3).
         size: of the subject.
     """
     sky = UsdLux.DomeLight.Define(stage, home.AppendChild("Sky"))
@@ -51,10 +51,10 @@ def define_lights(
         light.CreateColorAttr(Gf.Vec3f(*box.color))
         light.CreateWidthAttr(box.width * size)
         light.CreateHeightAttr(box.height * size)
-        toward = np.array(box.toward) / np.linalg.norm(box.toward)
+        toward = np.array(box.toward) @ level_axes / np.linalg.norm(box.toward)
         matrix = np.eye(4)
-        matrix[:3, :3] = _facing(toward) @ level_axes
-        matrix[3, :3] = center + box.distance * size * toward @ level_axes
+        matrix[:3, :3] = _facing(toward)
+        matrix[3, :3] = center + box.distance * size * toward
         UsdGeom.Xformable(light).AddTransformOp().Set(Gf.Matrix4d(matrix.tolist()))
 
 

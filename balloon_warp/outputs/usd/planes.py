@@ -12,7 +12,7 @@ from balloon_warp.model import Model
 from balloon_warp.outputs.usd.material import Color, paint
 from balloon_warp.outputs.usd.rigid import SURFACE, be_hit
 from balloon_warp.scene import Scene
-from balloon_warp.scene.colors import GROUND_COLOR, WATER_COLOR
+from balloon_warp.scene.colors import GROUND_COLOR, WATER_COLOR, paper_of
 
 SIZES = 20.0
 """Half the square's side, as a multiple of the scene's size"""
@@ -40,8 +40,9 @@ PLANES = {
 
 
 def planes_of(scene: Scene) -> list[Plane]:
-    """Return the planes that the scene has."""
-    return [plane for table, plane in PLANES.items() if getattr(scene, table)]
+    """Return the planes that the scene has; its ground is of the paper of its picture."""
+    planes = PLANES | {"ground": PLANES["ground"]._replace(color=paper_of(scene))}
+    return [plane for table, plane in planes.items() if getattr(scene, table)]
 
 
 def define_square(

@@ -37,7 +37,7 @@ class Prototypes:
     def __init__(self, stage: Usd.Stage, plans: Sequence[ModelPlan], middle: NDArray[np.float64], half: float):
         stage.CreateClassPrim(HOME)
         scene = plans[0].scene
-        meshes = {_key(plan, number): shape.mesh for plan in plans for number, shape in enumerate(plan.shapes)}
+        shapes = {_key(plan, number): shape for plan in plans for number, shape in enumerate(plan.shapes)}
         self.spheres = [HOME.AppendChild(f"Sphere_{number}") for number in range(len(scene.sphere))]
         self.strings = [HOME.AppendChild(f"String_{number}") for number in range(len(scene.string))]
         self.pieces: dict[Plane, Sdf.Path] = {}
@@ -47,10 +47,10 @@ class Prototypes:
         named = [*bodies, *(path.name for path in self.obstacles)]
         self.bodies = [HOME.AppendChild(name) for name in body_names(scene, named)]
         self.other_names = [*named, *(path.name for path in self.bodies)]
-        names = prim_names((mesh.name for mesh in meshes.values()), self.other_names)
-        self._balloons = {key: HOME.AppendChild(name) for key, name in zip(meshes, names, strict=True)}
-        for key, mesh in meshes.items():
-            define_balloon(stage, self._balloons[key], mesh, key[0], scene.balloon[key[0]])
+        names = prim_names((shape.mesh.name for shape in shapes.values()), self.other_names)
+        self._balloons = {key: HOME.AppendChild(name) for key, name in zip(shapes, names, strict=True)}
+        for key, shape in shapes.items():
+            define_balloon(stage, self._balloons[key], shape, key[0], scene.balloon[key[0]])
         for number, path in enumerate(self.spheres):
             define_sphere(stage, path, scene.sphere[number], number)
         poses = obstacle_poses(plans[0].parameters["obstacle_position"][0], self.obstacle_motion, 0)

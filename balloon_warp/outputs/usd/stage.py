@@ -23,6 +23,7 @@ from balloon_warp.outputs.usd.sphere import SpherePrim
 from balloon_warp.outputs.usd.string import StringPrim
 from balloon_warp.outputs.usd.studio import define_studio
 from balloon_warp.outputs.usd.tube import TubePrim
+from balloon_warp.scene.colors import paper_of
 from balloon_warp.warp_lock import lock_of
 
 STAGE_SUFFIXES = (".usdc", ".usda", ".usd")
@@ -90,7 +91,7 @@ class StageWriter(GrowingStage):
         planes = [PlanePrim(stage, plane, model) for plane in drawn]
         for plane in planes:
             if self.lights and plane.plane.name == "Ground":
-                glow_like_floor(plane.prim.GetPrim())
+                glow_like_floor(plane.prim.GetPrim(), paper_of(scene))
         spheres = [
             SpherePrim(stage, Sdf.Path(f"/World/Spheres/Sphere_{n}"), model, n) for n in range(model.sphere_count)
         ]

@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom
 
+from balloon_warp.outputs.camera import KEY_AZIMUTH, turned
 from balloon_warp.outputs.moment import Moment
 from balloon_warp.outputs.usd.backdrop import define_backdrop
 from balloon_warp.outputs.usd.camera import as_pictured, define_camera, fit_for
 from balloon_warp.outputs.usd.lights import define_lights
 from balloon_warp.scene import Scene
+from balloon_warp.scene.colors import paper_of
 
 HOME = Sdf.Path("/World/Studio")
 GROUND, OBSTACLES = Sdf.Path("/World/Ground"), Sdf.Path("/World/Obstacles")
@@ -84,13 +86,14 @@ def define_studio(
         home.AddRotateXOp().Set(90.0)
     camera = as_pictured(fit.camera(), shown.center, scene)
     define_camera(stage, HOME.AppendChild("Camera"), camera, center)
-    define_lights(stage, HOME, center, camera.level_axes, size)
+    said = scene.picture and scene.picture.light
+    define_lights(stage, HOME, center, turned(camera.level_axes, KEY_AZIMUTH if said is None else said), size)
     if backdrop:
         heights = [points[:, 1].min() for points in _points(stage, [GROUND], moments)]
         hovers = lowest == subject.lower[1]
         floor = min(heights, default=lowest - HOVER * size if hovers else lowest)
         foot = np.array([center[0], floor - BELOW * size, center[2]])
-        define_backdrop(stage, HOME.AppendChild("Backdrop"), foot, camera.level_axes, size)
+        define_backdrop(stage, HOME.AppendChild("Backdrop"), foot, camera.level_axes, size, paper_of(scene))
 
 
 def _obstacles(stage: Usd.Stage, size: float, moments: Sequence[int]) -> Iterator[NDArray[np.float64]]:

@@ -4,7 +4,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, ModelWrapValidatorHandler, model_validator
 
-from balloon_warp.scene.schema.fields import Table, Vector, field_of, optional_field_of
+from balloon_warp.scene.schema.fields import Color, Table, Vector, field_of, optional_field_of
 from balloon_warp.scene.standard_air import HIGHEST, LOWEST, standard_air
 
 
@@ -24,7 +24,7 @@ class Box(Table):
 
 
 class Picture(Table):
-    """Camera of the scene's picture, unless an option says otherwise."""
+    """Camera and light of the scene's picture. Options for the camera have precedence."""
 
     azimuth: Annotated[float, Field(ge=-360, le=360)] | None = None
     """Azimuth of the camera from the front, +Z, or -Y where Z is up, toward +X [degrees]; 32 when missing"""
@@ -34,6 +34,11 @@ class Picture(Table):
     """Zoom factor; with 1 the whole animation just fits in"""
     look_at: Vector | None = None
     """Point in the middle of the picture [m]; when missing, the middle of the whole animation"""
+    paper: Color | None = None
+    """Color of the paper that is the ground and the backdrop; a warm white when missing"""
+    light: Annotated[float, Field(ge=-180, le=180)] | None = None
+    """Azimuth of the main light, from the camera toward its right: with 90 it shines from the right, with 180 from
+    behind the scene [degrees]; -45 when missing"""
 
 
 class Atmosphere(Table):

@@ -28,6 +28,7 @@ PROGRAMS: dict[str, tuple[dict[str, int], list[str], str | None]] = {
     "10_pump": ({}, [], None),
     "11_mesh_graph_net": ({"WORLDS": 12, "FRAMES": 4, "STEPS": 2}, ["mesh_graph_net.png", "thrown"], "torch"),
     "12_ppo": ({}, ["ppo_Inflate.csv", "ppo_Inflate.png"], "torch"),
+    "13_room": ({"FRAMES": 2, "SAMPLES": 1}, ["room.png", "room.usdc"], None),
 }
 """the numbers that replace each one's, the files that it makes, and the package that it needs"""
 ARGUMENTS = {"12_ppo": "Inflate --envs 8 --steps 4 --updates 3 --device cpu"}
