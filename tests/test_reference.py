@@ -20,6 +20,24 @@ ULP = 6e-8
 LENGTHS = {"substep": ("substep", 1), "frame": ("frames", 1), "three frames": ("frames", 3)}
 """Lengths of runs: of frames that are as long as a substep, or of the set's own, and how many"""
 MOST = 3
+WAVES = np.array([[9.0, 4.0, -3.0], [-5.0, 8.0, 4.0], [3.0, -6.0, 9.0]])
+"""Wave vectors of the bent start [1/m]: at some vertex of a balloon every spring, hinge and triangle is deformed"""
+BENT, STIRRED = 0.015, 0.4
+"""Amplitudes of offsets of places [m] and velocities [m/s] of the bent start"""
+FOLDED = 0.25
+"""Part of these bends where a balloon touches itself: pressed layers take many sweeps over their contacts, which end
+within a hundredth of the distance that is kept, after one more or less by rounding"""
+
+
+def bend(scene: Scene, kind: str) -> tuple[Any, Any]:
+    """Return offsets of places and velocities at the start: of a substep, in which what is at rest would do nothing.
+
+    They are smooth, so that layers that lie on each other stay so."""
+    if kind == "frames":
+        return 0.0, 0.0
+    points, part = Reference(scene).x, FOLDED if scene.touch and scene.touch.itself else 1.0
+    return part * BENT * np.sin(points @ WAVES), STIRRED * np.cos(points @ WAVES[::-1])
+
 
 
 def scene_of(name: str, kind: str) -> Scene:
@@ -42,9 +60,9 @@ def state_of(reference: Reference) -> dict[str, np.ndarray]:
     }  # fmt: skip
 
 
-def course(scene: Scene, frames: int, offsets: Any) -> list[dict[str, np.ndarray]]:
-    """Return the states of the reference at the start and after each frame, from places that are moved by offsets."""
-    reference = Reference(scene, shifts=(offsets, 0.0))
+def course(scene: Scene, frames: int, shifts: tuple[Any, Any]) -> list[dict[str, np.ndarray]]:
+    """Return the states of the reference at the start and after each frame, from shifted places and velocities."""
+    reference = Reference(scene, shifts=shifts)
     found = [state_of(reference)]
     for _ in range(frames):
         reference.frame()
@@ -56,9 +74,10 @@ def course(scene: Scene, frames: int, offsets: Any) -> list[dict[str, np.ndarray
 def told(name: str, kind: str) -> list[tuple[dict[str, np.ndarray], dict[str, float]]]:
     """Return the states at the start and after each frame, and the tolerance of each array."""
     scene, frames, rng = scene_of(name, kind), MOST if kind == "frames" else 1, np.random.default_rng(1)
-    ways = course(scene, frames, 0.0)
+    shift, gain = bend(scene, kind)
+    ways = course(scene, frames, (shift, gain))
     shape = ways[0]["points"].shape
-    others = [course(scene, frames, MOVE * rng.uniform(-1.0, 1.0, shape)) for _ in range(2)]
+    others = [course(scene, frames, (shift + MOVE * rng.uniform(-1.0, 1.0, shape), gain)) for _ in range(2)]
     both = enumerate(zip(ways, *others, strict=True))
     return [(way, tolerances(scene, ways[0], way, aside, frame)) for frame, (way, *aside) in both]
 
@@ -91,8 +110,10 @@ def require_same(name: str, length: str, schedule: str, device: str) -> None:
     scene = scene_of(name, kind)
     if lacks := Reference.lacks(scene):
         pytest.skip(f"the reference has no {', '.join(lacks)}")
-    expected, most = told(name, kind)[frames]
+    (start, _), (expected, most) = told(name, kind)[0], told(name, kind)[frames]
     simulator = Simulator(scene, device, schedule=schedule)
+    simulator.state.points.assign(start["points"][None])
+    simulator.state.velocities.assign(start["velocities"][None])
     for _ in range(frames):
         simulator.step_unread()
     for field, values in expected.items():
