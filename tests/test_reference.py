@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from feature_sets import SETS, feature_set, varied
+from scipy.spatial.transform import Rotation
 
 from balloon_warp import Scene, Simulator, load_scene
 from balloon_warp.model import build_model
@@ -50,13 +51,13 @@ def scene_of(name: str, kind: str) -> Scene:
 
 def state_of(reference: Reference) -> dict[str, np.ndarray]:
     """Return the state of a frame, by the names of `Simulator.state`."""
-    balls = [[ball[name] for ball in reference.spheres] for name in ("position", "velocity")]
-    bodies = [[body[name] for body in reference.bodies] for name in ("position", "velocity")]
-    things = [np.reshape(each, (-1, 3)) for each in (*balls, *bodies)]
-    names = ("sphere_positions", "sphere_velocities", "body_positions", "body_velocities")
+    m, balls, bodies = reference.m, reference.things.spheres, reference.things.bodies
+    momenta = [np.linalg.solve(m.turning[body], m.spin[body]) for body in bodies]
     return {
         "points": np.concatenate(reference.points), "velocities": np.concatenate(reference.velocities),
-        "pressures": reference.pressures, "gas_amounts": reference.gas_amounts, **dict(zip(names, things, strict=True)),
+        "pressures": reference.pressures, "gas_amounts": reference.gas_amounts, "sphere_positions": m.x[balls],
+        "sphere_velocities": m.v[balls], "sphere_spins": m.spin[balls], "body_positions": m.x[bodies],
+        "body_velocities": m.v[bodies], "body_turns": m.turn[bodies], "body_momenta": np.reshape(momenta, (-1, 3)),
     }  # fmt: skip
 
 
@@ -108,7 +109,8 @@ def require_same(name: str, length: str, schedule: str, device: str) -> None:
     """Require that a schedule comes to where the reference does."""
     kind, frames = LENGTHS[length]
     scene = scene_of(name, kind)
-    if lacks := Reference.lacks(scene):
+    lacks = [what for what in Reference.lacks(scene) if kind == "frames" or what != "tears"]
+    if lacks:  # nothing tears in the first substep
         pytest.skip(f"the reference has no {', '.join(lacks)}")
     (start, _), (expected, most) = told(name, kind)[0], told(name, kind)[frames]
     simulator = Simulator(scene, device, schedule=schedule)
@@ -118,6 +120,8 @@ def require_same(name: str, length: str, schedule: str, device: str) -> None:
         simulator.step_unread()
     for field, values in expected.items():
         found = getattr(simulator.state, field).numpy()[0].astype(float)
+        if field == "body_turns":
+            found = Rotation.from_quat(found.reshape(-1, 4)).as_matrix() if len(found) else values
         off = np.abs(found - values).max(initial=0.0)
         assert off <= most[field], (field, off, most[field])
 
@@ -133,6 +137,8 @@ def test_the_schedule_of_a_device_does_what_the_reference_does(name: str, length
 def test_a_substep_is_the_reference_s_in_every_schedule(name: str, by: str, device: str):
     if device != "cpu" and by in ("lanes", "octets"):
         pytest.skip(f"{by} is for the CPU")
+    if name == "bursting" and by not in ("scatter", "gather"):
+        pytest.skip(f"{by} does not let balloons burst")
     require_same(name, "substep", by, device)
 
 
