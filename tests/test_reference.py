@@ -21,6 +21,10 @@ ULP = 6e-8
 LENGTHS = {"substep": ("substep", 1), "frame": ("frames", 1), "three frames": ("frames", 3)}
 """Lengths of runs: of frames that are as long as a substep, or of the set's own, and how many"""
 MOST = 3
+VARIED: dict[str, Any] = {
+    "touch at speed": ("touch", {"balloon.0.position": (0.1, 1.2, 0.05), "balloon.0.velocity": (0.0, -60.0, 0.2)}),
+}
+"""Sets with other values: balloons that meet between two searches, in crowds that the step does not allow for"""
 WAVES = np.array([[9.0, 4.0, -3.0], [-5.0, 8.0, 4.0], [3.0, -6.0, 9.0]])
 """Wave vectors of the bent start [1/m]: at some vertex of a balloon every spring, hinge and triangle is deformed"""
 BENT, STIRRED = 0.015, 0.4
@@ -40,10 +44,9 @@ def bend(scene: Scene, kind: str) -> tuple[Any, Any]:
     return part * BENT * np.sin(points @ WAVES), STIRRED * np.cos(points @ WAVES[::-1])
 
 
-
 def scene_of(name: str, kind: str) -> Scene:
     """Return the scene of a set, of frames that are as long as a substep, or of its own."""
-    scene = feature_set(name)
+    scene = varied(*VARIED[name]) if name in VARIED else feature_set(name)
     if kind == "frames":
         return scene
     return scene.model_copy(update={"frames_per_second": scene.frames_per_second * scene.substeps, "substeps": 1})
@@ -140,6 +143,12 @@ def test_a_substep_is_the_reference_s_in_every_schedule(name: str, by: str, devi
     if name == "bursting" and by not in ("scatter", "gather"):
         pytest.skip(f"{by} does not let balloons burst")
     require_same(name, "substep", by, device)
+
+
+@pytest.mark.parametrize("name", VARIED)
+@pytest.mark.parametrize("by", ["auto", "gather"])
+def test_a_set_of_other_values_does_what_the_reference_does(name: str, by: str, device: str):
+    require_same(name, "frame", by, device)
 
 
 NOTHING: dict[str, dict[str, Any]] = {
