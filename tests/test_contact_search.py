@@ -28,9 +28,9 @@ from balloon_warp.schedules.tables import world_state
 
 
 @wp.kernel(enable_backward=False)
-def place_all(own: OwnParts, points: wp.array2d[wp.vec3]):
+def place_all(own: OwnParts, points: wp.array2d[wp.vec3], before: wp.array2d[wp.vec3], drift: wp.vec3):
     part = wp.tid()
-    place_part(own, 0, part, points, points, wp.vec3())
+    place_part(own, 0, part, points, before, drift)
 
 
 @wp.kernel(enable_backward=False)
@@ -57,10 +57,16 @@ def test_no_two_parts_of_a_balloon_are_nearer_than_their_bound(radius: float):
         setattr(own, name, array)
     count = len(own.balloons)
     found = wp.zeros((count, count), dtype=float, device="cpu")
-    wp.launch(place_all, count, [own, wp.array(points[None], dtype=wp.vec3, device="cpu")], device="cpu")
-    wp.launch(bound_all, count, [own, found], device="cpu")
+    before, drift = points + np.random.default_rng(2).uniform(-0.3, 0.3, points.shape), np.array([0.2, 0.1, -0.3])
+    given = [wp.array(each[None], dtype=wp.vec3, device="cpu") for each in (points, points, before)]
+    wp.launch(place_all, count, [own, given[0], given[2], wp.vec3(*drift)], device="cpu")
     first, particles = own.first.numpy(), own.particles.numpy()
     parts = [particles[begin:end] for begin, end in pairwise(first)]
+    both = np.stack([points, before + drift])
+    around = [(both[:, part].min(axis=(0, 1)), both[:, part].max(axis=(0, 1))) for part in parts]
+    np.testing.assert_allclose(own.boxes.numpy()[0], around, atol=1e-6)
+    wp.launch(place_all, count, [own, *given[:2], wp.vec3()], device="cpu")
+    wp.launch(bound_all, count, [own, found], device="cpu")
     rest, now = (np.linalg.norm(each[:, None] - each, axis=-1) for each in (mesh.points, points))
     now[rest < APART * edge_length(mesh)] = np.inf
     gaps = np.array([[now[np.ix_(one, other)].min() for other in parts] for one in parts])
