@@ -58,7 +58,8 @@ def state_of(reference: Reference) -> dict[str, np.ndarray]:
     momenta = [np.linalg.solve(m.turning[body], m.spin[body]) for body in bodies]
     return {
         "points": np.concatenate(reference.points), "velocities": np.concatenate(reference.velocities),
-        "pressures": reference.pressures, "gas_amounts": reference.gas_amounts, "sphere_positions": m.x[balls],
+        "pressures": reference.pressures, "gas_amounts": reference.gas_amounts,
+        "free_volumes": np.array([b.free_volume for b in reference.balloons]), "sphere_positions": m.x[balls],
         "sphere_velocities": m.v[balls], "sphere_spins": m.spin[balls], "body_positions": m.x[bodies],
         "body_velocities": m.v[bodies], "body_turns": m.turn[bodies], "body_momenta": np.reshape(momenta, (-1, 3)),
     }  # fmt: skip
