@@ -89,6 +89,8 @@ EQUIVALENT: Mapping[str, str] = {
     "_across(b, a, points[apex[side]])": "a distance from a line does not depend on its direction",
     "kernels/frames/starting.py drawn: first + second * wp.randn(state) -> first - second * wp.randn(state)": "a draw "
     "that is symmetric about its mean",
+    "balloon_warp/schedules/touch_table.py : 300.0 -> 360.0": "folded balloons are searched more often, for the "
+    "same contacts",
     "kernels/phases/wear.py wear: 0.0 -> 0.1": "0.1 Pa of an energy density that softens rubber from 1e3 Pa on",
 }  # fmt: skip
 """Mutants that change nothing that anyone could notice, by `Mutant.key`, and why"""
