@@ -133,7 +133,7 @@ def test_boxes_hold_what_particles_sweep_until_the_next_search():
 
 
 def test_a_particle_looks_at_the_balloons_whose_boxes_its_way_meets():
-    """One by one as on a GPU, and eight at a time as on a CPU, by ways that are longer than what boxes are padded."""
+    """Boxes are compared one by one as on a GPU, and eight at a time as on a CPU, with ways longer than their padding."""
     simulator = Simulator(feature_set("touch"), "cpu", schedule="gather")
     simulator.step_unread()
     t, working, features = simulator.schedule.tables, simulator.schedule.launches.working, simulator.schedule.features
@@ -191,8 +191,8 @@ def meet_all(
 
 
 def test_a_sphere_that_comes_through_a_triangle_is_met_before_half_its_radius():
-    """Against 4,000 looks on the way: where it is met it is nearer than its radius, and never by half of that: steps go
-    no further than by half of the distance."""
+    """A sphere is met nearer than its radius, and never by half of that, as steps go no further than by half of the
+    distance; judged by 4,000 looks on the way."""
     rng, count = np.random.default_rng(6), 400
     starts = rng.normal(size=(count, 3, 3))
     ends, centers = starts + rng.normal(size=starts.shape), 1.5 * rng.normal(size=(2, count, 3))

@@ -167,7 +167,7 @@ def test_a_mesh_that_winds_inward_is_a_room_and_holds_a_ball(device: str):
 
 @pytest.mark.parametrize("size", [0.3, 3.0])
 def test_a_start_is_refused_as_deep_as_its_deepest_particle(size: float):
-    """Of boxes smaller and larger than the ball, at any place: deeper than a hundredth of the smaller extent."""
+    """Boxes smaller and larger than the ball, at any place, may have a hundredth of the smaller extent of it within."""
     ball, half, rng = quad_sphere(3, 0.5), 0.5 * np.array([1.0, 0.8, 1.2]) * size, np.random.default_rng(4)
     verdicts = []
     for place in rng.uniform(-1.0, 1.0, (40, 3)) * (half + 0.55):
