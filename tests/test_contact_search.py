@@ -133,7 +133,7 @@ def test_boxes_hold_what_particles_sweep_until_the_next_search():
 
 
 def test_a_particle_looks_at_the_balloons_whose_boxes_its_way_meets():
-    """Boxes are compared one by one as on a GPU, and eight at a time as on a CPU, with ways longer than their padding."""
+    """Boxes are compared one by one as on a GPU, and eight at a time as on a CPU, by ways beyond their padding."""
     simulator = Simulator(feature_set("touch"), "cpu", schedule="gather")
     simulator.step_unread()
     t, working, features = simulator.schedule.tables, simulator.schedule.launches.working, simulator.schedule.features
