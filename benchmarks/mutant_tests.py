@@ -116,7 +116,8 @@ def candidates(mutant: Mutant, traced: Sequence[Traced], root: Path) -> list[Tra
     """Return the tests that may find a mutant, the quickest that execute little else first, each kind once at first.
 
     They execute the function around its place, or else one around that, or anything of the file, or of one that
-    imports it. Of kinds that have had as many turns, that of the arbiter is first.
+    imports it. Of kinds that have had as many turns, that of the arbiter is first; all of its cases are where no kernel
+    is compiled anew for them, since tables of one set or schedule alone are made in every test.
     """
     found = []
     for span in [*mutant.spans, (0, sys.maxsize)]:
@@ -131,7 +132,8 @@ def candidates(mutant: Mutant, traced: Sequence[Traced], root: Path) -> list[Tra
     turns = {}
     for test in found:
         kind = test.test.partition("[")[0]
-        turns[test.test] = times[kind]
+        is_quick = test.test.startswith(ARBITER) and not mutant.path.startswith("kernels/")
+        turns[test.test] = 0 if is_quick else times[kind]
         times[kind] += 1
     return sorted(found, key=lambda test: (turns[test.test], not test.test.startswith(ARBITER)))
 

@@ -77,12 +77,20 @@ EQUIVALENT: Mapping[str, str] = {
     "kernels/phases/roll.py may_any_meet: pair // count < pair % count -> pair // count >= pair % count": "a pair is "
     "seen from the other side, and a sphere that meets itself has no collision",
     "kernels/contact/seeking_edges.py way_of_edge: ends[0] -> ends[1]": "more edges search",
-    "balloon_warp/model/crushing.py : 1.0e-6 -> 1.2e-06": "a tolerance",
     "kernels/contact/free_frames.py : 40.0 -> 48.0": "a bound with room: two edges are 40 thicknesses",
     "kernels/contact/clearances.py lookout_of: LOOKOUT * t.touch.slack[balloon] -> "
     "LOOKOUT / t.touch.slack[balloon]": "a search looks farther than it has to, and finds the same contacts",
     "balloon_warp/schedules/lane_tables.py _add_membranes: model.balloon_count + 1 -> model.balloon_count + 2":
     "an entry more, which nothing reads",
+    "kernels/laws/face_contact.py impact: beside + gain * normal -> beside": "friction takes what is across the normal",
+    "kernels/contact/edges.py contact_function.particle_of_pair: before[0] -> before[1]": "the area vector of a "
+    "triangle's sides is the same from each corner",
+    "balloon_warp/model/ridges.py _ridges_of_mesh: _across(a, b, points[apex[side]]) -> "
+    "_across(b, a, points[apex[side]])": "a distance from a line does not depend on its direction",
+    "kernels/frames/starting.py drawn: first + second * wp.randn(state) -> first - second * wp.randn(state)": "a draw "
+    "that is symmetric about its mean",
+    "balloon_warp/schedules/touch_table.py : 300.0 -> 360.0": "folded balloons are searched more often, for the "
+    "same contacts",
     "kernels/phases/wear.py wear: 0.0 -> 0.1": "0.1 Pa of an energy density that softens rubber from 1e3 Pa on",
 }  # fmt: skip
 """Mutants that change nothing that anyone could notice, by `Mutant.key`, and why"""

@@ -1,7 +1,11 @@
 """Operators of mutation: small faults as replacements of the text of one node of a syntax tree.
 
-Floats below `GUARD` are left alone, which keep a division from zero and change nothing else. So is a `+` of strings and
-lists.
+What can change no result is left alone:
+
+- floats below `GUARD`, which keep a division from zero, and floats above its inverse, which stand for never or nowhere
+- constants with names that are below `TOLERANCE`, or limit passes (`MOST_...`): one that is a little wider is as right
+- times and divided by where one side is a sign, or where the sign of the result alone is asked: both have the same
+- a `+` of strings and lists
 """
 
 import ast
@@ -10,6 +14,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 GUARD = 1.0e-9
+TOLERANCE = 1.0e-3
+LIMIT = "MOST_"
+"""Begin of names of limits"""
+SIGNS = ("side", "sign")
+"""Names of numbers that are 1 or -1"""
 TURNED = {"<": ">=", ">": "<=", "<=": ">", ">=": "<", "==": "!=", "!=": "=="}
 EXTREMES = {"min": "max", "minimum": "maximum", "fmin": "fmax", "atomic_min": "atomic_max"}
 EXTREMES |= {other: one for one, other in EXTREMES.items()}
@@ -34,6 +43,8 @@ class Source:
         self.text = text
         self.tree = ast.parse(text)
         self._lines = [0, *(place + 1 for place, byte in enumerate(text) if byte == 0x0A)]
+        self.compared_with_zero = {id(node) for node in _compared_with_zero(self.tree)}
+        self.loose = {id(value) for name, value in _named_constants(self.tree) if _is_loose(name, value)}
 
     def start(self, node: ast.expr | ast.stmt) -> int:
         return self._lines[node.lineno - 1] + node.col_offset
@@ -56,6 +67,32 @@ class Source:
         if found is None or b"#" in between:
             return None
         return Edit(begin + found.start(), begin + found.end(), found.group())
+
+
+def _compared_with_zero(tree: ast.Module) -> Iterator[ast.expr]:
+    """Find the terms of which the sign alone is asked."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Compare) and [ast.unparse(each) for each in node.comparators] in (["0.0"], ["0"]):
+            yield node.left
+
+
+def _named_constants(tree: ast.Module) -> Iterator[tuple[str, ast.Constant]]:
+    """Find the numbers that a file's top gives names to, alone or in rows."""
+    for node in tree.body:
+        if isinstance(node, ast.Assign) and len(node.targets) == 1:
+            pairs = [(node.targets[0], node.value)]
+            if isinstance(node.targets[0], ast.Tuple) and isinstance(node.value, ast.Tuple):
+                pairs = list(zip(node.targets[0].elts, node.value.elts, strict=False))
+            for name, value in pairs:
+                number = value.args[0] if isinstance(value, ast.Call) and len(value.args) == 1 else value
+                if isinstance(name, ast.Name) and isinstance(number, ast.Constant):
+                    yield name.id, number
+
+
+def _is_loose(name: str, number: ast.Constant) -> bool:
+    if isinstance(number.value, float):
+        return 0.0 < number.value < TOLERANCE
+    return name.startswith(LIMIT)
 
 
 Signatures = Mapping[str, Sequence[Sequence[str | None]]]
@@ -92,6 +129,9 @@ def _other_sign(node: ast.AST, source: Source, signatures: Signatures) -> Edits:
 
 
 def _divided(node: ast.AST, source: Source, signatures: Signatures) -> Edits:
+    sides = [node.left, node.right] if isinstance(node, ast.BinOp) else []
+    if id(node) in source.compared_with_zero or any(ast.unparse(each).rpartition(".")[2] in SIGNS for each in sides):
+        return
     yield from _swapped(node, source, {ast.Mult: (b"*", b"/"), ast.Div: (b"/", b"*")})
 
 
@@ -102,7 +142,9 @@ def _turned(node: ast.AST, source: Source, signatures: Signatures) -> Edits:
 
 
 def _other_constant(node: ast.AST, source: Source, signatures: Signatures) -> Edits:
-    if isinstance(node, ast.Constant) and isinstance(node.value, float) and not 0.0 < abs(node.value) < GUARD:
+    if id(node) in source.loose:
+        return
+    if isinstance(node, ast.Constant) and isinstance(node.value, float) and _is_size(node.value):
         value = {0.0: 0.1, 1.0: 0.9}.get(node.value, float(f"{1.2 * node.value:.6g}"))
         yield source.replaced(node, repr(value).encode())
     numbers = []
@@ -110,7 +152,13 @@ def _other_constant(node: ast.AST, source: Source, signatures: Signatures) -> Ed
         numbers = [node.left, node.right]
     elif isinstance(node, ast.Call) and ast.unparse(node.func) == "wp.constant":
         numbers = node.args
-    yield from (source.replaced(each, str(value + 1).encode()) for each, value in _integers(numbers))
+    for each, value in _integers(numbers):
+        if id(each) not in source.loose:
+            yield source.replaced(each, str(value + 1).encode())
+
+
+def _is_size(value: float) -> bool:
+    return value == 0.0 or GUARD <= abs(value) < 1.0 / GUARD
 
 
 def _integers(nodes: Sequence[ast.expr]) -> Iterator[tuple[ast.expr, int]]:

@@ -20,8 +20,6 @@ from balloon_warp.trajectories import Trajectories
 SIGMAS = 4.0
 """Rounding of many substeps over that of one, times their root: several particles round at once, and the nudges that
 measured the growth of an error were but two of all directions"""
-AROUND = 6
-"""Faces around a particle"""
 SCHEDULES = ["gather", "lanes", "block"]
 """Schedules that are compared with the one of `auto`, on a device that has them: `lanes` runs on the CPU"""
 FEW_SUBSTEPS = 120
@@ -237,7 +235,7 @@ def _drifts(case: Case) -> Array:
     scene, model = case.scene, case.run.model
     held = scene.ground or scene.obstacle or scene.string or scene.water or any(each.fixed for each in scene.balloon)
     masses = model.parameters["mass"].numpy()[0]
-    lost = [forces_rounding(model, number) / masses[number] for number in range(len(scene.balloon))]
+    lost = [np.linalg.norm(forces_rounding(model, number)) / mass for number, mass in enumerate(masses)]
     times = model.frame_seconds * np.arange(len(case.spread), dtype=np.float64)
     return 0.5 * (0.0 if held else SIGMAS * float(max(lost))) * times**2
 
@@ -253,8 +251,9 @@ def _roundings(case: Case, other: Run) -> Array:
     extent = max(float(np.abs(run.points).max()) for run in (case.run, other))
     pushed = 0.0
     for number, (mass, shape) in enumerate(zip(model.parameters["mass"].numpy()[0], model.shapes, strict=True)):
-        lightest = mass * shape.mass_share.min(where=shape.mass_share > 0.0, initial=1.0)
-        pushed = max(pushed, forces_rounding(model, number, AROUND) / lightest)
+        of_moving = np.divide(forces_rounding(model, number), mass * shape.mass_share, where=shape.mass_share > 0.0,
+                              out=np.zeros(len(shape.mass_share)))  # fmt: skip
+        pushed = max(pushed, float(of_moving.max()))
     substeps = 1.0 + other.model.substeps * np.arange(len(case.spread))
     one = 0.5 * EPSILON * extent + model.step_seconds**2 * pushed
     return one * (substeps + SIGMAS * np.sqrt(substeps))

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from balloon_warp.benchmarks.physics_runs import Run
 from balloon_warp.benchmarks.physics_twins import Array
 from balloon_warp.kernels.laws.hooke import KINDS
+from balloon_warp.mesh.corners import next_corners
 from balloon_warp.mesh.topology import is_closed, mesh_edges
 from balloon_warp.model import Model
 from balloon_warp.scene import Scene
@@ -17,20 +18,29 @@ from balloon_warp.statics.volume import Volume
 EPSILON = float(np.finfo(np.float32).eps)
 
 
-def forces_rounding(model: Model, number: int, faces: int | None = None) -> float:
-    """Return the rounding of the sum of the forces on some faces of a balloon [N], all when missing.
+def forces_rounding(model: Model, number: int) -> Array:
+    """Return the rounding of the forces that the faces around each particle of a balloon add up to [N], shape (n,).
 
-    At rest a force is a difference of terms as large as a stiffness times an edge, of which half an epsilon is lost;
-    those on F faces lose sqrt(F) of it.
+    At rest a force is a difference of terms as large as a stiffness times an edge, of which half an epsilon is lost. A
+    membrane loses more by 1 / sin^2 of a triangle's smallest angle: its strain is told by the square of its area, a
+    difference of products of its edges. Those on F faces lose sqrt(F) of it.
     """
-    told, skin = model.scene.balloon[number], model.shapes[number].skin
-    springs = (told.stiffness.structural, told.stiffness.shear, told.stiffness.flexion)
-    stiffness = max(each or 0.0 for each in springs)
+    told, mesh = model.scene.balloon[number], model.shapes[number].mesh
+    corners = mesh.face_vertex_indices
+    triangles = np.stack([corners, corners[next_corners(mesh)], corners[np.argsort(next_corners(mesh))]], axis=1)
+    sides = mesh.points[triangles] - mesh.points[np.roll(triangles, 1, axis=1)]
+    lengths = np.sort(np.linalg.norm(sides, axis=2), axis=1)
     if told.material.shear_modulus:
         stiffness = told.material.shear_modulus * (told.material.thickness or 0.0)
-    ends = skin.points[mesh_edges(skin).ends]
-    edge = float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).max())
-    return 0.5 * EPSILON * (faces or len(skin.face_vertex_counts)) ** 0.5 * stiffness * edge
+        areas = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+        sines = areas / np.maximum(lengths[:, 1] * lengths[:, 2], 1e-30)
+        lost = stiffness * lengths[:, 2] / np.where(sines > 0.0, sines, np.inf) ** 2
+    else:
+        springs = (told.stiffness.structural, told.stiffness.shear, told.stiffness.flexion)
+        lost = max(each or 0.0 for each in springs) * lengths[:, 2]
+    squares = np.zeros(mesh.vertex_count)
+    np.add.at(squares, triangles, lost[:, None] ** 2)
+    return 0.5 * EPSILON * np.sqrt(squares)
 
 
 class Energies:
@@ -125,7 +135,7 @@ class Energies:
         """Return the rounding of all velocities, and of the forces on balloons, in all substeps [kg m/s]."""
         substeps = self.model.substeps * (len(self.run.points) - 1)
         motion = float((self._all_masses * np.abs(self._velocities).max(axis=(0, 2))).sum())
-        forces = sum(forces_rounding(self.model, number) for number in range(len(self.scene.balloon)))
+        forces = sum(np.linalg.norm(forces_rounding(self.model, n)) for n in range(len(self.scene.balloon)))
         return substeps**0.5 * (0.5 * EPSILON * motion + self.model.step_seconds * forces)
 
     def rounding(self) -> float:

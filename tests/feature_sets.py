@@ -78,8 +78,9 @@ SETS: dict[str, dict[str, Any]] = {
             },
             FALLS | {"mesh": BALL, "position": (2.0, 0.5, 0.0), "inflation": GAS | {"gamma": 1.4, "litres": 9.0}},
             FALLS | {"mesh": BALL, "position": (4.0, 0.5, 0.0), "inflation": {"pressure": 30.0}},
+            FALLS | {"mesh": BALL, "position": (6.0, 9.0, 0.0), "inflation": GAS | {"gamma": 1.0, "leak": 1e-3}},
         ],
-        "tube": [{"balloons": (0, 1), "conductance": 3e-4}], "atmosphere": {"lapse": 0.0065}, "ground": GROUND,
+        "tube": [{"balloons": (0, 1), "conductance": 3e-4}], "atmosphere": {"lapse": 0.03}, "ground": GROUND,
     },
     "rubber": {
         "balloon": [
@@ -102,7 +103,7 @@ SETS: dict[str, dict[str, Any]] = {
             {"position": (0.3, -0.75, 0.1), "radius": 0.3, "mass": 0.2, "velocity": (0.2, 1.0, 0.1), "friction": 0.4,
              "angular_velocity": (0.0, 0.0, 5.0)},
             {"position": (0.1, 0.75, 0.0), "radius": 0.3, "mass": 0.3, "velocity": (0.0, -3.0, 0.0), "friction": 0.3},
-            {"position": (0.6, 0.9, 0.0), "radius": 0.25, "mass": 0.3, "velocity": (-4.0, -3.0, 0.0)},
+            {"position": (0.6, 0.9, 0.0), "radius": 0.25, "mass": 0.4, "velocity": (-4.0, -3.0, 0.0), "friction": 0.6},
         ],
         "ground": {"height": -1.06, "friction": 0.3},
     },
@@ -177,6 +178,8 @@ SETS: dict[str, dict[str, Any]] = {
         "balloon": [
             {"mesh": FINE, "damping": 0.05, "inflation": GAS | {"start_pressure": 3000.0}, **MOVES,
              "material": {"preset": "latex", "strength": 2e6, "needle_time": 0.008}},
+            {"mesh": BALL, "position": (2.0, 0.0, 0.0), "inflation": {"pressure": 400.0},
+             "material": {"preset": "latex", "strength": 2e7}},
         ],
         "ground": GROUND,
     },

@@ -12,25 +12,31 @@ from touching import tube
 
 from balloon_warp import Balloon, PolygonMesh, Scene, Simulator, Touch
 from balloon_warp.kernels.contact.boxes import SPARE, box_balloons
+from balloon_warp.kernels.contact.eight_boxes import lining_function
 from balloon_warp.kernels.contact.near_parts import near_parts_kernel
 from balloon_warp.kernels.contact.own_parts import OwnParts, least_between, place_part
 from balloon_warp.kernels.contact.parts import box_parts_of_worlds
+from balloon_warp.kernels.contact.search import neighbor_function, next_of_eight
+from balloon_warp.kernels.laws.collision import NEVER
+from balloon_warp.kernels.laws.face_contact import facing_of, part_until_contact
 from balloon_warp.kernels.laws.impulse import NEAR
 from balloon_warp.kernels.loops.near_solids import A_STEP, solid_function
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.working import Working
 from balloon_warp.launching import launch, launch_tiled
 from balloon_warp.model import build_model
 from balloon_warp.model.memory import Allocating
 from balloon_warp.model.touch import APART, edge_length
+from balloon_warp.reference.contact import point_triangle
 from balloon_warp.schedules.own_parts import own_parts, own_parts_arrays
 from balloon_warp.schedules.tables import world_state
 
 
 @wp.kernel(enable_backward=False)
-def place_all(own: OwnParts, points: wp.array2d[wp.vec3]):
+def place_all(own: OwnParts, points: wp.array2d[wp.vec3], before: wp.array2d[wp.vec3], drift: wp.vec3):
     part = wp.tid()
-    place_part(own, 0, part, points, points, wp.vec3())
+    place_part(own, 0, part, points, before, drift)
 
 
 @wp.kernel(enable_backward=False)
@@ -57,10 +63,16 @@ def test_no_two_parts_of_a_balloon_are_nearer_than_their_bound(radius: float):
         setattr(own, name, array)
     count = len(own.balloons)
     found = wp.zeros((count, count), dtype=float, device="cpu")
-    wp.launch(place_all, count, [own, wp.array(points[None], dtype=wp.vec3, device="cpu")], device="cpu")
-    wp.launch(bound_all, count, [own, found], device="cpu")
+    before, drift = points + np.random.default_rng(2).uniform(-0.3, 0.3, points.shape), np.array([0.2, 0.1, -0.3])
+    given = [wp.array(each[None], dtype=wp.vec3, device="cpu") for each in (points, points, before)]
+    wp.launch(place_all, count, [own, given[0], given[2], wp.vec3(*drift)], device="cpu")
     first, particles = own.first.numpy(), own.particles.numpy()
     parts = [particles[begin:end] for begin, end in pairwise(first)]
+    both = np.stack([points, before + drift])
+    around = [(both[:, part].min(axis=(0, 1)), both[:, part].max(axis=(0, 1))) for part in parts]
+    np.testing.assert_allclose(own.boxes.numpy()[0], around, atol=1e-6)
+    wp.launch(place_all, count, [own, *given[:2], wp.vec3()], device="cpu")
+    wp.launch(bound_all, count, [own, found], device="cpu")
     rest, now = (np.linalg.norm(each[:, None] - each, axis=-1) for each in (mesh.points, points))
     now[rest < APART * edge_length(mesh)] = np.inf
     gaps = np.array([[now[np.ix_(one, other)].min() for other in parts] for one in parts])
@@ -118,6 +130,92 @@ def test_boxes_hold_what_particles_sweep_until_the_next_search():
         np.testing.assert_allclose(
             pace, [speed[begin:end].max(), strayed, moved[begin:end].max()], rtol=1e-5, atol=1e-6
         )
+
+
+def test_a_particle_looks_at_the_balloons_whose_boxes_its_way_meets():
+    """Boxes are compared one by one as on a GPU, and eight at a time as on a CPU, by ways beyond their padding."""
+    simulator = Simulator(feature_set("touch"), "cpu", schedule="gather")
+    simulator.step_unread()
+    t, working, features = simulator.schedule.tables, simulator.schedule.launches.working, simulator.schedule.features
+    next_neighbor, line_up = neighbor_function(features), lining_function(features)
+    count, balloons = simulator.model.particle_count, simulator.model.balloon_count
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def look_around(
+        t: Tables,  # pyright: ignore[reportGeneralTypeIssues]
+        working: Working,  # pyright: ignore[reportGeneralTypeIssues]
+        points: wp.array2d[wp.vec3],
+        velocities: wp.array2d[wp.vec3],
+        found: wp.array3d[wp.int32],
+    ):
+        for particle in range(points.shape[1]):
+            balloon = t.particles.balloon[particle]
+            point = points[0, particle]
+            velocity = velocities[0, particle]
+            line_up(t, working, 0, particle, particle - 1)
+            for way in range(2):
+                place = wp.int32(0)
+                other = wp.int32(0)
+                while other >= 0:
+                    if way == 0:
+                        other, place = next_neighbor(t, working, 0, balloon, place, point, velocity)
+                    else:
+                        other, place = next_of_eight(t, working, 0, balloon, place, point, velocity)
+                    if other >= 0:
+                        found[way, particle, other] = found[way, particle, other] + 1
+
+    working.neighbors.assign(np.tile(np.arange(balloons), (1, balloons, 1)))
+    working.neighbor_counts.fill_(balloons)
+    velocities = 80.0 * np.random.default_rng(3).uniform(-1.0, 1.0, (1, count, 3))
+    found = wp.zeros((2, count, balloons), dtype=wp.int32, device="cpu")
+    given = wp.array(velocities, dtype=wp.vec3, device="cpu")
+    wp.launch(look_around, 1, [t, working, simulator.state.points, given, found], device="cpu")
+    start, own = simulator.state.points.numpy()[0], t.particles.balloon.numpy()
+    ends = np.stack([start, start + t.touch.seconds * velocities[0]])
+    boxes, pads = working.balloon_boxes.numpy()[0], 0.5 * t.touch.thickness.numpy() + t.touch.slack.numpy()
+    apart = np.maximum(ends.min(axis=0)[:, None] - boxes[:, 1], boxes[:, 0] - ends.max(axis=0)[:, None]).max(axis=2)
+    expected = apart <= pads[own][:, None] + pads
+    np.testing.assert_array_equal(found.numpy(), np.broadcast_to(expected, found.shape))
+    assert 0.1 < expected.mean() < 0.6
+
+
+@wp.kernel(enable_backward=False)
+def meet_all(
+    starts: wp.array[wp.mat33], ends: wp.array[wp.mat33], centers: wp.array2d[wp.vec3], radii: wp.array[float],
+    found: wp.array[float],
+):  # fmt: skip
+    i = wp.tid()
+    facing = facing_of(centers[0, i], centers[1, i], radii[i], starts[i], ends[i])
+    part, _looks = part_until_contact(facing, radii[i])
+    found[i] = part
+
+
+def test_a_sphere_that_comes_through_a_triangle_is_met_before_half_its_radius():
+    """A sphere is met nearer than its radius, and never by half of that, as steps go no further than by half of the
+    distance; judged by 4,000 looks on the way."""
+    rng, count = np.random.default_rng(6), 400
+    starts = rng.normal(size=(count, 3, 3))
+    ends, centers = starts + rng.normal(size=starts.shape), 1.5 * rng.normal(size=(2, count, 3))
+    radii = rng.uniform(0.1, 0.4, count)
+    found = wp.zeros(count, dtype=float, device="cpu")
+    of_types = ((starts, wp.mat33), (ends, wp.mat33), (centers, wp.vec3), (radii, float))
+    given = [wp.array(values, dtype=kind, device="cpu") for values, kind in of_types]
+    wp.launch(meet_all, count, [*given, found], device="cpu")
+    parts = np.linspace(0.0, 1.0, 4001)[:, None, None]
+
+    def distance(part: np.ndarray) -> np.ndarray:
+        corners, center = starts + part[..., None] * (ends - starts), centers[0] + part * (centers[1] - centers[0])
+        at = np.concatenate([center[..., None, :], corners], axis=-2).reshape(-1, 4, 3)
+        return np.linalg.norm((point_triangle(at) * at).sum(axis=1), axis=1).reshape(-1, count)
+
+    away, told = distance(parts) / radii, found.numpy()
+    outside, met = away[0] > 1.0, told <= 1.0
+    near = distance(told[None, :, None])[0] / radii
+    assert met[outside & (away < 0.5).any(axis=0)].all()
+    assert (near[outside & met] > 0.5 - 1e-4).all()
+    assert (near[met] < 1.0 + 1e-4).all()
+    np.testing.assert_array_equal(told[(away > 1.0).all(axis=0)], float(NEVER))
+    assert min((outside & met).sum(), (~met).sum()) > 50
 
 
 def test_parts_list_those_whose_boxes_meet_theirs():

@@ -165,6 +165,21 @@ def test_a_mesh_that_winds_inward_is_a_room_and_holds_a_ball(device: str):
         plan_model(Scene(balloon=[ball], obstacle=[Obstacle(mesh=solid)]))
 
 
+@pytest.mark.parametrize("size", [0.3, 3.0])
+def test_a_start_is_refused_as_deep_as_its_deepest_particle(size: float):
+    """Boxes smaller and larger than the ball, at any place, may have a hundredth of the smaller extent of it within."""
+    ball, half, rng = quad_sphere(3, 0.5), 0.5 * np.array([1.0, 0.8, 1.2]) * size, np.random.default_rng(4)
+    verdicts = []
+    for place in rng.uniform(-1.0, 1.0, (40, 3)) * (half + 0.55):
+        within = (half - np.abs(ball.points - place)).min(axis=1)
+        box = Obstacle(size=tuple(2.0 * half), position=tuple(place))
+        allowed = 0.01 * min(float(np.ptp(ball.points, axis=0).max()), float(np.linalg.norm(half)))
+        verdicts.append(within.max() > allowed)
+        with pytest.raises(InputError, match=f" {within.max():.3g} m deep") if verdicts[-1] else nullcontext():
+            plan_model(Scene(balloon=[Balloon(mesh=ball)], obstacle=[box], substeps=64))
+    assert 5 < sum(verdicts) < 36
+
+
 def test_every_world_is_looked_at():
     made = Scene(balloon=[Balloon(mesh=quad_sphere(3, 0.5), name="ball")], obstacle=[Obstacle(position=(0, -1, 0))])
     plan_model(made, 3, {"balloon.position.1": [0.1, 0.2, 0.3], "obstacle.position.1": [-1.0, -2.0, -0.8]})

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from feature_sets import SETS, feature_set, varied
+from scipy.spatial.transform import Rotation
 
 from balloon_warp import Scene, Simulator, load_scene
 from balloon_warp.model import build_model
@@ -20,11 +21,32 @@ ULP = 6e-8
 LENGTHS = {"substep": ("substep", 1), "frame": ("frames", 1), "three frames": ("frames", 3)}
 """Lengths of runs: of frames that are as long as a substep, or of the set's own, and how many"""
 MOST = 3
+VARIED: dict[str, Any] = {
+    "touch at speed": ("touch", {"balloon.0.position": (0.1, 1.2, 0.05), "balloon.0.velocity": (0.0, -60.0, 0.2)}),
+}
+"""Sets with other values: balloons that meet between two searches, in crowds that the step does not allow for"""
+WAVES = np.array([[9.0, 4.0, -3.0], [-5.0, 8.0, 4.0], [3.0, -6.0, 9.0]])
+"""Wave vectors of the bent start [1/m]: at some vertex of a balloon every spring, hinge and triangle is deformed"""
+BENT, STIRRED = 0.015, 0.4
+"""Amplitudes of offsets of places [m] and velocities [m/s] of the bent start"""
+FOLDED = 0.25
+"""Part of these bends where a balloon touches itself: pressed layers take many sweeps over their contacts, which end
+within a hundredth of the distance that is kept, after one more or less by rounding"""
+
+
+def bend(scene: Scene, kind: str) -> tuple[Any, Any]:
+    """Return offsets of places and velocities at the start: of a substep, in which what is at rest would do nothing.
+
+    They are smooth, so that layers that lie on each other stay so."""
+    if kind == "frames":
+        return 0.0, 0.0
+    points, part = Reference(scene).x, FOLDED if scene.touch and scene.touch.itself else 1.0
+    return part * BENT * np.sin(points @ WAVES), STIRRED * np.cos(points @ WAVES[::-1])
 
 
 def scene_of(name: str, kind: str) -> Scene:
     """Return the scene of a set, of frames that are as long as a substep, or of its own."""
-    scene = feature_set(name)
+    scene = varied(*VARIED[name]) if name in VARIED else feature_set(name)
     if kind == "frames":
         return scene
     return scene.model_copy(update={"frames_per_second": scene.frames_per_second * scene.substeps, "substeps": 1})
@@ -32,19 +54,20 @@ def scene_of(name: str, kind: str) -> Scene:
 
 def state_of(reference: Reference) -> dict[str, np.ndarray]:
     """Return the state of a frame, by the names of `Simulator.state`."""
-    balls = [[ball[name] for ball in reference.spheres] for name in ("position", "velocity")]
-    bodies = [[body[name] for body in reference.bodies] for name in ("position", "velocity")]
-    things = [np.reshape(each, (-1, 3)) for each in (*balls, *bodies)]
-    names = ("sphere_positions", "sphere_velocities", "body_positions", "body_velocities")
+    m, balls, bodies = reference.m, reference.things.spheres, reference.things.bodies
+    momenta = [np.linalg.solve(m.turning[body], m.spin[body]) for body in bodies]
     return {
         "points": np.concatenate(reference.points), "velocities": np.concatenate(reference.velocities),
-        "pressures": reference.pressures, "gas_amounts": reference.gas_amounts, **dict(zip(names, things, strict=True)),
+        "pressures": reference.pressures, "gas_amounts": reference.gas_amounts,
+        "free_volumes": np.array([b.free_volume for b in reference.balloons]), "sphere_positions": m.x[balls],
+        "sphere_velocities": m.v[balls], "sphere_spins": m.spin[balls], "body_positions": m.x[bodies],
+        "body_velocities": m.v[bodies], "body_turns": m.turn[bodies], "body_momenta": np.reshape(momenta, (-1, 3)),
     }  # fmt: skip
 
 
-def course(scene: Scene, frames: int, offsets: Any) -> list[dict[str, np.ndarray]]:
-    """Return the states of the reference at the start and after each frame, from places that are moved by offsets."""
-    reference = Reference(scene, shifts=(offsets, 0.0))
+def course(scene: Scene, frames: int, shifts: tuple[Any, Any]) -> list[dict[str, np.ndarray]]:
+    """Return the states of the reference at the start and after each frame, from shifted places and velocities."""
+    reference = Reference(scene, shifts=shifts)
     found = [state_of(reference)]
     for _ in range(frames):
         reference.frame()
@@ -56,9 +79,10 @@ def course(scene: Scene, frames: int, offsets: Any) -> list[dict[str, np.ndarray
 def told(name: str, kind: str) -> list[tuple[dict[str, np.ndarray], dict[str, float]]]:
     """Return the states at the start and after each frame, and the tolerance of each array."""
     scene, frames, rng = scene_of(name, kind), MOST if kind == "frames" else 1, np.random.default_rng(1)
-    ways = course(scene, frames, 0.0)
+    shift, gain = bend(scene, kind)
+    ways = course(scene, frames, (shift, gain))
     shape = ways[0]["points"].shape
-    others = [course(scene, frames, MOVE * rng.uniform(-1.0, 1.0, shape)) for _ in range(2)]
+    others = [course(scene, frames, (shift + MOVE * rng.uniform(-1.0, 1.0, shape), gain)) for _ in range(2)]
     both = enumerate(zip(ways, *others, strict=True))
     return [(way, tolerances(scene, ways[0], way, aside, frame)) for frame, (way, *aside) in both]
 
@@ -89,14 +113,19 @@ def require_same(name: str, length: str, schedule: str, device: str) -> None:
     """Require that a schedule comes to where the reference does."""
     kind, frames = LENGTHS[length]
     scene = scene_of(name, kind)
-    if lacks := Reference.lacks(scene):
+    lacks = [what for what in Reference.lacks(scene) if kind == "frames" or what != "tears"]
+    if lacks:  # nothing tears in the first substep
         pytest.skip(f"the reference has no {', '.join(lacks)}")
-    expected, most = told(name, kind)[frames]
+    (start, _), (expected, most) = told(name, kind)[0], told(name, kind)[frames]
     simulator = Simulator(scene, device, schedule=schedule)
+    simulator.state.points.assign(start["points"][None])
+    simulator.state.velocities.assign(start["velocities"][None])
     for _ in range(frames):
         simulator.step_unread()
     for field, values in expected.items():
         found = getattr(simulator.state, field).numpy()[0].astype(float)
+        if field == "body_turns":
+            found = Rotation.from_quat(found.reshape(-1, 4)).as_matrix() if len(found) else values
         off = np.abs(found - values).max(initial=0.0)
         assert off <= most[field], (field, off, most[field])
 
@@ -112,7 +141,15 @@ def test_the_schedule_of_a_device_does_what_the_reference_does(name: str, length
 def test_a_substep_is_the_reference_s_in_every_schedule(name: str, by: str, device: str):
     if device != "cpu" and by in ("lanes", "octets"):
         pytest.skip(f"{by} is for the CPU")
+    if name == "bursting" and by not in ("scatter", "gather"):
+        pytest.skip(f"{by} does not let balloons burst")
     require_same(name, "substep", by, device)
+
+
+@pytest.mark.parametrize("name", VARIED)
+@pytest.mark.parametrize("by", ["auto", "gather"])
+def test_a_set_of_other_values_does_what_the_reference_does(name: str, by: str, device: str):
+    require_same(name, "frame", by, device)
 
 
 NOTHING: dict[str, dict[str, Any]] = {

@@ -18,7 +18,7 @@ from balloon_warp.schedules import memoize as module
 from balloon_warp.schedules.banks import spread_over_banks, wavefronts
 from balloon_warp.schedules.memoize import memoized
 from balloon_warp.schedules.scatter import ScatterSchedule
-from balloon_warp.schedules.spring_ends import spring_ends
+from balloon_warp.schedules.spring_ends import neighbors_in_slots, spring_ends
 from balloon_warp.schedules.tables import other_corners
 
 
@@ -161,11 +161,8 @@ def test_wavefronts_are_counted_by_hand():
 def test_slots_are_ordered_against_bank_conflicts_and_keep_neighbors():
     scene = Scene(balloon=[Balloon(mesh=quad_sphere(9), mass=5.0)])
     ends = spring_ends(build_model(scene, "cpu"))
-    structural = ends.kind == 0
-    counts = ends.by_kind[:, 0]
-    slot = np.arange(structural.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-    neighbors = np.repeat(np.arange(488)[None], 4, axis=0)
-    neighbors[slot, ends.particle[structural]] = ends.neighbor[structural]
+    found = neighbors_in_slots(ends, 0)
+    neighbors = np.where(found < 0, np.arange(488), found)
     spread = np.take_along_axis(neighbors, spread_over_banks(neighbors), axis=0)
     np.testing.assert_array_equal(np.sort(spread, axis=0), np.sort(neighbors, axis=0))
     assert wavefronts(neighbors) > 1.8

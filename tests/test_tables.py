@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 from meshes import cube, halved, joined, prism, quad_sphere
 
-from balloon_warp import Balloon, Inflation, Material, PolygonMesh, Scene
+from balloon_warp import Balloon, Inflation, Material, PolygonMesh, Scene, Stiffness
 from balloon_warp.mesh.corners import face_starts
 from balloon_warp.model import Model, build_model
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.membrane_faces import membrane_face_layout, membrane_face_table
+from balloon_warp.schedules.rings import quad_rings
+from balloon_warp.schedules.slots import kind_slots, slot_table
+from balloon_warp.schedules.spring_ends import spring_ends
 from balloon_warp.schedules.tables import make_tables, quads_at_particles
 
 MIXED = joined(quad_sphere(2), halved(cube()))
@@ -72,3 +75,48 @@ def test_membrane_faces_know_the_triangles_at_their_corners(name: str):
     at = np.where(is_quad[:, None], np.ones((1, 4), dtype=bool), [[True, False, False, False]])
     assert sorted(numbers[at].tolist()) == list(range(len(triangles)))
     assert (triangles[numbers[at]] == corners[at][:, None]).any(axis=1).all()
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_particles_know_their_roles_in_hinges(name: str):
+    """Role 0 and 1 are the ends of the edge between two faces, 2 and 3 the other corners of the one and the other."""
+    mesh = MESHES[name]
+    model = two_of(mesh, stiffness=Stiffness(torsion=1.0))
+    hinges = make_tables(model, model_features(model)).hinges
+    ends, wings, corners = (getattr(hinges, each).numpy() for each in ("ends", "wing_offsets", "wing_particles"))
+    parts = [(ends[number], *(corners[wings[k] : wings[k + 1]] for k in (2 * number, 2 * number + 1)))
+             for number in range(len(ends))]  # fmt: skip
+    found = [{tuple(sorted(part.tolist())) for part in of} for of in parts]
+    faces = np.split(mesh.face_vertex_indices, face_starts(mesh)[1:])
+    edges = defaultdict(list)
+    for face in faces:
+        for a, b in zip(face.tolist(), np.roll(face, -1).tolist(), strict=True):
+            edges[min(a, b), max(a, b)].append(tuple(sorted({*face.tolist()} - {a, b})))
+    expected = [{edge, *sides} for edge, sides in edges.items()]
+    again = [{tuple(v + mesh.vertex_count for v in part) for part in parts} for parts in expected]
+    assert sorted(map(sorted, found)) == sorted(map(sorted, expected + again))
+    offsets, roles = hinges.particle_offsets.numpy(), hinges.particle_roles.numpy()
+    for particle in range(model.particle_count):
+        known = [4 * number + role for number, ((a, b), *of) in enumerate(parts)
+                 for role, part in enumerate(([a], [b], *of)) if particle in part]  # fmt: skip
+        assert roles[offsets[particle] : offsets[particle + 1]].tolist() == known
+
+
+@pytest.mark.parametrize("ringed", [False, True])
+def test_slots_have_each_particle_s_springs_first(ringed: bool):
+    """Structural and shear springs go around a particle in its ring; slots left over are of no stiffness."""
+    model = two_of(quad_sphere(3))
+    ends, ring = spring_ends(model), quad_rings(model)
+    assert ring is not None
+    table, bounds = slot_table(model, ends, ring if ringed else None), np.cumsum([0, *kind_slots(ends)])
+    neighbors, scales, lengths = (getattr(table, each).numpy() for each in ("neighbors", "scales", "rest_lengths"))
+    for particle, kind in np.ndindex(model.particle_count, 3):
+        own = (ends.particle == particle) & (ends.kind == kind)
+        known = sorted(zip(ends.neighbor[own], ends.scale[own], ends.rest_length[own].astype(np.float32), strict=True))
+        slots, used = slice(bounds[kind], bounds[kind + 1]), own.sum()
+        found = list(zip(*(each[slots, particle] for each in (neighbors, scales, lengths)), strict=True))
+        assert sorted(each for each in found if each[1] > 0.0) == known
+        assert {each[0] for each in found if each[1] == 0.0} <= {particle}
+        if ringed and kind < 2:
+            assert neighbors[slots, particle][:used].tolist() == ring[kind][:used, particle].tolist()
+    assert table.valences.numpy().tolist() == ends.by_kind[:, 0].tolist()

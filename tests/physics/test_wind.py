@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from balloon_warp import Atmosphere, Balloon, Change, Inflation, InputError, Scene, Simulator
 from balloon_warp.kernels.laws.air import drag_bound, wind_at
+from balloon_warp.kernels.laws.gusts import waves
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.model import build_model
 
@@ -57,6 +58,25 @@ def air_around(
 def spread(count: int) -> NDArray[np.float64]:
     """Return places in a box of 200 lengths."""
     return RANDOM.uniform(-100.0 * LENGTH, 100.0 * LENGTH, (count, 3))
+
+
+@pytest.mark.always
+def test_waves_are_of_von_karman_s_spectrum():
+    """Shells of three at right angles, from 28 lengths to a 300th, whose energies follow the spectrum over even steps
+    in the logarithm of k; the mean square of a wave is 0.50033."""
+    vectors, amplitudes = np.array(waves()).transpose(1, 0, 2).reshape(2, 16, 3, 3)
+    numbers, strengths = (np.linalg.norm(each, axis=2) for each in (vectors, amplitudes))
+    for axes in (vectors / numbers[..., None], amplitudes / strengths[..., None]):
+        np.testing.assert_allclose(axes @ axes.transpose(0, 2, 1), np.broadcast_to(np.eye(3), (16, 3, 3)), atol=1e-12)
+    np.testing.assert_allclose((vectors * amplitudes).sum(axis=2), 0.0, atol=1e-12)
+    np.testing.assert_allclose(np.diff(np.log(numbers.ravel())), np.log(240 * 28) / 45.0, rtol=0.01)
+    np.testing.assert_allclose([1.0 / numbers[0, 1], numbers[15, 1], numbers.max()], [28.0, 240.0, 300.0], rtol=0.05)
+    k = numbers[:, 1] * 2.0 * np.pi * 1.339
+    shares = k**5 / (1.0 + k**2) ** (17.0 / 6.0)
+    np.testing.assert_allclose(strengths**2, np.tile(shares / shares.sum() / 0.50033, (3, 1)).T, rtol=1e-12)
+    assert (
+        np.abs(vectors[1:] / numbers[1:, :, None] - vectors[:-1] / numbers[:-1, :, None]).max(axis=(1, 2)).min() > 0.1
+    )
 
 
 def test_gusts_have_no_mean_and_the_variance_that_they_are_given(device: str):
@@ -125,8 +145,17 @@ def test_wind_grows_with_height_by_the_power_law_and_the_logarithm(device: str):
         np.testing.assert_allclose(found, growth[:, None] * WIND, rtol=1e-5, atol=1e-6)
 
 
+@pytest.mark.always
 def test_the_step_allows_for_the_fastest_wind():
-    areas = np.array([1.0])
+    """Drag is density, coefficient and area times the speed through the air, in the strongest gust, ten times as high
+    as the wind is told of, and there no faster."""
+    areas, rng = np.array([1.0]), np.random.default_rng(1)
+    velocities, wind = rng.normal(size=(5, 3)), rng.normal(size=(5, 3))
+    speeds, winds = np.linalg.norm(velocities - wind, axis=1), np.linalg.norm(wind, axis=1)
+    air = (101325.0, 288.15, 1.3, 0.4, wind)
+    for shear, gusts in ((0.0, 0.0), (0.2, 0.0), (0.2, 0.5)):
+        most = speeds + (10.0**shear - 1.0 + 4.0 * gusts) * winds
+        np.testing.assert_allclose(drag_bound(2.0, velocities, *air, shear, 10.0, 0.0, gusts), 1.3 * 0.4 * 2.0 * most)
     for roughness in (2e-4, 0.03, 1.0, 9.0):
         known = (np.zeros((1, 3)), 101325.0, 288.15, 1.0, 1.0, np.array([[7.0, 0.0, 0.0]]), 0.0, 10.0, roughness, 0.0)
         fastest = 7.0 * np.log(100.0 / roughness) / np.log(10.0 / roughness)
