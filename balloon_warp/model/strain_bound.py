@@ -4,7 +4,7 @@ Real film hardly stretches, and its modulus makes short steps: a letter of foil 
 nothing changes that one sees. Ten times as soft in frequency it takes a tenth of them.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Protocol
 
@@ -33,6 +33,8 @@ RIM = -0.7
 FILLED = 1.22
 """Volume of a flat sheet once it is inflated, over the integral of the distance from the rim over one of its sides:
 within 5% of 4 / pi for a strip, which becomes a cylinder, and of 1.16 for a disc, the mylar balloon (Paulsen 1994)"""
+FILL_TO_PRESSURE = "fill_to_pressure"
+"""Name of the pressure at which a gas is filled in no further"""
 OVER = 1.05
 """Mean strain over its bound from which on a run says so"""
 
@@ -101,9 +103,9 @@ def bounded_moduli(
     for number, (balloon, shape) in enumerate(zip(scene.balloon, shapes, strict=True)):
         bound = balloon.material.bound_on_strain
         told = balloon.material.strain_bound is None and any(path.endswith(SHEAR_MODULUS.path) for path in varied)
-        if bound is None or told or not _has_plan(scene, shape, number):
+        if bound is None or told or not _has_plan(scene, shape, parameters, number):
             continue
-        pressure = _planned_pressure(parameters, changes, number)
+        pressure = _planned_pressure(scene, parameters, changes, number)
         film = parameters["thickness"][:, number] * shape.membrane.areas.sum()
         stress = 3.0 * pressure * inflated_volume(shape) / film + _stress_of_weight(scene, shape, parameters, number)
         least = stress / (YOUNG * bound)
@@ -126,7 +128,7 @@ def bounded_films(
         modulus, own = float(parameters[SHEAR_MODULUS.name][0, number]), float(exact[0, number])
         bound = balloon.material.bound_on_strain
         if bound is not None and modulus < own:
-            pressure = float(_planned_pressure(parameters, changes, number)[0])
+            pressure = float(_planned_pressure(scene, parameters, changes, number)[0])
             material = balloon.material.preset or "film"
             films.append(BoundedFilm(number, shape.name, material, bound, pressure, YOUNG * modulus, YOUNG * own))
     return tuple(films)
@@ -146,7 +148,7 @@ def inflated_volume(shape: BalloonShape) -> float:
     from balloon_warp.model.folded import is_stacked  # both load SciPy
 
     if not len(rim) or is_stacked(mesh):
-        return area**1.5 / (6.0 * np.sqrt(np.pi))
+        return float(shape.membrane.areas.sum() ** 1.5 / (6.0 * np.sqrt(np.pi)))
     from scipy.spatial import KDTree
 
     distances, _ = KDTree(mesh.points[rim]).query(mesh.points)
@@ -216,7 +218,7 @@ def overstretched_films(plan: HasFilm, points: Sequence[NDArray[np.floating]]) -
     return said
 
 
-def _has_plan(scene: Scene, shape: BalloonShape, number: int) -> bool:
+def _has_plan(scene: Scene, shape: BalloonShape, parameters: Parameters, number: int) -> bool:
     """Return whether a scene plans the pressure within a balloon.
 
     Raises:
@@ -224,7 +226,11 @@ def _has_plan(scene: Scene, shape: BalloonShape, number: int) -> bool:
     """
     balloon = scene.balloon[number]
     kind = balloon.inflation.kind
-    lacks = f'a planned pressure (got inflation.kind = "{kind}")' if kind != "pressure" else ""
+    lacks = ""
+    if kind == "gas" and not (_ends_filling(scene, parameters, number) > 0.0).all():
+        lacks = 'a planned pressure (got inflation.kind = "gas" without fill_to_pressure and pump_curve)'
+    elif kind == "normal_force":
+        lacks = f'a planned pressure (got inflation.kind = "{kind}")'
     if not shape.encloses:
         lacks = "a closed balloon (got an open mesh)"
     if lacks and balloon.material.strain_bound is not None:
@@ -238,14 +244,23 @@ def _stress_of_weight(scene: Scene, shape: BalloonShape, parameters: Parameters,
     return parameters["initial_density"][:, number] * abs(scene.gravity) * height
 
 
-def _planned_pressure(parameters: Mapping[str, Values], changes: Sequence[DueChange], number: int) -> Values:
-    """Return the largest pressure at any keyframe, now or after any planned change [Pa], shape (W,)."""
-    most = parameters[KEYFRAME_VALUES.name][:, number].max(axis=-1)
+def _planned_pressure(scene: Scene, parameters: Parameters, changes: Sequence[DueChange], number: int) -> Values:
+    """Return the largest pressure at any keyframe, or up to which gas is filled in, at any time [Pa], shape (W,)."""
+    of_gas = scene.balloon[number].inflation.kind == "gas"
+    name = FILL_TO_PRESSURE if of_gas else KEYFRAME_VALUES.name
+    most = _ends_filling(scene, parameters, number) if of_gas else parameters[name][:, number].max(axis=-1)
     for change in changes:
-        if KEYFRAME_VALUES.name in change.values:
-            which, values = change.values[KEYFRAME_VALUES.name]
+        if name in change.values:
+            which, values = change.values[name]
             most = np.maximum(most, np.where(which[number], values[number], -np.inf).max())
     return most
+
+
+def _ends_filling(scene: Scene, parameters: Parameters, number: int) -> Values:
+    """Return the pressure at which no more gas is filled in, 0 where there is none [Pa], shape (W,)."""
+    curve = scene.balloon[number].inflation.pump_curve
+    said = parameters[FILL_TO_PRESSURE][:, number]
+    return np.where(said > 0.0, said, curve[-1][0] if curve else 0.0)
 
 
 def _rim(mesh: PolygonMesh) -> NDArray[np.integer]:
