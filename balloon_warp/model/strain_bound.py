@@ -121,7 +121,7 @@ def bounded_moduli(
 def cut_to_size(
     scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters, exact: Values
 ) -> list[BalloonShape]:
-    """Return shapes in which softer film is cut smaller, so that at the planned pressure it has the size of its own.
+    """Return shapes in which softer film is smaller, so that at the planned pressure it has the size of its own.
 
     Film that hardly stretches has a volume that grows by twice its energy over its pressure and volume, as it gets
     softer: by 3 strains, if all of it bears the same stress one way, and by more where stress gathers in lines.
@@ -132,8 +132,12 @@ def cut_to_size(
     cut = []
     for number, (balloon, shape) in enumerate(zip(scene.balloon, shapes, strict=True)):
         softer = 1.0 - float((parameters[SHEAR_MODULUS.name][:, number] / exact[:, number]).max())
-        membrane = shape.membrane.cut_by(CUT * softer * (balloon.material.bound_on_strain or 0.0))
-        cut.append(replace(shape, membrane=membrane) if membrane.cut != shape.membrane.cut else shape)
+        part, already = CUT * softer * (balloon.material.bound_on_strain or 0.0), shape.membrane.cut
+        if part != already:
+            center, scale = shape.mesh.points.mean(axis=0), (1.0 - part) / (1.0 - already)
+            mesh = replace(shape.mesh, points=center + scale * (shape.mesh.points - center))
+            shape = replace(shape, mesh=mesh, membrane=shape.membrane.cut_by(part))
+        cut.append(shape)
     return cut
 
 
@@ -162,10 +166,10 @@ def inflated_volume(shape: BalloonShape) -> float:
     That of its mesh; or, of a flat sheet sewn at its rim, by how far its inside is from there; or of a sheet that is
     folded up the most that its area can enclose, that of a sphere.
     """
-    mesh = shape.mesh
+    mesh, own = shape.mesh, (1.0 - shape.membrane.cut) ** -3  # the size that it has before it is cut
     area, volume = total_area(mesh), abs(signed_volume(mesh))
     if volume > FLAT * area**1.5:
-        return volume
+        return own * volume
     rim = _rim(mesh)
     from balloon_warp.model.folded import is_stacked  # both load SciPy
 
@@ -174,7 +178,7 @@ def inflated_volume(shape: BalloonShape) -> float:
     from scipy.spatial import KDTree
 
     distances, _ = KDTree(mesh.points[rim]).query(mesh.points)
-    return max(volume, FILLED * 0.5 * float(distances @ vertex_areas(mesh)))
+    return own * max(volume, FILLED * 0.5 * float(distances @ vertex_areas(mesh)))
 
 
 def mean_strain(shape: BalloonShape, points: Values) -> float:
@@ -262,7 +266,7 @@ def _has_plan(scene: Scene, shape: BalloonShape, parameters: Parameters, number:
 
 def _stress_of_weight(scene: Scene, shape: BalloonShape, parameters: Parameters, number: int) -> Values:
     """Return the stress of a film that hangs by its highest end [Pa], shape (W,)."""
-    height = float(np.ptp(shape.mesh.points @ np.asarray(scene.up)))
+    height = float(np.ptp(shape.mesh.points @ np.asarray(scene.up))) / (1.0 - shape.membrane.cut)
     return parameters["initial_density"][:, number] * abs(scene.gravity) * height
 
 
