@@ -132,7 +132,7 @@ def test_a_bound_that_cannot_be_is_refused(material: dict[str, Any], said: str):
 
 @pytest.mark.parametrize("filled", [{"fill_to_pressure": 40.0}, {"pump_curve": [(0.0, 0.1), (40.0, 0.0)]}])
 def test_a_gas_that_is_filled_to_a_pressure_plans_it(filled: dict[str, Any]):
-    """Its film has the modulus of that pressure."""
+    """Film has the modulus of that pressure, as if it were given."""
     balloon = Balloon(mesh=BALL, material=Material(preset="foil"), inflation=Inflation(kind="gas", **filled))
     assert modulus(plan_model(scene_of(more={"balloon": [balloon]}))) == pytest.approx(
         modulus(plan_model(scene_of(pressure=40.0)))
@@ -140,8 +140,8 @@ def test_a_gas_that_is_filled_to_a_pressure_plans_it(filled: dict[str, Any]):
 
 
 def test_softer_film_is_cut_smaller_once():
-    """Its edges are 1.3 bounds shorter, but for the part that its own modulus would stretch; its mass stays, and its
-    modulus where it is planned again."""
+    """Edges are 1.3 bounds shorter, but for the part that its own modulus would stretch; the mass stays, and so does
+    the modulus where it is planned again."""
     scene = scene_of()
     plan, exact = plan_model(scene), plan_model(scene_of(exact=True))
     again = plan_model(scene, shapes=plan.shapes)
