@@ -14,12 +14,12 @@ from typer.testing import CliRunner
 from balloon_warp import Frame, InputError, PolygonMesh, Simulator, animate, foil_mesh, run_batch
 from balloon_warp.advice import advise_step
 from balloon_warp.cli.app import app
-from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.mesh.geometry import signed_volume, total_area
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.model import ModelPlan, plan_model
 from balloon_warp.model.strain_bound import inflated_volume, mean_strain
 from balloon_warp.scene import Balloon, Change, Force, Inflation, Material, Scene, Touch, load_scene
-from balloon_warp.scenes.model_airbag import airbag
+from balloon_warp.scenes.model_airbag import airbag, airbag_flat
 
 PRESSURE, BOUND = 50.0, 0.003
 BALL = quad_sphere(5, 0.1)
@@ -40,7 +40,7 @@ def modulus(plan: ModelPlan) -> float:
 
 def test_a_balls_modulus_is_by_its_radius_and_pressure():
     """E = 3 p V / (A h bound), of a ball p R / (h bound)."""
-    radius = 3.0 * signed_volume(BALL) / plan_model(scene_of()).shapes[0].area
+    radius = 3.0 * signed_volume(BALL) / total_area(BALL)
     expected = PRESSURE * radius / (1.2e-5 * BOUND)
     assert modulus(plan_model(scene_of())) == pytest.approx(expected, rel=1e-3)
     assert modulus(plan_model(scene_of(strain_bound=0.01))) == pytest.approx(0.3 * expected, rel=1e-3)
@@ -130,9 +130,38 @@ def test_a_bound_that_cannot_be_is_refused(material: dict[str, Any], said: str):
         load_scene(scene_of().model_copy(), {f"balloon.material.{name}": value for name, value in material.items()})
 
 
+@pytest.mark.parametrize("filled", [{"fill_to_pressure": 40.0}, {"pump_curve": [(0.0, 0.1), (40.0, 0.0)]}])
+def test_a_gas_that_is_filled_to_a_pressure_plans_it(filled: dict[str, Any]):
+    """Film has the modulus of that pressure, as if it were given."""
+    balloon = Balloon(mesh=BALL, material=Material(preset="foil"), inflation=Inflation(kind="gas", **filled))
+    assert modulus(plan_model(scene_of(more={"balloon": [balloon]}))) == pytest.approx(
+        modulus(plan_model(scene_of(pressure=40.0)))
+    )
+
+
+def test_softer_film_is_cut_smaller_once():
+    """Edges are 1.3 bounds shorter, but for the part that its own modulus would stretch; the mass stays, and so does
+    the modulus where it is planned again."""
+    scene = scene_of()
+    plan, exact = plan_model(scene), plan_model(scene_of(exact=True))
+    again = plan_model(scene, shapes=plan.shapes)
+    share = 1.0 - modulus(plan) / modulus(exact)
+    expected = (1.0 - 1.3 * BOUND * share) * exact.shapes[0].membrane.edges
+    for each in (plan, again):
+        assert modulus(each) == pytest.approx(modulus(plan), rel=1e-12)
+        np.testing.assert_allclose(each.shapes[0].membrane.edges, expected, rtol=1e-12, atol=1e-15)
+        np.testing.assert_allclose(
+            np.ptp(each.shapes[0].mesh.points), (1.0 - 1.3 * BOUND * share) * np.ptp(BALL.points)
+        )
+    whole = plan_model(scene_of(exact=True), shapes=plan.shapes).shapes[0]  # as the page asks for another material
+    np.testing.assert_allclose(whole.mesh.points, exact.shapes[0].mesh.points, atol=1e-12)
+    np.testing.assert_array_equal(plan.shapes[0].membrane.areas, exact.shapes[0].membrane.areas)
+
+
 def test_a_bound_needs_a_planned_pressure_within():
     with pytest.raises(
-        InputError, match=r'balloon\.0\.material\.strain_bound: needs a planned pressure \(got .*"gas"\)'
+        InputError,
+        match=r'balloon\.0\.material\.strain_bound: needs a planned pressure \(got .*"gas" without fill_to_pressure',
     ):
         plan_model(load_scene(scene_of(strain_bound=0.01), {"balloon.inflation.kind": "gas"}))
     with pytest.raises(InputError, match=r"strain_bound: needs a closed balloon \(got an open mesh\)"):
@@ -160,20 +189,20 @@ def apart(first: np.ndarray, second: np.ndarray) -> float:
 
 @pytest.mark.parametrize("letter", ["I", pytest.param("S", marks=pytest.mark.full)])
 def test_a_letter_is_nearly_that_of_the_material_itself(letter: str):
-    """Strain is within the bound on average, volume within 1%, and the shape within 0.3% of the size; of S, which still
-    sways, within twice as much."""
+    """Strain is within the bound on average, volume within 1%, and the shape within 0.3% of the size; of S, whose
+    strokes open where stress gathers at their rims, within 0.8%."""
     mesh = foil_mesh(letter, height=0.35)
     ramp = [(0.0, 0.0), (0.4, PRESSURE)]
     (soft, last), (own, expected) = (settled(scene_of(mesh, ramp, exact=exact)) for exact in (False, True))
     assert soft.model.substeps < 0.15 * own.model.substeps
     assert 0.3 * BOUND < strain(soft, last) < BOUND
-    assert expected.volumes[0] < last.volumes[0] < (1.0 + (0.01 if letter == "I" else 0.02)) * expected.volumes[0]
+    assert last.volumes[0] == pytest.approx(expected.volumes[0], rel=0.01)
     assert apart(last.points[0], expected.points[0]) < (0.003 if letter == "I" else 0.008)
     assert inflated_volume(soft.model.shapes[0]) == pytest.approx(expected.volumes[0], rel=0.05)
 
 
 def test_a_mylar_disc_has_its_volume():
-    """A bound of a thousandth lets the volume grow by less than three; the disc's own is by an elliptic integral."""
+    """Volumes are within 0.3% of that of film of its own modulus; the disc's own is by an elliptic integral."""
     radius = 0.3
     mesh, found = two_discs(10, radius), {}
     for bound in (0.003, 0.001, None):
@@ -185,15 +214,15 @@ def test_a_mylar_disc_has_its_volume():
     flat = radius / quad(lambda t: 1.0 / np.sqrt(1.0 - t**4), 0.0, 1.0)[0]
     analytic = 2.0 / 3.0 * np.pi * radius * flat**2
     assert found[None] == pytest.approx(analytic, rel=0.02), "of a mesh that wrinkles no finer than its quads"
-    assert found[None] < found[0.001] < 1.003 * found[None]
-    assert found[0.001] < found[0.003] < 1.009 * found[None]
+    for bound in (0.003, 0.001):
+        assert found[bound] == pytest.approx(found[None], rel=0.003)
     assert inflated_volume(plan_model(scene_of(mesh)).shapes[0]) == pytest.approx(analytic, rel=0.06)
 
 
 def test_a_packet_of_layers_counts_as_the_ball_that_it_may_become():
     scene = load_scene("airbag")
     shape = plan_model(scene).shapes[0]
-    assert inflated_volume(shape) == pytest.approx(shape.area**1.5 / (6.0 * np.sqrt(np.pi)), rel=1e-6)
+    assert inflated_volume(shape) == pytest.approx(total_area(airbag_flat()) ** 1.5 / (6.0 * np.sqrt(np.pi)), rel=1e-3)
     assert abs(signed_volume(airbag())) < 0.1 * inflated_volume(shape)
 
 

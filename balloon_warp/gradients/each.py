@@ -102,7 +102,7 @@ def _by_points_of_film(shape: BalloonShape, bars: Values) -> Values:
     squares, halves = np.array([[0, 1], [1, 2]]), np.array([[1.0, 0.5], [0.5, 1.0]])
     metric, by_metric = rests[:, squares], bars[..., squares] * halves
     inner = -2.0 * metric @ by_metric @ metric + (bars[..., 3] * rests[:, 3])[..., None, None] * metric
-    by_edges = inner @ edges  # symmetric matrices times rows of edges
+    by_edges = inner @ edges * (1.0 - shape.membrane.cut)  # symmetric matrices times rows of edges
     corners = build_membrane(shape.resting).corners  # of panels, before they are sewn
     by_corners = (-by_edges.sum(axis=2), by_edges[..., 0, :], by_edges[..., 1, :])
     return sum(

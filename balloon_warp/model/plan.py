@@ -38,7 +38,7 @@ from balloon_warp.model.rows import rows_of
 from balloon_warp.model.shape import BalloonShape, shape_balloon
 from balloon_warp.model.stability import Network, choose_substeps, names_of_the_step
 from balloon_warp.model.starts import require_same_extreme, settle_starts, start_velocities
-from balloon_warp.model.strain_bound import StrainBound, bounded_films, bounded_moduli
+from balloon_warp.model.strain_bound import StrainBound, bounded_films, bounded_moduli, cut_to_size
 from balloon_warp.model.strings import held_particle, overstretched_strings, string_lengths
 from balloon_warp.model.tears import settle_tears
 from balloon_warp.model.timeline import DueChange, due_changes
@@ -165,6 +165,8 @@ def plan_model(
     bodies = [shape_body(number, body, scene) for number, body in enumerate(scene.body)]
     changes = list(due_changes(scene, rows))
     parameters = _settled(scene, shapes, bodies, held, said, changes, vary or {})
+    uncut, exact = shapes, said[SHEAR_MODULUS.name]
+    shapes = cut_to_size(scene, shapes, parameters, exact)
     obstacles = [shape_obstacle(number, obstacle, scene) for number, obstacle in enumerate(scene.obstacle)]
     parameters |= settle_bodies(scene, bodies, parameters)
     if obstacles:
@@ -184,7 +186,7 @@ def plan_model(
     substeps = substeps_over_time(scene, network, parameters, changes, start_velocities(shapes, parameters))
     if scene.substeps == "auto":
         substeps = max(substeps, substeps_of_solids(scene, bodies, parameters))
-    bound = _strain_bound(scene, network, parameters, said[SHEAR_MODULUS.name], changes, substeps)
+    bound = _strain_bound(scene, replace(network, shapes=uncut), parameters, exact, changes, substeps)
     return ModelPlan(
         scene=scene,
         world_count=world_count,

@@ -1,6 +1,6 @@
 """The triangles that a membrane is stretched over: of quads and polygons so many that no diagonal is preferred."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,8 @@ class Membrane:
     """Rest edges from the first corner to the others [m], shape (T, 2, 3)"""
     faces: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     """Face that each covers a part of, shape (T,)"""
+    cut: float = 0.0
+    """Part by which rest edges are shorter than those of the mesh; areas, and so mass, are not smaller"""
 
     @property
     def count(self) -> int:
@@ -47,6 +49,10 @@ class Membrane:
         return np.stack(
             [squares[1] / determinant, -product / determinant, squares[0] / determinant, self.areas], axis=1
         )
+
+    def cut_by(self, part: float) -> "Membrane":
+        """Return the triangles with rest edges that are shorter by a part than those of the mesh."""
+        return replace(self, edges=self.edges * ((1.0 - part) / (1.0 - self.cut)), cut=part)
 
     def part(self, rows: NDArray[np.integer]) -> "Membrane":
         """Return some of the triangles."""

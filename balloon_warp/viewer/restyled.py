@@ -5,7 +5,7 @@ from balloon_warp.scene import Balloon, Inflation, Material, Scene, Stiffness
 MATERIALS = ("springs", "latex", "foil", "nylon")
 """Materials in the page's menu"""
 FILMS = {"foil": 5.0, "nylon": 3.0}
-"""Films, simulated as springs of a multiple of the stiffness, which bend freely, as the bundled foil letters are: real
+"""Films, simulated as springs of a multiple of the stiffness, which bend freely: where no pressure is planned, real
 film takes thousands of substeps a frame"""
 FILM_STRETCH = 0.05
 """Stretch of an inflated film's skin"""

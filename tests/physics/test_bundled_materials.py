@@ -41,8 +41,8 @@ def test_latex_inflate_shows_that_blowing_is_hardest_at_the_start():
 
 
 def test_foil_letters_fill_without_stretching():
-    """Sizes agree but for wrinkles and a few per cent of stretch; and each stays upright: the O does not
-    fold."""
+    """Edges are no longer than their film is, but for twice the bound on its strain; and each stays upright: the O does
+    not fold."""
     model, frames = played("foil_letters")
     assert model.balloon_count == 5
     for letter in range(5):
@@ -50,7 +50,7 @@ def test_foil_letters_fill_without_stretching():
         assert signed_volume(full) > 15.0 * signed_volume(flat)
         edges = mesh_edges(flat).ends
         lengths, rest = (np.linalg.norm(np.diff(mesh.points[edges], axis=1), axis=2) for mesh in (full, flat))
-        assert np.percentile(lengths / rest, 95) < 1.06
+        assert (lengths / rest).max() < 1.006
         across = np.linalg.svd(full.points - full.points.mean(axis=0), compute_uv=False)[-1]
         assert across < 0.35 * 0.1 * np.sqrt(len(full.points))
 

@@ -81,8 +81,9 @@ class Material(Table):
     """Largest equibiaxial stretch for which the step of "auto" is stable and "gent" holds; 6 when missing, or 0.96 of
     the locking stretch of "gent" [1]"""
     strain_bound: Annotated[float, Field(gt=0.0, le=0.1)] | None = None
-    """Mean strain of film at the largest planned `inflation.pressure`: its modulus is no higher than this asks for, so
-    that steps are longer, see FOIL.md; when missing 0.003 for the own modulus of "foil" and "nylon" [1]"""
+    """Mean strain of film at the largest planned pressure, or `fill_to_pressure` of a gas: its modulus is no higher
+    than this asks for, so that steps are longer, see FOIL.md; when missing 0.003 for the own modulus of "foil" and
+    "nylon" [1]"""
     exact: bool = False
     """Keep the preset's own modulus, without its `strain_bound`"""
     viscosity: NonNegative = 0.0
