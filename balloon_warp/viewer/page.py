@@ -22,7 +22,7 @@ from balloon_warp.viewer.server import address_of, close, guarded_server
 from balloon_warp.viewer.session import SHOWN_SECONDS, Session
 from balloon_warp.viewer.touches import Touch
 
-BUSY_SECONDS = 0.4
+BUSY_SECONDS = 0.6
 """Time that a request may take before the panel says so [s]"""
 SLOW = 3.0
 """Factor on the time that a frame takes by which one must be late before the panel says so"""
