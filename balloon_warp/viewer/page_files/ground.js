@@ -53,6 +53,8 @@
   `;
   const REPLACED = [
     [/float getGrid[\s\S]*?\n\s*}\n/, FUNCTIONS],
+    // What is below the ground is not seen through it, but far away, where it ends.
+    ["float fade = pow(d, fadeStrength);", "float fade = smoothstep(0.0, 0.22, d);"],
     ["float shadowMask = getShadowMask();", "float shadowMask = 1.0 - softShadow();"],
     // Of what falls through rubber some is left, in its color, and lines are in the shadow, too; viser's is black, below.
     ["premulRgb *= (1.0 - shadowAlpha);", ""],
