@@ -154,7 +154,7 @@ def _factor(shape: BalloonShape, constants: NDArray[np.float64], pressure: float
     if swollen is None and tied and shape.mesh.vertex_count > MOST_VERTICES and _is_hollow(shape):
         swollen = 1.0 + HOLLOW * (most - 1.0)
     grown = (swollen or 1.0) - 1.0
-    if grown > 0.0 and (tied if swollen <= most else not walls):
+    if grown > 0.0 and (tied if grown <= most - 1.0 else not walls):
         factor = ((most - 1.0) / grown) ** (1.0 / GROWTH)
         return min(factor, MOST_FACTOR) if abs(factor - 1.0) > ALIKE else 1.0
     if 0.0 < grown <= most - 1.0 or not walls:

@@ -202,8 +202,9 @@ def main() -> None:
     task = sys.stdin.buffer.read(length)
     threading.Thread(target=_end_with_the_page, daemon=True).start()
     scene, device, laws, wp.config.optimization_level = pickle.loads(task)
-    with contextlib.redirect_stdout(sys.stderr):  # but for what is done, whoever else would speak there
-        rehearse(Playground(scene, device, laws), functools.partial(_tell, sys.__stdout__))
+    page = sys.stdout
+    with contextlib.redirect_stdout(sys.stderr):  # of others, who would be taken for what is done
+        rehearse(Playground(scene, device, laws), functools.partial(_tell, page))
     _mark(scene, device, laws).touch()
 
 
