@@ -28,7 +28,7 @@ class _Waiting:
     wish: Wish
     touch: Touch | None
     number: int
-    """How many wishes there are with it"""
+    """Number of wishes until it, and with it"""
     since: float
 
 
