@@ -1,6 +1,6 @@
 """The simulator: a scene in, frames out."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Self
 
@@ -146,14 +146,20 @@ class Simulator(Shown):
         return self.read_frame(world)
 
     @locked
-    def step_unread(self) -> None:
+    def step_unread(self, on_bad: Callable[[], None] = lambda: None) -> None:
         """Advance every world by one frame, reading back nothing but health.
+
+        Args:
+            on_bad: called where the simulation blew up, before it is found out why, which may take seconds.
 
         Raises:
             BlowUpError: the simulation blew up.
         """
         self._begin_step()
-        self._raise_if_bad(np.asarray(self.state.first_bad.numpy(), dtype=np.int32), self.frame_number)
+        first_bad = np.asarray(self.state.first_bad.numpy(), dtype=np.int32)
+        if (first_bad != HEALTHY).any():
+            on_bad()
+        self._raise_if_bad(first_bad, self.frame_number)
 
     def run(self, world: int = 0, ahead: bool = False) -> Iterator[Frame]:
         """Yield the frames of one world: the start, then as many as the scene asks for, one after the other.

@@ -17,7 +17,7 @@ SHOWN = {
     "under pressure, lying on a box": ("4,096 balloons on a box", ""),
     "under pressure, eight packed in a box": ("1,024 worlds of eight balloons that touch, packed in a box", ""),
 }
-"""their names in the README, and the rows' case and schedule"""
+"""their names in docs/PERFORMANCE.md, and the rows' case and schedule"""
 
 
 def rates(results: str) -> dict[str, tuple[float, float | None]]:

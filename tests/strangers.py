@@ -54,7 +54,9 @@ class AskedAhead(Ahead):
         super().__init__()
         self.scenes: list[Scene] = []
 
-    def begin(self, scene: Scene, device: str, laws: Sequence[Law] = ()) -> None:
+    def begin(
+        self, scene: Scene, device: str, laws: Sequence[Law] = (), on_done: Callable[[], None] = lambda: None
+    ) -> None:
         self.scenes.append(scene)
 
 

@@ -31,10 +31,11 @@ from balloon_warp.viewer.page import Page
 from balloon_warp.viewer.plots import span_of
 from balloon_warp.viewer.presses import LONGEST, PressLayer
 from balloon_warp.viewer.prints import LARGEST, Printed, image_of
-from balloon_warp.viewer.session import Session
+from balloon_warp.viewer.session import LOOKING, Session
 from balloon_warp.viewer.sliders import VALUES, does_something, of_tables
 from balloon_warp.viewer.smooth import Plain, Smooth
 from balloon_warp.viewer.status import COMPILING, status_line
+from balloon_warp.viewer.touches import Kinds, Touch
 
 
 def served(tmp_path: Path) -> Page:
@@ -363,7 +364,7 @@ def test_a_blow_up_says_what_was_too_much_and_leaves_the_last_good_shape(tmp_pat
     session = Session("ball", scene, "cpu", tmp_path)
     session.watched = True
     session.start()
-    wait_until(lambda: session.picture.trouble, "it blows up")
+    wait_until(lambda: session.picture.trouble not in ("", LOOKING), "it blows up")
     assert session.picture.trouble == sentence
     assert session.picture.why.startswith("the simulation blew up in frame")
     assert np.abs(session.picture.frame.points[0]).max() < 5.0
@@ -374,3 +375,60 @@ def test_a_blow_up_says_what_was_too_much_and_leaves_the_last_good_shape(tmp_pat
     session.run(True)
     wait_until(lambda: session.picture.frame.number > frame + 3, "it goes on")
     session.stop()
+
+
+def test_a_touch_waits_for_its_kernels_and_time_does_not_wait_for_it(tmp_path):
+    session = Session("ball", Scene(balloon=[Balloon(mesh=quad_sphere(3, 0.5))]), "cpu", tmp_path)
+    ready: set[Kinds] = {frozenset()}
+    session.is_ready, session.watched = lambda kinds: kinds in ready, True
+    session.start()
+    done: list[str] = []
+
+    def ask(what: str, touch: Touch) -> None:
+        def act(playground) -> None:
+            if what == "grab":
+                playground.grab("hand", 0, playground.points[0])
+            elif what == "let go":
+                playground.release("hand")
+            done.append(what)
+
+        session.ask(act, touch=touch)
+
+    def time_goes_on() -> None:
+        frame = session.picture.frame.number
+        wait_until(lambda: session.picture.frame.number > frame + 5, "time goes on")
+
+    for what, touch in (("grab", Touch.TIES), ("let go", Touch.RELEASES), ("throw", Touch.THROWS)):
+        ask(what, touch)
+    ask("inflate", Touch.SETS)
+    wait_until(lambda: done == ["inflate"], "what is ready is granted")
+    time_goes_on()
+    assert done == ["inflate"]
+    assert session.busy_seconds > 0.0
+    assert session.picture.granted == 0 < session.asked == 4  # the panel is not pulled back meanwhile
+    ready.add(frozenset({"string"}))
+    session.kernels_came()
+    wait_until(lambda: done == ["inflate", "grab", "let go"], "a hand lets go after it took hold")
+    session.reset()
+    wait_until(lambda: session.picture.granted == session.asked, "a reset forgets the throw")
+    ready.add(frozenset({"sphere"}))
+    time_goes_on()
+    assert done[-1] == "let go"
+    session.stop()
+
+
+def test_a_blow_up_is_told_before_its_reason_is_known(tmp_path, monkeypatch):
+    scene = Scene(balloon=[Balloon(mesh=quad_sphere(3, 0.5), inflation=Inflation(kind="pressure", pressure=1e5))])
+    session, told = Session("ball", scene, "cpu", tmp_path), []
+    diagnose = Simulator.diagnose
+
+    def slowly(self, *arguments):
+        told.append((session.picture.trouble, session.picture.running, session.picture.frame.is_finite))
+        return diagnose(self, *arguments)
+
+    monkeypatch.setattr(Simulator, "diagnose", slowly)
+    session.watched = True
+    session.start()
+    wait_until(lambda: session.picture.trouble not in ("", LOOKING), "it blows up")
+    session.stop()
+    assert told == [(LOOKING, False, True)]

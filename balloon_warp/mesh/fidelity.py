@@ -51,15 +51,20 @@ def infidelity(surface: PolygonMesh, result: PolygonMesh, cell: float) -> str | 
 def samples_of_parts(surface: PolygonMesh) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the vertices of faces and the faces' centers, shape (n, 3), with the part of each, shape (n,).
 
-    Vertices at one place are one.
+    Vertices at one place are one. Parts share no edge: an eye that touches its socket in a vertex is one.
     """
     corners = first_coincident(surface.points)[surface.face_vertex_indices].astype(np.int64)
+    ends = np.cumsum(surface.face_vertex_counts)
     of_faces = np.repeat(np.arange(surface.face_count), surface.face_vertex_counts)
-    firsts = corners[np.cumsum(surface.face_vertex_counts) - surface.face_vertex_counts]
-    labels = component_labels(surface.vertex_count, corners, firsts[of_faces])
-    used = np.unique(corners)
-    _, parts = np.unique(np.concatenate([labels[used], labels[firsts]]), return_inverse=True)
-    return np.concatenate([surface.points[used], face_centers(surface)]), parts
+    following = np.arange(1, len(corners) + 1)
+    following[ends - 1] = ends - surface.face_vertex_counts
+    low, high = np.minimum(corners, corners[following]), np.maximum(corners, corners[following])
+    _, edges = np.unique(low * len(surface.points) + high, return_inverse=True)
+    count = surface.face_count
+    labels = component_labels(count + int(edges.max()) + 1, of_faces, count + edges)[:count]
+    _, parts = np.unique(labels, return_inverse=True)
+    used = np.unique(np.stack([corners, parts[of_faces]], axis=1), axis=0)
+    return np.concatenate([surface.points[used[:, 0]], face_centers(surface)]), np.concatenate([used[:, 1], parts])
 
 
 def _lost(points: NDArray[np.float64], result: PolygonMesh, cell: float) -> str | None:

@@ -10,7 +10,7 @@ from balloon_warp.kernels.laws.hooke import KINDS
 from balloon_warp.mesh.corners import face_starts
 from balloon_warp.mesh.geometry import face_areas, total_area, vertex_areas, vertex_normals
 from balloon_warp.mesh.topology import mesh_edges, non_manifold_edges, vertex_components
-from balloon_warp.model.foretold_volume import volume_under
+from balloon_warp.model.foretold_volume import MOST_VERTICES, volume_under
 from balloon_warp.model.materials import law_of, numbers_of, slopes_by_stretches
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape
@@ -23,9 +23,17 @@ TAUT, WEIGHT_OF_MASS = 300.0, 9.81
 """Largest "auto" pressure of film, over its weight on its area where 1 kg weighs 9.81 N: 50 Pa for foil. By more, film
 that hardly stretches only asks for a higher modulus, and so for more substeps, see `strain_bound`"""
 MOST_SWELLING = 1.28
-"""Largest volume over that of a ball of the same stretch, of surfaces with edges of more than two faces"""
-LEAST_FACTOR, HALVINGS = 1.0e-3, 7
-"""Least factor on their pressure, and the number of bisections of its logarithm"""
+"""Largest volume over that of a ball of the same stretch, of surfaces with edges of more than two faces and thin parts
+that nothing ties"""
+GROWTH = 1.2
+"""Power of the pressure to which the volume grows: from 1.1 to 1.3 of meshes that were looked at"""
+ALIKE = 0.05
+"""Difference of the factor from 1 below which a surface counts as a ball"""
+HOLLOW, FLAT, ROUND = 1.6, 0.1, 0.9
+"""Growth over a ball's that is expected of a mesh too large to foretell, and the bounds of its mean radius over that of
+the sphere of its area between which it has hollows"""
+LEAST_FACTOR, MOST_FACTOR, HALVINGS = 1.0e-3, 2.0, 7
+"""Bounds of the factor on their pressure, and the number of bisections of its logarithm"""
 UNEVEN = 1.4
 """Ratio of a surface's mean tension to its least up to which it counts as even"""
 
@@ -58,7 +66,7 @@ def settle_pressure(scene: Scene, shapes: Sequence[BalloonShape], parameters: Pa
             constants = np.stack(np.broadcast_arrays(*(parameters[row.name][:, number] for row in KINDS)), axis=-1)
             each = pressures_of_springs(shape) * pressure_of_stretch(balloon.inflation.stretch)
             pressures = np.zeros((1, 1)) if shape.flies_off else constants @ each[:, None]
-            pressures = pressures * _held_back(shape, constants[0], pressures[0, 0], balloon.inflation.stretch)
+            pressures = pressures * _factor(shape, constants[0], pressures[0, 0], balloon.inflation.stretch)
             values = _with_settled(values, number, pressures)
     return values
 
@@ -126,27 +134,43 @@ def pressures_of_springs(shape: BalloonShape) -> NDArray[np.float64]:
     return 2.0 * _evenness(shape, within) * tension / radius
 
 
-def _held_back(shape: BalloonShape, constants: NDArray[np.float64], pressure: float, stretch: float) -> float:
-    """Return the factor on a pressure by which a surface swells at most `MOST_SWELLING` times as much as a ball.
+def _factor(shape: BalloonShape, constants: NDArray[np.float64], pressure: float, stretch: float) -> float:
+    """Return the factor on a pressure by which a surface swells about as much as a ball.
 
-    Walls that meet along edges of more than two faces share vertices, so that nothing ties them: a cabinet of boards
-    would swell six times. Others are not looked at.
+    Folds, eyes and other hollows open before the skin stretches: under the pressure of a ball a face would swell by
+    half, and be none any more. That is looked at where springs tie thin parts, as of a mesh by itself. Walls that meet
+    along edges of more than two faces share vertices, so that nothing ties them: a cabinet of boards would swell six
+    times. A shape without thickness, such as two sheets of foil, may swell as it will.
 
     Args:
         constants: of the kinds of springs [N/m], shape (3,).
         stretch: of a sphere's skin that is asked for.
     """
-    mesh, most = shape.mesh, MOST_SWELLING * (1.0 + stretch) ** 3
-    if not pressure or not shape.encloses or not len(non_manifold_edges(mesh_edges(mesh))):
+    walls, tied = len(non_manifold_edges(mesh_edges(shape.mesh))) > 0, shape.across is not None
+    if not pressure or not shape.encloses or not (walls or tied):
+        return 1.0
+    most = (1.0 if tied else MOST_SWELLING) * (1.0 + stretch) ** 3
+    swollen = volume_under(shape, constants, pressure)
+    if swollen is None and tied and shape.mesh.vertex_count > MOST_VERTICES and _is_hollow(shape):
+        swollen = 1.0 + HOLLOW * (most - 1.0)
+    grown = (swollen or 1.0) - 1.0
+    if grown > 0.0 and (tied if grown <= most - 1.0 else not walls):
+        factor = ((most - 1.0) / grown) ** (1.0 / GROWTH)
+        return min(factor, MOST_FACTOR) if abs(factor - 1.0) > ALIKE else 1.0
+    if 0.0 < grown <= most - 1.0 or not walls:
         return 1.0
     low, high = LEAST_FACTOR, 1.0
-    if (volume_under(shape, constants, pressure) or np.inf) <= most:
-        return 1.0
     for _ in range(HALVINGS):
         middle = (low * high) ** 0.5
         swells = (volume_under(shape, constants, middle * pressure) or np.inf) > most
         low, high = (low, middle) if swells else (middle, high)
     return low
+
+
+def _is_hollow(shape: BalloonShape) -> bool:
+    """Return whether a surface is neither as round as a ball nor as flat as a sheet."""
+    round_ = mean_radius(shape.mesh) / np.sqrt(total_area(shape.mesh) / (4.0 * np.pi))
+    return FLAT < round_ < ROUND
 
 
 def _evenness(shape: BalloonShape, within: NDArray[np.bool_]) -> float:

@@ -24,8 +24,8 @@ WEIGHT = 0.32
 pressure carries it on its legs"""
 WEIGHT_OF_OTHERS = 1.81
 """Weight of a balloon with gas, which has its own lift, or with normal forces [N/kg]"""
-STRETCH = 0.1
-"""Stretch of a sphere's skin, at which faces, feet and folds keep their shape"""
+STRETCH = 0.08
+"""Stretch of a sphere's skin, a volume of 1.26, at which faces, feet and folds keep their shape"""
 MOLAR_VOLUME = 0.02406
 """Molar volume of a gas in the default atmosphere [m^3/mol]"""
 MOST_FLOW = 9e11

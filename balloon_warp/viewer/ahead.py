@@ -1,6 +1,10 @@
-"""Compiles the kernels that a hand will need, in a process of its own: a thread would hold Python's lock."""
+"""Compiles the kernels that a hand will need, in a process of its own: a thread would hold Python's lock.
+
+It tells which are done, one kind of scene after the other. Until then a wish that needs them waits, and time goes on.
+"""
 
 import contextlib
+import functools
 import hashlib
 import json
 import os
@@ -11,6 +15,7 @@ import sys
 import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 import warp as wp
@@ -20,10 +25,13 @@ from balloon_warp.kernels.laws import Law
 from balloon_warp.provenance import describe_simulation
 from balloon_warp.scene import Scene
 from balloon_warp.viewer.playground import Playground
+from balloon_warp.viewer.touches import Kinds, kinds_of
 from balloon_warp.warp_logging import quiet_warp
 
 NICENESS = 15
 """Niceness of the process: the simulation and the browser come first"""
+BURST = 1e9
+"""Factor on the inflation under which every skin gives way"""
 
 
 class Ahead:
@@ -32,16 +40,26 @@ class Ahead:
     def __init__(self) -> None:
         self._process: subprocess.Popen[bytes] | None = None
         self._waiter: threading.Thread | None = None
+        self._done: set[Kinds] = set()
 
     @property
     def busy(self) -> bool:
         """Return whether the process is compiling."""
         return self._process is not None and self._process.poll() is None
 
-    def begin(self, scene: Scene, device: str, laws: Sequence[Law] = ()) -> None:
+    def has(self, kinds: Kinds) -> bool:
+        """Return whether nothing is gained by waiting for the kernels of a scene with such things in it."""
+        return not self.busy or kinds in self._done
+
+    def begin(
+        self, scene: Scene, device: str, laws: Sequence[Law] = (), on_done: Callable[[], None] = lambda: None
+    ) -> None:
         """Compile the kernels that playing with a scene takes, and stop compiling those of another scene.
 
         Nothing is done where all was compiled before, or where only this process knows the laws.
+
+        Args:
+            on_done: called, by another thread, whenever `has` may return more.
         """
         self.end()
         task = _task(scene, device, laws)
@@ -49,16 +67,16 @@ class Ahead:
             return
         found = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
         found["WARP_CACHE_PATH"] = str(_kernels().parent)  # Warp appends its version
-        nowhere = subprocess.DEVNULL
-        command = [sys.executable, "-m", __name__]
+        command, pipe = [sys.executable, "-m", __name__], subprocess.PIPE
         try:
             process = subprocess.Popen(
-                command, stdin=subprocess.PIPE, stdout=nowhere, stderr=nowhere, env=found, start_new_session=True
+                command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, env=found, start_new_session=True
             )
         except OSError:  # no room for a process: it is compiled when it is asked for
             return
-        self._process = process
-        self._waiter = threading.Thread(target=_tell_and_wait, args=(process, task), name="ahead", daemon=True)
+        self._process, self._done = process, set()
+        arguments = (process, task, self._done, on_done)
+        self._waiter = threading.Thread(target=_tell_and_hear, args=arguments, name="ahead", daemon=True)
         self._waiter.start()
 
     def end(self) -> None:
@@ -92,14 +110,25 @@ def _mark(scene: Scene, device: str, laws: Sequence[Law]) -> Path:
     return _kernels() / f"balloon_warp_ahead_{hashlib.sha256(what.encode()).hexdigest()[:16]}"
 
 
-def _tell_and_wait(process: "subprocess.Popen[bytes]", task: bytes) -> None:
-    """Hand the task over. The pipe stays open as long as this process lives, which tells the other that it does."""
+def _tell_and_hear(
+    process: "subprocess.Popen[bytes]", task: bytes, done: set[Kinds], on_done: Callable[[], None]
+) -> None:
+    """Hand the task over, and note what is done.
+
+    The pipe stays open as long as this process lives, which tells the other that it does.
+    """
     assert process.stdin
+    assert process.stdout
     with contextlib.suppress(BrokenPipeError):
         process.stdin.write(len(task).to_bytes(8, "little") + task)
         process.stdin.flush()
+    for line in process.stdout:
+        done.add(frozenset(json.loads(line)))
+        on_done()
     process.wait()
+    on_done()
     _tidy(process.pid)
+    process.stdout.close()
     with contextlib.suppress(BrokenPipeError):
         process.stdin.close()
 
@@ -110,8 +139,15 @@ def _tidy(process: int) -> None:
         shutil.rmtree(begun, ignore_errors=True)
 
 
-def rehearse(playground: Playground) -> None:
-    """Rehearse common actions, a frame each, so that later actions find their kernels."""
+def rehearse(playground: Playground, on_done: Callable[[Kinds], None] = lambda kinds: None) -> None:
+    """Rehearse common actions, a frame each, so that later actions find their kernels: the likeliest first.
+
+    Args:
+        on_done: called with the kinds of things whose kernels are there.
+    """
+
+    def inflate() -> None:
+        playground.inflate(1.01 * playground.inflation)
 
     def throw() -> None:
         above = playground.points.mean(axis=0) + 2.0 * playground.size * np.array(playground.live.up)
@@ -123,13 +159,31 @@ def rehearse(playground: Playground) -> None:
     def blow() -> None:
         playground.blow([1.0, 0.0, 0.0])
 
-    acts: list[list[Callable[[], None]]] = [[throw, pull], [pull], [blow, throw], [playground.cut_all, throw]]
+    def burst() -> None:
+        playground.keep_stable = False
+        playground.inflate(BURST * max(playground.inflation, 1.0))
+
+    def see_forces() -> None:
+        playground.simulator.read_frame(net_forces=True)
+
+    cut = playground.cut_all
+    acts: list[list[Callable[[], None]]] = [
+        *([inflate], [throw], [pull], [throw, pull], [burst], [cut], [cut, throw], [throw, burst]),
+        *([blow], [blow, throw], [blow, pull], [blow, throw, pull], [cut, blow], [cut, pull], [inflate, see_forces]),
+    ]
     for some in acts:
         playground.reset()
-        for act in (lambda: None, *some):
+        playground.keep_stable = True
+        for act in some:
             with contextlib.suppress(InputError, BlowUpError):
                 act()
                 playground.step()
+        on_done(kinds_of(playground.live))
+
+
+def _tell(page: TextIO, kinds: Kinds) -> None:
+    """Tell the page what is done."""
+    print(json.dumps(sorted(kinds)), file=page, flush=True)
 
 
 def _end_with_the_page() -> None:
@@ -148,8 +202,9 @@ def main() -> None:
     task = sys.stdin.buffer.read(length)
     threading.Thread(target=_end_with_the_page, daemon=True).start()
     scene, device, laws, wp.config.optimization_level = pickle.loads(task)
-    playground = Playground(scene, device, laws)
-    rehearse(playground)
+    page = sys.stdout
+    with contextlib.redirect_stdout(sys.stderr):  # of others, who would be taken for what is done
+        rehearse(Playground(scene, device, laws), functools.partial(_tell, page))
     _mark(scene, device, laws).touch()
 
 

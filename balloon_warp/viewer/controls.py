@@ -14,6 +14,7 @@ from balloon_warp.viewer.playground import Playground
 from balloon_warp.viewer.session import Session
 from balloon_warp.viewer.sliders import VALUES, Value, does_something, of_tables, values_of
 from balloon_warp.viewer.status import KEYS_BUTTON, details, row_of, status_line, strain_legend, trouble_line
+from balloon_warp.viewer.touches import Touch
 
 CHOICES = {
     field: {name.replace("_", " "): name for name in get_args(Scene.model_fields[field].annotation)}
@@ -66,8 +67,12 @@ class Controls:
             self._add_advanced()
         self.details = gui.add_html("")
 
-    def follow(self, picture: Picture) -> None:
-        """Bring the panel up to date with a picture."""
+    def follow(self, picture: Picture, busy_seconds: float = 0.0) -> None:
+        """Bring the panel up to date with a picture.
+
+        Args:
+            busy_seconds: how long a request takes by now, if it takes long.
+        """
         if picture.granted == self.session.asked:  # else hands are ahead of the picture, and must not be pulled back
             if self._bound != (picture.load, picture.revision):
                 self._bind(picture)
@@ -79,7 +84,7 @@ class Controls:
         self.trouble.content = trouble_line(picture) if picture.trouble else ""
         self.record.label = "Stop and save" if picture.recorded_seconds is not None else "Record"
         self._offer_files()
-        self.status.content, self.details.content = status_line(picture), details(picture)
+        self.status.content, self.details.content = status_line(picture, busy_seconds), details(picture)
 
     def wait(self, picture: Picture, busy_seconds: float) -> None:
         """Report that a request takes some time."""
@@ -169,7 +174,7 @@ class Controls:
         gui = self.server.gui
         for field, choices in CHOICES.items():
             way = gui.add_dropdown(field, tuple(choices))
-            on_change(way, lambda name, field=field: self.session.set(field, CHOICES[field][name]))
+            on_change(way, lambda name, field=field: self.session.set_method(field, CHOICES[field][name]))
             self._ways[field] = way
         self.stable = gui.add_checkbox("keep the step stable", True)
         on_change(self.stable, self._keep_stable)
@@ -183,10 +188,12 @@ class Controls:
         self.session.wants_forces = self.layers.shown["forces"]
 
     def _cut(self) -> None:
-        self.session.ask(lambda playground: playground.cut_all(), key="cut")
+        self.session.ask(lambda playground: playground.cut_all(), key="cut", touch=Touch.CUTS)
 
     def _blow(self, wind: Any) -> None:
-        self.session.ask(lambda playground: playground.blow([float(part) for part in wind]), key="wind")
+        self.session.ask(
+            lambda playground: playground.blow([float(part) for part in wind]), key="wind", touch=Touch.BLOWS
+        )
 
     def _keep_stable(self, keep: Any) -> None:
         def change(playground: Playground) -> None:

@@ -11,7 +11,7 @@ from balloon_warp.viewer.status import key_sheet
 CHARSET = b'<meta charset="utf-8" />'
 """Declaration of the page's encoding, which must be among its first bytes: additions come behind it"""
 
-FILES = ("page.css", "look.js", "panel.js", "wait.js", "origin.js")
+FILES = ("page.css", "ground.js", "look.js", "panel.js", "wait.js", "origin.js")
 
 
 def dress(response: Response) -> None:

@@ -11,6 +11,8 @@ from balloon_warp.viewer import colors
 from balloon_warp.viewer.picture import Picture
 
 ROOT = "/levels"
+SHADOW = 0.55
+"""Darkness of shadows on the ground"""
 GRID_SIZES = 14.0
 """Distance from the middle of the ground to where it has faded out, over the balloons' size"""
 
@@ -58,7 +60,7 @@ class LevelLayer:
             section_color=colors.GRID,
             plane_color=colors.GROUND,
             plane_opacity=1.0,
-            shadow_opacity=0.3,
+            shadow_opacity=SHADOW,
             fade_distance=wide,
         )
 

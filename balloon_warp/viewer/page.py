@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import viser
 
+from balloon_warp.scene import Scene
 from balloon_warp.viewer.ahead import Ahead
 from balloon_warp.viewer.controls import Controls
 from balloon_warp.viewer.following import Follower, go_home
@@ -19,9 +20,12 @@ from balloon_warp.viewer.pointing import Pointing, drag
 from balloon_warp.viewer.saving import Done
 from balloon_warp.viewer.server import address_of, close, guarded_server
 from balloon_warp.viewer.session import SHOWN_SECONDS, Session
+from balloon_warp.viewer.touches import Touch
 
-BUSY_SECONDS = 0.4
+BUSY_SECONDS = 0.6
 """Time that a request may take before the panel says so [s]"""
+SLOW = 3.0
+"""Factor on the time that a frame takes by which one must be late before the panel says so"""
 PANEL_SECONDS = 0.2
 """Time between two updates of the panel and the plots [s]"""
 
@@ -51,6 +55,7 @@ class Page:
         self.session = session
         self.server = guarded_server(host, port, origins, on_refused)
         self.follower, self.ahead = Follower(), Ahead()
+        session.is_ready, session.prepare = lambda kinds: self.ahead.has(kinds), self._prepare
         self.layers = Layers(self.server, functools.partial(drag, session))
         self.controls = Controls(self.server, session, self.layers, self._look, self._go_home)
         with self.controls.plots_folder:
@@ -89,7 +94,8 @@ class Page:
         while not self._stop.wait(SHOWN_SECONDS / 2):
             self.session.watched = bool(self.server.get_clients())
             picture, busy = self.session.picture, self.session.busy_seconds
-            if self.session.watched and busy > BUSY_SECONDS and time.perf_counter() - panel_at >= PANEL_SECONDS:
+            busy = busy if busy > BUSY_SECONDS + SLOW * picture.step_seconds else 0.0
+            if self.session.watched and busy and time.perf_counter() - panel_at >= PANEL_SECONDS:
                 panel_at = time.perf_counter()
                 self.controls.wait(picture, busy)
             if picture is drawn or not self.session.watched:
@@ -99,14 +105,19 @@ class Page:
             drawn = picture
             if picture.load != prepared and picture.frame.number > 0:  # its own kernels are there, and do not wait
                 prepared = picture.load
-                self.ahead.begin(picture.model.scene, str(picture.model.device), self.session.laws)
+                self._prepare(picture.model.scene)
             now = time.perf_counter()
             if now - panel_at >= PANEL_SECONDS:
                 panel_at = now
-                self.controls.follow(picture)
+                self.controls.follow(picture, busy)
                 self.plots.add(picture, self.layers.drawing.measures(picture))
             while self.session.notices:
                 self._tell(self.session.notices.popleft())
+
+    def _prepare(self, scene: Scene) -> None:
+        """Compile the kernels that playing with a scene takes, beside the simulation."""
+        device = str(self.session.picture.model.device)
+        self.ahead.begin(scene, device, self.session.laws, self.session.kernels_came)
 
     def _tell(self, sentence: str) -> None:
         for client in self.server.get_clients().values():
@@ -131,4 +142,4 @@ class Page:
 
     async def _farewell(self, client: viser.ClientHandle) -> None:
         """Release what a window holds when it leaves."""
-        self.session.ask(lambda playground: playground.release(client.client_id))
+        self.session.ask(lambda playground: playground.release(client.client_id), touch=Touch.RELEASES)

@@ -1,6 +1,6 @@
 """A simulation that is played with: every touch takes effect between two frames, and is written down."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -82,13 +82,13 @@ class Playground:
         times, values = np.array(self.live.balloon[0].inflation.keyframes).T
         return float(np.interp(self.seconds, times, values))
 
-    def step(self) -> None:
-        """Simulate one frame.
+    def step(self, on_bad: Callable[[], None] = lambda: None) -> None:
+        """Simulate one frame; see `Simulator.step_unread`.
 
         Raises:
             BlowUpError: the simulation blew up.
         """
-        self.simulator.step_unread()
+        self.simulator.step_unread(on_bad)
 
     def set(self, path: str, value: Any) -> None:
         """Change a value of the scene.

@@ -12,6 +12,7 @@ from balloon_warp.viewer.layers import Layers
 from balloon_warp.viewer.playground import Playground
 from balloon_warp.viewer.rays import ground_distance, hit_distance, nearest_particle, throw_at
 from balloon_warp.viewer.session import Session
+from balloon_warp.viewer.touches import Touch
 
 NEAREST = 0.4
 """Least distance of a sphere's start from the camera, over the distance to its target, so that it does not fill the
@@ -39,7 +40,7 @@ class Pointing:
         if tool == "throws a sphere":
             self._throw(origin, direction)
         elif tool == "ties a string":
-            self.session.ask(lambda playground: self._tie(playground, origin, direction))
+            self.session.ask(lambda playground: self._tie(playground, origin, direction), touch=Touch.TIES)
 
     def _throw(self, origin: np.ndarray, direction: np.ndarray) -> None:
         """Throw a sphere from before the camera to the place that the click points at.
@@ -63,7 +64,7 @@ class Pointing:
             start = start + max(scene.ground.height + 1.01 * radius - start @ up, 0.0) * up
         velocity = throw_at(target, start, self.controls.throw_speed.value * size, scene.gravity, scene.up)
         mass = float(self.controls.mass.value)
-        self.session.ask(lambda playground: playground.throw(start, velocity, radius, mass))
+        self.session.ask(lambda playground: playground.throw(start, velocity, radius, mass), touch=Touch.THROWS)
         color = colors.sphere_color(len(self.session.playground.journal.spheres), None)
         self.layers.foresee(start, radius, color, self.session.asked)
 
@@ -84,8 +85,10 @@ async def drag(session: Session, event: Any) -> None:
     who, phase = event.client_id, event.phase
     start, place = np.array(event.start_position, float), np.array(event.end_position, float)
     if phase == "start":
-        session.ask(lambda playground: playground.grab(who, nearest_particle(playground.points, start), place))
+        session.ask(
+            lambda playground: playground.grab(who, nearest_particle(playground.points, start), place), touch=Touch.TIES
+        )
     elif phase == "update":
-        session.ask(lambda playground: playground.pull(who, place), key=("pull", who))
+        session.ask(lambda playground: playground.pull(who, place), key=("pull", who), touch=Touch.TIES)
     else:
-        session.ask(lambda playground: playground.release(who))
+        session.ask(lambda playground: playground.release(who), touch=Touch.RELEASES)

@@ -7,7 +7,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,10 +22,12 @@ from balloon_warp.viewer.picture import Picture
 from balloon_warp.viewer.playground import Playground
 from balloon_warp.viewer.recording import Recording, free_number
 from balloon_warp.viewer.saving import told_of_saving
+from balloon_warp.viewer.touches import Kinds, Touch
 from balloon_warp.viewer.trouble import sentence_of
 from balloon_warp.viewer.wishes import Wish, Wishes
 from balloon_warp.warp_lock import PROCESS_LOCK, lock_of
 
+LOOKING = "It blew up. Looking for the reason."
 SHOWN_SECONDS = 1.0 / 30.0
 """Time between two pictures of the state [s]"""
 
@@ -56,6 +58,10 @@ class Session:
     """Whether anybody looks; time stands still while nobody does"""
     wants_forces: bool = False
     """Whether net forces are shown"""
+    is_ready: Callable[[Kinds], bool] = lambda kinds: True
+    """Tells whether there are kernels for such things: touches that bring them wait until then"""
+    prepare: Callable[[Scene], None] = lambda scene: None
+    """Begins to make the kernels of another scene"""
 
     def __post_init__(self) -> None:
         with PROCESS_LOCK:
@@ -70,10 +76,11 @@ class Session:
         self.saved: tuple[Path, ...] = ()
         """Files of the last recording that was written"""
         self._load, self._revision, self._step_seconds = 1, 1, 0.0
-        self._is_new = True
         self._busy_since: float | None = None
         self._moments = Moments()
         self._recordings = 0
+        self._methods: dict[str, object] = {}
+        """Methods that were asked for since the start"""
         self._wishes, self._stop = Wishes(self._refuse), threading.Event()
         self._shown_at = 0.0
         self._show()
@@ -98,13 +105,18 @@ class Session:
         if self.writer:
             self.writer.join()
 
-    def ask(self, wish: Wish, key: object = None) -> None:
+    def ask(self, wish: Wish, key: object = None, touch: Touch | None = Touch.SETS) -> None:
         """Queue a wish for the playground before the next frame; returns at once, from any thread.
 
         Args:
             key: The last of several waiting wishes with this key replaces the others.
+            touch: What it does to the scene; None if nothing.
         """
-        self._wishes.add(wish, key)
+        self._wishes.add(wish, key, touch)
+
+    def kernels_came(self) -> None:
+        """Look again whether waiting touches have their kernels."""
+        self._wishes.came.set()
 
     @property
     def asked(self) -> int:
@@ -113,13 +125,19 @@ class Session:
 
     @property
     def busy_seconds(self) -> float:
-        """Time that the current request, or the first frame after it, takes so far; else 0 [s]."""
+        """Time that the current request, or the frame, takes so far, or that a touch waits for kernels; else 0 [s]."""
         since = self._busy_since
-        return time.perf_counter() - since if since else 0.0
+        return max(time.perf_counter() - since if since else 0.0, self._wishes.waited_seconds)
 
     def set(self, path: str, value: object) -> None:
         """Ask for a value of the scene to change."""
         self.ask(lambda playground: playground.set(path, value), key=path)
+
+    def set_method(self, field: str, value: object) -> None:
+        """Ask for another method, such as another solver, once its kernels are there."""
+        self._methods[field] = value
+        self.prepare(self.playground.start.model_copy(update=self._methods))
+        self.set(field, value)
 
     def run(self, running: bool) -> None:
         """Ask for time to go on, or to stand still."""
@@ -127,7 +145,7 @@ class Session:
         def switch(_: Playground) -> None:
             self.running = running and not self.trouble
 
-        self.ask(switch, key="run")
+        self.ask(switch, key="run", touch=None)
 
     def step_once(self) -> None:
         """Ask for time to stand still after one more frame."""
@@ -137,7 +155,7 @@ class Session:
             if not self.trouble:
                 self._advance()
 
-        self.ask(step)
+        self.ask(step, touch=None)
 
     def set_speed(self, speed: float) -> None:
         """Ask for simulated seconds a second of the wall's clock."""
@@ -146,29 +164,31 @@ class Session:
             self.pace.speed = float(np.clip(float(speed), 0.01, 100.0))
             self.pace.rest()
 
-        self.ask(change, key="speed")
+        self.ask(change, key="speed", touch=None)
 
     def reset(self) -> None:
         """Ask for the start of the scene."""
 
         def reset(playground: Playground) -> None:
+            self._wishes.drop_touches()
             self._end_recording()
             playground.reset()
             self._begin_anew()
 
-        self.ask(reset, key="reset")
+        self.ask(reset, key="reset", touch=None)
 
     def load(self, name: str, find: Callable[[], Scene]) -> None:
         """Ask for another scene. If it cannot be simulated, this one goes on."""
 
         def load(_: Playground) -> None:
             playground = Playground(find(), self.device, self.laws)
+            self._wishes.drop_touches()
             self._end_recording()
             self.name, self.playground = name, playground
             self._load += 1
             self._begin_anew()
 
-        self.ask(load, key="load")
+        self.ask(load, key="load", touch=None)
 
     def go_back(self) -> None:
         """Ask for the last good state, and again for the one before; time then stands still there."""
@@ -178,7 +198,7 @@ class Session:
                 self.trouble, self.why, self.running, self._is_back = "", "", False, False
                 self._revision += 1
 
-        self.ask(go_back)
+        self.ask(go_back, touch=None)
 
     def record(self, on: bool) -> None:
         """Ask for a recording to begin, or to end and be written."""
@@ -186,11 +206,12 @@ class Session:
         def begin(_: Playground) -> None:
             self.recording = self.recording or Recording()
 
-        self.ask(begin if on else lambda _: self._end_recording(), key="record")
+        self.ask(begin if on else lambda _: self._end_recording(), key="record", touch=None)
 
     def _begin_anew(self) -> None:
         self.trouble, self.why, self.running, self._is_back = "", "", True, False
         self._moments.clear()
+        self._methods.clear()
         self._revision += 1
         self.pace.rest()
 
@@ -208,7 +229,7 @@ class Session:
         """Grant wishes, and simulate a frame, if time goes on."""
         with lock_of(self.playground.simulator.model.device):
             self._busy_since = time.perf_counter()
-            self._is_new |= self._wishes.grant(lambda: self.playground)
+            self._wishes.grant(lambda: self.playground, self.is_ready)
             self._busy_since = None
         if not self.running or not self.watched:
             self.pace.rest()
@@ -219,9 +240,9 @@ class Session:
         frame_seconds = self.playground.simulator.model.frame_seconds
         time.sleep(self.pace.wait(time.perf_counter(), frame_seconds))
         with lock_of(self.playground.simulator.model.device):
-            self._busy_since = time.perf_counter() if self._is_new else None
+            self._busy_since = time.perf_counter()
             self._advance()
-            self._is_new, self._busy_since = False, None
+            self._busy_since = None
         now = time.perf_counter()
         self.pace.passed(now, frame_seconds)
         if now - self._shown_at >= SHOWN_SECONDS:
@@ -245,7 +266,7 @@ class Session:
         playground, began = self.playground, time.perf_counter()
         self._moments.note(playground)
         try:
-            playground.step()
+            playground.step(self._tell_of_blow_up)
         except BlowUpError as failure:
             self.trouble, self.why, self.running = sentence_of(failure, playground.live), str(failure), False
             self._is_back = self._moments.go_back(playground)  # the last good shape stays to be seen
@@ -255,6 +276,10 @@ class Session:
             if self.recording.full:
                 self._end_recording()
         self._step_seconds += 0.1 * (time.perf_counter() - began - self._step_seconds)
+
+    def _tell_of_blow_up(self) -> None:
+        """Show that time stands still, with the last good shape, while the reason is looked for."""
+        self.picture = replace(self.picture, running=False, trouble=LOOKING)
 
     def _end_recording(self) -> None:
         """Write the recording, beside the simulation: it takes longer than a frame."""

@@ -1,4 +1,4 @@
-// How things look: the studio of the pictures (kernels/pictures/studio.py), rubber that shines, and one soft shadow.
+// How things look: the studio of the pictures (kernels/pictures/studio.py), and rubber that shines. ground.js has the ground.
 (() => {
   "use strict";
   const GLOSSY = 0.14, SATIN = 0.5;  // roughness of balloons, and of all else
@@ -60,7 +60,7 @@
   }
 
   // Half of the room's light, as in the pictures, but all of what it mirrors, and lights that outshine it; rubber
-  // lets some light through.
+  // lets some light through, and mirrors less at a slant, or gray floor would draw a line around each balloon.
   function dressMaterial(material) {
     if (!material || !material.isMeshStandardMaterial || dressed.has(material)) return;
     dressed.add(material);
@@ -71,6 +71,9 @@
         #include <lights_fragment_maps>
         iblIrradiance *= 0.42;
         radiance += 7.0 * max(radiance - vec3(1.0), vec3(0.0));
+      `).replace("#include <lights_physical_fragment>", `
+        #include <lights_physical_fragment>
+        material.specularF90 = ${rubber ? "0.3" : "1.0"};
       `).replace("#include <emissivemap_fragment>", `
         #include <emissivemap_fragment>
         totalEmissiveRadiance += ${rubber ? "0.12" : "0.0"} * diffuseColor.rgb;
@@ -172,10 +175,11 @@
   }
 
   function dress(scene, camera, state) {
-    const lights = [], things = [], printed = [];
+    const lights = [], things = [], printed = [], grounds = [];
     scene.traverse((node) => {
       if (node.isDirectionalLight) lights.push(node);
       if (!node.isMesh) return;
+      if (node.material.isShaderMaterial) grounds.push(node.material);
       dressMaterial(node.material);
       if (!softened.has(node.material)) {  // what was made ready for another kind of shadow is made ready anew
         softened.add(node.material);
@@ -185,6 +189,7 @@
       if (balloon) printed.push(balloon);
       if (node.castShadow && node.parent.visible && node.material.isMeshStandardMaterial && node.geometry.boundingSphere) things.push(node);
     });
+    for (const material of grounds) window.balloonWarpGround(material, things);
     undressPrints(state.printed || [], printed);
     state.printed = printed;
     if (state.angle === undefined && things.length) {  // once, from where the camera stands at first
