@@ -14,22 +14,20 @@ from typing import TYPE_CHECKING, Any
 from balloon_warp.garbage import without_collecting
 
 if TYPE_CHECKING:
-    from balloon_warp.advice import advise_step
     from balloon_warp.checking import CheckReport, Crossing, check_stage
     from balloon_warp.comparison.compare import compare
     from balloon_warp.designing.design import design
-    from balloon_warp.designing.result import Design
+    from balloon_warp.designing.job import Design
     from balloon_warp.errors import BlowUpError, InputError, MissingExtraError, WorkersLostError
-    from balloon_warp.fitting.by_loss import Optimum
-    from balloon_warp.fitting.fit import fit
-    from balloon_warp.fitting.result import Fit
+    from balloon_warp.fitting.by_data import Fit
+    from balloon_warp.fitting.fit import Optimum, fit
     from balloon_warp.foil.make import foil_mesh, foil_parts
     from balloon_warp.frame import Frame
     from balloon_warp.gradients import losses
     from balloon_warp.gradients.derive import Gradient
     from balloon_warp.gradients.gradient import gradient
     from balloon_warp.gradients.rollout import Rollout
-    from balloon_warp.inspection import inspect_mesh
+    from balloon_warp.inspection import advise_step, inspect_mesh
     from balloon_warp.job import animate
     from balloon_warp.kernels.laws import Law, Parameter
     from balloon_warp.laws import face_law, particle_law, spring_law
@@ -64,10 +62,9 @@ if TYPE_CHECKING:
     from balloon_warp.simulator import Simulator
     from balloon_warp.solids import MassProperties
     from balloon_warp.springs import build_springs
-    from balloon_warp.sweep.batch import run_batch
+    from balloon_warp.sweep.batch import repeat_batch, run_batch
     from balloon_warp.sweep.cluster import Cluster
-    from balloon_warp.sweep.repeat import repeat_batch
-    from balloon_warp.sweep.world_files.options import TrajectoryFiles
+    from balloon_warp.sweep.world_files.catalog import TrajectoryFiles
     from balloon_warp.trajectories import Trajectories, simulate
     from balloon_warp.viewer.notebook import show
     from balloon_warp.viewer.view import view
@@ -143,25 +140,48 @@ __all__ = [
 ]
 
 _HOMES = {
-    "advice": ("advise_step",),
-    "checking": ("CheckReport", "Crossing", "check_stage"),
+    "inspection": (
+        "advise_step",
+        "inspect_mesh",
+    ),
+    "checking": (
+        "CheckReport",
+        "Crossing",
+        "check_stage",
+    ),
     "comparison.compare": ("compare",),
     "designing.design": ("design",),
-    "designing.result": ("Design",),
-    "errors": ("BlowUpError", "InputError", "MissingExtraError", "WorkersLostError"),
-    "fitting.by_loss": ("Optimum",),
-    "fitting.fit": ("fit",),
-    "fitting.result": ("Fit",),
-    "foil.make": ("foil_mesh", "foil_parts"),
+    "designing.job": ("Design",),
+    "errors": (
+        "BlowUpError",
+        "InputError",
+        "MissingExtraError",
+        "WorkersLostError",
+    ),
+    "fitting.fit": (
+        "Optimum",
+        "fit",
+    ),
+    "fitting.by_data": ("Fit",),
+    "foil.make": (
+        "foil_mesh",
+        "foil_parts",
+    ),
     "frame": ("Frame",),
     "gradients": ("losses",),
     "gradients.derive": ("Gradient",),
     "gradients.gradient": ("gradient",),
     "gradients.rollout": ("Rollout",),
-    "inspection": ("inspect_mesh",),
     "job": ("animate",),
-    "kernels.laws": ("Law", "Parameter"),
-    "laws": ("face_law", "particle_law", "spring_law"),
+    "kernels.laws": (
+        "Law",
+        "Parameter",
+    ),
+    "laws": (
+        "face_law",
+        "particle_law",
+        "spring_law",
+    ),
     "mesh": ("PolygonMesh",),
     "mesh.load": ("load_mesh",),
     "mesh.remesh": ("remesh",),
@@ -193,11 +213,16 @@ _HOMES = {
     "simulator": ("Simulator",),
     "solids": ("MassProperties",),
     "springs": ("build_springs",),
-    "sweep.batch": ("run_batch",),
+    "sweep.batch": (
+        "run_batch",
+        "repeat_batch",
+    ),
     "sweep.cluster": ("Cluster",),
-    "sweep.repeat": ("repeat_batch",),
-    "sweep.world_files.options": ("TrajectoryFiles",),
-    "trajectories": ("Trajectories", "simulate"),
+    "sweep.world_files.catalog": ("TrajectoryFiles",),
+    "trajectories": (
+        "Trajectories",
+        "simulate",
+    ),
     "viewer.notebook": ("show",),
     "viewer.view": ("view",),
     "warming": ("warm_up",),

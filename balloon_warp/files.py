@@ -1,13 +1,306 @@
-"""Files that appear whole or not at all, at the end of the links that lead to them."""
+"""Files that appear whole or not at all, in places that are ours, and what no kill leaves for long.
 
+Marks by which the program knows the files that it made.
+
+A stage has its mark in its metadata, a scene in its first line, with a hash of the others, a folder in its manifest,
+and any other file, such as a picture, in a comment at its begin.
+
+Temporary files and folders that no kill leaves for long: whoever writes beside them next clears them away.
+
+Each has a lock file beside it. The process that made both holds the lock, and the system lets go of it however that
+process ends. So a lock that can be had is of a process that was killed, and its temporaries may go.
+"""
+
+import atexit
+import errno
+import hashlib
+import json
 import os
-from collections.abc import Iterator
+import platform
+import secrets
+import shlex
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
+from contextvars import ContextVar
+from functools import cache
 from pathlib import Path
 from stat import S_ISREG
+from typing import TYPE_CHECKING, Any
 
 from balloon_warp.errors import InputError
-from balloon_warp.temporaries import clear_left_over, temporary_in
+
+if TYPE_CHECKING:
+    from PIL.PngImagePlugin import PngInfo
+
+
+PROGRAM = "Balloon Warp"
+LINE = f"Written by {PROGRAM}"
+"""Comment at the begin of a text file"""
+MANIFEST = {"written_by": PROGRAM}
+"""Entry of a folder's manifest, as JSON"""
+STAGE_KEY = "balloonWarp"
+"""Key in the `customLayerData` of a stage"""
+STAGES = (".usd", ".usda", ".usdc")
+HEAD_BYTES = 1024
+"""Largest size of a file's head up to the end of its mark [bytes]"""
+
+
+def is_ours(path: Path) -> bool:
+    """Return whether a file has our mark, and, if it is a scene, nobody edited it since."""
+    try:
+        if path.suffix.lower() in STAGES:
+            return path.is_file() and _is_our_stage(path)
+        with path.open("rb") as file:
+            head = file.read(HEAD_BYTES)
+            return _is_unedited(head + file.read()) if path.suffix.lower() == ".toml" else PROGRAM.encode() in head
+    except OSError:
+        return False
+
+
+def marked_scene(text: str) -> str:
+    """Return the text of a scene's file, behind a line by which `is_ours` sees whether it was edited."""
+    return f"{_first_line(text.encode())}\n{text}"
+
+
+def png_mark() -> "PngInfo":
+    """Return the mark of a PNG file, as Pillow's `save` takes it for `pnginfo`."""
+    from PIL.PngImagePlugin import PngInfo  # only where there is a picture
+
+    mark = PngInfo()
+    mark.add_text("Software", PROGRAM)
+    return mark
+
+
+def manifest_text(manifest: Mapping[str, Any]) -> str:
+    """Return the text of a folder's manifest, with its mark."""
+    return json.dumps({**MANIFEST, **manifest}, indent=1) + "\n"
+
+
+def without_mark(manifest: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the content of a manifest that was read, without its mark."""
+    return {name: value for name, value in manifest.items() if name not in MANIFEST}
+
+
+def _is_our_stage(path: Path) -> bool:
+    from pxr import Sdf, Tf  # loads USD: only where a stage is in the way
+
+    try:
+        layer = Sdf.Layer.OpenAsAnonymous(str(path), metadataOnly=True)
+    except Tf.ErrorException:
+        return False
+    return layer is not None and STAGE_KEY in layer.customLayerData
+
+
+def _first_line(below: bytes) -> str:
+    return f"# {LINE}, which may replace this file until it is edited: {hashlib.sha256(below).hexdigest()[:16]}"
+
+
+def _is_unedited(content: bytes) -> bool:
+    first, _, below = content.partition(b"\n")
+    return first == _first_line(below).encode()
+
+
+try:
+    import fcntl
+except ModuleNotFoundError:  # Windows has none
+    fcntl = None
+PREFIX, LOCK = ".balloon-warp-", ".partial.lock"
+"""Prefix and suffix of the names of lock files"""
+MOST_SAID = 4096
+"""Largest size of the message of a lock's holder [bytes]"""
+OLD_SECONDS = 86400.0
+"""Age after which an untouched file counts as left over, where there are no locks [s]"""
+
+
+@contextmanager
+def temporary_in(folder: Path, suffix: str = "") -> Iterator[Path]:
+    """Yield a path in a folder at which there is nothing; a file or folder put there goes when the block ends.
+
+    Raises:
+        OSError: the folder takes no files.
+    """
+    lock, descriptor = _new_lock(folder)
+    temporary = lock.with_name(f"{_stem(lock)}{suffix}")
+    try:
+        yield temporary
+    finally:
+        _remove(temporary)
+        os.close(descriptor)
+        _remove(lock)
+
+
+@contextmanager
+def scratch_folder() -> Iterator[Path]:
+    """Yield an empty folder among the system's temporary ones, which goes when the block ends.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+    place = Path(tempfile.gettempdir())
+    clear_left_over(place)
+    with temporary_in(place) as folder:
+        folder.mkdir(0o700)
+        yield folder
+
+
+@cache
+def folder_of_process() -> Path:
+    """Make a folder among the system's temporary ones, which goes when this process ends.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+    files, process = ExitStack(), os.getpid()
+    folder = files.enter_context(scratch_folder())
+    atexit.register(lambda: files.close() if os.getpid() == process else None)  # a fork's end is not this one's
+    if hasattr(os, "register_at_fork"):
+        os.register_at_fork(after_in_child=folder_of_process.cache_clear)
+    return folder
+
+
+def clear_left_over(folder: Path) -> None:
+    """Remove the temporaries of killed processes in a folder; those of a living one stay."""
+    with suppress(OSError):
+        with os.scandir(folder) as entries:
+            names = [each.name for each in entries if each.name.startswith(PREFIX) and each.name.endswith(LOCK)]
+        for name in names:
+            with suppress(OSError):  # somebody else's, or gone meanwhile
+                _clear(folder / name)
+
+
+@contextmanager
+def sole_holder(path: Path, said: str) -> Iterator[None]:
+    """Hold a file or folder, which need not be there, until the block or this process ends.
+
+    Args:
+        path: of it, at the end of links.
+        said: message for others who want it.
+
+    Raises:
+        BlockingIOError: somebody else holds it; `strerror` is their message.
+        OSError: the folder takes no files.
+    """
+    folder, name = (path, "") if path.is_dir() else (path.parent, path.name)
+    stem = hashlib.sha256(os.fsencode(name)).hexdigest()[:8]  # a name may be as long as names can be
+    lock = folder / f"{PREFIX}{stem}{LOCK}"
+    descriptor = _held(lock)
+    try:
+        os.truncate(descriptor, 0)
+        os.pwrite(descriptor, said.encode(errors="replace"), 0)
+        yield
+    finally:
+        _remove(lock)
+        os.close(descriptor)
+
+
+def _held(lock: Path) -> int:
+    """Open a lock file, which is made if it is not there, and hold it.
+
+    Raises:
+        BlockingIOError, OSError: as `sole_holder`.
+    """
+    while True:
+        descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o600)
+        try:
+            if _is_held_elsewhere(descriptor):
+                said = os.pread(descriptor, MOST_SAID, 0).decode(errors="replace")
+                os.close(descriptor)
+                raise BlockingIOError(errno.EWOULDBLOCK, said)
+        except BlockingIOError:
+            raise
+        except OSError:  # the file system has no locks
+            return descriptor
+        if lock.exists() and os.path.samestat(lock.stat(), os.fstat(descriptor)):
+            return descriptor
+        os.close(descriptor)  # whoever held it before has removed it
+
+
+def hold(path: Path) -> int | None:
+    """Lock a file until its descriptor, which is returned, is closed or this process ends.
+
+    Returns None if somebody has it, or where there are no locks.
+
+    Raises:
+        OSError: there is no such file.
+    """
+    descriptor = os.open(path, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0))
+    with suppress(OSError):
+        if not _is_held_elsewhere(descriptor):
+            return descriptor
+    os.close(descriptor)
+    return None
+
+
+def _new_lock(folder: Path) -> tuple[Path, int]:
+    """Make a lock file, and hold it."""
+    while True:
+        # Without any name of an output, which may be as long as names can be.
+        lock = folder / f"{PREFIX}{secrets.token_hex(4)}{LOCK}"
+        try:
+            descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
+        except FileExistsError:
+            continue
+        try:
+            is_ours = not _is_held_elsewhere(descriptor) and lock.exists()
+        except OSError:  # the file system has no locks
+            is_ours = True
+        if is_ours:
+            return lock, descriptor
+        os.close(descriptor)  # somebody cleared it away before it was held
+
+
+def _clear(lock: Path) -> None:
+    """Remove a lock file and its temporaries, if its process is gone."""
+    descriptor = os.open(lock, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0))
+    # The temporary, and files beside it of the library that was writing it.
+    beside = [path for path in lock.parent.iterdir() if path.name.startswith(_stem(lock)) and path != lock]
+    try:
+        try:
+            is_left = not _is_held_elsewhere(descriptor)
+        except OSError:
+            is_left = all(time.time() - _last_touched(path) > OLD_SECONDS for path in (*beside, lock))
+        for path in (*beside, lock) if is_left else ():
+            _remove(path)
+    finally:
+        os.close(descriptor)
+
+
+def _is_held_elsewhere(descriptor: int) -> bool:
+    """Take a lock, and return whether that failed because another process, or another place of this one, has it.
+
+    Raises:
+        OSError: there are no locks, in this file system or on this machine.
+    """
+    if fcntl is None:
+        raise OSError("no locks")
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    return False
+
+
+def _stem(lock: Path) -> str:
+    return lock.name.removesuffix(".lock")
+
+
+def _remove(path: Path) -> None:
+    """Remove a file or folder, as far as that is possible."""
+    with suppress(OSError):
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
+
+
+def _last_touched(path: Path) -> float:
+    """Return the time of the last write, in seconds since 1970."""
+    return max(each.lstat().st_mtime for each in (path, *(path.iterdir() if path.is_dir() else ())))
+
 
 LARGEST_FILE = 1 << 30
 """Largest size of a file that is read whole [bytes]"""
@@ -191,3 +484,124 @@ def _is_from_usd(error: RuntimeError) -> bool:
     from pxr import Tf  # loads USD: only once something failed
 
     return isinstance(error, Tf.ErrorException)
+
+
+_replaces_any: ContextVar[bool] = ContextVar("replaces_any", default=False)
+"""Whether `--force` is said"""
+_held_targets: ContextVar[frozenset[Path]] = ContextVar("held", default=frozenset())
+"""Outputs that this thread is the only writer of"""
+
+
+@contextmanager
+def replacing_any(wanted: bool = True) -> Iterator[None]:
+    """Replace in a `with` block whatever stands in the place of an output, as `--force` does, if that is wanted."""
+    before = _replaces_any.set(wanted)
+    try:
+        yield
+    finally:
+        _replaces_any.reset(before)
+
+
+def replaces_any() -> bool:
+    """Return whether any file may be replaced."""
+    return _replaces_any.get()
+
+
+def require_ours(path: Path, what: str = "an output goes") -> None:
+    """Make sure that a file which nobody named as the output is not there, or is ours to replace.
+
+    Args:
+        what: subject and verb, as in "the materials of ball.obj go".
+
+    Raises:
+        InputError: somebody else made it, or edited it since.
+    """
+    if path.exists() and not replaces_any() and not is_ours(path):
+        who = "somebody wrote or edited it" if path.suffix.lower() == ".toml" else "another program wrote it"
+        raise InputError(f"{path}: {who}, and {what} there; expected another name, with -o, or --force to replace it")
+
+
+def require_same(path: Path, data: bytes) -> bool:
+    """Return whether a file, whose name follows from its content, is there; otherwise it may be written.
+
+    Raises:
+        InputError: there is something else, which somebody made.
+        OSError: it cannot be read.
+    """
+    if not path.exists():
+        return False
+    if path.is_file() and path.read_bytes() == data:
+        return True
+    if replaces_any():
+        return False
+    raise InputError(f"{path}: was edited; expected another name of the output, with -o, or --force to replace it")
+
+
+def require_ours_in(folder: Path, names: Iterable[str], manifests: Iterable[str]) -> None:
+    """Make sure that files of these names in a folder are not there, or are ours to replace.
+
+    Args:
+        manifests: names of files in it, of which one of ours tells that the others are, too.
+
+    Raises:
+        InputError: somebody else made one.
+    """
+    if replaces_any() or any(is_ours(folder / name) for name in manifests):
+        return
+    for name in names:
+        if (path := folder / name).exists():
+            raise InputError(
+                f"{path}: another program wrote it, and an output goes there; expected another folder, or --force to "
+                "replace such files"
+            )
+
+
+@contextmanager
+def sole_writer(*outputs: Path | None) -> Iterator[None]:
+    """Keep other processes and threads from writing some outputs, files or folders, in a `with` block.
+
+    None is no output. This thread may hold again an output that it holds already, as a run that renders its picture.
+
+    Raises:
+        InputError: somebody else writes one; the message says who.
+    """
+    targets = {target_of(output): output for output in outputs if output}
+    with ExitStack() as holds:
+        for target in targets.keys() - _held_targets.get():
+            try:
+                holds.enter_context(sole_holder(target, _this_process()))
+            except BlockingIOError as held:
+                raise InputError(
+                    f"{targets[target]}: {held.strerror or 'another process'} is writing it; wait for its end, or give "
+                    "another name, with -o"
+                ) from None
+            except OSError:
+                continue  # it will be told by whoever writes there
+        before = _held_targets.set(_held_targets.get() | targets.keys())
+        try:
+            yield
+        finally:
+            _held_targets.reset(before)
+
+
+def _this_process() -> str:
+    """Return who this is, as another process tells its user."""
+    program = Path(sys.argv[0]).name.replace("__main__.py", "balloon-warp") if sys.argv else ""
+    command = shlex.join([program, *sys.argv[1:]]) if program else "Python"
+    return f"process {os.getpid()} on {platform.node()} ({command[:200]}), since {time.strftime('%H:%M:%S')},"
+
+
+def require_no_inputs(outputs: Iterable[Path | None], inputs: Mapping[Path, str]) -> None:
+    """Make sure that none of the outputs is an input.
+
+    Args:
+        outputs: None is no output.
+        inputs: the role of each, as "the scene's mesh".
+
+    Raises:
+        InputError: one is.
+    """
+    read = {os.path.realpath(path): what for path, what in inputs.items()}
+    for output in outputs:
+        if output and (what := read.get(os.path.realpath(output))):
+            raise InputError(f"{output}: is {what}; expected another name, with -o")

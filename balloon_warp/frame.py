@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from balloon_warp.contacts import Contact
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.mesh.corners import corners_beside
 from balloon_warp.mesh.geometry import total_area, volume_and_area
+from balloon_warp.mesh.topology import corners_beside
 from balloon_warp.shown import Shown, described
 
 

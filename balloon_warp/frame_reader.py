@@ -1,14 +1,186 @@
-"""Worlds to the host, one at a time."""
+"""Worlds on their way from a device to the host, one at a time."""
 
-from collections.abc import Mapping
-from functools import cached_property
+from collections.abc import Callable, Mapping
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
+from balloon_warp.contacts import PAIR_ARRAYS, Contact, contacts_of
+from balloon_warp.frame import Frame
+from balloon_warp.kernels.laws.law import FAR
 from balloon_warp.model import Model, State, copy_of, overwrite
-from balloon_warp.reading import HostBuffer, Reading, Recorded
+from balloon_warp.model.obstacles import obstacle_poses
+from balloon_warp.warp_lock import lock_of, recording, replay
+
+
+class Recorded:
+    """Launches and copies that are done over and over.
+
+    On a GPU they are recorded when they are first done again, since each of so many small ones would cost more than
+    what it does.
+
+    Args:
+        do: all of them.
+        stream: of a GPU, that they are queued in; None on a CPU.
+    """
+
+    def __init__(self, do: Callable[[], None], stream: wp.Stream | None):
+        self._do, self._stream = do, stream
+        self._times, self._graph = 0, None
+
+    def __call__(self) -> None:
+        """Run the recorded launches; on a GPU they go on in the background."""
+        if not self._stream:
+            self._do()
+            return
+        self._times += 1
+        with wp.ScopedStream(self._stream, sync_enter=False):
+            if self._times == 2:
+                with recording(self._stream.device, self._stream) as capture:
+                    self._do()
+                self._graph = capture.graph
+            if self._graph is None:
+                self._do()
+            else:
+                replay(self._graph, stream=self._stream)
+
+
+class HostBuffer:
+    """Arrays on the host that are filled from a device, once or over and over.
+
+    Args:
+        sources: arrays of the shapes and types that these are to have.
+        copy: copies into these.
+        stream: of a GPU, that this is queued in; None on a CPU.
+    """
+
+    def __init__(
+        self,
+        sources: Mapping[str, wp.array],
+        copy: Callable[[Mapping[str, wp.array]], None],
+        stream: wp.Stream | None,
+    ):
+        self._stream = stream
+        self.arrays = {
+            name: wp.empty(source.shape, dtype=source.dtype, device="cpu", pinned=stream is not None)
+            for name, source in sources.items()
+        }
+        self._fill = Recorded(partial(copy, self.arrays), stream)
+        self.filled = wp.Event(stream.device) if stream else None
+
+    def fill(self) -> None:
+        """Copy all arrays; on a GPU it goes on in the background."""
+        self._fill()
+        if self._stream:
+            self._stream.record_event(self.filled)
+
+    def wait(self) -> None:
+        """Wait until the buffer is filled."""
+        if self.filled:
+            with lock_of(self.filled.device):  # Warp refuses to wait while any thread records
+                wp.synchronize_event(self.filled)
+
+    def copy(self, name: str) -> NDArray:
+        """Return a copy of an array, once the buffer is filled: the next filling does not change it."""
+        return np.array(self.arrays[name].numpy())
+
+
+class Reading:
+    """A world on its way to the host.
+
+    Args:
+        number: of the frame.
+        obstacle_motion: the model's, on the host.
+        since: number of frames since the world began.
+    """
+
+    def __init__(
+        self, model: Model, buffer: HostBuffer, number: int, *, obstacle_motion: NDArray[np.float32], since: int
+    ):
+        self.model, self.number = model, number
+        self._buffer, self._obstacle_motion, self._since = buffer, obstacle_motion, since
+
+    def frame(self) -> Frame:
+        """Return the frame that was read, once it is there."""
+        self._buffer.wait()
+        return Frame(
+            number=self.number,
+            time=self.number * self.model.frame_seconds,
+            points=self._moving_along("points"),
+            velocities=self._moving_along("velocities"),
+            net_forces=self._of_balloons("net_forces"),
+            inflation_forces=self._of_balloons("inflation_forces"),
+            pressures=self._row("pressures", np.float32),
+            gas_amounts=self._row("gas_amounts", np.float64),
+            thrusts=self._row("thrusts", np.float32),
+            sphere_positions=self._rows("sphere_positions"),
+            sphere_velocities=self._rows("sphere_velocities"),
+            string_anchors=self._anchors(),
+            string_lengths=self._row("string_length", np.float32),
+            obstacle_poses=obstacle_poses(self._rows("obstacle_position"), self._obstacle_motion, self._since),
+            body_poses=self._body_poses(),
+            ground_height=self._height("ground_height"),
+            water_level=self._height("water_level"),
+            meshes=[shape.mesh for shape in self.model.shapes],
+            torn=self._torn(),
+            contacts=self._contacts(),
+        )
+
+    def first_bad(self) -> NDArray[np.int32]:
+        """Return the first bad particle or sphere of every world, as `State.first_bad`, shape (world_count,)."""
+        self._buffer.wait()
+        return np.asarray(self._buffer.arrays["first_bad"].numpy(), dtype=np.int32)
+
+    def _anchors(self) -> NDArray[np.float32]:
+        """Return the anchors of strings, where they have moved to."""
+        places = self._rows("string_anchor"), self._rows("obstacle_position"), self._body_poses()
+        return self.model.carriers.anchors_at(*places, self._since).astype(np.float32)
+
+    def _body_poses(self) -> NDArray[np.float32]:
+        return np.concatenate([self._rows("body_positions"), self._rows("body_turns", 4)], axis=1)
+
+    def _contacts(self) -> list[Contact]:
+        """Return the contacts of pairs of things; none where nobody asks."""
+        if "contact_forces" not in self._buffer.arrays:
+            return []
+        told = {name: self._row(f"contact_{name}", np.float64) for name in PAIR_ARRAYS}
+        return contacts_of(self.model, told)
+
+    def _torn(self) -> list[NDArray[np.bool_]]:
+        """Return masks of the torn faces of each balloon, or none if none may tear."""
+        if "torn" not in self._buffer.arrays:
+            return []
+        ends = np.cumsum([shape.mesh.face_count for shape in self.model.shapes])
+        return np.split(self._row("torn", np.float32) >= 0.0, ends[:-1])
+
+    def _row(self, name: str, dtype: Any) -> NDArray[Any]:
+        """Copy the world's row of an array on the host, for whoever is to keep it."""
+        return np.array(
+            self._buffer.arrays[name].numpy()[0] if name in self._buffer.arrays else np.zeros(0), dtype=dtype
+        )
+
+    def _rows(self, name: str, size: int = 3) -> NDArray[np.float32]:
+        """Copy the world's row of vectors."""
+        return self._row(name, np.float32).reshape(-1, size)
+
+    def _of_balloons(self, name: str) -> list[NDArray[np.float32]]:
+        """Split the rows of particles by balloon; none if they are not read."""
+        return np.split(self._rows(name), self.model.particle_offsets[1:-1]) if name in self._buffer.arrays else []
+
+    def _moving_along(self, name: str) -> list[NDArray[np.float32]]:
+        """Split rows by balloon, welded vertices with the rows of those that stand in for them."""
+        stand_ins = (shape.mesh.stand_ins for shape in self.model.shapes)
+        rows = self._of_balloons(name)
+        return [own if others is None else own[others] for own, others in zip(rows, stand_ins, strict=True)]
+
+    def _height(self, name: str) -> float:
+        """Return the height of a surface [m], minus infinity where there is none."""
+        height = float(self._row(name, np.float32)[()])
+        return height if height > -FAR else -np.inf
+
 
 MOST_RECORDED = 16
 """Largest number of worlds whose reading is recorded on a GPU; more are read launch by launch"""

@@ -1,14 +1,18 @@
-"""Properties of a mesh as a balloon, and defects of the mesh in the file."""
+"""Properties of a mesh as a balloon: its stable step, its predicted volume, and its defects."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from math import ceil
 from typing import Any
 
 import numpy as np
 
 from balloon_warp.arguments import checked
+from balloon_warp.kernels.laws import Law
+from balloon_warp.kernels.laws.hooke import KINDS
 from balloon_warp.mesh.geometry import signed_volume, total_area
+from balloon_warp.mesh.load import Treatment, prepared
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
-from balloon_warp.mesh.prepare import Treatment, prepared
 from balloon_warp.mesh.topology import (
     border_edges,
     component_count,
@@ -19,7 +23,149 @@ from balloon_warp.mesh.topology import (
     unused_vertices,
     vertex_components,
 )
+from balloon_warp.model import Model, plan_model
+from balloon_warp.model.many_substeps import many_substeps_said
+from balloon_warp.model.parameters import Parameters
+from balloon_warp.model.pressure import volume_under
+from balloon_warp.model.remarks import doubts_about
+from balloon_warp.model.shape import BalloonShape
+from balloon_warp.model.stability import Network
+from balloon_warp.model.strain_bound import strain_bound_said
+from balloon_warp.scene import Scene, SceneLike, scene_of
+from balloon_warp.scene.load import override_scene
 from balloon_warp.springs.ties import balloon_springs
+from balloon_warp.warp_lock import lock_of
+
+
+@dataclass(frozen=True)
+class Swelling:
+    """Result of an "auto" pressure."""
+
+    balloon: str
+    pressure: float
+    """Pressure [Pa]"""
+    volume: float | None
+    """Volume in equilibrium with the springs, without weight, over that at the start; None where it is not predicted:
+    for open balloons, rubber and film, and large meshes"""
+
+    def __str__(self) -> str:
+        volume = "" if self.volume is None else f", volume 1.00 -> {self.volume:.2f}"
+        return f"auto pressure {self.pressure:.4g} Pa{volume}"
+
+
+def swellings(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> list[Swelling]:
+    """Return the swelling of each balloon that an "auto" pressure inflates, in the first world."""
+    found = []
+    for number, (balloon, shape) in enumerate(zip(scene.balloon, shapes, strict=True)):
+        pressure = float(parameters["keyframe_values"][0, number, -1]) if balloon.inflation.is_automatic else 0.0
+        if pressure and shape.inflated:
+            constants = np.array([parameters[row.name][0, number] for row in KINDS])
+            volume = None if shape.membrane.count else volume_under(shape, constants, pressure)
+            found.append(Swelling(shape.name, pressure, volume))
+    return found
+
+
+def swellings_of(model: Model) -> list[Swelling]:
+    """Foretell the swellings of a model."""
+    names = ("keyframe_values", *(row.name for row in KINDS))
+    with lock_of(model.device):
+        read = {name: np.asarray(model.parameters[name].numpy(), dtype=np.float64) for name in names}
+    return swellings(model.scene, model.shapes, read)
+
+
+def foretold_swellings(scene: Scene) -> list[Swelling]:
+    """Foretell the swellings of a scene.
+
+    Raises:
+        InputError: as `plan_model`.
+    """
+    plan = plan_model(scene)
+    return swellings(plan.scene, plan.shapes, plan.parameters)
+
+
+def sentences(found: Sequence[Swelling]) -> list[str]:
+    """Return sentences on the swelling of balloons, with the balloon's name where there are several."""
+    return [f"{each.balloon}: {each}" if len(found) > 1 else str(each) for each in found]
+
+
+def told_before(
+    found: Sequence[Swelling], on_note: Callable[[str], None], on_frame: Callable[[int], None]
+) -> Callable[[int], None]:
+    """Make a listener to frames that notes these before the first.
+
+    Where no frame comes, something is wrong, and there is nothing to say but that.
+    """
+    waiting = sentences(found)
+
+    def listen(number: int) -> None:
+        while waiting:
+            on_note(waiting.pop(0))
+        on_frame(number)
+
+    return listen
+
+
+@dataclass(frozen=True)
+class StepAdvice:
+    """The step part of `balloon-warp inspect`; its fields are keys of the JSON."""
+
+    solver: str
+    """Solver of the scene; "projective" is stable at any step, so that the limits are those of symplectic Euler"""
+    stable_step: float
+    """Longest stable step at the start [s], by the highest frequency of springs and masses"""
+    least_substeps: int
+    """Number of substeps in a frame at that step"""
+    substeps: int
+    """Number of substeps in a frame that "auto" chooses: with a margin, and for all changes during the simulation"""
+    frames_per_second: float
+    limiting_balloon: str
+    """Balloon that needs the shortest step"""
+    limiting_particle: int
+    """Particle of that balloon whose springs are the stiffest for its mass, by the order of the file's vertices,
+    counted from 0"""
+    limiting_place: tuple[float, float, float]
+    """Position of that particle at the start [m]"""
+    limiting_body: int | None
+    """Free body that needs that step instead, by the strings that are tied to it, by its index in the scene"""
+    many_substeps: str | None
+    """Sentence on the cause of many substeps of a mesh by itself, and its remedy; None if there are few"""
+    strain_bound: str | None
+    """Sentence on film that is softer than its material, and the substeps that this spares; None without such film"""
+    doubts: tuple[str, ...]
+    """Warnings of values that may be in another unit than intended, and of axes, as sentences"""
+
+
+@checked
+def advise_step(scene: SceneLike, laws: Sequence[Law] = ()) -> StepAdvice:
+    """Find the stable step of a scene, even if the scene itself asks for too few substeps.
+
+    Args:
+        laws: User-defined laws beside the built-in ones, which count where they have bounds.
+
+    Raises:
+        InputError: the scene's meshes or particles are wrong, or no step would do.
+    """
+    scene = scene_of(scene)
+    plan = plan_model(override_scene(scene, [("substeps", "auto")]), laws=laws)
+    network = Network(plan.shapes, plan.held, plan.laws, plan.bodies)
+    step = network.stable_step(plan.scene, plan.parameters)
+    balloon, particle = network.limiting_particle(plan.scene, plan.parameters)
+    shape = plan.shapes[balloon]
+    x, y, z = shape.mesh.points[particle].tolist()
+    return StepAdvice(
+        solver=scene.solver,
+        stable_step=step,
+        least_substeps=max(ceil(1.0 / scene.frames_per_second / step), 1),
+        substeps=plan.substeps,
+        frames_per_second=scene.frames_per_second,
+        limiting_balloon=shape.name,
+        limiting_particle=particle,
+        limiting_place=(x, y, z),
+        limiting_body=network.limiting_body(plan.scene, plan.parameters),
+        many_substeps=many_substeps_said(plan.scene, plan.shapes, plan.substeps),
+        strain_bound=strain_bound_said(plan),
+        doubts=tuple(doubts_about(plan.scene, plan.shapes, plan.parameters)),
+    )
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from balloon_warp.arguments import checked
 from balloon_warp.beginning import Beginning
 from balloon_warp.blow_ups import MOST_HALVINGS, check_policy, with_half_the_step
 from balloon_warp.errors import BlowUpError
+from balloon_warp.inspection import Swelling, swellings_of, told_before
 from balloon_warp.interrupts import Interrupts
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model.remarks import remarks_in_sentences
@@ -30,7 +31,6 @@ from balloon_warp.resume import (
 from balloon_warp.scene import Scene, SceneLike, scene_of
 from balloon_warp.schedules.contact_lists import overflow_remarks
 from balloon_warp.simulator import Simulator
-from balloon_warp.swelling import Swelling, swellings_of, told_before
 
 
 @dataclass(frozen=True)

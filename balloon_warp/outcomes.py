@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 
 from balloon_warp.frame import Frame
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.mesh.corners import corner_faces
 from balloon_warp.mesh.geometry import face_vector_areas, signed_volume, total_area
-from balloon_warp.mesh.sides import wrong_sides
-from balloon_warp.mesh.topology import mesh_edges, vertex_components
+from balloon_warp.mesh.repair import wrong_sides
+from balloon_warp.mesh.topology import corner_faces, mesh_edges, vertex_components
 from balloon_warp.model import Model, ModelPlan
-from balloon_warp.model.obstacle_motion import obstacle_motion
+from balloon_warp.model.obstacles import obstacle_motion
 from balloon_warp.scene.timeline import is_there
 
 FALLEN = 5.0

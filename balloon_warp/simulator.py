@@ -12,27 +12,25 @@ from balloon_warp.blow_ups import BlowUp, Origin, Origins, diagnose
 from balloon_warp.device import pick_device
 from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.frame import Frame
-from balloon_warp.frame_reader import FrameReader
+from balloon_warp.frame_reader import FrameReader, Reading
 from balloon_warp.garbage import without_collecting
 from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.model import Model, Vary, build_model, carried_over, fitting, initial_state, world_bytes, worlds_of
-from balloon_warp.model.acting import all_that_act
 from balloon_warp.model.gas import keep_pressures
 from balloon_warp.model.kept import go_on_keeping
 from balloon_warp.model.memory import require_memory
-from balloon_warp.model.planned_changes import PlannedChanges, changed_parameters, with_changed_methods
 from balloon_warp.model.remarks import remarks_in_sentences
-from balloon_warp.model.setting import Setting, plan_setting
-from balloon_warp.model.varied_scene import scene_to_vary
+from balloon_warp.model.setting import PlannedChanges, Setting, changed_parameters, plan_setting, with_changed_methods
+from balloon_warp.model.timeline import all_that_act
+from balloon_warp.model.vary import scene_to_vary
 from balloon_warp.outputs.snapshot import notebook_picture, snapshot
-from balloon_warp.reading import Reading
 from balloon_warp.resting import relax
 from balloon_warp.saved_state import go_back_to, packed, plain_values
 from balloon_warp.scene import SceneLike
 from balloon_warp.schedules.choose import Schedule
 from balloon_warp.schedules.contact_lists import overflow_remarks
-from balloon_warp.schedules.recorded_frame import RecordedFrame
+from balloon_warp.schedules.frames import RecordedFrame
 from balloon_warp.shown import Shown
 from balloon_warp.solids import MassProperties, mass_properties
 from balloon_warp.solvers.choose import solver_named

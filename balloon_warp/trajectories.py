@@ -16,12 +16,12 @@ from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import signed_volume, total_area
 from balloon_warp.model import lay_out, worlds_of
 from balloon_warp.model.memory import require_memory
-from balloon_warp.model.varied_scene import scene_to_vary
+from balloon_warp.model.vary import scene_to_vary
 from balloon_warp.scene import Scene, SceneLike
-from balloon_warp.scene.overrides import Override
+from balloon_warp.scene.load import Override
 from balloon_warp.shown import Shown, described
 from balloon_warp.simulator import Simulator
-from balloon_warp.sweep.groups import BatchVary, Group, plan_groups
+from balloon_warp.sweep.recorder import BatchVary, Group, plan_groups
 from balloon_warp.warp_lock import lock_of
 
 

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from balloon_warp.temporaries import clear_left_over, folder_of_process, temporary_in
+from balloon_warp.files import clear_left_over, folder_of_process, temporary_in
 
 _linked: set[Path] = set()
 """Links of threads to shared files. Warp deletes one that does not fit, and makes a file in its place"""

@@ -5,9 +5,9 @@ import tempfile
 from functools import cache
 from pathlib import Path
 
+from balloon_warp.files import clear_left_over, folder_of_process
 from balloon_warp.garbage import without_collecting
 from balloon_warp.standard_streams import open_closed_streams
-from balloon_warp.temporaries import clear_left_over, folder_of_process
 from balloon_warp.warp_headers import share_headers
 
 

@@ -22,7 +22,7 @@ from balloon_warp.model import plan_model
 from balloon_warp.scene import load_scene
 from balloon_warp.simulator import Simulator
 from balloon_warp.sweep.batch import run_batch
-from balloon_warp.sweep.world_files.options import TrajectoryFiles
+from balloon_warp.sweep.world_files.catalog import TrajectoryFiles
 from balloon_warp.sweep.world_files.tracks import bytes_of_frame
 from balloon_warp.warp_logging import quiet_warp
 

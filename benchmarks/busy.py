@@ -15,7 +15,7 @@ from balloon_warp.benchmarks.crowd import CrowdCase
 from balloon_warp.model import build_model, initial_state
 from balloon_warp.scene.load import load_scene
 from balloon_warp.schedules.choose import make_schedule
-from balloon_warp.schedules.recorded_frame import RecordedFrame
+from balloon_warp.schedules.frames import RecordedFrame
 from balloon_warp.warp_logging import quiet_warp
 
 BEFORE, FRAMES, TURNS = 6, 12, 3

@@ -16,10 +16,9 @@ import warp as wp
 
 from balloon_warp.device import pick_device
 from balloon_warp.envs.altitude import Altitude
-from balloon_warp.envs.arrays import Output
 from balloon_warp.envs.inflate import Inflate
 from balloon_warp.envs.task import Task
-from balloon_warp.envs.vector_env import BalloonVectorEnv
+from balloon_warp.envs.vector_env import BalloonVectorEnv, Output
 from balloon_warp.scene import load_scene
 from balloon_warp.simulator import Simulator
 from balloon_warp.sweep.batch import run_batch

@@ -18,11 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import balloon_warp as bw
-from balloon_warp.fitting.curve import fit_curves
-from balloon_warp.fitting.measured_curve import Curve
-from balloon_warp.fitting.result import Fit
-from balloon_warp.fitting.rubber import Kind, sphere_pressures
-from balloon_warp.mesh.quad_sphere import quad_sphere
+from balloon_warp.fitting.by_data import Fit
+from balloon_warp.fitting.curve import Kind, fit_curves, sphere_pressures
+from balloon_warp.fitting.tables import Curve
+from balloon_warp.mesh.geometry import quad_sphere
 from balloon_warp.warp_logging import quiet_warp
 
 Values = NDArray[np.float64]

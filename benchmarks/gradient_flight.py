@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 import balloon_warp as bw
-from balloon_warp.mesh.quad_sphere import quad_sphere
+from balloon_warp.mesh.geometry import quad_sphere
 from balloon_warp.reference import Reference
 
 VALUES = {

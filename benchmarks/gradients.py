@@ -17,7 +17,7 @@ import warp as wp
 
 from balloon_warp.benchmarks import gradient_bounce, gradient_flight, gradient_horizon
 from balloon_warp.device import pick_device
-from balloon_warp.mesh.quad_sphere import quad_sphere
+from balloon_warp.mesh.geometry import quad_sphere
 from balloon_warp.model import Model, build_model, copy_of, overwrite
 from balloon_warp.scene import Inflation, Scene, Stiffness
 from balloon_warp.schedules.backward import BackwardFrames

@@ -18,7 +18,7 @@ from balloon_warp.kernels.phases.check import check
 from balloon_warp.model import Model, State, build_model, initial_state, overwrite
 from balloon_warp.schedules import block_layout
 from balloon_warp.schedules.choose import Schedule, make_schedule
-from balloon_warp.schedules.health import HealthCheck
+from balloon_warp.schedules.frames import HealthCheck
 from balloon_warp.warp_logging import quiet_warp
 
 GPU_FRAMES = 100

@@ -22,8 +22,8 @@ from pathlib import Path
 
 from pxr import Usd, UsdGeom
 
+from balloon_warp.mesh.geometry import quad_sphere
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.mesh.quad_sphere import quad_sphere
 from balloon_warp.scene import Scene, load_scene
 from balloon_warp.warp_logging import quiet_warp
 

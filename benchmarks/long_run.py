@@ -19,8 +19,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from balloon_warp.job import animate
-from balloon_warp.mesh.quad_sphere import quad_sphere
-from balloon_warp.outputs.usd import growing
+from balloon_warp.mesh.geometry import quad_sphere
+from balloon_warp.outputs.usd import stage
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere, String
 from balloon_warp.simulator import Simulator
 from balloon_warp.sweep.batch import run_batch
@@ -129,13 +129,13 @@ def _advance(case: Case, folder: Path, look: Callable[[int], None]) -> None:
 
 def _run(case: Case, folder: Path, look: Callable[[int], None]) -> None:
     if case.save_bytes:
-        growing.SAVE_BYTES = case.save_bytes
+        stage.SAVE_BYTES = case.save_bytes
     animate(_scene(case), folder / "long.usdc", device="cpu", on_frame=look)
 
 
 def _batch(case: Case, folder: Path, look: Callable[[int], None]) -> None:
     if case.save_bytes:
-        growing.SAVE_BYTES = case.save_bytes
+        stage.SAVE_BYTES = case.save_bytes
     run_batch(_scene(case), folder, WORLDS, export=[0], device="cpu", on_frame=look)
 
 

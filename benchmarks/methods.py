@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from balloon_warp.comparison.run import Run, simulate
+from balloon_warp.comparison.compare import Run, simulate
 from balloon_warp.device import pick_device
 from balloon_warp.errors import InputError
 from balloon_warp.scene import load_scene
-from balloon_warp.scene.overrides import parse_override
+from balloon_warp.scene.load import parse_override
 from balloon_warp.warp_logging import quiet_warp
 
 SCENE = "squirrel_inflate"

@@ -40,8 +40,7 @@ STRATA = (
     Stratum(
         "tables", 0.07,
         tuple(f"balloon_warp/schedules/{name}.py" for name in (
-            "fixtures", "lane_tables", "membrane_faces", "membranes", "outer", "own_parts", "particles", "ridges",
-            "rings", "slices", "slots", "solids", "spring_ends", "tables", "tears", "touch_table",
+            "lane_tables", "membranes", "own_parts", "slices", "tables", "touch_table",
         )),
     ),
 )  # fmt: skip

@@ -20,7 +20,7 @@ import warp as wp
 from balloon_warp.benchmarks.newton_tape import NewtonTape, by_distances
 from balloon_warp.device import pick_device
 from balloon_warp.gradients.steps import Moving, Steps
-from balloon_warp.mesh.quad_sphere import quad_sphere
+from balloon_warp.mesh.geometry import quad_sphere
 from balloon_warp.model import build_model
 from balloon_warp.scene import Inflation, Material, Scene, Stiffness
 from balloon_warp.warp_logging import quiet_warp

@@ -24,9 +24,8 @@ from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating
 from balloon_warp.schedules.features import model_features
-from balloon_warp.schedules.launches import Launches
-from balloon_warp.schedules.ramp import refresh_ramp
-from balloon_warp.schedules.tables import make_tables, world_state
+from balloon_warp.schedules.launched import Launches
+from balloon_warp.schedules.tables import make_tables, refresh_ramp, world_state
 
 
 class NewtonPeer:

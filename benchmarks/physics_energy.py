@@ -8,12 +8,11 @@ from scipy.spatial.transform import Rotation
 from balloon_warp.benchmarks.physics_runs import Run
 from balloon_warp.benchmarks.physics_twins import Array
 from balloon_warp.kernels.laws.hooke import KINDS
-from balloon_warp.mesh.corners import next_corners
-from balloon_warp.mesh.topology import is_closed, mesh_edges
+from balloon_warp.mesh.topology import is_closed, mesh_edges, next_corners
 from balloon_warp.model import Model
 from balloon_warp.scene import Scene
 from balloon_warp.statics.of_model import film_of, springs_of
-from balloon_warp.statics.volume import Volume
+from balloon_warp.statics.skins import Volume
 
 EPSILON = float(np.finfo(np.float32).eps)
 

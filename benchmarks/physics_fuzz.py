@@ -32,7 +32,7 @@ from balloon_warp.benchmarks.physics_twins import Tables
 from balloon_warp.device import pick_device
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.scene.toml import toml_value
+from balloon_warp.scene.complaint import toml_value
 from balloon_warp.warp_logging import quiet_warp
 
 BATCH = 20

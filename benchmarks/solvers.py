@@ -13,7 +13,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.device import pick_device
-from balloon_warp.mesh.quad_sphere import quad_sphere
+from balloon_warp.mesh.geometry import quad_sphere
 from balloon_warp.model import build_model
 from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness, String
 from balloon_warp.simulator import Simulator

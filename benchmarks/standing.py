@@ -15,7 +15,7 @@ import numpy as np
 
 from balloon_warp.benchmarks.overlap import Points, deepest_overlap
 from balloon_warp.frame import Frame
-from balloon_warp.mesh.quad_sphere import quad_sphere
+from balloon_warp.mesh.geometry import quad_sphere
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Stiffness, Touch
 from balloon_warp.simulator import Simulator
 from balloon_warp.warp_logging import quiet_warp

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.mesh.geometry import signed_volume, total_area
-from balloon_warp.mesh.quad_sphere import quad_sphere
+from balloon_warp.mesh.geometry import quad_sphere, signed_volume, total_area
 from balloon_warp.scene import Atmosphere, Balloon, Change, Inflation, Material, Scene, Stiffness
 from balloon_warp.trajectories import simulate
 

@@ -25,12 +25,10 @@ import viser
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from balloon_warp.mesh.quad_sphere import quad_sphere
+from balloon_warp.mesh.geometry import quad_sphere
 from balloon_warp.scene import Balloon, Scene, String
-from balloon_warp.viewer.guard import MOST_NONSENSE
-from balloon_warp.viewer.messages import understood
 from balloon_warp.viewer.page import Page
-from balloon_warp.viewer.server import control_of
+from balloon_warp.viewer.server import MOST_NONSENSE, control_of, understood
 from balloon_warp.viewer.session import Session
 from balloon_warp.warp_logging import quiet_warp
 

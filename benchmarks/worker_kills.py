@@ -18,7 +18,7 @@ from pathlib import Path
 
 from pxr import Sdf
 
-from balloon_warp.mesh.quad_sphere import quad_sphere
+from balloon_warp.mesh.geometry import quad_sphere
 from balloon_warp.scene import Balloon, Inflation, Scene, String
 from balloon_warp.sweep.batch import run_batch
 from balloon_warp.sweep.cluster import Cluster

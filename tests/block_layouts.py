@@ -6,10 +6,8 @@ from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.membrane_face_places import MembraneFaceLayout
 from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.model import Model
-from balloon_warp.schedules.membrane_faces import membrane_face_entries, membrane_face_layout
-from balloon_warp.schedules.rings import least_valence, quad_rings
-from balloon_warp.schedules.slots import kind_slots
-from balloon_warp.schedules.spring_ends import spring_ends
+from balloon_warp.schedules.membranes import membrane_face_entries, membrane_face_layout
+from balloon_warp.schedules.slices import kind_slots, least_valence, quad_rings, spring_ends
 
 
 def membrane_face_of(model: Model, features: Features, held: bool) -> MembraneFaceLayout | None:

@@ -12,7 +12,7 @@ import balloon_warp as bw
 from balloon_warp.model import plan_model
 from balloon_warp.reference import Reference
 from balloon_warp.scene import load_scene
-from balloon_warp.statics.volume import Volume
+from balloon_warp.statics.skins import Volume
 from balloon_warp.trajectories import Trajectories
 
 AROUND = ("obstacle.", "string.")

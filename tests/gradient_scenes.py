@@ -8,7 +8,7 @@ from meshes import mesh_of, quad_sphere
 from touching import VACUUM
 
 import balloon_warp as bw
-from balloon_warp.mesh.triangles import triangles_of
+from balloon_warp.mesh.orientation import triangles_of
 
 BALL, SMALL = quad_sphere(2), quad_sphere(1, 1.0)
 """Balls of 26 particles, the last octet of which is not full, and of 8"""

@@ -11,7 +11,7 @@ from balloon_warp.benchmarks.matrix import of_phase
 from balloon_warp.kernels.phase import Phase
 from balloon_warp.kernels.substep import asking_phases
 from balloon_warp.scene import Balloon, Body, Inflation, Material, Neck, Obstacle, Scene, Sphere, String, Touch, Tube
-from balloon_warp.scene.overrides import override_scene, parse_override
+from balloon_warp.scene.load import override_scene, parse_override
 
 SPRINGS = {"viscosity": 2e-3, "yield_stretch": 1.4, "torsion": 0.05, "variation": 0.3}
 BLOWN = {"litres": 2.0, "fill_time": 0.06, "gamma": 1.3, "breathing_damping": 0.3, "leak": 3e-5}

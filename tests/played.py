@@ -7,7 +7,7 @@ import numpy as np
 
 from balloon_warp import Frame, PolygonMesh, Simulator, load_scene
 from balloon_warp.model import Model
-from balloon_warp.scene.overrides import Override
+from balloon_warp.scene.load import Override
 
 BRISKLY: dict[str, tuple[Override, ...]] = {
     "balloon_pit": (("frames", 160),),

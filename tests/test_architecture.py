@@ -125,18 +125,19 @@ def circle(loads: dict[str, set[str]]) -> list[str]:
 
 
 LAYERS = (
-    ("garbage", "marks", "standard_streams", "temporaries", "forks", "suggestions"),
+    ("garbage", "standard_streams", "forks", "suggestions"),
+    ("errors",),
+    ("files",),
     ("warp_headers",),
-    ("kernels", "errors", "warp_logging", "warp_lock", "driver", "shown"),
-    ("arguments", "files", "launching", "interrupts", "laws"),
-    ("ownership",),
+    ("kernels", "warp_logging", "warp_lock", "driver", "shown"),
+    ("arguments", "launching", "interrupts", "laws"),
     ("device",),
     ("mesh",),
     ("springs", "scene", "foil"),
     ("model", "provenance"),
-    ("schedules", "advice", "contacts", "beginning", "inspection", "saved_state", "solids", "swelling"),
+    ("schedules", "contacts", "beginning", "inspection", "saved_state", "solids"),
     ("solvers", "frame"),
-    ("reading", "reference", "statics", "steering"),
+    ("reference", "statics", "steering"),
     ("blow_ups", "outputs", "outcomes", "frame_reader", "resting"),
     ("simulator",),
     ("resume",),
@@ -206,8 +207,8 @@ def test_nothing_loads_what_loads_it() -> None:
 
 LOADED_BY_NAME = {
     "balloon_warp/__init__.py": "the names of the package, from where its table says",
-    "balloon_warp/foil/outlines.py": "packages of an extra, or says which extra",
-    "balloon_warp/sweep/local_worker.py": "what simulates a share, in another process, as it starts",
+    "balloon_warp/foil/make.py": "packages of an extra, or says which extra",
+    "balloon_warp/sweep/local_workers.py": "what simulates a share, in another process, as it starts",
     "kernels/laws/law.py": "a law of one's own, in another process",
 }
 """files that load a module of which they do not say which, and the module in words"""

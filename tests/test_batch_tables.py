@@ -16,11 +16,12 @@ from pyarrow import parquet
 
 from balloon_warp import InputError, MissingExtraError, PolygonMesh, Simulator, run_batch
 from balloon_warp.mesh.geometry import signed_volume, total_area
-from balloon_warp.outputs import table, table_csv, table_parquet
-from balloon_warp.outputs.decimals import PAD, decimals
+from balloon_warp.outputs import table
+from balloon_warp.outputs import table as table_csv
+from balloon_warp.outputs import table as table_parquet
+from balloon_warp.outputs.arrays import PAD, decimals
 from balloon_warp.scene import Balloon, Box, Inflation, Scene, Sphere, Stiffness
-from balloon_warp.sweep.columns import describe_columns
-from balloon_warp.sweep.recorder import Recorder, columns_of
+from balloon_warp.sweep.recorder import Recorder, columns_of, describe_columns
 
 FLOAT32 = 1.2e-7  # its relative rounding
 STILL = {"stiffness": Stiffness(structural=0.0, shear=0.0, flexion=0.0), "inflation": Inflation(k_normal=0.0)}

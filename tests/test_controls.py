@@ -11,7 +11,7 @@ from meshes import quad_sphere
 from trimesh.transformations import quaternion_matrix
 
 from balloon_warp import BlowUpError, InputError, Simulator, foil_mesh, load_scene
-from balloon_warp.model.acting import acting_laws
+from balloon_warp.model.timeline import acting_laws
 from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Scene, Sphere, String
 
 BALL = Balloon(mesh=quad_sphere(3, 0.5), inflation=Inflation(pressure=5.0))

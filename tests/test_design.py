@@ -14,23 +14,19 @@ from typer.testing import CliRunner
 import balloon_warp as bw
 from balloon_warp import Design, InputError, Material, PolygonMesh
 from balloon_warp.cli.app import app
-from balloon_warp.designing import of_foil, picture
+from balloon_warp.designing import foil, measure
 from balloon_warp.designing.descent import Reached, begin, descend
-from balloon_warp.designing.gaps import Gaps
-from balloon_warp.designing.job import Job
+from balloon_warp.designing.foil import write_pattern
+from balloon_warp.designing.job import Job, places_off
+from balloon_warp.designing.latex import STALLED, MouldProblem, ThicknessProblem, _descended, _film
 from balloon_warp.designing.measure import Error, Ruler
-from balloon_warp.designing.mould import MouldProblem, ThicknessProblem
-from balloon_warp.designing.of_latex import STALLED, _descended, _film
-from balloon_warp.designing.pattern import write_pattern
-from balloon_warp.designing.response import Response
+from balloon_warp.designing.newton import Response
 from balloon_warp.designing.smooth_step import SmoothAim, Smoothing, smooth_step
-from balloon_warp.designing.target import target_of
-from balloon_warp.designing.where import places_off
-from balloon_warp.mesh.crossings import NearPairs, find_crossings
+from balloon_warp.designing.target import Gaps, target_of
+from balloon_warp.mesh.crossings import NearPairs, find_crossings, means_over_neighbors, uncrossed
 from balloon_warp.mesh.geometry import triangulate
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.mesh.topology import mesh_edges
-from balloon_warp.mesh.uncrossed import means_over_neighbors, uncrossed
 
 BALL = quad_sphere(4)
 
@@ -58,8 +54,8 @@ def stop_at(step: str) -> Callable[[str], None]:
 
 @pytest.fixture(autouse=True)
 def small_pictures(monkeypatch):
-    monkeypatch.setattr(picture, "SIZE", (96, 84))
-    monkeypatch.setattr(picture, "SAMPLES", 1)
+    monkeypatch.setattr(measure, "SIZE", (96, 84))
+    monkeypatch.setattr(measure, "SAMPLES", 1)
 
 
 @pytest.mark.full
@@ -81,7 +77,7 @@ def test_a_design_becomes_the_shape_from_rest(of: str, stretch: float, steps: in
     assert report["plain_error"]["worst"] == design.plain_error.worst
     assert (tmp_path / "error.png").stat().st_size > 1_000
     width = Image.open(tmp_path / "error.png").width
-    assert width // picture.SIZE[0] == (4 if of == "latex" else 3)  # of latex the mould, too
+    assert width // measure.SIZE[0] == (4 if of == "latex" else 3)  # of latex the mould, too
     if of == "latex":
         mould, stl = bw.load_mesh(tmp_path / "balloon.obj"), bw.load_mesh(tmp_path / "mould.stl")
         np.testing.assert_allclose(np.ptp(stl.points, axis=0), 1000.0 * np.ptp(mould.points, axis=0), rtol=1e-5)
@@ -238,7 +234,7 @@ CIRCLE = '<svg xmlns="http://www.w3.org/2000/svg" width="90" height="90"><circle
 @pytest.mark.full
 def test_foil_gets_an_outline_that_shrinks_to_the_wanted_one(tmp_path, monkeypatch):
     """A circle's foil pattern is larger by 1 / 0.7627, as theory says, and its drawing in millimeters has that size."""
-    monkeypatch.setattr(of_foil, "EDGES", 12)
+    monkeypatch.setattr(foil, "EDGES", 12)
     (tmp_path / "circle.svg").write_text(CIRCLE)
     asked = {"of": "foil", "size": 0.3, "thickness": 1e-4, "folder": tmp_path / "out", "device": "cpu"}
     design = bw.design(tmp_path / "circle.svg", **asked, steps=3)
@@ -270,8 +266,8 @@ def test_parts_of_a_pattern_do_not_overlap(tmp_path):
 @pytest.mark.full
 def test_foil_of_an_inflated_size_is_drawn_larger(tmp_path, monkeypatch):
     """A circle by `foil --inflated-size` is larger flat by 1 / 0.7627; its scene brings it to the size."""
-    monkeypatch.setattr(of_foil, "EDGES", 12)
-    monkeypatch.setattr(of_foil, "CORRECTIONS", 2)
+    monkeypatch.setattr(foil, "EDGES", 12)
+    monkeypatch.setattr(foil, "CORRECTIONS", 2)
     (tmp_path / "circle.svg").write_text(CIRCLE)
     asked = ["foil", str(tmp_path / "circle.svg"), "-o", str(tmp_path / "disk.toml")]
     said = CliRunner().invoke(app, [*asked, "--inflated-size", "0.3"])

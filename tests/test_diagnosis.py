@@ -13,7 +13,7 @@ from balloon_warp import BlowUpError, Simulator
 from balloon_warp.blow_ups import BlowUp
 from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.scene import Atmosphere, Balloon, Change, Ground, Inflation, Scene, Sphere, Stiffness, String
-from balloon_warp.schedules.health import MOST_SPAN
+from balloon_warp.schedules.frames import MOST_SPAN
 
 NO_INFLATION = Inflation(k_normal=0.0)
 SLACK = Stiffness(structural=0.0, shear=0.0, flexion=0.0)
@@ -176,7 +176,7 @@ def test_what_the_particle_lay_on_is_named(obstacles: dict, touched: tuple, devi
 
 def test_only_the_frames_since_the_last_kept_state_are_simulated_again(device, monkeypatch):
     """States are kept at frames 1, 9 and 17; in the second substep of frame 21 the inflation has begun to rise."""
-    monkeypatch.setattr("balloon_warp.blow_ups.origins.KEPT_FRAMES", 8)
+    monkeypatch.setattr("balloon_warp.blow_ups.replay.KEPT_FRAMES", 8)
     rises = Inflation(k_normal=[(0.0, 0.0), (20.5 / 60.0, 0.0), (21.5 / 60.0, 9e11)])
     simulator = Simulator(Scene(balloon=[Balloon(mesh=cube(), inflation=rises)], substeps=4), device)
     frames: list[int] = []

@@ -12,7 +12,7 @@ from strangers import CAMERA, joined, say, wait_until
 
 from balloon_warp import InputError, MissingExtraError
 from balloon_warp.envs import make, make_vec
-from balloon_warp.envs.single_env import BalloonEnv
+from balloon_warp.envs.registration import BalloonEnv
 from balloon_warp.viewer import view
 
 

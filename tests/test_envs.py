@@ -222,7 +222,7 @@ def test_what_cannot_be_made_is_refused(options: dict[str, Any], sentence: str):
 
 
 def test_torch_is_asked_for_where_it_is_missing(monkeypatch):
-    monkeypatch.setattr("balloon_warp.envs.arrays.find_spec", lambda name: None)
+    monkeypatch.setattr("balloon_warp.envs.vector_env.find_spec", lambda name: None)
     with pytest.raises(MissingExtraError, match="needs torch: pip install torch"):
         make_vec("Target", device="cpu", output="torch")
 

@@ -25,10 +25,9 @@ from test_resume import SCENE as RESUMED_SCENE
 from test_resume import press_ctrl_c, stop
 
 from balloon_warp import Balloon, InputError, MissingExtraError, PolygonMesh, animate, export_stage
-from balloon_warp.outputs import hdf5_arrays
-from balloon_warp.outputs.exports import alembic, export, glb
-from balloon_warp.outputs.knot import AROUND, PROFILE
-from balloon_warp.outputs.tubes import tube_points, tube_topology
+from balloon_warp.outputs import arrays
+from balloon_warp.outputs.exports import archives, export, parts
+from balloon_warp.outputs.tubes import AROUND, PROFILE, tube_points, tube_topology
 
 never = Mock(side_effect=AssertionError("is not to be called"))
 READ_ALEMBIC = """
@@ -145,7 +144,7 @@ def test_a_failure_keeps_what_was_there_and_the_checkpoints(tmp_path, monkeypatc
     output = tmp_path / "out.glb"
     output.write_bytes(b"good")
     with monkeypatch.context() as patch:
-        patch.setattr(glb.GlbBuffer, "write", Mock(side_effect=OSError(28, "No space left on device")))
+        patch.setattr(parts.GlbBuffer, "write", Mock(side_effect=OSError(28, "No space left on device")))
         with pytest.raises(InputError, match=r"out\.glb: cannot be written: No space left"):
             animate(RESUMED_SCENE, output, device="cpu", checkpoint_seconds=1e-9)
     assert output.read_bytes() == b"good"
@@ -181,7 +180,7 @@ def test_an_empty_stage_has_nothing_to_export(tmp_path):
 
 
 def test_alembic_needs_blenders_module(written: Path, tmp_path, monkeypatch):
-    monkeypatch.setattr(alembic, "find_spec", lambda name: None)
+    monkeypatch.setattr(archives, "find_spec", lambda name: None)
     with pytest.raises(MissingExtraError, match=r"an \.abc needs Blender's Python module: pip install bpy"):
         export_stage(written, tmp_path / "out.abc")
 
@@ -288,13 +287,13 @@ def test_a_glb_is_bounded_and_says_so(written: Path, tmp_path, monkeypatch):
     assert "7 frames of" in told[0]
     assert "MB" in told[0]
     assert "room" not in told[0]
-    monkeypatch.setattr(glb, "MOST_TARGETS", 3)
+    monkeypatch.setattr(parts, "MOST_TARGETS", 3)
     export_stage(written, tmp_path / "few.glb", on_note=told.append)
     assert "every 2nd of 7 frames, to fit into 3 morph targets" in told[1]
     few = Glb(tmp_path / "few.glb")
     assert len(few.primitive("box")["targets"]) == 3
     np.testing.assert_allclose(few.shapes("box"), Glb(tmp_path / "all.glb").shapes("box")[::2], atol=1e-6)
-    monkeypatch.setattr(glb, "MOST_BYTES", 24 * 500)
+    monkeypatch.setattr(parts, "MOST_BYTES", 24 * 500)
     with pytest.raises(InputError, match="moving vertices, too many for a"):
         export_stage(written, tmp_path / "none.glb")
     assert not (tmp_path / "none.glb").exists()
@@ -399,7 +398,7 @@ def test_a_grid_for_each_frame_and_a_list_of_their_times(written: Path, tmp_path
 def test_mistakes_of_points_are_told_before_any_work(written: Path, tmp_path, monkeypatch):
     with pytest.raises(InputError, match=r"points\.npy: cannot hold points; expected \.h5 or \.hdf5"):
         animate(scene(), tmp_path / "out.usdc", save_points=tmp_path / "points.npy", on_frame=never)
-    monkeypatch.setattr(hdf5_arrays, "import_module", Mock(side_effect=ImportError))
+    monkeypatch.setattr(arrays, "import_module", Mock(side_effect=ImportError))
     for output, how in (("out.h5", {}), ("out.usdc", {"save_points": tmp_path / "points.h5"})):
         with pytest.raises(MissingExtraError, match=r"an \.h5 needs h5py: pip install 'balloon-warp\[data\]'"):
             animate(scene(), tmp_path / output, on_frame=never, **how)

@@ -14,12 +14,11 @@ import pytest
 from batches import files_limited_to, stop_after
 from meshes import cube, quad_sphere
 
-from balloon_warp import InputError, animate, export_stage, render_stage, run_batch, temporaries
-from balloon_warp.files import check_writable, folder_beside, whole_file
+from balloon_warp import InputError, animate, export_stage, files, render_stage, run_batch
+from balloon_warp.files import check_writable, clear_left_over, folder_beside, scratch_folder, temporary_in, whole_file
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.outputs.npz import write_npz
+from balloon_warp.outputs.arrays import write_npz
 from balloon_warp.scene import Balloon, Scene, load_scene
-from balloon_warp.temporaries import clear_left_over, scratch_folder, temporary_in
 from balloon_warp.warp_logging import quiet_warp
 
 
@@ -67,7 +66,7 @@ import sys, time
 from contextlib import ExitStack
 from pathlib import Path
 from balloon_warp.files import folder_beside, whole_file
-from balloon_warp.temporaries import scratch_folder
+from balloon_warp.files import scratch_folder
 path = Path(sys.argv[1])
 with ExitStack() as files:
     one = files.enter_context(whole_file(path))
@@ -214,14 +213,14 @@ time.sleep(600)
 
 def test_without_locks_only_what_is_old_goes(tmp_path, monkeypatch):
     kill(begin(tmp_path / "out.usdc"))
-    monkeypatch.setattr(temporaries, "fcntl", None)
+    monkeypatch.setattr(files, "fcntl", None)
     left = names(tmp_path)
     clear_left_over(tmp_path)
     assert names(tmp_path) == left
     with whole_file(tmp_path / "fine.txt") as path:
         path.write_text("whole")
     assert names(tmp_path) == sorted([*left, "fine.txt"])
-    yesterday = time.time() - 2.0 * temporaries.OLD_SECONDS
+    yesterday = time.time() - 2.0 * files.OLD_SECONDS
     for path in tmp_path.rglob("*"):
         os.utime(path, (yesterday, yesterday))
     clear_left_over(tmp_path)
@@ -229,7 +228,7 @@ def test_without_locks_only_what_is_old_goes(tmp_path, monkeypatch):
 
 
 def test_a_lock_that_is_cleared_away_before_it_is_held_is_made_again(tmp_path, monkeypatch):
-    held, taken = temporaries._is_held_elsewhere, []
+    held, taken = files._is_held_elsewhere, []
 
     def come_between(descriptor: int) -> bool:
         if not taken:
@@ -237,7 +236,7 @@ def test_a_lock_that_is_cleared_away_before_it_is_held_is_made_again(tmp_path, m
             clear_left_over(tmp_path)
         return held(descriptor)
 
-    monkeypatch.setattr(temporaries, "_is_held_elsewhere", come_between)
+    monkeypatch.setattr(files, "_is_held_elsewhere", come_between)
     with temporary_in(tmp_path) as path:
         locks = [name for name in names(tmp_path) if name.endswith(".lock")]
         assert locks == [f"{path.name}.lock"]

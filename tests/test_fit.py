@@ -16,19 +16,13 @@ from typer.testing import CliRunner
 import balloon_warp as bw
 from balloon_warp.benchmarks import fit as fit_benchmark
 from balloon_warp.cli.app import app
-from balloon_warp.cli.warn import note, warn
+from balloon_warp.cli.progress import note, warn
 from balloon_warp.errors import InputError, StoppedError
-from balloon_warp.fitting.by_loss import least_loss
-from balloon_warp.fitting.curve import fit_curves
-from balloon_warp.fitting.fit import ROUNDS
-from balloon_warp.fitting.lack import lack_of_fit
-from balloon_warp.fitting.measured import measured_of
-from balloon_warp.fitting.measured_curve import Curve
-from balloon_warp.fitting.plot import ticks
-from balloon_warp.fitting.result import fit_of
-from balloon_warp.fitting.rubber import sphere_pressures
-from balloon_warp.fitting.search import search
-from balloon_warp.fitting.together import minima_together
+from balloon_warp.fitting.by_data import fit_of, measured_of
+from balloon_warp.fitting.curve import fit_curves, lack_of_fit, sphere_pressures, ticks
+from balloon_warp.fitting.fit import ROUNDS, least_loss
+from balloon_warp.fitting.search import minima_together, search
+from balloon_warp.fitting.tables import Curve
 from balloon_warp.mesh.obj import write_obj
 
 TRUE = {

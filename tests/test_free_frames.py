@@ -21,8 +21,7 @@ from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.gather import GatherSchedule
 from balloon_warp.schedules.patches import cut_into_patches, worlds_at_once
 from balloon_warp.schedules.patching import Patches, cut, patch_table, slots_in_patches, tables_in_patches
-from balloon_warp.schedules.rings import quad_rings
-from balloon_warp.schedules.spring_ends import spring_ends
+from balloon_warp.schedules.slices import quad_rings, spring_ends
 from balloon_warp.schedules.tables import make_tables
 
 ROUNDING = 2.0e-5  # of its size: the same sums in another order, over a few frames

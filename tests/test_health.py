@@ -7,8 +7,8 @@ from meshes import cube, quad_sphere
 
 from balloon_warp import Balloon, Inflation, InputError, Scene, Simulator, Sphere, Stiffness
 from balloon_warp.kernels.measure.health import HEALTHY
-from balloon_warp.scene.overrides import override_scene
-from balloon_warp.schedules.health import FARTHEST, MOST_SPAN, HealthCheck
+from balloon_warp.scene.load import override_scene
+from balloon_warp.schedules.frames import FARTHEST, MOST_SPAN, HealthCheck
 
 CUBE = cube()
 """of one meter, with 8 particles"""

@@ -24,9 +24,9 @@ from balloon_warp.interrupts import Interrupts
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.outputs import render
 from balloon_warp.outputs.background import WAITING, Background
-from balloon_warp.sweep import dask_workers
-from balloon_warp.sweep.child import begin_children, start_child
+from balloon_warp.sweep import cluster
 from balloon_warp.sweep.cluster import worker_environments
+from balloon_warp.sweep.local_workers import begin_children, start_child
 
 
 def press(interrupts: Interrupts) -> None:
@@ -186,7 +186,7 @@ class FarAway:
 def test_a_result_that_went_with_its_worker_is_not_waited_for_for_ever():
     lost: Any = FarAway(workers=0, seconds=np.inf)
     with pytest.raises(WorkersLostError, match=r"^all workers ended, and none came for 60 s"):
-        dask_workers._result(lost, lost)
+        cluster._result(lost, lost)
     slow: Any = FarAway(workers=1, seconds=200.0)
-    assert dask_workers._result(slow, slow) == "share"
+    assert cluster._result(slow, slow) == "share"
     assert slow.timeouts == [60.0, 120.0, 240.0]

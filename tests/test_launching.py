@@ -55,7 +55,7 @@ from collections.abc import Iterator
 from pathlib import Path
 import warp as wp
 wp.config.optimization_level = 0
-from balloon_warp.temporaries import folder_of_process
+from balloon_warp.files import folder_of_process
 from balloon_warp.warp_logging import quiet_warp
 quiet_warp()
 for number in (float(sys.argv[1]) + part for part in (0.0, 0.25, 0.5)):

@@ -19,8 +19,7 @@ from balloon_warp.kernels.powers import power
 from balloon_warp.model import build_model, initial_state
 from balloon_warp.model.materials import numbers_of, on_arrays, slopes_by_stretches, stiffest_modulus
 from balloon_warp.model.plan import plan_model
-from balloon_warp.schedules.membrane_faces import sums_of
-from balloon_warp.schedules.membranes import membrane_quads
+from balloon_warp.schedules.membranes import membrane_quads, sums_of
 from balloon_warp.schedules.readout import ForceReader
 from balloon_warp.schedules.scatter import ScatterSchedule
 from balloon_warp.springs.membrane import build_membrane

@@ -10,7 +10,7 @@ from meshes import two_quads_at_a_vertex as two_quads
 from odd_meshes import klein
 
 from balloon_warp.mesh import PolygonMesh, geometry, topology
-from balloon_warp.mesh.components import component_labels
+from balloon_warp.mesh.topology import component_labels
 
 # A few hundred float64 operations of values near 1.
 ROUND_OFF = 1e-13

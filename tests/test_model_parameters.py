@@ -10,10 +10,9 @@ from balloon_warp.kernels.laws.contact import NO_GROUND
 from balloon_warp.kernels.laws.water import NO_WATER
 from balloon_warp.model import bounds, build_model, initial_state, plan_model, world_bytes
 from balloon_warp.model.memory import Allocating, Counting
-from balloon_warp.model.parameters import places_of, value_of
-from balloon_warp.model.rows import ROWS, rows_of
+from balloon_warp.model.parameters import ROWS, places_of, rows_of, value_of
 from balloon_warp.scene import Balloon, Inflation, Material, Scene
-from balloon_warp.scene.overrides import override_scene
+from balloon_warp.scene.load import override_scene
 
 GAS = Inflation(kind="gas")
 

@@ -12,10 +12,8 @@ import balloon_warp.scenes
 from balloon_warp import Balloon, Obstacle, Scene, load_mesh
 from balloon_warp.mesh import PolygonMesh, geometry
 from balloon_warp.mesh.topology import component_count, genus, inconsistent_edges, is_closed, mesh_edges
-from balloon_warp.model.body_samples import MOST_SAMPLES, sample
-from balloon_warp.model.obstacles import ObstacleShape, shape_obstacle
-from balloon_warp.model.thinness import is_thin
-from balloon_warp.outputs.beveled import OF_LARGEST, OF_LEAST, beveled_box
+from balloon_warp.model.obstacles import MOST_SAMPLES, ObstacleShape, is_thin, sample, shape_obstacle
+from balloon_warp.outputs.tubes import OF_LARGEST, OF_LEAST, beveled_box
 from balloon_warp.scenes.models import MODELS, make_model
 
 

@@ -36,7 +36,7 @@ from balloon_warp.benchmarks.matrix import of_phase
 from balloon_warp.kernels.schedules.launched.looks import GATHERED
 from balloon_warp.kernels.schedules.pieces import cut
 from balloon_warp.model import build_model, plan_model
-from balloon_warp.scene.overrides import override_scene
+from balloon_warp.scene.load import override_scene
 from balloon_warp.schedules import block_frames
 from balloon_warp.schedules.features import model_features
 

@@ -11,12 +11,11 @@ from painted import atlas, write_obj_cube, write_painted
 from PIL import Image
 
 from balloon_warp import Balloon, InputError, Obstacle, Scene, animate, design, load_scene, run_batch
-from balloon_warp.fitting.journal import Journal
-from balloon_warp.marks import is_ours
+from balloon_warp.files import is_ours, replacing_any, sole_writer
+from balloon_warp.fitting.by_data import Journal
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.outputs.render.render import Film
 from balloon_warp.outputs.wanted import Wanted
-from balloon_warp.ownership import replacing_any, sole_writer
 from balloon_warp.scene.write import write_scene
 
 BOX = Scene(balloon=[Balloon(mesh=cube(), name="box")], frames=1)

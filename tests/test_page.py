@@ -24,17 +24,11 @@ from balloon_warp.cli.app import app
 from balloon_warp.model import build_model
 from balloon_warp.model.obstacles import ObstacleShape
 from balloon_warp.scene import Atmosphere, Balloon, Change, Ground, Inflation, Material, Obstacle, Scene, String
-from balloon_warp.viewer.geometry import string_reach
-from balloon_warp.viewer.hands_on import span
-from balloon_warp.viewer.obstacles import surface_of
+from balloon_warp.viewer.controls import COMPILING, VALUES, does_something, of_tables, span, span_of, status_line
+from balloon_warp.viewer.drawings import Plain, Smooth, string_reach
+from balloon_warp.viewer.layers import LARGEST, LONGEST, PressLayer, Printed, image_of, surface_of
 from balloon_warp.viewer.page import Page
-from balloon_warp.viewer.plots import span_of
-from balloon_warp.viewer.presses import LONGEST, PressLayer
-from balloon_warp.viewer.prints import LARGEST, Printed, image_of
 from balloon_warp.viewer.session import LOOKING, Session
-from balloon_warp.viewer.sliders import VALUES, does_something, of_tables
-from balloon_warp.viewer.smooth import Plain, Smooth
-from balloon_warp.viewer.status import COMPILING, status_line
 from balloon_warp.viewer.touches import Kinds, Touch
 
 

@@ -16,12 +16,11 @@ from work import lines_executed
 import balloon_warp as bw
 from balloon_warp import Balloon, InputError, PolygonMesh, Scene, Simulator, build_springs, load_scene
 from balloon_warp.cli.app import app
-from balloon_warp.mesh.obj import read_obj, write_obj
-from balloon_warp.mesh.obj_groups import MOST_GROUPS
-from balloon_warp.mesh.prepare import Parts, Treatment, prepared
+from balloon_warp.mesh.load import Parts, Treatment, prepared
+from balloon_warp.mesh.obj import MOST_GROUPS, read_obj, write_obj
 from balloon_warp.mesh.topology import mesh_edges, vertex_components
 from balloon_warp.model.shape import shape_balloon
-from balloon_warp.scene.pins import pinned_at_borders
+from balloon_warp.scene.around import pinned_at_borders
 from balloon_warp.springs.ties import (
     BRACED,
     EACH,

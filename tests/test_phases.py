@@ -24,7 +24,7 @@ from balloon_warp.model import Model, State, build_model, initial_state
 from balloon_warp.model.memory import Allocating
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.lanes import LanesSchedule, OctetsSchedule
-from balloon_warp.schedules.launches import Launches
+from balloon_warp.schedules.launched import Launches
 from balloon_warp.schedules.source import kernel_source
 from balloon_warp.schedules.tables import make_tables
 

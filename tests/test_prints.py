@@ -14,7 +14,7 @@ from render_stages import add_camera, add_mesh, new_stage
 
 from balloon_warp import InputError, animate, export_stage, load_scene
 from balloon_warp.mesh.obj import read_obj, write_obj
-from balloon_warp.outputs.render import printed, render_stage
+from balloon_warp.outputs.render import render_stage, stage_reader
 from balloon_warp.scene.write import write_scene
 from balloon_warp.scenes.model_print import dots
 
@@ -141,7 +141,7 @@ def test_a_glb_has_images_as_glb_takes_them(image: Path, tmp_path: Path, monkeyp
     export_stage(tmp_path / "stage.usda", tmp_path / "out.glb")
     assert_printed(tmp_path / "out.glb", 4)
     assert Glb(tmp_path / "out.glb").said["images"][0]["mimeType"] == "image/png"
-    monkeypatch.setattr(printed, "LARGEST", 16)
+    monkeypatch.setattr(stage_reader, "LARGEST", 16)
     square(tmp_path / "large.usda", image.name)
     export_stage(tmp_path / "large.usda", tmp_path / "out.glb")
     [cloth] = trimesh.load(tmp_path / "out.glb").geometry.values()

@@ -21,7 +21,7 @@ from balloon_warp import InputError, MassProperties
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.scene.hover import unsaid
 from balloon_warp.scene.reference import tables
-from balloon_warp.scene.schema.field_help import meaning_of
+from balloon_warp.scene.schema.fields import meaning_of
 from balloon_warp.shown import plain_docstring
 from balloon_warp.sweep.batch import BatchSummary
 from balloon_warp.warp_logging import quiet_warp

@@ -24,17 +24,14 @@ from typer.testing import CliRunner, Result
 
 from balloon_warp import InputError, PolygonMesh, load_mesh, remesh
 from balloon_warp.cli.app import app
-from balloon_warp.mesh.corners import flipped
 from balloon_warp.mesh.crossings import crossings_said
-from balloon_warp.mesh.fidelity import infidelity
-from balloon_warp.mesh.fit import unfolded
 from balloon_warp.mesh.geometry import face_centers, signed_volume, total_area, triangulate
 from balloon_warp.mesh.look_transfer import dressed
-from balloon_warp.mesh.looks import Look, Looks
-from balloon_warp.mesh.mesh_distance import MeshDistance
 from balloon_warp.mesh.obj import read_obj, write_obj
-from balloon_warp.mesh.surface_nets import extract, surface_nets
-from balloon_warp.mesh.topology import is_manifold, mesh_edges
+from balloon_warp.mesh.polygon_mesh import Look, Looks
+from balloon_warp.mesh.remesh import infidelity
+from balloon_warp.mesh.surface_nets import MeshDistance, extract, surface_nets, unfolded
+from balloon_warp.mesh.topology import flipped, is_manifold, mesh_edges
 
 
 def test_sphere_lies_on_its_distance_of_even_quads() -> None:

@@ -14,7 +14,7 @@ from render_stages import add_camera, add_curves, add_ground, add_mesh, add_sphe
 from render_stages import read_stage as read
 
 from balloon_warp import InputError, MissingExtraError, render_stage
-from balloon_warp.cli.size import parse_frames, parse_place
+from balloon_warp.cli.options import parse_frames, parse_place
 from balloon_warp.files import whole_file
 from balloon_warp.outputs.camera import Camera
 from balloon_warp.outputs.render.render import _choose_frames

@@ -10,11 +10,10 @@ from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.pictures.film import srgb_byte, tone
 from balloon_warp.kernels.pictures.shapes import Hit, Shapes, capsule_distance
 from balloon_warp.kernels.pictures.surface import sky_share
-from balloon_warp.mesh.folds import CREASE
+from balloon_warp.mesh.orientation import CREASE
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.outputs.camera import MARGIN, CameraFit
-from balloon_warp.outputs.render.sampling import TILE, disc_points
-from balloon_warp.outputs.render.surface import SmoothSurface
+from balloon_warp.outputs.render.surface import TILE, SmoothSurface, disc_points
 
 wp.set_module_options(OPTIONS)
 

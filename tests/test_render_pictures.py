@@ -11,9 +11,9 @@ from balloon_warp import load_scene
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.pictures.rubber import thickness_of, wall_of
 from balloon_warp.outputs.camera import Camera
-from balloon_warp.outputs.render.framing import frame_action
 from balloon_warp.outputs.render.raycaster import RayCaster
 from balloon_warp.outputs.render.shutter import moments, one_over_the_other
+from balloon_warp.outputs.render.view import frame_action
 
 BLACK = (0.0, 0.0, 0.0)
 RED, GREEN, BLUE = (0.8, 0.02, 0.02), (0.02, 0.6, 0.05), (0.02, 0.05, 0.8)

@@ -6,8 +6,8 @@ import numpy as np
 from pxr import Usd, UsdGeom
 
 from balloon_warp import animate, load_scene
-from balloon_warp.mesh.folds import CREASE, SOFT_CREASE, sharp_edges
 from balloon_warp.mesh.load import load_mesh
+from balloon_warp.mesh.orientation import CREASE, SOFT_CREASE, sharp_edges
 from balloon_warp.outputs.render.stage_reader import RenderStage
 from balloon_warp.outputs.render.surface import SmoothSurface
 

@@ -16,7 +16,7 @@ from meshes import cube, quad_sphere
 from pxr import Usd
 
 from balloon_warp import Balloon, Change, Ground, Inflation, InputError, Scene, Sphere, String, animate, run_batch
-from balloon_warp.outputs.usd import growing
+from balloon_warp.outputs.usd import stage
 from balloon_warp.outputs.usd import stage as usd_stage
 from balloon_warp.resume import differences
 
@@ -71,7 +71,7 @@ def gone_on(scene: Scene, output: Path, **options: Any) -> int:
 @pytest.mark.parametrize("save_bytes", [0, 2**26])
 @pytest.mark.parametrize("suffix", [".usdc", ".usda"])
 def test_the_bytes_are_those_of_a_run_that_was_never_stopped(name, save_bytes, suffix, device, tmp_path, monkeypatch):
-    monkeypatch.setattr(growing, "SAVE_BYTES", save_bytes)
+    monkeypatch.setattr(stage, "SAVE_BYTES", save_bytes)
     output = tmp_path / f"out{suffix}"
     folder = stop(SCENES[name], output, device=device)
     assert not output.exists()

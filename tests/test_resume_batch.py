@@ -13,17 +13,14 @@ from pxr import Usd, UsdGeom
 from balloon_warp import Balloon, Ground, Inflation, InputError, Scene, run_batch
 from balloon_warp.blow_ups import BlowUp, Pull
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.outputs.usd import growing
+from balloon_warp.outputs.usd import stage as growing
 from balloon_warp.resume import Checkpoints, Part
 from balloon_warp.sweep import shares
 from balloon_warp.sweep.batch import BatchSummary
-from balloon_warp.sweep.blow_ups import Failures
-from balloon_warp.sweep.checkpoints import batch_checkpoints
-from balloon_warp.sweep.groups import plan_groups
-from balloon_warp.sweep.journal import FAILURES, ShareJournal
-from balloon_warp.sweep.manifest import describe_batch
-from balloon_warp.sweep.output import BatchOutput
-from balloon_warp.sweep.task import BatchTask
+from balloon_warp.sweep.output import BatchOutput, describe_batch
+from balloon_warp.sweep.recorder import plan_groups
+from balloon_warp.sweep.shares import FAILURES, ShareJournal
+from balloon_warp.sweep.task import BatchTask, Failures, batch_checkpoints
 
 
 @pytest.fixture

@@ -12,8 +12,8 @@ from warp._src.apic.capture import APICapture
 
 from balloon_warp import Simulator
 from balloon_warp.scene import Balloon, Inflation, Obstacle, Scene, Touch
-from balloon_warp.schedules import rounds
-from balloon_warp.schedules.rounds import TURN, Rounds, make_clock
+from balloon_warp.schedules import frames
+from balloon_warp.schedules.frames import TURN, Rounds, make_clock
 
 TURNS = Obstacle(
     size=(4, 0.2, 4), position=(0, -0.1, 0), motion=[(0, (0, 0, 0), (0, 0, 0)), (1, (0, 1, 0), (0, 90, 0))]
@@ -44,7 +44,7 @@ def test_every_substep_runs_once_in_order_and_searches_when_it_should(count: int
         a_frame.go_through(launch_substeps)
     assert ran == 2 * list(range(count))
     assert clock.done.numpy()[0] == 0
-    assert a_frame.are_short == (count > rounds.FLAT)
+    assert a_frame.are_short == (count > frames.FLAT)
 
 
 def scene(**changes: Any) -> Scene:
@@ -77,8 +77,8 @@ def test_a_frame_of_rounds_is_to_the_bit_one_of_single_substeps(
         pytest.skip("octets are a CPU's, and a GPU's scatter adds forces in any order")
     made = scene(**changes)
     in_rounds = points_of(made, schedule, device)
-    monkeypatch.setattr(rounds, "FLAT", MORE)
-    monkeypatch.setattr("balloon_warp.schedules.recorded_frame.FEW", 99)
+    monkeypatch.setattr(frames, "FLAT", MORE)
+    monkeypatch.setattr("balloon_warp.schedules.frames.FEW", 99)
     np.testing.assert_array_equal(in_rounds, points_of(made, schedule, device))
 
 

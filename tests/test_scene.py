@@ -23,11 +23,9 @@ from balloon_warp.model import Model, build_model, plan_model
 from balloon_warp.model.obstacles import shape_obstacle
 from balloon_warp.provenance import describe_scene, hash_files, without_folders
 from balloon_warp.scene import Balloon, Obstacle, Scene, Sphere, Stiffness, String, load_scene
-from balloon_warp.scene.load import bundled_scenes, scene_name
-from balloon_warp.scene.overrides import parse_override
+from balloon_warp.scene.load import bundled_scenes, parse_override, scene_name
 from balloon_warp.scene.reference import as_markdown, tables
-from balloon_warp.scene.schema.field_help import first_line
-from balloon_warp.scene.schema.fields import missed_between_frames
+from balloon_warp.scene.schema.fields import first_line, missed_between_frames
 from balloon_warp.scene.write import scene_toml, write_scene
 
 SCENE = 'description = "a box and two balls"\nframes = 10\n[[balloon]]\nmesh = "box.obj"\n'

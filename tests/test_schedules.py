@@ -15,10 +15,9 @@ from balloon_warp import Balloon, Ground, Inflation, InputError, PolygonMesh, Sc
 from balloon_warp.model import build_model, initial_state, lay_out, plan_model
 from balloon_warp.schedules import make_schedule
 from balloon_warp.schedules import memoize as module
-from balloon_warp.schedules.banks import spread_over_banks, wavefronts
 from balloon_warp.schedules.memoize import memoized
 from balloon_warp.schedules.scatter import ScatterSchedule
-from balloon_warp.schedules.spring_ends import neighbors_in_slots, spring_ends
+from balloon_warp.schedules.slices import neighbors_in_slots, spread_over_banks, spring_ends, wavefronts
 from balloon_warp.schedules.tables import other_corners
 
 

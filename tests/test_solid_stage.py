@@ -15,9 +15,9 @@ from trajectories import stepped
 
 from balloon_warp import Frame, Simulator, StageWriter, animate, run_batch
 from balloon_warp.model import build_model
+from balloon_warp.model.materials import SheetStiffness, sheet_of_springs
 from balloon_warp.model.shape import BalloonShape
-from balloon_warp.model.skin import SheetStiffness, sheet_of_springs
-from balloon_warp.outputs.render.framing import frame_action
+from balloon_warp.outputs.render.view import frame_action
 from balloon_warp.scene import Balloon, Body, Change, Inflation, Material, Obstacle, Scene, Stiffness
 
 FRAMES = 4

@@ -8,7 +8,7 @@ from meshes import two_quads_at_a_vertex as two_quads
 from balloon_warp import InputError, PolygonMesh
 from balloon_warp.mesh.check import LARGEST_FAN
 from balloon_warp.springs import SpringKind, Springs, build_springs
-from balloon_warp.springs.hinges import build_hinges
+from balloon_warp.springs.build import build_hinges
 
 
 def counts(mesh: PolygonMesh) -> tuple[int, int, int]:

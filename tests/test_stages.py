@@ -11,7 +11,7 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from balloon_warp.cli.app import app
-from balloon_warp.cli.stages import LINE_SECONDS, SPINNER_SECONDS, Stages
+from balloon_warp.cli.progress import LINE_SECONDS, SPINNER_SECONDS, Stages
 from balloon_warp.mesh.obj import write_obj
 
 

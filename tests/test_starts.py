@@ -16,7 +16,7 @@ from balloon_warp.kernels.frames.starting import let_appear
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.model import Vary, plan_model
 from balloon_warp.model.starts import start_velocities
-from balloon_warp.outputs.npz import write_npz
+from balloon_warp.outputs.arrays import write_npz
 from balloon_warp.scene import (
     Balloon,
     Body,

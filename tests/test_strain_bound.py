@@ -12,8 +12,8 @@ from scipy.integrate import quad
 from typer.testing import CliRunner
 
 from balloon_warp import Frame, InputError, PolygonMesh, Simulator, animate, foil_mesh, run_batch
-from balloon_warp.advice import advise_step
 from balloon_warp.cli.app import app
+from balloon_warp.inspection import advise_step
 from balloon_warp.mesh.geometry import signed_volume, total_area
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.model import ModelPlan, plan_model

@@ -7,13 +7,11 @@ import pytest
 from meshes import cube, halved, joined, prism, quad_sphere
 
 from balloon_warp import Balloon, Inflation, Material, PolygonMesh, Scene, Stiffness
-from balloon_warp.mesh.corners import face_starts
+from balloon_warp.mesh.topology import face_starts
 from balloon_warp.model import Model, build_model
 from balloon_warp.schedules.features import model_features
-from balloon_warp.schedules.membrane_faces import membrane_face_layout, membrane_face_table
-from balloon_warp.schedules.rings import quad_rings
-from balloon_warp.schedules.slots import kind_slots, slot_table
-from balloon_warp.schedules.spring_ends import spring_ends
+from balloon_warp.schedules.membranes import membrane_face_layout, membrane_face_table
+from balloon_warp.schedules.slices import kind_slots, quad_rings, slot_table, spring_ends
 from balloon_warp.schedules.tables import make_tables, quads_at_particles
 
 MIXED = joined(quad_sphere(2), halved(cube()))

@@ -134,7 +134,7 @@ def test_whatever_is_queued_takes_its_turn(monkeypatch: pytest.MonkeyPatch, tmp_
 
         def watched(*arguments: Any, **named: Any) -> Any:
             caller = sys._getframe(1).f_code.co_filename
-            on_host = name == "numpy" and caller.endswith("reading.py")
+            on_host = name == "numpy" and caller.endswith("frame_reader.py")
             if "unlocked" in repr(warp_lock.PROCESS_LOCK) and not on_host:
                 untaken.append(f"{name} in {caller}")
             return queued(*arguments, **named)
@@ -200,7 +200,7 @@ def test_a_recording_describes_a_launch_once_and_replays_the_numbers_of_each(mon
     moving = scene(1).model_copy(update={"obstacle": [TURNS]})
     found = []
     for few in (2, FRAMES):
-        monkeypatch.setattr("balloon_warp.schedules.recorded_frame.FEW", few)
+        monkeypatch.setattr("balloon_warp.schedules.frames.FEW", few)
         simulator = Simulator(moving, device="cpu", schedule="gather")
         found.append([np.concatenate(frame.points) for frame in simulator.run()])
     np.testing.assert_array_equal(*found)

@@ -10,13 +10,13 @@ from meshes import cube, grid, hook, joined, mesh_of, quad_sphere
 
 from balloon_warp import InputError, PolygonMesh, Scene, Simulator, bundled_scenes, load_mesh, load_scene
 from balloon_warp.mesh.crossings import find_crossings
-from balloon_warp.mesh.nearness import nears_itself
-from balloon_warp.mesh.sides import wrong_sides
-from balloon_warp.mesh.triangles import triangles_of
+from balloon_warp.mesh.orientation import triangles_of
+from balloon_warp.mesh.repair import wrong_sides
+from balloon_warp.mesh.thickness import nears_itself
 from balloon_warp.model import plan_model
-from balloon_warp.model.folded import bends_freely
+from balloon_warp.model.touch import bends_freely
 from balloon_warp.scene import Balloon, Ground, Inflation, Stiffness, Touch
-from balloon_warp.scene.overrides import override_scene
+from balloon_warp.scene.load import override_scene
 from balloon_warp.scene.write import write_scene
 from balloon_warp.schedules.touch_table import surface_of
 

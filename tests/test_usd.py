@@ -15,8 +15,7 @@ from test_resume import crash, gone_on, stop
 from balloon_warp import InputError, PolygonMesh, Scene, Simulator, StageWriter, animate
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.outputs.exports.parts import Animation
-from balloon_warp.outputs.usd.strand import points_around
-from balloon_warp.outputs.usd.string_curve import string_curve
+from balloon_warp.outputs.usd.lines import points_around, string_curve
 from balloon_warp.scene import Balloon, Change, Ground, Inflation, Obstacle, Sphere, String, Water
 from balloon_warp.scene.schema import Picture
 

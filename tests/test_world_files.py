@@ -16,21 +16,18 @@ from numpy.typing import NDArray
 
 from balloon_warp import InputError, MissingExtraError, TrajectoryFiles, repeat_batch, run_batch, simulate
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.outputs import hdf5_arrays
+from balloon_warp.outputs import arrays
 from balloon_warp.outputs.world_files import FORMATS, Field, FileContents
-from balloon_warp.outputs.world_files.packing import chunks_of
+from balloon_warp.outputs.world_files.formats import chunks_of
 from balloon_warp.provenance import describe_scene, hash_of_file
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene
 from balloon_warp.sweep import shares
-from balloon_warp.sweep.checkpoints import batch_checkpoints
-from balloon_warp.sweep.groups import plan_groups
-from balloon_warp.sweep.journal import ShareJournal
-from balloon_warp.sweep.manifest import describe_batch
-from balloon_warp.sweep.output import BatchOutput
-from balloon_warp.sweep.task import BatchTask
+from balloon_warp.sweep.output import BatchOutput, describe_batch
+from balloon_warp.sweep.recorder import plan_groups
+from balloon_warp.sweep.shares import ShareJournal
+from balloon_warp.sweep.task import BatchTask, batch_checkpoints
 from balloon_warp.sweep.world_files import writer
-from balloon_warp.sweep.world_files.moments import Moments
-from balloon_warp.sweep.world_files.splits import splits_of
+from balloon_warp.sweep.world_files.catalog import Moments, splits_of
 
 DATA_PAGE = (Path(__file__).parents[1] / "docs" / "DATA.md").read_text()
 WORLDS = 5
@@ -410,7 +407,7 @@ def test_a_missing_extra_and_a_disk_that_is_too_small_are_told(tmp_path, monkeyp
     def missing(name: str) -> None:
         raise ImportError(name)
 
-    monkeypatch.setattr(hdf5_arrays, "import_module", missing)
+    monkeypatch.setattr(arrays, "import_module", missing)
     with pytest.raises(MissingExtraError, match=r"h5py: pip install 'balloon-warp\[data\]'"):
         run_batch(scene(), tmp_path / "out", 2, device="cpu", trajectories=tmp_path / "data")
     run_batch(scene(), tmp_path / "out", 2, device="cpu", trajectories=TrajectoryFiles(tmp_path / "data", format="npz"))

@@ -12,12 +12,8 @@
    offers its last good state.
 """
 
-from balloon_warp.blow_ups.diagnosis import diagnose
-from balloon_warp.blow_ups.origin import Origin
-from balloon_warp.blow_ups.origins import KEPT_FRAMES, Origins
-from balloon_warp.blow_ups.policy import MOST_HALVINGS, check_policy, with_half_the_step
-from balloon_warp.blow_ups.pulls import Pull, Pulls
-from balloon_warp.blow_ups.report import BlowUp
+from balloon_warp.blow_ups.diagnosis import BlowUp, Pull, Pulls, diagnose
+from balloon_warp.blow_ups.replay import KEPT_FRAMES, MOST_HALVINGS, Origin, Origins, check_policy, with_half_the_step
 
 __all__ = [
     "KEPT_FRAMES",

@@ -12,7 +12,6 @@ from balloon_warp.cli.batch import batch
 from balloon_warp.cli.bench import bench
 from balloon_warp.cli.check import check
 from balloon_warp.cli.compare import compare
-from balloon_warp.cli.console import Console
 from balloon_warp.cli.convert import convert
 from balloon_warp.cli.design import design
 from balloon_warp.cli.doctor import doctor
@@ -20,16 +19,14 @@ from balloon_warp.cli.fit import fit
 from balloon_warp.cli.foil import foil
 from balloon_warp.cli.inspect import inspect
 from balloon_warp.cli.kernel import kernel
-from balloon_warp.cli.lone_weld import Command
+from balloon_warp.cli.options import Command, UsageError, spread, usage_sentence
+from balloon_warp.cli.progress import Console, with_options
 from balloon_warp.cli.remesh import remesh
 from balloon_warp.cli.render import render
 from balloon_warp.cli.run import run
 from balloon_warp.cli.scenes import scenes
-from balloon_warp.cli.spread import spread
-from balloon_warp.cli.usage import UsageError, usage_sentence
 from balloon_warp.cli.view import view
 from balloon_warp.cli.warm_up import warm_up
-from balloon_warp.cli.words import with_options
 from balloon_warp.errors import BlowUpError, InputError, MissingExtraError, StoppedError, WorkersLostError
 from balloon_warp.standard_streams import OutputLostError, lose_output
 

@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 
-from balloon_warp.cli.changes import Changes
-from balloon_warp.cli.console import Console
 from balloon_warp.cli.options import (
     LONG,
     MACHINE,
     OUTPUT,
+    Changes,
     Device,
     Json,
     LengthOptions,
@@ -25,21 +24,19 @@ from balloon_warp.cli.options import (
     Schedule,
     Set,
 )
-from balloon_warp.cli.progress import frame_progress
-from balloon_warp.cli.warn import Opening, first_line, note, warn, warner
-from balloon_warp.cli.words import counted, played
+from balloon_warp.cli.progress import Console, Opening, counted, first_line, frame_progress, note, played, warn, warner
 from balloon_warp.driver import begin_driver
 from balloon_warp.errors import InputError
 from balloon_warp.garbage import without_collecting
 from balloon_warp.provenance import command_without_folders
 from balloon_warp.scene.load import scene_name
-from balloon_warp.sweep.child import begin_children
-from balloon_warp.sweep.values import ends_of, parse_export, parse_vary, spread
+from balloon_warp.sweep.batch import ends_of, parse_export, parse_vary, spread
+from balloon_warp.sweep.local_workers import begin_children
 from balloon_warp.warp_logging import quiet_warp
 
 if TYPE_CHECKING:
     from balloon_warp.sweep.batch import BatchSummary
-    from balloon_warp.sweep.world_files.options import TrajectoryFiles
+    from balloon_warp.sweep.world_files.catalog import TrajectoryFiles
 
 WORLDS = "Worlds"
 """Heading of a section of the help"""
@@ -189,7 +186,7 @@ def batch(
     with without_collecting():  # loads much: only once the scene is known to be good
         from balloon_warp.sweep.batch import run_batch
         from balloon_warp.sweep.cluster import Cluster
-        from balloon_warp.sweep.memory import require_room
+        from balloon_warp.sweep.local import require_room
 
     workers_of = Cluster(cluster, gpus, workers, prepare=quiet_warp) if spread_over else None
     require_room(loaded, worlds, choices, device, schedule, spread=spread_over)  # before each gets its values
@@ -240,7 +237,7 @@ def _trajectory_files(
         if asked:
             raise InputError(f"--{next(iter(asked))}: needs --trajectories")
         return None
-    from balloon_warp.sweep.world_files.options import TrajectoryFiles
+    from balloon_warp.sweep.world_files.catalog import TrajectoryFiles
 
     return TrajectoryFiles(folder, **asked, seed=seed)
 

@@ -9,8 +9,8 @@ import typer
 from rich import box
 from rich.table import Table
 
-from balloon_warp.cli.console import Console
 from balloon_warp.cli.options import OUTPUT, Device, Json
+from balloon_warp.cli.progress import Console
 from balloon_warp.errors import InputError
 from balloon_warp.warp_logging import quiet_warp
 

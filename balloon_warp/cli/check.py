@@ -9,11 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.progress import Progress
 
-from balloon_warp.cli.console import Console
-from balloon_warp.cli.options import Device, Json
-from balloon_warp.cli.size import parse_frames
-from balloon_warp.cli.warn import warn
-from balloon_warp.cli.words import counted
+from balloon_warp.cli.options import Device, Json, parse_frames
+from balloon_warp.cli.progress import Console, counted, warn
 from balloon_warp.warp_logging import quiet_warp
 
 if TYPE_CHECKING:

@@ -7,21 +7,19 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from balloon_warp.cli.changes import Changes
-from balloon_warp.cli.console import Console
 from balloon_warp.cli.names import own_name
 from balloon_warp.cli.options import (
     OUTPUT,
+    Changes,
     Device,
     LengthOptions,
     SceneName,
     Schedule,
     Set,
     Size,
+    parse_size,
 )
-from balloon_warp.cli.progress import frame_progress
-from balloon_warp.cli.size import parse_size
-from balloon_warp.cli.words import begun
+from balloon_warp.cli.progress import Console, begun, frame_progress
 from balloon_warp.comparison.choices import parse_choices, shown
 from balloon_warp.errors import InputError
 from balloon_warp.scene.load import scene_name

@@ -6,8 +6,7 @@ from typing import Annotated
 import typer
 from rich.progress import Progress
 
-from balloon_warp.cli.console import Console
-from balloon_warp.cli.warn import note
+from balloon_warp.cli.progress import Console, note
 
 
 def convert(

@@ -7,14 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from balloon_warp.cli.options import LONG, OUTPUT, Device, Resume
-from balloon_warp.cli.stages import stages
-from balloon_warp.cli.warn import warn
-from balloon_warp.cli.watched import watched
+from balloon_warp.cli.progress import stages, warn, watched
 from balloon_warp.errors import InputError, StoppedError
 from balloon_warp.warp_logging import quiet_warp
 
 if TYPE_CHECKING:
-    from balloon_warp.designing.result import Design
+    from balloon_warp.designing.job import Design
 
 DESIGN = "Design"
 """Heading of a section of the help"""

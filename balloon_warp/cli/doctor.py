@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from balloon_warp.cli.console import Console
 from balloon_warp.cli.options import Device, Json
+from balloon_warp.cli.progress import Console
 from balloon_warp.warp_logging import quiet_warp
 
 if TYPE_CHECKING:

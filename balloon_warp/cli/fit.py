@@ -8,16 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from balloon_warp.cli.options import MACHINE, OUTPUT, SCENE, Device, Json, Resume
-from balloon_warp.cli.stages import Stages, stages
-from balloon_warp.cli.warn import note, warn
+from balloon_warp.cli.progress import Stages, note, stages, warn
 from balloon_warp.errors import InputError, StoppedError
-from balloon_warp.files import check_writable, whole_file
-from balloon_warp.marks import png_mark
+from balloon_warp.files import check_writable, png_mark, whole_file
 from balloon_warp.warp_logging import quiet_warp
 
 if TYPE_CHECKING:
+    from balloon_warp.fitting.by_data import Fit
     from balloon_warp.fitting.curve import CurveFit
-    from balloon_warp.fitting.result import Fit
 
 RUBBER = "Curve"
 """Heading of a section of the help"""
@@ -132,9 +130,8 @@ def fit(
 
 def _of_curves(paths: list[Path], rubber: Rubber, output: Path | None) -> "CurveFit":
     """Fit a rubber to tables, report their contents, and plot them."""
-    from balloon_warp.fitting.curve import fit_curves
-    from balloon_warp.fitting.plot import curves_plot
-    from balloon_warp.fitting.read_curves import read_curves
+    from balloon_warp.fitting.curve import curves_plot, fit_curves
+    from balloon_warp.fitting.tables import read_curves
 
     curves = [curve for path in paths for curve in read_curves(path)]
     for curve in curves:

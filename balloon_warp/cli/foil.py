@@ -7,15 +7,14 @@ from typing import Annotated
 
 import typer
 
-from balloon_warp.cli.stages import stages
+from balloon_warp.cli.progress import stages
 from balloon_warp.errors import InputError
-from balloon_warp.files import check_writable
+from balloon_warp.files import check_writable, require_ours
 from balloon_warp.foil.make import HEIGHT, foil_mesh, foil_parts, joined
 from balloon_warp.mesh.obj import LOADERS, write_obj
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
-from balloon_warp.ownership import require_ours
 from balloon_warp.scene import Scene
-from balloon_warp.scene.of_foil import scene_of_foil
+from balloon_warp.scene.around import scene_of_foil
 from balloon_warp.scene.write import write_scene
 from balloon_warp.warp_logging import quiet_warp
 
@@ -92,7 +91,7 @@ def _of_inflated_size(
     source: str, size: float, edge: float | None, font: str | None
 ) -> tuple[list[PolygonMesh], SceneOf]:
     """Return the parts that have the drawn outline once they are inflated, and how they make a scene."""
-    from balloon_warp.designing.of_foil import foil_of_inflated_size  # loads Warp
+    from balloon_warp.designing.foil import foil_of_inflated_size  # loads Warp
 
     quiet_warp()
     with stages(source) as stage:

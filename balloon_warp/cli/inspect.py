@@ -10,21 +10,18 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from balloon_warp.cli.changes import Changes
-from balloon_warp.cli.console import Console
 from balloon_warp.cli.options import (
+    Changes,
     Json,
     MeshOptions,
     Set,
 )
-from balloon_warp.cli.stages import stages
-from balloon_warp.cli.warn import unsaid
-from balloon_warp.cli.words import counted
+from balloon_warp.cli.progress import Console, counted, stages, unsaid
 from balloon_warp.errors import InputError
 from balloon_warp.inspection import Figures, MeshReport, inspect_mesh
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.scene import Balloon, Scene, bundled_scenes
-from balloon_warp.scene.overrides import override_scene
+from balloon_warp.scene.load import override_scene
 
 STEP_STAGE = "finding the largest stable step"
 SWELLING_STAGE = "predicting the inflated volume"
@@ -61,8 +58,11 @@ def _inspect_scene(source: str, scene: Scene, as_json: bool) -> None:
         for mesh in dict.fromkeys(meshes):
             stage(f"checking {mesh[0].name} and building springs")
             reports[mesh] = inspect_mesh(load_mesh(mesh[0], mesh[3]), *mesh[:2])
-        from balloon_warp.advice import advise_step  # loads Warp: only once the meshes are known to be good
-        from balloon_warp.swelling import foretold_swellings, sentences
+        from balloon_warp.inspection import (
+            advise_step,  # loads Warp: only once the meshes are known to be good
+            foretold_swellings,
+            sentences,
+        )
 
         stage(STEP_STAGE)
         step = asdict(advise_step(scene))
@@ -103,8 +103,7 @@ def _inspect_mesh(mesh: Path, changes: Changes, as_json: bool) -> None:
         whole = load_mesh(mesh, balloon.prim)
         stage("checking the mesh and building springs")
         report = inspect_mesh(whole, mesh, balloon.treatment)
-        from balloon_warp.advice import advise_step
-        from balloon_warp.swelling import foretold_swellings, sentences
+        from balloon_warp.inspection import advise_step, foretold_swellings, sentences
 
         try:
             stage("building the scene")

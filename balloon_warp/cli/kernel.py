@@ -4,8 +4,7 @@ from typing import Annotated
 
 import typer
 
-from balloon_warp.cli.changes import Changes
-from balloon_warp.cli.options import MeshOptions, Set
+from balloon_warp.cli.options import Changes, MeshOptions, Set
 from balloon_warp.warp_logging import quiet_warp
 
 

@@ -4,9 +4,8 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from balloon_warp.marks import STAGES, is_ours
+from balloon_warp.files import STAGES, is_ours, require_ours
 from balloon_warp.mesh.load import load_mesh
-from balloon_warp.ownership import require_ours
 from balloon_warp.scene import Scene
 from balloon_warp.scene.load import files_of_scene
 from balloon_warp.scene.schema import MESHED

@@ -1,16 +1,339 @@
-"""Options that several commands share."""
+"""Options that commands share, and usage errors in one sentence."""
 
-from dataclasses import dataclass
-from typing import Annotated, Any, get_args
+import re
+import shlex
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from copy import copy
+from dataclasses import MISSING, dataclass, fields, is_dataclass
+from functools import wraps
+from inspect import Parameter, signature
+from itertools import zip_longest
+from pathlib import Path
+from typing import Annotated, Any, TypedDict, cast, get_args, get_type_hints
 
 import typer
+from pydantic import ValidationError
+from typer.core import TyperCommand
 
-from balloon_warp.mesh.parts import Taken
-from balloon_warp.mesh.units import METERS
+from balloon_warp.cli.addresses import require_addresses
+from balloon_warp.errors import InputError
+from balloon_warp.files import replacing_any
+from balloon_warp.mesh.check import Taken
+from balloon_warp.mesh.load import LARGEST_GAP, LEAST_GAP, Parts
+from balloon_warp.mesh.polygon_mesh import METERS, UpAxis
+from balloon_warp.provenance import command_without_folders
+from balloon_warp.scene import Scene
+from balloon_warp.scene.load import (
+    Override,
+    OverrideError,
+    bundled_scenes,
+    load_scene,
+    mesh_balloon,
+    override_scene,
+    parse_override,
+)
+from balloon_warp.scene.schema import Balloon
+from balloon_warp.suggestions import ask, did_you_mean
+
+
+def command_line(context: typer.Context, without: Collection[str] = ()) -> str:
+    """Write the command as a shell takes it, its arguments and the options given in the order of its help.
+
+    Absolute paths lose their folders: who reads it elsewhere learns nothing from them.
+
+    Args:
+        context: of the command.
+        without: names of parameters that are left out: those which do not change the result, but its place.
+    """
+    words = ["balloon-warp", str(context.info_name)]
+    for parameter in context.command.params:
+        name = str(parameter.name)
+        source = context.get_parameter_source(name)
+        if source is None or source.name != "COMMANDLINE" or name in without:
+            continue
+        value = context.params[name]
+        for each in value if isinstance(value, list | tuple) else [value]:
+            if parameter.param_type_name == "option":
+                words.append(max(parameter.opts, key=len))
+            if not isinstance(each, bool):
+                words.append(str(each))
+    return (
+        shlex.join(command_without_folders(words)).encode(errors="replace").decode()
+    )  # names of files may be no Unicode
+
+
+UsageError = cast("type[Exception]", typer.BadParameter.__base__)
+"""Base of Typer's usage errors, whose place differs from version to version"""
+ALSO_CALLED = {"duration": "--seconds", "length": "--seconds", "out": "--output", "framerate": "--fps", "rate": "--fps"}
+"""Options by names that other programs have for them"""
+
+
+def usage_sentence(error: Any, program: Any, words: Sequence[str]) -> str:
+    """Return a sentence on the error, the expectation, and where to read more.
+
+    Args:
+        error: A `UsageError`.
+        program: Typer's group of all commands.
+        words: Words after the program's name.
+    """
+    name = words[0] if words[0] in program.commands else ""
+    command = program.commands.get(name, program)
+    mistake = _mistake(error, command, name or "balloon-warp", words)
+    path = f"balloon-warp {name}" if name else "balloon-warp"
+    return mistake if mistake.endswith("?") else f"{mistake}; {path} --help explains"
+
+
+def _mistake(error: Any, command: Any, name: str, words: Sequence[str]) -> str:
+    option, parameter = getattr(error, "option_name", None), getattr(error, "param", None)
+    if option and hasattr(error, "possibilities"):  # newer versions have some for a command, too
+        known = [text for each in command.params for text in each.opts if text.startswith("--")]
+        written = next((word for word in words if word.startswith(str(option))), str(option))
+        return f"{written}: unknown option of {name}{_option_meant(written, known)}"
+    if option:
+        metavar = next((each.metavar for each in command.params if option in each.opts), None)
+        return f"{option}: has no value; expected {option} {metavar}" if metavar else f"{option}: takes no value"
+    if parameter is not None and type(error).__name__ == "MissingParameter":
+        return f"{name}: {_called(parameter)} is missing"
+    if parameter is not None:
+        return f"{_called(parameter)}: {_expected(error)}"
+    if extra := re.search(r"unexpected extra .*\((.*)\)", error.message):
+        return f"{name}: did not expect {extra[1]}{'; --set goes before PATH=VALUE' if '=' in extra[1] else ''}"
+    if unknown := re.match("No such command ['\"](.*?)['\"]", error.message):
+        return f"{unknown[1]}: no such command{_command_meant(unknown[1], command.commands)}"
+    return error.message.rstrip(".")
+
+
+def _option_meant(written: str, known: Sequence[str]) -> str:
+    """End a sentence with the option that another program calls so, the field of a scene, or a name that is like it."""
+    field = written.partition("=")[0].lstrip("-").replace("-", "_")
+    if ALSO_CALLED.get(field) in known:
+        return ask([ALSO_CALLED[field]])
+    if field == "vary":
+        return "; `batch` and `compare` have it"
+    if field in Scene.model_fields and "--set" in known and f"--{field}" not in known:
+        return ask([f"--set {field}="])
+    return did_you_mean(written, known)
+
+
+def _command_meant(word: str, commands: Iterable[str]) -> str:
+    if word in bundled_scenes() or Path(word).is_file():
+        return ask([f"balloon-warp run {word}"])
+    return did_you_mean(word, commands) or f"; commands are {', '.join(commands)}"
+
+
+def _called(parameter: Any) -> str:
+    """Name an option by its long name, an argument by its metavar in the help."""
+    if parameter.param_type_name == "argument":
+        return parameter.metavar
+    return max(parameter.opts, key=len)
+
+
+def _expected(error: Any) -> str:
+    """Return Pydantic's sentence, where newer versions of Typer have it from there, and the value found."""
+    message = re.split(", (?:unable|got) ", error.message.rstrip("."))[0].replace("Input should", "must")
+    found = error.__cause__.errors()[0]["input"] if isinstance(error.__cause__, ValidationError) else None
+    return message if found is None else f"{message} (got {found})"
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """Return the width and height of `WIDTHxHEIGHT`.
+
+    Raises:
+        InputError: the text has another form.
+    """
+    match = re.fullmatch(r"(\d{1,12})[xX](\d{1,12})", text)
+    if not match:
+        raise InputError(f"size: {text[:40]!r}; expected WIDTHxHEIGHT in pixels, such as 960x540")
+    return int(match[1]), int(match[2])
+
+
+def parse_frames(text: str) -> tuple[int | None, int | None]:
+    """Read the first and the last of `FIRST:LAST`, either of which may be missing.
+
+    Raises:
+        InputError: the text has another form.
+    """
+    match = re.fullmatch(r"(-?\d{1,9})?:(-?\d{1,9})?", text)
+    if not match:
+        raise InputError(f"--frames {text[:40]}: expected FIRST:LAST, such as 10:90, :90 or 10:")
+    first, last = (int(word) if word else None for word in match.groups())
+    return first, last
+
+
+def parse_place(text: str, option: str = "look-at") -> str | tuple[float, float, float]:
+    """Read a point of `X,Y,Z`, or a name, which has no comma.
+
+    Raises:
+        InputError: the text has commas and is no point.
+    """
+    if "," not in text:
+        return text
+    try:
+        x, y, z = map(float, text.split(","))
+    except ValueError:
+        raise InputError(f"--{option} {text[:40]}: expected X,Y,Z in the stage's unit, or a prim's name") from None
+    return x, y, z
+
+
+EXACT = "exact"
+"""Value of `--weld` without a number, which may also be typed"""
+
+
+class Command(TyperCommand):
+    """A command whose `--weld` may stand alone: the next word is its value only if it is a number."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        return super().parse_args(ctx, with_values(args))
+
+    def invoke(self, ctx: Any) -> Any:
+        require_addresses()  # before the command loads modules that would not find room
+        return super().invoke(ctx)
+
+
+def with_values(words: list[str]) -> list[str]:
+    """Return the words of a command line, with a value after each `--weld` that has none."""
+    end = words.index("--") if "--" in words else len(words)
+    filled: list[str] = []
+    for word, following in zip_longest(words[:end], words[1:end]):
+        filled += [word, EXACT] if word == "--weld" and following != EXACT and _number(following) is None else [word]
+    return filled + words[end:]
+
+
+def weld_of(said: str | None) -> bool | float | None:
+    """Return the value of the scene's field for `--weld`.
+
+    Raises:
+        InputError: it is neither alone nor such a part.
+    """
+    if said in (None, EXACT):
+        return None if said is None else True
+    gap = _number(said)
+    if gap is None or not LEAST_GAP <= gap <= LARGEST_GAP:
+        expected = f"a fraction of the mesh's size from {LEAST_GAP:g} to {LARGEST_GAP:g}, such as 1e-4"
+        raise InputError(f"--weld {said}: expected {expected}, or no value")
+    return gap
+
+
+def _number(word: str | None) -> float | None:
+    try:
+        return float(word or "")
+    except ValueError:
+        return None
+
+
+CAMERA = "Camera"
+"""Heading of a section of the help"""
+
+
+class Asked(TypedDict):
+    """Options of `render_stage`."""
+
+    azimuth: float | None
+    elevation: float | None
+    zoom: float | None
+    look_at: str | tuple[float, float, float] | None
+    follow: bool
+    aperture: float
+    focus: str | tuple[float, float, float] | None
+    shutter: float
+    transparent: bool
+
+
+@dataclass(frozen=True)
+class CameraOptions:
+    """Options of commands with a camera."""
+
+    azimuth: Annotated[
+        float | None,
+        typer.Option(
+            metavar="DEGREES",
+            help="Azimuth of the camera: 0 is the front, 90 the right, 180 the back. 32 if not given.",
+            rich_help_panel=CAMERA,
+        ),
+    ] = None
+    elevation: Annotated[
+        float | None,
+        typer.Option(
+            metavar="DEGREES",
+            help="Elevation of the camera: 0 is level, 90 is straight from above. 13 if not given.",
+            rich_help_panel=CAMERA,
+        ),
+    ] = None
+    zoom: Annotated[
+        float | None,
+        typer.Option(
+            metavar="FACTOR", help="Magnification: 2 doubles the size in the picture.", rich_help_panel=CAMERA
+        ),
+    ] = None
+    look_at: Annotated[
+        str | None,
+        typer.Option(
+            "--look-at",
+            metavar="NAME|X,Y,Z",
+            help="Center of the picture: a prim of the stage, such as String_0, or a point. If not given, "
+            "all that moves.",
+            rich_help_panel=CAMERA,
+        ),
+    ] = None
+    follow: Annotated[
+        bool,
+        typer.Option(
+            "--follow",
+            metavar="",
+            help="Track the balloons with the camera, or the target of --look-at.",
+            rich_help_panel=CAMERA,
+        ),
+    ] = False
+    aperture: Annotated[
+        float,
+        typer.Option(
+            metavar="WIDTH",
+            help="Diameter of the lens, in the stage's unit. A wider lens has less depth of field around --focus.",
+            rich_help_panel=CAMERA,
+        ),
+    ] = 0.0
+    focus: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME|X,Y,Z",
+            help="Prim or point in focus. If not given, the center of the picture.",
+            rich_help_panel=CAMERA,
+        ),
+    ] = None
+    shutter: Annotated[
+        float,
+        typer.Option(
+            metavar="FRAMES",
+            help="Shutter time, 0 to 1 frame, for motion blur.",
+            rich_help_panel=CAMERA,
+        ),
+    ] = 0.0
+    transparent: Annotated[
+        bool,
+        typer.Option(
+            "--transparent",
+            metavar="",
+            help="Omit backdrop, ground and water, but keep the shadow, for a .png or .webp to composite.",
+            rich_help_panel=CAMERA,
+        ),
+    ] = False
+
+    def asked(self) -> Asked:
+        """Return the options as arguments of `render_stage`.
+
+        Raises:
+            InputError: a place has another form.
+        """
+        places = {
+            name: parse_place(place, name.replace("_", "-")) if place else None
+            for name, place in (("look_at", self.look_at), ("focus", self.focus))
+        }
+        return cast("Asked", vars(self) | places)
+
 
 SCENE, OUTPUT, MACHINE, LONG = "Scene", "Output", "Execution", "Long runs and failures"
 """Headings of the sections of a command's help"""
-
 SceneName = Annotated[
     str,
     typer.Argument(
@@ -169,3 +492,173 @@ class LengthOptions:
             rich_help_panel=SCENE,
         ),
     ] = None
+
+
+LISTED_ELSEWHERE = "listed elsewhere"
+"""Mark of options that the help of another command lists"""
+
+
+def spread(command: Callable[..., None], writes: bool = False) -> Callable[..., None]:
+    """Return a command as Typer wants it: with every field of a dataclass that it takes as an option of its own.
+
+    Args:
+        command: of whose keyword arguments some are dataclasses, whose fields are annotated as options; one that is
+            annotated by `LISTED_ELSEWHERE` is not in its help.
+        writes: whether it writes files whose names nobody gave, and so has the option `--force`.
+    """
+    hints = get_type_hints(command, include_extras=True)
+    groups: dict[str, Any] = {name: kind for name, kind in get_type_hints(command).items() if is_dataclass(kind)}
+    parameters: list[Parameter] = []
+    for name, parameter in signature(command).parameters.items():
+        if name in groups:
+            parameters += _options(groups[name], LISTED_ELSEWHERE in getattr(hints[name], "__metadata__", ()))
+        else:
+            parameters.append(parameter.replace(annotation=hints[name]))
+    if writes:
+        parameters.append(Parameter("force", Parameter.KEYWORD_ONLY, default=False, annotation=Force))
+
+    @wraps(command)
+    def spread_out(force: bool = False, **given: Any) -> None:
+        for name, kind in groups.items():
+            given[name] = kind(**{each.name: given.pop(each.name) for each in fields(kind)})
+        with replacing_any(force):
+            command(**given)
+
+    spread_out.__dict__["__signature__"] = signature(command).replace(parameters=parameters)
+    spread_out.__annotations__ = {each.name: each.annotation for each in parameters}
+    return spread_out
+
+
+def _options(group: Any, hidden: bool) -> list[Parameter]:
+    hints = get_type_hints(group, include_extras=True)
+    if hidden:
+        hints = {name: _hidden(hint) for name, hint in hints.items()}
+    return [
+        Parameter(
+            each.name,
+            Parameter.KEYWORD_ONLY,
+            default=Parameter.empty if each.default is MISSING else each.default,
+            annotation=hints[each.name],
+        )
+        for each in fields(group)
+    ]
+
+
+def _hidden(hint: Any) -> Any:
+    option = copy(hint.__metadata__[0])
+    option.hidden = True
+    return Annotated[hint.__origin__, option]
+
+
+def checked_parts(parts: str | None) -> Taken | None:
+    """Check the value of `--parts`.
+
+    Raises:
+        InputError: it is none of the possible ones.
+    """
+    if parts in get_args(Parts):
+        raise InputError(
+            f"--parts {parts}: expected {', '.join(get_args(Taken))}; did you mean --set balloon.parts={parts}?"
+        )
+    return _one_of("--parts", parts, get_args(Taken))
+
+
+def checked_up(up: str | None) -> UpAxis | None:
+    """Check the value of `--up`.
+
+    Raises:
+        InputError: it is none of the possible ones.
+    """
+    return _one_of("--up", up, get_args(UpAxis))
+
+
+def _one_of(option: str, value: str | None, choices: tuple[str, ...]) -> Any:
+    if value not in (None, *choices):
+        raise InputError(f"{option} {value}: expected {', '.join(choices)}")
+    return value
+
+
+class Changes:
+    """Overrides, each with the option that asks for it.
+
+    Args:
+        overrides: of `--set`.
+        mesh: options of the mesh.
+        length: options of the duration.
+
+    Raises:
+        InputError: an option is not of the form that it has, or stands beside one that says the same.
+    """
+
+    def __init__(
+        self,
+        overrides: Iterable[str] | None = None,
+        mesh: MeshOptions | None = None,
+        length: LengthOptions | None = None,
+    ):
+        mesh, length = mesh or MeshOptions(), length or LengthOptions()
+        if length.frames is not None and length.seconds is not None:
+            raise InputError("--frames, --seconds: expected only one of them")
+        if length.seconds is not None and not 0.0 < length.seconds < 1e9:
+            raise InputError(f"--seconds {length.seconds:g}: expected a time above 0")
+        if mesh.unit not in (None, *METERS):
+            raise InputError(f"--unit {mesh.unit}: expected {', '.join(METERS)}")
+        self.overrides: list[Override] = []
+        self._options: list[str] = []
+        self._seconds = length.seconds
+        for text in overrides or []:
+            self._add(*parse_override(text))
+        for option, path, value in (
+            (f"--weld {mesh.weld}", "balloon.weld", weld_of(mesh.weld)),
+            (f"--parts {mesh.parts}", "balloon.taken", checked_parts(mesh.parts)),
+            (f"--unit {mesh.unit}", "balloon.unit", mesh.unit),
+            (f"--prim {mesh.prim}", "balloon.prim", mesh.prim),
+            (f"--up {mesh.up}", "balloon.up", mesh.up),
+            ("" if length.fps is None else f"--fps {length.fps:g}", "frames_per_second", length.fps),
+            (f"--frames {length.frames}", "frames", length.frames),
+            ("" if mesh.inflate is None else f"--inflate {mesh.inflate:g}", "balloon.inflation.stretch", mesh.inflate),
+        ):
+            if value is not None:
+                self._add(path, value, option)
+
+    def _add(self, path: str, value: object, option: str = "") -> None:
+        self.overrides.append((path, value))
+        self._options.append(option or f"--set {path}")
+
+    def load(self, scene: str, vary: Mapping[str, Any] | None = None) -> Scene:
+        """Load the scene of that name, changed.
+
+        Args:
+            vary: values that will differ between its worlds.
+
+        Raises:
+            InputError: names the option whose value is wrong, else the scene.
+        """
+        with self._naming_options():
+            if vary:
+                from balloon_warp.model.vary import scene_to_vary  # loads the simulator
+
+                loaded = scene_to_vary(scene, vary, self.overrides)
+            else:
+                loaded = load_scene(scene, self.overrides)
+        if self._seconds is None:
+            return loaded
+        frames = max(1, round(self._seconds * loaded.frames_per_second))
+        return override_scene(loaded, [("frames", frames)], other_kinds=True)
+
+    def balloon_of(self, mesh: Path) -> Balloon:
+        """Make a balloon of a mesh by itself, changed; the mesh is not read.
+
+        Raises:
+            InputError: names the option whose value is wrong.
+        """
+        with self._naming_options():
+            return mesh_balloon(mesh, self.overrides)
+
+    @contextmanager
+    def _naming_options(self) -> Iterator[None]:
+        try:
+            yield
+        except OverrideError as mistake:
+            path, _ = self.overrides[mistake.number]
+            raise InputError(f"{self._options[mistake.number]}: {str(mistake).removeprefix(f'{path}: ')}") from None

@@ -5,19 +5,14 @@ from typing import Annotated
 
 import typer
 
-from balloon_warp.cli.changes import checked_parts, checked_up
-from balloon_warp.cli.options import PartsOption, PrimOption, UpOption
-from balloon_warp.cli.stages import stages
-from balloon_warp.cli.warn import note, warn
+from balloon_warp.cli.options import PartsOption, PrimOption, UpOption, checked_parts, checked_up
+from balloon_warp.cli.progress import note, stages, warn
 from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable, is_same_file
-from balloon_warp.mesh.load import load_mesh
-from balloon_warp.mesh.obj import LOADERS, write_obj
-from balloon_warp.mesh.obj_looks import check_materials
-from balloon_warp.mesh.placement import in_y_up_meters
-from balloon_warp.mesh.prepare import Treatment, prepared
-from balloon_warp.mesh.standing import standing, up_said
-from balloon_warp.mesh.units import as_told
+from balloon_warp.mesh.load import Treatment, in_y_up_meters, load_mesh, prepared
+from balloon_warp.mesh.obj import LOADERS, check_materials, write_obj
+from balloon_warp.mesh.polygon_mesh import as_told
+from balloon_warp.mesh.thickness import standing, up_said
 from balloon_warp.warp_logging import quiet_warp
 
 

@@ -6,12 +6,9 @@ from typing import Annotated
 import typer
 from rich.progress import Progress
 
-from balloon_warp.cli.camera import CameraOptions
-from balloon_warp.cli.console import Console
 from balloon_warp.cli.names import own_name
-from balloon_warp.cli.options import RenderDevice
-from balloon_warp.cli.size import parse_frames, parse_size
-from balloon_warp.cli.warn import warn
+from balloon_warp.cli.options import CameraOptions, RenderDevice, parse_frames, parse_size
+from balloon_warp.cli.progress import Console, warn
 from balloon_warp.warp_logging import quiet_warp
 
 

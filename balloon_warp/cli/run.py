@@ -9,14 +9,14 @@ import typer
 from rich.markup import escape
 
 from balloon_warp.beginning import Beginning
-from balloon_warp.cli.camera import Asked, CameraOptions
-from balloon_warp.cli.changes import Changes
-from balloon_warp.cli.command import command_line
-from balloon_warp.cli.console import Console
 from balloon_warp.cli.names import own_name
 from balloon_warp.cli.options import (
+    LISTED_ELSEWHERE,
     LONG,
     OUTPUT,
+    Asked,
+    CameraOptions,
+    Changes,
     Device,
     Json,
     LengthOptions,
@@ -25,11 +25,9 @@ from balloon_warp.cli.options import (
     SceneName,
     Schedule,
     Set,
+    command_line,
 )
-from balloon_warp.cli.progress import frame_progress
-from balloon_warp.cli.spread import LISTED_ELSEWHERE
-from balloon_warp.cli.warn import Opening, first_line, note, warner
-from balloon_warp.cli.words import counted, played
+from balloon_warp.cli.progress import Console, Opening, counted, first_line, frame_progress, note, played, warner
 from balloon_warp.driver import begin_driver
 from balloon_warp.errors import InputError
 from balloon_warp.scene.load import scene_name

@@ -6,9 +6,8 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from balloon_warp.cli.changes import Changes
-from balloon_warp.cli.console import Console
-from balloon_warp.cli.options import MeshOptions
+from balloon_warp.cli.options import Changes, MeshOptions
+from balloon_warp.cli.progress import Console
 from balloon_warp.errors import InputError
 from balloon_warp.scene.load import bundled_scenes, load_scene
 from balloon_warp.scene.write import scene_toml, write_scene

@@ -8,10 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 
-from balloon_warp.cli.changes import Changes
-from balloon_warp.cli.console import Console
-from balloon_warp.cli.options import OUTPUT, Device, MeshOptions, SceneName, Set
-from balloon_warp.cli.warn import first_line, note, warner
+from balloon_warp.cli.options import OUTPUT, Changes, Device, MeshOptions, SceneName, Set
+from balloon_warp.cli.progress import Console, first_line, note, warner
 from balloon_warp.scene.load import scene_name
 from balloon_warp.warp_logging import quiet_warp
 

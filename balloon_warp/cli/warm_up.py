@@ -4,8 +4,8 @@ from typing import Annotated
 
 import typer
 
-from balloon_warp.cli.console import Console
 from balloon_warp.cli.options import Device, Schedule
+from balloon_warp.cli.progress import Console
 from balloon_warp.scene import bundled_scenes, load_scene
 from balloon_warp.scene.load import scene_name
 from balloon_warp.warp_logging import quiet_warp

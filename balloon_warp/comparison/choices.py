@@ -6,8 +6,7 @@ from typing import Any
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.scene.load import find_mesh
-from balloon_warp.scene.overrides import parse_value
+from balloon_warp.scene.load import find_mesh, parse_value
 
 RANGE = r"[-+.\deE]+:[-+.\deE]+"
 """Pattern of ranges, as `batch` takes them"""

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.designing.measure import Ruler
-from balloon_warp.statics.balance import Balance
-from balloon_warp.statics.toppling import toppling_mode
+from balloon_warp.statics.balance import Balance, toppling_mode
 
 Values = NDArray[np.float64]
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1.0, 1.0e-6, 1.0e4

@@ -5,6 +5,7 @@ import shutil
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from math import isfinite
 from pathlib import Path
@@ -14,20 +15,85 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.arguments import checked
-from balloon_warp.designing.folder import own_folder
-from balloon_warp.designing.hanging import require_gravity
-from balloon_warp.designing.job import Job
-from balloon_warp.designing.of_latex import design_of_latex
-from balloon_warp.designing.of_panels import design_of_panels, panels_of
-from balloon_warp.designing.of_springs import design_of_springs
-from balloon_warp.designing.result import Design
-from balloon_warp.designing.springs import Hold
-from balloon_warp.designing.step import DesignStep
+from balloon_warp.designing.descent import Reached, begin, descend
+from balloon_warp.designing.job import (
+    DAMPING_RATE,
+    MORE_FRAMES,
+    Design,
+    DesignStep,
+    Job,
+    common_fields,
+    filled,
+    own_folder,
+    scene_of,
+    write_springs,
+)
+from balloon_warp.designing.latex import design_of_latex
+from balloon_warp.designing.panels import design_of_panels, panels_of
+from balloon_warp.designing.springs import OF_KINDS, Hold, SpringProblem, require_gravity
 from balloon_warp.designing.target import held_target_of, require_size, target_of
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.mesh.from_python import MeshLike
-from balloon_warp.mesh.load import LOADERS
+from balloon_warp.mesh.load import LOADERS, MeshLike
+from balloon_warp.mesh.obj import write_obj
+from balloon_warp.scene import Balloon, Scene, Stiffness
+
+MASS_OVER_SIZE = 0.05
+"""Mass over size [kg/m]"""
+GOAL = 1.0e-10
+"""Cost from which on it is near enough: an error of a hundred-thousandth"""
+GAINED = 0.25
+"""Least relative gain in cost over two steps for more to be worth it: an eighth of the error"""
+LEAST_STRETCH, MOST_STRETCH = 1.02, 2.0
+
+
+def design_of_springs(job: Job) -> Design:
+    """Design the rest length of each spring.
+
+    Raises:
+        InputError: the stretch cannot be, or plain springs find no rest.
+    """
+    if not LEAST_STRETCH <= job.stretch <= MOST_STRETCH:
+        raise InputError(
+            f"stretch: must be from {LEAST_STRETCH:g} to {MOST_STRETCH:g} for springs, which run away beyond "
+            f"(got {job.stretch:g})"
+        )
+    problem = SpringProblem(job.ruler, job.stretch, job.hold)
+    job.say("inflating plain springs")
+    plain = begin(problem, problem.plain)
+    if plain is None:
+        raise InputError(f"stretch: plain springs have no equilibrium at {job.stretch:g}; expected less")
+
+    def on_step(reached: Reached) -> None:
+        job.on_step(reached, problem.mean_stretch(reached.design))
+
+    job.watch(DesignStep(job.ruler, 0, plain.points, job.stretch))
+    reached = descend(problem, job.saved(Reached.load) or plain, job.steps, GOAL, GAINED, on_step)
+    scene = write_design(problem, reached, job.folder)
+    same = replace(problem, stretch=max(problem.mean_stretch(reached.design), LEAST_STRETCH))
+    plain = begin(same, same.plain) or plain
+    help_ = "; --hold any, which allows compression, may reduce the error" if job.hold == "tension" else ""
+    return job.proven(scene, reached.points, plain.points, problem.mean_stretch(reached.design), help_)
+
+
+def write_design(problem: SpringProblem, reached: Reached, folder: Path, frames: int = 240) -> Scene:
+    """Write the balloon as it begins, as small as it is stretched, and its springs; return its scene."""
+    mesh, size = problem.mesh, problem.ruler.size
+    start = replace(mesh, points=mesh.points / problem.mean_stretch(reached.design))
+    write_obj(folder / "balloon.obj", start)
+    write_springs(folder / "springs.npz", problem.springs.pairs, reached.design, problem.constants)
+    kinds = (problem.constants / OF_KINDS[problem.springs.kind]).mean() * OF_KINDS
+    mass = MASS_OVER_SIZE * size
+    inflation = filled(problem.gas, problem.volume.of(start.points))
+    balloon = Balloon(
+        **common_fields(folder / "balloon.obj", inflation),
+        springs=folder / "springs.npz",
+        mass=mass,
+        damping=DAMPING_RATE * mass,
+        stiffness=Stiffness(**dict(zip(("structural", "shear", "flexion"), map(float, kinds), strict=True))),
+    )
+    return scene_of(balloon, f"A balloon of springs that becomes {mesh.name}", frames + MORE_FRAMES)
+
 
 Of = Literal["springs", "latex", "foil"]
 SIZE, THICKNESS, STRETCH, STEPS = 0.3, 2.0e-4, 1.2, 30
@@ -147,7 +213,7 @@ def _of_foil(
     Raises:
         InputError: the target is neither, or cannot be made.
     """
-    from balloon_warp.designing.of_foil import design_of_foil
+    from balloon_warp.designing.foil import design_of_foil
 
     if not isinstance(target, str | Path) or Path(target).suffix.lower() in LOADERS:
         got = target if isinstance(target, str | Path) else type(target).__name__

@@ -1,8 +1,9 @@
-"""Run a design from its request to its folder."""
+"""A run of a design: its steps, its proof, and the folder that it leaves."""
 
 import json
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+import re
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -13,22 +14,295 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from balloon_warp.designing.descent import Reached
-from balloon_warp.designing.folder import JOB, REPORT, SAVED, SCENE, write_picture, write_report
-from balloon_warp.designing.hanging import SLOW_SWING, swing_rate
-from balloon_warp.designing.measure import Ruler
-from balloon_warp.designing.picture import error_picture, stacked
-from balloon_warp.designing.proof import MORE_FRAMES, SLOW, SLOW_FOIL, Simulated, simulate_from_rest
-from balloon_warp.designing.result import Design
-from balloon_warp.designing.springs import Hold
-from balloon_warp.designing.step import DesignStep
-from balloon_warp.designing.where import places_off
-from balloon_warp.errors import InputError
-from balloon_warp.marks import without_mark
+from balloon_warp.designing.measure import Error, Ruler, error_picture, stacked
+from balloon_warp.designing.springs import SLOW_SWING, Hold, swing_rate
+from balloon_warp.errors import BlowUpError, InputError
+from balloon_warp.files import (
+    manifest_text,
+    png_mark,
+    require_no_inputs,
+    require_ours,
+    require_ours_in,
+    sole_writer,
+    whole_file,
+    without_mark,
+)
+from balloon_warp.kernels.laws.air import GAS_CONSTANT
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.scene import Scene
+from balloon_warp.mesh.topology import component_labels, mesh_edges
+from balloon_warp.scene import Balloon, Inflation, Scene
 from balloon_warp.scene.write import write_scene
+from balloon_warp.shown import Shown, described
+from balloon_warp.simulator import Simulator
+from balloon_warp.statics.skins import SealedGas
 
 Values = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class DesignStep:
+    """A balloon at rest, as it is after a step of its design."""
+
+    ruler: Ruler
+    """Ruler of the target shape"""
+    number: int
+    """Number of steps tried"""
+    points: Values
+    """Points at rest [m], shape (n, 3)"""
+    stretch: float | None
+    """Mean stretch [1]; None where it is not known yet"""
+    proven: bool = False
+    """Whether it is the final simulation from rest"""
+
+    @property
+    def label(self) -> str:
+        """Label in a few words."""
+        return "simulated from rest" if self.proven else f"step {self.number}"
+
+    @cached_property
+    def placed(self) -> Values:
+        """The points moved and turned onto the wanted shape [m], shape (n, 3)."""
+        return self.ruler.aligned(self.points)
+
+    @cached_property
+    def error(self) -> Error:
+        """Error of the shape."""
+        return self.ruler.error(self.points)
+
+    @cached_property
+    def off(self) -> Values:
+        """Distance of each vertex from the target, over the size, shape (n,)."""
+        return self.ruler.distances(self.points)[: len(self.points)]
+
+
+FAR = 0.02
+"""Distance over the size beyond which a vertex counts as misplaced"""
+MOST_PLACES = 4
+LEAST_VERTICES = 3
+FLAT = 0.5
+"""Curvature over that of a sphere of the shape's size below which a region is flat"""
+SIDES = (("left", "right"), ("bottom", "top"), ("back", "front"))
+
+
+def places_off(ruler: Ruler, points: Values, help_: str = "") -> list[str]:
+    """Return the places where a shape is off by more than `FAR`, the worst first, a sentence each.
+
+    Args:
+        points: of the shape [m], shape (n, 3).
+        help_: remedy, at the end of each sentence.
+    """
+    off = np.linalg.norm(ruler.aligned(points) - ruler.mesh.points, axis=1) / ruler.size
+    normal = np.abs(((ruler.aligned(points) - ruler.mesh.points) * ruler.normals).sum(axis=1)) / ruler.size
+    far = normal > FAR
+    ends = mesh_edges(ruler.mesh).ends
+    both = far[ends].all(axis=1)
+    labels = component_labels(len(off), ends[both, 0], ends[both, 1])
+    groups = [np.flatnonzero((labels == label) & far) for label in np.unique(labels[far])]
+    groups = sorted((group for group in groups if len(group) >= LEAST_VERTICES), key=lambda group: -normal[group].max())
+    return [_sentence(ruler, group, float(normal[group].max()), help_) for group in groups[:MOST_PLACES]]
+
+
+def _sentence(ruler: Ruler, group: NDArray[np.int64], worst: float, help_: str) -> str:
+    middle = ruler.mesh.points[group].mean(axis=0)
+    axis = int(np.abs(middle / np.ptp(ruler.mesh.points, axis=0)).argmax())
+    side = SIDES[axis][int(middle[axis] > 0.0)]
+    flat = ", flat" if _curvature(ruler, group) < FLAT else ""
+    return f"the {side} ({len(group)} vertices{flat}) is off by {100.0 * worst:.2g}% of the size{help_}"
+
+
+def _curvature(ruler: Ruler, group: NDArray[np.int64]) -> float:
+    """Return the curvature of a group of vertices over that of a sphere of the shape's size."""
+    places, normals = ruler.mesh.points[group], ruler.normals[group]
+    reach = np.linalg.norm(places - places.mean(axis=0), axis=1).mean()
+    turn = np.linalg.norm(normals - normals.mean(axis=0), axis=1).mean()
+    return float(turn / max(reach, 1e-12) * 0.5 * ruler.size)
+
+
+SAME = 0.01
+"""Relative difference up to which a number that one asked for counts as met"""
+
+
+@described
+@dataclass(frozen=True, repr=False)
+class Design(Shown):
+    """Designed balloon, and its simulation from rest."""
+
+    scene: Scene
+    """Scene that runs as it is"""
+    folder: Path
+    """Folder with the scene and its files"""
+    error: Error
+    """Error of the simulation from rest, against the target shape"""
+    held_error: Error
+    """Error of the designed equilibrium: where it is much smaller than `error`, the balloon comes to rest elsewhere"""
+    plain_error: Error | None
+    """Error of the baseline: the target shape scaled down by the same stretch, of the same material, inflated as
+    much"""
+    stretch: float
+    """Mean stretch of the design [1]"""
+    stretch_asked: float | None
+    """Stretch that was asked for [1]; None of foil"""
+    size: float
+    """Largest extent of the simulation from rest [m]"""
+    size_asked: float
+    """Largest extent that was asked for, or of the target's file [m]"""
+    cannot: list[str]
+    """Shortcomings, a sentence each"""
+    simulated: NDArray[np.float64]
+    """Points at rest [m], shape (n, 3)"""
+
+    def report(self) -> dict[str, Any]:
+        """Return the design's figures as JSON."""
+        errors = {"error": self.error, "held_error": self.held_error, "plain_error": self.plain_error}
+        parts = {
+            name: None if each is None else {"mean": each.mean, "worst": each.worst} for name, each in errors.items()
+        }
+        got = {name: getattr(self, name) for name in ("stretch", "stretch_asked", "size", "size_asked")}
+        return {**got, **parts, "cannot": self.cannot}
+
+    @property
+    def got(self) -> str:
+        """Size and stretch in words, each with the requested value where that differs."""
+        size = f"{_got(self.size, self.size_asked, ' m')} large"
+        return size + (f", stretch {_got(self.stretch, self.stretch_asked)}" if self.stretch_asked else "")
+
+    def __repr__(self) -> str:
+        plain = f"; plain shape {self.plain_error}" if self.plain_error else ""
+        return f"Design({self.folder}: {self.error} of the size{plain}; {self.got})"
+
+
+def _got(got: float, asked: float, unit: str = "") -> str:
+    same = abs(got - asked) <= SAME * asked
+    return f"{got:.3g}{unit}" if same else f"{got:.4g}{unit} (not {asked:.4g}{unit} as asked)"
+
+
+SLOW = 0.005
+"""Speed that counts as rest [sizes a second]"""
+SLOW_FOIL = 0.05
+"""Speed of foil that counts as rest [sizes a second]: foil is so stiff that it trembles in float32"""
+MOST_SECONDS = 30.0
+FILL_SECONDS = 1.0
+DAMPING_RATE = 12.0
+"""Damping rate [1/s], with which it comes to rest within seconds"""
+MORE_FRAMES = 30
+"""Number of a scene's frames beyond rest"""
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """A design at rest."""
+
+    points: NDArray[np.float64]
+    """Points of the particles [m], shape (n, 3)"""
+    pressure: float
+    """Pressure [Pa]"""
+    frames: int
+    """Number of frames until it was at rest"""
+
+
+def filled(gas: SealedGas, start_volume: float, molar_mass: float | None = None) -> Inflation:
+    """Return the inflation that brings a balloon that begins at the air's pressure to that amount of gas.
+
+    Args:
+        molar_mass: of the gas [kg/mol], where its weight counts.
+    """
+    begins = gas.air_pressure * start_volume / (GAS_CONSTANT * gas.temperature)
+    weight = {} if molar_mass is None else {"molar_mass": molar_mass}
+    return Inflation(moles=gas.amount - begins, fill_time=FILL_SECONDS, added_mass=0.0, **weight)
+
+
+def scene_of(balloon: Balloon, description: str, frames: int, gravity: float = 0.0) -> Scene:
+    """Return the balloon alone; it passes through itself, since designs are at rest without contact, too."""
+    return Scene(description=description, balloon=[balloon], gravity=gravity, frames=frames, touch=False)
+
+
+def common_fields(mesh: Path | Any, inflation: Inflation) -> dict[str, Any]:
+    """Return the fields that balloons of all designs share."""
+    return {"mesh": mesh, "parts": "free", "holes": "keep", "weld": False, "inflation": inflation}
+
+
+def simulate_from_rest(scene: Scene, size: float, device: str | None, slow: float = SLOW) -> Simulated | str:
+    """Simulate the scene's balloon; or return why that fails, in a sentence.
+
+    Args:
+        size: Size of the target [m].
+        device: As for `simulate`.
+        slow: Speed that counts as rest [sizes a second].
+    """
+    try:
+        simulator = Simulator(scene, device)
+        frame = simulator.relax(slow * size, MOST_SECONDS)
+    except (BlowUpError, InputError) as failure:
+        return str(failure)
+    return Simulated(frame.points[0].astype(np.float64), float(frame.pressures[0]), frame.number)
+
+
+SCENE, REPORT = "balloon.toml", "report.json"
+SAVED = "progress.npz"
+JOB = "progress.json"
+"""File with the request and progress of a design, from which it resumes"""
+OURS = re.compile(
+    r"balloon(_\d+)?\.(toml|obj|mtl)|springs\.npz|mould\.(stl|obj)|panels\.obj|pattern\.svg|error\.png"
+    r"|report\.json|progress\.(npz|json)"
+)
+"""Names of the files of designs"""
+
+
+@contextmanager
+def own_folder(folder: Path, inputs: Mapping[Path, str]) -> Iterator[None]:
+    """Make the folder, where there is none, and keep others from writing there in the `with` block.
+
+    Raises:
+        InputError: it cannot be made, is a file, or has files where ours go that are inputs or somebody else's.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        names = sorted(path.name for path in folder.iterdir() if OURS.fullmatch(path.name))
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be the output folder: {error.strerror}") from None
+    require_no_inputs((folder / name for name in names), inputs)
+    require_ours_in(folder, names, (REPORT, JOB))
+    require_ours(folder / SCENE)
+    with sole_writer(folder):
+        yield
+
+
+def write_springs(
+    path: Path, pairs: NDArray[Any], lengths: NDArray[np.float64], constants: NDArray[np.float64]
+) -> None:
+    """Write a file of springs, which `balloon.springs` names."""
+    with whole_file(path) as temporary:
+        np.savez_compressed(temporary, pairs=pairs, rest_lengths=lengths, constants=constants)
+
+
+def write_stl(path: Path, mesh: PolygonMesh, triangles: NDArray[Any], unit: float = 1000.0) -> None:
+    """Write a binary STL file in millimeters, which printers take for granted.
+
+    Args:
+        unit: of the file, in the mesh's.
+    """
+    corners = (unit * mesh.points[triangles]).astype("<f4")
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+    facet = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+    facets = np.zeros(len(triangles), dtype=facet)
+    facets["normal"], facets["corners"] = normals, corners
+    with whole_file(path) as temporary:
+        temporary.write_bytes(b"millimeters".ljust(80) + len(facets).to_bytes(4, "little") + facets.tobytes())
+
+
+def write_report(path: Path, report: dict[str, Any]) -> None:
+    """Write the result as a report, for people and programs."""
+    with whole_file(path) as temporary:
+        temporary.write_text(manifest_text(report), encoding="utf-8")
+
+
+def write_picture(path: Path, picture: Image.Image) -> None:
+    """Write the picture of the errors."""
+    with whole_file(path) as temporary:
+        picture.save(temporary, format="PNG", optimize=True, pnginfo=png_mark())
+
+
 MOVED = 0.005
 """Distance between simulated and designed shape, over the size, from which on it is reported"""
 

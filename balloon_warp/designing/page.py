@@ -9,8 +9,8 @@ import trimesh
 import viser
 from viser import uplot
 
-from balloon_warp.designing.picture import FULL, error_colors
-from balloon_warp.designing.step import DesignStep
+from balloon_warp.designing.job import DesignStep
+from balloon_warp.designing.measure import FULL, error_colors
 from balloon_warp.mesh.geometry import triangulate
 from balloon_warp.viewer.following import go_home, home_of
 from balloon_warp.viewer.server import address_of, close, guarded_server
@@ -19,7 +19,7 @@ UP, SIDE = np.array([0.0, 1.0, 0.0]), np.array([0.55, 0.0, 1.0])
 LIGHT = 2.8
 WANTED = (90, 80, 70)
 """Color of the wires of the target shape"""
-BANDS = 40
+SHADES = 40
 """Number of bands of the color legend"""
 
 
@@ -146,7 +146,7 @@ def _details(step: DesignStep) -> str:
 
 def _legend() -> str:
     """Return the legend of the colors."""
-    colors = np.round(255.0 * error_colors(np.linspace(0.0, FULL, BANDS))).astype(int)
+    colors = np.round(255.0 * error_colors(np.linspace(0.0, FULL, SHADES))).astype(int)
     cells = "".join(
         f'<div style="flex:1;height:0.6em;background:rgb{tuple(color.tolist())}"></div>' for color in colors
     )

@@ -14,8 +14,8 @@ import scipy.sparse as sparse
 from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, cg, splu
 
-from balloon_warp.designing.gaps import Gaps
-from balloon_warp.designing.response import Response
+from balloon_warp.designing.newton import Response
+from balloon_warp.designing.target import Gaps
 
 Values = NDArray[np.float64]
 REACH, ALONE = 3.0, 0.05

@@ -14,9 +14,8 @@ from balloon_warp.envs.task import Task
 from balloon_warp.kernels.laws.air import DRY_AIR_MOLAR_MASS, GAS_CONSTANT
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.launching import launch
-from balloon_warp.mesh.geometry import signed_volume, total_area
+from balloon_warp.mesh.geometry import quad_sphere, signed_volume, total_area
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
-from balloon_warp.mesh.quad_sphere import quad_sphere
 from balloon_warp.scene import Atmosphere, Balloon, Inflation, Material, Scene
 from balloon_warp.simulator import Simulator
 

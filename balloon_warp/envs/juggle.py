@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from balloon_warp.envs.task import Task
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.launching import launch
-from balloon_warp.mesh.quad_sphere import quad_sphere
+from balloon_warp.mesh.geometry import quad_sphere
 from balloon_warp.scene import Balloon, Inflation, Obstacle, Scene, Stiffness
 from balloon_warp.simulator import Simulator
 

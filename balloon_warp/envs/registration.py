@@ -1,19 +1,67 @@
-"""The tasks by their names, and how Gymnasium makes them."""
+"""The tasks by their names, as Gymnasium makes them, and a single world of one."""
 
 from typing import Any, overload
 
 import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode
 
 from balloon_warp.envs.altitude import Altitude
 from balloon_warp.envs.inflate import Inflate
 from balloon_warp.envs.juggle import Juggle
 from balloon_warp.envs.press import Press
-from balloon_warp.envs.single_env import BalloonEnv
 from balloon_warp.envs.spread_env import SpreadVectorEnv
 from balloon_warp.envs.target import Target
 from balloon_warp.envs.task import Task
-from balloon_warp.envs.vector_env import BalloonVectorEnv
+from balloon_warp.envs.vector_env import RENDER_MODES, BalloonVectorEnv, Unpickled
 from balloon_warp.errors import InputError
+
+
+class BalloonEnv(Unpickled, gymnasium.Env[Any, Any]):
+    """A world of a task; many of them are a `BalloonVectorEnv`, which is as fast as one.
+
+    Args:
+        task: scene, actions, observations and rewards.
+        device: Warp device; the GPU, or else the CPU, if not given.
+        render_mode: "rgb_array", "human" for a page in the browser, or nothing.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 60}  # noqa: RUF012 - as Gymnasium has it
+
+    def __init__(self, task: Task, device: str | None = None, render_mode: str | None = None):
+        self._worlds = BalloonVectorEnv(
+            task, 1, device=device, autoreset_mode=AutoresetMode.DISABLED, render_mode=render_mode
+        )
+        self.render_mode = render_mode
+        self.observation_space = self._worlds.single_observation_space
+        self.action_space = self._worlds.single_action_space
+
+    @property
+    def onlooker(self) -> Any:
+        """Page of render mode "human", from the first reset on."""
+        return self._worlds.onlooker
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Reset; random values follow from the seed and the episode."""
+        super().reset(seed=seed)
+        observations, info = self._worlds.reset(seed=seed)
+        return observations[0], info
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Advance by the frames of a step."""
+        observations, rewards, terminated, truncated, info = self._worlds.step(np.asarray(action)[None])
+        told = {"cause": int(info["cause"][0])}
+        return observations[0], float(rewards[0]), bool(terminated[0]), bool(truncated[0]), told
+
+    def render(self) -> Any:
+        """Return a picture, shape (height, width, 3), uint8."""
+        pictures = self._worlds.render()
+        return pictures[0] if pictures else None
+
+    def close(self) -> None:
+        """Close the environment, which then refuses `reset`, `step` and `render`."""
+        self._worlds.close()
+
 
 TASKS: dict[str, type[Task]] = {each.__name__: each for each in (Altitude, Inflate, Juggle, Press, Target)}
 NAMESPACE, VERSION = "BalloonWarp", "v0"
@@ -34,14 +82,20 @@ def task_named(name: str) -> Task:
 def make_vec(
     task: str | Task = ..., num_envs: int = ..., *, gpus: None = None, workers: None = None, **options: Any
 ) -> BalloonVectorEnv: ...
+
+
 @overload
 def make_vec(
     task: str | Task = ..., num_envs: int = ..., *, gpus: int, workers: None = None, **options: Any
 ) -> SpreadVectorEnv: ...
+
+
 @overload
 def make_vec(
     task: str | Task = ..., num_envs: int = ..., *, gpus: None = None, workers: int, **options: Any
 ) -> SpreadVectorEnv: ...
+
+
 def make_vec(
     task: str | Task = "Altitude",
     num_envs: int = 1,

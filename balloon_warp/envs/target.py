@@ -11,7 +11,7 @@ from balloon_warp.kernels.laws import Parameter
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.launching import launch
 from balloon_warp.laws import particle_law
-from balloon_warp.mesh.quad_sphere import quad_sphere
+from balloon_warp.mesh.geometry import quad_sphere
 from balloon_warp.scene import Balloon, Inflation, Scene
 from balloon_warp.simulator import Simulator
 

@@ -1,7 +1,10 @@
 """Many worlds of a task as one environment of Gymnasium."""
 
 import io
-from typing import TYPE_CHECKING, Any, Literal
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
 
 import numpy as np
 import warp as wp
@@ -10,18 +13,183 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from balloon_warp.envs.arrays import Output, copy_actions, output_of
-from balloon_warp.envs.buffers import Buffers
 from balloon_warp.envs.task import Task
-from balloon_warp.envs.told import Layout, Told
-from balloon_warp.errors import InputError
+from balloon_warp.errors import InputError, MissingExtraError
 from balloon_warp.kernels.frames.stepping import bound_observations, finish_step, restart_steps, take_actions
 from balloon_warp.launching import launch
 from balloon_warp.simulator import Simulator
+from balloon_warp.steering.controls import copy_given
 from balloon_warp.viewer.view import look_on
 
 if TYPE_CHECKING:
     from balloon_warp.viewer.onlooker import Onlooker
+
+
+class Told(NamedTuple):
+    """Results of a step, arrays of NumPy or torch with a row a world."""
+
+    observations: Any
+    """Shape (world_count, observations), float32"""
+    final_observations: Any
+    """Observations before worlds have begun anew in the same step"""
+    rewards: Any
+    """Shape (world_count,), float32"""
+    terminated: Any
+    """Shape (world_count,), bool"""
+    truncated: Any
+    causes: Any
+    """Why a world has ended other than by its task, int32"""
+
+
+FLAGS = ("terminated", "truncated")
+"""Numbers that become truth values in the results"""
+INTEGERS = (*FLAGS, "causes")
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Layout of the arrays in a block of 4-byte words."""
+
+    world_count: int
+    observations: int
+    """Number of observations of a world"""
+
+    @property
+    def _shapes(self) -> dict[str, tuple[int, ...]]:
+        rows = (self.world_count, self.observations)
+        return {name: rows if "observations" in name else rows[:1] for name in Told._fields}
+
+    @property
+    def size(self) -> int:
+        """Number of words."""
+        return sum(int(np.prod(shape)) for shape in self._shapes.values())
+
+    def split(self, block: Any, float32: Any) -> dict[str, Any]:
+        """Return the arrays of a block of int32, which share its memory.
+
+        Args:
+            block: array of Warp, NumPy or torch.
+            float32: data type of that library.
+        """
+        arrays, begin = {}, 0
+        for name, shape in self._shapes.items():
+            part = block[begin : (begin := begin + int(np.prod(shape)))]
+            arrays[name] = (part if name in INTEGERS else part.view(float32)).reshape(shape)
+        return arrays
+
+    def told(self, block: Any, float32: Any) -> Told:
+        """Return the results in a block, from the arrays of `split`."""
+        arrays = self.split(block, float32)
+        return Told(**{name: array != 0 if name in FLAGS else array for name, array in arrays.items()})
+
+
+def joined(parts: Sequence[Told]) -> Told:
+    """Return the results of all worlds, from NumPy's arrays of parts in their order."""
+    return Told(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+
+
+@dataclass(frozen=True)
+class Buffers:
+    """Arrays with a row a world. Those of the results lie in a single block, which is copied at once."""
+
+    block: wp.array
+    """Memory of the results, laid out by `Layout`, int32"""
+    given: wp.array
+    """Actions as they are given, shape (world_count, actions)"""
+    actions: wp.array
+    """Actions that are taken, shape (world_count, actions)"""
+    observations: wp.array
+    final_observations: wp.array
+    """Observations before worlds have begun anew in the same step"""
+    rewards: wp.array
+    terminated: wp.array
+    truncated: wp.array
+    causes: wp.array
+    """Why a world has ended other than by its task, see `CAUSES`"""
+    over: wp.array
+    """1 of worlds whose episode is over"""
+    begun: wp.array
+    """1 of worlds that have begun anew in this step"""
+    steps: wp.array
+    """Steps since the episode began"""
+    scratch: wp.array
+    """Rewards that nobody is told"""
+    ignored: wp.array
+    """Ends that nobody is told"""
+
+    @classmethod
+    def of(cls, task: Task, world_count: int, device: Any) -> Self:
+        """Allocate the memory of a task."""
+
+        def zeros(dtype: Any, *shape: int) -> wp.array:
+            return wp.zeros((world_count, *shape), dtype=dtype, device=device)
+
+        layout = Layout(world_count, task.observations)
+        block = wp.zeros(layout.size, dtype=wp.int32, device=device)
+        actions = {name: zeros(wp.float32, task.actions) for name in ("given", "actions")}
+        flags = {name: zeros(wp.int32) for name in ("over", "begun", "steps", "ignored")}
+        told = layout.split(block, wp.float32)
+        return cls(block=block, scratch=zeros(wp.float32), **actions, **flags, **told)
+
+
+Output = Literal["numpy", "torch"]
+
+
+class NumpyOutput:
+    """Copies the results of a step to the host, at once and through pinned memory."""
+
+    def __init__(self, layout: Layout, device: wp.Device):
+        self._layout, self._device = layout, device
+        self._host = wp.empty(layout.size, dtype=wp.int32, device="cpu", pinned=device.is_cuda)
+
+    def __call__(self, block: wp.array) -> Told:
+        """Return the results in a block."""
+        wp.copy(self._host, block)
+        if self._device.is_cuda:
+            wp.synchronize_stream(self._device.stream)
+        return self._layout.told(np.array(self._host.numpy()), np.float32)
+
+
+class TorchOutput:
+    """Copies the results of a step into torch's memory of the same device; the host does not wait."""
+
+    def __init__(self, layout: Layout, device: wp.Device):
+        self._layout = layout
+
+    def __call__(self, block: wp.array) -> Told:
+        """Return the results in a block."""
+        import torch  # pyright: ignore[reportMissingImports]
+
+        return self._layout.told(wp.to_torch(block).clone(), torch.float32)
+
+
+def output_of(output: Output) -> type[NumpyOutput] | type[TorchOutput]:
+    """Return the class that copies the results of a step into arrays of NumPy or torch.
+
+    Raises:
+        InputError: there is no such kind.
+        MissingExtraError: torch is not installed.
+    """
+    if output not in ("numpy", "torch"):
+        raise InputError(f'output: must be "numpy" or "torch" (got {output!r})')
+    if output == "torch" and not find_spec("torch"):
+        raise MissingExtraError('output = "torch" needs torch: pip install torch')
+    return NumpyOutput if output == "numpy" else TorchOutput
+
+
+def copy_actions(target: wp.array, given: Any) -> None:
+    """Copy actions into an array of the device.
+
+    Raises:
+        InputError: they have another shape, or are no numbers.
+    """
+    if isinstance(given, np.ndarray) and given.dtype.kind not in "fiub":
+        raise InputError(f"actions: must be numbers (got an array of {given.dtype})")
+    shape = tuple(np.shape(given) if not hasattr(given, "shape") else given.shape)
+    if shape != tuple(target.shape):
+        raise InputError(f"actions: expected shape {tuple(target.shape)} (got {shape})")
+    copy_given(target, given, "actions")
+
 
 CAUSES = ("", "an action is not finite", "a control is not finite or out of bounds", "the simulation blew up")
 """Values of `info["cause"]` for a world, by the numbers of kernels"""

@@ -11,10 +11,10 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from balloon_warp.errors import InputError
+from balloon_warp.gradients.derive import Loss
 from balloon_warp.gradients.frameworks import of_jax as of_jax
 from balloon_warp.gradients.frameworks import of_kernel
 from balloon_warp.gradients.frameworks import of_torch as of_torch
-from balloon_warp.gradients.loss import Loss
 from balloon_warp.trajectories import Trajectories
 
 Values = NDArray[np.float64]

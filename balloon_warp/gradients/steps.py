@@ -15,29 +15,35 @@ from numpy.typing import NDArray
 
 from balloon_warp.device import pick_device
 from balloon_warp.errors import BlowUpError, InputError
-from balloon_warp.gradients.bars import by_keyframes, by_start, columns_of_names, taken_numbers
-from balloon_warp.gradients.by_launches import (
+from balloon_warp.gradients.chain import (
+    KEYFRAMES,
     OBSTACLES,
+    Chain,
+    by_keyframes,
+    by_start,
     bytes_by_launches,
+    chains_of,
+    columns_of_names,
     made_backward,
+    names_in,
+    product,
     schedule_for,
+    taken_numbers,
     wanted_of,
 )
-from balloon_warp.gradients.chain import Chain, chains_of, names_in, product
-from balloon_warp.gradients.obstacles import KEYFRAMES
-from balloon_warp.gradients.refusals import require_differentiable, require_paths, require_room_for_bounces
+from balloon_warp.gradients.derive import require_differentiable, require_paths, require_room_for_bounces
 from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.model import initial_state, lay_out
 from balloon_warp.model.memory import require_memory
 from balloon_warp.model.plan import settled_parameters
-from balloon_warp.model.varied_scene import scene_to_vary
+from balloon_warp.model.vary import scene_to_vary
 from balloon_warp.scene import SceneLike
 from balloon_warp.schedules.backward_spheres import STATE_OF_SPHERES
 from balloon_warp.schedules.backward_touch import STATE_OF_TOUCH
 from balloon_warp.schedules.choose_backward import backwards_of, bytes_backwards, forward_of
 from balloon_warp.simulator import Simulator
-from balloon_warp.sweep.groups import plan_groups
+from balloon_warp.sweep.recorder import plan_groups
 from balloon_warp.warp_lock import lock_of
 
 Values = NDArray[np.float64]

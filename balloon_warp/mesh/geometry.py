@@ -1,14 +1,20 @@
-"""Areas, volume and normals of polygon meshes, in float64 and in the unit of the mesh's points.
+"""Areas, volume, normals and size of meshes; plain shapes, and samples of a surface.
+
+Areas, volume and normals of polygon meshes, in float64 and in the unit of the mesh's points.
 
 Faces may have any number of corners and need not be flat: a face's vector area, half the sum of the cross products of
 its successive corners, does not depend on where the sum starts, and neither does the volume that follows from it.
 """
 
+from itertools import pairwise
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.mesh.corners import corner_faces, face_starts, next_corners
+from balloon_warp.errors import InputError
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.mesh.topology import corner_faces, face_starts, next_corners
 
 
 def face_centers(mesh: PolygonMesh) -> NDArray[np.float64]:
@@ -155,3 +161,176 @@ def _sum_over_faces(mesh: PolygonMesh, at_corners: NDArray[np.float64]) -> NDArr
 def _normalized(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0.0)
+
+
+LEAST_SIZE, LARGEST_SIZE = 1.0e-6, 1.0e9
+"""Range of the size of a balloon [m]"""
+LEAST_SIZE_OVER_DISTANCE = 1.0e-4
+"""Least size of a balloon over its distance from the origin: float32 then resolves a thousandth of it"""
+
+
+def require_size(mesh: PolygonMesh, source: object) -> None:
+    """Refuse meshes that float32 cannot simulate: extreme sizes, and positions far from the origin for their size.
+
+    Args:
+        mesh: in the world [m].
+
+    Raises:
+        InputError: names `source`, the size, and the expected one.
+    """
+    size = float(np.ptp(mesh.points[mesh.face_vertex_indices], axis=0).max())
+    if not LEAST_SIZE <= size <= LARGEST_SIZE:
+        expected = f"expected {LEAST_SIZE:g} to {LARGEST_SIZE:g} m; balloon.scale changes it"
+        raise InputError(f"{source}: is {size:g} m across; {expected}")
+    require_reach(mesh, source, box_corners(mesh))
+
+
+def box_corners(mesh: PolygonMesh) -> NDArray[np.float64]:
+    """Return the corners of the box around the mesh's faces, along the axes, shape (8, 3)."""
+    points = mesh.points[mesh.face_vertex_indices]
+    ends = np.stack([points.min(axis=0), points.max(axis=0)])
+    return np.array([[ends[x, 0], ends[y, 1], ends[z, 2]] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+
+
+def require_reach(mesh: PolygonMesh, source: object, corners: NDArray[np.float64]) -> None:
+    """Make sure that float32 resolves the balloon wherever a world puts it.
+
+    Args:
+        corners: of the box around it, there [m], shape (..., 3).
+
+    Raises:
+        InputError: it does not.
+    """
+    size = float(np.ptp(mesh.points[mesh.face_vertex_indices], axis=0).max())
+    reach = float(np.abs(corners).max())
+    if size < LEAST_SIZE_OVER_DISTANCE * reach:
+        raise InputError(
+            f"{source}: is {size:g} m across and {reach:g} m from the origin, too far for 32-bit floats; "
+            "balloon.position moves it closer"
+        )
+
+
+AROUND = 32
+"""Number of quads around an axis, even: at a pole two triangles are one quad"""
+RINGS = 8
+"""Number of quads from a pole of a sphere to its equator"""
+MOST_RINGS = 256
+"""Largest number of rings along a straight line"""
+
+
+class Faces(NamedTuple):
+    """A surface, without a name or a unit."""
+
+    points: NDArray[np.float64]
+    """Points, shape (n, 3)"""
+    counts: NDArray[np.int32]
+    """Corners of each face"""
+    indices: NDArray[np.int32]
+    """Point of each corner, counter-clockwise from outside"""
+
+
+def box_faces(size: float) -> Faces:
+    """Return a cube of six faces."""
+    corners = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    return Faces(size * corners, np.full(6, 4, np.int32), np.array(sides, np.int32).ravel())
+
+
+def rectangle_faces(width: float, length: float, axis: int) -> Faces:
+    """Return a rectangle of one face that looks along an axis, as USD's Plane lies."""
+    across, along = np.eye(3)[[2, 0, 0][axis]], np.eye(3)[[1, 2, 1][axis]]
+    corners = 0.5 * np.array([-1, 1, 1, -1])[:, None] * width * across
+    corners = corners + 0.5 * np.array([-1, -1, 1, 1])[:, None] * length * along
+    turned = np.cross(across, along)[axis] < 0.0
+    return Faces(corners, np.full(1, 4, np.int32), np.array([3, 2, 1, 0] if turned else [0, 1, 2, 3], np.int32))
+
+
+def capsule_faces(radii: tuple[float, float], height: float, axis: int) -> Faces:
+    """Return a capsule: round ends of radii, first of the upper one, whose centers are a height apart."""
+    polar = np.linspace(0.0, 0.5 * np.pi, RINGS + 1)
+    upper = np.stack([radii[0] * np.cos(polar) + 0.5 * height, radii[0] * np.sin(polar)], axis=1)
+    lower = np.stack([-radii[1] * np.cos(polar) - 0.5 * height, radii[1] * np.sin(polar)], axis=1)[::-1]
+    return _revolved(np.concatenate([upper, _between(upper[-1], lower[0]), lower[height == 0.0 :]]), axis)
+
+
+def cylinder_faces(radii: tuple[float, float], height: float, axis: int) -> Faces:
+    """Return a closed cylinder, or a cone where the upper or the lower of its radii is 0."""
+    profile = 0.5 * height * np.array([1.0, 1.0, -1.0, -1.0])
+    corners = np.stack([profile, [0.0, *radii, 0.0]], axis=1)
+    distinct = corners[np.append(True, np.any(np.diff(corners, axis=0) != 0.0, axis=1))]
+    pieces = [np.vstack([begin, _between(begin, end)]) for begin, end in pairwise(distinct)]
+    return _revolved(np.concatenate([*pieces, distinct[-1:]]), axis)
+
+
+def _between(begin: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the places between two corners of a profile that make its quads about as long as wide."""
+    wide = 2.0 * np.pi * max(begin[1], end[1]) / AROUND
+    count = int(np.clip(np.ceil(np.linalg.norm(end - begin) / wide), 1, MOST_RINGS)) if wide > 0.0 else 1
+    return np.linspace(begin, end, count + 1)[1:-1]
+
+
+def _revolved(profile: NDArray[np.float64], axis: int) -> Faces:
+    """Return the surface that a profile goes through around an axis.
+
+    Args:
+        profile: places along the axis and distances from it, from the upper pole to the lower, shape (n, 2).
+        axis: 0, 1 or 2 for X, Y or Z.
+    """
+    turn = 2.0 * np.pi * np.arange(AROUND) / AROUND
+    along, out = np.repeat(profile[1:-1, 0], AROUND), profile[1:-1, 1:]
+    # along, and two across: a right-handed frame
+    rings = np.stack([along, (out * np.cos(turn)).ravel(), (out * np.sin(turn)).ravel()], axis=1)
+    points = np.concatenate([rings, [[profile[0, 0], 0.0, 0.0], [profile[-1, 0], 0.0, 0.0]]])
+    here = np.arange(AROUND)
+    after = (here + 1) % AROUND
+    starts = AROUND * np.arange(len(profile) - 3)[:, None]
+    quads = np.stack([starts + here, starts + AROUND + here, starts + AROUND + after, starts + after], axis=-1)
+    bottom, two = len(rings) - AROUND, here[::2]
+    pole = np.ones_like(two)
+    caps = [
+        np.stack([len(rings) * pole, two, two + 1, (two + 2) % AROUND], axis=1),
+        np.stack([(len(rings) + 1) * pole, bottom + (two + 2) % AROUND, bottom + two + 1, bottom + two], axis=1),
+    ]
+    indices = np.concatenate([quads.reshape(-1, 4), *caps]).astype(np.int32)
+    return Faces(np.roll(points, axis, axis=1), np.full(len(indices), 4, np.int32), indices.ravel())
+
+
+def quad_sphere(cells: int, radius: float) -> PolygonMesh:
+    """Return a cube of cells by cells quads a side, blown up to a sphere: 6 cells^2 + 2 vertices, winding outward."""
+    i, j = (axis.ravel() for axis in np.meshgrid(np.arange(cells), np.arange(cells), indexing="ij"))
+    square = np.stack([[i, i + 1, i + 1, i], [j, j, j + 1, j + 1]])  # (axis, corner, quad)
+    corners = []
+    for axis in range(3):
+        for side in (0, cells):
+            quads = np.empty((*square.shape[1:], 3), dtype=np.int64)
+            quads[..., axis] = side
+            quads[..., (axis + 1) % 3], quads[..., (axis + 2) % 3] = square
+            corners.append((quads if side else quads[::-1]).transpose(1, 0, 2))
+    places, indices = np.unique(np.concatenate(corners).reshape(-1, 3), axis=0, return_inverse=True)
+    points = np.tan((2.0 * places / cells - 1.0) * np.pi / 4.0)  # equal angles, which keeps the quads even
+    return PolygonMesh(
+        points=radius * points / np.linalg.norm(points, axis=1, keepdims=True),
+        face_vertex_counts=np.full(6 * cells**2, 4, dtype=np.int32),
+        face_vertex_indices=indices.ravel().astype(np.int32),
+        name="balloon",
+    )
+
+
+def even_samples(mesh: PolygonMesh, count: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.integer]]:
+    """Return samples of the surface, shape (count, 3), their normals, and the vertices next to them, shape (count,).
+
+    As many for each triangle as its area has, in a fixed order (the golden ratio's, within a triangle).
+    """
+    triangles, _ = triangulate(mesh)
+    corners = mesh.points[triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = np.linalg.norm(normals, axis=1)
+    ends = np.cumsum(areas) / areas.sum()
+    places = (np.arange(count) + 0.5) / count
+    chosen = np.minimum(np.searchsorted(ends, places), len(areas) - 1)
+    u, v = (places * count * 0.7548776662) % 1.0, (places * count * 0.5698402910) % 1.0
+    u, v = np.where(u + v > 1.0, 1.0 - u, u), np.where(u + v > 1.0, 1.0 - v, v)
+    weights = np.stack([1.0 - u - v, u, v], axis=1)
+    points = np.einsum("nc,nci->ni", weights, corners[chosen])
+    nearest = triangles[chosen, weights.argmax(axis=1)]
+    return points, normals[chosen] / areas[chosen, None], nearest

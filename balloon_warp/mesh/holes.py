@@ -9,11 +9,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.mesh.components import component_labels
-from balloon_warp.mesh.corners import corner_faces, face_starts, next_corners, with_corners
 from balloon_warp.mesh.geometry import face_areas, face_centers, face_vector_areas
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
-from balloon_warp.mesh.topology import MeshEdges, border_edges, mesh_edges, vertex_components
+from balloon_warp.mesh.topology import (
+    MeshEdges,
+    border_edges,
+    component_labels,
+    corner_faces,
+    face_starts,
+    mesh_edges,
+    next_corners,
+    vertex_components,
+    with_corners,
+)
 
 PINHOLE = 2e-4
 """A hole whose lid has less than this part of the mesh's area is closed, regardless of the surface around it."""

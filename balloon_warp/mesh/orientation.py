@@ -1,18 +1,24 @@
-"""Consistent outward winding for all faces of a mesh."""
+"""Consistent outward winding, open edges, and edges at which a surface is sharp."""
+
+from dataclasses import dataclass
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.mesh.components import component_labels
-from balloon_warp.mesh.corners import corner_faces, face_starts, flipped
-from balloon_warp.mesh.geometry import face_areas, face_volumes, signed_volume
+from balloon_warp.mesh.geometry import face_areas, face_vector_areas, face_volumes, signed_volume, triangulate
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.shells import pushed_outward
 from balloon_warp.mesh.topology import (
     MeshEdges,
     border_edges,
+    component_labels,
+    corner_faces,
+    face_starts,
+    flipped,
     inconsistent_edges,
     mesh_edges,
+    next_corners,
     vertex_components,
 )
 
@@ -80,3 +86,162 @@ def wound_alike(mesh: PolygonMesh) -> PolygonMesh:
     sizes = np.bincount(as_is, minlength=2 * mesh.face_count)
     flip = (sizes[as_turned] > sizes[as_is]) | ((sizes[as_turned] == sizes[as_is]) & (as_turned < as_is))
     return flipped(mesh, flip)
+
+
+BESIDE = 8
+"""Number of nearest edges considered for each edge"""
+ACROSS = 0.4
+"""Largest gap across a seam over an edge's length; beyond it an edge's neighbors are as near"""
+
+
+class Pairs(NamedTuple):
+    """Open edges that lie along each other, from end to end."""
+
+    edges: NDArray[np.int64]
+    """Numbers of two edges each, shape (n, 2)"""
+    ends: NDArray[np.int64]
+    """Vertices of both edges that lie beside each other, shape (n, 2, 2)"""
+    gaps: NDArray[np.float64]
+    """Larger of the two gaps, shape (n,)"""
+
+
+@dataclass(frozen=True)
+class Border:
+    """The open edges of a mesh."""
+
+    points: NDArray[np.float64]
+    """Points of the mesh, shape (vertex_count, 3)"""
+    ends: NDArray[np.int64]
+    """Vertices of border edges, shape (n, 2)"""
+    faces: NDArray[np.int64]
+    """Faces of border edges, shape (n,)"""
+
+    @classmethod
+    def of(cls, mesh: PolygonMesh) -> Self:
+        """Collect a mesh's open edges; each of its faces has its corners once."""
+        edges = mesh_edges(mesh)
+        border = border_edges(edges)
+        return cls(mesh.points, edges.ends[border], corner_faces(mesh)[edges.corners[edges.starts[border]]])
+
+    @property
+    def lengths(self) -> NDArray[np.float64]:
+        """Lengths of the edges, shape (n,)."""
+        begin, end = np.moveaxis(self.points[self.ends], 1, 0)
+        return np.linalg.norm(end - begin, axis=1)
+
+    def pairs(self, reach: float, alike: float = 0.0, across: float = ACROSS) -> Pairs:
+        """Find edges that lie along each other, of different faces.
+
+        Args:
+            reach: the widest gap.
+            alike: up to this gap any two are a pair; with a wider one, two of which each is the other's nearest.
+            across: of an edge's length is a gap at most.
+        """
+        count, lengths = len(self.ends), self.lengths
+        bound = min(reach, across * lengths.max(initial=0.0))
+        if count < 2 or not bound:
+            return Pairs(np.zeros((0, 2), np.int64), np.zeros((0, 2, 2), np.int64), np.zeros(0))
+        from scipy.spatial import KDTree  # takes long to load: only for open meshes
+
+        middles = self.points[self.ends].mean(axis=1)
+        found = KDTree(middles).query(middles, k=min(BESIDE, count), distance_upper_bound=np.nextafter(bound, np.inf))
+        others = np.asarray(found[1])
+        first, slot = np.nonzero(others < count)
+        second = others[first, slot]
+        straight, crossed = self._gaps(self.ends[second], first), self._gaps(self.ends[second, ::-1], first)
+        gaps = np.minimum(straight, crossed)
+        near = (gaps <= np.minimum(reach, across * np.minimum(lengths[first], lengths[second]))) & (
+            self.faces[first] != self.faces[second]
+        )
+        first, second, gaps, turned = first[near], second[near], gaps[near], (crossed < straight)[near]
+        nearest = np.full(count, -1)
+        order = np.argsort(-gaps, kind="stable")
+        nearest[first[order]] = second[order]
+        taken = (gaps <= alike) | ((nearest[first] == second) & (nearest[second] == first))
+        first, second, turned = first[taken], second[taken], turned[taken]
+        other = np.where(turned[:, None], self.ends[second, ::-1], self.ends[second])
+        return Pairs(np.stack([first, second], axis=1), np.stack([self.ends[first], other], axis=2), gaps[taken])
+
+    def _gaps(self, others: NDArray[np.int64], edges: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return the larger distance between the ends of each edge and of another, shape (n,)."""
+        return np.linalg.norm(self.points[self.ends[edges]] - self.points[others], axis=2).max(axis=1, initial=0.0)
+
+
+CREASE = 40.0
+"""Angle between two faces' normals above which their edge is sharp, on rigid meshes [degrees]"""
+SOFT_CREASE = 60.0
+"""Angle above which an edge is sharp at the start on deformable meshes [degrees]: a balloon is rounder than its
+faces"""
+
+
+class Folds(NamedTuple):
+    """Edges that two faces share, as the corner of each at which it begins there."""
+
+    one: NDArray[np.integer]
+    """Corners at the edges, shape (edge_count,)"""
+    other: NDArray[np.integer]
+    """Corners of the faces across the edges, shape (edge_count,)"""
+    sharp: NDArray[np.bool_]
+    """Mask of sharp edges, shape (edge_count,)"""
+
+
+def find_folds(mesh: PolygonMesh, angle: float) -> Folds:
+    """Find the edges that two faces share, and which of them are sharp.
+
+    Sharp edges go around or from border to border. An edge that ends on a smooth face is a bump of a coarse mesh.
+
+    Args:
+        angle: between two faces' normals, beyond which their edge is sharp [degrees].
+    """
+    tails = mesh.face_vertex_indices
+    ends = np.sort(np.stack([tails, tails[next_corners(mesh)]], axis=1), axis=1)
+    order = np.lexsort(ends.T)
+    one, other = order[:-1], order[1:]
+    neighbors = (ends[one] == ends[other]).all(axis=1)
+    alone = np.ones(len(ends), bool)
+    alone[one[neighbors]] = alone[other[neighbors]] = False
+    one, other = one[neighbors], other[neighbors]
+    normals = face_vector_areas(mesh)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    faces = corner_faces(mesh)
+    first, second = normals[faces[one]], normals[faces[other]]
+    has_sides = first.any(axis=1) & second.any(axis=1)  # faces of no area have no side to be on
+    sharp = has_sides & (np.einsum("ij,ij->i", first, second) < np.cos(np.radians(angle)))
+    at_border = np.zeros(mesh.vertex_count, bool)
+    at_border[ends[alone]] = True
+    return Folds(one, other, _that_lead_on(sharp, ends[one], at_border))
+
+
+def sharp_edges(mesh: PolygonMesh, angle: float) -> NDArray[np.int32]:
+    """Find the vertices of each sharp edge, shape (n, 2); see `find_folds`."""
+    found = find_folds(mesh, angle)
+    tails, begins = mesh.face_vertex_indices, found.one[found.sharp]
+    return np.stack([tails[begins], tails[next_corners(mesh)[begins]]], axis=1).astype(np.int32)
+
+
+def _that_lead_on(sharp: NDArray[np.bool_], ends: NDArray[np.int32], at_border: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return a mask of the sharp edges that remain after dead ends are removed repeatedly."""
+    remaining = sharp.copy()
+    while True:
+        degrees = np.bincount(ends[remaining].ravel(), minlength=len(at_border))
+        loose = remaining & ((degrees == 1) & ~at_border)[ends].any(axis=1)
+        if not loose.any():
+            return remaining
+        remaining &= ~loose
+
+
+SHORTER = 1.0 - 1.0e-5
+"""Ratio of diagonals above which they count as equal, and the first corner's is taken"""
+
+
+def triangles_of(mesh: PolygonMesh) -> NDArray[np.int64]:
+    """Cut quads along their shorter diagonal, and others into fans from the first corner, shape (triangle_count, 3)."""
+    corners = np.array(mesh.face_vertex_indices, dtype=np.int64)
+    firsts = face_starts(mesh)[mesh.face_vertex_counts == 4]
+    quads = corners[firsts[:, None] + np.arange(4)]
+    ends = mesh.points[quads]
+    first, second = (np.linalg.norm(ends[:, corner] - ends[:, corner + 2], axis=1) for corner in (0, 1))
+    turned = second < SHORTER * first
+    corners[firsts[turned, None] + np.arange(4)] = np.roll(quads[turned], -1, axis=1)
+    cut = PolygonMesh(mesh.points, mesh.face_vertex_counts, corners.astype(np.int32))
+    return triangulate(cut)[0].astype(np.int64).reshape(-1, 3)

@@ -1,15 +1,15 @@
-"""Remeshing of any surface as a closed mesh of even quads: signed distance, then surface nets."""
+"""Remeshing of any surface as a closed mesh of even quads, with tests that nothing is lost."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from balloon_warp.arguments import checked
 from balloon_warp.errors import InputError
-from balloon_warp.mesh.components import component_labels
-from balloon_warp.mesh.crossings import crossings_said
+from balloon_warp.mesh.crossings import crossings_said, without_crossings
 from balloon_warp.mesh.feasible import (
     MOST_BY_ITSELF,
     MOST_QUADS,
@@ -18,17 +18,282 @@ from balloon_warp.mesh.feasible import (
     require_quads,
     wrong_volume,
 )
-from balloon_warp.mesh.fidelity import infidelity
-from balloon_warp.mesh.fit import fitted, slabs_left
-from balloon_warp.mesh.fusion import fusions_said
-from balloon_warp.mesh.handles import handle_count, handles_lost, handles_of_level, handles_said
-from balloon_warp.mesh.level import Level
+from balloon_warp.mesh.geometry import face_centers, first_coincident, triangulate
 from balloon_warp.mesh.look_transfer import dressed
+from balloon_warp.mesh.orientation import facing_outward
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
-from balloon_warp.mesh.surface_nets import surface_nets
-from balloon_warp.mesh.topology import mesh_edges
-from balloon_warp.mesh.uncrossed import without_crossings
+from balloon_warp.mesh.repair import distinct_faces
+from balloon_warp.mesh.seams import welded_along_seams
+from balloon_warp.mesh.surface_nets import Level, MeshDistance, extract, fitted, grid_nodes, slabs_left, surface_nets
+from balloon_warp.mesh.topology import (
+    border_edges,
+    component_count,
+    component_labels,
+    genus,
+    inconsistent_edges,
+    mesh_edges,
+    vertex_components,
+)
 from balloon_warp.warp_logging import quiet_warp
+
+NEAR = 2.0
+"""Largest distance of a vertex of the result from the surface [cells]: half an edge, half a slab and rounding"""
+SPECK = 1.5
+"""Size below which a part may be left out [cells]"""
+
+
+def infidelity(surface: PolygonMesh, result: PolygonMesh, cell: float) -> str | None:
+    """Return the infidelity of a closed mesh to its source surface, as the end of a sentence; None if there is none.
+
+    Args:
+        surface: Source surface; parts that overlap or come close may have become one.
+        result: Mesh whose vertices all belong to faces.
+        cell: Width of a grid cell.
+    """
+    edges = mesh_edges(distinct_faces(result)[0])
+    flaws = len(border_edges(edges)) + len(inconsistent_edges(edges))
+    if flaws:
+        return f"{flaws:,} of its edges {'is' if flaws == 1 else 'are'} open or crossed"
+    points, parts = samples_of_parts(surface)
+    labels = vertex_components(result, edges)
+    made = len(np.unique(labels))
+    lowest = np.full((int(parts.max()) + 1, 3), np.inf)
+    highest = -lowest
+    np.minimum.at(lowest, parts, points)
+    np.maximum.at(highest, parts, points)
+    sizes = np.linalg.norm(highest - lowest, axis=1)
+    counts = sizes[parts] > SPECK * cell
+    points, parts = points[counts], parts[counts]
+    away, which = map(np.asarray, KDTree(result.points).query(points))
+    far = away > NEAR * cell
+    if place := _lost(points[far], result, cell):
+        return f"the surface near {place} is lost"
+    if place := _piece(points[~far], parts[~far], result, labels[which[~far]], labels, NEAR * cell):
+        return f"one part breaks into pieces near {place}"
+    return f"it has {made:,} parts instead of {len(sizes):,}" if made > len(sizes) else None
+
+
+def samples_of_parts(surface: PolygonMesh) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the vertices of faces and the faces' centers, shape (n, 3), with the part of each, shape (n,).
+
+    Vertices at one place are one. Parts share no edge: an eye that touches its socket in a vertex is one.
+    """
+    corners = first_coincident(surface.points)[surface.face_vertex_indices].astype(np.int64)
+    ends = np.cumsum(surface.face_vertex_counts)
+    of_faces = np.repeat(np.arange(surface.face_count), surface.face_vertex_counts)
+    following = np.arange(1, len(corners) + 1)
+    following[ends - 1] = ends - surface.face_vertex_counts
+    low, high = np.minimum(corners, corners[following]), np.maximum(corners, corners[following])
+    _, edges = np.unique(low * len(surface.points) + high, return_inverse=True)
+    count = surface.face_count
+    labels = component_labels(count + int(edges.max()) + 1, of_faces, count + edges)[:count]
+    _, parts = np.unique(labels, return_inverse=True)
+    used = np.unique(np.stack([corners, parts[of_faces]], axis=1), axis=0)
+    return np.concatenate([surface.points[used[:, 0]], face_centers(surface)]), np.concatenate([used[:, 1], parts])
+
+
+def _lost(points: NDArray[np.float64], result: PolygonMesh, cell: float) -> str | None:
+    """Return the first of some places outside of the result; places within it, as where parts overlap, are fine."""
+    if not len(points):
+        return None
+    middle = result.points.mean(axis=0)
+    distance = MeshDistance((result.points - middle) / cell, triangulate(result)[0], thickness=0.0)
+    out = points[distance((points - middle) / cell) > 0.0]
+    return place_said(out[0]) if len(out) else None
+
+
+def _piece(
+    points: NDArray[np.float64],
+    parts: NDArray[np.int64],
+    result: PolygonMesh,
+    nearest: NDArray[np.int64],
+    labels: NDArray[np.int64],
+    near: float,
+) -> str | None:
+    """Return where a part is missing from its component of the result, unless a component is near all of it.
+
+    Args:
+        points: Places, shape (n, 3).
+        parts: Part of each, shape (n,).
+        nearest: Component that is nearest to each, shape (n,).
+        labels: Component of each vertex of the result.
+        near: Distance that counts as near.
+    """
+    trees = {component: KDTree(result.points[labels == component]) for component in np.unique(nearest)}
+    order = np.argsort(parts, kind="stable")
+    for part in np.split(order, np.flatnonzero(np.diff(parts[order])) + 1):
+        own, components = points[part], np.unique(nearest[part])
+        missed = [own[np.asarray(trees[component].query(own)[0]) > near] for component in components]
+        if missed and all(map(len, missed)):
+            return place_said(min(missed, key=len)[0])
+    return None
+
+
+def place_said(point: NDArray[np.float64]) -> str:
+    """Return a place as text."""
+    return f"({', '.join(f'{coordinate:.3g}' for coordinate in point)})"
+
+
+NAMED = 6
+"""Number of parts that a sentence names at most"""
+
+
+def fusions_said(surface: PolygonMesh, result: PolygonMesh, cell: float) -> list[str]:
+    """Return a sentence for each component of the result that several parts have become, and one of those within it.
+
+    A part is a group's name, where it is all of that group, or its size and middle in the file's unit. Specks are left
+    out.
+
+    Args:
+        surface: Source surface.
+        result: Mesh that stands for it, whose vertices all belong to faces.
+        cell: Width of a grid cell.
+    """
+    points, parts = samples_of_parts(surface)
+    count = int(parts.max()) + 1
+    if count == 1:
+        return []
+    labels = vertex_components(result, mesh_edges(result))
+    away, which = map(np.asarray, KDTree(result.points).query(points))
+    near = away <= NEAR * cell
+    became: dict[int, list[int]] = {}
+    inside = []
+    for part in range(count):
+        own = parts == part
+        if np.linalg.norm(np.ptp(points[own], axis=0)) <= SPECK * cell:
+            continue
+        if not (own & near).any():
+            inside.append(part)
+            continue
+        components, votes = np.unique(labels[which[own & near]], return_counts=True)
+        became.setdefault(int(components[votes.argmax()]), []).append(part)
+    said = [
+        f"{_named(surface, points, parts, fused)} became one part: they overlap, or come within {NEAR:g} cells."
+        for fused in became.values()
+        if len(fused) > 1
+    ]
+    if inside:
+        lies = "lies" if len(inside) == 1 else "lie"
+        said.append(f"{_named(surface, points, parts, inside)} {lies} inside of others and left no quads.")
+    return said
+
+
+def _named(surface: PolygonMesh, points: NDArray[np.float64], parts: NDArray[np.int64], which: Sequence[int]) -> str:
+    """Name parts, the largest first."""
+    sizes = [float(np.linalg.norm(np.ptp(points[parts == part], axis=0))) for part in which]
+    order = [which[number] for number in np.argsort(sizes, kind="stable")[::-1]]
+    names = [_name(surface, points[parts == part]) for part in order[:NAMED]]
+    if len(order) > NAMED:
+        names.append(f"{len(order) - NAMED:,} smaller ones")
+    text = " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
+    return text[0].upper() + text[1:] if text.startswith("a part") else text
+
+
+def _name(surface: PolygonMesh, own: NDArray[np.float64]) -> str:
+    """Name a part by its group, or else by its size and middle."""
+    low, high = own.min(axis=0), own.max(axis=0)
+    for name, vertices in surface.groups.items():
+        group = surface.points[vertices]
+        if np.array_equal(group.min(axis=0), low) and np.array_equal(group.max(axis=0), high):
+            return name
+    return f"a part of {np.ptp(own, axis=0).max():.3g} at {place_said((low + high) / 2.0)}"
+
+
+AHEAD = 0.01
+"""Free distance in front of a clean surface, over a triangle's size, and at least `LEAST_AHEAD` cells"""
+LEAST_AHEAD = 1e-3
+CROSSING = 1e-3
+"""Least fraction of the surface inside the rest of it where parts cross"""
+COARSEST = 8
+"""Node spacing of the grid that is searched first [cells]"""
+
+
+def handles_lost(surface: PolygonMesh, result: PolygonMesh) -> int | None:
+    """Return how many handles fewer a closed mesh has than its source surface, negative if it has more.
+
+    None where the number is meaningless: a surface that is open or crosses itself has none, and parts that merged or
+    vanished took theirs along.
+    """
+    parts, handles = _counted(result)
+    parts_before, handles_before = _counted(facing_outward(welded_along_seams(surface)))
+    if handles is None or handles_before is None or parts != parts_before:
+        return None
+    lost = handles_before - handles
+    return lost if not lost or not _crosses_itself(surface) else None
+
+
+def handle_count(surface: PolygonMesh) -> int:
+    """Return the handles of a closed surface."""
+    return _counted(facing_outward(welded_along_seams(surface)))[1] or 0
+
+
+def handles_said(lost: int, handles: int) -> str:
+    """Return the change of the number of handles, as the end of a sentence."""
+    if lost > 0:
+        return f"{lost:,} of its {handles:,} handles, or holes through it, {'is' if lost == 1 else 'are'} lost"
+    return f"it gains {-lost:,} {'handle' if lost == -1 else 'handles'} over its {handles:,}"
+
+
+def handles_of_level(distance: MeshDistance, reach: NDArray[np.float64]) -> int | None:
+    """Return the handles of the zero level of a distance, as surface nets have it with cells of 1.
+
+    Args:
+        distance: of a closed surface: nowhere does it change by more than the way.
+        reach: half of the box around the middle that the surface is in, shape (3,).
+    """
+    blocks = np.ceil(2.0 * reach / COARSEST).astype(int) + 1
+    lower = -0.5 * COARSEST * blocks - 0.5  # the nodes of `surface_nets`, whose middle is that of a cell
+    values, step = distance(grid_nodes(lower, float(COARSEST), blocks)).reshape(blocks + 1), COARSEST
+    while step > 1:
+        step //= 2
+        values = _finer(values, distance, lower, step)
+    return _counted(extract(values, lower, 1.0))[1]
+
+
+def _finer(
+    values: NDArray[np.float64], distance: Callable, lower: NDArray[np.float64], step: int
+) -> NDArray[np.float64]:
+    """Return the distance at nodes that are half as far from each other; far from the surface the least that it can be.
+
+    Args:
+        values: at the nodes before, shape (nx, ny, nz).
+        step: between the new ones.
+    """
+    cells = 2 * (np.array(values.shape) - 1)
+    for axis in range(3):
+        values = np.take(values, np.arange(cells[axis] + 1) // 2, axis=axis)
+    way = np.sqrt(3.0) * step
+    near = np.abs(values) <= 1.01 * way
+    values = values - np.sign(values) * way
+    values[near] = distance(lower + step * np.argwhere(near))
+    return values
+
+
+def _counted(mesh: PolygonMesh) -> tuple[int, int | None]:
+    """Return the numbers of parts and of handles.
+
+    The latter is None where the mesh is open, crossed or mixed in winding.
+    """
+    edges = mesh_edges(mesh)
+    handles = None if len(inconsistent_edges(edges)) else genus(mesh, edges)
+    return component_count(mesh, edges), handles
+
+
+def _crosses_itself(surface: PolygonMesh) -> bool:
+    """Return whether parts of a closed surface are within other parts of it."""
+    used = surface.points[surface.face_vertex_indices]
+    size = np.ptp(used, axis=0).max()
+    points = (surface.points - used.mean(axis=0)) * (256.0 / size)  # Warp measures in float32
+    triangles, _ = triangulate(facing_outward(welded_along_seams(surface)))
+    a, b, c = np.moveaxis(points[triangles], 1, 0)
+    normals = np.cross(b - a, c - a)
+    doubled = np.linalg.norm(normals, axis=1)
+    some = doubled > 0.0
+    ahead = np.maximum(AHEAD * np.sqrt(doubled[some]), LEAST_AHEAD) / doubled[some]
+    before = (a + b + c)[some] / 3.0 + ahead[:, None] * normals[some]
+    within = MeshDistance(points, triangles, thickness=0.0)(before) < 0.0
+    return bool(doubled[some][within].sum() > CROSSING * doubled.sum())
+
 
 MIN_CELLS, MAX_CELLS = 4, 256
 TRIES, FINER = 3, 1.5

@@ -13,11 +13,17 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.mesh.components import component_labels
-from balloon_warp.mesh.corners import corner_faces, face_starts, flipped, with_corners
 from balloon_warp.mesh.geometry import face_vector_areas, face_volumes
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
-from balloon_warp.mesh.topology import MeshEdges, mesh_edges
+from balloon_warp.mesh.topology import (
+    MeshEdges,
+    component_labels,
+    corner_faces,
+    face_starts,
+    flipped,
+    mesh_edges,
+    with_corners,
+)
 
 
 def pushes(mesh: PolygonMesh, edges: MeshEdges, held: NDArray[np.bool_] | None = None) -> NDArray[np.int64]:

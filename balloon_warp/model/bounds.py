@@ -14,7 +14,7 @@ from balloon_warp.kernels.laws.hooke import KINDS
 from balloon_warp.kernels.laws.law import Kind
 from balloon_warp.model.materials import law_of, numbers_of, stiffest_modulus, thickest_viscosity
 from balloon_warp.model.parameters import Parameters
-from balloon_warp.model.surroundings import Surroundings
+from balloon_warp.model.shape import Surroundings
 from balloon_warp.scene import Scene
 
 Bound = Literal["stiffness", "drag"]

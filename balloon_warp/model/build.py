@@ -12,15 +12,13 @@ from balloon_warp.driver import begin_driver
 from balloon_warp.kernels.frames.around import place_balloons
 from balloon_warp.kernels.laws import Law
 from balloon_warp.launching import begin_loading
-from balloon_warp.model.anchors import Carriers
 from balloon_warp.model.model import Model
-from balloon_warp.model.obstacle_motion import obstacle_motion
-from balloon_warp.model.obstacles import warp_mesh
-from balloon_warp.model.packing import pack, views_of
+from balloon_warp.model.obstacles import obstacle_motion, warp_mesh
+from balloon_warp.model.parameters import all_columns, pack, views_of
 from balloon_warp.model.plan import ModelPlan, plan_model
 from balloon_warp.model.ridges import ridge_tree
-from balloon_warp.model.rows import all_columns
 from balloon_warp.model.shape import BalloonShape
+from balloon_warp.model.strings import Carriers
 from balloon_warp.model.vary import Vary
 from balloon_warp.scene import Scene
 

@@ -10,10 +10,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from balloon_warp.errors import InputError
-from balloon_warp.mesh.size import box_corners
-from balloon_warp.model.bodies import BodyShape, initial_centers, initial_turns
-from balloon_warp.model.obstacle_motion import obstacle_motion
-from balloon_warp.model.obstacles import ObstacleShape
+from balloon_warp.mesh.geometry import box_corners
+from balloon_warp.model.obstacles import BodyShape, ObstacleShape, initial_centers, initial_turns, obstacle_motion
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.model.solids import Solid

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from balloon_warp.model.obstacle_motion import moves, obstacle_motion
-from balloon_warp.model.obstacles import ObstacleShape
+from balloon_warp.model.obstacles import ObstacleShape, moves, obstacle_motion
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.ridges import FLAT, Ridges, with_tips
 from balloon_warp.model.solids import Solid

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from balloon_warp.model.friction import settle_friction
 from balloon_warp.model.materials import settle_masses
+from balloon_warp.model.obstacles import settle_friction
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.model.touch import settle_touch

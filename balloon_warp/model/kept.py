@@ -4,9 +4,9 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.model.acting import kept_values
 from balloon_warp.model.memory import Allocating, Room
 from balloon_warp.model.model import Model
+from balloon_warp.model.timeline import kept_values
 
 
 def kept_arrays(model: Model, room: Room) -> dict[str, Any]:

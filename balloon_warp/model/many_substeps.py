@@ -8,8 +8,7 @@ from balloon_warp.mesh.geometry import face_areas
 from balloon_warp.mesh.seams import size_of
 from balloon_warp.mesh.topology import mesh_edges, vertex_components
 from balloon_warp.model.plan import plan_model
-from balloon_warp.model.shape import BalloonShape
-from balloon_warp.model.strung import constants_of
+from balloon_warp.model.shape import BalloonShape, constants_of
 from balloon_warp.scene import Scene, load_scene
 from balloon_warp.springs.even import film_tension
 

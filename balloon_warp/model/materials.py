@@ -1,21 +1,25 @@
-"""Balloons of rubber or film: their masses, and how stiff their materials ever are. Host side."""
+"""Balloons of rubber or film: masses, stiffness, and tears."""
 
 from collections.abc import Mapping, Sequence
 from functools import cache
 from types import FunctionType, SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Law
+from balloon_warp.kernels.laws.air import DRY_AIR_MOLAR_MASS
 from balloon_warp.kernels.laws.membrane import MEMBRANES, PARAMETERS
 from balloon_warp.kernels.laws.softening import PARAMETERS as SOFTENING
 from balloon_warp.kernels.laws.softening import steepening
+from balloon_warp.kernels.laws.tearing import BRANCHING, RAYLEIGH, TEARING
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.scene import Scene
+from balloon_warp.springs import SpringKind
 
 Values = NDArray[np.float64]
 STATES = 13
@@ -138,3 +142,122 @@ def thickest_viscosity(told: Mapping[str, Values]) -> Values:
     """Return the largest viscosity [Pa s], shape (W,): 4 eta over the square of the least stretch that counts."""
     least = np.where(told["wrinkling"] != 0.0, told["most_stretch"] ** -0.5, LEAST_STRETCH)
     return (4.0 * told["film_viscosity"] / least**2)[:, 0]
+
+
+INCOMPRESSIBLE = 0.5
+"""Poisson's ratio of rubber and film here"""
+
+
+class SheetStiffness(NamedTuple):
+    """Stiffness of a sheet."""
+
+    stretch: float
+    """Uniaxial stiffness at constant width [N/m]: E h / (1 - nu^2)"""
+    shear: float
+    """Shear stiffness [N/m]: G h"""
+    bend: float
+    """Bending stiffness of a plate [N m]: E h^3 / (12 (1 - nu^2))"""
+
+
+def youngs_modulus(law: Law, parameters: Mapping[str, NDArray[Any]], number: int) -> float:
+    """Return Young's modulus of a balloon's rubber or film in the first world, at rest [Pa].
+
+    At a small equibiaxial strain, an incompressible material has a stress of E / (1 - 1/2) times the strain.
+    """
+    told = numbers_of(parameters, number)
+    up, down = (slopes_by_stretches(law, told, *2 * (np.array([1.0 + step]),))[0] for step in (STEP, -STEP))
+    return (1.0 - INCOMPRESSIBLE) * float((up - down).flat[0]) / (2.0 * STEP)
+
+
+def sheet_of_springs(shape: BalloonShape, parameters: Mapping[str, NDArray[Any]], number: int) -> SheetStiffness | None:
+    """Return the sheet that a balloon's springs make in the first world, or None where they have no surface.
+
+    All of it is taken to follow the mean strain (Cauchy and Born). Springs then have an energy of 1/2 k (L e)^2 each, e
+    the strain along them. Where they lie alike in all directions, S the sum of k L^2 over the area, the stiffness is
+    3/8 S one way and 1/8 S in shear, and Poisson's ratio of the sheet a third (Ostoja-Starzewski 2002, Lattice models
+    in micromechanics). In any arrangement the equibiaxial stiffness is their sum S/2, which a balloon swells against.
+    Hinges make a plate the same way, with the width L of the two faces that a hinge bends by L for each unit of
+    curvature. Springs across thin parts are left out.
+    """
+    if not shape.area > 0.0:
+        return None
+    constants = np.array([parameters[kind.name.lower()][0, number] for kind in SpringKind])
+    of_each = constants[shape.springs.kind] * shape.stiffness_scale
+    if shape.across is not None:
+        of_each = np.where(shape.across, 0.0, of_each)
+    pulled = float(of_each @ shape.springs.rest_lengths**2) / shape.area
+    bent = float(parameters["torsion"][0, number]) * float((_hinge_widths(shape) ** 2).sum()) / shape.area
+    return SheetStiffness(stretch=0.375 * pulled, shear=0.125 * pulled, bend=0.375 * bent)
+
+
+def _hinge_widths(shape: BalloonShape) -> NDArray[np.float64]:
+    """Return half of how far its wings are from each edge, together [m]; shape (hinge_count,)."""
+    edge, *wings = shape.hinges.arms(shape.mesh.points)
+    lengths = np.maximum(np.linalg.norm(edge, axis=1), np.finfo(float).tiny)
+    first, second = (np.linalg.norm(np.cross(edge, wing), axis=1) for wing in wings)
+    return 0.5 * (first + second) / lengths
+
+
+GAMMA_OF_AIR = 1.4
+
+
+def settle_tears(scene: Scene, parameters: Mapping[str, Values]) -> dict[str, Values]:
+    """Return the defaults of tears: stresses at which they advance and branch, and their speed.
+
+    Also the gas that leaves a balloon with a given pressure: air, adiabatic.
+
+    Raises:
+        InputError: a balloon that may burst has something that would not burst with it.
+    """
+    _require_bursting_alone(scene, parameters)
+    strength, density = parameters["film_strength"], parameters["initial_density"]
+    shear = parameters["shear_modulus"]
+    of_terms = 0.5 * (parameters["ogden_moduli"] * parameters["ogden_exponents"]).sum(axis=-1)
+    is_ogden = np.array([balloon.material.law == "ogden" for balloon in scene.balloon])
+    speed = RAYLEIGH * np.sqrt(np.where(is_ogden, of_terms, shear) / density)
+    automatic = {"tear_strength": TEARING * strength, "branching_stress": BRANCHING * strength, "tear_speed": speed}
+    settled = {name: np.where(np.isnan(parameters[name]), values, parameters[name])
+               for name, values in automatic.items()}  # fmt: skip
+    given = np.array([balloon.inflation.kind != "gas" and balloon.material.strength is not None
+                      for balloon in scene.balloon])  # fmt: skip
+    for name, of_air in {"molar_mass": DRY_AIR_MOLAR_MASS, "gamma": GAMMA_OF_AIR}.items():
+        settled[name] = np.where(given, of_air, parameters[name])
+    return settled
+
+
+def _require_bursting_alone(scene: Scene, parameters: Mapping[str, Values]) -> None:
+    may_burst = {number for number, balloon in enumerate(scene.balloon) if balloon.material.strength is not None}
+    for number in may_burst:
+        balloon = scene.balloon[number]
+        named = f"balloon.{number}.material.strength: a balloon that may burst"
+        if balloon.stiffness.torsion:
+            raise InputError(f"{named} cannot have torsion springs, which hold tears together (got stiffness.torsion)")
+        if balloon.material.springs:
+            _require_struts(scene, number, parameters["yield_stretch"][:, number])
+        if balloon.neck:
+            raise InputError(f"{named} cannot have an open neck (got neck); expected one or the other")
+        if balloon.inflation.kind == "normal_force":
+            raise InputError(f'{named} needs a pressure or gas (got inflation.kind = "normal_force")')
+    for number, tube in enumerate(scene.tube):
+        if joined := may_burst & set(tube.balloons):
+            raise InputError(f"tube.{number}: joins balloon {min(joined)}, which may burst; expected one or the other")
+    if may_burst and scene.touches:
+        raise InputError(
+            "touch: balloons that may burst (material.strength) cannot touch others; expected one or the other"
+        )
+    if may_burst and scene.water:
+        raise InputError("water: balloons that may burst (material.strength) cannot float; expected one or the other")
+
+
+def _require_struts(scene: Scene, number: int, yield_stretches: Values) -> None:
+    """Refuse springs that pull in a balloon that may tear, since they would go on across a tear."""
+    if yield_stretches.max() > 1.0:
+        raise InputError(
+            f"balloon.{number}.material.springs: pull, and would hold a tear together; expected "
+            "stiffness.yield_stretch = 1, so that they only push, or no springs beside a strength"
+        )
+    if scene.correction != "none":
+        raise InputError(
+            f"correction: shortens springs of balloon {number}, whose material tears, and would hold a tear together "
+            f'(got "{scene.correction}"); expected "none"'
+        )

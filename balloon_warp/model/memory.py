@@ -3,14 +3,103 @@
 import math
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import warp as wp
 
 from balloon_warp.errors import NoRoomError
-from balloon_warp.model.limits import least_limit
+
+MIB = 2**20
+
+
+class Limit(NamedTuple):
+    """A limit on the memory of a process, and the memory left below it."""
+
+    name: str
+    """Name of the limit"""
+    left: int
+    """Free bytes"""
+
+
+def least_limit(root: Path = Path("/"), environment: Mapping[str, str] = os.environ) -> Limit | None:
+    """Find the limit that is met first, or None where there is none.
+
+    Args:
+        root: where `proc` and `sys` are.
+        environment: of the process.
+    """
+    status = _text(root / "proc/self/status")
+    limits = [*_of_cgroups(root), *_of_slurm(environment, status), *_of_ulimit(status)]
+    return min(limits, key=lambda limit: limit.left, default=None)
+
+
+def _of_cgroups(root: Path) -> Iterator[Limit]:
+    """Iterate over the memory limits of the process's control group and its parents, of versions 1 and 2.
+
+    The page cache of files that nobody works on is released on demand, and so counts as free.
+    """
+    for line in _text(root / "proc/self/cgroup").splitlines():
+        _, controllers, own = line.split(":", 2)
+        if controllers and "memory" not in controllers.split(","):
+            continue
+        old = bool(controllers)
+        mount = root / "sys/fs/cgroup" / ("memory" if old else "")
+        most, used, idle = (
+            ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
+            if old
+            else ("memory.max", "memory.current", "inactive_file")
+        )
+        group = mount / own.strip("/")
+        for folder in (group, *group.parents):
+            if not folder.is_relative_to(mount):
+                break
+            with suppress(ValueError):  # "max", or no such file: a container sees its own group as the root
+                limit = int(_text(folder / most))
+                given_back = _field(_text(folder / "memory.stat"), rf"^{idle} (\d+)$")
+                yield Limit(f"the cgroup's {most}", limit - int(_text(folder / used)) + given_back)
+
+
+def _of_slurm(environment: Mapping[str, str], status: str) -> Iterator[Limit]:
+    """Return the memory limits of a SLURM job [MiB]: of a node, or of each CPU on it.
+
+    0 is all that the node has.
+    """
+    taken = 1024 * _field(status, r"^VmRSS:\s+(\d+) kB$")
+    for name, count in (("SLURM_MEM_PER_NODE", "1"), ("SLURM_MEM_PER_CPU", environment.get("SLURM_CPUS_ON_NODE", ""))):
+        with suppress(KeyError, ValueError):
+            asked = MIB * int(count) * int(environment[name])
+            if asked > 0:
+                yield Limit(name, asked - taken)
+
+
+def _of_ulimit(status: str) -> Iterator[Limit]:
+    try:
+        import resource
+    except ModuleNotFoundError:  # Windows has none
+        return
+    for option, number, taken in (
+        ("-v", resource.RLIMIT_AS, r"^VmSize:\s+(\d+) kB$"),
+        ("-d", resource.RLIMIT_DATA, r"^VmData:\s+(\d+) kB$"),
+    ):
+        soft, _ = resource.getrlimit(number)
+        if soft != resource.RLIM_INFINITY:
+            yield Limit(f"ulimit {option}", soft - 1024 * _field(status, taken))
+
+
+def _text(path: Path) -> str:
+    """Read a file; nothing where it cannot be read."""
+    with suppress(OSError):
+        return path.read_text()
+    return ""
+
+
+def _field(text: str, pattern: str) -> int:
+    found = re.search(pattern, text, re.MULTILINE)
+    return int(found[1]) if found else 0
+
 
 USABLE = 0.9
 """Fraction of the free memory that a batch may take; kernels, graphs and the allocator need some, too"""

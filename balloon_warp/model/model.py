@@ -13,15 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.kernels.laws.columns import Columns
-from balloon_warp.model.anchors import Carriers
-from balloon_warp.model.bodies import BodyShape
-from balloon_warp.model.driven import Driven
-from balloon_warp.model.obstacles import ObstacleShape
-from balloon_warp.model.packing import views_of
+from balloon_warp.model.obstacles import BodyShape, ObstacleShape
+from balloon_warp.model.parameters import VELOCITY, views_of
 from balloon_warp.model.ridges import Ridges
-from balloon_warp.model.rows import VELOCITY
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.model.strain_bound import StrainBound
+from balloon_warp.model.strings import Carriers, Driven
 from balloon_warp.model.timeline import DueChange
 from balloon_warp.scene import Scene
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.mesh.corners import corner_faces, next_corners
+from balloon_warp.mesh.topology import corner_faces, next_corners
 from balloon_warp.model.fixed import group_of
 
 

@@ -1,15 +1,174 @@
-"""The parameters: their values, from a scene, and the paths at which they stand there."""
+"""The parameters: their rows in memory, their values from a scene, and the paths at which they stand there."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.laws import Parameter
-from balloon_warp.model.rows import KEYFRAME_VALUES
+from balloon_warp.errors import InputError
+from balloon_warp.kernels.laws import Law, Parameter
+from balloon_warp.kernels.laws.columns import Columns, columns_of
+from balloon_warp.kernels.laws.law import TINY
+from balloon_warp.kernels.laws.softening import PARAMETERS as SOFTENING
+from balloon_warp.kernels.laws.tearing import PARAMETERS as TEARING
+from balloon_warp.kernels.substep import rows_of_phases
 from balloon_warp.scene import Inflation, Material, Scene
 from balloon_warp.scene.timeline import is_there
+
+START = "initial_"
+"""Prefix of the names of parameters that count at the start alone, and so cannot change"""
+KEYFRAME_VALUES = Parameter(
+    "keyframe_values",
+    "N, Pa or mol/s",
+    path="inflation.k_normal, inflation.pressure or inflation.pump",
+    meaning="keyframed value by the kind of inflation, at each keyframe",
+)
+VELOCITY = "obstacle_velocity"
+"""Parameter that only controls have: velocities of obstacles beside their motion [m/s]"""
+ROWS: tuple[Parameter, ...] = (
+    Parameter("initial_balloon_positions", "m", path="position", size=3),
+    Parameter("initial_rotations", "degrees", path="rotation", size=3),
+    Parameter("initial_velocities", "m/s", path="velocity", size=3),
+    Parameter("initial_spins", "rad/s", path="angular_velocity", size=3),
+    Parameter("initial_gas_amounts", "mol", np.nan, least=0.0, path="inflation.amount"),
+    Parameter("initial_density", "kg/m^3", 940.0, least=TINY, path="material.density"),
+    *SOFTENING,
+    *TEARING,
+    Parameter("initial_pressures", "Pa", path="inflation.start_pressure", meaning="gauge pressure of a gas"),
+    Parameter("initial_sphere_positions", "m", of="sphere", path="position", size=3),
+    Parameter("initial_sphere_velocities", "m/s", of="sphere", path="velocity", size=3),
+    Parameter("initial_sphere_spins", "rad/s", of="sphere", path="angular_velocity", size=3),
+    Parameter("string_anchor", "m", of="string", path="anchor", size=3),
+    Parameter("string_length", "m", np.nan, least=TINY, of="string", path="length"),
+    Parameter("string_stiffness", "N/m", 20.0, least=TINY, of="string", path="stiffness"),
+    Parameter("obstacle_position", "m", of="obstacle", path="position", size=3),
+    Parameter("obstacle_friction", "1", 0.5, least=0.0, of="obstacle", path="friction"),
+    Parameter("obstacle_restitution", "1", 0.3, least=0.0, most=1.0, of="obstacle", path="restitution"),
+    Parameter("initial_body_positions", "m", of="body", path="position", size=3),
+    Parameter("initial_body_velocities", "m/s", of="body", path="velocity", size=3),
+    Parameter("initial_body_spins", "rad/s", of="body", path="angular_velocity", size=3),
+    Parameter("body_mass", "kg", np.nan, least=TINY, of="body", path="mass"),
+    Parameter("body_friction", "1", 0.5, least=0.0, of="body", path="friction"),
+    Parameter("body_restitution", "1", 0.3, least=0.0, most=1.0, of="body", path="restitution"),
+    Parameter("tube_conductance", "mol/(s Pa)", least=0.0, of="tube", path="conductance"),
+    Parameter("force_newtons", "N", of="force", path="newtons", size=3),
+)
+"""NaN is settled once all is known: a string's length, a body's mass, and an amount of gas"""
+
+
+def all_columns(laws: Sequence[Law]) -> Columns:
+    """Return the columns of the parameters of these laws and of the phases of the step."""
+    return columns_of(laws, rows_of_phases())
+
+
+def rows_of(laws: Sequence[Law]) -> tuple[Parameter, ...]:
+    """Return the parameters of these laws and of the phases of the step, and all others but the keyframes.
+
+    A balloon has several keyframes.
+    """
+    columns = all_columns(laws)
+    return (*columns.world, *columns.balloon, *columns.sphere, *ROWS)
+
+
+def pack(columns: Columns, parameters: Mapping[str, NDArray[np.float64]], device: wp.Device) -> dict[str, wp.array]:
+    """Return the numbers of balloons and spheres, shape (W, count, width), and of worlds, shape (W, width)."""
+    rows = {"balloon_numbers": columns.balloon, "sphere_numbers": columns.sphere, "world_numbers": columns.world}
+    return {name: wp.array(_beside(of, parameters), dtype=wp.float32, device=device) for name, of in rows.items()}
+
+
+def views_of(
+    columns: Columns, balloon_numbers: wp.array, world_numbers: wp.array, sphere_numbers: wp.array
+) -> dict[str, wp.array]:
+    """Return the parameters by name, shape (W, count) or (W,), with a last dimension of 3 for vectors."""
+    views = {}
+    for rows, numbers in (
+        (columns.balloon, balloon_numbers),
+        (columns.world, world_numbers),
+        (columns.sphere, sphere_numbers),
+    ):
+        column, before = 0, (slice(None),) * (numbers.ndim - 1)
+        for row in rows:
+            own = column if row.size == 1 else slice(column, column + row.size)
+            views[row.name] = numbers[(*before, own)] if numbers.size else _none(numbers, row)
+            column += row.size
+    return views
+
+
+def _none(numbers: wp.array, row: Parameter) -> wp.array:
+    """Return the parameter where there is nothing that has it; Warp takes no view of an empty array."""
+    shape = (*numbers.shape[:-1], row.size) if row.size > 1 else numbers.shape[:-1]
+    return wp.zeros(shape, dtype=wp.float32, device=numbers.device)
+
+
+def _beside(rows: Sequence[Parameter], parameters: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Return the columns of all rows; where one differs between worlds, another's row stands for all worlds."""
+    parts = [parameters[row.name][..., None] if row.size == 1 else parameters[row.name] for row in rows]
+    worlds = max(len(part) for part in parts)
+    return np.concatenate([np.broadcast_to(part, (worlds, *part.shape[1:])) for part in parts], axis=-1)
+
+
+HOLDERS = ("balloon", "sphere")
+"""Tables of a scene that have tables of laws and phases"""
+Tables = dict[str, dict[str, Any]]
+Rows = Mapping[str, Mapping[str, Parameter]]
+"""Rows of parameters, by their laws' names and their own"""
+
+
+def with_law_tables(scene: Scene, rows: Sequence[Parameter]) -> Scene:
+    """Return the scene with these tables made sure of, and filled with the defaults of missing values.
+
+    Raises:
+        InputError: names the path and the expected value.
+    """
+    fields = {of: _by_law(row for row in rows if row.of == of) for of in ("world", *HOLDERS)}
+    law = _filled("law", scene.law, fields["world"])
+    filled = {
+        of: [
+            each.model_copy(update={"law": _filled(f"{of}.{number}.law", each.law, fields[of])})
+            for number, each in enumerate(getattr(scene, of))
+        ]
+        for of in HOLDERS
+    }
+    return scene.model_copy(update={"law": law, **filled}) if any(fields.values()) else scene
+
+
+def _by_law(rows: Iterable[Parameter]) -> Rows:
+    fields: dict[str, dict[str, Parameter]] = {}
+    for row in rows:
+        if row.path.startswith("law."):
+            _, law, field = row.path.split(".")
+            fields.setdefault(law, {})[field] = row
+    return fields
+
+
+def _filled(path: str, tables: Tables, rows: Rows) -> Tables:
+    for law, values in tables.items():
+        if law not in rows:
+            known = f"known here are {', '.join(rows)}" if rows else "no given law has parameters here"
+            raise InputError(f"{path}.{law}: unknown law; {known}")
+        for field, value in values.items():
+            if field not in rows[law]:
+                raise InputError(f"{path}.{law}.{field}: unknown field; known here are {', '.join(rows[law])}")
+            _require_value(f"{path}.{law}.{field}", value, rows[law][field])
+    defaults = {law: {field: _default(row) for field, row in fields.items()} for law, fields in rows.items()}
+    return {law: {**fields, **tables.get(law, {})} for law, fields in defaults.items()}
+
+
+def _default(row: Parameter) -> Any:
+    return row.default if row.size == 1 else (row.default,) * row.size
+
+
+def _require_value(path: str, value: Any, row: Parameter) -> None:
+    if np.size(value) != row.size:
+        expected = "a number" if row.size == 1 else f"{row.size} numbers"
+        raise InputError(f"{path}: must be {expected} (got {value})")
+    if np.min(value) < row.least:
+        raise InputError(f"{path}: must be at least {row.least:g} (got {value})")
+    if np.max(value) > row.most:
+        raise InputError(f"{path}: must be at most {row.most:g} (got {value})")
+
 
 Parameters = dict[str, NDArray[np.float64]]
 """Arrays by the names of their rows, shape (W, count of balloons or spheres or strings or tubes, size), without the

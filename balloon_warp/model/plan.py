@@ -17,37 +17,39 @@ from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.kernels.laws.membrane import SHEAR_MODULUS
 from balloon_warp.kernels.laws.water import EVENED
 from balloon_warp.laws import require_laws
-from balloon_warp.model.bearing import settle_bearing
-from balloon_warp.model.bodies import BodyShape, settle_bodies, shape_body
-from balloon_warp.model.body_steps import substeps_of_solids
-from balloon_warp.model.crossed_starts import crossed_starts
 from balloon_warp.model.crushing import crushed_starts
-from balloon_warp.model.driven import Driven, driven_particles
 from balloon_warp.model.following import follow_changes
-from balloon_warp.model.friction import settle_friction
 from balloon_warp.model.gas import require_openings, require_sealed, settle_gas
-from balloon_warp.model.law_tables import with_law_tables
-from balloon_warp.model.limit_points import pressures_too_high
-from balloon_warp.model.materials import settle_masses
-from balloon_warp.model.obstacle_motion import with_parts_apart
-from balloon_warp.model.obstacles import ObstacleShape, shape_obstacle
-from balloon_warp.model.parameters import Parameters, parameters_at
-from balloon_warp.model.pressure import settle_pressure
+from balloon_warp.model.materials import settle_masses, settle_tears
+from balloon_warp.model.obstacles import (
+    BodyShape,
+    ObstacleShape,
+    settle_bodies,
+    settle_friction,
+    shape_body,
+    shape_obstacle,
+    substeps_of_solids,
+    with_parts_apart,
+)
+from balloon_warp.model.parameters import Parameters, parameters_at, rows_of, with_law_tables
+from balloon_warp.model.pressure import pressures_too_high, settle_bearing, settle_pressure
+from balloon_warp.model.remarks import doubts_about
 from balloon_warp.model.ridges import Ridges, all_ridges, kept_distance
-from balloon_warp.model.rows import rows_of
 from balloon_warp.model.shape import BalloonShape, shape_balloon
-from balloon_warp.model.stability import Network, choose_substeps, names_of_the_step
+from balloon_warp.model.stability import Network, choose_substeps, names_of_the_step, warnings_of
 from balloon_warp.model.starts import require_same_extreme, settle_starts, start_velocities
 from balloon_warp.model.strain_bound import StrainBound, bounded_films, bounded_moduli, cut_to_size
-from balloon_warp.model.strings import held_particle, overstretched_strings, string_lengths
-from balloon_warp.model.tears import settle_tears
+from balloon_warp.model.strings import (
+    Driven,
+    driven_particles,
+    held_particle,
+    overstretched_strings,
+    require_profile,
+    string_lengths,
+)
 from balloon_warp.model.timeline import DueChange, due_changes
-from balloon_warp.model.touch import settle_touch
-from balloon_warp.model.touch_itself import settle_itself
-from balloon_warp.model.tunneling import warnings_of
-from balloon_warp.model.unit_checks import doubts_about
+from balloon_warp.model.touch import crossed_starts, settle_itself, settle_touch
 from balloon_warp.model.vary import Vary, vary_parameters
-from balloon_warp.model.wind import require_profile
 from balloon_warp.scene import Scene
 
 

@@ -1,21 +1,114 @@
-"""The pressure that a balloon gets where the scene leaves it open, "auto". Host side."""
+"""Pressures of balloons on the host: \"auto\", predicted volumes, limit points, and a liquid's gradient."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.kernels.laws import Law
+from balloon_warp.kernels.laws.gas import STANDARD_PRESSURE
 from balloon_warp.kernels.laws.hooke import KINDS
-from balloon_warp.mesh.corners import face_starts
-from balloon_warp.mesh.geometry import face_areas, total_area, vertex_areas, vertex_normals
-from balloon_warp.mesh.topology import mesh_edges, non_manifold_edges, vertex_components
-from balloon_warp.model.foretold_volume import MOST_VERTICES, volume_under
+from balloon_warp.kernels.laws.water import EVENED
+from balloon_warp.mesh.geometry import (
+    face_areas,
+    signed_volume,
+    total_area,
+    vertex_areas,
+    vertex_normals,
+    vertex_vector_areas,
+)
+from balloon_warp.mesh.topology import face_starts, mesh_edges, non_manifold_edges, vertex_components
 from balloon_warp.model.materials import law_of, numbers_of, slopes_by_stretches
 from balloon_warp.model.parameters import Parameters
-from balloon_warp.model.shape import BalloonShape
-from balloon_warp.model.strung import mean_radius, pressure_of_stretch
+from balloon_warp.model.shape import BalloonShape, mean_radius, pressure_of_stretch
 from balloon_warp.scene import Balloon, Scene
+
+MOST_VERTICES = 12_000
+"""Largest number of vertices of a balloon whose volume is predicted: with more, it would take longer than to begin"""
+ROUNDS = 60
+KEPT = 6
+"""Number of iterations that the next one is extrapolated from"""
+CLOSE = 2.0e-3
+"""Change of the volume in `CALM` iterations at convergence, over the volume at the start"""
+CALM = 4
+ANCHOR = 1.0e-4
+"""Regularization that makes the springs' Laplacian invertible, over its mean diagonal"""
+
+
+def volume_under(shape: BalloonShape, constants: NDArray[np.float64], pressure: float) -> float | None:
+    """Find the volume within the faces that are pushed, in balance, over that at the start.
+
+    None where there is none, or where it would take long.
+
+    Each round solves for the places at which the springs, each at its rest length along the way that it has now, and
+    the pressure's forces of now are in balance: as projective dynamics does (Bouaziz et al. 2014), with a step without
+    end. Rounds are extrapolated from those before (Anderson 1965).
+
+    Args:
+        constants: of the kinds of springs [N/m], shape (3,).
+        pressure: [Pa].
+    """
+    points, start = shape.mesh.points, signed_volume(shape.skin)
+    if not start or not shape.encloses or len(points) > MOST_VERTICES:
+        return None
+    round_of = _rounds(shape, constants[shape.springs.kind] * shape.stiffness_scale, pressure)
+    volumes: list[float] = []
+    places: list[NDArray[np.float64]] = []
+    moves: list[NDArray[np.float64]] = []
+    for _ in range(ROUNDS):
+        places, moves = [*places[-KEPT:], points.ravel()], [*moves[-KEPT:], round_of(points).ravel()]
+        points = _extrapolated(places, moves).reshape(-1, 3)
+        volumes.append(signed_volume(replace(shape.skin, points=points)) / start)
+        if not np.isfinite(volumes[-1]):
+            return None
+        if len(volumes) > CALM and np.ptp(volumes[-CALM:]) < CLOSE:
+            return volumes[-1]
+    return None
+
+
+def _rounds(shape: BalloonShape, constants: NDArray[np.float64], pressure: float) -> Any:
+    """Make the function that gives how far each particle moves in a round, from the points of all [m]."""
+    from scipy.sparse import coo_array, csc_matrix, diags_array
+    from scipy.sparse.linalg import splu
+
+    springs, mesh, count = shape.springs, shape.skin, shape.mesh.vertex_count
+    rows, signs = np.arange(springs.count), np.ones(springs.count)
+    ends = np.concatenate([springs.pairs[:, 0], springs.pairs[:, 1]])
+    entries = np.concatenate([-signs, signs]), (np.concatenate([rows, rows]), ends)
+    differences = coo_array(entries, shape=(springs.count, count)).tocsr()
+    back = differences.T.tocsr()
+    laplacian = back @ diags_array(constants) @ differences
+    held = ANCHOR * laplacian.diagonal().mean() or 1.0
+    free = shape.mass_share > 0.0
+    solver = splu(
+        csc_matrix(laplacian + diags_array(np.where(free, held, 1e9 * held / ANCHOR))),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
+
+    def moves(points: NDArray[np.float64]) -> NDArray[np.float64]:
+        ways = differences @ points
+        lengths = np.maximum(np.linalg.norm(ways, axis=1), 1e-30)
+        pulls = back @ ((constants * (1.0 - springs.rest_lengths / lengths))[:, None] * ways)
+        pushes = pressure * vertex_vector_areas(replace(mesh, points=points))
+        return solver.solve(np.where(free[:, None], pushes - pulls, 0.0))
+
+    return moves
+
+
+def _extrapolated(places: list[NDArray[np.float64]], moves: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Extrapolate iterations to the place where their moves vanish; with one, return the last place, moved."""
+    if len(moves) == 1:
+        return places[0] + moves[0]
+    between = np.diff(np.array(moves), axis=0)
+    products = between @ between.T
+    products += 1e-12 * np.trace(products) * np.eye(len(products))
+    parts = np.linalg.lstsq(products, between @ moves[-1], rcond=None)[0]
+    return places[-1] + moves[-1] - parts @ (np.diff(np.array(places), axis=0) + between)
+
 
 MOST_OF_RUBBER = 4.0e3
 """Largest "auto" pressure of a membrane [Pa]"""
@@ -203,3 +296,164 @@ def _evenness(shape: BalloonShape, within: NDArray[np.bool_]) -> float:
     least = (strengths[used] / areas[used])[softest][min(tenth, len(softest) - 1)]
     mean = np.trace(tensors, axis1=1, axis2=2).sum() / (2.0 * areas.sum())
     return float(min(UNEVEN * least / mean, 1.0))
+
+
+Values = NDArray[np.float64]
+BEARS = 0.4
+"""Pressure of a liquid over the radius that a skin bears, over how fast its own rises with stretch: balls keep their
+shape up to 0.37, and turn inside out from 0.75 on"""
+BEARING_TAUT, SLACK = 0.97, 0.94
+"""Stretch at the start below which a skin bears less, and that below which it hangs slack"""
+PUSHED = 0.15
+"""Part that springs bear of it then, which push where they are short; rubber and film do not"""
+LEAST = 1.0e-3
+"""Part of a skin that bears all while it is taut and not once it hangs slack, as where a balloon sinks"""
+WIDEST, VACUUM = 10.0, 1.0
+"""Largest stretch that is looked at, and least pressure around [Pa]"""
+BEARING_CLOSE = 1.0e-3
+"""Difference of stretches by which slopes are taken"""
+
+
+def settle_bearing(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> Values:
+    """Return the part of a liquid's pressure that acts evenly on each balloon, shape (W, balloon_count).
+
+    What a skin bears is in proportion to how fast its own pressure rises with stretch, as of a sphere, where its gas is
+    at the air's pressure. Skin that hangs slack, because it is large for its gas or pressed small at the start, bears
+    little or nothing. The part is 0 without gas, and without a liquid.
+    """
+    said = parameters[EVENED.name]
+    parts = [np.zeros(len(said))] * len(shapes)
+    for number, shape in enumerate(shapes):
+        if scene.water is not None and scene.balloon[number].inflation.kind == "gas":
+            own = said[:, number]
+            parts[number] = np.where(own < 0.0, _not_borne(scene, number, shape, parameters), own)
+    return np.stack(np.broadcast_arrays(*parts), axis=1)
+
+
+def _not_borne(scene: Scene, number: int, shape: BalloonShape, parameters: Parameters) -> Values:
+    """Return the part of a liquid's pressure that a skin does not bear where it is, shape (W,)."""
+    names = ("water_density", "gravity", "water_level", "air_pressure")
+    density, gravity, level, air = (parameters[name] for name in names)
+    depth = np.maximum(level - parameters["initial_centers"][:, number] @ np.array(scene.up), 0.0)
+    free_volume, gamma = (parameters[name][:, number] for name in ("initial_free_volumes", "gamma"))
+    room = max(signed_volume(shape.mesh), 1.0e-30)
+    out, here = (
+        np.cbrt(free_volume * (STANDARD_PRESSURE / np.maximum(pressure, VACUUM)) ** (1.0 / gamma) / room)
+        for pressure in (air, air + density * gravity * depth)
+    )
+    stretch = np.clip(out, 1.0, WIDEST)
+    rise = (_pressure(scene, number, shape, parameters, stretch + BEARING_CLOSE)
+            - _pressure(scene, number, shape, parameters, stretch)) / BEARING_CLOSE  # fmt: skip
+    head = density * np.abs(gravity) * stretch * np.sqrt(shape.area / (4.0 * np.pi))
+    borne = BEARS * np.nan_to_num(rise) / np.maximum(head, 1.0e-30)
+    pushed = 0.0 if law_of(scene, number) else PUSHED
+    taut = np.clip((here - SLACK) / (BEARING_TAUT - SLACK), pushed, 1.0)
+    return np.clip(1.0 - borne * taut, np.where(borne * pushed < 1.0, LEAST, 0.0), 1.0)
+
+
+def _pressure(scene: Scene, number: int, shape: BalloonShape, parameters: Parameters, stretch: Values) -> Values:
+    """Return the pressure that stretches a sphere of the balloon's area so far [Pa], shape (W,)."""
+    if law := law_of(scene, number):
+        return pressures_of_membrane(shape, law, numbers_of(parameters, number), stretch[:, None])[:, 0]
+    constants = np.stack(np.broadcast_arrays(*(parameters[row.name][:, number] for row in KINDS)), axis=-1)
+    return constants @ pressures_of_springs(shape) * (stretch - 1.0) / stretch**2
+
+
+SOFTEST_SPRINGS = 8.0
+"""Largest stretch of springs in the search for the limit point, whose pressure peaks at 2"""
+STATES = 2000
+LIMIT_CLOSE = 0.98
+"""Margin on the limit pressure, since a mesh's differs from that of a sphere"""
+
+
+@dataclass(frozen=True)
+class LimitPoint:
+    """Limit point of a balloon, the first peak of its pressure over stretch, and the pressure that it is given."""
+
+    material: str
+    stretch: float
+    """Equibiaxial stretch at the limit point"""
+    most: float
+    """Pressure at the limit point [Pa]"""
+    given: float
+    """Pressure that the balloon is given [Pa]"""
+
+    held_again: float | None = None
+    """Larger stretch at which the given pressure is in equilibrium, if there is one"""
+
+    def __str__(self) -> str:
+        again = self.held_again
+        beyond = f"at once, to a stretch of {again:.3g}" if again else "without end"
+        return (
+            f"its pressure of {self.given:.4g} Pa exceeds the {self.most:.4g} Pa that {self.material} of its area "
+            f"bears at the limit point, a stretch of {self.stretch:.3g}; beyond, it swells {beyond}: less pressure "
+            'helps, or a gas (inflation.kind = "gas"), whose pressure falls as it swells'
+        )
+
+
+def borne_pressures(
+    scene: Scene, number: int, shape: BalloonShape, parameters: Parameters
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return stretches, and the pressures of a sphere of the balloon's area at these [Pa], in its first world."""
+    first = {name: values[:1] for name, values in parameters.items()}
+    if law := law_of(scene, number):
+        told = numbers_of(first, number)
+        stretches = np.linspace(1.0, max(float(told["most_stretch"].item()), 1.01), STATES)
+        return stretches, pressures_of_membrane(shape, law, told, stretches)[0]
+    stretches = np.linspace(1.0, SOFTEST_SPRINGS, STATES)
+    constants = np.array([first[row.name][0, number] for row in KINDS])
+    return stretches, float(constants @ pressures_of_springs(shape)) * (stretches - 1.0) / stretches**2
+
+
+def passed_limit_point(
+    scene: Scene,
+    number: int,
+    shape: BalloonShape,
+    parameters: Parameters,
+    given: float,
+    points: NDArray[np.float64] | None = None,
+) -> LimitPoint | None:
+    """Return the limit point that a balloon under a given pressure has passed.
+
+    None if it has not, or its gas is controlled by volume.
+
+    Args:
+        parameters: of one world.
+        given: its pressure [Pa].
+        points: where its particles are [m], shape (particle_count, 3); without them it has passed if it bears that
+            pressure at no stretch.
+    """
+    if scene.balloon[number].inflation.kind != "pressure" or not np.isfinite(given) or given <= 0.0:
+        return None
+    stretches, pressures = borne_pressures(scene, number, shape, parameters)
+    if pressures.max() <= 0.0:
+        return None
+    falls = np.flatnonzero(np.diff(pressures) < 0.0)
+    if not len(falls):
+        return None
+    peak = int(falls[0])
+    past = given > pressures.max() / LIMIT_CLOSE
+    if points is not None:
+        past = given > LIMIT_CLOSE * pressures[peak]
+        area = total_area(replace(shape.mesh, points=points))
+        stretch = np.sqrt(area / total_area(shape.mesh))
+        past = past or bool(stretch > stretches[peak] and given > np.interp(stretch, stretches, pressures))
+    if not past:
+        return None
+    law = scene.balloon[number].material.law
+    ball = "a ball of springs" if law_of(scene, number) is None else f"a ball of {law.replace('_', '-')} rubber"
+    again = np.flatnonzero(pressures[peak:] > given)
+    held_again = float(stretches[peak + again[0]]) if len(again) and given > pressures[peak] else None
+    return LimitPoint(ball, float(stretches[peak]), float(pressures[peak]), given, held_again)
+
+
+def pressures_too_high(scene: Scene, shapes: list[BalloonShape], parameters: Parameters) -> list[str]:
+    """Return a sentence for each balloon of rubber under a pressure that it bears at no stretch, in any world."""
+    sentences = []
+    values = parameters["keyframe_values"]
+    for number, shape in enumerate(shapes):
+        if law_of(scene, number) and scene.balloon[number].inflation.kind == "pressure":
+            given = float(np.nanmax(values[:, number]))
+            if limit := passed_limit_point(scene, number, shape, parameters, given):
+                sentences.append(f"{shape.name}: {limit}")
+    return sentences

@@ -1,4 +1,6 @@
-"""Ridges of obstacles and free bodies, which balloon faces touch between their particles.
+"""Ridges of obstacles and bodies, and edges of balloons, that touch between particles.
+
+Ridges of obstacles and free bodies, which balloon faces touch between their particles.
 
 Ridges are the convex edges of boxes and meshes, and the axes of capsules.
 """
@@ -12,14 +14,79 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.mesh.geometry import face_vector_areas
+from balloon_warp.mesh.orientation import triangles_of
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
-from balloon_warp.model.bodies import BodyShape
-from balloon_warp.model.obstacle_motion import obstacle_motion
-from balloon_warp.model.obstacles import ObstacleShape
+from balloon_warp.mesh.topology import corner_faces, mesh_edges, next_corners
+from balloon_warp.model.obstacles import BodyShape, ObstacleShape, is_thin, obstacle_motion
 from balloon_warp.model.shape import BalloonShape
-from balloon_warp.model.thinness import is_thin
-from balloon_warp.model.touch import THICKNESS, edge_length
-from balloon_warp.scene import Scene
+from balloon_warp.model.touch import THICKNESS, bends_freely, edge_length, is_folded
+from balloon_warp.scene import Balloon, Scene
+
+SHARP = 0.5
+"""Cosine of the initial angle between the normals of an edge's two faces below which it is sharp: 60 degrees"""
+
+
+def sharp_edges(mesh: PolygonMesh) -> NDArray[np.int64]:
+    """Return the ends of a mesh's sharp edges, shape (E, 2).
+
+    They are in the order and direction in which faces first traverse them, independent of vertex numbers.
+    """
+    edges = mesh_edges(mesh)
+    areas = face_vector_areas(mesh)
+    normals = areas / np.maximum(np.linalg.norm(areas, axis=1, keepdims=True), 1e-300)
+    normals = normals[corner_faces(mesh)[edges.corners]] * np.where(edges.forward, 1.0, -1.0)[:, None]
+    other = np.minimum(edges.starts + 1, len(edges.corners) - 1)
+    cosine = -(normals[edges.starts] * normals[other]).sum(axis=1)  # the faces of an edge run along it both ways
+    firsts = np.sort(edges.corners[edges.starts[(edges.face_counts != 2) | (cosine < SHARP)]])
+    following = next_corners(mesh)[firsts]
+    return mesh.face_vertex_indices[np.stack([firsts, following], axis=1)].astype(np.int64)
+
+
+def edges_meet(scene: Scene, shapes: Sequence[BalloonShape]) -> bool:
+    """Return whether edges of balloons may touch others."""
+    if not scene.touches:
+        return False
+    have = [len(edges) > 0 for edges in meeting_edges(scene, shapes)]
+    return any(have) if scene.touches_itself else sum(have) > 1
+
+
+def meeting_edges(scene: Scene, shapes: Sequence[BalloonShape]) -> list[NDArray[np.int64]]:
+    """Return the ends of the edges of each balloon that touch edges, each of shape (E, 2)."""
+    said = scene.touch.edges if scene.touch else "auto"
+    if said is False:
+        return [np.zeros((0, 2), dtype=np.int64) for _ in shapes]
+    takes_all = said is True or scene.touches_itself
+    every = [takes_all or _may_fold(each, shape) for each, shape in zip(scene.balloon, shapes, strict=True)]
+    return [_all_edges(shape) if own else sharp_edges(shape.mesh) for shape, own in zip(shapes, every, strict=True)]
+
+
+def edges_by_leaf(
+    triangles: NDArray[np.int64], leaves: NDArray[np.int64], edges: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return edges in the order of the triangles that have them first, and the leaf of each, shape (E, 2) and (E,).
+
+    Args:
+        leaves: that of each triangle, ascending.
+    """
+    count = int(triangles.max(initial=0)) + 1
+    sides = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1), axis=-1).reshape(-1, 2) @ [count, 1]
+    keys, firsts = np.unique(sides, return_index=True)
+    own = firsts[np.searchsorted(keys, np.sort(edges, axis=1) @ [count, 1])]
+    order = np.argsort(own, kind="stable")
+    return edges[order], leaves[own[order] // 3]
+
+
+def _may_fold(balloon: Balloon, shape: BalloonShape) -> bool:
+    """Return whether a balloon may fold anywhere: it bends freely, and is folded, flat or open at the start."""
+    return bends_freely(balloon) and (not shape.closed or is_folded(shape.mesh))
+
+
+def _all_edges(shape: BalloonShape) -> NDArray[np.int64]:
+    """Return all edges of a mesh, as contact cuts its faces into triangles."""
+    triangles = triangles_of(shape.mesh)
+    sides = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
+    return np.unique(sides[sides[:, 0] != sides[:, 1]], axis=0)
+
 
 FLAT = 0.2
 """Turn of a surface within an edge of a balloon [rad], up to which faces follow it within the thickness of a skin"""

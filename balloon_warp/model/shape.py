@@ -1,5 +1,7 @@
-"""A balloon of the scene as geometry: its mesh placed in the world, and the springs over it. Host side, float64."""
+"""A balloon of the scene as geometry: its mesh placed in the world, the springs over it, and files beside it."""
 
+import zipfile
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -8,28 +10,220 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
+from balloon_warp.kernels.laws.hooke import KINDS
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.check import check_mesh
-from balloon_warp.mesh.geometry import face_areas, total_area
-from balloon_warp.mesh.load import load_mesh
-from balloon_warp.mesh.placement import place_mesh
-from balloon_warp.mesh.prepare import prepared
+from balloon_warp.mesh.geometry import LEAST_SIZE, face_areas, face_volumes, require_size, total_area, vertex_areas
+from balloon_warp.mesh.load import load_mesh, place_mesh, prepared
+from balloon_warp.mesh.polygon_mesh import as_told
 from balloon_warp.mesh.shells import pushed_outward, there_and_back
-from balloon_warp.mesh.size import LEAST_SIZE, require_size
 from balloon_warp.mesh.thickness import LEAST, relative_thickness
-from balloon_warp.mesh.topology import is_closed, mesh_edges
-from balloon_warp.mesh.units import as_told
+from balloon_warp.mesh.topology import face_starts, is_closed, mesh_edges, vertex_components
 from balloon_warp.model.fixed import fixed_particles, group_of
 from balloon_warp.model.most_pressure import pressure_bound
 from balloon_warp.model.neck import NO_NECK, Neck, neck_of
 from balloon_warp.model.slack_remarks import about_slack
-from balloon_warp.model.strung import constants_of, spring_sums, strung
-from balloon_warp.model.told_shape import rest_shape, sewn_vertices, springs_told
 from balloon_warp.scene import Balloon, Material, Scene, Stiffness
-from balloon_warp.springs import SpringKind, Springs
-from balloon_warp.springs.hinges import Hinges, build_hinges
+from balloon_warp.springs import Springs
+from balloon_warp.springs.build import Hinges, SpringKind, build_hinges
+from balloon_warp.springs.even import AT, even_scales, film_tension, springs_across
 from balloon_warp.springs.membrane import Membrane, build_membrane, no_membrane
 from balloon_warp.springs.ties import balloon_springs
+
+Values = NDArray[np.float64]
+COLUMNS = ("pairs", "rest_lengths", "constants")
+"""Arrays in a file of springs"""
+
+
+def springs_told(path: Path, own: Springs, mesh: PolygonMesh, constants: Values, unit: float) -> tuple[Springs, Values]:
+    """Return the springs of a file, and the scale of each one's constant over that of its kind.
+
+    A spring between particles that the mesh would join has the kind of that; others are structural.
+
+    Args:
+        own: the springs of the mesh.
+        constants: of the three kinds [N/m].
+        unit: meters in the file's unit of length.
+
+    Raises:
+        InputError: the file cannot be read, or does not fit the mesh.
+    """
+    pairs, lengths, stiffness = _columns(path)
+    _require_springs(path, pairs, lengths, stiffness, mesh.vertex_count)
+    pairs = np.sort(pairs, axis=1).astype(np.int32)
+    kind = _kinds(pairs, own)
+    order = np.lexsort((pairs[:, 1], pairs[:, 0], kind))
+    of_kind = constants[kind]
+    if (none := (of_kind == 0.0) & (stiffness > 0.0)).any():
+        name = SpringKind(int(kind[none][0])).name.lower()
+        raise InputError(f"stiffness.{name}: is 0, which {path} cannot scale; expected more than 0")
+    scale = np.divide(stiffness, of_kind, out=np.zeros(len(kind)), where=of_kind > 0.0)
+    return Springs(pairs[order], kind[order], unit * lengths[order]), scale[order]
+
+
+def rest_shape(balloon: Balloon, placed: PolygonMesh, unit: float) -> PolygonMesh:
+    """Return the stress-free mesh: the balloon's own, the vertices of another, or its faces cut into panels.
+
+    Raises:
+        InputError: the other mesh cannot be read, or has neither the same vertices nor, of a film, the same faces.
+    """
+    path = balloon.material.rest_mesh
+    if path is None:
+        return placed
+    other = load_mesh(path)
+    if len(other.points) == placed.vertex_count:
+        return replace(placed, points=unit * other.points)
+    sewn_vertices(other, placed, path, balloon.material.is_membrane)
+    return replace(other, points=unit * other.points)
+
+
+def sewn_vertices(panels: PolygonMesh, sewn: PolygonMesh, source: object, film: bool = True) -> NDArray[np.int64]:
+    """Return the vertex of a mesh that each vertex of its panels is sewn to, shape (panels.vertex_count,).
+
+    Args:
+        panels: the same faces in the same order, of which some do not share their vertices any longer.
+        film: whether panels are taken at all: springs go from panel to panel.
+
+    Raises:
+        InputError: the panels are no cut mesh.
+    """
+    told = f"material.rest_mesh: {source} has {panels.vertex_count} vertices"
+    same = f"expected the {sewn.vertex_count} of {sewn.name}, in its order"
+    if not film:
+        raise InputError(f"{told}; {same}")
+    if not np.array_equal(panels.face_vertex_counts, sewn.face_vertex_counts):
+        raise InputError(
+            f"{told} and {panels.face_count} faces; {same}, or panels: its {sewn.face_count} faces, in its order, cut "
+            "along seams"
+        )
+    sewn_to = np.zeros(panels.vertex_count, dtype=np.int64)
+    sewn_to[panels.face_vertex_indices] = sewn.face_vertex_indices
+    if (wrong := sewn_to[panels.face_vertex_indices] != sewn.face_vertex_indices).any():
+        vertex = panels.face_vertex_indices[wrong][0] + 1
+        raise InputError(
+            f"material.rest_mesh: vertex {vertex} of {source}, counted from 1, would be sewn to several of "
+            f"{sewn.name}; expected one"
+        )
+    return sewn_to
+
+
+def _columns(path: Path) -> list[NDArray]:
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return [np.asarray(file[name], dtype=np.int64 if name == "pairs" else np.float64) for name in COLUMNS]
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file; expected the .npz file of springs") from None
+    except (OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile):
+        expected = "a .npz file with pairs, rest_lengths and constants"
+        raise InputError(f"{path}: cannot be read as springs; expected {expected}") from None
+
+
+def _require_springs(path: Path, pairs: NDArray, lengths: Values, constants: Values, count: int) -> None:
+    """Raise unless the springs fit so many particles."""
+    if pairs.ndim != 2 or pairs.shape[1] != 2 or lengths.shape != constants.shape or lengths.shape != pairs.shape[:1]:
+        shapes = f"{pairs.shape}, {lengths.shape} and {constants.shape}"
+        raise InputError(f"{path}: expected pairs of shape (m, 2), and m rest_lengths and constants (got {shapes})")
+    if len(pairs) and (pairs.min() < 0 or pairs.max() >= count or (pairs[:, 0] == pairs[:, 1]).any()):
+        raise InputError(f"{path}: pairs: expected two of the mesh's {count} particles each, counted from 0")
+    if len(np.unique(np.sort(pairs, axis=1), axis=0)) != len(pairs):
+        raise InputError(f"{path}: pairs: two springs join the same particles; expected each pair once")
+    for name, values in (("rest_lengths", lengths), ("constants", constants)):
+        if not np.isfinite(values).all() or (values < 0.0).any():
+            raise InputError(f"{path}: {name}: expected numbers of at least 0")
+
+
+def _kinds(pairs: NDArray[np.int32], own: Springs) -> NDArray[np.int32]:
+    """Return the kind of each pair among the mesh's own springs; structural where there is none."""
+    keys = (own.pairs[:, 0].astype(np.int64) << 32) + own.pairs[:, 1]
+    order = np.argsort(keys)
+    wanted = (pairs[:, 0].astype(np.int64) << 32) + pairs[:, 1]
+    at = np.minimum(np.searchsorted(keys[order], wanted), max(len(keys) - 1, 0))
+    if not len(keys):
+        return np.zeros(len(pairs), dtype=np.int32)
+    found = keys[order][at] == wanted
+    return np.where(found, own.kind[order][at], int(SpringKind.STRUCTURAL)).astype(np.int32)
+
+
+LEAST_RADIUS = 0.12
+"""Mean radius of a shape over that of the sphere of equal area, below which springs across it bear the pressure"""
+LEAST_SUM = 0.25
+"""Least sum of a particle's springs for its mass, over that of the mean particle: contacts are as stiff at light
+particles as at others"""
+
+
+def strung(
+    mesh: PolygonMesh, springs: Springs, balloon: Balloon
+) -> tuple[Springs, NDArray[np.float64], NDArray[np.bool_] | None]:
+    """Return the springs with those across tied thin parts, the scales of their constants, and which go across.
+
+    Scales and mask have shape (spring_count,); the mask is None where none is asked for.
+
+    Args:
+        springs: over the surface, and between parts.
+    """
+    stiffness = balloon.stiffness
+    constants = constants_of(stiffness)
+    scale = even_scales(mesh, springs, constants) if stiffness.even else np.ones(springs.count)
+    structural = constants[SpringKind.STRUCTURAL]
+    if stiffness.thin != "tied" or balloon.material.is_membrane:
+        return springs, scale, None
+    if not structural:
+        return springs, scale, np.zeros(springs.count, dtype=bool)
+    found = springs_across(mesh, between_parts=balloon.parts == "held")
+    more = ~springs.has(found.pairs)
+    pressure = pressure_of_stretch(AT) * 2.0 * film_tension(constants) / max(mean_radius(mesh), 1e-30)
+    both = springs.with_structural(found.pairs, mesh.points)
+    across = np.zeros(both.count, dtype=bool)
+    if more.any():
+        across = Springs(found.pairs[more].astype(np.int32), both.kind[:0], both.rest_lengths[:0]).has(both.pairs)
+    scales = np.empty(both.count)
+    scales[~across] = scale  # in the same order
+    scales[across] = pressure * found.loads[more] / structural
+    return both, scales, across
+
+
+def constants_of(stiffness: Stiffness) -> NDArray[np.float64]:
+    """Return the constants of the three kinds of springs [N/m]."""
+    return np.array([getattr(stiffness, row.name) for row in KINDS])
+
+
+def spring_sums(
+    mesh: PolygonMesh, springs: Springs, scales: NDArray[np.float64], stiffness: Stiffness
+) -> NDArray[np.float64]:
+    """Return the sum of each particle's spring constants [N/m], bounded below, shape (vertex_count,).
+
+    Masses in proportion to it allow the longest step.
+    """
+    each = np.repeat(constants_of(stiffness)[springs.kind] * scales, 2)
+    sums = np.bincount(springs.pairs.ravel(), each, mesh.vertex_count)
+    mean = sums.sum() / max(np.count_nonzero(sums), 1)
+    return np.maximum(sums, LEAST_SUM * mean or 1.0)
+
+
+def pressure_of_stretch(stretch: float) -> float:
+    """Return the pressure at a stretch of a sphere's skin over 2 K / R.
+
+    K is its tension per unit strain, R its radius.
+    """
+    return stretch / (1.0 + stretch) ** 2
+
+
+def mean_radius(mesh: PolygonMesh) -> float:
+    """Return 3 V / A of the part with the largest area [m].
+
+    It is a sphere's radius, and three halves of a tube's. It is at least `LEAST_RADIUS` of that of the sphere of equal
+    area. An open mesh may become half a sphere, and has the radius of that.
+    """
+    edges, areas = mesh_edges(mesh), vertex_areas(mesh)
+    parts = vertex_components(mesh, edges)
+    of_parts = np.bincount(parts, areas, mesh.vertex_count)
+    largest = int(of_parts.argmax())
+    area = of_parts[largest]
+    if not is_closed(edges):
+        return float(np.sqrt(area / (2.0 * np.pi)))
+    least = LEAST_RADIUS * np.sqrt(area / (4.0 * np.pi))
+    volume = face_volumes(mesh)[(parts == largest)[mesh.face_vertex_indices[face_starts(mesh)]]].sum()
+    return float(max(3.0 * abs(volume) / max(area, 1e-30), least))
 
 
 @dataclass(frozen=True)
@@ -274,3 +468,91 @@ def _mass_shares(
         return np.where(moves, membrane.lumps(mesh.vertex_count), 0.0) / membrane.areas.sum()
     shares = np.where(moves, stiffness_sums if balloon.stiffness.even else 1.0, 0.0)
     return shares / max(shares.sum(), 1e-30)
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """Surroundings of the moving particles of a balloon."""
+
+    mass_share: NDArray[np.float64]
+    """Share of the balloon's mass, shape (P,)"""
+    area: NDArray[np.float64]
+    """Share of the balloon's area [m^2], shape (P,): twice that at the start, since it may grow"""
+    spring_counts: NDArray[np.float64]
+    """Number of springs by kind, shape (P, 3)"""
+    spring_scales: NDArray[np.float64]
+    """Sums of spring constants over those of their kinds, shape (P, 3)"""
+    strings: NDArray[np.float64]
+    """1 where the string holds it, shape (P, count of the balloon's strings)"""
+    hinges: NDArray[np.float64]
+    """Half the row sums of the stiffness matrix of hinges with a constant of 1 N m/rad [1/m^2], shape (P,)"""
+    membrane: NDArray[np.float64]
+    """Half the absolute row sums of the membrane's Laplacian, shape (P,)"""
+    velocity: NDArray[np.float64]
+    """Velocities [m/s], shape (P, 3)"""
+
+    @property
+    def particle_count(self) -> int:
+        return len(self.mass_share)
+
+    def different(self) -> "Surroundings":
+        """Return the distinct ones."""
+        parts = [part[:, None] if part.ndim == 1 else part for part in vars(self).values()]
+        rows = np.unique(np.concatenate(parts, axis=1), axis=0)
+        columns = np.split(rows, np.cumsum([part.shape[1] for part in parts])[:-1], axis=1)
+        shapes = [(len(rows), *part.shape[1:]) for part in vars(self).values()]
+        return Surroundings(*(part.reshape(shape) for part, shape in zip(columns, shapes, strict=True)))
+
+
+def surroundings_of(
+    shape: BalloonShape, held: Sequence[int], with_hinges: bool, velocities: NDArray[np.float64] | None
+) -> Surroundings:
+    """Return the surroundings of all moving particles, in their order.
+
+    Args:
+        held: Particle that each string of the balloon holds.
+        with_hinges: Whether any hinge has a constant; otherwise they are left out, which saves time.
+        velocities: Velocities of all particles [m/s]; at rest, when missing.
+    """
+    count, pairs = shape.mesh.vertex_count, shape.springs.pairs
+    counts, scales = np.zeros((count, len(KINDS))), np.zeros((count, len(KINDS)))
+    for kind in range(len(KINDS)):
+        of_kind = shape.springs.kind == kind
+        for end in (0, 1):
+            counts[:, kind] += np.bincount(pairs[:, end], of_kind, count)
+            scales[:, kind] += np.bincount(pairs[:, end], np.where(of_kind, shape.stiffness_scale, 0.0), count)
+    moves = shape.mass_share > 0.0
+    return Surroundings(
+        mass_share=shape.mass_share[moves],
+        area=2.0 * vertex_areas(shape.mesh)[moves],
+        spring_counts=counts[moves],
+        spring_scales=scales[moves],
+        strings=(np.flatnonzero(moves)[:, None] == np.asarray(held, dtype=np.int64)).astype(np.float64),
+        hinges=_hinges(shape)[moves] if with_hinges else np.zeros(int(moves.sum())),
+        membrane=_membrane_around(shape)[moves],
+        velocity=np.zeros((count, 3))[moves] if velocities is None else velocities[moves],
+    )
+
+
+def _hinges(shape: BalloonShape) -> NDArray[np.float64]:
+    """Return a hinge has k g_p g_q for particles p and q in the matrix, where g is the gradient of its angle."""
+    hinges = shape.hinges
+    sizes = hinges.wing_sizes
+    gradients = hinges.gradients(shape.mesh.points)
+    rows = 0.5 * gradients * gradients.sum(axis=1, keepdims=True)
+    sums = np.zeros(shape.mesh.vertex_count)
+    np.add.at(sums, hinges.ends, rows[:, :2])
+    np.add.at(sums, hinges.wing_particles, np.repeat((rows[:, 2:] / sizes).ravel(), sizes.ravel()))
+    return sums
+
+
+def _membrane_around(shape: BalloonShape) -> NDArray[np.float64]:
+    """Return row sums, twice which bound the eigenvalues, by Gershgorin's theorem."""
+    count = shape.mesh.vertex_count
+    pairs, between = shape.membrane.laplacian
+    rows, which = np.unique(np.sort(pairs, axis=1), axis=0, return_inverse=True)
+    total = np.bincount(which.ravel(), between, len(rows))
+    sums = np.zeros(count)
+    for end in (0, 1):
+        sums += np.bincount(rows[:, end], 0.5 * (total + np.abs(total)), count)
+    return sums

@@ -3,11 +3,16 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.mesh.components import component_labels
-from balloon_warp.mesh.corners import corner_faces, face_starts
 from balloon_warp.mesh.feasible import RIBBONS
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
-from balloon_warp.mesh.topology import border_edges, mesh_edges, vertex_components
+from balloon_warp.mesh.topology import (
+    border_edges,
+    component_labels,
+    corner_faces,
+    face_starts,
+    mesh_edges,
+    vertex_components,
+)
 
 NOTHING_HELD = (
     "Not inflated: the mesh is open and its border is not pinned, so it would fly away. {} "

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.model.acting import values_over_time
 from balloon_warp.model.model import Model
-from balloon_warp.model.tunneling import held_within, widest_opening
+from balloon_warp.model.stability import held_within, widest_opening
+from balloon_warp.model.timeline import values_over_time
 
 
 def small_spheres(model: Model) -> list[bool]:

@@ -7,7 +7,7 @@ import warp as wp
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from balloon_warp.mesh.mesh_distance import MeshDistance
+from balloon_warp.mesh.surface_nets import MeshDistance
 from balloon_warp.model.obstacles import ObstacleShape
 
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.mesh.placement import rotation_matrix
-from balloon_warp.mesh.size import box_corners, require_reach
+from balloon_warp.mesh.geometry import box_corners, require_reach
+from balloon_warp.mesh.load import rotation_matrix
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.scene import Scene

@@ -8,11 +8,11 @@ import numpy as np
 import warp as wp
 
 from balloon_warp.kernels.measure.health import HEALTHY
-from balloon_warp.mesh.placement import rotation_matrix
-from balloon_warp.model.bodies import initial_centers, initial_turns, most_touches
+from balloon_warp.mesh.load import rotation_matrix
 from balloon_warp.model.kept import kept_arrays, start_kept
 from balloon_warp.model.memory import Allocating, Counting, Room
 from balloon_warp.model.model import Model
+from balloon_warp.model.obstacles import initial_centers, initial_turns, most_touches
 from balloon_warp.model.placing import place_particles
 
 

@@ -13,12 +13,10 @@ from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws.membrane import SHEAR_MODULUS
-from balloon_warp.mesh.corners import corner_faces
 from balloon_warp.mesh.geometry import face_vector_areas, signed_volume, total_area, vertex_areas
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
-from balloon_warp.mesh.topology import mesh_edges
-from balloon_warp.model.parameters import Parameters
-from balloon_warp.model.rows import KEYFRAME_VALUES
+from balloon_warp.mesh.topology import corner_faces, mesh_edges
+from balloon_warp.model.parameters import KEYFRAME_VALUES, Parameters
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.model.timeline import DueChange
 from balloon_warp.scene import Scene
@@ -171,7 +169,7 @@ def inflated_volume(shape: BalloonShape) -> float:
     if volume > FLAT * area**1.5:
         return own * volume
     rim = _rim(mesh)
-    from balloon_warp.model.folded import is_stacked  # both load SciPy
+    from balloon_warp.model.touch import is_stacked  # both load SciPy
 
     if not len(rim) or is_stacked(mesh):
         return float(shape.membrane.areas.sum() ** 1.5 / (6.0 * np.sqrt(np.pi)))

@@ -1,19 +1,24 @@
-"""Default thickness, stiffness and reach of contacts between balloons, from their meshes and springs."""
+"""Contact between balloons as a simulation starts: thickness and stiffness, self-contact, folds, and crossings."""
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.kernels.laws.hooke import KINDS
 from balloon_warp.kernels.laws.touch import DAMPING_RATIO
+from balloon_warp.mesh.crossings import find_crossings
+from balloon_warp.mesh.orientation import triangles_of
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.mesh.thickness import length_graph, nears_itself, slenderness
 from balloon_warp.mesh.topology import mesh_edges
 from balloon_warp.model.bounds import Bound
+from balloon_warp.model.crushing import starts_pressed
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape
-from balloon_warp.scene import Scene
+from balloon_warp.model.starts import start_of
+from balloon_warp.scene import Balloon, Scene, Touch
 
 THICKNESS = 0.05
 """Thickness of a balloon's skin over an edge of its mesh: a hundredth of a sphere's radius, which is invisible"""
@@ -105,3 +110,195 @@ def bound_of_touch(
     both = crowd * each
     stiffness = 0.5 * (both + np.maximum(both - own[:, number] / stiffness_share(scene), 0.0))
     return {"stiffness": stiffness, "drag": crowd * float(DAMPING_RATIO) * np.sqrt(each * mass)}
+
+
+DETOUR = 1.2
+"""Least length of the way along the surface, over the distance below which particles are near each other in space, of
+such that show that a surface is folded: along edges and diagonals, a flat one has ways up to 1.16"""
+LAYERS = 2.5
+"""Number of layers above which a surface is stacked, by how many particles they have"""
+NARROW = 0.5
+"""Distance between layers that lie on each other, over the mean edge: triangles have no such detours between them"""
+HOPS = 2
+"""Number of edges or diagonals that lead to all that is near in an even mesh"""
+ROWS = 256
+"""Number of particles whose ways are measured together, to bound the memory, and at most to find layers"""
+
+
+def bends_freely(balloon: Balloon) -> bool:
+    """Return whether nothing of a balloon's skin resists bending."""
+    material, stiffness = balloon.material, balloon.stiffness
+    stiff = "flexion" in material.springs if material.is_membrane else stiffness.flexion > 0.0
+    return not stiff and not stiffness.torsion > 0.0
+
+
+def is_stacked(mesh: PolygonMesh) -> bool:
+    """Return whether more than two layers of a surface lie on each other, as they do not in flat foil.
+
+    Looks where most is near: how much of that is near along the surface, too, is one layer.
+    """
+    from scipy.sparse.csgraph import dijkstra  # takes long to load
+    from scipy.spatial import KDTree
+
+    apart = APART * edge_length(mesh)
+    used = np.unique(mesh.face_vertex_indices)
+    points = mesh.points[used]
+    tree = KDTree(points)
+    fullest = np.argsort(-tree.query_ball_point(points, apart, return_length=True), kind="stable")[:ROWS]
+    ways = dijkstra(length_graph(mesh), indices=used[fullest], limit=DETOUR * apart)[:, used]
+    around = tree.query_ball_point(points[fullest], apart)
+    return any(len(near) > LAYERS * np.isfinite(way[near]).sum() for near, way in zip(around, ways, strict=True))
+
+
+def is_in_layers(mesh: PolygonMesh) -> bool:
+    """Return whether layers of a surface lie on each other: nearer than half an edge, and far along it."""
+    return is_folded(mesh, NARROW * edge_length(mesh))
+
+
+def is_folded(mesh: PolygonMesh, nearer: float | None = None) -> bool:
+    """Return whether parts of a surface are near each other, and far along it.
+
+    Args:
+        nearer: distance that counts as near [m]; that within which particles count as neighbors, if not given.
+    """
+    from scipy.sparse.csgraph import dijkstra  # takes long to load
+    from scipy.spatial import KDTree
+
+    apart = APART * edge_length(mesh)
+    graph = length_graph(mesh)
+    hops = graph.astype(bool)
+    for _ in range(HOPS - 1):
+        hops = hops + hops @ graph.astype(bool)
+    used = np.zeros(mesh.vertex_count, dtype=bool)
+    used[mesh.face_vertex_indices] = True
+    pairs = KDTree(mesh.points).query_pairs(nearer or apart, output_type="ndarray").astype(np.int64)
+    pairs = pairs[used[pairs].all(axis=1)]
+    if not len(pairs):
+        return False
+    pairs = pairs[~np.asarray(hops[pairs[:, 0], pairs[:, 1]]).ravel().astype(bool)]
+    starts, rows = np.unique(pairs[:, 0], return_inverse=True)
+    for begin in range(0, len(starts), ROWS):
+        own = (rows >= begin) & (rows < begin + ROWS)
+        ways = dijkstra(graph, indices=starts[begin : begin + ROWS], limit=DETOUR * apart)
+        if np.isinf(ways[rows[own] - begin, pairs[own, 1]]).any():
+            return True
+    return False
+
+
+STRETCH = 0.1
+"""Stretch of a skin, by which its parts grow, where the inflation names none"""
+SLENDER = 2.0 * np.pi
+"""Slenderness from which on a balloon may bend into itself: a tube's, whose ends meet around a hole as wide as it"""
+
+
+def settle_itself(scene: Scene, shapes: Sequence[BalloonShape]) -> Scene:
+    """Return the scene with `touch.itself` settled by its meshes, where it is "auto".
+
+    It is true where parts of any balloon are near each other, so that inflation may close the gap between them, and for
+    foil, which folds anywhere: it bends freely and is flat or folded at the start. It is "soft" where any balloon is so
+    slender that it may bend into itself, or starts pressed inward, by water or a vacuum: walls come together where the
+    skin does not bear that. Either should cost next to nothing until then. Where contact cannot be simulated, as with a
+    solver that takes over later, `touch` is false.
+    """
+    if not scene.meshes_settle_itself:
+        return scene.model_copy(update={"touch": False}) if scene.touch is None else scene
+    itself: bool | Literal["soft"] = _any_is_foil(scene.balloon, shapes) or _any_nears_itself(scene.balloon, shapes)
+    itself = itself or ((_any_is_slender(shapes) or _any_is_pressed(scene, shapes)) and "soft")
+    if scene.touch:
+        return scene.model_copy(update={"touch": scene.touch.model_copy(update={"itself": itself})})
+    # spheres touch faces as they do without this table
+    return scene.model_copy(update={"touch": Touch(itself=itself, spheres=scene.faces_may_meet)}) if itself else scene
+
+
+def _any_nears_itself(balloons: Sequence[Balloon], shapes: Sequence[BalloonShape]) -> bool:
+    """Return whether any balloon nears itself; of balloons that are alike one is looked at."""
+    stretches = [_stretch_of(balloon) for balloon in balloons]
+    different = {(*_form(shape.mesh), stretch): shape.mesh for shape, stretch in zip(shapes, stretches, strict=True)}
+    return any(nears_itself(mesh, stretch) for (*_, stretch), mesh in different.items())
+
+
+def _any_is_slender(shapes: Sequence[BalloonShape]) -> bool:
+    """Return whether any closed balloon is so slender that it may bend into itself; ribbons, such as hair, are not."""
+    closed = {_form(shape.mesh): shape.mesh for shape in shapes if shape.closed}
+    return any(slenderness(mesh) >= SLENDER for mesh in closed.values())
+
+
+def _any_is_pressed(scene: Scene, shapes: Sequence[BalloonShape]) -> bool:
+    """Return whether any balloon is pressed inward as it starts."""
+    return any(starts_pressed(balloon, shape, scene) for balloon, shape in zip(scene.balloon, shapes, strict=True))
+
+
+def _any_is_foil(balloons: Sequence[Balloon], shapes: Sequence[BalloonShape]) -> bool:
+    """Return whether any balloon bends freely and has layers on each other, as foil has."""
+    limp = {_form(shape.mesh): shape.mesh for each, shape in zip(balloons, shapes, strict=True) if bends_freely(each)}
+    return any(is_in_layers(mesh) for mesh in limp.values())
+
+
+def _stretch_of(balloon: Balloon) -> float:
+    """Return the stretch that a balloon's inflation names."""
+    return balloon.inflation.stretch if balloon.inflation.is_automatic else STRETCH
+
+
+def _form(mesh: PolygonMesh) -> tuple[bytes, bytes]:
+    """Return a key that is alike for meshes that differ in size and place alone."""
+    points = mesh.points - mesh.points.min(axis=0)
+    return mesh.face_vertex_indices.tobytes(), np.round(points / max(float(points.max()), 1e-30), 5).tobytes()
+
+
+MOST_TRIANGLES = 100_000
+"""Largest number of triangles that are looked at, so that a look takes seconds at most"""
+ROUNDING = 1e-6
+"""Depth that is none, over the size of the balloons"""
+
+
+def crossed_starts(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> list[str]:
+    """Return a sentence for each balloon that crosses itself at the start of the first world, and touches itself.
+
+    And one for each two that cross and touch, of which one is open. Closed ones that overlap are pushed apart.
+    """
+    if not scene.touches or sum(shape.mesh.face_count for shape in shapes) > MOST_TRIANGLES:
+        return []
+    first = {name: parameters[name][:1] for name in ("initial_turns", "initial_shifts")}
+    starts = [start_of(scene, first, number, shape.mesh.points)[0] for number, shape in enumerate(shapes)]
+    if scene.touches_itself:
+        which: list[tuple[int, ...]] = [(number,) for number in range(len(shapes))]
+    else:
+        which = []
+    which += _overlapping(shapes, starts)
+    found = (_sentence(numbers, shapes, starts) for numbers in which)
+    return [sentence for sentence in found if sentence]
+
+
+def _overlapping(shapes: Sequence[BalloonShape], starts: Sequence[NDArray[np.float64]]) -> Iterator[tuple[int, int]]:
+    """Yield pairs of balloons, one of them open, whose boxes overlap."""
+    lows, highs = (np.array([bound(points, axis=0) for points in starts]) for bound in (np.min, np.max))
+    for number, shape in enumerate(shapes):
+        for other in range(number):
+            apart = (lows[number] > highs[other]) | (lows[other] > highs[number])
+            if not apart.any() and not (shape.closed and shapes[other].closed):
+                yield other, number
+
+
+def _sentence(
+    numbers: tuple[int, ...], shapes: Sequence[BalloonShape], starts: Sequence[NDArray[np.float64]]
+) -> str | None:
+    """Describe the crossing of one balloon with itself, or of two; None if nothing crosses."""
+    triangles = [triangles_of(shapes[number].mesh) for number in numbers]
+    counts = [len(starts[number]) for number in numbers]
+    points = np.concatenate([starts[number] for number in numbers])
+    found = find_crossings(points, np.concatenate([triangles[0], *(each + counts[0] for each in triangles[1:])]))
+    edges_of_first, faces_of_first = found.edges[:, 0] < counts[0], found.triangles < len(triangles[0])
+    deep = found.depths > ROUNDING * np.ptp(points, axis=0).max()
+    those = np.flatnonzero(deep & ((edges_of_first != faces_of_first) | (len(numbers) == 1)))
+    if not len(those):
+        return None
+    worst = those[found.depths[those].argmax()]
+    names = [shapes[number].name for number in numbers]
+    who = f"parts of {names[0]} cross each other" if len(names) == 1 else f"{names[0]} and {names[1]} cross"
+    faces = len(np.unique(found.triangles[those]))
+    place = ", ".join(f"{x:.3g}" for x in found.places[worst])
+    passes = "touch.itself = false lets them pass" if len(names) == 1 else "touch.balloons = false lets them pass"
+    return (
+        f"touch: {who} at the start ({faces:,} face{'s' if faces > 1 else ''}, up to {found.depths[worst]:.2g} m near "
+        f"({place})), and stay interlocked there: separate them by touch.thickness, or {passes} through"
+    )

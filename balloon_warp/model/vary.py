@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterable, Mapping, Sequence, Sized
+from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
@@ -11,12 +12,12 @@ from typing_extensions import TypeAliasType
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Parameter
 from balloon_warp.kernels.laws.membrane import THICKNESS
-from balloon_warp.model.law_tables import with_law_tables
-from balloon_warp.model.parameters import Parameters, Place, is_numbered, places_of
-from balloon_warp.model.rows import START
-from balloon_warp.scene import Scene
-from balloon_warp.scene.overrides import override_scene
-from balloon_warp.scene.standard_air import standard_air
+from balloon_warp.mesh.load import LOADERS
+from balloon_warp.model.parameters import START, Parameters, Place, is_numbered, places_of, with_law_tables
+from balloon_warp.scene import Scene, SceneLike, load_scene
+from balloon_warp.scene.inflation_kinds import KIND_OF_FIELD
+from balloon_warp.scene.load import Override, OverrideError, override_scene, pairs_of
+from balloon_warp.scene.presets import standard_air
 
 Vary = TypeAliasType("Vary", Mapping[str, ArrayLike])
 """Values in each world, shape (world_count,), by dotted paths of the scene, as in overrides"""
@@ -161,3 +162,75 @@ def _require_fit(scene: Scene, rows: Sequence[Parameter], path: str, value: obje
 def _summary(places: Mapping[str, list[Place]]) -> list[str]:
     """Return the paths without the numbers of balloons, spheres, strings and tubes, the scene's own fields first."""
     return sorted((path for path in (*places, ALTITUDE) if not is_numbered(path)), key=lambda path: path.count("."))
+
+
+FILLING = re.compile(r"balloon\.(?:(\d+)\.)?inflation\.(\w+)")
+"""Paths of fields of inflations"""
+
+
+def scene_to_vary(
+    source: SceneLike, vary: Mapping[str, Any] | None, overrides: Mapping[str, Any] | Iterable[Override] = ()
+) -> Scene:
+    """Load a scene whose values at some paths will differ between worlds.
+
+    As with `--set`, a balloon gets the kind of inflation that they ask for, where nothing names one; and a mesh by
+    itself gets no pump beside litres that differ.
+
+    Args:
+        source: as of `load_scene`.
+        vary: values that differ, by dotted paths.
+        overrides: as of `load_scene`.
+
+    Raises:
+        InputError: as `load_scene`.
+        VaryError: no world can have the largest of the values at a path.
+    """
+    asked = _fillings(vary) if isinstance(vary, Mapping) else []
+    if _is_bare_mesh(source):
+        given = pairs_of(overrides)
+        try:
+            return load_scene(source, [*given, *asked])
+        except OverrideError as mistake:
+            if mistake.number < len(given):
+                raise
+            raise VaryError(mistake, asked[mistake.number - len(given)][0]) from None
+    scene = source if isinstance(source, Scene) and not overrides else load_scene(source, overrides)
+    for path, value in asked:
+        if _asks_for_another_kind(scene, path):
+            try:
+                scene = override_scene(scene, [(path, value)], other_kinds=True)
+            except InputError as mistake:
+                raise VaryError(mistake, path) from None
+    return scene
+
+
+def _is_bare_mesh(source: SceneLike) -> bool:
+    if isinstance(source, str | Path):
+        return Path(source).suffix.lower() in LOADERS
+    return not isinstance(source, Scene)
+
+
+def _fillings(vary: Mapping[str, Any]) -> list[Override]:
+    """Return paths of inflations among those that differ, and the value of each that is farthest from 0."""
+    asked: list[Override] = []
+    for path, values in vary.items():
+        named = FILLING.fullmatch(path)
+        if named and named[2] in KIND_OF_FIELD:
+            try:
+                numbers: Sequence[float] = np.ravel(np.asarray(values, dtype=np.float64)).tolist()
+            except (TypeError, ValueError):  # which is complained of with all that differs
+                continue
+            if np.isfinite(numbers).any():
+                asked.append((path, max(filter(np.isfinite, numbers), key=abs)))
+    return asked
+
+
+def _asks_for_another_kind(scene: Scene, path: str) -> bool:
+    """Return whether a path belongs to another kind of inflation than its balloons have, all of which leave it open."""
+    named = FILLING.fullmatch(path)
+    assert named
+    balloons = scene.balloon[int(named[1]) :][:1] if named[1] else scene.balloon
+    inflations = [balloon.inflation for balloon in balloons]
+    return not any(each.names_its_kind for each in inflations) and any(
+        each.kind != KIND_OF_FIELD[named[2]] for each in inflations
+    )

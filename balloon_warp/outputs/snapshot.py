@@ -1,9 +1,9 @@
 """A picture of a frame that is in no stage yet."""
 
 from balloon_warp.errors import InputError
+from balloon_warp.files import scratch_folder
 from balloon_warp.frame import Frame
 from balloon_warp.model import Model
-from balloon_warp.temporaries import scratch_folder
 
 NOTEBOOK_SIZE = (480, 270)
 """Size of a picture that a notebook shows by itself [pixels]"""

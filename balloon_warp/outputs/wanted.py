@@ -10,12 +10,11 @@ from typing import Any, Self
 from pxr import Usd
 
 from balloon_warp.errors import InputError
-from balloon_warp.files import check_writable, folder_beside
+from balloon_warp.files import check_writable, folder_beside, require_no_inputs, require_ours, sole_writer
 from balloon_warp.model import Model
 from balloon_warp.outputs.exports import HDF5_SUFFIXES, check_export, export_stage, files_of_frames
 from balloon_warp.outputs.usd import STAGE_SUFFIXES
-from balloon_warp.outputs.usd.looks import pictures_of
-from balloon_warp.ownership import require_no_inputs, require_ours, sole_writer
+from balloon_warp.outputs.usd.material import pictures_of
 from balloon_warp.scene import Scene
 from balloon_warp.scene.load import files_of_scene
 
@@ -86,7 +85,7 @@ class Wanted:
         """
         check_export(self.output)
         if self.picture:
-            from balloon_warp.outputs.render.files import PICTURE_SUFFIXES
+            from balloon_warp.outputs.render.render import PICTURE_SUFFIXES
             from balloon_warp.outputs.render.view import check_view
 
             check_writable(self.picture, PICTURE_SUFFIXES)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from balloon_warp.model.friction import FRICTION
+from balloon_warp.model.obstacles import FRICTION
 from balloon_warp.model.strings import anchors_of
 from balloon_warp.reference import bodies, contact, gas, laws, solids, tables
 from balloon_warp.scene import Scene

@@ -8,33 +8,28 @@ import numpy as np
 
 from balloon_warp.kernels.laws.crushed import NO_INSIDE
 from balloon_warp.kernels.laws.gusts import hashed, waves
-from balloon_warp.mesh.corners import corner_faces, next_corners
 from balloon_warp.mesh.geometry import signed_volume
-from balloon_warp.mesh.placement import rotation_matrix
-from balloon_warp.mesh.triangles import triangles_of
-from balloon_warp.model.acting import values_over_time
-from balloon_warp.model.bodies import initial_centers, settle_bodies
-from balloon_warp.model.body_samples import sample
+from balloon_warp.mesh.load import rotation_matrix
+from balloon_warp.mesh.orientation import triangles_of
+from balloon_warp.mesh.topology import corner_faces, next_corners
 from balloon_warp.model.crushing import inside_volume, may_be_crushed
-from balloon_warp.model.folded import is_folded
 from balloon_warp.model.following import follow_changes
-from balloon_warp.model.friction import FRICTION
 from balloon_warp.model.gas import pressure_bounds
-from balloon_warp.model.meeting_edges import edges_meet, meeting_edges
-from balloon_warp.model.obstacle_motion import obstacle_motion
+from balloon_warp.model.obstacles import FRICTION, initial_centers, obstacle_motion, sample, settle_bodies
+from balloon_warp.model.parameters import rows_of
 from balloon_warp.model.plan import ModelPlan, plan_model, settled_parameters
-from balloon_warp.model.ridges import NO_RIDGES, Ridges, kept_distance
-from balloon_warp.model.rows import rows_of
+from balloon_warp.model.ridges import NO_RIDGES, Ridges, edges_meet, kept_distance, meeting_edges
+from balloon_warp.model.stability import held_within, widest_opening
 from balloon_warp.model.starts import start_of
-from balloon_warp.model.touch import APART, STIFFNESSES, THICKNESS, crowd_of, edge_length
-from balloon_warp.model.tunneling import held_within, widest_opening
+from balloon_warp.model.timeline import values_over_time
+from balloon_warp.model.touch import APART, STIFFNESSES, THICKNESS, crowd_of, edge_length, is_folded
 from balloon_warp.reference.bodies import Grips
 from balloon_warp.reference.contact import Movers
 from balloon_warp.reference.laws import MEMBRANES, across, size
 from balloon_warp.reference.touch import Touch
 from balloon_warp.scene import Scene
 from balloon_warp.schedules.touch_table import ITSELF
-from balloon_warp.springs.coloring import color_springs
+from balloon_warp.springs.build import color_springs
 
 Array = np.ndarray
 CENTER = Ridges(np.zeros((1, 2, 3)), np.zeros((1, 2, 3)), 0.0, np.ones(1, np.int32))

@@ -13,12 +13,19 @@ same_job      whether two jobs are the same, and where they differ
 run           a run: a job of one world, whose stage is all
 """
 
-from balloon_warp.resume.checkpoints import CHECKPOINT_SECONDS, Checkpoints
-from balloon_warp.resume.folder import PartialFolder
-from balloon_warp.resume.part import Part
-from balloon_warp.resume.recording import record_frames
-from balloon_warp.resume.run import RunOutput, describe_run, halvings_until, partial_path
-from balloon_warp.resume.same_job import as_json, differences
+from balloon_warp.resume.checkpoints import (
+    CHECKPOINT_SECONDS,
+    Checkpoints,
+    Part,
+    PartialFolder,
+    RunOutput,
+    as_json,
+    describe_run,
+    differences,
+    halvings_until,
+    partial_path,
+    record_frames,
+)
 
 __all__ = [
     "CHECKPOINT_SECONDS",

@@ -1,25 +1,209 @@
-"""Checkpoints of an unfinished job: parts of its output, and the states that they end with."""
+"""Checkpoints of an unfinished job: its folder, the parts of its output, and the states that they end with."""
 
 import json
+import os
 import time
+import weakref
 import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from balloon_warp.blow_ups import MOST_HALVINGS
 from balloon_warp.errors import InputError
-from balloon_warp.outputs.npz import write_npz
-from balloon_warp.resume.folder import PartialFolder
-from balloon_warp.resume.part import Output, Part
-from balloon_warp.resume.same_job import as_json, differences
+from balloon_warp.files import (
+    clear_left_over,
+    hold,
+    is_ours,
+    manifest_text,
+    target_of,
+    temporary_in,
+    whole_file,
+    without_mark,
+)
+from balloon_warp.frame import Frame
+from balloon_warp.interrupts import Interrupts
+from balloon_warp.model.strain_bound import strain_bound_described
+from balloon_warp.outputs.arrays import write_npz
+from balloon_warp.outputs.background import Background
+from balloon_warp.provenance import describe_simulation
 from balloon_warp.scene import Scene
+from balloon_warp.simulator import Simulator
 
 if TYPE_CHECKING:
-    from balloon_warp.outputs.usd.growing import GrowingStage
+    from balloon_warp.outputs.usd import StageWriter
+    from balloon_warp.outputs.usd.stage import GrowingStage
+
+
+JOB_NAME = "job.json"
+
+
+class PartialFolder:
+    """A folder of files that each appear whole, in the order in which they are written, and their job.
+
+    Args:
+        path: where it is, or will be, or a link that leads there.
+    """
+
+    def __init__(self, path: Path):
+        self.path = target_of(path)
+        self.aside = self.path.with_name(f"{self.path.name}.old")
+        """Place for the files of an earlier job when another begins, so that forgetting to resume loses nothing"""
+        self._let_go: Callable[[], object] = lambda: None
+
+    def job(self) -> dict[str, Any] | None:
+        """Read the job of the files; None where there are none.
+
+        Raises:
+            InputError: there is something else.
+        """
+        path = self.path / JOB_NAME
+        try:
+            job = json.loads(path.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError) as error:
+            raise InputError(f"{path}: cannot be read: {error}") from None
+        if not isinstance(job, dict):
+            raise InputError(f"{path}: expected an object (got {type(job).__name__})")
+        return without_mark(job)
+
+    def require_own(self) -> None:
+        """Make sure that an existing file or folder is ours to replace.
+
+        Raises:
+            InputError: it is something else of the same name.
+        """
+        for path in (self.path, self.aside):
+            if path.exists() and not is_ours(path / JOB_NAME):
+                begun = path.is_dir() and all(file.name.startswith(".") for file in path.iterdir())
+                if not begun:
+                    raise InputError(f"{path}: is where checkpoints go; expected no file of that name")
+
+    def clear(self, has_checkpoint: bool) -> None:
+        """Clear away the beginnings of a process that was killed: all of them, where it came to no checkpoint."""
+        clear_left_over(self.path)
+        if has_checkpoint:
+            return
+        with suppress(OSError):  # it has files, or there is no such folder
+            self.path.rmdir()
+        if self._take():
+            self._let_go()
+            _remove(self.path)
+
+    def begin(self, job: Mapping[str, Any]) -> None:
+        """Make the folder, for a job; the files of an earlier one are put aside.
+
+        Raises:
+            InputError: it cannot be made, or there is something else.
+        """
+        self.require_own()
+        try:
+            if self.path.exists():
+                _remove(self.aside)
+                self.path.rename(self.aside)
+            self.path.mkdir()
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot be made: {error.strerror}") from None
+        with self.file(JOB_NAME) as path:
+            path.write_text(manifest_text(job), encoding="utf-8")
+        self._take()
+
+    def go_on(self) -> None:
+        """Go on with the job whose files are there."""
+        self._take()
+
+    def _take(self) -> bool:
+        """Show other processes, as long as this one is at work here, that it is; return whether nobody else is."""
+        try:
+            descriptor = hold(self.path / JOB_NAME)
+        except OSError:  # there is none
+            return False
+        if descriptor is None:
+            return False
+        self._let_go = weakref.finalize(self, os.close, descriptor)
+        return True
+
+    def file(self, name: str) -> AbstractContextManager[Path]:
+        """Give a temporary path, which becomes the file of that name when the `with` block ends well."""
+        return whole_file(self.path / name)
+
+    def remove(self) -> None:
+        """Remove the folder, and the files put aside, once the job is done."""
+        self._let_go()
+        for path in (self.path, self.aside):
+            _remove(path)
+
+
+def _remove(path: Path) -> None:
+    """Remove a folder atomically: it is renamed first, so that a kill leaves no part of it that looks whole."""
+    try:
+        with temporary_in(path.parent) as doomed:
+            path.rename(doomed)
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise InputError(f"{path}: cannot be removed: {error.strerror}") from None
+
+
+@dataclass(frozen=True)
+class Part:
+    """Part of a job."""
+
+    frames: range
+    groups: Sequence[int]
+    """Numbers of the groups that are simulated one by one: of a run 0, of a batch its groups or its shares"""
+    notes: Mapping[str, Any] = field(default_factory=dict)
+    """Notes besides rows and shapes, as JSON"""
+
+
+class Output(Protocol):
+    """Output of a job, as far as checkpoints take parts of it."""
+
+    @property
+    def stage(self) -> "GrowingStage | None":
+        """Stage that grows, if there is one."""
+
+    def rows(self, part: Part) -> Mapping[str, NDArray]:
+        """Return the contents of a part besides the stage, as arrays by name; files they refer to are safe then."""
+        ...
+
+    def take_rows(self, part: Part, saved: Mapping[str, NDArray]) -> None:
+        """Put the arrays of a part that was saved in their places."""
+
+
+def as_json(job: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a job as it is when it was written and read again."""
+    return json.loads(json.dumps(job))
+
+
+def differences(there: Any, here: Any, path: str = "") -> Iterator[str]:
+    """Iterate over the differences of two jobs, each as a phrase."""
+    if isinstance(there, dict) and isinstance(here, dict):
+        for name in sorted(there.keys() | here.keys()):
+            below = f"{path}.{name}" if path else name
+            if name not in there or name not in here:
+                yield f"{below} is {'here' if name in here else 'there'} only"
+            else:
+                yield from differences(there[name], here[name], below)
+    elif isinstance(there, list) and isinstance(here, list) and len(there) == len(here):
+        for number, pair in enumerate(zip(there, here, strict=True)):
+            yield from differences(*pair, f"{path}.{number}")
+    elif there != here:
+        yield f"{path} is {_shown(there)} there and {_shown(here)} here"
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, list):
+        return f"a list of {len(value)}"
+    text = json.dumps(value)
+    return text if len(text) <= 80 else text[:77] + "..."
+
 
 CHECKPOINT_SECONDS = 30.0
 """Time between two checkpoints [s]: the most that a kill costs"""
@@ -186,7 +370,7 @@ class Checkpoints:
 
     def _write_playlist(self, stage: "GrowingStage", begins: Sequence[int], last: int) -> None:
         """Write a stage of all parts: one after the other, or, of shares, which begin alike, together."""
-        from balloon_warp.outputs.usd.playlist import write_overlay, write_playlist  # loads USD: only for a stage
+        from balloon_warp.outputs.usd.stage import write_overlay, write_playlist  # loads USD: only for a stage
 
         if not (still := self.folder.path / STILL).exists():
             stage.write_still(still)
@@ -226,3 +410,98 @@ def _reading(path: Path, what: str) -> Iterator[None]:
         yield
     except (OSError, ValueError, KeyError, IndexError, zipfile.BadZipFile) as error:
         raise InputError(f"{path}: cannot be read: {error}; expected {what}") from None
+
+
+@dataclass(frozen=True)
+class RunOutput:
+    """Output of a run: a stage, and no rows."""
+
+    stage: "StageWriter"
+
+    def write(self, frame: Frame) -> None:
+        """Write the next frame."""
+        self.stage.write(frame)
+
+    def rows(self, part: Part) -> Mapping[str, NDArray]:
+        """Return nothing: all is in the stage."""
+        return {}
+
+    def take_rows(self, part: Part, saved: Mapping[str, NDArray]) -> None:
+        """Take nothing."""
+
+
+def partial_path(output: Path) -> Path:
+    """Name the folder of a run that is not finished, beside its output, or beside the target of links there."""
+    target = target_of(output)
+    return target.with_name(f"{target.name}.partial")
+
+
+def halvings_until(folder: Path, substeps: int) -> int:
+    """Return how often an unfinished run had restarted with half the step.
+
+    Args:
+        folder: Folder of its checkpoints.
+        substeps: Original number of substeps; where no halving fits it, it is another run, and 0 is returned.
+    """
+    reached = (PartialFolder(folder).job() or {}).get("substeps")
+    halves = [substeps * 2**halvings for halvings in range(MOST_HALVINGS + 1)]
+    return halves.index(reached) if reached in halves else 0
+
+
+def describe_run(simulator: Simulator) -> dict[str, Any]:
+    """Describe the inputs that decide a run's bits, for JSON. Before the run: mesh files may change meanwhile."""
+    model = simulator.model
+    done_by = {
+        "strain_bound": strain_bound_described(model),
+        "schedule": simulator.schedule.name,
+        "device": model.device.name if model.device.is_cuda else "cpu",
+    }
+    return as_json(describe_simulation(model.scene, model.own_laws, model.substeps) | done_by)
+
+
+Simulated = TypeVar("Simulated", contravariant=True)
+State = Iterable[tuple[str, NDArray]]
+"""Arrays by name"""
+
+
+class FrameOutput(Output, Protocol[Simulated]):
+    """Output that takes frames as they come."""
+
+    def write(self, frame: Simulated, /) -> None:
+        """Write the next frame."""
+
+
+def record_frames(
+    frames: Iterable[tuple[int, Simulated]],
+    output: FrameOutput[Simulated],
+    checkpoints: Checkpoints,
+    states: Sequence[Callable[[], State]],
+    interrupts: Interrupts,
+    on_frame: Callable[[int], None],
+) -> None:
+    """Write frames, on a thread of their own, and a checkpoint when one is due or the job is stopped.
+
+    Args:
+        frames: numbers and simulated frames for the output, as they come.
+        states: Functions that return the state of each group after the last frame.
+        interrupts: that stop the job, after a frame and its checkpoint.
+        on_frame: Called with the number of each simulated frame.
+
+    Raises:
+        InputError: something cannot be written.
+        KeyboardInterrupt: the job was stopped; the message says how to go on.
+    """
+    saved: int | None = None
+    with Background() as writer:
+        for number, frame in frames:
+            saved = number if saved is None else saved
+            writer.submit(output.write, frame)
+            on_frame(number)
+            if checkpoints.due or interrupts.pending:
+                for group, state in enumerate(states):
+                    checkpoints.save_state(number, group, state())
+                writer.submit(checkpoints.save_part, output, Part(range(saved, number + 1), range(len(states))))
+                saved = number + 1
+            if interrupts.pending:
+                writer.wait()
+                interrupts.deliver(checkpoints.advice)

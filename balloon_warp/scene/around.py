@@ -1,21 +1,171 @@
-"""The scene that a bare mesh gets: it inflates gently above a floor, everything scaled to the mesh's size."""
+"""The scene around a bare mesh, or around foil balloons: everything scaled to their size."""
 
+import colorsys
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.files import legible, whole_path
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.mesh.geometry import signed_volume
-from balloon_warp.mesh.load import load_mesh
-from balloon_warp.mesh.placement import place_mesh
-from balloon_warp.mesh.prepare import prepared
-from balloon_warp.mesh.size import require_size
-from balloon_warp.mesh.standing import standing, up_said
-from balloon_warp.mesh.units import METERS, as_told
-from balloon_warp.scene.pins import pinned_at_borders
-from balloon_warp.scene.schema import Balloon, Inflation
+from balloon_warp.mesh.geometry import face_areas, require_size, signed_volume
+from balloon_warp.mesh.load import Parts, load_mesh, place_mesh, prepared
+from balloon_warp.mesh.polygon_mesh import METERS, Color, Looks, as_told
+from balloon_warp.mesh.shells import pushes
+from balloon_warp.mesh.thickness import standing, up_said
+from balloon_warp.mesh.topology import border_edges, corner_faces, face_starts, mesh_edges, vertex_components
+from balloon_warp.scene.schema import Balloon, Body, Inflation, Obstacle, Scene, Stiffness, String
+from balloon_warp.scene.schema.scene import Picture
+
+MOST = 0.5
+"""Fraction of a mesh's area in open parts from which on they are pinned at their borders"""
+
+
+def pinned_at_borders(mesh: PolygonMesh, parts: Parts) -> NDArray[np.int64]:
+    """Find the particles on the borders of open parts, in order; of a part without others, those of its first face.
+
+    None where most of the surface is of closed parts, or where parts are free and some of them are closed: pins
+    would leave those to fall. Faces that go all around something count as closed, with fins on them, too.
+
+    Args:
+        mesh: as it is simulated.
+        parts: whether springs hold its components together.
+    """
+    edges = mesh_edges(mesh)
+    component = vertex_components(mesh, edges)
+    border = np.unique(edges.ends[border_edges(edges)])
+    is_open = np.zeros(mesh.vertex_count, dtype=bool)
+    is_open[component[border]] = True
+    first_corners = mesh.face_vertex_indices[face_starts(mesh)]
+    of_faces = component[first_corners]
+    areas = face_areas(mesh)
+    loose = is_open[of_faces] & (pushes(mesh, edges) == 0) if is_open.any() else is_open[of_faces]
+    falls = not loose.all() if parts == "free" else areas[loose].sum() < MOST * areas.sum()
+    if falls:
+        return np.zeros(0, dtype=np.int64)
+    used = np.unique(mesh.face_vertex_indices)
+    has_others = np.zeros(mesh.vertex_count, dtype=bool)
+    has_others[component[np.setdiff1d(used, border)]] = True
+    _, first_faces = np.unique(of_faces, return_index=True)
+    alone = first_faces[is_open[of_faces[first_faces]] & ~has_others[of_faces[first_faces]]]
+    corners = np.isin(corner_faces(mesh), alone)
+    return np.union1d(border[has_others[component[border]]], mesh.face_vertex_indices[corners])
+
+
+BALLOON_COLORS: list[Color] = [
+    *[(0.80, 0.07, 0.06), (0.05, 0.30, 0.75), (0.95, 0.50, 0.03), (0.10, 0.50, 0.16)],
+    *[(0.42, 0.10, 0.58), (0.03, 0.52, 0.52), (0.88, 0.16, 0.40), (0.90, 0.72, 0.08)],
+]
+GOLDEN = 0.618034
+"""Step on the circle of hues from one balloon to the next, once these colors are used up"""
+SPHERE_COLORS: list[Color] = [(0.06, 0.16, 0.45), (0.85, 0.60, 0.05), (0.08, 0.40, 0.35), (0.45, 0.10, 0.35)]
+BODY_COLORS: list[Color] = [(0.50, 0.28, 0.10), (0.30, 0.34, 0.40), (0.42, 0.42, 0.16), (0.40, 0.16, 0.12)]
+STRING_COLOR: Color = (0.25, 0.20, 0.16)
+OBSTACLE_COLOR: Color = (0.45, 0.45, 0.47)
+FORCE_COLOR: Color = (0.02, 0.05, 0.25)
+GROUND_COLOR: Color = (0.72, 0.70, 0.66)
+WATER_COLOR: Color = (0.06, 0.40, 0.52)
+
+
+def palette_color(number: int) -> Color:
+    """Return the palette's color for a number: each balloon has another."""
+    if number < len(BALLOON_COLORS):
+        return BALLOON_COLORS[number]
+    return colorsys.hsv_to_rgb(GOLDEN * number % 1.0, 0.85, 0.75)
+
+
+def balloon_color(scene: Scene, number: int) -> Color:
+    """Return the color of a balloon: its own, or the palette's for its number."""
+    return scene.balloon[number].color or palette_color(number)
+
+
+def paper_of(scene: Scene) -> Color:
+    """Return the color of the ground and the backdrop."""
+    return (scene.picture and scene.picture.paper) or GROUND_COLOR
+
+
+def looks_of_file(mesh: PolygonMesh | None, said: Balloon | Obstacle | Body) -> Looks | None:
+    """Return the looks of a mesh's file, where they count: a color or print in the scene has precedence."""
+    covered = said.color is not None or (isinstance(said, Balloon) and said.print is not None)
+    return None if mesh is None or covered else mesh.looks
+
+
+def mean_color(mesh: PolygonMesh | None, said: Balloon | Obstacle | Body, otherwise: Color) -> Color:
+    """Return the looks of a thing as one color.
+
+    Args:
+        otherwise: its color where its mesh's file says none, or less than the scene.
+    """
+    looks = looks_of_file(mesh, said)
+    return otherwise if looks is None else looks.mean(otherwise)
+
+
+PRESSURE = 50.0
+"""Pressure [Pa]"""
+FILL_SECONDS = 1.0
+STIFFNESS_OVER_HEIGHT = 300.0
+"""Constant of structural springs per meter of height [N/m^2], as the forces on them grow with it"""
+AREAL_DENSITY = 1.0
+"""Areal density of a sheet [kg/m^2]: more than foil has, so that steps are long"""
+DAMPING_RATE = 1.0
+"""Damping rate [1/s]"""
+HELIUM = 9.3
+"""Lift that carries nearly all of the weight [m/s^2]: foil itself weighs almost nothing"""
+TOP = 0.25
+"""Fraction of a part's height, at the top, in which it is held at its left and its right"""
+HANGING = 0.5
+"""Length of strings above the highest part, over the height of all parts"""
+COLORS = ((0.75, 0.1, 0.2), (0.9, 0.55, 0.05), (0.1, 0.45, 0.2), (0.1, 0.3, 0.7), (0.45, 0.15, 0.55), (0.85, 0.3, 0.5))
+
+
+def scene_of_foil(meshes: Mapping[Path, PolygonMesh], height: float) -> Scene:
+    """Return each mesh a balloon that hangs on two strings, and that a pressure fills, which grows for a second.
+
+    Foil hardly stretches: its springs are as stiff as its height asks for, and let it bend freely.
+
+    Args:
+        meshes: flat sheets sewn at the rim, by the files that they are in.
+        height: of all of them [m].
+    """
+    stiffness = STIFFNESS_OVER_HEIGHT * height
+    balloons, strings = [], []
+    ceiling = max(float(mesh.points[:, 1].max()) for mesh in meshes.values()) + HANGING * height
+    for number, (path, mesh) in enumerate(meshes.items()):
+        mass = float(f"{AREAL_DENSITY * face_areas(mesh).sum():.2g}")
+        balloons.append(
+            Balloon(
+                mesh=path,
+                mass=mass,
+                damping=DAMPING_RATE * mass,
+                helium=HELIUM,
+                color=COLORS[number % len(COLORS)],
+                look="foil",
+                stiffness=Stiffness(structural=stiffness, shear=0.5 * stiffness, flexion=0.0),
+                inflation=Inflation(kind="pressure", pressure=[(0.0, 0.0), (FILL_SECONDS, PRESSURE)]),
+            )
+        )
+        for held in places_to_hold(mesh):
+            x, _, z = mesh.points[held].tolist()
+            anchor = (float(f"{x:.6g}"), float(f"{ceiling:.6g}"), float(f"{z:.6g}"))
+            strings.append(String(anchor=anchor, balloon=number, particle=held, stiffness=stiffness, knot=False))
+    return Scene(
+        description="Foil balloons fill as they hang, and wrinkle at their rims",
+        balloon=balloons,
+        string=strings,
+        picture=Picture(azimuth=12.0, elevation=20.0),
+    )
+
+
+def places_to_hold(mesh: PolygonMesh) -> tuple[int, int]:
+    """Return the vertices by which a part hangs upright: the leftmost and the rightmost of its top."""
+    x, y = mesh.points[:, 0], mesh.points[:, 1]
+    top = np.flatnonzero(y >= y.max() - TOP * np.ptp(y))
+    return int(top[np.argmin(x[top])]), int(top[np.argmax(x[top])])
+
 
 GRAVITY = 9.81
 """Gravitational acceleration [m/s^2]"""

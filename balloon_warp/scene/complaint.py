@@ -2,14 +2,22 @@
 
 import re
 import typing
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from balloon_warp.kernels.laws.law import TINY
-from balloon_warp.scene.nesting import table_in
 from balloon_warp.suggestions import ask, closest, did_you_mean
+
+
+def table_in(annotation: Any) -> type[BaseModel] | None:
+    """Find the table that a field of this type has, or has a list of, if any."""
+    if isinstance(annotation, type) and not typing.get_args(annotation):
+        return annotation if issubclass(annotation, BaseModel) else None
+    return next((found for part in typing.get_args(annotation) if (found := table_in(part))), None)
+
 
 LISTS = ("balloon", "sphere", "string", "obstacle", "body", "tube", "force", "change")
 """Tables that may occur several times"""
@@ -144,3 +152,31 @@ def _shown(value: object) -> str:
 
 def _shortened(text: str) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
+
+
+def toml_value(value: Any) -> str:
+    """Write a truth value, number, text, list or table. Every number has all its digits."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int | float):
+        return repr(value)
+    if isinstance(value, str):
+        return _quoted(value)
+    if isinstance(value, Mapping) and not value:
+        return "{}"
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{_key(name)} = {toml_value(inner)}" for name, inner in value.items()) + " }"
+    if isinstance(value, Sequence):
+        return "[" + ", ".join(toml_value(item) for item in value) + "]"
+    raise TypeError(f"TOML has no {type(value).__name__}")
+
+
+def _key(name: str) -> str:
+    """Return a TOML key, bare where it is a word; dots would split it."""
+    return name if name.isascii() and name.isidentifier() else _quoted(name)
+
+
+def _quoted(text: str) -> str:
+    escapes = {'"': '\\"', "\\": "\\\\"}
+    escaped = (escapes.get(c, c if c.isprintable() else f"\\U{ord(c):08x}") for c in text)
+    return '"' + "".join(escaped) + '"'

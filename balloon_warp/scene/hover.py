@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from balloon_warp.scene.reference import default_of, tables
-from balloon_warp.scene.schema.field_help import Tables, meaning_of
+from balloon_warp.scene.schema.fields import Tables, meaning_of
 from balloon_warp.shown import docstrings
 
 WIDTH = 120

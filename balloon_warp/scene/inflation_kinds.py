@@ -3,8 +3,7 @@
 from collections.abc import Iterable
 from typing import Any
 
-from balloon_warp.scene.schema.inflation import FIELDS_OF_KINDS
-from balloon_warp.scene.schema.material import material_named
+from balloon_warp.scene.schema.balloon import FIELDS_OF_KINDS, material_named
 
 KIND_OF_FIELD = {field: kind for kind, fields in FIELDS_OF_KINDS.items() for field in fields}
 

@@ -1,4 +1,6 @@
-"""Materials that are known, with the sources of values, and the estimates.
+"""Materials and air that are known, with their sources; properties given for some particles.
+
+Materials that are known, with the sources of values, and the estimates.
 
 - latex: Mueller and Strehlow 2004, Rubber and Rubber Balloons, for a toy balloon: 2 C1 = 3 bar, 2 C2 = 0.3 bar. Skin
   and density are estimates, usual ones of toy balloons and of vulcanized rubber; the skin of latex_thick is one of
@@ -15,8 +17,53 @@ sheet), so that stretched both ways alike it has E / (1 - 0.38), and here 2 E, a
 that seals are left out; with them sellers of balloons give 20 to 50 um.
 """
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.errors import InputError
+
+EARTH_RADIUS = 6356766.0
+"""Radius by which gravity falls with height [m]"""
+STANDARD_GRAVITY = 9.80665
+MOLAR_MASS, GAS_CONSTANT = 0.0289644, 8.31432
+"""Molar mass of dry air [kg/mol], and the gas constant [J/(mol K)], as that standard has them"""
+LOWEST, HIGHEST = -5000.0, 80000.0
+"""Altitudes between which it is used [m]"""
+LAYERS = (
+    (0.0, 0.0065),
+    (11000.0, 0.0),
+    (20000.0, -0.001),
+    (32000.0, -0.0028),
+    (47000.0, 0.0),
+    (51000.0, 0.0028),
+    (71000.0, 0.002),
+)
+"""Geopotential heights at which layers begin [m], and their lapse rates [K/m]; the first goes on below"""
+
+
+def standard_air(altitude: float) -> dict[str, float]:
+    """Return `pressure` [Pa], `temperature` [K] and `lapse` rate [K/m] at an altitude above sea [m]."""
+    shrinks = EARTH_RADIUS / (EARTH_RADIUS + altitude)
+    height = altitude * shrinks  # geopotential: with the work against gravity that falls
+    pressure, temperature = 101325.0, 288.15
+    for number, (begin, lapse) in enumerate(LAYERS):
+        top = LAYERS[number + 1][0] if number + 1 < len(LAYERS) else math.inf
+        rise = min(height, top) - begin
+        warmer = temperature - lapse * rise
+        by_weight = STANDARD_GRAVITY * MOLAR_MASS / GAS_CONSTANT
+        if lapse:
+            pressure *= (warmer / temperature) ** (by_weight / lapse)
+        else:
+            pressure *= math.exp(-by_weight * rise / temperature)
+        temperature = warmer
+        if height <= top:
+            return {"pressure": pressure, "temperature": temperature, "lapse": lapse * shrinks**2}
+    raise AssertionError(altitude)
+
 
 LATEX: Mapping[str, Any] = {
     "kind": "mooney_rivlin",
@@ -56,3 +103,47 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
         "strain_bound": STRAIN_BOUND,
     },
 }
+
+
+def pins_of(given: Any) -> Any:
+    """Make a list of a single name, and numbers of a mask; other values stay as they are."""
+    if isinstance(given, str):
+        return [given]
+    is_mask = isinstance(given, list) and bool(given) and all(isinstance(pin, bool) for pin in given)
+    return np.flatnonzero(given).tolist() if is_mask else given
+
+
+def pinned_by(rule: Callable[[NDArray[np.float64]], Any], points: NDArray[np.float64]) -> list[int]:
+    """Find the points of a mesh that a rule holds for, by their numbers.
+
+    Args:
+        points: as the mesh has them, shape (n, 3).
+
+    Raises:
+        InputError: the rule does not say yes or no of each point.
+    """
+    said = np.asarray(rule(points.copy()))
+    if said.shape != (len(points),) or said.dtype != bool:
+        raise InputError(
+            f"the function must return a boolean for each point, of shape ({len(points)},) "
+            f"(got {said.dtype} of shape {said.shape})"
+        )
+    return np.flatnonzero(said).tolist()
+
+
+def weighed_by(rule: Callable[[NDArray[np.float64]], Any], points: NDArray[np.float64]) -> list[float]:
+    """Ask a rule about each point of a mesh.
+
+    Args:
+        points: as the mesh has them, shape (n, 3).
+
+    Raises:
+        InputError: the rule does not give a number for each point.
+    """
+    said = np.asarray(rule(points.copy()))
+    if said.shape != (len(points),) or said.dtype.kind not in "biuf":
+        raise InputError(
+            f"the function must return a number for each point, of shape ({len(points)},) "
+            f"(got {said.dtype} of shape {said.shape})"
+        )
+    return said.astype(float).tolist()

@@ -11,10 +11,9 @@ from collections.abc import Iterator
 
 from pydantic import BaseModel
 
-from balloon_warp.scene.nesting import table_in
+from balloon_warp.scene.complaint import table_in, toml_value
 from balloon_warp.scene.schema import Scene
-from balloon_warp.scene.schema.field_help import PlainSchema, meaning_of, taken
-from balloon_warp.scene.toml import toml_value
+from balloon_warp.scene.schema.fields import PlainSchema, meaning_of, taken
 from balloon_warp.shown import plain_docstring
 
 Tables = type[BaseModel]

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from math import ceil
 
 from balloon_warp.errors import InputError
-from balloon_warp.scene.overrides import override_scene
+from balloon_warp.scene.load import override_scene
 from balloon_warp.scene.schema import Scene, Sphere, String
 
 

@@ -18,10 +18,10 @@ from balloon_warp.kernels.schedules.pieces import Step, values_of
 from balloon_warp.launching import launch_tiled
 from balloon_warp.model import Model, State, copy_of
 from balloon_warp.model.memory import Room
+from balloon_warp.schedules.backward_parts import TubesBackward
 from balloon_warp.schedules.backward_spheres import SpheresBackward
 from balloon_warp.schedules.backward_touch import STATE_OF_TOUCH, TouchBackward
-from balloon_warp.schedules.backward_tubes import TubesBackward
-from balloon_warp.schedules.launches import team_threads
+from balloon_warp.schedules.launched import team_threads
 from balloon_warp.schedules.tables import world_state
 from balloon_warp.warp_lock import recording, replay
 

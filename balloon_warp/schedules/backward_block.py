@@ -31,15 +31,13 @@ from balloon_warp.schedules.block_layout import held_layout_of
 from balloon_warp.schedules.block_room import CAPACITY_STEP, most_particles
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.framing import Framing
-from balloon_warp.schedules.launches import working_arrays
-from balloon_warp.schedules.membrane_faces import (
+from balloon_warp.schedules.launched import working_arrays
+from balloon_warp.schedules.membranes import (
     membrane_face_entries,
     membrane_face_layout,
     membrane_face_table,
 )
-from balloon_warp.schedules.rings import least_valence, quad_rings
-from balloon_warp.schedules.slots import kind_slots, slot_pairs, slot_table
-from balloon_warp.schedules.spring_ends import spring_ends
+from balloon_warp.schedules.slices import kind_slots, least_valence, quad_rings, slot_pairs, slot_table, spring_ends
 from balloon_warp.schedules.tables import make_tables, world_state
 
 THREADS, REGISTERS = 512, 128

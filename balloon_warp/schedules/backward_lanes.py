@@ -23,8 +23,7 @@ from balloon_warp.model.memory import Allocating, Room
 from balloon_warp.schedules.backward import BackwardFrames
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.framing import Framing
-from balloon_warp.schedules.lane_memory import allot_lanes, rows_of, shares_of
-from balloon_warp.schedules.lane_tables import items_of, make_lane_tables
+from balloon_warp.schedules.lane_tables import allot_lanes, items_of, make_lane_tables, rows_of, shares_of
 from balloon_warp.schedules.tables import make_tables, world_state
 
 LANES = int(LANE_COUNT)

@@ -8,34 +8,182 @@ import warp as wp
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.adjoint import NoAdjointError
+from balloon_warp.kernels.adjoints.exchange import exchange_again_kernel
+from balloon_warp.kernels.adjoints.exchange_back import exchange_back_kernel
+from balloon_warp.kernels.adjoints.exchange_tables import ExchangeBars, Exchanges, Met
+from balloon_warp.kernels.adjoints.face_log import CONTACTS_OF_A_SPHERE, FaceContact, LoggedFaces
 from balloon_warp.kernels.adjoints.finds import EDGES_BACK, RIDGES_BACK
+from balloon_warp.kernels.adjoints.small_spheres import FaceBars, add_by_starts, faces_back_kernel
+from balloon_warp.kernels.contact.near import mark_count
 from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.laws.face_contact import MOST_LOOKS
 from balloon_warp.kernels.phase import STATE
 from balloon_warp.kernels.schedules.launched.backward import BackwardKernel, backward_kernels, made_kernels
 from balloon_warp.kernels.schedules.launched.looks import GATHERED
 from balloon_warp.kernels.schedules.pieces import Piece, Step, cut
 from balloon_warp.kernels.substep import phases_of
+from balloon_warp.kernels.working import Working
 from balloon_warp.launching import launch, launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Room
 from balloon_warp.schedules.backward import BackwardFrames
-from balloon_warp.schedules.backward_directions import DirectionsBackward
-from balloon_warp.schedules.backward_each import EachBackward
-from balloon_warp.schedules.backward_exchange import ExchangeBackward, kept_of_exchange
-from balloon_warp.schedules.backward_faces import FacesBackward, kept_of_faces
-from balloon_warp.schedules.backward_fixtures import FixturesBackward
-from balloon_warp.schedules.backward_gas import GasBackward
+from balloon_warp.schedules.backward_parts import (
+    DirectionsBackward,
+    EachBackward,
+    FixturesBackward,
+    GasBackward,
+    StringsBackward,
+    TubesBackward,
+)
 from balloon_warp.schedules.backward_spheres import STATE_OF_SPHERES, SpheresBackward, log_of_spheres
-from balloon_warp.schedules.backward_strings import StringsBackward
 from balloon_warp.schedules.backward_sweeps import EdgesBackward, RidgesBackward, kept_of_ridges, kept_of_sweeps
 from balloon_warp.schedules.backward_touch import TouchBackward, kept_of_touch
-from balloon_warp.schedules.backward_tubes import TubesBackward
 from balloon_warp.schedules.balloon_contact import TouchLaunches
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.framing import Framing
 from balloon_warp.schedules.gather import GatherSchedule
-from balloon_warp.schedules.launches import Launches, Moving, Own, step_arrays, team_threads
+from balloon_warp.schedules.launched import Launches, Moving, Own, step_arrays, team_threads
 from balloon_warp.schedules.tables import make_tables, world_state
+
+
+class ExchangeBackward:
+    """Run the exchange of momentum backwards, a substep at a time.
+
+    Args:
+        columns: of the numbers that are derived by.
+        working: of the launches that compute frames again.
+        spheres: whose bars it turns into those of before the exchange.
+        arrays: bars of the substep that runs backwards, by name.
+        of_frame: bars of the frame.
+    """
+
+    def __init__(
+        self, model: Model, features: Features, columns: tuple[int, ...], tables: Any, working: Any,
+        spheres: SpheresBackward, arrays: Mapping[str, wp.array], of_frame: Any, room: Room,
+    ):  # fmt: skip
+        self._model, self._tables, self._working, self._of_frame = model, tables, working, of_frame
+        self._again, self._back = exchange_again_kernel(features), exchange_back_kernel(features, columns)
+        self._came, self._exchanges = kept_of_exchange(model, room)
+        self._bars = ExchangeBars()
+        self._bars.spheres = spheres.bars
+        self._bars.points, self._bars.velocities = arrays["all_point_bar"], arrays["all_velocity_bar"]
+        self._bars.masses = room.array((model.world_count, model.particle_count), wp.float32)
+        self._bars.gas_masses, self._bars.numbers = arrays["all_gas_mass_bar"], arrays["number_bars"]
+
+    def note(self, substep: int, points: wp.array, velocities: wp.array) -> None:
+        """Keep where particles are before the exchange, and which are near spheres."""
+        for kept, array in zip(self._came[substep], (points, velocities, self._working.near), strict=True):
+            wp.copy(kept, array)
+
+    def turn_back(self, substep: int, log: Any) -> None:
+        """Turn the bars of after the exchange into those of before.
+
+        Args:
+            log: courses of spheres in the substep, as they come to the exchange.
+        """
+        points, velocities, near = self._came[substep]
+        wp.copy(self._exchanges.points[0], points)
+        wp.copy(self._exchanges.velocities[0], velocities)
+        working = Working()
+        for name in vars(Working.cls)["__annotations__"]:
+            setattr(working, name, getattr(self._working, name))
+        working.near = near
+        model, device = self._model, self._model.device
+        worlds, threads = [model.world_count], team_threads(model)
+        inputs = [self._tables, working, log, self._exchanges]
+        launch_tiled(self._again, dim=worlds, inputs=inputs, block_dim=threads, device=device)
+        inputs += [substep * model.step_seconds, self._bars, self._of_frame]
+        launch_tiled(self._back, dim=worlds, inputs=inputs, block_dim=threads, device=device)
+
+
+def kept_of_exchange(model: Model, room: Room) -> tuple[list[tuple[wp.array, wp.array, wp.array]], Any]:
+    """Allocate the state before each substep's exchange, and the values of one that are computed again."""
+    worlds, particles, spheres = model.world_count, model.particle_count, model.sphere_count
+    exchanges = Exchanges()
+    for name in ("points", "velocities"):
+        setattr(exchanges, name, room.array((spheres + 1, worlds, particles), wp.vec3))
+    exchanges.met = room.array((worlds, spheres), Met)
+    came = [
+        (
+            room.array((worlds, particles), wp.vec3),
+            room.array((worlds, particles), wp.vec3),
+            room.array((worlds, mark_count(particles)), wp.int32),
+        )
+        for _ in range(model.substeps)
+    ]
+    return came, exchanges
+
+
+class FacesBackward:
+    """Run contacts of small spheres with faces backwards, a substep at a time.
+
+    Args:
+        columns: of the numbers that are derived by.
+        working: of the launches that compute frames again.
+        arrays: bars of the substep that runs backwards, by name.
+        spheres: whose bars it turns into those of before the contacts.
+    """
+
+    def __init__(
+        self, model: Model, features: Features, columns: tuple[int, ...], tables: Any, working: Any,
+        arrays: Mapping[str, wp.array], spheres: SpheresBackward, room: Room,
+    ):  # fmt: skip
+        self._model, self._tables, self._working, self._spheres = model, tables, working, spheres
+        self._back = faces_back_kernel(features, columns)
+        self._came, self._again, self._log, self._bars = kept_of_faces(model, room)
+        self._bars.points, self._bars.velocities = arrays["all_point_bar"], arrays["all_velocity_bar"]
+        self._bars.gas_masses, self._bars.numbers = arrays["all_gas_mass_bar"], arrays["number_bars"]
+        self._bars.spheres = spheres.bars
+
+    def note(self, state: State, substep: int, points: wp.array, velocities: wp.array) -> None:
+        """Keep where particles and spheres are before they meet."""
+        came = (points, velocities, *(getattr(state, name) for name in STATE_OF_SPHERES))
+        for kept, array in zip(self._came[substep], came, strict=True):
+            wp.copy(kept, array)
+
+    def turn_back(self, substep: int, starts: wp.array) -> None:
+        """Turn the bars of after the contacts into those of before, and of where the substep began.
+
+        Args:
+            starts: places of particles as the substep began.
+        """
+        model = self._model
+        for again, kept in zip(self._again, self._came[substep], strict=True):
+            wp.copy(again, kept)
+        working = Working()
+        for name in vars(Working.cls)["__annotations__"]:
+            setattr(working, name, getattr(self._working, name))
+        working.sphere_starts, working.point_starts = self._spheres.log.sphere_starts, starts
+        launch_tiled(
+            self._back, dim=[model.world_count],
+            inputs=[self._tables, working, self._log, *self._again[:2], self._bars],
+            block_dim=team_threads(model), device=model.device,
+        )  # fmt: skip
+
+    def add_by_starts(self) -> None:
+        """Add the bars of where the substep began, once all else has run backwards."""
+        model = self._model
+        launch(add_by_starts, (model.world_count, model.particle_count), [self._bars], device=model.device)
+
+
+def kept_of_faces(model: Model, room: Room) -> tuple[list[tuple[wp.array, ...]], tuple[wp.array, ...], Any, Any]:
+    """Allocate the state before each substep's contacts, room to move it, the log of contacts, and bars."""
+    worlds, particles, spheres = model.world_count, model.particle_count, model.sphere_count
+
+    def moving() -> tuple[wp.array, ...]:
+        of_particles: Moving = room.array((worlds, particles), wp.vec3), room.array((worlds, particles), wp.vec3)
+        return (*of_particles, *(room.array((worlds, spheres), wp.vec3) for _ in STATE_OF_SPHERES))
+
+    came, again = [moving() for _ in range(model.substeps)], moving()
+    log = LoggedFaces()
+    for name, array in zip(STATE_OF_SPHERES, again[2:], strict=True):
+        setattr(log, name, array)
+    log.contacts = room.array((worlds, CONTACTS_OF_A_SPHERE * spheres), FaceContact)
+    log.counts = room.array(worlds, wp.int32)
+    bars = FaceBars()
+    bars.starts, bars.eases = room.array((worlds, particles), wp.vec3), room.array((worlds, particles), wp.float32)
+    bars.parts = room.array((worlds, int(MOST_LOOKS)), wp.float32)
+    return came, again, log, bars
 
 
 class _Remembering(Launches):

@@ -19,9 +19,9 @@ from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.working import SphereBars
 from balloon_warp.launching import launch, launch_tiled
 from balloon_warp.model import Model, State
-from balloon_warp.model.friction import FRICTION
 from balloon_warp.model.memory import Room
-from balloon_warp.schedules.launches import team_threads
+from balloon_warp.model.obstacles import FRICTION
+from balloon_warp.schedules.launched import team_threads
 from balloon_warp.schedules.tables import world_state
 
 STATE_OF_SPHERES = ("sphere_positions", "sphere_velocities", "sphere_spins")

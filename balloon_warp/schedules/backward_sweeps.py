@@ -21,7 +21,7 @@ from balloon_warp.model.memory import Room
 from balloon_warp.schedules.backward_spheres import STATE_OF_SPHERES, SpheresBackward
 from balloon_warp.schedules.backward_touch import TouchBackward
 from balloon_warp.schedules.contact_lists import list_lengths
-from balloon_warp.schedules.launches import Moving, team_threads
+from balloon_warp.schedules.launched import Moving, team_threads
 from balloon_warp.schedules.tables import world_state
 
 

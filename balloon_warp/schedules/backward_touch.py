@@ -17,12 +17,11 @@ from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.working import Working
 from balloon_warp.launching import launch, launch_tiled
 from balloon_warp.model import Model
-from balloon_warp.model.friction import FRICTION
 from balloon_warp.model.memory import Room
+from balloon_warp.model.obstacles import FRICTION
 from balloon_warp.model.touch import STIFFNESSES
-from balloon_warp.schedules.contact_lists import list_arrays
-from balloon_warp.schedules.deferred import FEW_THREADS, MOST_AT_ONCE, threads_of_list
-from balloon_warp.schedules.launches import team_threads
+from balloon_warp.schedules.contact_lists import FEW_THREADS, MOST_AT_ONCE, list_arrays, threads_of_list
+from balloon_warp.schedules.launched import team_threads
 from balloon_warp.schedules.touch_table import substeps_of_search
 
 Values = NDArray[np.float64]

@@ -25,8 +25,7 @@ from balloon_warp.kernels.working import EightBoxes, EightPlaces
 from balloon_warp.launching import launch, launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
-from balloon_warp.schedules.contact_lists import edge_count
-from balloon_warp.schedules.deferred import FEW_THREADS, threads_of_list
+from balloon_warp.schedules.contact_lists import FEW_THREADS, edge_count, threads_of_list
 from balloon_warp.schedules.tables import Worlds
 from balloon_warp.schedules.touch_table import part_count, substeps_of_search
 

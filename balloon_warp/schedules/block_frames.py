@@ -13,12 +13,9 @@ from balloon_warp.launching import begin_loading, launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
 from balloon_warp.schedules.block_layout import layout_of, step_of
-from balloon_warp.schedules.launches import working_arrays
-from balloon_warp.schedules.membrane_faces import membrane_face_entries, membrane_face_table
-from balloon_warp.schedules.renumber import order_by_springs, renumbered
-from balloon_warp.schedules.rings import quad_rings
-from balloon_warp.schedules.slots import slot_table
-from balloon_warp.schedules.spring_ends import spring_ends
+from balloon_warp.schedules.launched import working_arrays
+from balloon_warp.schedules.membranes import membrane_face_entries, membrane_face_table
+from balloon_warp.schedules.slices import order_by_springs, quad_rings, renumbered, slot_table, spring_ends
 from balloon_warp.schedules.tables import kept_arguments, make_tables, world_state
 
 

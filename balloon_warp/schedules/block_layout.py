@@ -9,10 +9,8 @@ from balloon_warp.kernels.schedules.pieces import Step, cut
 from balloon_warp.kernels.substep import FACING, FILMED, NOTHING, phases_of
 from balloon_warp.model import Model
 from balloon_warp.schedules.block_room import CAPACITY_STEP, MOST_THREADS, most_particles, thread_a_particle
-from balloon_warp.schedules.membrane_faces import membrane_face_entries, membrane_face_layout
-from balloon_warp.schedules.rings import least_valence, quad_rings
-from balloon_warp.schedules.slots import kind_slots
-from balloon_warp.schedules.spring_ends import spring_ends
+from balloon_warp.schedules.membranes import membrane_face_entries, membrane_face_layout
+from balloon_warp.schedules.slices import kind_slots, least_valence, quad_rings, spring_ends
 
 WARP_THREADS = 32
 MOST_THREADS_OF_MULTIPROCESSOR = 2048

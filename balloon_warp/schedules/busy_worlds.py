@@ -16,12 +16,11 @@ from balloon_warp.model.memory import Allocating, Room
 from balloon_warp.schedules.block_frames import BlockFrames
 from balloon_warp.schedules.block_room import fits_in_block
 from balloon_warp.schedules.contact_lists import ContactLists, has_lists, start_of_frame
-from balloon_warp.schedules.fixtures import forget_looks, place_obstacles
 from balloon_warp.schedules.gather import GatherSchedule
-from balloon_warp.schedules.launches import Launches
+from balloon_warp.schedules.launched import Launches
 from balloon_warp.schedules.octet_pull import PullingOctets
-from balloon_warp.schedules.outer import place_anchors
 from balloon_warp.schedules.outlook import Outlook, busy_features, outlook_arrays
+from balloon_warp.schedules.tables import forget_looks, place_anchors, place_obstacles
 
 
 class BusyFrames(Protocol):

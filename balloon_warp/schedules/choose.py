@@ -7,8 +7,8 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.inflation import GAS
 from balloon_warp.model import Model, State
-from balloon_warp.model.folded import is_in_layers
 from balloon_warp.model.small_spheres import small_spheres
+from balloon_warp.model.touch import is_in_layers
 from balloon_warp.schedules.block_room import fits_in_block, thread_a_particle
 from balloon_warp.schedules.contact_lists import ContactLists
 from balloon_warp.schedules.own_parts import looks_at_parts

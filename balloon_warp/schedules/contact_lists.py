@@ -1,5 +1,7 @@
 """Lists of contacts: how long they are, and how they grow where a frame has found no room in one.
 
+Lists of contacts: how long they are, and how they grow where a frame has found no room in one.
+
 A frame that has found none is computed again from its start, with longer lists, so that the motion of a world
 depends neither on their length, nor on the worlds beside it that have made them grow.
 """
@@ -17,8 +19,8 @@ from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.model import Model, State, overwrite
-from balloon_warp.model.meeting_edges import meeting_edges
 from balloon_warp.model.memory import Allocating, Counting, Room, usable_memory
+from balloon_warp.model.ridges import meeting_edges
 from balloon_warp.model.state import new_state
 
 TRIANGLES = 40
@@ -166,3 +168,29 @@ def overflow_remarks(overflow: int) -> list[str]:
         f"touch: contacts were too crowded {overflow:,} times and some were ignored; fewer worlds, "
         "coarser meshes or more substeps help"
     ]
+
+
+MANY = 500_000
+"""Number of particles in all worlds above which they take a GPU several times as long as one more launch"""
+ENOUGH_THREADS = 262_144
+"""Number of threads that keep a GPU busy"""
+MOST_AT_ONCE = 65_536
+"""Number of threads that a GPU has at once, where each takes many registers, or more"""
+FEW_THREADS = 64
+"""Threads of a block, where each takes many registers"""
+
+
+def has_many(model: Model) -> bool:
+    """Return whether a GPU takes much longer for all particles than for a launch."""
+    return model.device.is_cuda and model.world_count * model.particle_count >= MANY
+
+
+def threads_of_list(model: Model) -> int:
+    """Return the number of threads that loop over a list of a world's particles.
+
+    On a GPU whole blocks, for an eighth of all, or for all where worlds are few.
+    """
+    if not model.device.is_cuda:
+        return 1
+    wanted = max(model.particle_count // 8, min(ENOUGH_THREADS // model.world_count, model.particle_count))
+    return -(-wanted // FEW_THREADS) * FEW_THREADS

@@ -8,11 +8,15 @@ from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.schedules.launched.sphere_forces import read_sphere_forces, write_sphere_forces
 from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
-from balloon_warp.schedules.contact_sums import ContactSums
-from balloon_warp.schedules.fixtures import forget_looks, place_obstacles
-from balloon_warp.schedules.health import HealthCheck
-from balloon_warp.schedules.outer import place_anchors
-from balloon_warp.schedules.ramp import note_pressures, refresh_ramp, weigh_air
+from balloon_warp.schedules.frames import ContactSums, HealthCheck
+from balloon_warp.schedules.tables import (
+    forget_looks,
+    note_pressures,
+    place_anchors,
+    place_obstacles,
+    refresh_ramp,
+    weigh_air,
+)
 
 
 class Framing:

@@ -8,10 +8,10 @@ from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Counting, Room
 from balloon_warp.schedules.contact_lists import ContactLists
 from balloon_warp.schedules.features import choosing_parameters, model_features
-from balloon_warp.schedules.fixtures import look_arrays
 from balloon_warp.schedules.framing import Framing
 from balloon_warp.schedules.membranes import left_array
 from balloon_warp.schedules.outlook import free_features
+from balloon_warp.schedules.tables import look_arrays
 
 if TYPE_CHECKING:
     from balloon_warp.schedules.busy_worlds import BusyWorlds

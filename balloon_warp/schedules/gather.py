@@ -13,7 +13,7 @@ from balloon_warp.kernels.schedules.pieces import Step, cut
 from balloon_warp.kernels.substep import phases_of
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
-from balloon_warp.schedules.deferred import has_many
+from balloon_warp.schedules.contact_lists import has_many
 from balloon_warp.schedules.launched import LaunchedSchedule
 from balloon_warp.schedules.patches import PatchLaunch, cut_into_patches, first_phases
 

@@ -21,11 +21,10 @@ from balloon_warp.kernels.working import Working
 from balloon_warp.launching import begin_loading, launch
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Room
+from balloon_warp.schedules.frames import FramePiece
 from balloon_warp.schedules.framing import Framing
 from balloon_warp.schedules.free_frames import FreeFramesSchedule
-from balloon_warp.schedules.lane_memory import allot_lanes, put_far_away, rows_of, shares_of
-from balloon_warp.schedules.lane_tables import make_lane_tables
-from balloon_warp.schedules.recorded_frame import FramePiece
+from balloon_warp.schedules.lane_tables import allot_lanes, make_lane_tables, put_far_away, rows_of, shares_of
 from balloon_warp.schedules.tables import kept_arguments, make_tables, world_state
 
 

@@ -1,29 +1,309 @@
-"""Schedules that launch a kernel for each piece of a substep: `gather`, `scatter`, and the projective solver."""
+"""Schedules that launch a kernel for each piece of a substep, and the memory that they share."""
 
 from abc import ABC
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, ClassVar
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from copy import copy
+from typing import Any, ClassVar, NamedTuple, Self
 
+import numpy as np
 import warp as wp
 
+from balloon_warp.kernels.contact.near import mark_count
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.phase import Look, Phase
-from balloon_warp.kernels.schedules.pieces import Step, cut
+from balloon_warp.kernels.phase import STATE, Item, Look, Phase
+from balloon_warp.kernels.schedules.launched.few import acts_on_few, asked_ahead
+from balloon_warp.kernels.schedules.launched.source import ITEMS_OF_LIST, ITEMS_OF_PART, Part, arguments_of, kernel_of
+from balloon_warp.kernels.schedules.pieces import Piece, Step, cut, values_of
 from balloon_warp.kernels.substep import NOTHING, Instead, phases_of
+from balloon_warp.kernels.working import Working
+from balloon_warp.launching import begin_loading, launch, launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Counting, Room
-from balloon_warp.schedules.balloon_contact import TouchLaunches
-from balloon_warp.schedules.contact_lists import ContactLists, has_lists, start_of_frame
+from balloon_warp.model.state import contact_shape
+from balloon_warp.schedules.balloon_contact import TouchLaunches, touch_arrays
+from balloon_warp.schedules.contact_lists import ContactLists, counting_arrays, has_lists, list_arrays, start_of_frame
 from balloon_warp.schedules.features import choosing_parameters, model_features
-from balloon_warp.schedules.fixtures import look_arrays
+from balloon_warp.schedules.frames import FramePiece, Rounds, make_clock
 from balloon_warp.schedules.framing import Framing
-from balloon_warp.schedules.launches import Launches, Moving, Own
-from balloon_warp.schedules.membranes import left_array
-from balloon_warp.schedules.recorded_frame import FramePiece
-from balloon_warp.schedules.rounds import Rounds
-from balloon_warp.schedules.tables import make_tables
-from balloon_warp.schedules.tears import tear_arrays
-from balloon_warp.schedules.touch_table import substeps_of_search
+from balloon_warp.schedules.membranes import left_array, tear_arrays
+from balloon_warp.schedules.tables import Worlds, kept_arguments, look_arrays, make_tables
+from balloon_warp.schedules.touch_table import ridge_arrays, solid_arrays, substeps_of_search, sweep_arrays
+
+TEAM_THREADS = 256
+"""Threads of a block for phases of a world and for sums, on a GPU; more would have too few registers"""
+TEAM_THREADS_OF_SMALL, SMALL = 64, 1024
+"""Threads where no balloon has more particles: more blocks then run at once, while one thread of each ends its sum"""
+EDGE_THREADS = 256
+"""Threads of a block for edges that touch: where a thread has fewer pairs, its block waits less"""
+EDGE_REGISTERS, SOLID_REGISTERS = 64, 128
+"""Registers of a thread of a whole world's block in sweeps over contacts, at most, where these are of edges alone, and
+where solids meet, too: so that a multiprocessor has more of them at once"""
+MOST_REGISTERS = 128
+"""Registers of a thread with a particle, so that a multiprocessor has two blocks of 256 where particles touch
+obstacles, too"""
+FEW_REGISTERS = 64
+"""Registers where obstacles are left in another launch, and of faces: a multiprocessor has four blocks"""
+ROUGH = {"pull", "push_face", "leave"}
+"""Phases for which a GPU's own division and root will do"""
+SWEEPS = {"meet", "meet_ridges"}
+"""Phases of sweeps over contacts"""
+LISTING_THREADS = 32
+"""Threads of a block that lists particles, of which few have anything to do"""
+LARGE = 2048
+"""Number of particles of a balloon above which it is summed in parts"""
+Moving = tuple[wp.array, wp.array]
+"""Points and velocities, shape (world_count, particle_count), vec3"""
+Own = Callable[[State, int, Moving], None]
+"""Function of (state, substep, points and velocities) for a phase that the host runs itself"""
+
+
+class _Asked(NamedTuple):
+    """Kernel of a piece, and the arguments of each launch."""
+
+    kernel: Any
+    names: tuple[str, ...]
+    """Names of the kernel's arguments"""
+
+
+class Launches:
+    """Launch each piece of a step.
+
+    Args:
+        own: functions of the host's phases, by the names of phases.
+        fast_math: whether a GPU's own division and root will do, see `ROUGH`.
+    """
+
+    def __init__(
+        self, model: Model, step: Step, tables: Any, room: Room, own: Mapping[str, Own] | None = None, *,
+        fast_math: bool = False,
+    ):  # fmt: skip
+        self.model, self.step, self.tables = model, step, tables
+        self._own, self._fast_math, self._worlds = own or {}, fast_math, Worlds()
+        self._pieces: dict[tuple[int, Part], _Asked] = {}
+        self.clock = make_clock(model)
+        self.working = Working()
+        for name, array in working_arrays(model, step.features, room).items():
+            setattr(self.working, name, array)
+        self.values, self._parts, self._second = step_arrays(model, step, room)
+        """Values that live from one piece to another, by name"""
+        offsets = np.asarray(tables.correction.color_offsets.numpy())
+        self._colors = list(zip(offsets[:-1].tolist(), np.diff(offsets).tolist(), strict=True))
+        """First and count of the springs of each color, for correction"""
+
+    @staticmethod
+    def allot(model: Model, step: Step, room: Room) -> None:
+        """Ask for all memory that it keeps."""
+        working_arrays(model, step.features, room)
+        step_arrays(model, step, room)
+
+    def beside(self, model: Model, tables: Any) -> Self:
+        """Return the same for another world of the same batch, with the same memory."""
+        other = copy(self)
+        other.model, other.tables, other._pieces = model, tables, {}
+        return other
+
+    def begin_loading(self) -> None:
+        """Compile the kernels of a substep, all beside each other."""
+        for piece in self.step.pieces:
+            if piece.item != "launches" and piece.phases[0].name not in self._own:
+                for part in ("part", "parts") if piece.name in self._parts else ("all",):
+                    begin_loading(self.kernel(piece, part), self.model.device)
+
+    def substep(self, state: State, substep: int, now: Moving) -> Moving:
+        """Execute a substep, and return where particles are then."""
+        if substep == 0 and self.step.features.ridges:
+            self.working.ridge_budgets.zero_()  # others may have moved all since the last frame
+        return self.execute(state, substep, now)
+
+    def execute(self, state: State, substep: int, now: Moving, only: Collection[str] = ()) -> Moving:
+        """Execute pieces, and return where particles are then.
+
+        Args:
+            only: the first phases of those, where not all are to be executed.
+        """
+        for piece in self.step.pieces:
+            if (piece.once and substep) or (only and piece.phases[0].name not in only):
+                continue
+            if own := self._own.get(piece.phases[0].name):
+                own(state, substep, now)
+            else:
+                now = self._launch(piece, state, substep, now)
+        return now
+
+    def _launch(self, piece: Piece, state: State, substep: int, now: Moving) -> Moving:
+        new, m = self._targets(piece, state, now), self.model
+        has = {
+            "t": self.tables, "clock": self.clock, "substep": substep, "state": self._worlds.of(state),
+            "working": self.working,
+            **{f"all_{view}": array for view, array in zip(STATE.values(), now, strict=True)},
+            **{f"new_{view}": array for view, array in zip(STATE.values(), new, strict=True)},
+            **{f"all_{value}": array for value, array in self.values.items()}, **kept_arguments(state),
+        }  # fmt: skip
+        if piece.sums:
+            self._sum(piece, has)
+        elif acts_on_few(self.step, piece):
+            self._over(piece, (m.world_count, -(-m.particle_count // int(ITEMS_OF_LIST))), has)
+        elif piece.item == "team":
+            self._over(piece, (m.world_count,), has)
+        elif piece.item == "spring":
+            for _ in range(m.scene.correction_sweeps):
+                for first, count in self._colors:
+                    inputs = self._inputs(piece, {**has, "first_spring": first})
+                    launch(self.kernel(piece), (m.world_count, count), inputs, device=m.device)
+        else:
+            launch(self.kernel(piece), self._shape(piece.item), self._inputs(piece, has), device=m.device)
+        return new
+
+    def _inputs(self, piece: Piece, has: Mapping[str, Any], part: Part = "all") -> list[Any]:
+        """Return the arguments of a piece's kernel, in order."""
+        return [has[name] for name in self._asked(piece, part).names]
+
+    def _targets(self, piece: Piece, state: State, now: Moving) -> Moving:
+        """Return where the piece leaves points and velocities."""
+        kept = {"point": state.points, "velocity": state.velocities}
+
+        def target(name: str, old: wp.array) -> wp.array:
+            if name not in piece.doubles:
+                return old
+            return self._second[name] if old is kept[name] else kept[name]
+
+        points, velocities = now
+        return target("point", points), target("velocity", velocities)
+
+    def _sum(self, piece: Piece, has: Mapping[str, Any]) -> None:
+        m, parts = self.model, self._parts.get(piece.name)
+        whole = (m.world_count, m.balloon_count)
+        if parts is None:
+            self._over(piece, whole, has)
+        else:
+            self._over(piece, parts.shape, {**has, "all_parts": parts}, "part")
+            self._over(piece, whole, {**has, "all_parts": parts}, "parts")
+
+    def _over(self, piece: Piece, blocks: tuple[int, ...], has: Mapping[str, Any], part: Part = "all") -> None:
+        """Launch so many blocks."""
+        device = self.model.device
+        inputs, threads = self._inputs(piece, has, part), self._team_threads(piece)
+        launch_tiled(self.kernel(piece, part), dim=blocks, inputs=inputs, block_dim=threads, device=device)
+
+    def _team_threads(self, piece: Piece) -> int:
+        """Return the threads of a block."""
+        device = self.model.device
+        if piece.phases[0].name == "meet" and self.step.features.edges_meet and device.is_cuda:
+            return EDGE_THREADS
+        if acts_on_few(self.step, piece):
+            return LISTING_THREADS if device.is_cuda else 1
+        return team_threads(self.model)
+
+    @property
+    def _elements(self) -> int:
+        """Count springs, strings, hinges, triangles, and faces, if a law acts on these."""
+        m, hinges = self.model, self.tables.hinges.ends.shape[0]
+        faces = m.face_count if self.step.features.has("face") else 0
+        return m.spring_count + m.string_count + hinges + self.tables.membranes.corners.shape[0] + faces
+
+    def kernel(self, piece: Piece, part: Part = "all") -> Any:
+        """Return the kernel of a piece."""
+        return self._asked(piece, part).kernel
+
+    def _asked(self, piece: Piece, part: Part) -> _Asked:
+        """Return the kernel of a piece, and the names of its arguments."""
+        key = id(piece), part  # a hash of all that a piece consists of takes longer than a launch
+        if key not in self._pieces:
+            self._pieces[key] = _Asked(self._make_kernel(piece, part), arguments_of(self.step, piece, part))
+        return self._pieces[key]
+
+    def _make_kernel(self, piece: Piece, part: Part) -> Any:
+        names = {phase.name for phase in piece.phases}
+        alone = "pull" in names and "leave" not in names and not self.step.features.membranes
+        most = {"particle": FEW_REGISTERS if alone else MOST_REGISTERS, "face": FEW_REGISTERS}
+        registers = 0 if piece.sums else most.get(piece.item, 0)
+        device = self.model.device
+        if device.is_cuda and self.model.world_count > device.sm_count:
+            edges_alone = "meet" in names and not self.step.features.bodies
+            registers = EDGE_REGISTERS if edges_alone else SOLID_REGISTERS if names & SWEEPS else registers
+        return kernel_of(self.step, piece, part, self._fast_math and not names.isdisjoint(ROUGH), registers)
+
+    def _shape(self, item: Item) -> tuple[int, ...]:
+        """Return the threads of a launch over all items."""
+        m = self.model
+        counts = {
+            "particle": m.particle_count,
+            "element": self._elements,
+            "face": m.face_count,
+            "triangle": m.triangle_count,
+            "sphere": m.sphere_count,
+        }
+        return (m.world_count, counts[item]) if item in counts else (m.world_count,)
+
+
+def team_threads(model: Model) -> int:
+    """Return how many threads add up a balloon, or a part of it; on a CPU one.
+
+    It does not depend on the number of worlds, which would change the order of a world's sums.
+    """
+    if not model.device.is_cuda:
+        return 1
+    return TEAM_THREADS_OF_SMALL if _largest_balloon(model) <= SMALL else TEAM_THREADS
+
+
+def _largest_balloon(model: Model) -> int:
+    """Return the number of particles of the largest balloon."""
+    return max((len(shape.mesh.points) for shape in model.shapes), default=0)
+
+
+def step_arrays(model: Model, step: Step, room: Room) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
+    """Allocate values that live from one piece to another, parts of sums, and second places of particles' state."""
+    worlds = model.world_count
+    counts = {"particle": model.particle_count, "face": model.face_count, "balloon": model.balloon_count}
+    values = {
+        value: room.array((worlds, counts[step.owner(value)]), wp.float32 if dtype is float else dtype)
+        for value, dtype in values_of(step).items()
+    }
+    if any(asked_ahead(step, piece) for piece in step.pieces):
+        values["acting"] = room.array((worlds, -(-model.particle_count // 4) * 4), wp.int8)
+    parts = {}
+    for piece in step.pieces:
+        if piece.sums and (count := _part_count(model, piece.item)):
+            (dtype,) = piece.phases[0].writes.values()
+            shape = (worlds, model.balloon_count, count)
+            parts[piece.name] = room.array(shape, wp.float32 if dtype is float else dtype)
+    second = {name: room.array((worlds, model.particle_count), wp.vec3) for name in step.doubled}
+    return values, parts, second
+
+
+def _part_count(model: Model, item: Item) -> int:
+    """Count the parts in which the items of a balloon are added up; 0 where it is done in one go."""
+    counts = [mesh.face_count if item == "face" else len(mesh.points) for mesh in (s.mesh for s in model.shapes)]
+    largest = max(counts)
+    return -(-largest // int(ITEMS_OF_PART)) if largest > LARGE else 0
+
+
+def working_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]:
+    """Allocate the memory of contact beside the state; empty where a scene does not need it."""
+    worlds = model.world_count
+    return {
+        "gas_masses": room.array((worlds, model.balloon_count if features.gas else 0), wp.float32),
+        "sphere_quanta": room.array((worlds, model.sphere_count if features.spheres_pushed else 0, 3), wp.int64),
+        **solid_arrays(model, features, room),
+        **ridge_arrays(model, features, room),
+        **sweep_arrays(model, features, room),
+        "contact_impulses": room.array(contact_shape(model), wp.vec4),
+        **touch_arrays(model, features, room),
+        **list_arrays(model, features, room),
+        **counting_arrays(model, features, room),
+        **verdict_arrays(model, features, room),
+        "near": room.array((worlds, mark_count(model.particle_count) if features.impulses else 0), wp.int32),
+    }
+
+
+def verdict_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]:
+    """Allocate the verdicts on each world's frame as it begins, and their bounds; empty where there are none."""
+    asked = features.frames != "all"
+    return {
+        "ways": room.array(model.world_count if asked else 0, wp.float32),
+        "verdicts": room.array(model.world_count if asked else 0, wp.int32),
+        "any_busy": room.array(1 if asked else 0, wp.int32),
+    }
 
 
 class LaunchedSchedule(ABC):

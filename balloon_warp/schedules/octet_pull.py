@@ -20,9 +20,8 @@ from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.gather import GatherSchedule
-from balloon_warp.schedules.lane_memory import allot_lanes
-from balloon_warp.schedules.lane_tables import make_lane_tables
-from balloon_warp.schedules.launches import Moving, Own
+from balloon_warp.schedules.lane_tables import allot_lanes, make_lane_tables
+from balloon_warp.schedules.launched import Moving, Own
 from balloon_warp.schedules.tables import Worlds, kept_arguments
 
 PULL = "pull"

@@ -9,12 +9,11 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.kernels.contact.own_parts import OwnParts
-from balloon_warp.mesh.least_gaps import least_gaps
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.mesh.thickness import least_gaps
 from balloon_warp.model import Model
-from balloon_warp.model.folded import is_folded
 from balloon_warp.model.memory import Room
-from balloon_warp.model.touch import APART, edge_length
+from balloon_warp.model.touch import APART, edge_length, is_folded
 from balloon_warp.schedules.touch_table import ITSELF, surface_of
 
 TRIANGLES = 24

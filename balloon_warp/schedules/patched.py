@@ -6,7 +6,7 @@ from balloon_warp.model.memory import Room
 from balloon_warp.schedules.framing import Framing
 from balloon_warp.schedules.free_frames import FreeFramesSchedule
 from balloon_warp.schedules.gather import GatherSchedule
-from balloon_warp.schedules.launches import Launches
+from balloon_warp.schedules.launched import Launches
 
 
 class PatchedSchedule(FreeFramesSchedule):

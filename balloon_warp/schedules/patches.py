@@ -18,9 +18,7 @@ from balloon_warp.model.memory import Room
 from balloon_warp.schedules.block_layout import MOST_REGISTERS, REGISTERS
 from balloon_warp.schedules.block_room import MOST_THREADS, thread_a_particle
 from balloon_warp.schedules.patching import Patches, patch_table, patches_of, slots_in_patches, tables_in_patches
-from balloon_warp.schedules.rings import quad_rings
-from balloon_warp.schedules.slots import kind_slots
-from balloon_warp.schedules.spring_ends import spring_ends
+from balloon_warp.schedules.slices import kind_slots, quad_rings, spring_ends
 from balloon_warp.schedules.tables import kept_arguments, world_state
 
 BYTES_OF_PLACE = 12

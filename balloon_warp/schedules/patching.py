@@ -14,8 +14,7 @@ from balloon_warp.kernels.tables import SLICE, FaceTable, FanTable, MembraneTabl
 from balloon_warp.model import Model
 from balloon_warp.schedules.block_layout import WARP_THREADS
 from balloon_warp.schedules.block_room import MOST_THREADS
-from balloon_warp.schedules.rings import Ring
-from balloon_warp.schedules.spring_ends import SpringEnds, neighbors_in_slots, spring_ends
+from balloon_warp.schedules.slices import Ring, SpringEnds, neighbors_in_slots, spring_ends
 from balloon_warp.schedules.tables import volume_origins
 
 LEAST_THREADS = 256

@@ -13,10 +13,8 @@ from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating
 from balloon_warp.schedules.features import model_features
-from balloon_warp.schedules.launches import Launches
-from balloon_warp.schedules.outer import place_anchors
-from balloon_warp.schedules.ramp import refresh_ramp
-from balloon_warp.schedules.tables import make_tables, tables_of_world
+from balloon_warp.schedules.launched import Launches
+from balloon_warp.schedules.tables import make_tables, place_anchors, refresh_ramp, tables_of_world
 
 PULL, INFLATE = "pull", "inflate"
 """Phases that begin a launch of their own"""

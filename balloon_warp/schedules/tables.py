@@ -1,5 +1,6 @@
-"""Tables of a model for kernels."""
+"""Tables of a model for kernels: balloons, obstacles, strings, outer forces."""
 
+from collections.abc import Sequence
 from operator import is_
 from typing import Any, NamedTuple
 
@@ -7,9 +8,13 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.contact_tables import SphereTable
+from balloon_warp.kernels.contact_tables import BodyTable, FixtureTable, Solid, SphereTable
 from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.frames.air_along import air_kernel
+from balloon_warp.kernels.frames.around import move_anchors, note_given_loads, place_fixtures, ramp_inflation
 from balloon_warp.kernels.gas_tables import NeckTable, PumpTable, TubeTable
+from balloon_warp.kernels.laws.fixture import SHAPES
+from balloon_warp.kernels.outer_tables import ForceTable, StringTable
 from balloon_warp.kernels.tables import (
     CHUNK,
     CorrectionTable,
@@ -21,23 +26,219 @@ from balloon_warp.kernels.tables import (
     Tables,
     WorldState,
 )
-from balloon_warp.mesh.triangles import triangles_of
+from balloon_warp.launching import launch
+from balloon_warp.mesh.orientation import triangles_of
 from balloon_warp.model import Model, State
 from balloon_warp.model.crushing import inside_volume
-from balloon_warp.model.friction import FRICTION
 from balloon_warp.model.gas import pressure_bounds
+from balloon_warp.model.memory import Allocating, Room
+from balloon_warp.model.obstacles import FRICTION, ObstacleShape, sample
+from balloon_warp.model.parameters import VELOCITY
 from balloon_warp.model.small_spheres import small_spheres
-from balloon_warp.schedules.fixtures import body_table, fixture_table
-from balloon_warp.schedules.health import health_table
+from balloon_warp.model.state import frames_of
+from balloon_warp.schedules.frames import health_table
 from balloon_warp.schedules.membranes import membrane_table, membranes_of_world
-from balloon_warp.schedules.outer import force_table, forces_of_world, string_table, strings_of_world
-from balloon_warp.schedules.particles import particle_table
-from balloon_warp.schedules.ridges import ridge_table
-from balloon_warp.schedules.rings import quad_rings, ring_table
-from balloon_warp.schedules.slices import slices_of
-from balloon_warp.schedules.spring_ends import SpringEnds, spring_ends
-from balloon_warp.schedules.touch_table import touch_table
-from balloon_warp.springs.coloring import color_springs
+from balloon_warp.schedules.slices import SpringEnds, particle_table, quad_rings, ring_table, slices_of, spring_ends
+from balloon_warp.schedules.touch_table import ridge_table, touch_table
+from balloon_warp.springs.build import color_springs
+
+
+def string_table(model: Model) -> Any:
+    """Return a model's strings."""
+    held = model.string_particle.numpy()
+    order = np.argsort(held, kind="stable")
+    offsets = np.searchsorted(held[order], np.arange(model.particle_count + 1)) if len(held) else []
+    table = StringTable()
+    table.offsets = _array(model, offsets, wp.int32)
+    table.particles = _array(model, held[order], wp.int32)
+    table.order = _array(model, np.stack([order, model.carriers.bodies[order]], axis=1), wp.vec2i)
+    return _with_strings(table, model)
+
+
+def place_anchors(model: Model, tables: Any, state: State) -> None:
+    """Place the anchors that move as the frame that begins has them, in each world by its own time."""
+    table = tables.strings
+    if model.anchor_motion.shape[0] > 1:
+        steered = model.parameters[VELOCITY] if model.is_steered else table.anchors  # which is not read
+        inputs = [
+            model.anchor_motion, model.string_carriers, model.string_centers, model.parameters["string_anchor"],
+            model.parameters["obstacle_position"], steered, int(model.is_steered), model.frame_seconds, state.frame,
+            frames_of(model, state), state.body_positions, state.body_turns,
+        ]  # fmt: skip
+        launch(move_anchors, (model.world_count, model.string_count), inputs, [table.anchors], device=model.device)
+
+
+def strings_of_world(model: Model, batch: Any) -> Any:
+    """Return a batch's strings for one of its worlds, whose model has views of its parameters."""
+    return _with_strings(_copied(batch, StringTable), model)
+
+
+def _with_strings(table: Any, model: Model) -> Any:
+    table.anchors = model.parameters["string_anchor"]
+    if model.anchor_motion.shape[0] > 1:
+        shape = (3 * model.world_count, model.string_count + 1)
+        table.anchors = wp.zeros(shape, dtype=wp.vec3, device=model.device)
+    table.lengths = model.parameters["string_length"]
+    table.stiffness = model.parameters["string_stiffness"]
+    return table
+
+
+def force_table(model: Model, features: Features) -> Any:
+    """Return a model's outer forces on each particle, where any may act."""
+    table = ForceTable()
+    table.slots = _array(model, _slots(model) if features.driven else np.zeros((0, 0)), float)
+    table.newtons = model.parameters["force_newtons"]
+    return table
+
+
+def _slots(model: Model) -> NDArray[np.float64]:
+    """Return each particle's shares in forces and the indices of these by turns, padded by 0."""
+    driven = model.driven
+    order = np.argsort(driven.particles, kind="stable")
+    particles = driven.particles[order]
+    nth = np.arange(len(particles)) - np.searchsorted(particles, particles)
+    slots = np.zeros((model.particle_count, 2 * (nth.max(initial=0) + 1)))
+    slots[particles, 2 * nth] = driven.shares[order]
+    slots[particles, 2 * nth + 1] = driven.forces[order]
+    return slots
+
+
+def forces_of_world(model: Model, batch: Any) -> Any:
+    """Return a batch's outer forces for one of its worlds, whose model has views of its parameters."""
+    table = _copied(batch, ForceTable)
+    table.newtons = model.parameters["force_newtons"]
+    return table
+
+
+def _copied(table: Any, kind: Any) -> Any:
+    copied = kind()
+    for name in kind.vars:
+        setattr(copied, name, getattr(table, name))
+    return copied
+
+
+def _array(model: Model, values: Any, dtype: Any) -> wp.array:
+    return wp.array(np.asarray(values), dtype=dtype, device=model.device)
+
+
+NOWHERE = 1.0e18
+"""Extent of something infinite [m], whose square is a float32"""
+
+
+def fastest(motion: NDArray[np.floating], reaches: NDArray[np.floating], frame_seconds: float) -> float:
+    """Return the largest speed of a point of any obstacle [m/s].
+
+    Args:
+        motion: Shifts and quaternions by frame, shape (frames, obstacle_count, 7).
+        reaches: Extents of the obstacles [m], shape (obstacle_count,).
+    """
+    if len(motion) == 1 or not len(reaches):
+        return 0.0
+    shifts = np.linalg.norm(np.diff(motion[..., :3], axis=0), axis=-1)
+    before, after = motion[:-1, :, 3:], motion[1:, :, 3:]
+    halves = np.minimum(np.linalg.norm(after - before, axis=-1), np.linalg.norm(after + before, axis=-1))
+    turns = 4.0 * np.arcsin(0.5 * halves.clip(max=2.0))
+    return float(((shifts + turns * reaches).max()) / frame_seconds)
+
+
+def fixture_table(model: Model) -> Any:
+    """Return the obstacles of a model; Warp's meshes live as long as the model does."""
+    table = FixtureTable()
+    table.solids = solid_array(model.obstacles, model.obstacle_meshes, model.device)
+    table.motion = model.obstacle_motion
+    if _moves(model):
+        rows = 2 if model.ages is None else 2 * model.world_count
+        table.motion = wp.zeros((rows, len(model.obstacles)), dtype=wp.transform, device=model.device)
+    table.positions = model.parameters["obstacle_position"]
+    if model.is_steered:
+        table.velocities = model.parameters[VELOCITY]
+    table.restitutions = model.parameters["obstacle_restitution"]
+    if model.bodies and model.obstacles:
+        _put_samples(table, model)
+    reaches = np.array([min(shape.reach, NOWHERE) for shape in model.obstacles])
+    table.fastest = fastest(_floats(model.obstacle_motion), reaches, model.frame_seconds) + _steered_speed(model)
+    table.looks, table.nearest = look_arrays(model, Allocating(model.device))
+    return table
+
+
+def _moves(model: Model) -> bool:
+    """Return whether any obstacle moves, by the scene or by controls."""
+    return model.obstacle_motion.shape[0] > 1
+
+
+def _steered_speed(model: Model) -> float:
+    """Return the largest speed that controls may give an obstacle [m/s]."""
+    rows = [np.abs(row).max(axis=0) for row in model.reach.get(VELOCITY, ())]
+    return float(np.linalg.norm(np.max(rows, axis=0), axis=-1).max()) if rows else 0.0
+
+
+def solid_array(shapes: Sequence[ObstacleShape], meshes: Sequence[wp.Mesh | None], device: wp.Device) -> wp.array:
+    """Return the shapes, of which those that are meshes have one of Warp's."""
+    solids = []
+    for shape, mesh in zip(shapes, meshes, strict=True):
+        solid = Solid()
+        solid.kind, solid.closed = SHAPES.index(shape.kind), int(shape.closed)
+        solid.size, solid.mesh = wp.vec3(shape.size), mesh.id if mesh else 0
+        solid.thickness, solid.reach, solid.blur = shape.thickness, min(shape.reach, NOWHERE), shape.blur
+        solids.append(solid)
+    return wp.array(solids, dtype=Solid, device=device)
+
+
+def _put_samples(table: Any, model: Model) -> None:
+    up = np.array(model.scene.up)
+    points = [sample(shape, up).points for shape in model.obstacles]
+    ends = np.cumsum([0, *(len(its) for its in points)])
+    table.samples = wp.array(np.concatenate(points), dtype=wp.vec4, device=model.device)
+    table.sample_ends = wp.array(np.stack([ends[:-1], ends[1:]], axis=1), dtype=wp.vec2i, device=model.device)
+
+
+def body_table(model: Model) -> Any:
+    """Return the free bodies of a model; empty where there are none."""
+    table = BodyTable()
+    if not model.bodies:
+        return table
+    shapes, parameters = model.bodies, model.parameters
+    inertias = np.array([shape.inertia for shape in shapes])
+    table.solids = solid_array([shape.solid for shape in shapes], model.body_meshes, model.device)
+    table.mass, table.restitution = parameters["body_mass"], parameters["body_restitution"]
+    table.inertias = wp.array(inertias, dtype=wp.mat33, device=model.device)
+    table.eases = wp.array(np.linalg.inv(inertias), dtype=wp.mat33, device=model.device)
+    samples = [shape.samples for shape in shapes]
+    firsts = np.cumsum([0, *(len(its.points) for its in samples)])
+    ends = [
+        (first, first + its.outermost, first + its.at_edges, first + len(its.points))
+        for first, its in zip(firsts, samples, strict=False)
+    ]
+    points = np.concatenate([its.points for its in samples])
+    table.samples = wp.array(points, dtype=wp.vec4, device=model.device)
+    table.sample_ends = wp.array(ends, dtype=wp.vec4i, device=model.device)
+    return table
+
+
+def _floats(array: wp.array) -> NDArray[np.float32]:
+    return np.asarray(array.numpy(), dtype=np.float32)
+
+
+def look_arrays(model: Model, room: Room) -> tuple[Any, Any]:
+    """Return the memory for looks of particles at obstacles, if there are any, and for obstacles' numbers, if many."""
+    seen, many = (model.particle_count if len(model.obstacles) > least else 0 for least in (0, 1))
+    return room.array((model.world_count, seen), wp.vec4), room.array((model.world_count, many), wp.vec2)
+
+
+def place_obstacles(model: Model, tables: Any, state: State) -> None:
+    """Place obstacles as the frame that begins has them, in each world by its own time."""
+    if _moves(model):
+        placed, frames = tables.fixtures.motion, frames_of(model, state)
+        shape = placed.shape[0] // 2, placed.shape[1]
+        launch(place_fixtures, shape, [model.obstacle_motion, frames], [placed], device=model.device)
+
+
+def forget_looks(tables: Any) -> None:
+    """Clear cached queries as a frame begins, since balloons and obstacles may have been moved."""
+    if tables.fixtures.looks.size:
+        tables.fixtures.looks.zero_()
+    if tables.fixtures.nearest.size:
+        tables.fixtures.nearest.zero_()
 
 
 def make_tables(model: Model, features: Features, in_block: bool = False) -> Any:
@@ -117,10 +318,6 @@ class Worlds:
 def kept_arguments(state: State) -> dict[str, wp.array]:
     """Return the arguments of kernels that hold the state of items."""
     return {f"kept_{name}": array for name, array in state.kept.items()}
-
-
-def _array(model: Model, values: Any, dtype: Any) -> wp.array:
-    return wp.array(np.asarray(values), dtype=dtype, device=model.device)
 
 
 def _springs(model: Model, features: Features, ends: SpringEnds) -> Any:
@@ -288,3 +485,36 @@ def _correction(model: Model, features: Features) -> Any:
     table.rest_lengths = _array(model, model.spring_rest_length.numpy()[order], float)
     table.sweeps = model.scene.correction_sweeps
     return table
+
+
+def refresh_ramp(model: Model, state: State) -> None:
+    """Update the inflation coefficients of the frame that begins."""
+    launch(
+        ramp_inflation,
+        (model.world_count, model.balloon_count),
+        inputs=[
+            *(model.keyframe_times, model.parameters["keyframe_values"], model.frame_seconds),
+            frames_of(model, state),
+        ],
+        outputs=[state.inflation_ramp],
+        device=model.device,
+    )
+
+
+def weigh_air(model: Model, features: Features, tables: Any, state: State, numbers: wp.array | None = None) -> None:
+    """Update the air at balloons, and the added mass, for the frame that begins.
+
+    Args:
+        numbers: of particles in the state, if tables have them in another order.
+    """
+    if features.takes_air_along or features.gas_meets_air:
+        places = model.world_count, model.balloon_count
+        launch(air_kernel(features), places, inputs=[tables, numbers, world_state(state)], device=model.device)
+
+
+def note_pressures(model: Model, features: Features, state: State) -> None:
+    """Store the given pressures of the last substep."""
+    if features.pressures and not features.gas:
+        time = (model.substeps - 1) * model.step_seconds
+        inputs = [model.inflation_kind, time, world_state(state)]
+        launch(note_given_loads, (model.world_count, model.balloon_count), inputs=inputs, device=model.device)

@@ -1,6 +1,5 @@
 """Structural, shear and flexion springs from a mesh's topology."""
 
-from balloon_warp.springs.build import build_springs
-from balloon_warp.springs.springs import SpringKind, Springs
+from balloon_warp.springs.build import SpringKind, Springs, build_springs
 
 __all__ = ["SpringKind", "Springs", "build_springs"]

@@ -1,4 +1,6 @@
-"""Springs from a mesh's faces, by the rules of the paper's section on the .obj loader and spring generation.
+"""Springs from a mesh's faces, by the rules of the paper's section on spring generation; hinges and colors.
+
+Springs from a mesh's faces, by the rules of the paper's section on the .obj loader and spring generation.
 
 With the pairs of particles as sets, the rules read:
 
@@ -7,15 +9,194 @@ With the pairs of particles as sets, the rules read:
     flexion     pairs among the structural neighbors of one particle, without the structural and shear ones
 """
 
+from collections.abc import Collection
+from dataclasses import dataclass
+from enum import IntEnum
+
 import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.arguments import checked
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.check import LARGEST_FACE, LARGEST_FAN
-from balloon_warp.mesh.corners import next_corners
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
-from balloon_warp.springs.springs import SpringKind, Springs
+from balloon_warp.mesh.topology import corner_faces, face_starts, mesh_edges, next_corners
+
+
+def color_springs(pairs: NDArray[np.integer], places: NDArray[np.floating]) -> NDArray[np.int64]:
+    """Return each spring's color, shape (spring_count,): the lowest that no spring before it has at its ends.
+
+    Springs are taken in the order of the places of their ends, so that the colors depend neither on the order that they
+    are given in nor on how particles are numbered, unless particles coincide. At most 2 n - 1 colors come up where a
+    particle has at most n springs.
+
+    Args:
+        pairs: the particles at the ends, shape (spring_count, 2), each pair once.
+        places: of all particles, shape (particle_count, 3).
+    """
+    ranks = np.empty(len(places), dtype=np.int64)
+    ranks[np.lexsort(places.T)] = np.arange(len(places))
+    low, high = np.sort(ranks[pairs], axis=1).T
+    colors = np.zeros(len(pairs), dtype=np.int64)
+    taken = [0] * len(places)  # of each particle, a bit for each color
+    for spring in np.lexsort([high, low]).tolist():
+        p, q = int(low[spring]), int(high[spring])
+        both = taken[p] | taken[q]
+        free = ~both & (both + 1)
+        colors[spring] = free.bit_length() - 1
+        taken[p] |= free
+        taken[q] |= free
+    return colors
+
+
+@dataclass(frozen=True)
+class Hinges:
+    """Hinges: the edges of exactly two faces.
+
+    A face's wing is its corners beside the edge; their mean represents the face.
+    """
+
+    ends: NDArray[np.int64]
+    """Particles of each edge, the lower first, shape (hinge_count, 2)"""
+    wing_offsets: NDArray[np.int64]
+    """Begin of hinge n's wings at entries 2 n and 2 n + 1, shape (2 hinge_count + 1,)"""
+    wing_particles: NDArray[np.int64]
+    """Corners of all wings"""
+
+    @property
+    def count(self) -> int:
+        return len(self.ends)
+
+    @property
+    def wing_sizes(self) -> NDArray[np.int64]:
+        """Number of corners of each wing, shape (hinge_count, 2)."""
+        return np.diff(self.wing_offsets).reshape(-1, 2)
+
+    def arms(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+        """Return the edge, and from its first end the first and the second wing, each of shape (hinge_count, 3)."""
+        sums = np.add.reduceat(points[self.wing_particles], self.wing_offsets[:-1], axis=0).reshape(-1, 2, 3)
+        wings = sums / self.wing_sizes[..., None] - points[self.ends[:, :1]]
+        return points[self.ends[:, 1]] - points[self.ends[:, 0]], wings[:, 0], wings[:, 1]
+
+    def angles(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the angle from the first face's normal to the second's about each edge [rad], shape (hinge_count,)."""
+        edge, first, second = self.arms(points)
+        normals = np.cross(edge, first), np.cross(second, edge)
+        lengths = np.linalg.norm(edge, axis=1)
+        return np.arctan2((np.cross(*normals) * edge).sum(axis=1) / lengths, (normals[0] * normals[1]).sum(axis=1))
+
+    def gradients(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the gradients of the angles by the edges' ends and the wings [rad/m], shape (hinge_count, 4)."""
+        edge, *wings = self.arms(points)
+        lengths = np.maximum(np.linalg.norm(edge, axis=1), 1e-12)
+        of_wings, of_ends = [], np.zeros((self.count, 2, 3))
+        for wing in wings:
+            normal = np.cross(edge, wing)
+            gradient = normal * (lengths / np.maximum((normal**2).sum(axis=1), 1e-20))[:, None]
+            along = ((wing * edge).sum(axis=1) / lengths**2)[:, None]
+            sign = 1.0 if not of_wings else -1.0  # the wings are on either side
+            of_ends -= sign * np.stack([(1.0 - along) * gradient, along * gradient], axis=1)
+            of_wings.append(np.linalg.norm(gradient, axis=1))
+        return np.stack([*np.linalg.norm(of_ends, axis=2).T, *of_wings], axis=1)
+
+
+def build_hinges(mesh: PolygonMesh) -> Hinges:
+    """Return the hinges of a mesh, in the order of their ends; none at borders and where more than two faces meet."""
+    edges, starts, faces = mesh_edges(mesh), face_starts(mesh), corner_faces(mesh)
+    ends, wings = [], []
+    for edge in np.flatnonzero(edges.face_counts == 2).tolist():
+        pair = edges.ends[edge]
+        both = [
+            mesh.face_vertex_indices[starts[face] : starts[face] + mesh.face_vertex_counts[face]]
+            for face in faces[edges.corners[edges.starts[edge] : edges.starts[edge] + 2]].tolist()
+        ]
+        beside = [corners[(corners != pair[0]) & (corners != pair[1])] for corners in both]
+        if len(beside[0]) and len(beside[1]):
+            ends.append(pair)
+            wings.extend(beside)
+    sizes = [len(wing) for wing in wings]
+    return Hinges(
+        ends=np.array(ends, dtype=np.int64).reshape(-1, 2),
+        wing_offsets=np.cumsum([0, *sizes]),
+        wing_particles=np.concatenate([np.zeros(0, dtype=np.int64), *wings]).astype(np.int64),
+    )
+
+
+class SpringKind(IntEnum):
+    """Deformation that a spring resists (paper, figure 3)."""
+
+    STRUCTURAL = 0
+    """Stretch: along an edge of a face"""
+    SHEAR = 1
+    """Shear: across a face"""
+    FLEXION = 2
+    """Bending: past one particle between its ends"""
+
+
+@dataclass(frozen=True)
+class Springs:
+    """Springs of a mesh, sorted by kind and then by their ends."""
+
+    pairs: NDArray[np.int32]
+    """Particles at the ends, the lower first, shape (spring_count, 2)"""
+    kind: NDArray[np.int32]
+    """Kind, a `SpringKind`, shape (spring_count,)"""
+    rest_lengths: NDArray[np.float64]
+    """Rest lengths in the unit of the mesh's points, shape (spring_count,)"""
+
+    def of_kinds(self, kinds: Collection[SpringKind]) -> "Springs":
+        """Return the springs of some kinds."""
+        kept = np.isin(self.kind, [int(kind) for kind in kinds])
+        return Springs(self.pairs[kept], self.kind[kept], self.rest_lengths[kept])
+
+    def resting_at(self, points: NDArray[np.float64]) -> "Springs":
+        """Return the springs at rest where particles are at these points, shape (particle_count, 3)."""
+        lengths = np.linalg.norm(points[self.pairs[:, 1]] - points[self.pairs[:, 0]], axis=1)
+        return Springs(self.pairs, self.kind, lengths)
+
+    def with_structural(self, pairs: NDArray[np.integer], points: NDArray[np.float64]) -> "Springs":
+        """Return the springs with structural ones between more particles, at rest at their distance.
+
+        Pairs that have springs already keep those.
+
+        Args:
+            pairs: Pairs, the lower particle first, each once, shape (n, 2).
+            points: Points of the particles, shape (particle_count, 3).
+        """
+        pairs = pairs[~self.has(pairs)]
+        if not len(pairs):
+            return self
+        all_pairs = np.concatenate([self.pairs, pairs.astype(np.int32)])
+        kind = np.concatenate([self.kind, np.full(len(pairs), SpringKind.STRUCTURAL, dtype=np.int32)])
+        lengths = np.linalg.norm(points[pairs[:, 1]] - points[pairs[:, 0]], axis=1)
+        order = np.lexsort((all_pairs[:, 1], all_pairs[:, 0], kind))
+        return Springs(all_pairs[order], kind[order], np.concatenate([self.rest_lengths, lengths])[order])
+
+    def has(self, pairs: NDArray[np.integer]) -> NDArray[np.bool_]:
+        """Return whether a spring joins each of these pairs of particles, the lower first; shape (n,)."""
+        return np.isin(_pair_keys(pairs), _pair_keys(self.pairs))
+
+    @property
+    def count(self) -> int:
+        return len(self.pairs)
+
+    @property
+    def structural_count(self) -> int:
+        return int(np.count_nonzero(self.kind == SpringKind.STRUCTURAL))
+
+    @property
+    def shear_count(self) -> int:
+        return int(np.count_nonzero(self.kind == SpringKind.SHEAR))
+
+    @property
+    def flexion_count(self) -> int:
+        return int(np.count_nonzero(self.kind == SpringKind.FLEXION))
+
+
+def _pair_keys(pairs: NDArray[np.integer]) -> NDArray[np.int64]:
+    """Return a number for each pair."""
+    return (pairs[:, 0].astype(np.int64) << 32) + pairs[:, 1]
+
 
 # Pairs that a mesh may have at all: a gigabyte or two while they are sorted.
 LARGEST_PAIR_COUNT = 1 << 24

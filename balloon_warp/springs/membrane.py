@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.mesh.corners import face_starts
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.mesh.topology import face_starts
 
 MOST_FANS = 6
 """Largest number of fans that cover a face of more corners"""

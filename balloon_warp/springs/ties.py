@@ -10,12 +10,10 @@ from collections.abc import Collection
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.mesh.components import component_labels
+from balloon_warp.mesh.load import Parts
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
-from balloon_warp.mesh.prepare import Parts
-from balloon_warp.mesh.topology import mesh_edges, vertex_components
-from balloon_warp.springs.build import build_springs
-from balloon_warp.springs.springs import SpringKind, Springs
+from balloon_warp.mesh.topology import component_labels, mesh_edges, vertex_components
+from balloon_warp.springs.build import SpringKind, Springs, build_springs
 
 TIED = 12
 """Largest number of particles of a part that are tied in a round"""

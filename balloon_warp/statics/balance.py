@@ -1,4 +1,4 @@
-"""Equilibrium of a balloon: the least energy of its skin and of its gas, by Newton's method."""
+"""Equilibrium of a balloon by Newton's method, and its stability."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,11 +8,60 @@ from typing import Any, Protocol
 import numpy as np
 import scipy.sparse as sparse
 from numpy.typing import NDArray
+from scipy.sparse.linalg import splu
 
-from balloon_warp.statics.systems import Stiffness, shifted
-from balloon_warp.statics.volume import SealedGas, Volume
+from balloon_warp.statics.skins import SealedGas, Volume
 
 Values = NDArray[np.float64]
+Solve = Callable[[Values], Values]
+NUDGES = (1.0e-12, 1.0e-9, 1.0e-6)
+"""Shifts over the largest entry, added where a matrix is singular"""
+
+
+@dataclass(frozen=True)
+class Stiffness:
+    """A sparse matrix plus s g g', which is not sparse."""
+
+    matrix: Any
+    """Sparse part [N/m], shape (m, m)"""
+    slopes: Values
+    """g: slopes of the volume [m^2], shape (m,)"""
+    squeeze: float
+    """s: how the gas stiffens as it is squeezed [Pa/m^3]"""
+
+    def solver(self) -> Solve:
+        """Return a solver of systems with it (Sherman and Morrison)."""
+        solve = solver_of(self.matrix)
+        through = solve(self.slopes)
+        share = self.squeeze / (1.0 + self.squeeze * (self.slopes @ through))
+
+        def solved(vector: Values) -> Values:
+            plain = solve(vector)
+            return plain - through * (share * (self.slopes @ plain))
+
+        return solved
+
+
+def solver_of(matrix: Any) -> Solve:
+    """Return a solver of linear systems with a matrix of a symmetric pattern, or with one near it if it is singular."""
+    unit = float(np.abs(matrix).max())
+    for share in (0.0, *NUDGES):
+        try:
+            factor = splu(
+                (shifted(matrix, share * unit) if share else matrix).tocsc(), permc_spec="MMD_AT_PLUS_A",
+                diag_pivot_thresh=0.001, options={"SymmetricMode": True},
+            )  # fmt: skip
+            return factor.solve
+        except RuntimeError:  # singular, as that of coarse or folded meshes may be
+            continue
+    return np.zeros_like
+
+
+def shifted(matrix: Any, by: float) -> Any:
+    """Return a matrix with more on its diagonal."""
+    return matrix + by * sparse.identity(matrix.shape[0], format="csc")
+
+
 MOST_STEPS = 100
 STILL = 1.0e-7
 """Largest residual force at rest over the forces of the gas"""
@@ -147,3 +196,37 @@ class Balance:
 
     def _calmer(self, points: Values, before: Values) -> bool:
         return float(np.linalg.norm(self.forces(points))) < float(np.linalg.norm(before))
+
+
+HOLD = 1.0e-7
+"""Shift over the mean stiffness, against singular matrices"""
+PRODUCTS = 20
+"""Number of products with the inverse stiffness by which its softest mode is found"""
+UNSTABLE = -1.0e-5
+"""Stiffness of a mode below which it topples, over the mean: the tension field leaves rounding errors"""
+
+
+def toppling_mode(balance: Balance, points: Values) -> Values | None:
+    """Return the mode in which an equilibrium is unstable, of length 1, shape (n, 3); None where it is stable.
+
+    Only the softest mode is tested, which is the first to become unstable.
+    """
+    stiff, slopes, squeeze = balance.stiffness(points)
+    unit = float(np.abs(stiff.diagonal()).mean())
+    solve = Stiffness(shifted(stiff / unit, HOLD), slopes, squeeze / unit).solver()
+    rigid = np.zeros((points.size, 0)) if balance.loading else rigid_motions(points)
+    mode = np.random.default_rng(0).standard_normal(points.size)
+    for _ in range(PRODUCTS):
+        mode = solve(mode - rigid @ (rigid.T @ mode))
+        mode -= rigid @ (rigid.T @ mode)
+        mode /= max(float(np.linalg.norm(mode)), 1.0e-300)
+    stiffness = mode @ (stiff @ mode) / unit + squeeze / unit * (slopes @ mode) ** 2
+    return mode.reshape(-1, 3) if stiffness < UNSTABLE else None
+
+
+def rigid_motions(points: Values) -> Values:
+    """Return an orthonormal basis of small moves and turns, shape (3 n, 6)."""
+    away = points - points.mean(axis=0)
+    moves = [np.broadcast_to(axis, points.shape) for axis in np.eye(3)]
+    turns = [np.cross(axis, away) for axis in np.eye(3)]
+    return np.linalg.qr(np.array([each.ravel() for each in (*moves, *turns)]).T)[0]

@@ -13,9 +13,7 @@ from balloon_warp.model.materials import law_of, numbers_of
 from balloon_warp.model.model import Model
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.scene import Scene
-from balloon_warp.statics.film import FilmSkin, determinant, metric_of
-from balloon_warp.statics.springs import SpringSkin
-from balloon_warp.statics.volume import Volume
+from balloon_warp.statics.skins import FilmSkin, SpringSkin, Volume, determinant, metric_of
 
 Values = NDArray[np.float64]
 

@@ -12,11 +12,11 @@ from balloon_warp.kernels.pictures.cameras import see_triangles, show_colors, te
 from balloon_warp.kernels.pictures.sights import Sight, aim
 from balloon_warp.kernels.pictures.things import Things, see_things
 from balloon_warp.launching import launch
-from balloon_warp.mesh.corners import face_starts
 from balloon_warp.mesh.geometry import triangulate
+from balloon_warp.mesh.topology import face_starts
 from balloon_warp.model import Model, State
 from balloon_warp.model.state import frames_of
-from balloon_warp.scene.colors import (
+from balloon_warp.scene.around import (
     BODY_COLORS,
     GROUND_COLOR,
     OBSTACLE_COLOR,
@@ -25,7 +25,7 @@ from balloon_warp.scene.colors import (
     looks_of_file,
     mean_color,
 )
-from balloon_warp.schedules.fixtures import solid_array
+from balloon_warp.schedules.tables import solid_array
 from balloon_warp.shown import Shown
 
 MOST_PIXELS = 4096

@@ -1,9 +1,11 @@
 """Controls: values of each world that somebody writes on the device, and the next frame reads."""
 
 import json
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
-from typing import Any, Protocol
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any, Literal, Protocol
 
 import numpy as np
 import warp as wp
@@ -11,14 +13,264 @@ from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.frames.controlling import move_obstacles, read_control, write_control
+from balloon_warp.kernels.laws import Parameter
 from balloon_warp.kernels.laws.law import FAR
 from balloon_warp.launching import launch
 from balloon_warp.model import Model
-from balloon_warp.model.rows import VELOCITY
+from balloon_warp.model.parameters import VELOCITY, Place, places_of, rows_of
+from balloon_warp.model.setting import plan_setting
+from balloon_warp.model.stability import names_of_the_step
+from balloon_warp.model.vary import require_changeable
 from balloon_warp.shown import Shown
-from balloon_warp.steering.control_plan import Beyond, ControlPlan, current_value, plan_control, with_reach
-from balloon_warp.steering.given import copy_given
-from balloon_warp.steering.views import columns_of, component
+
+
+def copy_given(target: wp.array, given: Any, path: str) -> None:
+    """Copy values into an array of a device; values on that device already do not pass the host.
+
+    Raises:
+        InputError: they have another shape or are no numbers.
+    """
+    source = _on_device(given) if hasattr(given, "__dlpack__") and not isinstance(given, np.ndarray) else given
+    if isinstance(source, wp.array):
+        if source.dtype != target.dtype:
+            source = wp.array(source.numpy(), dtype=target.dtype, device=target.device)
+        _require_shape(tuple(source.shape), target, path)
+        wp.copy(target, source)
+        return
+    try:
+        values = np.asarray(source, dtype=wp.dtype_to_numpy(target.dtype))
+    except (TypeError, ValueError):
+        raise InputError(f"{path}: expected a number for each world (got {str(given)[:60]})") from None
+    if values.ndim:
+        _require_shape(values.shape, target, path)
+    target.assign(np.broadcast_to(values, target.shape))
+
+
+def _on_device(given: Any) -> Any:
+    """Return the same memory as an array of Warp."""
+    return (
+        given if isinstance(given, wp.array) else wp.from_dlpack(given.detach() if hasattr(given, "detach") else given)
+    )
+
+
+def _require_shape(shape: tuple[int, ...], target: wp.array, path: str) -> None:
+    if shape != tuple(target.shape):
+        raise InputError(f"{path}: expected a value for each world, of shape {tuple(target.shape)} (got {shape})")
+
+
+def columns_of(array: wp.array, index: Sequence[int | slice]) -> list[wp.array]:
+    """Return the numbers at an index of each world's part of an array, a view of shape (world_count,) for each.
+
+    Args:
+        array: of floats or vectors of floats, whose first dimension is the world.
+        index: into a world's part, with an axis for vectors; a slice stands for all of its dimension.
+    """
+    worlds, *shape = _number_shape(array)
+    scalar = wp.float64 if array.dtype in (wp.float64, wp.vec3d, wp.mat33d) else wp.float32
+    strides = [*array.strides, wp.types.type_size_in_bytes(scalar)][: 1 + len(shape)]
+    places = np.arange(int(np.prod(shape, dtype=int))).reshape(shape)[tuple(index)]
+    return [_column(array, scalar, worlds, strides, np.unravel_index(place, shape)) for place in np.ravel(places)]
+
+
+def _number_shape(array: wp.array) -> tuple[int, ...]:
+    """Return the shape of an array's numbers: those of vectors are a last dimension."""
+    vector = getattr(array.dtype, "_shape_", ())
+    return (*array.shape, *vector)
+
+
+def _column(array: Any, scalar: Any, worlds: int, strides: Sequence[int], place: Sequence[Any]) -> wp.array:
+    begin = array.ptr + sum(int(at) * stride for at, stride in zip(place, strides[1:], strict=True))
+    view = wp.array(ptr=begin, dtype=scalar, shape=(worlds,), strides=(strides[0],), device=array.device)
+    view._ref = array  # the memory stays as long as the view
+    return view
+
+
+def rows_of_words(array: Any) -> wp.array:
+    """Return a contiguous array as rows of 32-bit words, or of bytes where they do not fill words."""
+    row = array.strides[0]
+    dtype = wp.uint32 if row % 4 == 0 else wp.uint8
+    size = wp.types.type_size_in_bytes(dtype)
+    shape = (array.shape[0], row // size)
+    view = wp.array(ptr=array.ptr, dtype=dtype, shape=shape, device=array.device)
+    view._ref = array
+    return view
+
+
+def component(array: wp.array, axis: int) -> Any:
+    """Return a column of an array of shape (world_count, size), or an array of shape (world_count,) itself."""
+    return array if array.ndim == 1 else array[:, axis]
+
+
+Beyond = Literal["clip", "end"]
+MOST_CORNERS = 64
+"""Most combinations of bounds for which the step is found"""
+SETTLED_BY_HOST = frozenset({"gamma", "sphere_radius", "string_stiffness"})
+"""Parameters whose change the host accompanies: a gas keeps its pressure, and things appear and end"""
+
+
+@dataclass(frozen=True)
+class ControlPlan:
+    """Target that a control writes."""
+
+    path: str
+    places: tuple[tuple[Place, ...], ...]
+    """Places of each number of a vector, or of the one number"""
+    low: float
+    high: float
+    beyond: Beyond
+    planned: bool = False
+    """Whether the scene alone writes it, so that its step suffices already"""
+
+    @property
+    def names(self) -> set[str]:
+        """Names of the parameters."""
+        return {name for each in self.places for name, _ in each}
+
+
+def plan_control(model: Model, path: str, low: float | None, high: float | None, beyond: Beyond) -> ControlPlan:
+    """Find the parameters at a path of the scene, and check that they may be written on the device.
+
+    Raises:
+        InputError: there is no such path, its value cannot change or lets others follow, or the bounds are wrong.
+    """
+    rows = rows_of(model.laws)
+    if beyond not in ("clip", "end"):
+        raise InputError(f'{path}: beyond must be "clip" or "end" (got {beyond!r})')
+    places = _places(model, rows, path)
+    row = {row.name: row for row in rows}.get(places[0][0][0])
+    least, most = (row.least, row.most) if row else (-FAR, FAR)
+    plan = ControlPlan(path, places, _bound(path, "low", low, least), _bound(path, "high", high, most), beyond)
+    if plan.low > plan.high:
+        raise InputError(f"{path}: low must be at most high (got {plan.low:g} and {plan.high:g})")
+    if plan.names & SETTLED_BY_HOST:
+        raise InputError(f"{path}: cannot be written on the device; `set` changes it")
+    if VELOCITY not in plan.names:
+        _require_alone(model, plan)
+    _require_bounded(model, plan, low, high)
+    return plan
+
+
+def _places(model: Model, rows: Sequence[Parameter], path: str) -> tuple[tuple[Place, ...], ...]:
+    if steered := re.fullmatch(r"obstacle\.(\d+)\.velocity", path):
+        if (number := int(steered[1])) >= len(model.obstacles):
+            raise InputError(f"{path}: no obstacle {number}; the scene has {len(model.obstacles)}")
+        return tuple(((VELOCITY, (number, axis)),) for axis in range(3))
+    require_changeable(model.scene, rows, [path])
+    places = places_of(model.scene, rows)
+    if path in places:
+        return (tuple(places[path]),)
+    axes = [f"{path}.{axis}" for axis in range(3)]
+    if not all(axis in places for axis in axes):
+        below = sorted(known for known in places if known.startswith(f"{path}."))
+        raise InputError(f"{path}: must be the path of a number or a vector; known are {', '.join(below[:6])}")
+    return tuple(tuple(places[axis]) for axis in axes)
+
+
+def _bound(path: str, name: str, given: float | None, own: float) -> float:
+    if given is None:
+        return own
+    if not isinstance(given, int | float | np.number) or not np.isfinite(given):
+        raise InputError(f"{path}: {name} must be a finite number (got {given!r})")
+    return float(given)
+
+
+def _require_bounded(model: Model, plan: ControlPlan, low: float | None, high: float | None) -> None:
+    """Make sure that numbers on which the step depends have bounds for which a step is found."""
+    if plan.names & {*names_of_the_step(model.scene, model.laws), VELOCITY} and (low is None or high is None):
+        raise InputError(f"{plan.path}: the step depends on it; expected bounds, as in open(path, low=..., high=...)")
+
+
+def _require_alone(model: Model, plan: ControlPlan) -> None:
+    """Make sure that no other parameter follows from it."""
+    before = current_value(model, plan)
+    limits = [max(plan.low, -FAR), min(plan.high, FAR)]
+    other = next((each for each in limits if abs(each) < FAR and each != before.flat[0]), None)
+    probe = np.full_like(before, before.flat[0] + 1.0 if other is None else other)
+    try:
+        follows = plan_setting(model, {plan.path: probe}, (), 0).parameters.keys() - plan.names
+    except InputError as mistake:
+        if "substeps" in str(mistake):
+            return  # the bounds are checked together with those of other controls
+        raise
+    if follows:
+        others = ", ".join(sorted(follows))
+        raise InputError(
+            f"{plan.path}: cannot be written on the device, since {others} follow from it; `set` changes it"
+        )
+
+
+def current_value(model: Model, plan: ControlPlan) -> NDArray[np.float64]:
+    """Return the present value at the first place of each number, shape (world_count,) or (world_count, 3)."""
+    columns = []
+    for (name, index), *_ in plan.places:
+        if name not in model.parameters:
+            columns.append(np.zeros(model.world_count))
+            continue
+        numbers = np.asarray(model.parameters[name].numpy(), dtype=np.float64)
+        numbers = numbers[(slice(None), *index)]
+        numbers = numbers.reshape(len(numbers), -1)[:, 0]
+        columns.append(np.broadcast_to(numbers, (model.world_count,)))
+    return columns[0].copy() if len(columns) == 1 else np.stack(columns, axis=1)
+
+
+def with_reach(model: Model, plans: Sequence[ControlPlan]) -> Model:
+    """Return a model with a row of parameters for each world, which knows between which bounds controls write.
+
+    Raises:
+        InputError: the step that the scene says is too long for some values within the bounds.
+    """
+    if any(VELOCITY in plan.names for plan in plans):
+        model = _steered(model)
+    reach: dict[str, tuple[NDArray[np.float32], ...]] = {}
+    for plan in plans:
+        for name in plan.names:
+            own = np.asarray(model.parameters[name].numpy(), dtype=np.float32)[:1]
+            reach[name] = (
+                *reach.get(name, ()),
+                _filled(own, plan, name, plan.low),
+                _filled(own, plan, name, plan.high),
+            )
+    return replace(model.with_rows_of_worlds(), reach=reach, substeps=_substeps(model, plans))
+
+
+def _steered(model: Model) -> Model:
+    """Return a model whose obstacles have velocities of their own, and at least two frames of motion."""
+    if VELOCITY in model.parameters:
+        return model
+    motion = model.obstacle_motion
+    if motion.shape[0] == 1:
+        motion = wp.array(np.repeat(motion.numpy(), 2, axis=0), dtype=motion.dtype, device=model.device)
+    velocities = wp.zeros((model.world_count, len(model.obstacles)), dtype=wp.vec3, device=model.device)
+    return replace(model, obstacle_motion=motion, parameters={**model.parameters, VELOCITY: velocities})
+
+
+def _filled(own: NDArray[np.float32], plan: ControlPlan, name: str, value: float) -> NDArray[np.float32]:
+    """Return a row of a parameter with a bound where the control writes."""
+    row = own.copy()
+    for each in plan.places:
+        for at, index in each:
+            if at == name:
+                row[(slice(None), *index)] = value
+    return row
+
+
+def _substeps(model: Model, plans: Sequence[ControlPlan]) -> int:
+    """Return the substeps of a frame that suffice for all bounds together."""
+    steps = names_of_the_step(model.scene, model.laws)
+    asked = [plan for plan in plans if plan.names & steps and not plan.planned]
+    corners = list(product(*((plan.low, plan.high) for plan in asked)))
+    if len(corners) > MOST_CORNERS:
+        paths = ", ".join(plan.path for plan in asked)
+        raise InputError(f"controls: too many of them affect the step at once: {paths}")
+    found = [model.substeps]
+    for corner in corners if asked else ():
+        shapes = {plan.path: current_value(model, plan).shape for plan in asked}
+        told: Mapping[str, Any] = {
+            plan.path: np.full(shapes[plan.path], value) for plan, value in zip(asked, corner, strict=True)
+        }
+        found.append(plan_setting(model, told, (), 0).substeps)
+    return max(found)
+
 
 SAVED = "controls"
 """Beginning of the names of saved arrays"""

@@ -7,7 +7,7 @@ import warp as wp
 
 from balloon_warp.kernels.frames.starting import ByteRows, WordRows, copy_bytes, copy_words
 from balloon_warp.launching import launch
-from balloon_warp.steering.views import rows_of_words
+from balloon_warp.steering.controls import rows_of_words
 
 THREADS = 128
 """Number of threads that copy a world's rows on a GPU"""

@@ -12,13 +12,11 @@ from balloon_warp.kernels.frames.starting import begin_ages, follow_plan, let_ap
 from balloon_warp.kernels.laws.tearing import NEVER
 from balloon_warp.launching import launch
 from balloon_warp.model import Model
-from balloon_warp.model.parameters import places_of, scene_parameters
-from balloon_warp.model.rows import rows_of
+from balloon_warp.model.parameters import places_of, rows_of, scene_parameters
 from balloon_warp.model.vary import METHODS
 from balloon_warp.scene import Scene
 from balloon_warp.scene.timeline import frame_at, is_there
-from balloon_warp.steering.controls import Controls
-from balloon_warp.steering.views import columns_of
+from balloon_warp.steering.controls import Controls, columns_of
 
 Begun = Mapping[str, NDArray]
 """Parameters that are planned to change, by name, as they were when the simulation began"""

@@ -1,8 +1,12 @@
-"""A batch: many worlds of a scene that differ, simulated together; a table of all, and a stage of the chosen ones."""
+"""A batch: many worlds of a scene that differ, simulated together, and again from its manifest."""
 
+import json
+import math
+import zlib
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -16,27 +20,142 @@ from balloon_warp.errors import InputError
 from balloon_warp.files import is_same_file
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model import remark_sentences
-from balloon_warp.model.varied_scene import scene_to_vary
+from balloon_warp.model.vary import scene_to_vary
 from balloon_warp.outcomes import BadEnding, ending_sentences
-from balloon_warp.outputs.table import settled_table, table_names
-from balloon_warp.outputs.worlds_table import WORLDS_NAMES
+from balloon_warp.outputs.table import WORLDS_NAMES, settled_table, table_names
+from balloon_warp.provenance import describe_laws, hash_of_file, named_files
 from balloon_warp.resume import CHECKPOINT_SECONDS, Checkpoints
-from balloon_warp.scene import Scene, SceneLike
+from balloon_warp.scene import Scene, SceneLike, bundled_scenes
+from balloon_warp.scene.load import find_mesh
 from balloon_warp.schedules.contact_lists import overflow_remarks
 from balloon_warp.shown import Shown, described
-from balloon_warp.sweep.checkpoints import batch_checkpoints
 from balloon_warp.sweep.cluster import Cluster
 from balloon_warp.sweep.distribute import distribute_batch
-from balloon_warp.sweep.groups import BatchVary, plan_groups
-from balloon_warp.sweep.local import simulate_locally
-from balloon_warp.sweep.manifest import MANIFEST_NAME, describe_batch, write_manifest
-from balloon_warp.sweep.memory import require_room
-from balloon_warp.sweep.output import STAGE_NAME
+from balloon_warp.sweep.local import require_room, simulate_locally
+from balloon_warp.sweep.output import MANIFEST_NAME, STAGE_NAME, describe_batch, write_manifest
+from balloon_warp.sweep.recorder import SHA256, BatchVary, is_mesh, plan_groups
 from balloon_warp.sweep.remote import connect
-from balloon_warp.sweep.task import BatchTask, Outcome
+from balloon_warp.sweep.task import BatchTask, Outcome, batch_checkpoints
 from balloon_warp.sweep.workers import Workers
-from balloon_warp.sweep.world_files.options import TrajectoryFiles, TrajectoryFilesLike
+from balloon_warp.sweep.world_files.catalog import TrajectoryFiles, TrajectoryFilesLike
 from balloon_warp.sweep.world_files.writer import remove_partial
+
+
+@dataclass(frozen=True)
+class Range:
+    """Numbers from `low` to `high`."""
+
+    low: float
+    high: float
+
+
+Choice = Range | list[float] | list[str]
+"""Range, which is sampled; or list, which is cycled"""
+
+
+def parse_vary(text: str, scene_source: str = "") -> tuple[str, Choice]:
+    """Split `PATH=LOW:HIGH` or `PATH=VALUE,VALUE,...`; only meshes are given by words.
+
+    Args:
+        text: the argument of `--vary`.
+        scene_source: the scene that the command names; meshes are sought beside its file, too.
+
+    Raises:
+        InputError: the text has neither form.
+    """
+    path, _, words = (part.strip() for part in text.partition("="))
+    values = [word.strip() for word in words.split(",")]
+    if all(path.split(".")) and all(values):
+        if path.split(".")[-1] == "mesh":
+            return path, [str(find_mesh(value, scene_source)) for value in values]
+        ends = words.split(":")
+        numbers = [_number(word) for word in (ends if len(ends) == 2 else values)]
+        if None not in numbers:
+            if len(ends) != 2:
+                return path, [number for number in numbers if number is not None]
+            low, high = float(ends[0]), float(ends[1])
+            if low < high:
+                return path, Range(low, high)
+    raise InputError(
+        f"--vary {text}: expected PATH=LOW:HIGH with LOW below HIGH, or PATH=NUMBER,NUMBER,..., as in --vary "
+        "balloon.inflation.k_normal=0:8 or --vary sphere.0.mass=1,10,100; `compare` also varies words"
+    )
+
+
+def ends_of(choices: Mapping[str, Choice]) -> dict[str, list[float] | list[str]]:
+    """Find the ends of ranges, and the values of lists, by their paths."""
+    return {
+        path: [choice.low, choice.high] if isinstance(choice, Range) else choice for path, choice in choices.items()
+    }
+
+
+def spread(choices: dict[str, Choice], world_count: int, seed: int = 0, grid: bool = False) -> dict[str, NDArray]:
+    """Draw a value for each world, as arrays of shape (world_count,).
+
+    Lists are cycled: world w takes value w modulo the list's length. Ranges are sampled uniformly, each from a stream
+    of its own, so that a world's value depends on the seed, the path and its number alone; or, with `grid`, are divided
+    evenly, ends included: world w takes point w modulo the number of points of the product of all ranges, the first
+    range varying fastest, with about as many points on each range and no more points than worlds.
+    """
+    worlds = np.arange(world_count)
+    ranges = {path: choice for path, choice in choices.items() if isinstance(choice, Range)}
+    sides = _grid_sides(len(ranges), world_count) if grid else []
+    places = np.unravel_index(worlds % math.prod(sides), sides, order="F") if sides else ()
+    in_grid = dict(zip(ranges, zip(sides, places, strict=True), strict=True)) if grid else {}
+    values: dict[str, NDArray] = {}
+    for path, choice in choices.items():
+        if not isinstance(choice, Range):
+            values[path] = np.array(choice)[worlds % len(choice)]
+        elif grid:
+            side, place = in_grid[path]
+            values[path] = np.linspace(choice.low, choice.high, side)[place]
+        else:
+            stream = np.random.default_rng([seed, zlib.crc32(path.encode())])
+            values[path] = stream.uniform(choice.low, choice.high, len(worlds))
+    return values
+
+
+def parse_export(text: str, world_count: int) -> list[int]:
+    """Read the worlds of `all`, `none` or `0,5,9`.
+
+    Raises:
+        InputError: it is none of these, or there is no such world.
+    """
+    if text in ("all", "none"):
+        return list(range(world_count)) if text == "all" else []
+    try:
+        worlds = sorted({int(word) for word in text.split(",")})
+    except ValueError:
+        raise InputError(f"export {text}: expected all, none, or worlds such as 0,5,9") from None
+    for world in worlds:
+        if not 0 <= world < world_count:
+            raise InputError(f"export {text}: no world {world}, the batch has worlds 0 to {world_count - 1}")
+    return worlds
+
+
+def _grid_sides(range_count: int, world_count: int) -> Sequence[int]:
+    """Return the number of points on each range, whose product is at most `world_count`; the first ones get more."""
+    if not range_count:
+        return []
+    sides = [max(int(world_count ** (1.0 / range_count)) - 1, 1)] * range_count  # a root may be rounded up
+    grew = True
+    while grew:
+        grew = False
+        for axis in sorted(range(range_count), key=lambda axis: sides[axis]):
+            if math.prod(sides) // sides[axis] * (sides[axis] + 1) <= world_count:
+                sides[axis] += 1
+                grew = True
+                break
+    return sides
+
+
+def _number(word: str) -> float | None:
+    try:
+        number = float(word)
+    except ValueError:
+        return None
+    return number if math.isfinite(number) else None
+
 
 SHARES = "balloon_warp.sweep.shares"
 """Module that simulates shares"""
@@ -275,3 +394,114 @@ def _summary(task: BatchTask, outcome: Outcome, name: str) -> BatchSummary:
         wall_seconds=round(outcome.seconds, 3),
         particle_substeps_per_second=round(simulated / outcome.seconds),
     )
+
+
+@checked
+def repeat_batch(
+    manifest: str | Path,
+    folder: str | Path,
+    device: str | None = None,
+    laws: Sequence[Law] = (),
+    *,
+    trajectories: str | Path | None = None,
+    files: str | Path | None = None,
+) -> BatchSummary:
+    """Simulate the batch of a manifest again.
+
+    Where versions and device are the same, so are the outputs, byte by byte; the stage of a cluster's batch, whose
+    shares came in any order, sample by sample.
+
+    Args:
+        manifest: The `manifest.json` of the batch.
+        folder: Output folder, as in `run_batch`.
+        device: Warp device; the manifest's if not given, and the default one for a batch of a cluster.
+        laws: User-defined laws of the batch.
+        trajectories: Folder for the batch's files of worlds; they are not written again if not given.
+        files: Folder in which, or below which, meshes and other files of the batch lie. They are known by name and
+            hash. If not given, they are taken from the current folder, from that of the manifest or the one above it,
+            or from the bundled scenes.
+
+    Raises:
+        InputError: the manifest cannot be read; a file is not there, has changed or came from Python; a law is not
+            there, or has changed; or as `run_batch`.
+    """
+    batch = _read(Path(manifest))
+    find = _finder(Path(manifest), Path(files) if files is not None else None)
+    for place, (table, field) in named_files(batch["scene"]).items():
+        table[field] = find(table[field], batch["files"].get(place))
+    vary = {path: values for path, values in batch["vary"].items() if not path.endswith(SHA256)}
+    for path in filter(is_mesh, vary):
+        vary[path] = [find(*of_world) for of_world in zip(vary[path], batch["vary"][f"{path}{SHA256}"], strict=True)]
+    _require_laws(str(manifest), batch.get("laws", {}), describe_laws(laws))
+    return run_batch(
+        Scene(**batch["scene"]),
+        folder,
+        batch["worlds"],
+        vary,
+        export=batch["export"],
+        name=batch.get("name", ""),
+        device=device or (batch["device"] if batch["workers"] == 1 else None),
+        schedule=batch["schedule_asked"],
+        on_blowup=batch.get("on_blowup", "freeze"),
+        laws=laws,
+        table=batch.get("table", "csv"),
+        trajectories=_trajectories(manifest, batch.get("trajectories"), trajectories),
+        provenance={"repeats": hash_of_file(Path(manifest))},
+    )
+
+
+def _finder(manifest: Path, folder: Path | None) -> Callable[[str, str | None], str]:
+    """Return a function that finds a file by its name and hash.
+
+    It raises an InputError: the file is nowhere, or has changed.
+    """
+    bundled = next(iter(bundled_scenes().values())).parent
+
+    @cache
+    def find(name: str, expected: str | None) -> str:
+        places = [Path(), manifest.parent, manifest.parent.parent, bundled]
+        near = (place / name for place in places)
+        paths = near if folder is None else sorted(path for path in folder.rglob("*") if path.name == name)
+        hashes = {path: hash_of_file(path) for path in paths if path.is_file()}
+        for path, digest in hashes.items():
+            if digest == expected:
+                return str(path)
+        for path, digest in hashes.items():
+            if path.parent != bundled:  # where another of that name is no change
+                raise InputError(f"{path}: has changed since the batch: its SHA-256 is {digest}; expected {expected}")
+        raise InputError(
+            f"{manifest}: its file {name} is missing; expected it in {folder or 'this folder'}, or another as files"
+        )
+
+    return find
+
+
+def _trajectories(manifest: str | Path, said: Any, folder: str | Path | None) -> TrajectoryFiles | None:
+    """Return where files of worlds go, written as the batch did."""
+    if folder is None:
+        return None
+    if not isinstance(said, dict):
+        raise InputError(f"{manifest}: has no trajectories; expected those of a batch with --trajectories")
+    return TrajectoryFiles(**{**said, "folder": folder})
+
+
+def _require_laws(manifest: str, there: dict[str, Any], here: dict[str, Any]) -> None:
+    """Make sure that the laws which are given are those of the batch."""
+    for name in there.keys() | here.keys():
+        if name not in here:
+            raise InputError(f"{manifest}: its law {name} is missing; expected it in laws")
+        if name not in there:
+            raise InputError(f"{manifest}: has no law {name}; expected {', '.join(there) or 'none'}")
+        if there[name] != here[name]:
+            raise InputError(f"law {name}: its source has changed since the batch of {manifest}")
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        batch = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read as a manifest: {error}") from None
+    needed = {"scene", "worlds", "vary", "export", "files", "device", "workers", "schedule_asked"}
+    if not isinstance(batch, dict) or not needed <= batch.keys() or not isinstance(batch["scene"], dict):
+        raise InputError(f"{path}: is not the manifest of a batch; expected the manifest.json beside its table")
+    return batch

@@ -12,12 +12,11 @@ from balloon_warp.interrupts import Interrupts
 from balloon_warp.model.memory import require_memory
 from balloon_warp.resume import Checkpoints
 from balloon_warp.sweep.cluster import Cluster
-from balloon_warp.sweep.groups import Group
-from balloon_warp.sweep.journal import ShareJournal
-from balloon_warp.sweep.memory import table_bytes
+from balloon_warp.sweep.local import table_bytes
 from balloon_warp.sweep.output import BatchOutput
+from balloon_warp.sweep.recorder import Group
 from balloon_warp.sweep.remote import Work, modules_of, require_laws_that_travel, run_shares
-from balloon_warp.sweep.shares import cut_into_shares, simulate_share
+from balloon_warp.sweep.shares import ShareJournal, cut_into_shares, simulate_share
 from balloon_warp.sweep.task import BatchTask, Outcome
 from balloon_warp.sweep.workers import Workers
 

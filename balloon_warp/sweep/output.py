@@ -1,6 +1,7 @@
-"""Outputs of a batch: the tables of all worlds, and the stage of the exported ones."""
+"""Outputs of a batch: tables of all worlds, the stage of the exported ones, and the manifest."""
 
 import json
+import platform
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
@@ -9,30 +10,114 @@ from hashlib import sha256
 from itertools import chain
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.files import check_writable, target_of, whole_file
+from balloon_warp.files import (
+    check_writable,
+    manifest_text,
+    require_no_inputs,
+    require_ours_in,
+    sole_writer,
+    target_of,
+    whole_file,
+)
+from balloon_warp.model.strain_bound import strain_bound_described
 from balloon_warp.outcomes import BadEnding, LastFrame, bad_endings
-from balloon_warp.outputs.table import KINDS, TableWriter, table_names
-from balloon_warp.outputs.worlds_table import WORLDS_NAMES, write_worlds
-from balloon_warp.ownership import require_no_inputs, require_ours_in, sole_writer
-from balloon_warp.provenance import hash_of_file
+from balloon_warp.outputs.table import KINDS, WORLDS_NAMES, TableWriter, table_names, write_worlds
+from balloon_warp.provenance import describe_laws, describe_scene, hash_of_file, installed_versions, without_folders
 from balloon_warp.resume import Part
+from balloon_warp.resume.checkpoints import JOB_NAME
 from balloon_warp.scene.load import files_of_scene
-from balloon_warp.sweep.contacts import COLUMNS, Pair, contacts_shape, pair_columns, pressing_pairs
-from balloon_warp.sweep.groups import SHA256, Group, vary_columns
-from balloon_warp.sweep.manifest import MANIFEST_NAME, MANIFEST_NAMES, describe_batch
-from balloon_warp.sweep.recorder import Record, columns_of
-from balloon_warp.sweep.task import BatchTask
+from balloon_warp.sweep.recorder import (
+    COLUMNS,
+    SHA256,
+    Group,
+    Pair,
+    Record,
+    columns_of,
+    contacts_shape,
+    describe_columns,
+    pair_columns,
+    pressing_pairs,
+    vary_columns,
+)
+from balloon_warp.sweep.task import PARTIAL_NAME, BatchTask, Outcome
 from balloon_warp.sweep.world_files.contents import Contents
 from balloon_warp.sweep.world_files.writer import TrajectoryWriter
 
 if TYPE_CHECKING:
     from balloon_warp.outputs.usd.grid import GridGroup
+
+
+MANIFEST_NAME = "manifest.json"
+MANIFEST_NAMES = (MANIFEST_NAME, f"{PARTIAL_NAME}/{JOB_NAME}")
+"""Files of which one of ours tells that a folder is a batch's"""
+
+
+def describe_batch(task: BatchTask) -> dict[str, Any]:
+    """Describe the inputs of a batch, as JSON has them, the same wherever its files are.
+
+    Before the run: files may change meanwhile. A mesh from Python has the hash of its arrays, and its name.
+    """
+    described = {
+        "scene": describe_scene(task.scene),
+        "worlds": task.world_count,
+        "vary": task.varied,
+        "export": task.chosen.tolist(),
+        "laws": describe_laws(task.laws),
+        "files": task.file_hashes,
+        "strain_bound": strain_bound_described(task.groups[0].plan),
+    }
+    return without_folders(described)
+
+
+def write_manifest(
+    task: BatchTask,
+    description: Mapping[str, Any],
+    provenance: Mapping[str, Any],
+    outcome: Outcome,
+    names: Sequence[str],
+) -> Path:
+    """Write the manifest, after the outputs that it names: one that does not fit them is an earlier batch's.
+
+    Args:
+        task: of the batch.
+        description: of it, as of `describe_batch`.
+        provenance: where its values came from, such as the command and the seed.
+        outcome: how it was done.
+        names: of the files in the folder.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    hashes = [outcome.hashes.get(name) or hash_of_file(task.folder / name) for name in names]
+    manifest = {
+        **provenance,
+        "versions": installed_versions(),
+        "platform": platform.platform(),
+        "device": outcome.device,
+        "schedule": outcome.schedule,
+        "schedule_asked": task.schedule,
+        "workers": outcome.workers,
+        "on_blowup": task.on_blowup,
+        "healthy_worlds": outcome.healthy_worlds,
+        "restarted_worlds": {str(world): substeps for world, substeps in outcome.failures.restarted.items()},
+        "table": task.table,
+        "trajectories": task.trajectories.as_json() if task.trajectories else None,
+        "blow_ups": [report.as_json() for report in outcome.failures.reports],
+        **description,
+        "columns": describe_columns(task.scene, task.varied, task.laws, outcome.pairs),
+        "outputs": dict(zip(names, hashes, strict=True)),
+    }
+    path = task.folder / MANIFEST_NAME
+    with whole_file(path) as temporary:
+        temporary.write_text(manifest_text(manifest), encoding="utf-8")
+    return path
+
 
 STAGE_NAME = "worlds.usdc"
 MOST_LOOKED_AT = 16

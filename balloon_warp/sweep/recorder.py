@@ -1,27 +1,228 @@
-"""Recording of a batch after each frame: a row of measures for each world, and the shapes of exported ones."""
+"""Recording of a batch after each frame: measures of each world, their columns, and shapes of exported ones."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any
+from itertools import chain, count
+from pathlib import Path
+from typing import Any, NamedTuple, Self, cast
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
+from typing_extensions import TypeAliasType
 
+from balloon_warp.contacts import things_of
+from balloon_warp.errors import InputError
+from balloon_warp.frame_reader import HostBuffer
+from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.kernels.measure.contacts import note_contacts
 from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.kernels.measure.picking import pick_healthy_worlds, pick_torn_faces
 from balloon_warp.kernels.measure.worlds import BalloonSums, measure_gas, measure_worlds, sum_balloons
 from balloon_warp.launching import launch
-from balloon_warp.model import ModelPlan
-from balloon_warp.reading import HostBuffer
+from balloon_warp.laws import require_laws
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.model import ModelPlan, plan_model
+from balloon_warp.model.parameters import KEYFRAME_VALUES, places_of, rows_of, with_law_tables
+from balloon_warp.model.vary import ALTITUDE, SHAPING, VaryError, check_vary
+from balloon_warp.outputs.table import EXTREMES
+from balloon_warp.provenance import mesh_label
 from balloon_warp.scene import Box, Scene
+from balloon_warp.scene.complaint import table_in
+from balloon_warp.scene.load import override_scene
+from balloon_warp.scene.schema.fields import meaning_of
 from balloon_warp.simulator import Simulator
-from balloon_warp.steering.views import rows_of_words
-from balloon_warp.sweep.contacts import COLUMNS, contacts_shape
+from balloon_warp.steering.controls import rows_of_words
 from balloon_warp.sweep.world_files.tracks import Tracker
 from balloon_warp.warp_lock import lock_of, recording, replay
+
+BatchVary = TypeAliasType("BatchVary", Mapping[str, Any])
+"""Dotted paths of the scene, with a number for each world; for the path of a mesh, a mesh or its file for each"""
+SHA256 = ".sha256"
+"""End of the name of a value: the hash of the file that the value before it names"""
+MOST_WORLDS = 100_000_000
+"""Largest number of worlds, whose numbers alone take a gigabyte"""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Worlds of one model."""
+
+    plan: ModelPlan
+    worlds: NDArray[np.int64]
+    """Numbers of the worlds in the batch, ascending"""
+
+    def part(self, rows: NDArray[np.integer]) -> Self:
+        """Return some of its worlds, by their numbers in its plan, ascending."""
+        return replace(self, plan=self.plan.of_worlds(rows), worlds=self.worlds[rows])
+
+    def those_of(self, chosen: NDArray[np.integer]) -> NDArray[np.integer]:
+        """Find the chosen worlds of this group, by their numbers in the batch."""
+        return self.worlds[self.rows_of(chosen)]
+
+    def rows_of(self, chosen: NDArray[np.integer]) -> NDArray[np.integer]:
+        """Find the chosen worlds of this group, by their numbers in its plan."""
+        return np.flatnonzero(np.isin(self.worlds, chosen))
+
+
+def plan_groups(scene: Scene, world_count: int, vary: BatchVary, laws: Sequence[Law] = ()) -> list[Group]:
+    """Plan a model for each set of meshes, and of other values that need a model of their own.
+
+    All take the same step, which suits the stiffest world.
+
+    Args:
+        laws: User-defined laws beside the built-in ones.
+
+    Raises:
+        InputError: as `plan_model`.
+    """
+    if world_count < 1:
+        raise InputError(f"world_count {world_count}: expected at least 1")
+    if world_count > MOST_WORLDS:
+        raise InputError(f"world_count {world_count}: expected at most {MOST_WORLDS:,}")
+    shaping = {path: _column(path, vary[path], world_count) for path in vary if SHAPING.fullmatch(path)}
+    require_laws(laws)
+    rows = rows_of((*LAWS, *laws))
+    scene = with_law_tables(scene, rows)
+    scalars = check_vary(scene, rows, world_count, {path: vary[path] for path in vary if path not in shaping})
+    members: dict[tuple[Any, ...], Any] = {} if shaping else {(): np.arange(world_count)}
+    for world in range(world_count if shaping else 0):
+        members.setdefault(tuple(_identity(column[world]) for column in shaping.values()), []).append(world)
+    groups = []
+    for worlds in members.values():
+        own_scene = _own_scene(scene, {path: column[worlds[0]] for path, column in shaping.items()}, worlds[0])
+        own_values = {path: values[worlds] for path, values in scalars.items()}
+        groups.append(Group(plan_model(own_scene, len(worlds), own_values, laws=laws), np.array(worlds)))
+    substeps = max(group.plan.substeps for group in groups)
+    return [replace(group, plan=replace(group.plan, substeps=substeps)) for group in groups]
+
+
+def vary_columns(vary: BatchVary) -> dict[str, NDArray]:
+    """Write varied values as columns of a table: numbers, and the meshes' names, shape (world_count,).
+
+    Files are named without their folders: `BatchTask.varied` has their hashes.
+    """
+    return {
+        path: np.array([_label(value) for value in values]) if is_mesh(path) else np.asarray(values, dtype=np.float64)
+        for path, values in vary.items()
+    }
+
+
+def is_mesh(path: str) -> bool:
+    """Return whether the values at a path are meshes."""
+    return path.startswith("balloon.") and path.endswith(".mesh")
+
+
+def _column(path: str, values: Any, world_count: int) -> list[Any]:
+    """Write a value for each world: a mesh or a file, or a number, whole where it may be."""
+    what = "mesh" if is_mesh(path) else "number"
+    try:
+        column = list(values)
+    except TypeError:
+        raise InputError(f"{path}: expected a {what} for each of {world_count} worlds (got {values})") from None
+    if len(column) != world_count:
+        raise InputError(f"{path}: expected a {what} for each of {world_count} worlds (got {len(column)})")
+    if not is_mesh(path):
+        return [value.item() if isinstance(value, np.generic) else value for value in column]
+    return [Path(value) if isinstance(value, str) else value for value in column]
+
+
+def _own_scene(scene: Scene, values: Mapping[str, Any], world: int) -> Scene:
+    """Make the scene of a group, whose first world is given.
+
+    Raises:
+        VaryError: names that world, where a number is wrong.
+    """
+    for path, value in values.items():
+        try:
+            scene = override_scene(scene, [(path, value)])
+        except InputError as mistake:
+            raise VaryError(mistake if is_mesh(path) else f"{mistake}, in world {world}", path) from None
+    return scene
+
+
+def _identity(value: Any) -> Any:
+    """Return a value that identifies a mesh without a file, and other values themselves."""
+    return value if isinstance(value, Path | float | int | str) else id(value)
+
+
+def _label(mesh: str | Path | PolygonMesh) -> str:
+    return Path(mesh_label(mesh)).name
+
+
+COLUMNS = {
+    "force_mean": ("N", "net force of {pair}: mean magnitude over all frames"),
+    "torque_mean": ("N m", "torque of {pair} about the mean of the latter's points: mean magnitude over all frames"),
+    "area_mean": ("m^2", "contact area of {pair}: mean over all frames"),
+    "pressure_mean": ("Pa", "largest pressure of {pair} on a particle: mean over all frames"),
+    "force_max": ("N", "net force of {pair}: maximum over all frames"),
+    "torque_max": ("N m", "torque of {pair} about the mean of the latter's points: maximum over all frames"),
+    "area_max": ("m^2", "contact area of {pair}: maximum over all frames"),
+    "pressure_max": ("Pa", "largest pressure of {pair} on a particle: maximum over all frames"),
+}
+"""Suffixes of a pair's columns, in the order in which a `Recorder` keeps them, with units and meanings"""
+
+
+class Pair(NamedTuple):
+    """A thing and a balloon that it pressed; of two balloons the first is the one that is pressed."""
+
+    balloon: int
+    thing: int
+    label: str
+    """Prefix of the pair's columns: "floor_on_ball" """
+    sentence: str
+    """Phrase for the pair: "floor on ball" """
+
+
+def contacts_shape(plan: ModelPlan) -> tuple[int, int]:
+    """Return how many balloons and things a world has, of which it is noted how they press; none unasked."""
+    return len(plan.shapes), len(things_of(plan)) if plan.scene.contacts else 0
+
+
+def pressing_pairs(plan: ModelPlan, contacts: NDArray[np.float32]) -> list[Pair]:
+    """List the pairs that touched in any world, in the scene's order.
+
+    Args:
+        plan: of a world.
+        contacts: of all worlds, shape (world_count, *contacts_shape(plan), len(COLUMNS)).
+    """
+    things = things_of(plan)
+    first = len(things) - len(plan.shapes)
+    names = _different(name.replace(" ", "_") for name in things)
+    touched = (contacts > 0.0).any(axis=(0, 3))
+    return [
+        Pair(number, thing, f"{names[thing]}_on_{names[own]}", f"{things[thing]} on {things[own]}")
+        for number, thing in np.argwhere(touched).tolist()
+        for own in [first + number]
+        if thing >= own or thing < first
+    ]
+
+
+def pair_columns(pairs: Sequence[Pair], contacts: NDArray[np.float32]) -> Iterator[tuple[str, NDArray[np.float32]]]:
+    """Yield names and values of the columns of pairs, shape (world_count,)."""
+    for pair in pairs:
+        for column, name in enumerate(COLUMNS):
+            yield f"{pair.label}_{name}", contacts[:, pair.balloon, pair.thing, column]
+
+
+def describe_pairs(pairs: Sequence[Pair]) -> dict[str, tuple[str, str]]:
+    """Describe unit and meaning of the columns of pairs, by name."""
+    return {
+        f"{pair.label}_{name}": (unit, meaning.format(pair=pair.sentence))
+        for pair in pairs
+        for name, (unit, meaning) in COLUMNS.items()
+    }
+
+
+def _different(names: Iterable[str]) -> list[str]:
+    """Make all names different: those that are the same as one before get numbers."""
+    chosen: list[str] = []
+    for name in names:
+        numbered = (f"{name}_{number}" for number in count(1))
+        chosen.append(next(free for free in chain([name], numbered) if free not in chosen))
+    return chosen
+
 
 LANES, MANY_LANES, LARGE = 32, 128, 1024
 """Numbers of threads that sum a balloon, and number of particles above which the largest one takes many: that follows
@@ -300,3 +501,92 @@ def _no(array: wp.array) -> NDArray[np.float32]:
     """Return an array without elements as NumPy's."""
     width = {wp.vec3: (3,), wp.vec4: (4,), wp.quat: (4,)}.get(array.dtype, ())
     return np.zeros((*array.shape, *width), dtype=np.float32)
+
+
+OF_ROWS = {
+    "world": ("1", "number of the world, from 0"),
+    "frame": ("1", "number of the frame; 0 is the start"),
+    "time": ("s", "simulated time since the start"),
+    "health": (
+        "1",
+        "1 for a good frame; 0 from the frame in which the world blew up, whose rows repeat the last good one; 2 for a "
+        "world restarted with shorter steps",
+    ),
+    "ending": (
+        "",
+        "finished or blew up; for a world of the stage also the fate of a balloon that ended badly, such as falling or "
+        "collapsed",
+    ),
+    "last_frame": ("1", "number of the last good frame"),
+}
+"""Unit and meaning of the columns that every table has"""
+MEASURED = {
+    "volume": ("m^3", "volume enclosed by all balloons"),
+    "area": ("m^2", "area of all balloons"),
+    "pressure": (
+        "Pa",
+        "gauge pressure, the mean of all balloons weighted by area; of normal forces, their sum over the area",
+    ),
+    "center_height": ("m", "height of the balloons' center along the up axis"),
+    "largest_stretch": (
+        "1",
+        "largest length of a spring over its rest length; of rubber or film, the larger principal stretch",
+    ),
+    "kinetic_energy": ("J", "kinetic energy of all balloons"),
+    "in_box": ("1", "number of balloons whose center is in the box"),
+    "burst": ("1", "number of balloons that have burst"),
+    "moles": ("mol", "amount of gas in all balloons"),
+    "mean_stretch": ("1", "square root of the area over that at the start"),
+    "thrust": ("N", "thrust of the jets of all necks"),
+}
+"""Unit and meaning of measured columns"""
+KEYFRAMED_UNITS = {"k_normal": "100 N", "pressure": "Pa", "pump": "mol/s"}
+
+
+def describe_columns(
+    scene: Scene, varied: Iterable[str], laws: Sequence[Law] = (), pairs: Sequence[Pair] = ()
+) -> dict[str, dict[str, str]]:
+    """Describe unit and meaning of each column of `table` and of `worlds`, by name.
+
+    The unit of numbers without one is "1", and that of words is empty.
+
+    Args:
+        varied: the paths of values that differ.
+        laws: your own.
+        pairs: that pressed each other.
+    """
+    told = dict(OF_ROWS) | {path: (unit, _meaning(path)) for path, unit in units_of(scene, varied, laws).items()}
+    for name in columns_of(scene):
+        unit, meaning = MEASURED.get(name, ("m", "height of its center along the up axis"))
+        told[name] = unit, meaning
+        told |= {f"{name}_{end}": (unit, f"{meaning}; {when}") for end, when in EXTREMES.items()}
+    told |= describe_pairs(pairs)
+    return {name: {"unit": unit, "meaning": meaning} for name, (unit, meaning) in told.items()}
+
+
+def units_of(scene: Scene, paths: Iterable[str], laws: Sequence[Law]) -> dict[str, str]:
+    """Return the units of varied values, by path: "1" of those without one, and nothing of words."""
+    rows = rows_of((*LAWS, *laws))
+    places, units = places_of(with_law_tables(scene, rows), rows), {row.name: row.unit for row in rows}
+    found = {}
+    for path in paths:
+        name = places[path][0][0] if path in places else ""
+        if path == ALTITUDE:
+            found[path] = "m"
+        elif name == KEYFRAME_VALUES.name:
+            found[path] = next(unit for field, unit in KEYFRAMED_UNITS.items() if f".{field}" in path)
+        else:
+            found[path] = "" if path.endswith((".mesh", SHA256)) else units.get(name, "1")
+    return found
+
+
+def _meaning(path: str) -> str:
+    """Return the schema's meaning of a field, or of the end of its path."""
+    if path.endswith(SHA256):
+        return f"SHA-256 of the file that {path.removesuffix(SHA256)} names, or of a mesh's arrays; in worlds"
+    said, table = "", cast("Any", Scene)
+    for name in (name for name in path.split(".") if not name.isdecimal()):
+        if table is None or name not in table.model_fields:
+            return ""  # of a law of one's own
+        said, table = meaning_of(table, name), table_in(table.model_fields[name].annotation)
+    return said

@@ -48,7 +48,7 @@ def connect(cluster: Cluster, module: str) -> Iterator[Workers]:
 
         workers: Workers = LocalWorkers(cluster, module)
     else:
-        from balloon_warp.sweep.dask_workers import DaskWorkers
+        from balloon_warp.sweep.cluster import DaskWorkers
 
         workers = DaskWorkers(cluster)
     with closing(workers):

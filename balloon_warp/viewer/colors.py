@@ -4,8 +4,8 @@ import numpy as np
 
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.scene import Scene
-from balloon_warp.scene import colors as palette
-from balloon_warp.scene.colors import BODY_COLORS, OBSTACLE_COLOR, SPHERE_COLORS, mean_color
+from balloon_warp.scene import around as palette
+from balloon_warp.scene.around import BODY_COLORS, OBSTACLE_COLOR, SPHERE_COLORS, mean_color
 
 Color = tuple[int, int, int]
 

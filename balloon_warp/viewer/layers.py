@@ -1,26 +1,255 @@
-"""Layers of the page: one for each kind of thing, which can be shown and hidden."""
+"""Layers of the page: one for each kind of thing, which can be shown and hidden.
 
+Images on balloons in the page. viser's meshes have no texture coordinates, so page_files/look.js puts images on.
+
+For that, two things that nobody sees hang below a balloon's node: the image, and a mesh of places. Each of its points
+is (right, up, twin) for a point of the balloon: where it is in the image, and the first point at the same place.
+"""
+
+import io
 from collections.abc import Callable
+from pathlib import Path
 from threading import Lock
 from typing import Any
 
 import numpy as np
+import trimesh
 import viser
 from numpy.typing import NDArray
+from PIL import Image
+from scipy.spatial.transform import Rotation
 
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.geometry import triangulate
+from balloon_warp.model.obstacles import ObstacleShape
+from balloon_warp.outputs.render.view import BACKDROP
+from balloon_warp.outputs.usd.solids import SIZES
+from balloon_warp.scene import Balloon
+from balloon_warp.scene.around import looks_of_file
 from balloon_warp.viewer import colors
+from balloon_warp.viewer.drawings import (
+    KNOTS,
+    LEVELS,
+    Drawing,
+    KnotLayer,
+    LevelLayer,
+    Lines,
+    Plain,
+    Smooth,
+    string_reach,
+    surfaces_of,
+)
 from balloon_warp.viewer.following import go_home, home_of
-from balloon_warp.viewer.geometry import Drawing, Lines, string_reach
-from balloon_warp.viewer.knots import ROOT as KNOTS
-from balloon_warp.viewer.knots import KnotLayer
-from balloon_warp.viewer.levels import ROOT as LEVELS
-from balloon_warp.viewer.levels import LevelLayer
-from balloon_warp.viewer.obstacles import ROOT as OBSTACLES
-from balloon_warp.viewer.obstacles import ObstacleLayer
-from balloon_warp.viewer.picture import Picture
-from balloon_warp.viewer.presses import CLEAR, PressLayer
-from balloon_warp.viewer.prints import Printed, hang, image_of, only_picture
-from balloon_warp.viewer.smooth import surfaces_of
+from balloon_warp.viewer.rays import hit_distance
+from balloon_warp.viewer.recording import Picture
+
+Surface = tuple[NDArray[np.float64], NDArray[np.integer[Any]]]
+"""Points [m], shape (n, 3), and triangles, shape (m, 3)"""
+ROUND = 32
+"""Number of corners of a circle"""
+OBSTACLES = "/obstacles"
+
+
+class ObstacleLayer:
+    """Obstacles and bodies of a scene.
+
+    Args:
+        server: Server of the page.
+        picture: First picture of the scene.
+        center: Center of the balloons at the start [m], shape (3,).
+        size: Size of the balloons [m].
+    """
+
+    def __init__(self, server: viser.ViserServer, picture: Picture, center: NDArray[np.floating], size: float):
+        server.scene.add_frame(OBSTACLES, show_axes=False)
+        self._meshes, self._surfaces, seen = [], [], [np.zeros((0, 3))]
+        model = picture.model
+        shapes = [*model.obstacles, *(body.solid for body in model.bodies)]
+        own_colors = [colors.obstacle_color(picture.scene, n, shape.mesh) for n, shape in enumerate(model.obstacles)]
+        own_colors += [colors.body_color(picture.scene, n, body.solid.mesh) for n, body in enumerate(model.bodies)]
+        for number, (shape, pose, color) in enumerate(zip(shapes, _poses(picture), own_colors, strict=True)):
+            below = Rotation.from_quat(pose[3:]).inv().apply(center - pose[:3])
+            points, triangles = surface_of(shape, picture.scene.up, below, SIZES * size)
+            mesh = server.scene.add_mesh_simple(
+                f"{OBSTACLES}/{number}",
+                points,
+                triangles,
+                color=color,
+                flat_shading=shape.kind != "capsule",
+                side="double",
+            )
+            self._meshes.append(mesh)
+            self._surfaces.append((points, triangles))
+            if np.ptp(points, axis=0).max() <= BACKDROP * size:
+                seen.append(Rotation.from_quat(pose[3:]).apply(points) + pose[:3])
+        self.seen = np.concatenate(seen)
+        """Points of those that are to be seen as a whole, at their first place [m], shape (n, 3)"""
+        self._shown: list[NDArray[np.float64] | None] = [None] * len(self._meshes)
+
+    def draw(self, picture: Picture) -> None:
+        """Move obstacles and bodies to their poses; the page is told only of changes."""
+        for number, (mesh, pose) in enumerate(zip(self._meshes, _poses(picture), strict=True)):
+            shown = self._shown[number]
+            if shown is None or not np.array_equal(shown, pose):
+                mesh.position, mesh.wxyz = tuple(pose[:3].tolist()), tuple(pose[[6, 3, 4, 5]].tolist())
+                self._shown[number] = pose
+
+    def hit_distance(self, origin: NDArray[np.floating], direction: NDArray[np.floating]) -> float | None:
+        """Return the distance along a ray to the nearest of them, where they were drawn last, or None."""
+        hits = []
+        for (points, triangles), pose in zip(self._surfaces, self._shown, strict=True):
+            if pose is not None:
+                back = Rotation.from_quat(pose[3:]).inv()
+                hits.append(hit_distance(back.apply(origin - pose[:3]), back.apply(direction), points, triangles))
+        return min((hit for hit in hits if hit is not None), default=None)
+
+
+def _poses(picture: Picture) -> NDArray[np.float64]:
+    """Return the poses of all that have one, shape (n, 7)."""
+    return np.concatenate([picture.frame.obstacle_poses, picture.frame.body_poses.astype(np.float64)])
+
+
+def surface_of(
+    shape: ObstacleShape, up: tuple[float, float, float], below: NDArray[np.floating], half: float
+) -> Surface:
+    """Return the surface that is drawn of a shape, about its own origin.
+
+    Args:
+        up: Unit vector of the up axis.
+        below: Point over the middle of the drawn part of a plane [m], shape (3,).
+        half: Half its side [m].
+    """
+    if shape.mesh is not None:
+        return shape.mesh.points, triangulate(shape.mesh)[0]
+    if shape.kind == "box":
+        box = trimesh.creation.box(2.0 * shape.size)
+        return np.asarray(box.vertices), np.asarray(box.faces)
+    to_up = Rotation.align_vectors([up], [(0.0, 0.0, 1.0)])[0]
+    if shape.kind == "capsule":
+        capsule = trimesh.creation.capsule(2.0 * shape.size[1], shape.size[0], count=[ROUND, ROUND])
+        points = np.asarray(capsule.vertices) - capsule.bounds.mean(axis=0)
+        return to_up.apply(points), np.asarray(capsule.faces)
+    square = to_up.apply(half * np.array([(-1.0, -1.0, 0.0), (1.0, -1.0, 0.0), (1.0, 1.0, 0.0), (-1.0, 1.0, 0.0)]))
+    level = below - np.dot(below, up) * np.array(up)
+    return level + square, np.array([(0, 1, 2), (0, 2, 3)])
+
+
+PRESSES = "/contacts"
+LONGEST = 0.4
+"""Length of the arrow of the strongest force, over the balloons' size"""
+LEAST = 0.02
+"""Fraction of the strongest force below which a force has no arrow"""
+FADING = 0.99
+"""Decay factor of the strongest force from picture to picture, so that an impact does not dwarf later ones"""
+THIN = 0.012
+"""Radius of the shafts, over the balloons' size"""
+CLEAR = 0.45
+"""Opacity of balloons while arrows are shown"""
+
+
+class PressLayer:
+    """Arrows of net forces of contacts, in scenes that have `contacts`.
+
+    Args:
+        server: of the page.
+        size: of the balloons [m].
+    """
+
+    def __init__(self, server: viser.ViserServer, size: float):
+        server.scene.remove_by_name(PRESSES)
+        self._size, self._strongest = size, 0.0
+        nothing, thin = np.zeros((1, 2, 3), np.float32), THIN * size
+        self._arrows: Any = server.scene.add_arrows(
+            PRESSES, nothing, colors.CONTACTS, visible=False,
+            shaft_radius=thin, head_radius=2.5 * thin, head_length=6.0 * thin,
+        )  # fmt: skip
+
+    def draw(self, picture: Picture, shown: bool) -> None:
+        """Show the net contact forces on a picture's balloons."""
+        arrows = self.arrows_of(picture) if shown else np.zeros((0, 2, 3), np.float32)
+        if len(arrows):
+            self._arrows.points = arrows
+        if self._arrows.visible != (len(arrows) > 0):
+            self._arrows.visible = len(arrows) > 0
+
+    def arrows_of(self, picture: Picture) -> Lines:
+        """Find where the arrows begin, where a balloon is pressed, and where they end."""
+        contacts = picture.frame.contacts
+        forces, places = (
+            np.array([getattr(each, name) for each in contacts]).reshape(-1, 3) for name in ("force", "place")
+        )
+        return self._scaled(forces, places)
+
+    def _scaled(self, forces: NDArray[np.float64], places: NDArray[np.float64]) -> Lines:
+        sizes = np.linalg.norm(forces, axis=1)
+        self._strongest = max(float(sizes.max(initial=0.0)), FADING * self._strongest)
+        seen = (sizes > LEAST * self._strongest) & (sizes > 0.0)
+        lengths = LONGEST * self._size / max(self._strongest, 1e-30)
+        return np.stack([places, places + lengths * forces], axis=1)[seen].astype(np.float32)
+
+
+LARGEST = 1024
+"""Largest side of an image [texels]: a larger one is scaled down"""
+
+
+class Printed:
+    """A surface, cut along the seams of an image: each of its points has one place there.
+
+    Args:
+        surface: of a balloon.
+        mesh: of the same balloon, with texture coordinates.
+    """
+
+    def __init__(self, surface: Plain | Smooth, mesh: PolygonMesh):
+        corners = surface.spread(np.asarray(mesh.texture_coordinates, dtype=np.float64)).reshape(-1, 2)
+        keys = np.column_stack([surface.triangles.reshape(-1), corners])
+        kept, numbers = np.unique(keys, axis=0, return_inverse=True)
+        self._surface, self._points = surface, kept[:, 0].astype(np.int64)
+        _, firsts, points = np.unique(self._points, return_index=True, return_inverse=True)
+        self.triangles = numbers.reshape(-1, 3)
+        """Triangles, shape (n, 3)"""
+        self.triangle_faces = surface.triangle_faces
+        """Face of the mesh of each triangle, shape (n,)"""
+        self.places = np.column_stack([kept[:, 1:], firsts[points]]).astype(np.float32)
+        """Texture coordinates to the right and up, and twin of each point, shape (n, 3)"""
+
+    def points(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the points of the surface from those of the mesh; shape (n, 3)."""
+        return self._surface.points(points)[self._points]
+
+
+def only_picture(mesh: PolygonMesh, said: Balloon) -> io.BytesIO | None:
+    """Return the image of a mesh's file, where it is on all of its faces and the scene says no color."""
+    looks = looks_of_file(mesh, said)
+    if looks is None or len(looks.pictures) != len(looks.materials) or len(looks.materials) != 1:
+        return None
+    return io.BytesIO(looks.pictures[0].data) if (looks.of_corners == 0).all() else None
+
+
+def image_of(file: Path | io.BytesIO | None) -> NDArray[np.uint8] | None:
+    """Return a print as the page gets it, shape (height, width, 3); None where there is none, or it cannot be read."""
+    if file is None:
+        return None
+    try:
+        with Image.open(file) as image:
+            image.thumbnail((LARGEST, LARGEST))
+            return np.asarray(image.convert("RGB"))
+    except (OSError, ValueError, Image.DecompressionBombError):
+        return None
+
+
+def hang(scene: viser.SceneApi, balloon: str, surface: Printed, image: NDArray[np.uint8]) -> list[Any]:
+    """Add a print below a balloon's node, too small to be hit by a pointer.
+
+    Args:
+        balloon: Name of its node.
+    """
+    nothing = np.zeros((1, 3), np.uint32)
+    return [
+        scene.add_mesh_simple(f"{balloon}/places", surface.places, nothing, cast_shadow=False, visible=False),
+        scene.add_image(f"{balloon}/print", image, 1e-9, 1e-9, format="png", cast_shadow=False, visible=False),
+    ]
+
 
 LAYERS = {
     "balloon": "smooth balloon",

@@ -10,9 +10,9 @@ import viser
 from balloon_warp.simulator import Simulator
 from balloon_warp.viewer.following import go_home
 from balloon_warp.viewer.layers import Layers
-from balloon_warp.viewer.pace import Pace
-from balloon_warp.viewer.picture import Picture
+from balloon_warp.viewer.recording import Picture
 from balloon_warp.viewer.server import address_of, close, guarded_server
+from balloon_warp.viewer.session import Pace
 
 
 class Onlooker:

@@ -11,12 +11,11 @@ import viser
 
 from balloon_warp.scene import Scene
 from balloon_warp.viewer.ahead import Ahead
-from balloon_warp.viewer.controls import Controls
+from balloon_warp.viewer.controls import Controls, Plots
 from balloon_warp.viewer.following import Follower, go_home
 from balloon_warp.viewer.layers import Layers
-from balloon_warp.viewer.picture import Picture
-from balloon_warp.viewer.plots import Plots
 from balloon_warp.viewer.pointing import Pointing, drag
+from balloon_warp.viewer.recording import Picture
 from balloon_warp.viewer.saving import Done
 from balloon_warp.viewer.server import address_of, close, guarded_server
 from balloon_warp.viewer.session import SHOWN_SECONDS, Session

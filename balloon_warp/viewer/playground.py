@@ -1,7 +1,8 @@
 """A simulation that is played with: every touch takes effect between two frames, and is written down."""
 
+from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -15,15 +16,205 @@ from balloon_warp.model.plan import ModelPlan
 from balloon_warp.model.pressure import with_settled_pressure
 from balloon_warp.model.setting import plan_setting
 from balloon_warp.model.small_spheres import without_small_spheres
-from balloon_warp.scene import Scene, Sphere, String
-from balloon_warp.scene.overrides import override_scene
-from balloon_warp.scene.timeline import is_there, scenes_over_time
+from balloon_warp.scene import Balloon, Change, Inflation, Material, Scene, Sphere, Stiffness, String
+from balloon_warp.scene.load import override_scene
+from balloon_warp.scene.schema.balloon import BLOWN
+from balloon_warp.scene.timeline import frame_at, is_there, scenes_over_time
 from balloon_warp.simulator import Simulator
-from balloon_warp.viewer.bodies import as_vector
-from balloon_warp.viewer.by_hand import blowing, inflating
-from balloon_warp.viewer.journal import Journal
-from balloon_warp.viewer.moment import Moment
-from balloon_warp.viewer.restyled import painted
+
+
+def as_vector(place: NDArray) -> tuple[float, float, float]:
+    """Return a place or velocity as scenes have it."""
+    x, y, z = (float(value) for value in place)
+    return x, y, z
+
+
+MATERIALS = ("springs", "latex", "foil", "nylon")
+"""Materials in the page's menu"""
+FILMS = {"foil": 5.0, "nylon": 3.0}
+"""Films, simulated as springs of a multiple of the stiffness, which bend freely: where no pressure is planned, real
+film takes thousands of substeps a frame"""
+FILM_STRETCH = 0.05
+"""Stretch of an inflated film's skin"""
+
+
+def material_of(scene: Scene) -> str:
+    """Return the name of the first balloon's material."""
+    balloon = scene.balloon[0]
+    return balloon.material.preset or (balloon.look == "foil" and "foil") or balloon.material.law
+
+
+def made_of(scene: Scene, name: str) -> Scene:
+    """Return the scene with all balloons of another material.
+
+    A gas stays; other inflations become the usual pressure of that material: a pressure that springs bear is too low
+    for foil.
+
+    Raises:
+        InputError: it cannot be simulated so.
+    """
+    if name == material_of(scene):
+        return scene
+    said = {field: getattr(scene, field) for field in scene.model_fields_set}
+    return Scene.model_validate(said | {"balloon": [_made_of(each, name) for each in scene.balloon], "change": []})
+
+
+def _made_of(balloon: Balloon, name: str) -> Balloon:
+    kept = {field: getattr(balloon, field) for field in balloon.model_fields_set - {"material", "look"}}
+    if balloon.inflation.kind != "gas":
+        kept["inflation"] = Inflation(stretch=FILM_STRETCH) if name in FILMS else Inflation()
+    if name == "latex":
+        for field in ("mass", "stiffness"):  # follow from its thickness
+            kept.pop(field, None)
+        return Balloon(**kept, material=Material(preset="latex"))
+    if name in FILMS:
+        kept["stiffness"] = _stiffer(balloon.stiffness, FILMS[name])
+        kept["look"] = "foil"
+    return Balloon(**kept)
+
+
+def _stiffer(stiffness: Stiffness, factor: float) -> Stiffness:
+    springs = {"structural": factor * stiffness.structural, "shear": factor * stiffness.shear, "flexion": 0.0}
+    return stiffness.model_copy(update=springs)
+
+
+def painted(scene: Scene, color: tuple[float, float, float]) -> Scene:
+    """Return the scene with all balloons of a color, in linear RGB."""
+    balloons = [balloon.model_copy(update={"color": color}) for balloon in scene.balloon]
+    return scene.model_copy(update={"balloon": balloons})
+
+
+SPHERE_DRAG = 0.47
+
+
+def inflating(scene: Scene, value: float) -> list[tuple[str, Any]]:
+    """Return paths and values for the keyframed field of all balloons that are inflated as the first one is.
+
+    The scene's own filling ends.
+
+    Raises:
+        InputError: a balloon has a pump's curve, which holds for all time.
+    """
+    kind, changes = scene.balloon[0].inflation.kind, []
+    for number, balloon in enumerate(scene.balloon):
+        if balloon.inflation.kind == kind:
+            given = f"balloon.{number}.inflation"
+            changes += [(f"{given}.{field}", 0.0) for field in BLOWN if getattr(balloon.inflation, field)]
+            changes.append((f"{given}.{balloon.inflation.keyframed}", value))
+    override_scene(scene, changes)  # all of it or nothing
+    return changes
+
+
+def blowing(scene: Scene, wind: list[float]) -> list[tuple[str, Any]]:
+    """Return paths and values for a wind [m/s].
+
+    Balloons without any drag in air get a sphere's, or they would not feel it.
+    """
+    slippery = [number for number, balloon in enumerate(scene.balloon) if balloon.drag_coefficient == 0.0]
+    drag = [(f"balloon.{number}.drag_coefficient", SPHERE_DRAG) for number in slippery]
+    return [*drag, ("atmosphere.wind", wind)]
+
+
+LONGEST = 20_000
+"""Largest number of entries, so that a long session does not fill the memory; then the journal is closed"""
+
+
+class Journal:
+    """Journal of one simulation, from its start.
+
+    Args:
+        scene: Scene that it started from.
+    """
+
+    def __init__(self, scene: Scene):
+        self.base = scene
+        self.spheres, self.strings = list(scene.sphere), list(scene.string)
+        self.changes: dict[int, dict[str, Any]] = {}
+        """New values by their paths, by frame"""
+        self.length = 0
+        self.closed = False
+
+    def copy(self) -> "Journal":
+        """Return a copy of the journal as it is now; later entries go into one of the two."""
+        other = Journal(self.base)
+        other.spheres, other.strings = list(self.spheres), list(self.strings)
+        other.changes = {frame: dict(values) for frame, values in self.changes.items()}
+        other.length, other.closed = self.length, self.closed
+        return other
+
+    def change(self, frame: int, path: str, value: Any) -> None:
+        """Change a value at the start of a frame; of several in one frame the last counts."""
+        if not self._full():
+            self.changes.setdefault(frame, {})[path] = value
+
+    def add_sphere(self, frame: int, sphere: Sphere) -> int:
+        """Add a sphere at the start of a frame, and return its number in the scene that replays."""
+        if not self._full():
+            self.spheres.append(sphere.model_copy(update={"start": self._time(frame)}))
+        return len(self.spheres) - 1
+
+    def add_string(self, frame: int, string: String) -> int:
+        """Add a string at the start of a frame, and return its number in the scene that replays."""
+        if not self._full():
+            self.strings.append(string.model_copy(update={"start": self._time(frame)}))
+        return len(self.strings) - 1
+
+    def end(self, bodies: list[Any], number: int, frame: int) -> None:
+        """End a sphere or string of this journal at the start of a frame."""
+        if not self.closed:
+            bodies[number] = bodies[number].model_copy(update={"end": self._time(frame)})
+
+    def forget_what_was_planned(self, frame: int) -> None:
+        """Cancel the changes that the scene itself had planned from a frame on."""
+        kept = [change for change in self.base.change if frame_at(self.base, change.time) < frame]
+        self.base = self.base.model_copy(update={"change": kept})
+        kinds: tuple[list[Any], list[Any]] = (self.spheres, self.strings)
+        for bodies in kinds:
+            for number, body in enumerate(bodies):
+                if frame_at(self.base, body.start) >= max(frame, 1):
+                    bodies[number] = body.model_copy(update={"end": body.start})
+                elif body.end is not None and frame_at(self.base, body.end) >= frame:
+                    bodies[number] = body.model_copy(update={"end": None})
+
+    def scene(self, frames: int) -> Scene:
+        """Return the scene that replays the journal.
+
+        Raises:
+            InputError: too much was done to be kept.
+        """
+        if self.closed:
+            raise InputError(f"the journal of changes is full, at {LONGEST:,} entries; reset first")
+        changes = [*self.base.change]
+        changes += [Change(time=self._time(frame), set=values) for frame, values in sorted(self.changes.items())]
+        update = {"change": changes, "sphere": self.spheres, "string": self.strings, "frames": max(frames, 1)}
+        return Scene.model_validate(dict(self.base) | update)
+
+    def _time(self, frame: int) -> float:
+        return frame / self.base.frames_per_second
+
+    def _full(self) -> bool:
+        self.length += 1
+        self.closed = self.closed or self.length > LONGEST
+        return self.closed
+
+
+@dataclass(frozen=True)
+class Moment:
+    """Moment of a simulation, complete enough to go on from."""
+
+    frame: int
+    scene: Scene
+    journal: Journal
+    numbers: tuple[list[int], list[int]]
+    substeps: int
+    hands: dict[object, int]
+    state: dict[str, NDArray]
+
+    @property
+    def extent(self) -> float:
+        """Extent of all balloons together [m]."""
+        return float(np.ptp(self.state["points"][0], axis=0).max())
+
 
 MOST_SUBSTEPS = 1000
 """Largest number of substeps in a frame of the page"""
@@ -297,3 +488,45 @@ class Playground:
         model = lay_out(plan, self.simulator.model.device)
         times = self._first_model.keyframe_times
         self.simulator.go_on_in(replace(model, substeps=wanted, keyframe_times=times), spheres)
+
+
+APART_SECONDS = 0.5
+"""Simulated time between two kept moments [s]"""
+MOST = 12
+SWOLLEN = 3.0
+"""Size over that at the first moment, above which a shape is not worth returning to"""
+
+
+class Moments:
+    """Last moments of a simulation, oldest first."""
+
+    def __init__(self) -> None:
+        self._kept: deque[Moment] = deque(maxlen=MOST)
+
+    def clear(self) -> None:
+        """Drop all kept moments."""
+        self._kept.clear()
+
+    def note(self, playground: Playground) -> None:
+        """Keep the current moment, if enough time has passed since the last."""
+        if not self._kept or playground.frame - self._kept[-1].frame >= _frames_apart(playground):
+            self._kept.append(playground.moment())
+
+    def go_back(self, playground: Playground) -> bool:
+        """Go back to the last good moment, and the next time to the one before; return whether there was one.
+
+        It is at least half of the time between two ago, and before it swelled past recognition.
+        """
+        kept, apart = self._kept, _frames_apart(playground)
+        while len(kept) > 1 and (
+            playground.frame - kept[-1].frame < apart / 2 or kept[-1].extent > SWOLLEN * kept[0].extent
+        ):
+            kept.pop()
+        if not kept:
+            return False
+        playground.return_to(kept.pop())
+        return True
+
+
+def _frames_apart(playground: Playground) -> float:
+    return APART_SECONDS / playground.simulator.model.frame_seconds

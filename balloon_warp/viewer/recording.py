@@ -1,4 +1,4 @@
-"""Recording of a session: a stage, and the scene that replays it."""
+"""Recording of a session: a stage, a picture, and the scene that replays it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -7,15 +7,51 @@ from pathlib import Path
 import numpy as np
 
 from balloon_warp.errors import InputError
-from balloon_warp.files import check_writable, whole_file
+from balloon_warp.files import check_writable, marked_scene, whole_file
 from balloon_warp.frame import Frame
 from balloon_warp.kernels.laws import Law
-from balloon_warp.marks import marked_scene
 from balloon_warp.model import Model, build_model
 from balloon_warp.outputs.usd import StageWriter
 from balloon_warp.provenance import describe_simulation, without_folders
+from balloon_warp.scene import Scene
 from balloon_warp.scene.write import scene_toml
-from balloon_warp.viewer.journal import Journal
+from balloon_warp.viewer.playground import Journal
+
+
+@dataclass(frozen=True)
+class Picture:
+    """Snapshot of a session at one time."""
+
+    load: int
+    """Number of scenes loaded until now: another number, another model"""
+    revision: int
+    """Number that changes whenever values of the scene changed otherwise than by being set"""
+    granted: int
+    """Number of wishes that it shows; later ones it does not"""
+    name: str
+    model: Model
+    scene: Scene
+    frame: Frame
+    seconds: float
+    sphere_numbers: tuple[int, ...]
+    """Numbers of the spheres that exist, over the whole simulation"""
+    hands: frozenset[int]
+    """Strings that are a user's hands"""
+    inflation: float
+    running: bool
+    speed: float
+    rate: float
+    """Simulated seconds over the wall's"""
+    step_seconds: float
+    """Wall-clock time for a frame [s]"""
+    schedule: str
+    trouble: str
+    """Blow-up or failure, in a sentence; empty without one"""
+    why: str
+    """Further explanation, where more is known"""
+    recorded_seconds: float | None
+    """Length of the recording in progress [s]"""
+
 
 MOST_BYTES = 1 << 29
 """Largest memory of frames that wait to be written [bytes]; a recording that gets there ends"""

@@ -1,10 +1,17 @@
-"""Thread that advances the simulation, and waits for nobody.
+"""Thread that advances the simulation, and the queue of wishes of other threads.
+
+Wishes from other threads, queued until the simulation's thread grants them between two frames.
+
+A touch whose kernels are still being compiled waits for them; time and the other wishes do not wait for it.
+
+Thread that advances the simulation, and waits for nobody.
 
 It grants requests between two frames, and leaves pictures where others can take them.
 """
 
 import threading
 import time
+import traceback
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -13,19 +20,189 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.errors import BlowUpError
+from balloon_warp.blow_ups import BlowUp
+from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.kernels.laws import Law
 from balloon_warp.scene import Scene
-from balloon_warp.viewer.moments import Moments
-from balloon_warp.viewer.pace import Pace
-from balloon_warp.viewer.picture import Picture
-from balloon_warp.viewer.playground import Playground
-from balloon_warp.viewer.recording import Recording, free_number
+from balloon_warp.viewer.playground import Moments, Playground
+from balloon_warp.viewer.recording import Picture, Recording, free_number
 from balloon_warp.viewer.saving import told_of_saving
 from balloon_warp.viewer.touches import Kinds, Touch
-from balloon_warp.viewer.trouble import sentence_of
-from balloon_warp.viewer.wishes import Wish, Wishes
 from balloon_warp.warp_lock import PROCESS_LOCK, lock_of
+
+MOST_ASKED = 1000
+"""Largest number of waiting wishes; more are ignored"""
+GRANTING_SECONDS = 0.1
+"""Time that wishes may take before a frame is simulated again [s]"""
+Wish = Callable[[Playground], None]
+
+
+@dataclass(frozen=True)
+class _Waiting:
+    """A wish that waits."""
+
+    wish: Wish
+    touch: Touch | None
+    number: int
+    """Number of wishes until it, and with it"""
+    since: float
+
+
+class Wishes:
+    """First come, first served.
+
+    Args:
+        refused: called with a sentence, where a wish cannot be granted.
+    """
+
+    def __init__(self, refused: Callable[[str], None]):
+        self.came = threading.Event()
+        """Event that is set when there are wishes"""
+        self.asked, self.granted = 0, 0
+        """Number of wishes so far, and number of those granted"""
+        self._refused = refused
+        self._waiting: dict[object, _Waiting] = {}
+        self._lock = threading.Lock()
+        self._failures: set[type[Exception]] = set()
+        """Failures that the terminal was told about"""
+
+    def add(self, wish: Wish, key: object = None, touch: Touch | None = None) -> None:
+        """Add a wish; of several waiting with the same key, only the last is granted. From any thread.
+
+        Args:
+            touch: what it does to the scene; nothing that needs other kernels, when missing.
+        """
+        with self._lock:
+            if len(self._waiting) < MOST_ASKED:
+                key = key if key is not None else object()
+                self._waiting.pop(key, None)
+                self.asked += 1
+                self._waiting[key] = _Waiting(wish, touch, self.asked, time.perf_counter())
+        self.came.set()
+
+    def drop_touches(self) -> None:
+        """Forget what still waits for kernels: the scene is another one."""
+        with self._lock:
+            self._waiting = {key: each for key, each in self._waiting.items() if each.touch is None}
+
+    @property
+    def waited_seconds(self) -> float:
+        """Time for which the oldest wish waits [s]; 0 without one."""
+        with self._lock:
+            since = [each.since for each in self._waiting.values()]
+        return time.perf_counter() - min(since) if since else 0.0
+
+    def grant(self, playground: Callable[[], Playground], is_ready: Callable[[Kinds], bool]) -> bool:
+        """Grant the waiting wishes; where there are many, the rest waits for the next frame.
+
+        Args:
+            playground: Current playground; a wish may bring another.
+            is_ready: whether there are kernels for such things.
+
+        Returns:
+            Whether anything was asked for.
+        """
+        until, any_came = time.perf_counter() + GRANTING_SECONDS, False
+        while wish := self._next(playground(), is_ready):
+            any_came = True
+            self._grant(wish, playground())
+            if time.perf_counter() > until:
+                self.came.set()
+                break
+        return any_came
+
+    def _next(self, playground: Playground, is_ready: Callable[[Kinds], bool]) -> Wish | None:
+        waits = set()
+        """Lines in which somebody waits"""
+        with self._lock:
+            for key, each in self._waiting.items():
+                if each.touch and (each.touch.line in waits or not is_ready(each.touch.leaves(playground.live))):
+                    waits.add(each.touch.line)
+                    continue
+                return self._waiting.pop(key).wish
+            self.granted = min((each.number for each in self._waiting.values()), default=self.asked + 1) - 1
+            return None
+
+    def _grant(self, wish: Wish, playground: Playground) -> None:
+        try:
+            wish(playground)
+        except (InputError, ValueError, TypeError, IndexError, OverflowError) as mistake:
+            self._refused(str(mistake).partition("\n")[0])
+        except Exception as mistake:  # one of ours must not end the page that others watch
+            self.fail(mistake)
+            self._refused("this failed; the terminal has the error")
+
+    def fail(self, mistake: Exception) -> None:
+        """Report an unexpected failure on the terminal; once of each kind, so that it does not fill it."""
+        if type(mistake) not in self._failures:
+            self._failures.add(type(mistake))
+            traceback.print_exception(mistake)
+
+
+MOST_BEHIND = 0.25
+"""Largest lag of the simulation that it can catch up [s]; beyond it, time runs slower instead"""
+WINDOW = 1.0
+"""Window over which the rate is averaged [s]"""
+
+
+class Pace:
+    """Pace of simulated time: when each frame is due, and how fast time really runs.
+
+    Args:
+        speed: Simulated seconds a second of the wall's clock.
+    """
+
+    def __init__(self, speed: float = 1.0):
+        self.speed = speed
+        self._due: float | None = None
+        self._passed: deque[tuple[float, float]] = deque()
+        """Times at which frames were done, and simulated time of each [s]"""
+
+    def rest(self) -> None:
+        """Stop time until the next frame."""
+        self._due = None
+        self._passed.clear()
+
+    def wait(self, now: float, frame_seconds: float) -> float:
+        """Return the seconds until the next frame is due; counts on it being simulated then."""
+        if self._due is None or now > self._due + MOST_BEHIND:
+            self._due = now
+        wait = max(self._due - now, 0.0)
+        self._due += frame_seconds / self.speed
+        return wait
+
+    def passed(self, now: float, frame_seconds: float) -> None:
+        """Record that a frame is done."""
+        self._passed.append((now, frame_seconds))
+        while now - self._passed[0][0] > WINDOW:
+            self._passed.popleft()
+
+    @property
+    def rate(self) -> float:
+        """Simulated seconds over the wall's, lately; 0 until there are two frames."""
+        if len(self._passed) < 2:
+            return 0.0
+        simulated = sum(seconds for _, seconds in list(self._passed)[1:])
+        return simulated / max(self._passed[-1][0] - self._passed[0][0], 1e-9)
+
+
+def sentence_of(failure: BlowUpError, scene: Scene) -> str:
+    """Return the cause of a failure, as in "Too much pressure for these springs."."""
+    skin = "this skin" if any(balloon.material.is_membrane for balloon in scene.balloon) else "these springs"
+    report = failure.report
+    if not isinstance(report, BlowUp):
+        return "The simulation blew up."
+    inflated = report.other is None or report.other.by == "inflation"  # else something pulled harder than its springs
+    if report.is_sphere:
+        return "Too hard a blow for this sphere."
+    if report.pressure or report.limit_point or (inflated and _step_is_stable(report)):
+        return f"Too much pressure for {skin}."
+    return f"Too {'much force' if _step_is_stable(report) else 'few substeps'} for {skin}."
+
+
+def _step_is_stable(report: BlowUp) -> bool:
+    return report.stable_step is not None and 0.0 < report.step <= report.stable_step
+
 
 LOOKING = "It blew up. Looking for the reason."
 SHOWN_SECONDS = 1.0 / 30.0

@@ -10,7 +10,7 @@ import torch
 from torch import nn
 
 import balloon_warp as bw
-from balloon_warp.mesh.quad_sphere import quad_sphere
+from balloon_warp.mesh.geometry import quad_sphere
 
 WORLDS = 256
 FRAMES = 40

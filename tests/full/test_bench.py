@@ -26,8 +26,7 @@ from balloon_warp.benchmarks.rubber import RADIUS, rubber_cases
 from balloon_warp.benchmarks.run import run_case
 from balloon_warp.blow_ups import KEPT_FRAMES
 from balloon_warp.device import pick_device
-from balloon_warp.mesh.geometry import signed_volume
-from balloon_warp.mesh.quad_sphere import quad_sphere
+from balloon_warp.mesh.geometry import quad_sphere, signed_volume
 from balloon_warp.model import Model, State, build_model, initial_state, lay_out, plan_model
 from balloon_warp.schedules import SCHEDULES, make_schedule
 from balloon_warp.schedules.choose import fastest_schedule

@@ -18,8 +18,7 @@ from balloon_warp.schedules import block_frames
 from balloon_warp.schedules.block_layout import step_of
 from balloon_warp.schedules.choose import make_schedule
 from balloon_warp.schedules.features import model_features
-from balloon_warp.schedules.slots import kind_slots
-from balloon_warp.schedules.spring_ends import spring_ends
+from balloon_warp.schedules.slices import kind_slots, spring_ends
 
 PAPERS, GAS, FULL = Inflation(k_normal=0.2), *(Inflation(kind="gas", start_pressure=p) for p in (50.0, 400.0))
 LATEX = Material(kind="neo_hookean", shear_modulus=4e5, thickness=3e-4)

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from quads import assert_closed_quads
 
 from balloon_warp import InputError, PolygonMesh, remesh
-from balloon_warp.mesh.handles import handle_count, handles_lost, handles_of_level
-from balloon_warp.mesh.level import Level
-from balloon_warp.mesh.surface_nets import surface_nets
+from balloon_warp.mesh.remesh import handle_count, handles_lost, handles_of_level
+from balloon_warp.mesh.surface_nets import Level, surface_nets
 
 
 def statue(hole: float, handle: float = 0.08) -> PolygonMesh:

@@ -31,9 +31,9 @@ from trajectories import stepped
 
 from balloon_warp import run_batch
 from balloon_warp.errors import InputError
-from balloon_warp.mesh.mesh_distance import MeshDistance
-from balloon_warp.mesh.placement import place_mesh
-from balloon_warp.model.bodies import shape_body
+from balloon_warp.mesh.load import place_mesh
+from balloon_warp.mesh.surface_nets import MeshDistance
+from balloon_warp.model.obstacles import shape_body
 from balloon_warp.model.plan import plan_model
 from balloon_warp.scene import Balloon, Body, Ground, Inflation, Obstacle, Scene, Sphere
 from balloon_warp.simulator import Simulator

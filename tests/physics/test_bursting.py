@@ -18,7 +18,7 @@ from balloon_warp import InputError, PolygonMesh, Simulator
 from balloon_warp.mesh.geometry import face_vector_areas, signed_volume
 from balloon_warp.model import plan_model
 from balloon_warp.scene import Atmosphere, Balloon, Ground, Inflation, Material, Scene, Stiffness, Touch, Tube, Water
-from balloon_warp.schedules.tears import neighbors_of, share_of_tear
+from balloon_warp.schedules.membranes import neighbors_of, share_of_tear
 
 NEO = ENERGIES["neo_hookean"]
 GAS = Inflation(kind="gas", start_pressure=0.0)

@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull
 from balloon_warp import Balloon, Inflation, InputError, Material, PolygonMesh, Scene, Simulator, Stiffness
 from balloon_warp.model import Model
 from balloon_warp.springs import build_springs
-from balloon_warp.springs.coloring import color_springs
+from balloon_warp.springs.build import color_springs
 
 NO_INFLATION = Inflation(k_normal=0.0)
 SLACK = Stiffness(structural=0.0, shear=0.0, flexion=0.0)

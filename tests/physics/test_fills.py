@@ -20,16 +20,14 @@ from balloon_warp.cli import main
 from balloon_warp.kernels.laws.empty import end_of_collapse
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.mesh.triangles import triangles_of
+from balloon_warp.mesh.orientation import triangles_of
 from balloon_warp.model import plan_model
 from balloon_warp.model.setting import plan_setting
-from balloon_warp.model.varied_scene import scene_to_vary
-from balloon_warp.model.vary import VaryError
+from balloon_warp.model.vary import VaryError, scene_to_vary
 from balloon_warp.scene import Atmosphere, Balloon, Ground, Inflation, Material, Scene, Tube, load_scene
-from balloon_warp.scene.overrides import OverrideError, override_scene, parse_override
+from balloon_warp.scene.load import OverrideError, override_scene, parse_override
 from balloon_warp.viewer import playground as module
-from balloon_warp.viewer.by_hand import inflating
-from balloon_warp.viewer.playground import Playground
+from balloon_warp.viewer.playground import Playground, inflating
 
 BALL = with_volume(quad_sphere(4), 0.02)
 OF_A_LITRE = AIR_PRESSURE * 1e-3 / (GAS_CONSTANT * TEMPERATURE)

@@ -17,7 +17,7 @@ from balloon_warp.kernels.tables import Tables
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.model import build_model
 from balloon_warp.schedules.features import model_features
-from balloon_warp.schedules.membrane_faces import membrane_face_entries, membrane_face_layout, membrane_face_table
+from balloon_warp.schedules.membranes import membrane_face_entries, membrane_face_layout, membrane_face_table
 from balloon_warp.schedules.tables import make_tables
 
 QUADS = quad_sphere(3, 0.1)

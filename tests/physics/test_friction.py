@@ -14,7 +14,7 @@ from touching import SLACK
 from balloon_warp import Balloon, Body, Change, Ground, Inflation, Obstacle, Scene, Sphere, Stiffness, Touch, load_scene
 from balloon_warp.errors import InputError
 from balloon_warp.model import plan_model
-from balloon_warp.model.friction import FRICTION
+from balloon_warp.model.obstacles import FRICTION
 from balloon_warp.simulator import Simulator
 
 GROUND, WALL, BALL, BOX, SILENT, SAYING = range(6)

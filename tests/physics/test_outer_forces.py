@@ -9,7 +9,7 @@ from meshes import quad_sphere
 
 import balloon_warp as bw
 from balloon_warp import Balloon, Change, Force, Inflation, InputError, Scene, Simulator
-from balloon_warp.scene.overrides import override_scene
+from balloon_warp.scene.load import override_scene
 
 MASS = 0.1
 BALL = replace(quad_sphere(3, 0.5), groups={"nose": np.array([0, 4, 9]), "tail": np.array([20, 21])})

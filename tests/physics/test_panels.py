@@ -16,19 +16,17 @@ from balloon_warp import InputError, PolygonMesh
 from balloon_warp.benchmarks.design import cylinder as lids
 from balloon_warp.cli.app import app
 from balloon_warp.cli.design import Wanted
-from balloon_warp.designing import design, of_panels, picture
-from balloon_warp.designing.flatten import flattened, seam_lengths
-from balloon_warp.designing.hanging import DOWN, Hanging
+from balloon_warp.designing import design, measure
+from balloon_warp.designing import panels as of_panels
+from balloon_warp.designing.job import simulate_from_rest
 from balloon_warp.designing.measure import Ruler
-from balloon_warp.designing.of_panels import panels_of
-from balloon_warp.designing.panel_layout import laid_out
-from balloon_warp.designing.panel_pattern import PanelPattern
-from balloon_warp.designing.proof import simulate_from_rest
+from balloon_warp.designing.panels import PanelPattern, flattened, laid_out, panels_of, seam_lengths
+from balloon_warp.designing.springs import DOWN, Hanging
 from balloon_warp.designing.target import held_target_of
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.statics.balance import Balance
 from balloon_warp.statics.of_model import film_of
-from balloon_warp.statics.volume import SealedGas, Volume
+from balloon_warp.statics.skins import SealedGas, Volume
 
 BALL = quad_sphere(6)
 SIDES = 16
@@ -60,8 +58,8 @@ def seams_file(path: Path, *, opened: bool = True) -> Path:
 
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
-    monkeypatch.setattr(picture, "SIZE", (96, 84))
-    monkeypatch.setattr(picture, "SAMPLES", 1)
+    monkeypatch.setattr(measure, "SIZE", (96, 84))
+    monkeypatch.setattr(measure, "SAMPLES", 1)
     monkeypatch.setattr(of_panels, "EDGES", 8)
 
 

@@ -13,10 +13,14 @@ from projective_scenes import SOFT, after_frames, full_scene, kick, kicked_ballo
 
 from balloon_warp import Balloon, Change, Inflation, InputError, Scene, Simulator, Stiffness, Water
 from balloon_warp.model import State, build_model
-from balloon_warp.solvers.dense_inverse import MANY_WORLDS, MOST_PARTICLES, DenseInverse
-from balloon_warp.solvers.projective import ProjectiveSolver
-from balloon_warp.solvers.sparse_factor import SparseFactor
-from balloon_warp.solvers.step_matrices import StepMatrices
+from balloon_warp.solvers.projective import (
+    MANY_WORLDS,
+    MOST_PARTICLES,
+    DenseInverse,
+    ProjectiveSolver,
+    SparseFactor,
+    StepMatrices,
+)
 
 
 def test_iterations_converge_to_newtons_method(device):

@@ -12,7 +12,7 @@ from balloon_warp import Balloon, Inflation, InputError, PolygonMesh, Scene, Sim
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.model.shape import BalloonShape, shape_balloon
 from balloon_warp.schedules.readout import ForceReader
-from balloon_warp.springs.hinges import build_hinges
+from balloon_warp.springs.build import build_hinges
 
 NO_INFLATION = Inflation(k_normal=0.0)
 

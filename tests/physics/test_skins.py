@@ -10,7 +10,7 @@ from meshes import grid, mesh_of, quad_sphere
 from balloon_warp import Balloon, Change, Inflation, InputError, Material, Scene, Simulator, load_scene
 from balloon_warp.mesh.geometry import total_area
 from balloon_warp.model import build_model, plan_model
-from balloon_warp.scene.overrides import override_scene
+from balloon_warp.scene.load import override_scene
 from balloon_warp.sweep.recorder import MEASURES, Recorder
 
 OGDEN = {"preset": "natural_rubber_treloar"}

@@ -1,4 +1,4 @@
-"""Runs the ray casting kernels: uploads the shapes, moves them from frame to frame, and takes pictures of them."""
+"""Runs the ray casting kernels: uploads shapes and lights, moves them, and takes pictures."""
 
 import os
 from collections.abc import Callable
@@ -13,12 +13,42 @@ from balloon_warp.forks import Threads
 from balloon_warp.kernels.pictures import raycast
 from balloon_warp.kernels.pictures.printed import Prints
 from balloon_warp.kernels.pictures.shapes import Shapes
-from balloon_warp.outputs.camera import Camera
-from balloon_warp.outputs.render.prims import Capsules
-from balloon_warp.outputs.render.sampling import disc_points, spread_points
-from balloon_warp.outputs.render.stage_reader import RenderStage
-from balloon_warp.outputs.render.studio import light_studio
+from balloon_warp.kernels.pictures.studio import KEY, KEY_RADIANCE, Studio
+from balloon_warp.mesh.polygon_mesh import Color
+from balloon_warp.outputs.camera import KEY_AZIMUTH, Camera, turned
+from balloon_warp.outputs.render.stage_reader import Capsules, RenderStage
+from balloon_warp.outputs.render.surface import disc_points, spread_points
+from balloon_warp.scene.around import GROUND_COLOR
 from balloon_warp.warp_lock import lock_of
+
+RIM = (0.95, 0.28, -0.15)
+"""Direction to the strip light"""
+KEY_SPREAD = 0.15
+
+
+def light_studio(camera: Camera, paper: Color = GROUND_COLOR, light: float = KEY_AZIMUTH) -> Any:
+    """Return the lights for a camera. They turn with it, but only around the vertical.
+
+    Args:
+        paper: color of the backdrop, linear RGB.
+        light: azimuth of the key light from the camera toward its right [degrees].
+    """
+    axes = turned(camera.level_axes, light)
+    studio = Studio()
+    for name, toward in (("key", KEY), ("rim", RIM)):
+        direction = _unit(np.array(toward) @ axes)
+        across = _unit(np.cross([0.0, 1.0, 0.0], direction))
+        for suffix, vector in (("", direction), ("_right", across), ("_up", np.cross(direction, across))):
+            setattr(studio, name + suffix, wp.vec3(*vector))
+    studio.key_radiance = wp.vec3(*KEY_RADIANCE)
+    studio.paper = wp.vec3(*(np.array(paper) / GROUND_COLOR))
+    studio.key_spread = KEY_SPREAD
+    return studio
+
+
+def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    return vector / np.linalg.norm(vector)
+
 
 WIDEST_BLUR = 9
 """Largest radius of the smoothing of light with four samples or less [pixels]"""

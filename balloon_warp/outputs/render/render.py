@@ -1,27 +1,113 @@
-"""Rendering of a stage as a picture file."""
+"""Rendering of a stage, or of several alike, as a picture file."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
 from balloon_warp.arguments import checked
-from balloon_warp.errors import InputError
-from balloon_warp.files import check_writable, whole_file
+from balloon_warp.errors import InputError, MissingExtraError
+from balloon_warp.files import check_writable, png_mark, sole_writer, whole_file
 from balloon_warp.outputs.camera import Camera
-from balloon_warp.outputs.render.files import (
-    PICTURE_SUFFIXES,
-    Picture,
-    require_ffmpeg,
-    write_gif,
-    write_mp4,
-    write_png,
-    write_webp,
-)
+from balloon_warp.outputs.render.raycaster import RayCaster
 from balloon_warp.outputs.render.shutter import moments, one_over_the_other
 from balloon_warp.outputs.render.stage_reader import RenderStage
-from balloon_warp.outputs.render.view import View, check_view
-from balloon_warp.ownership import sole_writer
+from balloon_warp.outputs.render.view import View, check_view, frame_action
+
+PICTURE_SUFFIXES = (".png", ".webp", ".gif", ".mp4")
+DITHER = 6.0
+"""8-bit steps that a color is moved by, at most half of it up or down, before it gets the palette's nearest"""
+WEBP_QUALITY = 82
+"""Quality, out of 100: 640x360 pixels of a balloon take some 10 kB a frame"""
+GIF_LONGEST = 655_350
+"""Longest time that a GIF can show a picture for [ms]"""
+Picture = NDArray[np.uint8]
+"""Picture in sRGB, shape (height, width, 3), or with opacity (height, width, 4)"""
+_BAYER = (np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]]) + 0.5) / 16.0
+
+
+def write_png(path: Path, picture: Picture) -> None:
+    """Write one picture."""
+    Image.fromarray(picture).save(path, format="PNG", optimize=True, pnginfo=png_mark())
+
+
+def write_gif(path: Path, pictures: Iterable[Picture], frame_seconds: float) -> None:
+    """Write an endless animation with one palette; GIF counts time in hundredths of a second."""
+    pictures = list(pictures)
+    palette = _common_palette(pictures)
+    first, *others = [_dithered(picture, palette) for picture in pictures]
+    first.save(
+        path,
+        format="GIF",
+        save_all=True,
+        append_images=others,
+        duration=min(round(1000 * frame_seconds), GIF_LONGEST),
+        loop=0,
+        optimize=False,
+    )
+
+
+def write_webp(path: Path, pictures: Iterable[Picture], frame_seconds: float) -> None:
+    """Write an endless animation, or one picture, with all of its colors."""
+    first, *others = map(Image.fromarray, pictures)
+    milliseconds = max(1, round(1000 * frame_seconds))
+    many = {"save_all": True, "append_images": others, "duration": milliseconds, "loop": 0} if others else {}
+    first.save(path, format="WEBP", quality=WEBP_QUALITY, method=4, **many)
+
+
+def _common_palette(pictures: list[Picture]) -> Image.Image:
+    """Return 255 colors for all pictures, from every fourth pixel each way of a dozen of them."""
+    some = pictures[:: max(1, len(pictures) // 12)]
+    mosaic = np.concatenate([picture[::4, ::4] for picture in some])
+    return Image.fromarray(mosaic).quantize(255, method=Image.Quantize.MEDIANCUT, kmeans=2)
+
+
+def _dithered(picture: Picture, palette: Image.Image) -> Image.Image:
+    """Return a picture in a palette's colors.
+
+    Ordered dither, unlike error diffusion, leaves unmoved pixels alone.
+    """
+    rows, columns = np.indices(picture.shape[:2]) % len(_BAYER)
+    shifted = picture + DITHER * (_BAYER[rows, columns, None] - 0.5)
+    return Image.fromarray(shifted.clip(0, 255).astype(np.uint8)).quantize(palette=palette, dither=Image.Dither.NONE)
+
+
+def write_mp4(path: Path, pictures: Iterable[Picture], frames_per_second: float) -> None:
+    """Write H.264.
+
+    Raises:
+        MissingExtraError: imageio-ffmpeg is not installed.
+    """
+    write_frames = require_ffmpeg()
+    pictures = iter(pictures)
+    first = next(pictures)
+    height, width = first.shape[:2]
+    writer = write_frames(
+        str(path), (width, height), fps=frames_per_second, codec="libx264", quality=8, macro_block_size=2
+    )
+    writer.send(None)
+    writer.send(first)
+    for picture in pictures:
+        writer.send(picture)
+    writer.close()
+
+
+def require_ffmpeg() -> Callable:
+    """Return imageio-ffmpeg's writer.
+
+    Raises:
+        MissingExtraError: imageio-ffmpeg is not installed.
+    """
+    try:
+        return import_module("imageio_ffmpeg").write_frames
+    except ImportError:
+        raise MissingExtraError("an .mp4 needs ffmpeg: pip install 'balloon-warp[video]'") from None
+
 
 MOST_RATE = {".gif": 20.0, ".webp": 30.0}
 """Largest frame rate of such an animation, unless a rate is asked for [1/s]"""
@@ -228,3 +314,28 @@ def _pictures(
         pictures = (picture(moment, camera) for moment in open_at)
         yield next(pictures) if len(open_at) == 1 else one_over_the_other(pictures)
         on_frame(done, len(frames))
+
+
+def render_alike(
+    moments: Sequence[tuple[Path, int]], size: tuple[int, int], samples: int = 4, device: str | None = None
+) -> Iterator[Picture]:
+    """Return a picture of each stage, all through the camera that has everything of all of them in the picture.
+
+    Args:
+        moments: stages and the frame of each that is shown.
+        size: width and height of a picture in pixels.
+        samples: Rays per pixel.
+        device: Warp device; the GPU, or else the CPU, if not given.
+
+    Raises:
+        InputError: a stage cannot be read, or there is nothing to draw.
+    """
+    stages = [(RenderStage(path), frame) for path, frame in moments]
+    for stage, frame in stages:
+        stage.read_prims(frame)
+    framing = frame_action(stages, size[0] / size[1])
+    pixel = framing.camera.pixel_size(framing.center, size[1])
+    for stage, frame in stages:
+        caster = RayCaster(stage, framing.center, framing.size, size, samples, device)
+        caster.place(frame, 0.5 * LEAST_LINE_PIXELS * pixel)
+        yield caster.picture(framing.camera)

@@ -1,18 +1,85 @@
-"""Meshes as rays see them: triangles, refined until their outline looks round, with smooth normals."""
+"""Meshes as rays see them: triangles, refined until their outline looks round, with smooth normals.
+
+Sample points in a pixel, and on a light.
+
+They are the same every time, so that pictures are.
+"""
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.mesh.geometry import face_vector_areas, triangulate, vertex_normals
+from balloon_warp.mesh.orientation import find_folds
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
-from balloon_warp.outputs.render.creases import cut_at_creases, leave_whole
+from balloon_warp.mesh.topology import component_labels, next_corners
+
+
+class Cut(NamedTuple):
+    """A mesh in vertices of one normal each."""
+
+    corner_vertices: NDArray[np.int32]
+    """Vertex of each corner of the mesh's faces, shape (corner_count,)"""
+    vertex_points: NDArray[np.integer]
+    """Point of each vertex, shape (vertex_count,)"""
+    creases: NDArray[np.int32]
+    """Sharp edges, a pair of vertices each, lower first, those of both sides, shape (crease_count, 2)"""
+
+
+def leave_whole(mesh: PolygonMesh) -> Cut:
+    """Return a vertex for each point."""
+    return Cut(mesh.face_vertex_indices, np.arange(mesh.vertex_count), np.empty((0, 2), np.int32))
+
+
+def cut_at_creases(mesh: PolygonMesh, angle: float) -> Cut:
+    """Return a vertex for each point and each smooth part of the surface about it.
+
+    Args:
+        angle: between two faces' normals, beyond which their edge is sharp [degrees].
+    """
+    tails, following = mesh.face_vertex_indices, next_corners(mesh)
+    one, other, sharp = find_folds(mesh, angle)
+    # Corners at one point are one vertex if faces lead from one to the other across smooth edges.
+    pairs = [(a, b) for a in (one, following[one]) for b in (other, following[other])]
+    first_corners, second_corners = (np.concatenate(corners) for corners in zip(*pairs, strict=True))
+    joined = np.tile(~sharp, len(pairs)) & (tails[first_corners] == tails[second_corners])
+    groups = component_labels(len(tails), first_corners[joined], second_corners[joined])
+    _, representative, vertices = np.unique(groups, return_index=True, return_inverse=True)
+    vertices = vertices.ravel().astype(np.int32)
+    creases = np.concatenate([one[sharp], other[sharp]])
+    ends = np.sort(np.stack([vertices[creases], vertices[following[creases]]], axis=1), axis=1)
+    return Cut(vertices, tails[representative], ends)
+
+
+TILE = 4
+"""Side of a tile whose pixels share one well-spread set of samples [pixels]"""
+
+
+def spread_points(count: int) -> NDArray[np.float64]:
+    """Return Well-spread points in the unit square, shape (count, 2): a lattice sheared by the golden ratio."""
+    numbers = np.arange(count)
+    golden = 0.5 * (np.sqrt(5.0) - 1.0)
+    return np.stack([(numbers + 0.5) / count, np.modf(0.5 + numbers * golden)[0]], axis=1)
+
+
+def disc_points(samples: int) -> NDArray[np.float32]:
+    """Return the points in the unit disc for each sample of each pixel of a tile, shape (samples, TILE * TILE, 2).
+
+    Concentric map of Shirley and Chiu (1997), which keeps neighbors neighbors.
+    """
+    a, b = (2.0 * spread_points(samples * TILE * TILE) - 1.0).T
+    wide = np.abs(a) > np.abs(b)
+    radius = np.where(wide, a, b)
+    ratio = np.divide(np.where(wide, b, a), radius, out=np.zeros_like(a), where=radius != 0.0)
+    angle = np.where(wide, np.pi / 4.0 * ratio, np.pi / 2.0 - np.pi / 4.0 * ratio)
+    points = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+    return points.reshape(samples, TILE * TILE, 2).astype(np.float32)
+
 
 MOST_TRIANGLES = 60_000
 """Number of triangles beyond which a surface is not refined, since they are small enough in a picture"""
-
-
 QUARTERS = [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]
 """Quarters of a triangle, by its corners and the middles of its sides"""
 

@@ -10,7 +10,6 @@ npz          as NumPy has it
 Frames may come in any order, and the same frames give the same bytes.
 """
 
-from balloon_warp.outputs.world_files.formats import FORMATS, Format, format_named
-from balloon_warp.outputs.world_files.world_file import Field, FileContents, WorldFile
+from balloon_warp.outputs.world_files.formats import FORMATS, Field, FileContents, Format, WorldFile, format_named
 
 __all__ = ["FORMATS", "Field", "FileContents", "Format", "WorldFile", "format_named"]

@@ -11,15 +11,20 @@ touch          balloons that touch
 fields         what all of these are made of
 """
 
-from balloon_warp.scene.schema.balloon import Balloon, Stiffness
-from balloon_warp.scene.schema.bodies import Force, Sphere, String
-from balloon_warp.scene.schema.inflation import Inflation, Neck
-from balloon_warp.scene.schema.material import Material
-from balloon_warp.scene.schema.obstacles import Obstacle
-from balloon_warp.scene.schema.rigid import Body
-from balloon_warp.scene.schema.scene import MESHED, WITHOUT_MESHES, Change, Scene, Tube
-from balloon_warp.scene.schema.surroundings import Atmosphere, Box, Ground, Picture, Water
-from balloon_warp.scene.schema.touch import Touch
+from balloon_warp.scene.schema.balloon import Balloon, Inflation, Material, Neck, Stiffness, Touch
+from balloon_warp.scene.schema.scene import (
+    MESHED,
+    WITHOUT_MESHES,
+    Atmosphere,
+    Box,
+    Change,
+    Ground,
+    Picture,
+    Scene,
+    Tube,
+    Water,
+)
+from balloon_warp.scene.schema.solids import Body, Force, Obstacle, Sphere, String
 
 __all__ = [
     "MESHED",

@@ -12,16 +12,15 @@ import numpy as np
 from balloon_warp.contacts import things_of
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Law
-from balloon_warp.mesh.corners import edges_of
 from balloon_warp.mesh.geometry import triangulate
+from balloon_warp.mesh.topology import edges_of
 from balloon_warp.model import ModelPlan
 from balloon_warp.outputs.world_files import Field, WorldFile
-from balloon_warp.outputs.world_files.world_file import Arrays, Attribute
+from balloon_warp.outputs.world_files.formats import Arrays, Attribute
 from balloon_warp.provenance import describe_scene, without_folders
 from balloon_warp.scene import Scene
-from balloon_warp.scene.overrides import override_scene
-from balloon_warp.sweep.columns import units_of
-from balloon_warp.sweep.groups import SHA256, BatchVary, Group, is_mesh
+from balloon_warp.scene.load import override_scene
+from balloon_warp.sweep.recorder import SHA256, BatchVary, Group, is_mesh, units_of
 from balloon_warp.sweep.world_files.tracks import fields_of
 
 MOST_ATTRIBUTES = 500

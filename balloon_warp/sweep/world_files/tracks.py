@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from balloon_warp.contacts import things_of
 from balloon_warp.model import Model, ModelPlan
 from balloon_warp.outputs.world_files import Field
-from balloon_warp.outputs.world_files.world_file import AXES
+from balloon_warp.outputs.world_files.formats import AXES
 from balloon_warp.simulator import Simulator
 from balloon_warp.warp_lock import lock_of
 

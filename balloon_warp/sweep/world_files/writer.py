@@ -14,20 +14,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.files import target_of
+from balloon_warp.files import require_ours_in, target_of
 from balloon_warp.outputs.world_files import FORMATS, FileContents, WorldFile
-from balloon_warp.outputs.world_files.frames import SUFFIX, all_frames, make_room, put_frames
-from balloon_warp.outputs.world_files.world_file import Arrays
-from balloon_warp.ownership import require_ours_in
+from balloon_warp.outputs.world_files.formats import SUFFIX, Arrays, all_frames, make_room, put_frames
 from balloon_warp.resume import PartialFolder, as_json
-from balloon_warp.resume.folder import JOB_NAME
-from balloon_warp.sweep.groups import Group
-from balloon_warp.sweep.recorder import Record
-from balloon_warp.sweep.world_files.catalog import MANIFEST_NAME, STATIC, listed_files, write_catalog
+from balloon_warp.resume.checkpoints import JOB_NAME
+from balloon_warp.sweep.recorder import Group, Record
+from balloon_warp.sweep.world_files.catalog import (
+    MANIFEST_NAME,
+    SPLITS,
+    STATIC_FOLDER,
+    Moments,
+    TrajectoryFiles,
+    listed_files,
+    splits_of,
+    write_catalog,
+)
 from balloon_warp.sweep.world_files.contents import Contents
-from balloon_warp.sweep.world_files.moments import Moments
-from balloon_warp.sweep.world_files.options import TrajectoryFiles
-from balloon_warp.sweep.world_files.splits import SPLITS, splits_of
 
 BLOCK_BYTES = 2**28
 """Size of the frames that are written together: many small writes would take longer"""
@@ -65,7 +68,7 @@ class TrajectoryWriter:
         self._splits = splits_of(self.world_count, options.seed)
         there = [number for number, split in enumerate(SPLITS) if (self.folder / split).exists()]
         names = map(self._name, np.flatnonzero(np.isin(self._splits, there)).tolist())
-        statics = self._statics if (self.folder / STATIC).exists() else ()
+        statics = self._statics if (self.folder / STATIC_FOLDER).exists() else ()
         require_ours_in(self.folder, [MANIFEST_NAME, *statics, *names], (MANIFEST_NAME, f"{PARTIAL_NAME}/{JOB_NAME}"))
         self._waiting: list[list[Record]] = [[] for _ in groups]
         self._waiting_bytes = 0
@@ -135,7 +138,7 @@ class TrajectoryWriter:
             os.sync()
             old = listed_files(self.folder)
             (self.folder / MANIFEST_NAME).unlink(missing_ok=True)  # a folder without one is not whole
-            for name in (STATIC, *SPLITS):
+            for name in (STATIC_FOLDER, *SPLITS):
                 (self.folder / name).mkdir(exist_ok=True)
             for name, path in whole.items():
                 _move(path, self.folder / name, self._partial.path)
@@ -176,9 +179,9 @@ class TrajectoryWriter:
         for number in np.argsort([group.worlds[0] for group in self._groups]).tolist():  # the same in any cut
             common = commons[number]
             same = sha256(b"".join(values.tobytes() for _, values in common.static)).digest()
-            name = known.setdefault(same, f"{STATIC}/{STATIC}_{len(known):06d}{self._format.suffix}")
+            name = known.setdefault(same, f"{STATIC_FOLDER}/{STATIC_FOLDER}_{len(known):06d}{self._format.suffix}")
             self._statics[name] = common.static
-            commons[number] = replace(common, attributes={**common.attributes, STATIC: name})
+            commons[number] = replace(common, attributes={**common.attributes, STATIC_FOLDER: name})
         return commons
 
     def _finished_static(self, name: str) -> Path:

@@ -25,7 +25,8 @@ from balloon_warp import Cluster, InputError, MissingExtraError, Scene, Trajecto
 from balloon_warp.model import memory
 from balloon_warp.scene import Balloon
 from balloon_warp.sweep import cluster as cluster_module
-from balloon_warp.sweep import dask_workers, local_workers, shares
+from balloon_warp.sweep import cluster as dask_workers
+from balloon_warp.sweep import local_workers, shares
 from balloon_warp.sweep.output import BatchOutput
 from balloon_warp.warp_logging import quiet_warp
 

@@ -8,12 +8,12 @@ from browsing import LIMIT, picture_of, wait_until
 from meshes import quad_sphere
 from typer.testing import CliRunner
 
-from balloon_warp.cli import watched
+from balloon_warp.cli import progress
 from balloon_warp.cli.app import app
-from balloon_warp.designing import of_panels, picture
+from balloon_warp.designing import measure, panels
+from balloon_warp.designing.job import DesignStep
 from balloon_warp.designing.measure import Ruler
 from balloon_warp.designing.page import DesignPage
-from balloon_warp.designing.step import DesignStep
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.viewer.server import free_port
@@ -61,8 +61,8 @@ def test_colors_say_how_far_it_is_off(browser):
     ids=["springs", "latex", "foil"],
 )
 def test_command_shows_it_and_stays(asked: list[str], labels: list[str], tmp_path, monkeypatch):
-    monkeypatch.setattr(picture, "SIZE", (96, 84))
-    monkeypatch.setattr(of_panels, "EDGES", 6)
+    monkeypatch.setattr(measure, "SIZE", (96, 84))
+    monkeypatch.setattr(panels, "EDGES", 6)
     shown, stopped = list[DesignStep](), list[bool]()
     monkeypatch.setattr(DesignPage, "show", lambda self, step: shown.append(step))
     monkeypatch.setattr(DesignPage, "stop", lambda self: (stopped.append(True), self.server.stop()))
@@ -71,7 +71,7 @@ def test_command_shows_it_and_stays(asked: list[str], labels: list[str], tmp_pat
         assert not stopped
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(watched, "stay", ctrl_c)
+    monkeypatch.setattr(progress, "stay", ctrl_c)
     write_obj(tmp_path / "egg.obj", replace(RULER.mesh, points=RULER.mesh.points * [1.0, 1.3, 1.0]))
     asked = ["design", str(tmp_path / "egg.obj"), "-o", str(tmp_path / "egg"), *asked, "--device", "cpu"]
     said = CliRunner().invoke(app, [*asked, "--view", "--port", str(free_port("127.0.0.1", 0))])

@@ -16,10 +16,8 @@ from websockets.exceptions import InvalidStatus
 
 from balloon_warp import Balloon, InputError, Scene, Simulator, show
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.viewer.guard import guarded, is_ours, names_of
-from balloon_warp.viewer.origins import MOST_TOLD, Origins
 from balloon_warp.viewer.page import Page
-from balloon_warp.viewer.server import free_port
+from balloon_warp.viewer.server import MOST_TOLD, Origins, free_port, guarded, is_ours, names_of
 from balloon_warp.viewer.session import Session
 
 

@@ -16,9 +16,9 @@ from websockets.exceptions import ConnectionClosed, InvalidHandshake  # noqa: E4
 from websockets.sync.client import connect  # noqa: E402
 from websockets.sync.connection import Connection  # noqa: E402
 
-from balloon_warp.viewer import guard  # noqa: E402
-from balloon_warp.viewer.guard import MOST_NONSENSE  # noqa: E402
+from balloon_warp.viewer import server  # noqa: E402
 from balloon_warp.viewer.page import Page  # noqa: E402
+from balloon_warp.viewer.server import MOST_NONSENSE  # noqa: E402
 
 NAN, INF = float("nan"), float("inf")
 
@@ -214,7 +214,7 @@ def test_half_open_connections_do_not_stop_the_page(page: Page, watcher: Connect
 
 
 def test_there_are_no_more_connections_than_may_be(page: Page, watcher: Connection, monkeypatch):
-    monkeypatch.setattr(guard, "MOST_CONNECTIONS", 5)
+    monkeypatch.setattr(server, "MOST_CONNECTIONS", 5)
     with contextlib.ExitStack() as stack:
         for _ in range(4):  # beside the one that looks on
             stack.enter_context(joined(page))

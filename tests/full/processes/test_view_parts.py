@@ -24,14 +24,11 @@ from strangers import wait_until as until
 
 from balloon_warp import Balloon, Inflation, Scene, Simulator, load_scene
 from balloon_warp.mesh.geometry import triangulate
+from balloon_warp.viewer.drawings import Drawing, Smooth
 from balloon_warp.viewer.following import Follower
-from balloon_warp.viewer.geometry import Drawing
-from balloon_warp.viewer.pace import MOST_BEHIND, Pace
 from balloon_warp.viewer.rays import ground_distance, hit_distance, throw_at
 from balloon_warp.viewer.saving import save_recording
-from balloon_warp.viewer.session import Session
-from balloon_warp.viewer.smooth import Smooth
-from balloon_warp.viewer.wishes import MOST_ASKED
+from balloon_warp.viewer.session import MOST_ASKED, MOST_BEHIND, Pace, Session
 
 UP = (0.0, 1.0, 0.0)
 
