@@ -9,7 +9,7 @@ import numpy as np
 
 from balloon_warp.arguments import checked
 from balloon_warp.kernels.laws import Law
-from balloon_warp.kernels.laws.hooke import KINDS
+from balloon_warp.kernels.laws.springs import KINDS
 from balloon_warp.mesh.geometry import signed_volume, total_area
 from balloon_warp.mesh.load import Treatment, prepared
 from balloon_warp.mesh.polygon_mesh import PolygonMesh

@@ -14,7 +14,7 @@ from balloon_warp.benchmarks.cases import CPU_BASE, GPU_BASE, Case, balloons
 from balloon_warp.benchmarks.measure import FRAMES, seconds_a_frame
 from balloon_warp.blow_ups import KEPT_FRAMES
 from balloon_warp.device import pick_device
-from balloon_warp.kernels.phases.check import check
+from balloon_warp.kernels.phases.motion import check
 from balloon_warp.model import Model, State, build_model, initial_state, overwrite
 from balloon_warp.schedules import block_layout
 from balloon_warp.schedules.choose import Schedule, make_schedule

@@ -63,17 +63,17 @@ EQUIVALENT: Mapping[str, str] = {
     "the only thread of a block on a CPU is the first, 0",
     "kernels/contact/own_parts.py judge_parts_kernel.room_of_group: wp.max(first, own.groups[other]) -> "
     "wp.min(first, own.groups[other])": "pairs are looked at twice: the least of their gaps is the same",
-    "kernels/laws/face_contact.py : 1.0e-3 -> 0.0012": "a tolerance",
+    "kernels/laws/touch.py : 1.0e-3 -> 0.0012": "a tolerance",
     "kernels/contact/triangles.py faced_triangle: faced(place, corners[0], corners[1], corners[2]) -> "
     "faced(place, corners[0], corners[2], corners[1])": "a search reads the gap, which has no corners in it",
-    "kernels/phases/pull.py jet_of_holes.jet_of_holes: state.bursts[params.world, params.balloon][1] -> "
+    "kernels/phases/forces.py jet_of_holes.jet_of_holes: state.bursts[params.world, params.balloon][1] -> "
     "state.bursts[params.world, params.balloon][0]": "the thrust of no hole is nothing",
     "balloon_warp/model/remarks.py _pressed: most_pressure(bound, float(masses[row % len(masses), balloon]), "
     "model.step_seconds) -> most_pressure(float(masses[row % len(masses), balloon]), bound, model.step_seconds)":
     "a product of the two",
-    "kernels/phases/holes.py seal_air_in: air[1] / of_world[columns[1]] -> air[1] * of_world[columns[1]]": "the air of "
-    "a given pressure is adiabatic: its free volume has no temperature in it",
-    "kernels/phases/roll.py may_any_meet: pair // count < pair % count -> pair // count >= pair % count": "a pair is "
+    "kernels/phases/inflation.py seal_air_in: air[1] / of_world[columns[1]] -> air[1] * of_world[columns[1]]":
+    "the air of a given pressure is adiabatic: its free volume has no temperature in it",
+    "kernels/phases/motion.py may_any_meet: pair // count < pair % count -> pair // count >= pair % count": "a pair is "
     "seen from the other side, and a sphere that meets itself has no collision",
     "kernels/contact/seeking_edges.py way_of_edge: ends[0] -> ends[1]": "more edges search",
     "kernels/contact/free_frames.py : 40.0 -> 48.0": "a bound with room: two edges are 40 thicknesses",
@@ -81,7 +81,7 @@ EQUIVALENT: Mapping[str, str] = {
     "LOOKOUT / t.touch.slack[balloon]": "a search looks farther than it has to, and finds the same contacts",
     "balloon_warp/schedules/lane_tables.py _add_membranes: model.balloon_count + 1 -> model.balloon_count + 2":
     "an entry more, which nothing reads",
-    "kernels/laws/face_contact.py impact: beside + gain * normal -> beside": "friction takes what is across the normal",
+    "kernels/laws/touch.py impact: beside + gain * normal -> beside": "friction takes what is across the normal",
     "kernels/contact/edges.py contact_function.particle_of_pair: before[0] -> before[1]": "the area vector of a "
     "triangle's sides is the same from each corner",
     "balloon_warp/model/ridges.py _ridges_of_mesh: _across(a, b, points[apex[side]]) -> "

@@ -25,7 +25,7 @@ from balloon_warp.benchmarks.physics_alike import (
 from balloon_warp.benchmarks.physics_energy import EPSILON, Energies
 from balloon_warp.benchmarks.physics_runs import Case, Run
 from balloon_warp.benchmarks.physics_twins import Array
-from balloon_warp.kernels.laws.fixture import SETTLED
+from balloon_warp.kernels.laws.contact import SETTLED
 from balloon_warp.mesh.topology import is_closed, mesh_edges
 from balloon_warp.statics.skins import Volume
 

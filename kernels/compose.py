@@ -1,19 +1,89 @@
-"""Composition of laws: one function of Warp that adds up all laws of a kind.
+"""Composition of laws: one function of Warp that adds up all laws of a kind, made from text.
+
+Derivatives of functions that are called by others, wherever Warp meets them first.
+
+`wp.grad` asks for the adjoint of a function, and Warp asks for those of its callees as it reads it. But it reads each
+function once. A function that it has read before, for a call without derivatives, is not read again, and the
+helpers of that helper stay without adjoints: their derivatives are then 0, silently. Here they are requested, once all
+has been read. Callers of a function with a `wp.grad` in it are written after that, as if they had one themselves.
+
+Composition of laws: one function of Warp that adds up all laws of a kind.
 
 A law's arguments name its inputs, so that the sum is written out with just those: no law is paid for by scenes that do
 not have it, and no schedule knows any.
 """
 
 import inspect
+import linecache
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from typing import Any
 
-from balloon_warp.kernels.codegen import function_from
+import warp as wp
+
 from balloon_warp.kernels.lanes import number_in, of_lane
 from balloon_warp.kernels.laws.columns import Columns
 from balloon_warp.kernels.laws.law import LAW_INPUTS, Kind, Law
+
+
+def function_from(name: str, source: str, names: Mapping[str, Any]) -> Any:
+    """Return a `wp.func` of a text, which Warp reads again by the file that is noted for it.
+
+    Args:
+        names: objects that the text may refer to, by name.
+    """
+    return wp.func(_read(name, source, names))
+
+
+def _read(name: str, source: str, names: Mapping[str, Any]) -> Any:
+    """Return the function of a text."""
+    filename = f"<balloon_warp {name} {hash(source):x}>"
+    linecache.cache[filename] = (len(source), None, source.splitlines(keepends=True), filename)
+    space = {"wp": wp, "Any": Any, **names}
+    exec(compile(source, filename, "exec"), space)
+    return space[name]
+
+
+def kernel_from(name: str, source: str, names: Mapping[str, Any], **options: Any) -> Any:
+    """Return a kernel of a text, in a module of its own.
+
+    Args:
+        names: objects that the text may refer to, by name.
+        options: of `wp.kernel`.
+    """
+    return wp.kernel(_read(name, source, names), module="unique", enable_backward=False, **options)
+
+
+HOOK = "_propagate_used_by_backward_kernel"
+"""Method of Warp's that runs between reading and writing; it does the same for kernels with a backward pass"""
+
+
+def derive_helpers() -> None:
+    """Make Warp ask for the adjoints of all helpers."""
+    from warp._src.context import ModuleBuilder
+
+    before = getattr(ModuleBuilder, HOOK)
+    if before.__name__ != _and_helpers.__name__:
+        setattr(ModuleBuilder, HOOK, _and_helpers(before))
+
+
+def _and_helpers(before: Callable[[Any], None]) -> Callable[[Any], None]:
+    def propagate(builder: Any) -> None:
+        before(builder)
+        for function in builder.functions:  # callees come first
+            if any(each.adj.uses_grad_call for each in function.adj.called_user_functions):
+                function.adj.uses_grad_call = True
+        asked = [function.adj for function in builder.functions if function.adj.force_adjoint_codegen]
+        while asked:
+            for helper in asked.pop().called_user_functions:
+                if not helper.adj.force_adjoint_codegen:
+                    helper.adj.force_adjoint_codegen = True
+                    asked.append(helper.adj)
+
+    propagate.__name__ = _and_helpers.__name__
+    return propagate
+
 
 NOTHING: Mapping[str, str] = {"vec3": "wp.vec3()", "float": "0.0"}
 """Source of an empty sum, by type"""

@@ -1,4 +1,18 @@
-"""Phase of a substep: the work of one item of a world between two barriers.
+"""Phase of a substep: the work of one item of a world between two barriers; its effects on state that has names.
+
+Adjoints of phases: functions by which a list of phases runs backwards.
+
+Let L be a number that depends on where a scene ends. The *bar* of a value is the derivative of L by that value. A
+phase's adjoint takes the bars of the phase's outputs, and returns those of its inputs. Like a phase, it names its
+arguments: `velocity_bar` is the bar of a particle's own `velocity`, `force_bars` a view of those of all particles of
+its world. So a schedule, which knows no physics, can run any list backwards, see `schedules.launched.backward`.
+
+Arrays that a function of Warp reads and writes in the structs that it is handed: found in its source.
+
+So nobody has to declare what a phase does to the state, and no declaration can be wrong: calls are followed, branches
+that a scene does not have are left out, and native code writes what its text assigns.
+
+Phase of a substep: the work of one item of a world between two barriers.
 
 Its function is one of Warp, of plain arguments. Their names are its inputs, those in `writes` its results. So a
 schedule, which knows no physics, can execute any list of phases: it finds the inputs of each, keeps those of a later
@@ -19,19 +33,169 @@ A name that a phase reads is one of these:
 Where all that it reads is of type `Any`, it is a function of one item or of eight side by side, see `algebra`.
 """
 
+import ast
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, Literal, NamedTuple
 
-from balloon_warp.kernels.adjoint import Adjoint, NoAdjointError
-from balloon_warp.kernels.effects import effects_of
+import warp as wp
+
 from balloon_warp.kernels.features import Features, Kept
 from balloon_warp.kernels.laws.law import Parameter
 from balloon_warp.kernels.memory import add_at, put_vector, vector_at
 from balloon_warp.kernels.named_state import OF_ARRAY, names_of
-from balloon_warp.kernels.warp_sums import sum_over_block
+from balloon_warp.kernels.warps import sum_over_block
+
+
+class Adjoint(NamedTuple):
+    """Hold a function that returns bars."""
+
+    function: Any
+    """Function of Warp; its arguments name its inputs"""
+    of: tuple[str, ...]
+    """Names whose bars it returns, in order: of the phase's inputs, or of its outputs, to be added there"""
+    of_face: Any = None
+    """Function of a face of a membrane that runs for all faces before, and leaves the bars of its corners there; it
+    returns the bar of the balloon's numbers. None if there is none"""
+    of_eight: Any = None
+    """Function that adds all that `function` finds of a world's particles, eight at a time, for a CPU, see
+    `adjoints.eights`. None if there is none"""
+    columns: tuple[int, ...] = ()
+    """Columns of the balloon's and the world's numbers whose bars it returns, where that is not all of them"""
+
+
+class NoAdjointError(Exception):
+    """Error of a phase without an adjoint for a feature of the scene, which the message names."""
+
+
+Place = tuple[str, str]
+"""A parameter, and the path from there to an array, such as ("state", "points"); "" is the parameter itself"""
+ASSIGNED = re.compile(r"\b(\w+)\.data\s*\[[^;]*?\]\s*=(?!=)|\b(\w+)\.data\.ptr\s*\[[^;]*?\]\s*=(?!=)")
+"""Assignment in native code to an element of a parameter"""
+
+
+class Effects(NamedTuple):
+    """Places of arrays that a function reads or writes."""
+
+    reads: frozenset[Place]
+    writes: frozenset[Place]
+
+
+NONE = Effects(frozenset(), frozenset())
+
+
+@cache
+def effects_of(function: Any) -> Effects:
+    """Return the effects of a `wp.func`, with those of all that it calls."""
+    return _effects(function, ())
+
+
+def _effects(function: Any, callers: tuple[Any, ...]) -> Effects:
+    if function in callers:  # a form of an overloaded function that calls another one
+        return NONE
+    parameters = tuple(function.input_types)
+    if function.native_snippet is not None:
+        names = {name for found in ASSIGNED.findall(function.native_snippet) for name in found if name in parameters}
+        return Effects(frozenset(), frozenset((name, "") for name in names))
+    definition = next(node for node in ast.walk(function.adj.tree) if isinstance(node, ast.FunctionDef))
+    return _Visit(function, parameters, (*callers, function)).effects(definition.body)
+
+
+class _Visit:
+    """Collect the effects of a function's body, where variables may stand for structs."""
+
+    def __init__(self, function: Any, parameters: Sequence[str], callers: tuple[Any, ...]):
+        self._callers = callers
+        self._known = _variables(function.func)
+        self._places: dict[str, Place] = {name: (name, "") for name in parameters}
+        self._reads: set[Place] = set()
+        self._writes: set[Place] = set()
+
+    def effects(self, body: Sequence[ast.stmt]) -> Effects:
+        for node in _executed(body):
+            if isinstance(node, ast.Assign):
+                self._assign(node.targets[0], node.value)
+            elif isinstance(node, ast.Call):
+                self._call(node)
+            elif isinstance(node, ast.Attribute | ast.Subscript):
+                self._access(node)
+        return Effects(frozenset(self._reads), frozenset(self._writes))
+
+    def _assign(self, target: ast.expr, value: ast.expr) -> None:
+        """Note another name for a struct or an array, or a local struct that holds it: not a copy of an element."""
+        place = self._place(value)
+        if place and not any(isinstance(each, ast.Subscript) for each in ast.walk(value)):
+            self._places[ast.unparse(target)] = place
+
+    def _access(self, node: ast.Attribute | ast.Subscript) -> None:
+        place = self._place(node)
+        if place and isinstance(node.ctx, ast.Load):
+            self._reads.add(place)
+        elif place and any(isinstance(each, ast.Subscript) for each in ast.walk(node)):  # not a field of a local struct
+            self._writes.add(place)
+
+    def _call(self, node: ast.Call) -> None:
+        called = getattr(node.func, "warp_func", None) or _value(node.func, self._known)  # of `wp.static`, or by name
+        if not isinstance(called, wp.Function):
+            return
+        if called.is_builtin():
+            if called.key.startswith("atomic_"):
+                self._note(self._writes, node.args[0], "")
+            return
+        for form in [*called.user_overloads.values(), *called.user_templates.values()] or [called]:
+            inner = effects_of(form) if form not in self._callers else NONE
+            given = dict(zip(form.input_types, node.args, strict=False)) | {
+                each.arg: each.value for each in node.keywords
+            }
+            for into, places in ((self._reads, inner.reads), (self._writes, inner.writes)):
+                for parameter, path in places:
+                    if parameter in given:
+                        self._note(into, given[parameter], path)
+
+    def _note(self, into: set[Place], argument: ast.expr, path: str) -> None:
+        place = self._place(argument)
+        if place:
+            into.add((place[0], ".".join(filter(None, (place[1], path)))))
+
+    def _place(self, node: ast.expr) -> Place | None:
+        """Return the place that an expression names: elements belong to their array."""
+        if isinstance(node, ast.Name | ast.Attribute) and (text := ast.unparse(node)) in self._places:
+            return self._places[text]
+        if isinstance(node, ast.Subscript):
+            return self._place(node.value)
+        if isinstance(node, ast.Attribute):
+            base = self._place(node.value)
+            if isinstance(node.value, ast.Subscript):
+                return base  # a part of an element
+            return base and (base[0], ".".join(filter(None, (base[1], node.attr))))
+        return None
+
+
+def _executed(body: Sequence[ast.AST]) -> Iterator[ast.AST]:
+    """Find all nodes but those of branches that are never taken, in the order of the source."""
+    for node in body:
+        if isinstance(node, ast.If) and isinstance(node.test, ast.Constant):  # of `wp.static`
+            yield from _executed(node.body if node.test.value else node.orelse)
+        else:
+            yield node
+            yield from _executed(list(ast.iter_child_nodes(node)))
+
+
+def _variables(function: Any) -> Mapping[str, Any]:
+    cells = zip(function.__code__.co_freevars, function.__closure__ or (), strict=False)
+    return {**function.__globals__, **{name: cell.cell_contents for name, cell in cells}}
+
+
+def _value(node: ast.expr, known: Mapping[str, Any]) -> Any:
+    if isinstance(node, ast.Name):
+        return known.get(node.id)
+    if isinstance(node, ast.Attribute):
+        return getattr(_value(node.value, known), node.attr, None)
+    return None
+
 
 Item = Literal[
     "world", "balloon", "particle", "face", "triangle", "quad", "hinge", "spring", "element", "membrane_face", "sphere",

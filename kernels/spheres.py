@@ -5,9 +5,8 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.fixed_point import set_quanta, total_newtons
 from balloon_warp.kernels.tables import Tables, WorldState, sphere_radius
-from balloon_warp.kernels.warps import put_word, shared_words, word_at
+from balloon_warp.kernels.warps import put_word, set_quanta, shared_words, total_newtons, word_at
 from balloon_warp.kernels.working import Working
 
 VECTOR_BYTES, QUANTA_BYTES = wp.constant(12), wp.constant(24)

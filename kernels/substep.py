@@ -10,29 +10,76 @@ from collections.abc import Mapping, Sequence
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.law import Parameter
 from balloon_warp.kernels.phase import Phase
-from balloon_warp.kernels.phases.add import add_area_vectors, add_forces
-from balloon_warp.kernels.phases.contact import touch_balloons
-from balloon_warp.kernels.phases.contact_forces import note_unhindered, record_impulses
-from balloon_warp.kernels.phases.correct import correct
-from balloon_warp.kernels.phases.drive import drive
-from balloon_warp.kernels.phases.even_out import even_out, find_lift, read_lift
-from balloon_warp.kernels.phases.faces import bear, push_face
-from balloon_warp.kernels.phases.flow import burden, flow, pump, weigh
-from balloon_warp.kernels.phases.inflate import add_up, given_load, inflate
-from balloon_warp.kernels.phases.inflation_direction import extend, find_direction, measure, spread, turn
-from balloon_warp.kernels.phases.leave import leave
-from balloon_warp.kernels.phases.load import find_load, hold, note
-from balloon_warp.kernels.phases.meet import keep_start, meet, meet_faces, meet_ridges, meet_spheres
-from balloon_warp.kernels.phases.move import free, move, move_first, push, respond
-from balloon_warp.kernels.phases.pull import jet, jet_of_holes, pull, pull_and_face, take
-from balloon_warp.kernels.phases.resist import expect, resist
-from balloon_warp.kernels.phases.roll import collide, roll, shove, shove_bodies, tumble
-from balloon_warp.kernels.phases.share_out import bend, blow, share_out, wear_out
-from balloon_warp.kernels.phases.soak import soak
-from balloon_warp.kernels.phases.stretch import clear, collect, stretch
-from balloon_warp.kernels.phases.tie import tie
-from balloon_warp.kernels.phases.volume_rate import find_volume_rate, foresee, head
-from balloon_warp.kernels.phases.watch import set_off, watch
+from balloon_warp.kernels.phases.contact import (
+    keep_start,
+    leave,
+    meet,
+    meet_faces,
+    meet_ridges,
+    meet_spheres,
+    note_unhindered,
+    record_impulses,
+    touch_balloons,
+)
+from balloon_warp.kernels.phases.forces import (
+    add_area_vectors,
+    add_forces,
+    bear,
+    bend,
+    blow,
+    drive,
+    jet,
+    jet_of_holes,
+    pull,
+    pull_and_face,
+    push_face,
+    share_out,
+    soak,
+    take,
+    wear_out,
+)
+from balloon_warp.kernels.phases.inflation import (
+    add_up,
+    burden,
+    even_out,
+    extend,
+    find_direction,
+    find_lift,
+    find_load,
+    find_volume_rate,
+    flow,
+    foresee,
+    given_load,
+    head,
+    hold,
+    inflate,
+    measure,
+    note,
+    pump,
+    read_lift,
+    spread,
+    turn,
+    weigh,
+)
+from balloon_warp.kernels.phases.membranes import clear, collect, stretch
+from balloon_warp.kernels.phases.motion import (
+    collide,
+    correct,
+    expect,
+    free,
+    move,
+    move_first,
+    push,
+    resist,
+    respond,
+    roll,
+    set_off,
+    shove,
+    shove_bodies,
+    tie,
+    tumble,
+    watch,
+)
 from balloon_warp.kernels.phases.wear import burst, look_at_wear, run, tear, wear, weigh_skin
 
 STEP: tuple[Phase, ...] = (

@@ -1,17 +1,305 @@
-"""Tables of the model, as kernels read it: indexed by particle.
+"""Tables of the model, as kernels read it: particles, faces, gas, membranes, strings, contact.
+
+Tables of the model, as kernels read it: indexed by particle.
 
 Schedules fill these; see `balloon_warp.model.Model` for the shapes of arrays named alike there.
 """
 
 import warp as wp
 
-from balloon_warp.kernels.contact_tables import BodyTable, FixtureTable, RidgeTable, SphereTable, TouchTable
-from balloon_warp.kernels.gas_tables import NeckTable, PumpTable, TubeTable
+from balloon_warp.kernels.laws.ridges import Ridge
 from balloon_warp.kernels.measure.health import HealthTable
-from balloon_warp.kernels.membrane_face_tables import MembraneFaceTable
 from balloon_warp.kernels.memory import int_at
-from balloon_warp.kernels.outer_tables import ForceTable, StringTable
-from balloon_warp.kernels.wear_tables import WearTable
+
+
+@wp.struct
+class SphereTable:
+    """Spheres with which particles collide."""
+
+    numbers: wp.array3d[float]
+    """Parameters of spheres, shape (W, sphere_count, width), see `laws.columns`"""
+    small: wp.array[wp.int32]
+    """Whether each sphere is so small that it also touches faces; empty where none is"""
+    triangles: wp.array[wp.vec3i]
+    """Particles of each triangle that small spheres may touch; empty where no sphere is small"""
+
+
+@wp.struct
+class Solid:
+    """A shape as a signed distance, see `laws.fixture`."""
+
+    kind: wp.int32
+    size: wp.vec3
+    """Half the edges of a box; radius and half the length of a capsule [m]"""
+    mesh: wp.uint64
+    closed: wp.int32
+    thickness: float
+    """Distance from the surface at which particles are held [m]"""
+    reach: float
+    """Distance of the farthest point from the origin [m]"""
+    blur: float
+    """Resolution of float32 between distances from a point to two places of a mesh, over the mesh's mean edge"""
+
+
+@wp.struct
+class FixtureTable:
+    """Obstacles with prescribed motion."""
+
+    solids: wp.array[Solid]
+    motion: wp.array2d[wp.transform]
+    """Shift from its position, and rotation, as the frame begins, and then as it ends, shape (2 W, N), or (1, N) if
+    all rest"""
+    positions: wp.array2d[wp.vec3]
+    velocities: wp.array2d[wp.vec3]
+    """Velocities that are written on the device, in addition to `motion` [m/s]; empty where none are"""
+    restitutions: wp.array2d[float]
+    """Coefficients of restitution with spheres"""
+    samples: wp.array[wp.vec4]
+    """Centers of balls inside obstacles that free bodies are held out of [m], and their radii [m]; empty where there
+    are none"""
+    sample_ends: wp.array[wp.vec2i]
+    """Begin and end of each obstacle's samples"""
+    fastest: float
+    """Largest speed of a point of any obstacle [m/s]"""
+    looks: wp.array2d[wp.vec4]
+    """Cache, by world and particle: position at the last query, and the clearance then plus the distance that `fastest`
+    covers until then [m]; 0 at the start of a frame"""
+    nearest: wp.array2d[wp.vec2]
+    """Cache beside it: the nearest obstacle, and the clearance from all others [m]; empty if there is one"""
+
+
+@wp.struct
+class BodyTable:
+    """Free rigid bodies about their centers of mass, see `loops.bodies`; empty where there are none."""
+
+    solids: wp.array[Solid]
+    mass: wp.array2d[float]
+    restitution: wp.array2d[float]
+    inertias: wp.array[wp.mat33]
+    """Inertia tensors of 1 kg, about the center of mass [m^2]"""
+    eases: wp.array[wp.mat33]
+    """Inverses of the inertia tensors of 1 kg [1/m^2]"""
+    samples: wp.array[wp.vec4]
+    """Centers of balls inside bodies that are held out of other solids [m], and their radii [m]"""
+    sample_ends: wp.array[wp.vec4i]
+    """Begin of each body's samples, and the ends of those that count on the ground, at bodies, and at obstacles"""
+
+
+@wp.struct
+class TouchTable:
+    """Surfaces as triangles, in a tree of parts, for balloons that touch; empty where none do.
+
+    A balloon's parts stand in the order in which one comes to them who looks into each: a part, and then those in it.
+    """
+
+    triangles: wp.array[wp.vec3i]
+    """Particles of each triangle, counter-clockwise from outside"""
+    parts: wp.array[wp.vec4i]
+    """Bounding volume tree, by part: the next part outside this one's subtree; begin and end of its triangles; its
+    balloon. A part's children are the next part, and the one after that"""
+    parts_by_level: wp.array[wp.int32]
+    """Leaves first, then the other parts after their children"""
+    levels: wp.array[wp.int32]
+    """Begin of each level of parts whose boxes can be built in parallel, and the end of the last"""
+    particles: wp.array[wp.int32]
+    """Particles of the leaves, each once in a leaf"""
+    part_particles: wp.array[wp.vec2i]
+    """Begin and end of each leaf's particles; empty for other parts"""
+    balloon_parts: wp.array[wp.int32]
+    """Begin of each balloon's parts, and the end of the last"""
+    rest_boxes: wp.array2d[wp.vec3]
+    """Boxes of parts at the start: lower and upper corner [m]; empty unless balloons touch themselves"""
+    closed: wp.array[wp.int32]
+    """Whether each balloon has an inside, out of which others are pushed"""
+    thickness: wp.array[float]
+    """Skin thickness of each balloon, where the scene gives none [m]"""
+    slack: wp.array[float]
+    """Distance that particles of each balloon may gain on each other by accelerating between two searches [m]"""
+    depth: wp.array[float]
+    """Depth in each balloon down to which particles inside are pushed out the nearest way [m]"""
+    crowd: wp.array[float]
+    """Contacts on a particle of each balloon that the step allows for"""
+    stiffness: wp.array2d[float]
+    """Contact stiffness of each balloon, where the scene gives none [N/m]"""
+    rest_points: wp.array[wp.vec3]
+    """Positions of particles at the start [m]; empty unless balloons touch themselves"""
+    apart: wp.array[float]
+    """Distance from a triangle of the same balloon at the start above which a particle may touch it, by balloon [m]; of
+    one that is folded then, a particle may touch all triangles but its own"""
+    seconds: float
+    """Time between two searches [s]"""
+    homes: wp.array[wp.int32]
+    """Leaf of a triangle of each particle; empty unless balloons touch themselves"""
+    edges: wp.array[wp.vec2i]
+    """Particles of the edges that touch others, leaf by leaf; empty where none do"""
+    edge_homes: wp.array[wp.int32]
+    """Leaf of each edge"""
+    part_edges: wp.array[wp.vec2i]
+    """Begin and end of each leaf's edges; empty for other parts"""
+
+
+@wp.struct
+class RidgeTable:
+    """Ridges of all solids: obstacles, then free bodies, then spheres; empty where faces do not meet them.
+
+    A sphere's ridge is its center.
+    """
+
+    ridges: wp.array[Ridge]
+    ends: wp.array[wp.vec2i]
+    """Begin and end of each solid's ridges"""
+    boxes: wp.array2d[wp.vec3]
+    """Lower and upper corner of the box around the ridges of each solid, relative to it [m]"""
+    trees: wp.array[wp.uint64]
+    """Bounding volume trees of the ridges of each solid; 0 for a solid without ridges"""
+    features: wp.array[wp.vec4i]
+    """Triangles and edges of balloons: their particles, -1 in place of an edge's third, and their balloon"""
+    kept: float
+    """Distance that faces keep from ridges [m]"""
+    margin: float
+    """Additional distance within which ridges are recorded [m]"""
+
+
+@wp.struct
+class TubeTable:
+    """Tubes between balloons."""
+
+    balloons: wp.array[wp.vec2i]
+    conductance: wp.array2d[float]
+
+
+@wp.struct
+class PumpTable:
+    """The curves of pumps; a shorter one repeats its last point."""
+
+    has: wp.array[wp.int32]
+    """Whether each balloon has a pump curve"""
+    pressures: wp.array2d[float]
+    """Pressures of the curve's points [Pa], shape (balloon_count, points)"""
+    flows: wp.array2d[float]
+    """Flows of the curve's points [mol/s]"""
+
+
+@wp.struct
+class NeckTable:
+    """Necks of balloons; empty unless a balloon is open."""
+
+    weights: wp.array[float]
+    """Share of each particle in the thrust of its balloon's neck: by mass, 0 away from the neck"""
+    offsets: wp.array[wp.int32]
+    """Begin of the edges around each balloon's neck, and the end of the last"""
+    edges: wp.array[wp.vec2i]
+    """Edges around the neck, in the order of the faces that would close it"""
+
+
+@wp.struct
+class MembraneFaceTable:
+    """Triangles of membranes, by faces of four corners with four triangles, or one, as a block loops over them.
+
+    A face of one triangle has its first corner twice. Empty where no block loops over faces.
+    """
+
+    corners: wp.array[wp.vec4i]
+    """Particles at each face's corners; where forces are in tiles, byte offsets of the particles' points"""
+    rests: wp.array[wp.vec4]
+    """Rest metric of the triangle at each corner, all of the first corners first; no area where there is no triangle"""
+    sums: wp.array[wp.vec4]
+    """Rest sums where threads keep quads: of each along its edges, then of each the roots, then across and the slopes;
+    see `Sums`, with a k of 1"""
+    balloons: wp.array[wp.int32]
+    """Balloon of each face"""
+    numbers: wp.array[wp.vec4i]
+    """Numbers of the triangles, where membranes wear"""
+    places: wp.array[wp.vec4i]
+    """Addresses of each face's forces on its particles, corner times the number of faces plus the face, in fours: the
+    first four of all particles, then the next; an address past the end as padding; in tiles times `PLACE_BYTES`"""
+
+
+@wp.struct
+class StringTable:
+    """Strings sorted by the particle that they hold: those of p are `offsets[p]` to `offsets[p + 1]`."""
+
+    offsets: wp.array[wp.int32]
+    """Begin of each particle's strings; empty if there are no strings"""
+    particles: wp.array[wp.int32]
+    """Particle that each string holds, in order"""
+    order: wp.array[wp.vec2i]
+    """Index of the string in the model, and of the free body that carries its anchor, or -1"""
+    anchors: wp.array2d[wp.vec3]
+    """Anchors. Where any moves: as the frame begins, on a body as the substep does; their velocities over the frame, on
+    a body 0; and in the axes of a body from its center of mass, by turns, shape (3 world_count, string_count + 1),
+    where the last column has the time at which the frame begins"""
+    lengths: wp.array2d[float]
+    stiffness: wp.array2d[float]
+
+
+@wp.struct
+class ForceTable:
+    """Outer forces on each particle."""
+
+    slots: wp.array2d[float]
+    """Share of a particle in a force, and the index of that force, by turns; padded by shares of 0. Shape
+    (particle_count, 2 times the most forces on any), or (0, 0) if none acts"""
+    newtons: wp.array2d[wp.vec3]
+
+
+@wp.struct
+class TearTable:
+    """Tearing of membranes, some of it found by world in a substep; empty where none may tear."""
+
+    triangle_offsets: wp.array[wp.int32]
+    """Begin of each face's triangles in `triangles`, and the end of the last"""
+    triangles: wp.array[wp.int32]
+    neighbor_offsets: wp.array[wp.int32]
+    """Begin of the neighbors of each face, which share an edge with it"""
+    neighbors: wp.array[wp.int32]
+    edges: wp.array[wp.vec2i]
+    """Edge shared with each neighbor, by its particles"""
+    rests: wp.array[wp.vec3]
+    """Positions of particles on the unstretched skin [m]"""
+    centers: wp.array[wp.vec3]
+    """Centers of faces on the unstretched skin [m]"""
+    normals: wp.array[wp.vec3]
+    """Unit normals of faces on the unstretched skin"""
+    ways: wp.array[float]
+    """Distance after which a tear branches, and again, by balloon [m]"""
+    branchings: wp.array[wp.int32]
+    """Number of branchings, by balloon; the start of a tear is the first"""
+    film_strength: wp.array2d[float]
+    """Strength of balloons, see `laws.tearing`, shape (W, balloon_count), as are the next four"""
+    tear_strength: wp.array2d[float]
+    branching_stress: wp.array2d[float]
+    tear_speed: wp.array2d[float]
+    needle_time: wp.array2d[float]
+    stresses: wp.array2d[float]
+    """Larger principal true stress of each triangle [Pa]"""
+    gone: wp.array2d[wp.int8]
+    """1 of each face that is torn"""
+    face_stresses: wp.array2d[float]
+    """Mean stress of each face's triangles [Pa]"""
+    ahead: wp.array2d[float]
+    """Distance of the tear beyond each face that tears in this substep [m], negative for others"""
+    areas: wp.array3d[wp.int64]
+    """Areas of balloons that burst, of torn faces and of the others, in square micrometers, whose integer sums do not
+    depend on the order"""
+    weakest: wp.array2d[wp.int64]
+    """Face and stress where each balloon is to burst, see `schedules.launched_tears`"""
+
+
+@wp.struct
+class WearTable:
+    """Wear of membranes that soften or may tear; empty where none does."""
+
+    left: wp.array2d[float]
+    """Factor on the tension of each triangle in this substep, shape (world_count, triangle_count)"""
+    numbers: wp.array[wp.int32]
+    """Triangle of each entry of `MembraneTable.others`"""
+    softening: wp.array2d[float]
+    """Softening of balloons, see `laws.softening`, shape (W, balloon_count), as are the next two"""
+    softening_energy: wp.array2d[float]
+    softening_share: wp.array2d[float]
+    tears: TearTable
+
 
 SLICE = wp.constant(32)
 """Particles in a slice of the tables of springs and of quads: the threads of a warp"""

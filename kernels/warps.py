@@ -1,4 +1,15 @@
-"""Cooperation of the threads of a warp and of a block on a GPU.
+"""Cooperation of threads on a GPU: warps, blocks, sums, and forces in fixed point.
+
+Forces as whole numbers of 2^-32 N, which add up to the same in any order: atomic adds that are bit-reproducible.
+
+The range is 2e9 N. A particle's penalty force of 1 mN is rounded by less than float32 rounds it.
+
+Sums over the particles of a block on a GPU.
+
+Each warp stores the sums of its own particles in shared memory, and adds up those of all warps. On a CPU a block has
+one thread.
+
+Cooperation of the threads of a warp and of a block on a GPU.
 
 On a CPU a block has one thread.
 """
@@ -8,9 +19,155 @@ from typing import Any
 
 import warp as wp
 
+QUANTA_PER_NEWTON = wp.constant(wp.float64(2.0**32))
+NEWTONS_PER_QUANTUM = wp.constant(2.0**-32)
+
+
+@wp.func
+def quanta(force: float):
+    """Return a force [N] as a whole number."""
+    return wp.int64(wp.float64(force) * QUANTA_PER_NEWTON)
+
+
+@wp.func
+def newtons(count: wp.int64):
+    """Return the force [N] of a whole number."""
+    return float(count) * NEWTONS_PER_QUANTUM
+
+
+@wp.func
+def add_quanta(totals: wp.array3d[wp.int64], world: wp.int32, item: wp.int32, force: wp.vec3):
+    """Add a force [N] to `totals[world, item]`, of any thread in any order."""
+    for axis in range(3):
+        wp.atomic_add(totals, world, item, axis, quanta(force[axis]))
+
+
+@wp.func
+def total_newtons(totals: wp.array3d[wp.int64], world: wp.int32, item: wp.int32):
+    """Return the sum of the forces added [N]."""
+    return wp.vec3(newtons(totals[world, item, 0]), newtons(totals[world, item, 1]), newtons(totals[world, item, 2]))
+
+
+IN_ROW_OF_FOURS = "4 * ((size_t)(unsigned int)world * (unsigned int)totals.shape[1] + (unsigned int)item)"
+
+
+@wp.func_native(
+    f"""
+    const size_t first = {IN_ROW_OF_FOURS};
+    wp::vec_t<4, wp::float32> since;
+#if defined(__CUDA_ARCH__)
+    const ulonglong2* now = reinterpret_cast<const ulonglong2*>(totals.data + first);
+    ulonglong2* before = reinterpret_cast<ulonglong2*>(taken.data + first);
+    const ulonglong2 now_of[2] = {{now[0], now[1]}}, before_of[2] = {{before[0], before[1]}};
+    for (int pair = 0; pair < 2; ++pair) {{
+        since[2 * pair] = (float)(long long)(now_of[pair].x - before_of[pair].x) * 0x1p-32f;
+        since[2 * pair + 1] = (float)(long long)(now_of[pair].y - before_of[pair].y) * 0x1p-32f;
+        before[pair] = now_of[pair];
+    }}
+#else
+    for (int entry = 0; entry < 4; ++entry) {{
+        const wp::uint64 now = totals.data[first + entry], before = taken.data[first + entry];
+        since[entry] = (float)(wp::int64)(now - before) * 0x1p-32f;
+        taken.data[first + entry] = now;
+    }}
+#endif
+    return since;
+    """
+)
+def growth(totals: wp.array3d[wp.int64], taken: wp.array3d[wp.int64], world: wp.int32, item: wp.int32) -> wp.vec4:
+    """Return the growth of the four sums `totals[world, item]` since the last call, in newtons or another unit.
+
+    Both arrays are contiguous.
+
+    Sums that grow for ever need no zeros: on a GPU a plain store to an address with recent atomic adds makes every load
+    around it wait. Beyond the range they wrap around, and their differences stay right. Four sums are as long as a
+    GPU's fetch.
+    """
+    ...
+
+
+@wp.func
+def set_quanta(totals: wp.array3d[wp.int64], world: wp.int32, item: wp.int32, force: wp.vec3):
+    """Overwrite `totals[world, item]` with a force [N]."""
+    for axis in range(3):
+        totals[world, item, axis] = quanta(force[axis])
+
+
+Five = wp.types.vector(length=5, dtype=wp.float32)
+
+
+@wp.func_native(
+    """
+#if defined(__CUDA_ARCH__)
+    // As for vectors: threads share the numbers out among them, two by two, then each adds up one.
+    const unsigned all = 0xffffffffu;
+    const bool upper_half = threadIdx.x & 16, upper_quarter = threadIdx.x & 8, upper_eighth = threadIdx.x & 4;
+    const float a = (upper_half ? v[1] : v[0]) + __shfl_xor_sync(all, upper_half ? v[0] : v[1], 16);
+    const float b = (upper_half ? v[3] : v[2]) + __shfl_xor_sync(all, upper_half ? v[2] : v[3], 16);
+    float last = v[4] + __shfl_xor_sync(all, v[4], 16);
+    const float four = (upper_quarter ? b : a) + __shfl_xor_sync(all, upper_quarter ? a : b, 8);
+    last += __shfl_xor_sync(all, last, 8);
+    float one = (upper_eighth ? last : four) + __shfl_xor_sync(all, upper_eighth ? four : last, 4);
+    one += __shfl_xor_sync(all, one, 2);
+    one += __shfl_xor_sync(all, one, 1);
+    if ((threadIdx.x & 3) == 0) {
+        float& word = ((float*)words)[first + (threadIdx.x & 31) / 4];
+        word = one + (added ? word : 0.0f);
+    }
+#else
+    for (int n = 0; n < 5; ++n) {
+        float& word = ((float*)words)[first + n];
+        word = v[n] + (added ? word : 0.0f);
+    }
+#endif
+    """
+)
+def put_warp_sums(words: wp.uint64, first: wp.int32, v: Five, added: bool):
+    """Store the sums over the threads of the warp in eight shared words from `first` on, or add them there.
+
+    All threads of the warp call it; `sum_of_warp_sums` reads the words.
+    """
+    ...
+
+
+@wp.func_native(
+    """
+#if defined(__CUDA_ARCH__)
+    const unsigned all = 0xffffffffu;
+    const int lane = threadIdx.x & 31;
+    float total = 0.0f;
+    for (int n = lane; n < 8 * count; n += 32) {
+        total += ((const float*)words)[first + n];
+    }
+    total += __shfl_xor_sync(all, total, 16);
+    total += __shfl_xor_sync(all, total, 8);
+    wp::vec_t<5, float> sums;
+    for (int n = 0; n < 4; ++n) {
+        sums[n] = __shfl_sync(all, total, 4 * (n & 1) + (n & 2));
+    }
+    sums[4] = __shfl_sync(all, total, 1);
+    return sums;
+#else
+    wp::vec_t<5, float> sums;
+    for (int n = 0; n < 5; ++n) {
+        sums[n] = ((const float*)words)[first + n];
+    }
+    return sums;
+#endif
+    """
+)
+def sum_of_warp_sums(words: wp.uint64, first: wp.int32, count: wp.int32) -> Five:
+    """Return the sums of all warps' words, bitwise reproducible; called by all threads of a warp."""
+    ...
+
+
+@wp.func
+def sum_over_block(part: Any):
+    """Return the sum over all threads of a block."""
+    return wp.tile_sum(wp.tile(part, preserve_type=True))[0]
+
+
 WARP_THREADS = wp.constant(32)
-
-
 SHARED_WORDS = """
 #if defined(__CUDA_ARCH__)
     __shared__ float4 words[(COUNT + 3) / 4];

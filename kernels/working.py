@@ -3,7 +3,7 @@
 import warp as wp
 
 from balloon_warp.kernels.contact.contact import Contact
-from balloon_warp.kernels.laws.grip import Grip
+from balloon_warp.kernels.laws.rigid import Grip
 
 EightBoxes = wp.types.matrix(shape=(6, 8), dtype=wp.float32)
 """Lower and upper corners of eight boxes [m]"""

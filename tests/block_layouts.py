@@ -3,8 +3,8 @@
 from collections.abc import Callable
 
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.loops.membrane_face_places import MembraneFaceLayout
-from balloon_warp.kernels.schedules.block.layout import Layout
+from balloon_warp.kernels.loops.membranes import MembraneFaceLayout
+from balloon_warp.kernels.schedules.block.names import Layout
 from balloon_warp.model import Model
 from balloon_warp.schedules.membranes import membrane_face_entries, membrane_face_layout
 from balloon_warp.schedules.slices import kind_slots, least_valence, quad_rings, spring_ends

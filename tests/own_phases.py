@@ -9,7 +9,6 @@ from toy_phases import phase_of
 
 from balloon_warp.kernels import substep
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.fixed_point import add_quanta, total_newtons
 from balloon_warp.kernels.laws import Parameter
 from balloon_warp.kernels.laws.gas import VOLUME, Swelling
 from balloon_warp.kernels.loops.gas import gas_in, put_gas
@@ -17,6 +16,7 @@ from balloon_warp.kernels.loops.springs import constant_of_kind
 from balloon_warp.kernels.memory import int_at, pair_at
 from balloon_warp.kernels.phase import Look, Phase, phase
 from balloon_warp.kernels.tables import SLICE, Tables, WorldState, first_entry, sphere_number
+from balloon_warp.kernels.warps import add_quanta, total_newtons
 from balloon_warp.kernels.working import Working
 
 START = 300.0

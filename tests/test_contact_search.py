@@ -18,9 +18,9 @@ from balloon_warp.kernels.contact.own_parts import OwnParts, least_between, plac
 from balloon_warp.kernels.contact.parts import box_parts_of_worlds
 from balloon_warp.kernels.contact.search import neighbor_function, next_of_eight
 from balloon_warp.kernels.laws.collision import NEVER
-from balloon_warp.kernels.laws.face_contact import facing_of, part_until_contact
 from balloon_warp.kernels.laws.impulse import NEAR
-from balloon_warp.kernels.loops.near_solids import A_STEP, solid_function
+from balloon_warp.kernels.laws.touch import facing_of, part_until_contact
+from balloon_warp.kernels.loops.obstacles import A_STEP, solid_function
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.working import Working

@@ -12,13 +12,12 @@ from lone_laws import AT_THE_END, TESTED, drawn, value_of
 from numpy.typing import NDArray
 
 from balloon_warp.kernels.laws import PARAMETERS, Law
-from balloon_warp.kernels.laws.edges import CROSSED, crosses, crossing_of
-from balloon_warp.kernels.laws.empty import EMPTY, amount_when_flat
-from balloon_warp.kernels.laws.fixture import BLURRED, mesh_normal
-from balloon_warp.kernels.laws.gas import STANDARD_PRESSURE, gas_energy, gas_pressure
+from balloon_warp.kernels.laws.contact import BLURRED, mesh_normal
+from balloon_warp.kernels.laws.gas import EMPTY, STANDARD_PRESSURE, amount_when_flat, gas_energy, gas_pressure
 from balloon_warp.kernels.laws.impulse import NEAR, PRESSED, Press, meet_sphere, push_of_ground
 from balloon_warp.kernels.laws.law import LAW_INPUTS, RESULT
-from balloon_warp.kernels.laws.torsion import angle_beyond
+from balloon_warp.kernels.laws.ridges import CROSSED, crosses, crossing_of
+from balloon_warp.kernels.laws.springs import angle_beyond
 from balloon_warp.model.bounds import told_what_it_names
 
 DENSITY = 0.7

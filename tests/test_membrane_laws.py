@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from rubber_theory import ENERGIES, MATERIALS, OGDEN, quad_energy, relaxed
 
 from balloon_warp import Balloon, Inflation, PolygonMesh, Scene
+from balloon_warp.kernels.algebra import power
 from balloon_warp.kernels.laws.membrane import MEMBRANES, neo_hookean, ogden
-from balloon_warp.kernels.powers import power
 from balloon_warp.model import build_model, initial_state
 from balloon_warp.model.materials import numbers_of, on_arrays, slopes_by_stretches, stiffest_modulus
 from balloon_warp.model.plan import plan_model

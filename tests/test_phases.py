@@ -16,9 +16,8 @@ from balloon_warp import Balloon, InputError, Scene, load_scene
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.phase import Phase
 from balloon_warp.kernels.schedules.lanes.looks import LOOKS
-from balloon_warp.kernels.schedules.launched.looks import GATHERED, SUMMED
-from balloon_warp.kernels.schedules.launched.source import source_of
-from balloon_warp.kernels.schedules.pieces import Step, cut
+from balloon_warp.kernels.schedules.launched.source import GATHERED, SUMMED, source_of
+from balloon_warp.kernels.schedules.writer import Step, cut
 from balloon_warp.kernels.substep import PROJECTIVE_STEP, READING, STEP, phases_of
 from balloon_warp.model import Model, State, build_model, initial_state
 from balloon_warp.model.memory import Allocating

@@ -45,7 +45,7 @@ from balloon_warp.gradients.chain import (
 )
 from balloon_warp.gradients.frameworks import of_kernel
 from balloon_warp.kernels.adjoints.sphere_bars import COLUMNS as OF_SPHERES
-from balloon_warp.kernels.adjoints.sphere_log import EVENTS_OF_A_SPHERE
+from balloon_warp.kernels.adjoints.spheres import EVENTS_OF_A_SPHERE
 from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.laws.softening import PARAMETERS as SOFTENING
 from balloon_warp.kernels.laws.tearing import PARAMETERS as TEARING

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.laws.columns import columns_of
-from balloon_warp.kernels.laws.hooke import KINDS
 from balloon_warp.kernels.laws.law import Kind
+from balloon_warp.kernels.laws.springs import KINDS
 from balloon_warp.model.materials import law_of, numbers_of, stiffest_modulus, thickest_viscosity
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import Surroundings

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.laws.crushed import NO_INSIDE
+from balloon_warp.kernels.laws.gas import NO_INSIDE
 from balloon_warp.kernels.laws.water import EVENED
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.model.parameters import Parameters

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.laws.gas import STANDARD_PRESSURE
-from balloon_warp.kernels.laws.hooke import KINDS
+from balloon_warp.kernels.laws.springs import KINDS
 from balloon_warp.kernels.laws.water import EVENED
 from balloon_warp.mesh.geometry import (
     face_areas,

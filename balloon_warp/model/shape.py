@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.laws.hooke import KINDS
+from balloon_warp.kernels.laws.springs import KINDS
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.check import check_mesh
 from balloon_warp.mesh.geometry import LEAST_SIZE, face_areas, face_volumes, require_size, total_area, vertex_areas

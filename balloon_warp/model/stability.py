@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Law
-from balloon_warp.kernels.laws.hooke import KINDS
+from balloon_warp.kernels.laws.springs import KINDS
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.topology import corner_faces, next_corners
 from balloon_warp.model.bounds import Bound, Bounds, names_of_bounds

@@ -6,7 +6,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.laws.hooke import KINDS
+from balloon_warp.kernels.laws.springs import KINDS
 from balloon_warp.kernels.laws.touch import DAMPING_RATIO
 from balloon_warp.mesh.crossings import find_crossings
 from balloon_warp.mesh.orientation import triangles_of

@@ -9,7 +9,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.schedules.block.backward_frames import (
+from balloon_warp.kernels.schedules.block.backward import (
     Backwards,
     arguments_again,
     arguments_backwards,
@@ -17,9 +17,8 @@ from balloon_warp.kernels.schedules.block.backward_frames import (
     kernel_backwards,
     widths_of_rows,
 )
-from balloon_warp.kernels.schedules.block.layout import Layout
-from balloon_warp.kernels.schedules.block.looks import look_of
-from balloon_warp.kernels.schedules.pieces import Step, cut, values_of
+from balloon_warp.kernels.schedules.block.names import Layout, look_of
+from balloon_warp.kernels.schedules.writer import Step, cut, values_of
 from balloon_warp.kernels.substep import FILMED, phases_of
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.working import Working

@@ -7,7 +7,6 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.adjoint import NoAdjointError
 from balloon_warp.kernels.adjoints.exchange import exchange_again_kernel
 from balloon_warp.kernels.adjoints.exchange_back import exchange_back_kernel
 from balloon_warp.kernels.adjoints.exchange_tables import ExchangeBars, Exchanges, Met
@@ -16,11 +15,11 @@ from balloon_warp.kernels.adjoints.finds import EDGES_BACK, RIDGES_BACK
 from balloon_warp.kernels.adjoints.small_spheres import FaceBars, add_by_starts, faces_back_kernel
 from balloon_warp.kernels.contact.near import mark_count
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.face_contact import MOST_LOOKS
-from balloon_warp.kernels.phase import STATE
+from balloon_warp.kernels.laws.touch import MOST_LOOKS
+from balloon_warp.kernels.phase import STATE, NoAdjointError
 from balloon_warp.kernels.schedules.launched.backward import BackwardKernel, backward_kernels, made_kernels
-from balloon_warp.kernels.schedules.launched.looks import GATHERED
-from balloon_warp.kernels.schedules.pieces import Piece, Step, cut
+from balloon_warp.kernels.schedules.launched.source import GATHERED
+from balloon_warp.kernels.schedules.writer import Piece, Step, cut
 from balloon_warp.kernels.substep import phases_of
 from balloon_warp.kernels.working import Working
 from balloon_warp.launching import launch, launch_tiled

@@ -9,7 +9,7 @@ import warp as wp
 from balloon_warp.kernels.adjoints.finds import EDGES_BACK, RIDGES_BACK
 from balloon_warp.kernels.adjoints.particle_sums import SUMS
 from balloon_warp.kernels.adjoints.ridge_balls import BALL_SUMS
-from balloon_warp.kernels.adjoints.sphere_log import LoggedSpheres
+from balloon_warp.kernels.adjoints.spheres import LoggedSpheres
 from balloon_warp.kernels.adjoints.sweeps import KINDS, SweepBack, SweepBars
 from balloon_warp.kernels.adjoints.sweeps_back import sweeps_back_kernel
 from balloon_warp.kernels.contact.contact import Contact

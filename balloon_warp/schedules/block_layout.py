@@ -1,11 +1,10 @@
 """Layout of a world on a block of threads: registers, shared memory, and the number of threads."""
 
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.loops.membrane_face_places import MembraneFaceLayout
-from balloon_warp.kernels.phases.check import check
-from balloon_warp.kernels.schedules.block.layout import Layout
-from balloon_warp.kernels.schedules.block.looks import look_of
-from balloon_warp.kernels.schedules.pieces import Step, cut
+from balloon_warp.kernels.loops.membranes import MembraneFaceLayout
+from balloon_warp.kernels.phases.motion import check
+from balloon_warp.kernels.schedules.block.names import Layout, look_of
+from balloon_warp.kernels.schedules.writer import Step, cut
 from balloon_warp.kernels.substep import FACING, FILMED, NOTHING, phases_of
 from balloon_warp.model import Model
 from balloon_warp.schedules.block_room import CAPACITY_STEP, MOST_THREADS, most_particles, thread_a_particle

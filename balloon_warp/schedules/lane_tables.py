@@ -14,8 +14,8 @@ from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.lanes import LANE_COUNT, Lanes, Lanes3
 from balloon_warp.kernels.schedules.lanes.layouts import Layout
 from balloon_warp.kernels.schedules.lanes.source import arguments_of, kinds_of
-from balloon_warp.kernels.schedules.lanes.tables import lane_structs, part_structs
-from balloon_warp.kernels.schedules.pieces import Step
+from balloon_warp.kernels.schedules.lanes.state import lane_structs, part_structs
+from balloon_warp.kernels.schedules.writer import Step
 from balloon_warp.model import Model
 from balloon_warp.model.memory import Room
 from balloon_warp.schedules.membranes import MembraneQuads, membrane_quads

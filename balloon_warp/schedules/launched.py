@@ -11,9 +11,16 @@ import warp as wp
 from balloon_warp.kernels.contact.near import mark_count
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.phase import STATE, Item, Look, Phase
-from balloon_warp.kernels.schedules.launched.few import acts_on_few, asked_ahead
-from balloon_warp.kernels.schedules.launched.source import ITEMS_OF_LIST, ITEMS_OF_PART, Part, arguments_of, kernel_of
-from balloon_warp.kernels.schedules.pieces import Piece, Step, cut, values_of
+from balloon_warp.kernels.schedules.launched.source import (
+    ITEMS_OF_LIST,
+    ITEMS_OF_PART,
+    Part,
+    acts_on_few,
+    arguments_of,
+    asked_ahead,
+    kernel_of,
+)
+from balloon_warp.kernels.schedules.writer import Piece, Step, cut, values_of
 from balloon_warp.kernels.substep import NOTHING, Instead, phases_of
 from balloon_warp.kernels.working import Working
 from balloon_warp.launching import begin_loading, launch, launch_tiled

@@ -13,10 +13,8 @@ from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.laws.membrane import MEMBRANES
 from balloon_warp.kernels.laws.softening import PARAMETERS as SOFTENING
 from balloon_warp.kernels.laws.tearing import PARAMETERS
-from balloon_warp.kernels.loops.membrane_face_places import PLACE_BYTES, VECTOR_BYTES, MembraneFaceLayout
-from balloon_warp.kernels.membrane_face_tables import MembraneFaceTable
-from balloon_warp.kernels.tables import MembraneTable
-from balloon_warp.kernels.wear_tables import TearTable, WearTable
+from balloon_warp.kernels.loops.membranes import PLACE_BYTES, VECTOR_BYTES, MembraneFaceLayout
+from balloon_warp.kernels.tables import MembraneFaceTable, MembraneTable, TearTable, WearTable
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import face_vector_areas, total_area
 from balloon_warp.mesh.topology import corner_faces, next_corners

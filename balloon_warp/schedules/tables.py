@@ -8,22 +8,28 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.contact_tables import BodyTable, FixtureTable, Solid, SphereTable
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.frames.air_along import air_kernel
 from balloon_warp.kernels.frames.around import move_anchors, note_given_loads, place_fixtures, ramp_inflation
-from balloon_warp.kernels.gas_tables import NeckTable, PumpTable, TubeTable
-from balloon_warp.kernels.laws.fixture import SHAPES
-from balloon_warp.kernels.outer_tables import ForceTable, StringTable
+from balloon_warp.kernels.laws.contact import SHAPES
 from balloon_warp.kernels.tables import (
     CHUNK,
+    BodyTable,
     CorrectionTable,
     FaceTable,
     FanTable,
+    FixtureTable,
+    ForceTable,
     HingeTable,
+    NeckTable,
     PairTable,
+    PumpTable,
+    Solid,
+    SphereTable,
     SpringTable,
+    StringTable,
     Tables,
+    TubeTable,
     WorldState,
 )
 from balloon_warp.launching import launch

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.lanes import LANE_COUNT, Lanes, Lanes3
-from balloon_warp.kernels.laws.hooke import HOOKE, KINDS
-from balloon_warp.kernels.schedules.launched.looks import GATHERED
+from balloon_warp.kernels.laws.springs import HOOKE, KINDS
+from balloon_warp.kernels.schedules.launched.source import GATHERED
 from balloon_warp.kernels.solvers.linear_systems import (
     PARTS,
     ROW_THREADS,

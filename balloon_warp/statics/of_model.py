@@ -8,7 +8,7 @@ from scipy.sparse.linalg import LinearOperator
 
 from balloon_warp.errors import InputError
 from balloon_warp.frame import Frame
-from balloon_warp.kernels.laws.hooke import KINDS
+from balloon_warp.kernels.laws.springs import KINDS
 from balloon_warp.model.materials import law_of, numbers_of
 from balloon_warp.model.model import Model
 from balloon_warp.model.shape import BalloonShape

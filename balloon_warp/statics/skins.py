@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.laws.air import GAS_CONSTANT
-from balloon_warp.kernels.laws.tension_field import LEAST_DET
+from balloon_warp.kernels.laws.membrane import LEAST_DET
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import face_volumes
 from balloon_warp.mesh.topology import face_starts

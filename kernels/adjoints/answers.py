@@ -7,11 +7,10 @@ returns where something is then, and how fast, times the derivatives by that.
 import warp as wp
 
 from balloon_warp.kernels.adjoints.sphere_courses import worth
-from balloon_warp.kernels.laws.contact import way_out
+from balloon_warp.kernels.laws.contact import ease_of_ball, rubbed, spin_by, way_out
 from balloon_warp.kernels.laws.impulse import excess_speed, gain_of_particle, way_apart
 from balloon_warp.kernels.laws.rigid import rub_on
-from balloon_warp.kernels.laws.sliding import ease_of_ball, rubbed, spin_by
-from balloon_warp.kernels.loops.rolling import Course
+from balloon_warp.kernels.loops.spheres import Course
 
 
 @wp.struct

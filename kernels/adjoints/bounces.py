@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.adjoints.one_contact import Entry, entry_of, into
+from balloon_warp.kernels.adjoints.solids import Entry, entry_of, into
 from balloon_warp.kernels.adjoints.sphere_bars import (
     BarsOfSpheres,
     add_by_friction,
@@ -15,14 +15,18 @@ from balloon_warp.kernels.adjoints.sphere_bars import (
     put_bar_of_course,
 )
 from balloon_warp.kernels.adjoints.sphere_courses import Pair, work_beside_convex, work_beside_mesh, work_of_pair
-from balloon_warp.kernels.adjoints.sphere_log import Event, LoggedSpheres
+from balloon_warp.kernels.adjoints.spheres import Event, LoggedSpheres
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.frames.backwards import Bars, numbers_adder
 from balloon_warp.kernels.laws.collision import mean_restitution
-from balloon_warp.kernels.laws.fixture import MESH
-from balloon_warp.kernels.loops.fixture_poses import pose_function
-from balloon_warp.kernels.loops.fixtures import meeting_function
-from balloon_warp.kernels.loops.friction import friction_between, number_of_obstacle, number_of_sphere
+from balloon_warp.kernels.laws.contact import MESH
+from balloon_warp.kernels.loops.fixtures import (
+    friction_between,
+    meeting_function,
+    number_of_obstacle,
+    number_of_sphere,
+    pose_function,
+)
 from balloon_warp.kernels.params import numbers_type
 from balloon_warp.kernels.tables import Tables, row_of_world, sphere_mass, sphere_radius, sphere_restitution
 

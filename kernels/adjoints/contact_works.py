@@ -19,7 +19,7 @@ from balloon_warp.kernels.contact.contact import (
 )
 from balloon_warp.kernels.contact.ends import gains_of_ball_function
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.edges import FOUR
+from balloon_warp.kernels.laws.ridges import FOUR
 
 
 @cache

@@ -5,11 +5,10 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.adjoint import Adjoint, NoAdjointError
-from balloon_warp.kernels.codegen import function_from
+from balloon_warp.kernels.compose import function_from
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.lanes import Lanes
-from balloon_warp.kernels.phase import Adjoints, Look, Phase
+from balloon_warp.kernels.phase import Adjoint, Adjoints, Look, NoAdjointError, Phase
 from balloon_warp.kernels.tables import Tables
 
 NOT_DIFFERENTIATED = frozenset(

@@ -16,15 +16,14 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.adjoint import Adjoint
 from balloon_warp.kernels.adjoints.derived import by_grad
-from balloon_warp.kernels.codegen import function_from
+from balloon_warp.kernels.compose import function_from
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.inflation import FAR, NORMAL_FORCE, normal_push
+from balloon_warp.kernels.laws.body import FAR, NORMAL_FORCE, normal_push
 from balloon_warp.kernels.loops.areas import face_measures
 from balloon_warp.kernels.memory import vector_at
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.phase import Look, Phase
+from balloon_warp.kernels.phase import Adjoint, Look, Phase
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.working import Working
 

@@ -10,11 +10,10 @@ import warp as wp
 
 from balloon_warp.kernels.adjoints.membranes import triangle_work
 from balloon_warp.kernels.algebra import squared_length
-from balloon_warp.kernels.clock import time_of
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.springs import constant_of_kind
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.params import numbers_reader
+from balloon_warp.kernels.params import numbers_reader, time_of
 from balloon_warp.kernels.tables import Tables
 
 

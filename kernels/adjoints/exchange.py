@@ -11,11 +11,10 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.adjoint import Adjoint
 from balloon_warp.kernels.adjoints.answers import Answer, Common, Load, work_of_particle, work_of_sphere
 from balloon_warp.kernels.adjoints.exchange_tables import ExchangeBars, Exchanges, Met, Sums, put_sums, sums_of
 from balloon_warp.kernels.adjoints.sphere_bars import add_by_friction, add_by_sphere, bar_of_course, put_bar_of_course
-from balloon_warp.kernels.adjoints.sphere_log import LoggedSpheres
+from balloon_warp.kernels.adjoints.spheres import LoggedSpheres
 from balloon_warp.kernels.contact.near import PARTICLES_A_MARK
 from balloon_warp.kernels.contact.spheres import marked_functions, settling_function
 from balloon_warp.kernels.features import Features
@@ -32,16 +31,15 @@ from balloon_warp.kernels.laws.impulse import (
     shift_of_body,
     sinking_of_sphere,
 )
-from balloon_warp.kernels.loops.friction import GROUND, friction_on, number_of_sphere
-from balloon_warp.kernels.loops.inertia import inertia_function
-from balloon_warp.kernels.loops.rolling import course_at
-from balloon_warp.kernels.loops.sphere_contact import Ball, ball_function
+from balloon_warp.kernels.loops.fixtures import GROUND, friction_on, number_of_sphere
+from balloon_warp.kernels.loops.net_force import inertia_function
+from balloon_warp.kernels.loops.spheres import Ball, ball_function, course_at
 from balloon_warp.kernels.memory import put_vector, vector_at
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.params import params_functions
-from balloon_warp.kernels.phase import Look, Phase
+from balloon_warp.kernels.phase import Adjoint, Look, Phase
 from balloon_warp.kernels.tables import Tables
-from balloon_warp.kernels.warp_sums import sum_over_block
+from balloon_warp.kernels.warps import sum_over_block
 from balloon_warp.kernels.working import Working
 
 

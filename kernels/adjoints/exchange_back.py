@@ -7,9 +7,8 @@ import warp as wp
 
 from balloon_warp.kernels.adjoints.exchange import sphere_adjoint
 from balloon_warp.kernels.adjoints.exchange_tables import ExchangeBars, Exchanges
-from balloon_warp.kernels.adjoints.ground import ground_columns
-from balloon_warp.kernels.adjoints.solids import standing_functions
-from balloon_warp.kernels.adjoints.sphere_log import LoggedSpheres
+from balloon_warp.kernels.adjoints.solids import ground_columns, standing_functions
+from balloon_warp.kernels.adjoints.spheres import LoggedSpheres
 from balloon_warp.kernels.contact.near import PARTICLES_A_MARK
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.frames.backwards import Bars, numbers_adder

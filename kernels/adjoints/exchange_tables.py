@@ -5,7 +5,7 @@ import warp as wp
 from balloon_warp.kernels.adjoints.answers import Common
 from balloon_warp.kernels.adjoints.sphere_bars import BarsOfSpheres
 from balloon_warp.kernels.laws.impulse import Press
-from balloon_warp.kernels.loops.rolling import Course
+from balloon_warp.kernels.loops.spheres import Course
 
 Sums = wp.types.vector(length=18, dtype=wp.float32)
 """Sums over particles of the derivatives by the sphere's change of velocity, its shift, and the mass that it presses;

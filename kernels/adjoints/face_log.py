@@ -3,7 +3,7 @@
 import warp as wp
 
 from balloon_warp.kernels.contact.faces import MOST_LUMPED, MOST_MEETINGS, MOST_SWEEPS, corner_rows
-from balloon_warp.kernels.loops.rolling import Course, course_at
+from balloon_warp.kernels.loops.spheres import Course, course_at
 
 CONTACTS_OF_A_SPHERE = (int(MOST_MEETINGS) + int(MOST_LUMPED)) * int(MOST_SWEEPS)
 """Largest number of contacts with faces in a substep, for each sphere of a world"""

@@ -5,7 +5,6 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.adjoint import Adjoint, NoAdjointError
 from balloon_warp.kernels.adjoints.contact_works import worth_of_contact
 from balloon_warp.kernels.adjoints.sweeps import ContactBars, SweepBack
 from balloon_warp.kernels.contact.contact import Contact
@@ -16,11 +15,10 @@ from balloon_warp.kernels.contact.ridge_poses import Placed, placing_function
 from balloon_warp.kernels.contact.ridge_search import seen_from
 from balloon_warp.kernels.contact.ridges import ridge_contact
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.edges import FOUR
-from balloon_warp.kernels.laws.ridges import Ridge
-from balloon_warp.kernels.loops.friction import friction_of_balloons
+from balloon_warp.kernels.laws.ridges import FOUR, Ridge
+from balloon_warp.kernels.loops.fixtures import friction_of_balloons
 from balloon_warp.kernels.loops.meeting import skin_functions
-from balloon_warp.kernels.phase import Look, Phase
+from balloon_warp.kernels.phase import Adjoint, Look, NoAdjointError, Phase
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.working import Working
 

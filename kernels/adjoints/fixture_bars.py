@@ -6,8 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.loops.fixture_poses import seconds_in_frame
-from balloon_warp.kernels.loops.fixtures import Around
+from balloon_warp.kernels.loops.fixtures import Around, seconds_in_frame
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.working import FixtureBars, Working

@@ -9,15 +9,15 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.adjoint import Adjoint, NoAdjointError
 from balloon_warp.kernels.adjoints.springs import KINDS
 from balloon_warp.kernels.algebra import cross_product, dot_product, scaled, squared_length, times
-from balloon_warp.kernels.codegen import function_from
+from balloon_warp.kernels.compose import function_from
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.lanes import LANE_COUNT, Lanes, Lanes3, entry_at, number_in, of_lane, set_lane
-from balloon_warp.kernels.laws.hooke import HOOKE
+from balloon_warp.kernels.laws.springs import HOOKE
 from balloon_warp.kernels.loops.areas import CROSSES
 from balloon_warp.kernels.memory import int_at
+from balloon_warp.kernels.phase import Adjoint, NoAdjointError
 
 
 @wp.struct

@@ -13,7 +13,7 @@ from balloon_warp.kernels.adjoints.face_log import LoggedFaces
 from balloon_warp.kernels.adjoints.sphere_bars import add_by_sphere, bar_of_course, put_bar_of_course
 from balloon_warp.kernels.contact.faces import add_to_lump
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.loops.inertia import inertia_function
+from balloon_warp.kernels.loops.net_force import inertia_function
 from balloon_warp.kernels.params import params_functions
 from balloon_warp.kernels.tables import Tables, sphere_mass
 from balloon_warp.kernels.working import Working

@@ -12,9 +12,9 @@ import warp as wp
 from balloon_warp.kernels.adjoints.sphere_courses import worth
 from balloon_warp.kernels.contact.faces import changing_function
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.face_contact import facing_of, impact, longest_way, part_after, seen_at
-from balloon_warp.kernels.laws.sliding import spin_by
-from balloon_warp.kernels.loops.rolling import Course
+from balloon_warp.kernels.laws.contact import spin_by
+from balloon_warp.kernels.laws.touch import facing_of, impact, longest_way, part_after, seen_at
+from balloon_warp.kernels.loops.spheres import Course
 
 
 @wp.struct

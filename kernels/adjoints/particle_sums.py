@@ -11,7 +11,7 @@ import warp as wp
 
 from balloon_warp.kernels.adjoints.exact_sums import add_exactly, parts_per_unit, sum_at
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.loops.inertia import ease_function
+from balloon_warp.kernels.loops.net_force import ease_function
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.working import Working
 

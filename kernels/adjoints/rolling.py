@@ -11,7 +11,6 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.adjoint import Adjoint
 from balloon_warp.kernels.adjoints.bounces import obstacle_adjoint, pair_adjoint
 from balloon_warp.kernels.adjoints.sphere_bars import (
     BarsOfSpheres,
@@ -21,16 +20,16 @@ from balloon_warp.kernels.adjoints.sphere_bars import (
     put_bar_of_course,
 )
 from balloon_warp.kernels.adjoints.sphere_courses import Ball, work_of_roll, work_on_ground
-from balloon_warp.kernels.adjoints.sphere_log import Event, LoggedSpheres
+from balloon_warp.kernels.adjoints.spheres import Event, LoggedSpheres
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.fixed_point import total_newtons
 from balloon_warp.kernels.frames.backwards import Bars, numbers_adder
-from balloon_warp.kernels.loops.friction import GROUND, friction_between, number_of_sphere
-from balloon_warp.kernels.loops.rolling import BESIDE_OBSTACLE, MEETS, ROLLS, STUCK
+from balloon_warp.kernels.loops.fixtures import GROUND, friction_between, number_of_sphere
+from balloon_warp.kernels.loops.spheres import BESIDE_OBSTACLE, MEETS, ROLLS, STUCK
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.params import numbers_type
-from balloon_warp.kernels.phase import Look, Phase
+from balloon_warp.kernels.phase import Adjoint, Look, Phase
 from balloon_warp.kernels.tables import Tables, row_of_world, sphere_mass, sphere_radius
+from balloon_warp.kernels.warps import total_newtons
 from balloon_warp.kernels.working import Working
 
 

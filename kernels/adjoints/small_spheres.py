@@ -11,7 +11,6 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.adjoint import Adjoint
 from balloon_warp.kernels.adjoints.face_log import ALONE, FaceContact, LoggedFaces, note_contact
 from balloon_warp.kernels.adjoints.lumps import lump_adjoint
 from balloon_warp.kernels.adjoints.one_impact import (
@@ -32,12 +31,12 @@ from balloon_warp.kernels.adjoints.sphere_bars import (
 )
 from balloon_warp.kernels.contact.faces import corner_rows, faces_function
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.face_contact import longest_way, part_after, part_until_contact, seen_at
-from balloon_warp.kernels.loops.friction import friction_between, number_of_balloon, number_of_sphere
-from balloon_warp.kernels.loops.inertia import ease_function
-from balloon_warp.kernels.loops.rolling import put_course
+from balloon_warp.kernels.laws.touch import longest_way, part_after, part_until_contact, seen_at
+from balloon_warp.kernels.loops.fixtures import friction_between, number_of_balloon, number_of_sphere
+from balloon_warp.kernels.loops.net_force import ease_function
+from balloon_warp.kernels.loops.spheres import put_course
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.phase import Look, Phase
+from balloon_warp.kernels.phase import Adjoint, Look, Phase
 from balloon_warp.kernels.tables import Tables, sphere_mass, sphere_radius
 from balloon_warp.kernels.warps import block_barrier
 from balloon_warp.kernels.working import Working

@@ -1,4 +1,14 @@
-"""Adjoints of contact with solids: the ground alone, which costs less, obstacles, or spheres before these."""
+"""Adjoints of contact with solids: the ground, obstacles, or spheres.
+
+Adjoints of contact with obstacles, and with the ground beside them.
+
+Which particles touch which things in which substep, and whether friction holds them, is frozen; on meshes the normal,
+too. For boxes, capsules and planes it is derived: at the place that is nearest to where a particle comes, or where its
+way comes in, if it slides on from there.
+
+A particle may touch several things one after the other. To run backwards through them, the way up to each is found
+again: there are few.
+"""
 
 from collections.abc import Sequence
 from functools import cache
@@ -6,34 +16,520 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.adjoint import Adjoint, NoAdjointError
-from balloon_warp.kernels.adjoints.ground import (
-    detour_of_ground_backwards,
-    foresee_ground_backwards,
-    ground_backwards,
-    ground_columns,
-    leave_ground_backwards,
-)
-from balloon_warp.kernels.adjoints.obstacles import (
-    detour_adjoint,
-    foresee_obstacles_backwards,
-    leave_obstacles_backwards,
-    standing_adjoint,
-)
-from balloon_warp.kernels.adjoints.one_contact import BarsOfContact
+from balloon_warp.kernels.adjoints.fixture_bars import fixture_bars_function
 from balloon_warp.kernels.adjoints.spheres import (
     foreseen_spheres_adjoint,
     leaving_spheres_adjoint,
     past_spheres_function,
 )
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.loops.fixtures import Around
+from balloon_warp.kernels.laws.contact import FAR_AWAY, LEAST_STEP, MESH, MOST_TURNS, is_settled, leave_ground, stand_on
+from balloon_warp.kernels.laws.rigid import carried
+from balloon_warp.kernels.loops.fixtures import (
+    GROUND,
+    NOBODY,
+    ON_GROUND,
+    SEVERAL,
+    SURELY,
+    Around,
+    Meeting,
+    Pose,
+    friction_on,
+    meeting_function,
+    number_of_obstacle,
+    pose_function,
+    with_another,
+)
 from balloon_warp.kernels.loops.obstacles import around_function
-from balloon_warp.kernels.loops.sphere_contact import is_near_sphere
+from balloon_warp.kernels.loops.spheres import is_near_sphere
+from balloon_warp.kernels.loops.ways import surface_function
 from balloon_warp.kernels.params import params_functions
-from balloon_warp.kernels.phase import Look, Phase
-from balloon_warp.kernels.tables import Tables
+from balloon_warp.kernels.phase import Adjoint, Look, NoAdjointError, Phase
+from balloon_warp.kernels.tables import Solid, Tables
 from balloon_warp.kernels.working import Working
+
+MOST_CONTACTS = wp.constant(1000)
+"""More contacts than a particle has in a substep"""
+
+
+@wp.struct
+class Contact:
+    """A contact of a particle in a substep, and the state with which the particle comes to it."""
+
+    number: wp.int32  # in the order in which the particle comes to them, -1 if there is none
+    thing: wp.int32  # number of the obstacle, or `ON_GROUND`
+    start: wp.vec3  # of its way
+    point: wp.vec3
+    velocity: wp.vec3
+    met: Meeting
+    friction: float
+    at_once: bool  # whether it stops all of an approach, see `stand_on`
+    partner: wp.int32  # of all contacts so far, see `with_another`
+
+
+@cache
+def contact_function(features: Features) -> Any:
+    """Return the function that finds the contacts of a particle in a substep, one after the other."""
+    meet = meeting_function(features)
+
+    @wp.func
+    def last_contact(
+        t: Tables, around: Around, start: wp.vec3, end: wp.vec3, course: wp.vec3, before: wp.int32, foreseen: bool,
+        at_once: bool,
+    ):  # fmt: skip
+        """Return the last contact of a particle before that of a number, see `loops.obstacles`.
+
+        Args:
+            foreseen: whether contacts are those of `detour_function`, in one turn at one velocity.
+            at_once: whether contacts stop all of an approach.
+        """
+        found = Contact()
+        found.number = -1
+        found.start = start
+        found.at_once = at_once
+        h = t.step_seconds
+        point = end
+        velocity = course
+        found.partner = NOBODY
+        seen = wp.int32(0)
+        turns = wp.int32(0)
+        while turns < wp.where(foreseen, 1, MOST_TURNS):
+            turns += 1
+            came = point
+            nearest = float(FAR_AWAY)
+            beyond = float(FAR_AWAY)
+            again = bool(False)
+            for thing in range(t.fixtures.solids.shape[0]):
+                met = meet(t, around.world, thing, around.time, start, point, 0.0)
+                beyond = wp.min(beyond, wp.max(nearest, met.free))
+                nearest = wp.min(nearest, met.free)
+                if wp.length_sq(met.normal) > 0.0:
+                    friction = friction_on(t, around.world, around.balloon, number_of_obstacle(thing))
+                    if seen < before:
+                        found.number = seen
+                        found.thing = thing
+                        found.point = point
+                        found.velocity = velocity
+                        found.met = met
+                        found.friction = friction
+                    seen += 1
+                    found.partner = with_another(found.partner, thing)
+                    again = True
+                    once = found.at_once or met.slides
+                    stood, slowed = stand_on(
+                        point, met.let, velocity, met.moving, met.normal, friction, h, once, met.part
+                    )
+                    point = stood
+                    velocity = wp.where(foreseen, course, slowed)
+            again = again and SURELY * beyond < wp.length(came - start) + wp.length(point - came)
+            if wp.static(features.ground):
+                height = around.ground_height
+                if wp.dot(point, t.up) < height:
+                    friction = friction_on(t, around.world, around.balloon, GROUND)
+                    if seen < before:
+                        found.number = seen
+                        found.thing = ON_GROUND
+                        found.point = point
+                        found.velocity = velocity
+                        found.friction = friction
+                    seen += 1
+                    found.partner = with_another(found.partner, ON_GROUND)
+                    again = nearest < wp.length(point - start) + wp.length(point - came)
+                    stood, slowed = leave_ground(point, velocity, t.up, height, friction, h, found.at_once)
+                    point = stood
+                    velocity = wp.where(foreseen, course, slowed)
+            if seen >= before or not again or is_settled(start, came, point):
+                turns = MOST_TURNS
+        return found
+
+    return last_contact
+
+
+@wp.struct
+class BarsOfContact:
+    """Derivatives by the state of a particle before a contact."""
+
+    start: wp.vec3
+    point: wp.vec3
+    velocity: wp.vec3
+    height: float  # of the ground
+    friction: float  # Coulomb's coefficient on the ground
+    normal: wp.vec3  # of the surface that it has met before, if it meets nothing here
+
+
+@wp.func
+def work_on_ground(
+    point: wp.vec3, velocity: wp.vec3, up: wp.vec3, height: float, friction: float, step: float, at_once: bool,
+    point_bar: wp.vec3, velocity_bar: wp.vec3,
+):  # fmt: skip
+    """Return where a particle leaves the ground and its velocity, times their bars."""
+    out, after = leave_ground(point, velocity, up, height, friction, step, at_once)
+    return wp.dot(out, point_bar) + wp.dot(after, velocity_bar)
+
+
+@wp.func
+def work_beside(
+    point: wp.vec3, velocity: wp.vec3, let: wp.vec3, normal: wp.vec3, moving: wp.vec3, friction: float, step: float,
+    part: float, at_once: bool, point_bar: wp.vec3, velocity_bar: wp.vec3,
+):  # fmt: skip
+    """Return the state of a particle after a contact with frozen normal, times bars."""
+    place = point + wp.dot(let - point, normal) * normal
+    stood, slowed = stand_on(point, place, velocity, moving, normal, friction, step, at_once, part)
+    return wp.dot(stood, point_bar) + wp.dot(slowed, velocity_bar)
+
+
+surface_of_convex = surface_function(False)
+
+
+@wp.func
+def into(pose: Pose, point: wp.vec3):
+    """Return a point in an obstacle's frame."""
+    return wp.quat_rotate_inv(pose.turn, point - pose.center)
+
+
+@wp.func
+def nearest_on_convex(here: wp.vec3, solid: Solid, up: wp.vec3, radius: float):
+    """Return the nearest place that a convex solid leaves a ball's center, and the normal there, in the solid's frame.
+
+    Of a particle the radius is 0.
+    """
+    distance, normal = surface_of_convex(solid, up, here, radius, FAR_AWAY)
+    return here - distance * normal, normal
+
+
+@wp.struct
+class Entry:
+    """Approach of a particle to a solid: constants, by which nothing is derived."""
+
+    slides: bool  # on from where its way comes in; otherwise it stands at the nearest place
+    part: float  # of the way up to there; 0 where it begins on the surface
+    steepness: float  # how fast the way comes in, its normal part [m]
+    friction: float
+    restitution: float  # of a sphere
+    gravity: float  # likewise [m/s^2]
+    step: float  # [s]
+    at_once: bool  # whether all of the approach is stopped, see `stand_on`
+
+
+@wp.func
+def entry_of(start: wp.vec3, here: wp.vec3, let: wp.vec3, part: float, solid: Solid, up: wp.vec3, radius: float):
+    """Return the approach of a particle, or a ball, to a solid, in the solid's frame.
+
+    Args:
+        let: where the solid lets it go.
+        part: of the way that is left to slide.
+    """
+    entry = Entry()
+    place, _normal = nearest_on_convex(here, solid, up, radius)
+    entry.slides = wp.length(place - let) > LEAST_STEP * (wp.length(here) + wp.length(here - start))
+    entry.part = 1.0 - part
+    _entry, normal = nearest_on_convex(start + entry.part * (here - start), solid, up, radius)
+    entry.steepness = wp.max(-wp.dot(here - start, normal), LEAST_STEP * wp.length(here - start))
+    return entry
+
+
+@wp.func
+def slid_on_convex(start: wp.vec3, here: wp.vec3, solid: Solid, up: wp.vec3, radius: float, entry: Entry):
+    """Return the end of a path that slides on from its entry, the normal there, and the fraction that slides."""
+    before, _normal = surface_of_convex(solid, up, start + entry.part * (here - start), radius, FAR_AWAY)
+    gone = entry.part
+    if entry.part > 0.0:
+        gone = entry.part + before / entry.steepness
+    place, normal = nearest_on_convex(start + gone * (here - start), solid, up, radius)
+    return here + wp.dot(place - here, normal) * normal, normal, 1.0 - gone
+
+
+@wp.func
+def work_on_convex(
+    start: wp.vec3, point: wp.vec3, velocity: wp.vec3, solid: Solid, pose: Pose, earlier: Pose, up: wp.vec3,
+    entry: Entry, point_bar: wp.vec3, velocity_bar: wp.vec3, normal_bar: wp.vec3,
+):  # fmt: skip
+    """Return the state of a particle that stops on a convex solid, and the normal there, times bars."""
+    here = into(pose, point)
+    place, normal = nearest_on_convex(here, solid, up, 0.0)
+    left = float(1.0)
+    if entry.slides:
+        slid, held, more = slid_on_convex(into(earlier, start), here, solid, up, 0.0, entry)
+        place = slid
+        normal = held
+        left = more
+    arm = wp.quat_rotate(pose.turn, place)
+    outward = wp.quat_rotate(pose.turn, normal)
+    moving = carried(pose.velocity, pose.spin, arm, -entry.step)
+    stood, slowed = stand_on(
+        point, pose.center + arm, velocity, moving, outward, entry.friction, entry.step, entry.at_once, left
+    )
+    return wp.dot(stood, point_bar) + wp.dot(slowed, velocity_bar) + wp.dot(outward, normal_bar)
+
+
+@cache
+def contact_adjoint(features: Features) -> Any:
+    """Return the function that runs one contact backwards."""
+    pose_at, note_fixture = pose_function(features), fixture_bars_function(features)
+
+    @wp.func
+    def contact_backwards(
+        t: Tables, working: Working, around: Around, contact: Contact, point_bar: wp.vec3, velocity_bar: wp.vec3,
+        normal_bar: wp.vec3,
+    ):  # fmt: skip
+        bars = BarsOfContact()
+        if contact.thing == ON_GROUND:
+            of_point, of_velocity, _up, of_height, of_friction, _s, _once, _pb, _vb = wp.grad(work_on_ground)(
+                contact.point, contact.velocity, t.up, around.ground_height, contact.friction, t.step_seconds,
+                contact.at_once, point_bar, velocity_bar,
+            )  # fmt: skip
+            bars.point = of_point
+            bars.velocity = of_velocity
+            bars.height = of_height
+            bars.friction = of_friction
+            return bars
+        solid = t.fixtures.solids[contact.thing]
+        if solid.kind == MESH:
+            once = contact.at_once or contact.met.slides
+            of_point, of_velocity, by_let, _n, by_moving, of_friction, _s, _part, _o, _pb, _vb = wp.grad(work_beside)(
+                contact.point, contact.velocity, contact.met.let, contact.met.normal, contact.met.moving,
+                contact.friction, t.step_seconds, contact.met.part, once, point_bar, velocity_bar,
+            )  # fmt: skip
+            bars.point = of_point
+            bars.velocity = of_velocity
+            note_fixture(t, working, around, contact.thing, by_let, by_moving, wp.vec3(), of_friction)
+            return bars
+        pose = pose_at(t, around.world, contact.thing, around.time)
+        earlier = pose
+        if wp.static(features.fixtures_move):
+            earlier = pose_at(t, around.world, contact.thing, around.time - t.step_seconds)
+        start = into(earlier, contact.start)
+        here = into(pose, contact.point)
+        entry = entry_of(start, here, into(pose, contact.met.let), contact.met.part, solid, t.up, 0.0)
+        entry.friction = contact.friction
+        entry.step = t.step_seconds
+        entry.at_once = contact.at_once or contact.met.slides
+        by_start, by_point, by_velocity, _on, by_pose, by_earlier, _up, by_entry, _p, _v, _n = wp.grad(work_on_convex)(
+            contact.start, contact.point, contact.velocity, solid, pose, earlier, t.up, entry, point_bar,
+            velocity_bar, normal_bar,
+        )  # fmt: skip
+        bars.start = by_start
+        bars.point = by_point
+        bars.velocity = by_velocity
+        note_fixture(
+            t, working, around, contact.thing, by_pose.center, by_pose.velocity, by_earlier.center, by_entry.friction
+        )
+        return bars
+
+    return contact_backwards
+
+
+def ground_columns(features: Features) -> tuple[int, int]:
+    """Return the columns of the ground's height, and of a balloon's own coefficient of friction."""
+    return features.columns.places["ground_height"], features.columns.places["balloon_friction"]
+
+
+@wp.func
+def ground_backwards(
+    t: Tables, around: Around, point: wp.vec3, velocity: wp.vec3, point_bar: wp.vec3, velocity_bar: wp.vec3
+):
+    """Return the derivatives by the state with which a particle comes to the ground."""
+    bars = BarsOfContact()
+    bars.point = point_bar
+    bars.velocity = velocity_bar
+    if wp.dot(point, t.up) < around.ground_height:
+        friction = friction_on(t, around.world, around.balloon, GROUND)
+        by_point, by_velocity, _up, by_height, by_friction, _step, _once, _bar, _v_bar = wp.grad(work_on_ground)(
+            point, velocity, t.up, around.ground_height, friction, t.step_seconds, False, point_bar, velocity_bar
+        )
+        bars.point = by_point
+        bars.velocity = by_velocity
+        bars.height = by_height
+        bars.friction = by_friction
+    return bars
+
+
+@wp.func
+def detour_of_ground_backwards(
+    t: Tables, around: Around, start: wp.vec3, ahead: wp.vec3, course: wp.vec3, place_bar: wp.vec3, normal_bar: wp.vec3
+):
+    """Return the derivatives by a place ahead, by the course, and by the normal of the surface met before."""
+    bars = ground_backwards(t, around, ahead, course, place_bar, wp.vec3())
+    if wp.dot(ahead, t.up) >= around.ground_height:
+        bars.normal = normal_bar
+    return bars
+
+
+@wp.func
+def work_of_detour(
+    point: wp.vec3, course: wp.vec3, up: wp.vec3, height: float, friction: float, step_seconds: float, bar: wp.vec3
+):
+    """Return the velocity change that the ground will bring, see `loops.obstacles.detour_function`, times a bar."""
+    end = point + step_seconds * course
+    outside, _slowed = leave_ground(end, course, up, height, friction, step_seconds, False)
+    return wp.dot(outside - end, bar) / step_seconds
+
+
+def leave_ground_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
+    """Return the adjoint of leaving the ground."""
+    column, friction_column = ground_columns(features)
+    Params, _ = params_functions(features.columns, features.balloons)  # noqa: N806 - a type
+
+    around_particle = around_function(features)
+
+    @wp.func
+    def leave_adjoint(
+        t: Tables, params: Any, point: wp.vec3, velocity: wp.vec3, point_bar: wp.vec3, velocity_bar: wp.vec3
+    ):
+        params_bar = Params()
+        bars = BarsOfContact()
+        bars.point = point_bar
+        bars.velocity = velocity_bar
+        if params.mass > 0.0:
+            bars = ground_backwards(t, around_particle(params, 0.0), point, velocity, point_bar, velocity_bar)
+            params_bar.n[column] = bars.height
+            params_bar.n[friction_column] = bars.friction
+        return bars.point, bars.velocity, params_bar
+
+    return (Adjoint(leave_adjoint, ("point", "velocity", "params")),)
+
+
+def foresee_ground_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
+    """Return the adjoint of the deflection that a particle will meet; the direction from the ground is constant."""
+    column, friction_column = ground_columns(features)
+    Params, _ = params_functions(features.columns, features.balloons)  # noqa: N806 - a type
+
+    @wp.func
+    def foresee_adjoint(t: Tables, params: Any, gain: float, point: wp.vec3, course: wp.vec3, detour_bar: wp.vec3):
+        params_bar = Params()
+        point_bar = wp.vec3()
+        course_bar = wp.vec3()
+        height = params.n[column]
+        if gain > 0.0 and wp.dot(point + t.step_seconds * course, t.up) < height:
+            friction = friction_on(t, params.world, params.balloon, GROUND)
+            by_point, by_course, _up, by_height, by_friction, _step, _bar = wp.grad(work_of_detour)(
+                point, course, t.up, height, friction, t.step_seconds, detour_bar
+            )
+            point_bar = by_point
+            course_bar = by_course
+            params_bar.n[column] = by_height
+            params_bar.n[friction_column] = by_friction
+        return point_bar, course_bar, params_bar
+
+    return (Adjoint(foresee_adjoint, ("point", "course", "params")),)
+
+
+@cache
+def standing_adjoint(features: Features) -> Any:
+    """Return the function that runs backwards how a particle leaves obstacles and the ground."""
+    contact_backwards, last_contact = contact_adjoint(features), contact_function(features)
+
+    @wp.func
+    def stand_backwards(
+        t: Tables, working: Working, around: Around, point: wp.vec3, velocity: wp.vec3, point_bar: wp.vec3,
+        velocity_bar: wp.vec3,
+    ):  # fmt: skip
+        bars = BarsOfContact()
+        bars.point = point_bar
+        bars.velocity = velocity_bar
+        start = point - t.step_seconds * velocity
+        number = MOST_CONTACTS
+        at_once = bool(False)
+        while number > 0:
+            contact = last_contact(t, around, start, point, velocity, number, False, at_once)
+            if number == MOST_CONTACTS and contact.partner == SEVERAL and not at_once:
+                at_once = True
+                continue
+            number = contact.number
+            if number >= 0:
+                more = contact_backwards(t, working, around, contact, bars.point, bars.velocity, wp.vec3())
+                bars.point = more.point
+                bars.velocity = more.velocity
+                bars.start += more.start
+                bars.height += more.height
+                bars.friction += more.friction
+        bars.point += bars.start
+        bars.velocity -= t.step_seconds * bars.start
+        return bars
+
+    return stand_backwards
+
+
+@cache
+def detour_adjoint(features: Features) -> Any:
+    """Return the function that runs backwards where obstacles and the ground will let a particle go."""
+    contact_backwards, last_contact = contact_adjoint(features), contact_function(features)
+
+    @wp.func
+    def detour_backwards(
+        t: Tables, working: Working, around: Around, start: wp.vec3, ahead: wp.vec3, course: wp.vec3,
+        place_bar: wp.vec3, normal_bar: wp.vec3,
+    ):  # fmt: skip
+        """Return derivatives: of the velocity, that by the course."""
+        bars = BarsOfContact()
+        bars.point = place_bar
+        bars.normal = normal_bar
+        number = MOST_CONTACTS
+        while number > 0:
+            contact = last_contact(t, around, start, ahead, course, number, True, False)
+            number = contact.number
+            if number >= 0:
+                more = contact_backwards(t, working, around, contact, bars.point, wp.vec3(), bars.normal)
+                bars.point = more.point
+                bars.velocity += more.velocity
+                bars.start += more.start
+                bars.height += more.height
+                bars.friction += more.friction
+                bars.normal = wp.vec3()
+        return bars
+
+    return detour_backwards
+
+
+def leave_obstacles_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
+    """Return the adjoint of leaving obstacles and the ground."""
+    column, friction_column = ground_columns(features)
+    around_particle, stand_backwards = around_function(features), standing_adjoint(features)
+    Params, _ = params_functions(features.columns, features.balloons)  # noqa: N806 - a type
+
+    @wp.func
+    def leave_adjoint(
+        t: Tables, working: Working, params: Any, end: float, point: wp.vec3, velocity: wp.vec3, point_bar: wp.vec3,
+        velocity_bar: wp.vec3,
+    ):  # fmt: skip
+        params_bar = Params()
+        bars = BarsOfContact()
+        bars.point = point_bar
+        bars.velocity = velocity_bar
+        if params.mass > 0.0:
+            bars = stand_backwards(t, working, around_particle(params, end), point, velocity, point_bar, velocity_bar)
+            params_bar.n[column] = bars.height
+            params_bar.n[friction_column] = bars.friction
+        return bars.point, bars.velocity, params_bar
+
+    return (Adjoint(leave_adjoint, ("point", "velocity", "params")),)
+
+
+def foresee_obstacles_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
+    """Return the adjoint of the deflection that a particle will meet."""
+    column, friction_column = ground_columns(features)
+    around_particle, detour_backwards = around_function(features), detour_adjoint(features)
+    Params, _ = params_functions(features.columns, features.balloons)  # noqa: N806 - a type
+
+    @wp.func
+    def foresee_adjoint(
+        t: Tables, working: Working, params: Any, end: float, gain: float, point: wp.vec3, course: wp.vec3,
+        detour_bar: wp.vec3, away_bar: wp.vec3,
+    ):  # fmt: skip
+        params_bar = Params()
+        by_point = wp.vec3()
+        by_course = wp.vec3()
+        if gain > 0.0:
+            ahead = point + t.step_seconds * course
+            by_way = detour_bar / t.step_seconds
+            bars = detour_backwards(t, working, around_particle(params, end), point, ahead, course, by_way, away_bar)
+            by_point = bars.start + (bars.point - by_way)
+            by_course = bars.velocity + t.step_seconds * (bars.point - by_way)
+            params_bar.n[column] = bars.height
+            params_bar.n[friction_column] = bars.friction
+        return by_point, by_course, params_bar
+
+    return (Adjoint(foresee_adjoint, ("point", "course", "params")),)
 
 
 def leave_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from balloon_warp.kernels.loops.rolling import Course, course_of
+from balloon_warp.kernels.loops.spheres import Course, course_of
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.working import SphereBars, Working
 

@@ -5,15 +5,14 @@ Each returns where a sphere is then, and how fast, times the derivatives by that
 
 import warp as wp
 
-from balloon_warp.kernels.adjoints.one_contact import Entry, into, nearest_on_convex, slid_on_convex
-from balloon_warp.kernels.contact_tables import Solid
+from balloon_warp.kernels.adjoints.solids import Entry, into, nearest_on_convex, slid_on_convex
 from balloon_warp.kernels.laws.collision import collision, share_of
-from balloon_warp.kernels.laws.contact import stop_of
+from balloon_warp.kernels.laws.contact import ease_of_ball, friction_impulse, rubbed, spin_by, stop_of
 from balloon_warp.kernels.laws.impulse import fall
 from balloon_warp.kernels.laws.rigid import carried
-from balloon_warp.kernels.laws.sliding import ease_of_ball, friction_impulse, rubbed, spin_by
-from balloon_warp.kernels.loops.fixture_poses import Pose
-from balloon_warp.kernels.loops.rolling import Course
+from balloon_warp.kernels.loops.fixtures import Pose
+from balloon_warp.kernels.loops.spheres import Course
+from balloon_warp.kernels.tables import Solid
 
 
 @wp.struct

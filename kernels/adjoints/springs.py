@@ -1,4 +1,12 @@
-"""Adjoint of the loop over a particle's springs, whatever their laws.
+"""Adjoints of the loops over a particle's springs, strings and hinges.
+
+Adjoint of the loop over a particle's hinges: torsion.
+
+A hinge's part in the sum over all particles of force . bar is that of its four places, where the bar of a wing is the
+mean of its corners'. Warp derives it by the places; each particle takes its own bar, and the first end of an edge the
+numbers'.
+
+Adjoint of the loop over a particle's springs, whatever their laws.
 
 A spring between p and q pulls p with f = c d, along d to q, and q with -f. Its part in the sum over all particles of
 force . bar is f . (bar of p - bar of q). That is derived by d, by how fast d changes, and by the spring's numbers; Warp
@@ -13,16 +21,145 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.adjoint import Adjoint
 from balloon_warp.kernels.adjoints.eights import springs_of_eight
 from balloon_warp.kernels.algebra import inverse_root, squared_length
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.hooke import HOOKE
+from balloon_warp.kernels.laws.springs import FIRST_END, FIRST_WING, HOOKE, SECOND_WING, angle_beyond
+from balloon_warp.kernels.loops.net_force import anchor_function, place_function, string_pull, wing_size
 from balloon_warp.kernels.loops.slots import Slots
 from balloon_warp.kernels.loops.springs import constant_of_kind
 from balloon_warp.kernels.memory import float_at, int_at, pair_at, vector_at
-from balloon_warp.kernels.params import params_functions
-from balloon_warp.kernels.tables import CHUNK, SLICE, Tables, first_entry
+from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels.params import numbers_reader, params_functions, time_of
+from balloon_warp.kernels.phase import Adjoint
+from balloon_warp.kernels.tables import CHUNK, SLICE, StringTable, Tables, first_entry, row_of_world
+
+SECOND_END = wp.constant(1)
+
+
+@cache
+def hinge_adjoint(features: Features, at: Any) -> Adjoint:
+    """Return the adjoint that gathers bars of a particle's place, and of its balloon's numbers."""
+    laws, places_of_hinge = features.laws_on("hinge"), place_function(at)
+    Params, _ = params_functions(features.columns, features.balloons)  # noqa: N806 - a type
+
+    @wp.func
+    def work_of_hinge(
+        a: wp.vec3, b: wp.vec3, first: wp.vec3, second: wp.vec3, rest_angle: float, n: Any, a_bar: wp.vec3,
+        b_bar: wp.vec3, first_bar: wp.vec3, second_bar: wp.vec3,
+    ):  # fmt: skip
+        bend = angle_beyond(a, b, first, second, rest_angle)
+        return (
+            wp.dot(laws(FIRST_END, a, b, first, second, bend, n), a_bar)
+            + wp.dot(laws(SECOND_END, a, b, first, second, bend, n), b_bar)
+            + wp.dot(laws(FIRST_WING, a, b, first, second, bend, n), first_bar)
+            + wp.dot(laws(SECOND_WING, a, b, first, second, bend, n), second_bar)
+        )
+
+    @wp.func
+    def hinges_adjoint(t: Tables, points: Any, params: Any, force_bars: Any):
+        point_bar = wp.vec3()
+        params_bar = Params()
+        for entry in range(t.hinges.particle_offsets[params.number], t.hinges.particle_offsets[params.number + 1]):
+            packed = t.hinges.particle_roles[entry]
+            hinge = packed >> 2
+            role = packed & 3
+            a, b, first, second = places_of_hinge(t.hinges, points, hinge)
+            a_bar, b_bar, first_bar, second_bar = places_of_hinge(t.hinges, force_bars, hinge)
+            by_a, by_b, by_first, by_second, _rest, by_n, _a, _b, _first, _second = wp.grad(work_of_hinge)(
+                a, b, first, second, t.hinges.rest_angles[hinge], params.n, a_bar, b_bar, first_bar, second_bar
+            )
+            if role == FIRST_END:
+                point_bar += by_a
+                params_bar.n += by_n
+            elif role == SECOND_END:
+                point_bar += by_b
+            elif role == FIRST_WING:
+                point_bar += by_first / float(wing_size(t.hinges, hinge, 0))
+            else:
+                point_bar += by_second / float(wing_size(t.hinges, hinge, 1))
+        return point_bar, params_bar
+
+    return Adjoint(hinges_adjoint, ("point", "params"))
+
+
+StringBars = wp.types.vector(length=5, dtype=wp.float64)
+"""Derivatives by a string's anchor, length and stiffness"""
+
+
+@cache
+def string_adjoint(features: Features) -> Adjoint:
+    """Return the adjoint of a particle's strings, for its place and its velocity."""
+    pull_of_string = string_pull(features)
+
+    @wp.func
+    def work_of_string(
+        point: wp.vec3, velocity: wp.vec3, bar: wp.vec3, strings: StringTable, world: wp.int32, string: wp.int32,
+        n: Any, step_seconds: float, time: float,
+    ):  # fmt: skip
+        return wp.dot(pull_of_string(strings, world, string, point, velocity, n, step_seconds, time), bar)
+
+    @wp.func
+    def strings_adjoint(t: Tables, params: Any, point: wp.vec3, velocity: wp.vec3, time: float, force_bar: wp.vec3):
+        point_bar = wp.vec3()
+        velocity_bar = wp.vec3()
+        for held in range(int_at(t.strings.offsets, params.number), int_at(t.strings.offsets, params.number + 1)):
+            by_point, by_velocity, _bar, _strings, _world, _string, _n, _step, _time = wp.grad(work_of_string)(
+                point,
+                velocity,
+                force_bar,
+                t.strings,
+                params.world,
+                t.strings.order[held][0],
+                params.n,
+                t.step_seconds,
+                time,
+            )
+            point_bar += by_point
+            velocity_bar += by_velocity
+        return point_bar, velocity_bar
+
+    return Adjoint(strings_adjoint, ("point", "velocity"))
+
+
+@cache
+def strings_back_kernel(features: Features) -> Any:
+    """Return the kernel that adds to the bars of each string's anchor, length and stiffness."""
+    coefficient, read_numbers = features.laws_on("string"), numbers_reader(features.columns)
+    anchor_at = anchor_function(features)
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def strings_back(
+        t: Tables, frame: wp.array[wp.int32], time_in_frame: float, points: wp.array2d[wp.vec3],
+        velocities: wp.array2d[wp.vec3], force_bars: wp.array2d[wp.vec3], bars: wp.array2d[StringBars],
+    ):  # fmt: skip
+        """Add the bars of a substep; a thread a (world, string)."""
+        world, held = wp.tid()
+        particle = t.strings.particles[held]
+        string = t.strings.order[held][0]
+        n = read_numbers(t, world, t.particles.balloon[particle])
+        time = time_of(t, frame, time_in_frame)
+        d = anchor_at(t.strings, world, string, time) - points[world, particle]
+        length = t.strings.lengths[row_of_world(world, t.strings.lengths.shape[0]), string]
+        stiffness = t.strings.stiffness[row_of_world(world, t.strings.stiffness.shape[0]), string]
+        velocity = velocities[world, particle]
+        squared = squared_length(d)
+        opening = -wp.dot(velocity, d)
+        product = stiffness * length
+        pull = coefficient(squared, opening, length, stiffness, product, t.step_seconds, time, n)
+        by_squared, by_opening, by_length, by_k, by_product, _step, _time, _n = wp.grad(coefficient)(
+            squared, opening, length, stiffness, product, t.step_seconds, time, n
+        )
+        bar = force_bars[world, particle]
+        along = wp.dot(d, bar)
+        by_anchor = pull * bar + along * (2.0 * by_squared * d - by_opening * velocity)
+        bars[world, string] += StringBars(
+            wp.float64(by_anchor[0]), wp.float64(by_anchor[1]), wp.float64(by_anchor[2]),
+            wp.float64(along * (by_length + stiffness * by_product)), wp.float64(along * (by_k + length * by_product)),
+        )  # fmt: skip
+
+    return strings_back
+
 
 KINDS = ("structural", "shear", "flexion")
 

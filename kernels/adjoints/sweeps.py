@@ -21,7 +21,7 @@ from balloon_warp.kernels.contact.ends import bearing_function, four_of, mover_o
 from balloon_warp.kernels.contact.kind import MARKED, Sweep
 from balloon_warp.kernels.contact.ridge_poses import sphere_of
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.edges import FOUR
+from balloon_warp.kernels.laws.ridges import FOUR
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.warps import block_barrier
 from balloon_warp.kernels.working import Working

@@ -9,7 +9,7 @@ from balloon_warp.kernels.contact.contact import Contact
 from balloon_warp.kernels.contact.kind import Kind, list_contact
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.bodies import Rigid, body_at, stop_function
-from balloon_warp.kernels.loops.friction import friction_on, number_of_body
+from balloon_warp.kernels.loops.fixtures import friction_on, number_of_body
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.working import Working
 

@@ -24,9 +24,9 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.edges import FOUR
+from balloon_warp.kernels.laws.contact import spin_by
+from balloon_warp.kernels.laws.ridges import FOUR
 from balloon_warp.kernels.laws.rigid import spin_of
-from balloon_warp.kernels.laws.sliding import spin_by
 from balloon_warp.kernels.laws.touch import LEAST, across
 
 NONE = wp.constant(-1)

@@ -17,7 +17,7 @@ from balloon_warp.kernels.contact.parts import Swept, box_of_edge, box_of_part
 from balloon_warp.kernels.contact.room import OF_PAIRS, ask_for_room
 from balloon_warp.kernels.contact.triangles import are_neighbors
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.edges import KEPT, crossing_of
+from balloon_warp.kernels.laws.ridges import KEPT, crossing_of
 from balloon_warp.kernels.loops.meeting import skin_functions
 from balloon_warp.kernels.memory import four_ints_at, int_at, int_pair_at, vector_at
 from balloon_warp.kernels.options import OPTIONS

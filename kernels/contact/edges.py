@@ -15,9 +15,8 @@ from balloon_warp.kernels.contact.kind import Kind, list_contact
 from balloon_warp.kernels.contact.list_lengths import PAIRS, SUBSTEPS
 from balloon_warp.kernels.contact.triangles import side_of, triangle_of
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.edges import FOUR, KEPT, couples_of, crosses, crossing_of, weights_of
-from balloon_warp.kernels.laws.ridges import way_to_part
-from balloon_warp.kernels.loops.friction import friction_of_balloons
+from balloon_warp.kernels.laws.ridges import FOUR, KEPT, couples_of, crosses, crossing_of, way_to_part, weights_of
+from balloon_warp.kernels.loops.fixtures import friction_of_balloons
 from balloon_warp.kernels.loops.meeting import place_beside, skin_functions
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.warps import any_in_warp, block_barrier

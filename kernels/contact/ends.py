@@ -23,10 +23,10 @@ from balloon_warp.kernels.contact.contact import (
 from balloon_warp.kernels.contact.ridge_poses import body_of, sphere_of
 from balloon_warp.kernels.contact.sums import add_impulse, add_to_solid, take_impulse, take_of_solid
 from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.laws.contact import spin_by
 from balloon_warp.kernels.laws.rigid import spin_of
-from balloon_warp.kernels.laws.sliding import spin_by
 from balloon_warp.kernels.loops.bodies import body_at, body_mass, pushed_on, put_body
-from balloon_warp.kernels.loops.inertia import ease_function
+from balloon_warp.kernels.loops.net_force import ease_function
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world, sphere_mass, sphere_radius
 from balloon_warp.kernels.working import Working
 

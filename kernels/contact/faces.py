@@ -14,10 +14,10 @@ import warp as wp
 from balloon_warp.kernels.contact.boxes import boxes_meet
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.collision import NEVER
-from balloon_warp.kernels.laws.face_contact import Impact, facing_of, impact, part_until_contact
-from balloon_warp.kernels.laws.sliding import spin_by
-from balloon_warp.kernels.loops.friction import friction_on, number_of_sphere
-from balloon_warp.kernels.loops.inertia import ease_function, inertia_function
+from balloon_warp.kernels.laws.contact import spin_by
+from balloon_warp.kernels.laws.touch import Impact, facing_of, impact, part_until_contact
+from balloon_warp.kernels.loops.fixtures import friction_on, number_of_sphere
+from balloon_warp.kernels.loops.net_force import ease_function, inertia_function
 from balloon_warp.kernels.params import params_functions
 from balloon_warp.kernels.tables import Tables, sphere_mass, sphere_radius
 from balloon_warp.kernels.warps import block_barrier

@@ -6,9 +6,9 @@ point, whose sums do not depend on the order.
 
 import warp as wp
 
-from balloon_warp.kernels.fixed_point import growth, quanta
 from balloon_warp.kernels.memory import byte_in
 from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels.warps import growth, quanta
 from balloon_warp.kernels.working import Working
 
 wp.set_module_options(OPTIONS)

@@ -12,12 +12,12 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.fixed_point import set_quanta, total_newtons
-from balloon_warp.kernels.laws.fixture import FAR_AWAY
+from balloon_warp.kernels.laws.contact import FAR_AWAY
 from balloon_warp.kernels.loops.fixtures import free_ball_function
 from balloon_warp.kernels.loops.meeting import skin_functions
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.warps import set_quanta, total_newtons
 
 wp.set_module_options(OPTIONS)
 

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from balloon_warp.kernels.codegen import function_from
+from balloon_warp.kernels.compose import function_from
 from balloon_warp.kernels.contact.contact import Contact
 from balloon_warp.kernels.contact.room import OF_CATCHES, ask_for_room
 from balloon_warp.kernels.features import Features

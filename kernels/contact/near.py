@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.loops.sphere_contact import is_near_sphere
+from balloon_warp.kernels.loops.spheres import is_near_sphere
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.working import Working
 

@@ -16,7 +16,7 @@ import warp as wp
 
 from balloon_warp.kernels.contact.free_frames import BUSY, FREE, HURRIED, FreeFrames
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.fixture import FAR_AWAY
+from balloon_warp.kernels.laws.contact import FAR_AWAY
 from balloon_warp.kernels.loops.meeting import skin_functions
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.tables import Tables, WorldState

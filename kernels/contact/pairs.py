@@ -7,7 +7,7 @@ import warp as wp
 
 from balloon_warp.kernels.contact.triangles import side_of
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.loops.friction import friction_of_balloons
+from balloon_warp.kernels.loops.fixtures import friction_of_balloons
 from balloon_warp.kernels.loops.meeting import Touching, skin_functions
 from balloon_warp.kernels.memory import float_at, float_in, int_at
 from balloon_warp.kernels.tables import Tables, row_of_world

@@ -8,8 +8,7 @@ import warp as wp
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.rigid import spin_of, turned_by
 from balloon_warp.kernels.loops.bodies import body_mass
-from balloon_warp.kernels.loops.fixture_poses import pose_function
-from balloon_warp.kernels.loops.friction import number_of_body, number_of_obstacle, number_of_sphere
+from balloon_warp.kernels.loops.fixtures import number_of_body, number_of_obstacle, number_of_sphere, pose_function
 from balloon_warp.kernels.tables import Tables, WorldState, sphere_radius
 from balloon_warp.kernels.working import Working
 

@@ -11,7 +11,7 @@ from balloon_warp.kernels.contact.ridge_poses import Placed, placing_function
 from balloon_warp.kernels.contact.ridge_search import corners_of, near_in, ridge_search_function, start_in
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.ridges import Ridge, way_to_part
-from balloon_warp.kernels.loops.friction import friction_on
+from balloon_warp.kernels.loops.fixtures import friction_on
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.working import Working
 

@@ -11,10 +11,10 @@ import warp as wp
 from balloon_warp.kernels.contact.near import PARTICLES_A_MARK
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.impulse import MOST_TURNS, Press, is_met, is_settled, shift_of_body
-from balloon_warp.kernels.loops.friction import friction_on, number_of_sphere
-from balloon_warp.kernels.loops.inertia import inertia_function
+from balloon_warp.kernels.loops.fixtures import friction_on, number_of_sphere
+from balloon_warp.kernels.loops.net_force import inertia_function
 from balloon_warp.kernels.loops.obstacles import around_function, standing_function
-from balloon_warp.kernels.loops.sphere_contact import (
+from balloon_warp.kernels.loops.spheres import (
     answer_of_ball,
     answer_to_ball,
     ball_function,

@@ -12,7 +12,7 @@ from balloon_warp.kernels.compose import function_here
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.added_mass import air_along
 from balloon_warp.kernels.laws.air import air_of_height
-from balloon_warp.kernels.laws.inflation import GAS
+from balloon_warp.kernels.laws.body import GAS
 from balloon_warp.kernels.loops.areas import volume_origin
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.params import numbers_reader

@@ -6,10 +6,10 @@ frame.
 
 import warp as wp
 
-from balloon_warp.kernels.clock import ramp_at
-from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
+from balloon_warp.kernels.laws.body import NORMAL_FORCE
 from balloon_warp.kernels.measure.health import HealthTable, look_at_particle, look_at_sphere
 from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels.params import ramp_at
 from balloon_warp.kernels.tables import ParticleTable, WorldState, is_chosen, row_of_world
 
 wp.set_module_options({**OPTIONS, "enable_backward": False})

@@ -5,11 +5,10 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.codegen import function_from
-from balloon_warp.kernels.compose import call_of
+from balloon_warp.kernels.compose import call_of, function_from
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.added_mass import air_along
-from balloon_warp.kernels.laws.inflation import GAS
+from balloon_warp.kernels.laws.body import GAS
 from balloon_warp.kernels.loops.areas import volume_origin
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.params import numbers_reader

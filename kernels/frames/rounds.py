@@ -2,8 +2,8 @@
 
 import warp as wp
 
-from balloon_warp.kernels.clock import Clock
 from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels.params import Clock
 
 wp.set_module_options({**OPTIONS, "enable_backward": False})
 

@@ -1,8 +1,49 @@
-"""Gravity, helium and damping (paper, "Particle Simulation")."""
+"""Gravity, helium, damping, and inflation: forces on a particle (paper, \"Particle Simulation\").
+
+Inflation: a force on each particle along its *aim*, or along its area vector.
+
+- Normal forces, the paper's: F = 100 k_normal (A_p / A_total) n (paper, "Particle Simulation"). A_p is the area of the
+  incident face whose center is nearest to the particle, n the particle's Gouraud normal: the mean of the unit normals
+  of its incident faces, normalized. The aim is (A_p / A_total) n, which the paper caches over a frame.
+- A pressure, given or of a gas: F = p dV/dx, p times the particle's area vector.
+"""
+
+from typing import Any
 
 import warp as wp
 
 from balloon_warp.kernels.laws.law import TINY, Law, Parameter
+
+NORMAL_FORCE = wp.constant(0)
+PRESSURE = wp.constant(1)
+GAS = wp.constant(2)
+FAR = wp.constant(1.0e30)
+"""Squared distance beyond all others [m^2]"""
+
+
+@wp.func
+def normal_push(k_normal: Any):
+    """Force over the aim [N]."""
+    return 100.0 * k_normal
+
+
+@wp.func
+def nearer_area(nearest: wp.vec2, point: wp.vec3, center: wp.vec3, area_vector: wp.vec3):
+    """Return squared distance and area of the nearer of two faces, the nearest so far and this one."""
+    squared_distance = wp.length_sq(center - point)
+    return wp.where(squared_distance < nearest[0], wp.vec2(squared_distance, wp.length(area_vector)), nearest)
+
+
+@wp.func
+def vertex_normal_of(normal_sum: wp.vec3, nearest: wp.vec2):
+    """Return A_p n from the sum of the unit normals around a particle, and its nearest face [m^2]."""
+    return nearest[1] * wp.normalize(normal_sum)
+
+
+@wp.func
+def inflation_direction_of(vertex_normal: wp.vec3, total_area: float):
+    """Return (A_p / A_total) n from A_p n."""
+    return vertex_normal / wp.max(total_area, 1.0e-20)
 
 
 @wp.func
@@ -38,7 +79,6 @@ DAMPING_CONSTANT = Parameter(
     path="damping",
     meaning="Linear drag coefficient of the whole balloon, distributed like the mass",
 )
-
 WEIGHT = Law("particle", weight, (GRAVITY, HELIUM), energy=weight_energy)
 DAMPING = Law(
     "particle",

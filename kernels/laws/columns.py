@@ -10,10 +10,10 @@ from balloon_warp.kernels.laws.body import MASS
 from balloon_warp.kernels.laws.contact import FRICTION, GROUND, SPHERE
 from balloon_warp.kernels.laws.fill import PARAMETERS as FILL
 from balloon_warp.kernels.laws.gas import PARAMETERS as GAS
-from balloon_warp.kernels.laws.hooke import KINDS
 from balloon_warp.kernels.laws.law import Law, Parameter
 from balloon_warp.kernels.laws.membrane import PARAMETERS as MEMBRANE
 from balloon_warp.kernels.laws.orifice import PARAMETERS as OPENINGS
+from balloon_warp.kernels.laws.springs import KINDS
 from balloon_warp.kernels.laws.touch import TOUCH
 
 

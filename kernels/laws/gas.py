@@ -1,4 +1,6 @@
-"""Sealed gas: its pressure, how a balloon swells under it, the pumped amounts, and the flow through tubes.
+"""Sealed gas: its pressure, and how it comes and goes; balloons that are crushed or almost empty.
+
+Sealed gas: its pressure, how a balloon swells under it, the pumped amounts, and the flow through tubes.
 
 Two numbers describe the sealed gas, its amount n [mol] and its *free volume* V_0 [m^3]: the volume that it would take
 at one atmosphere p_0 by an adiabatic change. The free volume stands for the entropy, is conserved whatever becomes of
@@ -8,6 +10,11 @@ balloon and air, and adds up where gases mix. At the volume V the pressure is p_
 The *area vector* of a particle is the gradient of its balloon's volume with respect to its place [m^2], so that a
 pressure p pushes it by p times that: net force and torque on a closed mesh vanish. The volume is that of faces as fans
 around their centers; it is homogeneous of degree three in the places, so that it is a third of the sum of x . a.
+
+A given pressure below that outside: the balloon is crushed flat, and stays so.
+
+Water above a balloon, or a pressure below the air's, takes its volume for as long as there is any. Then its walls lie
+on each other, and what the one bears the other holds: a skin whose volume is used up bears no further pressure.
 """
 
 from typing import Any
@@ -18,9 +25,42 @@ from balloon_warp.kernels.algebra import dot_product, scaled, times
 from balloon_warp.kernels.lanes import LANE_COUNT, Five, Lanes, five
 from balloon_warp.kernels.laws.air import AIR, ALIKE, air_of_height, molar_volume
 from balloon_warp.kernels.laws.body import GRAVITY
-from balloon_warp.kernels.laws.empty import COLLAPSING, EMPTIEST, end_of_collapse
 from balloon_warp.kernels.laws.law import Parameter
 from balloon_warp.kernels.laws.water import EVENED
+
+COLLAPSING = wp.constant(0.5)
+"""Fraction of a balloon's volume that remains after a step, below which the step is not first-order accurate"""
+EMPTY = wp.constant(0.02)
+"""Fraction of the mesh's volume that stays in a flat balloon, which no pump or opening takes out"""
+EMPTIEST = wp.constant(1.0e-6)
+"""Least volume fraction"""
+
+
+@wp.func
+def end_of_collapse(volume: float, held: float, air_pressure: float):
+    """Return the volume at the end of a step [m^3] of a gas that would lose most of it in the step.
+
+    There the pressure is p_a (V_a / x - 1) at the volume x of the end, V_a that at the air's pressure, and K the rise
+    of the volume in the step with a pressure [m^3/Pa]: x = B + K p_a (V_a / x - 1). The larger root is never below 0,
+    whatever is in there.
+
+    Args:
+        volume: B, as it would be at the end without any pressure [m^3].
+        held: K p_a V_a [m^6].
+        air_pressure: K p_a [m^3].
+    """
+    half = 0.5 * (volume - air_pressure)
+    root = wp.sqrt(half * half + held)
+    if half > 0.0:
+        return half + root
+    return held / wp.max(root - half, 1.0e-30)  # the same, to the last digit
+
+
+@wp.func
+def amount_when_flat(mesh_volume: float, air: wp.vec3):
+    """Return the amount of gas in a flat balloon [mol], in air of a pressure and temperature."""
+    return EMPTY * wp.max(mesh_volume, 0.0) / molar_volume(air[0], air[1])
+
 
 HELIUM_MOLAR_MASS = 0.0040026
 """Molar mass of helium [kg/mol]"""
@@ -54,7 +94,6 @@ PARAMETERS = (
     *AIR,
     GRAVITY,
 )
-
 Swelling = Five
 """Moments of a balloon's swelling, summed over its particles: see the numbers below."""
 VOLUME = wp.constant(0)  # [m^3]
@@ -305,3 +344,95 @@ def pumped_gas(
 def molar_free_volume(gas: wp.vec2d):
     """Free volume of a mole [m^3/mol]."""
     return float(gas[1] / wp.max(gas[0], wp.float64(1.0e-20)))
+
+
+FLAT = wp.constant(0.1)
+"""Fraction of the mesh's volume below which a liquid's pressure begins to meet itself through the skin"""
+NO_INSIDE = -1.0
+"""Marker: volume of a mesh that is open, or wound the other way around [m^3]"""
+
+
+@wp.func
+def given_load(
+    swelling: Swelling,
+    given: float,
+    mesh_volume: float,
+    step_seconds: float,
+    water_level: float,
+    water_density: float,
+    gravity: float,
+):
+    """Return the gauge pressure in a balloon of a given one [Pa], that at height 0, and its gradient [Pa/m].
+
+    It is the given one p, or else what keeps the volume from going below the least V_0, `EMPTY` of the mesh's, in the
+    step h: with r the rate of swelling without pressure, and G the response, see `laws.gas`,
+
+        V + h (r + G P) >= V_0,  P >= p.
+
+    That takes from the skin's velocities no more than what shrinks it, by the shortest way in kinetic energy: as if its
+    walls met and stuck, no energy is gained, however hard it is pressed and however long the step.
+
+    On a flat skin in a liquid the walls press on each other as the liquid does on them, more below than above. So the
+    gradient becomes the liquid's, from `FLAT` of the mesh's volume on: nothing is left that would swell one part of the
+    skin by turning another inside out, and what it holds lifts no more.
+
+    Args:
+        swelling: without pressure.
+        given: the given gauge pressure p [Pa].
+        mesh_volume: `NO_INSIDE` if there is none to be used up [m^3].
+    """
+    pressure = given
+    rise = float(0.0)
+    least = EMPTY * mesh_volume
+    added = step_seconds * swelling[RESPONSE]
+    middle = swelling[HEIGHT]
+    if mesh_volume >= 0.0 and added > 0.0:
+        end = swelling[VOLUME] + step_seconds * swelling[RATE] + added * given
+        pressure += wp.max(least - end, 0.0) / added
+        middle = swelling[RESPONSE_HEIGHT] / swelling[RESPONSE]
+        if middle < water_level:
+            used = (FLAT * mesh_volume - swelling[VOLUME]) / wp.max(FLAT * mesh_volume - least, 1.0e-30)
+            rise = -wp.clamp(used, 0.0, 1.0) * water_density * gravity
+    at_ground = pressure - rise * middle
+    return wp.vec4(at_ground + rise * swelling[HEIGHT], at_ground, rise, 0.0)
+
+
+@wp.func
+def tube_flow(conductance: float, flow: float, difference: float, softness: float, step_seconds: float):
+    """Return the correction of a tube's flow [mol/s] that makes it conductance times the difference of pressures.
+
+    These are the pressures at its ends [Pa] at the end of a step, where they fall by `softness` [Pa/mol] with all that
+    flows.
+    """
+    return (conductance * difference - flow) / (1.0 + conductance * step_seconds * softness)
+
+
+@wp.func
+def flow_and_fall(
+    flow: float, pressures: wp.vec2, slopes: wp.vec2, moles: wp.vec2, most: wp.vec2, conductance: float,
+    step_seconds: float,
+):  # fmt: skip
+    """Return the corrected flow of a tube [mol/s], and the free volumes that the correction brings to its ends [m^3].
+
+    Args:
+        slopes: Rise of the pressure at each end with the free volume [Pa/m^3].
+        moles: Free volumes of a mole at the ends [m^3/mol].
+        most: Largest flows out of the ends [mol/s].
+    """
+    softness = moles[0] * slopes[0] + moles[1] * slopes[1]
+    more = tube_flow(conductance, flow, pressures[0] - pressures[1], softness, step_seconds)
+    more = wp.clamp(flow + more, -most[1], most[0]) - flow
+    return wp.vec3(flow + more, -step_seconds * more * moles[0], step_seconds * more * moles[1])
+
+
+@wp.func
+def gas_through_tube(source: wp.vec2d, sink: wp.vec2d, moles: float, pressures: wp.vec2, gamma: float):
+    """Return the amounts [mol] and free volumes [m^3] of two gases after an amount flows from one to the other.
+
+    `pressures` are theirs, in full [Pa]. Gas that leaves takes its part of the free volume along, and is throttled.
+    """
+    moved = wp.min(wp.float64(moles), source[0])
+    taken = molar_free_volume(source)
+    brought = throttled(taken, pressures[0], pressures[1], gamma)
+    left = wp.vec2d(source[0] - moved, wp.max(source[1] - moved * wp.float64(taken), wp.float64(0.0)))
+    return left, sink + moved * wp.vec2d(wp.float64(1.0), wp.float64(brought))

@@ -20,10 +20,10 @@ import math
 
 import warp as wp
 
+from balloon_warp.kernels.algebra import power
 from balloon_warp.kernels.laws.air import DRY_AIR_MOLAR_MASS, density_of_air, molar_volume
 from balloon_warp.kernels.laws.gas import STANDARD_PRESSURE, THINNEST, throttled, volume_at
 from balloon_warp.kernels.laws.law import FAR, Parameter
-from balloon_warp.kernels.powers import power
 
 LEAST_FLOW = 1.0e-30
 """Least divisor, and least number under a root, where nothing flows: the slope of a root has no bound at 0"""

@@ -1,16 +1,54 @@
-"""Free rigid bodies: their poses before and after a step, and the response of particles and balls."""
+"""Free rigid bodies: poses, motion, and what they may touch.
+
+Motion of free rigid bodies in a step before they meet particles.
+
+Under gravity, beside the ground, obstacles, each other, and then spheres. One thread takes all of a world, in the same
+order every time.
+"""
 
 from functools import cache
 from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.contact_tables import Solid
 from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.laws.collision import SLOW
+from balloon_warp.kernels.laws.contact import ease_of_ball, friction_impulse, spin_by
 from balloon_warp.kernels.laws.impulse import FREE, way_apart
-from balloon_warp.kernels.laws.rigid import spin_of, turned
+from balloon_warp.kernels.laws.rigid import (
+    AGREED,
+    APART,
+    ease_along,
+    inertia_in_world,
+    least_speed,
+    most_sweeps,
+    slowest_rebound,
+    spin_of,
+    turned,
+    turned_by,
+    way_out_of,
+)
+from balloon_warp.kernels.loops.fixtures import friction_between, number_of_body, number_of_sphere
+from balloon_warp.kernels.loops.holding import (
+    along_normal,
+    beside_at,
+    ease_at,
+    holding_function,
+    push_each_other,
+    settle,
+    tug_at,
+)
 from balloon_warp.kernels.loops.ways import way_function
-from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
+from balloon_warp.kernels.tables import (
+    Solid,
+    Tables,
+    WorldState,
+    row_of_world,
+    sphere_mass,
+    sphere_radius,
+    sphere_restitution,
+)
+from balloon_warp.kernels.working import Working
 
 STRAIGHT = wp.constant(0.99)
 """Dot product of two unit vectors above which they count as parallel"""
@@ -132,3 +170,215 @@ def stop_function(features: Features) -> Any:
         return stop
 
     return stop_at
+
+
+@wp.func
+def begin(t: Tables, state: WorldState, working: Working, world: wp.int32, body: wp.int32):
+    """Store a body's state before the step, and clear its displacement out of overlaps."""
+    mass = body_mass(t, world, body)
+    ease = inertia_in_world(state.body_turns[world, body], t.bodies.eases[body])
+    working.body_masses[world, body] = mass
+    working.body_eases[world, body] = wp.mat33d(ease / mass)
+    working.body_going[world, body] = wp.vec3d()
+    working.body_turning[world, body] = wp.vec3d()
+
+
+@wp.func
+def part(t: Tables, state: WorldState, working: Working, world: wp.int32, count: wp.int32):
+    """Move bodies that overlap apart, each by its mass and inertia, without speed; how far each gap is then.
+
+    Angular momentum turns with its body: it would else spin faster about an axis of less inertia.
+    """
+    deepest = float(0.0)
+    for number in range(count):
+        grip = working.grips[world, number]
+        deepest = wp.max(deepest, -grip.gap)
+        grip.least = way_out_of(grip.gap, t.step_seconds) - wp.dot(grip.normal, grip.moving)
+        grip.impulse = wp.vec3d()
+        working.grips[world, number] = grip
+    if deepest > 0.0:
+        settle(working, world, count, False, APART * deepest, most_sweeps(count))
+        for number in range(count):
+            grip = working.grips[world, number]
+            grip.gap += float(along_normal(grip, beside_at(working, world, grip) + wp.vec3d(grip.moving)))
+            working.grips[world, number] = grip
+        for body in range(state.body_positions.shape[1]):
+            shift = wp.vec3(working.body_going[world, body])
+            turn = wp.vec3(working.body_eases[world, body] * working.body_turning[world, body])
+            state.body_positions[world, body] = state.body_positions[world, body] + shift
+            state.body_turns[world, body] = turned_by(state.body_turns[world, body], turn)
+            about = turned_by(wp.quat_identity(), turn)
+            state.body_momenta[world, body] = wp.quat_rotate(about, state.body_momenta[world, body])
+            begin(t, state, working, world, body)
+        for number in range(count):
+            grip = working.grips[world, number]
+            grip.ease = ease_at(working, world, grip, grip.normal)
+            working.grips[world, number] = grip
+
+
+@wp.func
+def aim(t: Tables, state: WorldState, working: Working, world: wp.int32, count: wp.int32, pull: float):
+    """Set the target speed of each contact from its warm start, and return the fastest approach [m/s].
+
+    Or a step of gravity or of strings, if that is faster.
+    """
+    slow = slowest_rebound(pull, t.step_seconds)
+    fastest = t.step_seconds * wp.abs(pull)
+    for number in range(count):
+        grip = working.grips[world, number]
+        grip.before = beside_at(working, world, grip)
+        approach = -float(along_normal(grip, grip.before))
+        faster = float(0.0)  # two bodies fall alike
+        if grip.other < 0:
+            faster = pull * wp.dot(grip.normal, t.up)
+        tug = float(along_normal(grip, tug_at(working, world, grip)))
+        faster -= tug / t.step_seconds
+        slowest = slow + SLOW * wp.abs(tug)
+        grip.closing = -wp.max(grip.gap, 0.0) / t.step_seconds
+        grip.least = least_speed(grip.gap, approach, grip.restitution, faster, slowest, t.step_seconds)
+        grip.impulse = state.body_impulses[world, number]
+        working.grips[world, number] = grip
+        fastest = wp.max(fastest, wp.max(approach, wp.abs(tug)))
+    return fastest
+
+
+@wp.func
+def move_body(t: Tables, state: WorldState, working: Working, world: wp.int32, body: wp.int32):
+    """Move a body by a step."""
+    velocity = wp.vec3(working.body_going[world, body])
+    momentum = wp.vec3(working.body_turning[world, body])
+    state.body_velocities[world, body] = velocity
+    state.body_momenta[world, body] = momentum
+    state.body_positions[world, body] = state.body_positions[world, body] + t.step_seconds * velocity
+    state.body_turns[world, body] = turned(
+        state.body_turns[world, body], t.bodies.eases[body], body_mass(t, world, body), momentum, t.step_seconds
+    )
+
+
+@wp.func
+def remember(state: WorldState, working: Working, world: wp.int32, count: wp.int32):
+    """Keep the impulses of the list for the next step; a rebound's is not one to begin with."""
+    for number in range(count):
+        grip = working.grips[world, number]
+        state.body_touches[world, number] = grip.key
+        state.body_impulses[world, number] = wp.where(grip.least > 0.0, wp.vec3d(), grip.impulse)
+    if count < state.body_touches.shape[1]:
+        state.body_touches[world, count] = -1
+
+
+@wp.func
+def rub_sphere(
+    t: Tables,
+    state: WorldState,
+    world: wp.int32,
+    body: wp.int32,
+    sphere: wp.int32,
+    rigid: Rigid,
+    stop: Stop,
+    velocity: wp.vec3,
+    push: wp.vec3,
+):
+    """Apply friction to a sphere that a body pushes, and return its impulse [N s]."""
+    mass = sphere_mass(t.spheres, world, sphere)
+    radius = sphere_radius(t.spheres, world, sphere)
+    spin = state.sphere_spins[world, sphere]
+    arm = -radius * stop.normal
+    place = stop.arm + arm  # from the body's center of mass
+    twist = spin_of(rigid.start_turn, t.bodies.eases[body], rigid.mass, wp.cross(stop.arm, push))
+    beside = velocity + push / mass + wp.cross(spin, arm)
+    beside -= rigid.velocity - push / rigid.mass + wp.cross(rigid.spin - twist, place)
+    across = beside - wp.dot(beside, stop.normal) * stop.normal
+    ease = ease_of_ball(mass, radius, arm)
+    ease += ease_along(rigid.start_turn, t.bodies.eases[body], rigid.mass, place, wp.normalize(across))
+    friction = friction_between(t, world, number_of_body(t, body), number_of_sphere(t, sphere))
+    rub = friction_impulse(beside, stop.normal, ease, friction * wp.length(push))
+    state.sphere_spins[world, sphere] = spin + spin_by(mass, radius, wp.cross(arm, rub))
+    return rub
+
+
+@cache
+def sphere_meeting_function(features: Features) -> Any:
+    """Make the function by which a body that has moved meets a sphere that has."""
+    stop_at = stop_function(features)
+
+    @wp.func
+    def meet_sphere(
+        t: Tables,
+        state: WorldState,
+        working: Working,
+        world: wp.int32,
+        body: wp.int32,
+        sphere: wp.int32,
+        pull: float,
+    ):
+        """Resolve the collision of a body with a sphere, once both have moved."""
+        radius = sphere_radius(t.spheres, world, sphere)
+        rigid = body_at(t, state, working.body_starts, working.body_start_turns, world, body)
+        velocity = state.sphere_velocities[world, sphere]
+        end = state.sphere_positions[world, sphere]
+        solid = t.bodies.solids[body]
+        stop = stop_at(
+            solid, t.up, t.step_seconds, rigid, working.sphere_starts[world, sphere], end, velocity, radius
+        )  # fmt: skip
+        if wp.length_sq(stop.normal) > 0.0:
+            mass = sphere_mass(t.spheres, world, sphere)
+            ease = 1.0 / mass + ease_along(rigid.start_turn, t.bodies.eases[body], rigid.mass, stop.arm, stop.normal)
+            approach = -wp.dot(velocity - rigid.velocity - wp.cross(rigid.spin, stop.arm), stop.normal)
+            gain = wp.max(stop.excess, 0.0)
+            # one of them may rest on something: gravity's last step is no speed to come back with
+            approach -= t.step_seconds * wp.abs(pull * wp.dot(stop.normal, t.up))
+            if gain > 0.0 and approach > slowest_rebound(pull, t.step_seconds):
+                restitution = t.bodies.restitution[row_of_world(world, t.bodies.restitution.shape[0]), body]
+                both = restitution * sphere_restitution(t.spheres, world, sphere)
+                gain = wp.max(gain, (1.0 + wp.sqrt(both)) * approach)
+            push = (gain / ease) * stop.normal
+            if wp.static(features.spheres_rub):
+                push += rub_sphere(t, state, world, body, sphere, rigid, stop, velocity, push)
+            out = (stop.out / (1.0 / mass + 1.0 / rigid.mass)) * stop.normal
+            state.sphere_velocities[world, sphere] = velocity + push / mass
+            state.sphere_positions[world, sphere] = end + (t.step_seconds * push + out) / mass
+            twist = -wp.cross(stop.arm, push)
+            if wp.static(features.spheres_rub):  # friction acts where they touch
+                twist += radius * wp.cross(stop.normal, push)
+            put_body(state, world, pushed_on(t, rigid, -push / rigid.mass, twist, -out / rigid.mass))
+
+    return meet_sphere
+
+
+@cache
+def tumbling_function(features: Features) -> Any:
+    """Return the function that moves the bodies of a world by a step."""
+    take_hold = holding_function(features)
+    meet_sphere = sphere_meeting_function(features)
+    split = features.columns.balloon_width
+    gravity = features.columns.places["gravity"] - split
+
+    @wp.func
+    def tumble(t: Tables, state: WorldState, working: Working, world: wp.int32, time_in_frame: float):
+        """Move all bodies in a step that begins at a time in the frame [s]; spheres have moved."""
+        bodies = state.body_positions.shape[1]
+        pull = t.world_numbers[row_of_world(world, t.world_numbers.shape[0]), gravity]
+        for body in range(bodies):
+            begin(t, state, working, world, body)
+        count = take_hold(t, state, working, world, time_in_frame, pull)
+        remember(state, working, world, count)
+        part(t, state, working, world, count)
+        for body in range(bodies):
+            working.body_starts[world, body] = state.body_positions[world, body]
+            working.body_start_turns[world, body] = state.body_turns[world, body]
+            working.body_going[world, body] = wp.vec3d(state.body_velocities[world, body])
+            working.body_turning[world, body] = wp.vec3d(state.body_momenta[world, body])
+            if wp.static(features.ties):  # before they have pulled
+                working.body_going[world, body] -= wp.vec3d(working.body_tugs[world, body])
+                working.body_turning[world, body] -= wp.vec3d(working.body_twists[world, body])
+        fastest = aim(t, state, working, world, count, pull)
+        push_each_other(t, state, working, world, count, pull, AGREED * fastest)
+        remember(state, working, world, count)
+        for body in range(bodies):
+            move_body(t, state, working, world, body)
+        for sphere in range(state.sphere_positions.shape[1]):
+            if sphere_radius(t.spheres, world, sphere) > 0.0:
+                for body in range(bodies):
+                    meet_sphere(t, state, working, world, body, sphere, pull)
+
+    return tumble

@@ -14,8 +14,7 @@ from balloon_warp.kernels.algebra import dot_product, plus_scaled, scaled, squar
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.lanes import LANE_COUNT, Lanes, Lanes3, Lanes4, entry_at, of_lane, set_lane
 from balloon_warp.kernels.loops.areas import CROSSES, area_loop, cross_at_quad_corner
-from balloon_warp.kernels.loops.net_force import Loops, one_after_the_other
-from balloon_warp.kernels.loops.strings import string_loop
+from balloon_warp.kernels.loops.net_force import Loops, one_after_the_other, string_loop
 from balloon_warp.kernels.loops.wetness import ring_wetness_loop, wetness_loop
 from balloon_warp.kernels.memory import int_at
 

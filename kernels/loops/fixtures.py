@@ -1,4 +1,10 @@
-"""Obstacles of prescribed motion: their poses, and the response of particles and balls."""
+"""Obstacles of prescribed motion: poses, distances, friction, and the response of particles and balls.
+
+Cached distances of a particle to obstacles.
+
+Distances are 1-Lipschitz: one query bounds how far the particle may move without another. A particle on one of many
+obstacles is checked against this one alone, as long as the others are out of its path.
+"""
 
 from functools import cache
 from typing import Any
@@ -6,15 +12,226 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.contact import stand_on
-from balloon_warp.kernels.laws.fixture import FAR_AWAY
+from balloon_warp.kernels.laws.contact import FAR_AWAY, stand_on
 from balloon_warp.kernels.laws.rigid import carried
-from balloon_warp.kernels.loops.fixture_looks import SURELY, is_free, nearest_alone, note_look
-from balloon_warp.kernels.loops.fixture_poses import center_function, pose_function
-from balloon_warp.kernels.loops.friction import friction_on, number_of_obstacle
-from balloon_warp.kernels.loops.solids import surface_function
-from balloon_warp.kernels.loops.ways import way_function
-from balloon_warp.kernels.tables import Tables
+from balloon_warp.kernels.loops.ways import surface_function, way_function
+from balloon_warp.kernels.memory import four_in, two_in
+from balloon_warp.kernels.tables import Tables, WorldState, row_of_world, sphere_radius
+
+GROUND = wp.constant(0)
+"""Number of the ground; then come obstacles, spheres, free bodies and balloons"""
+
+
+@wp.func
+def number_of_obstacle(obstacle: wp.int32):
+    """Return the number of an obstacle among all things."""
+    return 1 + obstacle
+
+
+@wp.func
+def number_of_sphere(t: Tables, sphere: wp.int32):
+    """Return the number of a sphere among all things."""
+    return 1 + t.fixtures.solids.shape[0] + sphere
+
+
+@wp.func
+def number_of_body(t: Tables, body: wp.int32):
+    """Return the number of a body among all things."""
+    return 1 + t.fixtures.solids.shape[0] + t.spheres.numbers.shape[1] + body
+
+
+@wp.func
+def number_of_balloon(t: Tables, balloon: wp.int32):
+    """Return the number of a balloon among all things: balloons are the last."""
+    return t.friction.shape[1] - t.balloon_numbers.shape[1] + balloon
+
+
+@wp.func
+def friction_between(t: Tables, world: wp.int32, first: wp.int32, second: wp.int32):
+    """Return Coulomb's coefficient of two things."""
+    return t.friction[row_of_world(world, t.friction.shape[0]), first, second]
+
+
+@wp.func
+def friction_on(t: Tables, world: wp.int32, balloon: wp.int32, thing: wp.int32):
+    """Return Coulomb's coefficient of a balloon and a thing."""
+    return friction_between(t, world, number_of_balloon(t, balloon), thing)
+
+
+@wp.func
+def friction_of_balloons(t: Tables, world: wp.int32, first: wp.int32, second: wp.int32):
+    """Return Coulomb's coefficient of two balloons."""
+    return friction_on(t, world, first, number_of_balloon(t, second))
+
+
+@wp.struct
+class Pose:
+    """Pose and velocities of an obstacle."""
+
+    center: wp.vec3
+    turn: wp.quat
+    velocity: wp.vec3
+    spin: wp.vec3  # [rad/s]
+
+
+@wp.func
+def motion_of(t: Tables, world: wp.int32, fixture: wp.int32):
+    """Return the shift and rotation of an obstacle as a world's frame begins, and as it ends."""
+    row = 2 * row_of_world(world, t.fixtures.motion.shape[0] // 2)
+    return t.fixtures.motion[row, fixture], t.fixtures.motion[row + 1, fixture]
+
+
+@wp.func
+def seconds_in_frame(t: Tables, end: float):
+    """Return a time within a frame, whose end and beginning rounding does not pass [s]."""
+    return wp.clamp(end, 0.0, t.frame_seconds)
+
+
+@cache
+def center_function(features: Features) -> Any:
+    """Return the function that returns an obstacle's origin at a time since the frame began."""
+
+    @wp.func
+    def center_at(t: Tables, world: wp.int32, fixture: wp.int32, end: float):
+        """Return the position of an obstacle [m], linear between two frames."""
+        shift = wp.transform_get_translation(t.fixtures.motion[0, fixture])
+        if wp.static(features.fixtures_move):
+            first, last = motion_of(t, world, fixture)
+            part = seconds_in_frame(t, end) / t.frame_seconds
+            way = wp.transform_get_translation(last) - wp.transform_get_translation(first)
+            shift = wp.transform_get_translation(first) + part * way
+        if wp.static(features.fixtures_steered):
+            shift += seconds_in_frame(t, end) * t.fixtures.velocities[world, fixture]
+        return t.fixtures.positions[row_of_world(world, t.fixtures.positions.shape[0]), fixture] + shift
+
+    return center_at
+
+
+@cache
+def pose_function(features: Features) -> Any:
+    """Return the function that returns an obstacle's pose at a time since the frame began."""
+    center_at = center_function(features)
+
+    @wp.func
+    def pose_at(t: Tables, world: wp.int32, fixture: wp.int32, end: float):
+        """Return the pose of an obstacle: between two frames it moves along a line, and turns about an axis."""
+        pose = Pose()
+        pose.center = center_at(t, world, fixture, end)
+        if wp.static(features.fixtures_move):
+            first, last = motion_of(t, world, fixture)
+            part = seconds_in_frame(t, end) / t.frame_seconds
+            shift = wp.transform_get_translation(last) - wp.transform_get_translation(first)
+            axis, angle = wp.quat_to_axis_angle(
+                wp.transform_get_rotation(last) * wp.quat_inverse(wp.transform_get_rotation(first))
+            )
+            pose.turn = wp.quat_from_axis_angle(axis, part * angle) * wp.transform_get_rotation(first)
+            pose.velocity = shift / t.frame_seconds
+            if wp.static(features.fixtures_steered):
+                pose.velocity += t.fixtures.velocities[world, fixture]
+            pose.spin = (angle / t.frame_seconds) * axis
+        else:
+            pose.turn = wp.transform_get_rotation(t.fixtures.motion[0, fixture])
+        return pose
+
+    return pose_at
+
+
+@cache
+def nearest_thing_function(features: Features) -> Any:
+    """Return the function that returns the thing nearest to a particle."""
+    pose_at = pose_function(features) if features.fixtures else None
+    surface_at = surface_function(features.body_meshes or features.fixture_meshes)
+    height = features.columns.places["ground_height"] - features.columns.balloon_width
+
+    @wp.func
+    def nearest_thing(t: Tables, state: WorldState, world: wp.int32, end: float, point: wp.vec3):
+        """Return the number of the nearest solid at the end of a substep; -1 if there is none."""
+        nearest = float(FAR_AWAY)
+        thing = wp.int32(-1)
+        if wp.static(features.ground):
+            row = row_of_world(world, t.world_numbers.shape[0])
+            nearest = wp.dot(point, t.up) - t.world_numbers[row, height]
+            thing = wp.int32(0)
+        first = wp.int32(1)
+        if wp.static(features.fixtures):
+            for fixture in range(t.fixtures.solids.shape[0]):
+                pose = pose_at(t, world, fixture, end)
+                solid = t.fixtures.solids[fixture]
+                place = wp.quat_rotate_inv(pose.turn, point - pose.center)
+                if wp.length(place) - solid.reach < nearest:
+                    distance, _normal = surface_at(solid, t.up, place, 0.0, wp.length(place) + solid.reach)
+                    if distance < nearest:
+                        nearest = distance
+                        thing = first + fixture
+            first += t.fixtures.solids.shape[0]
+        if wp.static(features.spheres > 0):
+            for sphere in range(state.sphere_positions.shape[1]):
+                radius = sphere_radius(t.spheres, world, sphere)
+                distance = wp.length(point - state.sphere_positions[world, sphere]) - radius
+                if radius > 0.0 and distance < nearest:
+                    nearest = distance
+                    thing = first + sphere
+            first += state.sphere_positions.shape[1]
+        if wp.static(features.bodies > 0):
+            for body in range(state.body_positions.shape[1]):
+                solid = t.bodies.solids[body]
+                place = wp.quat_rotate_inv(state.body_turns[world, body], point - state.body_positions[world, body])
+                if wp.length(place) - solid.reach < nearest:
+                    distance, _normal = surface_at(solid, t.up, place, 0.0, wp.length(place) + solid.reach)
+                    if distance < nearest:
+                        nearest = distance
+                        thing = first + body
+        return thing
+
+    return nearest_thing
+
+
+SURELY = wp.constant(0.999)
+"""Fraction of a distance that is safe from rounding"""
+
+
+@wp.func
+def is_free(t: Tables, world: wp.int32, particle: wp.int32, time: float, end: wp.vec3):
+    """Return whether no obstacle is in a particle's path, by the cached query."""
+    seen = four_in(t.fixtures.looks, world, particle)
+    return wp.length(end - wp.vec3(seen[0], seen[1], seen[2])) + t.fixtures.fastest * time < seen[3]
+
+
+@wp.func
+def nearest_alone(t: Tables, world: wp.int32, particle: wp.int32, time: float, end: wp.vec3):
+    """Return the nearest obstacle, and the clearance from all others [m]: positive if only that one may be met."""
+    if t.fixtures.nearest.shape[1] == 0:
+        return 0, FAR_AWAY  # there is one obstacle
+    seen = four_in(t.fixtures.looks, world, particle)
+    noted = two_in(t.fixtures.nearest, world, particle)
+    gone = wp.length(end - wp.vec3(seen[0], seen[1], seen[2])) + t.fixtures.fastest * time
+    return wp.int32(noted[0]), noted[1] - gone
+
+
+@wp.func
+def note_look(
+    t: Tables,
+    world: wp.int32,
+    particle: wp.int32,
+    time: float,
+    free: float,
+    nearest: wp.int32,
+    beyond: float,
+    point: wp.vec3,
+):
+    """Cache the clearance of a particle at the end of its path, the nearest obstacle, and that of all others [m]."""
+    gone = t.fixtures.fastest * time
+    t.fixtures.looks[world, particle] = wp.vec4(point[0], point[1], point[2], SURELY * free + gone)
+    if t.fixtures.nearest.shape[1] > 0:
+        t.fixtures.nearest[world, particle] = wp.vec2(float(nearest), SURELY * beyond + gone)
+
+
+@wp.func
+def forget_look(t: Tables, world: wp.int32, particle: wp.int32):
+    """Clear the cached query of a particle, before another path in the same step."""
+    t.fixtures.looks[world, particle] = wp.vec4()
+    if t.fixtures.nearest.shape[1] > 0:
+        t.fixtures.nearest[world, particle] = wp.vec2()
 
 
 @wp.struct

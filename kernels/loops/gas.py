@@ -1,28 +1,200 @@
-"""Gas of the balloons of a world: pumps, leaks and mass, by one thread of a world."""
+"""Gas of the balloons of a world: pumps, leaks, tubes, jets, mass and pressure."""
 
 from functools import cache
 from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.compose import function_here
+from balloon_warp.kernels.compose import call_of, function_from, function_here
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.air import STATE_OF_AIR
-from balloon_warp.kernels.laws.empty import amount_when_flat
+from balloon_warp.kernels.laws.air import STATE_OF_AIR, density_of_air
+from balloon_warp.kernels.laws.body import GAS
 from balloon_warp.kernels.laws.fill import blown_in, breath_in, up_to
 from balloon_warp.kernels.laws.gas import (
     STANDARD_PRESSURE,
     THINNEST,
+    Swelling,
+    amount_when_flat,
+    borne_load,
+    flow_and_fall,
+    free_volume_there,
+    gas_load,
+    gas_through_tube,
+    given_load,
     molar_free_volume,
     pumped_gas,
     volume_at,
 )
-from balloon_warp.kernels.laws.inflation import GAS
 from balloon_warp.kernels.laws.orifice import SHARP_EDGE, neck_opening, thrust, vent_flow
-from balloon_warp.kernels.loops.airs import air_function, warmth_function
-from balloon_warp.kernels.loops.emptying import holding_function, most_that_leaves
+from balloon_warp.kernels.loops.areas import hole_loop
 from balloon_warp.kernels.params import numbers_reader
-from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
+from balloon_warp.kernels.tables import NeckTable, Tables, WorldState, row_of_world
+
+
+@cache
+def air_function(features: Features) -> Any:
+    """Return the function for the air at a balloon: pressure [Pa], temperature [K] and density [kg/m^3]."""
+    of_world = [features.columns.places[row.name] - features.columns.balloon_width for row in STATE_OF_AIR]
+    pressure_column, temperature_column, density_column = of_world
+
+    @wp.func
+    def air_at(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32):
+        if wp.static(features.gas_meets_air):
+            return state.airs[world, balloon]
+        else:
+            row = row_of_world(world, t.world_numbers.shape[0])
+            pressure = t.world_numbers[row, pressure_column]
+            temperature = t.world_numbers[row, temperature_column]
+            return wp.vec3(
+                pressure, temperature, density_of_air(pressure, temperature, t.world_numbers[row, density_column])
+            )
+
+    return air_at
+
+
+@cache
+def warmth_function(features: Features) -> Any:
+    """Return the function that corrects free volumes of gas by the air's temperature at the balloon.
+
+    See `laws.gas.free_volume_there`.
+    """
+    temperature_column = features.columns.places["air_temperature"] - features.columns.balloon_width
+    gamma_column = features.columns.places["gamma"]
+
+    @wp.func
+    def as_warm_there(t: Tables, world: wp.int32, balloon: wp.int32, free_volume: float, air: wp.vec3):
+        if wp.static(features.gas_meets_air):
+            gamma = t.balloon_numbers[row_of_world(world, t.balloon_numbers.shape[0]), balloon, gamma_column]
+            level = t.world_numbers[row_of_world(world, t.world_numbers.shape[0]), temperature_column]
+            return free_volume_there(free_volume, gamma, air[1] / level)
+        else:
+            return free_volume
+
+    return as_warm_there
+
+
+@wp.func
+def most_that_leaves(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32, air: wp.vec3):
+    """Return the largest flow of gas out of a balloon in a substep, up to which it is not flat [mol/s]."""
+    spare = float(state.gas_amounts[world, balloon]) - amount_when_flat(t.faces.enclosed[balloon][0], air)
+    return wp.max(spare, 0.0) / t.step_seconds
+
+
+@cache
+def holding_function(features: Features) -> Any:
+    """Return the test whether a balloon has gas of its own: one that has burst does, until it is open."""
+
+    @wp.func
+    def holds_gas(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32):
+        holds = t.inflation_kind[balloon] == GAS
+        if wp.static(features.bursts):
+            burst = state.bursts[world, balloon]
+            holds = burst[1] >= 0.0 and (holds or burst[0] >= 0.0)
+        return holds
+
+    return holds_gas
+
+
+@cache
+def load_function(features: Features) -> Any:
+    """Make the function that finds a balloon's pressure above the air's from its swelling, its gas and the step.
+
+    It gives the pressure at the center of mass [Pa], at height 0, its rise with height [Pa/m], and how more gas would
+    raise both.
+    """
+    fixed = {} if features.breathes_on else {"breathing_damping": "1.0"}
+    if not features.air_varies:
+        fixed["air_lapse"] = "-1.0"
+
+    def here(law: Any, **given: str) -> Any:
+        """Return a law as a function of its given arguments and the row of numbers."""
+        told = fixed | {name: name for name in given}
+        call = call_of(law, "law", list(told), features.columns, lambda name: told[name])
+        arguments = ", ".join(f"{name}: {kind}" for name, kind in given.items())
+        source = f"def {law.key}_here({arguments}, n: Any):\n    return {call}\n"
+        return function_from(f"{law.key}_here", source, {"law": law})
+
+    load_of_gas = here(gas_load, swelling="Any", gas="wp.vec2", step_seconds="float")
+    borne = here(borne_load, load="wp.vec4", bound="float", step_seconds="float")
+    load_of_given = here(given_load, swelling="Any", given="float", mesh_volume="float", step_seconds="float")
+
+    @wp.func
+    def load_of_balloon(
+        kind: wp.int32,
+        given: float,
+        swelling: Swelling,
+        gas: wp.vec2,
+        step_seconds: float,
+        enclosed: wp.vec2,
+        n: Any,
+    ):
+        """Return the load of a balloon; `given` is the gauge pressure of a balloon without gas [Pa].
+
+        Args:
+            enclosed: see `kernels.tables.FaceTable`.
+        """
+        if kind == GAS:
+            return borne(load_of_gas(swelling, gas, step_seconds, n), enclosed[1], step_seconds, n)
+        if wp.static(features.crushes):
+            return load_of_given(swelling, given, enclosed[0], step_seconds, n)
+        else:
+            return wp.vec4(given, given, 0.0, 0.0)
+
+    return load_of_balloon
+
+
+@cache
+def jet_loop(features: Features, at: Any) -> Any:
+    """Return the function for a particle's share of its balloon's thrust."""
+    opening_of_neck = function_here(neck_opening, ["time"], features.columns)
+    thrust_of = function_here(thrust, ["opening", "pressure"], features.columns)
+
+    @wp.func
+    def jet(
+        necks: NeckTable,
+        points: Any,
+        weight: float,
+        balloon: wp.int32,
+        load: wp.vec2,
+        height: float,
+        time: float,
+        n: Any,
+    ):
+        """Force [N], inwards across the neck: its edges in turn enclose an area vector of the direction of the jet.
+
+        Args:
+            weight: the particle's part.
+            load: pressure at height 0 [Pa], and its rise with height [Pa/m].
+            height: of the particle [m].
+        """
+        force = wp.vec3()
+        if weight > 0.0:
+            out = wp.vec3()
+            first = necks.offsets[balloon]
+            origin = at(points, necks.edges[first][0])
+            for edge in range(first, necks.offsets[balloon + 1]):
+                ends = necks.edges[edge]
+                out += wp.cross(at(points, ends[0]) - origin, at(points, ends[1]) - origin)
+            pressure = load[0] + load[1] * height
+            force = (-weight * thrust_of(opening_of_neck(time, n), pressure, n)) * wp.normalize(out)
+        return force
+
+    return jet
+
+
+@cache
+def hole_jet_loop(features: Features, at: Any) -> Any:
+    """Return the function for a particle's share of the thrust of holes where its balloon is torn."""
+    area_vector_of_holes = hole_loop(at)
+    thrust_of = function_here(thrust, ["opening", "pressure"], features.columns)
+
+    @wp.func
+    def jet_of_holes(t: Tables, points: Any, params: Any, load: wp.vec2, point: wp.vec3):
+        """Force [N]; `load` is the pressure at height 0 [Pa], and its rise with height [Pa/m]."""
+        hole = area_vector_of_holes(t, points, params.world, params.number, point)
+        return -thrust_of(SHARP_EDGE, load[0] + load[1] * wp.dot(point, t.up), params.n) * hole
+
+    return jet_of_holes
 
 
 @wp.func
@@ -223,3 +395,100 @@ def gas_mass_function(features: Features) -> Any:
         return gas
 
     return gas_mass
+
+
+SWEEPS = 8
+"""Number of sweeps over tubes whose flows depend on each other"""
+
+
+@cache
+def tube_functions(features: Features) -> tuple[Any, Any]:
+    """Return functions that find the flow of a tube, and that let its gas flow."""
+    gamma_column = features.columns.places["gamma"]
+    air_at, as_warm_there = air_function(features), warmth_function(features)
+
+    @wp.func
+    def find_flow(t: Tables, state: WorldState, world: wp.int32, tube: wp.int32):
+        """Find the flow of a tube by the pressures at its ends after the step."""
+        first = t.tubes.balloons[tube][0]
+        second = t.tubes.balloons[tube][1]
+        pressures = wp.vec2(state.pressures[world, first], state.pressures[world, second])
+        source = wp.where(pressures[0] - pressures[1] > 0.0, first, second)
+        a_mole = molar_free_volume(gas_in(state, world, source))
+        moles = wp.vec2(
+            as_warm_there(t, world, first, a_mole, air_at(t, state, world, first)),
+            as_warm_there(t, world, second, a_mole, air_at(t, state, world, second)),
+        )
+        most = wp.vec2(
+            most_that_leaves(t, state, world, first, air_at(t, state, world, first)),
+            most_that_leaves(t, state, world, second, air_at(t, state, world, second)),
+        )
+        slopes = wp.vec2(state.pressure_slopes[world, first], state.pressure_slopes[world, second])
+        conductance = t.tubes.conductance[row_of_world(world, t.tubes.conductance.shape[0]), tube]
+        flow = state.tube_flows[world, tube]
+        found = flow_and_fall(flow, pressures, slopes, moles, most, conductance, t.step_seconds)
+        state.tube_flows[world, tube] = found[0]
+        raise_pressure(state, world, first, found[1])
+        raise_pressure(state, world, second, found[2])
+
+    @wp.func
+    def let_gas_flow(t: Tables, state: WorldState, world: wp.int32, tube: wp.int32):
+        """Let the gas of a tube's flow through."""
+        moles = t.step_seconds * state.tube_flows[world, tube]
+        source = t.tubes.balloons[tube][wp.where(moles > 0.0, 0, 1)]
+        sink = t.tubes.balloons[tube][wp.where(moles > 0.0, 1, 0)]
+        air = wp.vec2(air_at(t, state, world, source)[0], air_at(t, state, world, sink)[0])
+        pressures = air + wp.vec2(state.pressures[world, source], state.pressures[world, sink])
+        left, gained = gas_through_tube(
+            gas_in(state, world, source), gas_in(state, world, sink), wp.abs(moles), pressures,
+            t.balloon_numbers[row_of_world(world, t.balloon_numbers.shape[0]), source, gamma_column],
+        )  # fmt: skip
+        put_gas(state, world, source, left)
+        put_gas(state, world, sink, gained)
+
+    return find_flow, let_gas_flow
+
+
+@wp.func
+def sweeps_of_tubes(tubes: wp.int32, vents: bool):
+    """Return the number of sweeps over tubes, and over openings beside them."""
+    return wp.where(tubes > 1 or (vents and tubes > 0), SWEEPS, 1)
+
+
+@cache
+def flows_function(features: Features) -> Any:
+    """Return the function that exchanges gas through tubes and openings, from the loads without flow."""
+    find_vent, take_vented = vent_function(features) if features.vents else (None, None)
+    find_flow, let_gas_flow = tube_functions(features)
+    holds_gas = holding_function(features)
+
+    @wp.func
+    def find_flows(t: Tables, state: WorldState, world: wp.int32, time: float):
+        """Find all flows and pressures, which depend on each other, in several sweeps."""
+        count = t.tubes.balloons.shape[0]
+        for tube in range(count):
+            state.tube_flows[world, tube] = 0.0
+        sweeps = sweeps_of_tubes(count, wp.static(features.vents))
+        if wp.static(features.vents):
+            for balloon in range(t.inflation_kind.shape[0]):
+                state.vent_flows[world, balloon] = 0.0
+        for _sweep in range(sweeps):
+            for tube in range(count):
+                find_flow(t, state, world, tube)
+            if wp.static(features.vents):
+                for balloon in range(t.inflation_kind.shape[0]):
+                    if holds_gas(t, state, world, balloon):
+                        find_vent(t, state, world, balloon, time)
+
+    @wp.func
+    def let_gases_flow(t: Tables, state: WorldState, world: wp.int32, time: float):
+        """Apply a substep's flows to pressures, loads and gases."""
+        find_flows(t, state, world, time)
+        for tube in range(t.tubes.balloons.shape[0]):
+            let_gas_flow(t, state, world, tube)
+        if wp.static(features.vents):
+            for balloon in range(t.inflation_kind.shape[0]):
+                if holds_gas(t, state, world, balloon):
+                    take_vented(t, state, world, balloon, time)
+
+    return let_gases_flow

@@ -1,4 +1,11 @@
-"""Contacts of free rigid bodies: a list of their points near other things, in a world and a step."""
+"""Contacts of free rigid bodies: points near other things, rebounds, and impulses from sweep to sweep.
+
+Impulses at all points at which free bodies touch, from sweep to sweep until they agree, see `laws.grip`.
+
+They act on how bodies move in working memory: as fast as they are, or as far as they are to be moved out of overlaps in
+a step of one second. A light body between heavy ones gets large impulses from both sides, of which little is left: so
+they are in float64.
+"""
 
 from functools import cache
 from typing import Any
@@ -6,13 +13,153 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.grip import Grip, clear_gap
-from balloon_warp.kernels.laws.rigid import carried_along
-from balloon_warp.kernels.loops.friction import friction_between
+from balloon_warp.kernels.laws.rigid import (
+    Grip,
+    carried_along,
+    clear_gap,
+    going_on,
+    grip_impulse,
+    has_agreed,
+    most_sweeps,
+    push_share,
+    rebound_share,
+)
+from balloon_warp.kernels.loops.fixtures import friction_between
 from balloon_warp.kernels.loops.nearest import Thing, thing_functions
-from balloon_warp.kernels.loops.settling import ease_at
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.working import Working
+
+
+@wp.func
+def ease_of(working: Working, world: wp.int32, body: wp.int32, arm: wp.vec3, direction: wp.vec3):
+    """Return the inverse effective mass of a body's point along a unit vector [1/kg]."""
+    torque = wp.vec3d(wp.cross(arm, direction))
+    return 1.0 / working.body_masses[world, body] + float(wp.dot(torque, working.body_eases[world, body] * torque))
+
+
+@wp.func
+def ease_at(working: Working, world: wp.int32, grip: Grip, direction: wp.vec3):
+    """Return the inverse effective mass of a contact along a unit vector [1/kg]."""
+    ease = ease_of(working, world, grip.body, grip.arm, direction)
+    if grip.other >= 0:
+        ease += ease_of(working, world, grip.other, grip.other_arm, direction)
+    return ease
+
+
+@wp.func
+def speed_at(working: Working, world: wp.int32, body: wp.int32, arm: wp.vec3):
+    """Return the velocity of a body's point [m/s]."""
+    spin = working.body_eases[world, body] * working.body_turning[world, body]
+    return working.body_going[world, body] + wp.cross(spin, wp.vec3d(arm))
+
+
+@wp.func
+def beside_at(working: Working, world: wp.int32, grip: Grip):
+    """Return the relative velocity at a contact [m/s]."""
+    speed = speed_at(working, world, grip.body, grip.arm) - wp.vec3d(grip.moving)
+    if grip.other >= 0:
+        speed -= speed_at(working, world, grip.other, grip.other_arm)
+    return speed
+
+
+@wp.func
+def tug_at(working: Working, world: wp.int32, grip: Grip):
+    """Return the part of the relative velocity at a contact that strings add in this substep [m/s]."""
+    tug = wp.vec3d()
+    if working.body_tugs.shape[1] > 0:
+        tug = tug_of(working, world, grip.body, grip.arm)
+        if grip.other >= 0:
+            tug -= tug_of(working, world, grip.other, grip.other_arm)
+    return tug
+
+
+@wp.func
+def tug_of(working: Working, world: wp.int32, body: wp.int32, arm: wp.vec3):
+    """Return the velocity of a body's point that strings add in this substep [m/s]."""
+    spin = working.body_eases[world, body] * wp.vec3d(working.body_twists[world, body])
+    return wp.vec3d(working.body_tugs[world, body]) + wp.cross(spin, wp.vec3d(arm))
+
+
+@wp.func
+def along_normal(grip: Grip, velocity: wp.vec3d):
+    """Return the part of a velocity along a contact's normal [m/s]."""
+    return wp.dot(wp.vec3d(grip.normal), velocity)
+
+
+@wp.func
+def push(working: Working, world: wp.int32, body: wp.int32, arm: wp.vec3, impulse: wp.vec3d):
+    """Apply an impulse at a body's point [N s]."""
+    mass = wp.float64(working.body_masses[world, body])
+    working.body_going[world, body] = working.body_going[world, body] + impulse / mass
+    working.body_turning[world, body] = working.body_turning[world, body] + wp.cross(wp.vec3d(arm), impulse)
+
+
+@wp.func
+def push_apart(working: Working, world: wp.int32, grip: Grip, impulse: wp.vec3d):
+    """Apply an impulse at a contact, and the opposite one on the other thing [N s]."""
+    push(working, world, grip.body, grip.arm, impulse)
+    if grip.other >= 0:
+        push(working, world, grip.other, grip.other_arm, -impulse)
+
+
+@wp.func
+def added_at(working: Working, world: wp.int32, grip: Grip, beside: wp.vec3d, rubs: bool):
+    """Return the increment of a contact's impulse for the current velocities [N s]."""
+    across = grip.ease
+    friction = float(0.0)
+    if rubs:
+        friction = grip.friction
+        sliding = wp.vec3(beside - along_normal(grip, beside) * wp.vec3d(grip.normal))
+        if wp.length_sq(sliding) > 0.0:
+            across = ease_at(working, world, grip, wp.normalize(sliding))
+    return grip_impulse(grip, beside, across, friction)
+
+
+@wp.func
+def settle(working: Working, world: wp.int32, count: wp.int32, rubs: bool, allowed: float, most: wp.int32):
+    """Iterate the contact impulses of a world's list to convergence, and return the number of sweeps.
+
+    Args:
+        count: Number of contacts.
+        rubs: Whether there is friction.
+        allowed: Largest change of a speed in a sweep at convergence [m/s].
+        most: Largest number of sweeps.
+    """
+    for number in range(count):
+        grip = working.grips[world, number]
+        push_apart(working, world, grip, grip.impulse)
+        grip.ahead = wp.vec3d()
+        working.grips[world, number] = grip
+    sweeps = wp.int32(0)
+    age = float(0.0)
+    before = float(wp.inf)
+    agreed = bool(False)
+    while not agreed and sweeps < most:
+        agreed = bool(True)
+        along = float(0.0)
+        changed = float(0.0)
+        for number in range(count):
+            grip = working.grips[world, number]
+            beside = beside_at(working, world, grip)
+            grip.added = added_at(working, world, grip, beside, rubs)
+            grip.impulse += grip.added
+            push_apart(working, world, grip, grip.added)
+            agreed = agreed and has_agreed(grip, allowed)
+            along += grip.ease * float(wp.dot(grip.added, grip.ahead + grip.added))
+            changed += grip.ease * float(wp.length_sq(grip.added))
+            working.grips[world, number] = grip
+        sweeps += 1
+        age = wp.where(along < 0.0 or changed > 2.0 * before, 0.0, age + 1.0)
+        before = changed
+        if not agreed and sweeps < most:
+            for number in range(count):
+                grip = working.grips[world, number]
+                grip.ahead = wp.float64(going_on(age)) * (grip.ahead + grip.added)
+                grip.impulse += grip.ahead
+                push_apart(working, world, grip, grip.ahead)
+                working.grips[world, number] = grip
+    return sweeps
+
 
 LOOKED_AHEAD = wp.constant(1.5)
 """Distance ahead at which contacts are listed, in steps of the current speed"""
@@ -178,3 +325,153 @@ def holding_function(features: Features) -> Any:
         return places[0]
 
     return take_hold
+
+
+NO_GAIN = wp.constant(wp.float64(1.0e-5))
+"""Gain of energy that counts as none, over the work that contacts exchange"""
+JAMMED = wp.constant(wp.float64(1.0e-2))
+"""Gain of energy, over the work that contacts exchange, below which impulses that do not agree are so large that bodies
+have jammed: they do without friction then, since that agrees, and without rebound"""
+NOT, DOES, JAMS = (wp.constant(number) for number in range(3))
+"""Whether contacts give energy, and whether bodies have jammed"""
+
+
+@wp.func
+def let_fall(t: Tables, state: WorldState, working: Working, world: wp.int32, pull: float):
+    """Give all bodies the velocities that they have without contact, by a step of gravity [m/s^2]."""
+    fallen = wp.vec3d((t.step_seconds * pull) * t.up)
+    for body in range(state.body_positions.shape[1]):
+        working.body_going[world, body] = wp.vec3d(state.body_velocities[world, body]) - fallen
+        working.body_turning[world, body] = wp.vec3d(state.body_momenta[world, body])
+
+
+@wp.func
+def group_of(working: Working, world: wp.int32, body: wp.int32):
+    """Return the least number of the bodies that touch a body, or that touch these."""
+    while working.body_groups[world, body] != body:
+        body = working.body_groups[world, body]
+    return body
+
+
+@wp.func
+def find_groups(working: Working, world: wp.int32, count: wp.int32):
+    """Group bodies that touch each other."""
+    for body in range(working.body_groups.shape[1]):
+        working.body_groups[world, body] = body
+    for number in range(count):
+        grip = working.grips[world, number]
+        if grip.other >= 0:
+            one = group_of(working, world, grip.body)
+            other = group_of(working, world, grip.other)
+            working.body_groups[world, wp.max(one, other)] = wp.min(one, other)
+
+
+@wp.func
+def work_of(impulse: wp.vec3d, before: wp.vec3d, after: wp.vec3d):
+    """Return the work of an impulse at a contact, beside the surface that is met [J]."""
+    return wp.float64(0.5) * wp.dot(impulse, before + after)
+
+
+@wp.func
+def gains_energy(working: Working, world: wp.int32, count: wp.int32, agrees: bool):
+    """Return how contacts have given groups of bodies energy, which is noted: `NOT`, `DOES` or `JAMS`.
+
+    Args:
+        agrees: Whether impulses have converged.
+    """
+    least = wp.where(agrees, NO_GAIN, wp.float64(0.0))
+    gains = wp.int32(NOT)
+    find_groups(working, world, count)
+    for body in range(working.body_groups.shape[1]):
+        working.body_gains[world, body] = wp.vec4d()
+    for number in range(count):
+        grip = working.grips[world, number]
+        group = group_of(working, world, grip.body)
+        grip.rebound = grip.impulse
+        grip.leaving = beside_at(working, world, grip)
+        working.grips[world, number] = grip
+        whole = work_of(grip.impulse, grip.before, grip.leaving)
+        exchanged = wp.abs(work_of(grip.impulse, grip.before, wp.vec3d()))
+        more = wp.vec4d(whole, exchanged, wp.float64(0.0), wp.float64(0.0))
+        working.body_gains[world, group] = working.body_gains[world, group] + more
+    for body in range(working.body_groups.shape[1]):
+        found = working.body_gains[world, body]
+        if found[0] > least * found[1]:
+            gains = wp.max(gains, wp.where(agrees or found[0] > JAMMED * found[1], DOES, JAMS))
+    return gains
+
+
+@wp.func
+def swap_least(working: Working, world: wp.int32, number: wp.int32):
+    """Ask a contact for no rebound, or for the one that it was asked for before."""
+    grip = working.grips[world, number]
+    least = grip.least
+    grip.least = grip.closing
+    grip.closing = least
+    working.grips[world, number] = grip
+
+
+@wp.func
+def push_less(working: Working, world: wp.int32, count: wp.int32, jams: bool, fallen: wp.vec3):
+    """Set impulses between those without rebound, which act, and those with, so that no group gains energy.
+
+    Args:
+        jams: Whether a group takes all of those with rebounds, or none.
+        fallen: Change of velocity by a step of gravity, downward positive [m/s].
+    """
+    for body in range(working.body_groups.shape[1]):
+        whole = working.body_gains[world, body][0]
+        working.body_gains[world, body] = wp.vec4d(whole, wp.float64(0.0), wp.float64(0.0), wp.float64(0.0))
+    for number in range(count):
+        grip = working.grips[world, number]
+        group = group_of(working, world, grip.body)
+        now = beside_at(working, world, grip)
+        free = grip.before + tug_at(working, world, grip)
+        if grip.other < 0:
+            free -= wp.vec3d(fallen)
+        without = work_of(grip.impulse, grip.before, now)
+        curve = work_of(grip.rebound - grip.impulse, grip.leaving, -now)
+        more = wp.vec4d(wp.float64(0.0), without, curve, work_of(grip.impulse, grip.before, free))
+        working.body_gains[world, group] = working.body_gains[world, group] + more
+    for number in range(count):
+        grip = working.grips[world, number]
+        gains = working.body_gains[world, group_of(working, world, grip.body)]
+        share = rebound_share(gains[1], gains[0], gains[2])
+        if jams and gains[0] > wp.float64(0.0):
+            share = wp.float64(0.0)
+        grip.impulse += share * (grip.rebound - grip.impulse)
+        grip.impulse *= push_share(gains[1], gains[3])
+        working.grips[world, number] = grip
+
+
+@wp.func
+def push_each_other(
+    t: Tables, state: WorldState, working: Working, world: wp.int32, count: wp.int32, pull: float, allowed: float
+):
+    """Set velocities of bodies after gravity [m/s^2] and all contacts of the list.
+
+    Args:
+        allowed: Largest change of a speed in a sweep at convergence [m/s].
+    """
+    let_fall(t, state, working, world, pull)
+    agrees = settle(working, world, count, True, allowed, most_sweeps(count)) < most_sweeps(count)
+    rebounds = bool(False)
+    for number in range(count):
+        rebounds = rebounds or working.grips[world, number].least > 0.0
+    if rebounds or not agrees:
+        gains = gains_energy(working, world, count, agrees)
+        if gains != NOT:
+            if rebounds:
+                for number in range(count):
+                    swap_least(working, world, number)
+                    grip = working.grips[world, number]
+                    grip.impulse = state.body_impulses[world, number]
+                    working.grips[world, number] = grip
+                let_fall(t, state, working, world, pull)
+                settle(working, world, count, gains != JAMS, allowed, most_sweeps(count))
+                for number in range(count):
+                    swap_least(working, world, number)
+            push_less(working, world, count, gains == JAMS, (t.step_seconds * pull) * t.up)
+            let_fall(t, state, working, world, pull)
+            for number in range(count):
+                push_apart(working, world, working.grips[world, number], working.grips[world, number].impulse)

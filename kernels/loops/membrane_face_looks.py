@@ -6,10 +6,9 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.loops.held_quads import quads_of
-from balloon_warp.kernels.loops.membrane_face_places import MembraneFaceLayout
-from balloon_warp.kernels.loops.membrane_faces import membrane_faces_of
+from balloon_warp.kernels.loops.membranes import MembraneFaceLayout, membrane_faces_of
 from balloon_warp.kernels.loops.net_force import Loops, scalar_loops
+from balloon_warp.kernels.loops.quads import quads_of
 from balloon_warp.kernels.loops.slots import Slots, slot_loop, springs_reader
 from balloon_warp.kernels.loops.springs import spring_loop
 from balloon_warp.kernels.memory import in_tile

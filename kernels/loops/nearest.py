@@ -5,13 +5,11 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.contact_tables import Solid
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.rigid import turned_by
-from balloon_warp.kernels.loops.fixture_poses import pose_function
-from balloon_warp.kernels.loops.friction import GROUND, number_of_body, number_of_obstacle
-from balloon_warp.kernels.loops.solids import surface_function
-from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
+from balloon_warp.kernels.loops.fixtures import GROUND, number_of_body, number_of_obstacle, pose_function
+from balloon_warp.kernels.loops.ways import surface_function
+from balloon_warp.kernels.tables import Solid, Tables, WorldState, row_of_world
 
 
 @wp.struct

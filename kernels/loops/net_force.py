@@ -5,17 +5,313 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import scaled
+from balloon_warp.kernels.algebra import scaled, squared_length
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.loops.areas import area_loop, hole_loop
-from balloon_warp.kernels.loops.hinges import hinge_loop
+from balloon_warp.kernels.laws.springs import FIRST_WING, angle_beyond
+from balloon_warp.kernels.loops.areas import area_loop, face_measures, hole_loop
 from balloon_warp.kernels.loops.membranes import membrane_loop
-from balloon_warp.kernels.loops.rings import ring_loop
+from balloon_warp.kernels.loops.slots import ring_loop
 from balloon_warp.kernels.loops.springs import spring_loop
-from balloon_warp.kernels.loops.strings import string_loop
 from balloon_warp.kernels.loops.wetness import ring_wetness_loop, wetness_loop
-from balloon_warp.kernels.memory import in_tile, vector_at
-from balloon_warp.kernels.tables import Tables
+from balloon_warp.kernels.memory import in_tile, int_at, vector_at
+from balloon_warp.kernels.params import numbers_reader, params_functions
+from balloon_warp.kernels.tables import ForceTable, HingeTable, StringTable, Tables, row_of_world
+from balloon_warp.kernels.working import Working
+
+
+@cache
+def inertia_function(features: Features) -> Any:
+    """Return the function for a particle's mass with its share of the gas and added mass [kg]; 0 if fixed."""
+
+    @wp.func
+    def inertia(working: Working, params: Any):
+        if wp.static(features.gas):
+            return params.mass + params.share * working.gas_masses[params.world, params.balloon]
+        else:
+            return params.mass
+
+    return inertia
+
+
+@cache
+def ease_function(features: Features) -> Any:
+    """Return the function for the inverse effective mass of a particle [1/kg], 0 if it is fixed."""
+    _, read_params = params_functions(features.columns, features.balloons)
+    inertia = inertia_function(features)
+
+    @wp.func
+    def ease_of_moving(t: Tables, working: Working, world: wp.int32, particle: wp.int32):
+        mass = inertia(working, read_params(t, world, particle))
+        return wp.where(mass > 0.0, 1.0 / mass, 0.0)
+
+    return ease_of_moving
+
+
+@wp.func
+def outer_force(forces: ForceTable, world: wp.int32, particle: wp.int32):
+    """Return a particle's shares in the forces that drive it, added up [N]."""
+    total = wp.vec3()
+    row = row_of_world(world, forces.newtons.shape[0])
+    for slot in range(0, forces.slots.shape[1], 2):
+        share = forces.slots[particle, slot]
+        if share > 0.0:
+            total += share * forces.newtons[row, wp.int32(forces.slots[particle, slot + 1])]
+    return total
+
+
+@cache
+def face_push(features: Features, at: Any, velocity_at: Any) -> Any:
+    """Return the function for the force on a corner of a face."""
+    laws, read_numbers = features.laws_on("face"), numbers_reader(features.columns)
+    center_of_face, area_vector_of_face = face_measures(at)
+    moving = features.needs("face", "velocity")
+
+    @wp.func
+    def push_at_corner(t: Tables, points: Any, velocities: Any, world: wp.int32, face: wp.int32, time: float):
+        """Return one corner's share of the force on a face [N]; zero where it is torn."""
+        if wp.static(features.bursts):
+            if t.membranes.wear.tears.gone[world, face] == wp.int8(1):
+                return wp.vec3()
+        begin = int_at(t.faces.offsets, face)
+        end = int_at(t.faces.offsets, face + 1)
+        corners = float(end - begin)
+        center = center_of_face(t.faces, points, face)
+        velocity = wp.vec3()
+        if wp.static(moving):
+            for corner in range(begin, end):
+                velocity += velocity_at(velocities, int_at(t.faces.particles, corner)) / corners
+        area_vector = area_vector_of_face(t.faces, points, face, center)
+        n = read_numbers(t, world, int_at(t.faces.balloon, face))
+        return laws(center, area_vector, velocity, t.up, t.step_seconds, time, n) / corners
+
+    return push_at_corner
+
+
+@wp.func
+def visits_of(t: Tables, face: wp.int32, particle: wp.int32):
+    """Return how many corners of a face are a particle."""
+    visits = float(0.0)
+    for corner in range(int_at(t.faces.offsets, face), int_at(t.faces.offsets, face + 1)):
+        if int_at(t.faces.particles, corner) == particle:
+            visits += 1.0
+    return visits
+
+
+@cache
+def visits_function(features: Features) -> Any:
+    """Return the function for how often a face visits a particle around which it is: once, but for folded ones."""
+
+    @wp.func
+    def one_visit(t: Tables, face: wp.int32, particle: wp.int32):
+        return float(1.0)
+
+    return visits_of if features.revisits else one_visit
+
+
+@cache
+def push_of_faces_function(features: Features) -> Any:
+    """Return the function that sums the forces of faces."""
+    visits = visits_function(features)
+
+    @wp.func
+    def push_of_faces(t: Tables, face_pushes: Any, particle: wp.int32):
+        """Return the net force of the faces around a particle [N], each of which has found its corners' share."""
+        force = wp.vec3()
+        begin = int_at(t.faces.particle_offsets, particle)
+        for incidence in range(begin, int_at(t.faces.particle_offsets, particle + 1)):
+            face = int_at(t.faces.around_particles, incidence)
+            force += visits(t, face, particle) * vector_at(face_pushes, face)
+        return force
+
+    return push_of_faces
+
+
+@cache
+def face_loop(features: Features, at: Any, velocity_at: Any) -> Any:
+    """Return the function that finds the forces of its faces on a particle, and sums them."""
+    push_at_corner, visits = face_push(features, at, velocity_at), visits_function(features)
+
+    @wp.func
+    def find_push_of_faces(t: Tables, points: Any, velocities: Any, world: wp.int32, particle: wp.int32, time: float):
+        """Return the net force of the faces around a particle [N]."""
+        force = wp.vec3()
+        for incidence in range(t.faces.particle_offsets[particle], t.faces.particle_offsets[particle + 1]):
+            face = t.faces.around_particles[incidence]
+            force += visits(t, face, particle) * push_at_corner(t, points, velocities, world, face, time)
+        return force
+
+    return find_push_of_faces
+
+
+@wp.func
+def wing_size(hinges: HingeTable, hinge: wp.int32, wing: wp.int32):
+    """Return the corners of a hinge's first (0) or second (1) wing."""
+    return hinges.wing_offsets[2 * hinge + wing + 1] - hinges.wing_offsets[2 * hinge + wing]
+
+
+Places = wp.types.matrix(shape=(4, 3), dtype=wp.float32)
+"""Vector for each of a hinge's four roles, a row each"""
+
+
+@cache
+def place_function(at: Any) -> Any:
+    """Return the function that returns the positions of a hinge's ends and wings."""
+
+    @wp.func
+    def wing_of_hinge(hinges: HingeTable, points: Any, hinge: wp.int32, wing: wp.int32):
+        """Return the position of a wing: the mean of its corners."""
+        total = wp.vec3()
+        for corner in range(hinges.wing_offsets[2 * hinge + wing], hinges.wing_offsets[2 * hinge + wing + 1]):
+            total += at(points, hinges.wing_particles[corner])
+        return total / float(wing_size(hinges, hinge, wing))
+
+    @wp.func
+    def places_of_hinge(hinges: HingeTable, points: Any, hinge: wp.int32):
+        """Return the positions of a hinge's ends and wings [m]."""
+        ends = hinges.ends[hinge]
+        return (
+            at(points, ends[0]),
+            at(points, ends[1]),
+            wing_of_hinge(hinges, points, hinge, 0),
+            wing_of_hinge(hinges, points, hinge, 1),
+        )
+
+    return places_of_hinge
+
+
+@cache
+def hinge_forces(features: Features, at: Any) -> Any:
+    """Return the function for the forces at all places of a hinge, whose angle is found once."""
+    laws = features.laws_on("hinge")
+    places_of_hinge = place_function(at)
+
+    @wp.func
+    def forces_of_hinge(hinges: HingeTable, points: Any, hinge: wp.int32, n: Any):
+        """Return the force on a particle of each role, a row each [N]."""
+        a, b, first, second = places_of_hinge(hinges, points, hinge)
+        bend = angle_beyond(a, b, first, second, hinges.rest_angles[hinge])
+        forces = Places()
+        for role in range(4):
+            force = laws(role, a, b, first, second, bend, n)
+            if role >= FIRST_WING:
+                force /= float(wing_size(hinges, hinge, role - FIRST_WING))
+            forces[role] = force
+        return forces
+
+    return forces_of_hinge
+
+
+@cache
+def hinge_loop(features: Features, at: Any) -> Any:
+    """Return the function that sums a particle's hinges."""
+    laws = features.laws_on("hinge")
+    places_of_hinge = place_function(at)
+
+    @wp.func
+    def force_at_role(hinges: HingeTable, points: Any, hinge: wp.int32, role: wp.int32, n: Any):
+        """Force on a particle that has this role in a hinge [N]; the corners of a wing share theirs."""
+        a, b, first, second = places_of_hinge(hinges, points, hinge)
+        bend = angle_beyond(a, b, first, second, hinges.rest_angles[hinge])
+        force = laws(role, a, b, first, second, bend, n)
+        if role >= FIRST_WING:
+            force /= float(wing_size(hinges, hinge, role - FIRST_WING))
+        return force
+
+    @wp.func
+    def pull_of_hinges(hinges: HingeTable, points: Any, particle: wp.int32, n: Any):
+        """Return the net force of a particle's hinges [N]."""
+        force = wp.vec3()
+        for entry in range(hinges.particle_offsets[particle], hinges.particle_offsets[particle + 1]):
+            role = hinges.particle_roles[entry]
+            force += force_at_role(hinges, points, role >> 2, role & 3, n)
+        return force
+
+    return pull_of_hinges
+
+
+@cache
+def anchor_function(features: Features) -> Any:
+    """Return the function that returns the anchor of a string at a time."""
+
+    @wp.func
+    def anchor_at(strings: StringTable, world: wp.int32, string: wp.int32, time: float):
+        """Return the anchor of a string [m]; between two frames it moves along a line."""
+        if wp.static(features.anchors_move):
+            begin = strings.anchors[3 * world, strings.anchors.shape[1] - 1][0]
+            return strings.anchors[3 * world, string] + (time - begin) * strings.anchors[3 * world + 1, string]
+        return strings.anchors[row_of_world(world, strings.anchors.shape[0]), string]
+
+    return anchor_at
+
+
+@cache
+def string_pull(features: Features) -> Any:
+    """Return the function for the force of one string."""
+    coefficient, anchor_at = features.laws_on("string"), anchor_function(features)
+
+    @wp.func
+    def pull_of_string(
+        strings: StringTable,
+        world: wp.int32,
+        string: wp.int32,
+        point: wp.vec3,
+        velocity: wp.vec3,
+        n: Any,
+        step_seconds: float,
+        time: float,
+    ):
+        """Force of a string on the particle that it holds [N]."""
+        d = anchor_at(strings, world, string, time) - point
+        length = strings.lengths[row_of_world(world, strings.lengths.shape[0]), string]
+        stiffness = strings.stiffness[row_of_world(world, strings.stiffness.shape[0]), string]
+        return d * coefficient(
+            squared_length(d), -wp.dot(velocity, d), length, stiffness, stiffness * length, step_seconds, time, n
+        )
+
+    return pull_of_string
+
+
+@cache
+def held_string_pull(features: Features) -> Any:
+    """Return the function for the force of one string, in the order of the particles held."""
+    pull_of_string = string_pull(features)
+    read_numbers = numbers_reader(features.columns)
+
+    @wp.func
+    def pull_of_held_string(t: Tables, world: wp.int32, held: wp.int32, points: Any, velocities: Any, time: float):
+        """Return the force of a string on the particle that it holds [N]."""
+        p = t.strings.particles[held]
+        n = read_numbers(t, world, t.particles.balloon[p])
+        string = t.strings.order[held][0]
+        return pull_of_string(t.strings, world, string, points[p], velocities[p], n, t.step_seconds, time)
+
+    return pull_of_held_string
+
+
+@cache
+def string_loop(features: Features) -> Any:
+    """Return the function that sums a particle's strings."""
+    pull_of_string = string_pull(features)
+
+    @wp.func
+    def pull_of_strings(
+        strings: StringTable,
+        world: wp.int32,
+        particle: wp.int32,
+        point: wp.vec3,
+        velocity: wp.vec3,
+        n: Any,
+        step_seconds: float,
+        time: float,
+    ):
+        """Return the net force of a particle's strings [N]."""
+        force = wp.vec3()
+        if strings.offsets.shape[0] > 0:
+            for held in range(int_at(strings.offsets, particle), int_at(strings.offsets, particle + 1)):
+                force += pull_of_string(strings, world, strings.order[held][0], point, velocity, n, step_seconds, time)
+        return force
+
+    return pull_of_strings
 
 
 class Loops(NamedTuple):

@@ -10,7 +10,7 @@ import warp as wp
 
 from balloon_warp.kernels.laws.water import TriangleLoad, corner_load, triangle_load
 from balloon_warp.kernels.loops.areas import face_measures
-from balloon_warp.kernels.loops.rings import ring_ends
+from balloon_warp.kernels.loops.slots import ring_ends
 from balloon_warp.kernels.memory import four_ints_at
 from balloon_warp.kernels.tables import SLICE, FaceTable, RingTable
 

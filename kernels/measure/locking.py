@@ -2,8 +2,7 @@
 
 import warp as wp
 
-from balloon_warp.kernels.laws.membrane import locking_room
-from balloon_warp.kernels.laws.tension_field import LEAST_DET, invariants_of, is_taut, mixed_stretch
+from balloon_warp.kernels.laws.membrane import LEAST_DET, invariants_of, is_taut, locking_room, mixed_stretch
 from balloon_warp.kernels.measure.worlds import is_torn_triangle
 from balloon_warp.kernels.tables import row_of_world
 

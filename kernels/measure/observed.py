@@ -5,7 +5,7 @@ Each observes the worlds that a mask chooses; one without entries chooses all.
 
 import warp as wp
 
-from balloon_warp.kernels.laws.tension_field import invariants_of, mixed_stretch
+from balloon_warp.kernels.laws.membrane import invariants_of, mixed_stretch
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.tables import is_chosen
 

@@ -7,10 +7,8 @@ import warp as wp
 
 from balloon_warp.kernels.algebra import squared_length
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.loops.faces import face_loop
-from balloon_warp.kernels.loops.net_force import net_force_function, scalar_loops
+from balloon_warp.kernels.loops.net_force import face_loop, held_string_pull, net_force_function, scalar_loops
 from balloon_warp.kernels.loops.springs import pair_pull
-from balloon_warp.kernels.loops.strings import held_string_pull
 from balloon_warp.kernels.memory import vector_at
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.params import params_functions

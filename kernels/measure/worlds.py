@@ -7,8 +7,8 @@ sums their parts, and the balloons.
 import warp as wp
 
 from balloon_warp.kernels.frames.around import keyframed_value
-from balloon_warp.kernels.laws.inflation import NORMAL_FORCE, normal_push
-from balloon_warp.kernels.laws.tension_field import invariants_of, mixed_stretch
+from balloon_warp.kernels.laws.body import NORMAL_FORCE, normal_push
+from balloon_warp.kernels.laws.membrane import invariants_of, mixed_stretch
 from balloon_warp.kernels.options import OPTIONS
 
 wp.set_module_options(OPTIONS)

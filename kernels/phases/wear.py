@@ -6,11 +6,11 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.loops.wear import wear_of_triangle
+from balloon_warp.kernels.loops.membranes import wear_of_triangle
 from balloon_warp.kernels.params import numbers_reader
 from balloon_warp.kernels.phase import Look, phase
-from balloon_warp.kernels.phases.holes import opening_function
-from balloon_warp.kernels.phases.tears import run_tears, tear_faces, weigh_faces
+from balloon_warp.kernels.phases.inflation import opening_function
+from balloon_warp.kernels.phases.membranes import run_tears, tear_faces, weigh_faces
 from balloon_warp.kernels.tables import Tables
 
 

@@ -2,12 +2,11 @@
 
 import warp as wp
 
-from balloon_warp.kernels.contact_tables import Solid
-from balloon_warp.kernels.laws.fixture import BOX, CAPSULE, MESH
+from balloon_warp.kernels.laws.contact import BOX, CAPSULE, MESH
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.pictures.shapes import capsule_distance
 from balloon_warp.kernels.pictures.sights import Sight, key_of, ray_of
-from balloon_warp.kernels.tables import is_chosen, row_of_world
+from balloon_warp.kernels.tables import Solid, is_chosen, row_of_world
 
 wp.set_module_options({**OPTIONS, "enable_backward": False})
 

@@ -21,17 +21,15 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.clock import Clock, time_in_frame_of, time_of
 from balloon_warp.kernels.compose import sum_of_laws
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.body import DAMPING
 from balloon_warp.kernels.laws.law import RESULT
-from balloon_warp.kernels.loops.outer_forces import outer_force
+from balloon_warp.kernels.loops.net_force import outer_force, string_loop
 from balloon_warp.kernels.loops.springs import spring_loop
-from balloon_warp.kernels.loops.strings import string_loop
 from balloon_warp.kernels.memory import vector_at
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.params import params_functions
+from balloon_warp.kernels.params import Clock, params_functions, time_in_frame_of, time_of
 from balloon_warp.kernels.solvers.settling import Settling
 from balloon_warp.kernels.tables import Tables, WorldState
 

@@ -10,10 +10,10 @@ import warp as wp
 from meshes import quad_sphere
 
 from balloon_warp.kernels.adjoints.exchange_back import exchange_back_kernel
+from balloon_warp.kernels.compose import derive_helpers
 from balloon_warp.kernels.contact.free_frames import judge_kernel
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.helpers_of_grad import derive_helpers
-from balloon_warp.kernels.schedules.block.backward_frames import kernel_again, kernel_backwards
+from balloon_warp.kernels.schedules.block.backward import kernel_again, kernel_backwards
 from balloon_warp.kernels.schedules.block.source import kernel_of_frame
 from balloon_warp.kernels.schedules.launched.source import kernel_of
 from balloon_warp.kernels.schedules.patches.source import kernel_of_patches

@@ -17,7 +17,7 @@ from test_membranes import volumes
 
 from balloon_warp import InputError, PolygonMesh, Simulator
 from balloon_warp.cli import main
-from balloon_warp.kernels.laws.empty import end_of_collapse
+from balloon_warp.kernels.laws.gas import end_of_collapse
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.mesh.orientation import triangles_of

@@ -8,8 +8,8 @@ import warp as wp
 from meshes import mesh_of, quad_sphere
 
 from balloon_warp import Balloon, Inflation, Material, PolygonMesh, Scene
-from balloon_warp.kernels.loops.held_quads import quads_of
-from balloon_warp.kernels.loops.membrane_faces import membrane_faces_of
+from balloon_warp.kernels.loops.membranes import membrane_faces_of
+from balloon_warp.kernels.loops.quads import quads_of
 from balloon_warp.kernels.memory import put_in_tile
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.params import numbers_reader, params_functions

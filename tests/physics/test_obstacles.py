@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from touching import square
 
 from balloon_warp import Frame, InputError, PolygonMesh, Simulator
-from balloon_warp.kernels.laws.fixture import capsule_surface
+from balloon_warp.kernels.laws.contact import capsule_surface
 from balloon_warp.model import plan_model
 from balloon_warp.model.obstacles import obstacle_motion
 from balloon_warp.scene import Balloon, Body, Ground, Inflation, Obstacle, Scene, Sphere, Stiffness

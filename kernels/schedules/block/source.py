@@ -1,30 +1,40 @@
-"""A list of phases as one kernel: a block of threads advances a world by a frame, with barriers between pieces.
+"""A list of phases as one kernel: a block of threads advances a world by a frame.
+
+A list of phases as one kernel: a block of threads advances a world by a frame, with barriers between pieces.
 
 Points stand in shared memory. A thread keeps a few particles in registers, with all that is known of them, or loops
 over particles, whose values then wait in memory.
+
+Notes of each substep of a frame on its particles' values: a row of words for each substep of each world.
+
+Values that others look at stand in an array of their own. A row has a value's first components side by side, then all
+second ones: neighboring threads read neighboring words, and the stride of components is known as a kernel is compiled,
+so that one address serves them all. They are a line more apart than particles need: an odd number of lines, so that
+they do not all fall into the same few sets of a cache.
+
+A frame again as one kernel: from its beginning, to note results of its substeps for those that run backwards.
+
+The beginning of each substep is noted, and the values that its particles see of each other.
 """
 
 import re
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Mapping
 from functools import cache
 from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.codegen import kernel_from
+from balloon_warp.kernels.compose import kernel_from
 from balloon_warp.kernels.contact.free_frames import BUSY, FREE
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.slots import SlotTable, paired_reader
-from balloon_warp.kernels.memory import in_tile, put_in_tile, put_vector, vector_at
+from balloon_warp.kernels.memory import in_tile, put_in_tile, put_vector, put_vector_in, vector_at
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.params import params_beside_function, params_functions
-from balloon_warp.kernels.schedules.block.layout import Layout
-from balloon_warp.kernels.schedules.block.looks import reader_of_springs
-from balloon_warp.kernels.schedules.block.state import StateInBlock
-from balloon_warp.kernels.schedules.block.sums import block_sum
-from balloon_warp.kernels.schedules.compaction import compaction
-from balloon_warp.kernels.schedules.pieces import Piece, Step
-from balloon_warp.kernels.schedules.writer import head, named_in
+from balloon_warp.kernels.phase import STATE, Item
+from balloon_warp.kernels.schedules.block.items import StateInBlock, block_sum
+from balloon_warp.kernels.schedules.block.names import Layout, reader_of_springs
+from balloon_warp.kernels.schedules.writer import Piece, Step, compaction, head, named_in
 from balloon_warp.kernels.spheres import shared_spheres
 from balloon_warp.kernels.tables import WorldState
 from balloon_warp.kernels.warps import WARP_THREADS, any_in_block, block_barrier
@@ -273,3 +283,281 @@ def arguments_of_frame(step: Step, layout: Layout) -> tuple[str, ...]:
 def source_of_frame(step: Step, layout: Layout) -> str:
     """Write the kernel of a list."""
     return BlockWriter(step, layout).source()
+
+
+class RowsWriter(BlockWriter):
+    """Write the common parts of kernels with rows."""
+
+    def _arguments(self) -> dict[str, str]:
+        return super()._arguments() | {
+            "slot_pairs": "wp.array2d[wp.vec2]", "notes": "wp.array2d[float]", "all_velocities": "wp.array2d[wp.vec3]",
+        }  # fmt: skip
+
+    def _kept_of(self, item: Item) -> list[str]:
+        """Return the values of particles, or of the balloon, that each substep notes."""
+        return [value for value in self.step.kept if self.step.owner(value) == item]
+
+    def _places_of_rows(self, tiles: Iterable[str]) -> None:
+        """Write where all of a world's values are.
+
+        Args:
+            tiles: vectors of particles in shared memory.
+        """
+        for tile in tiles:
+            self.line(f'{tile} = wp.tile_empty(shape={self.layout.capacity}, dtype=wp.vec3, storage="shared")')
+        self._places_of_membrane_faces()
+        self.line("count = state.points.shape[1]")
+        self.line("first_row = world * (t.substeps + 1)")
+        self.line("frame_begin = time_of(t, state.frame, 0.0)")
+        self.line("time_in_frame = float(0.0)")
+        self.known.add("time_in_frame")
+
+    def _begin_frame(self) -> None:
+        """Write the lines before all substeps."""
+        self.line("# Particles come from the state.")
+        self._take_particles()
+        self.line("block_barrier()")
+        self._write_pieces(piece for piece in self.step.pieces if piece.once)
+        self._keep_once()
+        self._forget_times()
+
+
+WORDS_OF_LINE = 32
+"""Words of a line of a GPU's memory"""
+
+
+class Notes:
+    """Places of values in a row.
+
+    Args:
+        array: name of the array that holds the rows.
+        capacity: particles for which there is room.
+        types: numbers and vectors of particles that are noted, by their names.
+    """
+
+    def __init__(self, array: str, capacity: int, types: Mapping[str, Any]):
+        self._array, self._apart = array, capacity + WORDS_OF_LINE
+        self._places: dict[str, tuple[int, int]] = {}
+        end = 0
+        for name, dtype in types.items():
+            size = 1 if dtype is float else 3
+            self._places[name] = end, size
+            end += size
+        self.words = end * self._apart
+        """Number of words of a row"""
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._places
+
+    def words_of(self, name: str) -> tuple[int, int]:
+        """Return where in a row a value's first component begins, and how far apart components are."""
+        return self._places[name][0] * self._apart, self._apart
+
+    def read(self, name: str, row: str, place: str = "particle") -> str:
+        """Return the text that reads a value of a particle."""
+        if name in self:
+            return f"{name}_of_{self._array}({self._array}, {row}, {place})"
+        array = f"all_{STATE.get(name, name)}"
+        return f"vector_in({array}, {row}, {place})" if name in STATE else f"{array}[{row}, {place}]"
+
+    def write(self, name: str, row: str, text: str, place: str = "particle") -> str:
+        """Return the statement that notes a value of a particle."""
+        if name in self:
+            return f"put_{name}_of_{self._array}({self._array}, {row}, {place}, {text})"
+        array = f"all_{STATE.get(name, name)}"
+        if name in STATE:
+            return f"put_vector_in({array}, {row}, {place}, {text})"
+        return f"{array}[{row}, {place}] = {text}"
+
+    def names(self) -> dict[str, Any]:
+        """Return the functions that such texts refer to."""
+        readers = {f"{name}_of_{self._array}": self._reader(*place) for name, place in self._places.items()}
+        readers[f"fetch_{self._array}"] = self._fetcher()
+        return readers | {f"put_{name}_of_{self._array}": self._writer(*place) for name, place in self._places.items()}
+
+    def _fetcher(self) -> Any:
+        lines = -(-self.words // WORDS_OF_LINE)
+
+        line = f"notes.data + (size_t)(unsigned int)row * {self.words}u + {WORDS_OF_LINE} * line"
+
+        @wp.func_native(f"""
+        #if defined(__CUDA_ARCH__)
+            for (int line = row < 0 ? {lines} : thread; line < {lines}; line += blockDim.x)
+                asm volatile("prefetch.global.L2 [%0];" :: "l"({line}));
+        #endif
+        """)
+        def fetch_notes(notes: wp.array2d[float], row: wp.int32, thread: wp.int32):
+            """Bring a row nearer that is read later: a line of the memory by each thread."""
+            ...
+
+        return fetch_notes
+
+    def _at(self, place: int) -> str:
+        begin = f"notes.data + (size_t)(unsigned int)row * {self.words}u + (unsigned int)particle"
+        return f"({begin})[{place * self._apart}]"
+
+    def _reader(self, place: int, size: int) -> Any:
+        if size == 1:
+
+            @wp.func_native(f"return {self._at(place)};")
+            def number_noted(notes: wp.array2d[float], row: wp.int32, particle: wp.int32) -> float:
+                """Return a number of a particle."""
+                ...
+
+            return number_noted
+
+        parts = ", ".join(self._at(place + part) for part in range(3))
+
+        @wp.func_native(f"return wp::vec_t<3, float>({parts});")
+        def vector_noted(notes: wp.array2d[float], row: wp.int32, particle: wp.int32) -> wp.vec3:
+            """Return a vector of a particle."""
+            ...
+
+        return vector_noted
+
+    def _writer(self, place: int, size: int) -> Any:
+        if size == 1:
+
+            @wp.func_native(f"{self._at(place)} = value;")
+            def note_number(notes: wp.array2d[float], row: wp.int32, particle: wp.int32, value: float):
+                """Note a number of a particle."""
+                ...
+
+            return note_number
+
+        @wp.func_native(" ".join(f"{self._at(place + part)} = value[{part}];" for part in range(3)))
+        def note_vector(notes: wp.array2d[float], row: wp.int32, particle: wp.int32, value: wp.vec3):
+            """Note a vector of a particle."""
+            ...
+
+        return note_vector
+
+
+class AgainWriter(RowsWriter):
+    """Write the kernel of a frame again, for threads that loop: values wait where they are noted.
+
+    Args:
+        noted: places of the particles' notes.
+    """
+
+    velocity_row = "row"
+    """Row of the velocities that are read"""
+
+    def __init__(self, step: Step, layout: Layout, noted: Notes):
+        super().__init__(step, layout)
+        self.noted = noted
+        self.velocities = ("velocities", "velocities")
+
+    @property
+    def name(self) -> str:
+        """Return the name of the kernel."""
+        return "advance_worlds_again"
+
+    @property
+    def remark(self) -> str:
+        """Return a sentence on the kernel."""
+        return super().remark.replace("for a frame;", "for a frame again, with notes of its substeps;")
+
+    def names(self) -> dict[str, Any]:
+        """Return the objects that the text refers to, by name."""
+        return {**super().names(), **self.noted.names(), "put_vector_in": put_vector_in}
+
+    def _body(self) -> None:
+        self._find_world()
+        self._places_of_rows(self.points[: 2 if "point" in self.step.doubled else 1])
+        self._begin_frame()
+        self._note_beginning()
+        self._clear_lists()
+        self._substeps()
+
+    def _note_beginning(self) -> None:
+        with self._over("particle"):
+            self.line(self.noted.write("point", "first_row", "in_tile(points, particle)"))
+            self.line(self.noted.write("velocity", "first_row", "state.velocities[world, particle]"))
+
+    def _clear_lists(self) -> None:
+        for name in self._compacted:
+            self.line("if thread == 0:")
+            self.line(f"    clear_{name}(0)")
+            self.line(f"    clear_{name}(1)")
+        self.line("block_barrier()")
+
+    def _substeps(self) -> None:
+        self.line("for substep in range(t.substeps):")
+        with self.indented():
+            self.turn, self.next_turn = "substep % 2", "1 - substep % 2"
+            self.line("row = first_row + substep")
+            self.line("time_in_frame = float(substep) * t.step_seconds")
+            if self.shows_velocities:
+                self.line("velocities = all_velocities[row]")
+                self.line("next_velocities = all_velocities[row + 1]")
+            self.velocity_row = "row"
+            self._begin_substep()
+            self._write_pieces(piece for piece in self.step.pieces if not piece.once and not piece.last)
+            self._end_substep()
+
+    def _begin_substep(self) -> None:
+        """Write nothing: where a substep begins, the one before has noted."""
+
+    def _end_substep(self) -> None:
+        """Write the notes of the balloon, and bring points back to the tile that the next substep begins with."""
+        if of_balloon := self._kept_of("balloon"):
+            self.line("if thread == 0:")
+            for value in of_balloon:
+                self.line(f"    all_{value}[row, 0] = {value}")
+        if self.points[0] != "points":
+            with self._over("particle"):
+                self.line(f"put_in_tile(points, particle, in_tile({self.points[0]}, particle))")
+            self.line("block_barrier()")
+        self.points, self.velocities = ("points", "new_points"), ("velocities", "velocities")
+
+    def _switch(self, piece: Piece) -> None:
+        super()._switch(piece._replace(doubles=tuple(name for name in piece.doubles if name == "point")))
+        if "velocity" in piece.moves:
+            self.velocities = ("next_velocities", "next_velocities")
+            self.velocity_row = "row + 1"
+
+    def read(self, name: str) -> str:
+        """Return how a value of a particle is read from where it was noted."""
+        return self.noted.read(name, self.velocity_row if name == "velocity" else "row")
+
+    def write(self, name: str, target: str) -> str:
+        """Return the statement that notes a value of a particle."""
+        return self.noted.write(name, "row + 1" if name == "velocity" else "row", name)
+
+    def _put_particle(self, piece: Piece) -> None:
+        super()._put_particle(piece)
+        if "point" in piece.moves:
+            self.line(self.noted.write("point", "row + 1", "point"))
+
+
+class HeldAgainWriter(AgainWriter):
+    """Write the kernel of a frame again, for threads that keep particles.
+
+    Args:
+        names: of the values noted of particles, besides their state.
+    """
+
+    def __init__(self, step: Step, layout: Layout, noted: Notes, names: Collection[str]):
+        super().__init__(step, layout, noted)
+        self._names = names
+
+    def _note_beginning(self) -> None:
+        """Write nothing: each substep notes where it begins."""
+
+    def _begin_substep(self) -> None:
+        for place in self.places:
+            with self.about(place):
+                self._note_its(STATE)
+
+    def _show_held(self, piece: Piece) -> None:
+        super()._show_held(piece)
+        if noted := [name for name in piece.leaves if name in self._names]:
+            self._note_its(noted)
+
+    def _note_its(self, names: Collection[str]) -> None:
+        """Write how the particle at hand notes its values."""
+        b = self.bound
+        self.line(f"if {b('is_there')}:")
+        for name in names:
+            self.line(f"    {self.noted.write(name, 'row', b(name), b('particle'))}")

@@ -10,7 +10,6 @@ from balloon_warp.kernels.lanes import Lanes3
 from balloon_warp.kernels.loops.eight import loops_of_eight
 from balloon_warp.kernels.loops.net_force import Loops
 from balloon_warp.kernels.phase import Look
-from balloon_warp.kernels.schedules.lanes.corners import add_to_corners
 from balloon_warp.kernels.schedules.lanes.layouts import (
     OCTETS,
     WORLDS,
@@ -19,11 +18,12 @@ from balloon_warp.kernels.schedules.lanes.layouts import (
     add,
     near,
     of_item,
+    places_of,
     put,
     put_item,
     view_of,
 )
-from balloon_warp.kernels.schedules.lanes.places import places_of
+from balloon_warp.kernels.schedules.lanes.source import add_to_corners
 from balloon_warp.kernels.schedules.lanes.state import params_functions_of
 from balloon_warp.kernels.spheres import sphere_at
 

@@ -1,4 +1,4 @@
-"""Phases as launches: the source of a kernel for each piece of a list, flat, with just the work of the piece."""
+"""Phases as launches: the source of a kernel for each piece of a list."""
 
 from collections.abc import Mapping
 from functools import cache
@@ -7,16 +7,79 @@ from typing import Any, ClassVar, Literal
 
 import warp as wp
 
-from balloon_warp.kernels.codegen import kernel_from
-from balloon_warp.kernels.memory import four_bytes_in
+from balloon_warp.kernels.compose import kernel_from
+from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.loops.net_force import Loops, scalar_loops
+from balloon_warp.kernels.memory import four_bytes_in, vector_at
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.phase import STATE, VIEWS
-from balloon_warp.kernels.schedules.compaction import compaction
-from balloon_warp.kernels.schedules.launched.few import acts_on_few, asked_ahead, is_asked_ahead, rare_phase
-from balloon_warp.kernels.schedules.pieces import Piece, Step
-from balloon_warp.kernels.schedules.writer import Writer, head, named_in
+from balloon_warp.kernels.phase import STATE, VIEWS, Look, Phase
+from balloon_warp.kernels.schedules.writer import Piece, Step, Writer, compaction, head, named_in
+from balloon_warp.kernels.spheres import sphere_at
+from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.warps import block_barrier
+from balloon_warp.kernels.working import Working
 
+
+def rare_phase(step: Step, piece: Piece) -> Phase | None:
+    """Return the phase of a piece, if it is the only one, and most items stay as they are."""
+    first, *others = piece.phases
+    stays = not (others or piece.sums or piece.doubles or piece.leaves or piece.keeps)
+    return first if stays and first.asked(step.features, step.look) else None
+
+
+def acts_on_few(step: Step, piece: Piece) -> bool:
+    """Return whether a block lists the particles that a piece acts on: it is apart since most have nothing to do."""
+    rare = rare_phase(step, piece)
+    return rare is not None and piece.item == "particle" and rare.name in step.apart
+
+
+def asked_ahead(step: Step, piece: Piece) -> Phase | None:
+    """Return the phase of the next piece, if it acts on few particles, and the thread that moved one knows which."""
+    place = step.pieces.index(piece) + 1
+    after = step.pieces[place] if place < len(step.pieces) else None
+    knows = piece.item == "particle" and not (piece.sums or piece.once or acts_on_few(step, piece))
+    return after.phases[0] if knows and after and acts_on_few(step, after) else None
+
+
+def is_asked_ahead(step: Step, piece: Piece) -> bool:
+    """Return whether the piece before notes the particles that this one acts on."""
+    place = step.pieces.index(piece)
+    return place > 0 and asked_ahead(step, step.pieces[place - 1]) is not None
+
+
+@cache
+def gathering_loops(features: Features) -> Loops:
+    """Return loops over all forces on a particle."""
+    return scalar_loops(features, vector_at)
+
+
+@cache
+def summed_loops(features: Features) -> Loops:
+    """Return functions that read sums by other threads: forces of springs, strings, hinges, faces, and area vectors."""
+
+    @wp.func
+    def summed_force(
+        t: Tables, points: Any, velocities: Any, params: Any, working: Working, point: Any, velocity: Any, time: float
+    ):
+        """Take the summed force [N], and clear it for the next substep."""
+        force = working.forces[params.world, params.number]
+        working.forces[params.world, params.number] = wp.vec3()
+        return force
+
+    @wp.func
+    def summed_area_vector(t: Tables, points: Any, params: Any, working: Working, point: Any):
+        """Take the summed area vector [m^2], and clear it."""
+        area_vector = working.area_vectors[params.world, params.number]
+        working.area_vectors[params.world, params.number] = wp.vec3()
+        return area_vector
+
+    return scalar_loops(features, vector_at, summed_force, summed_area_vector)._replace(others=None)
+
+
+GATHERED = Look(vector_at, sphere_at, gathering_loops)
+"""Access where each particle loops over its forces"""
+SUMMED = Look(vector_at, sphere_at, summed_loops, alone=lambda features: not (features.in_water or features.bursts))
+"""Access where other threads have summed the forces"""
 ITEMS_OF_PART = wp.constant(512)
 """Number of items in a part of a large balloon, whose sums are reduced part by part"""
 ITEMS_OF_LIST = wp.constant(512)
@@ -47,8 +110,6 @@ OF_PARTICLE: Mapping[str, tuple[str, str]] = {
 """Expressions for names of a particle"""
 OFFSETS = {"particle": "t.particles.offsets", "face": "t.faces.balloon_offsets"}
 """Begin of each balloon's items"""
-
-
 END_OF_LIST = "wp.min(begin + ITEMS_OF_LIST, state.points.shape[1])"
 """End of the particles of a block"""
 

@@ -2,8 +2,8 @@
 
 import warp as wp
 
-from balloon_warp.kernels.fixed_point import set_quanta, total_newtons
 from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels.warps import set_quanta, total_newtons
 
 wp.set_module_options({**OPTIONS, "enable_backward": False})
 

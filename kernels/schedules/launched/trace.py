@@ -9,9 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from balloon_warp.kernels.adjoint import Adjoint, NoAdjointError
-from balloon_warp.kernels.phase import Phase
-from balloon_warp.kernels.schedules.pieces import Step
+from balloon_warp.kernels.phase import Adjoint, NoAdjointError, Phase
+from balloon_warp.kernels.schedules.writer import Step
 
 
 class Entry(NamedTuple):

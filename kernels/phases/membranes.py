@@ -1,23 +1,59 @@
-"""Tearing of membranes: stresses of faces, the start of tears, and their propagation.
+"""Membranes: forces face by face, wear, and tears.
+
+Tearing of membranes: stresses of faces, the start of tears, and their propagation.
 
 These phases precede the forces of a substep and follow the stresses of triangles. Each whole face looks for tears that
 arrive, and tears in a launch of its own, so that the order of threads does not matter.
 """
 
+from typing import Any
+
 import warp as wp
 
-from balloon_warp.kernels.laws.tearing import (
-    WHOLE,
-    across_tension,
-    branch_plane,
-    cuts,
-    normal_of,
-    plane_through,
-)
+from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.laws.tearing import WHOLE, across_tension, branch_plane, cuts, normal_of, plane_through
 from balloon_warp.kernels.loops.areas import face_measures
-from balloon_warp.kernels.loops.wear import of_balloon
+from balloon_warp.kernels.loops.membranes import of_balloon
 from balloon_warp.kernels.memory import vector_at
+from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.tables import Tables, WorldState
+
+
+def _has_membranes(features: Features) -> bool:
+    return bool(features.membranes)
+
+
+@phase("world", when=_has_membranes, once=lambda features: True)
+def clear(features: Features, look: Look) -> Any:
+    """Clear the unused entries of particles that have fewer faces than others."""
+    return look.membrane_faces(features).clear
+
+
+@phase("membrane_face", when=_has_membranes)
+def stretch(features: Features, look: Look) -> Any:
+    """Measure a face, and store its forces at its corners."""
+    if look.membrane_faces(features).keeps:
+        return look.membrane_faces(features).stretch
+    stretch_face = look.membrane_faces(features).stretch
+
+    @wp.func
+    def stretch(t: Tables, world: wp.int32, membrane_face: wp.int32, points: Any, pulls: Any, area_vectors: Any):
+        stretch_face(t, world, membrane_face, points, points, pulls, area_vectors)
+
+    @wp.func
+    def stretch_by_velocities(
+        t: Tables, world: wp.int32, membrane_face: wp.int32, points: Any, velocities: Any, pulls: Any, area_vectors: Any
+    ):
+        stretch_face(t, world, membrane_face, points, velocities, pulls, area_vectors)
+
+    return stretch_by_velocities if features.viscous else stretch
+
+
+@phase("particle", {"skin": Any}, when=_has_membranes)
+def collect(features: Features, look: Look) -> Any:
+    """Sum the forces of its faces on a particle."""
+    return look.membrane_faces(features).collect
+
 
 LAST_FACE = wp.constant(wp.int64(2**31 - 1))
 SQUARE_MICROMETERS = wp.constant(wp.float64(1.0e12))

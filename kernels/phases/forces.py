@@ -1,0 +1,388 @@
+"""Forces on particles: of springs, faces, liquids, and outer ones.
+
+Forces of springs, strings, hinges, triangles and faces, by atomic adds into one array that particles take.
+
+The readable reference, which every other way is tested against.
+
+Net force on a particle but for the inflation's.
+
+They are of springs, strings, hinges, faces, membranes and laws on particles; the thrust of jets, and the forces of
+contacts.
+
+Forces of membranes, hinges and faces on their particles, where one thread has a whole world.
+
+Each triangle, hinge and face is evaluated once, and its forces wait at the particles.
+"""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.adjoints.derived import nothing
+from balloon_warp.kernels.adjoints.gas import jet_backwards
+from balloon_warp.kernels.adjoints.membranes import quads_backwards
+from balloon_warp.kernels.adjoints.pull import add_backwards, bear_backwards, pull_backwards, soak_backwards
+from balloon_warp.kernels.compose import function_from
+from balloon_warp.kernels.contact.forces import take_contact_forces
+from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.lanes import any_positive, entry_at
+from balloon_warp.kernels.laws.springs import FIRST_WING
+from balloon_warp.kernels.loops.areas import corner_area
+from balloon_warp.kernels.loops.gas import hole_jet_loop, jet_loop
+from balloon_warp.kernels.loops.membranes import triangle_pull
+from balloon_warp.kernels.loops.net_force import (
+    face_push,
+    held_string_pull,
+    hinge_forces,
+    net_force_function,
+    outer_force,
+    push_of_faces_function,
+    wing_size,
+)
+from balloon_warp.kernels.loops.quads import quad_pull, quad_wear
+from balloon_warp.kernels.loops.springs import pair_pull
+from balloon_warp.kernels.memory import vector_at
+from balloon_warp.kernels.params import numbers_reader
+from balloon_warp.kernels.phase import Look, phase
+from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.working import Working
+
+
+@cache
+def hinge_function(features: Features, at: Any, add: Any) -> Any:
+    """Make the function that adds the forces of a hinge.
+
+    Args:
+        at: the function that reads a point.
+        add: the one that adds a force to a particle's.
+    """
+    forces_of_hinge, read_numbers = hinge_forces(features, at), numbers_reader(features.columns)
+
+    @wp.func
+    def add_hinge(t: Tables, world: wp.int32, hinge: wp.int32, points: Any, forces: Any):
+        """Add forces on its two ends and on the corners of its wings."""
+        ends = t.hinges.ends[hinge]
+        of_roles = forces_of_hinge(t.hinges, points, hinge, read_numbers(t, world, t.particles.balloon[ends[0]]))
+        add(forces, ends[0], of_roles[0])
+        add(forces, ends[1], of_roles[1])
+        for wing in range(2):
+            begin = t.hinges.wing_offsets[2 * hinge + wing]
+            for corner in range(begin, begin + wing_size(t.hinges, hinge, wing)):
+                add(forces, t.hinges.wing_particles[corner], of_roles[FIRST_WING + wing])
+
+    return add_hinge
+
+
+@cache
+def surface_functions(features: Features, at: Any) -> tuple[Any, Any]:
+    """Make the functions that add the forces of a membrane's triangle, and of a face, to a world's."""
+    push_at_corner = face_push(features, at, vector_at)
+    read_numbers = numbers_reader(features.columns)
+    pull_of_triangle = triangle_pull(features) if features.membranes else None
+
+    @wp.func
+    def add_triangle(t: Tables, world: wp.int32, triangle: wp.int32, points: Any, velocities: Any, forces: Any):
+        """Add a membrane triangle's forces to its three corners."""
+        corners = t.membranes.corners[triangle]
+        p = corners[0]
+        balloon = t.particles.balloon[p]
+        n = read_numbers(t, world, balloon)
+        pull, first, second = pull_of_triangle(
+            points[corners[1]] - points[p], points[corners[2]] - points[p],
+            velocities[corners[1]] - velocities[p], velocities[corners[2]] - velocities[p],
+            t.membranes.corner_rests[triangle], t.membranes.materials[balloon], n,
+        )  # fmt: skip
+        if wp.static(features.wears):
+            left = t.membranes.wear.left[world, triangle]
+            pull *= left
+            first *= left
+            second *= left
+        wp.atomic_add(forces, p, pull)
+        wp.atomic_add(forces, corners[1], first)
+        wp.atomic_add(forces, corners[2], second)
+
+    @wp.func
+    def add_face(t: Tables, world: wp.int32, face: wp.int32, points: Any, velocities: Any, time: float, forces: Any):
+        """Add a face's force to its corners, in equal shares."""
+        share = push_at_corner(t, points, velocities, world, face, time)
+        for corner in range(t.faces.offsets[face], t.faces.offsets[face + 1]):
+            wp.atomic_add(forces, t.faces.particles[corner], share)
+
+    return add_triangle, add_face
+
+
+@phase("element")
+def add_forces(features: Features, look: Look) -> Any:
+    """Add the forces of a spring, or string, or hinge, or triangle, or face on its particles, in this order."""
+    add_hinge = hinge_function(features, look.at, look.add)
+    add_triangle, add_face = surface_functions(features, look.at)
+    pull_of_pair, pull_of_held_string = pair_pull(features), held_string_pull(features)
+
+    @wp.func
+    def add_spring(
+        t: Tables, world: wp.int32, spring: wp.int32, points: Any, velocities: Any, time: float, forces: Any
+    ):
+        """Add a spring's equal and opposite forces to its two particles."""
+        d, coefficient = pull_of_pair(t, world, spring, points, velocities, time)
+        wp.atomic_add(forces, t.pairs.particles[spring][0], d * coefficient)
+        wp.atomic_sub(forces, t.pairs.particles[spring][1], d * coefficient)
+
+    @wp.func
+    def add_string(t: Tables, world: wp.int32, held: wp.int32, points: Any, velocities: Any, time: float, forces: Any):
+        """Add a string's force to its particle."""
+        pull = pull_of_held_string(t, world, held, points, velocities, time)
+        wp.atomic_add(forces, t.strings.particles[held], pull)
+
+    @wp.func
+    def add_forces(
+        t: Tables, working: Working, points: Any, velocities: Any, world: wp.int32, element: wp.int32, time: float
+    ):
+        forces = working.forces[world]
+        first_string = t.pairs.kinds.shape[0]
+        first_hinge = first_string + t.strings.particles.shape[0]
+        first_triangle = first_hinge + t.hinges.ends.shape[0]
+        first_face = first_triangle + t.membranes.corners.shape[0]
+        if element < first_string:
+            add_spring(t, world, element, points, velocities, time, forces)
+        elif element < first_hinge:
+            if wp.static(features.has("string")):
+                add_string(t, world, element - first_string, points, velocities, time, forces)
+        elif element < first_triangle:
+            if wp.static(features.has("hinge")):
+                add_hinge(t, world, element - first_hinge, points, forces)
+        elif element < first_face:
+            if wp.static(bool(features.membranes)):
+                add_triangle(t, world, element - first_triangle, points, velocities, forces)
+        else:
+            if wp.static(features.has("face")):
+                add_face(t, world, element - first_face, points, velocities, time, forces)
+
+    return add_forces
+
+
+area_vector_at_corner = corner_area(vector_at)
+
+
+@wp.func
+def add_area_vectors_of_face(t: Tables, working: Working, points: wp.array[wp.vec3], world: wp.int32, face: wp.int32):
+    """Add a face's contributions to the area vectors of its particles."""
+    for corner in range(t.faces.offsets[face + 1] - t.faces.offsets[face]):
+        particle = t.faces.particles[t.faces.offsets[face] + corner]
+        part = area_vector_at_corner(t, points, face, corner, points[particle])
+        wp.atomic_add(working.area_vectors, world, particle, part)
+
+
+@phase("face", when=lambda features: features.measures_areas)
+def add_area_vectors(features: Features, look: Look) -> Any:
+    """Add a face's parts of the area vectors of its particles."""
+    return add_area_vectors_of_face
+
+
+def _is_driven(features: Features, look: Look) -> Any:
+    @wp.func
+    def is_driven(t: Any, params: Any):
+        """Return whether an outer force drives any particle of eight."""
+        return any_positive(t.outer.slots[params.number, 0])
+
+    return is_driven
+
+
+@phase(
+    "particle",
+    {"force": wp.vec3},
+    when=lambda features: features.driven,
+    rare=_is_driven,
+    adjoint=add_backwards,
+)
+def drive(features: Features, look: Look) -> Any:
+    """Add the outer forces on groups of particles."""
+
+    @wp.func
+    def drive(t: Tables, params: Any, force: wp.vec3):
+        return force + outer_force(t.outer, params.world, params.number)
+
+    return drive
+
+
+def _acts_on_faces(features: Features) -> bool:
+    return features.has("face")
+
+
+@phase("face", {"face_push": wp.vec3}, when=_acts_on_faces, adjoint=nothing)
+def push_face(features: Features, look: Look) -> Any:
+    """Find the force on a face, each corner's share [N]."""
+    push_at_corner = face_push(features, look.at, look.velocity_at)
+
+    @wp.func
+    def push_face(t: Tables, world: wp.int32, face: wp.int32, points: Any, time: float):
+        return push_at_corner(t, points, points, world, face, time)
+
+    @wp.func
+    def push_by_velocities(t: Tables, world: wp.int32, face: wp.int32, points: Any, velocities: Any, time: float):
+        return push_at_corner(t, points, velocities, world, face, time)
+
+    return push_by_velocities if features.needs("face", "velocity") else push_face
+
+
+@phase("particle", {"force": wp.vec3}, when=_acts_on_faces, adjoint=bear_backwards)
+def bear(features: Features, look: Look) -> Any:
+    """Add the forces on its faces to a particle."""
+    push_of_faces = push_of_faces_function(features)
+
+    @wp.func
+    def bear(t: Tables, face_pushes: Any, particle: wp.int32, force: wp.vec3):
+        return force + push_of_faces(t, face_pushes, particle)
+
+    return bear
+
+
+@phase("particle", {"water_load": wp.vec4}, when=lambda features: features.in_water, adjoint=soak_backwards)
+def soak(features: Features, look: Look) -> Any:
+    """Find the load of a liquid on a particle: depth times area vector [m^3], and wetted area [m^2]."""
+    load_of_particle = look.loops(features).water_load
+
+    @wp.func
+    def soak(t: Any, points: Any, params: Any):
+        return load_of_particle(t, points, params)
+
+    return soak
+
+
+def _pulling(features: Features, look: Look, name: str, results: str) -> Any:
+    """Return the function of a phase that names the values of others, and of a liquid, that its forces depend on."""
+    alone, by_velocities = look.alone(features), features.looks_at_velocities
+    views = [] if alone else ["points", "velocities"] if by_velocities else ["points"]
+    load = ["water_load"] if features.in_water else []
+    reads = ["t", *views, "params", "springs", "point", "velocity", *load, "time"]
+    of_others = ", ".join([views[0], views[-1]] if views else ["point", "velocity"])  # which looks nowhere
+    source = "\n".join(
+        [
+            f"def {name}({', '.join(f'{each}: Any' for each in reads)}):",
+            "    force, area_vector, vertex_normal = net_force(",
+            f"        t, {of_others}, params, springs, point, velocity, {load[0] if load else 'wp.vec4()'}, time",
+            "    )",
+            f"    return {results}\n",
+        ]
+    )
+    return function_from(name, source, {"net_force": net_force_function(features, look.loops(features))})
+
+
+@phase("particle", {"force": wp.vec3, "area_vector": wp.vec3}, adjoint=pull_backwards)
+def pull(features: Features, look: Look) -> Any:
+    """Sum the forces on a particle [N], and where it is needed find its area vector [m^2]."""
+    return _pulling(features, look, "pull", "force, area_vector")
+
+
+@phase("particle", {"force": wp.vec3, "area_vector": wp.vec3, "vertex_normal": wp.vec3})
+def pull_and_face(features: Features, look: Look) -> Any:
+    """Sum the forces on a particle [N], and on the way find its area vector, and A_p n [m^2]."""
+    return _pulling(features, look, "pull_and_face", "force, area_vector, vertex_normal")
+
+
+@phase("particle", {"force": wp.vec3}, when=lambda features: features.touches, adjoint=add_backwards)
+def take(features: Features, look: Look) -> Any:
+    """Add contact forces to a particle."""
+
+    @wp.func
+    def take(working: Working, params: Any, force: wp.vec3):
+        return force + take_contact_forces(working, params.world, params.number)
+
+    return take
+
+
+def _at_neck(features: Features, look: Look) -> Any:
+    @wp.func
+    def is_at_neck(t: Any, params: Any):
+        """Return whether any particle of eight is at a neck."""
+        return any_positive(t.necks.weights[params.number])
+
+    return is_at_neck
+
+
+@phase("particle", {"force": wp.vec3}, when=lambda features: features.jets, rare=_at_neck, adjoint=jet_backwards)
+def jet(features: Features, look: Look) -> Any:
+    """Add the thrust at the balloon's neck."""
+    thrust_at = jet_loop(features, look.at)
+
+    @wp.func
+    def jet(t: Tables, points: Any, params: Any, point: wp.vec3, load: wp.vec2, time: float, force: wp.vec3):
+        weight = t.necks.weights[params.number]
+        return force + thrust_at(t.necks, points, weight, params.balloon, load, wp.dot(point, t.up), time, params.n)
+
+    return jet
+
+
+@phase("particle", {"force": wp.vec3}, when=lambda features: features.bursts)
+def jet_of_holes(features: Features, look: Look) -> Any:
+    """Add the thrust of holes where the balloon is torn."""
+    thrust_at = hole_jet_loop(features, look.at)
+
+    @wp.func
+    def jet_of_holes(
+        t: Tables, state: WorldState, points: Any, params: Any, point: wp.vec3, load: wp.vec2, force: wp.vec3
+    ):
+        if state.bursts[params.world, params.balloon][1] > 0.0:
+            return force + thrust_at(t, points, params, load, point)
+        return force
+
+    return jet_of_holes
+
+
+@phase("hinge", when=lambda features: features.has("hinge"))
+def bend(features: Features, look: Look) -> Any:
+    """Add a hinge's forces to its ends and to the corners of its wings [N]."""
+    add_hinge = hinge_function(features, look.at, look.add)
+
+    @wp.func
+    def bend(t: Tables, points: Any, forces: Any, world: wp.int32, hinge: wp.int32):
+        add_hinge(t, world, hinge, points, forces)
+
+    return bend
+
+
+@phase("face", when=lambda features: features.has("face"))
+def blow(features: Features, look: Look) -> Any:
+    """Add the force on a face to its corners, in equal shares [N]."""
+    push_at_corner, add = face_push(features, look.at, look.velocity_at), look.add
+
+    @wp.func
+    def blow(t: Tables, points: Any, velocities: Any, forces: Any, world: wp.int32, face: wp.int32, time: float):
+        share = push_at_corner(t, points, velocities, world, face, time)
+        for corner in range(t.faces.offsets[face], t.faces.offsets[face + 1]):
+            add(forces, t.faces.particles[corner], share)
+
+    return blow
+
+
+@phase("quad", when=lambda features: features.softens)
+def wear_out(features: Features, look: Look) -> Any:
+    """Find the factor on the tension of rubber, and keep its peak stretch, as `wear` does."""
+    wear_of_quad = quad_wear(features, look.at, look.world)
+
+    @wp.func
+    def wear_out(t: Any, points: Any, params: Any, peaks: Any):
+        wear_of_quad(t, points, params, peaks)
+
+    return wear_out
+
+
+@phase("quad", when=lambda features: bool(features.membranes), adjoint=quads_backwards)
+def share_out(features: Features, look: Look) -> Any:
+    """Add the forces of a quad or triangle of a membrane, or of eight of them, to its corners [N]."""
+    pull_of_quad, add_to_corners = quad_pull(features, look.at, look.world), look.add_to_corners
+
+    @wp.func
+    def share_out_viscous(t: Any, points: Any, velocities: Any, forces: Any, params: Any):
+        on_a, on_b, on_c, on_d = pull_of_quad(t, points, velocities, params)
+        corners = 4 * params.number
+        add_to_corners(
+            forces, entry_at(t.quads, corners), entry_at(t.quads, corners + 1), entry_at(t.quads, corners + 2),
+            entry_at(t.quads, corners + 3), on_a, on_b, on_c, on_d,
+        )  # fmt: skip
+
+    @wp.func
+    def share_out(t: Any, points: Any, forces: Any, params: Any):
+        share_out_viscous(t, points, points, forces, params)
+
+    return share_out_viscous if features.viscous else share_out

@@ -1,0 +1,567 @@
+"""Inflation: normal forces, pressures, and gas that flows.
+
+Gas that is pumped in or let out, and that flows through tubes, necks and leaks.
+
+The former as a substep begins, the latter once its pressure is known; and how much a particle has to move of it.
+
+A liquid's pressure on a skin that is too soft to bear how much harder it presses below than above.
+
+In a liquid at rest no such skin has a shape: it would dent until it meets itself, and the liquid with it would turn
+inside out what crosses. So what the skin does not bear lifts the balloon as a whole.
+"""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.adjoints.derived import by_grad, by_grad_but, nothing
+from balloon_warp.kernels.adjoints.directions import directions_backwards, inflate_backwards
+from balloon_warp.kernels.adjoints.gas import load_backwards, note_backwards, pump_backwards
+from balloon_warp.kernels.adjoints.pull import lift_backwards
+from balloon_warp.kernels.adjoints.solids import foresee_backwards
+from balloon_warp.kernels.algebra import dot_product, length_of, reach_along, scaled, times
+from balloon_warp.kernels.compose import call_of, function_from
+from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.lanes import Five, pair
+from balloon_warp.kernels.laws.air import AIR, air_of_height, molar_volume
+from balloon_warp.kernels.laws.body import GAS, GRAVITY, NORMAL_FORCE, PRESSURE, inflation_direction_of, normal_push
+from balloon_warp.kernels.laws.columns import Columns
+from balloon_warp.kernels.laws.gas import (
+    NO_INSIDE,
+    Swelling,
+    free_along,
+    free_volume_of,
+    memory_of_rate,
+    rate_beside_obstacles,
+    swelling_of_particle,
+)
+from balloon_warp.kernels.laws.law import TINY
+from balloon_warp.kernels.laws.tearing import OPEN
+from balloon_warp.kernels.laws.water import EVENED, evened
+from balloon_warp.kernels.loops.areas import (
+    area_vector_between,
+    direction_loop,
+    direction_loop_of_eight,
+    face_measures,
+    volume_origin,
+)
+from balloon_warp.kernels.loops.gas import (
+    flows_function,
+    gas_mass_function,
+    holding_function,
+    load_function,
+    pump_function,
+)
+from balloon_warp.kernels.loops.obstacles import around_function, detour_function, heads_for_solids
+from balloon_warp.kernels.memory import quad_at
+from balloon_warp.kernels.params import ramp_at
+from balloon_warp.kernels.phase import Look, phase
+from balloon_warp.kernels.phases.membranes import (
+    SQUARE_MICROMETERS,
+    area_vector_of_face,
+    center_of_face,
+    face_of,
+    unpacked,
+)
+from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
+from balloon_warp.kernels.working import Working
+
+
+@phase(
+    "balloon", {"gas": wp.vec2}, when=lambda features: features.gas, light=True,
+    once=lambda features: not features.gas_changes, adjoint=nothing,
+)  # fmt: skip
+def hold(features: Features, look: Look) -> Any:
+    """Read the gas in a balloon: its amount [mol], and its free volume [m^3]."""
+
+    @wp.func
+    def hold(state: WorldState, world: wp.int32, balloon: wp.int32):
+        return wp.vec2(float(state.gas_amounts[world, balloon]), float(state.free_volumes[world, balloon]))
+
+    return hold
+
+
+@phase("balloon", {"gas_load": wp.vec4}, when=lambda features: features.gas, adjoint=load_backwards)
+def find_load(features: Features, look: Look) -> Any:
+    """Find the pressure of the gas."""
+    load_of_balloon, holds_gas = load_function(features), holding_function(features)
+
+    @wp.func
+    def load_of_gas(t: Tables, balloon: wp.int32, swelling: Swelling, gas: wp.vec2, numbers: Any):
+        return load_of_balloon(GAS, 0.0, swelling, gas, t.step_seconds, t.faces.enclosed[balloon], numbers)
+
+    @wp.func
+    def load_of_any(
+        t: Tables,
+        state: WorldState,
+        world: wp.int32,
+        balloon: wp.int32,
+        time_in_frame: float,
+        swelling: Swelling,
+        gas: wp.vec2,
+        numbers: Any,
+    ):
+        kind = t.inflation_kind[balloon]
+        given = ramp_at(state, world, balloon, time_in_frame)
+        enclosed = t.faces.enclosed[balloon]
+        if wp.static(features.bursts):
+            if holds_gas(t, state, world, balloon):
+                kind = GAS
+            elif state.bursts[world, balloon][0] >= 0.0:
+                kind = PRESSURE
+                given = 0.0  # it is open
+                enclosed = wp.vec2(NO_INSIDE, enclosed[1])
+        return load_of_balloon(kind, given, swelling, gas, t.step_seconds, enclosed, numbers)
+
+    return load_of_gas if features.balloons == 1 and not (features.bursts or features.crushes) else load_of_any
+
+
+@phase("balloon", when=lambda features: features.gas, adjoint=note_backwards)
+def note(features: Features, look: Look) -> Any:
+    """Note the pressure in the state."""
+
+    @wp.func
+    def note(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32, gas_load: wp.vec4):
+        if t.inflation_kind[balloon] != NORMAL_FORCE:
+            state.pressures[world, balloon] = gas_load[0]
+            state.inflation_loads[world, balloon] = wp.vec2(gas_load[1], gas_load[2])
+            if wp.static(features.gas_flows):
+                state.pressure_slopes[world, balloon] = gas_load[3]
+
+    return note
+
+
+@wp.func
+def pressure_at(load: Any, rise: Any, point: Any, up: wp.vec3):
+    """Return the gauge pressure at a place [Pa], see `inflation_of`."""
+    return load + times(rise, reach_along(point, up))
+
+
+@cache
+def inflation_of(features: Features) -> Any:
+    """Make the function that gives the force of the inflation on a particle, or on eight of a balloon."""
+
+    @wp.func
+    def inflation(
+        kind: wp.int32,
+        k_normal: Any,
+        load: Any,
+        rise: Any,
+        up: wp.vec3,
+        point: Any,
+        inflation_direction: Any,
+        area: Any,
+    ):
+        """Find the force of the inflation [N].
+
+        Args:
+            load: pressure at height 0 [Pa].
+            rise: of the pressure with height [Pa/m].
+        """
+        if wp.static(not features.pressures):
+            return scaled(inflation_direction, normal_push(k_normal))
+        elif wp.static(not features.inflation_directions):
+            return scaled(area, pressure_at(load, rise, point, up))
+        else:
+            push = pressure_at(load, rise, point, up)
+            along = area
+            if kind == NORMAL_FORCE:
+                push = normal_push(k_normal)
+                along = inflation_direction
+            return scaled(along, push)
+
+    return inflation
+
+
+@phase(
+    "particle", {"load": wp.vec2}, when=lambda features: features.pressures and not features.gas, light=True,
+    adjoint=by_grad,
+)  # fmt: skip
+def given_load(features: Features, look: Look) -> Any:
+    """Take a given pressure, the same at all heights."""
+
+    @wp.func
+    def given_load(keyed: Any):
+        """Return the gauge pressure at height 0 [Pa], and its gradient with height [Pa/m]."""
+        return pair(keyed, 0.0)
+
+    return given_load
+
+
+@phase("particle", {"inflation": wp.vec3}, adjoint=inflate_backwards)
+def inflate(features: Features, look: Look) -> Any:
+    """Find the force of the inflation [N]."""
+    inflation = inflation_of(features)
+
+    @wp.func
+    def push_along_direction(t: Any, keyed: Any, inflation_direction: Any):
+        return inflation(
+            NORMAL_FORCE, keyed, 0.0, 0.0, t.up, inflation_direction, inflation_direction, inflation_direction
+        )
+
+    @wp.func
+    def push_by_pressure(t: Any, load: Any, point: Any, area_vector: Any):
+        return inflation(0, 0.0, load[0], load[1], t.up, point, area_vector, area_vector)
+
+    @wp.func
+    def push_either_way(
+        t: Any, params: Any, keyed: Any, load: Any, point: Any, inflation_direction: Any, area_vector: Any
+    ):
+        return inflation(params.kind, keyed, load[0], load[1], t.up, point, inflation_direction, area_vector)
+
+    if not features.pressures:
+        return push_along_direction
+    return push_either_way if features.inflation_directions else push_by_pressure
+
+
+@phase("particle", {"net_force": wp.vec3})
+def add_up(features: Features, look: Look) -> Any:
+    """Sum all forces [N], for output."""
+
+    @wp.func
+    def add_up(force: Any, inflation: Any):
+        return force + inflation
+
+    return add_up
+
+
+def _by_normal_forces(features: Features) -> bool:
+    return features.inflation_directions
+
+
+def _cached(features: Features) -> bool:
+    """Return whether a frame keeps the directions from its beginning, as the paper does."""
+    return not features.fresh_normals
+
+
+@phase(
+    "face",
+    {"face_center": wp.vec3, "face_area": wp.vec3},
+    when=_by_normal_forces,
+    once=_cached,
+    adjoint=directions_backwards,
+)
+def measure(features: Features, look: Look) -> Any:
+    """Measure the center of a face [m], and its area times its unit normal [m^2]."""
+    center_of_face, area_vector_of_face = face_measures(look.at)
+
+    @wp.func
+    def measure(t: Any, points: Any, face: Any):
+        center = center_of_face(t.faces, points, face)
+        return center, area_vector_of_face(t.faces, points, face, center)
+
+    return measure
+
+
+@phase("face", {"balloon_area": float}, when=_by_normal_forces, once=_cached, sums=True, adjoint=directions_backwards)
+def extend(features: Features, look: Look) -> Any:
+    """Sum the area of a balloon [m^2]."""
+
+    @wp.func
+    def extend(face_area: Any):
+        return length_of(face_area)
+
+    return extend
+
+
+@phase("particle", {"inflation_direction": wp.vec3}, when=_by_normal_forces, once=_cached, adjoint=directions_backwards)
+def find_direction(features: Features, look: Look) -> Any:
+    """Find where a normal force pushes a particle: (A_p / A_total) n."""
+    direction_of_particle = direction_loop_of_eight(look.at) if look.world else direction_loop(look.at)
+
+    @wp.func
+    def find_direction(t: Any, face_centers: Any, face_areas: Any, particle: Any, point: Any, balloon_area: Any):
+        return direction_of_particle(t.faces, face_centers, face_areas, particle, point, balloon_area)
+
+    return find_direction
+
+
+@phase("face", {"balloon_area": float}, when=_by_normal_forces, once=_cached, sums=True)
+def spread(features: Features, look: Look) -> Any:
+    """Sum the area of a balloon [m^2], from where its corners are."""
+    center_of_face, area_vector_of_face = face_measures(look.at)
+
+    @wp.func
+    def spread_quads(t: Any, points: Any, face: wp.int32):
+        return wp.length(area_vector_between(points, quad_at(t.faces.particles, face)))
+
+    @wp.func
+    def spread(t: Any, points: Any, face: wp.int32):
+        return wp.length(area_vector_of_face(t.faces, points, face, center_of_face(t.faces, points, face)))
+
+    return spread_quads if features.quads else spread
+
+
+@phase("particle", {"inflation_direction": wp.vec3}, when=_by_normal_forces, once=_cached)
+def turn(features: Features, look: Look) -> Any:
+    """Find where a normal force pushes a particle, from A_p n: (A_p / A_total) n."""
+
+    @wp.func
+    def turn(vertex_normal: wp.vec3, balloon_area: float):
+        return inflation_direction_of(vertex_normal, balloon_area)
+
+    return turn
+
+
+def _beside(features: Features) -> bool:
+    return features.gas and features.obstacles
+
+
+@phase("particle", {"course": wp.vec3}, when=_beside, light=True, adjoint=by_grad)
+def head(features: Features, look: Look) -> Any:
+    """Find a particle's velocity under the load of the previous substep [m/s]."""
+
+    @wp.func
+    def head(t: Any, load: Any, gain: Any, point: Any, free_velocity: Any, area_vector: Any):
+        push = load[0] + times(load[1], reach_along(point, t.up))
+        return free_velocity + scaled(area_vector, times(gain, push))
+
+    return head
+
+
+@phase(
+    "particle", {"detour": wp.vec3, "away": wp.vec3}, when=_beside, light=True, rare=heads_for_solids,
+    adjoint=foresee_backwards,
+)  # fmt: skip
+def foresee(features: Features, look: Look) -> Any:
+    """Foresee the velocity change by obstacles [m/s], and the direction from the last one; zero if there is none."""
+    detour_beside, around_particle = detour_function(features, look.sphere_at), around_function(features)
+
+    @wp.func
+    def foresee(t: Tables, spheres: Any, params: Any, end: float, gain: float, point: wp.vec3, course: wp.vec3):
+        detour = wp.vec3()
+        away = wp.vec3()
+        if gain > 0.0:
+            turned, normal = detour_beside(t, spheres, around_particle(params, end), point, course)
+            detour = turned
+            away = normal
+        return detour, away
+
+    @wp.func
+    def foresee_solids(t: Tables, params: Any, end: float, gain: float, point: wp.vec3, course: wp.vec3):
+        return foresee(t, t, params, end, gain, point, course)
+
+    return foresee if features.spheres else foresee_solids
+
+
+@phase("particle", {"swelling": Swelling}, when=lambda features: features.gas, sums=True, adjoint=by_grad_but("origin"))
+def find_volume_rate(features: Features, look: Look) -> Any:
+    """Sum the swelling of a balloon without its gas."""
+    place = features.columns.places["breathing_damping"]
+
+    @wp.func
+    def without_memory(course: Any, params: Any, velocity: Any):
+        """Take from a course the part of the velocity before the step that counts, where one breathes on."""
+        if wp.static(features.breathes_on):
+            return course - scaled(velocity, memory_of_rate(params.n[place]))
+        else:
+            return course
+
+    @wp.func
+    def of_kind(params: Any, swelling: Any):
+        """Leave the swelling zero, where a normal force inflates."""
+        if wp.static(features.inflation_directions):
+            return wp.where(params.kind == NORMAL_FORCE, 0.0 * swelling, swelling)
+        else:
+            return swelling
+
+    @wp.func
+    def find_volume_rate(
+        t: Any, params: Any, gain: Any, origin: Any, point: Any, velocity: Any, free_velocity: Any, area_vector: Any
+    ):
+        rate = dot_product(area_vector, without_memory(free_velocity, params, velocity))
+        height = reach_along(point, t.up)
+        return of_kind(
+            params, swelling_of_particle(point - origin, area_vector, area_vector, rate, gain, params.share, height)
+        )
+
+    @wp.func
+    def find_volume_rate_beside(
+        t: Any, params: Any, gain: Any, load: Any, origin: Any, point: Any, velocity: Any, free_velocity: Any,
+        area_vector: Any, detour: Any, away: Any,
+    ):  # fmt: skip
+        height = reach_along(point, t.up)
+        free = free_along(area_vector, away)
+        push = load[0] + times(load[1], height)
+        moved = without_memory(free_velocity + detour, params, velocity)
+        rate = rate_beside_obstacles(area_vector, free, moved, gain, push)
+        return of_kind(
+            params, swelling_of_particle(point - origin, area_vector, free, rate, gain, params.share, height)
+        )
+
+    return find_volume_rate_beside if features.obstacles else find_volume_rate
+
+
+def _stays(features: Features) -> bool:
+    """Return whether the amount of gas is constant over a frame."""
+    return not features.gas_changes
+
+
+@phase("world", when=lambda features: features.gas, once=_stays, adjoint=pump_backwards)
+def pump(features: Features, look: Look) -> Any:
+    """Pump gas in, or let it out."""
+    return pump_function(features)
+
+
+@phase("balloon", when=lambda features: features.gas, once=_stays, adjoint=pump_backwards)
+def weigh(features: Features, look: Look) -> Any:
+    """Weigh the gas in a balloon, and the air that moves along."""
+    gas_mass = gas_mass_function(features)
+
+    @wp.func
+    def weigh(t: Tables, state: WorldState, working: Working, world: wp.int32, balloon: wp.int32):
+        working.gas_masses[world, balloon] = gas_mass(t, state, world, balloon)
+
+    return weigh
+
+
+@phase("particle", {"inertia": float}, light=True, once=lambda features: not features.gas_changes, adjoint=by_grad)
+def burden(features: Features, look: Look) -> Any:
+    """Find the effective mass of a particle, with its share of the gas, which moves along [kg]."""
+
+    @wp.func
+    def burden(params: Any):
+        return params.mass
+
+    @wp.func
+    def burden_with_gas(params: Any, gas_mass: Any):
+        return params.mass + times(params.share, gas_mass)
+
+    return burden_with_gas if features.gas else burden
+
+
+@phase("world", when=lambda features: features.gas_flows, adjoint=pump_backwards)
+def flow(features: Features, look: Look) -> Any:
+    """Exchange gas through tubes, necks and leaks, driven by the current pressures."""
+    return flows_function(features)
+
+
+GasColumns = wp.types.vector(length=6, dtype=wp.int32)
+"""Columns of the air's pressure, temperature, density and lapse rate and of gravity in the world's numbers; and of the
+gas's gamma in the balloon's"""
+
+
+@wp.func
+def enclosed(t: Tables, points: wp.array[wp.vec3], balloon: wp.int32):
+    """Return the volume enclosed by a balloon's faces [m^3]."""
+    volume = float(0.0)
+    first = t.faces.balloon_offsets[balloon]
+    origin = center_of_face(t.faces, points, first)
+    for face in range(first, t.faces.balloon_offsets[balloon + 1]):
+        center = center_of_face(t.faces, points, face)
+        volume += wp.dot(center - origin, area_vector_of_face(t.faces, points, face, center)) / 3.0
+    return volume
+
+
+@wp.func
+def seal_air_in(
+    t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32, columns: GasColumns, volume: float, height: float
+):
+    """Seal air of a balloon's volume [m^3] into a balloon with a given pressure."""
+    of_world = t.world_numbers[row_of_world(world, t.world_numbers.shape[0])]
+    gamma = t.balloon_numbers[row_of_world(world, t.balloon_numbers.shape[0]), balloon, columns[5]]
+    air = air_of_height(
+        height, of_world[columns[0]], of_world[columns[1]], of_world[columns[2]], of_world[columns[3]],
+        of_world[columns[4]],
+    )  # fmt: skip
+    pressure = wp.max(air[0] + state.pressures[world, balloon], 0.0)
+    state.gas_amounts[world, balloon] = wp.float64(volume / molar_volume(wp.max(pressure, TINY), air[1]))
+    state.free_volumes[world, balloon] = wp.float64(
+        free_volume_of(volume, pressure, gamma, air[1] / of_world[columns[1]])
+    )
+
+
+@cache
+def opening_function(columns: Columns) -> Any:
+    """Make the function by which a balloon bursts, and that finds how large its hole is, through which gas leaves."""
+    places, split = columns.places, columns.balloon_width
+    told = GasColumns(*(places[row.name] - split for row in (*AIR, GRAVITY)), places["gamma"])
+
+    @wp.func
+    def open_balloon(
+        t: Tables,
+        state: WorldState,
+        points: wp.array[wp.vec3],
+        world: wp.int32,
+        balloon: wp.int32,
+        time_in_frame: float,
+        time: float,
+    ):
+        tears = t.membranes.wear.tears
+        burst = state.bursts[world, balloon]
+        weakest = tears.weakest[world, balloon]
+        tears.weakest[world, balloon] = wp.int64(0)
+        if burst[0] < 0.0 and weakest > wp.int64(0):
+            if t.inflation_kind[balloon] != GAS:
+                state.pressures[world, balloon] = ramp_at(state, world, balloon, time_in_frame)
+                height = wp.dot(points[volume_origin(t, balloon)], t.up)
+                volume = enclosed(t, points, balloon)
+                seal_air_in(t, state, world, balloon, told, wp.max(volume, 0.0), height)
+            burst = wp.vec4(time, 0.0, float(face_of(weakest)), unpacked(weakest))
+        elif burst[0] >= 0.0 and burst[1] >= 0.0:  # from the next substep on, by the load that this one finds
+            hole = float(wp.float64(tears.areas[world, balloon, 0]) / SQUARE_MICROMETERS)
+            whole = float(wp.float64(tears.areas[world, balloon, 1]) / SQUARE_MICROMETERS)
+            burst[1] = hole
+            if whole > 0.0 and hole > OPEN * (hole + whole):
+                burst[1] = -1.0
+                state.gas_amounts[world, balloon] = wp.float64(0.0)
+                state.free_volumes[world, balloon] = wp.float64(0.0)
+        state.bursts[world, balloon] = burst
+        tears.areas[world, balloon, 0] = wp.int64(0)
+        tears.areas[world, balloon, 1] = wp.int64(0)
+
+    return open_balloon
+
+
+RESTS = {EVENED.name: 0.0}
+"""Values at which skins bear all"""
+
+
+def _evens(features: Features) -> bool:
+    return features.in_water and features.gas
+
+
+@phase("particle", {"afloat": Five}, when=_evens, sums=True, neutral=RESTS, adjoint=by_grad)
+def find_lift(features: Features, look: Look) -> Any:
+    """Sum a balloon's displaced volume [m^3], the height of its center of mass [m], and its volume [m^3]."""
+
+    @wp.func
+    def find_lift(t: Any, params: Any, point: wp.vec3, area_vector: wp.vec3, water_load: wp.vec4):
+        height = wp.dot(point, t.up)
+        lift = -(water_load[0] * t.up[0] + water_load[1] * t.up[1] + water_load[2] * t.up[2])
+        return Five(lift, params.share * height, height * wp.dot(area_vector, t.up), 0.0, 0.0)
+
+    return find_lift
+
+
+@phase("particle", {"upheld": Five}, when=_evens, neutral=RESTS, adjoint=lift_backwards)
+def read_lift(features: Features, look: Look) -> Any:
+    """Read the sums of a balloon, each particle by itself: so bars add up."""
+
+    @wp.func
+    def read_lift(afloat: Any):
+        return afloat
+
+    return read_lift
+
+
+@phase("particle", {"force": wp.vec3}, when=_evens, neutral=RESTS, adjoint=by_grad)
+def even_out(features: Features, look: Look) -> Any:
+    """Let the part of a liquid's pressure that a skin does not bear act evenly."""
+
+    given = ["water_load", "area_vector", "share", "lift", "height", "volume", "up"]
+    source = (
+        f"def evened_here({', '.join(f'{name}: Any' for name in (*given, 'n'))}):\n"
+        f"    return {call_of(evened, 'evened', given, features.columns)}\n"
+    )
+    evened_here = function_from("evened_here", source, {"evened": evened})
+
+    @wp.func
+    def even_out(
+        t: Any, params: Any, force: wp.vec3, area_vector: wp.vec3, water_load: wp.vec4, upheld: Five
+    ):  # fmt: skip
+        more = evened_here(water_load, area_vector, params.share, upheld[0], upheld[1], upheld[2], t.up, params.n)
+        return force + more
+
+    return even_out
