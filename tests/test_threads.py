@@ -259,7 +259,7 @@ def test_sessions_and_a_simulator_step_beside_each_other(tmp_path: Path):
 def test_a_simulation_that_fails_says_so_and_can_begin_anew(monkeypatch, capfd, tmp_path: Path):
     step = Playground.step
 
-    def failing_step(playground: Playground) -> None:
+    def failing_step(playground: Playground, *_given: Any) -> None:
         raise RuntimeError("no such device any more")
 
     monkeypatch.setattr(Playground, "step", failing_step)
