@@ -67,7 +67,7 @@ def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.Captu
 
 FIRST_LINE = "note: ball.obj inflates above a floor. Unit unknown"
 COARSE = "note: ball is coarse and shows its faces (56 particles, faces up to 0.27 of its size): balloon-warp remesh "
-SECOND_LINE = "note: auto pressure 44.6 Pa, volume 1.00 -> 1.33"
+SECOND_LINE = "note: auto pressure 37.01 Pa, volume 1.00 -> 1.26"
 
 
 @pytest.fixture
