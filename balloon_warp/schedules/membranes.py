@@ -47,7 +47,7 @@ def tear_arrays(model: Model, room: Room) -> dict[str, Any]:
 
 
 def tear_table(model: Model) -> Any:
-    """Return the faces, their triangles, and who is beside them."""
+    """Return the faces, their triangles, and their neighbors."""
     table = TearTable()
     for name, memory in tear_arrays(model, Allocating(model.device)).items():
         setattr(table, name, memory)

@@ -113,7 +113,7 @@ def _mark(scene: Scene, device: str, laws: Sequence[Law]) -> Path:
 def _tell_and_hear(
     process: "subprocess.Popen[bytes]", task: bytes, done: set[Kinds], on_done: Callable[[], None]
 ) -> None:
-    """Hand the task over, and note what is done.
+    """Send the task to the process, and note its progress.
 
     The pipe stays open as long as this process lives, which tells the other that it does.
     """
@@ -182,7 +182,7 @@ def rehearse(playground: Playground, on_done: Callable[[Kinds], None] = lambda k
 
 
 def _tell(page: TextIO, kinds: Kinds) -> None:
-    """Tell the page what is done."""
+    """Report progress to the page."""
     print(json.dumps(sorted(kinds)), file=page, flush=True)
 
 

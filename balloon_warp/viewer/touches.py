@@ -1,4 +1,4 @@
-"""Touches: what a hand may do to a scene, and the kinds of things that are there afterwards."""
+"""Touches: actions of a hand on a scene, and the kinds of things that a scene has after each."""
 
 from enum import Enum
 

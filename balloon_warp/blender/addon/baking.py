@@ -137,7 +137,7 @@ def rest(thing: Object) -> None:
 
 
 def show(scene: Scene) -> None:
-    """Let Blender show what the bake has so far."""
+    """Show the finished frames of a running bake."""
     tears.refresh(scene)
     modifier.refresh(scene)
 

@@ -131,7 +131,7 @@ def names_of(scene: Scene, parts: list[Part]) -> set[str]:
 
 
 def moves(scene: Scene, names: set[str]) -> bool:
-    """Return whether objects of these names, or gravity, depend on time, by what a frame makes Blender evaluate."""
+    """Return whether objects of these names, or gravity, depend on time: whether a new frame updates them."""
     found: set[str] = set()
 
     def note(_: Scene, graph: Depsgraph) -> None:

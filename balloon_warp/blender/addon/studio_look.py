@@ -171,7 +171,7 @@ class Wiring:
         return self.node(f"ShaderNode{kind}", *values).outputs[0]
 
     def show(self, shader: NodeSocket) -> None:
-        """Make a shader what is seen."""
+        """Connect a shader to the material's output."""
         output = next(node for node in self.tree.nodes if node.type in ("OUTPUT_MATERIAL", "OUTPUT_WORLD"))
         self.tree.links.new(shader, output.inputs["Surface"])
 
@@ -302,7 +302,7 @@ def _make_room(wires: Wiring, tint: Color) -> None:
 
 
 def _open_floor(material: Material, middle: Vector, size: float) -> None:
-    """Let the floor pass into the backdrop, so that no horizon is seen."""
+    """Blend the floor into the backdrop, so that no horizon is seen."""
     wires, paint = Wiring(material), Vector(_skin(material).inputs["Base Color"].default_value[:3])
     place = wires.vector("MULTIPLY", wires.node("ShaderNodeNewGeometry").outputs["Position"], (1.0, 1.0, 0.0))
     away = wires.vector("DISTANCE", place, (middle.x, middle.y, 0.0))

@@ -70,7 +70,7 @@ class Worker:
                 self.process.stdin.flush()
 
     def ask_to_end(self) -> None:
-        """End the input of the process, upon which it keeps what it has, and ends."""
+        """Close the input of the process, which then saves its frames and exits."""
         with suppress(OSError):
             if self.process.stdin:
                 self.process.stdin.close()
