@@ -24,6 +24,7 @@ from balloon_warp.outputs.exports.parts import Animation, Part
 from balloon_warp.outputs.usd import STAGE_SUFFIXES
 
 SEQUENCE_SUFFIXES = (".obj", ".ply")
+"""Files of which each frame has one"""
 
 
 def frame_path(pattern: Path, frame: int) -> Path:
@@ -153,7 +154,7 @@ def check_export(output: Path) -> None:
     """
     suffix = output.suffix.lower()
     check_writable(output, EXPORT_SUFFIXES)
-    if suffix in (".obj", ".ply"):
+    if suffix in SEQUENCE_SUFFIXES:
         check_writable(frame_path(output, 0), EXPORT_SUFFIXES)
     elif suffix == ".abc":
         from balloon_warp.outputs.exports.archives import require_blender
@@ -168,7 +169,7 @@ def check_export(output: Path) -> None:
 def files_of_frames(output: Path, frames: Iterable[int]) -> list[Path]:
     """Return the files of single frames that belong to an output; none of most kinds."""
     suffix = output.suffix.lower()
-    if suffix in (".obj", ".ply"):
+    if suffix in SEQUENCE_SUFFIXES:
         path_of = frame_path
     elif suffix == ".pvd":
         from balloon_warp.outputs.exports.arrays import grid_path as path_of
