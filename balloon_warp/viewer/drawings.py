@@ -369,6 +369,11 @@ class LevelLayer:
             position = tuple((self._middle + getattr(picture.frame, height) * self._up).tolist())
             if tuple(plane.position) != position:
                 plane.position = position
+        water = self._planes.get(PLANES["water"].height)
+        if water and picture.scene.ground:  # which fades out before the water's square ends
+            seen = getattr(picture.frame, PLANES["water"].height) > getattr(picture.frame, PLANES["ground"].height)
+            if water.visible != seen:
+                water.visible = seen
 
     def _add_ground(self, size: float) -> Any:
         """Return a plane to throw shadows on, with a grid half a balloon's size wide."""
