@@ -32,6 +32,8 @@ SCALARS: Mapping[Any, tuple[Callable[[Any], bool], str, str]] = {
 PATHS_AND_VALUES = 'paths and values, as in {"balloon.mass": [1.0, 2.0]}'
 NAMED = {"Vary": PATHS_AND_VALUES, "BatchVary": PATHS_AND_VALUES, "TrajectoryFilesLike": "a folder, or TrajectoryFiles"}
 """Names of aliases of types for people"""
+PUBLIC = {"BatchPlace": "Cluster"}
+"""Class that people make, by its base"""
 MOST_SHOWN = 40
 """Characters of a wrong value that are shown at most"""
 
@@ -149,6 +151,7 @@ def _said(hint: Any, many: bool = False) -> str:
     if origin in (collections.abc.Sequence, collections.abc.Iterable, list, tuple):
         return f"{'lists' if many else 'a list'} of {_said(of[0], True)}"
     name = getattr(hint, "__name__", str(hint))
+    name = PUBLIC.get(name, name)
     return f"{name}s" if many else f"{'an' if name[0] in 'AEIOU' else 'a'} {name}"
 
 

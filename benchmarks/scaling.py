@@ -21,7 +21,8 @@ from balloon_warp.errors import InputError, WorkersLostError
 from balloon_warp.model import build_model, initial_state
 from balloon_warp.schedules import make_schedule
 from balloon_warp.schedules.lanes import LanesSchedule
-from balloon_warp.sweep.cluster import Cluster, worker_environments
+from balloon_warp.sweep.cluster import Cluster
+from balloon_warp.sweep.options import worker_environments
 from balloon_warp.warp_logging import quiet_warp
 
 REPEATS = 5

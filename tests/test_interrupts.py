@@ -25,8 +25,8 @@ from balloon_warp.mesh.obj import write_obj
 from balloon_warp.outputs import render
 from balloon_warp.outputs.background import WAITING, Background
 from balloon_warp.sweep import cluster
-from balloon_warp.sweep.cluster import worker_environments
 from balloon_warp.sweep.local_workers import begin_children, start_child
+from balloon_warp.sweep.options import worker_environments
 
 
 def press(interrupts: Interrupts) -> None:

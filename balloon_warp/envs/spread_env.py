@@ -27,8 +27,9 @@ from balloon_warp.envs.vector_env import (
 )
 from balloon_warp.errors import InputError, WorkersLostError
 from balloon_warp.solvers.choose import settled_solver
-from balloon_warp.sweep.cluster import Cluster, worker_environments
+from balloon_warp.sweep.cluster import Cluster
 from balloon_warp.sweep.local_workers import UNGUARDED, UNSENT, as_sent, end_children, start_child
+from balloon_warp.sweep.options import worker_environments
 from balloon_warp.warp_logging import quiet_warp
 
 

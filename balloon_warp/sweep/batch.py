@@ -24,19 +24,16 @@ from balloon_warp.model.vary import scene_to_vary
 from balloon_warp.outcomes import BadEnding, ending_sentences
 from balloon_warp.outputs.table import WORLDS_NAMES, settled_table, table_names
 from balloon_warp.provenance import describe_laws, hash_of_file, named_files
-from balloon_warp.resume import CHECKPOINT_SECONDS, Checkpoints
+from balloon_warp.resume import CHECKPOINT_SECONDS
 from balloon_warp.scene import Scene, SceneLike, bundled_scenes
 from balloon_warp.scene.load import find_mesh
 from balloon_warp.schedules.contact_lists import overflow_remarks
 from balloon_warp.shown import Shown, described
-from balloon_warp.sweep.cluster import Cluster
-from balloon_warp.sweep.distribute import distribute_batch
 from balloon_warp.sweep.local import require_room, simulate_locally
 from balloon_warp.sweep.output import MANIFEST_NAME, STAGE_NAME, describe_batch, write_manifest
+from balloon_warp.sweep.place import BatchPlace
 from balloon_warp.sweep.recorder import SHA256, BatchVary, is_mesh, plan_groups
-from balloon_warp.sweep.remote import connect
 from balloon_warp.sweep.task import BatchTask, Outcome, batch_checkpoints
-from balloon_warp.sweep.workers import Workers
 from balloon_warp.sweep.world_files.catalog import TrajectoryFiles, TrajectoryFilesLike
 from balloon_warp.sweep.world_files.writer import remove_partial
 
@@ -157,10 +154,6 @@ def _number(word: str) -> float | None:
     return number if math.isfinite(number) else None
 
 
-SHARES = "balloon_warp.sweep.shares"
-"""Module that simulates shares"""
-
-
 @described
 @dataclass(frozen=True)
 class BatchSummary(Shown):
@@ -227,7 +220,7 @@ def run_batch(
     device: str | None = None,
     schedule: str = "auto",
     on_blowup: str = "freeze",
-    cluster: Cluster | None = None,
+    cluster: BatchPlace | None = None,
     trajectories: TrajectoryFilesLike | None = None,
     table: str = "auto",
     laws: Sequence[Law] = (),
@@ -255,7 +248,7 @@ def run_batch(
         schedule: Parallel schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
         on_blowup: "freeze" keeps the rows of a world that blows up at its last good frame; "restart" simulates it anew
             after the others with half the step, `MOST_HALVINGS` times at most; "stop" ends all.
-        cluster: Workers that simulate the batch; this process if not given. The files are the same.
+        cluster: `Cluster`, whose workers simulate the batch; this process if not given. The files are the same.
         trajectories: Folder for a file of each world with its trajectories, or `TrajectoryFiles` with its options.
         table: "csv", "parquet", or "auto" for CSV of few rows, and Parquet of others where pyarrow is installed.
         laws: User-defined laws beside the built-in ones; on a cluster, global names that workers can import.
@@ -280,14 +273,14 @@ def run_batch(
     vary, chosen = vary or {}, _chosen(scene, export, world_count)
     device = cluster.device(device) if cluster else device
     require_room(scene, world_count, vary, device, schedule, laws, spread=cluster is not None)
-    with connect(cluster, SHARES) if cluster else nullcontext() as workers:  # which start while this plans
+    with cluster.started() if cluster else nullcontext(simulate_locally) as simulate:  # workers start while this plans
         files, kind = _files(trajectories, folder), settled_table(table, world_count * (scene.frames + 1))
         groups = plan_groups(scene, world_count, vary, laws)
         task = BatchTask(scene, groups, vary, chosen, Path(folder), schedule, on_blowup, files, kind)
         checkpoints = batch_checkpoints(task, description := describe_batch(task), checkpoint_seconds, resume, on_note)
         try:
             begin = _warning(task, on_begin, on_warning)
-            outcome = _simulate(task, (cluster, workers), device, checkpoints, begin, on_frame)
+            outcome = simulate(task, device, checkpoints, begin, on_frame)
         except KeyboardInterrupt:
             raise KeyboardInterrupt(checkpoints.advice) from None
     write_manifest(task, description, {"name": name, **(provenance or {})}, outcome, _names(task))
@@ -338,21 +331,6 @@ def _chosen(scene: Scene, export: Sequence[int], world_count: int) -> NDArray[np
     if len(chosen) and not 0 <= chosen[0] <= chosen[-1] < world_count:
         raise InputError(f"export: expected worlds 0 to {world_count - 1} (got {chosen[0]} to {chosen[-1]})")
     return chosen
-
-
-def _simulate(
-    task: BatchTask,
-    where: tuple[Cluster | None, Workers | None],
-    device: str | None,
-    checkpoints: Checkpoints,
-    on_begin: Callable[[Beginning], None],
-    on_frame: Callable[[int], None],
-) -> Outcome:
-    """Simulate on the cluster's workers, or here."""
-    cluster, workers = where
-    if not cluster or not workers:
-        return simulate_locally(task, device, checkpoints, on_begin, on_frame)
-    return distribute_batch(task, cluster, workers, device, checkpoints, on_begin, on_frame)
 
 
 def _remarks(outcome: Outcome) -> list[str]:

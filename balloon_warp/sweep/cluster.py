@@ -1,271 +1,33 @@
-"""Workers of a batch: processes of this machine, or those of a running Dask scheduler."""
+"""Cluster: the workers that a batch may be given to."""
 
-import logging
-import os
-import re
-import threading
-import time
-from collections.abc import Callable, Container, Sequence
-from concurrent.futures import CancelledError
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from queue import Empty, SimpleQueue
-from typing import TYPE_CHECKING, Any
-from uuid import uuid4
+from functools import partial
 
-from balloon_warp.arguments import check_fields
-from balloon_warp.device import pick_device
-from balloon_warp.errors import InputError, MissingExtraError, WorkersLostError
-from balloon_warp.sweep.workers import Call
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.sweep.distribute import distribute_batch
+from balloon_warp.sweep.options import WorkerOptions
+from balloon_warp.sweep.place import BatchPlace, SimulateBatch
+from balloon_warp.sweep.remote import connect
 
-if TYPE_CHECKING:
-    from distributed import Client, Future
-
-
-EXAMPLE = "tcp://192.168.0.1:8786"
+SHARES = "balloon_warp.sweep.shares"
+"""Module that simulates shares"""
 
 
 @dataclass(frozen=True)
-class Cluster:
+class Cluster(WorkerOptions, BatchPlace):
     """Workers that simulate a batch: one of `address`, `gpus` and `workers` is given.
 
     Raises:
         InputError: none or several are, the address is none, or a number is below 1.
     """
 
-    address: str | None = None
-    """Address of a running scheduler, such as `EXAMPLE`"""
-    gpus: int | None = None
-    """Number of GPUs of this machine, a worker each"""
-    workers: int | None = None
-    """Number of processes on this machine's CPU"""
-    prepare: Callable[[], object] | None = None
-    """Function called in each worker before anything else, for instance to set up Warp's messages"""
-
-    def __post_init__(self) -> None:
-        check_fields(self)
-        if sum(choice is not None for choice in (self.address, self.gpus, self.workers)) != 1:
-            raise InputError("cluster, gpus, workers: expected only one of them")
-        if self.address is not None and not re.fullmatch(r"(tcp|tls)://[^/]+:\d+", self.address):
-            raise InputError(f"cluster {self.address}: expected an address such as {EXAMPLE}")
-        for option, count in (("gpus", self.gpus), ("workers", self.workers)):
-            if count is not None and count < 1:
-                raise InputError(f"{option} {count}: expected at least 1")
-
-    @property
-    def option(self) -> str:
-        """The argument that asks for these workers, and its value."""
-        if self.address is not None:
-            return f"cluster {self.address}"
-        return f"gpus {self.gpus}" if self.gpus else f"workers {self.workers}"
-
-    def device(self, asked: str | None) -> str | None:
-        """Return the device of each worker.
+    @contextmanager
+    def started(self) -> Iterator[SimulateBatch]:
+        """Start the workers, or connect to them; those that are started end with the `with` block.
 
         Raises:
-            InputError: a device is asked for besides this machine's GPUs or CPU.
+            MissingExtraError, InputError: as `connect`.
         """
-        if self.address is not None:
-            return asked
-        if asked:
-            raise InputError(f"device {asked}: needs a cluster; gpus and workers choose the device themselves")
-        return "cuda:0" if self.gpus else "cpu"
-
-
-def worker_environments(cluster: Cluster) -> list[dict[str, str]]:
-    """Return the environment of each worker to start: the GPU that it sees.
-
-    Raises:
-        InputError: this machine has fewer GPUs, or the same one is named twice.
-    """
-    if not cluster.gpus:
-        return [{}] * (cluster.workers or 0)
-    import warp as wp
-
-    quiet_warp()
-    visible = os.environ.get("CUDA_VISIBLE_DEVICES")
-    chosen = visible.split(",") if visible else []
-    if len(set(chosen)) < len(chosen):
-        raise InputError(f"CUDA_VISIBLE_DEVICES={visible}: names a GPU twice")
-    if cluster.gpus > (present := wp.get_cuda_device_count()):
-        raise InputError(f"{cluster.option}: this machine has {present}")
-    names = chosen or [str(number) for number in range(present)]
-    return [{"CUDA_VISIBLE_DEVICES": name} for name in names[: cluster.gpus]]
-
-
-CONNECT_SECONDS = 10.0
-"""Time within which a scheduler must answer [s]"""
-WORKER_SECONDS = 30.0
-"""Time within which a scheduler must have a worker [s]"""
-ALONE_SECONDS = 60.0
-"""Time after which ended workers are not waited for any more [s]: Dask may not have restarted them"""
-# A large mesh travels with its share: a copy that lay on one worker would be lost with it.
-SETTINGS = {"distributed.admin.large-graph-warning-threshold": "1 TiB"}
-LOADING = """
-from balloon_warp.garbage import without_collecting
-with without_collecting():
-    import {}
-"""
-"""Code by which a worker loads a module"""
-_one_at_a_time = threading.Lock()  # a worker may have many threads, but it has one device
-
-
-class DaskWorkers:
-    """Workers of a scheduler, once there is one. See `Workers`.
-
-    Raises:
-        MissingExtraError: dask.distributed is not installed.
-        InputError: no scheduler answers at the address, or it has no worker.
-    """
-
-    def __init__(self, cluster: Cluster):
-        try:
-            import dask.config
-            from distributed import Client
-            from distributed.utils import silence_logging_cmgr
-        except ImportError:
-            raise MissingExtraError(
-                f"{cluster.option} needs dask.distributed: pip install 'balloon-warp[cluster]'"
-            ) from None
-        self._option, self._prepare = cluster.option, cluster.prepare
-        self._topic = f"balloon-warp-{uuid4().hex}"
-        self._events: SimpleQueue[tuple[int, int | Future]] = SimpleQueue()  # a share, and its frame or its end
-        self._sent = 0
-        self._in_company = time.monotonic()
-        with ExitStack() as stack:
-            stack.enter_context(dask.config.set(SETTINGS))
-            stack.enter_context(silence_logging_cmgr(logging.CRITICAL))
-            self._client = stack.enter_context(_client(Client, str(cluster.address), self._option))
-            self._stack = stack.pop_all()
-
-    def devices(self, device: str | None, modules: Sequence[str]) -> list[str]:
-        """See `Workers`. Dask's scheduler unpacks messages that pass through it, and loads the modules, too."""
-        for module in modules:
-            try:
-                for run in (self._client.run_on_scheduler, self._client.run):
-                    run(exec, LOADING.format(module))
-            except ImportError as error:
-                what = "Balloon Warp" if module.startswith("balloon_warp.") else f"{module}, which has a law"
-                raise InputError(f"{self._option}: its scheduler or a worker cannot load {what}: {error}") from None
-        names: Any = self._client.run(_device_name, device, self._prepare)
-        self._client.subscribe_topic(self._topic, lambda event: self._events.put(event[1]))
-        return list(names.values())
-
-    def send(self, number: int, call: Call, full: Container[str]) -> None:
-        """See `Workers`."""
-        elsewhere: Any = {"workers": self._others(full), "allow_other_workers": True} if full else {}
-        told = (call, self._prepare, self._topic, number)
-        self._sent += 1
-        future = self._client.submit(_do, *told, key=f"{self._topic}-{self._sent}", pure=False, **elsewhere)
-        future.add_done_callback(lambda done: self._events.put((number, done)))
-
-    def next(self, seconds: float) -> tuple[int, Any] | None:
-        """See `Workers`."""
-        try:
-            number, news = self._events.get(timeout=seconds)
-        except Empty:
-            if _has_workers(self._client):
-                self._in_company = time.monotonic()
-            elif time.monotonic() - self._in_company > ALONE_SECONDS:
-                raise _alone() from None
-            return None
-        self._in_company = time.monotonic()
-        return number, news if isinstance(news, int) else _result(self._client, news)
-
-    def have_room(self, full: Container[str]) -> bool:
-        """See `Workers`."""
-        return bool(self._others(full))
-
-    def close(self) -> None:
-        """Leave the workers, which others have started."""
-        self._stack.close()
-
-    def _others(self, full: Container[str]) -> list[str]:
-        addresses: Any = self._client.nthreads()
-        return [address for address in addresses if address not in full]
-
-
-def _client(kind: type["Client"], address: str, option: str) -> "Client":
-    """Return a client of a scheduler that has a worker.
-
-    Raises:
-        InputError: as `DaskWorkers`.
-    """
-    from distributed.utils import LoopRunner
-
-    try:
-        LoopRunner().run_sync(_identify, address)
-        client = kind(address, timeout=CONNECT_SECONDS, set_as_default=False)
-    except OSError:
-        raise InputError(
-            f"{option}: no scheduler answered within {CONNECT_SECONDS:g} s; expected a running one"
-        ) from None
-    try:
-        client.wait_for_workers(1, timeout=WORKER_SECONDS)
-    except TimeoutError:
-        client.close()
-        raise InputError(
-            f"{option}: the scheduler has no worker after {WORKER_SECONDS:g} s; start one for each GPU "
-            f"with `dask worker {address} --nthreads 1`"
-        ) from None
-    return client
-
-
-async def _identify(address: str) -> None:
-    """Ask who is there: a client by itself would wait forever for the word of some other service."""
-    import asyncio  # Dask has loaded it
-
-    from distributed import rpc
-
-    async with rpc(address) as scheduler:
-        await asyncio.wait_for(scheduler.identity(), CONNECT_SECONDS)
-
-
-def _alone() -> WorkersLostError:
-    return WorkersLostError(f"all workers ended, and none came for {ALONE_SECONDS:g} s")
-
-
-def _has_workers(client: "Client") -> bool:
-    """Return whether there are any workers; a scheduler that is gone reports itself otherwise."""
-    try:
-        return bool(client.nthreads())
-    except OSError:
-        return True
-
-
-def _result(client: "Client", future: "Future") -> Any:
-    """Return the result of a share; it is computed again if its worker ends before the result is here."""
-    from distributed.scheduler import KilledWorker
-
-    seconds = ALONE_SECONDS
-    try:
-        while True:
-            try:
-                return future.result(timeout=seconds)
-            except TimeoutError:
-                if not _has_workers(client):
-                    raise _alone() from None
-                seconds *= 2.0  # it begins anew, and may be large
-    except KilledWorker as error:
-        raise WorkersLostError(f"a share of the batch crashed {error.allowed_failures + 1} workers in a row") from None
-    except CancelledError:
-        raise WorkersLostError("the scheduler is gone") from None
-
-
-def _do(call: Call, prepare: Callable[[], object] | None, topic: str, number: int) -> Any:
-    """Do a share on a worker."""
-    from distributed import get_worker
-
-    worker = get_worker()
-    with _one_at_a_time:
-        if prepare:
-            prepare()
-        return call.answer(worker.address, lambda frame: worker.log_event(topic, (number, frame)))
-
-
-def _device_name(device: str | None, prepare: Callable[[], object] | None) -> str:
-    """Name the device of a worker, on the worker."""
-    if prepare:
-        prepare()
-    return str(pick_device(device))
+        with connect(self, SHARES) as workers:
+            yield partial(distribute_batch, cluster=self, workers=workers)

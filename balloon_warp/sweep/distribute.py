@@ -11,8 +11,8 @@ from balloon_warp.errors import WorkersLostError
 from balloon_warp.interrupts import Interrupts
 from balloon_warp.model.memory import require_memory
 from balloon_warp.resume import Checkpoints
-from balloon_warp.sweep.cluster import Cluster
 from balloon_warp.sweep.local import table_bytes
+from balloon_warp.sweep.options import WorkerOptions
 from balloon_warp.sweep.output import BatchOutput
 from balloon_warp.sweep.recorder import Group
 from balloon_warp.sweep.remote import Work, modules_of, require_laws_that_travel, run_shares
@@ -23,12 +23,13 @@ from balloon_warp.sweep.workers import Workers
 
 def distribute_batch(
     task: BatchTask,
-    cluster: Cluster,
-    workers: Workers,
     device: str | None,
     checkpoints: Checkpoints,
     on_begin: Callable[[Beginning], None],
     on_frame: Callable[[int], None],
+    *,
+    cluster: WorkerOptions,
+    workers: Workers,
 ) -> Outcome:
     """Simulate a batch on workers, and write its files here, as if it had been simulated here.
 

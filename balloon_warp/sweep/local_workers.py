@@ -21,7 +21,7 @@ from typing import Any, NamedTuple, Protocol
 from balloon_warp.device import pick_device
 from balloon_warp.errors import InputError, WorkersLostError
 from balloon_warp.garbage import without_collecting
-from balloon_warp.sweep.cluster import Cluster, worker_environments
+from balloon_warp.sweep.options import WorkerOptions, worker_environments
 from balloon_warp.sweep.workers import Call
 
 LOADED = ["balloon_warp.sweep.shares"]
@@ -354,7 +354,7 @@ class LocalWorkers:
         InputError: this machine has fewer GPUs, or a process cannot be started.
     """
 
-    def __init__(self, cluster: Cluster, module: str):
+    def __init__(self, cluster: WorkerOptions, module: str):
         self._option, self._device = cluster.option, str(cluster.device(None))
         self._served = Served(self._device, module, cluster.prepare)
         self._pending: deque[Share] = deque()

@@ -10,7 +10,7 @@ import numpy as np
 
 from balloon_warp.errors import InputError, NoRoomError
 from balloon_warp.kernels.laws import Law
-from balloon_warp.sweep.cluster import Cluster
+from balloon_warp.sweep.options import WorkerOptions
 from balloon_warp.sweep.workers import Call, NoRoom, Workers
 
 LOOK_SECONDS = 0.5
@@ -33,7 +33,7 @@ class Work(NamedTuple):
 
 
 @contextmanager
-def connect(cluster: Cluster, module: str) -> Iterator[Workers]:
+def connect(cluster: WorkerOptions, module: str) -> Iterator[Workers]:
     """Connect to a scheduler's workers, or start some. Those that are started here end with the `with` block.
 
     Args:
@@ -48,14 +48,14 @@ def connect(cluster: Cluster, module: str) -> Iterator[Workers]:
 
         workers: Workers = LocalWorkers(cluster, module)
     else:
-        from balloon_warp.sweep.cluster import DaskWorkers
+        from balloon_warp.sweep.dask_workers import DaskWorkers
 
         workers = DaskWorkers(cluster)
     with closing(workers):
         yield workers
 
 
-def require_laws_that_travel(laws: Sequence[Law], cluster: Cluster) -> None:
+def require_laws_that_travel(laws: Sequence[Law], cluster: WorkerOptions) -> None:
     """Make sure that workers can be given laws.
 
     Raises:
