@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from balloon_warp.garbage import without_collecting
+from balloon_warp.lent import LENT
 
 if TYPE_CHECKING:
     from balloon_warp.checking import CheckReport, Crossing, check_stage
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from balloon_warp.gradients.gradient import gradient
     from balloon_warp.gradients.rollout import Rollout
     from balloon_warp.inspection import advise_step, inspect_mesh
-    from balloon_warp.job import animate
     from balloon_warp.kernels.laws import Law, Parameter
     from balloon_warp.laws import face_law, particle_law, spring_law
     from balloon_warp.mesh import PolygonMesh
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from balloon_warp.outputs.exports import export_stage
     from balloon_warp.outputs.render import render_stage
     from balloon_warp.outputs.usd import StageWriter
+    from balloon_warp.outputs.wanted import animate
     from balloon_warp.scene import (
         Atmosphere,
         Balloon,
@@ -172,7 +173,7 @@ _HOMES = {
     "gradients.derive": ("Gradient",),
     "gradients.gradient": ("gradient",),
     "gradients.rollout": ("Rollout",),
-    "job": ("animate",),
+    "outputs.wanted": ("animate",),
     "kernels.laws": (
         "Law",
         "Parameter",
@@ -243,6 +244,16 @@ def __getattr__(name: str) -> Any:
                 return vars(home).get(name) or importlib.import_module(f"{home.__name__}.{name}")
     # with both, Python asks whether a name that is like it was meant
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name, obj=sys.modules[__name__])
+
+
+def _lend(module: str, name: str) -> None:
+    """Lend a function of a room to the core; its module loads when it is called."""
+    LENT[name] = lambda *given: getattr(importlib.import_module(f"{__name__}.{module}"), name)(*given)
+
+
+_lend("outputs.snapshot", "snapshot")
+_lend("outputs.snapshot", "notebook_picture")
+_lend("statics.of_model", "stiffness_in")
 
 
 def __dir__() -> list[str]:

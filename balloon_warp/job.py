@@ -1,23 +1,20 @@
-"""Main job: simulate a scene, and write its stage, and a picture if requested."""
+"""Main job: simulate a scene, write its stage, and go on after a kill."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
-from balloon_warp.arguments import checked
 from balloon_warp.beginning import Beginning
 from balloon_warp.blow_ups import MOST_HALVINGS, check_policy, with_half_the_step
 from balloon_warp.errors import BlowUpError
-from balloon_warp.inspection import Swelling, swellings_of, told_before
 from balloon_warp.interrupts import Interrupts
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model.remarks import remarks_in_sentences
 from balloon_warp.model.strain_bound import StrainBound, overstretched_films
 from balloon_warp.outcomes import BadEnding, bad_endings, ending_sentences
+from balloon_warp.outputs.run_files import RunFiles
 from balloon_warp.outputs.usd import StageWriter
-from balloon_warp.outputs.wanted import Wanted
 from balloon_warp.provenance import without_folders
 from balloon_warp.resume import (
     CHECKPOINT_SECONDS,
@@ -31,6 +28,7 @@ from balloon_warp.resume import (
 from balloon_warp.scene import Scene, SceneLike, scene_of
 from balloon_warp.schedules.contact_lists import overflow_remarks
 from balloon_warp.simulator import Simulator
+from balloon_warp.swelling import Swelling, swellings_of, told_before
 
 
 @dataclass(frozen=True)
@@ -76,16 +74,11 @@ class Summary:
         return asdict(self)
 
 
-@checked
-def animate(
+def run_scene(
     scene: SceneLike,
-    output: str | Path,
+    files: RunFiles,
     *,
     name: str = "",
-    picture: str | Path | None = None,
-    save_points: str | Path | None = None,
-    lights: bool = True,
-    ground: bool = True,
     device: str | None = None,
     schedule: str = "auto",
     on_blowup: str = "stop",
@@ -93,50 +86,23 @@ def animate(
     provenance: Mapping[str, Any] | None = None,
     checkpoint_seconds: float = CHECKPOINT_SECONDS,
     resume: bool = False,
-    view: Mapping[str, Any] | None = None,
     on_begin: Callable[[Beginning], None] = lambda beginning: None,
     on_frame: Callable[[int], None] = lambda number: None,
     on_note: Callable[[str], None] = lambda sentence: None,
     on_warning: Callable[[str], None] = lambda sentence: None,
 ) -> Summary:
-    """Simulate a scene and write its motion: as USD, or as another kind of file.
-
-    A long run writes checkpoints to the folder `OUTPUT.partial` beside the output. So it can resume after a kill or
-    Ctrl-C. The folder is removed once the output is there. A failure leaves the old stage.
+    """Simulate a scene and write its files; arguments and errors are those of `balloon_warp.animate`.
 
     Args:
-        scene: Scene, or a source that `load_scene` takes.
-        output: File to write: a stage, .usdc, .usda or .usd; or a kind that `export_stage` writes, such as .glb.
-        name: Name of the scene in the summary.
-        picture, view: Image of the stage, .png, .webp, .gif or .mp4, and its camera, such as {"azimuth": 180.0}.
-        save_points: Further file to write, .h5, with the points as arrays.
-        lights, ground: Whether the stage has lights, a backdrop and a camera, and the scene's ground.
-        device: Warp device; the GPU, or else the CPU, if not given.
-        schedule: Parallel schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
-        on_blowup: Action when the run blows up: "stop" raises; "freeze" ends the stage at its last good frame;
-            "restart" begins again with half the step, at most `MOST_HALVINGS` times.
-        laws: User-defined laws beside the built-in ones; see `balloon_warp.laws`.
-        provenance: Further provenance for the stage's `customLayerData`, such as a command, beside
-            the scene, the hashes of meshes and laws, versions, device, schedule and substeps.
-        checkpoint_seconds: Interval between checkpoints; 0 for one only when the run is stopped.
-        resume: Go on from the last checkpoint, if there is one, to the same bytes as a run that was never stopped.
-        on_begin, on_frame: Called with a summary of the run, once, and with the number of each simulated frame.
-        on_note: Called with sentences: where the run begins, and whether an earlier one was not finished.
-        on_warning: Called with sentences on defects of a mesh, strings that start overstretched, spheres that may come
-            through, a blow-up that does not stop the run, and bad endings.
-
-    Raises:
-        InputError: the scene cannot be simulated, an output cannot be written, or a checkpoint is another run's.
-        BlowUpError: the simulation blew up with "stop", or after the last restart.
-        KeyboardInterrupt: Ctrl-C, after the frame and the checkpoint; the message says how to go on.
+        files: Stage, and what is made of it.
     """
     began = time.perf_counter()
     scene = scene_of(scene)
     check_policy(on_blowup)
-    with Wanted.of(output, picture, save_points, lights, ground, view).checked(scene) as wanted:
+    with files.checked(scene):
         simulator, inflation = _begun(scene, device, schedule, laws, on_begin, on_warning)
         on_frame, again = told_before(inflation, on_note, on_frame), resume and on_blowup == "restart"
-        restarts = halvings_until(partial_path(wanted.output), simulator.model.substeps) if again else 0
+        restarts = halvings_until(partial_path(files.output), simulator.model.substeps) if again else 0
         for _ in range(restarts):
             scene = with_half_the_step(scene, simulator.model.substeps)
             simulator = Simulator(scene, device, schedule=schedule, laws=laws)
@@ -144,7 +110,7 @@ def animate(
             substeps = simulator.model.substeps  # at the start: the scene may change them
             try:
                 begin, blow_up = _write(
-                    simulator, wanted, provenance or {}, on_blowup, checkpoint_seconds, resume, on_frame, on_note
+                    simulator, files, provenance or {}, on_blowup, checkpoint_seconds, resume, on_frame, on_note
                 )
                 break
             except BlowUpError as failure:
@@ -155,8 +121,8 @@ def animate(
                 simulator = Simulator(scene, device, schedule=schedule, laws=laws)
         seconds = time.perf_counter() - began
         endings = _look_at_the_end(simulator, blow_up, on_warning)
-        wanted.draw(device)
-    return _summary(simulator, name, wanted, begin, restarts, blow_up, endings, inflation, seconds)
+        files.draw(device)
+    return _summary(simulator, name, files, begin, restarts, blow_up, endings, inflation, seconds)
 
 
 def _begun_again(
@@ -211,7 +177,7 @@ def _begun(
 def _summary(
     simulator: Simulator,
     name: str,
-    wanted: Wanted,
+    files: RunFiles,
     begin: int,
     restarts: int,
     blow_up: BlowUpError | None,
@@ -222,9 +188,7 @@ def _summary(
     """Sum up a run of `animate`."""
     model, frames = simulator.model, simulator.frame_number - bool(blow_up)
     return Summary(
-        output=str(wanted.output),
-        picture=str(wanted.picture) if wanted.picture else None,
-        points=str(wanted.points) if wanted.points else None,
+        **files.said,
         scene=name,
         device=str(model.device),
         schedule=simulator.schedule.name,
@@ -247,7 +211,7 @@ def _summary(
 
 def _write(
     simulator: Simulator,
-    wanted: Wanted,
+    files: RunFiles,
     provenance: Mapping[str, Any],
     on_blowup: str,
     checkpoint_seconds: float,
@@ -259,15 +223,15 @@ def _write(
 
     Returns the frame after which it began, and the blow-up that ended them early, where that is to leave a stage.
     """
-    wanted.check_textures(simulator.model)
-    blow_up, job, scene = None, describe_run(simulator) | wanted.left_out, simulator.model.scene
+    files.check_textures(simulator.model)
+    blow_up, job, scene = None, describe_run(simulator) | files.left_out, simulator.model.scene
     said = {**provenance, **without_folders(job)}
-    writer = StageWriter(wanted.stage, simulator.model, said, lights=wanted.lights, ground=wanted.ground)
+    writer = StageWriter(files.stage, simulator.model, said, lights=files.lights, ground=files.ground)
     checkpoints = Checkpoints(
-        *(partial_path(wanted.output), "run", job, scene), seconds=checkpoint_seconds, resume=resume, on_note=on_note
+        *(partial_path(files.output), "run", job, scene), seconds=checkpoint_seconds, resume=resume, on_note=on_note
     )
     with writer as stage, Interrupts() as interrupts:
-        wanted.check_names(stage.stage)
+        files.check_names(stage.stage)
         output = RunOutput(stage)
         missing = max((part.frames.stop for part in checkpoints.take_up(output)), default=0)
         checkpoints.restore(missing, [simulator.restore])
@@ -282,6 +246,6 @@ def _write(
             if on_blowup != "freeze":
                 raise
             blow_up = failure
-    wanted.export(on_note)
+    files.export(on_note)
     checkpoints.remove()
     return begin, blow_up

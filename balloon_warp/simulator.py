@@ -16,6 +16,7 @@ from balloon_warp.frame_reader import FrameReader, Reading
 from balloon_warp.garbage import without_collecting
 from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.measure.health import HEALTHY
+from balloon_warp.lent import LENT
 from balloon_warp.model import Model, Vary, build_model, carried_over, fitting, initial_state, world_bytes, worlds_of
 from balloon_warp.model.gas import keep_pressures
 from balloon_warp.model.kept import go_on_keeping
@@ -24,7 +25,6 @@ from balloon_warp.model.remarks import remarks_in_sentences
 from balloon_warp.model.setting import PlannedChanges, Setting, changed_parameters, plan_setting, with_changed_methods
 from balloon_warp.model.timeline import all_that_act
 from balloon_warp.model.vary import scene_to_vary
-from balloon_warp.outputs.snapshot import notebook_picture, snapshot
 from balloon_warp.resting import relax
 from balloon_warp.saved_state import go_back_to, packed, plain_values
 from balloon_warp.scene import SceneLike
@@ -227,11 +227,11 @@ class Simulator(Shown):
         Raises:
             InputError: there is no such world, there is nothing finite to draw, or the size cannot be drawn.
         """
-        return snapshot(self.model, self.read_frame(world), size, samples)
+        return LENT["snapshot"](self.model, self.read_frame(world), size, samples)
 
     def _repr_png_(self) -> bytes | None:
         """Show a notebook the first world, where there is something to be seen."""
-        return notebook_picture(self.model, self.read_frame(0))
+        return LENT["notebook_picture"](self.model, self.read_frame(0))
 
     @locked
     def mass_properties(self) -> MassProperties:
@@ -259,9 +259,7 @@ class Simulator(Shown):
         Raises:
             InputError: there is no such world or balloon.
         """
-        from balloon_warp.statics.of_model import stiffness_in  # only who asks waits for SciPy's sparse matrices
-
-        return stiffness_in(self.model, self.read_frame(world), world, balloon)
+        return LENT["stiffness_in"](self.model, self.read_frame(world), world, balloon)
 
     @locked
     def _begin_reading(self, world: int, net_forces: bool | None = None, buffer: int = 0) -> Reading:

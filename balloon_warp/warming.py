@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from balloon_warp.arguments import checked
 from balloon_warp.files import scratch_folder
-from balloon_warp.job import animate
 from balloon_warp.kernels.laws import Law
+from balloon_warp.outputs.wanted import animate
 from balloon_warp.scene import SceneLike, scene_of
 from balloon_warp.sweep.batch import run_batch
 

@@ -154,7 +154,7 @@ def _write(kind: str, output: Path, frames: int, resume: bool) -> None:
     scene: Scene = load_scene(output.parent / "ball.obj", [("frames", frames)])
     often = CHECKPOINT_SECONDS if frames == FRAMES else 0.0
     if kind == "run":
-        from balloon_warp.job import animate
+        from balloon_warp.outputs.wanted import animate
 
         stage = output / "ball.usdc"
         animate(scene, stage, device="cpu", schedule="gather", checkpoint_seconds=often, resume=resume)

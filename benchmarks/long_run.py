@@ -18,9 +18,9 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from balloon_warp.job import animate
 from balloon_warp.mesh.geometry import quad_sphere
 from balloon_warp.outputs.usd import stage
+from balloon_warp.outputs.wanted import animate
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere, String
 from balloon_warp.simulator import Simulator
 from balloon_warp.sweep.batch import run_batch

@@ -125,7 +125,7 @@ def circle(loads: dict[str, set[str]]) -> list[str]:
 
 
 LAYERS = (
-    ("garbage", "standard_streams", "forks", "suggestions"),
+    ("garbage", "lent", "standard_streams", "forks", "suggestions"),
     ("errors",),
     ("files",),
     ("warp_headers",),
@@ -135,7 +135,7 @@ LAYERS = (
     ("mesh",),
     ("springs", "scene", "foil"),
     ("model", "provenance"),
-    ("schedules", "contacts", "beginning", "inspection", "saved_state", "solids"),
+    ("schedules", "contacts", "beginning", "inspection", "saved_state", "solids", "swelling"),
     ("solvers", "frame"),
     ("reference", "statics", "steering"),
     ("blow_ups", "outputs", "outcomes", "frame_reader", "resting"),

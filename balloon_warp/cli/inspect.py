@@ -103,7 +103,8 @@ def _inspect_mesh(mesh: Path, changes: Changes, as_json: bool) -> None:
         whole = load_mesh(mesh, balloon.prim)
         stage("checking the mesh and building springs")
         report = inspect_mesh(whole, mesh, balloon.treatment)
-        from balloon_warp.inspection import advise_step, foretold_swellings, sentences
+        from balloon_warp.inspection import advise_step
+        from balloon_warp.swelling import foretold_swellings, sentences
 
         try:
             stage("building the scene")

@@ -138,7 +138,7 @@ def run(
     stage = output or own_name(Path(usual), loaded)
     beside = own_name(picture_beside(stage), loaded) if picture else None
     begin_driver(device)
-    from balloon_warp.job import animate  # loads Warp and USD: only once the scene is known to be good
+    from balloon_warp.outputs.wanted import animate  # loads Warp and USD: only once the scene is known to be good
 
     with frame_progress() as progress:
         task = progress.add_task(escape(name), total=loaded.frames)

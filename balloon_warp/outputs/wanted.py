@@ -1,70 +1,51 @@
-"""Outputs that a run is to write: a stage, files converted from it, and a picture."""
+"""The main job with all its outputs: a stage, files converted from it, and a picture."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from pxr import Usd
 
+from balloon_warp.arguments import checked
+from balloon_warp.beginning import Beginning
 from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable, folder_beside, require_no_inputs, require_ours, sole_writer
-from balloon_warp.model import Model
+from balloon_warp.job import Summary, run_scene
+from balloon_warp.kernels.laws import Law
 from balloon_warp.outputs.exports import HDF5_SUFFIXES, check_export, export_stage, files_of_frames
+from balloon_warp.outputs.run_files import RunFiles
 from balloon_warp.outputs.usd import STAGE_SUFFIXES
-from balloon_warp.outputs.usd.material import pictures_of
-from balloon_warp.scene import Scene
+from balloon_warp.resume import CHECKPOINT_SECONDS
+from balloon_warp.scene import Scene, SceneLike
 from balloon_warp.scene.load import files_of_scene
 
 
 @dataclass
-class Wanted:
-    """Outputs of a run, and within the `with` block, in which nobody else may write them, the place of the stage.
+class Wanted(RunFiles):
+    """Stage of a run, and what is made of it.
 
-    The place is the output itself, or, where that is of another kind, a hidden folder beside it, which is removed at
-    the block's end.
+    The stage is the output itself, or, where that is of another kind, in a hidden folder beside it, which is removed at
+    the end of the `with` block.
     """
 
-    output: Path
-    """Stage, or a file converted from one"""
     picture: Path | None = None
     """Picture of the stage"""
     points: Path | None = None
     """Arrays of the stage's points and measures"""
-    lights: bool = True
-    """Whether the stage has lights, a backdrop and a camera"""
-    ground: bool = True
-    """Whether the stage has the scene's ground"""
     view: Mapping[str, Any] = field(default_factory=dict)
     """Options of `render_stage` for the picture"""
-    _files: ExitStack = field(default_factory=ExitStack, init=False)
     _folder: Path | None = field(default=None, init=False)
 
-    @classmethod
-    def of(
-        cls,
-        output: str | Path,
-        picture: str | Path | None = None,
-        points: str | Path | None = None,
-        lights: bool = True,
-        ground: bool = True,
-        view: Mapping[str, Any] | None = None,
-    ) -> Self:
-        """Return the wanted outputs, with files as text or paths."""
-        others = (Path(path) if path else None for path in (picture, points))
-        return cls(Path(output), *others, lights=lights, ground=ground, view=view or {})
-
     @property
-    def left_out(self) -> dict[str, str]:
-        """Names of the parts that the stage lacks, for its metadata."""
-        lacking = [name for name in ("lights", "ground") if not getattr(self, name)]
-        return {"leftOut": " ".join(lacking)} if lacking else {}
-
-    @property
-    def _all(self) -> tuple[Path | None, ...]:
+    def all(self) -> tuple[Path | None, ...]:
         return self.output, self.picture, self.points
+
+    @property
+    def said(self) -> dict[str, str | None]:
+        named = {"output": self.output, "picture": self.picture, "points": self.points}
+        return {name: str(path) if path else None for name, path in named.items()}
 
     @property
     def is_stage(self) -> bool:
@@ -73,16 +54,9 @@ class Wanted:
 
     @property
     def stage(self) -> Path:
-        """Path that the frames are written to."""
         return self.output if self._folder is None else self._folder / "frames.usdc"
 
     def checked(self, scene: Scene) -> Self:
-        """Return the outputs, after checking that all files can be written, and that none is a file of the scene.
-
-        Raises:
-            InputError: that is not so.
-            MissingExtraError: the package that writes one is not installed.
-        """
         check_export(self.output)
         if self.picture:
             from balloon_warp.outputs.render.render import PICTURE_SUFFIXES
@@ -97,24 +71,10 @@ class Wanted:
         of_frames = files_of_frames(self.output, range(scene.frames + 1))
         for path in of_frames:
             require_ours(path)
-        require_no_inputs([*self._all, *of_frames], files_of_scene(scene))
+        require_no_inputs([*self.all, *of_frames], files_of_scene(scene))
         return self
 
-    def check_textures(self, model: Model) -> None:
-        """Make sure that no output is an image that a mesh of the model names.
-
-        Raises:
-            InputError: one is.
-        """
-        textures = [picture.file for picture in pictures_of([model]) if picture.file]
-        require_no_inputs(self._all, dict.fromkeys(textures, "a texture of the scene's mesh"))
-
     def check_names(self, stage: Usd.Stage) -> None:
-        """Check the picture's names of prims.
-
-        Raises:
-            InputError: The picture is to show a prim that the stage, whose frames are not there yet, does not have.
-        """
         if self.picture:
             from balloon_warp.outputs.render.view import check_view
 
@@ -122,24 +82,13 @@ class Wanted:
 
     def __enter__(self) -> Self:
         with ExitStack() as files:
-            files.enter_context(sole_writer(*self._all))
+            files.enter_context(sole_writer(*self.all))
             if not self.is_stage:
                 self._folder = files.enter_context(folder_beside(self.output))
             self._files = files.pop_all()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self._files.close()
-
     def export(self, on_note: Callable[[str], None]) -> None:
-        """Convert the written stage to the wanted files.
-
-        Raises:
-            InputError: it cannot be written.
-            KeyboardInterrupt: Ctrl-C; the message lists the files that are written.
-        """
         if not self.is_stage:
             self._make(self.output, lambda: export_stage(self.stage, self.output, on_note=on_note))
         if self.points:
@@ -147,11 +96,6 @@ class Wanted:
             self._make(points, lambda: export_stage(self.stage, points, on_note=on_note))
 
     def draw(self, device: str | None) -> None:
-        """Make the picture of the stage, if one is wanted.
-
-        Raises:
-            KeyboardInterrupt: Ctrl-C; the message lists the files that are written.
-        """
         if self.picture:
             from balloon_warp.outputs.render import render_stage
 
@@ -164,3 +108,82 @@ class Wanted:
         except KeyboardInterrupt:
             there = f"{self.output} is written, {path} is not" if path != self.output else f"{path} is not written"
             raise KeyboardInterrupt(there) from None
+
+
+@checked
+def animate(
+    scene: SceneLike,
+    output: str | Path,
+    *,
+    name: str = "",
+    picture: str | Path | None = None,
+    save_points: str | Path | None = None,
+    lights: bool = True,
+    ground: bool = True,
+    device: str | None = None,
+    schedule: str = "auto",
+    on_blowup: str = "stop",
+    laws: Sequence[Law] = (),
+    provenance: Mapping[str, Any] | None = None,
+    checkpoint_seconds: float = CHECKPOINT_SECONDS,
+    resume: bool = False,
+    view: Mapping[str, Any] | None = None,
+    on_begin: Callable[[Beginning], None] = lambda beginning: None,
+    on_frame: Callable[[int], None] = lambda number: None,
+    on_note: Callable[[str], None] = lambda sentence: None,
+    on_warning: Callable[[str], None] = lambda sentence: None,
+) -> Summary:
+    """Simulate a scene and write its motion: as USD, or as another kind of file.
+
+    A long run writes checkpoints to the folder `OUTPUT.partial` beside the output. So it can resume after a kill or
+    Ctrl-C. The folder is removed once the output is there. A failure leaves the old stage.
+
+    Args:
+        scene: Scene, or a source that `load_scene` takes.
+        output: File to write: a stage, .usdc, .usda or .usd; or a kind that `export_stage` writes, such as .glb.
+        name: Name of the scene in the summary.
+        picture, view: Image of the stage, .png, .webp, .gif or .mp4, and its camera, such as {"azimuth": 180.0}.
+        save_points: Further file to write, .h5, with the points as arrays.
+        lights, ground: Whether the stage has lights, a backdrop and a camera, and the scene's ground.
+        device: Warp device; the GPU, or else the CPU, if not given.
+        schedule: Parallel schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
+        on_blowup: Action when the run blows up: "stop" raises; "freeze" ends the stage at its last good frame;
+            "restart" begins again with half the step, at most `MOST_HALVINGS` times.
+        laws: User-defined laws beside the built-in ones; see `balloon_warp.laws`.
+        provenance: Further provenance for the stage's `customLayerData`, such as a command, beside
+            the scene, the hashes of meshes and laws, versions, device, schedule and substeps.
+        checkpoint_seconds: Interval between checkpoints; 0 for one only when the run is stopped.
+        resume: Go on from the last checkpoint, if there is one, to the same bytes as a run that was never stopped.
+        on_begin, on_frame: Called with a summary of the run, once, and with the number of each simulated frame.
+        on_note: Called with sentences: where the run begins, and whether an earlier one was not finished.
+        on_warning: Called with sentences on defects of a mesh, strings that start overstretched, spheres that may come
+            through, a blow-up that does not stop the run, and bad endings.
+
+    Raises:
+        InputError: the scene cannot be simulated, an output cannot be written, or a checkpoint is another run's.
+        BlowUpError: the simulation blew up with "stop", or after the last restart.
+        KeyboardInterrupt: Ctrl-C, after the frame and the checkpoint; the message says how to go on.
+    """
+    wanted = Wanted(
+        Path(output),
+        *(Path(path) if path else None for path in (picture, save_points)),
+        view=view or {},
+        lights=lights,
+        ground=ground,
+    )
+    return run_scene(
+        scene,
+        wanted,
+        name=name,
+        device=device,
+        schedule=schedule,
+        on_blowup=on_blowup,
+        laws=laws,
+        provenance=provenance,
+        checkpoint_seconds=checkpoint_seconds,
+        resume=resume,
+        on_begin=on_begin,
+        on_frame=on_frame,
+        on_note=on_note,
+        on_warning=on_warning,
+    )

@@ -18,7 +18,7 @@ from balloon_warp.sweep import shares
 WRITE = """
 import sys
 from balloon_warp.warp_logging import quiet_warp
-from balloon_warp.job import animate
+from balloon_warp.outputs.wanted import animate
 from balloon_warp.scene import load_scene
 from balloon_warp.sweep.batch import run_batch
 
