@@ -7,35 +7,30 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from balloon_warp.arguments import checked
 from balloon_warp.blow_ups import BlowUp, Origin, Origins, diagnose
-from balloon_warp.device import pick_device
 from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.frame import Frame
-from balloon_warp.frame_reader import FrameReader, Reading
-from balloon_warp.garbage import without_collecting
+from balloon_warp.frame_reader import FrameReader, Reading, go_back_to, packed, plain_values, relax
 from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.measure.health import HEALTHY
-from balloon_warp.lent import LENT
 from balloon_warp.model import Model, Vary, build_model, carried_over, fitting, initial_state, world_bytes, worlds_of
 from balloon_warp.model.gas import keep_pressures
-from balloon_warp.model.kept import go_on_keeping
 from balloon_warp.model.memory import require_memory
 from balloon_warp.model.remarks import remarks_in_sentences
 from balloon_warp.model.setting import PlannedChanges, Setting, changed_parameters, plan_setting, with_changed_methods
-from balloon_warp.model.timeline import all_that_act
-from balloon_warp.model.vary import scene_to_vary
-from balloon_warp.resting import relax
-from balloon_warp.saved_state import go_back_to, packed, plain_values
+from balloon_warp.model.state import go_on_keeping
+from balloon_warp.model.timeline import all_that_act, scene_to_vary
 from balloon_warp.scene import SceneLike
 from balloon_warp.schedules.choose import Schedule
 from balloon_warp.schedules.contact_lists import overflow_remarks
 from balloon_warp.schedules.frames import RecordedFrame
-from balloon_warp.shown import Shown
 from balloon_warp.solids import MassProperties, mass_properties
-from balloon_warp.solvers.choose import solver_named
+from balloon_warp.solvers import solver_named
 from balloon_warp.steering import Controls, Observations, Starts
-from balloon_warp.warp_lock import PROCESS_LOCK, locked
+from balloon_warp.system.arguments import checked
+from balloon_warp.system.loading import LENT, without_collecting
+from balloon_warp.system.shown import Shown
+from balloon_warp.system.warp_threads import PROCESS_LOCK, locked, pick_device
 
 
 class Simulator(Shown):

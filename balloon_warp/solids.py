@@ -8,9 +8,9 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.kernels.measure.solids import SolidSums, measure_solids, sum_solids
-from balloon_warp.launching import launch
 from balloon_warp.model import Model
-from balloon_warp.shown import Shown, described
+from balloon_warp.system.shown import Shown, described
+from balloon_warp.system.warp_threads import launch
 
 LANES = 32
 """Number of threads that sum a balloon; constant, so that a world's sums do not depend on its batch"""

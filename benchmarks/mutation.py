@@ -84,7 +84,7 @@ EQUIVALENT: Mapping[str, str] = {
     "kernels/laws/touch.py impact: beside + gain * normal -> beside": "friction takes what is across the normal",
     "kernels/contact/edges.py contact_function.particle_of_pair: before[0] -> before[1]": "the area vector of a "
     "triangle's sides is the same from each corner",
-    "balloon_warp/model/ridges.py _ridges_of_mesh: _across(a, b, points[apex[side]]) -> "
+    "balloon_warp/model/touch.py _ridges_of_mesh: _across(a, b, points[apex[side]]) -> "
     "_across(b, a, points[apex[side]])": "a distance from a line does not depend on its direction",
     "kernels/frames/starting.py drawn: first + second * wp.randn(state) -> first - second * wp.randn(state)": "a draw "
     "that is symmetric about its mean",

@@ -14,8 +14,8 @@ import pytest
 
 from balloon_warp.kernels.laws import LAWS
 from balloon_warp.kernels.tables import Tables
-from balloon_warp.shown import Shown
 from balloon_warp.simulator import Simulator
+from balloon_warp.system.shown import Shown
 
 ROOT = Path(__file__).parent.parent
 FOLDERS = ("balloon_warp", "kernels", "scenes", "benchmarks", "tests")
@@ -125,27 +125,25 @@ def circle(loads: dict[str, set[str]]) -> list[str]:
 
 
 LAYERS = (
-    ("garbage", "lent", "standard_streams", "forks", "suggestions"),
     ("errors",),
-    ("files",),
-    ("warp_headers",),
-    ("kernels", "warp_logging", "warp_lock", "driver", "shown"),
-    ("arguments", "launching", "interrupts", "laws"),
-    ("device",),
+    ("system", "kernels"),
+    ("laws",),
     ("mesh",),
-    ("springs", "scene", "foil"),
-    ("model", "provenance"),
-    ("schedules", "contacts", "beginning", "inspection", "saved_state", "solids", "swelling"),
-    ("solvers", "frame"),
-    ("reference", "statics", "steering"),
-    ("blow_ups", "outputs", "outcomes", "frame_reader", "resting"),
+    ("springs", "scene"),
+    ("model",),
+    ("schedules", "solids"),
+    ("frame", "solvers"),
+    ("steering", "frame_reader"),
+    ("usd",),
+    ("blow_ups",),
     ("simulator",),
-    ("resume",),
-    ("job",),
-    ("sweep", "viewer"),
-    ("blender", "checking", "comparison", "trajectories", "warming", "doctor", "envs"),
-    ("gradients",),
-    ("designing", "fitting"),
+    ("run",),
+    ("batch",),
+    ("farm", "studio"),
+    ("tools",),
+    ("blender", "learn"),
+    ("lab",),
+    ("envs",),
     ("benchmarks", "scenes"),
     ("cli",),
 )
@@ -207,8 +205,8 @@ def test_nothing_loads_what_loads_it() -> None:
 
 LOADED_BY_NAME = {
     "balloon_warp/__init__.py": "the names of the package, from where its table says",
-    "balloon_warp/foil/make.py": "packages of an extra, or says which extra",
-    "balloon_warp/sweep/local_workers.py": "what simulates a share, in another process, as it starts",
+    "balloon_warp/tools/foil.py": "packages of an extra, or says which extra",
+    "balloon_warp/farm/local_workers.py": "what simulates a share, in another process, as it starts",
     "kernels/laws/law.py": "a law of one's own, in another process",
 }
 """files that load a module of which they do not say which, and the module in words"""

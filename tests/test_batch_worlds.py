@@ -9,14 +9,14 @@ from meshes import cube, mesh_of, quad_sphere
 from work import lines_executed
 
 from balloon_warp import BlowUpError, InputError, Simulator, load_scene, simulate
+from balloon_warp.batch.batch import Range, parse_export, parse_vary, spread
+from balloon_warp.batch.recorder import Recorder, plan_groups
+from balloon_warp.farm import shares
+from balloon_warp.farm.shares import cut_into_shares
 from balloon_warp.model import ModelPlan, plan_model
-from balloon_warp.model.vary import scene_to_vary
+from balloon_warp.model.timeline import scene_to_vary
 from balloon_warp.scene import Balloon, Body, Ground, Inflation, Scene, Sphere, Stiffness, String
 from balloon_warp.scene.load import override_scene
-from balloon_warp.sweep import shares
-from balloon_warp.sweep.batch import Range, parse_export, parse_vary, spread
-from balloon_warp.sweep.recorder import Recorder, plan_groups
-from balloon_warp.sweep.shares import cut_into_shares
 
 NO_SPRINGS = Stiffness(structural=0.0, shear=0.0, flexion=0.0)
 FREE_CUBE = Balloon(mesh=cube(), mass=0.05, stiffness=NO_SPRINGS, inflation=Inflation(k_normal=0.0), damping=0.0)

@@ -24,7 +24,7 @@ from balloon_warp.blender.bake import led_frames
 from balloon_warp.blender.caches import local_points, moved, torn_faces
 from balloon_warp.blender.extension import manifest, write_own_wheel
 from balloon_warp.blender.request import Cached, read_request
-from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.mesh.topology import signed_volume
 
 BALL = quad_sphere(3)
 SETTINGS = {

@@ -29,7 +29,7 @@ from balloon_warp.cli.app import app
 from balloon_warp.kernels import substep
 from balloon_warp.kernels.laws.law import LAW_INPUTS
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.outputs import render as package
+from balloon_warp.studio import render as package
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", ROOT / "SECURITY.md", *sorted((ROOT / "docs").glob("*.md"))]

@@ -24,8 +24,8 @@ from balloon_warp.model.memory import Allocating
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.lanes import LanesSchedule, OctetsSchedule
 from balloon_warp.schedules.launched import Launches
-from balloon_warp.schedules.source import kernel_source
 from balloon_warp.schedules.tables import make_tables
+from balloon_warp.tools.doctor import kernel_source
 
 DOCS = Path(__file__).parent.parent / "docs"
 

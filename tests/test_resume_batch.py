@@ -11,16 +11,16 @@ from meshes import quad_sphere
 from pxr import Usd, UsdGeom
 
 from balloon_warp import Balloon, Ground, Inflation, InputError, Scene, run_batch
+from balloon_warp.batch.batch import BatchSummary
+from balloon_warp.batch.output import BatchOutput, describe_batch
+from balloon_warp.batch.recorder import plan_groups
+from balloon_warp.batch.task import BatchTask, Failures, batch_checkpoints
 from balloon_warp.blow_ups import BlowUp, Pull
+from balloon_warp.farm import shares
+from balloon_warp.farm.shares import FAILURES, ShareJournal
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.outputs.usd import stage as growing
-from balloon_warp.resume import Checkpoints, Part
-from balloon_warp.sweep import shares
-from balloon_warp.sweep.batch import BatchSummary
-from balloon_warp.sweep.output import BatchOutput, describe_batch
-from balloon_warp.sweep.recorder import plan_groups
-from balloon_warp.sweep.shares import FAILURES, ShareJournal
-from balloon_warp.sweep.task import BatchTask, Failures, batch_checkpoints
+from balloon_warp.run.checkpoints import Checkpoints, Part
+from balloon_warp.usd import stage as growing
 
 
 @pytest.fixture

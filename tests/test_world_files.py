@@ -15,19 +15,18 @@ from meshes import cube, quad_sphere
 from numpy.typing import NDArray
 
 from balloon_warp import InputError, MissingExtraError, TrajectoryFiles, repeat_batch, run_batch, simulate
+from balloon_warp.batch import writer
+from balloon_warp.batch.catalog import Moments, splits_of
+from balloon_warp.batch.formats import FORMATS, Field, FileContents, chunks_of
+from balloon_warp.batch.output import BatchOutput, describe_batch
+from balloon_warp.batch.recorder import plan_groups
+from balloon_warp.batch.task import BatchTask, batch_checkpoints
+from balloon_warp.farm import shares
+from balloon_warp.farm.shares import ShareJournal
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.outputs import arrays
-from balloon_warp.outputs.world_files import FORMATS, Field, FileContents
-from balloon_warp.outputs.world_files.formats import chunks_of
-from balloon_warp.provenance import describe_scene, hash_of_file
+from balloon_warp.run.provenance import describe_scene, hash_of_file
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene
-from balloon_warp.sweep import shares
-from balloon_warp.sweep.output import BatchOutput, describe_batch
-from balloon_warp.sweep.recorder import plan_groups
-from balloon_warp.sweep.shares import ShareJournal
-from balloon_warp.sweep.task import BatchTask, batch_checkpoints
-from balloon_warp.sweep.world_files import writer
-from balloon_warp.sweep.world_files.catalog import Moments, splits_of
+from balloon_warp.system import arrays
 
 DATA_PAGE = (Path(__file__).parents[1] / "docs" / "DATA.md").read_text()
 WORLDS = 5

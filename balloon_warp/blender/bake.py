@@ -60,9 +60,9 @@ def bake(folder: Path, device: str | None, resume: bool) -> None:
     """
     from balloon_warp.blender.caches import PointCaches  # these load Warp, which takes a second
     from balloon_warp.blender.request import read_request
-    from balloon_warp.interrupts import Interrupts
-    from balloon_warp.resume import Checkpoints, describe_run, record_frames
+    from balloon_warp.run.checkpoints import Checkpoints, describe_run, record_frames
     from balloon_warp.simulator import Simulator
+    from balloon_warp.system.streams import Interrupts
 
     request = read_request(folder)
     try:

@@ -15,7 +15,7 @@ from balloon_warp.blender.request import Cached, Request
 from balloon_warp.errors import InputError
 from balloon_warp.frame import Frame
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.resume import Part
+from balloon_warp.run.checkpoints import Part
 
 
 class PointCaches:

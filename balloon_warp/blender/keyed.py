@@ -6,8 +6,8 @@ import numpy as np
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws.air import molar_volume
+from balloon_warp.run.job import foretold_swellings
 from balloon_warp.scene import Balloon, Scene, load_scene
-from balloon_warp.swelling import foretold_swellings
 
 SAMPLES = 8
 """Number of stretches whose pressures are foretold; others lie on lines between them"""

@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 
-from balloon_warp.beginning import Beginning
-from balloon_warp.cli.names import own_name
 from balloon_warp.cli.options import (
     LISTED_ELSEWHERE,
     LONG,
@@ -26,14 +24,16 @@ from balloon_warp.cli.options import (
     Schedule,
     Set,
     command_line,
+    own_name,
 )
 from balloon_warp.cli.progress import Console, Opening, counted, first_line, frame_progress, note, played, warner
-from balloon_warp.driver import begin_driver
 from balloon_warp.errors import InputError
+from balloon_warp.run.provenance import Beginning
 from balloon_warp.scene.load import scene_name
+from balloon_warp.system.warp_setup import begin_driver
 
 if TYPE_CHECKING:
-    from balloon_warp.job import Summary
+    from balloon_warp.run.job import Summary
 
 
 Output = Annotated[
@@ -138,7 +138,7 @@ def run(
     stage = output or own_name(Path(usual), loaded)
     beside = own_name(picture_beside(stage), loaded) if picture else None
     begin_driver(device)
-    from balloon_warp.outputs.wanted import animate  # loads Warp and USD: only once the scene is known to be good
+    from balloon_warp.studio.animate import animate  # loads Warp and USD: only once the scene is known to be good
 
     with frame_progress() as progress:
         task = progress.add_task(escape(name), total=loaded.frames)

@@ -11,10 +11,10 @@ from rich.markup import escape
 from balloon_warp.cli.options import OUTPUT, Changes, Device, MeshOptions, SceneName, Set
 from balloon_warp.cli.progress import Console, first_line, note, warner
 from balloon_warp.scene.load import scene_name
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.system.warp_setup import quiet_warp
 
 if TYPE_CHECKING:
-    from balloon_warp.viewer.page import Page
+    from balloon_warp.studio.page.page import Page
 
 
 def view(
@@ -67,7 +67,7 @@ def view(
     loaded = Changes(overrides, mesh).load(scene)
     first = first_line(scene, loaded)
     quiet_warp()
-    from balloon_warp.viewer.view import view as play
+    from balloon_warp.studio.page.view import view as play
 
     def say(page: "Page") -> None:
         if first:

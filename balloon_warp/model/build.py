@@ -7,20 +7,19 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
-from balloon_warp.device import pick_device
-from balloon_warp.driver import begin_driver
 from balloon_warp.kernels.frames.around import place_balloons
 from balloon_warp.kernels.laws import Law
-from balloon_warp.launching import begin_loading
 from balloon_warp.model.model import Model
 from balloon_warp.model.obstacles import obstacle_motion, warp_mesh
 from balloon_warp.model.parameters import all_columns, pack, views_of
 from balloon_warp.model.plan import ModelPlan, plan_model
-from balloon_warp.model.ridges import ridge_tree
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.model.strings import Carriers
-from balloon_warp.model.vary import Vary
+from balloon_warp.model.timeline import Vary
+from balloon_warp.model.touch import ridge_tree
 from balloon_warp.scene import Scene
+from balloon_warp.system.warp_setup import begin_driver
+from balloon_warp.system.warp_threads import begin_loading, pick_device
 
 KINDS = ("normal_force", "pressure", "gas")
 """Kinds of inflation, as the kernels number them"""

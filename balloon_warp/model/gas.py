@@ -8,14 +8,13 @@ from numpy.typing import ArrayLike, NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws.air import ALIKE, GAS_CONSTANT, HIGHEST, density_of_given_air
 from balloon_warp.kernels.laws.gas import STANDARD_PRESSURE
-from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.seams import open_seam, welded
-from balloon_warp.mesh.topology import border_edges, inconsistent_edges, is_closed, mesh_edges
+from balloon_warp.mesh.topology import border_edges, inconsistent_edges, is_closed, mesh_edges, signed_volume
 from balloon_warp.model.model import Model
-from balloon_warp.model.most_pressure import ALL
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape
+from balloon_warp.model.spectrum import ALL
 from balloon_warp.model.state import State
 from balloon_warp.scene import Scene
 

@@ -15,7 +15,7 @@ from balloon_warp.kernels.laws.softening import PARAMETERS as SOFTENING
 from balloon_warp.kernels.laws.tearing import PARAMETERS as TEARING
 from balloon_warp.kernels.substep import rows_of_phases
 from balloon_warp.scene import Inflation, Material, Scene
-from balloon_warp.scene.timeline import is_there
+from balloon_warp.scene.load import is_there
 
 START = "initial_"
 """Prefix of the names of parameters that count at the start alone, and so cannot change"""

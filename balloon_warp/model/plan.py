@@ -12,13 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.garbage import without_collecting
 from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.kernels.laws.membrane import SHEAR_MODULUS
 from balloon_warp.kernels.laws.water import EVENED
 from balloon_warp.laws import require_laws
-from balloon_warp.model.crushing import crushed_starts
-from balloon_warp.model.following import follow_changes
 from balloon_warp.model.gas import require_openings, require_sealed, settle_gas
 from balloon_warp.model.materials import settle_masses, settle_tears
 from balloon_warp.model.obstacles import (
@@ -34,10 +31,9 @@ from balloon_warp.model.obstacles import (
 from balloon_warp.model.parameters import Parameters, parameters_at, rows_of, with_law_tables
 from balloon_warp.model.pressure import pressures_too_high, settle_bearing, settle_pressure
 from balloon_warp.model.remarks import doubts_about
-from balloon_warp.model.ridges import Ridges, all_ridges, kept_distance
 from balloon_warp.model.shape import BalloonShape, shape_balloon
-from balloon_warp.model.stability import Network, choose_substeps, names_of_the_step, warnings_of
-from balloon_warp.model.starts import require_same_extreme, settle_starts, start_velocities
+from balloon_warp.model.stability import Network, choose_substeps, follow_changes, names_of_the_step, warnings_of
+from balloon_warp.model.starts import crushed_starts, require_same_extreme, settle_starts, start_velocities
 from balloon_warp.model.strain_bound import StrainBound, bounded_films, bounded_moduli, cut_to_size
 from balloon_warp.model.strings import (
     Driven,
@@ -47,10 +43,10 @@ from balloon_warp.model.strings import (
     require_profile,
     string_lengths,
 )
-from balloon_warp.model.timeline import DueChange, due_changes
-from balloon_warp.model.touch import crossed_starts, settle_itself, settle_touch
-from balloon_warp.model.vary import Vary, vary_parameters
+from balloon_warp.model.timeline import DueChange, Vary, due_changes, vary_parameters
+from balloon_warp.model.touch import Ridges, all_ridges, crossed_starts, kept_distance, settle_itself, settle_touch
 from balloon_warp.scene import Scene
+from balloon_warp.system.loading import without_collecting
 
 
 @dataclass(frozen=True)
@@ -172,16 +168,16 @@ def plan_model(
     obstacles = [shape_obstacle(number, obstacle, scene) for number, obstacle in enumerate(scene.obstacle)]
     parameters |= settle_bodies(scene, bodies, parameters)
     if obstacles:
-        from balloon_warp.model.clear_starts import require_clear_starts  # takes long to load
+        from balloon_warp.model.clearance import require_clear_starts  # takes long to load
 
         require_clear_starts(scene, shapes, obstacles, parameters)
     if bodies:
-        from balloon_warp.model.clear_starts import require_clear_bodies  # takes long to load
+        from balloon_warp.model.clearance import require_clear_bodies  # takes long to load
 
         require_clear_bodies(scene, shapes, obstacles, bodies, parameters)
     ridges = all_ridges(scene, shapes, obstacles, bodies)
     if ridges and obstacles:
-        from balloon_warp.model.flush import exposed_ridges  # takes long to load
+        from balloon_warp.model.clearance import exposed_ridges  # takes long to load
 
         ridges = exposed_ridges(scene, obstacles, ridges, parameters, changes, kept_distance(shapes))
     network = Network(shapes, held, (*LAWS, *laws), bodies)

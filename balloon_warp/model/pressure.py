@@ -11,15 +11,18 @@ from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.laws.gas import STANDARD_PRESSURE
 from balloon_warp.kernels.laws.springs import KINDS
 from balloon_warp.kernels.laws.water import EVENED
-from balloon_warp.mesh.geometry import (
+from balloon_warp.mesh.topology import (
     face_areas,
+    face_starts,
+    mesh_edges,
+    non_manifold_edges,
     signed_volume,
     total_area,
     vertex_areas,
+    vertex_components,
     vertex_normals,
     vertex_vector_areas,
 )
-from balloon_warp.mesh.topology import face_starts, mesh_edges, non_manifold_edges, vertex_components
 from balloon_warp.model.materials import law_of, numbers_of, slopes_by_stretches
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape, mean_radius, pressure_of_stretch

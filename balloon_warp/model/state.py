@@ -1,4 +1,9 @@
-"""The state: arrays that change during a simulation."""
+"""Places and velocities of particles at the start.
+
+Values that items keep from substep to substep, for phases of the step: see `kernels.phase.Phase.keeps`.
+
+The state: arrays that change during a simulation.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -7,13 +12,60 @@ from typing import Any, Self
 import numpy as np
 import warp as wp
 
+from balloon_warp.kernels.frames.around import place_balloons
 from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.mesh.load import rotation_matrix
-from balloon_warp.model.kept import kept_arrays, start_kept
 from balloon_warp.model.memory import Allocating, Counting, Room
 from balloon_warp.model.model import Model
 from balloon_warp.model.obstacles import initial_centers, initial_turns, most_touches
-from balloon_warp.model.placing import place_particles
+from balloon_warp.model.timeline import kept_values
+from balloon_warp.system.warp_threads import launch
+
+THREADS = 128
+"""Number of threads that place the particles of a chosen world on a GPU"""
+
+
+def place_particles(model: Model, points: wp.array, velocities: wp.array, mask: wp.array | None = None) -> None:
+    """Place the particles of all worlds where they start, or of those for which a mask is not 0."""
+    parameters = model.parameters
+    world_count, particles = points.shape
+    threads = 1 if model.device.is_cpu else particles if mask is None else THREADS
+    launch(
+        place_balloons,
+        (world_count, threads),
+        inputs=[
+            *(model.initial_points, model.particle_balloon, model.particle_mass_share, model.balloon_origins),
+            *(parameters[f"initial_{name}"] for name in ("turns", "shifts", "centers", "velocities", "spins")),
+            *(mask, threads),
+        ],
+        outputs=[points, velocities],
+        device=model.device,
+    )
+
+
+def kept_arrays(model: Model, room: Room) -> dict[str, Any]:
+    """Return arrays for the values that items keep, by name."""
+    counts = {
+        "particle": model.particle_count, "face": model.face_count, "triangle": model.triangle_count,
+        "balloon": model.balloon_count, "sphere": model.sphere_count, "world": 1,
+    }  # fmt: skip
+    return {
+        each.name: room.array((model.world_count, counts[each.item]), wp.float32 if each.type is float else each.type)
+        for each in kept_values(model)
+    }
+
+
+def start_kept(model: Model, kept: dict[str, Any]) -> None:
+    """Fill in the values that items keep at the start."""
+    for each in kept_values(model):
+        kept[each.name].fill_(each.start)
+
+
+def go_on_keeping(model: Model, kept: dict[str, Any]) -> dict[str, Any]:
+    """Return the values that a model's items keep from here on: as they are, or as at the start."""
+    fresh = kept_arrays(model, Allocating(model.device))
+    start_kept(model, fresh)
+    return {name: kept.get(name, array) for name, array in fresh.items()}
 
 
 @dataclass
@@ -92,7 +144,7 @@ class State:
     for `contacts`"""
     contact_forces: wp.array
     """Net force of each thing on each balloon, averaged over the last frame [N], shape (world_count, balloon_count,
-    thing_count), vec3; things are numbered as `balloon_warp.contacts.things_of` names them"""
+    thing_count), vec3; things are numbered as `balloon_warp.frame.things_of` names them"""
     contact_torques: wp.array
     """Net torque of each thing on each balloon about the mean of the balloon's points [N m], of that shape, vec3"""
     contact_areas: wp.array

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.model.fixed import particles_named
 from balloon_warp.model.obstacles import MOST_FRAMES, BodyShape, initial_poses, obstacle_motion
 from balloon_warp.model.parameters import Parameters
-from balloon_warp.model.shape import BalloonShape
+from balloon_warp.model.shape import BalloonShape, particles_named
 from balloon_warp.model.starts import start_of
 from balloon_warp.scene import Scene, String
 

@@ -22,11 +22,10 @@ from balloon_warp.kernels.schedules.launched.source import GATHERED
 from balloon_warp.kernels.schedules.writer import Piece, Step, cut
 from balloon_warp.kernels.substep import phases_of
 from balloon_warp.kernels.working import Working
-from balloon_warp.launching import launch, launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Room
-from balloon_warp.schedules.backward import BackwardFrames
-from balloon_warp.schedules.backward_parts import (
+from balloon_warp.schedules.backward import (
+    BackwardFrames,
     DirectionsBackward,
     EachBackward,
     FixturesBackward,
@@ -34,15 +33,21 @@ from balloon_warp.schedules.backward_parts import (
     StringsBackward,
     TubesBackward,
 )
-from balloon_warp.schedules.backward_spheres import STATE_OF_SPHERES, SpheresBackward, log_of_spheres
+from balloon_warp.schedules.backward_contact import (
+    STATE_OF_SPHERES,
+    SpheresBackward,
+    TouchBackward,
+    kept_of_touch,
+    log_of_spheres,
+)
 from balloon_warp.schedules.backward_sweeps import EdgesBackward, RidgesBackward, kept_of_ridges, kept_of_sweeps
-from balloon_warp.schedules.backward_touch import TouchBackward, kept_of_touch
 from balloon_warp.schedules.balloon_contact import TouchLaunches
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.framing import Framing
 from balloon_warp.schedules.gather import GatherSchedule
 from balloon_warp.schedules.launched import Launches, Moving, Own, step_arrays, team_threads
 from balloon_warp.schedules.tables import make_tables, world_state
+from balloon_warp.system.warp_threads import launch, launch_tiled
 
 
 class ExchangeBackward:

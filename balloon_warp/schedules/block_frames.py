@@ -9,7 +9,6 @@ from balloon_warp.kernels.schedules.block.names import Layout
 from balloon_warp.kernels.schedules.block.source import arguments_of_frame, kernel_of_frame
 from balloon_warp.kernels.schedules.writer import Step, values_of
 from balloon_warp.kernels.working import Working
-from balloon_warp.launching import begin_loading, launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
 from balloon_warp.schedules.block_layout import layout_of, step_of
@@ -17,6 +16,7 @@ from balloon_warp.schedules.launched import working_arrays
 from balloon_warp.schedules.membranes import membrane_face_entries, membrane_face_table
 from balloon_warp.schedules.slices import order_by_springs, quad_rings, renumbered, slot_table, spring_ends
 from balloon_warp.schedules.tables import kept_arguments, make_tables, world_state
+from balloon_warp.system.warp_threads import begin_loading, launch_tiled
 
 
 class BlockFrames:

@@ -8,7 +8,7 @@ from balloon_warp.model.memory import Counting
 from balloon_warp.schedules.backward_block import BlockBackward, fits_in_block_backwards
 from balloon_warp.schedules.backward_lanes import LanesBackward, fits_in_lanes_backwards
 from balloon_warp.schedules.backward_launched import LaunchedBackward
-from balloon_warp.schedules.block_room import fits_in_block
+from balloon_warp.schedules.block_layout import fits_in_block
 from balloon_warp.schedules.choose import AS_OCTETS
 
 Backward = type[LaunchedBackward] | type[BlockBackward] | type[LanesBackward]

@@ -18,12 +18,12 @@ from balloon_warp.kernels.contact.free_frames import (
 from balloon_warp.kernels.contact.own_parts import box_groups, judge_parts_kernel, place_parts, see_straying
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.tables import WorldState
-from balloon_warp.launching import begin_loading, launch, launch_tiled
 from balloon_warp.model import Model, State
-from balloon_warp.model.kept import kept_arrays
 from balloon_warp.model.memory import Allocating, Room
+from balloon_warp.model.state import kept_arrays
 from balloon_warp.schedules.own_parts import looks_at_parts, own_parts, own_parts_arrays
 from balloon_warp.schedules.tables import world_state
+from balloon_warp.system.warp_threads import begin_loading, launch, launch_tiled
 
 THREADS = 128
 """Threads of a block that surveys a balloon on a GPU"""

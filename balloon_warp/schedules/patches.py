@@ -10,14 +10,13 @@ from balloon_warp.kernels.schedules.block.names import Layout, look_of
 from balloon_warp.kernels.schedules.patches.source import PatchMemory, arguments_of_patches, kernel_of_patches
 from balloon_warp.kernels.schedules.writer import Step, cut
 from balloon_warp.kernels.substep import FACING, NOTHING, phases_of
-from balloon_warp.launching import launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
-from balloon_warp.schedules.block_layout import MOST_REGISTERS, REGISTERS
-from balloon_warp.schedules.block_room import MOST_THREADS, thread_a_particle
+from balloon_warp.schedules.block_layout import MOST_REGISTERS, MOST_THREADS, REGISTERS, thread_a_particle
 from balloon_warp.schedules.patching import Patches, patch_table, patches_of, slots_in_patches, tables_in_patches
 from balloon_warp.schedules.slices import kind_slots, quad_rings, spring_ends
 from balloon_warp.schedules.tables import kept_arguments, world_state
+from balloon_warp.system.warp_threads import launch_tiled
 
 BYTES_OF_PLACE = 12
 """Bytes of a point in shared memory"""

@@ -12,8 +12,7 @@ from balloon_warp.kernels.loops.slots import SlotTable
 from balloon_warp.kernels.schedules.patches.source import PatchTable
 from balloon_warp.kernels.tables import SLICE, FaceTable, FanTable, MembraneTable, Tables
 from balloon_warp.model import Model
-from balloon_warp.schedules.block_layout import WARP_THREADS
-from balloon_warp.schedules.block_room import MOST_THREADS
+from balloon_warp.schedules.block_layout import MOST_THREADS, WARP_THREADS
 from balloon_warp.schedules.slices import Ring, SpringEnds, neighbors_in_slots, spring_ends
 from balloon_warp.schedules.tables import volume_origins
 

@@ -16,11 +16,11 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.arguments import checked
 from balloon_warp.errors import InputError
-from balloon_warp.mesh.check import LARGEST_FACE, LARGEST_FAN
+from balloon_warp.mesh.crossings import LARGEST_FACE, LARGEST_FAN
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.topology import corner_faces, face_starts, mesh_edges, next_corners
+from balloon_warp.system.arguments import checked
 
 
 def color_springs(pairs: NDArray[np.integer], places: NDArray[np.floating]) -> NDArray[np.int64]:

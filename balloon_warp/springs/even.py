@@ -24,9 +24,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.mesh.geometry import triangulate, vertex_areas, vertex_normals
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
-from balloon_warp.mesh.topology import border_edges, mesh_edges, vertex_components
+from balloon_warp.mesh.topology import (
+    border_edges,
+    mesh_edges,
+    triangulate,
+    vertex_areas,
+    vertex_components,
+    vertex_normals,
+)
 from balloon_warp.springs.build import Springs
 
 GRID = np.array([1.0, 2.0, 4.0])

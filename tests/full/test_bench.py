@@ -25,11 +25,11 @@ from balloon_warp.benchmarks.result import Result
 from balloon_warp.benchmarks.rubber import RADIUS, rubber_cases
 from balloon_warp.benchmarks.run import run_case
 from balloon_warp.blow_ups import KEPT_FRAMES
-from balloon_warp.device import pick_device
-from balloon_warp.mesh.geometry import quad_sphere, signed_volume
+from balloon_warp.mesh.topology import quad_sphere, signed_volume
 from balloon_warp.model import Model, State, build_model, initial_state, lay_out, plan_model
 from balloon_warp.schedules import SCHEDULES, make_schedule
 from balloon_warp.schedules.choose import fastest_schedule
+from balloon_warp.system.warp_threads import pick_device
 
 
 def test_the_mesh_is_the_quad_sphere_of_the_other_tests():
