@@ -3,6 +3,7 @@
 import ast
 import ctypes
 import re
+import subprocess
 import sys
 import tomllib
 from collections.abc import Callable, Iterator
@@ -148,6 +149,8 @@ LAYERS = (
     ("cli",),
 )
 """rooms of balloon_warp/, and kernels/, from the bottom up: each imports those in lines above its own, and itself"""
+ROOMS = ("farm", "studio", "tools", "blender", "learn", "lab", "envs", "cli")
+"""rooms beside the core: they import it, and it imports none of them"""
 MOST_FILE_LINES = 800
 MOST_FUNCTION_LINES = 80
 MOST_PARAMETERS = 12
@@ -194,6 +197,45 @@ def test_imports_go_down() -> None:
         if module.startswith("balloon_warp.") and room(module) != own and rank[room(module)] >= rank[own]
     ]
     assert not upward, "\n".join(upward)
+
+
+def test_the_core_imports_no_room() -> None:
+    found = [
+        f"{path} imports {module}"
+        for path, own in rooms().items()
+        if own not in ROOMS
+        for module in imports_of(path)
+        if module.startswith(tuple(f"balloon_warp.{name}" for name in ROOMS))
+    ]
+    assert not found, "\n".join(found)
+
+
+CORE_RUN = """
+import sys
+from pathlib import Path
+from balloon_warp.run.files import RunFiles
+from balloon_warp.run.job import run_scene
+run_scene("latex_inflate", RunFiles(Path(sys.argv[1])))
+print(*(name for name in sys.modules if name.startswith("balloon_warp.")))
+"""
+
+
+def test_a_run_to_its_stage_needs_the_core_alone(tmp_path: Path) -> None:
+    """A scene becomes a stage, and no room is loaded on the way, by whatever name."""
+    ran = subprocess.run(
+        [sys.executable, "-c", CORE_RUN, tmp_path / "run.usdc"], check=True, capture_output=True, text=True
+    )
+    loaded = ran.stdout.split()
+    assert (tmp_path / "run.usdc").stat().st_size > 1000
+    assert {"balloon_warp.simulator", "balloon_warp.usd.stage"} <= set(loaded)
+    assert not [name for name in loaded if name.split(".")[1] in ROOMS]
+
+
+def test_architecture_names_forty_files() -> None:
+    text = (ROOT / "docs/ARCHITECTURE.md").read_text(encoding="utf-8")
+    section = text[text.index("## Forty files") : text.index("## From laws to kernels")]
+    assert len(set(re.findall(r"\]\(\.\./([\w/]+\.\w+)\)", section))) == 40
+    assert text.count("\n") <= 250
 
 
 def test_nothing_loads_what_loads_it() -> None:

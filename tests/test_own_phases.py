@@ -40,7 +40,7 @@ from balloon_warp.scene.load import override_scene
 from balloon_warp.schedules import block_frames
 from balloon_warp.schedules.features import model_features
 
-PAGE = Path(__file__).parent.parent / "docs" / "ARCHITECTURE.md"
+PAGE = Path(__file__).parent.parent / "docs" / "EXTENDING.md"
 IMPORTS = """
 from typing import Any
 
