@@ -166,7 +166,7 @@ def test_an_output_is_no_input(output: str, folder: Path, stage: Path) -> None:
         (folder / name).write_bytes(stage.read_bytes())
     balloon = Balloon(mesh=folder / "box.usdc", print=folder / "box.png")
     scene = Scene(balloon=[balloon], obstacle=[Obstacle(shape="mesh", mesh=folder / "tiles.usdc")], frames=1)
-    wanted = Wanted.of(folder / "out.usdc", folder / output) if output == "box.png" else Wanted.of(folder / output)
+    wanted = Wanted(folder / "out.usdc", folder / output) if output == "box.png" else Wanted(folder / output)
     with pytest.raises(InputError, match=f"{output}: is the scene's {INPUTS[output]}; "):
         wanted.checked(scene)
 

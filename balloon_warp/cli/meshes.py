@@ -169,11 +169,8 @@ def _inspect_scene(source: str, scene: Scene, as_json: bool) -> None:
         for mesh in dict.fromkeys(meshes):
             stage(f"checking {mesh[0].name} and building springs")
             reports[mesh] = inspect_mesh(load_mesh(mesh[0], mesh[3]), *mesh[:2])
-        from balloon_warp.tools.inspect import (
-            advise_step,  # loads Warp: only once the meshes are known to be good
-            foretold_swellings,
-            sentences,
-        )
+        from balloon_warp.run.job import foretold_swellings, sentences
+        from balloon_warp.tools.inspect import advise_step  # loads Warp: only once the meshes are known to be good
 
         stage(STEP_STAGE)
         step = asdict(advise_step(scene))

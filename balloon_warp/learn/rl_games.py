@@ -4,15 +4,15 @@ from collections.abc import Callable
 from importlib.util import find_spec
 from typing import Any
 
-from rl_games.common import env_configurations, vecenv
-from rl_games.common.ivecenv import IVecEnv  # pyright: ignore[reportMissingImports]
-
 from balloon_warp.errors import MissingExtraError
 from balloon_warp.learn.torch_worlds import TorchWorlds
 from balloon_warp.learn.vector_env import BalloonVectorEnv
 
 if not find_spec("rl_games"):
     raise MissingExtraError("balloon_warp.learn.rl_games needs rl_games: pip install rl-games")
+
+from rl_games.common import env_configurations, vecenv  # pyright: ignore[reportMissingImports]
+from rl_games.common.ivecenv import IVecEnv  # pyright: ignore[reportMissingImports]
 
 
 class RlGamesEnv(IVecEnv):

@@ -4,8 +4,6 @@ from importlib.util import find_spec
 from typing import Any
 
 import warp as wp
-from rsl_rl.env import VecEnv  # pyright: ignore[reportMissingImports]
-from tensordict import TensorDict  # pyright: ignore[reportMissingImports]
 
 from balloon_warp.errors import MissingExtraError
 from balloon_warp.learn.torch_worlds import TorchWorlds
@@ -13,6 +11,10 @@ from balloon_warp.learn.vector_env import BalloonVectorEnv
 
 if not find_spec("rsl_rl"):
     raise MissingExtraError("balloon_warp.learn.rsl_rl needs RSL-RL 3 or newer: pip install rsl-rl-lib")
+
+from rsl_rl.env import VecEnv  # pyright: ignore[reportMissingImports]
+from tensordict import TensorDict  # pyright: ignore[reportMissingImports]
+
 GROUP = "policy"
 """Name of the observations, by which a configuration asks for them"""
 

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
-from stable_baselines3.common.vec_env import VecEnv  # pyright: ignore[reportMissingImports]
 
 from balloon_warp.errors import InputError, MissingExtraError
 from balloon_warp.learn.vector_env import BalloonVectorEnv
@@ -15,6 +14,8 @@ if not find_spec("stable_baselines3"):
     raise MissingExtraError(
         "balloon_warp.learn.stable_baselines needs Stable-Baselines3: pip install stable-baselines3"
     )
+
+from stable_baselines3.common.vec_env import VecEnv  # pyright: ignore[reportMissingImports]
 
 
 class StableBaselinesEnv(VecEnv):
