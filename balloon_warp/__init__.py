@@ -15,16 +15,15 @@ from balloon_warp.system.loading import LENT, without_collecting
 
 if TYPE_CHECKING:
     from balloon_warp.batch.batch import repeat_batch, run_batch
-    from balloon_warp.batch.catalog import TrajectoryFiles
     from balloon_warp.batch.simulate import Trajectories, simulate
+    from balloon_warp.batch.trajectories import TrajectoryFiles
     from balloon_warp.errors import BlowUpError, InputError, MissingExtraError, WorkersLostError
     from balloon_warp.farm.cluster import Cluster
     from balloon_warp.frame import Frame
     from balloon_warp.kernels.laws import Law, Parameter
     from balloon_warp.lab.design.design import design
     from balloon_warp.lab.design.job import Design
-    from balloon_warp.lab.fit.by_data import Fit
-    from balloon_warp.lab.fit.fit import Optimum, fit
+    from balloon_warp.lab.fit.fit import Fit, Optimum, fit
     from balloon_warp.lab.gradients import losses
     from balloon_warp.lab.gradients.derive import Gradient
     from balloon_warp.lab.gradients.gradient import gradient
@@ -54,8 +53,7 @@ if TYPE_CHECKING:
         bundled_scenes,
         load_scene,
     )
-    from balloon_warp.simulator import Simulator
-    from balloon_warp.solids import MassProperties
+    from balloon_warp.simulator import MassProperties, Simulator
     from balloon_warp.springs import build_springs
     from balloon_warp.studio.animate import animate
     from balloon_warp.studio.exports import export_stage
@@ -160,8 +158,8 @@ _HOMES = {
     "lab.fit.fit": (
         "Optimum",
         "fit",
+        "Fit",
     ),
-    "lab.fit.by_data": ("Fit",),
     "tools.foil": (
         "foil_mesh",
         "foil_parts",
@@ -209,15 +207,17 @@ _HOMES = {
         "bundled_scenes",
         "load_scene",
     ),
-    "simulator": ("Simulator",),
-    "solids": ("MassProperties",),
+    "simulator": (
+        "Simulator",
+        "MassProperties",
+    ),
     "springs": ("build_springs",),
     "batch.batch": (
         "run_batch",
         "repeat_batch",
     ),
     "farm.cluster": ("Cluster",),
-    "batch.catalog": ("TrajectoryFiles",),
+    "batch.trajectories": ("TrajectoryFiles",),
     "batch.simulate": (
         "Trajectories",
         "simulate",

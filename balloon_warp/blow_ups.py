@@ -29,7 +29,7 @@ from balloon_warp.mesh.seams import size_of
 from balloon_warp.model import Model, State, copy_of, overwrite
 from balloon_warp.model.pressure import borne_pressures, passed_limit_point
 from balloon_warp.model.stability import AUTO_MARGIN, MOST_SUBSTEPS, Network
-from balloon_warp.model.strings import ANCHORED, anchors_of
+from balloon_warp.model.starts import ANCHORED, anchors_of
 from balloon_warp.scene import Scene
 from balloon_warp.schedules.choose import Schedule
 from balloon_warp.schedules.frames import HealthCheck

@@ -18,8 +18,8 @@ import numpy as np
 import warp as wp
 
 from balloon_warp.batch.batch import run_batch
-from balloon_warp.batch.catalog import TrajectoryFiles
 from balloon_warp.batch.recorder import bytes_of_frame
+from balloon_warp.batch.trajectories import TrajectoryFiles
 from balloon_warp.model import plan_model
 from balloon_warp.scene import load_scene
 from balloon_warp.simulator import Simulator

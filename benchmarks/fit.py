@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import balloon_warp as bw
-from balloon_warp.lab.fit.by_data import Fit
 from balloon_warp.lab.fit.curve import Kind, fit_curves, sphere_pressures
+from balloon_warp.lab.fit.fit import Fit
 from balloon_warp.lab.fit.tables import Curve
 from balloon_warp.mesh.topology import quad_sphere
 from balloon_warp.system.warp_setup import quiet_warp

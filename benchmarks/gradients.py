@@ -22,8 +22,8 @@ from balloon_warp.scene import Inflation, Scene, Stiffness
 from balloon_warp.schedules.backward import BackwardFrames
 from balloon_warp.schedules.backward_block import fits_in_block_backwards
 from balloon_warp.schedules.backward_lanes import fits_in_lanes_backwards
+from balloon_warp.schedules.backward_launched import BACKWARDS, backwards_of, forward_of
 from balloon_warp.schedules.choose import fastest_schedule
-from balloon_warp.schedules.choose_backward import BACKWARDS, backwards_of, forward_of
 from balloon_warp.simulator import Simulator
 from balloon_warp.system.warp_setup import quiet_warp
 from balloon_warp.system.warp_threads import pick_device

@@ -26,7 +26,7 @@ from balloon_warp.benchmarks.physics_energy import EPSILON, Energies
 from balloon_warp.benchmarks.physics_runs import Case, Run
 from balloon_warp.benchmarks.physics_twins import Array
 from balloon_warp.kernels.laws.contact import SETTLED
-from balloon_warp.lab.statics.skins import Volume
+from balloon_warp.lab.statics import Volume
 from balloon_warp.mesh.topology import is_closed, mesh_edges
 
 MOST_GROWTH = 1000.0

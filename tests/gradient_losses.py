@@ -11,7 +11,7 @@ from reference_runs import Run, run
 import balloon_warp as bw
 from balloon_warp.batch.simulate import Trajectories
 from balloon_warp.lab.reference import Reference
-from balloon_warp.lab.statics.skins import Volume
+from balloon_warp.lab.statics import Volume
 from balloon_warp.model import plan_model
 from balloon_warp.scene import load_scene
 

@@ -22,8 +22,7 @@ from websockets.sync.client import connect  # noqa: E402
 from websockets.sync.connection import Connection  # noqa: E402
 
 from balloon_warp.studio.page.ahead import Ahead  # noqa: E402
-from balloon_warp.studio.page.onlooker import Onlooker  # noqa: E402
-from balloon_warp.studio.page.page import Page  # noqa: E402
+from balloon_warp.studio.page.page import Onlooker, Page  # noqa: E402
 from balloon_warp.studio.page.server import free_port  # noqa: E402
 from balloon_warp.studio.page.session import Session  # noqa: E402
 

@@ -25,9 +25,10 @@ from test_resume import SCENE as RESUMED_SCENE
 from test_resume import press_ctrl_c, stop
 
 from balloon_warp import Balloon, InputError, MissingExtraError, PolygonMesh, animate, export_stage
-from balloon_warp.studio.exports import export, files, parts
+from balloon_warp.studio.exports import export, parts
+from balloon_warp.studio.exports import export as files
 from balloon_warp.system import arrays
-from balloon_warp.usd.tubes import AROUND, PROFILE, tube_points, tube_topology
+from balloon_warp.usd.solids import AROUND, PROFILE, tube_points, tube_topology
 
 never = Mock(side_effect=AssertionError("is not to be called"))
 READ_ALEMBIC = """

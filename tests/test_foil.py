@@ -20,13 +20,14 @@ from balloon_warp.scene.around import scene_of_foil
 from balloon_warp.tools.foil import (
     EDGES,
     HEIGHT,
+    corner_areas,
     enclosed,
     foil_mesh,
     foil_parts,
     outlines_of_drawing,
     outlines_of_text,
+    sheet_of,
 )
-from balloon_warp.tools.sheet import corner_areas, sheet_of
 
 SQUARE = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]])
 STAR = np.array([[np.sin(0.8 * np.pi * k), np.cos(0.8 * np.pi * k)] for k in range(5)])

@@ -18,7 +18,7 @@ from balloon_warp.kernels.schedules.launched.source import GATHERED
 from balloon_warp.kernels.schedules.launched.trace import traces_of
 from balloon_warp.kernels.schedules.writer import cut
 from balloon_warp.model import build_model, plan_model
-from balloon_warp.schedules.choose_backward import bytes_backwards
+from balloon_warp.schedules.backward_launched import bytes_backwards
 from balloon_warp.schedules.features import model_features
 
 

@@ -22,7 +22,7 @@ from balloon_warp.model.plan import plan_model
 from balloon_warp.schedules.gather import ScatterSchedule
 from balloon_warp.schedules.membranes import membrane_quads, sums_of
 from balloon_warp.schedules.readout import ForceReader
-from balloon_warp.springs.membrane import build_membrane
+from balloon_warp.springs.build import build_membrane
 
 each_law = pytest.mark.parametrize("kind", list(MEMBRANES))
 STILL = Inflation(kind="pressure", pressure=0.0)

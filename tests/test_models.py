@@ -14,7 +14,7 @@ from balloon_warp.mesh import PolygonMesh, topology
 from balloon_warp.mesh.topology import component_count, genus, inconsistent_edges, is_closed, mesh_edges
 from balloon_warp.model.obstacles import MOST_SAMPLES, ObstacleShape, is_thin, sample, shape_obstacle
 from balloon_warp.scenes.models import MODELS, make_model
-from balloon_warp.usd.tubes import OF_LARGEST, OF_LEAST, beveled_box
+from balloon_warp.usd.solids import OF_LARGEST, OF_LEAST, beveled_box
 
 
 @cache

@@ -11,7 +11,7 @@ from painted import atlas, write_obj_cube, write_painted
 from PIL import Image
 
 from balloon_warp import Balloon, InputError, Obstacle, Scene, animate, design, load_scene, run_batch
-from balloon_warp.lab.fit.by_data import Journal
+from balloon_warp.lab.fit.fit import Journal
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.scene.write import write_scene
 from balloon_warp.studio.animate import Wanted

@@ -20,7 +20,7 @@ from balloon_warp.kernels.schedules.launched.source import GATHERED, SUMMED, sou
 from balloon_warp.kernels.schedules.writer import Step, cut
 from balloon_warp.kernels.substep import PROJECTIVE_STEP, READING, STEP, phases_of
 from balloon_warp.model import Model, State, build_model, initial_state
-from balloon_warp.model.memory import Allocating
+from balloon_warp.model.state import Allocating
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.lanes import LanesSchedule, OctetsSchedule
 from balloon_warp.schedules.launched import Launches

@@ -19,7 +19,7 @@ from balloon_warp.studio.render.render import _choose_frames
 from balloon_warp.studio.render.stage_reader import RenderStage
 from balloon_warp.studio.render.view import View
 from balloon_warp.system.files import whole_file
-from balloon_warp.usd.camera import Camera
+from balloon_warp.usd.studio import Camera
 
 SMALL: dict[str, Any] = {"size": (64, 36), "samples": 1, "device": "cpu"}
 

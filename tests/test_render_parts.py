@@ -13,7 +13,7 @@ from balloon_warp.kernels.pictures.surface import sky_share
 from balloon_warp.mesh.orientation import CREASE
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.studio.render.surface import TILE, SmoothSurface, disc_points
-from balloon_warp.usd.camera import MARGIN, CameraFit
+from balloon_warp.usd.studio import MARGIN, CameraFit
 
 wp.set_module_options(OPTIONS)
 

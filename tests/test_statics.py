@@ -10,10 +10,8 @@ from meshes import quad_sphere
 
 import balloon_warp as bw
 from balloon_warp import InputError, PolygonMesh
-from balloon_warp.lab.statics import balance as systems
-from balloon_warp.lab.statics.balance import Balance
-from balloon_warp.lab.statics.of_model import film_of, springs_of
-from balloon_warp.lab.statics.skins import SealedGas, Volume
+from balloon_warp.lab import statics as systems
+from balloon_warp.lab.statics import Balance, SealedGas, Volume, film_of, springs_of
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.scene.write import write_scene
 

@@ -13,13 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.batch.catalog import TrajectoryFiles, TrajectoryFilesLike
 from balloon_warp.batch.local import require_room, simulate_locally
 from balloon_warp.batch.output import MANIFEST_NAME, STAGE_NAME, describe_batch, write_manifest
 from balloon_warp.batch.recorder import SHA256, BatchVary, is_mesh, plan_groups
 from balloon_warp.batch.table import WORLDS_NAMES, settled_table, table_names
 from balloon_warp.batch.task import BatchPlace, BatchTask, Outcome, batch_checkpoints
-from balloon_warp.batch.writer import remove_partial
+from balloon_warp.batch.trajectories import TrajectoryFiles, TrajectoryFilesLike, remove_partial
 from balloon_warp.blow_ups import check_policy
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Law

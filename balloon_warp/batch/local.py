@@ -22,8 +22,8 @@ from balloon_warp.batch.recorder import (
 from balloon_warp.batch.task import BatchTask, Failures, Outcome, report_failures, require_health, restart_failures
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model import Model, lay_out, plan_model, remarks_on, world_bytes
-from balloon_warp.model.memory import require_memory
 from balloon_warp.model.shape import shape_balloon
+from balloon_warp.model.state import require_memory
 from balloon_warp.model.timeline import SHAPING
 from balloon_warp.run.checkpoints import Checkpoints, record_frames
 from balloon_warp.run.provenance import Beginning

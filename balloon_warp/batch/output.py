@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.batch.contents import Contents
 from balloon_warp.batch.recorder import (
     COLUMNS,
     SHA256,
@@ -31,7 +30,7 @@ from balloon_warp.batch.recorder import (
 )
 from balloon_warp.batch.table import KINDS, WORLDS_NAMES, TableWriter, table_names, write_worlds
 from balloon_warp.batch.task import PARTIAL_NAME, BatchTask, Outcome
-from balloon_warp.batch.writer import TrajectoryWriter
+from balloon_warp.batch.trajectories import Contents, TrajectoryWriter
 from balloon_warp.errors import InputError
 from balloon_warp.model.strain_bound import strain_bound_described
 from balloon_warp.run.checkpoints import JOB_NAME, Part

@@ -14,7 +14,7 @@ from balloon_warp.kernels.laws import Law
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.topology import signed_volume, total_area
 from balloon_warp.model import lay_out, worlds_of
-from balloon_warp.model.memory import require_memory
+from balloon_warp.model.state import require_memory
 from balloon_warp.model.timeline import scene_to_vary
 from balloon_warp.scene import Scene, SceneLike
 from balloon_warp.scene.load import Override

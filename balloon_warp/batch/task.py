@@ -19,8 +19,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.batch.catalog import TrajectoryFiles
 from balloon_warp.batch.recorder import SHA256, BatchVary, Group, Pair, Record, Recorder, is_mesh, vary_columns
+from balloon_warp.batch.trajectories import TrajectoryFiles
 from balloon_warp.blow_ups import MOST_HALVINGS, BlowUp
 from balloon_warp.errors import BlowUpError
 from balloon_warp.kernels.laws import Law

@@ -14,9 +14,8 @@ from balloon_warp.cli.machine import bench, doctor, kernel, scenes, warm_up
 from balloon_warp.cli.meshes import foil, inspect, remesh
 from balloon_warp.cli.options import Command, UsageError, spread, usage_sentence
 from balloon_warp.cli.progress import Console, with_options
-from balloon_warp.cli.run import run
+from balloon_warp.cli.run import run, view
 from balloon_warp.cli.stages import check, compare, convert, render
-from balloon_warp.cli.view import view
 from balloon_warp.errors import BlowUpError, InputError, MissingExtraError, StoppedError, WorkersLostError
 from balloon_warp.system.streams import OutputLostError, lose_output
 

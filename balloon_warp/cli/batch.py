@@ -35,7 +35,7 @@ from balloon_warp.system.warp_setup import begin_driver, quiet_warp
 
 if TYPE_CHECKING:
     from balloon_warp.batch.batch import BatchSummary
-    from balloon_warp.batch.catalog import TrajectoryFiles
+    from balloon_warp.batch.trajectories import TrajectoryFiles
 
 WORLDS = "Worlds"
 """Heading of a section of the help"""
@@ -236,7 +236,7 @@ def _trajectory_files(
         if asked:
             raise InputError(f"--{next(iter(asked))}: needs --trajectories")
         return None
-    from balloon_warp.batch.catalog import TrajectoryFiles
+    from balloon_warp.batch.trajectories import TrajectoryFiles
 
     return TrajectoryFiles(folder, **asked, seed=seed)
 

@@ -15,8 +15,8 @@ from balloon_warp.system.warp_setup import quiet_warp
 
 if TYPE_CHECKING:
     from balloon_warp.lab.design.job import Design
-    from balloon_warp.lab.fit.by_data import Fit
     from balloon_warp.lab.fit.curve import CurveFit
+    from balloon_warp.lab.fit.fit import Fit
 
 
 DESIGN = "Design"

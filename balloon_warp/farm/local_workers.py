@@ -23,7 +23,7 @@ from balloon_warp.farm.workers import Call, WorkerOptions, worker_environments
 from balloon_warp.system.loading import without_collecting
 from balloon_warp.system.warp_threads import pick_device
 
-LOADED = ["balloon_warp.farm.shares"]
+LOADED = ["balloon_warp.farm.cluster"]
 """Modules that a fork server loads: nearly all that any child needs"""
 SAFE_PATH = "PYTHONSAFEPATH"
 """Variable that keeps Python from importing modules of the current folder"""

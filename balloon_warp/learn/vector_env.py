@@ -22,7 +22,7 @@ from balloon_warp.studio.page.view import look_on
 from balloon_warp.system.warp_threads import launch
 
 if TYPE_CHECKING:
-    from balloon_warp.studio.page.onlooker import Onlooker
+    from balloon_warp.studio.page.page import Onlooker
 
 
 class Told(NamedTuple):

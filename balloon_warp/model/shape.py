@@ -45,10 +45,8 @@ from balloon_warp.mesh.topology import (
 from balloon_warp.model.spectrum import pressure_bound
 from balloon_warp.scene import Balloon, Material, Scene, Stiffness
 from balloon_warp.springs import Springs
-from balloon_warp.springs.build import Hinges, SpringKind, build_hinges
-from balloon_warp.springs.even import AT, even_scales, film_tension, springs_across
-from balloon_warp.springs.membrane import Membrane, build_membrane, no_membrane
-from balloon_warp.springs.ties import balloon_springs
+from balloon_warp.springs.build import Hinges, Membrane, SpringKind, build_hinges, build_membrane, no_membrane
+from balloon_warp.springs.even import AT, balloon_springs, even_scales, film_tension, springs_across
 
 MOST_NAMED = 20
 """Largest number of groups that an error lists"""

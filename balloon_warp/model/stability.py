@@ -20,9 +20,8 @@ from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.laws.springs import KINDS
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.topology import corner_faces, next_corners
-from balloon_warp.model.bounds import Bound, Bounds, names_of_bounds
 from balloon_warp.model.materials import NAMES as MEMBRANE_NAMES
-from balloon_warp.model.materials import settle_masses
+from balloon_warp.model.materials import Bound, Bounds, names_of_bounds, settle_masses
 from balloon_warp.model.obstacles import BodyShape, most_ease, settle_friction
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape, Surroundings, surroundings_of

@@ -22,7 +22,7 @@ from balloon_warp.mesh.orientation import triangles_of
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.thickness import length_graph, nears_itself, slenderness
 from balloon_warp.mesh.topology import corner_faces, face_vector_areas, mesh_edges, next_corners
-from balloon_warp.model.bounds import Bound
+from balloon_warp.model.materials import Bound
 from balloon_warp.model.obstacles import BodyShape, ObstacleShape, is_thin, obstacle_motion
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape

@@ -33,7 +33,7 @@ from balloon_warp.kernels.loops.gas import SWEEPS
 from balloon_warp.kernels.schedules.writer import Step, values_of
 from balloon_warp.kernels.working import FixtureBars
 from balloon_warp.model import Model, State, copy_of
-from balloon_warp.model.memory import Room
+from balloon_warp.model.state import Room
 from balloon_warp.schedules.backward_contact import STATE_OF_TOUCH, SpheresBackward, TouchBackward
 from balloon_warp.schedules.launched import team_threads
 from balloon_warp.schedules.tables import world_state

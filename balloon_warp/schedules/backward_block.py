@@ -23,7 +23,7 @@ from balloon_warp.kernels.substep import FILMED, phases_of
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.working import Working
 from balloon_warp.model import Model, State
-from balloon_warp.model.memory import Allocating, Room
+from balloon_warp.model.state import Allocating, Room
 from balloon_warp.schedules.backward import BackwardFrames
 from balloon_warp.schedules.block_layout import CAPACITY_STEP, held_layout_of, most_particles
 from balloon_warp.schedules.features import model_features

@@ -27,8 +27,8 @@ from balloon_warp.kernels.contact.list_lengths import LENGTHS
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.working import SphereBars, Working
 from balloon_warp.model import Model, State
-from balloon_warp.model.memory import Room
 from balloon_warp.model.obstacles import FRICTION
+from balloon_warp.model.state import Room
 from balloon_warp.model.touch import STIFFNESSES
 from balloon_warp.schedules.contact_lists import FEW_THREADS, MOST_AT_ONCE, list_arrays, threads_of_list
 from balloon_warp.schedules.launched import team_threads

@@ -16,7 +16,7 @@ from balloon_warp.kernels.schedules.writer import Step, cut
 from balloon_warp.kernels.substep import SHARED, phases_of
 from balloon_warp.kernels.working import Working
 from balloon_warp.model import Model, State
-from balloon_warp.model.memory import Allocating, Room
+from balloon_warp.model.state import Allocating, Room
 from balloon_warp.schedules.backward import BackwardFrames
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.framing import Framing

@@ -23,7 +23,7 @@ from balloon_warp.kernels.contact.seeking_edges import seeking_kernel
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.working import EightBoxes, EightPlaces
 from balloon_warp.model import Model, State
-from balloon_warp.model.memory import Room
+from balloon_warp.model.state import Room
 from balloon_warp.schedules.contact_lists import FEW_THREADS, edge_count, threads_of_list
 from balloon_warp.schedules.tables import Worlds
 from balloon_warp.schedules.touch_table import part_count, substeps_of_search

@@ -10,7 +10,7 @@ from balloon_warp.model import Model, State
 from balloon_warp.model.touch import is_in_layers
 from balloon_warp.schedules.block_layout import fits_in_block, thread_a_particle
 from balloon_warp.schedules.contact_lists import ContactLists
-from balloon_warp.schedules.own_parts import looks_at_parts
+from balloon_warp.schedules.outlook import looks_at_parts
 from balloon_warp.schedules.touch_table import small_spheres
 
 

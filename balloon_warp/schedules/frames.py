@@ -23,7 +23,7 @@ from balloon_warp.kernels.measure.locking import note_overstretched
 from balloon_warp.kernels.measure.pressed import note_pressed
 from balloon_warp.kernels.params import Clock
 from balloon_warp.model import Model, State
-from balloon_warp.model.gas import pressure_bounds
+from balloon_warp.model.pressure import pressure_bounds
 from balloon_warp.model.spectrum import ALL
 from balloon_warp.model.state import frames_of
 from balloon_warp.scene.load import frame_at

@@ -14,9 +14,8 @@ import warp as wp
 from balloon_warp.kernels.contact.free_frames import busy_kernel
 from balloon_warp.kernels.features import Features
 from balloon_warp.model import Model, State
-from balloon_warp.model.memory import Allocating, Counting, Room
-from balloon_warp.schedules.block_frames import BlockFrames
-from balloon_warp.schedules.block_layout import fits_in_block
+from balloon_warp.model.state import Allocating, Counting, Room
+from balloon_warp.schedules.block_layout import BlockFrames, fits_in_block
 from balloon_warp.schedules.contact_lists import ContactLists, has_lists, start_of_frame
 from balloon_warp.schedules.features import choosing_parameters, model_features
 from balloon_warp.schedules.framing import Framing

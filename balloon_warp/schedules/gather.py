@@ -30,7 +30,7 @@ from balloon_warp.kernels.schedules.launched.source import GATHERED, SUMMED, sou
 from balloon_warp.kernels.schedules.writer import Step, cut
 from balloon_warp.kernels.substep import PULLED, SCATTERED, SHARED_PULL, phases_of
 from balloon_warp.model import Model, State
-from balloon_warp.model.memory import Room
+from balloon_warp.model.state import Room
 from balloon_warp.schedules.contact_lists import has_many
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.lane_tables import allot_lanes, make_lane_tables

@@ -24,8 +24,7 @@ from balloon_warp.kernels.schedules.writer import Piece, Step, cut, values_of
 from balloon_warp.kernels.substep import NOTHING, Instead, phases_of
 from balloon_warp.kernels.working import Working
 from balloon_warp.model import Model, State
-from balloon_warp.model.memory import Allocating, Counting, Room
-from balloon_warp.model.state import contact_shape
+from balloon_warp.model.state import Allocating, Counting, Room, contact_shape
 from balloon_warp.schedules.balloon_contact import TouchLaunches, touch_arrays
 from balloon_warp.schedules.contact_lists import ContactLists, counting_arrays, has_lists, list_arrays, start_of_frame
 from balloon_warp.schedules.features import choosing_parameters, model_features

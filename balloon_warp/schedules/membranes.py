@@ -18,9 +18,9 @@ from balloon_warp.kernels.tables import MembraneFaceTable, MembraneTable, TearTa
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.topology import corner_faces, face_vector_areas, next_corners, total_area
 from balloon_warp.model import Model
-from balloon_warp.model.memory import Allocating, Room
+from balloon_warp.model.state import Allocating, Room
 from balloon_warp.schedules.slices import slices_of
-from balloon_warp.springs.membrane import Membrane
+from balloon_warp.springs.build import Membrane
 
 BRANCHING_WAY = 0.25
 """Distance between two branchings of a tear, over a balloon's diameter"""

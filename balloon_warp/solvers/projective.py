@@ -39,7 +39,7 @@ from balloon_warp.kernels.solvers.settling import (
 )
 from balloon_warp.kernels.substep import PROJECTIVE_STEP
 from balloon_warp.model import Model, State
-from balloon_warp.model.memory import Counting, Room
+from balloon_warp.model.state import Counting, Room
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.launched import LaunchedSchedule, Moving, Own
 from balloon_warp.schedules.tables import world_state

@@ -13,8 +13,7 @@ from balloon_warp.frame import Frame
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model import Model
 from balloon_warp.run.checkpoints import CHECKPOINT_SECONDS
-from balloon_warp.run.files import RunFiles
-from balloon_warp.run.job import Summary, run_scene
+from balloon_warp.run.job import RunFiles, Summary, run_scene
 from balloon_warp.run.provenance import Beginning
 from balloon_warp.scene import Scene, SceneLike
 from balloon_warp.scene.load import files_of_scene

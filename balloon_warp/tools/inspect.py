@@ -29,7 +29,7 @@ from balloon_warp.model.stability import Network
 from balloon_warp.model.strain_bound import strain_bound_said
 from balloon_warp.scene import SceneLike, scene_of
 from balloon_warp.scene.load import override_scene
-from balloon_warp.springs.ties import balloon_springs
+from balloon_warp.springs.even import balloon_springs
 from balloon_warp.system.arguments import checked
 
 

@@ -23,14 +23,14 @@ from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 from balloon_warp.mesh.topology import beside_faces, box_corners, corner_faces, corners_beside
 from balloon_warp.model import ModelPlan
 from balloon_warp.model.obstacles import initial_centers, moves, obstacle_motion, obstacle_poses
-from balloon_warp.model.starts import start_of
-from balloon_warp.model.strings import Carriers, anchors_of
+from balloon_warp.model.starts import Carriers, anchors_of, start_of
 from balloon_warp.scene.load import is_there
 from balloon_warp.usd.balloon import author_velocities, define_balloon
 from balloon_warp.usd.lines import define_knot, define_string, knot_path, string_curve
 from balloon_warp.usd.material import identifier, prim_names, show_names
 from balloon_warp.usd.solids import (
     SIZES,
+    Knot,
     Look,
     Plane,
     as_gf,
@@ -39,12 +39,12 @@ from balloon_warp.usd.solids import (
     define_obstacle,
     define_sphere,
     define_square,
+    has_knot,
     inertia_of,
     obstacle_names,
     planes_of,
 )
 from balloon_warp.usd.stage import GrowingStage, MovingGroup, describe_stage
-from balloon_warp.usd.tubes import Knot, has_knot
 
 ROOM = 2.0
 """Side of a cell, as a multiple of the largest world's width at the start"""

@@ -10,12 +10,11 @@ from balloon_warp.frame import Frame
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.usd_stage import SCENERY
 from balloon_warp.model import Model
-from balloon_warp.model.strings import ANCHORED, anchors_of
+from balloon_warp.model.starts import ANCHORED, anchors_of
 from balloon_warp.scene import Scene
 from balloon_warp.scene.around import STRING_COLOR, balloon_color, mean_color
 from balloon_warp.usd.material import PAIRED, paint, show_while_there
-from balloon_warp.usd.solids import as_gf
-from balloon_warp.usd.tubes import SIDES, Knot, has_knot, knot_mesh, knot_size, tube_topology
+from balloon_warp.usd.solids import SIDES, Knot, as_gf, has_knot, knot_mesh, knot_size, tube_topology
 
 
 def define_lines(stage: Usd.Stage, path: Sdf.Path, point_counts: Sequence[int], width: float) -> UsdGeom.BasisCurves:

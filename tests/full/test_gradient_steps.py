@@ -12,7 +12,7 @@ from gradient_scenes import CASES
 import balloon_warp as bw
 from balloon_warp.batch.simulate import Trajectories
 from balloon_warp.benchmarks.gradient_bounce import FLOORS, slope_and_gradients
-from balloon_warp.lab.gradients.steps import Moving, Steps
+from balloon_warp.lab.gradients.rollout import Moving, Steps
 
 
 @pytest.mark.nightly

@@ -20,8 +20,8 @@ from balloon_warp.mesh.topology import signed_volume
 from balloon_warp.studio.render.stage_reader import RenderStage
 from balloon_warp.studio.render.surface import SmoothSurface
 from balloon_warp.studio.render.view import View
-from balloon_warp.usd.camera import Z_TO_Y_UP
-from balloon_warp.usd.tubes import AROUND, PROFILE, Knot, knot_mesh, knot_size
+from balloon_warp.usd.solids import AROUND, PROFILE, Knot, knot_mesh, knot_size
+from balloon_warp.usd.studio import Z_TO_Y_UP
 
 FRAMES = 3
 BALL = quad_sphere(6)

@@ -23,9 +23,7 @@ from balloon_warp.lab.design.measure import Ruler
 from balloon_warp.lab.design.panels import PanelPattern, flattened, laid_out, panels_of, seam_lengths
 from balloon_warp.lab.design.springs import DOWN, Hanging
 from balloon_warp.lab.design.target import held_target_of
-from balloon_warp.lab.statics.balance import Balance
-from balloon_warp.lab.statics.of_model import film_of
-from balloon_warp.lab.statics.skins import SealedGas, Volume
+from balloon_warp.lab.statics import Balance, SealedGas, Volume, film_of
 from balloon_warp.mesh.obj import write_obj
 
 BALL = quad_sphere(6)

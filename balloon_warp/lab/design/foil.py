@@ -29,8 +29,7 @@ from balloon_warp.scene import Balloon, Inflation, Material, Scene
 from balloon_warp.scene.write import write_scene
 from balloon_warp.simulator import Simulator
 from balloon_warp.system.files import whole_file
-from balloon_warp.tools.foil import foil_parts, from_extra
-from balloon_warp.tools.sheet import border_loops
+from balloon_warp.tools.foil import border_loops, foil_parts, from_extra
 
 Values = NDArray[np.float64]
 SMOOTH = np.array([1.0, 2.0, 3.0, 2.0, 1.0]) / 9.0

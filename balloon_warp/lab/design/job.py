@@ -18,7 +18,7 @@ from balloon_warp.kernels.laws.air import GAS_CONSTANT
 from balloon_warp.lab.design.descent import Reached
 from balloon_warp.lab.design.measure import Error, Ruler, error_picture, stacked
 from balloon_warp.lab.design.springs import SLOW_SWING, Hold, swing_rate
-from balloon_warp.lab.statics.skins import SealedGas
+from balloon_warp.lab.statics import SealedGas
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.topology import component_labels, mesh_edges
 from balloon_warp.scene import Balloon, Inflation, Scene

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws.air import DRY_AIR_MOLAR_MASS
-from balloon_warp.lab.design.descent import Reached, Response, begin, descend
+from balloon_warp.lab.design.descent import Reached, Response, SmoothAim, Smoothing, begin, descend, smooth_step
 from balloon_warp.lab.design.job import (
     DAMPING_RATE,
     MORE_FRAMES,
@@ -24,12 +24,9 @@ from balloon_warp.lab.design.job import (
     write_stl,
 )
 from balloon_warp.lab.design.measure import Ruler
-from balloon_warp.lab.design.smooth_step import SmoothAim, Smoothing, smooth_step
 from balloon_warp.lab.design.springs import DOWN, SWING_DAMPING, Hanging, swing_rate
 from balloon_warp.lab.design.target import Flattening, Gaps
-from balloon_warp.lab.statics.balance import Balance
-from balloon_warp.lab.statics.of_model import film_of
-from balloon_warp.lab.statics.skins import FilmSkin, SealedGas, Volume
+from balloon_warp.lab.statics import Balance, FilmSkin, SealedGas, Volume, film_of
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.crossings import find_crossings, means_over_neighbors, uncrossed
 from balloon_warp.mesh.obj import write_obj

@@ -13,8 +13,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws.air import DRY_AIR_MOLAR_MASS, GAS_CONSTANT
 from balloon_warp.lab.design.descent import Aim, step_towards
 from balloon_warp.lab.design.measure import Ruler
-from balloon_warp.lab.statics.balance import Balance, Loading
-from balloon_warp.lab.statics.skins import FilmSkin, SealedGas, SpringSkin, Volume
+from balloon_warp.lab.statics import Balance, FilmSkin, Loading, SealedGas, SpringSkin, Volume
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.topology import mesh_edges
 from balloon_warp.springs import Springs, build_springs

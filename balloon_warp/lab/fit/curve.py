@@ -14,13 +14,12 @@ from scipy.special import chdtrc, stdtrit
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws.membrane import MEMBRANES, MOST_STRETCH, OGDEN_EXPONENTS
-from balloon_warp.lab.fit.by_data import Fit, fit_with
+from balloon_warp.lab.fit.fit import Fit, fit_with
 from balloon_warp.lab.fit.tables import Curve, Test
-from balloon_warp.lab.statics.balance import Balance
-from balloon_warp.lab.statics.skins import FilmSkin, SealedGas, Volume, determinant, metric_of
+from balloon_warp.lab.statics import Balance, FilmSkin, SealedGas, Volume, determinant, metric_of
 from balloon_warp.mesh.load import Treatment, load_mesh, prepared
 from balloon_warp.model.materials import slopes_by_stretches
-from balloon_warp.springs.membrane import build_membrane
+from balloon_warp.springs.build import build_membrane
 
 Values = NDArray[np.float64]
 Kind = Literal["neo_hookean", "mooney_rivlin", "gent", "ogden"]

@@ -37,9 +37,8 @@ from balloon_warp.schedules.backward import (
     bytes_of_each,
     bytes_of_fixtures,
 )
-from balloon_warp.schedules.backward_launched import LaunchedBackward
-from balloon_warp.schedules.choose_backward import Backward
-from balloon_warp.springs.membrane import build_membrane
+from balloon_warp.schedules.backward_launched import Backward, LaunchedBackward
+from balloon_warp.springs.build import build_membrane
 
 Slopes = dict[str, NDArray[np.float64]]
 """Slopes of parameters by a value, by their names, shape (world_count, ...) as they are there"""

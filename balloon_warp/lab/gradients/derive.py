@@ -50,18 +50,23 @@ from balloon_warp.lab.gradients.chain import (
     wanted_of,
 )
 from balloon_warp.lab.gradients.frameworks import of_kernel
-from balloon_warp.lab.statics.skins import Volume
+from balloon_warp.lab.statics import Volume
 from balloon_warp.mesh.topology import inconsistent_edges, is_closed, mesh_edges
 from balloon_warp.model import Model, ModelPlan, Vary, lay_out
-from balloon_warp.model.memory import require_memory, usable_memory
 from balloon_warp.model.obstacles import FRICTION, SAID
 from balloon_warp.model.shape import BalloonShape
+from balloon_warp.model.state import require_memory, usable_memory
 from balloon_warp.model.timeline import METHODS
 from balloon_warp.model.touch import STIFFNESSES
 from balloon_warp.schedules.backward import ANCHOR, CONDUCTANCE, OF_STRINGS, POSITION, BackwardFrames
 from balloon_warp.schedules.backward_contact import OF_OBSTACLES as RESTITUTION
-from balloon_warp.schedules.backward_launched import gradient_step, kernels_of
-from balloon_warp.schedules.choose_backward import backwards_of, bytes_backwards, forward_of
+from balloon_warp.schedules.backward_launched import (
+    backwards_of,
+    bytes_backwards,
+    forward_of,
+    gradient_step,
+    kernels_of,
+)
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.touch_table import round_ridges
 from balloon_warp.simulator import Simulator

@@ -13,7 +13,7 @@ from balloon_warp.lab.reference import contact, laws, solids, tables
 from balloon_warp.lab.reference import laws as gas
 from balloon_warp.lab.reference import solids as bodies
 from balloon_warp.model.obstacles import FRICTION
-from balloon_warp.model.strings import anchors_of
+from balloon_warp.model.starts import anchors_of
 from balloon_warp.scene import Scene
 from balloon_warp.scene.load import frame_at
 

@@ -14,10 +14,10 @@ from balloon_warp.lab.reference.solids import Grips
 from balloon_warp.mesh.load import rotation_matrix
 from balloon_warp.mesh.orientation import triangles_of
 from balloon_warp.mesh.topology import corner_faces, next_corners, signed_volume
-from balloon_warp.model.gas import pressure_bounds
 from balloon_warp.model.obstacles import FRICTION, initial_centers, obstacle_motion, sample, settle_bodies
 from balloon_warp.model.parameters import rows_of
 from balloon_warp.model.plan import ModelPlan, plan_model, settled_parameters
+from balloon_warp.model.pressure import pressure_bounds
 from balloon_warp.model.stability import follow_changes, held_within, widest_opening
 from balloon_warp.model.starts import inside_volume, may_be_crushed, start_of
 from balloon_warp.model.timeline import values_over_time

@@ -36,9 +36,9 @@ from balloon_warp.studio.render.stage_reader import (
 )
 from balloon_warp.studio.render.surface import cut_at_creases, leave_whole
 from balloon_warp.system.files import whole_file
-from balloon_warp.usd.camera import Z_TO_Y_UP
 from balloon_warp.usd.material import is_shown
-from balloon_warp.usd.tubes import tube_points, tube_topology
+from balloon_warp.usd.solids import tube_points, tube_topology
+from balloon_warp.usd.studio import Z_TO_Y_UP
 
 LEVEL = ("ground", "floor", "water", "pool")
 """Names of level planes: no export has them, as they are far larger than the parts that move above them"""

@@ -11,13 +11,12 @@ from scipy.sparse import coo_matrix, csr_matrix, vstack
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.topology import triangulate, vertex_normals
 from balloon_warp.model import Model
-from balloon_warp.model.strings import ANCHORED, anchors_of
+from balloon_warp.model.starts import ANCHORED, anchors_of
 from balloon_warp.studio.page import colors
 from balloon_warp.studio.page.colors import SPRINGS, STRAIN_BOUNDS
 from balloon_warp.studio.page.recording import Picture
 from balloon_warp.usd.lines import string_curve
-from balloon_warp.usd.solids import PLANES, SIZES
-from balloon_warp.usd.tubes import Knot, has_knot, knot_mesh, knot_size
+from balloon_warp.usd.solids import PLANES, SIZES, Knot, has_knot, knot_mesh, knot_size
 
 Lines = NDArray[np.float32]
 """Line segments [m], shape (count, 2, 3)"""

@@ -15,8 +15,7 @@ from balloon_warp.simulator import Simulator
 from balloon_warp.system.warp_threads import lock_of
 
 if TYPE_CHECKING:
-    from balloon_warp.studio.page.onlooker import Onlooker
-    from balloon_warp.studio.page.page import Page
+    from balloon_warp.studio.page.page import Onlooker, Page
 
 
 def view(
@@ -107,7 +106,7 @@ def look_on(simulator: Simulator, world: int = 0, **options: Any) -> "Onlooker":
         MissingExtraError: viser is not installed.
     """
     with _needing_viser():
-        from balloon_warp.studio.page.onlooker import Onlooker
+        from balloon_warp.studio.page.page import Onlooker
     return Onlooker(simulator, world, **options)
 
 

@@ -18,7 +18,7 @@ from balloon_warp.studio.render.stage_reader import Capsules, RenderStage
 from balloon_warp.studio.render.surface import disc_points, spread_points
 from balloon_warp.system.loading import Threads
 from balloon_warp.system.warp_threads import lock_of, pick_device
-from balloon_warp.usd.camera import KEY_AZIMUTH, Camera, turned
+from balloon_warp.usd.studio import KEY_AZIMUTH, Camera, turned
 
 RIM = (0.95, 0.28, -0.15)
 """Direction to the strip light"""

@@ -17,7 +17,7 @@ from balloon_warp.studio.render.timing import moments, one_over_the_other
 from balloon_warp.studio.render.view import View, check_view, frame_action
 from balloon_warp.system.arguments import checked
 from balloon_warp.system.files import check_writable, png_mark, sole_writer, whole_file
-from balloon_warp.usd.camera import Camera
+from balloon_warp.usd.studio import Camera
 
 PICTURE_SUFFIXES = (".png", ".webp", ".gif", ".mp4")
 DITHER = 6.0

@@ -33,9 +33,8 @@ from balloon_warp.studio.render.timing import LINEAR, timing_of
 from balloon_warp.system.files import STAGE_KEY
 from balloon_warp.usd import STAGE_SUFFIXES
 from balloon_warp.usd.balloon import REST_POINTS
-from balloon_warp.usd.camera import Camera, Moment
 from balloon_warp.usd.material import is_shown
-from balloon_warp.usd.studio import OURS
+from balloon_warp.usd.studio import OURS, Camera, Moment
 
 PLAIN_COLOR = (0.55, 0.53, 0.50)
 """Linear RGB of prims without a color"""

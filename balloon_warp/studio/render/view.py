@@ -12,8 +12,8 @@ from pxr import Usd, UsdGeom
 
 from balloon_warp.errors import InputError, did_you_mean
 from balloon_warp.studio.render.stage_reader import RenderStage
-from balloon_warp.usd.camera import AZIMUTH, ELEVATION, Z_TO_Y_UP, Camera, CameraFit
 from balloon_warp.usd.material import SHOWN, is_called, is_shown
+from balloon_warp.usd.studio import AZIMUTH, ELEVATION, Z_TO_Y_UP, Camera, CameraFit
 
 MOST_FRAMES = 40
 """Number of moments sampled to find the action"""

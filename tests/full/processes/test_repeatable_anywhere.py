@@ -12,7 +12,7 @@ from meshes import quad_sphere
 from small_batch import struck
 
 from balloon_warp import Cluster, run_batch
-from balloon_warp.farm import shares
+from balloon_warp.farm import cluster as shares
 from balloon_warp.mesh.obj import write_obj
 
 WRITE = """

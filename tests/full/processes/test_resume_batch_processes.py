@@ -19,7 +19,7 @@ from pxr import Sdf, Usd
 
 from balloon_warp import Cluster, load_scene, run_batch
 from balloon_warp.batch.output import STAGE_NAME
-from balloon_warp.farm import shares
+from balloon_warp.farm import cluster as shares
 from balloon_warp.mesh.obj import write_obj
 
 LONG = 200
