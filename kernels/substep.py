@@ -41,6 +41,7 @@ from balloon_warp.kernels.phases.forces import (
 from balloon_warp.kernels.phases.inflation import (
     add_up,
     burden,
+    burst,
     even_out,
     extend,
     find_direction,
@@ -80,7 +81,7 @@ from balloon_warp.kernels.phases.motion import (
     tumble,
     watch,
 )
-from balloon_warp.kernels.phases.wear import burst, look_at_wear, run, tear, wear, weigh_skin
+from balloon_warp.kernels.phases.wear import look_at_wear, run, tear, wear, weigh_skin
 
 STEP: tuple[Phase, ...] = (
     # spheres and free bodies move, these also by strings that are tied to them

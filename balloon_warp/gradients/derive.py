@@ -47,8 +47,8 @@ from balloon_warp.gradients.frameworks import of_kernel
 from balloon_warp.kernels.adjoints.sphere_bars import COLUMNS as OF_SPHERES
 from balloon_warp.kernels.adjoints.spheres import EVENTS_OF_A_SPHERE
 from balloon_warp.kernels.laws import Law
-from balloon_warp.kernels.laws.softening import PARAMETERS as SOFTENING
-from balloon_warp.kernels.laws.tearing import PARAMETERS as TEARING
+from balloon_warp.kernels.laws.softening import SOFTENING
+from balloon_warp.kernels.laws.tearing import TEARING
 from balloon_warp.mesh.topology import inconsistent_edges, is_closed, mesh_edges
 from balloon_warp.model import Model, ModelPlan, Vary, lay_out
 from balloon_warp.model.memory import require_memory, usable_memory

@@ -13,8 +13,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.laws.air import DRY_AIR_MOLAR_MASS
 from balloon_warp.kernels.laws.membrane import MEMBRANES, PARAMETERS
-from balloon_warp.kernels.laws.softening import PARAMETERS as SOFTENING
-from balloon_warp.kernels.laws.softening import steepening
+from balloon_warp.kernels.laws.softening import SOFTENING, steepening
 from balloon_warp.kernels.laws.tearing import BRANCHING, RAYLEIGH, TEARING
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape

@@ -11,8 +11,8 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Law, Parameter
 from balloon_warp.kernels.laws.columns import Columns, columns_of
 from balloon_warp.kernels.laws.law import TINY
-from balloon_warp.kernels.laws.softening import PARAMETERS as SOFTENING
-from balloon_warp.kernels.laws.tearing import PARAMETERS as TEARING
+from balloon_warp.kernels.laws.softening import SOFTENING
+from balloon_warp.kernels.laws.tearing import TEARING
 from balloon_warp.kernels.substep import rows_of_phases
 from balloon_warp.scene import Inflation, Material, Scene
 from balloon_warp.scene.timeline import is_there

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.laws.membrane import MEMBRANES
-from balloon_warp.kernels.laws.softening import PARAMETERS as SOFTENING
-from balloon_warp.kernels.laws.tearing import PARAMETERS
+from balloon_warp.kernels.laws.softening import SOFTENING
+from balloon_warp.kernels.laws.tearing import TEARING
 from balloon_warp.kernels.loops.membranes import PLACE_BYTES, VECTOR_BYTES, MembraneFaceLayout
 from balloon_warp.kernels.tables import MembraneFaceTable, MembraneTable, TearTable, WearTable
 from balloon_warp.mesh import PolygonMesh
@@ -88,7 +88,7 @@ def tears_of_world(model: Model, tears: Any) -> Any:
 
 def put_tear_parameters(table: Any, model: Model) -> None:
     """Store the tear parameters of the balloons in the model's worlds."""
-    for row in PARAMETERS:
+    for row in TEARING:
         setattr(table, row.name, model.parameters[row.name])
 
 

@@ -37,9 +37,9 @@ def pull_of_eight(features: Features, at: Any) -> list[Adjoint]:
     if features.of_kind("spring") != (HOOKE,) or any(map(features.has, others)):
         raise NoAdjointError("forces that are not found for eight at a time")
     found = [laws_adjoint(features)] if features.of_kind("particle") else []
-    found.append(spring_adjoint(features, at))
+    found.append(spring_adjoint_of_eight(features, at))
     if features.measures_areas:
-        found.append(area_adjoint(features.quads, at))
+        found.append(area_adjoint_of_eight(features.quads, at))
     return found
 
 
@@ -131,7 +131,7 @@ def less_turned(total: Lanes3, d: Lanes3, bar: Lanes3, pull: Lanes, turned: Lane
 
 
 @cache
-def spring_adjoint(features: Features, at: Any) -> Adjoint:
+def spring_adjoint_of_eight(features: Features, at: Any) -> Adjoint:
     """Return the adjoint of Hooke's springs around eight particles, see `springs.hooke_back`."""
 
     @wp.func
@@ -167,7 +167,7 @@ def spring_adjoint(features: Features, at: Any) -> Adjoint:
 
 
 @cache
-def area_adjoint(quads: bool, at: Any) -> Adjoint:
+def area_adjoint_of_eight(quads: bool, at: Any) -> Adjoint:
     """Return the adjoint of the area vectors of eight particles, see `areas`."""
 
     @wp.func

@@ -18,7 +18,7 @@ from balloon_warp.kernels.adjoints.sweeps import (
     stage_function,
     take_pairs,
 )
-from balloon_warp.kernels.contact.kind import listing_function
+from balloon_warp.kernels.contact.kind import sweep_listing
 from balloon_warp.kernels.contact.sweeps import marking_functions, pushing_function
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.options import OPTIONS
@@ -62,7 +62,7 @@ def sweeps_back_kernel(back: SweepBack, every: Features, columns: tuple[int, ...
         columns: of the numbers that are derived by.
     """
     features = back.of.seen(every)
-    list_all, sweep_again = listing_function(back.of, every, True), sweeping_function(back, every)
+    list_all, sweep_again = sweep_listing(back.of, every, True), sweeping_function(back, every)
     mark_pushed, mark_overlaps = marking_functions(features)
     part_all, stops_back = pushing_function(features, note_stop), stops_function(features, columns)
     stage_back, weigh_back = stage_function(back, every), weighing_function(features, columns)

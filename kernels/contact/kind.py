@@ -60,7 +60,7 @@ def list_contact(working: Working, world: wp.int32, contact: Contact):
 
 
 @cache
-def listing_function(sweep: Sweep, features: Features, backwards: bool) -> Any:
+def sweep_listing(sweep: Sweep, features: Features, backwards: bool) -> Any:
     """Return the function that lists the contacts of all kinds in a substep.
 
     Args:

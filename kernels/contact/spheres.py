@@ -10,7 +10,7 @@ import warp as wp
 
 from balloon_warp.kernels.contact.near import PARTICLES_A_MARK
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.impulse import MOST_TURNS, Press, is_met, is_settled, shift_of_body
+from balloon_warp.kernels.laws.impulse import MOST_ITERATIONS, Press, is_converged, is_met, shift_of_body
 from balloon_warp.kernels.loops.fixtures import friction_on, number_of_sphere
 from balloon_warp.kernels.loops.net_force import inertia_function
 from balloon_warp.kernels.loops.obstacles import around_function, standing_function
@@ -144,7 +144,7 @@ def settling_function(features: Features, at: Any, put: Any, total_of: Any) -> A
         if is_met(press):
             change = change_of_ball(t, ball, press, last)
             turn = wp.int32(1)
-            while turn < MOST_TURNS and not is_settled(change, last):
+            while turn < MOST_ITERATIONS and not is_converged(change, last):
                 last = change
                 part = press_of_thread(t, working, world, thread, ball, last, points, velocities)
                 press = total_of(part)

@@ -19,7 +19,7 @@ from balloon_warp.kernels.contact.ends import (
     motion_functions,
     moving_functions,
 )
-from balloon_warp.kernels.contact.kind import MARKED, Sweep, listing_function
+from balloon_warp.kernels.contact.kind import MARKED, Sweep, sweep_listing
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.warps import any_in_block, block_barrier, next_place
@@ -119,7 +119,7 @@ def pushing_function(features: Features, note: Any = forget_stop) -> Any:
 def meeting_function(of: Sweep, every: Features) -> Any:
     """Return the function that resolves all contacts of a sweep's kinds, by all threads of a block."""
     features, most_sweeps = of.seen(every), of.most(every)
-    list_all = listing_function(of, every, False)
+    list_all = sweep_listing(of, every, False)
     mark_pushed, mark_overlaps = marking_functions(features)
     push_all = pushing_function(features)
 

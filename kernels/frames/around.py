@@ -12,7 +12,7 @@ from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.params import ramp_at
 from balloon_warp.kernels.tables import ParticleTable, WorldState, is_chosen, row_of_world
 
-wp.set_module_options({**OPTIONS, "enable_backward": False})
+wp.set_module_options(OPTIONS)
 
 
 @wp.func

@@ -4,7 +4,7 @@ import warp as wp
 
 from balloon_warp.kernels.options import OPTIONS
 
-wp.set_module_options({**OPTIONS, "enable_backward": False})
+wp.set_module_options(OPTIONS)
 
 
 @wp.kernel

@@ -5,7 +5,7 @@ import warp as wp
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.params import Clock
 
-wp.set_module_options({**OPTIONS, "enable_backward": False})
+wp.set_module_options(OPTIONS)
 
 
 @wp.kernel

@@ -7,7 +7,7 @@ import warp as wp
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.tables import row_of_world
 
-wp.set_module_options({**OPTIONS, "enable_backward": False})
+wp.set_module_options(OPTIONS)
 
 LOG_UNIFORM = wp.constant(1)
 NORMAL = wp.constant(2)

@@ -5,7 +5,7 @@ import warp as wp
 from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.kernels.options import OPTIONS
 
-wp.set_module_options({**OPTIONS, "enable_backward": False})
+wp.set_module_options(OPTIONS)
 
 WELL = wp.constant(0)
 BAD_ACTION = wp.constant(1)

@@ -9,9 +9,9 @@ from balloon_warp.kernels.laws.body import DAMPING, WEIGHT
 from balloon_warp.kernels.laws.columns import columns_of
 from balloon_warp.kernels.laws.face_air import FACE_AIR
 from balloon_warp.kernels.laws.law import Law, LawInput, Parameter
-from balloon_warp.kernels.laws.softening import PARAMETERS as SOFTENING
+from balloon_warp.kernels.laws.softening import SOFTENING
 from balloon_warp.kernels.laws.springs import HOOKE, RUBBER, RUBBER_AT_LIMIT, STRING, TORSION
-from balloon_warp.kernels.laws.tearing import PARAMETERS as TEARING
+from balloon_warp.kernels.laws.tearing import TEARING
 from balloon_warp.kernels.laws.water import WATER
 
 LAWS: tuple[Law, ...] = (WEIGHT, DAMPING, HOOKE, RUBBER, RUBBER_AT_LIMIT, STRING, TORSION, WATER, AIR_DRAG, FACE_AIR)

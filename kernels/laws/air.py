@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.laws.gusts import gusts as gusts_at
+from balloon_warp.kernels.laws.gusts import gusts_at
 from balloon_warp.kernels.laws.law import TINY, Law, Parameter
 
 GAS_CONSTANT = 8.314462618

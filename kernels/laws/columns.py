@@ -8,11 +8,11 @@ from itertools import accumulate
 from balloon_warp.kernels.laws.added_mass import ADDED_MASS
 from balloon_warp.kernels.laws.body import MASS
 from balloon_warp.kernels.laws.contact import FRICTION, GROUND, SPHERE
-from balloon_warp.kernels.laws.fill import PARAMETERS as FILL
+from balloon_warp.kernels.laws.fill import FILL
 from balloon_warp.kernels.laws.gas import PARAMETERS as GAS
 from balloon_warp.kernels.laws.law import Law, Parameter
 from balloon_warp.kernels.laws.membrane import PARAMETERS as MEMBRANE
-from balloon_warp.kernels.laws.orifice import PARAMETERS as OPENINGS
+from balloon_warp.kernels.laws.orifice import OPENINGS
 from balloon_warp.kernels.laws.springs import KINDS
 from balloon_warp.kernels.laws.touch import TOUCH
 

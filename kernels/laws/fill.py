@@ -20,7 +20,7 @@ def _filled(name: str, unit: str, meaning: str, default: float = 0.0) -> Paramet
     return Parameter(f"fill_{name}", unit, default, least=0.0, path=f"inflation.{name}", meaning=meaning)
 
 
-PARAMETERS = (
+FILL = (
     _filled(
         "breaths",
         "1",

@@ -196,6 +196,6 @@ def _derived() -> str:
 
 
 @wp.func_native(_written(), adj_snippet=_derived())
-def gusts(place: wp.vec3, seed: wp.int32) -> wp.vec3:
+def gusts_at(place: wp.vec3, seed: wp.int32) -> wp.vec3:
     """Return the velocity over the root mean square of each of its components, at a place over L."""
     ...

@@ -33,9 +33,9 @@ Press = wp.types.vector(length=18, dtype=wp.float32)
 those that overlap it: the same, and m n times the distance to move each out [kg m]"""
 PRESSED, OVERLAPPING = wp.constant(0), wp.constant(9)
 """Offsets of the two sets of numbers in `Press`"""
-MOST_TURNS = wp.constant(16)
+MOST_ITERATIONS = wp.constant(16)
 """Largest number of Newton iterations; two or three usually suffice"""
-NEAR = wp.constant(65.0 / 64.0)
+NEAR_BODY = wp.constant(65.0 / 64.0)
 """Radius within which particles are considered, over a body's radius"""
 APART_RATE = wp.constant(10.0)
 """Rate at which an overlap decays [1/s]"""
@@ -70,7 +70,7 @@ def comes_near(start: wp.vec3, way: wp.vec3, radius: float):
         way: Displacement relative to the sphere in the step [m].
     """
     nearest = start + wp.clamp(-wp.dot(start, way) / squared_length(way), 0.0, 2.0) * way
-    return wp.length_sq(nearest) < (NEAR * radius) * (NEAR * radius)
+    return wp.length_sq(nearest) < (NEAR_BODY * radius) * (NEAR_BODY * radius)
 
 
 @wp.func
@@ -202,7 +202,7 @@ def shift_of_body(press: Press, mass: float, up: wp.vec3):
 
 
 @wp.func
-def is_settled(change: wp.vec3, last: wp.vec3):
+def is_converged(change: wp.vec3, last: wp.vec3):
     """Return whether another iteration changed nothing."""
     return wp.length_sq(change - last) <= 1.0e-12 * wp.length_sq(change)
 

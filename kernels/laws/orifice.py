@@ -35,7 +35,7 @@ ADIABATIC = wp.constant(1.4)
 """Least exponent of a gas that passes an opening, that of air: without the time for heat that `gamma` may allow for"""
 SLIGHT = wp.constant(0.05)
 """Largest fraction of the pressure that is lost for which a series gives the speed: a power has too few digits there"""
-PARAMETERS = (
+OPENINGS = (
     Parameter(
         "neck_diameter",
         "m",

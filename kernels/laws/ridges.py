@@ -113,7 +113,7 @@ def couples_of(crossing: Crossing):
 
 ABOVE = wp.constant(0.6)
 """Cosine between n and a side of the solid above which a balloon counts as on that side"""
-LITTLE = wp.constant(0.5)
+LITTLE_GAP = wp.constant(0.5)
 """Fraction of the minimum distance below which features are moved apart"""
 PARTED = wp.constant(0.2)
 """Fraction of the missing distance that is restored in a step"""
@@ -213,4 +213,4 @@ def face_near(ridge: Ridge, a: wp.vec3, b: wp.vec3, c: wp.vec3):
 @wp.func
 def way_to_part(gap: float, kept: float):
     """Return the displacement that restores the distance in a step where little of it is left [m], without speed."""
-    return PARTED * wp.max(LITTLE * kept - gap, 0.0)
+    return PARTED * wp.max(LITTLE_GAP * kept - gap, 0.0)

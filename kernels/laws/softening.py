@@ -15,7 +15,7 @@ import warp as wp
 
 from balloon_warp.kernels.laws.law import TINY, Parameter
 
-PARAMETERS = (
+SOFTENING = (
     Parameter("softening", "1", least=0.0, most=0.95, path="material.softening"),
     Parameter("softening_energy", "Pa", 1.0e5, least=TINY, path="material.softening_energy"),
     Parameter("softening_share", "1", 0.3, least=0.0, most=10.0, path="material.softening_share"),

@@ -30,7 +30,7 @@ EVEN = wp.constant(0.05)
 """Difference of two squared stretches over their sum below which a tension has no direction"""
 OPEN = wp.constant(0.25)
 """Area of a balloon's hole over its current surface area above which it no longer encloses gas"""
-PARAMETERS = (
+TEARING = (
     Parameter("film_strength", "Pa", FAR, least=TINY, path="material.strength"),
     Parameter("tear_strength", "Pa", float("nan"), least=TINY, path="material.tear_strength"),
     Parameter("branching_stress", "Pa", float("nan"), least=TINY, path="material.branching_stress"),

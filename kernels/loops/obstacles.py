@@ -21,7 +21,7 @@ from balloon_warp.kernels.laws.contact import (
     out_of_sphere,
     penalty_force,
 )
-from balloon_warp.kernels.laws.impulse import NEAR
+from balloon_warp.kernels.laws.impulse import NEAR_BODY
 from balloon_warp.kernels.loops.fixtures import (
     GROUND,
     NOBODY,
@@ -73,7 +73,7 @@ def solid_function(features: Features) -> Any:
             motion = velocity
             reach = radius * radius
             if wp.static(features.impulses):
-                reach = (WIDER * NEAR * NEAR) * reach
+                reach = (WIDER * NEAR_BODY * NEAR_BODY) * reach
         elif wp.static(center_at is not None):
             center = center_at(t, world, solid - spheres, end)
             reach = t.fixtures.solids[solid - spheres].reach + t.fixtures.fastest * t.step_seconds

@@ -9,7 +9,7 @@ from balloon_warp.kernels.laws.membrane import invariants_of, mixed_stretch
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.tables import is_chosen
 
-wp.set_module_options({**OPTIONS, "enable_backward": False})
+wp.set_module_options(OPTIONS)
 
 
 @wp.struct

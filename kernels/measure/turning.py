@@ -8,7 +8,7 @@ import warp as wp
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.tables import is_chosen
 
-wp.set_module_options({**OPTIONS, "enable_backward": False})
+wp.set_module_options(OPTIONS)
 
 
 @wp.kernel

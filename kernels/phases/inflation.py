@@ -514,6 +514,12 @@ def opening_function(columns: Columns) -> Any:
     return open_balloon
 
 
+@phase("balloon", when=lambda features: features.bursts)
+def burst(features: Features, look: Look) -> Any:
+    """Burst a balloon, and find the area of its hole."""
+    return opening_function(features.columns)
+
+
 RESTS = {EVENED.name: 0.0}
 """Values at which skins bear all"""
 

@@ -9,7 +9,6 @@ from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.membranes import wear_of_triangle
 from balloon_warp.kernels.params import numbers_reader
 from balloon_warp.kernels.phase import Look, phase
-from balloon_warp.kernels.phases.inflation import opening_function
 from balloon_warp.kernels.phases.membranes import run_tears, tear_faces, weigh_faces
 from balloon_warp.kernels.tables import Tables
 
@@ -81,9 +80,3 @@ def run(features: Features, look: Look) -> Any:
 def tear(features: Features, look: Look) -> Any:
     """Tear a face that a tear has reached."""
     return tear_faces
-
-
-@phase("balloon", when=lambda features: features.bursts)
-def burst(features: Features, look: Look) -> Any:
-    """Burst a balloon, and find the area of its hole."""
-    return opening_function(features.columns)

@@ -13,7 +13,7 @@ from balloon_warp.kernels.pictures.sights import Sight, depth_of, key_of, number
 from balloon_warp.kernels.pictures.studio import KEY, KEY_RADIANCE, backdrop, sky_irradiance
 from balloon_warp.kernels.tables import is_chosen
 
-wp.set_module_options({**OPTIONS, "enable_backward": False})
+wp.set_module_options(OPTIONS)
 
 KEY_LIGHT = wp.constant(wp.vec3(*KEY))
 KEY_LIGHT_RADIANCE = wp.constant(wp.vec3(*KEY_RADIANCE))

@@ -8,7 +8,7 @@ from balloon_warp.kernels.pictures.shapes import capsule_distance
 from balloon_warp.kernels.pictures.sights import Sight, key_of, ray_of
 from balloon_warp.kernels.tables import Solid, is_chosen, row_of_world
 
-wp.set_module_options({**OPTIONS, "enable_backward": False})
+wp.set_module_options(OPTIONS)
 
 MISSED = wp.constant(-1.0)
 """Distance of a thing that a ray does not hit"""
