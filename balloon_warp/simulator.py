@@ -15,7 +15,7 @@ from balloon_warp.frame import Frame
 from balloon_warp.frame_reader import FrameReader, Reading
 from balloon_warp.garbage import without_collecting
 from balloon_warp.kernels.laws import Law
-from balloon_warp.kernels.measure.health import HEALTHY
+from balloon_warp.kernels.tables import HEALTHY
 from balloon_warp.model import Model, Vary, build_model, carried_over, fitting, initial_state, world_bytes, worlds_of
 from balloon_warp.model.gas import keep_pressures
 from balloon_warp.model.kept import go_on_keeping

@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.measure.solids import SolidSums, measure_solids, sum_solids
+from balloon_warp.kernels.measure.worlds import SolidSums, measure_solids, sum_solids
 from balloon_warp.launching import launch
 from balloon_warp.model import Model
 from balloon_warp.shown import Shown, described

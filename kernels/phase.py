@@ -1,4 +1,6 @@
-"""Phase of a substep: the work of one item of a world between two barriers; its effects on state that has names.
+"""Phase of a substep: the work of one item of a world between two barriers, its effects, and the adjoint of it.
+
+Phase of a substep: the work of one item of a world between two barriers; its effects on state that has names.
 
 Adjoints of phases: functions by which a list of phases runs backwards.
 
@@ -21,7 +23,7 @@ one, and puts a barrier where one looks at results of others. The step is such a
 A name that a phase reads is one of these:
 
 - a handle: `t`, the tables; `state`; `working`, the buffers of contact beside the state; `spheres`. What a phase reads
-  and changes through them has names, too, see `named_state`, which follow from its source
+  and changes through them has names, too, see `tables.NAMED`, which follow from its source
 - the item: `world`, and within it `balloon`, `particle`, `face`, `triangle` or `sphere`, or all `threads` of a block
 - `params`, a particle's own parameters, see `params`; a row of numbers of a law, by its name
 - `number`, a particle's in the state, where a schedule has particles in another order
@@ -43,10 +45,12 @@ from typing import Any, Literal, NamedTuple
 
 import warp as wp
 
+from balloon_warp.kernels.compose import function_from
 from balloon_warp.kernels.features import Features, Kept
+from balloon_warp.kernels.lanes import Lanes
 from balloon_warp.kernels.laws.law import Parameter
 from balloon_warp.kernels.memory import add_at, put_vector, vector_at
-from balloon_warp.kernels.named_state import OF_ARRAY, names_of
+from balloon_warp.kernels.tables import OF_ARRAY, Tables, names_of
 from balloon_warp.kernels.warps import sum_over_block
 
 
@@ -320,11 +324,11 @@ class Phase:
         return tuple(_arguments(self.function(features, look)))
 
     def looks_at(self, features: Features, look: Look) -> frozenset[str]:
-        """Return the names of the state that the phase reads through handles, see `named_state`."""
+        """Return the names of the state that the phase reads through handles, see `tables.NAMED`."""
         return names_of(_reached(self, features, look, "reads"))
 
     def changes(self, features: Features, look: Look) -> frozenset[str]:
-        """Return the names of the state that the phase changes through handles, see `named_state`.
+        """Return the names of the state that the phase changes through handles, see `tables.NAMED`.
 
         Raises:
             TypeError: it writes an array that has no name.
@@ -333,7 +337,7 @@ class Phase:
         if strange := sorted(set(arrays) - OF_ARRAY.keys()):
             raise TypeError(
                 f"phase {self.name}: writes `{strange[0]}`, which has no name; expected arrays of "
-                "kernels.named_state.NAMED, or values that the phase writes or keeps"
+                "kernels.tables.NAMED, or values that the phase writes or keeps"
             )
         return names_of(arrays)
 
@@ -407,3 +411,97 @@ def phase(item: Item, writes: Mapping[str, Any] | None = None, **said: Any) -> C
         return Phase(make.__name__, item, make, writes or {}, **said)
 
     return named
+
+
+NOT_DIFFERENTIATED = frozenset(
+    {
+        *("t", "constants", "state", "working", "springs", "spheres", "world", "balloon", "particle", "face"),
+        *("time", "end", "time_in_frame", "points", "velocities"),
+    }
+)
+"""Names without a bar of their own: handles, items, times and views"""
+
+
+@wp.struct
+class Constants:
+    """Numbers of the tables that most phases read; whole tables would be copied for a derivative."""
+
+    up: wp.vec3
+    step_seconds: float
+
+
+@wp.func
+def constants_of(t: Tables):
+    """Return the constants of a step."""
+    constants = Constants()
+    constants.up = t.up
+    constants.step_seconds = t.step_seconds
+    return constants
+
+
+@wp.func
+def worth_of_eight(values: Lanes, bars: Lanes):
+    """Return the sum over all lanes of numbers times their bars: by each lane's number, its own bar."""
+    return wp.dot(values, bars)
+
+
+@wp.func
+def worth_of_eight(values: Any, bars: Any):  # noqa: F811 - an overload
+    """Return the sum over all lanes of several numbers times their bars."""
+    return wp.ddot(values, bars)
+
+
+def nothing(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
+    """Return no adjoint, for a phase that nothing else depends on, or whose value ends a derivative."""
+    return ()
+
+
+def by_grad(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
+    """Return the adjoint that Warp derives of a phase's function."""
+    return by_grad_but()(phase, features, look)
+
+
+def by_grad_but(*frozen: str) -> Adjoints:
+    """Return the factory of a phase's adjoint by Warp, with some of its arguments taken as constant."""
+
+    def factory(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
+        if look.world and not phase.takes_eight(features, look):
+            raise NoAdjointError(f"{phase.name}, which takes no eight at a time,")
+        function = phase.function(features, look)
+        reads = ["constants" if name == "t" else name for name in phase.reads(features, look)]
+        bars = [f"{name}_bar" for name in phase.writes]
+        results = [f"{name}_result" for name in phase.writes]
+        products = [
+            _product(value, bar, dtype, bool(look.world))
+            for value, bar, dtype in zip(results, bars, phase.writes.values(), strict=True)
+        ]
+        arguments = [*reads, *bars]
+        of = tuple(name for name in reads if name not in NOT_DIFFERENTIATED and name not in frozen)
+        typed = ", ".join(f"{name}: Any" for name in arguments)
+        work = "\n".join(
+            [
+                f"def {phase.name}_work({typed}):",
+                f"    {', '.join(results)} = {phase.name}({', '.join(reads)})",
+                f"    return {' + '.join(products)}\n",
+            ]
+        )
+        names = {phase.name: function, "worth_of_eight": worth_of_eight}
+        names[f"{phase.name}_work"] = function_from(f"{phase.name}_work", work, names)
+        adjoint = "\n".join(
+            [
+                f"def {phase.name}_adjoint({typed}):",
+                f"    {', '.join(f'by_{name}' for name in arguments)} = wp.grad({phase.name}_work)"
+                f"({', '.join(arguments)})",
+                f"    return {', '.join(f'by_{name}' for name in of)}\n",
+            ]
+        )
+        return (Adjoint(function_from(f"{phase.name}_adjoint", adjoint, names), of),)
+
+    return factory
+
+
+def _product(value: str, bar: str, dtype: Any, of_eight: bool) -> str:
+    """Return the text of a value times its bar, added up over components and lanes."""
+    if of_eight:
+        return f"worth_of_eight({value}, {bar})"
+    return f"{value} * {bar}" if dtype is float else f"wp.dot({value}, {bar})"

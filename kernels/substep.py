@@ -27,16 +27,24 @@ from balloon_warp.kernels.phases.forces import (
     bear,
     bend,
     blow,
+    clear,
+    collect,
     drive,
     jet,
     jet_of_holes,
+    look_at_wear,
     pull,
     pull_and_face,
     push_face,
+    run,
     share_out,
     soak,
+    stretch,
     take,
+    tear,
+    wear,
     wear_out,
+    weigh_skin,
 )
 from balloon_warp.kernels.phases.inflation import (
     add_up,
@@ -62,7 +70,6 @@ from balloon_warp.kernels.phases.inflation import (
     turn,
     weigh,
 )
-from balloon_warp.kernels.phases.membranes import clear, collect, stretch
 from balloon_warp.kernels.phases.motion import (
     collide,
     correct,
@@ -81,7 +88,6 @@ from balloon_warp.kernels.phases.motion import (
     tumble,
     watch,
 )
-from balloon_warp.kernels.phases.wear import look_at_wear, run, tear, wear, weigh_skin
 
 STEP: tuple[Phase, ...] = (
     # spheres and free bodies move, these also by strings that are tied to them

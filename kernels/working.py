@@ -1,4 +1,4 @@
-"""Working memory of a substep's pieces, where each is a launch; a block has some of it, too."""
+"""Working memory of a substep's pieces, where each is a launch: its arrays, lengths of lists, and their room."""
 
 import warp as wp
 
@@ -9,10 +9,8 @@ EightBoxes = wp.types.matrix(shape=(6, 8), dtype=wp.float32)
 """Lower and upper corners of eight boxes [m]"""
 EightPlaces = wp.types.matrix(shape=(10, 8), dtype=wp.float32)
 """Weights, arm, squared distance and area vector of a particle beside each of eight triangles, see `meeting.Place`"""
-
 SphereBars = wp.types.vector(length=8, dtype=wp.float32)
 """Derivatives by a sphere's center, velocity, radius and penalty"""
-
 FixtureBars = wp.types.vector(length=7, dtype=wp.float32)
 """Derivatives by an obstacle's places as a frame begins and as it ends, and by Coulomb's coefficient on it"""
 
@@ -169,3 +167,28 @@ class Working:
     """Distance that each particle of a world may travel in the frame [m]"""
     any_busy: wp.array[wp.int32]
     """Whether any world is not free"""
+
+
+OF_TRIANGLES, OF_PAIRS, OF_CATCHES, OF_RIDGES = (wp.constant(which) for which in range(4))
+"""Lists: triangles of a particle; pairs of edges, those that may touch in a substep, and of ridges, of a world"""
+LISTS = 4
+"""Number of these"""
+
+
+@wp.func
+def ask_for_room(working: Working, world: wp.int32, which: wp.int32, needed: wp.int32, ignored: wp.int32):
+    """Note how long a list would have to be, and count the entries that it has no place for."""
+    wp.atomic_max(working.needs, world, which, needed)
+    wp.atomic_add(working.overflow, world, ignored)
+
+
+LOOKING, TOUCHING = wp.constant(0), wp.constant(1)
+"""Particles that search, and those that have found triangles"""
+PAIRS = wp.constant(2)
+"""Pairs of edges, and of particles and triangles, that may touch until the next search"""
+SEEKING, BOXED = wp.constant(3), wp.constant(4)
+"""Edges that go through trees in a search, and pairs of edges whose boxes meet"""
+SUBSTEPS = wp.constant(5)
+"""Substeps in which edges have met since the search"""
+LENGTHS = 6
+"""Number of these"""

@@ -14,7 +14,7 @@ import pytest
 import warp as wp
 
 from balloon_warp import driver, launching
-from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels import OPTIONS
 from balloon_warp.launching import begin_loading, launch
 
 wp.set_module_options({**OPTIONS, "enable_backward": False})

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.blow_ups.replay import LastSubstep, last_substep
 from balloon_warp.kernels.laws.springs import KINDS
-from balloon_warp.kernels.measure.health import HEALTHY
+from balloon_warp.kernels.tables import HEALTHY
 from balloon_warp.mesh.seams import size_of
 from balloon_warp.model import Model, State
 from balloon_warp.model.pressure import borne_pressures, passed_limit_point

@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.measure.health import HEALTHY
+from balloon_warp.kernels.tables import HEALTHY
 from balloon_warp.model import Model, State, copy_of, overwrite
 from balloon_warp.scene import Scene
 from balloon_warp.schedules.choose import Schedule

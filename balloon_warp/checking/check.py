@@ -14,8 +14,14 @@ from pxr import Usd, UsdGeom, UsdPhysics
 from balloon_warp.arguments import checked
 from balloon_warp.device import pick_device
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.measure.crossings import Things, find_boxes, find_crossings, measure_crossings, measure_rounds
-from balloon_warp.kernels.measure.signed_distance import signed_distances
+from balloon_warp.kernels.measure.crossings import (
+    Things,
+    find_boxes,
+    find_crossings,
+    measure_crossings,
+    measure_rounds,
+    signed_distances,
+)
 from balloon_warp.launching import launch
 from balloon_warp.mesh.geometry import first_coincident
 from balloon_warp.mesh.orientation import triangles_of

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from balloon_warp.comparison.compare import Tile, compose_sheet
-from balloon_warp.kernels.measure.signed_distance import unsigned_distances
+from balloon_warp.kernels.measure.crossings import unsigned_distances
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import vertex_areas, vertex_normals
 from balloon_warp.mesh.polygon_mesh import Looks

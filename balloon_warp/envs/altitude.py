@@ -11,8 +11,8 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.envs.task import Task
+from balloon_warp.kernels import OPTIONS
 from balloon_warp.kernels.laws.air import DRY_AIR_MOLAR_MASS, GAS_CONSTANT
-from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.launching import launch
 from balloon_warp.mesh.geometry import quad_sphere, signed_volume, total_area
 from balloon_warp.mesh.polygon_mesh import PolygonMesh

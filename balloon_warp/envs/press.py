@@ -7,7 +7,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.envs.task import Task
-from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels import OPTIONS
 from balloon_warp.launching import launch
 from balloon_warp.mesh.geometry import quad_sphere
 from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Scene

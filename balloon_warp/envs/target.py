@@ -7,8 +7,8 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.envs.task import Task
+from balloon_warp.kernels import OPTIONS
 from balloon_warp.kernels.laws import Parameter
-from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.launching import launch
 from balloon_warp.laws import particle_law
 from balloon_warp.mesh.geometry import quad_sphere

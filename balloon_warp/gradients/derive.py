@@ -44,11 +44,10 @@ from balloon_warp.gradients.chain import (
     wanted_of,
 )
 from balloon_warp.gradients.frameworks import of_kernel
-from balloon_warp.kernels.adjoints.sphere_bars import COLUMNS as OF_SPHERES
+from balloon_warp.kernels.adjoints.spheres import COLUMNS as OF_SPHERES
 from balloon_warp.kernels.adjoints.spheres import EVENTS_OF_A_SPHERE
 from balloon_warp.kernels.laws import Law
-from balloon_warp.kernels.laws.softening import SOFTENING
-from balloon_warp.kernels.laws.tearing import TEARING
+from balloon_warp.kernels.laws.membrane import SOFTENING_PARAMETERS, TEARING_PARAMETERS
 from balloon_warp.mesh.topology import inconsistent_edges, is_closed, mesh_edges
 from balloon_warp.model import Model, ModelPlan, Vary, lay_out
 from balloon_warp.model.memory import require_memory, usable_memory
@@ -185,7 +184,7 @@ RESTITUTIONS = ("sphere_restitution", RESTITUTION)
 """Restitution of spheres, and of obstacles with them"""
 BYTES_OF_A_FRAME = 72
 """Memory of the host for a particle: place and velocity, and a loss's derivatives by place, as given and checked"""
-UNREAD = frozenset(row.name for row in (*SOFTENING, *TEARING))
+UNREAD = frozenset(row.name for row in (*SOFTENING_PARAMETERS, *TEARING_PARAMETERS))
 """Parameters that only phases without an adjoint read, so that they have no effect on derivatives"""
 
 

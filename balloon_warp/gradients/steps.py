@@ -33,7 +33,7 @@ from balloon_warp.gradients.chain import (
 )
 from balloon_warp.gradients.derive import require_differentiable, require_paths, require_room_for_bounces
 from balloon_warp.kernels.laws import Law
-from balloon_warp.kernels.measure.health import HEALTHY
+from balloon_warp.kernels.tables import HEALTHY
 from balloon_warp.model import initial_state, lay_out
 from balloon_warp.model.memory import require_memory
 from balloon_warp.model.plan import settled_parameters

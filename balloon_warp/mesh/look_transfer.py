@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.measure.nearest_place import nearest_places
+from balloon_warp.kernels.measure.crossings import nearest_places
 from balloon_warp.mesh.geometry import face_centers, first_coincident, triangulate
 from balloon_warp.mesh.polygon_mesh import Look, Looks, PolygonMesh, looks_of
 from balloon_warp.mesh.topology import component_labels, corner_faces, face_starts

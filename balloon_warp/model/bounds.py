@@ -8,8 +8,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.laws import Law
-from balloon_warp.kernels.laws.columns import columns_of
+from balloon_warp.kernels.laws import Law, columns_of
 from balloon_warp.kernels.laws.law import Kind
 from balloon_warp.kernels.laws.springs import KINDS
 from balloon_warp.model.materials import law_of, numbers_of, stiffest_modulus, thickest_viscosity

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from balloon_warp.device import pick_device
 from balloon_warp.driver import begin_driver
-from balloon_warp.kernels.frames.around import place_balloons
+from balloon_warp.kernels.frame import place_balloons
 from balloon_warp.kernels.laws import Law
 from balloon_warp.launching import begin_loading
 from balloon_warp.model.model import Model

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.kernels.laws.gas import NO_INSIDE
-from balloon_warp.kernels.laws.water import EVENED
+from balloon_warp.kernels.laws.outer import EVENED
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape

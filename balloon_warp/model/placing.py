@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from balloon_warp.kernels.frames.around import place_balloons
+from balloon_warp.kernels.frame import place_balloons
 from balloon_warp.launching import launch
 from balloon_warp.model.model import Model
 

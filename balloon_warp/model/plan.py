@@ -15,7 +15,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.garbage import without_collecting
 from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.kernels.laws.membrane import SHEAR_MODULUS
-from balloon_warp.kernels.laws.water import EVENED
+from balloon_warp.kernels.laws.outer import EVENED
 from balloon_warp.laws import require_laws
 from balloon_warp.model.crushing import crushed_starts
 from balloon_warp.model.following import follow_changes

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.laws.gas import STANDARD_PRESSURE
+from balloon_warp.kernels.laws.outer import EVENED
 from balloon_warp.kernels.laws.springs import KINDS
-from balloon_warp.kernels.laws.water import EVENED
 from balloon_warp.mesh.geometry import (
     face_areas,
     signed_volume,

@@ -7,7 +7,7 @@ from typing import Any, Self
 import numpy as np
 import warp as wp
 
-from balloon_warp.kernels.measure.health import HEALTHY
+from balloon_warp.kernels.tables import HEALTHY
 from balloon_warp.mesh.load import rotation_matrix
 from balloon_warp.model.kept import kept_arrays, start_kept
 from balloon_warp.model.memory import Allocating, Counting, Room
@@ -52,7 +52,7 @@ class State:
     """Free volumes of gas, the volume at one atmosphere after adiabatic expansion [m^3], see `kernels.laws.gas`, shape
     (world_count, balloon_count), float64"""
     air_along: wp.array
-    """Added mass of a balloon of gas in the frame [kg], see `kernels.laws.added_mass`, shape (world_count,
+    """Added mass of a balloon of gas in the frame [kg], see `kernels.laws.gas`, shape (world_count,
     balloon_count), float32"""
     airs: wp.array
     """Air at balloons of gas that is pumped or flows, where air differs with height, as the frame begins: pressure

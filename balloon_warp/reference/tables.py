@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from balloon_warp.kernels.laws.air import hashed, waves
 from balloon_warp.kernels.laws.gas import NO_INSIDE
-from balloon_warp.kernels.laws.gusts import hashed, waves
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.load import rotation_matrix
 from balloon_warp.mesh.orientation import triangles_of

@@ -12,8 +12,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from balloon_warp.kernels.adjoints.sums import Bars, sum_kernel
 from balloon_warp.kernels.compose import derive_helpers
-from balloon_warp.kernels.frames.backwards import Bars, sum_kernel
 from balloon_warp.kernels.schedules.writer import Step, values_of
 from balloon_warp.launching import launch_tiled
 from balloon_warp.model import Model, State, copy_of

@@ -13,8 +13,15 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.kernels.adjoints.rolling import roll_back_kernel
-from balloon_warp.kernels.adjoints.sphere_bars import COLUMNS, BarsOfSpheres, sum_sphere_bars
-from balloon_warp.kernels.adjoints.spheres import EVENTS_OF_A_SPHERE, Event, LoggedSpheres, roll_again_kernel
+from balloon_warp.kernels.adjoints.spheres import (
+    COLUMNS,
+    EVENTS_OF_A_SPHERE,
+    BarsOfSpheres,
+    Event,
+    LoggedSpheres,
+    roll_again_kernel,
+    sum_sphere_bars,
+)
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.working import SphereBars
 from balloon_warp.launching import launch, launch_tiled

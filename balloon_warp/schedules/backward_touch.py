@@ -10,11 +10,19 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.adjoints.pressing import keep_holds, keep_search, list_contacts_kernel, press_back_kernel
-from balloon_warp.kernels.adjoints.touching import KINDS, SUMS, TouchBars, sum_pairs, take_back_kernel
-from balloon_warp.kernels.contact.list_lengths import LENGTHS
+from balloon_warp.kernels.adjoints.pressing import (
+    KINDS,
+    SUMS,
+    TouchBars,
+    keep_holds,
+    keep_search,
+    list_contacts_kernel,
+    press_back_kernel,
+    sum_pairs,
+    take_back_kernel,
+)
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.working import Working
+from balloon_warp.kernels.working import LENGTHS, Working
 from balloon_warp.launching import launch, launch_tiled
 from balloon_warp.model import Model
 from balloon_warp.model.memory import Room

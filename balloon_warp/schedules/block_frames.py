@@ -5,8 +5,8 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.schedules.block.names import Layout
-from balloon_warp.kernels.schedules.block.source import arguments_of_frame, kernel_of_frame
+from balloon_warp.kernels.schedules.block import arguments_of_frame, kernel_of_frame
+from balloon_warp.kernels.schedules.block_names import Layout
 from balloon_warp.kernels.schedules.writer import Step, values_of
 from balloon_warp.kernels.working import Working
 from balloon_warp.launching import begin_loading, launch_tiled

@@ -3,7 +3,7 @@
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.membranes import MembraneFaceLayout
 from balloon_warp.kernels.phases.motion import check
-from balloon_warp.kernels.schedules.block.names import Layout, look_of
+from balloon_warp.kernels.schedules.block_names import Layout, look_of
 from balloon_warp.kernels.schedules.writer import Step, cut
 from balloon_warp.kernels.substep import FACING, FILMED, NOTHING, phases_of
 from balloon_warp.model import Model

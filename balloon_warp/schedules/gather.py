@@ -8,7 +8,7 @@ particles need of each other no more than where they are, see `patches`.
 from typing import Any
 
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.schedules.launched.source import GATHERED
+from balloon_warp.kernels.schedules.launched import GATHERED
 from balloon_warp.kernels.schedules.writer import Step, cut
 from balloon_warp.kernels.substep import phases_of
 from balloon_warp.model import Model, State

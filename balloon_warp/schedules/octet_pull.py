@@ -7,12 +7,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.loops.obstacles import Solids
+from balloon_warp.kernels.loops.contact import Solids
 from balloon_warp.kernels.phase import STATE
-from balloon_warp.kernels.schedules.lanes.layouts import OCTETS
-from balloon_warp.kernels.schedules.lanes.looks import LOOKS
-from balloon_warp.kernels.schedules.lanes.source import pulling_arguments, pulling_kernel, pulling_source
-from balloon_warp.kernels.schedules.launched.source import source_of
+from balloon_warp.kernels.schedules.lanes import LOOKS, pulling_arguments, pulling_kernel, pulling_source
+from balloon_warp.kernels.schedules.lanes_layouts import OCTETS
+from balloon_warp.kernels.schedules.launched import source_of
 from balloon_warp.kernels.schedules.writer import Step, cut
 from balloon_warp.kernels.substep import PULLED, SHARED_PULL, phases_of
 from balloon_warp.launching import begin_loading, launch

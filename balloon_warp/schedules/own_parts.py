@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.contact.own_parts import OwnParts
+from balloon_warp.kernels.contact.free_frames import OwnParts
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.thickness import least_gaps
 from balloon_warp.model import Model

@@ -6,8 +6,8 @@ import warp as wp
 
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.phase import Phase
-from balloon_warp.kernels.schedules.block.names import Layout, look_of
-from balloon_warp.kernels.schedules.patches.source import PatchMemory, arguments_of_patches, kernel_of_patches
+from balloon_warp.kernels.schedules.block_names import Layout, look_of
+from balloon_warp.kernels.schedules.patches import PatchMemory, arguments_of_patches, kernel_of_patches
 from balloon_warp.kernels.schedules.writer import Step, cut
 from balloon_warp.kernels.substep import FACING, NOTHING, phases_of
 from balloon_warp.launching import launch_tiled

@@ -8,8 +8,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.loops.slots import SlotTable
-from balloon_warp.kernels.schedules.patches.source import PatchTable
+from balloon_warp.kernels.loops.springs import SlotTable
+from balloon_warp.kernels.schedules.patches import PatchTable
 from balloon_warp.kernels.tables import SLICE, FaceTable, FanTable, MembraneTable, Tables
 from balloon_warp.model import Model
 from balloon_warp.schedules.block_layout import WARP_THREADS

@@ -8,7 +8,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.schedules.launched.source import SUMMED
+from balloon_warp.kernels.schedules.launched import SUMMED
 from balloon_warp.kernels.substep import SCATTERED
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room

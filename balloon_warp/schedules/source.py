@@ -1,6 +1,6 @@
 """The source of the kernels that a scene gets."""
 
-from balloon_warp.kernels.schedules.launched.source import source_of
+from balloon_warp.kernels.schedules.launched import source_of
 from balloon_warp.model import build_model
 from balloon_warp.scene import Scene
 from balloon_warp.schedules.block import BlockSchedule

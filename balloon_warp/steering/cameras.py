@@ -8,9 +8,15 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.pictures.cameras import see_triangles, show_colors, tell_depths
-from balloon_warp.kernels.pictures.sights import Sight, aim
-from balloon_warp.kernels.pictures.things import Things, see_things
+from balloon_warp.kernels.pictures.cameras import (
+    Sight,
+    Things,
+    aim,
+    see_things,
+    see_triangles,
+    show_colors,
+    tell_depths,
+)
 from balloon_warp.launching import launch
 from balloon_warp.mesh.geometry import triangulate
 from balloon_warp.mesh.topology import face_starts

@@ -12,9 +12,9 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.frames.controlling import move_obstacles, read_control, write_control
 from balloon_warp.kernels.laws import Parameter
 from balloon_warp.kernels.laws.law import FAR
+from balloon_warp.kernels.steering import move_obstacles, read_control, write_control
 from balloon_warp.launching import launch
 from balloon_warp.model import Model
 from balloon_warp.model.parameters import VELOCITY, Place, places_of, rows_of

@@ -15,14 +15,15 @@ from balloon_warp.kernels.measure.observed import (
     clear_stretches,
     find_obstacles,
     join_motion,
+    join_turning,
     join_volumes,
     stretch_membranes,
     stretch_springs,
     sum_motion,
     sum_particle_contacts,
+    sum_turning,
     sum_volumes,
 )
-from balloon_warp.kernels.measure.turning import join_turning, sum_turning
 from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
 from balloon_warp.model.state import frames_of

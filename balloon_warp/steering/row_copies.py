@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.frames.starting import ByteRows, WordRows, copy_bytes, copy_words
+from balloon_warp.kernels.steering import ByteRows, WordRows, copy_bytes, copy_words
 from balloon_warp.launching import launch
 from balloon_warp.steering.controls import rows_of_words
 

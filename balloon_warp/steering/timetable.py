@@ -8,8 +8,8 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.frames.starting import begin_ages, follow_plan, let_appear
-from balloon_warp.kernels.laws.tearing import NEVER
+from balloon_warp.kernels.laws.membrane import NEVER
+from balloon_warp.kernels.steering import begin_ages, follow_plan, let_appear
 from balloon_warp.launching import launch
 from balloon_warp.model import Model
 from balloon_warp.model.parameters import places_of, rows_of, scene_parameters

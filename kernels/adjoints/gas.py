@@ -21,13 +21,14 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.compose import function_here
+from balloon_warp.kernels import OPTIONS
+from balloon_warp.kernels.adjoints.sums import Bars, numbers_adder
+from balloon_warp.kernels.compose import function_here, numbers_reader, params_functions, time_of
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.frames.backwards import Bars, numbers_adder
 from balloon_warp.kernels.laws.air import density_of_air
-from balloon_warp.kernels.laws.body import GAS, NORMAL_FORCE
+from balloon_warp.kernels.laws.flow import neck_opening, thrust, vent_flow
 from balloon_warp.kernels.laws.gas import Swelling, amount_when_flat, flow_and_fall, gas_through_tube, pumped_gas
-from balloon_warp.kernels.laws.orifice import neck_opening, thrust, vent_flow
+from balloon_warp.kernels.laws.outer import GAS, NORMAL_FORCE
 from balloon_warp.kernels.loops.gas import (
     curve_flow,
     filled_function,
@@ -39,8 +40,6 @@ from balloon_warp.kernels.loops.gas import (
     tube_functions,
     vent_function,
 )
-from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.params import numbers_reader, params_functions, time_of
 from balloon_warp.kernels.phase import Adjoint, Look, NoAdjointError, Phase
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
 from balloon_warp.kernels.working import Working

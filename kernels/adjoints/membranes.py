@@ -27,7 +27,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.compose import choice_of_laws_of_few, function_from
+from balloon_warp.kernels.compose import choice_of_laws_of_few, function_from, params_functions
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.lanes import LANE_COUNT, Lanes, Lanes3, Lanes4, Lanes5, entry_at, number_in
 from balloon_warp.kernels.laws.membrane import LEAST_DET, NEVER_ZERO, mixed_stretch
@@ -42,7 +42,6 @@ from balloon_warp.kernels.loops.membranes import (
 )
 from balloon_warp.kernels.loops.quads import products_of, rates_of
 from balloon_warp.kernels.memory import four_floats_at, four_ints_at, int_pair_at, vector_at
-from balloon_warp.kernels.params import params_functions
 from balloon_warp.kernels.phase import Adjoint, Look, NoAdjointError, Phase
 from balloon_warp.kernels.tables import SLICE, Tables, first_entry
 

@@ -25,9 +25,8 @@ import warp as wp
 
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.contact import spin_by
-from balloon_warp.kernels.laws.ridges import FOUR
 from balloon_warp.kernels.laws.rigid import spin_of
-from balloon_warp.kernels.laws.touch import LEAST, across
+from balloon_warp.kernels.laws.touch import FOUR, LEAST, across
 
 NONE = wp.constant(-1)
 """Solid of a contact of balloons alone"""

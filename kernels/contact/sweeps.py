@@ -1,5 +1,7 @@
 """Sweeps over a list of contacts, a block a world: the same for every kind.
 
+Sweeps over a list of contacts, a block a world: the same for every kind.
+
 Each piece of a substep is a launch. Contacts that may act in the substep are listed once. In each sweep those that come
 too near are marked, a thread a contact; all marked ones push at once, and then a thread moves each end. Last, features
 that have come too near are moved apart, without speed.
@@ -11,6 +13,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.contact.contact import excess_of, resolving_functions
+from balloon_warp.kernels.contact.edges import EDGES
 from balloon_warp.kernels.contact.ends import (
     adding_functions,
     bearing_function,
@@ -19,11 +22,20 @@ from balloon_warp.kernels.contact.ends import (
     motion_functions,
     moving_functions,
 )
-from balloon_warp.kernels.contact.kind import MARKED, Sweep, sweep_listing
+from balloon_warp.kernels.contact.kind import BODIES, MARKED, Sweep, sweep_listing
+from balloon_warp.kernels.contact.ridges import RIDGES
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.warps import any_in_block, block_barrier, next_place
 from balloon_warp.kernels.working import Working
+
+BESIDE_RIDGES = Sweep((RIDGES,), lambda features: features._replace(ground=False))
+"""Sweeps before particles leave the ground and obstacles, see docs/design/one_contact.md"""
+AT_LAST = Sweep(
+    (BODIES, RIDGES._replace(acts=lambda features: features.ridges and not features.ridges_first), EDGES),
+    lambda features: features.without_ridges if features.ridges_first else features,
+)
+"""Sweeps once all have moved, in which bodies, layers, and the ground below them take part"""
 
 
 @cache

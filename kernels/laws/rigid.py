@@ -40,8 +40,7 @@ h / 2 times tan(a) / a at a = h |W| / 2. How it has turned is off by the square 
 
 import warp as wp
 
-from balloon_warp.kernels.laws.collision import SLOW
-from balloon_warp.kernels.laws.contact import friction_impulse
+from balloon_warp.kernels.laws.contact import SLOW, friction_impulse
 
 OUT_IN_STEP = wp.constant(0.2)
 """Fraction of an overlap that a step removes"""

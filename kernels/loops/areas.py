@@ -14,7 +14,7 @@ import warp as wp
 
 from balloon_warp.kernels.algebra import cross_product, scaled
 from balloon_warp.kernels.lanes import LANE_COUNT, Lanes, Lanes3, entry_at, of_lane, set_lane
-from balloon_warp.kernels.laws.body import FAR, inflation_direction_of, nearer_area, vertex_normal_of
+from balloon_warp.kernels.laws.outer import FAR, inflation_direction_of, nearer_area, vertex_normal_of
 from balloon_warp.kernels.memory import fixed_int_at, in_tile, triple_at
 from balloon_warp.kernels.tables import SLICE, FaceTable, FanTable, Tables, first_entry
 

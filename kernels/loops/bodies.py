@@ -12,9 +12,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.collision import SLOW
-from balloon_warp.kernels.laws.contact import ease_of_ball, friction_impulse, spin_by
-from balloon_warp.kernels.laws.impulse import FREE, way_apart
+from balloon_warp.kernels.laws.contact import FREE, SLOW, ease_of_ball, friction_impulse, spin_by, way_apart
 from balloon_warp.kernels.laws.rigid import (
     AGREED,
     APART,

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from balloon_warp.kernels.algebra import scaled
-from balloon_warp.kernels.compose import choice_of_energies, choice_of_laws
+from balloon_warp.kernels.compose import choice_of_energies, choice_of_laws, numbers_reader
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.lanes import number_in
 from balloon_warp.kernels.laws.membrane import (
@@ -24,10 +24,10 @@ from balloon_warp.kernels.laws.membrane import (
     is_taut,
     mixed_stretch,
     relaxed,
+    softened,
+    true_stress,
     viscous_tension,
 )
-from balloon_warp.kernels.laws.softening import softened
-from balloon_warp.kernels.laws.tearing import true_stress
 from balloon_warp.kernels.loops.areas import CROSSES, crosses_at_quad_corners
 from balloon_warp.kernels.memory import (
     found_anew,
@@ -38,7 +38,6 @@ from balloon_warp.kernels.memory import (
     put_vector,
     vector_at,
 )
-from balloon_warp.kernels.params import numbers_reader
 from balloon_warp.kernels.tables import SLICE, MembraneFaceTable, MembraneTable, Tables, first_entry, row_of_world
 
 

@@ -15,18 +15,15 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.adjoints.derived import by_grad, by_grad_but, nothing
-from balloon_warp.kernels.adjoints.directions import directions_backwards, inflate_backwards
 from balloon_warp.kernels.adjoints.gas import load_backwards, note_backwards, pump_backwards
-from balloon_warp.kernels.adjoints.pull import lift_backwards
+from balloon_warp.kernels.adjoints.pull import directions_backwards, inflate_backwards, lift_backwards
 from balloon_warp.kernels.adjoints.solids import foresee_backwards
 from balloon_warp.kernels.algebra import dot_product, length_of, reach_along, scaled, times
-from balloon_warp.kernels.compose import call_of, function_from
+from balloon_warp.kernels.compose import call_of, function_from, ramp_at
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.lanes import Five, pair
+from balloon_warp.kernels.laws import Columns
 from balloon_warp.kernels.laws.air import AIR, air_of_height, molar_volume
-from balloon_warp.kernels.laws.body import GAS, GRAVITY, NORMAL_FORCE, PRESSURE, inflation_direction_of, normal_push
-from balloon_warp.kernels.laws.columns import Columns
 from balloon_warp.kernels.laws.gas import (
     NO_INSIDE,
     Swelling,
@@ -37,8 +34,17 @@ from balloon_warp.kernels.laws.gas import (
     swelling_of_particle,
 )
 from balloon_warp.kernels.laws.law import TINY
-from balloon_warp.kernels.laws.tearing import OPEN
-from balloon_warp.kernels.laws.water import EVENED, evened
+from balloon_warp.kernels.laws.membrane import OPEN
+from balloon_warp.kernels.laws.outer import (
+    EVENED,
+    GAS,
+    GRAVITY,
+    NORMAL_FORCE,
+    PRESSURE,
+    evened,
+    inflation_direction_of,
+    normal_push,
+)
 from balloon_warp.kernels.loops.areas import (
     area_vector_between,
     direction_loop,
@@ -46,6 +52,7 @@ from balloon_warp.kernels.loops.areas import (
     face_measures,
     volume_origin,
 )
+from balloon_warp.kernels.loops.contact import around_function, detour_function, heads_for_solids
 from balloon_warp.kernels.loops.gas import (
     flows_function,
     gas_mass_function,
@@ -53,11 +60,9 @@ from balloon_warp.kernels.loops.gas import (
     load_function,
     pump_function,
 )
-from balloon_warp.kernels.loops.obstacles import around_function, detour_function, heads_for_solids
 from balloon_warp.kernels.memory import quad_at
-from balloon_warp.kernels.params import ramp_at
-from balloon_warp.kernels.phase import Look, phase
-from balloon_warp.kernels.phases.membranes import (
+from balloon_warp.kernels.phase import Look, by_grad, by_grad_but, nothing, phase
+from balloon_warp.kernels.phases.forces import (
     SQUARE_MICROMETERS,
     area_vector_of_face,
     center_of_face,

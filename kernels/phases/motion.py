@@ -23,8 +23,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.adjoints.derived import by_grad
-from balloon_warp.kernels.adjoints.directions import expect_backwards
+from balloon_warp.kernels.adjoints.pull import expect_backwards
 from balloon_warp.kernels.adjoints.rolling import roll_backwards
 from balloon_warp.kernels.algebra import scaled, squared_length, times
 from balloon_warp.kernels.contact.free_frames import HURRIED
@@ -34,11 +33,10 @@ from balloon_warp.kernels.laws.springs import excess, moves_of_ends
 from balloon_warp.kernels.loops.bodies import body_mass, tumbling_function
 from balloon_warp.kernels.loops.net_force import held_string_pull
 from balloon_warp.kernels.loops.spheres import colliding_function, course_at, may_meet, put_course, rolling_function
-from balloon_warp.kernels.measure.health import look_at_particle
 from balloon_warp.kernels.memory import fixed_float_at, float_at, int_pair_at, put_int_unless
-from balloon_warp.kernels.phase import Look, phase
+from balloon_warp.kernels.phase import Look, by_grad, phase
 from balloon_warp.kernels.phases.inflation import inflate
-from balloon_warp.kernels.tables import Tables, WorldState, row_of_world, sphere_mass, sphere_radius
+from balloon_warp.kernels.tables import Tables, WorldState, look_at_particle, row_of_world, sphere_mass, sphere_radius
 from balloon_warp.kernels.warps import set_quanta, total_newtons
 from balloon_warp.kernels.working import Working
 

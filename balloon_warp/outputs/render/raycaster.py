@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 from balloon_warp.device import pick_device
 from balloon_warp.forks import Threads
 from balloon_warp.kernels.pictures import raycast
-from balloon_warp.kernels.pictures.printed import Prints
-from balloon_warp.kernels.pictures.shapes import Shapes
-from balloon_warp.kernels.pictures.studio import KEY, KEY_RADIANCE, Studio
+from balloon_warp.kernels.pictures.surfaces import KEY, KEY_RADIANCE, Prints, Shapes, Studio
 from balloon_warp.mesh.polygon_mesh import Color
 from balloon_warp.outputs.camera import KEY_AZIMUTH, Camera, turned
 from balloon_warp.outputs.render.stage_reader import Capsules, RenderStage
