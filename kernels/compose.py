@@ -1,18 +1,13 @@
 """Composition of laws: one function of Warp that adds up all laws of a kind, made from text; and parameters of an item.
 
-Composition of laws: one function of Warp that adds up all laws of a kind, made from text.
-
-Derivatives of functions that are called by others, wherever Warp meets them first.
-
-`wp.grad` asks for the adjoint of a function, and Warp asks for those of its callees as it reads it. But it reads each
-function once. A function that it has read before, for a call without derivatives, is not read again, and the
-helpers of that helper stay without adjoints: their derivatives are then 0, silently. Here they are requested, once all
-has been read. Callers of a function with a `wp.grad` in it are written after that, as if they had one themselves.
-
-Composition of laws: one function of Warp that adds up all laws of a kind.
-
 A law's arguments name its inputs, so that the sum is written out with just those: no law is paid for by scenes that do
 not have it, and no schedule knows any.
+
+Functions that are called by others have derivatives wherever Warp meets them first. `wp.grad` asks for the adjoint of a
+function, and Warp asks for those of its callees as it reads it. But it reads each function once. A function that it has
+read before, for a call without derivatives, is not read again, and the helpers of that helper stay without adjoints:
+their derivatives are then 0, silently. Here they are requested, once all has been read. Callers of a function with a
+`wp.grad` in it are written after that, as if they had one themselves.
 """
 
 import inspect
@@ -300,7 +295,7 @@ class Clock:
     done: wp.array[wp.int32]
     """Number of substeps by which the frame is further on than the number that a launch is given says; one entry"""
     left: wp.array[wp.int32]
-    """Turns that rounds have yet to make, see `frames.rounds`; two entries, the second of rounds within rounds"""
+    """Turns that rounds have yet to make, see `frame.begin_round`; two entries, the second of rounds within rounds"""
     substep_seconds: wp.float64
 
 

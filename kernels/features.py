@@ -271,7 +271,7 @@ class Features(NamedTuple):
 
     @property
     def lists_contacts(self) -> bool:
-        """Return whether contacts are items of a list, see `contact.kinds`."""
+        """Return whether contacts are items of a list, see `contact.sweeps`."""
         return self.edges_meet or self.ridges or self.bodies > 0
 
     @property

@@ -1,13 +1,10 @@
 """Kernels around the substeps of a frame: ramps, rounds, the air, spheres that start late.
 
-Kernels that every schedule needs around its frames.
-
 They share one module without adjoints: every module and every adjoint adds to the time that a user waits for a first
 frame.
 
-Air at balloons, and the added mass of it, updated as a frame begins.
-
-Neither a balloon's height nor its volume changes much in a frame.
+The air at balloons, and its added mass, are updated as a frame begins: neither a balloon's height nor its volume
+changes much in a frame.
 """
 
 from functools import cache
@@ -114,7 +111,7 @@ def move_anchors(
 ):
     """Place anchors of strings as the frame begins, and find how fast they move until it ends.
 
-    Those on bodies are placed again in each substep, see `phases.tie`. A thread a (world, string).
+    Those on bodies are placed again in each substep, see `phases.motion`. A thread a (world, string).
     """
     world, string = wp.tid()
     begin = wp.clamp(own_frame[row_of_world(world, own_frame.shape[0])], 0, motion.shape[0] - 2)

@@ -1,21 +1,5 @@
 """Phase of a substep: the work of one item of a world between two barriers, its effects, and the adjoint of it.
 
-Phase of a substep: the work of one item of a world between two barriers; its effects on state that has names.
-
-Adjoints of phases: functions by which a list of phases runs backwards.
-
-Let L be a number that depends on where a scene ends. The *bar* of a value is the derivative of L by that value. A
-phase's adjoint takes the bars of the phase's outputs, and returns those of its inputs. Like a phase, it names its
-arguments: `velocity_bar` is the bar of a particle's own `velocity`, `force_bars` a view of those of all particles of
-its world. So a schedule, which knows no physics, can run any list backwards, see `schedules.launched.backward`.
-
-Arrays that a function of Warp reads and writes in the structs that it is handed: found in its source.
-
-So nobody has to declare what a phase does to the state, and no declaration can be wrong: calls are followed, branches
-that a scene does not have are left out, and native code writes what its text assigns.
-
-Phase of a substep: the work of one item of a world between two barriers.
-
 Its function is one of Warp, of plain arguments. Their names are its inputs, those in `writes` its results. So a
 schedule, which knows no physics, can execute any list of phases: it finds the inputs of each, keeps those of a later
 one, and puts a barrier where one looks at results of others. The step is such a list, see `substep`.
@@ -25,7 +9,7 @@ A name that a phase reads is one of these:
 - a handle: `t`, the tables; `state`; `working`, the buffers of contact beside the state; `spheres`. What a phase reads
   and changes through them has names, too, see `tables.NAMED`, which follow from its source
 - the item: `world`, and within it `balloon`, `particle`, `face`, `triangle` or `sphere`, or all `threads` of a block
-- `params`, a particle's own parameters, see `params`; a row of numbers of a law, by its name
+- `params`, a particle's own parameters, see `compose`; a row of numbers of a law, by its name
 - `number`, a particle's in the state, where a schedule has particles in another order
 - state of a particle, `point` [m] and `velocity` [m/s], or a view of all in its world, `points` and `velocities`
 - a value that an earlier phase of the list has written, or that an item keeps, see `Phase.keeps`
@@ -33,6 +17,16 @@ A name that a phase reads is one of these:
 - values that a schedule itself has of items, see there: `keyed`, `load`, `gas_mass`, `origin`
 
 Where all that it reads is of type `Any`, it is a function of one item or of eight side by side, see `algebra`.
+
+Which arrays a function of Warp reads and writes in the structs that it is handed is found in its source. So nobody has
+to declare what a phase does to the state, and no declaration can be wrong: calls are followed, branches that a scene
+does not have are left out, and native code writes what its text assigns.
+
+A list of phases runs backwards by their adjoints. Let L be a number that depends on where a scene ends. The *bar* of a
+value is the derivative of L by that value. A phase's adjoint takes the bars of the phase's outputs, and returns those
+of its inputs. Like a phase, it names its arguments: `velocity_bar` is the bar of a particle's own `velocity`,
+`force_bars` a view of those of all particles of its world. So a schedule, which knows no physics, can run any list
+backwards, see `schedules.launched_backward`.
 """
 
 import ast
@@ -66,7 +60,7 @@ class Adjoint(NamedTuple):
     returns the bar of the balloon's numbers. None if there is none"""
     of_eight: Any = None
     """Function that adds all that `function` finds of a world's particles, eight at a time, for a CPU, see
-    `adjoints.eights`. None if there is none"""
+    `adjoints.springs`. None if there is none"""
     columns: tuple[int, ...] = ()
     """Columns of the balloon's and the world's numbers whose bars it returns, where that is not all of them"""
 
@@ -232,7 +226,7 @@ class Look(NamedTuple):
     loops: Callable[[Features], Any]
     """Loops over the forces on a particle, see `loops.net_force`"""
     slots: tuple[int, int, int] | None = None
-    """Largest number of springs of each kind at a particle, where loops have them in slots, see `loops.slots`"""
+    """Largest number of springs of each kind at a particle, where loops have them in slots, see `loops.springs`"""
     ring: int = 0
     """Least number of quads around a particle, where its slots go around it, so that area vectors follow; else 0"""
     alone: Callable[[Features], bool] = lambda features: False
@@ -250,7 +244,7 @@ class Look(NamedTuple):
     world: Any = None
     """Function that returns the world of one of eight lanes, where eight run side by side; None elsewhere"""
     membrane_faces: Callable[[Features], Any] = lambda features: None
-    """Membrane phases of faces, where each is measured once, see `phases.stretch`"""
+    """Membrane phases of faces, where each is measured once, see `phases.forces.stretch`"""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,24 +1,6 @@
 """Projective solver: backward Euler by local and global steps, its linear systems, and its convergence.
 
-Symmetric linear systems that were factorized or inverted beforehand, for several worlds at a time.
-
-The unknown is a vec3 of each particle: one matrix serves x, y and z.
-
-Convergence of the projective solver: acceleration of its iterations, and their end.
-
-An iteration of the solver is a step down g along A^-1 times its slope; A is at least the curvature of g. A motion
-without stretch is only inertia to g, but springs as well to A: it takes some h^2 k / m iterations to settle. With the
-momentum of Nesterov (1983) it takes the root of that: the next one begins beyond the end of this one, by its move times
-n / (n + 3). n counts since the momentum was last dropped, which it is wherever it leads up (O'Donoghue and Candes
-2015). The balloon's own momentum stays as it is.
-
-A world has settled once an iteration changes little beside the effect of springs in the whole substep, both by the root
-of their energies: |du|^2 = du A du, of the springs (u - w) (M + h C) (u - w). Where coordinates are large and springs
-stiff, float32 resolves no more than that: then too, but not before `LEAST_OF_ROUNDED` iterations.
-
-Fast simulation of mass-spring systems (Liu et al. 2013): backward Euler by local and global steps.
-
-A substep h seeks the displacements u that minimize
+After *Fast simulation of mass-spring systems* (Liu et al. 2013). A substep h seeks the displacements u that minimize
 
     g(u) = sum_p (m + h c) |u - w|^2 / (2 h^2) + E(x + u)
 
@@ -30,8 +12,20 @@ is solved for the increment, which float32 resolves better,
     A du = (m + h c) (w - u) + h^2 F(x + u)
 
 since k (L d/|d| - d) is the force of a spring: the local step is Hooke's law, at the particles of the last iteration. A
-slack string has itself as projection, so it has no force either. Each such iteration lowers g, whatever h is. Their
-number, and the means to reduce it, are in `settling`.
+slack string has itself as projection, so it has no force either. Each such iteration lowers g, whatever h is.
+
+The system is symmetric, and was factorized or inverted beforehand, for several worlds at a time. The unknown is a vec3
+of each particle: one matrix serves x, y and z.
+
+An iteration is a step down g along A^-1 times its slope; A is at least the curvature of g. A motion without stretch is
+only inertia to g, but springs as well to A: it takes some h^2 k / m iterations to settle. With the momentum of Nesterov
+(1983) it takes the root of that: the next one begins beyond the end of this one, by its move times n / (n + 3). n
+counts since the momentum was last dropped, which it is wherever it leads up (O'Donoghue and Candes 2015). The balloon's
+own momentum stays as it is.
+
+A world has settled once an iteration changes little beside the effect of springs in the whole substep, both by the root
+of their energies: |du|^2 = du A du, of the springs (u - w) (M + h C) (u - w). Where coordinates are large and springs
+stiff, float32 resolves no more than that: then too, but not before `LEAST_OF_ROUNDED` iterations.
 """
 
 from functools import cache
@@ -301,7 +295,7 @@ def settling_kernel(features: Features, inertia: Any) -> Any:
 
     Args:
         features: of the model.
-        inertia: see `projective.inertia_function`.
+        inertia: see `inertia_function`.
     """
     _, read_params = params_functions(features.columns, features.balloons)
 

@@ -128,7 +128,7 @@ SHARED: Instead = {wear: (wear_out,), push_face: (), bear: (), soak: (), pull: S
 PULLED: Instead = {push_face: (), bear: ()}
 """Phases of launches where `pull` executes those of `SHARED`, eight particles side by side"""
 SETTLE = Phase("settle", "launches", lambda features, look: None, also_reads=("inflation",))
-"""Local and global steps in turn, until every world has converged, see `solvers.projective`"""
+"""Local and global steps in turn, until every world has converged, see `projective`"""
 PROJECTIVE_STEP = (
     measure, extend, find_direction, roll, collide, inflate, SETTLE, leave, meet_spheres,
 )  # fmt: skip

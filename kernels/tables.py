@@ -91,7 +91,7 @@ class SphereTable:
     """Spheres with which particles collide."""
 
     numbers: wp.array3d[float]
-    """Parameters of spheres, shape (W, sphere_count, width), see `laws.columns`"""
+    """Parameters of spheres, shape (W, sphere_count, width), see `kernels.laws.Columns`"""
     small: wp.array[wp.int32]
     """Whether each sphere is so small that it also touches faces; empty where none is"""
     triangles: wp.array[wp.vec3i]
@@ -100,7 +100,7 @@ class SphereTable:
 
 @wp.struct
 class Solid:
-    """A shape as a signed distance, see `laws.fixture`."""
+    """A shape as a signed distance, see `laws.contact`."""
 
     kind: wp.int32
     size: wp.vec3
@@ -340,7 +340,7 @@ class TearTable:
     branchings: wp.array[wp.int32]
     """Number of branchings, by balloon; the start of a tear is the first"""
     film_strength: wp.array2d[float]
-    """Strength of balloons, see `laws.tearing`, shape (W, balloon_count), as are the next four"""
+    """Strength of balloons, see `laws.membrane`, shape (W, balloon_count), as are the next four"""
     tear_strength: wp.array2d[float]
     branching_stress: wp.array2d[float]
     tear_speed: wp.array2d[float]
@@ -357,7 +357,7 @@ class TearTable:
     """Areas of balloons that burst, of torn faces and of the others, in square micrometers, whose integer sums do not
     depend on the order"""
     weakest: wp.array2d[wp.int64]
-    """Face and stress where each balloon is to burst, see `schedules.launched_tears`"""
+    """Face and stress where each balloon is to burst, see `balloon_warp.schedules.membranes`"""
 
 
 @wp.struct
@@ -369,7 +369,7 @@ class WearTable:
     numbers: wp.array[wp.int32]
     """Triangle of each entry of `MembraneTable.others`"""
     softening: wp.array2d[float]
-    """Softening of balloons, see `laws.softening`, shape (W, balloon_count), as are the next two"""
+    """Softening of balloons, see `laws.membrane`, shape (W, balloon_count), as are the next two"""
     softening_energy: wp.array2d[float]
     softening_share: wp.array2d[float]
     tears: TearTable
@@ -560,11 +560,11 @@ class Tables:
     correction: CorrectionTable
     health: HealthTable
     balloon_numbers: wp.array3d[float]
-    """Parameters of balloons, shape (W, balloon_count, width), see `laws.columns`"""
+    """Parameters of balloons, shape (W, balloon_count, width), see `kernels.laws.Columns`"""
     world_numbers: wp.array2d[float]
     """Parameters of worlds, shape (W, width)"""
     friction: wp.array3d[float]
-    """Coulomb friction coefficients, shape (W, thing_count, thing_count), see `loops.friction`"""
+    """Coulomb friction coefficients, shape (W, thing_count, thing_count), see `loops.fixtures`"""
     inflation_kind: wp.array[wp.int32]
     up: wp.vec3
     substeps: wp.int32
@@ -631,7 +631,7 @@ def first_entry(slice_offsets: wp.array[wp.int32], particle: wp.int32):
 
 @wp.func
 def sphere_number(spheres: SphereTable, world: wp.int32, sphere: wp.int32, column: wp.int32):
-    """Return a number of a sphere by its column, see `laws.columns`."""
+    """Return a number of a sphere by its column, see `kernels.laws.Columns`."""
     return spheres.numbers[row_of_world(world, spheres.numbers.shape[0]), sphere, column]
 
 

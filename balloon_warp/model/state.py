@@ -84,7 +84,7 @@ class State:
     gas any more; the face where it burst, and the stress there [Pa]; shape (world_count, balloon_count), vec4, or
     (world_count, 0)"""
     tear_planes: wp.array
-    """Planes along which the tears of torn faces run, see `laws.tearing`: unit normal and distance from the origin [m]
+    """Planes along which the tears of torn faces run, see `laws.membrane`: unit normal and distance from the origin [m]
     on the unstretched skin, shape (world_count, face_count), vec4, or (world_count, 0)"""
     contact_impulses: wp.array
     """Impulse [N s] and contact time [s] of each thing that balloons may touch, and each particle, in the last frame,

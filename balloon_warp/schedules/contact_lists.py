@@ -41,7 +41,7 @@ ARRAYS: dict[str, Any] = {
     "catches": Contact,
     "ridge_pairs": wp.vec3i,
 }
-"""Lists of `Working` and their types, in the order of `kernels.contact.room`"""
+"""Lists of `Working` and their types, in the order of `kernels.working`"""
 
 
 class ContactLists:

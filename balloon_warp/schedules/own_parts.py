@@ -1,4 +1,4 @@
-"""Parts of balloons that touch themselves, as kernels read them, see `kernels.contact.own_parts`."""
+"""Parts of balloons that touch themselves, as kernels read them, see `kernels.contact.free_frames`."""
 
 from functools import cache
 from itertools import pairwise

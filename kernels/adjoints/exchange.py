@@ -1,11 +1,8 @@
 """Adjoint of the exchange of momentum between spheres and particles, a block a world.
 
-Answers of a particle and of a sphere that exchange momentum, as functions that Warp derives.
-
-Frozen is which particles a sphere presses, which overlap it, and whether it is pressed to the ground. Each function
-returns where something is then, and how fast, times the derivatives by that.
-
-Adjoint of the exchange of momentum between spheres and particles, a block a world.
+Warp derives the answers of a particle and of a sphere. Frozen is which particles a sphere presses, which overlap it,
+and whether it is pressed to the ground. Each function returns where something is then, and how fast, times the
+derivatives by that.
 
 Spheres exchange it one after the other. So the results of each, and the places of particles before it, are found again,
 and then run through from the last to the first. The change of a sphere's velocity solves A D = b; with the derivatives
@@ -96,7 +93,7 @@ def work_of_particle(
     point: wp.vec3, velocity: wp.vec3, ball: Course, radius: float, heavy: float, mass: float, common: Common,
     answer: Answer, up: wp.vec3,
 ):  # fmt: skip
-    """Return a particle's gains beside a sphere, see `loops.sphere_contact`, times their bars.
+    """Return a particle's gains beside a sphere, see `loops.spheres`, times their bars.
 
     Args:
         ball: course of the sphere, before it answers.
@@ -137,7 +134,7 @@ def work_of_sphere(
     ball: Course, radius: float, heavy: float, common: Common, load: Load, ground_friction: float, step: float,
     up: wp.vec3, bar: Course,
 ):  # fmt: skip
-    """Return a sphere's course once it has answered, see `loops.sphere_contact`, times its bars."""
+    """Return a sphere's course once it has answered, see `loops.spheres`, times its bars."""
     gain = -load.rub / heavy
     spin = ball.spin - spin_by(heavy, radius, load.torque)
     going = ball.velocity + common.change + gain

@@ -1,24 +1,19 @@
 """Adjoints of membranes: triangles of rubber or film, and quads eight side by side.
 
-Adjoint of the loop over a particle's triangles of rubber or film, whatever the material.
-
 A triangle pulls its corners with forces whose sum is zero. Its part in the sum over all particles of force . bar is
 that of two of them times how their bars differ from the first corner's, and Warp derives that by edges, by how fast
 they change, and by the material's numbers. All three corners come to it: each takes its own bar, and a third of the
 numbers'.
 
-Changes of the tensions of eight triangles of membranes, by their edges' products, and of their energy, by numbers.
+Changes of the tensions of eight triangles of membranes, by their edges' products, and of their energy, by numbers. It
+is `loops.membranes.tension_function`, differentiated: see there, and `laws.membrane` for taut, wrinkled and slack
+triangles. The slopes of a law by trace and determinant are those of an energy, so that their changes are symmetric:
+Warp's derivatives of the slopes times the changes of trace and determinant are the changes of the slopes.
 
-It is `loops.membranes.tension_function`, differentiated: see there, and `laws.tension_field` for taut, wrinkled and
-slack triangles. The slopes of a law by trace and determinant are those of an energy, so that their changes are
-symmetric: Warp's derivatives of the slopes times the changes of trace and determinant are the changes of the slopes.
-
-Adjoint of the forces of membrane quads on their corners, eight quads side by side, see `loops.eight_quads`.
-
-The forces on the corners combine the quad's edges by tensions, which depend on the edges' products alone. With an
-energy, derivatives of forces are symmetric: the bars of the corners' places are how their forces change as the corners
-move by their bars. So they combine, in the same way, edges between the bars by the tensions, and the quad's edges by
-how the tensions change.
+Quads go eight side by side, see `loops.quads`. The forces on the corners combine the quad's edges by tensions, which
+depend on the edges' products alone. With an energy, derivatives of forces are symmetric: the bars of the corners'
+places are how their forces change as the corners move by their bars. So they combine, in the same way, edges between
+the bars by the tensions, and the quad's edges by how the tensions change.
 """
 
 from collections.abc import Sequence

@@ -1,14 +1,8 @@
 """Adjoint of the contact of balloons: from the bars of the forces on particles to those of all inputs of these forces.
 
-Adjoint of one contact of a particle with a triangle, which Warp derives of the law's own functions.
-
-Frozen is which triangle it is, on which side of it the particle is, and whether they touch.
-
-Sums of derivatives by contacts of balloons, for the particles and pairs of balloons that these follow from.
-
-The parts of corners of triangles, and of particles, add up exactly, see `exact_sums`; `pressing` finds them.
-
-Contacts of balloons backwards: from the bars of the forces on particles to those of all inputs of these forces.
+Warp derives one contact of a particle with a triangle of the law's own functions. Frozen is which triangle it is, on
+which side of it the particle is, and whether they touch. The parts of corners of triangles, of particles, and of pairs
+of balloons add up exactly, see `adjoints.sums`.
 
 A particle goes through its contacts of a substep as it did forwards, see `contact.response`. Few of those that are near
 push, and these take hundreds of times as long, so they are listed first: the threads of a warp then all have one.

@@ -1,33 +1,26 @@
 """Adjoints of the net force on a particle, on eight side by side, and of the push along normals.
 
-Adjoints of forces on eight particles side by side, of eight worlds or of one: laws on particles, springs, areas.
+Adjoints of forces on eight particles side by side, of eight worlds or of one: laws on particles, springs, areas. They
+gather the same terms as those of one particle, see `adjoints.springs`, in the same order for eight worlds and for eight
+particles of one, so that a world has the same derivatives in both to the bit.
 
-They gather the same terms as those of one particle, see `springs` and `areas`, in the same order for eight worlds and
-for eight particles of one, so that a world has the same derivatives in both to the bit.
+Adjoint of the forces on faces, which their corners share: the air's lift and drag, and laws of one's own. A face's part
+in the sum over all particles of force . bar is its force times the mean of its corners' bars. Warp derives that by the
+face's center, area vector and velocity; each corner takes its own bar.
 
-Adjoints of the net force on a particle: laws, faces, liquids, and area vectors.
+Adjoint of the load of a liquid on faces, which their corners share. A face's part in the sum over all particles of load
+. bar is that of the triangles of its fan: the loads of their corners times those corners' bars, and the load of the
+center times the mean of all corners' bars. Warp derives that by the triangle's corners and by the level; each corner of
+the face takes its own bar.
 
-Adjoint of the forces on faces, which their corners share: the air's lift and drag, and laws of one's own.
+Adjoint of area vectors: the second derivative of a closed balloon's volume, times a bar. An area vector a is the
+gradient of the volume V, whose second derivative is symmetric. So the sum over all particles of a' . bar, derived by a
+place x, is the derivative of x's own area vector along the bars: it is gathered around x, in the loop that finds a.
+Bars count relative to that of x, as places do, since a common shift leaves a as it is.
 
-A face's part in the sum over all particles of force . bar is its force times the mean of its corners' bars. Warp
-derives that by the face's center, area vector and velocity; each corner takes its own bar.
-
-Adjoint of the load of a liquid on faces, which their corners share.
-
-A face's part in the sum over all particles of load . bar is that of the triangles of its fan: the loads of their
-corners times those corners' bars, and the load of the center times the mean of all corners' bars. Warp derives that by
-the triangle's corners and by the level; each corner of the face takes its own bar.
-
-Adjoint of area vectors: the second derivative of a closed balloon's volume, times a bar.
-
-An area vector a is the gradient of the volume V, whose second derivative is symmetric. So the sum over all particles of
-a' . bar, derived by a place x, is the derivative of x's own area vector along the bars: it is gathered around x, in
-the loop that finds a. Bars count relative to that of x, as places do, since a common shift leaves a as it is.
-
-Adjoints of the paper's push along normals: d = (A_near / A_total) N / |N|, N the sum of unit normals around.
-
-This push is not conservative, so its derivative is no symmetric one: the transpose is gathered. Which face is nearest
-to a particle is frozen. Of a particle's bar b by d comes
+Adjoints of the paper's push along normals: d = (A_near / A_total) N / |N|, N the sum of unit normals around. This push
+is not conservative, so its derivative is no symmetric one: the transpose is gathered. Which face is nearest to a
+particle is frozen. Of a particle's bar b by d comes
 
 - by N: (A_near / A_total) (b - (b . n) n) / |N|, which each face around gets, and turns by its own unit normal
 - by A_near, of the nearest face alone: b . n / A_total
@@ -444,7 +437,7 @@ def area_adjoint(quads: bool, at: Any) -> Adjoint:
 
 @cache
 def ring_area_adjoint(shear_begin: int, least_valence: int, at: Any) -> Adjoint:
-    """Return the adjoint that gathers it around a particle whose springs are in slots, see `loops.slots.ring_area`.
+    """Return the adjoint that gathers it around a particle whose springs are in slots, see `loops.springs.ring_area`.
 
     Args:
         shear_begin: slots of structural springs.

@@ -1,14 +1,11 @@
 """Adjoints of spheres that move, and meet the ground, obstacles and each other.
 
-Changes of a sphere's course in a step, as functions that Warp derives: motion, ground, obstacles, spheres.
+Changes of a sphere's course in a step are functions that Warp derives: motion, ground, obstacles, spheres. Each returns
+where a sphere is then, and how fast, times the derivatives by that.
 
-Each returns where a sphere is then, and how fast, times the derivatives by that.
-
-Adjoint of spheres that move: the bars that particles have found are added up, and turned into those of before.
-
-The events that change the courses of spheres in a substep are found again, see `sphere_log`, and run through from the
-last to the first: motion, the ground, obstacles, other spheres. Frozen are the pairs that meet, whether they rebound,
-and whether friction holds.
+The bars that particles have found are added up, and turned into those of before. The events that change the courses of
+spheres in a substep are found again, see `adjoints.spheres`, and run through from the last to the first: motion, the
+ground, obstacles, other spheres. Frozen are the pairs that meet, whether they rebound, and whether friction holds.
 """
 
 from collections.abc import Sequence
@@ -82,7 +79,7 @@ def worth(position: wp.vec3, velocity: wp.vec3, spin: wp.vec3, bar: Course):
 
 @wp.func
 def work_of_roll(course: Course, ball: Ball, up: wp.vec3, step: float, bar: Course):
-    """Return a sphere's course after a step beside the ground, see `loops.rolling`, times its bars."""
+    """Return a sphere's course after a step beside the ground, see `loops.spheres`, times its bars."""
     moved, going, stopped = fall(
         course.position, course.velocity, ball.force / ball.mass, ball.radius, ball.gravity, up, ball.ground_height,
         ball.ground_restitution, step,
@@ -93,7 +90,7 @@ def work_of_roll(course: Course, ball: Ball, up: wp.vec3, step: float, bar: Cour
 
 @wp.func
 def work_on_ground(course: Course, ball: Ball, up: wp.vec3, step: float, bar: Course):
-    """Return the course of a sphere that another has pushed into the ground, see `loops.colliding`, times its bars."""
+    """Return the course of a sphere that another has pushed into the ground, see `loops.spheres`, times its bars."""
     depth = ball.ground_height + ball.radius - wp.dot(course.position, up)
     coming = -wp.dot(course.velocity, up)
     stopped = stop_of(coming, step * coming, coming, ball.ground_restitution, step)
@@ -107,7 +104,7 @@ def worth_of_turn(
     course: Course, place: wp.vec3, normal: wp.vec3, moving: wp.vec3, radius: float, up: wp.vec3, entry: Entry,
     left: float, bar: Course,
 ):  # fmt: skip
-    """Return the course of a sphere that an obstacle lets go to a place, see `loops.rolling`, times its bars.
+    """Return the course of a sphere that an obstacle lets go to a place, see `loops.spheres`, times its bars.
 
     Args:
         left: of the step, in which it slides.
@@ -172,7 +169,7 @@ def work_of_pair(
     start: wp.vec3, other_start: wp.vec3, mine: Course, other: Course, mass: float, other_mass: float, radius: float,
     other_radius: float, pair: Pair, up: wp.vec3, bar: Course, other_bar: Course,
 ):  # fmt: skip
-    """Return the courses of two spheres that have met, see `loops.colliding`, times their bars."""
+    """Return the courses of two spheres that have met, see `loops.spheres`, times their bars."""
     before = other_start - start
     shift, gain, part = collision(
         before, other.position - mine.position - before, other.velocity - mine.velocity, radius + other_radius,

@@ -1,20 +1,15 @@
 """Adjoint of small spheres that meet faces, a block a world.
 
-Adjoint of a sphere and corners of faces that move on as one.
+A sphere and corners of faces may move on as one. With masses m, ways d and velocities v of all, all have the mean way D
+and velocity V. So with the sum b of the derivatives by places after it, those by d are m b / M of the mass M of all,
+and by m they are (d - D) . b / M.
 
-With masses m, ways d and velocities v of all, all have the mean way D and velocity V. So with the sum b of the
-derivatives by places after it, those by d are m b / M of the mass M of all, and by m they are (d - D) . b / M.
+Warp derives one contact of a small sphere and a triangle of the law's own functions. The time of impact is derived as
+it is found: each look ahead leads to the next. Frozen is how many looks there are, and which branches act.
 
-Adjoint of one contact of a small sphere and a triangle, which Warp derives of the law's own functions.
-
-The time of impact is derived as it is found: each look ahead leads to the next. Frozen is how many looks there are, and
-which branches act.
-
-Adjoint of small spheres that meet faces, a block a world.
-
-A substep's contacts are resolved again, and each is noted, see `face_log`. Then one thread goes through them from the
-last to the first: each turns the derivatives by a sphere and corners after it into those by their states before it. So
-all adds up in one order. Frozen is which faces a sphere meets, in which order, and with which it moves on as one.
+A substep's contacts are resolved again, and each is noted as it comes. Then one thread goes through them from the last
+to the first: each turns the derivatives by a sphere and corners after it into those by their states before it. So all
+adds up in one order. Frozen is which faces a sphere meets, in which order, and with which it moves on as one.
 """
 
 from collections.abc import Sequence

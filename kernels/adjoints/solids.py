@@ -1,9 +1,5 @@
 """Adjoints of contact with solids: the ground, obstacles, or spheres.
 
-Adjoints of contact with solids: the ground, obstacles, or spheres.
-
-Adjoints of contact with obstacles, and with the ground beside them.
-
 Which particles touch which things in which substep, and whether friction holds them, is frozen; on meshes the normal,
 too. For boxes, capsules and planes it is derived: at the place that is nearest to where a particle comes, or where its
 way comes in, if it slides on from there.
@@ -133,7 +129,7 @@ def contact_function(features: Features) -> Any:
         t: Tables, around: Around, start: wp.vec3, end: wp.vec3, course: wp.vec3, before: wp.int32, foreseen: bool,
         at_once: bool,
     ):  # fmt: skip
-        """Return the last contact of a particle before that of a number, see `loops.obstacles`.
+        """Return the last contact of a particle before that of a number, see `loops.contact`.
 
         Args:
             foreseen: whether contacts are those of `detour_function`, in one turn at one velocity.
@@ -415,7 +411,7 @@ def detour_of_ground_backwards(
 def work_of_detour(
     point: wp.vec3, course: wp.vec3, up: wp.vec3, height: float, friction: float, step_seconds: float, bar: wp.vec3
 ):
-    """Return the velocity change that the ground will bring, see `loops.obstacles.detour_function`, times a bar."""
+    """Return the velocity change that the ground will bring, see `loops.contact.detour_function`, times a bar."""
     end = point + step_seconds * course
     outside, _slowed = leave_ground(end, course, up, height, friction, step_seconds, False)
     return wp.dot(outside - end, bar) / step_seconds

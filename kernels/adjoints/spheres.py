@@ -1,11 +1,8 @@
 """Adjoints of spheres: derivatives by their numbers, the log of what they meet, the paper's rule.
 
-Adjoints of spheres: their motion, impacts, and the paper's rule.
-
-Adjoints of spheres by the paper's rule: a particle leaves them, or will.
-
-Which particles are in which sphere is frozen; the normals are derived. A particle stores its bars of a sphere in
-`working.sphere_bars`, and the backward pass of spheres sums them, see `adjoints.rolling`.
+By the paper's rule a particle leaves a sphere, or will. Which particles are in which sphere is frozen; the normals are
+derived. A particle stores its bars of a sphere in `working.sphere_bars`, and the backward pass of spheres sums them,
+see `adjoints.rolling`.
 """
 
 from functools import cache
@@ -105,7 +102,7 @@ EVENTS_OF_A_SPHERE = 96
 class Event:
     """A change of a sphere's course."""
 
-    kind: wp.int32  # see `loops.rolling`
+    kind: wp.int32  # see `loops.spheres`
     first: wp.int32  # the sphere
     second: wp.int32  # the other sphere, or the number of an obstacle
     mine: Course

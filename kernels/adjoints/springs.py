@@ -1,31 +1,23 @@
 """Adjoints of the loops over a particle's springs, strings and hinges, and derivatives by the numbers of each.
 
-Adjoints around eight particles of a world at once, in a CPU's vector registers: of Hooke's springs, and of areas.
+Hooke's springs, and areas, also go around eight particles of a world at once, in a CPU's vector registers, with the
+same bars, rounded alike, from the same tables, in which eight particles in a row have their entries side by side.
+Padding leads to the particle itself, and has no part. Of particles that are not there nothing is kept.
 
-They find the bars that `springs.hooke_back` and `areas.area_adjoint` find of one particle, rounded alike, from the same
-tables, in which eight particles in a row have their entries side by side. Padding leads to the particle itself, and has
-no part. Of particles that are not there nothing is kept.
+Adjoint of the loop over a particle's hinges: torsion. A hinge's part in the sum over all particles of force . bar is
+that of its four places, where the bar of a wing is the mean of its corners'. Warp derives it by the places; each
+particle takes its own bar, and the first end of an edge the numbers'.
 
-Adjoints of the loops over a particle's springs, strings and hinges.
+Adjoint of the loop over a particle's springs, whatever their laws. A spring between p and q pulls p with f = c d, along
+d to q, and q with -f. Its part in the sum over all particles of force . bar is f . (bar of p - bar of q). That is
+derived by d, by how fast d changes, and by the spring's numbers; Warp derives the coefficient c, which the laws give.
+Both ends come to it: each takes the bars of its own place and velocity, and half of the numbers'. For Hooke's law alone
+all is written out, with a single root.
 
-Adjoint of the loop over a particle's hinges: torsion.
+Springs are read from tables, or are in slots, see `loops.springs`.
 
-A hinge's part in the sum over all particles of force . bar is that of its four places, where the bar of a wing is the
-mean of its corners'. Warp derives it by the places; each particle takes its own bar, and the first end of an edge the
-numbers'.
-
-Adjoint of the loop over a particle's springs, whatever their laws.
-
-A spring between p and q pulls p with f = c d, along d to q, and q with -f. Its part in the sum over all particles of
-force . bar is f . (bar of p - bar of q). That is derived by d, by how fast d changes, and by the spring's numbers; Warp
-derives the coefficient c, which the laws give. Both ends come to it: each takes the bars of its own place and velocity,
-and half of the numbers'. For Hooke's law alone all is written out, with a single root.
-
-Springs are read from tables, or are in slots, see `loops.slots`.
-
-Derivatives by the numbers of each spring, and of each triangle of a membrane: a thread has one, once a substep.
-
-They follow from how much the forces on particles are worth, which are known once all particles have run backwards.
+Derivatives by the numbers of each spring, and of each triangle of a membrane: a thread has one, once a substep. They
+follow from how much the forces on particles are worth, which are known once all particles have run backwards.
 """
 
 from functools import cache

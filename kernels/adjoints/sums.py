@@ -1,15 +1,12 @@
 """Sums of derivatives: as whole numbers, by particles, and by balloons.
 
-Sums of derivatives that come from anywhere in any order, and are the same to the bit: as whole numbers.
+Sums of derivatives that come from anywhere in any order, and are the same to the bit: as whole numbers. Derivatives
+have no unit that would say how large they are. So all is gone through twice: the largest of a kind in a world is found
+first, and then each is added as a whole number of its 2^44th part. A sum has room for half a million as large as that.
 
-Derivatives have no unit that would say how large they are. So all is gone through twice: the largest of a kind in a
-world is found first, and then each is added as a whole number of its 2^44th part. A sum has room for half a million as
-large as that.
-
-Sums of derivatives by places, velocities and inverse masses of particles, by contacts in any order.
-
-Bars of contacts have `points`, `velocities` and `eases`, shape (W, P), and `sums`, shape (W, P, SUMS), and `largest`,
-see `exact_sums`; for masses, `gas_masses` and `numbers`.
+Sums of derivatives by places, velocities and inverse masses of particles, by contacts in any order. Bars of contacts
+have `points`, `velocities` and `eases`, shape (W, P), and `sums`, shape (W, P, SUMS), and `largest`; for masses,
+`gas_masses` and `numbers`.
 """
 
 from functools import cache

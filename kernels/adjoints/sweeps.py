@@ -1,18 +1,14 @@
 """Adjoint of sweeps over contacts, a block a world: the same for every kind.
 
-Adjoint of one contact, which Warp derives of the functions of all kinds, see `contact.contact`.
-
-Frozen is which features they are, and whether they come too near.
-
-Adjoint of sweeps over contacts, a block a world: the same for every kind.
+Warp derives one contact of the functions of all kinds, see `contact.contact`. Frozen is which features they are, and
+whether they come too near.
 
 A substep's sweeps are done again, and the velocities before each are kept. Then the sweeps run backwards: each adds the
 gains by its impulses to velocities, so that the derivatives by its inputs add up; those by the contacts themselves are
-summed over sweeps, and come back to places and velocities last. All adds up exactly, see `exact_sums`.
+summed over sweeps, and come back to places and velocities last. All adds up exactly, see `adjoints.sums`.
 
-Adjoint of the ground, which stops particles that contacts push into it: how is noted in each sweep.
-
-Frozen is which particles it stops, and whether it takes all of their speed.
+The ground stops particles that contacts push into it: how is noted in each sweep. Frozen is which particles it stops,
+and whether it takes all of their speed.
 """
 
 from collections.abc import Callable
@@ -130,7 +126,7 @@ def sum_of_contacts(one: Contact, other: Contact):
 
 OF_FRICTION, OF_THICKNESS = (wp.constant(3 + KINDS_OF_BALLS + kind) for kind in range(2))
 KINDS = 5 + KINDS_OF_BALLS
-"""Number of kinds of sums, see `particle_sums` and `ridge_balls`; the last are of pairs of balloons"""
+"""Number of kinds of sums, see `adjoints.sums` and `adjoints.spheres`; the last are of pairs of balloons"""
 
 
 @wp.struct

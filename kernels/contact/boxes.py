@@ -1,10 +1,9 @@
 """Bounding boxes of balloons and of their parts, swept until the next search.
 
-Boxes eight side by side: a CPU's vector registers hold eight numbers, so that one comparison is for eight boxes.
-
-A row is of the triangles of a leaf, or of eight leaves that follow each other, or of eight such rows. Leaves have the
-order of the tree of parts, see `contact.parts`, so that a search meets the same ones as in the tree, in the same order.
-The boxes of triangles are made when a search first looks into their leaf.
+Boxes eight side by side: a CPU's vector registers hold eight numbers, so that one comparison is for eight boxes. A row
+is of the triangles of a leaf, or of eight leaves that follow each other, or of eight such rows. Leaves have the order
+of the tree of parts, so that a search meets the same ones as in the tree, in the same order. The boxes of triangles are
+made when a search first looks into their leaf.
 """
 
 from functools import cache
@@ -539,7 +538,7 @@ def first_leaf(t: Tables, balloon: wp.int32):
 
 @wp.func
 def begin_of_leaves(t: Tables, balloon: wp.int32, count: wp.int32):
-    """Return where a search among the leaves of a balloon begins, see `near_parts.begin_of_parts`."""
+    """Return where a search among the leaves of a balloon begins, see `contact.triangles.begin_of_parts`."""
     return wp.where(count >= 0, 0, first_leaf(t, balloon))
 
 
@@ -553,7 +552,7 @@ def end_of_leaves(t: Tables, balloon: wp.int32, count: wp.int32):
 def leaf_of_search(
     t: Tables, working: Working, world: wp.int32, home: wp.int32, at: wp.int32, count: wp.int32
 ):  # fmt: skip
-    """Return the part at a place of a search among leaves, see `near_parts.part_of_search`."""
+    """Return the part at a place of a search among leaves, see `contact.triangles.part_of_search`."""
     if count >= 0:
         return working.near_parts[world, home, at]
     return int_at(t.touch.parts_by_level, at)

@@ -1,14 +1,11 @@
 """Contact of sharp edges of balloons: the search for pairs, and their contacts.
 
-Contact of sharp edges of balloons, see `laws.edges`, and of particles that would come through triangles.
+See `laws.touch`. Particles that would come through triangles are contacts of this kind, too: the spring between a
+particle and a triangle, see `laws.touch`, may let it through.
 
-The spring between a particle and a triangle, see `laws.touch`, may let it through. A search now and then finds pairs
-that are near each other.
-
-Search for edges that may touch each other, every few substeps, by the boxes of parts, see `contact.parts`.
-
+A search finds the edges that may touch each other, every few substeps, by the boxes of parts, see `contact.boxes`.
 Threads go through the trees of balloons for edges, or compare those of two leaves of a balloon near each other, see
-`contact.near_parts`. They list pairs whose boxes meet; others measure these, so that threads of a warp do the same.
+`contact.triangles`. They list pairs whose boxes meet; others measure these, so that threads of a warp do the same.
 """
 
 from functools import cache

@@ -1,7 +1,5 @@
 """Ends of a contact: particles, and a body or a sphere. Their motion, their masses, and the impulses on them.
 
-Ends of a contact: particles, and a body or a sphere. Their motion, their masses, and the impulses on them.
-
 Impulses add up as whole numbers, the same in any order.
 """
 

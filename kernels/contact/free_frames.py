@@ -1,14 +1,11 @@
 """Free frames: the balloons of a world are far from all that they may touch, and from themselves.
 
-Free frames: the particles of a world are far from everything that they may touch but ground and spheres.
-
-Such a frame is simulated as if there were nothing else, or nothing but obstacles, where it is enough that balloons are
-apart. The free distance of each particle is known at the frame's start; if one went further, the world is restored and
-simulated once more with all contacts. So nothing is missed at any speed, and where nothing is near, it costs next to
-nothing.
+Where they are, but for ground and spheres, a frame is simulated as if there were nothing else, or nothing but
+obstacles, where it is enough that balloons are apart. The free distance of each particle is known at the frame's start;
+if one went further, the world is restored and simulated once more with all contacts. So nothing is missed at any speed,
+and where nothing is near, it costs next to nothing.
 
 Parts of a balloon that touches itself: how far all are from touching each other, by where they are and how deformed.
-
 Two parts cannot touch where the boxes around them are apart. Parts beside each other on the surface always meet by
 their boxes. They cannot touch while the surface around them keeps its shape: where the placement of one part, turned
 and scaled as a whole, also places the other, but for a little, places apart at the start still are.

@@ -1,9 +1,7 @@
 """Balloons that touch push each other off: forces on a particle after the other, where each piece is a launch.
 
-Contact forces on particles, and the number of contacts of each.
-
-The threads that find contacts add to both in any order, and the particles take them. Forces are integers in fixed
-point, whose sums do not depend on the order.
+Contact forces on particles, and the number of contacts of each. The threads that find contacts add to both in any
+order, and the particles take them. Forces are integers in fixed point, whose sums do not depend on the order.
 """
 
 from functools import cache

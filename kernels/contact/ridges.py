@@ -1,4 +1,4 @@
-"""Contact of faces and edges of balloons with ridges of obstacles, bodies and spheres."""
+"""Contact of faces and edges of balloons with ridges of obstacles, bodies and spheres, see `laws.touch`."""
 
 from functools import cache
 from typing import Any

@@ -1,12 +1,9 @@
 """Search for triangles near particles, every few substeps: candidates by boxes, and a list for each particle.
 
-Narrow phase: triangles that each particle may touch, searched every few substeps.
+Each piece of a substep is a launch. Triangles are found in the same order every time, and in each world by itself.
 
-Each piece of a substep is a launch. They are found in the same order every time, and in each world by itself.
-
-Lists of the particles of a world that search for triangles, and of those that have found some.
-
-With lists adjacent threads all have work. The order in a list does not matter.
+The particles of a world that search, and those that have found some, are listed: adjacent threads all have work. The
+order in a list does not matter.
 """
 
 from functools import cache
@@ -173,7 +170,7 @@ def next_part_function(features: Features) -> Any:
 def eight_filling_function(features: Features) -> Any:
     """Return the function that goes on with a search until a queue is filled with triangles that may be near.
 
-    It compares eight boxes at a time, see `contact.eight_boxes`: with the same result to the bit.
+    It compares eight boxes at a time, see `contact.boxes`: with the same result to the bit.
     """
     may_touch, looks_into = may_touch_function(features), looks_function(features)
 
@@ -442,7 +439,7 @@ def neighbor_function(features: Features) -> Any:
 def next_of_eight(
     t: Tables, working: Working, world: wp.int32, balloon: wp.int32, begin: wp.int32, point: wp.vec3, velocity: wp.vec3
 ):  # fmt: skip
-    """Return the same by eight boxes at a time, see `contact.eight_boxes`."""
+    """Return the same by eight boxes at a time, see `contact.boxes`."""
     place = begin
     count = working.neighbor_counts[world, balloon]
     while place < count:

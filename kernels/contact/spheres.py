@@ -1,15 +1,12 @@
 """Contact of spheres: momentum exchanged with particles, and small spheres that meet faces.
 
-Exchange of momentum between spheres and particles, a block a world.
+A block has a world, and each piece of a substep is a launch. Momentum is exchanged by a loop over the particles near a
+sphere, which any thread has marked: in the same order every time.
 
-Each piece of a substep is a launch, which loops over the marked particles in the same order every time.
-
-Contact of small spheres with faces, a block a world: the earliest contact first, until none is left.
-
-Each piece of a substep is a launch. Between faces that are folded around a sphere this takes long. Then the sphere and
-the corners of all faces that it meets from there on become a lump, which moves with its mean velocity: this conserves
-momentum and takes energy, and where nothing moves relative to the sphere, nothing passes through (Provot 1997,
-*Collision and self-collision handling in cloth*).
+Of small spheres and faces the earliest contact comes first, until none is left. Between faces that are folded around a
+sphere this takes long. Then the sphere and the corners of all faces that it meets from there on become a lump, which
+moves with its mean velocity: this conserves momentum and takes energy, and where nothing moves relative to the sphere,
+nothing passes through (Provot 1997, *Collision and self-collision handling in cloth*).
 """
 
 from functools import cache

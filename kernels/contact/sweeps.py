@@ -1,7 +1,5 @@
 """Sweeps over a list of contacts, a block a world: the same for every kind.
 
-Sweeps over a list of contacts, a block a world: the same for every kind.
-
 Each piece of a substep is a launch. Contacts that may act in the substep are listed once. In each sweep those that come
 too near are marked, a thread a contact; all marked ones push at once, and then a thread moves each end. Last, features
 that have come too near are moved apart, without speed.

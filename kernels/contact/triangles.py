@@ -1,19 +1,16 @@
 """Triangles beside a particle: the entries of its list, sides, places, and parameters of a contact.
 
-Positions of a particle relative to eight triangles side by side, in a CPU's vector registers.
+Eight triangles are measured side by side, in a CPU's vector registers. Each rounds as `loops.contact.place_beside` does
+for one triangle, which has the formulas.
 
-Each rounds as `meeting.place_beside` does for one triangle, which has the formulas.
+A balloon that touches itself has clearances: where a particle or an edge need not search. A search looks farther than
+it has to, and keeps how far away the nearest is that a particle or an edge may touch. Until its own way since then, and
+that of whatever moved most, have used that up, nothing can be near: a search would find nothing, and is left out. So
+results stay the same to the bit, whatever has been left out before.
 
-Clearances of a balloon that touches itself: where a particle or an edge need not search.
-
-A search looks farther than it has to, and keeps how far away the nearest is that a particle or an edge may touch. Until
-its own way since then, and that of whatever moved most, have used that up, nothing can be near: a search would find
-nothing, and is left out. So results stay the same to the bit, whatever has been left out before.
-
-Parts of a balloon that are near each other, for a balloon that touches itself.
-
-A search finds them once for each leaf of the tree of parts, and all particles and edges of the leaf look into those:
-without, each would go through the tree by itself, and find mostly its neighborhood on the surface.
+The parts of it that are near each other are found once for each leaf of the tree of parts, and all particles and edges
+of the leaf look into those: without, each would go through the tree by itself, and find mostly its neighborhood on the
+surface.
 """
 
 from functools import cache

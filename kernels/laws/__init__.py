@@ -1,9 +1,8 @@
 """Laws of forces: on a particle, along a spring or a string, at a hinge, on a face, in a balloon, in a contact.
 
-Laws of forces: on a particle, along a spring or a string, at a hinge, on a face, in a balloon, in a contact.
-
-Each is a file: formula, units, source, energy, and its bounds of the step. The list is all that the rest of the house
-knows of them: a law that stands there has its parameters in scenes, and acts in every schedule.
+Each has its formula, units, source, energy, and its bounds of the step. The list is all that the rest of the house
+knows of them: a law that stands there has its parameters in scenes, and acts in every schedule. In memory parameters
+are a row of numbers for each balloon, one for each sphere, and one for each world.
 """
 
 from collections.abc import Sequence
@@ -118,4 +117,5 @@ PARAMETERS: dict[str, Parameter] = {row.name: row for row in columns_of(LAWS).ro
 TAKEN: dict[str, Parameter] = PARAMETERS | {row.name: row for row in (*SOFTENING_PARAMETERS, *TEARING_PARAMETERS)}
 """Reserved names, which user-defined laws cannot give to other parameters: `PARAMETERS`, and those that only few scenes
 have"""
+
 __all__ = ["LAWS", "PARAMETERS", "TAKEN", "Law", "LawInput", "Parameter"]

@@ -1,11 +1,10 @@
 """Air around balloons: its pressure, density, wind and gusts.
 
-Gusts: turbulence as a sum of waves (kinematic simulation: Kraichnan 1970, Fung et al. 1992).
-
-Each wave is u = a s(k . x + phase), with a across k, so that the sum has no divergence at all, whatever the periodic
-function s is. The lengths of the k are spaced evenly in their logarithm, in shells of three: three directions at right
-angles, turned at random, and the a along one another's k, so that no direction is preferred in any shell. The energy of
-a shell is that of von Karman's spectrum,
+Gusts: turbulence as a sum of waves (kinematic simulation: Kraichnan 1970, Fung et al. 1992). Each wave is u = a s(k . x
++ phase), with a across k, so that the sum has no divergence at all, whatever the periodic function s is. The lengths of
+the k are spaced evenly in their logarithm, in shells of three: three directions at right angles, turned at random, and
+the a along one another's k, so that no direction is preferred in any shell. The energy of a shell is that of von
+Karman's spectrum,
 
     E(k) ~ (k l)^4 / (1 + (k l)^2)^(17/6),  l = 1.339 L,
 

@@ -1,10 +1,7 @@
 """Contact with spheres, obstacles and the ground: Coulomb's friction, impulses, and spheres that collide.
 
-Contact with spheres, obstacles and the ground, and Coulomb's friction.
-
-Coulomb's friction as an impulse, which turns a sphere.
-
-With w the sphere's spin and r the arm from its center to where it touches something, its surface slides there at
+Coulomb's friction as an impulse, which turns a sphere. With w the sphere's spin and r the arm from its center to where
+it touches something, its surface slides there at
 
     s = u - (u . n) n,    u = V + w x r - (how fast the other moves there),
 
@@ -22,33 +19,29 @@ Particles that a sphere presses are many. Each gets k m |s| at most, see `laws.r
 then all of them together give no energy, since of two impulses on a sphere each shows at the other's place by no more
 than the root of the product of both e. Impulses act where things meet: momentum and angular momentum stay.
 
-Contact with an obstacle of prescribed motion: its shapes as signed distances, and the response of a particle.
-
-The distance is that to the surface, negative inside, less the obstacle's thickness; its gradient is the normal. A
-particle that a step has brought inside stands on the surface where it came in, and is slowed as by the ground, see
-`laws.contact.stand_on`: so it begins to slide on a slope of atan(friction), and slides with
-g (sin - friction cos). No energy is gained, but by the motion of an obstacle.
+Obstacles of prescribed motion have shapes as signed distances. The distance is that to the surface, negative inside,
+less the obstacle's thickness; its gradient is the normal. A particle that a step has brought inside stands on the
+surface where it came in, and is slowed as by the ground, see `stand_on`: so it begins to slide on a slope of
+atan(friction), and slides with g (sin - friction cos). No energy is gained, but by the motion of an obstacle.
 
 Distances of box and capsule: Quilez, *3D signed distance functions* (iquilezles.org, "distfunctions").
 
-Contact with spheres and with the ground (paper, "Collision Detection and Resolution").
-
-A particle inside a sphere moves out along center -> particle. Its velocity into the sphere is taken away too: the paper
-leaves it, but then a particle pressed against a sphere gathers speed for as long as it is pressed.
+Spheres and ground (paper, "Collision Detection and Resolution"): a particle inside a sphere moves out along center ->
+particle. Its velocity into the sphere is taken away too: the paper leaves it, but then a particle pressed against a
+sphere gathers speed for as long as it is pressed.
 
 The sphere gets a force against that movement, proportional to how inflated the balloon is: the particle's own inflation
 force times the sphere's `penalty`, so that the sphere feels pressure times contact area. The particle's momentum into
-the sphere is lost, and the sphere's comes from nowhere. This is `contact = "penalty"`; the other is `laws.impulse`.
+the sphere is lost, and the sphere's comes from nowhere. This is `contact = "penalty"`; the other follows.
 
-Contact that keeps momentum and gives no energy, of a body and the particles that it meets: `contact = "impulse"`.
-
-It acts on velocities, before places follow them. A step h lets a particle with the gap g to a body, along the unit
-vector n from the body, approach by g at most:
+Contact that keeps momentum and gives no energy, of a body and the particles that it meets: `contact = "impulse"`. It
+acts on velocities, before places follow them. A step h lets a particle with the gap g to a body, along the unit vector
+n from the body, approach by g at most:
 
     n . (v_p' - V') >= -g / h
 
-Particles and body take the velocities nearest to those without contact, measured by kinetic energy, at which that
-holds for all particles (an inelastic contact). They exchange an impulse along n. So
+Particles and body take the velocities nearest to those without contact, measured by kinetic energy, at which that holds
+for all particles (an inelastic contact). They exchange an impulse along n. So
 
 - momentum stays, and angular momentum, since n passes through both at the step's start and places follow velocities;
 - kinetic energy does not grow, whatever the step and the masses: the velocities that are allowed are a convex set which
@@ -60,20 +53,18 @@ With a_p = -n . (v_p - V) - g / h, by how much a particle comes too fast, the bo
     (M I + sum m n n^T) D = -sum m a_p n       over particles that it presses, those with n . D + a_p > 0
 
 and each of those by (n . D + a_p) n. Which those are is found by solving again (Newton's method, of a convex function).
-
 An overlap, at the start or since something else moved the particle, may not grow, and is resolved slowly, by mass, so
 that the common center of mass stays, and without speed.
 
-Collision of two spheres in a step: the time of impact, and the impulse.
-
-The one sees the other come from s by the way w. They meet where |s + part w| is the sum R of their radii, along the
-unit vector n there. With u how fast the other moves beside the one, an impulse along n makes
+Collision of two spheres in a step: the time of impact, and the impulse. The one sees the other come from s by the way
+w. They meet where |s + part w| is the sum R of their radii, along the unit vector n there. With u how fast the other
+moves beside the one, an impulse along n makes
 
     n . u' = -e n . u    if they come nearer, e the restitution
 
 and from there on they go at the new velocities. So momentum stays, and angular momentum, since n passes through both;
-kinetic energy does not grow, as e <= 1, and neither does that of weight, which hangs on their common center of mass.
-At any speed neither tunnels through the other: paths collide, not places.
+kinetic energy does not grow, as e <= 1, and neither does that of weight, which hangs on their common center of mass. At
+any speed neither tunnels through the other: paths collide, not places.
 """
 
 import warp as wp

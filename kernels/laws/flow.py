@@ -1,11 +1,10 @@
-"""Gas that flows: breaths, pumps, and openings.
+"""Gas that flows: breaths, litres or moles over some time, a pump, up to a pressure or a diameter; and openings.
 
-Gas that leaves through an opening: the neck of a balloon that is let go, or a hole that it leaks through.
-
-By Bernoulli's law a gas of the density rho leaves from the pressure p above the air's at u = sqrt(2 p / rho); of the
-opening's area A the stream fills C_d A, so that rho C_d A u leaves each second, and pushes back by that times u:
-2 C_d A p. C_d is 0.95 to 0.99 where a nozzle leads to the opening, as a balloon's neck does (ISO 5167-3), 0.61 of a
-hole with a sharp edge (Kirchhoff's pi / (pi + 2)).
+An opening is the neck of a balloon that is let go, or a hole that it leaks through. By Bernoulli's law a gas of the
+density rho leaves from the pressure p above the air's at u = sqrt(2 p / rho); of the opening's area A the stream fills
+C_d A, so that rho C_d A u leaves each second, and pushes back by that times u: 2 C_d A p. C_d is 0.95 to 0.99 where a
+nozzle leads to the opening, as a balloon's neck does (ISO 5167-3), 0.61 of a hole with a sharp edge (Kirchhoff's pi /
+(pi + 2)).
 
 On the way the gas expands without heat, and in the throat it is nowhere faster than sound, so that the pressure there
 stays above the air's from some 90 kPa on (de Saint-Venant and Wantzel 1839): less of it leaves than of a liquid, by a
@@ -14,8 +13,8 @@ hundredth at 2 kPa. See `nozzle`.
 Gas that is drawn in, where p is negative, comes from all sides, and gives its momentum to the gas inside: it has no
 thrust.
 
-The pressure acts on the faces that close the neck in the mesh as on all others, so that it has no net force; the
-thrust is that of the open neck, all of it, and is counted once.
+The pressure acts on the faces that close the neck in the mesh as on all others, so that it has no net force; the thrust
+is that of the open neck, all of it, and is counted once.
 """
 
 import math

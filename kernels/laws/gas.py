@@ -1,9 +1,5 @@
 """Sealed gas: its pressure, how it comes and goes, and the air that moves along with a balloon.
 
-Sealed gas: its pressure, and how it comes and goes; balloons that are crushed or almost empty.
-
-Sealed gas: its pressure, how a balloon swells under it, the pumped amounts, and the flow through tubes.
-
 Two numbers describe the sealed gas, its amount n [mol] and its *free volume* V_0 [m^3]: the volume that it would take
 at one atmosphere p_0 by an adiabatic change. The free volume stands for the entropy, is conserved whatever becomes of
 balloon and air, and adds up where gases mix. At the volume V the pressure is p_0 (V_0 / V)^gamma; so it is as warm as T
@@ -13,15 +9,13 @@ The *area vector* of a particle is the gradient of its balloon's volume with res
 pressure p pushes it by p times that: net force and torque on a closed mesh vanish. The volume is that of faces as fans
 around their centers; it is homogeneous of degree three in the places, so that it is a third of the sum of x . a.
 
-A given pressure below that outside: the balloon is crushed flat, and stays so.
+A given pressure below that outside: the balloon is crushed flat, and stays so. Water above a balloon, or a pressure
+below the air's, takes its volume for as long as there is any. Then its walls lie on each other, and what the one bears
+the other holds: a skin whose volume is used up bears no further pressure.
 
-Water above a balloon, or a pressure below the air's, takes its volume for as long as there is any. Then its walls lie
-on each other, and what the one bears the other holds: a skin whose volume is used up bears no further pressure.
-
-Air around a balloon that moves along with it: added mass.
-
-A body that is accelerated in a fluid pushes that aside, and so sets it going: as if a part c of the displaced fluid
-were fixed to it, c = 1/2 for a sphere (Lamb, *Hydrodynamics*, section 92). It has inertia, and no weight.
+Added mass is that of air around a balloon, which moves along with it. A body that is accelerated in a fluid pushes that
+aside, and so sets it going: as if a part c of the displaced fluid were fixed to it, c = 1/2 for a sphere (Lamb,
+*Hydrodynamics*, section 92). It has inertia, and no weight.
 
 All particles bear it in proportion to their mass. For the balloon as a whole that is exact. Where its surface swings in
 n waves, a sphere's air has rho R / (n + 1) for each square meter along the normal, and here there is rho R / 6: half of

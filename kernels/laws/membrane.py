@@ -1,17 +1,12 @@
 """Membranes: rubber and film that is stretched in its plane, wrinkles, softens, and tears.
 
-Membranes: rubber and film that is stretched in its plane, wrinkles, and softens.
-
-Tension field of wrinkling membranes, see `laws.membrane`, and the viscosity of their material.
-
 The metric M of a triangle holds the dot products of its edges; at rest its inverse is G. Stresses are second
 Piola-Kirchhoff stresses along the edges: none needs a local frame of the triangle.
 
-Membranes: rubber and film that is stretched in its plane. Incompressible, so that its thickness is 1 / det F.
-
-C is the right Cauchy-Green tensor of the plane, a >= b its eigenvalues, the squared principal stretches; the third is
-1 / (a b). A law is an energy W(a, b) for each volume at rest; it gives its slopes by the trace a + b and by the
-determinant a b, from which the stress follows, S = 2 (dW/dtr 1 + dW/ddet adj C).
+A membrane is stretched in its plane, and incompressible, so that its thickness is 1 / det F. C is the right
+Cauchy-Green tensor of the plane, a >= b its eigenvalues, the squared principal stretches; the third is 1 / (a b). A law
+is an energy W(a, b) for each volume at rest; it gives its slopes by the trace a + b and by the determinant a b, from
+which the stress follows, S = 2 (dW/dtr 1 + dW/ddet adj C).
 
 A thin skin does not resist compression: it wrinkles. Its energy is the least that is reached by wrinkles of any size
 across the tension (Pipkin 1986, The relaxed energy density for isotropic elastic membranes):
@@ -22,23 +17,20 @@ across the tension (Pipkin 1986, The relaxed energy density for isotropic elasti
 
 The host calls the same functions with arrays, see `model.materials`.
 
-Softening of rubber (Mullins 1948): once stretched, it pulls less until it is stretched further.
-
-A pseudo-elastic law (Ogden and Roxburgh 1999, A pseudo-elastic model for the Mullins effect in filled rubber), with the
-third number that Mars gave it: the stress is that of the law, times
+Softening of rubber (Mullins 1948): once stretched, it pulls less until it is stretched further. A pseudo-elastic law
+(Ogden and Roxburgh 1999, A pseudo-elastic model for the Mullins effect in filled rubber), with the third number that
+Mars gave it: the stress is that of the law, times
 
     eta = 1 - s erf((P - W) / (m + b P))
 
 W the energy density of the law [Pa], P the greatest that there has been. On first loading P = W and eta = 1; where P
 stays, the stress is the slope of an energy that is less than W by the part lost for good. s is their 1 / r.
 
-Rubber and film that tear: where a tear begins, the line along which it runs, and where it branches.
-
-A tear begins where the larger principal true stress reaches the `strength`, or where a needle pierces. From face to
-face it runs on where the stress ahead of its tip exceeds the `tear_strength`, at most as fast as waves on the surface
-of the unstretched material, 0.955 root(mu / rho) (Rayleigh's, of an incompressible solid). Below a stress a balloon
-opens along one tear; above it tears branch, and it bursts to pieces (Moulinet and Adda-Bedia 2015, Popping balloons: a
-case study of dynamical fragmentation, PRL 115, 184301).
+Rubber and film tear. A tear begins where the larger principal true stress reaches the `strength`, or where a needle
+pierces. From face to face it runs on where the stress ahead of its tip exceeds the `tear_strength`, at most as fast as
+waves on the surface of the unstretched material, 0.955 root(mu / rho) (Rayleigh's, of an incompressible solid). Below a
+stress a balloon opens along one tear; above it tears branch, and it bursts to pieces (Moulinet and Adda-Bedia 2015,
+Popping balloons: a case study of dynamical fragmentation, PRL 115, 184301).
 
 A tear is straight: it runs where a plane cuts the unstretched skin, at first across the largest tension. Only faces
 that the plane cuts, ahead of a tip, can tear. Faces beside a tear bear as much until a wave reaches them, but a notch

@@ -1,19 +1,18 @@
 """Outer forces: gravity, helium, damping and inflation, liquids, and air that moves past faces.
 
-Gravity, helium, damping, and inflation: forces on a particle (paper, "Particle Simulation").
-
-Inflation: a force on each particle along its *aim*, or along its area vector.
+Gravity, helium and damping are those of the paper ("Particle Simulation"), lift and drag of faces those of Wejchert and
+Haumann (*Animation Aerodynamics*, 1991). Inflation is a force on each particle along its *aim*, or along its area
+vector.
 
 - Normal forces, the paper's: F = 100 k_normal (A_p / A_total) n (paper, "Particle Simulation"). A_p is the area of the
   incident face whose center is nearest to the particle, n the particle's Gouraud normal: the mean of the unit normals
   of its incident faces, normalized. The aim is (A_p / A_total) n, which the paper caches over a frame.
 - A pressure, given or of a gas: F = p dV/dx, p times the particle's area vector.
 
-A liquid under a level surface: pressure and drag on the wetted part of each face, cut exactly at the surface.
-
-A face is the fan of triangles about its center. Depth is linear over a triangle, and a corner takes the pressure and
-the wetted area weighted by its barycentric coordinate, the center's part being shared out evenly to the face's
-corners: so force and torque are those of the hydrostatic pressure on the fan (Kim et al. 2006).
+A liquid under a level surface presses on the wetted part of each face, cut exactly at the surface. A face is the fan of
+triangles about its center. Depth is linear over a triangle, and a corner takes the pressure and the wetted area
+weighted by its barycentric coordinate, the center's part being shared out evenly to the face's corners: so force and
+torque are those of the hydrostatic pressure on the fan (Kim et al. 2006).
 """
 
 from typing import Any

@@ -1,18 +1,15 @@
 """Contact of balloons: particles and spheres against triangles, edges against edges, and ridges of solids.
 
-Contact of balloons, a particle against a triangle, and of a sphere with a triangle.
-
-Contact of balloons: a particle against a triangle of another surface, or of its own, across a thin skin.
-
-With y the point of the triangle that is nearest to the particle x, n the unit vector from y to x, turned outward where
-x is behind, and g = n . (x - y) the gap, the particle overlaps by o = thickness - g. It is pushed along n by
+A particle meets a triangle of another surface, or of its own, across a thin skin. With y the point of the triangle that
+is nearest to the particle x, n the unit vector from y to x, turned outward where x is behind, and g = n . (x - y) the
+gap, the particle overlaps by o = thickness - g. It is pushed along n by
 
     F = k o + c (approach speed)    but never pulled
 
-the same from outside and from behind: a particle is pushed out where it came in. Its energy is k o^2 / 2, no
-more than came in with it: the damping, c = 2 z root(k m) of the reduced mass m, acts against the motion, and where
-the sum would pull it is left out. The triangle's corners get the opposite force by the barycentric weights of y, so
-that both forces are on one line, and neither momentum nor angular momentum changes.
+the same from outside and from behind: a particle is pushed out where it came in. Its energy is k o^2 / 2, no more than
+came in with it: the damping, c = 2 z root(k m) of the reduced mass m, acts against the motion, and where the sum would
+pull it is left out. The triangle's corners get the opposite force by the barycentric weights of y, so that both forces
+are on one line, and neither momentum nor angular momentum changes.
 
 Friction is Coulomb's, with one coefficient, by a spring along the surface (Cundall and Strack 1979): from where x took
 hold of the triangle, it stretches as they slide and pulls back as stiff as the contact, up to friction times F; from
@@ -23,10 +20,9 @@ forces have a part along n more,
 
 whose torque is that of the arm g n. Slip is measured with the same weights, so that friction only dissipates energy.
 
-Contact of a sphere with a triangle of a balloon in a step: the time of impact, and the impulse.
-
-With y the triangle's point nearest to the center c, of the corners' weights w_i, and n the unit vector from y to c, an
-impulse along n stops the approach,
+Contact of a sphere with a triangle of a balloon in a step: the time of impact, and the impulse. With y the triangle's
+point nearest to the center c, of the corners' weights w_i, and n the unit vector from y to c, an impulse along n stops
+the approach,
 
     n . (V' - sum w_i v_i') >= 0,
 
@@ -34,30 +30,23 @@ the sphere's and, by their weights, the corners'. It acts where |c - y| comes do
 all go on from there at their new velocities: so momentum stays, and angular momentum, since n passes through both; and
 kinetic energy does not grow. Springs and gas make it rebound.
 
-Friction acts in the same moment, at the same point, see `laws.sliding`.
+Friction acts in the same moment, at the same point, see `laws.contact`. When they come so near is found in steps over
+which they cannot (conservative advancement: the distance falls by no more than the center's way beside the corners').
+The nearest point is on the side where the center is, and the center never comes to the surface: so none changes sides,
+from outside or from within, at any speed, however small it is.
 
-When they come so near is found in steps over which they cannot (conservative advancement: the distance falls by no more
-than the center's way beside the corners'). The nearest point is on the side where the center is, and the center never
-comes to the surface: so none changes sides, from outside or from within, at any speed, however small it is.
-
-Edges that meet edges, and ridges of solids against faces and edges.
-
-Edges that meet edges: rims of open sheets and sharp seams, between whose particles none of the other's may be.
-
-With p and q the nearest points of two edges as a substep begins, and n the unit vector from p to q, the ends of each
-edge bear the contact by the weights of p or q, where they were, see `contact.contact`.
+Edges that meet edges: rims of open sheets and sharp seams, between whose particles none of the other's may be. With p
+and q the nearest points of two edges as a substep begins, and n the unit vector from p to q, the ends of each edge bear
+the contact by the weights of p or q, where they were, see `contact.contact`.
 
 Friction is an impulse J across n at q and, opposite, at p. The torque of that, g n x J, is borne by couples along n at
 the ends of the edges e_1 and e_2: impulses of -a and a, and of -b and b, with a e_1 + b e_2 = g J. Slip is measured
 with the same weights, so that friction gives no energy.
 
-Ridges of solids against faces and edges of balloons, between whose particles they could go.
-
-Ridges are convex edges, the axes of capsules, and the centers of spheres.
-
-With q the point of a ridge and p the point of a balloon's face or edge that are nearest as a substep begins, n is the
-unit vector from q to p and g their distance, less the ridge's radius. The corners bear the contact by the weights of p,
-see `contact.contact`.
+Ridges of solids meet faces and edges of balloons, between whose particles they could go. Ridges are convex edges, the
+axes of capsules, and the centers of spheres. With q the point of a ridge and p the point of a balloon's face or edge
+that are nearest as a substep begins, n is the unit vector from q to p and g their distance, less the ridge's radius.
+The corners bear the contact by the weights of p, see `contact.contact`.
 
 Which side of a ridge is outside is told by the solid's sides beside it: n may not lead far above one of them. A
 particle there that slides to the ridge is left to contact of particles; one a little above it may come down beside it

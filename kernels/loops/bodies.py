@@ -1,9 +1,7 @@
 """Free rigid bodies: poses, motion, and what they may touch.
 
-Motion of free rigid bodies in a step before they meet particles.
-
-Under gravity, beside the ground, obstacles, each other, and then spheres. One thread takes all of a world, in the same
-order every time.
+They move before they meet particles, under gravity, beside the ground, obstacles, each other, and then spheres. One
+thread takes all of a world, in the same order every time.
 """
 
 from functools import cache

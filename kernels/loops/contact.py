@@ -1,14 +1,10 @@
 """Contacts of a particle: solids that it may touch, and triangles.
 
-Solids that a particle may touch: spheres, the ground, and obstacles.
+Solids are spheres, the ground, and obstacles. An early test says whether a particle, or any of eight, may come to one;
+most do not. Near solids are then checked one by one, so that this test may have false positives, but no false
+negatives.
 
-Early test whether a particle, or any of eight, may come to the ground, a sphere or an obstacle; most do not.
-
-Near solids are then checked one by one, so that this test may have false positives, but no false negatives.
-
-Contact of a particle with triangles, of its own balloon or another: geometry and forces.
-
-See `laws.touch`.
+Triangles are of the particle's own balloon or another, see `laws.touch`.
 """
 
 from functools import cache

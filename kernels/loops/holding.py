@@ -1,12 +1,9 @@
 """Contacts of free rigid bodies: things that are near, points, rebounds, and impulses from sweep to sweep.
 
-Contacts of free rigid bodies: points near other things, rebounds, and impulses from sweep to sweep.
-
-Impulses at all points at which free bodies touch, from sweep to sweep until they agree, see `laws.grip`.
-
-They act on how bodies move in working memory: as fast as they are, or as far as they are to be moved out of overlaps in
-a step of one second. A light body between heavy ones gets large impulses from both sides, of which little is left: so
-they are in float64.
+Impulses at all points at which free bodies touch, from sweep to sweep until they agree, see `laws.rigid`. They act on
+how bodies move in working memory: as fast as they are, or as far as they are to be moved out of overlaps in a step of
+one second. A light body between heavy ones gets large impulses from both sides, of which little is left: so they are in
+float64.
 """
 
 from functools import cache

@@ -1,7 +1,5 @@
 """Membranes: triangle by triangle, face by face, and those of a particle.
 
-Membranes: triangle by triangle, and those of a particle.
-
 The energy of a triangle is a function of its edges' products alone, so that its forces are a combination of its edges:
 on the corner that edges d1 and d2 begin at, (T11 + T12) d1 + (T12 + T22) d2, with the tensions T along them.
 """

@@ -1,14 +1,10 @@
 """Net force on a particle, or on eight side by side, but for inflation and contacts: where the laws enter.
 
-Loads of a liquid on the faces around a particle.
+A liquid loads the faces around a particle. Each face is the fan of triangles about its center, cut at the level.
 
-Each face is the fan of triangles about its center, cut at the level.
-
-Loops over the forces on eight particles side by side.
-
-Springs, area vectors and laws on particles are vector instructions throughout. Strings, water and laws on faces are
-rarer: for them each lane is looked at by itself, by the loops for one particle. Hinges and membranes have been added up
-before, see `phases.stretch`.
+Of eight particles side by side springs, area vectors and laws on particles are vector instructions throughout. Strings,
+water and laws on faces are rarer: for them each lane is looked at by itself, by the loops for one particle. Hinges and
+membranes have been added up before, see `phases.forces`.
 """
 
 from functools import cache
@@ -428,7 +424,7 @@ class Loops(NamedTuple):
 
     around: Any
     """(t, points, velocities, own, springs, point, velocity, time) to the net force of its springs, and where they are
-    needed and found on the way, to its area vector and A_p n, see `laws.inflation`"""
+    needed and found on the way, to its area vector and A_p n, see `laws.outer`"""
     others: Any
     """(t, points, velocities, own, point, velocity, time) to that of strings, hinges and membranes; None if
     there are none, or the springs' has it already"""
@@ -455,7 +451,7 @@ def net_force_function(features: Features, loops: Loops) -> Any:
         Args:
             velocities: of all particles, where a law asks for its neighbors'.
             springs: inputs of the loop over springs, beside the tables.
-            water_load: see `phases.soak`; anything where there is no liquid.
+            water_load: see `phases.forces.soak`; anything where there is no liquid.
         """
         force, area_vector, vertex_normal = loops.around(t, points, velocities, params, springs, point, velocity, time)
         if wp.static(others):

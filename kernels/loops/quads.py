@@ -1,10 +1,7 @@
 """Quads of membranes: tensions along edges and diagonals, in registers or eight side by side.
 
-Quads of membranes: tensions along edges and diagonals, in registers or eight side by side.
-
-Tensions of a membrane quad along edges and diagonals, from the sums of its four triangles at rest.
-
-For laws that are `Law.linear`: the constant parts of a taut quad are computed once.
+They follow from the sums of a quad's four triangles at rest. For laws that are `Law.linear` the constant parts of a
+taut quad are computed once.
 """
 
 from functools import cache
@@ -447,7 +444,7 @@ def quad_pull(features: Features, at: Any, world_of: Any) -> Any:
 
     @wp.func
     def worn(t: Any, params: Any, along: Lanes4, mixed: Lanes4, back: Lanes4):
-        """Return the tensions of a quad reduced by the wear of its triangles, see `phases.wear`."""
+        """Return the tensions of a quad reduced by the wear of its triangles, see `phases.forces`."""
         for corner in range(t.quad_triangles[params.number]):
             numbers = t.quad_numbers[4 * params.number + corner]
             left = Lanes()
@@ -497,7 +494,7 @@ def quad_pull(features: Features, at: Any, world_of: Any) -> Any:
 
 
 class MembraneFaceFunctions(NamedTuple):
-    """Hold the functions and layout that phases ask for, see `phases.stretch`."""
+    """Hold the functions and layout that phases ask for, see `phases.forces.stretch`."""
 
     clear: Any
     stretch: Any

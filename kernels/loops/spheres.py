@@ -1,11 +1,7 @@
 """Spheres: their state, motion, collisions with each other, and exchange of momentum with particles.
 
-Spheres: their motion, collisions with each other, and exchange of momentum with particles.
-
-Exchange of momentum between spheres and particles, wherever both are kept, see `laws.impulse`.
-
-A schedule sums `press_on_ball` over the particles until the sphere's change of velocity is settled, then has each
-particle answer.
+Exchange of momentum between spheres and particles, wherever both are kept, see `laws.contact`. A schedule sums
+`press_on_ball` over the particles until the sphere's change of velocity is settled, then has each particle answer.
 """
 
 from functools import cache
@@ -520,7 +516,7 @@ class Ball:
     velocity: wp.vec3
     radius: float
     mass: float
-    sinking: float  # by how much it comes too fast to the ground, see `laws.impulse`
+    sinking: float  # by how much it comes too fast to the ground, see `laws.contact`
     spin: wp.vec3  # where it has friction [rad/s]
     ground_friction: float  # between it and the ground, likewise
 

@@ -1,9 +1,5 @@
 """Springs: one by one, those of a particle, and those in the registers of its thread.
 
-A particle's springs in the registers of its thread, in slots, or with its faces around it.
-
-A particle's springs in the registers of its thread.
-
 Where quads go all around a particle, its structural and shear springs go around it in a ring, e0 s0 e1 s1 ... e0, so
 that the points at their other ends, once loaded, give the area vectors of the quads between them, too.
 """

@@ -1,8 +1,7 @@
 """Distances and crossings of triangles, for judging any simulation.
 
-Signed distance to triangles that need not be closed.
-
-The side follows from the winding number (Barill et al. 2018, "Fast winding numbers for soups and clouds").
+Triangles need not be closed for a signed distance: the side follows from the winding number (Barill et al. 2018, "Fast
+winding numbers for soups and clouds").
 """
 
 from typing import Any

@@ -1,12 +1,7 @@
 """Observations of worlds: balloons, contacts, and forces of springs and laws.
 
-Kernels of observations of each world's balloons after a frame, summed in a fixed order.
-
-Each observes the worlds that a mask chooses; one without entries chooses all.
-
-Kernels of how far each world's balloons have turned, by best fit, summed in a fixed order.
-
-Each observes the worlds that a mask chooses; one without entries chooses all.
+All are summed on the device in a fixed order. Each kernel observes the worlds that a mask chooses; one without entries
+chooses all.
 """
 
 from functools import cache

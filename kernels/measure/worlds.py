@@ -1,14 +1,11 @@
 """Measures of each world in a batch's table, reduced on the device in a fixed order: every run gives the same bits.
 
-Measures of each world in a batch's table, reduced on the device in a fixed order: every run gives the same bits.
-
 Each balloon is summed by a number of threads that each take every n-th face, spring and particle; then a thread a world
 sums their parts, and the balloons.
 
-Volume, first and second moments of closed balloons as solids, exact for their polyhedra (Kim et al. 2006).
-
-A face is the fan of triangles about its center, and each triangle spans a tetrahedron with a fixed apex, over which 1,
-x and x x^T have integrals in closed form. In double precision, and in a fixed order: every run gives the same bits.
+Volume, first and second moments of closed balloons as solids, exact for their polyhedra (Kim et al. 2006). A face is
+the fan of triangles about its center, and each triangle spans a tetrahedron with a fixed apex, over which 1, x and x
+x^T have integrals in closed form. In double precision, and in a fixed order: every run gives the same bits.
 """
 
 import warp as wp

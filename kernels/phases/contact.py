@@ -1,14 +1,10 @@
 """Contact: particles leave solids, balloons push each other, and momentum is exchanged.
 
-Impulses of contacts on particles, summed over a frame.
+Impulses of contacts on particles are summed over a frame. Each follows from the change of a velocity that all other
+forces would have left as it was, with the part of it that damping and drag take in the step.
 
-An impulse follows from the change of a velocity that all other forces would have left as it was, with the part of it
-that damping and drag take in the step.
-
-Exchange of momentum once all particles have moved.
-
-Spheres and particles exchange it, as do small spheres and faces, and then all that is on a list of contacts. Each by
-all threads of a block, for a world.
+Momentum is exchanged once all particles have moved: by spheres and particles, as do small spheres and faces, and then
+by all that is on a list of contacts. Each is by all threads of a block, for a world.
 """
 
 from typing import Any

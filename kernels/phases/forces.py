@@ -1,26 +1,17 @@
 """Forces on particles: of springs, membranes that wear and tear, faces, liquids, and outer ones.
 
-Membranes: forces face by face, wear, and tears.
+Membranes wear and tear before they pull: stresses of faces, the start of tears, and their propagation precede the
+forces of a substep and follow the stresses of triangles. Each whole face looks for tears that arrive, and tears in a
+launch of its own, so that the order of threads does not matter.
 
-Tearing of membranes: stresses of faces, the start of tears, and their propagation.
+`push_face` and its like find forces by atomic adds into one array that particles take: the readable reference, which
+every other way is tested against.
 
-These phases precede the forces of a substep and follow the stresses of triangles. Each whole face looks for tears that
-arrive, and tears in a launch of its own, so that the order of threads does not matter.
+`pull` sums the net force on a particle but for the inflation's: of springs, strings, hinges, faces, membranes and laws
+on particles; the thrust of jets, and the forces of contacts.
 
-Forces on particles: of springs, faces, liquids, and outer ones.
-
-Forces of springs, strings, hinges, triangles and faces, by atomic adds into one array that particles take.
-
-The readable reference, which every other way is tested against.
-
-Net force on a particle but for the inflation's.
-
-They are of springs, strings, hinges, faces, membranes and laws on particles; the thrust of jets, and the forces of
-contacts.
-
-Forces of membranes, hinges and faces on their particles, where one thread has a whole world.
-
-Each triangle, hinge and face is evaluated once, and its forces wait at the particles.
+Where one thread has a whole world, each triangle, hinge and face is evaluated once, and its forces wait at the
+particles.
 """
 
 from functools import cache

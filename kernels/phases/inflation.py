@@ -1,13 +1,10 @@
 """Inflation: normal forces, pressures, and gas that flows.
 
-Gas that is pumped in or let out, and that flows through tubes, necks and leaks.
+Gas is pumped in or let out as a substep begins, and flows through tubes, necks and leaks once its pressure is known.
 
-The former as a substep begins, the latter once its pressure is known; and how much a particle has to move of it.
-
-A liquid's pressure on a skin that is too soft to bear how much harder it presses below than above.
-
-In a liquid at rest no such skin has a shape: it would dent until it meets itself, and the liquid with it would turn
-inside out what crosses. So what the skin does not bear lifts the balloon as a whole.
+A skin may be too soft to bear how much harder a liquid presses below than above. In a liquid at rest no such skin has a
+shape: it would dent until it meets itself, and the liquid with it would turn inside out what crosses. So what the skin
+does not bear lifts the balloon as a whole.
 """
 
 from functools import cache

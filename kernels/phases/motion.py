@@ -1,15 +1,12 @@
 """Motion of particles, spheres and bodies by all forces.
 
-A particle moves: a = F / m; v += h a; x += h v, in the order of the paper's listing.
+A particle moves: a = F / m; v += h a; x += h v, in the order of the paper's listing. But of a balloon's damping c a
+force -c v is in F, and v' = v + h F / (m + h c): the damping is that of the speed at the end, so that the speed goes to
+F / c and never beyond, however short the time m / c is for the step.
 
-But of a balloon's damping c a force -c v is in F, and v' = v + h F / (m + h c): the damping is that of the speed at the
-end, so that the speed goes to F / c and never beyond, however short the time m / c is for the step.
-
-Answer of a particle to forces in a medium that resists it.
-
-Under the drag at the speed before a step, a light particle in a dense medium would turn back; under the drag averaged
-over a step in which nothing else acts, it would become too fast. So forces and drag act together. Where both stay along
-a line, m dv/dt = F - k |v| v has the solution
+In a medium that resists it a particle answers to forces otherwise. Under the drag at the speed before a step, a light
+particle in a dense medium would turn back; under the drag averaged over a step in which nothing else acts, it would
+become too fast. So forces and drag act together. Where both stay along a line, m dv/dt = F - k |v| v has the solution
 
     v' = (v + g F) / (1 + g k |v|),  g = (h / m) tanh(t) / t,  t = (h / m) sqrt(k |F|):
 

@@ -1,10 +1,8 @@
 """Cameras that look into many worlds at once, by a ray through the middle of each pixel.
 
-Cameras that look into many worlds at once, by a ray through the middle of each pixel.
-
 Such pictures are small and many, and all that they show moves in every frame. So each triangle finds the rays that hit
-it, which needs no tree. The first hit of a ray is the least of keys, see `pictures.sights`. A mask chooses the worlds
-that are looked at; one without entries chooses all.
+it, which needs no tree. The first hit of a ray is the least of keys, of its depth, and the thing's number. A mask
+chooses the worlds that are looked at; one without entries chooses all.
 """
 
 import warp as wp

@@ -1,7 +1,5 @@
 """The ray caster: light along a ray, one thread a pixel, three passes.
 
-The ray caster: one thread a pixel, three passes.
-
 1. `cast_pixels` adds up a pixel's samples. It keeps the unobstructed light of the key light and the sky apart from the
    shares of both that get there, which few samples make noisy.
 2. `smooth_light` blurs those two shares over neighbors that lie on the same surface, rows first, then columns.

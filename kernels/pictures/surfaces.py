@@ -1,10 +1,8 @@
 """Surfaces of a picture: shapes that rays hit, what they are made of, and the light of the studio.
 
-Response of surfaces to the studio's light: rubber, prints, shadows.
-
-Light in a thin wall of dyed rubber.
-
-A wall of thickness one looks like a party balloon's.
+Shapes are triangles, capsules (a sphere is a capsule of no length), ground and water; Y is up. The studio is a
+backdrop, a gentle sky, a large key softbox and a strip light opposite, all infinitely far away. Light passes through a
+thin wall of dyed rubber: one of thickness one looks like a party balloon's.
 """
 
 import warp as wp

@@ -1,20 +1,14 @@
 """A list of phases as one kernel: a block of threads advances a world by a frame.
 
-A list of phases as one kernel: a block of threads advances a world by a frame, with barriers between pieces.
+Barriers stand between pieces. Points stand in shared memory. A thread keeps a few particles in registers, with all that
+is known of them, or loops over particles, whose values then wait in memory.
 
-Points stand in shared memory. A thread keeps a few particles in registers, with all that is known of them, or loops
-over particles, whose values then wait in memory.
-
-Notes of each substep of a frame on its particles' values: a row of words for each substep of each world.
-
+A frame is done again, from its beginning, to note results of its substeps for those that run backwards: the beginning
+of each substep, and the values that its particles see of each other. Each substep of each world has a row of words.
 Values that others look at stand in an array of their own. A row has a value's first components side by side, then all
 second ones: neighboring threads read neighboring words, and the stride of components is known as a kernel is compiled,
 so that one address serves them all. They are a line more apart than particles need: an odd number of lines, so that
 they do not all fall into the same few sets of a cache.
-
-A frame again as one kernel: from its beginning, to note results of its substeps for those that run backwards.
-
-The beginning of each substep is noted, and the values that its particles see of each other.
 """
 
 import re

@@ -1,22 +1,13 @@
 """A frame backwards as one kernel: a block of threads has a world of one balloon.
 
-Phases backwards within a block: threads loop over particles, or all find the same of the one balloon.
+One kernel computes the frame again and notes results of its substeps, see `schedules.block`, the other runs them
+backwards: so each has the threads and registers that suit it. Threads loop over particles, or keep them, or all find
+the same of the one balloon.
 
-Bars that others read are in shared memory. Sums over a frame are in each thread's registers.
-
-A frame backwards as one kernel: a block of threads has a world of one balloon.
-
-Rows have the beginning of each substep and the values that its particles saw of each other, see `again`.
-
-A frame backwards as one kernel, where each thread of a block keeps its particles: their bars stay in registers.
-
-Values that particles see of each other are put in shared memory just before anyone looks. On a GPU a thread has one
-particle, on a CPU the one thread may have them all.
-
-Kernels of frames backwards, for layouts in which threads loop or have particles.
-
-One computes a frame again and notes results of its substeps, the other runs them backwards: so each has the threads and
-registers that suit it.
+Where they loop, bars that others read are in shared memory, and sums over a frame in each thread's registers. Where
+each thread keeps its particles, their bars stay in registers, too, and values that particles see of each other are put
+in shared memory just before anyone looks. On a GPU a thread has one particle, on a CPU the one thread may have them
+all.
 """
 
 import inspect

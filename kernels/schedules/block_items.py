@@ -1,8 +1,7 @@
 """Code of a block for particles and other items, for sums, and for phases of all threads.
 
-Sums over the items of a world, balloon by balloon, by all threads of a block: the same to the bit every time.
-
-Each warp adds up its threads' parts, in rows of shared memory; whoever wants the sum adds up the rows.
+Sums over the items of a world are by balloon, and the same to the bit every time: each warp adds up its threads' parts,
+in rows of shared memory; whoever wants the sum adds up the rows.
 """
 
 import inspect

@@ -1,25 +1,15 @@
 """Phases as one kernel: a thread advances eight worlds, or one, by a frame.
 
-Phases as one kernel: a thread advances eight worlds, or one, by a frame.
+Its source is written from the list, flat. Where a phase takes eight side by side, an item goes through it at once. Any
+other is called lane by lane, for one that is rare once it is known that something in the lanes needs it at all.
 
-Sums at the corners of quads, in the same order for eight worlds and for eight quads of one.
+Sums have the same order for eight worlds and for eight particles, or quads, of one. Over the items of a balloon eight
+particles add up lane by lane, and then lanes do: worlds have eight sums each, and every eighth particle adds to the
+same one. At the corners of quads eight worlds go quad by quad, and add to its four corners; quads of one world may
+share corners: lane by lane, each adds to its four.
 
-Eight worlds go quad by quad, and add to its four corners. Quads of one world may share corners: lane by lane, each adds
-to its four, so that a particle's sum adds up alike.
-
-Sums over items of a balloon, in the same order for eight worlds and for eight particles of one.
-
-Eight particles add up lane by lane, and then lanes do. So worlds have eight sums each, and every eighth particle adds
-to the same one.
-
-Phases as one kernel: a thread advances eight worlds, or one, by a frame. Its source is written from the list, flat.
-
-Where a phase takes eight side by side, an item goes through it at once. Any other is called lane by lane, for one that
-is rare once it is known that something in the lanes needs it at all.
-
-Forces on the particles of busy worlds, eight particles side by side: a launch of its own in each substep.
-
-The other phases of such worlds are launched one by one, and read the results of this one.
+Forces on the particles of busy worlds, eight particles side by side, are a launch of its own in each substep. The other
+phases of such worlds are launched one by one, and read the results of this one.
 """
 
 from collections.abc import Callable, Mapping

@@ -1,10 +1,8 @@
 """A frame backwards as one kernel: a thread has eight worlds of one balloon each, or one.
 
-A frame backwards as one kernel: a thread has eight worlds of one balloon each, or one, and all goes side by side.
-
-The frame is computed again from its beginning. Each substep has a row of its own, for places, velocities and the values
-that particles see of each other. Then substeps run backwards. Both ways, a particle's sums have the same order for
-eight worlds and for eight particles of one.
+All goes side by side. The frame is computed again from its beginning. Each substep has a row of its own, for places,
+velocities and the values that particles see of each other. Then substeps run backwards. Both ways, a particle's sums
+have the same order for eight worlds and for eight particles of one.
 """
 
 import inspect

@@ -1,14 +1,11 @@
 """Layouts of the eight lanes, and the names that phases read there.
 
-Layouts of the eight lanes: eight worlds, or eight particles of one world.
+The lanes are eight worlds, or eight particles of one world. Either way the loop over a balloon goes item by item, an
+item being the content of the lanes: a particle of eight worlds, or an octet, eight particles of one world. The layouts
+differ in where neighbors are: in the same lane of another item, or anywhere.
 
-Either way the loop over a balloon goes item by item, an item being the content of the lanes: a particle of eight
-worlds, or an octet, eight particles of one world. The layouts differ in where neighbors are: in the same lane of
-another item, or anywhere.
-
-Names that phases read in eight lanes, and their calls: eight at once, or one lane or world at a time.
-
-A rare phase is called only where something in the lanes needs it.
+A phase is called for eight at once, or for one lane or world at a time. A rare phase is called only where something in
+the lanes needs it.
 """
 
 from collections.abc import Iterable, Iterator, Mapping

@@ -155,7 +155,7 @@ def lane_structs(layout: Layout) -> LaneStructs:
         outer: LaneForces
         numbers: wp.array3d[Lanes]
         """Working memory, a row for each group, as are the next arrays: parameters of balloons and worlds, see
-        `laws.columns`"""
+        `kernels.laws.Columns`"""
         rows: wp.array4d[float]
         """Parameters by group, lane and balloon"""
         forces: wp.array2d[Vector]

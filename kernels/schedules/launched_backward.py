@@ -1,6 +1,4 @@
-"""A list of phases backwards, as launches: the source of kernels that find derivatives.
-
-A list of phases backwards, as launches: the source of kernels that find derivatives, in the order of their launches.
+"""A list of phases backwards, as launches: the source of kernels that find derivatives, in their order.
 
 Each phase brings its adjoint. The writer knows only this: a value that all particles of a balloon read has the sum of
 their bars; a sum hands its bar to all; and values read of other particles come back through their bars, once all have

@@ -1,17 +1,14 @@
 """A list of phases as one kernel of patches: blocks of a GPU with a part of a world each, which exchange halos.
 
-Halo exchange between co-resident thread blocks.
+Patches are for few large worlds: parts that blocks of a GPU move at once, for all of a frame. Each particle stays in
+the registers of a thread, and the points of its patch in the block's shared memory, with a rim of those outside that
+its springs and faces lead to. After each substep a block tells others where those of its particles are that they need,
+and hears where its rim is. So a substep takes no launch. All blocks must run at once: no more are launched than the
+multiprocessors have registers for.
 
-An entry has four words, the last of which is its round. It is written and read as a whole, so that no other
-synchronization is needed. Should blocks not be co-resident after all, the kernel ends with an error after some ten
-seconds.
-
-A list of phases as one kernel of patches: parts of a world that blocks of a GPU move at once, for all of a frame.
-
-For few large worlds. Each particle stays in the registers of a thread, and the points of its patch in the block's
-shared memory, with a rim of those outside that its springs and faces lead to. After each substep a block tells others
-where those of its particles are that they need, and hears where its rim is. So a substep takes no launch. All blocks
-must run at once: no more are launched than the multiprocessors have registers for.
+An entry of the halo exchange has four words, the last of which is its round. It is written and read as a whole, so that
+no other synchronization is needed. Should blocks not be co-resident after all, the kernel ends with an error after some
+ten seconds.
 """
 
 from functools import cache

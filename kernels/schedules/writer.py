@@ -1,16 +1,12 @@
 """Writers of kernels: a list of phases cut into pieces at barriers, the call of a phase, and traces of calls.
 
-Writers of kernels: a list of phases cut into pieces at barriers, and the call of a phase.
+The few items of a block that a rare phase acts on are a list that all threads share. Otherwise a warp in which one
+particle touches an obstacle takes as long as if all did. Two lengths take turns, so that one can be cleared while the
+other is read.
 
-Compaction: the few items of a block that a rare phase acts on, as a list that all threads share.
-
-Otherwise a warp in which one particle touches an obstacle takes as long as if all did. Two lengths take turns, so that
-one can be cleared while the other is read.
-
-Trace of phases between two barriers, in single assignment: each value is written once.
-
-A value that is written again, such as a velocity, has a name of its own each time: `velocity`, as it is before,
-`velocity_1`, `velocity_2`. So it can be told by which of them each phase is derived.
+A trace has the phases between two barriers in single assignment. A value that is written again, such as a velocity, has
+a name of its own each time: `velocity`, as it is before, `velocity_1`, `velocity_2`. So it can be told by which of them
+each phase is derived.
 """
 
 import inspect
