@@ -341,7 +341,7 @@ def measure_rounds(
     depths[i, k] = depth
 
 
-@wp.kernel
+@wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
 def nearest_places(
     mesh: wp.uint64,
     points: wp.array[wp.vec3],
@@ -356,7 +356,7 @@ def nearest_places(
     weights[i] = wp.vec3(nearest.u, nearest.v, 1.0 - nearest.u - nearest.v)
 
 
-@wp.kernel
+@wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
 def signed_distances(mesh: wp.uint64, points: wp.array[wp.vec3], farthest: float, distances: wp.array[float]):
     """Measure the distance of each point to the mesh, negative inside by its winding number; a thread a point."""
     i = wp.tid()
@@ -365,7 +365,7 @@ def signed_distances(mesh: wp.uint64, points: wp.array[wp.vec3], farthest: float
     distances[i] = nearest.sign * wp.length(points[i] - place)
 
 
-@wp.kernel
+@wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
 def unsigned_distances(mesh: wp.uint64, points: wp.array[wp.vec3], farthest: float, distances: wp.array[float]):
     """Measure the distance of each point to the mesh; a thread a point."""
     i = wp.tid()

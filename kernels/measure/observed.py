@@ -378,7 +378,7 @@ def mean_arm(points: wp.array2d[wp.vec3], world: wp.int32, particles: wp.vec2i):
     return total / float(particles[1] - particles[0])
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
 def sum_contacts(
     # model
     offsets: wp.array[wp.int32],
@@ -422,7 +422,7 @@ def sum_contacts(
     places[world, balloon, thing] = origin + sums.place / wp.max(sums.strength, 1.0e-30)
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
 def note_contacts(
     # state in
     frame: wp.array[wp.int32],

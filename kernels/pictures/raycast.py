@@ -41,6 +41,8 @@ from balloon_warp.kernels.pictures.surfaces import (
     water_before,
 )
 
+wp.set_module_options({**OPTIONS, "fast_math": True})
+
 LAYERS = wp.constant(3)
 """Largest number of walls and mirrors that a ray passes"""
 
@@ -179,9 +181,6 @@ def look_along(
     seen.plain += wp.cw_mul(weight, far_light)
     seen.backdrop += backdrop * luminance(weight)
     return seen
-
-
-wp.set_module_options({**OPTIONS, "enable_backward": False, "fast_math": True})
 
 
 @wp.struct
