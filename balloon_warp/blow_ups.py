@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws.springs import KINDS
-from balloon_warp.kernels.measure.health import HEALTHY
+from balloon_warp.kernels.tables import HEALTHY
 from balloon_warp.mesh.seams import size_of
 from balloon_warp.model import Model, State, copy_of, overwrite
 from balloon_warp.model.pressure import borne_pressures, passed_limit_point

@@ -16,8 +16,8 @@ from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.frame import Frame
 from balloon_warp.frame_reader import FrameReader, Reading, go_back_to, packed, plain_values, relax
 from balloon_warp.kernels.laws import Law
-from balloon_warp.kernels.measure.health import HEALTHY
-from balloon_warp.kernels.measure.solids import SolidSums, measure_solids, sum_solids
+from balloon_warp.kernels.measure.worlds import SolidSums, measure_solids, sum_solids
+from balloon_warp.kernels.tables import HEALTHY
 from balloon_warp.model import Model, Vary, build_model, carried_over, fitting, initial_state, world_bytes, worlds_of
 from balloon_warp.model.pressure import keep_pressures
 from balloon_warp.model.remarks import remarks_in_sentences

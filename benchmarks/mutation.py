@@ -34,7 +34,7 @@ STRATA = (
     Stratum("loops", 0.15, ("kernels/loops/*.py",)),
     Stratum("contact", 0.15, ("kernels/contact/*.py",)),
     Stratum("algebra", 0.05, ("kernels/algebra.py",)),
-    Stratum("frames", 0.05, ("kernels/frames/*.py",)),
+    Stratum("frames", 0.05, ("kernels/frame.py", "kernels/steering.py")),
     Stratum("springs", 0.08, ("balloon_warp/springs/*.py",)),
     Stratum("model", 0.10, ("balloon_warp/model/*.py",)),
     Stratum(
@@ -53,7 +53,7 @@ EQUIVALENT: Mapping[str, str] = {
     "are the same",
     "kernels/contact/free_frames.py judge_kernel.judge_worlds: 0.0 -> 0.1": "a bound of the speed: fewer frames are "
     "free, which has no other result",
-    "kernels/contact/near.py : wp.constant(8) -> wp.constant(9)": "as many particles share a mark, on either side",
+    "kernels/contact/spheres.py : wp.constant(8) -> wp.constant(9)": "as many particles share a mark, on either side",
     "kernels/loops/holding.py thing_holding_function.hold_thing: count - 1 -> count + 1": "samples of an obstacle take "
     "the place of those at which it differs",
     "balloon_warp/schedules/touch_table.py heights: part + 1 -> part - 1": "the second half of a part is never lower "
@@ -61,7 +61,7 @@ EQUIVALENT: Mapping[str, str] = {
     "balloon_warp/springs/even.py : 0.01 -> 0.012": "a tolerance",
     "kernels/contact/boxes.py sweep_of: t.particles.offsets[balloon] + first -> t.particles.offsets[balloon] - first":
     "the only thread of a block on a CPU is the first, 0",
-    "kernels/contact/own_parts.py judge_parts_kernel.room_of_group: wp.max(first, own.groups[other]) -> "
+    "kernels/contact/free_frames.py judge_parts_kernel.room_of_group: wp.max(first, own.groups[other]) -> "
     "wp.min(first, own.groups[other])": "pairs are looked at twice: the least of their gaps is the same",
     "kernels/laws/touch.py : 1.0e-3 -> 0.0012": "a tolerance",
     "kernels/contact/triangles.py faced_triangle: faced(place, corners[0], corners[1], corners[2]) -> "
@@ -75,9 +75,9 @@ EQUIVALENT: Mapping[str, str] = {
     "the air of a given pressure is adiabatic: its free volume has no temperature in it",
     "kernels/phases/motion.py may_any_meet: pair // count < pair % count -> pair // count >= pair % count": "a pair is "
     "seen from the other side, and a sphere that meets itself has no collision",
-    "kernels/contact/seeking_edges.py way_of_edge: ends[0] -> ends[1]": "more edges search",
+    "kernels/contact/edges.py way_of_edge: ends[0] -> ends[1]": "more edges search",
     "kernels/contact/free_frames.py : 40.0 -> 48.0": "a bound with room: two edges are 40 thicknesses",
-    "kernels/contact/clearances.py lookout_of: LOOKOUT * t.touch.slack[balloon] -> "
+    "kernels/contact/triangles.py lookout_of: LOOKOUT * t.touch.slack[balloon] -> "
     "LOOKOUT / t.touch.slack[balloon]": "a search looks farther than it has to, and finds the same contacts",
     "balloon_warp/schedules/lane_tables.py _add_membranes: model.balloon_count + 1 -> model.balloon_count + 2":
     "an entry more, which nothing reads",
@@ -86,11 +86,11 @@ EQUIVALENT: Mapping[str, str] = {
     "triangle's sides is the same from each corner",
     "balloon_warp/model/touch.py _ridges_of_mesh: _across(a, b, points[apex[side]]) -> "
     "_across(b, a, points[apex[side]])": "a distance from a line does not depend on its direction",
-    "kernels/frames/starting.py drawn: first + second * wp.randn(state) -> first - second * wp.randn(state)": "a draw "
+    "kernels/steering.py drawn: first + second * wp.randn(state) -> first - second * wp.randn(state)": "a draw "
     "that is symmetric about its mean",
     "balloon_warp/schedules/touch_table.py : 300.0 -> 360.0": "folded balloons are searched more often, for the "
     "same contacts",
-    "kernels/phases/wear.py wear: 0.0 -> 0.1": "0.1 Pa of an energy density that softens rubber from 1e3 Pa on",
+    "kernels/phases/forces.py wear: 0.0 -> 0.1": "0.1 Pa of an energy density that softens rubber from 1e3 Pa on",
 }  # fmt: skip
 """Mutants that change nothing that anyone could notice, by `Mutant.key`, and why"""
 

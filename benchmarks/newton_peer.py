@@ -12,11 +12,11 @@ import numpy as np
 import warp as wp
 
 from balloon_warp.errors import MissingExtraError
+from balloon_warp.kernels.compose import params_functions, ramp_at
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.springs import KINDS
-from balloon_warp.kernels.params import params_functions, ramp_at
 from balloon_warp.kernels.phases.inflation import inflation_of
-from balloon_warp.kernels.schedules.launched.source import GATHERED
+from balloon_warp.kernels.schedules.launched import GATHERED
 from balloon_warp.kernels.schedules.writer import cut
 from balloon_warp.kernels.substep import AIMING, phases_of
 from balloon_warp.kernels.tables import Tables, WorldState

@@ -1,11 +1,7 @@
 """Vectors and numbers, of one particle or of eight side by side: the same names for both.
 
-Powers by logarithms and exponentials that the compiler knows.
-
-A GPU has instructions for both, and on a CPU they are arithmetic that vectorizes over eight lanes, which a call of the
-library's `pow` is not.
-
-Vectors and numbers, of one particle or of eight side by side: the same names for both.
+Powers by logarithms and exponentials that the compiler knows. A GPU has instructions for both, and on a CPU they are
+arithmetic that vectorizes over eight lanes, which a call of the library's `pow` is not.
 
 Eight side by side, one instruction of a CPU serves all of them: each has a *lane*. A lane is a world or a particle, see
 `kernels.schedules.lanes`. Loops over the lanes have constant bounds: Warp unrolls them, and the compiler makes vector

@@ -10,11 +10,11 @@ from balloon_warp.kernels.compose import (
     sum_of_laws_of_few,
     sum_of_resistances,
 )
+from balloon_warp.kernels.laws import Columns
 from balloon_warp.kernels.laws.air import AIR_ALIKE, AIR_THAT_VARIES
-from balloon_warp.kernels.laws.body import DAMPING
-from balloon_warp.kernels.laws.columns import Columns
 from balloon_warp.kernels.laws.law import RESULT, Kind, Law
-from balloon_warp.kernels.named_state import BODY_PUSH, GAS, SPHERE_PUSH
+from balloon_warp.kernels.laws.outer import DAMPING
+from balloon_warp.kernels.tables import BODY_PUSH, GAS, SPHERE_PUSH
 
 
 class Kept(NamedTuple):
@@ -38,7 +38,7 @@ class Features(NamedTuple):
     keeps: tuple[Kept, ...] = ()
     """Values that items keep for the phases that act"""
     changes: tuple[str, ...] = ()
-    """Names of the state that those of the phases change, see `named_state`"""
+    """Names of the state that those of the phases change, see `tables.NAMED`"""
     membranes: tuple[Law, ...] = ()
     """Membrane laws of balloons that are not made of springs"""
     viscous: bool = False
@@ -271,7 +271,7 @@ class Features(NamedTuple):
 
     @property
     def lists_contacts(self) -> bool:
-        """Return whether contacts are items of a list, see `contact.kinds`."""
+        """Return whether contacts are items of a list, see `contact.sweeps`."""
         return self.edges_meet or self.ridges or self.bodies > 0
 
     @property

@@ -1,18 +1,4 @@
-"""Phase of a substep: the work of one item of a world between two barriers; its effects on state that has names.
-
-Adjoints of phases: functions by which a list of phases runs backwards.
-
-Let L be a number that depends on where a scene ends. The *bar* of a value is the derivative of L by that value. A
-phase's adjoint takes the bars of the phase's outputs, and returns those of its inputs. Like a phase, it names its
-arguments: `velocity_bar` is the bar of a particle's own `velocity`, `force_bars` a view of those of all particles of
-its world. So a schedule, which knows no physics, can run any list backwards, see `schedules.launched.backward`.
-
-Arrays that a function of Warp reads and writes in the structs that it is handed: found in its source.
-
-So nobody has to declare what a phase does to the state, and no declaration can be wrong: calls are followed, branches
-that a scene does not have are left out, and native code writes what its text assigns.
-
-Phase of a substep: the work of one item of a world between two barriers.
+"""Phase of a substep: the work of one item of a world between two barriers, its effects, and the adjoint of it.
 
 Its function is one of Warp, of plain arguments. Their names are its inputs, those in `writes` its results. So a
 schedule, which knows no physics, can execute any list of phases: it finds the inputs of each, keeps those of a later
@@ -21,9 +7,9 @@ one, and puts a barrier where one looks at results of others. The step is such a
 A name that a phase reads is one of these:
 
 - a handle: `t`, the tables; `state`; `working`, the buffers of contact beside the state; `spheres`. What a phase reads
-  and changes through them has names, too, see `named_state`, which follow from its source
+  and changes through them has names, too, see `tables.NAMED`, which follow from its source
 - the item: `world`, and within it `balloon`, `particle`, `face`, `triangle` or `sphere`, or all `threads` of a block
-- `params`, a particle's own parameters, see `params`; a row of numbers of a law, by its name
+- `params`, a particle's own parameters, see `compose`; a row of numbers of a law, by its name
 - `number`, a particle's in the state, where a schedule has particles in another order
 - state of a particle, `point` [m] and `velocity` [m/s], or a view of all in its world, `points` and `velocities`
 - a value that an earlier phase of the list has written, or that an item keeps, see `Phase.keeps`
@@ -31,6 +17,16 @@ A name that a phase reads is one of these:
 - values that a schedule itself has of items, see there: `keyed`, `load`, `gas_mass`, `origin`
 
 Where all that it reads is of type `Any`, it is a function of one item or of eight side by side, see `algebra`.
+
+Which arrays a function of Warp reads and writes in the structs that it is handed is found in its source. So nobody has
+to declare what a phase does to the state, and no declaration can be wrong: calls are followed, branches that a scene
+does not have are left out, and native code writes what its text assigns.
+
+A list of phases runs backwards by their adjoints. Let L be a number that depends on where a scene ends. The *bar* of a
+value is the derivative of L by that value. A phase's adjoint takes the bars of the phase's outputs, and returns those
+of its inputs. Like a phase, it names its arguments: `velocity_bar` is the bar of a particle's own `velocity`,
+`force_bars` a view of those of all particles of its world. So a schedule, which knows no physics, can run any list
+backwards, see `schedules.launched_backward`.
 """
 
 import ast
@@ -43,10 +39,12 @@ from typing import Any, Literal, NamedTuple
 
 import warp as wp
 
+from balloon_warp.kernels.compose import function_from
 from balloon_warp.kernels.features import Features, Kept
+from balloon_warp.kernels.lanes import Lanes
 from balloon_warp.kernels.laws.law import Parameter
 from balloon_warp.kernels.memory import add_at, put_vector, vector_at
-from balloon_warp.kernels.named_state import OF_ARRAY, names_of
+from balloon_warp.kernels.tables import OF_ARRAY, Tables, names_of
 from balloon_warp.kernels.warps import sum_over_block
 
 
@@ -62,7 +60,7 @@ class Adjoint(NamedTuple):
     returns the bar of the balloon's numbers. None if there is none"""
     of_eight: Any = None
     """Function that adds all that `function` finds of a world's particles, eight at a time, for a CPU, see
-    `adjoints.eights`. None if there is none"""
+    `adjoints.springs`. None if there is none"""
     columns: tuple[int, ...] = ()
     """Columns of the balloon's and the world's numbers whose bars it returns, where that is not all of them"""
 
@@ -228,7 +226,7 @@ class Look(NamedTuple):
     loops: Callable[[Features], Any]
     """Loops over the forces on a particle, see `loops.net_force`"""
     slots: tuple[int, int, int] | None = None
-    """Largest number of springs of each kind at a particle, where loops have them in slots, see `loops.slots`"""
+    """Largest number of springs of each kind at a particle, where loops have them in slots, see `loops.springs`"""
     ring: int = 0
     """Least number of quads around a particle, where its slots go around it, so that area vectors follow; else 0"""
     alone: Callable[[Features], bool] = lambda features: False
@@ -246,7 +244,7 @@ class Look(NamedTuple):
     world: Any = None
     """Function that returns the world of one of eight lanes, where eight run side by side; None elsewhere"""
     membrane_faces: Callable[[Features], Any] = lambda features: None
-    """Membrane phases of faces, where each is measured once, see `phases.stretch`"""
+    """Membrane phases of faces, where each is measured once, see `phases.forces.stretch`"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -320,11 +318,11 @@ class Phase:
         return tuple(_arguments(self.function(features, look)))
 
     def looks_at(self, features: Features, look: Look) -> frozenset[str]:
-        """Return the names of the state that the phase reads through handles, see `named_state`."""
+        """Return the names of the state that the phase reads through handles, see `tables.NAMED`."""
         return names_of(_reached(self, features, look, "reads"))
 
     def changes(self, features: Features, look: Look) -> frozenset[str]:
-        """Return the names of the state that the phase changes through handles, see `named_state`.
+        """Return the names of the state that the phase changes through handles, see `tables.NAMED`.
 
         Raises:
             TypeError: it writes an array that has no name.
@@ -333,7 +331,7 @@ class Phase:
         if strange := sorted(set(arrays) - OF_ARRAY.keys()):
             raise TypeError(
                 f"phase {self.name}: writes `{strange[0]}`, which has no name; expected arrays of "
-                "kernels.named_state.NAMED, or values that the phase writes or keeps"
+                "kernels.tables.NAMED, or values that the phase writes or keeps"
             )
         return names_of(arrays)
 
@@ -407,3 +405,97 @@ def phase(item: Item, writes: Mapping[str, Any] | None = None, **said: Any) -> C
         return Phase(make.__name__, item, make, writes or {}, **said)
 
     return named
+
+
+NOT_DIFFERENTIATED = frozenset(
+    {
+        *("t", "constants", "state", "working", "springs", "spheres", "world", "balloon", "particle", "face"),
+        *("time", "end", "time_in_frame", "points", "velocities"),
+    }
+)
+"""Names without a bar of their own: handles, items, times and views"""
+
+
+@wp.struct
+class Constants:
+    """Numbers of the tables that most phases read; whole tables would be copied for a derivative."""
+
+    up: wp.vec3
+    step_seconds: float
+
+
+@wp.func
+def constants_of(t: Tables):
+    """Return the constants of a step."""
+    constants = Constants()
+    constants.up = t.up
+    constants.step_seconds = t.step_seconds
+    return constants
+
+
+@wp.func
+def worth_of_eight(values: Lanes, bars: Lanes):
+    """Return the sum over all lanes of numbers times their bars: by each lane's number, its own bar."""
+    return wp.dot(values, bars)
+
+
+@wp.func
+def worth_of_eight(values: Any, bars: Any):  # noqa: F811 - an overload
+    """Return the sum over all lanes of several numbers times their bars."""
+    return wp.ddot(values, bars)
+
+
+def nothing(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
+    """Return no adjoint, for a phase that nothing else depends on, or whose value ends a derivative."""
+    return ()
+
+
+def by_grad(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
+    """Return the adjoint that Warp derives of a phase's function."""
+    return by_grad_but()(phase, features, look)
+
+
+def by_grad_but(*frozen: str) -> Adjoints:
+    """Return the factory of a phase's adjoint by Warp, with some of its arguments taken as constant."""
+
+    def factory(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
+        if look.world and not phase.takes_eight(features, look):
+            raise NoAdjointError(f"{phase.name}, which takes no eight at a time,")
+        function = phase.function(features, look)
+        reads = ["constants" if name == "t" else name for name in phase.reads(features, look)]
+        bars = [f"{name}_bar" for name in phase.writes]
+        results = [f"{name}_result" for name in phase.writes]
+        products = [
+            _product(value, bar, dtype, bool(look.world))
+            for value, bar, dtype in zip(results, bars, phase.writes.values(), strict=True)
+        ]
+        arguments = [*reads, *bars]
+        of = tuple(name for name in reads if name not in NOT_DIFFERENTIATED and name not in frozen)
+        typed = ", ".join(f"{name}: Any" for name in arguments)
+        work = "\n".join(
+            [
+                f"def {phase.name}_work({typed}):",
+                f"    {', '.join(results)} = {phase.name}({', '.join(reads)})",
+                f"    return {' + '.join(products)}\n",
+            ]
+        )
+        names = {phase.name: function, "worth_of_eight": worth_of_eight}
+        names[f"{phase.name}_work"] = function_from(f"{phase.name}_work", work, names)
+        adjoint = "\n".join(
+            [
+                f"def {phase.name}_adjoint({typed}):",
+                f"    {', '.join(f'by_{name}' for name in arguments)} = wp.grad({phase.name}_work)"
+                f"({', '.join(arguments)})",
+                f"    return {', '.join(f'by_{name}' for name in of)}\n",
+            ]
+        )
+        return (Adjoint(function_from(f"{phase.name}_adjoint", adjoint, names), of),)
+
+    return factory
+
+
+def _product(value: str, bar: str, dtype: Any, of_eight: bool) -> str:
+    """Return the text of a value times its bar, added up over components and lanes."""
+    if of_eight:
+        return f"worth_of_eight({value}, {bar})"
+    return f"{value} * {bar}" if dtype is float else f"wp.dot({value}, {bar})"

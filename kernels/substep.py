@@ -27,20 +27,29 @@ from balloon_warp.kernels.phases.forces import (
     bear,
     bend,
     blow,
+    clear,
+    collect,
     drive,
     jet,
     jet_of_holes,
+    look_at_wear,
     pull,
     pull_and_face,
     push_face,
+    run,
     share_out,
     soak,
+    stretch,
     take,
+    tear,
+    wear,
     wear_out,
+    weigh_skin,
 )
 from balloon_warp.kernels.phases.inflation import (
     add_up,
     burden,
+    burst,
     even_out,
     extend,
     find_direction,
@@ -61,7 +70,6 @@ from balloon_warp.kernels.phases.inflation import (
     turn,
     weigh,
 )
-from balloon_warp.kernels.phases.membranes import clear, collect, stretch
 from balloon_warp.kernels.phases.motion import (
     collide,
     correct,
@@ -80,7 +88,6 @@ from balloon_warp.kernels.phases.motion import (
     tumble,
     watch,
 )
-from balloon_warp.kernels.phases.wear import burst, look_at_wear, run, tear, wear, weigh_skin
 
 STEP: tuple[Phase, ...] = (
     # spheres and free bodies move, these also by strings that are tied to them
@@ -121,7 +128,7 @@ SHARED: Instead = {wear: (wear_out,), push_face: (), bear: (), soak: (), pull: S
 PULLED: Instead = {push_face: (), bear: ()}
 """Phases of launches where `pull` executes those of `SHARED`, eight particles side by side"""
 SETTLE = Phase("settle", "launches", lambda features, look: None, also_reads=("inflation",))
-"""Local and global steps in turn, until every world has converged, see `solvers.projective`"""
+"""Local and global steps in turn, until every world has converged, see `projective`"""
 PROJECTIVE_STEP = (
     measure, extend, find_direction, roll, collide, inflate, SETTLE, leave, meet_spheres,
 )  # fmt: skip

@@ -1,15 +1,89 @@
-"""Tables of the model, as kernels read it: particles, faces, gas, membranes, strings, contact.
+"""Tables of the model, as kernels read it: particles, faces, gas, membranes, strings, contact, limits of health.
 
-Tables of the model, as kernels read it: indexed by particle.
-
-Schedules fill these; see `balloon_warp.model.Model` for the shapes of arrays named alike there.
+Schedules fill these; see `balloon_warp.model.Model` for the shapes of arrays named alike there. At the end stand the
+names of state that balloons, spheres, bodies and other items have beside their particles. A phase reaches it by the
+handles `state`, `working`, `spheres` and `t`. Its source says which it reads and changes, see `kernels.phase`; what
+follows from that is found there: whether the gas is constant over a frame, whether spheres are pushed, where a barrier
+stands. An array that no name has is not to be written.
 """
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple
 
 import warp as wp
 
-from balloon_warp.kernels.laws.ridges import Ridge
-from balloon_warp.kernels.measure.health import HealthTable
+from balloon_warp.kernels.laws.touch import Ridge
 from balloon_warp.kernels.memory import int_at
+
+HEALTHY = 2**31 - 1
+"""Marker: no particle or sphere of a world is bad"""
+
+
+@wp.struct
+class HealthTable:
+    """Limits of distance, squared [m^2]."""
+
+    near: float
+    """Distance from the world's origin within which nothing is bad"""
+    reach: float
+    """Limit of the distance from the world's origin"""
+    spans: wp.array[float]
+    """Limit of the distance between two particles of a balloon"""
+    origins: wp.array[wp.int32]
+    """Particle of each balloon from which the others' distances are measured"""
+    partners: wp.array[wp.int32]
+    """Particle from which the distance of that particle is measured"""
+
+
+@wp.func
+def is_past(vector: wp.vec3, squared_limit: float):
+    """Return whether a vector is longer than a limit, or not finite.
+
+    As unsigned integers, NaN and infinities exceed every float; compilers that assume finite numbers leave this alone.
+    """
+    return wp.cast(wp.length_sq(vector), wp.uint32) > wp.cast(squared_limit, wp.uint32)
+
+
+@wp.func
+def look_at_particle(
+    health: HealthTable,
+    first_bad: wp.array[wp.int32],
+    world: wp.int32,
+    particle: wp.int32,
+    number: wp.int32,
+    balloon: wp.int32,
+    mass_share: float,
+    points: Any,
+):
+    """Lower the world's entry to the particle's number in the model if the particle is bad.
+
+    It is bad if it is too far from its balloon's origin, or is that origin and too far from the world's or from its
+    partner. Most particles are near, which takes no memory to see. A particle without mass stays where it is.
+    """
+    point = points[particle]
+    if is_past(point, health.near):
+        if mass_share > 0.0:
+            other = health.origins[balloon]
+            bad = bool(False)
+            if particle == other:
+                other = health.partners[balloon]
+                bad = is_past(point, health.reach)
+            if bad or is_past(point - points[other], health.spans[balloon]):
+                wp.atomic_min(first_bad, world, number)
+
+
+@wp.func
+def look_at_sphere(
+    health: HealthTable,
+    first_bad: wp.array[wp.int32],
+    world: wp.int32,
+    particle_count: wp.int32,
+    sphere: wp.int32,
+    position: wp.vec3,
+):
+    """Lower the world's entry to the sphere, numbered after the particles, if that is bad."""
+    if is_past(position, health.reach):
+        wp.atomic_min(first_bad, world, particle_count + sphere)
 
 
 @wp.struct
@@ -17,7 +91,7 @@ class SphereTable:
     """Spheres with which particles collide."""
 
     numbers: wp.array3d[float]
-    """Parameters of spheres, shape (W, sphere_count, width), see `laws.columns`"""
+    """Parameters of spheres, shape (W, sphere_count, width), see `kernels.laws.Columns`"""
     small: wp.array[wp.int32]
     """Whether each sphere is so small that it also touches faces; empty where none is"""
     triangles: wp.array[wp.vec3i]
@@ -26,7 +100,7 @@ class SphereTable:
 
 @wp.struct
 class Solid:
-    """A shape as a signed distance, see `laws.fixture`."""
+    """A shape as a signed distance, see `laws.contact`."""
 
     kind: wp.int32
     size: wp.vec3
@@ -266,7 +340,7 @@ class TearTable:
     branchings: wp.array[wp.int32]
     """Number of branchings, by balloon; the start of a tear is the first"""
     film_strength: wp.array2d[float]
-    """Strength of balloons, see `laws.tearing`, shape (W, balloon_count), as are the next four"""
+    """Strength of balloons, see `laws.membrane`, shape (W, balloon_count), as are the next four"""
     tear_strength: wp.array2d[float]
     branching_stress: wp.array2d[float]
     tear_speed: wp.array2d[float]
@@ -283,7 +357,7 @@ class TearTable:
     """Areas of balloons that burst, of torn faces and of the others, in square micrometers, whose integer sums do not
     depend on the order"""
     weakest: wp.array2d[wp.int64]
-    """Face and stress where each balloon is to burst, see `schedules.launched_tears`"""
+    """Face and stress where each balloon is to burst, see `balloon_warp.schedules.membranes`"""
 
 
 @wp.struct
@@ -295,7 +369,7 @@ class WearTable:
     numbers: wp.array[wp.int32]
     """Triangle of each entry of `MembraneTable.others`"""
     softening: wp.array2d[float]
-    """Softening of balloons, see `laws.softening`, shape (W, balloon_count), as are the next two"""
+    """Softening of balloons, see `laws.membrane`, shape (W, balloon_count), as are the next two"""
     softening_energy: wp.array2d[float]
     softening_share: wp.array2d[float]
     tears: TearTable
@@ -486,11 +560,11 @@ class Tables:
     correction: CorrectionTable
     health: HealthTable
     balloon_numbers: wp.array3d[float]
-    """Parameters of balloons, shape (W, balloon_count, width), see `laws.columns`"""
+    """Parameters of balloons, shape (W, balloon_count, width), see `kernels.laws.Columns`"""
     world_numbers: wp.array2d[float]
     """Parameters of worlds, shape (W, width)"""
     friction: wp.array3d[float]
-    """Coulomb friction coefficients, shape (W, thing_count, thing_count), see `loops.friction`"""
+    """Coulomb friction coefficients, shape (W, thing_count, thing_count), see `loops.fixtures`"""
     inflation_kind: wp.array[wp.int32]
     up: wp.vec3
     substeps: wp.int32
@@ -557,7 +631,7 @@ def first_entry(slice_offsets: wp.array[wp.int32], particle: wp.int32):
 
 @wp.func
 def sphere_number(spheres: SphereTable, world: wp.int32, sphere: wp.int32, column: wp.int32):
-    """Return a number of a sphere by its column, see `laws.columns`."""
+    """Return a number of a sphere by its column, see `kernels.laws.Columns`."""
     return spheres.numbers[row_of_world(world, spheres.numbers.shape[0]), sphere, column]
 
 
@@ -583,3 +657,64 @@ def sphere_penalty(spheres: SphereTable, world: wp.int32, sphere: wp.int32):
 def sphere_restitution(spheres: SphereTable, world: wp.int32, sphere: wp.int32):
     """Return a sphere's coefficient of restitution, against an equal one."""
     return sphere_number(spheres, world, sphere, 3)
+
+
+class Named(NamedTuple):
+    """A part of the state: the item that has it, its meaning, and its arrays."""
+
+    item: str
+    meaning: str
+    arrays: tuple[str, ...]
+
+
+GAS, SPHERE_PUSH, BODY_PUSH = "gas", "sphere_push", "body_push"
+NAMED: dict[str, Named] = {
+    GAS: Named("balloon", "amount of gas, and its free volume", ("gas_amounts", "free_volumes")),
+    "gas_mass": Named("balloon", "mass of the gas, and of the air that moves along", ("gas_masses",)),
+    "pressure": Named("balloon", "pressure, and how it changes", ("pressures", "pressure_slopes", "inflation_loads")),
+    "flow": Named("balloon", "flow of gas, and its thrust", ("tube_flows", "vent_flows", "thrusts")),
+    "sphere": Named("sphere", "course", ("sphere_positions", "sphere_velocities", "sphere_spins", "sphere_starts")),
+    SPHERE_PUSH: Named("sphere", "sum of forces since it last moved, see `add_quanta`", ("sphere_quanta",)),
+    "sphere_force": Named("sphere", "force of contacts, for output", ("sphere_forces",)),
+    "body": Named(
+        "body", "course, and inertia as it is turned", (
+            "body_positions", "body_turns", "body_velocities", "body_momenta", "body_starts", "body_start_turns",
+            "body_masses", "body_eases",
+        ),
+    ),
+    BODY_PUSH: Named("body", "sums of forces and torques since it last moved", ("body_quanta", "body_turning_quanta")),
+    "body_contact": Named(
+        "body", "impulses between bodies, and of strings and balloons on them", (
+            "body_going", "body_turning", "body_tugs", "body_twists", "body_groups", "body_gains",
+            "body_touches", "body_impulses", "grips",
+        ),
+    ),
+    "anchor": Named("string", "place of its fixed end", ("strings.anchors",)),
+    "rubber": Named("triangle", "part of its tension that is left", ("membranes.wear.left",)),
+    "tear": Named(
+        "face", "tears, and what they leave", (
+            "torn", "tear_planes", "bursts", *(f"membranes.wear.tears.{name}" for name in (
+                "stresses", "face_stresses", "gone", "weakest", "ahead", "areas")),
+        ),
+    ),
+    "force": Named("particle", "force and area vector, where they are summed", ("forces", "area_vectors")),
+    "start": Named("particle", "place before the substep", ("point_starts",)),
+    "look": Named("particle", "what may be near it", ("fixtures.looks", "fixtures.nearest", "near")),
+    "health": Named("world", "lowest particle or sphere that was ever where it cannot be", ("first_bad",)),
+    "verdict": Named("world", "whether its frame is free", ("verdicts", "ways", "any_busy")),
+    "touch": Named(
+        "particle", "what touches it, in sums and lists", (
+            "contacts", "touched", "forces_taken", "force_quanta", "lumps", "contact_impulses", "catches",
+            "catch_counts", "contact_shares", "contact_quanta", "contact_stops", "layer_quanta", "solid_shares",
+            "solid_quanta", "ridge_budgets", "ridge_counts", "ridge_pairs", "ridge_radii", "edge_pairs", "list_lengths",
+            "needs", "overflow",
+        ),
+    ),
+}  # fmt: skip
+"""State by its names, beside points, velocities and the values that phases write and items keep"""
+OF_ARRAY = {array: name for name, named in NAMED.items() for array in named.arrays}
+
+
+def names_of(arrays: Iterable[str]) -> frozenset[str]:
+    """Return the names of arrays, those that have one."""
+    return frozenset(OF_ARRAY[array] for array in arrays if array in OF_ARRAY)

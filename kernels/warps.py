@@ -1,17 +1,10 @@
 """Cooperation of threads on a GPU: warps, blocks, sums, and forces in fixed point.
 
-Forces as whole numbers of 2^-32 N, which add up to the same in any order: atomic adds that are bit-reproducible.
+On a CPU a block has one thread. Sums over the particles of a block: each warp stores the sums of its own particles in
+shared memory, and adds up those of all warps.
 
-The range is 2e9 N. A particle's penalty force of 1 mN is rounded by less than float32 rounds it.
-
-Sums over the particles of a block on a GPU.
-
-Each warp stores the sums of its own particles in shared memory, and adds up those of all warps. On a CPU a block has
-one thread.
-
-Cooperation of the threads of a warp and of a block on a GPU.
-
-On a CPU a block has one thread.
+Forces as whole numbers of 2^-32 N add up to the same in any order: atomic adds that are bit-reproducible. The range is
+2e9 N. A particle's penalty force of 1 mN is rounded by less than float32 rounds it.
 """
 
 from functools import cache

@@ -1,4 +1,7 @@
-"""Working memory of a substep's pieces, where each is a launch; a block has some of it, too."""
+"""Working memory of a substep's pieces, where each is a launch; a block has some of it, too.
+
+Where a list of contacts is full it notes how long it would have to be, and the host makes it longer.
+"""
 
 import warp as wp
 
@@ -8,11 +11,9 @@ from balloon_warp.kernels.laws.rigid import Grip
 EightBoxes = wp.types.matrix(shape=(6, 8), dtype=wp.float32)
 """Lower and upper corners of eight boxes [m]"""
 EightPlaces = wp.types.matrix(shape=(10, 8), dtype=wp.float32)
-"""Weights, arm, squared distance and area vector of a particle beside each of eight triangles, see `meeting.Place`"""
-
+"""Weights, arm, squared distance and area vector of a particle beside eight triangles, see `loops.contact.Place`"""
 SphereBars = wp.types.vector(length=8, dtype=wp.float32)
 """Derivatives by a sphere's center, velocity, radius and penalty"""
-
 FixtureBars = wp.types.vector(length=7, dtype=wp.float32)
 """Derivatives by an obstacle's places as a frame begins and as it ends, and by Coulomb's coefficient on it"""
 
@@ -37,16 +38,16 @@ class Working:
     """Derivatives by the forces on spheres since they last moved"""
     fixture_bars: wp.array3d[FixtureBars]
     """Derivatives by each obstacle that each particle has found in a frame backwards, shape (W, P, N); empty where
-    nothing is derived by obstacles, see `adjoints.fixture_bars`"""
+    nothing is derived by obstacles, see `adjoints.solids`"""
     direction_bars: wp.array2d[wp.vec3]
-    """Derivatives by the direction of each particle's normal force, see `adjoints.directions`; empty where there is
+    """Derivatives by the direction of each particle's normal force, see `adjoints.pull`; empty where there is
     none, or nothing runs backwards"""
     sphere_starts: wp.array2d[wp.vec3]
     """Positions of spheres before this substep [m]; empty unless they may meet each other, or faces"""
     point_starts: wp.array2d[wp.vec3]
     """Positions of particles before this substep [m]; empty unless spheres meet faces, as is the next"""
     lumps: wp.array2d[wp.int32]
-    """Particles of each world that move together with a sphere, see `contact.faces`"""
+    """Particles of each world that move together with a sphere, see `contact.spheres`"""
     body_starts: wp.array2d[wp.vec3]
     """Positions of free bodies before this substep [m]; empty where there are none, as are the next eight"""
     body_start_turns: wp.array2d[wp.quat]
@@ -66,23 +67,23 @@ class Working:
     body_turning_quanta: wp.array3d[wp.int64]
     """Torques about their centers of mass"""
     body_groups: wp.array2d[wp.int32]
-    """A body of lower number that each touches, perhaps by way of others, or itself, see `loops.rebounding`"""
+    """A body of lower number that each touches, perhaps by way of others, or itself, see `loops.holding`"""
     body_gains: wp.array2d[wp.vec4d]
     """Energy that each group of bodies would gain by contacts [J]: with all rebounds, without, and see `push_less`"""
     grips: wp.array2d[Grip]
     """Contacts of points of bodies in this substep"""
     contact_impulses: wp.array3d[wp.vec4]
     """Impulse [N s] and contact time [s] of each thing and particle since the frame began; empty unless a scene records
-    contacts, see `phases.contact_forces`"""
+    contacts, see `phases.contact`"""
     catches: wp.array2d[Contact]
     """Contacts that may act in sweeps; empty unless edges, faces beside ridges or bodies meet, as are the next, see
-    `contact.kinds`"""
+    `contact.sweeps`"""
     catch_counts: wp.array2d[wp.int32]
     """Number of these, and of those that come too near in a sweep: shape (world_count, 2)"""
     contact_shares: wp.array2d[wp.int32]
     """Number of contacts of each particle in a sweep, among which its mass is split"""
     contact_quanta: wp.array3d[wp.int64]
-    """Impulses of contacts on particles in a sweep, see `contact.sums`"""
+    """Impulses of contacts on particles in a sweep, see `contact.ends`"""
     layer_quanta: wp.array3d[wp.int64]
     """Impulses of contacts of balloons alone since the substep began; empty unless those of solids are told"""
     contact_stops: wp.array2d[wp.vec2]
@@ -109,15 +110,15 @@ class Working:
     """Position of each particle at the last search [m]"""
     clearances: wp.array2d[float]
     """Distance of each particle from triangles of its own balloon that it may touch at the last search [m], see
-    `contact.clearances`; empty unless balloons touch themselves"""
+    `contact.triangles`; empty unless balloons touch themselves"""
     part_boxes: wp.array2d[wp.vec4]
     """Boxes around the parts of balloons' surfaces, without `PACE`: shape (world_count, 2 part_count)"""
     eight_boxes: wp.array2d[EightBoxes]
-    """Boxes of triangles and of parts, eight side by side, see `contact.eight_boxes`; empty on a GPU"""
+    """Boxes of triangles and of parts, eight side by side, see `contact.boxes`; empty on a GPU"""
     eight_places: wp.array2d[EightPlaces]
     """Positions of the particle at hand relative to eight triangles: shape (world_count, 1); empty on a GPU"""
     near_parts: wp.array3d[wp.int32]
-    """Leaves of the same balloon near each leaf, see `contact.near_parts`: shape (world_count, part_count, most); empty
+    """Leaves of the same balloon near each leaf, see `contact.triangles`: shape (world_count, part_count, most); empty
     unless balloons touch themselves, as is the next"""
     near_part_counts: wp.array2d[wp.int32]
     """Number of leaves near each leaf; -1 where there are more than fit"""
@@ -135,7 +136,7 @@ class Working:
     particle_lists: wp.array3d[wp.int32]
     """Particles that search, and those that have found something, see `contact.search`"""
     list_lengths: wp.array2d[wp.int32]
-    """Lengths of lists, see `contact.list_lengths`"""
+    """Lengths of lists, by `LOOKING` and the others below"""
     force_quanta: wp.array3d[wp.int64]
     """Contact forces on particles, and the number of contacts, in fixed point; they grow for ever, see
     `fixed_point.growth`: shape (world_count, particle_count, 4)"""
@@ -144,11 +145,11 @@ class Working:
     contacts: wp.array2d[float]
     """Number of contacts of each particle in the previous substep"""
     touched: wp.array2d[wp.int8]
-    """Role of each particle in contacts, see `contact.forces`"""
+    """Role of each particle in contacts, see `contact.response`"""
     overflow: wp.array[wp.int32]
     """Number of contacts that had no place in a list, and were ignored"""
     needs: wp.array2d[wp.int32]
-    """Length that each list would have needed where it was full, or 0, see `contact.room`: (world_count, lists)"""
+    """Length that each list would have needed where it was full, or 0: (world_count, lists)"""
     edge_boxes: wp.array2d[wp.vec4]
     """Box around the sweep of each edge until the next search [m], its two corners: shape (world_count, 2 edges); empty
     unless sharp edges meet, see `contact.edges`, as are the next"""
@@ -169,3 +170,28 @@ class Working:
     """Distance that each particle of a world may travel in the frame [m]"""
     any_busy: wp.array[wp.int32]
     """Whether any world is not free"""
+
+
+OF_TRIANGLES, OF_PAIRS, OF_CATCHES, OF_RIDGES = (wp.constant(which) for which in range(4))
+"""Lists: triangles of a particle; pairs of edges, those that may touch in a substep, and of ridges, of a world"""
+LISTS = 4
+"""Number of these"""
+
+
+@wp.func
+def ask_for_room(working: Working, world: wp.int32, which: wp.int32, needed: wp.int32, ignored: wp.int32):
+    """Note how long a list would have to be, and count the entries that it has no place for."""
+    wp.atomic_max(working.needs, world, which, needed)
+    wp.atomic_add(working.overflow, world, ignored)
+
+
+LOOKING, TOUCHING = wp.constant(0), wp.constant(1)
+"""Particles that search, and those that have found triangles"""
+PAIRS = wp.constant(2)
+"""Pairs of edges, and of particles and triangles, that may touch until the next search"""
+SEEKING, BOXED = wp.constant(3), wp.constant(4)
+"""Edges that go through trees in a search, and pairs of edges whose boxes meet"""
+SUBSTEPS = wp.constant(5)
+"""Substeps in which edges have met since the search"""
+LENGTHS = 6
+"""Number of these"""

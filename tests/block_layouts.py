@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.membranes import MembraneFaceLayout
-from balloon_warp.kernels.schedules.block.names import Layout
+from balloon_warp.kernels.schedules.block_names import Layout
 from balloon_warp.model import Model
 from balloon_warp.schedules.membranes import membrane_face_entries, membrane_face_layout
 from balloon_warp.schedules.slices import kind_slots, least_valence, quad_rings, spring_ends

@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels import OPTIONS
 
 COUNT = 64
 """of samples"""

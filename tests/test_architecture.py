@@ -367,8 +367,8 @@ def test_laws_stand_in_their_folder() -> None:
     """Code that simulates names no law's parameter and calls no law's function."""
     parameters = {row.name for law in LAWS for row in law.parameters} - ALSO_ASKED.keys()
     functions = {law.force.func.__name__ for law in LAWS} - {"string", "weight", "damping"}  # usual words, too
-    folders = [f"kernels/{name}/" for name in ("loops", "contact", "phases", "schedules", "solvers")]
-    files = [f"kernels/{name}.py" for name in ("substep", "compose", "features")]
+    folders = [f"kernels/{name}/" for name in ("loops", "contact", "phases", "schedules")]
+    files = [f"kernels/{name}.py" for name in ("substep", "compose", "features", "projective")]
     for path in TEXTS:
         if path.startswith((*folders, *files, "balloon_warp/schedules/")):
             assert not words(tree_of(path)) & (parameters | functions), path

@@ -7,7 +7,7 @@ from gradient_losses import far
 from gradient_scenes import CASES
 
 import balloon_warp as bw
-from balloon_warp.kernels.contact.room import OF_TRIANGLES
+from balloon_warp.kernels.working import OF_TRIANGLES
 from balloon_warp.scene import load_scene
 from balloon_warp.schedules import contact_lists
 from balloon_warp.simulator import Simulator

@@ -11,17 +11,14 @@ from scipy.spatial.transform import Rotation
 from touching import tube
 
 from balloon_warp import Balloon, PolygonMesh, Scene, Simulator, Touch
-from balloon_warp.kernels.contact.boxes import SPARE, box_balloons
-from balloon_warp.kernels.contact.eight_boxes import lining_function
-from balloon_warp.kernels.contact.near_parts import near_parts_kernel
-from balloon_warp.kernels.contact.own_parts import OwnParts, least_between, place_part
-from balloon_warp.kernels.contact.parts import box_parts_of_worlds
+from balloon_warp.kernels import OPTIONS
+from balloon_warp.kernels.contact.boxes import SPARE, box_balloons, box_parts_of_worlds, lining_function
+from balloon_warp.kernels.contact.free_frames import OwnParts, least_between, place_part
 from balloon_warp.kernels.contact.search import neighbor_function, next_of_eight
-from balloon_warp.kernels.laws.collision import NEVER
-from balloon_warp.kernels.laws.impulse import NEAR
+from balloon_warp.kernels.contact.triangles import near_parts_kernel
+from balloon_warp.kernels.laws.contact import NEAR_BODY, NEVER
 from balloon_warp.kernels.laws.touch import facing_of, part_until_contact
-from balloon_warp.kernels.loops.obstacles import A_STEP, solid_function
-from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels.loops.contact import A_STEP, solid_function
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.working import Working
 from balloon_warp.lab.reference.contact import point_triangle
@@ -102,7 +99,7 @@ def test_no_particle_that_may_meet_a_sphere_is_left_out_early():
         way = (lengths / np.linalg.norm(towards, axis=1))[:, None] * towards
         end = distances[:, None] * (1.0, 0.0, 0.0)
         part = np.clip(-(end * way).sum(axis=1) / np.maximum((way**2).sum(axis=1), 1e-12), -1.0, 1.0)
-        comes = np.linalg.norm(end + part[:, None] * way, axis=1) < float(NEAR) * radius
+        comes = np.linalg.norm(end + part[:, None] * way, axis=1) < float(NEAR_BODY) * radius
         looks = distances**2 < reach + float(A_STEP) * lengths**2
         assert looks[comes].all()
         assert looks.mean() < 0.9

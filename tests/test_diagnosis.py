@@ -11,7 +11,7 @@ from meshes import cube, mesh_of
 
 from balloon_warp import BlowUpError, Simulator
 from balloon_warp.blow_ups import BlowUp
-from balloon_warp.kernels.measure.health import HEALTHY
+from balloon_warp.kernels.tables import HEALTHY
 from balloon_warp.scene import Atmosphere, Balloon, Change, Ground, Inflation, Scene, Sphere, Stiffness, String
 from balloon_warp.schedules.frames import MOST_SPAN
 

@@ -8,11 +8,10 @@ import warp as wp
 from feature_sets import SETS, feature_set
 
 from balloon_warp.kernels.memory import put_vector
-from balloon_warp.kernels.named_state import NAMED, OF_ARRAY
 from balloon_warp.kernels.phase import effects_of
-from balloon_warp.kernels.schedules.launched.source import GATHERED
+from balloon_warp.kernels.schedules.launched import GATHERED
 from balloon_warp.kernels.substep import phases_of
-from balloon_warp.kernels.tables import WorldState
+from balloon_warp.kernels.tables import NAMED, OF_ARRAY, WorldState
 from balloon_warp.kernels.warps import add_quanta
 from balloon_warp.model import build_model
 from balloon_warp.schedules.features import model_features

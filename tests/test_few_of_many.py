@@ -6,7 +6,7 @@ import warp as wp
 from meshes import quad_sphere
 from trajectories import after_frames, arrays
 
-from balloon_warp.kernels.schedules.launched.source import acts_on_few, is_asked_ahead
+from balloon_warp.kernels.schedules.launched import acts_on_few, is_asked_ahead
 from balloon_warp.model import build_model
 from balloon_warp.scene import Balloon, Inflation, Obstacle, Scene, load_scene
 from balloon_warp.schedules.choose import fastest_schedule

@@ -11,12 +11,10 @@ from gradient_losses import far
 from gradient_scenes import BELOW, BETWEEN_CORNERS, CASES, SPRINGS, exchange, scene
 
 import balloon_warp as bw
-from balloon_warp.kernels.adjoints.derived import by_grad
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.phase import Look, NoAdjointError, phase
-from balloon_warp.kernels.schedules.launched.source import GATHERED
-from balloon_warp.kernels.schedules.launched.trace import traces_of
-from balloon_warp.kernels.schedules.writer import cut
+from balloon_warp.kernels.phase import Look, NoAdjointError, by_grad, phase
+from balloon_warp.kernels.schedules.launched import GATHERED
+from balloon_warp.kernels.schedules.writer import cut, traces_of
 from balloon_warp.model import build_model, plan_model
 from balloon_warp.schedules.backward_launched import bytes_backwards
 from balloon_warp.schedules.features import model_features

@@ -6,7 +6,7 @@ import warp as wp
 from meshes import cube, quad_sphere
 
 from balloon_warp import Balloon, Inflation, InputError, Scene, Simulator, Sphere, Stiffness
-from balloon_warp.kernels.measure.health import HEALTHY
+from balloon_warp.kernels.tables import HEALTHY
 from balloon_warp.scene.load import override_scene
 from balloon_warp.schedules.frames import FARTHEST, MOST_SPAN, HealthCheck
 

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 import warp as wp
 
-from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels import OPTIONS
 from balloon_warp.system import warp_setup, warp_threads
 from balloon_warp.system.warp_threads import begin_loading, launch
 

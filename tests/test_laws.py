@@ -12,12 +12,19 @@ from lone_laws import AT_THE_END, TESTED, drawn, value_of
 from numpy.typing import NDArray
 
 from balloon_warp.kernels.laws import PARAMETERS, Law
-from balloon_warp.kernels.laws.contact import BLURRED, mesh_normal
+from balloon_warp.kernels.laws.contact import (
+    BLURRED,
+    NEAR_BODY,
+    PRESSED,
+    Press,
+    meet_sphere,
+    mesh_normal,
+    push_of_ground,
+)
 from balloon_warp.kernels.laws.gas import EMPTY, STANDARD_PRESSURE, amount_when_flat, gas_energy, gas_pressure
-from balloon_warp.kernels.laws.impulse import NEAR, PRESSED, Press, meet_sphere, push_of_ground
 from balloon_warp.kernels.laws.law import LAW_INPUTS, RESULT
-from balloon_warp.kernels.laws.ridges import CROSSED, crosses, crossing_of
 from balloon_warp.kernels.laws.springs import angle_beyond
+from balloon_warp.kernels.laws.touch import CROSSED, crosses, crossing_of
 from balloon_warp.model.materials import told_what_it_names
 
 DENSITY = 0.7
@@ -315,7 +322,7 @@ def test_a_particle_comes_near_a_sphere_where_twice_its_way_does():
     radius = rng.uniform(0.05, 5.0, COUNT)
     start, way = rng.uniform(-2.0, 2.0, (2, COUNT, 3)) * radius[:, None]
     places = start[:, None] + np.linspace(0.0, 2.0, 20001)[:, None] * way[:, None]
-    near = np.linalg.norm(places, axis=2).min(axis=1) < float(NEAR) * radius
+    near = np.linalg.norm(places, axis=2).min(axis=1) < float(NEAR_BODY) * radius
     assert 5 < near.sum() < COUNT - 5
     told = {"start": start, "way": way, "radius": radius, "step_seconds": np.full(COUNT, 0.25)}
     found, away = called(excess_at_sphere, told), np.linalg.norm(start, axis=1)

@@ -7,7 +7,7 @@ from meshes import cube
 
 from balloon_warp.kernels.laws import LAWS, PARAMETERS, Parameter
 from balloon_warp.kernels.laws.contact import NO_GROUND
-from balloon_warp.kernels.laws.water import NO_WATER
+from balloon_warp.kernels.laws.outer import NO_WATER
 from balloon_warp.model import build_model, initial_state, materials, plan_model, world_bytes
 from balloon_warp.model.parameters import ROWS, places_of, rows_of, value_of
 from balloon_warp.model.state import Allocating, Counting

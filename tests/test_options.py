@@ -9,7 +9,7 @@ import pytest
 import warp as wp
 from warp._src import codegen
 
-from balloon_warp.kernels.options import NO_DERIVATIVES, OPTIONS
+from balloon_warp.kernels import NO_DERIVATIVES, OPTIONS
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.working import Working
 

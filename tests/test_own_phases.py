@@ -33,7 +33,7 @@ from trajectories import ROUNDING, after_frames, arrays, stepped
 
 from balloon_warp import Balloon, Body, Change, Inflation, InputError, Obstacle, Scene, Simulator, Sphere
 from balloon_warp.benchmarks.matrix import of_phase
-from balloon_warp.kernels.schedules.launched.source import GATHERED
+from balloon_warp.kernels.schedules.launched import GATHERED
 from balloon_warp.kernels.schedules.writer import cut
 from balloon_warp.model import build_model, plan_model
 from balloon_warp.scene.load import override_scene

@@ -15,8 +15,8 @@ from toy_phases import KEEPING, LISTS, Values, add, by_numpy, double, follow, ha
 from balloon_warp import Balloon, InputError, Scene, load_scene
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.phase import Phase
-from balloon_warp.kernels.schedules.lanes.looks import LOOKS
-from balloon_warp.kernels.schedules.launched.source import GATHERED, SUMMED, source_of
+from balloon_warp.kernels.schedules.lanes import LOOKS
+from balloon_warp.kernels.schedules.launched import GATHERED, SUMMED, source_of
 from balloon_warp.kernels.schedules.writer import Step, cut
 from balloon_warp.kernels.substep import PROJECTIVE_STEP, READING, STEP, phases_of
 from balloon_warp.model import Model, State, build_model, initial_state

@@ -6,10 +6,8 @@ import pytest
 import warp as wp
 from meshes import quad_sphere
 
-from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.pictures.film import srgb_byte, tone
-from balloon_warp.kernels.pictures.shapes import Hit, Shapes, capsule_distance
-from balloon_warp.kernels.pictures.surface import sky_share
+from balloon_warp.kernels import OPTIONS
+from balloon_warp.kernels.pictures.surfaces import Hit, Shapes, capsule_distance, sky_share, srgb_byte, tone
 from balloon_warp.mesh.orientation import CREASE
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.studio.render.surface import TILE, SmoothSurface, disc_points

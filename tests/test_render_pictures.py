@@ -8,8 +8,8 @@ from pxr import Gf, UsdGeom
 from render_stages import LATEX, add_ground, add_mesh, add_sphere, before_camera, new_stage, picture, quad_sphere
 
 from balloon_warp import load_scene
-from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.pictures.surface import thickness_of, wall_of
+from balloon_warp.kernels import OPTIONS
+from balloon_warp.kernels.pictures.surfaces import thickness_of, wall_of
 from balloon_warp.studio.render.raycaster import RayCaster
 from balloon_warp.studio.render.timing import moments, one_over_the_other
 from balloon_warp.studio.render.view import frame_action

@@ -12,7 +12,7 @@ from played import shape_at
 from trajectories import stepped
 
 from balloon_warp import InputError, Simulator
-from balloon_warp.kernels.frames.starting import let_appear
+from balloon_warp.kernels.steering import let_appear
 from balloon_warp.mesh.topology import signed_volume
 from balloon_warp.model import Vary, plan_model
 from balloon_warp.model.starts import start_velocities

@@ -21,10 +21,16 @@ from balloon_warp.errors import InputError
 from balloon_warp.frame import things_of
 from balloon_warp.frame_reader import HostBuffer
 from balloon_warp.kernels.laws import LAWS, Law
-from balloon_warp.kernels.measure.contacts import note_contacts
-from balloon_warp.kernels.measure.health import HEALTHY
-from balloon_warp.kernels.measure.picking import pick_healthy_worlds, pick_torn_faces
-from balloon_warp.kernels.measure.worlds import BalloonSums, measure_gas, measure_worlds, sum_balloons
+from balloon_warp.kernels.measure.observed import note_contacts
+from balloon_warp.kernels.measure.worlds import (
+    BalloonSums,
+    measure_gas,
+    measure_worlds,
+    pick_healthy_worlds,
+    pick_torn_faces,
+    sum_balloons,
+)
+from balloon_warp.kernels.tables import HEALTHY
 from balloon_warp.laws import require_laws
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Model, ModelPlan, plan_model

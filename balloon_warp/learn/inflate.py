@@ -6,8 +6,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from balloon_warp.kernels import OPTIONS
 from balloon_warp.kernels.laws.air import DRY_AIR_MOLAR_MASS
-from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.learn.task import Task
 from balloon_warp.mesh.topology import quad_sphere
 from balloon_warp.scene import Balloon, Inflation, Material, Scene

@@ -14,7 +14,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError, MissingExtraError
-from balloon_warp.kernels.frames.stepping import bound_observations, finish_step, restart_steps, take_actions
+from balloon_warp.kernels.steering import bound_observations, finish_step, restart_steps, take_actions
 from balloon_warp.learn.task import Task
 from balloon_warp.simulator import Simulator
 from balloon_warp.steering.controls import copy_given

@@ -14,7 +14,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.measure.nearest_place import nearest_places
+from balloon_warp.kernels.measure.crossings import nearest_places
 from balloon_warp.mesh.orientation import Border
 from balloon_warp.mesh.polygon_mesh import Look, Looks, PolygonMesh, looks_of
 from balloon_warp.mesh.repair import distinct_faces

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import KDTree
 from warp.geometry import IsoSurfaceNets
 
-from balloon_warp.kernels.measure.signed_distance import signed_distances, unsigned_distances
+from balloon_warp.kernels.measure.crossings import signed_distances, unsigned_distances
 from balloon_warp.mesh.crossings import without_crossings
 from balloon_warp.mesh.orientation import oriented_outward
 from balloon_warp.mesh.polygon_mesh import PolygonMesh

@@ -11,15 +11,19 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.laws import Law
+from balloon_warp.kernels.laws import Law, columns_of
 from balloon_warp.kernels.laws.air import DRY_AIR_MOLAR_MASS
-from balloon_warp.kernels.laws.columns import columns_of
 from balloon_warp.kernels.laws.law import Kind
-from balloon_warp.kernels.laws.membrane import MEMBRANES, PARAMETERS
-from balloon_warp.kernels.laws.softening import PARAMETERS as SOFTENING
-from balloon_warp.kernels.laws.softening import steepening
+from balloon_warp.kernels.laws.membrane import (
+    BRANCHING,
+    MEMBRANES,
+    PARAMETERS,
+    RAYLEIGH,
+    SOFTENING_PARAMETERS,
+    TEARING,
+    steepening,
+)
 from balloon_warp.kernels.laws.springs import KINDS
-from balloon_warp.kernels.laws.tearing import BRANCHING, RAYLEIGH, TEARING
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape, Surroundings
 from balloon_warp.scene import Scene
@@ -47,7 +51,7 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)
 """Quadrature of the integral from rest to a state"""
 OF_ARRAYS = SimpleNamespace(log=np.log, max=np.maximum, pow=np.power, sqrt=np.sqrt, where=np.where)
 """NumPy counterparts of the Warp functions that laws call"""
-NAMES = frozenset(row.name for row in (*PARAMETERS, *SOFTENING))
+NAMES = frozenset(row.name for row in (*PARAMETERS, *SOFTENING_PARAMETERS))
 """Parameters that the step of a membrane depends on"""
 
 
@@ -70,7 +74,7 @@ def settle_masses(scene: Scene, shapes: Sequence[BalloonShape], parameters: Para
 
 def numbers_of(parameters: Mapping[str, Values], number: int) -> dict[str, Values]:
     """Return the parameters of a balloon's material, each of shape (W, 1), a vector's of shape (3, W, 1)."""
-    rows = {row.name: parameters[row.name][:, number] for row in (*PARAMETERS, *SOFTENING)}
+    rows = {row.name: parameters[row.name][:, number] for row in (*PARAMETERS, *SOFTENING_PARAMETERS)}
     return {name: values.T[..., None] if values.ndim > 1 else values[:, None] for name, values in rows.items()}
 
 
@@ -101,7 +105,7 @@ def steepest_softening(law: Law, told: Mapping[str, Values], first: Values, seco
     for node, weight in zip(0.5 * (NODES + 1.0), 0.5 * WEIGHTS, strict=True):  # along the straight way from rest
         w1, w2 = slopes_by_stretches(law, told, 1.0 + node * (first - 1.0), 1.0 + node * (second - 1.0))
         energy = energy + weight * (w1 * (first - 1.0) + w2 * (second - 1.0))
-    return steepening(np.maximum(energy, 0.0), *(told[row.name] for row in SOFTENING))
+    return steepening(np.maximum(energy, 0.0), *(told[row.name] for row in SOFTENING_PARAMETERS))
 
 
 def stiffest_modulus(law: Law, told: Mapping[str, Values]) -> Values:

@@ -11,8 +11,7 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.laws import LAWS, Law
-from balloon_warp.kernels.laws.columns import Columns
+from balloon_warp.kernels.laws import LAWS, Columns, Law
 from balloon_warp.model.obstacles import BodyShape, ObstacleShape
 from balloon_warp.model.parameters import VELOCITY, views_of
 from balloon_warp.model.shape import BalloonShape

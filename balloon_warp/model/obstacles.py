@@ -2,7 +2,7 @@
 
 Coulomb's coefficient of each pair of things, resolved from the scene's coefficient of each.
 
-The rule as a table is in docs/CONTACT.md. Things are numbered as in `kernels.loops.friction`: the ground, obstacles,
+The rule as a table is in docs/CONTACT.md. Things are numbered as in `kernels.loops.fixtures`: the ground, obstacles,
 spheres, free bodies, balloons.
 
 Sample points of free bodies and of obstacles that are held out of other solids.

@@ -8,11 +8,9 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.laws import Law, Parameter
-from balloon_warp.kernels.laws.columns import Columns, columns_of
+from balloon_warp.kernels.laws import Columns, Law, Parameter, columns_of
 from balloon_warp.kernels.laws.law import TINY
-from balloon_warp.kernels.laws.softening import PARAMETERS as SOFTENING
-from balloon_warp.kernels.laws.tearing import PARAMETERS as TEARING
+from balloon_warp.kernels.laws.membrane import SOFTENING_PARAMETERS, TEARING_PARAMETERS
 from balloon_warp.kernels.substep import rows_of_phases
 from balloon_warp.scene import Inflation, Material, Scene
 from balloon_warp.scene.load import is_there
@@ -34,8 +32,8 @@ ROWS: tuple[Parameter, ...] = (
     Parameter("initial_spins", "rad/s", path="angular_velocity", size=3),
     Parameter("initial_gas_amounts", "mol", np.nan, least=0.0, path="inflation.amount"),
     Parameter("initial_density", "kg/m^3", 940.0, least=TINY, path="material.density"),
-    *SOFTENING,
-    *TEARING,
+    *SOFTENING_PARAMETERS,
+    *TEARING_PARAMETERS,
     Parameter("initial_pressures", "Pa", path="inflation.start_pressure", meaning="gauge pressure of a gas"),
     Parameter("initial_sphere_positions", "m", of="sphere", path="position", size=3),
     Parameter("initial_sphere_velocities", "m/s", of="sphere", path="velocity", size=3),

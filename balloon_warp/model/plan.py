@@ -15,10 +15,10 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.frames.around import place_balloons
+from balloon_warp.kernels.frame import place_balloons
 from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.kernels.laws.membrane import SHEAR_MODULUS
-from balloon_warp.kernels.laws.water import EVENED
+from balloon_warp.kernels.laws.outer import EVENED
 from balloon_warp.laws import require_laws
 from balloon_warp.model.materials import settle_masses, settle_tears
 from balloon_warp.model.model import Model

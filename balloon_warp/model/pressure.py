@@ -14,8 +14,8 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.laws.air import ALIKE, GAS_CONSTANT, HIGHEST, density_of_given_air
 from balloon_warp.kernels.laws.gas import STANDARD_PRESSURE
+from balloon_warp.kernels.laws.outer import EVENED
 from balloon_warp.kernels.laws.springs import KINDS
-from balloon_warp.kernels.laws.water import EVENED
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.seams import open_seam, welded
 from balloon_warp.mesh.topology import (

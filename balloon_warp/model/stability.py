@@ -159,7 +159,7 @@ class Network:
 
     Drag and viscosity at the rate g [1/s], taken at the velocity before the step, shrink the bound to the root of
     omega^2 h^2 + 2 g h = 4; g is twice the largest such sum of the bounds by the velocity. A balloon's damping and the
-    drag in water, taken at that after it, do not: see `phases.move` and `phases.resist`.
+    drag in water, taken at that after it, do not: see `phases.motion.move` and `phases.motion.resist`.
 
     A string between a particle and a free body is a pair, too. The body's sum is of the strings' bounds times
     the largest speed that an impulse of 1 N s gives its point there; twice that bounds omega^2.

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws.gas import NO_INSIDE
-from balloon_warp.kernels.laws.water import EVENED
+from balloon_warp.kernels.laws.outer import EVENED
 from balloon_warp.mesh.load import rotation_matrix
 from balloon_warp.mesh.topology import box_corners, require_reach, signed_volume
 from balloon_warp.model.obstacles import MOST_FRAMES, BodyShape, initial_poses, obstacle_motion

@@ -20,8 +20,8 @@ import numpy as np
 import warp as wp
 
 from balloon_warp.errors import NoRoomError
-from balloon_warp.kernels.frames.around import place_balloons
-from balloon_warp.kernels.measure.health import HEALTHY
+from balloon_warp.kernels.frame import place_balloons
+from balloon_warp.kernels.tables import HEALTHY
 from balloon_warp.mesh.load import rotation_matrix
 from balloon_warp.model.model import Model
 from balloon_warp.model.obstacles import initial_centers, initial_turns, most_touches
@@ -277,7 +277,7 @@ class State:
     """Free volumes of gas, the volume at one atmosphere after adiabatic expansion [m^3], see `kernels.laws.gas`, shape
     (world_count, balloon_count), float64"""
     air_along: wp.array
-    """Added mass of a balloon of gas in the frame [kg], see `kernels.laws.added_mass`, shape (world_count,
+    """Added mass of a balloon of gas in the frame [kg], see `kernels.laws.gas`, shape (world_count,
     balloon_count), float32"""
     airs: wp.array
     """Air at balloons of gas that is pumped or flows, where air differs with height, as the frame begins: pressure
@@ -309,7 +309,7 @@ class State:
     gas any more; the face where it burst, and the stress there [Pa]; shape (world_count, balloon_count), vec4, or
     (world_count, 0)"""
     tear_planes: wp.array
-    """Planes along which the tears of torn faces run, see `laws.tearing`: unit normal and distance from the origin [m]
+    """Planes along which the tears of torn faces run, see `laws.membrane`: unit normal and distance from the origin [m]
     on the unstretched skin, shape (world_count, face_count), vec4, or (world_count, 0)"""
     contact_impulses: wp.array
     """Impulse [N s] and contact time [s] of each thing that balloons may touch, and each particle, in the last frame,

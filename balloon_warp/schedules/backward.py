@@ -21,14 +21,18 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.adjoints.directions import DirectionBars, add_up_totals, gather_from_faces, hand_on_to_faces
-from balloon_warp.kernels.adjoints.each import springs_back_kernel, triangles_back_kernel
-from balloon_warp.kernels.adjoints.fixture_bars import WIDTH, Totals, sum_fixture_bars
 from balloon_warp.kernels.adjoints.gas import TubeBars, pump_again_kernel, pump_back_kernel, tubes_back_kernel
-from balloon_warp.kernels.adjoints.springs import StringBars, strings_back_kernel
+from balloon_warp.kernels.adjoints.pull import DirectionBars, add_up_totals, gather_from_faces, hand_on_to_faces
+from balloon_warp.kernels.adjoints.solids import WIDTH, Totals, sum_fixture_bars
+from balloon_warp.kernels.adjoints.springs import (
+    StringBars,
+    springs_back_kernel,
+    strings_back_kernel,
+    triangles_back_kernel,
+)
+from balloon_warp.kernels.adjoints.sums import Bars, sum_kernel
 from balloon_warp.kernels.compose import derive_helpers
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.frames.backwards import Bars, sum_kernel
 from balloon_warp.kernels.loops.gas import SWEEPS
 from balloon_warp.kernels.schedules.writer import Step, values_of
 from balloon_warp.kernels.working import FixtureBars

@@ -9,7 +9,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.schedules.block.backward import (
+from balloon_warp.kernels.schedules.block_backward import (
     Backwards,
     arguments_again,
     arguments_backwards,
@@ -17,7 +17,7 @@ from balloon_warp.kernels.schedules.block.backward import (
     kernel_backwards,
     widths_of_rows,
 )
-from balloon_warp.kernels.schedules.block.names import Layout, look_of
+from balloon_warp.kernels.schedules.block_names import Layout, look_of
 from balloon_warp.kernels.schedules.writer import Step, cut, values_of
 from balloon_warp.kernels.substep import FILMED, phases_of
 from balloon_warp.kernels.tables import Tables

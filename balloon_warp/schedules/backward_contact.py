@@ -18,14 +18,29 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.adjoints.pressing import keep_holds, keep_search, list_contacts_kernel, press_back_kernel
+from balloon_warp.kernels.adjoints.pressing import (
+    KINDS,
+    SUMS,
+    TouchBars,
+    keep_holds,
+    keep_search,
+    list_contacts_kernel,
+    press_back_kernel,
+    sum_pairs,
+    take_back_kernel,
+)
 from balloon_warp.kernels.adjoints.rolling import roll_back_kernel
-from balloon_warp.kernels.adjoints.sphere_bars import COLUMNS, BarsOfSpheres, sum_sphere_bars
-from balloon_warp.kernels.adjoints.spheres import EVENTS_OF_A_SPHERE, Event, LoggedSpheres, roll_again_kernel
-from balloon_warp.kernels.adjoints.touching import KINDS, SUMS, TouchBars, sum_pairs, take_back_kernel
-from balloon_warp.kernels.contact.list_lengths import LENGTHS
+from balloon_warp.kernels.adjoints.spheres import (
+    COLUMNS,
+    EVENTS_OF_A_SPHERE,
+    BarsOfSpheres,
+    Event,
+    LoggedSpheres,
+    roll_again_kernel,
+    sum_sphere_bars,
+)
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.working import SphereBars, Working
+from balloon_warp.kernels.working import LENGTHS, SphereBars, Working
 from balloon_warp.model import Model, State
 from balloon_warp.model.obstacles import FRICTION
 from balloon_warp.model.state import Room

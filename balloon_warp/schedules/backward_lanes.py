@@ -5,14 +5,12 @@ from typing import Any
 
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.lanes import LANE_COUNT, Lanes, Lanes3
-from balloon_warp.kernels.loops.obstacles import Solids
+from balloon_warp.kernels.loops.contact import Solids
 from balloon_warp.kernels.phase import NoAdjointError
-from balloon_warp.kernels.schedules.lanes.backward import arguments_backwards, bars_backwards, kernel_backwards
-from balloon_warp.kernels.schedules.lanes.layouts import OCTETS, WORLDS_AS_OCTETS, Layout
-from balloon_warp.kernels.schedules.lanes.looks import LOOKS
-from balloon_warp.kernels.schedules.lanes.source import PARTS, Sums, kinds_of
-from balloon_warp.kernels.schedules.launched.trace import traces_of
-from balloon_warp.kernels.schedules.writer import Step, cut
+from balloon_warp.kernels.schedules.lanes import LOOKS, PARTS, Sums, kinds_of
+from balloon_warp.kernels.schedules.lanes_backward import arguments_backwards, bars_backwards, kernel_backwards
+from balloon_warp.kernels.schedules.lanes_layouts import OCTETS, WORLDS_AS_OCTETS, Layout
+from balloon_warp.kernels.schedules.writer import Step, cut, traces_of
 from balloon_warp.kernels.substep import SHARED, phases_of
 from balloon_warp.kernels.working import Working
 from balloon_warp.model import Model, State

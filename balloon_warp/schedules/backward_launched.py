@@ -7,18 +7,28 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.adjoints.exchange import exchange_again_kernel
-from balloon_warp.kernels.adjoints.exchange_back import exchange_back_kernel
-from balloon_warp.kernels.adjoints.exchange_tables import ExchangeBars, Exchanges, Met
-from balloon_warp.kernels.adjoints.face_log import CONTACTS_OF_A_SPHERE, FaceContact, LoggedFaces
-from balloon_warp.kernels.adjoints.finds import EDGES_BACK, RIDGES_BACK
-from balloon_warp.kernels.adjoints.small_spheres import FaceBars, add_by_starts, faces_back_kernel
-from balloon_warp.kernels.contact.near import mark_count
+from balloon_warp.kernels.adjoints.exchange import (
+    ExchangeBars,
+    Exchanges,
+    Met,
+    exchange_again_kernel,
+    exchange_back_kernel,
+)
+from balloon_warp.kernels.adjoints.small_spheres import (
+    CONTACTS_OF_A_SPHERE,
+    FaceBars,
+    FaceContact,
+    LoggedFaces,
+    add_by_starts,
+    faces_back_kernel,
+)
+from balloon_warp.kernels.adjoints.sweeps import EDGES_BACK, RIDGES_BACK
+from balloon_warp.kernels.contact.spheres import mark_count
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.touch import MOST_LOOKS
 from balloon_warp.kernels.phase import STATE, NoAdjointError
-from balloon_warp.kernels.schedules.launched.backward import BackwardKernel, backward_kernels, made_kernels
-from balloon_warp.kernels.schedules.launched.source import GATHERED
+from balloon_warp.kernels.schedules.launched import GATHERED
+from balloon_warp.kernels.schedules.launched_backward import BackwardKernel, backward_kernels, made_kernels
 from balloon_warp.kernels.schedules.writer import Piece, Step, cut
 from balloon_warp.kernels.substep import phases_of
 from balloon_warp.kernels.working import Working

@@ -6,12 +6,16 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.adjoints.finds import EDGES_BACK, RIDGES_BACK
-from balloon_warp.kernels.adjoints.particle_sums import SUMS
-from balloon_warp.kernels.adjoints.ridge_balls import BALL_SUMS
-from balloon_warp.kernels.adjoints.spheres import LoggedSpheres
-from balloon_warp.kernels.adjoints.sweeps import KINDS, SweepBack, SweepBars
-from balloon_warp.kernels.adjoints.sweeps_back import sweeps_back_kernel
+from balloon_warp.kernels.adjoints.spheres import BALL_SUMS, LoggedSpheres
+from balloon_warp.kernels.adjoints.sums import SUMS
+from balloon_warp.kernels.adjoints.sweeps import (
+    EDGES_BACK,
+    KINDS,
+    RIDGES_BACK,
+    SweepBack,
+    SweepBars,
+    sweeps_back_kernel,
+)
 from balloon_warp.kernels.contact.contact import Contact
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.working import Working

@@ -4,24 +4,27 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.contact.boxes import ARE_NEAR, box_balloons, meet_kernel
-from balloon_warp.kernels.contact.edge_search import (
+from balloon_warp.kernels.contact.boxes import (
+    ARE_NEAR,
+    box_balloons,
+    box_parts_of_worlds,
+    line_up_boxes,
+    meet_kernel,
+    row_count,
+)
+from balloon_warp.kernels.contact.edges import (
     BOXED_OF_EDGE,
     SEEKING_OF_EDGE,
     leaves_kernel,
     measuring_kernel,
+    seeking_kernel,
     trees_kernel,
 )
-from balloon_warp.kernels.contact.eight_boxes import line_up_boxes, row_count
-from balloon_warp.kernels.contact.forces import take_counts
-from balloon_warp.kernels.contact.list_lengths import LENGTHS
-from balloon_warp.kernels.contact.near_parts import MOST_PARTS, near_parts_kernel
-from balloon_warp.kernels.contact.parts import box_parts_of_worlds
-from balloon_warp.kernels.contact.response import response_kernel
+from balloon_warp.kernels.contact.response import response_kernel, take_counts
 from balloon_warp.kernels.contact.search import find_kernel, looking_kernel
-from balloon_warp.kernels.contact.seeking_edges import seeking_kernel
+from balloon_warp.kernels.contact.triangles import MOST_PARTS, near_parts_kernel
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.working import EightBoxes, EightPlaces
+from balloon_warp.kernels.working import LENGTHS, EightBoxes, EightPlaces
 from balloon_warp.model import Model, State
 from balloon_warp.model.state import Room
 from balloon_warp.schedules.contact_lists import FEW_THREADS, edge_count, threads_of_list

@@ -2,7 +2,7 @@
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.schedules.block.source import source_of_frame
+from balloon_warp.kernels.schedules.block import source_of_frame
 from balloon_warp.model import Model, State
 from balloon_warp.model.state import Allocating, Room
 from balloon_warp.schedules.block_layout import BlockFrames, fits_in_block, layout_of, most_particles, step_of

@@ -12,8 +12,8 @@ import warp as wp
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.membranes import MembraneFaceLayout
 from balloon_warp.kernels.phases.motion import check
-from balloon_warp.kernels.schedules.block.names import Layout, look_of
-from balloon_warp.kernels.schedules.block.source import arguments_of_frame, kernel_of_frame
+from balloon_warp.kernels.schedules.block import arguments_of_frame, kernel_of_frame
+from balloon_warp.kernels.schedules.block_names import Layout, look_of
 from balloon_warp.kernels.schedules.writer import Step, cut, values_of
 from balloon_warp.kernels.substep import FACING, FILMED, NOTHING, phases_of
 from balloon_warp.kernels.working import Working

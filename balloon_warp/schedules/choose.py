@@ -5,7 +5,7 @@ from typing import Protocol
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.body import GAS
+from balloon_warp.kernels.laws.outer import GAS
 from balloon_warp.model import Model, State
 from balloon_warp.model.touch import is_in_layers
 from balloon_warp.schedules.block_layout import fits_in_block, thread_a_particle

@@ -14,9 +14,9 @@ import numpy as np
 import warp as wp
 
 from balloon_warp.kernels.contact.contact import Contact
-from balloon_warp.kernels.contact.room import LISTS
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.measure.health import HEALTHY
+from balloon_warp.kernels.tables import HEALTHY
+from balloon_warp.kernels.working import LISTS
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.model import Model, State, overwrite
 from balloon_warp.model.state import Allocating, Counting, Room, new_state, usable_memory
@@ -40,7 +40,7 @@ ARRAYS: dict[str, Any] = {
     "catches": Contact,
     "ridge_pairs": wp.vec3i,
 }
-"""Lists of `Working` and their types, in the order of `kernels.contact.room`"""
+"""Lists of `Working` and their types, in the order of `kernels.working`"""
 
 
 class ContactLists:

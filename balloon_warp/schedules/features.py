@@ -4,9 +4,9 @@ import numpy as np
 
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.air import VARYING
-from balloon_warp.kernels.laws.body import GAS, NORMAL_FORCE
+from balloon_warp.kernels.laws.outer import GAS, NORMAL_FORCE
 from balloon_warp.kernels.laws.springs import HOOKE, RUBBER, RUBBER_AT_LIMIT
-from balloon_warp.kernels.schedules.launched.source import GATHERED
+from balloon_warp.kernels.schedules.launched import GATHERED
 from balloon_warp.model import Model
 from balloon_warp.model.starts import may_be_crushed
 from balloon_warp.model.timeline import acting_laws, acting_phases, kept_values, values_over_time

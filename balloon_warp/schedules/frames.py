@@ -13,15 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
-from balloon_warp.kernels.frames.around import end_frame
-from balloon_warp.kernels.frames.rounds import begin_round, end_turn
-from balloon_warp.kernels.frames.starting import count_ages
-from balloon_warp.kernels.frames.timeline import hold_spheres
-from balloon_warp.kernels.measure.contacts import FaceTable, sum_contacts
-from balloon_warp.kernels.measure.health import HealthTable
-from balloon_warp.kernels.measure.locking import note_overstretched
-from balloon_warp.kernels.measure.pressed import note_pressed
-from balloon_warp.kernels.params import Clock
+from balloon_warp.kernels.compose import Clock
+from balloon_warp.kernels.frame import begin_round, end_frame, end_turn, hold_spheres
+from balloon_warp.kernels.measure.observed import FaceTable, sum_contacts
+from balloon_warp.kernels.measure.worlds import note_overstretched, note_pressed
+from balloon_warp.kernels.steering import count_ages
+from balloon_warp.kernels.tables import HealthTable
 from balloon_warp.model import Model, State
 from balloon_warp.model.pressure import pressure_bounds
 from balloon_warp.model.spectrum import ALL

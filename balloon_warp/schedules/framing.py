@@ -5,7 +5,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.schedules.launched.sphere_forces import read_sphere_forces, write_sphere_forces
+from balloon_warp.kernels.schedules.launched import read_sphere_forces, write_sphere_forces
 from balloon_warp.model import Model, State
 from balloon_warp.schedules.frames import ContactSums, HealthCheck
 from balloon_warp.schedules.tables import (

@@ -21,12 +21,11 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.loops.obstacles import Solids
+from balloon_warp.kernels.loops.contact import Solids
 from balloon_warp.kernels.phase import STATE
-from balloon_warp.kernels.schedules.lanes.layouts import OCTETS
-from balloon_warp.kernels.schedules.lanes.looks import LOOKS
-from balloon_warp.kernels.schedules.lanes.source import pulling_arguments, pulling_kernel, pulling_source
-from balloon_warp.kernels.schedules.launched.source import GATHERED, SUMMED, source_of
+from balloon_warp.kernels.schedules.lanes import LOOKS, pulling_arguments, pulling_kernel, pulling_source
+from balloon_warp.kernels.schedules.lanes_layouts import OCTETS
+from balloon_warp.kernels.schedules.launched import GATHERED, SUMMED, source_of
 from balloon_warp.kernels.schedules.writer import Step, cut
 from balloon_warp.kernels.substep import PULLED, SCATTERED, SHARED_PULL, phases_of
 from balloon_warp.model import Model, State

@@ -9,12 +9,12 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.contact.near import mark_count
+from balloon_warp.kernels.contact.spheres import mark_count
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.lanes import LANE_COUNT, Lanes, Lanes3
-from balloon_warp.kernels.schedules.lanes.layouts import Layout
-from balloon_warp.kernels.schedules.lanes.source import arguments_of, kinds_of
-from balloon_warp.kernels.schedules.lanes.state import lane_structs, part_structs
+from balloon_warp.kernels.schedules.lanes import arguments_of, kinds_of
+from balloon_warp.kernels.schedules.lanes_layouts import Layout
+from balloon_warp.kernels.schedules.lanes_state import lane_structs, part_structs
 from balloon_warp.kernels.schedules.writer import Step
 from balloon_warp.model import Model
 from balloon_warp.model.state import Room

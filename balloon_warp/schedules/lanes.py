@@ -10,10 +10,9 @@ import numpy as np
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.loops.obstacles import Solids
-from balloon_warp.kernels.schedules.lanes.layouts import OCTETS, WORLDS, WORLDS_AS_OCTETS, Layout
-from balloon_warp.kernels.schedules.lanes.looks import LOOKS
-from balloon_warp.kernels.schedules.lanes.source import arguments_of, kernel_of, source_of
+from balloon_warp.kernels.loops.contact import Solids
+from balloon_warp.kernels.schedules.lanes import LOOKS, arguments_of, kernel_of, source_of
+from balloon_warp.kernels.schedules.lanes_layouts import OCTETS, WORLDS, WORLDS_AS_OCTETS, Layout
 from balloon_warp.kernels.schedules.writer import Step, cut
 from balloon_warp.kernels.substep import SHARED, phases_of
 from balloon_warp.kernels.working import Working

@@ -8,10 +8,10 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 import warp as wp
 
-from balloon_warp.kernels.contact.near import mark_count
+from balloon_warp.kernels.contact.spheres import mark_count
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.phase import STATE, Item, Look, Phase
-from balloon_warp.kernels.schedules.launched.source import (
+from balloon_warp.kernels.schedules.launched import (
     ITEMS_OF_LIST,
     ITEMS_OF_PART,
     Part,

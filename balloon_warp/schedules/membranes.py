@@ -10,9 +10,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws import Law
-from balloon_warp.kernels.laws.membrane import MEMBRANES
-from balloon_warp.kernels.laws.softening import PARAMETERS as SOFTENING
-from balloon_warp.kernels.laws.tearing import PARAMETERS
+from balloon_warp.kernels.laws.membrane import MEMBRANES, SOFTENING_PARAMETERS, TEARING_PARAMETERS
 from balloon_warp.kernels.loops.membranes import PLACE_BYTES, VECTOR_BYTES, MembraneFaceLayout
 from balloon_warp.kernels.tables import MembraneFaceTable, MembraneTable, TearTable, WearTable
 from balloon_warp.mesh import PolygonMesh
@@ -87,7 +85,7 @@ def tears_of_world(model: Model, tears: Any) -> Any:
 
 def put_tear_parameters(table: Any, model: Model) -> None:
     """Store the tear parameters of the balloons in the model's worlds."""
-    for row in PARAMETERS:
+    for row in TEARING_PARAMETERS:
         setattr(table, row.name, model.parameters[row.name])
 
 
@@ -215,7 +213,7 @@ def membranes_of_world(model: Model, membranes: Any) -> Any:
 
 def put_wear_parameters(wear: Any, model: Model) -> None:
     """Store the wear parameters of the balloons in the model's worlds."""
-    for row in SOFTENING:
+    for row in SOFTENING_PARAMETERS:
         setattr(wear, row.name, model.parameters[row.name])
 
 

@@ -15,13 +15,17 @@ from numpy.typing import NDArray
 
 from balloon_warp.kernels.contact.free_frames import (
     FreeFrames,
+    OwnParts,
+    box_groups,
     busy_kernel,
     judge_kernel,
+    judge_parts_kernel,
     keep_sphere_forces,
+    place_parts,
     put_worlds_back,
+    see_straying,
     surround_kernel,
 )
-from balloon_warp.kernels.contact.own_parts import OwnParts, box_groups, judge_parts_kernel, place_parts, see_straying
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.tables import WorldState
 from balloon_warp.mesh.polygon_mesh import PolygonMesh

@@ -9,10 +9,10 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.loops.slots import SlotTable
+from balloon_warp.kernels.loops.springs import SlotTable
 from balloon_warp.kernels.phase import Phase
-from balloon_warp.kernels.schedules.block.names import Layout, look_of
-from balloon_warp.kernels.schedules.patches.source import (
+from balloon_warp.kernels.schedules.block_names import Layout, look_of
+from balloon_warp.kernels.schedules.patches import (
     PatchMemory,
     PatchTable,
     arguments_of_patches,

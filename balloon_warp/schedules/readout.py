@@ -5,8 +5,8 @@ from typing import Any, Self
 
 import warp as wp
 
-from balloon_warp.kernels.measure.pulls import law_measure, pull_kernel, spring_measure, string_measure
-from balloon_warp.kernels.schedules.launched.source import GATHERED
+from balloon_warp.kernels.measure.observed import law_measure, pull_kernel, spring_measure, string_measure
+from balloon_warp.kernels.schedules.launched import GATHERED
 from balloon_warp.kernels.schedules.writer import cut
 from balloon_warp.kernels.substep import READING, phases_of
 from balloon_warp.model import Model, State

@@ -26,7 +26,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.loops.slots import SlotTable
+from balloon_warp.kernels.loops.springs import SlotTable
 from balloon_warp.kernels.tables import SLICE, ParticleTable, RingTable
 from balloon_warp.model import Model
 

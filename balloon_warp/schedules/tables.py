@@ -9,8 +9,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.frames.air_along import air_kernel
-from balloon_warp.kernels.frames.around import move_anchors, note_given_loads, place_fixtures, ramp_inflation
+from balloon_warp.kernels.frame import air_kernel, move_anchors, note_given_loads, place_fixtures, ramp_inflation
 from balloon_warp.kernels.laws.contact import SHAPES
 from balloon_warp.kernels.tables import (
     CHUNK,

@@ -12,12 +12,12 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.contact.faces import MOST_IN_LUMP
-from balloon_warp.kernels.contact.may_be_near import ROOM
+from balloon_warp.kernels.contact.search import ROOM
+from balloon_warp.kernels.contact.spheres import MOST_IN_LUMP
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.law import FAR
-from balloon_warp.kernels.laws.ridges import Ridge
 from balloon_warp.kernels.laws.rigid import Grip
+from balloon_warp.kernels.laws.touch import Ridge
 from balloon_warp.kernels.tables import RidgeTable, TouchTable
 from balloon_warp.mesh.orientation import triangles_of
 from balloon_warp.mesh.polygon_mesh import PolygonMesh

@@ -13,30 +13,26 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.lanes import LANE_COUNT, Lanes, Lanes3
 from balloon_warp.kernels.laws.springs import HOOKE, KINDS
-from balloon_warp.kernels.schedules.launched.source import GATHERED
-from balloon_warp.kernels.solvers.linear_systems import (
+from balloon_warp.kernels.projective import (
+    LEAST_ITERATIONS,
+    MOST_ITERATIONS,
     PARTS,
     ROW_THREADS,
+    TOLERANCE,
+    WORTH_SAYING,
     FactorTable,
     InverseTable,
+    Settling,
     factored_solver,
-    multiply_own_inverse,
-    shared_inverse_product,
-)
-from balloon_warp.kernels.solvers.projective import (
     foreseeing_kernel,
     inertia_function,
     local_step_kernel,
+    multiply_own_inverse,
+    settling_kernel,
+    shared_inverse_product,
     take_displacements,
 )
-from balloon_warp.kernels.solvers.settling import (
-    LEAST_ITERATIONS,
-    MOST_ITERATIONS,
-    TOLERANCE,
-    WORTH_SAYING,
-    Settling,
-    settling_kernel,
-)
+from balloon_warp.kernels.schedules.launched import GATHERED
 from balloon_warp.kernels.substep import PROJECTIVE_STEP
 from balloon_warp.model import Model, State
 from balloon_warp.model.state import Counting, Room

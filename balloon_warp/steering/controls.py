@@ -15,11 +15,17 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.frames.controlling import move_obstacles, read_control, write_control
-from balloon_warp.kernels.frames.starting import begin_ages, follow_plan, let_appear
 from balloon_warp.kernels.laws import Parameter
 from balloon_warp.kernels.laws.law import FAR
-from balloon_warp.kernels.laws.tearing import NEVER
+from balloon_warp.kernels.laws.membrane import NEVER
+from balloon_warp.kernels.steering import (
+    begin_ages,
+    follow_plan,
+    let_appear,
+    move_obstacles,
+    read_control,
+    write_control,
+)
 from balloon_warp.model import Model
 from balloon_warp.model.parameters import VELOCITY, Place, places_of, rows_of, scene_parameters
 from balloon_warp.model.setting import plan_setting

@@ -9,24 +9,31 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.frames.starting import ByteRows, WordRows, copy_bytes, copy_words
 from balloon_warp.kernels.measure.observed import (
     MotionPart,
     choose_particles,
     clear_stretches,
     find_obstacles,
     join_motion,
+    join_turning,
     join_volumes,
     stretch_membranes,
     stretch_springs,
     sum_motion,
     sum_particle_contacts,
+    sum_turning,
     sum_volumes,
 )
-from balloon_warp.kernels.measure.turning import join_turning, sum_turning
-from balloon_warp.kernels.pictures.cameras import see_triangles, show_colors, tell_depths
-from balloon_warp.kernels.pictures.sights import Sight, aim
-from balloon_warp.kernels.pictures.things import Things, see_things
+from balloon_warp.kernels.pictures.cameras import (
+    Sight,
+    Things,
+    aim,
+    see_things,
+    see_triangles,
+    show_colors,
+    tell_depths,
+)
+from balloon_warp.kernels.steering import ByteRows, WordRows, copy_bytes, copy_words
 from balloon_warp.mesh.topology import face_starts, triangulate
 from balloon_warp.model import Model, State
 from balloon_warp.model.state import frames_of

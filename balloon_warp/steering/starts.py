@@ -10,7 +10,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.frames.starting import begin_episodes, draw_values, shift_balloon
+from balloon_warp.kernels.steering import begin_episodes, draw_values, shift_balloon
 from balloon_warp.model import Model, State, initial_state
 from balloon_warp.model.parameters import START, places_of, rows_of
 from balloon_warp.model.state import place_particles

@@ -15,8 +15,14 @@ from numpy.typing import ArrayLike, NDArray
 from pxr import Usd, UsdGeom, UsdPhysics
 
 from balloon_warp.errors import InputError, did_you_mean_file
-from balloon_warp.kernels.measure.crossings import Things, find_boxes, find_crossings, measure_crossings, measure_rounds
-from balloon_warp.kernels.measure.signed_distance import signed_distances
+from balloon_warp.kernels.measure.crossings import (
+    Things,
+    find_boxes,
+    find_crossings,
+    measure_crossings,
+    measure_rounds,
+    signed_distances,
+)
 from balloon_warp.mesh.orientation import triangles_of
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.topology import first_coincident

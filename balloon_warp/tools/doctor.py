@@ -13,7 +13,7 @@ import warp as wp
 
 from balloon_warp.batch.batch import run_batch
 from balloon_warp.kernels.laws import Law
-from balloon_warp.kernels.schedules.launched.source import source_of
+from balloon_warp.kernels.schedules.launched import source_of
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.model import build_model
 from balloon_warp.run.provenance import installed_versions

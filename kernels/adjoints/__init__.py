@@ -1,1 +1,1 @@
-"""Adjoints of phases that are not derived by Warp alone, see `kernels.adjoint`."""
+"""Adjoints of phases that Warp does not derive alone, see `kernels.phase`."""

@@ -1,5 +1,9 @@
 """Adjoint of the exchange of momentum between spheres and particles, a block a world.
 
+Warp derives the answers of a particle and of a sphere. Frozen is which particles a sphere presses, which overlap it,
+and whether it is pressed to the ground. Each function returns where something is then, and how fast, times the
+derivatives by that.
+
 Spheres exchange it one after the other. So the results of each, and the places of particles before it, are found again,
 and then run through from the last to the first. The change of a sphere's velocity solves A D = b; with the derivatives
 d by D, those by A and b follow from l = A^-1 d: A is symmetric.
@@ -11,36 +15,197 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.adjoints.answers import Answer, Common, Load, work_of_particle, work_of_sphere
-from balloon_warp.kernels.adjoints.exchange_tables import ExchangeBars, Exchanges, Met, Sums, put_sums, sums_of
-from balloon_warp.kernels.adjoints.sphere_bars import add_by_friction, add_by_sphere, bar_of_course, put_bar_of_course
-from balloon_warp.kernels.adjoints.spheres import LoggedSpheres
-from balloon_warp.kernels.contact.near import PARTICLES_A_MARK
-from balloon_warp.kernels.contact.spheres import marked_functions, settling_function
+from balloon_warp.kernels import OPTIONS
+from balloon_warp.kernels.adjoints.rolling import worth
+from balloon_warp.kernels.adjoints.solids import ground_columns, standing_functions
+from balloon_warp.kernels.adjoints.spheres import (
+    BarsOfSpheres,
+    LoggedSpheres,
+    add_by_friction,
+    add_by_sphere,
+    bar_of_course,
+    put_bar_of_course,
+)
+from balloon_warp.kernels.adjoints.sums import Bars, numbers_adder
+from balloon_warp.kernels.compose import numbers_type, params_functions
+from balloon_warp.kernels.contact.spheres import PARTICLES_A_MARK, marked_functions, settling_function
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.impulse import (
+from balloon_warp.kernels.laws.contact import (
     OVERLAPPING,
     PRESSED,
+    Press,
     common_inertia,
+    ease_of_ball,
+    excess_speed,
+    gain_of_particle,
     ground_beside,
     is_met,
     is_pressed,
     mass_in,
     meet_sphere,
     push_of_ground,
+    rubbed,
     shift_of_body,
     sinking_of_sphere,
+    spin_by,
+    way_apart,
+    way_out,
 )
+from balloon_warp.kernels.laws.rigid import rub_on
+from balloon_warp.kernels.loops.contact import around_function
 from balloon_warp.kernels.loops.fixtures import GROUND, friction_on, number_of_sphere
 from balloon_warp.kernels.loops.net_force import inertia_function
-from balloon_warp.kernels.loops.spheres import Ball, ball_function, course_at
+from balloon_warp.kernels.loops.spheres import Ball, Course, ball_function, course_at
 from balloon_warp.kernels.memory import put_vector, vector_at
-from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.params import params_functions
 from balloon_warp.kernels.phase import Adjoint, Look, Phase
-from balloon_warp.kernels.tables import Tables
+from balloon_warp.kernels.tables import Tables, row_of_world
 from balloon_warp.kernels.warps import sum_over_block
 from balloon_warp.kernels.working import Working
+
+
+@wp.struct
+class Common:
+    """Findings of a sphere and all particles that it presses together."""
+
+    change: wp.vec3  # of the sphere's velocity
+    shift: wp.vec3  # out of overlaps
+    pressed: float  # mass of the particles that it presses [kg]
+
+
+@wp.struct
+class Answer:
+    """Constants of a particle's answer, and derivatives by it."""
+
+    step: float  # [s]
+    friction: float
+    is_pressed: bool
+    overlaps: bool
+    place: wp.vec3  # derivatives by where the particle is, how fast, and by friction on all and its torque
+    velocity: wp.vec3
+    rub: wp.vec3
+    torque: wp.vec3
+    by_push: wp.vec3  # derivatives by its momentum along the normal, and by its mass times how far it is moved
+    by_overlap: wp.vec3
+
+
+@wp.func
+def work_of_particle(
+    point: wp.vec3, velocity: wp.vec3, ball: Course, radius: float, heavy: float, mass: float, common: Common,
+    answer: Answer, up: wp.vec3,
+):  # fmt: skip
+    """Return a particle's gains beside a sphere, see `loops.spheres`, times their bars.
+
+    Args:
+        ball: course of the sphere, before it answers.
+        heavy: its mass [kg].
+        mass: of the particle, with its part of the gas [kg].
+    """
+    way = answer.step * (velocity - ball.velocity)
+    arm = point - ball.position - way
+    outward = way_out(arm, wp.vec3(), up)
+    gap = wp.dot(arm, outward) - radius
+    work = float(0.0)
+    if answer.is_pressed:
+        excess = excess_speed(gap, -wp.dot(way, outward) / answer.step, answer.step)
+        gain = gain_of_particle(outward, excess, common.change)
+        beside = velocity + gain - ball.velocity - common.change - wp.cross(ball.spin, arm)
+        share = 1.0 / (1.0 + common.pressed * ease_of_ball(heavy, radius, arm))
+        rub = rub_on(beside, mass * gain, mass, share, answer.friction)
+        moved = gain + rub / mass
+        work += wp.dot(moved, answer.velocity + answer.step * answer.place) + mass * wp.dot(gain, answer.by_push)
+        work += wp.dot(rub, answer.rub) + wp.dot(wp.cross(arm, rub), answer.torque)
+    if answer.overlaps:
+        aside = gain_of_particle(outward, way_apart(gap, answer.step), common.shift)
+        work += wp.dot(aside, answer.place) + mass * wp.dot(aside, answer.by_overlap)
+    return work
+
+
+@wp.struct
+class Load:
+    """Friction on a sphere by all particles, and the push of the ground."""
+
+    rub: wp.vec3  # friction on all of them [N s]
+    torque: wp.vec3  # of it about the center [N m s]
+    push: float  # of the ground [N s]
+
+
+@wp.func
+def work_of_sphere(
+    ball: Course, radius: float, heavy: float, common: Common, load: Load, ground_friction: float, step: float,
+    up: wp.vec3, bar: Course,
+):  # fmt: skip
+    """Return a sphere's course once it has answered, see `loops.spheres`, times its bars."""
+    gain = -load.rub / heavy
+    spin = ball.spin - spin_by(heavy, radius, load.torque)
+    going = ball.velocity + common.change + gain
+    braked, more = rubbed(going, spin, wp.vec3(), up, load.push / heavy, radius, ground_friction)
+    place = ball.position + step * (common.change + gain + braked) + common.shift
+    return worth(place, going + braked, spin + more, bar)
+
+
+Sums = wp.types.vector(length=18, dtype=wp.float32)
+"""Sums over particles of the derivatives by the sphere's change of velocity, its shift, and the mass that it presses;
+by its place, velocity, spin, radius and mass"""
+
+
+@wp.struct
+class Met:
+    """Findings of a sphere and the particles that it meets."""
+
+    press: Press
+    last: wp.vec3  # change of the sphere's velocity before it was settled, which says who is pressed
+    change: wp.vec3
+    shift: wp.vec3
+    rub: wp.spatial_vector  # friction on all particles [N s], and its torque [N m s]
+
+
+@wp.struct
+class Exchanges:
+    """Exchanges of all worlds in a substep, one sphere after the other."""
+
+    points: wp.array3d[wp.vec3]
+    """Places before each sphere, and after the last, of particles near any, shape (S + 1, W, P)"""
+    velocities: wp.array3d[wp.vec3]
+    met: wp.array2d[Met]
+    """Findings of each sphere, shape (W, S)"""
+
+
+@wp.struct
+class ExchangeBars:
+    """Derivatives by spheres and particles that exchange momentum."""
+
+    spheres: BarsOfSpheres
+    points: wp.array2d[wp.vec3]
+    velocities: wp.array2d[wp.vec3]
+    masses: wp.array2d[float]
+    """Bars of the mass of each particle with its part of the gas, of spheres so far"""
+    gas_masses: wp.array2d[float]
+    numbers: wp.array3d[float]
+
+
+@wp.func
+def sums_of(common: Common, ball: Course, radius: float, heavy: float):
+    """Return derivatives in a row."""
+    sums = Sums()
+    for axis in range(3):
+        sums[axis] = common.change[axis]
+        sums[3 + axis] = common.shift[axis]
+        sums[7 + axis] = ball.position[axis]
+        sums[10 + axis] = ball.velocity[axis]
+        sums[13 + axis] = ball.spin[axis]
+    sums[6] = common.pressed
+    sums[16] = radius
+    sums[17] = heavy
+    return sums
+
+
+@wp.func
+def put_sums(course: Course, sums: Sums):
+    """Add the sums to the derivatives by a sphere's course."""
+    course.position += wp.vec3(sums[7], sums[8], sums[9])
+    course.velocity += wp.vec3(sums[10], sums[11], sums[12])
+    course.spin += wp.vec3(sums[13], sums[14], sums[15])
+    return course
 
 
 def exchange_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
@@ -238,3 +403,92 @@ def sphere_adjoint(features: Features) -> Any:
         return by_sinking * by_height
 
     return exchange_back
+
+
+@cache
+def particle_functions(features: Features, columns: tuple[int, ...]) -> tuple[Any, Any]:
+    """Return the adjoints of a particle's way out of solids, and of its mass."""
+    _, read_params = params_functions(features.columns, features.balloons)
+    around_particle, stand_backwards = around_function(features), standing_functions(features)[0]
+    asked = [*ground_columns(features), features.columns.places["mass"]]
+    height, friction, mass = (columns.index(column) if column in columns else -1 for column in asked)
+
+    @wp.func
+    def add(numbers: wp.array3d[float], world: wp.int32, particle: wp.int32, place: wp.int32, more: float):
+        numbers[world, particle, place] = numbers[world, particle, place] + more
+
+    @wp.func
+    def stand_back(
+        t: Tables, working: Working, exchanges: Exchanges, bars: ExchangeBars, world: wp.int32, particle: wp.int32,
+        end: float,
+    ):  # fmt: skip
+        params = read_params(t, world, particle)
+        last = exchanges.points.shape[0] - 1
+        if params.share > 0.0:
+            stood = stand_backwards(
+                t, working, around_particle(params, end), exchanges.points[last, world, particle],
+                exchanges.velocities[last, world, particle], bars.points[world, particle],
+                bars.velocities[world, particle],
+            )  # fmt: skip
+            bars.points[world, particle] = stood.point
+            bars.velocities[world, particle] = stood.velocity
+            if wp.static(height >= 0):
+                add(bars.numbers, world, particle, height, stood.height)
+            if wp.static(friction >= 0):
+                add(bars.numbers, world, particle, friction, stood.friction)
+
+    @wp.func
+    def weigh_back(t: Tables, bars: ExchangeBars, world: wp.int32, particle: wp.int32):
+        by_share = t.particles.mass_share[particle] * bars.masses[world, particle]
+        bars.masses[world, particle] = 0.0
+        bars.gas_masses[world, particle] = bars.gas_masses[world, particle] + by_share
+        if wp.static(mass >= 0):
+            add(bars.numbers, world, particle, mass, by_share)
+
+    return stand_back, weigh_back
+
+
+@cache
+def exchange_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
+    """Return the kernel that runs the exchange of momentum backwards.
+
+    Args:
+        columns: of the numbers that are derived by.
+    """
+    exchange_back = sphere_adjoint(features)
+    stand_back, weigh_back = particle_functions(features, columns)
+    place, split = features.columns.places["ground_height"], features.columns.balloon_width
+    Numbers, add_numbers = numbers_type(features.columns.width), numbers_adder(columns)  # noqa: N806 - a type
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def turn_exchange_back(
+        t: Tables, working: Working, spheres: LoggedSpheres, exchanges: Exchanges, time_in_frame: float,
+        bars: ExchangeBars, of_frame: Bars,
+    ):  # fmt: skip
+        """Turn the bars of after the exchange into those of before; a block a world."""
+        world, thread = wp.tid()
+        marks = working.near.shape[1] - 1
+        count = t.particles.balloon.shape[0]
+        height = t.world_numbers[row_of_world(world, t.world_numbers.shape[0]), place - split]
+        if working.near[world, marks] > 0:
+            for mark in range(thread, marks, wp.block_dim()):
+                if working.near[world, mark] > 0:
+                    for particle in range(mark * PARTICLES_A_MARK, wp.min((mark + 1) * PARTICLES_A_MARK, count)):
+                        stand_back(t, working, exchanges, bars, world, particle, time_in_frame + t.step_seconds)
+            by_height = float(0.0)
+            sphere = t.spheres.numbers.shape[1]
+            while sphere > 0:
+                sphere -= 1
+                by_height += exchange_back(
+                    t, working, spheres, exchanges, bars, world, sphere, thread, height
+                )  # fmt: skip
+            for mark in range(thread, marks, wp.block_dim()):
+                if working.near[world, mark] > 0:
+                    for particle in range(mark * PARTICLES_A_MARK, wp.min((mark + 1) * PARTICLES_A_MARK, count)):
+                        weigh_back(t, bars, world, particle)
+            if thread == 0:
+                by_n = Numbers()
+                by_n[place] = by_height
+                add_numbers(of_frame.numbers_of_balloons, world, 0, by_n)
+
+    return turn_exchange_back

@@ -1,17 +1,14 @@
 """Adjoints of a gas's pressure, and of gas that comes and goes.
 
-Adjoint of the thrust of a neck's jet, along the unit vector across the neck that its edges enclose.
+Adjoint of the thrust of a neck's jet, along the unit vector across the neck that its edges enclose. Each particle gives
+its share, by the pressure there and the neck's own numbers. Particles of the rim turn the vector: they gather its bar
+from all shares.
 
-Each particle gives its share, by the pressure there and the neck's own numbers. Particles of the rim turn the vector:
-they gather its bar from all shares.
-
-Adjoint of gas that flows through tubes, and through necks and leaks beside them: a thread a world.
-
-Flows and pressures are found again in sweeps, each of which is kept, and so are the gases as each tube then moves its
-part. Frozen is from which end gas flows.
+Adjoint of gas that flows through tubes, and through necks and leaks beside them: a thread a world. Flows and pressures
+are found again in sweeps, each of which is kept, and so are the gases as each tube then moves its part. Frozen is from
+which end gas flows.
 
 Adjoints of gas that comes and goes: pumps and fills as a substep begins, necks and leaks as its pressure is known.
-
 Balloons carry the gas from substep to substep, and so its bar. A substep's values of it are recomputed.
 """
 
@@ -21,13 +18,14 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.compose import function_here
+from balloon_warp.kernels import OPTIONS
+from balloon_warp.kernels.adjoints.sums import Bars, numbers_adder
+from balloon_warp.kernels.compose import function_here, numbers_reader, params_functions, time_of
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.frames.backwards import Bars, numbers_adder
 from balloon_warp.kernels.laws.air import density_of_air
-from balloon_warp.kernels.laws.body import GAS, NORMAL_FORCE
+from balloon_warp.kernels.laws.flow import neck_opening, thrust, vent_flow
 from balloon_warp.kernels.laws.gas import Swelling, amount_when_flat, flow_and_fall, gas_through_tube, pumped_gas
-from balloon_warp.kernels.laws.orifice import neck_opening, thrust, vent_flow
+from balloon_warp.kernels.laws.outer import GAS, NORMAL_FORCE
 from balloon_warp.kernels.loops.gas import (
     curve_flow,
     filled_function,
@@ -39,8 +37,6 @@ from balloon_warp.kernels.loops.gas import (
     tube_functions,
     vent_function,
 )
-from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.params import numbers_reader, params_functions, time_of
 from balloon_warp.kernels.phase import Adjoint, Look, NoAdjointError, Phase
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
 from balloon_warp.kernels.working import Working
@@ -634,7 +630,7 @@ def note_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adj
 
 
 def pump_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
-    """Return no adjoint of pumps and flows: a kernel of its own runs them backwards, see `adjoints.gas_changes`."""
+    """Return no adjoint of pumps and flows: a kernel of its own runs them backwards."""
     if features.gas_meets_air:
         raise NoAdjointError("gas that comes and goes in air that varies")
     return ()

@@ -1,24 +1,19 @@
 """Adjoints of membranes: triangles of rubber or film, and quads eight side by side.
 
-Adjoint of the loop over a particle's triangles of rubber or film, whatever the material.
-
 A triangle pulls its corners with forces whose sum is zero. Its part in the sum over all particles of force . bar is
 that of two of them times how their bars differ from the first corner's, and Warp derives that by edges, by how fast
 they change, and by the material's numbers. All three corners come to it: each takes its own bar, and a third of the
 numbers'.
 
-Changes of the tensions of eight triangles of membranes, by their edges' products, and of their energy, by numbers.
+Changes of the tensions of eight triangles of membranes, by their edges' products, and of their energy, by numbers. It
+is `loops.membranes.tension_function`, differentiated: see there, and `laws.membrane` for taut, wrinkled and slack
+triangles. The slopes of a law by trace and determinant are those of an energy, so that their changes are symmetric:
+Warp's derivatives of the slopes times the changes of trace and determinant are the changes of the slopes.
 
-It is `loops.membranes.tension_function`, differentiated: see there, and `laws.tension_field` for taut, wrinkled and
-slack triangles. The slopes of a law by trace and determinant are those of an energy, so that their changes are
-symmetric: Warp's derivatives of the slopes times the changes of trace and determinant are the changes of the slopes.
-
-Adjoint of the forces of membrane quads on their corners, eight quads side by side, see `loops.eight_quads`.
-
-The forces on the corners combine the quad's edges by tensions, which depend on the edges' products alone. With an
-energy, derivatives of forces are symmetric: the bars of the corners' places are how their forces change as the corners
-move by their bars. So they combine, in the same way, edges between the bars by the tensions, and the quad's edges by
-how the tensions change.
+Quads go eight side by side, see `loops.quads`. The forces on the corners combine the quad's edges by tensions, which
+depend on the edges' products alone. With an energy, derivatives of forces are symmetric: the bars of the corners'
+places are how their forces change as the corners move by their bars. So they combine, in the same way, edges between
+the bars by the tensions, and the quad's edges by how the tensions change.
 """
 
 from collections.abc import Sequence
@@ -27,7 +22,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.compose import choice_of_laws_of_few, function_from
+from balloon_warp.kernels.compose import choice_of_laws_of_few, function_from, params_functions
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.lanes import LANE_COUNT, Lanes, Lanes3, Lanes4, Lanes5, entry_at, number_in
 from balloon_warp.kernels.laws.membrane import LEAST_DET, NEVER_ZERO, mixed_stretch
@@ -42,7 +37,6 @@ from balloon_warp.kernels.loops.membranes import (
 )
 from balloon_warp.kernels.loops.quads import products_of, rates_of
 from balloon_warp.kernels.memory import four_floats_at, four_ints_at, int_pair_at, vector_at
-from balloon_warp.kernels.params import params_functions
 from balloon_warp.kernels.phase import Adjoint, Look, NoAdjointError, Phase
 from balloon_warp.kernels.tables import SLICE, Tables, first_entry
 

@@ -1,8 +1,15 @@
 """Adjoint of small spheres that meet faces, a block a world.
 
-A substep's contacts are resolved again, and each is noted, see `face_log`. Then one thread goes through them from the
-last to the first: each turns the derivatives by a sphere and corners after it into those by their states before it. So
-all adds up in one order. Frozen is which faces a sphere meets, in which order, and with which it moves on as one.
+A sphere and corners of faces may move on as one. With masses m, ways d and velocities v of all, all have the mean way D
+and velocity V. So with the sum b of the derivatives by places after it, those by d are m b / M of the mass M of all,
+and by m they are (d - D) . b / M.
+
+Warp derives one contact of a small sphere and a triangle of the law's own functions. The time of impact is derived as
+it is found: each look ahead leads to the next. Frozen is how many looks there are, and which branches act.
+
+A substep's contacts are resolved again, and each is noted as it comes. Then one thread goes through them from the last
+to the first: each turns the derivatives by a sphere and corners after it into those by their states before it. So all
+adds up in one order. Frozen is which faces a sphere meets, in which order, and with which it moves on as one.
 """
 
 from collections.abc import Sequence
@@ -11,35 +18,235 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.adjoints.face_log import ALONE, FaceContact, LoggedFaces, note_contact
-from balloon_warp.kernels.adjoints.lumps import lump_adjoint
-from balloon_warp.kernels.adjoints.one_impact import (
-    Coming,
-    Worth,
-    facing_when,
-    impact_work,
-    sum_of_comings,
-    work_of_look,
-)
-from balloon_warp.kernels.adjoints.particle_sums import weighing_function
-from balloon_warp.kernels.adjoints.sphere_bars import (
+from balloon_warp.kernels import OPTIONS
+from balloon_warp.kernels.adjoints.rolling import worth
+from balloon_warp.kernels.adjoints.spheres import (
     BarsOfSpheres,
     add_by_friction,
     add_by_sphere,
     bar_of_course,
     put_bar_of_course,
 )
-from balloon_warp.kernels.contact.faces import corner_rows, faces_function
+from balloon_warp.kernels.adjoints.sums import weighing_function
+from balloon_warp.kernels.compose import params_functions
+from balloon_warp.kernels.contact.spheres import (
+    MOST_LUMPED,
+    MOST_MEETINGS,
+    MOST_SWEEPS,
+    add_to_lump,
+    changing_function,
+    corner_rows,
+    faces_function,
+)
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.touch import longest_way, part_after, part_until_contact, seen_at
+from balloon_warp.kernels.laws.contact import spin_by
+from balloon_warp.kernels.laws.touch import facing_of, impact, longest_way, part_after, part_until_contact, seen_at
 from balloon_warp.kernels.loops.fixtures import friction_between, number_of_balloon, number_of_sphere
-from balloon_warp.kernels.loops.net_force import ease_function
-from balloon_warp.kernels.loops.spheres import put_course
-from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels.loops.net_force import ease_function, inertia_function
+from balloon_warp.kernels.loops.spheres import Course, course_at, put_course
 from balloon_warp.kernels.phase import Adjoint, Look, Phase
 from balloon_warp.kernels.tables import Tables, sphere_mass, sphere_radius
 from balloon_warp.kernels.warps import block_barrier
 from balloon_warp.kernels.working import Working
+
+CONTACTS_OF_A_SPHERE = (int(MOST_MEETINGS) + int(MOST_LUMPED)) * int(MOST_SWEEPS)
+"""Largest number of contacts with faces in a substep, for each sphere of a world"""
+ALONE = wp.constant(-1)
+"""Marker of a contact that is no lump's"""
+
+
+@wp.struct
+class FaceContact:
+    """A sphere and a triangle as they come to a contact; vectors of corners row by row."""
+
+    sphere: wp.int32
+    corners: wp.vec3i
+    nearest: float  # part of the radius to which the center may come
+    lumped: wp.int32  # number of particles that the sphere moves on with already; `ALONE` where it does not
+    course: Course
+    points: wp.mat33
+    velocities: wp.mat33
+
+
+@wp.struct
+class LoggedFaces:
+    """Spheres of all worlds as faces move them, shape (W, S), and their contacts."""
+
+    sphere_positions: wp.array2d[wp.vec3]
+    sphere_velocities: wp.array2d[wp.vec3]
+    sphere_spins: wp.array2d[wp.vec3]
+    contacts: wp.array2d[FaceContact]
+    counts: wp.array[wp.int32]
+    """Number of contacts of each world"""
+
+
+@wp.func
+def note_contact(
+    spheres: LoggedFaces, world: wp.int32, sphere: wp.int32, nearest: float, lumped: wp.int32, corners: wp.vec3i,
+    points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
+):  # fmt: skip
+    """Note a contact that is about to act."""
+    contact = FaceContact()
+    contact.sphere = sphere
+    contact.corners = corners
+    contact.nearest = nearest
+    contact.lumped = lumped
+    contact.course = course_at(spheres, world, sphere)
+    contact.points = corner_rows(points, corners)
+    contact.velocities = corner_rows(velocities, corners)
+    place = spheres.counts[world]
+    spheres.contacts[world, place] = contact
+    spheres.counts[world] = place + 1
+
+
+@wp.func
+def lump_again(working: Working, spheres: LoggedFaces, world: wp.int32, place: wp.int32):
+    """Find the particles of a lump again, up to one of its contacts, and return their number."""
+    first = place
+    while spheres.contacts[world, first].lumped > 0:
+        first -= 1
+    count = wp.int32(0)
+    for each in range(first, place + 1):
+        count = add_to_lump(working.lumps[world], count, spheres.contacts[world, each].corners)
+    return count
+
+
+@cache
+def lump_adjoint(features: Features) -> Any:
+    """Return the function that runs a contact of a lump backwards, by one thread."""
+    _, read_params = params_functions(features.columns, features.balloons)
+    inertia = inertia_function(features)
+
+    @wp.func
+    def lump_back(
+        t: Tables, working: Working, spheres: LoggedFaces, bars: Any, world: wp.int32, place: wp.int32
+    ):  # fmt: skip
+        """Turn the derivatives by a lump into those by the sphere and corners that came to it.
+
+        Args:
+            spheres: as the contact has left them.
+        """
+        contact = spheres.contacts[world, place]
+        sphere = contact.sphere
+        start = working.sphere_starts[world, sphere]
+        way = spheres.sphere_positions[world, sphere] - start
+        velocity = spheres.sphere_velocities[world, sphere]
+        count = lump_again(working, spheres, world, place)
+        bar = bar_of_course(bars.spheres, world, sphere)
+        by_way = bar.position
+        by_velocity = bar.velocity
+        heavy = sphere_mass(t.spheres, world, sphere)
+        mass = heavy
+        held = bool(False)
+        for member in range(count):
+            particle = working.lumps[world, member]
+            by_way += bars.points[world, particle]
+            by_velocity += bars.velocities[world, particle]
+            its_mass = inertia(working, read_params(t, world, particle))
+            held = held or its_mass == 0.0
+            mass += its_mass
+        ease = wp.where(held, 0.0, 1.0 / mass)
+        came = contact.course.position - start  # its members so far came with the sphere
+        going = contact.course.velocity
+        by_mass = ease * (wp.dot(came - way, by_way) + wp.dot(going - velocity, by_velocity))
+        add_by_sphere(bars.spheres, world, sphere, by_mass, 0.0)
+        bars.spheres.starts[world, sphere] = bars.spheres.starts[world, sphere] + bar.position - ease * heavy * by_way
+        bar.position = ease * heavy * by_way
+        bar.velocity = ease * heavy * by_velocity
+        put_bar_of_course(bars.spheres, world, sphere, bar)
+        for member in range(count):
+            particle = working.lumps[world, member]
+            its_way = came
+            its_velocity = going
+            if member >= contact.lumped:
+                for corner in range(3):
+                    if contact.corners[corner] == particle:
+                        its_way = contact.points[corner] - working.point_starts[world, particle]
+                        its_velocity = contact.velocities[corner]
+            its_mass = inertia(working, read_params(t, world, particle))
+            of_way = ease * its_mass * by_way
+            by_mass = ease * (wp.dot(its_way - way, by_way) + wp.dot(its_velocity - velocity, by_velocity))
+            bars.starts[world, particle] = bars.starts[world, particle] + bars.points[world, particle] - of_way
+            bars.points[world, particle] = of_way
+            bars.velocities[world, particle] = ease * its_mass * by_velocity
+            bars.eases[world, particle] = bars.eases[world, particle] - by_mass * its_mass * its_mass
+
+    return lump_back
+
+
+@wp.struct
+class Coming:
+    """A sphere and a triangle as they come to a contact, or derivatives by that; vectors of corners row by row."""
+
+    start: wp.vec3  # of the center
+    course: Course
+    radius: float
+    mass: float
+    starts: wp.mat33
+    points: wp.mat33
+    velocities: wp.mat33
+    eases: wp.vec3  # inverse masses of the corners [1/kg]
+    friction: float
+
+
+@wp.struct
+class Worth:
+    """Derivatives by a sphere's course and by places and velocities of three corners, row by row."""
+
+    course: Course
+    points: wp.mat33
+    velocities: wp.mat33
+
+
+@wp.func
+def facing_when(coming: Coming):
+    """Return the configuration of center and corners before and after a step."""
+    return facing_of(coming.start, coming.course.position, coming.radius, coming.starts, coming.points)
+
+
+@cache
+def impact_work(features: Features) -> Any:
+    """Return the function of the states of sphere and corners after a contact, times the derivatives by these."""
+    change_of = changing_function(features)
+
+    @wp.func
+    def work_of_impact(coming: Coming, part: float, step_seconds: float, bar: Worth):
+        eases = wp.vec4(1.0 / coming.mass, coming.eases[0], coming.eases[1], coming.eases[2])
+        met = impact(
+            facing_when(coming), part, coming.course.velocity, coming.velocities, eases, coming.course.spin,
+            coming.friction, step_seconds,
+        )  # fmt: skip
+        spin = coming.course.spin
+        if wp.static(features.spheres_rub):
+            spin += spin_by(coming.mass, coming.radius, wp.cross(met.arm, met.rub))
+        shift, gain = change_of(met, 0)
+        work = worth(coming.course.position + shift, coming.course.velocity + gain, spin, bar.course)
+        for corner in range(3):
+            way, more = change_of(met, corner + 1)
+            work += wp.dot(coming.points[corner] + way, bar.points[corner])
+            work += wp.dot(coming.velocities[corner] + more, bar.velocities[corner])
+        return work
+
+    return work_of_impact
+
+
+@wp.func
+def work_of_look(coming: Coming, part: float, nearest: float, by_part: float):
+    """Return until which part of the step they cannot meet, as it is seen at a part before, times its derivative."""
+    facing = facing_when(coming)
+    _weights, arm = seen_at(facing, part)
+    return by_part * part_after(part, wp.length(arm), nearest * facing.radius, longest_way(facing))
+
+
+@wp.func
+def sum_of_comings(one: Coming, other: Coming):
+    """Return the sum of derivatives, of which the latter are those of a look."""
+    one.start += other.start
+    one.course.position += other.course.position
+    one.radius += other.radius
+    one.starts += other.starts
+    one.points += other.points
+    return one
 
 
 @wp.struct

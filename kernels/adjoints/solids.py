@@ -1,7 +1,5 @@
 """Adjoints of contact with solids: the ground, obstacles, or spheres.
 
-Adjoints of contact with obstacles, and with the ground beside them.
-
 Which particles touch which things in which substep, and whether friction holds them, is frozen; on meshes the normal,
 too. For boxes, capsules and planes it is derived: at the place that is nearest to where a particle comes, or where its
 way comes in, if it slides on from there.
@@ -16,15 +14,17 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.adjoints.fixture_bars import fixture_bars_function
+from balloon_warp.kernels import OPTIONS
 from balloon_warp.kernels.adjoints.spheres import (
     foreseen_spheres_adjoint,
     leaving_spheres_adjoint,
     past_spheres_function,
 )
+from balloon_warp.kernels.compose import params_functions
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.contact import FAR_AWAY, LEAST_STEP, MESH, MOST_TURNS, is_settled, leave_ground, stand_on
 from balloon_warp.kernels.laws.rigid import carried
+from balloon_warp.kernels.loops.contact import around_function
 from balloon_warp.kernels.loops.fixtures import (
     GROUND,
     NOBODY,
@@ -38,15 +38,67 @@ from balloon_warp.kernels.loops.fixtures import (
     meeting_function,
     number_of_obstacle,
     pose_function,
+    seconds_in_frame,
     with_another,
 )
-from balloon_warp.kernels.loops.obstacles import around_function
 from balloon_warp.kernels.loops.spheres import is_near_sphere
 from balloon_warp.kernels.loops.ways import surface_function
-from balloon_warp.kernels.params import params_functions
 from balloon_warp.kernels.phase import Adjoint, Look, NoAdjointError, Phase
 from balloon_warp.kernels.tables import Solid, Tables
-from balloon_warp.kernels.working import Working
+from balloon_warp.kernels.working import FixtureBars, Working
+
+WIDTH = 7
+"""Numbers of `FixtureBars`"""
+Totals = wp.types.vector(length=WIDTH, dtype=wp.float64)
+"""Sums of `FixtureBars`"""
+
+
+@cache
+def fixture_bars_function(features: Features) -> Any:
+    """Return the function that notes the bars of an obstacle by a particle's contact, where they are asked for."""
+
+    @wp.func
+    def part_of_frame(t: Tables, time: float):
+        return seconds_in_frame(t, time) / t.frame_seconds
+
+    @wp.func
+    def note_fixture(
+        t: Tables, working: Working, around: Around, fixture: wp.int32, by_center: wp.vec3, by_velocity: wp.vec3,
+        by_center_before: wp.vec3, by_friction: float,
+    ):  # fmt: skip
+        """Add to the bars of an obstacle.
+
+        Args:
+            by_center: bar of its place as the substep ends, between those of the frame's beginning and end.
+            by_velocity: bar of its velocity, which follows from both.
+            by_center_before: bar of its place as the substep begins.
+        """
+        if working.fixture_bars.shape[1] > 0:
+            at_last = wp.vec3()
+            if wp.static(features.fixtures_move):
+                at_last = (
+                    part_of_frame(t, around.time) * by_center
+                    + part_of_frame(t, around.time - t.step_seconds) * by_center_before
+                    + by_velocity / t.frame_seconds
+                )
+            at_first = by_center + by_center_before - at_last
+            more = FixtureBars(at_first[0], at_first[1], at_first[2], at_last[0], at_last[1], at_last[2], by_friction)
+            before = working.fixture_bars[around.world, around.particle, fixture]
+            working.fixture_bars[around.world, around.particle, fixture] = before + more
+
+    return note_fixture
+
+
+@wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+def sum_fixture_bars(t: Tables, working: Working, totals: wp.array3d[Totals]):
+    """Add up an obstacle's bars by a balloon's particles, and clear them; a thread a (world, balloon, obstacle)."""
+    world, balloon, fixture = wp.tid()
+    total = Totals()
+    for particle in range(t.particles.offsets[balloon], t.particles.offsets[balloon + 1]):
+        total += Totals(working.fixture_bars[world, particle, fixture])
+        working.fixture_bars[world, particle, fixture] = FixtureBars()
+    totals[world, balloon, fixture] = total
+
 
 MOST_CONTACTS = wp.constant(1000)
 """More contacts than a particle has in a substep"""
@@ -77,7 +129,7 @@ def contact_function(features: Features) -> Any:
         t: Tables, around: Around, start: wp.vec3, end: wp.vec3, course: wp.vec3, before: wp.int32, foreseen: bool,
         at_once: bool,
     ):  # fmt: skip
-        """Return the last contact of a particle before that of a number, see `loops.obstacles`.
+        """Return the last contact of a particle before that of a number, see `loops.contact`.
 
         Args:
             foreseen: whether contacts are those of `detour_function`, in one turn at one velocity.
@@ -359,7 +411,7 @@ def detour_of_ground_backwards(
 def work_of_detour(
     point: wp.vec3, course: wp.vec3, up: wp.vec3, height: float, friction: float, step_seconds: float, bar: wp.vec3
 ):
-    """Return the velocity change that the ground will bring, see `loops.obstacles.detour_function`, times a bar."""
+    """Return the velocity change that the ground will bring, see `loops.contact.detour_function`, times a bar."""
     end = point + step_seconds * course
     outside, _slowed = leave_ground(end, course, up, height, friction, step_seconds, False)
     return wp.dot(outside - end, bar) / step_seconds

@@ -1,9 +1,8 @@
-"""Adjoints of spheres: their motion, impacts, and the paper's rule.
+"""Adjoints of spheres: derivatives by their numbers, the log of what they meet, the paper's rule.
 
-Adjoints of spheres by the paper's rule: a particle leaves them, or will.
-
-Which particles are in which sphere is frozen; the normals are derived. A particle stores its bars of a sphere in
-`working.sphere_bars`, and the backward pass of spheres sums them, see `adjoints.rolling`.
+By the paper's rule a particle leaves a sphere, or will. Which particles are in which sphere is frozen; the normals are
+derived. A particle stores its bars of a sphere in `working.sphere_bars`, and the backward pass of spheres sums them,
+see `adjoints.rolling`.
 """
 
 from functools import cache
@@ -11,13 +10,89 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels import OPTIONS
+from balloon_warp.kernels.adjoints.sums import add_exactly, note_size, parts_per_unit, sum_at
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.contact import leave_sphere, out_of_sphere, penalty_force
 from balloon_warp.kernels.loops.spheres import Course, colliding_function, course_of, put_course, rolling_function
-from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world, sphere_mass, sphere_penalty
-from balloon_warp.kernels.warps import total_newtons
+from balloon_warp.kernels.warps import block_barrier, total_newtons
 from balloon_warp.kernels.working import SphereBars, Working
+
+COLUMNS = ("sphere_mass", "sphere_radius", "sphere_penalty", "sphere_restitution")
+"""Parameters of spheres by which is derived, in the order of their columns"""
+
+
+@wp.struct
+class BarsOfSpheres:
+    """Derivatives by the spheres of all worlds, shape (W, S)."""
+
+    positions: wp.array2d[wp.vec3]
+    velocities: wp.array2d[wp.vec3]
+    spins: wp.array2d[wp.vec3]
+    starts: wp.array2d[wp.vec3]
+    """Bars of the places before the substep"""
+    totals: wp.array2d[SphereBars]
+    """Bars from all particles in a substep"""
+    numbers: wp.array3d[wp.float64]
+    """Bars of `COLUMNS`, added up over all frames"""
+    frictions: wp.array3d[wp.float64]
+    """Bars of Coulomb's coefficients between spheres, and on obstacles and the ground, added up over all frames, shape
+    (W, things, things)"""
+    rubs: wp.array3d[float]
+    """Bars of Coulomb's coefficient of each particle on each sphere that exchanges momentum with it, added up over
+    frames, shape (W, P, S); empty where none does"""
+    fixture_restitutions: wp.array2d[wp.float64]
+    """Bars of obstacles' coefficients of restitution, added up over all frames, shape (W, N)"""
+    crowded: wp.array[wp.int32]
+    """Whether more has met in a substep of a world than there is room for"""
+
+
+@wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+def sum_sphere_bars(working: Working, bars: BarsOfSpheres):
+    """Add up the bars of a sphere that particles have found, and clear them; a block a (world, sphere)."""
+    world, sphere, thread = wp.tid()
+    total = SphereBars()
+    for particle in range(thread, working.sphere_bars.shape[1], wp.block_dim()):
+        total += working.sphere_bars[world, particle, sphere]
+        working.sphere_bars[world, particle, sphere] = SphereBars()
+    found = wp.tile_sum(wp.tile(total, preserve_type=True))[0]
+    if thread == 0:
+        bars.totals[world, sphere] = found
+
+
+@wp.func
+def bar_of_course(bars: BarsOfSpheres, world: wp.int32, sphere: wp.int32):
+    """Return the derivatives by a sphere's course."""
+    return course_of(bars.positions[world, sphere], bars.velocities[world, sphere], bars.spins[world, sphere])
+
+
+@wp.func
+def put_bar_of_course(bars: BarsOfSpheres, world: wp.int32, sphere: wp.int32, bar: Course):
+    """Store the derivatives by a sphere's course."""
+    bars.positions[world, sphere] = bar.position
+    bars.velocities[world, sphere] = bar.velocity
+    bars.spins[world, sphere] = bar.spin
+
+
+@wp.func
+def add_by_sphere(bars: BarsOfSpheres, world: wp.int32, sphere: wp.int32, by_mass: float, by_radius: float):
+    """Add derivatives by a sphere's mass and radius."""
+    bars.numbers[world, sphere, 0] = bars.numbers[world, sphere, 0] + wp.float64(by_mass)
+    bars.numbers[world, sphere, 1] = bars.numbers[world, sphere, 1] + wp.float64(by_radius)
+
+
+@wp.func
+def add_by_restitution(bars: BarsOfSpheres, world: wp.int32, sphere: wp.int32, more: float):
+    """Add a derivative by a sphere's coefficient of restitution."""
+    bars.numbers[world, sphere, 3] = bars.numbers[world, sphere, 3] + wp.float64(more)
+
+
+@wp.func
+def add_by_friction(bars: BarsOfSpheres, world: wp.int32, first: wp.int32, second: wp.int32, more: float):
+    """Add a derivative by Coulomb's coefficient of two things, where kernels read it."""
+    bars.frictions[world, first, second] = bars.frictions[world, first, second] + wp.float64(more)
+
 
 EVENTS_OF_A_SPHERE = 96
 """Room for changes of courses in a substep, for each sphere of a world"""
@@ -27,7 +102,7 @@ EVENTS_OF_A_SPHERE = 96
 class Event:
     """A change of a sphere's course."""
 
-    kind: wp.int32  # see `loops.rolling`
+    kind: wp.int32  # see `loops.spheres`
     first: wp.int32  # the sphere
     second: wp.int32  # the other sphere, or the number of an obstacle
     mine: Course
@@ -235,3 +310,81 @@ def foreseen_spheres_adjoint(features: Features, sphere_at: Any) -> Any:
         return place_bar
 
     return foresee_spheres_backwards
+
+
+OF_BALLS = wp.constant(3)
+"""Kind of the first sums of spheres, after those of particles: by velocity, spin and start, by mass and by radius"""
+KINDS_OF_BALLS, BALL_SUMS = 5, 11
+"""Number of kinds of sums of spheres, and of entries of each sphere"""
+
+
+@wp.struct
+class BallShare:
+    """Derivatives by a contact's inputs of a sphere."""
+
+    velocity: wp.vec3
+    spin: wp.vec3
+    start: wp.vec3  # its place before the substep
+    mass: float
+    radius: float
+
+
+@wp.func
+def note_ball(bars: Any, world: wp.int32, found: BallShare):
+    """Note how large a contact's derivatives by a sphere are."""
+    note_size(bars.largest, world, OF_BALLS, wp.max(wp.abs(found.velocity)))
+    note_size(bars.largest, world, OF_BALLS + 1, wp.max(wp.abs(found.spin)))
+    note_size(bars.largest, world, OF_BALLS + 2, wp.max(wp.abs(found.start)))
+    note_size(bars.largest, world, OF_BALLS + 3, wp.abs(found.mass))
+    note_size(bars.largest, world, OF_BALLS + 4, wp.abs(found.radius))
+
+
+@wp.func
+def add_ball(bars: Any, world: wp.int32, sphere: wp.int32, found: BallShare):
+    """Add a contact's derivatives to the sums of a sphere, by any thread in any order."""
+    of_velocities = parts_per_unit(bars.largest, world, OF_BALLS)
+    of_spins = parts_per_unit(bars.largest, world, OF_BALLS + 1)
+    of_starts = parts_per_unit(bars.largest, world, OF_BALLS + 2)
+    for axis in range(3):
+        add_exactly(bars.ball_sums, world, sphere, axis, of_velocities, found.velocity[axis])
+        add_exactly(bars.ball_sums, world, sphere, axis + 3, of_spins, found.spin[axis])
+        add_exactly(bars.ball_sums, world, sphere, axis + 6, of_starts, found.start[axis])
+    add_exactly(bars.ball_sums, world, sphere, 9, parts_per_unit(bars.largest, world, OF_BALLS + 3), found.mass)
+    add_exactly(bars.ball_sums, world, sphere, 10, parts_per_unit(bars.largest, world, OF_BALLS + 4), found.radius)
+
+
+@wp.func
+def take_ball(bars: Any, world: wp.int32, sphere: wp.int32):
+    """Add a sphere's sums to its derivatives, and clear them."""
+    velocity = wp.vec3()
+    spin = wp.vec3()
+    start = wp.vec3()
+    for axis in range(3):
+        velocity[axis] = sum_at(bars.ball_sums, bars.largest, world, sphere, axis, OF_BALLS)
+        spin[axis] = sum_at(bars.ball_sums, bars.largest, world, sphere, axis + 3, OF_BALLS + 1)
+        start[axis] = sum_at(bars.ball_sums, bars.largest, world, sphere, axis + 6, OF_BALLS + 2)
+    by_mass = sum_at(bars.ball_sums, bars.largest, world, sphere, 9, OF_BALLS + 3)
+    by_radius = sum_at(bars.ball_sums, bars.largest, world, sphere, 10, OF_BALLS + 4)
+    bars.spheres.velocities[world, sphere] = bars.spheres.velocities[world, sphere] + velocity
+    bars.spheres.spins[world, sphere] = bars.spheres.spins[world, sphere] + spin
+    bars.spheres.starts[world, sphere] = bars.spheres.starts[world, sphere] + start
+    add_by_sphere(bars.spheres, world, sphere, by_mass, by_radius)
+    for entry in range(BALL_SUMS):
+        bars.ball_sums[world, sphere, entry] = wp.int64(0)
+
+
+@wp.func
+def keep_balls(state: WorldState, bars: Any, world: wp.int32, thread: wp.int32, sweep: wp.int32):
+    """Keep the velocities and spins of all spheres before a sweep."""
+    for sphere in range(thread, bars.ball_sums.shape[1], wp.block_dim()):
+        bars.ball_velocities[sweep, world, sphere] = state.sphere_velocities[world, sphere]
+        bars.ball_spins[sweep, world, sphere] = state.sphere_spins[world, sphere]
+
+
+@wp.func
+def restore_balls(state: WorldState, bars: Any, world: wp.int32, thread: wp.int32, sweep: wp.int32):
+    """Restore the velocities and spins of all spheres as they were before a sweep."""
+    for sphere in range(thread, bars.ball_sums.shape[1], wp.block_dim()):
+        state.sphere_velocities[world, sphere] = bars.ball_velocities[sweep, world, sphere]
+        state.sphere_spins[world, sphere] = bars.ball_spins[sweep, world, sphere]
+    block_barrier()

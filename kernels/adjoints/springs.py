@@ -1,19 +1,23 @@
-"""Adjoints of the loops over a particle's springs, strings and hinges.
+"""Adjoints of the loops over a particle's springs, strings and hinges, and derivatives by the numbers of each.
 
-Adjoint of the loop over a particle's hinges: torsion.
+Hooke's springs, and areas, also go around eight particles of a world at once, in a CPU's vector registers, with the
+same bars, rounded alike, from the same tables, in which eight particles in a row have their entries side by side.
+Padding leads to the particle itself, and has no part. Of particles that are not there nothing is kept.
 
-A hinge's part in the sum over all particles of force . bar is that of its four places, where the bar of a wing is the
-mean of its corners'. Warp derives it by the places; each particle takes its own bar, and the first end of an edge the
-numbers'.
+Adjoint of the loop over a particle's hinges: torsion. A hinge's part in the sum over all particles of force . bar is
+that of its four places, where the bar of a wing is the mean of its corners'. Warp derives it by the places; each
+particle takes its own bar, and the first end of an edge the numbers'.
 
-Adjoint of the loop over a particle's springs, whatever their laws.
+Adjoint of the loop over a particle's springs, whatever their laws. A spring between p and q pulls p with f = c d, along
+d to q, and q with -f. Its part in the sum over all particles of force . bar is f . (bar of p - bar of q). That is
+derived by d, by how fast d changes, and by the spring's numbers; Warp derives the coefficient c, which the laws give.
+Both ends come to it: each takes the bars of its own place and velocity, and half of the numbers'. For Hooke's law alone
+all is written out, with a single root.
 
-A spring between p and q pulls p with f = c d, along d to q, and q with -f. Its part in the sum over all particles of
-force . bar is f . (bar of p - bar of q). That is derived by d, by how fast d changes, and by the spring's numbers; Warp
-derives the coefficient c, which the laws give. Both ends come to it: each takes the bars of its own place and velocity,
-and half of the numbers'. For Hooke's law alone all is written out, with a single root.
+Springs are read from tables, or are in slots, see `loops.springs`.
 
-Springs are read from tables, or are in slots, see `loops.slots`.
+Derivatives by the numbers of each spring, and of each triangle of a membrane: a thread has one, once a substep. They
+follow from how much the forces on particles are worth, which are known once all particles have run backwards.
 """
 
 from functools import cache
@@ -21,18 +25,186 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.adjoints.eights import springs_of_eight
+from balloon_warp.kernels import OPTIONS
+from balloon_warp.kernels.adjoints.membranes import triangle_work
 from balloon_warp.kernels.algebra import inverse_root, squared_length
+from balloon_warp.kernels.compose import numbers_reader, params_functions, time_of
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.springs import FIRST_END, FIRST_WING, HOOKE, SECOND_WING, angle_beyond
+from balloon_warp.kernels.loops.areas import CROSSES
 from balloon_warp.kernels.loops.net_force import anchor_function, place_function, string_pull, wing_size
-from balloon_warp.kernels.loops.slots import Slots
-from balloon_warp.kernels.loops.springs import constant_of_kind
+from balloon_warp.kernels.loops.springs import Slots, constant_of_kind
 from balloon_warp.kernels.memory import float_at, int_at, pair_at, vector_at
-from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.params import numbers_reader, params_functions, time_of
 from balloon_warp.kernels.phase import Adjoint
-from balloon_warp.kernels.tables import CHUNK, SLICE, StringTable, Tables, first_entry, row_of_world
+from balloon_warp.kernels.tables import (
+    CHUNK,
+    SLICE,
+    FanTable,
+    SpringTable,
+    StringTable,
+    Tables,
+    first_entry,
+    row_of_world,
+)
+
+EIGHT = 8
+"""Particles that go side by side"""
+HEAD = """
+#pragma clang fp contract(off)
+typedef float eight __attribute__((vector_size(32), aligned(4)));
+typedef int eight_numbers __attribute__((vector_size(32), aligned(4)));
+const float* const x = reinterpret_cast<const float*>(points.data.ptr);
+const float* const b = reinterpret_cast<const float*>(bars.data.ptr);
+struct Vectors { eight c[3]; };
+const auto minus = [](const Vectors& p, const Vectors& q) {
+    return Vectors{{p.c[0] - q.c[0], p.c[1] - q.c[1], p.c[2] - q.c[2]}};
+};
+const auto gathered = [](const float* from, const eight_numbers& at) {
+    Vectors v;
+    for (int c = 0; c < 3; ++c)
+        for (int k = 0; k < 8; ++k)
+            v.c[c][k] = from[3 * at[k] + c];
+    return v;
+};
+float* const out = found.data + (size_t)(unsigned int)row * found.shape[1] + first_word;
+for (int first = 0; first < count; first += 8) {
+const int begin = table.slice_offsets.data[first >> 5] + (first & 31);
+const int width = (table.slice_offsets.data[(first >> 5) + 1] - table.slice_offsets.data[first >> 5]) >> 5;
+const eight_numbers own = eight_numbers{0, 1, 2, 3, 4, 5, 6, 7} + first;
+const Vectors point = gathered(x, own), bar = gathered(b, own);
+Vectors total = {};
+"""
+TAIL = """
+for (int c = 0; c < 3; ++c)
+    for (int k = 0; k < 8 && first + k < count; ++k)
+        out[c * apart + first + k] += SCALE total.c[c][k];
+}
+"""
+SPRINGS = """
+eight* const sums = reinterpret_cast<eight*>(kinds.data.ptr);
+const eight one = eight{} + 1.0f, none = eight{};
+for (int slot = 0; slot < width; ++slot) {
+    const float* const entry = reinterpret_cast<const float*>(table.entries.data + (unsigned int)(begin + 32 * slot));
+    eight_numbers packed;
+    eight length, scale = one;
+    for (int k = 0; k < 8; ++k) {
+        packed[k] = __builtin_bit_cast(int, entry[2 * k]);
+        length[k] = entry[2 * k + 1];
+    }
+    if (VARY)
+        for (int k = 0; k < 8; ++k)
+            scale[k] = table.scales.data[(unsigned int)(begin + 32 * slot + k)];
+    const eight_numbers end = packed >> 2, kind = packed & 3;
+    const Vectors d = minus(gathered(x, end), point), apart = minus(bar, gathered(b, end));
+    eight stiffness = none + constants[2];
+    stiffness = kind == 1 ? none + constants[1] : stiffness;
+    stiffness = scale * (kind == 0 ? none + constants[0] : stiffness);
+    eight inverse = d.c[0] * d.c[0] + (d.c[1] * d.c[1] + (d.c[2] * d.c[2] + 1.0e-20f));
+    for (int k = 0; k < 8; ++k)
+        inverse[k] = 1.0f / sqrtf(inverse[k]);
+    const eight along = d.c[0] * apart.c[0] + d.c[1] * apart.c[1] + d.c[2] * apart.c[2];
+    const eight product = stiffness * length * inverse, pull = stiffness - product;
+    const eight turned = product * inverse * inverse * along;
+    for (int c = 0; c < 3; ++c)
+        total.c[c] -= pull * apart.c[c] + turned * d.c[c];
+    const eight half = 0.5f * scale * along * (1.0f - length * inverse);
+    for (int c = 0; c < 3; ++c)
+        sums[c] += kind == c && own < count ? half : none;
+}
+"""
+AREAS = """
+const auto add_cross = [&total](const Vectors& p, const Vectors& q) {
+    total.c[0] += p.c[1] * q.c[2] - p.c[2] * q.c[1];
+    total.c[1] += p.c[2] * q.c[0] - p.c[0] * q.c[2];
+    total.c[2] += p.c[0] * q.c[1] - p.c[1] * q.c[0];
+};
+const auto plus = [](const Vectors& p, const Vectors& q) {
+    return Vectors{{p.c[0] + q.c[0], p.c[1] + q.c[1], p.c[2] + q.c[2]}};
+};
+for (int slot = 0; slot < width; ++slot) {
+    const auto* const quads_of = table.quads.data + (unsigned int)(begin + 32 * slot);
+    eight_numbers others[3];
+    for (int c = 0; c < 3; ++c)
+        for (int k = 0; k < 8; ++k)
+            others[c][k] = quads_of[k][c];
+    const Vectors before = minus(gathered(x, others[0]), point), before_bar = minus(gathered(b, others[0]), bar);
+    const Vectors across = plus(before, minus(gathered(x, others[1]), point));
+    const Vectors across_bar = plus(before_bar, minus(gathered(b, others[1]), bar));
+    add_cross(minus(minus(gathered(b, others[2]), bar), before_bar), across);
+    add_cross(minus(minus(gathered(x, others[2]), point), before), across_bar);
+}
+"""
+
+
+@cache
+def springs_of_eight(features: Features) -> Any:
+    """Return the function that adds the terms of springs to the bars of all places, and to those of constants."""
+    text = HEAD + SPRINGS.replace("VARY", str(int(features.springs_vary))) + TAIL.replace("SCALE", "")
+
+    @wp.func_native(text)
+    def add(
+        table: SpringTable,
+        points: Any,
+        bars: Any,
+        count: wp.int32,
+        constants: wp.vec3,
+        found: wp.array2d[float],
+        row: wp.int32,
+        first_word: wp.int32,
+        apart: wp.int32,
+        kinds: Any,
+    ):
+        """Add to bars of places, and to those of constants over their scales, of which each end has half."""
+        ...
+
+    @wp.func
+    def springs_back(
+        t: Tables, points: Any, force_bars: Any, count: wp.int32, n: Any, found: wp.array2d[float], row: wp.int32,
+        first_word: wp.int32, apart: wp.int32, kinds: Any,
+    ):  # fmt: skip
+        constants = wp.vec3(n[0], n[1], n[2])
+        add(t.springs, points, force_bars, count, constants, found, row, first_word, apart, kinds)
+
+    return springs_back
+
+
+@cache
+def areas_of_eight() -> Any:
+    """Return the function that adds the terms of area vectors among quads to the bars of all places."""
+
+    @wp.func_native(HEAD + AREAS + TAIL.replace("SCALE", "crosses *"))
+    def add(
+        table: FanTable,
+        points: Any,
+        bars: Any,
+        count: wp.int32,
+        crosses: float,
+        found: wp.array2d[float],
+        row: wp.int32,
+        first_word: wp.int32,
+        apart: wp.int32,
+    ):
+        """Add to bars of places."""
+        ...
+
+    @wp.func
+    def areas_back(
+        t: Tables, points: Any, area_vector_bars: Any, count: wp.int32, found: wp.array2d[float], row: wp.int32,
+        first_word: wp.int32, apart: wp.int32,
+    ):  # fmt: skip
+        add(t.fans, points, area_vector_bars, count, CROSSES, found, row, first_word, apart)
+
+    return areas_back
+
+
+@wp.func
+def sum_of_lanes(kinds: Any, kind: wp.int32):
+    """Return the sum over all lanes of a kind of constants."""
+    total = float(0.0)
+    for lane in range(EIGHT):
+        total += kinds[EIGHT * kind + lane]
+    return total
+
 
 SECOND_END = wp.constant(1)
 
@@ -326,3 +498,73 @@ def _of_laws(features: Features, at: Any) -> Adjoint:
         return point_bar, velocity_bar, structural, shear, flexion, params_bar
 
     return Adjoint(springs_adjoint, ("point", "velocity", *KINDS, "params"))
+
+
+@cache
+def springs_back_kernel(features: Features) -> Any:
+    """Return the kernel that adds to the bars of each spring's rest length and constant."""
+    coefficient = features.laws_on("spring")
+    read_numbers = numbers_reader(features.columns)
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def springs_back(
+        t: Tables,
+        frame: wp.array[wp.int32],
+        time_in_frame: float,
+        points: wp.array2d[wp.vec3],
+        velocities: wp.array2d[wp.vec3],
+        force_bars: wp.array2d[wp.vec3],
+        bars: wp.array2d[wp.vec2d],
+    ):
+        """Add the bars of a substep; a thread a (world, spring)."""
+        world, spring = wp.tid()
+        p = t.pairs.particles[spring][0]
+        q = t.pairs.particles[spring][1]
+        n = read_numbers(t, world, t.particles.balloon[p])
+        stiffness = constant_of_kind(n, t.pairs.kinds[spring]) * t.pairs.scales[spring]
+        length = t.pairs.rest_lengths[spring]
+        d = points[world, q] - points[world, p]
+        opening = wp.dot(velocities[world, q] - velocities[world, p], d)
+        time = time_of(t, frame, time_in_frame)
+        _squared, _opening, by_length, by_k, by_product, _step, _time, _n = wp.grad(coefficient)(
+            squared_length(d), opening, length, stiffness, stiffness * length, t.step_seconds, time, n
+        )
+        along = wp.dot(d, force_bars[world, p] - force_bars[world, q])
+        by_length = along * (by_length + stiffness * by_product)
+        bars[world, spring] += wp.vec2d(wp.float64(by_length), wp.float64(along * (by_k + length * by_product)))
+
+    return springs_back
+
+
+@cache
+def triangles_back_kernel(features: Features) -> Any:
+    """Return the kernel that adds to the bars of each triangle's rest metric and area."""
+    work_of_triangle = triangle_work(features)
+    read_numbers = numbers_reader(features.columns)
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def triangles_back(
+        t: Tables,
+        points: wp.array2d[wp.vec3],
+        velocities: wp.array2d[wp.vec3],
+        force_bars: wp.array2d[wp.vec3],
+        bars: wp.array2d[wp.vec4d],
+    ):
+        """Add the bars of a substep; a thread a (world, triangle)."""
+        world, triangle = wp.tid()
+        corners = t.membranes.corners[triangle]
+        rest = t.membranes.corner_rests[triangle]
+        balloon = t.particles.balloon[corners[0]]
+        d1 = points[world, corners[1]] - points[world, corners[0]]
+        d2 = points[world, corners[2]] - points[world, corners[0]]
+        v1 = velocities[world, corners[1]] - velocities[world, corners[0]]
+        v2 = velocities[world, corners[2]] - velocities[world, corners[0]]
+        bar = force_bars[world, corners[0]]
+        _d1, _d2, _v1, _v2, _n, by_rest, _material, _b1, _b2 = wp.grad(work_of_triangle)(
+            d1, d2, v1, v2, read_numbers(t, world, balloon), rest, t.membranes.materials[balloon],
+            force_bars[world, corners[1]] - bar, force_bars[world, corners[2]] - bar,
+        )  # fmt: skip
+        if wp.isfinite(by_rest):  # exactly at rest, the root of how far stretches differ has no slope
+            bars[world, triangle] += wp.vec4d(by_rest)
+
+    return triangles_back

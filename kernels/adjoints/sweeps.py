@@ -1,8 +1,14 @@
 """Adjoint of sweeps over contacts, a block a world: the same for every kind.
 
+Warp derives one contact of the functions of all kinds, see `contact.contact`. Frozen is which features they are, and
+whether they come too near.
+
 A substep's sweeps are done again, and the velocities before each are kept. Then the sweeps run backwards: each adds the
 gains by its impulses to velocities, so that the derivatives by its inputs add up; those by the contacts themselves are
-summed over sweeps, and come back to places and velocities last. All adds up exactly, see `exact_sums`.
+summed over sweeps, and come back to places and velocities last. All adds up exactly, see `adjoints.sums`.
+
+The ground stops particles that contacts push into it: how is noted in each sweep. Frozen is which particles it stops,
+and whether it takes all of their speed.
 """
 
 from collections.abc import Callable
@@ -11,24 +17,116 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from balloon_warp.kernels.adjoints.contact_works import sum_of_contacts, works_of_contact
-from balloon_warp.kernels.adjoints.exact_sums import add_exactly, note_size, parts_per_unit, sum_at
-from balloon_warp.kernels.adjoints.particle_sums import OF_EASES, OF_PLACES, OF_VELOCITIES, add_to_sums, take_sums
-from balloon_warp.kernels.adjoints.ridge_balls import KINDS_OF_BALLS, BallShare, add_ball, note_ball, take_ball
-from balloon_warp.kernels.adjoints.sphere_bars import BarsOfSpheres
-from balloon_warp.kernels.contact.contact import Contact, Motion
-from balloon_warp.kernels.contact.ends import bearing_function, four_of, mover_of
-from balloon_warp.kernels.contact.kind import MARKED, Sweep
-from balloon_warp.kernels.contact.ridge_poses import sphere_of
+from balloon_warp.kernels import OPTIONS
+from balloon_warp.kernels.adjoints.spheres import (
+    KINDS_OF_BALLS,
+    BallShare,
+    BarsOfSpheres,
+    add_ball,
+    keep_balls,
+    note_ball,
+    restore_balls,
+    take_ball,
+)
+from balloon_warp.kernels.adjoints.sums import (
+    OF_EASES,
+    OF_PLACES,
+    OF_VELOCITIES,
+    add_exactly,
+    add_to_sums,
+    note_size,
+    parts_per_unit,
+    sum_at,
+    take_sums,
+    weighing_function,
+)
+from balloon_warp.kernels.contact.contact import BALL, Answer, Bearing, Contact, Motion, on_end, resolving_functions
+from balloon_warp.kernels.contact.edges import edge_contact, particle_contact
+from balloon_warp.kernels.contact.ends import (
+    bearing_function,
+    four_of,
+    gains_of_ball_function,
+    mover_of,
+    stop_by_ground,
+)
+from balloon_warp.kernels.contact.kind import MARKED, Sweep, sweep_listing
+from balloon_warp.kernels.contact.ridges import Placed, placing_function, ridge_contact, seen_from, sphere_of
+from balloon_warp.kernels.contact.sweeps import AT_LAST, BESIDE_RIDGES, marking_functions, pushing_function
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.ridges import FOUR
+from balloon_warp.kernels.laws.touch import FOUR, Ridge
+from balloon_warp.kernels.loops.contact import skin_functions
+from balloon_warp.kernels.loops.fixtures import friction_of_balloons
+from balloon_warp.kernels.phase import Adjoint, Look, NoAdjointError, Phase
 from balloon_warp.kernels.tables import Tables, WorldState
-from balloon_warp.kernels.warps import block_barrier
+from balloon_warp.kernels.warps import any_in_block, block_barrier
 from balloon_warp.kernels.working import Working
+
+
+@cache
+def works_of_contact(features: Features) -> tuple[Any, Any]:
+    """Return the functions of the gains of all ends by a push, and by a parting, times their bars."""
+    relative_of, answer_of, parting_of = resolving_functions(features)
+    gains_of_ball = gains_of_ball_function(features)
+
+    @wp.func
+    def work_of_answer(contact: Contact, bearing: Bearing, answer: Answer, worth: FOUR, of_solid: Motion):
+        work = float(0.0)
+        work += bearing.eases[0] * wp.dot(on_end(contact, answer, 0), worth[0])
+        work += bearing.eases[1] * wp.dot(on_end(contact, answer, 1), worth[1])
+        work += bearing.eases[2] * wp.dot(on_end(contact, answer, 2), worth[2])
+        work += bearing.eases[3] * wp.dot(on_end(contact, answer, 3), worth[3])
+        if wp.static(features.round_ridges):
+            if bearing.kind == BALL:
+                torque = wp.cross(contact.arm, -answer.impulse)
+                gains = gains_of_ball(bearing.mass, bearing.radius, -answer.impulse, torque)
+                work += wp.dot(gains.velocity, of_solid.velocity) + wp.dot(gains.spin, of_solid.spin)
+        return work
+
+    @wp.func
+    def work_of_push(
+        contact: Contact, moving: FOUR, solid: Motion, bearing: Bearing, step_seconds: float, worth: FOUR,
+        of_solid: Motion,
+    ):  # fmt: skip
+        relative = relative_of(contact, moving, bearing.kind, solid)
+        answer = answer_of(contact, bearing, moving, relative, step_seconds)
+        return work_of_answer(contact, bearing, answer, worth, of_solid)
+
+    @wp.func
+    def work_of_parting(contact: Contact, bearing: Bearing, worth: FOUR, of_solid: Motion):
+        return work_of_answer(contact, bearing, parting_of(contact, bearing), worth, of_solid)
+
+    return work_of_push, work_of_parting
+
+
+@wp.func
+def worth_of_contact(contact: Contact, by: Contact):
+    """Return the numbers of a contact, times the derivatives by them."""
+    found = wp.dot(contact.weights, by.weights) + wp.dot(contact.normal, by.normal) + contact.gap * by.gap
+    found += contact.kept * by.kept + contact.overlap * by.overlap + wp.dot(contact.couple, by.couple)
+    found += wp.dot(contact.other_couple, by.other_couple)
+    return found + wp.dot(contact.arm, by.arm) + wp.dot(contact.moving, by.moving)
+
+
+@wp.func
+def sum_of_contacts(one: Contact, other: Contact):
+    """Return the sum of derivatives by a contact."""
+    total = Contact()
+    total.weights = one.weights + other.weights
+    total.normal = one.normal + other.normal
+    total.gap = one.gap + other.gap
+    total.kept = one.kept + other.kept
+    total.overlap = one.overlap + other.overlap
+    total.friction = one.friction + other.friction
+    total.couple = one.couple + other.couple
+    total.other_couple = one.other_couple + other.other_couple
+    total.arm = one.arm + other.arm
+    total.moving = one.moving + other.moving
+    return total
+
 
 OF_FRICTION, OF_THICKNESS = (wp.constant(3 + KINDS_OF_BALLS + kind) for kind in range(2))
 KINDS = 5 + KINDS_OF_BALLS
-"""Number of kinds of sums, see `particle_sums` and `ridge_balls`; the last are of pairs of balloons"""
+"""Number of kinds of sums, see `adjoints.sums` and `adjoints.spheres`; the last are of pairs of balloons"""
 
 
 @wp.struct
@@ -298,3 +396,273 @@ def stage_function(back: SweepBack, every: Features) -> Any:
         block_barrier()
 
     return stage_back
+
+
+@wp.func
+def note_stop(working: Working, world: wp.int32, particle: wp.int32, rise: float, fall: float):
+    """Note how the ground stops a particle in this sweep."""
+    working.contact_stops[world, particle] = wp.vec2(rise, fall)
+
+
+@wp.func
+def forget_stops(working: Working, world: wp.int32, thread: wp.int32, count: wp.int32):
+    """Clear the stops of the ends of all contacts."""
+    if working.contact_stops.shape[1] > 0:
+        for place in range(thread, count, wp.block_dim()):
+            ends = working.catches[world, place].ends
+            for end in range(4):
+                working.contact_stops[world, ends[end]] = wp.vec2()
+        block_barrier()
+
+
+@wp.func
+def keep_stops(working: Working, bars: Any, world: wp.int32, thread: wp.int32, count: wp.int32, sweep: wp.int32):
+    """Keep the stops that a sweep has noted of the ends of all contacts."""
+    if working.contact_stops.shape[1] > 0:
+        for place in range(thread, count, wp.block_dim()):
+            ends = working.catches[world, place].ends
+            for end in range(4):
+                stop = working.contact_stops[world, ends[end]]
+                bars.rises[sweep, world, ends[end]] = stop[0]
+                bars.falls[sweep, world, ends[end]] = stop[1]
+        block_barrier()
+
+
+@wp.func
+def work_of_stop(rise: float, fall: float, step_seconds: float, by_place: float, by_speed: float):
+    """Return the rise of a particle and the gain of its speed, times their bars."""
+    return rise * by_place + stop_by_ground(rise, fall, step_seconds) * by_speed
+
+
+@cache
+def stops_function(features: Features, columns: tuple[int, ...]) -> Any:
+    """Return the function that runs the ground's stops of a sweep backwards, by all threads of a block.
+
+    Args:
+        columns: of the numbers that are derived by.
+    """
+    column = features.columns.places["ground_height"]
+    place_of_height = columns.index(column) if column in columns else -1
+
+    @wp.func
+    def stop_back(t: Tables, bars: Any, world: wp.int32, particle: wp.int32, rise: float, fall: float, speeds: float):
+        place = bars.points[world, particle]
+        velocity = bars.velocities[world, particle]
+        by_rise, by_fall, _step, _place, _speed = wp.grad(work_of_stop)(
+            rise, fall, t.step_seconds, wp.dot(place, t.up), speeds * wp.dot(velocity, t.up)
+        )
+        bars.points[world, particle] = place - by_rise * t.up
+        if fall < 0.0:
+            bars.velocities[world, particle] = velocity + by_fall * t.up
+        if wp.static(place_of_height >= 0):
+            before = bars.numbers[world, particle, wp.static(place_of_height)]
+            bars.numbers[world, particle, wp.static(place_of_height)] = before + by_rise
+
+    @wp.func
+    def stops_back(
+        t: Tables, working: Working, bars: Any, world: wp.int32, thread: wp.int32, count: wp.int32, sweep: wp.int32,
+        speeds: float,
+    ):  # fmt: skip
+        """Run the stops of a sweep backwards.
+
+        Args:
+            speeds: 1, or 0 where particles were moved without speed.
+        """
+        if wp.static(features.ground):
+            for place in range(thread, count, wp.block_dim()):
+                ends = working.catches[world, place].ends
+                for end in range(4):
+                    rise = wp.atomic_exch(bars.rises, sweep, world, ends[end], 0.0)  # who comes first
+                    if rise > 0.0:
+                        stop_back(t, bars, world, ends[end], rise, bars.falls[sweep, world, ends[end]], speeds)
+            block_barrier()
+
+    return stops_back
+
+
+@cache
+def sweeping_function(back: SweepBack, every: Features) -> Any:
+    """Return the function that does the sweeps again, keeps the velocities before each, and returns their number."""
+    features, most_sweeps = back.of.seen(every), back.of.most(every)
+    mark_pushed, _ = marking_functions(features)
+    push_all = pushing_function(features, note_stop)
+
+    @wp.func
+    def sweep_again(
+        t: Tables, state: WorldState, working: Working, bars: SweepBars, world: wp.int32, thread: wp.int32,
+        count: wp.int32, points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
+    ):  # fmt: skip
+        sweep = wp.int32(0)
+        again = count > 0
+        while again and sweep < most_sweeps:
+            keep_balls(state, bars, world, thread, sweep)
+            keep_course(working, bars, world, thread, count, sweep, velocities)
+            forget_stops(working, world, thread, count)
+            again = any_in_block(mark_pushed(t, state, working, world, thread, count, velocities))
+            push_all(t, state, working, world, thread, points, velocities, 1.0)
+            keep_stops(working, bars, world, thread, count, sweep)
+            sweep += 1
+        return sweep
+
+    return sweep_again
+
+
+@cache
+def sweeps_back_kernel(back: SweepBack, every: Features, columns: tuple[int, ...]) -> Any:
+    """Return the kernel that runs the sweeps of a kind of contacts backwards.
+
+    Args:
+        columns: of the numbers that are derived by.
+    """
+    features = back.of.seen(every)
+    list_all, sweep_again = sweep_listing(back.of, every, True), sweeping_function(back, every)
+    mark_pushed, mark_overlaps = marking_functions(features)
+    part_all, stops_back = pushing_function(features, note_stop), stops_function(features, columns)
+    stage_back, weigh_back = stage_function(back, every), weighing_function(features, columns)
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def turn_sweeps_back(
+        t: Tables, state: WorldState, working: Working, time_in_frame: float, first_points: wp.array2d[wp.vec3],
+        all_points: wp.array2d[wp.vec3], all_velocities: wp.array2d[wp.vec3], bars: SweepBars,
+    ):  # fmt: skip
+        """Turn the derivatives by the state after contacts into those by the state before; a block a world.
+
+        Args:
+            state: whose spheres are as they came to contacts, and are moved again.
+            first_points: Places before contacts.
+            all_points: The same, which are moved again.
+        """
+        world, thread = wp.tid()
+        end = time_in_frame + t.step_seconds
+        points = first_points[world]
+        velocities = all_velocities[world]
+        count, overlaps = list_all(t, state, working, world, thread, end, all_points[world], velocities)
+        sweeps = sweep_again(t, state, working, bars, world, thread, count, all_points[world], velocities)
+        if overlaps:
+            if wp.static(features.ground):
+                mark_overlaps(t, working, world, thread, count)
+                block_barrier()
+                forget_stops(working, world, thread, count)
+                part_all(t, state, working, world, thread, all_points[world], velocities, 0.0)
+                keep_stops(working, bars, world, thread, count, sweeps)
+                stops_back(t, working, bars, world, thread, count, sweeps, 0.0)
+            mark_overlaps(t, working, world, thread, count)
+            block_barrier()
+            stage_back(t, state, working, bars, world, thread, count, PARTS, 0, end, points)
+        while sweeps > 0:
+            sweeps -= 1
+            restore_balls(state, bars, world, thread, sweeps)
+            stops_back(t, working, bars, world, thread, count, sweeps, 1.0)
+            mark_pushed(t, state, working, world, thread, count, bars.courses[sweeps][world])
+            block_barrier()
+            stage_back(t, state, working, bars, world, thread, count, PUSHES, sweeps, end, points)
+        if count > 0:
+            stage_back(t, state, working, bars, world, thread, count, FINDS, 0, end, points)
+            if thread == 0:
+                take_pairs(bars, world)
+            for particle in range(thread, t.particles.balloon.shape[0], wp.block_dim()):
+                weigh_back(t, working, bars, world, particle)
+
+    return turn_sweeps_back
+
+
+def swept_backwards(phase: Phase, features: Features, look: Look) -> tuple[Adjoint, ...]:
+    """Return no adjoint of a phase of sweeps: a kernel of its own runs them backwards.
+
+    Raises:
+        NoAdjointError: contacts push free bodies, too.
+    """
+    if features.bodies:
+        raise NoAdjointError("free bodies")
+    return ()
+
+
+@wp.func
+def work_of_edges(points: FOUR, moving: FOUR, thickness: float, friction: float, step_seconds: float, by: Contact):
+    """Return a contact of two edges as a substep begins, times the derivatives by it."""
+    contact = edge_contact(points - step_seconds * moving, thickness, friction)
+    return worth_of_contact(contact, by) + contact.friction * by.friction
+
+
+@wp.func
+def work_of_particle(points: FOUR, moving: FOUR, thickness: float, step_seconds: float, by: Contact):
+    """Return a contact of a triangle and a particle as a substep begins, times the derivatives by it."""
+    return worth_of_contact(particle_contact(points - step_seconds * moving, thickness), by)
+
+
+@cache
+def edges_found(features: Features) -> Any:
+    """Return the adjoint of finding a contact of edges."""
+    thickness_between, _ = skin_functions(features)
+
+    @wp.func
+    def find_back(
+        t: Tables, state: WorldState, working: Working, world: wp.int32, contact: Contact, end: float,
+        points: wp.array[wp.vec3], velocities: wp.array[wp.vec3], by: Contact,
+    ):  # fmt: skip
+        first = t.particles.balloon[contact.ends[0]]
+        last = t.particles.balloon[contact.ends[3]]
+        skin = thickness_between(t, world, first, last)
+        places = four_of(points, contact.ends)
+        moving = four_of(velocities, contact.ends)
+        found = ContactBars()
+        if working.edge_pairs[world, contact.pair][0] < 0:
+            of_points, of_moving, of_thickness, _seconds, _worth = wp.grad(work_of_particle)(
+                places, moving, skin, t.step_seconds, by
+            )
+            found.points = of_points
+            found.moving = of_moving
+            found.thickness = of_thickness
+        else:
+            by_points, by_moving, by_thickness, by_friction, _step, _by = wp.grad(work_of_edges)(
+                places, moving, skin, friction_of_balloons(t, world, first, last), t.step_seconds, by
+            )
+            found.points = by_points
+            found.moving = by_moving
+            found.thickness = by_thickness
+            found.friction = by_friction
+        return found
+
+    return find_back
+
+
+@wp.func
+def work_of_ridge(
+    points: FOUR, moving: FOUR, placed: Placed, ridge: Ridge, feature: wp.vec4i, step_seconds: float, by: Contact
+):
+    """Return a contact of a feature and a ridge as a substep begins, times the derivatives by it."""
+    starts = points - step_seconds * moving
+    contact = ridge_contact(
+        placed, ridge, feature, seen_from(placed, starts[0]), seen_from(placed, starts[1]), seen_from(placed, starts[2])
+    )
+    return worth_of_contact(contact, by)
+
+
+@cache
+def ridges_found(features: Features) -> Any:
+    """Return the adjoint of finding a contact with a ridge."""
+    place_of = placing_function(features)
+
+    @wp.func
+    def find_back(
+        t: Tables, state: WorldState, working: Working, world: wp.int32, contact: Contact, end: float,
+        points: wp.array[wp.vec3], velocities: wp.array[wp.vec3], by: Contact,
+    ):  # fmt: skip
+        pair = working.ridge_pairs[world, contact.pair]
+        placed = place_of(t, state, working, world, contact.solid, end)
+        by_points, by_moving, by_placed, _ridge, _feature, _step, _by = wp.grad(work_of_ridge)(
+            four_of(points, contact.ends), four_of(velocities, contact.ends), placed, t.ridges.ridges[pair[1]],
+            t.ridges.features[pair[0]], t.step_seconds, by,
+        )  # fmt: skip
+        found = ContactBars()
+        found.points = by_points
+        found.moving = by_moving
+        found.ball.start = by_placed.center
+        found.ball.radius = by_placed.radius
+        return found
+
+    return find_back
+
+
+EDGES_BACK, RIDGES_BACK = SweepBack(AT_LAST, edges_found), SweepBack(BESIDE_RIDGES, ridges_found)
+"""Sweeps that run backwards"""

@@ -1,1 +1,1 @@
-"""Contact of balloons: search for pairs, and response."""
+"""Contact: search for pairs, response of balloons, and impulses of spheres, edges, ridges and bodies."""

@@ -25,9 +25,8 @@ import warp as wp
 
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.contact import spin_by
-from balloon_warp.kernels.laws.ridges import FOUR
 from balloon_warp.kernels.laws.rigid import spin_of
-from balloon_warp.kernels.laws.touch import LEAST, across
+from balloon_warp.kernels.laws.touch import FOUR, LEAST, across
 
 NONE = wp.constant(-1)
 """Solid of a contact of balloons alone"""
@@ -47,7 +46,7 @@ class Contact:
     left: float  # by how much they may come nearer in a substep, left to the next one [m]
     overlap: float  # by which they are parted, without speed [m]
     friction: float
-    couple: wp.vec3  # at the first two ends, by 1 N s of friction along each axis, see `laws.edges.couples`
+    couple: wp.vec3  # at the first two ends, by 1 N s of friction along each axis, see `laws.touch`
     other_couple: wp.vec3  # at the other two
     solid: wp.int32
     arm: wp.vec3  # from the solid's center to the balloon's point [m]

@@ -20,8 +20,7 @@ from balloon_warp.kernels.contact.contact import (
     bears,
     on_end,
 )
-from balloon_warp.kernels.contact.ridge_poses import body_of, sphere_of
-from balloon_warp.kernels.contact.sums import add_impulse, add_to_solid, take_impulse, take_of_solid
+from balloon_warp.kernels.contact.ridges import body_of, sphere_of
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.contact import spin_by
 from balloon_warp.kernels.laws.rigid import spin_of
@@ -29,6 +28,53 @@ from balloon_warp.kernels.loops.bodies import body_at, body_mass, pushed_on, put
 from balloon_warp.kernels.loops.net_force import ease_function
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world, sphere_mass, sphere_radius
 from balloon_warp.kernels.working import Working
+
+QUANTA = wp.constant(wp.float64(2.0**40))
+"""Quanta in 1 N s, in 1 N m s, or in 1 kg m: a range of 8e6, and a resolution of 1e-6 m/s for a particle of 1 mg"""
+ONE = wp.constant(wp.float64(2.0**-40))
+
+
+@wp.func
+def whole(amount: float):
+    """Return an amount as a whole number."""
+    return wp.int64(wp.float64(amount) * QUANTA)
+
+
+@wp.func
+def taken(sums: wp.array3d[wp.int64], world: wp.int32, item: wp.int32, axis: wp.int32):
+    """Return a sum, and clear it."""
+    total = sums[world, item, axis]
+    sums[world, item, axis] = wp.int64(0)
+    return float(wp.float64(total) * ONE)
+
+
+@wp.func
+def add_impulse(sums: wp.array3d[wp.int64], world: wp.int32, item: wp.int32, impulse: wp.vec3):
+    """Add an impulse [N s] to a particle's."""
+    for axis in range(3):
+        wp.atomic_add(sums, world, item, axis, whole(impulse[axis]))
+
+
+@wp.func
+def add_to_solid(sums: wp.array3d[wp.int64], world: wp.int32, solid: wp.int32, impulse: wp.vec3, twist: wp.vec3):
+    """Add an impulse [N s] and an angular momentum [N m s] to those of a body or a sphere."""
+    for axis in range(3):
+        wp.atomic_add(sums, world, solid, axis, whole(impulse[axis]))
+        wp.atomic_add(sums, world, solid, axis + 3, whole(twist[axis]))
+
+
+@wp.func
+def take_impulse(sums: wp.array3d[wp.int64], world: wp.int32, item: wp.int32):
+    """Take the impulse on a particle [N s]."""
+    return wp.vec3(taken(sums, world, item, 0), taken(sums, world, item, 1), taken(sums, world, item, 2))
+
+
+@wp.func
+def take_of_solid(sums: wp.array3d[wp.int64], world: wp.int32, solid: wp.int32):
+    """Take the impulse on a body or a sphere [N s], and the angular momentum [N m s]."""
+    impulse = take_impulse(sums, world, solid)
+    twist = wp.vec3(taken(sums, world, solid, 3), taken(sums, world, solid, 4), taken(sums, world, solid, 5))
+    return impulse, twist
 
 
 @wp.func

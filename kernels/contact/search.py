@@ -1,6 +1,9 @@
-"""Lists of the particles of a world that search for triangles, and of those that have found some.
+"""Search for triangles near particles, every few substeps: candidates by boxes, and a list for each particle.
 
-With lists adjacent threads all have work. The order in a list does not matter.
+Each piece of a substep is a launch. Triangles are found in the same order every time, and in each world by itself.
+
+The particles of a world that search, and those that have found some, are listed: adjacent threads all have work. The
+order in a list does not matter.
 """
 
 from functools import cache
@@ -8,26 +11,384 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels import OPTIONS
 from balloon_warp.kernels.contact.boxes import (
     ALONE,
     KNOWN,
     LOOKS,
+    LOWER,
+    UPPER,
+    begin_of_leaves,
+    box_triangles,
+    end_of_leaves,
+    first_of,
     has_strayed,
+    is_filled,
     is_searched,
+    leaf_of_search,
+    lining_function,
+    lower_of_part,
     nearing_function,
+    nearing_ones,
+    next_near,
     pad_function,
+    squared_distance_to_box,
+    upper_of_part,
+    which_are_near,
+    without_first,
 )
-from balloon_warp.kernels.contact.clearances import is_clear_of_own
-from balloon_warp.kernels.contact.eight_boxes import first_of, lining_function, nearing_ones
-from balloon_warp.kernels.contact.list_lengths import LOOKING, PAIRS, TOUCHING
-from balloon_warp.kernels.contact.lists import finding_functions
-from balloon_warp.kernels.contact.room import OF_PAIRS, OF_TRIANGLES, ask_for_room
+from balloon_warp.kernels.contact.triangles import (
+    are_neighbors,
+    begin_of_parts,
+    candidate_of,
+    end_of_parts,
+    faced_triangle,
+    fastest_of,
+    is_behind,
+    is_clear_of_own,
+    keep_clearance,
+    keep_side,
+    lookout_of,
+    part_of_search,
+    pays_to_look_out,
+    place_in_queue,
+    relative_speed,
+    squared_distance_to_triangle,
+    triangle_beside,
+)
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.memory import vector_at
-from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels.loops.contact import Place, is_nearer, skin_functions
+from balloon_warp.kernels.memory import four_ints_at, int_at, triple_at, vector_at
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.warps import next_place
-from balloon_warp.kernels.working import Working
+from balloon_warp.kernels.working import LOOKING, OF_PAIRS, OF_TRIANGLES, PAIRS, TOUCHING, Working, ask_for_room
+
+FAR = wp.constant(1.0e10)
+"""Distance beyond all others [m]"""
+ROOM = wp.constant(8)
+"""Buffer size for triangles that may be near, and for those of one more part, before they are tested"""
+Queue = wp.types.vector(length=16, dtype=wp.int32)
+
+
+@cache
+def may_touch_function(features: Features) -> Any:
+    """Return the function that tells whether a particle may touch a triangle of its own balloon."""
+
+    @wp.func
+    def may_touch(t: Tables, particle: wp.int32, balloon: wp.int32, other: wp.int32, triangle: wp.int32):
+        """Return whether a particle may touch a triangle of its own balloon: only if they were apart at the start."""
+        if wp.static(features.touches_itself):
+            if balloon == other:
+                corners = triple_at(t.touch.triangles, triangle)
+                for corner in range(3):
+                    if are_neighbors(t, balloon, particle, corners[corner]):
+                        return False
+        return True
+
+    return may_touch
+
+
+@cache
+def looks_function(features: Features) -> Any:
+    """Return the function that tells whether a part may have triangles that a particle may touch."""
+
+    @wp.func
+    def looks_into(
+        t: Tables, working: Working, world: wp.int32, particle: wp.int32, balloon: wp.int32, other: wp.int32,
+        part: wp.int32, point: wp.vec3, squared: float,
+    ):  # fmt: skip
+        """Return whether a part may have triangles within a squared distance [m^2] that the particle may touch."""
+        low = lower_of_part(working, world, part)
+        high = upper_of_part(working, world, part)
+        lower = wp.vec3(low[0], low[1], low[2])
+        upper = wp.vec3(high[0], high[1], high[2])
+        looks = squared_distance_to_box(point, lower, upper) <= squared
+        if wp.static(features.touches_itself):
+            if looks and balloon == other:
+                here = t.touch.rest_points[particle]
+                farthest = wp.max(here - t.touch.rest_boxes[part, LOWER], t.touch.rest_boxes[part, UPPER] - here)
+                looks = wp.length_sq(farthest) >= t.touch.apart[balloon] * t.touch.apart[balloon]
+        return looks
+
+    return looks_into
+
+
+@wp.func
+def comes_near(
+    t: Tables, points: wp.array[wp.vec3], velocities: wp.array[wp.vec3], particle: wp.int32, triangle: wp.int32,
+    most: float, pad: float,
+):  # fmt: skip
+    """Return whether a triangle may be within a squared distance [m^2], and come as near as has to be, see `Wanted`."""
+    squared = squared_distance_to_triangle(t, points, triangle, vector_at(points, particle))
+    if squared <= most and pad < FAR:
+        comes = pad + t.touch.seconds * relative_speed(t, velocities, triangle, vector_at(velocities, particle))
+        return squared < comes * comes
+    return squared <= most
+
+
+@wp.struct
+class Search:
+    """Place of a search among the parts of a balloon, and distances within which it looks."""
+
+    home: wp.int32  # leaf whose list of near leaves is searched
+    listed: wp.int32  # length of that list; negative where the tree is searched
+    at: wp.int32
+    last: wp.int32
+    of_parts: float  # squared distance of parts [m^2]
+    of_triangles: float  # squared distance of triangles [m^2]
+    pad: float  # see `Wanted`
+
+
+@cache
+def next_part_function(features: Features) -> Any:
+    """Return the function that goes on to the next part that has no others in it and may be near."""
+    looks_into = looks_function(features)
+
+    @wp.func
+    def next_part(
+        t: Tables, working: Working, world: wp.int32, particle: wp.int32, balloon: wp.int32, other: wp.int32,
+        point: wp.vec3, search: Search,
+    ):  # fmt: skip
+        """Return the part, without triangles where there is none, and where the search is then."""
+        node = wp.vec4i()
+        at = search.at
+        while at < search.last and node[2] == 0:
+            part = part_of_search(working, world, search.home, at, search.listed)
+            here = four_ints_at(t.touch.parts, part)
+            after = wp.where(search.listed >= 0, at + 1, here[0])
+            if looks_into(t, working, world, particle, balloon, other, part, point, search.of_parts):
+                after = at + 1
+                if here[0] == part + 1:
+                    node = here
+            at = after
+        return node, at
+
+    return next_part
+
+
+@cache
+def eight_filling_function(features: Features) -> Any:
+    """Return the function that goes on with a search until a queue is filled with triangles that may be near.
+
+    It compares eight boxes at a time, see `contact.boxes`: with the same result to the bit.
+    """
+    may_touch, looks_into = may_touch_function(features), looks_function(features)
+
+    @wp.func
+    def fill_queue(
+        t: Tables, working: Working, world: wp.int32, particle: wp.int32, balloon: wp.int32, other: wp.int32,
+        points: wp.array[wp.vec3], velocities: wp.array[wp.vec3], search: Search,
+    ):  # fmt: skip
+        """Return the queue, its length, and where the search is then."""
+        point = vector_at(points, particle)
+        boxes = working.eight_boxes[world]
+        queue = Queue()
+        waiting = wp.int32(0)
+        at = search.at
+        while at < search.last and waiting <= ROOM:
+            if search.listed < 0:
+                at = next_near(t, boxes, at, search.last, point, search.of_parts)
+            if at < search.last:
+                leaf = leaf_of_search(t, working, world, search.home, at, search.listed)
+                node = four_ints_at(t.touch.parts, leaf)
+                if is_filled(node) and looks_into(
+                    t, working, world, particle, balloon, other, leaf, point, search.of_parts
+                ):
+                    box_triangles(boxes, leaf, node[1], node[2], t.touch.triangles, points)
+                    near = which_are_near(boxes, leaf, point, search.of_triangles)
+                    while near != 0:
+                        triangle = node[1] + first_of(near)
+                        near = without_first(near)
+                        # a row's end, which no box says where places are no numbers, in a blow-up
+                        if triangle < node[2] and may_touch(t, particle, balloon, other, triangle):
+                            if search.pad >= FAR or comes_near(
+                                t, points, velocities, particle, triangle, search.of_triangles, search.pad
+                            ):
+                                queue[waiting] = triangle
+                                waiting += 1
+            at += 1
+        return queue, waiting, at
+
+    return fill_queue
+
+
+@wp.struct
+class Wanted:
+    """Query for the triangles around a particle."""
+
+    within: float  # distance [m]
+    pad: float  # distance to which triangles have to come until the next search, by their speeds [m]; or `FAR`
+    behind: bool  # whether the particle is behind them, for its list
+    beside: wp.int32  # triangle to whose neighbors alone that applies, the others' sides are looked at; -1 for all
+    count: wp.int32  # triangles in its list already
+
+
+@wp.struct
+class Nearby:
+    """Triangles found near a particle."""
+
+    nearest: wp.int32  # triangle; -1 if there is none
+    place: Place  # beside that
+    count: wp.int32  # triangles in the particle's list, those for which it has no room, too
+
+
+@cache
+def nearby_function(features: Features, lists: bool, eight: bool = False) -> Any:
+    """Return the function that loops over the triangles of a balloon that a particle may touch.
+
+    Args:
+        lists: whether it puts them into the particle's list; else it finds the nearest.
+        eight: whether boxes are compared eight at a time.
+    """
+    may_touch, next_part, fill_queue = (
+        make(features) for make in (may_touch_function, next_part_function, eight_filling_function)
+    )
+    begin_of, end_of = (begin_of_leaves, end_of_leaves) if eight else (begin_of_parts, end_of_parts)
+
+    @wp.func
+    def nearby(
+        t: Tables, working: Working, world: wp.int32, particle: wp.int32, balloon: wp.int32, other: wp.int32,
+        points: wp.array[wp.vec3], velocities: wp.array[wp.vec3], wanted: Wanted,
+    ):  # fmt: skip
+        """Find triangles of another balloon, or of the particle's own.
+
+        In two steps, which the threads of a warp take together: boxes of parts and of triangles select candidates,
+        which are then tested.
+        """
+        point = vector_at(points, particle)
+        first = wanted.count
+        found = Nearby()
+        found.nearest = wp.int32(-1)
+        found.place.squared = wanted.within * wanted.within
+        found.count = first
+        # boxes of parts are of all of their ways
+        reach = wanted.pad + t.touch.seconds * wp.length(vector_at(velocities, particle))
+        search = Search()
+        search.listed = wp.int32(-1)
+        search.pad = wanted.pad
+        if wp.static(features.touches_itself and not lists):
+            if balloon == other:
+                search.home = int_at(t.touch.homes, particle)
+                search.listed = working.near_part_counts[world, search.home]
+        search.at = begin_of(t, other, search.listed)
+        search.last = end_of(t, other, search.listed)
+        queue = Queue()
+        while search.at < search.last:
+            search.of_triangles = found.place.squared
+            search.of_parts = wp.min(found.place.squared, reach * reach)
+            waiting = wp.int32(0)
+            if wp.static(eight):
+                queue, waiting, at = fill_queue(t, working, world, particle, balloon, other, points, velocities, search)
+                search.at = at
+            else:
+                while search.at < search.last and waiting <= ROOM:
+                    node, at = next_part(t, working, world, particle, balloon, other, point, search)
+                    search.at = at
+                    for triangle in range(node[1], node[2]):
+                        if may_touch(t, particle, balloon, other, triangle):  # not most of those near on its own skin
+                            if comes_near(t, points, velocities, particle, triangle, search.of_triangles, search.pad):
+                                queue[waiting] = triangle
+                                waiting += 1
+            for turn in range(waiting):
+                triangle = queue[turn]
+                if wp.static(eight):
+                    place = place_in_queue(t, working.eight_places[world], points, queue, turn, waiting, point)
+                else:
+                    place = triangle_beside(t, points, triangle, point)
+                if wp.static(lists):
+                    if place.squared <= found.place.squared:
+                        if found.count < working.candidates.shape[2]:
+                            working.candidates[world, particle, found.count] = candidate_of(
+                                triangle,
+                                is_behind(t, triangle, place, wanted.behind, wanted.beside),
+                                found.count == first,
+                            )
+                        found.count += 1
+                else:
+                    if is_nearer(place, found.place):
+                        found.place = place
+                        found.nearest = triangle
+        return found
+
+    return nearby
+
+
+@cache
+def finding_functions(features: Features, eight: bool = False) -> Any:
+    """Return the function that puts the triangles of a balloon that a particle may touch into its list."""
+    pad_between = pad_function(features)
+    thickness_between, _ = skin_functions(features)
+    nearest_of = nearby_function(features, lists=False, eight=eight)
+    list_those = nearby_function(features, lists=True, eight=eight)
+
+    @wp.func
+    def find_of_balloon(
+        t: Tables, state: WorldState, working: Working, world: wp.int32, particle: wp.int32, balloon: wp.int32,
+        other: wp.int32, points: wp.array[wp.vec3], velocities: wp.array[wp.vec3], may_be_deep: bool, count: wp.int32,
+    ):  # fmt: skip
+        """Add triangles of a balloon to a particle's list, and return its length.
+
+        Args:
+            may_be_deep: Whether the particle may be deep in the other balloon since the start.
+        """
+        hold = state.holds[world, particle][3]
+        velocity = vector_at(velocities, particle)
+        pad = pad_between(t, world, balloon, other)
+        one_sided = other != balloon and t.touch.closed[other] == 1
+        swept = t.touch.seconds * (wp.length(velocity) + fastest_of(working, world, other))
+        within = pad + swept
+        wanted = Wanted()
+        wanted.within = within
+        wanted.pad = FAR
+        wanted.beside = wp.int32(-1)
+        wanted.count = count
+        if wp.static(features.touches_itself):
+            if other == balloon:
+                if pays_to_look_out(t, working, world, balloon):
+                    wanted.within = within + lookout_of(t, balloon)
+                else:
+                    wanted.pad = pad
+        looks_deep = one_sided and (may_be_deep or wp.abs(hold) > t.touch.slack[balloon])
+        found = Nearby()
+        found.nearest = wp.int32(-1)
+        while found.nearest < 0 and wanted.within > 0.0:
+            found = nearest_of(t, working, world, particle, balloon, other, points, velocities, wanted)
+            wanted.within = wp.where(looks_deep and t.touch.depth[other] > wanted.within, t.touch.depth[other], 0.0)
+        if wp.static(features.touches_itself):
+            if other == balloon:
+                distance = wp.sqrt(found.place.squared)
+                keep_clearance(working, world, balloon, particle, wp.where(wanted.pad == FAR, distance, 0.0))
+                found.nearest = wp.where(distance > within, -1, found.nearest)
+        if found.nearest >= 0:
+            place = faced_triangle(t, points, found.nearest, found.place)
+            side = float(1.0)
+            deepest = t.touch.depth[other]
+            crossed = bool(False)
+            if not one_sided:
+                deepest = thickness_between(t, world, balloon, other)
+                side = wp.where(hold < 0.0 or (hold == 0.0 and place.gap < 0.0), -1.0, 1.0)
+                if wp.static(features.touches_itself):
+                    side = wp.where(place.gap < 0.0, -1.0, 1.0)
+                    crossed = side * hold < 0.0 and wp.abs(place.gap) < deepest
+            comes = t.touch.seconds * relative_speed(t, velocities, found.nearest, velocity)
+            if one_sided and may_be_deep and place.gap < 0.0:
+                state.deep[world, particle] = wp.int8(1)  # until it is out
+            if side * place.gap < pad + comes and side * place.gap > -deepest:
+                wanted.within = wp.sqrt(place.squared) + pad + 2.0 * comes
+                wanted.pad = FAR
+                wanted.behind = side < 0.0
+                if wp.static(features.touches_itself):
+                    wanted.beside = wp.where(one_sided, -1, found.nearest)
+                listed = list_those(t, working, world, particle, balloon, other, points, velocities, wanted)
+                if wp.static(features.touches_itself):
+                    if crossed:
+                        begin, end = count, wp.min(listed.count, working.candidates.shape[2])
+                        keep_side(t, working, world, particle, found.nearest, hold, deepest, points, begin, end)
+                count = listed.count
+        return count
+
+    return find_of_balloon
+
 
 FIND_REGISTERS = 64
 """Registers of a searching thread, so that more threads overlap their memory latencies"""
@@ -78,7 +439,7 @@ def neighbor_function(features: Features) -> Any:
 def next_of_eight(
     t: Tables, working: Working, world: wp.int32, balloon: wp.int32, begin: wp.int32, point: wp.vec3, velocity: wp.vec3
 ):  # fmt: skip
-    """Return the same by eight boxes at a time, see `contact.eight_boxes`."""
+    """Return the same by eight boxes at a time, see `contact.boxes`."""
     place = begin
     count = working.neighbor_counts[world, balloon]
     while place < count:

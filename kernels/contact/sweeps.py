@@ -11,6 +11,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.contact.contact import excess_of, resolving_functions
+from balloon_warp.kernels.contact.edges import EDGES
 from balloon_warp.kernels.contact.ends import (
     adding_functions,
     bearing_function,
@@ -19,11 +20,20 @@ from balloon_warp.kernels.contact.ends import (
     motion_functions,
     moving_functions,
 )
-from balloon_warp.kernels.contact.kind import MARKED, Sweep, listing_function
+from balloon_warp.kernels.contact.kind import BODIES, MARKED, Sweep, sweep_listing
+from balloon_warp.kernels.contact.ridges import RIDGES
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.warps import any_in_block, block_barrier, next_place
 from balloon_warp.kernels.working import Working
+
+BESIDE_RIDGES = Sweep((RIDGES,), lambda features: features._replace(ground=False))
+"""Sweeps before particles leave the ground and obstacles, see docs/design/one_contact.md"""
+AT_LAST = Sweep(
+    (BODIES, RIDGES._replace(acts=lambda features: features.ridges and not features.ridges_first), EDGES),
+    lambda features: features.without_ridges if features.ridges_first else features,
+)
+"""Sweeps once all have moved, in which bodies, layers, and the ground below them take part"""
 
 
 @cache
@@ -119,7 +129,7 @@ def pushing_function(features: Features, note: Any = forget_stop) -> Any:
 def meeting_function(of: Sweep, every: Features) -> Any:
     """Return the function that resolves all contacts of a sweep's kinds, by all threads of a block."""
     features, most_sweeps = of.seen(every), of.most(every)
-    list_all = listing_function(of, every, False)
+    list_all = sweep_listing(of, every, False)
     mark_pushed, mark_overlaps = marking_functions(features)
     push_all = pushing_function(features)
 

@@ -1,6 +1,4 @@
-"""Sealed gas: its pressure, and how it comes and goes; balloons that are crushed or almost empty.
-
-Sealed gas: its pressure, how a balloon swells under it, the pumped amounts, and the flow through tubes.
+"""Sealed gas: its pressure, how it comes and goes, and the air that moves along with a balloon.
 
 Two numbers describe the sealed gas, its amount n [mol] and its *free volume* V_0 [m^3]: the volume that it would take
 at one atmosphere p_0 by an adiabatic change. The free volume stands for the entropy, is conserved whatever becomes of
@@ -11,10 +9,17 @@ The *area vector* of a particle is the gradient of its balloon's volume with res
 pressure p pushes it by p times that: net force and torque on a closed mesh vanish. The volume is that of faces as fans
 around their centers; it is homogeneous of degree three in the places, so that it is a third of the sum of x . a.
 
-A given pressure below that outside: the balloon is crushed flat, and stays so.
+A given pressure below that outside: the balloon is crushed flat, and stays so. Water above a balloon, or a pressure
+below the air's, takes its volume for as long as there is any. Then its walls lie on each other, and what the one bears
+the other holds: a skin whose volume is used up bears no further pressure.
 
-Water above a balloon, or a pressure below the air's, takes its volume for as long as there is any. Then its walls lie
-on each other, and what the one bears the other holds: a skin whose volume is used up bears no further pressure.
+Added mass is that of air around a balloon, which moves along with it. A body that is accelerated in a fluid pushes that
+aside, and so sets it going: as if a part c of the displaced fluid were fixed to it, c = 1/2 for a sphere (Lamb,
+*Hydrodynamics*, section 92). It has inertia, and no weight.
+
+All particles bear it in proportion to their mass. For the balloon as a whole that is exact. Where its surface swings in
+n waves, a sphere's air has rho R / (n + 1) for each square meter along the normal, and here there is rho R / 6: half of
+it for n = 2, just that for n = 5; where it breathes, a sixth of the rho R of air that would not give.
 """
 
 from typing import Any
@@ -24,9 +29,8 @@ import warp as wp
 from balloon_warp.kernels.algebra import dot_product, scaled, times
 from balloon_warp.kernels.lanes import LANE_COUNT, Five, Lanes, five
 from balloon_warp.kernels.laws.air import AIR, ALIKE, air_of_height, molar_volume
-from balloon_warp.kernels.laws.body import GRAVITY
 from balloon_warp.kernels.laws.law import Parameter
-from balloon_warp.kernels.laws.water import EVENED
+from balloon_warp.kernels.laws.outer import EVENED, GRAVITY
 
 COLLAPSING = wp.constant(0.5)
 """Fraction of a balloon's volume that remains after a step, below which the step is not first-order accurate"""
@@ -436,3 +440,40 @@ def gas_through_tube(source: wp.vec2d, sink: wp.vec2d, moles: float, pressures: 
     brought = throttled(taken, pressures[0], pressures[1], gamma)
     left = wp.vec2d(source[0] - moved, wp.max(source[1] - moved * wp.float64(taken), wp.float64(0.0)))
     return left, sink + moved * wp.vec2d(wp.float64(1.0), wp.float64(brought))
+
+
+ADDED_MASS = Parameter(
+    "added_mass",
+    "1",
+    0.5,
+    least=0.0,
+    most=100.0,
+    path="inflation.added_mass",
+    meaning="Added mass coefficient of a gas balloon, as a fraction of the displaced air's mass: 0.5 for a "
+    "sphere, 0 for none",
+)
+
+
+@wp.func
+def volume_of_gas(pressure: float, free_volume: float, gamma: float, air_pressure: float):
+    """Return the volume of a gas from its gauge pressure [m^3], for `gas_pressure`."""
+    return volume_at(free_volume, wp.max(air_pressure + pressure, THINNEST * STANDARD_PRESSURE), gamma)
+
+
+@wp.func
+def air_along(
+    height: float,
+    pressure: float,
+    free_volume: float,
+    added_mass: float,
+    gamma: float,
+    air_pressure: float,
+    air_temperature: float,
+    air_density: float,
+    air_lapse: float,
+    gravity: float,
+):
+    """Return the mass of the air that moves along with a balloon at a height [kg]."""
+    air = air_of_height(height, air_pressure, air_temperature, air_density, air_lapse, gravity)
+    there = free_volume_there(free_volume, gamma, air[1] / air_temperature)
+    return added_mass * air[2] * volume_of_gas(pressure, there, gamma, air[0])

@@ -168,7 +168,7 @@ class Law:
     missing"""
     resistance: Any = None
     """Coefficient k of the part `-k |v| v` of a particle's force [kg/m], a `wp.func` of such arguments as the force's.
-    A step takes that part at the speed of its end, see `phases.resist`, so that it asks for no `drag`"""
+    A step takes that part at the speed of its end, see `phases.motion.resist`, so that it asks for no `drag`"""
 
     def __post_init__(self) -> None:
         if not self.name:

@@ -1,15 +1,12 @@
-"""Membranes: rubber and film that is stretched in its plane, wrinkles, and softens.
-
-Tension field of wrinkling membranes, see `laws.membrane`, and the viscosity of their material.
+"""Membranes: rubber and film that is stretched in its plane, wrinkles, softens, and tears.
 
 The metric M of a triangle holds the dot products of its edges; at rest its inverse is G. Stresses are second
 Piola-Kirchhoff stresses along the edges: none needs a local frame of the triangle.
 
-Membranes: rubber and film that is stretched in its plane. Incompressible, so that its thickness is 1 / det F.
-
-C is the right Cauchy-Green tensor of the plane, a >= b its eigenvalues, the squared principal stretches; the third is
-1 / (a b). A law is an energy W(a, b) for each volume at rest; it gives its slopes by the trace a + b and by the
-determinant a b, from which the stress follows, S = 2 (dW/dtr 1 + dW/ddet adj C).
+A membrane is stretched in its plane, and incompressible, so that its thickness is 1 / det F. C is the right
+Cauchy-Green tensor of the plane, a >= b its eigenvalues, the squared principal stretches; the third is 1 / (a b). A law
+is an energy W(a, b) for each volume at rest; it gives its slopes by the trace a + b and by the determinant a b, from
+which the stress follows, S = 2 (dW/dtr 1 + dW/ddet adj C).
 
 A thin skin does not resist compression: it wrinkles. Its energy is the least that is reached by wrinkles of any size
 across the tension (Pipkin 1986, The relaxed energy density for isotropic elastic membranes):
@@ -19,14 +16,34 @@ across the tension (Pipkin 1986, The relaxed energy density for isotropic elasti
     otherwise                       taut: W(a, b)
 
 The host calls the same functions with arrays, see `model.materials`.
+
+Softening of rubber (Mullins 1948): once stretched, it pulls less until it is stretched further. A pseudo-elastic law
+(Ogden and Roxburgh 1999, A pseudo-elastic model for the Mullins effect in filled rubber), with the third number that
+Mars gave it: the stress is that of the law, times
+
+    eta = 1 - s erf((P - W) / (m + b P))
+
+W the energy density of the law [Pa], P the greatest that there has been. On first loading P = W and eta = 1; where P
+stays, the stress is the slope of an energy that is less than W by the part lost for good. s is their 1 / r.
+
+Rubber and film tear. A tear begins where the larger principal true stress reaches the `strength`, or where a needle
+pierces. From face to face it runs on where the stress ahead of its tip exceeds the `tear_strength`, at most as fast as
+waves on the surface of the unstretched material, 0.955 root(mu / rho) (Rayleigh's, of an incompressible solid). Below a
+stress a balloon opens along one tear; above it tears branch, and it bursts to pieces (Moulinet and Adda-Bedia 2015,
+Popping balloons: a case study of dynamical fragmentation, PRL 115, 184301).
+
+A tear is straight: it runs where a plane cuts the unstretched skin, at first across the largest tension. Only faces
+that the plane cuts, ahead of a tip, can tear. Faces beside a tear bear as much until a wave reaches them, but a notch
+concentrates no stress there. So a tear is a gap one face wide on any mesh. A torn face does not pull.
 """
 
 from collections.abc import Mapping
+from typing import Any
 
 import warp as wp
 
 from balloon_warp.kernels.algebra import power
-from balloon_warp.kernels.laws.law import TINY, Law, Parameter
+from balloon_warp.kernels.laws.law import FAR, TINY, Law, Parameter
 
 NEVER_ZERO = wp.constant(1.0e-12)
 """Least divisor, below all squared stretches that count"""
@@ -405,3 +422,112 @@ MEMBRANES: Mapping[str, Law] = {
 PARAMETERS: tuple[Parameter, ...] = tuple(
     dict.fromkeys((*OF_EVERY_MEMBRANE, *(row for law in MEMBRANES.values() for row in law.parameters)))
 )
+SOFTENING_PARAMETERS = (
+    Parameter("softening", "1", least=0.0, most=0.95, path="material.softening"),
+    Parameter("softening_energy", "Pa", 1.0e5, least=TINY, path="material.softening_energy"),
+    Parameter("softening_share", "1", 0.3, least=0.0, most=10.0, path="material.softening_share"),
+)
+"""Parameters of the balloon; they have no columns among the laws', since few balloons have them"""
+
+
+@wp.func
+def softened(energy: float, peak: float, softening: float, softening_energy: float, softening_share: float):
+    """Return the factor eta on the stress, from 1 - softening to 1.
+
+    Args:
+        energy: Energy density [Pa], at most the peak.
+    """
+    return 1.0 - softening * wp.erf((peak - energy) / (softening_energy + softening_share * peak))
+
+
+def steepening(energy: Any, softening: Any, softening_energy: Any, softening_share: Any) -> Any:
+    """Return the largest derivative of eta by the energy density below its peak [1/Pa].
+
+    That is right at the peak. It makes rubber stiffer as it begins to give way. For the host.
+    """
+    root_of_pi = 1.7724539
+    return 2.0 * softening / (root_of_pi * (softening_energy + softening_share * energy))
+
+
+NEVER = 1.0e9
+"""Time that is never reached [s]"""
+RAYLEIGH = 0.955
+"""Ratio of the speeds of Rayleigh waves and shear waves in an incompressible solid"""
+TEARING, BRANCHING = 0.3, 0.5
+"""Defaults, over the strength, of the stress ahead of a tear that it needs to advance, and of the stress above which it
+branches"""
+WHOLE = wp.constant(-1.0)
+"""Marker: an intact face, in place of a tear's distance beyond it"""
+TINY_LENGTH = wp.constant(1.0e-12)
+"""Least length [m]"""
+EVEN = wp.constant(0.05)
+"""Difference of two squared stretches over their sum below which a tension has no direction"""
+OPEN = wp.constant(0.25)
+"""Area of a balloon's hole over its current surface area above which it no longer encloses gas"""
+TEARING_PARAMETERS = (
+    Parameter("film_strength", "Pa", FAR, least=TINY, path="material.strength"),
+    Parameter("tear_strength", "Pa", float("nan"), least=TINY, path="material.tear_strength"),
+    Parameter("branching_stress", "Pa", float("nan"), least=TINY, path="material.branching_stress"),
+    Parameter("tear_speed", "m/s", float("nan"), least=TINY, path="material.tear_speed"),
+    Parameter("needle_time", "s", NEVER, least=0.0, path="material.needle_time"),
+)
+"""Parameters of the balloon; NaN stands for a default that depends on other values"""
+
+
+@wp.func
+def true_stress(by_trace: float, by_det: float, major: float, minor: float):
+    """Return the larger principal true stress l dW/dl [Pa], from slopes of the energy and squared stretches."""
+    return 2.0 * major * (by_trace + by_det * minor)
+
+
+@wp.func
+def across_tension(first_rest: wp.vec3, second_rest: wp.vec3, first: wp.vec3, second: wp.vec3):
+    """Return the direction of the larger stretch on the unstretched skin; that of the first edge where both are alike.
+
+    Args:
+        first_rest: two edges of a triangle, unstretched [m].
+        first: the same now [m].
+    """
+    along = wp.normalize(first_rest)
+    beside = second_rest - wp.dot(second_rest, along) * along
+    first_slope = first / wp.length(first_rest)
+    second_slope = (second - wp.dot(second_rest, along) * first_slope) / wp.max(wp.length(beside), TINY_LENGTH)
+    larger = wp.length_sq(first_slope)
+    other = wp.length_sq(second_slope)
+    shear = 2.0 * wp.dot(first_slope, second_slope)
+    direction = along
+    if wp.length(wp.vec2(larger - other, shear)) > EVEN * (larger + other):
+        angle = 0.5 * wp.atan2(shear, larger - other)
+        direction = wp.cos(angle) * along + wp.sin(angle) * wp.normalize(beside)
+    return direction
+
+
+@wp.func
+def plane_through(normal: wp.vec3, point: wp.vec3):
+    """Return the plane through a point as its unit normal and its distance from the origin."""
+    return wp.vec4(normal[0], normal[1], normal[2], wp.dot(normal, point))
+
+
+@wp.func
+def normal_of(plane: wp.vec4):
+    """Read the unit normal of a plane."""
+    return wp.vec3(plane[0], plane[1], plane[2])
+
+
+@wp.func
+def cuts(plane: wp.vec4, one: wp.vec3, other: wp.vec3):
+    """Return whether a plane separates two points; a point on the plane counts as in front."""
+    normal = normal_of(plane)
+    return (wp.dot(normal, one) >= plane[3]) != (wp.dot(normal, other) >= plane[3])
+
+
+@wp.func
+def branch_plane(heading: wp.vec3, step: wp.vec3, face_normal: wp.vec3, point: wp.vec3):
+    """Return the plane of a branch of a tear through a point, halfway between the tear's direction and a side.
+
+    Args:
+        heading: Unit vector along the other tear; zero where it begins.
+        step: Direction to the side.
+        face_normal: Normal of the skin there.
+    """
+    return plane_through(wp.normalize(wp.cross(face_normal, heading + wp.normalize(step))), point)

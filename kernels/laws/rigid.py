@@ -1,8 +1,7 @@
 """Free rigid bodies: rotation, impulses between them and particles, and friction of their points.
 
-Contact of a point of a free rigid body: a normal impulse and Coulomb friction.
-
-With u the point's velocity beside the surface that it meets and g its gap, the impulse P n is the least that makes
+Contact of a point of a free rigid body: a normal impulse and Coulomb friction. With u the point's velocity beside the
+surface that it meets and g its gap, the impulse P n is the least that makes
 
     n . u >= -g / h,    or the speed of the rebound, where it comes faster than two steps of gravity
     and of strings that are tied to it,
@@ -25,23 +24,20 @@ linear: they keep momentum, nothing enters anything, friction is as much as Coul
 it is s = 1, or if that gives energy the largest s that does not. Where impulses without rebound do not agree, as those
 of much friction may never do, and give energy, all of them are less by a share, likewise.
 
-Free rigid body: its rotation, and what impulses at its points do.
-
-Without torque its angular momentum L stays, in the axes of the world, to the last bit: it is L that is kept, and the
-spin w = R J^-1 R^T L follows from how the body is turned, R. A step turns it by the mean of its angular momenta as the
-body sees them before and after, l = R^T L and l',
+Free rigid body: its rotation, and what impulses at its points do. Without torque its angular momentum L stays, in the
+axes of the world, to the last bit: it is L that is kept, and the spin w = R J^-1 R^T L follows from how the body is
+turned, R. A step turns it by the mean of its angular momenta as the body sees them before and after, l = R^T L and l',
 
     R' = R exp(h W),    W = J^-1 (l + l') / 2,    l' = exp(-h W) l.
 
 So turns remain turns, and energy of motion stays: l' - l is square to W, and E' - E = (l' - l) . J^-1 (l + l') / 2 is
-their product. It is solved by Newton's method for M = (l + l') / 2: by half the angle, M + k W x M = l, where k is
-h / 2 times tan(a) / a at a = h |W| / 2. How it has turned is off by the square of the step.
+their product. It is solved by Newton's method for M = (l + l') / 2: by half the angle, M + k W x M = l, where k is h /
+2 times tan(a) / a at a = h |W| / 2. How it has turned is off by the square of the step.
 """
 
 import warp as wp
 
-from balloon_warp.kernels.laws.collision import SLOW
-from balloon_warp.kernels.laws.contact import friction_impulse
+from balloon_warp.kernels.laws.contact import SLOW, friction_impulse
 
 OUT_IN_STEP = wp.constant(0.2)
 """Fraction of an overlap that a step removes"""

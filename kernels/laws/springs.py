@@ -2,22 +2,19 @@
 
 Position correction: after a step, springs longer than (1 + limit) times their rest length are shortened to that.
 
-Both ends move alike, or the free one (Provot 1995).
-
-One spring after the other, of those that share no particle side by side: springs are colored so that no two of a color
-meet, and a sweep takes the colors in turn (Gauss-Seidel), which carries a correction through the balloon faster than
-averaging all springs' wishes (Jacobi). Colors go by where particles stand at the start: neither the order of springs in
-memory nor the numbers of particles matter.
+Both ends move alike, or the free one (Provot 1995). One spring after the other, of those that share no particle side by
+side: springs are colored so that no two of a color meet, and a sweep takes the colors in turn (Gauss-Seidel), which
+carries a correction through the balloon faster than averaging all springs' wishes (Jacobi). Colors go by where
+particles stand at the start: neither the order of springs in memory nor the numbers of particles matter.
 
 The velocities follow: an end that is moved by c in a step of h gains c / h. Then a velocity is that of the way which a
 particle really went, where otherwise it would gather speed against the limit for as long as it is pulled. The gains of
 the two ends are opposite, so that momentum stays; and along the spring, so that angular momentum stays to first order
 in the step.
 
-Torsion springs: across each edge, the angle between its two faces is kept instead of a length.
-
-A face is seen at the mean of its corners beside the edge, which share the force there alike. The forces of a hinge come
-of an angle that no movement of the whole changes, so that they have neither a sum nor a moment.
+Torsion springs: across each edge, the angle between its two faces is kept instead of a length. A face is seen at the
+mean of its corners beside the edge, which share the force there alike. The forces of a hinge come of an angle that no
+movement of the whole changes, so that they have neither a sum nor a moment.
 """
 
 from typing import Any

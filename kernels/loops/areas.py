@@ -1,10 +1,9 @@
 """Area vectors of faces and particles, and directions of an inflation by normal forces.
 
-Area vectors: of a face, and of a particle, which is the gradient of the balloon's volume by its place.
-
-With c a face's center, A its area vector, n its corners, and b, d the corners before and after x, the gradient of
-1/3 c . A by x is (A / n + 1/2 (d - b) x c) / 3. Around a closed fan of faces the d - b add up to zero, so that c may be
-taken from any place, and from x float32 keeps its digits.
+Area vectors: of a face, and of a particle, which is the gradient of the balloon's volume by its place. With c a face's
+center, A its area vector, n its corners, and b, d the corners before and after x, the gradient of 1/3 c . A by x is (A
+/ n + 1/2 (d - b) x c) / 3. Around a closed fan of faces the d - b add up to zero, so that c may be taken from any
+place, and from x float32 keeps its digits.
 """
 
 from functools import cache
@@ -14,7 +13,7 @@ import warp as wp
 
 from balloon_warp.kernels.algebra import cross_product, scaled
 from balloon_warp.kernels.lanes import LANE_COUNT, Lanes, Lanes3, entry_at, of_lane, set_lane
-from balloon_warp.kernels.laws.body import FAR, inflation_direction_of, nearer_area, vertex_normal_of
+from balloon_warp.kernels.laws.outer import FAR, inflation_direction_of, nearer_area, vertex_normal_of
 from balloon_warp.kernels.memory import fixed_int_at, in_tile, triple_at
 from balloon_warp.kernels.tables import SLICE, FaceTable, FanTable, Tables, first_entry
 

@@ -1,9 +1,7 @@
 """Free rigid bodies: poses, motion, and what they may touch.
 
-Motion of free rigid bodies in a step before they meet particles.
-
-Under gravity, beside the ground, obstacles, each other, and then spheres. One thread takes all of a world, in the same
-order every time.
+They move before they meet particles, under gravity, beside the ground, obstacles, each other, and then spheres. One
+thread takes all of a world, in the same order every time.
 """
 
 from functools import cache
@@ -12,9 +10,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.collision import SLOW
-from balloon_warp.kernels.laws.contact import ease_of_ball, friction_impulse, spin_by
-from balloon_warp.kernels.laws.impulse import FREE, way_apart
+from balloon_warp.kernels.laws.contact import FREE, SLOW, ease_of_ball, friction_impulse, spin_by, way_apart
 from balloon_warp.kernels.laws.rigid import (
     AGREED,
     APART,

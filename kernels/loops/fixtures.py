@@ -1,9 +1,8 @@
 """Obstacles of prescribed motion: poses, distances, friction, and the response of particles and balls.
 
-Cached distances of a particle to obstacles.
-
-Distances are 1-Lipschitz: one query bounds how far the particle may move without another. A particle on one of many
-obstacles is checked against this one alone, as long as the others are out of its path.
+A particle's distances to obstacles are cached. They are 1-Lipschitz: one query bounds how far the particle may move
+without another. A particle on one of many obstacles is checked against this one alone, as long as the others are out of
+its path.
 """
 
 from functools import cache

@@ -5,11 +5,10 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.compose import call_of, function_from, function_here
+from balloon_warp.kernels.compose import call_of, function_from, function_here, numbers_reader
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.air import STATE_OF_AIR, density_of_air
-from balloon_warp.kernels.laws.body import GAS
-from balloon_warp.kernels.laws.fill import blown_in, breath_in, up_to
+from balloon_warp.kernels.laws.flow import SHARP_EDGE, blown_in, breath_in, neck_opening, thrust, up_to, vent_flow
 from balloon_warp.kernels.laws.gas import (
     STANDARD_PRESSURE,
     THINNEST,
@@ -25,9 +24,8 @@ from balloon_warp.kernels.laws.gas import (
     pumped_gas,
     volume_at,
 )
-from balloon_warp.kernels.laws.orifice import SHARP_EDGE, neck_opening, thrust, vent_flow
+from balloon_warp.kernels.laws.outer import GAS
 from balloon_warp.kernels.loops.areas import hole_loop
-from balloon_warp.kernels.params import numbers_reader
 from balloon_warp.kernels.tables import NeckTable, Tables, WorldState, row_of_world
 
 

@@ -1,7 +1,5 @@
 """Membranes: triangle by triangle, face by face, and those of a particle.
 
-Membranes: triangle by triangle, and those of a particle.
-
 The energy of a triangle is a function of its edges' products alone, so that its forces are a combination of its edges:
 on the corner that edges d1 and d2 begin at, (T11 + T12) d1 + (T12 + T22) d2, with the tensions T along them.
 """
@@ -12,7 +10,7 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from balloon_warp.kernels.algebra import scaled
-from balloon_warp.kernels.compose import choice_of_energies, choice_of_laws
+from balloon_warp.kernels.compose import choice_of_energies, choice_of_laws, numbers_reader
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.lanes import number_in
 from balloon_warp.kernels.laws.membrane import (
@@ -24,10 +22,10 @@ from balloon_warp.kernels.laws.membrane import (
     is_taut,
     mixed_stretch,
     relaxed,
+    softened,
+    true_stress,
     viscous_tension,
 )
-from balloon_warp.kernels.laws.softening import softened
-from balloon_warp.kernels.laws.tearing import true_stress
 from balloon_warp.kernels.loops.areas import CROSSES, crosses_at_quad_corners
 from balloon_warp.kernels.memory import (
     found_anew,
@@ -38,7 +36,6 @@ from balloon_warp.kernels.memory import (
     put_vector,
     vector_at,
 )
-from balloon_warp.kernels.params import numbers_reader
 from balloon_warp.kernels.tables import SLICE, MembraneFaceTable, MembraneTable, Tables, first_entry, row_of_world
 
 

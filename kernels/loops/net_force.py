@@ -1,22 +1,127 @@
-"""Net force on a particle but for inflation and contacts: where the laws enter."""
+"""Net force on a particle, or on eight side by side, but for inflation and contacts: where the laws enter.
+
+A liquid loads the faces around a particle. Each face is the fan of triangles about its center, cut at the level.
+
+Of eight particles side by side springs, area vectors and laws on particles are vector instructions throughout. Strings,
+water and laws on faces are rarer: for them each lane is looked at by itself, by the loops for one particle. Hinges and
+membranes have been added up before, see `phases.forces`.
+"""
 
 from functools import cache
 from typing import Any, NamedTuple
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import scaled, squared_length
+from balloon_warp.kernels.algebra import dot_product, plus_scaled, scaled, squared_length
+from balloon_warp.kernels.compose import numbers_reader, params_functions
 from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.lanes import LANE_COUNT, Lanes, Lanes3, Lanes4, entry_at, of_lane, set_lane
+from balloon_warp.kernels.laws.outer import TriangleLoad, corner_load, triangle_load
 from balloon_warp.kernels.laws.springs import FIRST_WING, angle_beyond
-from balloon_warp.kernels.loops.areas import area_loop, face_measures, hole_loop
+from balloon_warp.kernels.loops.areas import CROSSES, area_loop, cross_at_quad_corner, face_measures, hole_loop
 from balloon_warp.kernels.loops.membranes import membrane_loop
-from balloon_warp.kernels.loops.slots import ring_loop
-from balloon_warp.kernels.loops.springs import spring_loop
-from balloon_warp.kernels.loops.wetness import ring_wetness_loop, wetness_loop
-from balloon_warp.kernels.memory import in_tile, int_at, vector_at
-from balloon_warp.kernels.params import numbers_reader, params_functions
-from balloon_warp.kernels.tables import ForceTable, HingeTable, StringTable, Tables, row_of_world
+from balloon_warp.kernels.loops.springs import ring_ends, ring_loop, spring_loop
+from balloon_warp.kernels.memory import four_ints_at, in_tile, int_at, vector_at
+from balloon_warp.kernels.tables import (
+    SLICE,
+    FaceTable,
+    ForceTable,
+    HingeTable,
+    RingTable,
+    StringTable,
+    Tables,
+    row_of_world,
+)
 from balloon_warp.kernels.working import Working
+
+
+@cache
+def ring_wetness_loop(at: Any) -> Any:
+    """Return the function that sums a particle's load over the quads that go all around it."""
+    ends_at = ring_ends(at)
+
+    @wp.func
+    def load_through_center(load: TriangleLoad):
+        """Return a quad corner's share of the load on the center."""
+        return corner_load(load, 0.25 * load.moments[2], 0.25 * load.areas[2])
+
+    @wp.func
+    def load_of_quad(before: wp.vec3, across: wp.vec3, along: wp.vec3, level: float, up: wp.vec3):
+        """Return the load of a quad on one of its corners.
+
+        The arguments are the vectors to the other corners [m], and the height of the water over the corner [m].
+        """
+        here = wp.vec3()
+        center = 0.25 * (before + across + along)
+        coming = triangle_load(before, here, center, level, up)
+        going = triangle_load(here, along, center, level, up)
+        far = triangle_load(along, across, center, level, up)
+        last = triangle_load(across, before, center, level, up)
+        load = corner_load(coming, coming.moments[1], coming.areas[1]) + load_through_center(coming)
+        load += corner_load(going, going.moments[0], going.areas[0]) + load_through_center(going)
+        return load + load_through_center(far) + load_through_center(last)
+
+    @wp.func
+    def water_load(rings: RingTable, points: Any, particle: wp.int32, water_level: float, up: wp.vec3):
+        """Return the wetted faces' load on a particle, depth times area vector [m^3], and their area [m^2]."""
+        total = wp.vec4()
+        place = four_ints_at(rings.places, particle)
+        point = at(points, particle)
+        level = water_level - wp.dot(point, up)
+        before = at(points, place[3]) - point
+        for entry in range(place[0], place[0] + SLICE * place[1], SLICE):
+            ends = ends_at(rings, entry)
+            across = at(points, ends[0]) - point
+            along = at(points, ends[1]) - point
+            lowest = wp.min(wp.min(wp.dot(before, up), wp.dot(across, up)), wp.min(wp.dot(along, up), 0.0))
+            if lowest < level:
+                total += load_of_quad(before, across, along, level, up)
+            before = along
+        return total
+
+    return water_load
+
+
+@cache
+def wetness_loop(at: Any) -> Any:
+    """Return the function that sums a particle's load over its faces."""
+    center_of_face, _ = face_measures(at)
+
+    @wp.func
+    def is_dry(faces: FaceTable, points: Any, begin: wp.int32, end: wp.int32, level: float, up: wp.vec3):
+        """Return whether all corners of a face, and so the face, are above the water."""
+        lowest = wp.dot(at(points, faces.particles[begin]), up)
+        for corner in range(begin + 1, end):
+            lowest = wp.min(lowest, wp.dot(at(points, faces.particles[corner]), up))
+        return lowest >= level
+
+    @wp.func
+    def water_load(faces: FaceTable, points: Any, particle: wp.int32, level: float, up: wp.vec3):
+        """Return the wetted faces' load on a particle, depth times area vector [m^3], and their area [m^2]."""
+        total = wp.vec4()
+        for incidence in range(faces.particle_offsets[particle], faces.particle_offsets[particle + 1]):
+            face = faces.around_particles[incidence]
+            begin = faces.offsets[face]
+            end = faces.offsets[face + 1]
+            if not is_dry(faces, points, begin, end, level, up):
+                center = center_of_face(faces, points, face)
+                of_center = wp.vec4()
+                visits = float(0.0)
+                p = faces.particles[end - 1]
+                for corner in range(begin, end):
+                    q = faces.particles[corner]
+                    load = triangle_load(at(points, p), at(points, q), center, level, up)
+                    if p == particle:
+                        total += corner_load(load, load.moments[0], load.areas[0])
+                    if q == particle:
+                        total += corner_load(load, load.moments[1], load.areas[1])
+                        visits += 1.0
+                    of_center += corner_load(load, load.moments[2], load.areas[2])
+                    p = q
+                total += (visits / float(end - begin)) * of_center
+        return total
+
+    return water_load
 
 
 @cache
@@ -319,7 +424,7 @@ class Loops(NamedTuple):
 
     around: Any
     """(t, points, velocities, own, springs, point, velocity, time) to the net force of its springs, and where they are
-    needed and found on the way, to its area vector and A_p n, see `laws.inflation`"""
+    needed and found on the way, to its area vector and A_p n, see `laws.outer`"""
     others: Any
     """(t, points, velocities, own, point, velocity, time) to that of strings, hinges and membranes; None if
     there are none, or the springs' has it already"""
@@ -346,7 +451,7 @@ def net_force_function(features: Features, loops: Loops) -> Any:
         Args:
             velocities: of all particles, where a law asks for its neighbors'.
             springs: inputs of the loop over springs, beside the tables.
-            water_load: see `phases.soak`; anything where there is no liquid.
+            water_load: see `phases.forces.soak`; anything where there is no liquid.
         """
         force, area_vector, vertex_normal = loops.around(t, points, velocities, params, springs, point, velocity, time)
         if wp.static(others):
@@ -451,3 +556,174 @@ def scalar_loops(
         own_water_load,
         features.laws_added("particle"),
     )
+
+
+@wp.func
+def is_self(end: wp.int32, own: wp.int32, lane: wp.int32):
+    """Return whether a spring leads from a particle to itself."""
+    return end == own
+
+
+@wp.func
+def is_self(end: Any, own: wp.int32, lane: wp.int32):  # noqa: F811 - an overload
+    """Return whether a spring leads from a particle of an octet to itself."""
+    return end[lane] == LANE_COUNT * own + lane
+
+
+@cache
+def spring_loop_of_eight(features: Features, at: Any) -> Any:
+    """Return the function that sums the springs of eight particles."""
+    coefficient_in_lane = features.laws_in_lane_on("spring")
+    moving = features.needs("spring", "opening")
+
+    @wp.func
+    def pull_of_springs(
+        t: Any, points: Any, velocities: Any, params: Any, springs: Any, point: Lanes3, velocity: Lanes3, time: float
+    ):
+        """Return the net force of the springs [N]."""
+        force = Lanes3()
+        for entry in range(t.spring_offsets[params.number], t.spring_offsets[params.number + 1]):
+            end = entry_at(t.spring_ends, entry)
+            length = entry_at(t.spring_lengths, entry)
+            constants = entry_at(params.n, entry_at(t.spring_kinds, entry))
+            d = at(points, end) - point
+            squared = squared_length(d)
+            opening = Lanes()
+            if wp.static(moving):
+                opening = dot_product(at(velocities, end) - velocity, d)
+            coefficients = Lanes()
+            for lane in range(LANE_COUNT):
+                stiffness = constants[lane]
+                if wp.static(features.springs_vary):
+                    stiffness *= of_lane(t.spring_scales[entry], lane)
+                coefficients[lane] = coefficient_in_lane(
+                    squared[lane], opening[lane], of_lane(length, lane), stiffness,
+                    stiffness * of_lane(length, lane), t.step_seconds, time, params.n, lane,
+                )  # fmt: skip
+                if wp.static(features.guarded):
+                    coefficients[lane] = wp.where(is_self(end, params.number, lane), 0.0, coefficients[lane])
+            force = plus_scaled(force, d, coefficients)
+        return force
+
+    return pull_of_springs
+
+
+@cache
+def area_loop_of_eight(features: Features, at: Any) -> Any:
+    """Return the function that sums the area vectors of eight particles."""
+    area_vector_in_faces = area_loop(False, at)
+
+    @wp.func
+    def area_vector(t: Any, points: Any, params: Any, springs: Any, point: Lanes3):
+        """Return the area vectors of eight particles [m^2]."""
+        if wp.static(not features.quads):
+            return area_vector_in_faces(t.fans, points, params.number, point)
+        else:
+            total = Lanes3()
+            for entry in range(t.fans.offsets[params.number], t.fans.offsets[params.number + 1]):
+                begin = int_at(t.fans.begins, entry)
+                total += cross_at_quad_corner(
+                    at(points, entry_at(t.fans.particles, begin + 2)) - point,
+                    at(points, entry_at(t.fans.particles, begin + 1)) - point,
+                    at(points, entry_at(t.fans.particles, begin)) - point,
+                )
+            return scaled(total, CROSSES)
+
+    return area_vector
+
+
+@cache
+def laws_of_eight(features: Features) -> Any:
+    """Return the function that adds the laws on particles."""
+    laws_in_lane = features.laws_in_lane_on("particle")
+
+    @wp.func
+    def particle_laws(
+        so_far: Lanes3,
+        position: Lanes3,
+        velocity: Lanes3,
+        mass: Lanes,
+        mass_share: Any,
+        area_vector: Lanes3,
+        water_load: Any,
+        up: wp.vec3,
+        step_seconds: float,
+        time: float,
+        n: wp.array[Lanes],
+    ):
+        """Return the force with that of the laws on particles [N]."""
+        force = Lanes3()
+        for lane in range(LANE_COUNT):
+            of_one = laws_in_lane(
+                position, velocity, mass, mass_share, area_vector, water_load, up, step_seconds, time, n, lane
+            )
+            force[0, lane] = of_one[0]
+            force[1, lane] = of_one[1]
+            force[2, lane] = of_one[2]
+        return so_far + force
+
+    return particle_laws
+
+
+@cache
+def loops_of_eight(features: Features, at: Any, take: Any, view_of: Any, params_of_one: Any) -> Loops:
+    """Return the loops for eight particles at a time.
+
+    Args:
+        at: the function that reads eight points, or of a view of one world one.
+        take: the one that takes the sums of hinges and membranes.
+        view_of: the one that gives a lane's view of the points.
+        params_of_one: the one that gives the parameters of the particle in a lane.
+    """
+    sum_strings = string_loop(features) if features.has("string") else None
+    load_of_particle = ring_wetness_loop(at) if features.rings else wetness_loop(at)
+    level = features.columns.places.get("water_level", 0)
+
+    @wp.func
+    def pulls_on_one(t: Any, points: Any, velocities: Any, one: Any, point: wp.vec3, velocity: wp.vec3, time: float):
+        """Return the forces of strings on one of eight particles [N]."""
+        return sum_strings(t.all.strings, one.world, one.number, point, velocity, one.n, t.step_seconds, time)
+
+    @wp.func
+    def pulls_one_by_one(
+        t: Any, points: Any, velocities: Any, params: Any, point: Lanes3, velocity: Lanes3, time: float
+    ):
+        """Return the forces of strings on eight particles, one by one [N]."""
+        pulls = Lanes3()
+        for lane in range(t.lane_count):
+            pull = pulls_on_one(
+                t, view_of(points, lane, t.places), view_of(velocities, lane, t.places), params_of_one(t, params, lane),
+                of_lane(point, lane), of_lane(velocity, lane), time,
+            )  # fmt: skip
+            pulls = set_lane(pulls, lane, pull)
+        return pulls
+
+    @wp.func
+    def other_pulls(t: Any, points: Any, velocities: Any, params: Any, point: Lanes3, velocity: Lanes3, time: float):
+        """Take the net force of strings, and the sums of hinges, faces and membranes [N], which are cleared."""
+        force = Lanes3()
+        if wp.static(bool(features.membranes) or features.has("hinge") or features.has("face")):
+            force += take(t, params)
+        if wp.static(sum_strings is not None):
+            if t.held[params.number] > 0:
+                force += pulls_one_by_one(t, points, velocities, params, point, velocity, time)
+        return force
+
+    @wp.func
+    def water_load(t: Any, points: Any, params: Any):
+        """Return depth times area vector [m^3], and wetted area [m^2]."""
+        loads = Lanes4()
+        levels = params.n[level]
+        for lane in range(t.lane_count):
+            one = params_of_one(t, params, lane)
+            view = view_of(points, lane, t.places)
+            load = wp.vec4()
+            if wp.static(features.rings):
+                load = load_of_particle(t.all.rings, view, one.number, levels[lane], t.up)
+            else:
+                load = load_of_particle(t.all.faces, view, one.number, levels[lane], t.up)
+            loads = set_lane(loads, lane, load)
+        return loads
+
+    around = one_after_the_other(features, spring_loop_of_eight(features, at), area_loop_of_eight(features, at))
+    return Loops(around, other_pulls, water_load, laws_of_eight(features))

@@ -1,9 +1,7 @@
-"""Spheres: their motion, collisions with each other, and exchange of momentum with particles.
+"""Spheres: their state, motion, collisions with each other, and exchange of momentum with particles.
 
-Exchange of momentum between spheres and particles, wherever both are kept, see `laws.impulse`.
-
-A schedule sums `press_on_ball` over the particles until the sphere's change of velocity is settled, then has each
-particle answer.
+Exchange of momentum between spheres and particles, wherever both are kept, see `laws.contact`. A schedule sums
+`press_on_ball` over the particles until the sphere's change of velocity is settled, then has each particle answer.
 """
 
 from functools import cache
@@ -12,29 +10,29 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.collision import collision, mean_restitution, share_of
 from balloon_warp.kernels.laws.contact import (
     MOST_TURNS,
-    ease_of_ball,
-    friction_impulse,
-    is_settled,
-    rubbed,
-    spin_by,
-    stop_of,
-)
-from balloon_warp.kernels.laws.impulse import (
     PRESSED,
     Press,
     change_of_body,
+    collision,
     comes_near,
+    ease_of_ball,
     fall,
+    friction_impulse,
     gain_of_particle,
     is_pressed,
+    is_settled,
     mass_in,
+    mean_restitution,
     meet_sphere,
     press_of_particle,
     push_of_ground,
+    rubbed,
+    share_of,
     sinking_of_sphere,
+    spin_by,
+    stop_of,
 )
 from balloon_warp.kernels.laws.rigid import rub_on
 from balloon_warp.kernels.loops.fixtures import (
@@ -44,8 +42,122 @@ from balloon_warp.kernels.loops.fixtures import (
     number_of_obstacle,
     number_of_sphere,
 )
-from balloon_warp.kernels.spheres import sphere_at
-from balloon_warp.kernels.tables import Tables, row_of_world, sphere_mass, sphere_radius, sphere_restitution
+from balloon_warp.kernels.tables import Tables, WorldState, row_of_world, sphere_mass, sphere_radius, sphere_restitution
+from balloon_warp.kernels.warps import put_word, set_quanta, shared_words, total_newtons, word_at
+from balloon_warp.kernels.working import Working
+
+VECTOR_BYTES, QUANTA_BYTES = wp.constant(12), wp.constant(24)
+"""Bytes of a vector, and of a force in whole numbers"""
+
+
+@wp.struct
+class Spheres:
+    """Arrays of the shape (world_count, sphere_count); those that a scene does not need are empty."""
+
+    sphere_positions: wp.array2d[wp.vec3]
+    sphere_velocities: wp.array2d[wp.vec3]
+    sphere_spins: wp.array2d[wp.vec3]
+    sphere_starts: wp.array2d[wp.vec3]
+    """Positions before this substep [m]"""
+    sphere_forces: wp.array2d[wp.vec3]
+    """Forces of the momentum that is exchanged [N]"""
+    sphere_quanta: wp.array3d[wp.int64]
+    """Forces by the paper's rule, or of phases, since the spheres last moved, see `fixed_point`"""
+
+
+@wp.func
+def spheres_in_state(t: Tables, state: WorldState, working: Working):
+    """Return the spheres in the state."""
+    spheres = Spheres()
+    spheres.sphere_positions = state.sphere_positions
+    spheres.sphere_velocities = state.sphere_velocities
+    spheres.sphere_spins = state.sphere_spins
+    spheres.sphere_starts = working.sphere_starts
+    spheres.sphere_forces = state.sphere_forces
+    spheres.sphere_quanta = working.sphere_quanta
+    return spheres
+
+
+@wp.func
+def sphere_at(t: Tables, spheres: Any, world: wp.int32, sphere: wp.int32):
+    """Return center, velocity and radius of a sphere, which may stand in the state."""
+    return (
+        spheres.sphere_positions[world, sphere],
+        spheres.sphere_velocities[world, sphere],
+        sphere_radius(t.spheres, world, sphere),
+    )
+
+
+@cache
+def shared_spheres(count: int) -> tuple[Any, Any, Any]:
+    """Return functions that load a world's spheres into shared memory, store them, and read one sphere there.
+
+    The last returns the center, velocity and radius of a sphere.
+    """
+    words = shared_words("spheres", count * 22)
+    places, motions, radii = (count * words_before for words_before in (6, 9, 21))
+
+    @wp.func
+    def vectors(world: wp.int32, row: wp.int32):
+        """Return a row of shared vectors, behind all quanta, as if it were that of a world."""
+        first = words() + wp.uint64(count * (QUANTA_BYTES + row * VECTOR_BYTES))
+        return wp.array(ptr=first - wp.uint64(world * count * VECTOR_BYTES), shape=(world + 1, count), dtype=wp.vec3)
+
+    @wp.func
+    def share_spheres(t: Tables, state: WorldState, world: wp.int32, thread: wp.int32, penalties: bool):
+        """Return the spheres of a world; a barrier must follow.
+
+        Args:
+            penalties: Whether forces are those that have been summed and are still to act.
+        """
+        spheres = Spheres()
+        spheres.sphere_positions = vectors(world, 0)
+        spheres.sphere_velocities = vectors(world, 1)
+        spheres.sphere_spins = vectors(world, 2)
+        spheres.sphere_starts = vectors(world, 3)
+        spheres.sphere_forces = vectors(world, 4)
+        spheres.sphere_quanta = wp.array(
+            ptr=words() - wp.uint64(world * count * QUANTA_BYTES), shape=(world + 1, count, 3), dtype=wp.int64
+        )
+        for sphere in range(thread, count, wp.block_dim()):
+            put_word(words(), radii + sphere, sphere_radius(t.spheres, world, sphere))
+            spheres.sphere_positions[world, sphere] = state.sphere_positions[world, sphere]
+            spheres.sphere_velocities[world, sphere] = state.sphere_velocities[world, sphere]
+            spheres.sphere_spins[world, sphere] = state.sphere_spins[world, sphere]
+            spheres.sphere_forces[world, sphere] = state.sphere_forces[world, sphere]
+            set_quanta(
+                spheres.sphere_quanta, world, sphere, wp.where(penalties, state.sphere_forces[world, sphere], wp.vec3())
+            )
+        return spheres
+
+    @wp.func
+    def put_spheres(state: WorldState, world: wp.int32, thread: wp.int32, spheres: Spheres, penalties: bool):
+        """Store the spheres of a world, after a barrier.
+
+        Args:
+            penalties: Whether forces are those that have been summed.
+        """
+        for sphere in range(thread, count, wp.block_dim()):
+            state.sphere_positions[world, sphere] = spheres.sphere_positions[world, sphere]
+            state.sphere_velocities[world, sphere] = spheres.sphere_velocities[world, sphere]
+            state.sphere_spins[world, sphere] = spheres.sphere_spins[world, sphere]
+            force = spheres.sphere_forces[world, sphere]
+            if penalties:
+                force = total_newtons(spheres.sphere_quanta, world, sphere)
+            state.sphere_forces[world, sphere] = force
+
+    @wp.func
+    def shared_vector(first: wp.int32, sphere: wp.int32):
+        """Return a vector of a row that begins with a given word of shared memory."""
+        word = first + 3 * sphere
+        return wp.vec3(word_at(words(), word), word_at(words(), word + 1), word_at(words(), word + 2))
+
+    @wp.func
+    def shared_sphere_at(t: Tables, spheres: Any, world: wp.int32, sphere: wp.int32):
+        return shared_vector(places, sphere), shared_vector(motions, sphere), word_at(words(), radii + sphere)
+
+    return share_spheres, put_spheres, shared_sphere_at
+
 
 ROLLS, BESIDE_GROUND, BESIDE_OBSTACLE, STUCK, MEETS = (wp.constant(number) for number in range(5))
 """Kinds of changes of a sphere's course in a step: motion, the ground or an obstacle beside it, several obstacles that
@@ -404,7 +516,7 @@ class Ball:
     velocity: wp.vec3
     radius: float
     mass: float
-    sinking: float  # by how much it comes too fast to the ground, see `laws.impulse`
+    sinking: float  # by how much it comes too fast to the ground, see `laws.contact`
     spin: wp.vec3  # where it has friction [rad/s]
     ground_friction: float  # between it and the ground, likewise
 

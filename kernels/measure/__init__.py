@@ -1,1 +1,1 @@
-"""Measurements of worlds: health, volumes, masses and the rows of a batch's table."""
+"""Measurements of worlds: volumes, masses, forces, and the rows of a batch's table."""

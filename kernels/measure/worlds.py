@@ -2,14 +2,20 @@
 
 Each balloon is summed by a number of threads that each take every n-th face, spring and particle; then a thread a world
 sums their parts, and the balloons.
+
+Volume, first and second moments of closed balloons as solids, exact for their polyhedra (Kim et al. 2006). A face is
+the fan of triangles about its center, and each triangle spans a tetrahedron with a fixed apex, over which 1, x and x
+x^T have integrals in closed form. In double precision, and in a fixed order: every run gives the same bits.
 """
 
 import warp as wp
 
-from balloon_warp.kernels.frames.around import keyframed_value
-from balloon_warp.kernels.laws.body import NORMAL_FORCE, normal_push
-from balloon_warp.kernels.laws.membrane import invariants_of, mixed_stretch
-from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels import OPTIONS
+from balloon_warp.kernels.frame import keyframed_value
+from balloon_warp.kernels.laws.gas import most_pressure
+from balloon_warp.kernels.laws.membrane import LEAST_DET, invariants_of, is_taut, locking_room, mixed_stretch
+from balloon_warp.kernels.laws.outer import NORMAL_FORCE, normal_push
+from balloon_warp.kernels.tables import row_of_world
 
 wp.set_module_options(OPTIONS)
 
@@ -285,3 +291,194 @@ def measure_gas(
         measures[world, first_column] = moles
         measures[world, first_column + 1] = wp.sqrt(measures[world, 1] / wp.max(first_area, 1.0e-20))
         measures[world, first_column + 2] = pushed
+
+
+ROUNDED = wp.constant(1.0001)
+"""Factor on I1 above which a state counts as beyond the limit"""
+
+
+@wp.kernel(enable_backward=False)
+def note_overstretched(
+    # model
+    triangles: wp.array[wp.int32],
+    triangle_faces: wp.array[wp.int32],
+    membrane_corners: wp.array[wp.vec3i],
+    membrane_rests: wp.array[wp.vec4],
+    particle_balloon: wp.array[wp.int32],
+    gent_limit: wp.array2d[float],
+    most_stretch: wp.array2d[float],
+    wrinkling: wp.array2d[float],
+    # state in
+    frame: wp.array[wp.int32],
+    points: wp.array2d[wp.vec3],
+    torn: wp.array2d[float],
+    # state out
+    overstretched: wp.array[wp.int32],
+):
+    """Record the first frame of overstretch; a thread a (world, triangle of such rubber)."""
+    world, number = wp.tid()
+    triangle = triangles[number]
+    if overstretched[world] > 0 or is_torn_triangle(torn, triangle_faces, world, triangle):
+        return
+    p = membrane_corners[triangle]
+    balloon = particle_balloon[p[0]]
+    d1 = points[world, p[1]] - points[world, p[0]]
+    d2 = points[world, p[2]] - points[world, p[0]]
+    metric = wp.vec3(wp.dot(d1, d1), wp.dot(d1, d2), wp.dot(d2, d2))
+    trace, det, spread = invariants_of(mixed_stretch(metric, membrane_rests[triangle]))
+    major = wp.max(0.5 * (trace + spread), 1.0)
+    first = trace + 1.0 / wp.max(det, LEAST_DET)
+    if not is_taut(det, wp.sqrt(major), wrinkling[row_of_world(world, wrinkling.shape[0]), balloon]):
+        first = major + 2.0 / wp.sqrt(major)
+    limit = gent_limit[row_of_world(world, gent_limit.shape[0]), balloon]
+    most = most_stretch[row_of_world(world, most_stretch.shape[0]), balloon]
+    _, most_first = locking_room(limit, most)
+    if first > ROUNDED * most_first:
+        wp.atomic_max(overstretched, world, frame[0])
+
+
+@wp.kernel(enable_backward=False)
+def note_pressed(
+    # model
+    bounds: wp.array[float],
+    step_seconds: float,
+    mass: wp.array2d[float],
+    # state in
+    frame: wp.array[wp.int32],
+    pressures: wp.array2d[float],
+    # state out
+    pressed: wp.array2d[wp.int32],
+):
+    """Record the first frame at whose end a gas pushes no harder for that; a thread a (world, balloon)."""
+    world, balloon = wp.tid()
+    most = most_pressure(bounds[balloon], mass[row_of_world(world, mass.shape[0]), balloon], step_seconds)
+    if pressed[world, balloon] == 0 and pressures[world, balloon] >= most:
+        pressed[world, balloon] = frame[0]
+
+
+@wp.kernel(enable_backward=False)
+def pick_healthy_worlds(
+    every: wp.array2d[wp.uint32], healthy: wp.array[wp.int32], chosen: wp.array[wp.int32], picked: wp.array2d[wp.uint32]
+):
+    """Copy a word of a chosen world, or keep the last good copy if it is not healthy; a thread a (world, word).
+
+    Words of any array, and no generic kernel: Warp replays all forms of one in a graph of a CPU as the last that it
+    recorded.
+    """
+    place, word = wp.tid()
+    world = chosen[place]
+    if healthy[world] == 1:
+        picked[place, word] = every[world, word]
+
+
+@wp.kernel(enable_backward=False)
+def pick_torn_faces(
+    torn: wp.array2d[float], healthy: wp.array[wp.int32], chosen: wp.array[wp.int32], picked: wp.array2d[wp.int8]
+):
+    """Copy 1 where a face of a chosen world is torn, as `pick_healthy_worlds` does; a thread a (world, face)."""
+    place, face = wp.tid()
+    world = chosen[place]
+    if healthy[world] == 1:
+        picked[place, face] = wp.where(torn[world, face] >= 0.0, wp.int8(1), wp.int8(0))
+
+
+@wp.struct
+class SolidSums:
+    """Integrals over a balloon's inside, or a thread's part of it. Places are from one of the balloon's own points."""
+
+    volume: wp.float64
+    """Integral of 1 [m^3]"""
+    first: wp.vec3d
+    """Integral of x [m^4]"""
+    second: wp.mat33d
+    """Integral of x x^T [m^5]"""
+
+
+@wp.func
+def add_tetrahedron(sums: SolidSums, a: wp.vec3d, b: wp.vec3d, c: wp.vec3d):
+    """Return the sums with the integrals over the tetrahedron of the origin and three points."""
+    corners = a + b + c
+    volume = wp.dot(a, wp.cross(b, c)) / wp.float64(6.0)
+    products = wp.outer(a, a) + wp.outer(b, b) + wp.outer(c, c) + wp.outer(corners, corners)
+    sums.volume += volume
+    sums.first += (volume / wp.float64(4.0)) * corners
+    sums.second += (volume / wp.float64(20.0)) * products
+    return sums
+
+
+@wp.func
+def first_particle(
+    balloon_faces: wp.array[wp.int32],
+    face_offsets: wp.array[wp.int32],
+    face_particles: wp.array[wp.int32],
+    balloon: wp.int32,
+):
+    """Return the balloon's particle that its sums are taken about."""
+    return face_particles[face_offsets[balloon_faces[balloon]]]
+
+
+@wp.kernel(enable_backward=False)
+def sum_solids(
+    # model
+    balloon_faces: wp.array[wp.int32],
+    face_offsets: wp.array[wp.int32],
+    face_particles: wp.array[wp.int32],
+    # state in
+    points: wp.array2d[wp.vec3],
+    # out
+    sums: wp.array3d[SolidSums],
+):
+    """Sum integrals over every n-th face of a balloon; a thread a (world, balloon, thread)."""
+    world, balloon, thread = wp.tid()
+    part = SolidSums()
+    origin = wp.vec3d(points[world, first_particle(balloon_faces, face_offsets, face_particles, balloon)])
+    for face in range(balloon_faces[balloon] + thread, balloon_faces[balloon + 1], sums.shape[2]):
+        begin = face_offsets[face]
+        end = face_offsets[face + 1]
+        center = wp.vec3d()
+        for corner in range(begin, end):
+            center += wp.vec3d(points[world, face_particles[corner]]) - origin
+        center /= wp.float64(end - begin)
+        before = wp.vec3d(points[world, face_particles[end - 1]]) - origin
+        for corner in range(begin, end):
+            here = wp.vec3d(points[world, face_particles[corner]]) - origin
+            part = add_tetrahedron(part, before, here, center)
+            before = here
+    sums[world, balloon, thread] = part
+
+
+@wp.kernel(enable_backward=False)
+def measure_solids(
+    # model
+    balloon_faces: wp.array[wp.int32],
+    face_offsets: wp.array[wp.int32],
+    face_particles: wp.array[wp.int32],
+    # state in
+    points: wp.array2d[wp.vec3],
+    sums: wp.array3d[SolidSums],
+    # out
+    volumes: wp.array2d[wp.float64],
+    centers: wp.array2d[wp.vec3d],
+    inertias: wp.array2d[wp.mat33d],
+):
+    """Compute volume, center of mass, and inertia tensor about it at a density of 1; a thread a (world, balloon).
+
+    A balloon without volume has its center at its first point, and no inertia.
+    """
+    world, balloon = wp.tid()
+    total = SolidSums()
+    for thread in range(sums.shape[2]):
+        part = sums[world, balloon, thread]
+        total.volume += part.volume
+        total.first += part.first
+        total.second += part.second
+    center = wp.vec3d()
+    inertia = wp.mat33d()
+    if total.volume != wp.float64(0.0):
+        center = total.first / total.volume
+        spread = total.second - total.volume * wp.outer(center, center)
+        inertia = wp.trace(spread) * wp.identity(n=3, dtype=wp.float64) - spread
+    origin = points[world, first_particle(balloon_faces, face_offsets, face_particles, balloon)]
+    volumes[world, balloon] = total.volume
+    centers[world, balloon] = wp.vec3d(origin) + center
+    inertias[world, balloon] = inertia

@@ -1,1 +1,1 @@
-"""Phases of a substep, each in a file; `kernels.substep` lists them in order."""
+"""Phases of a substep, by theme; `kernels.substep` lists them in order."""

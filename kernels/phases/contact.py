@@ -1,36 +1,28 @@
 """Contact: particles leave solids, balloons push each other, and momentum is exchanged.
 
-Impulses of contacts on particles, summed over a frame.
+Impulses of contacts on particles are summed over a frame. Each follows from the change of a velocity that all other
+forces would have left as it was, with the part of it that damping and drag take in the step.
 
-An impulse follows from the change of a velocity that all other forces would have left as it was, with the part of it
-that damping and drag take in the step.
-
-Exchange of momentum once all particles have moved.
-
-Spheres and particles exchange it, as do small spheres and faces, and then all that is on a list of contacts. Each by
-all threads of a block, for a world.
+Momentum is exchanged once all particles have moved: by spheres and particles, as do small spheres and faces, and then
+by all that is on a list of contacts. Each is by all threads of a block, for a world.
 """
 
 from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.adjoints.derived import nothing
 from balloon_warp.kernels.adjoints.exchange import exchange_backwards
-from balloon_warp.kernels.adjoints.finds import swept_backwards
 from balloon_warp.kernels.adjoints.small_spheres import small_spheres_backwards
 from balloon_warp.kernels.adjoints.solids import leave_backwards
-from balloon_warp.kernels.contact.faces import faces_function
-from balloon_warp.kernels.contact.kinds import AT_LAST, BESIDE_RIDGES
-from balloon_warp.kernels.contact.near import are_noted, noting_function
-from balloon_warp.kernels.contact.spheres import spheres_function
-from balloon_warp.kernels.contact.sums import take_impulse
-from balloon_warp.kernels.contact.sweeps import meeting_function
+from balloon_warp.kernels.adjoints.sweeps import swept_backwards
+from balloon_warp.kernels.contact.ends import take_impulse
+from balloon_warp.kernels.contact.spheres import are_noted, faces_function, noting_function, spheres_function
+from balloon_warp.kernels.contact.sweeps import AT_LAST, BESIDE_RIDGES, meeting_function
 from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.loops.contact import around_function, near_solids, obstacle_loop, standing_function
 from balloon_warp.kernels.loops.fixtures import nearest_thing_function
 from balloon_warp.kernels.loops.net_force import ease_function
-from balloon_warp.kernels.loops.obstacles import around_function, near_solids, obstacle_loop, standing_function
-from balloon_warp.kernels.phase import Look, phase
+from balloon_warp.kernels.phase import Look, nothing, phase
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.working import Working
 

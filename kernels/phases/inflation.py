@@ -1,13 +1,10 @@
 """Inflation: normal forces, pressures, and gas that flows.
 
-Gas that is pumped in or let out, and that flows through tubes, necks and leaks.
+Gas is pumped in or let out as a substep begins, and flows through tubes, necks and leaks once its pressure is known.
 
-The former as a substep begins, the latter once its pressure is known; and how much a particle has to move of it.
-
-A liquid's pressure on a skin that is too soft to bear how much harder it presses below than above.
-
-In a liquid at rest no such skin has a shape: it would dent until it meets itself, and the liquid with it would turn
-inside out what crosses. So what the skin does not bear lifts the balloon as a whole.
+A skin may be too soft to bear how much harder a liquid presses below than above. In a liquid at rest no such skin has a
+shape: it would dent until it meets itself, and the liquid with it would turn inside out what crosses. So what the skin
+does not bear lifts the balloon as a whole.
 """
 
 from functools import cache
@@ -15,18 +12,15 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.adjoints.derived import by_grad, by_grad_but, nothing
-from balloon_warp.kernels.adjoints.directions import directions_backwards, inflate_backwards
 from balloon_warp.kernels.adjoints.gas import load_backwards, note_backwards, pump_backwards
-from balloon_warp.kernels.adjoints.pull import lift_backwards
+from balloon_warp.kernels.adjoints.pull import directions_backwards, inflate_backwards, lift_backwards
 from balloon_warp.kernels.adjoints.solids import foresee_backwards
 from balloon_warp.kernels.algebra import dot_product, length_of, reach_along, scaled, times
-from balloon_warp.kernels.compose import call_of, function_from
+from balloon_warp.kernels.compose import call_of, function_from, ramp_at
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.lanes import Five, pair
+from balloon_warp.kernels.laws import Columns
 from balloon_warp.kernels.laws.air import AIR, air_of_height, molar_volume
-from balloon_warp.kernels.laws.body import GAS, GRAVITY, NORMAL_FORCE, PRESSURE, inflation_direction_of, normal_push
-from balloon_warp.kernels.laws.columns import Columns
 from balloon_warp.kernels.laws.gas import (
     NO_INSIDE,
     Swelling,
@@ -37,8 +31,17 @@ from balloon_warp.kernels.laws.gas import (
     swelling_of_particle,
 )
 from balloon_warp.kernels.laws.law import TINY
-from balloon_warp.kernels.laws.tearing import OPEN
-from balloon_warp.kernels.laws.water import EVENED, evened
+from balloon_warp.kernels.laws.membrane import OPEN
+from balloon_warp.kernels.laws.outer import (
+    EVENED,
+    GAS,
+    GRAVITY,
+    NORMAL_FORCE,
+    PRESSURE,
+    evened,
+    inflation_direction_of,
+    normal_push,
+)
 from balloon_warp.kernels.loops.areas import (
     area_vector_between,
     direction_loop,
@@ -46,6 +49,7 @@ from balloon_warp.kernels.loops.areas import (
     face_measures,
     volume_origin,
 )
+from balloon_warp.kernels.loops.contact import around_function, detour_function, heads_for_solids
 from balloon_warp.kernels.loops.gas import (
     flows_function,
     gas_mass_function,
@@ -53,11 +57,9 @@ from balloon_warp.kernels.loops.gas import (
     load_function,
     pump_function,
 )
-from balloon_warp.kernels.loops.obstacles import around_function, detour_function, heads_for_solids
 from balloon_warp.kernels.memory import quad_at
-from balloon_warp.kernels.params import ramp_at
-from balloon_warp.kernels.phase import Look, phase
-from balloon_warp.kernels.phases.membranes import (
+from balloon_warp.kernels.phase import Look, by_grad, by_grad_but, nothing, phase
+from balloon_warp.kernels.phases.forces import (
     SQUARE_MICROMETERS,
     area_vector_of_face,
     center_of_face,
@@ -512,6 +514,12 @@ def opening_function(columns: Columns) -> Any:
         tears.areas[world, balloon, 1] = wp.int64(0)
 
     return open_balloon
+
+
+@phase("balloon", when=lambda features: features.bursts)
+def burst(features: Features, look: Look) -> Any:
+    """Burst a balloon, and find the area of its hole."""
+    return opening_function(features.columns)
 
 
 RESTS = {EVENED.name: 0.0}

@@ -1,15 +1,12 @@
 """Motion of particles, spheres and bodies by all forces.
 
-A particle moves: a = F / m; v += h a; x += h v, in the order of the paper's listing.
+A particle moves: a = F / m; v += h a; x += h v, in the order of the paper's listing. But of a balloon's damping c a
+force -c v is in F, and v' = v + h F / (m + h c): the damping is that of the speed at the end, so that the speed goes to
+F / c and never beyond, however short the time m / c is for the step.
 
-But of a balloon's damping c a force -c v is in F, and v' = v + h F / (m + h c): the damping is that of the speed at the
-end, so that the speed goes to F / c and never beyond, however short the time m / c is for the step.
-
-Answer of a particle to forces in a medium that resists it.
-
-Under the drag at the speed before a step, a light particle in a dense medium would turn back; under the drag averaged
-over a step in which nothing else acts, it would become too fast. So forces and drag act together. Where both stay along
-a line, m dv/dt = F - k |v| v has the solution
+In a medium that resists it a particle answers to forces otherwise. Under the drag at the speed before a step, a light
+particle in a dense medium would turn back; under the drag averaged over a step in which nothing else acts, it would
+become too fast. So forces and drag act together. Where both stay along a line, m dv/dt = F - k |v| v has the solution
 
     v' = (v + g F) / (1 + g k |v|),  g = (h / m) tanh(t) / t,  t = (h / m) sqrt(k |F|):
 
@@ -23,8 +20,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.adjoints.derived import by_grad
-from balloon_warp.kernels.adjoints.directions import expect_backwards
+from balloon_warp.kernels.adjoints.pull import expect_backwards
 from balloon_warp.kernels.adjoints.rolling import roll_backwards
 from balloon_warp.kernels.algebra import scaled, squared_length, times
 from balloon_warp.kernels.contact.free_frames import HURRIED
@@ -34,11 +30,10 @@ from balloon_warp.kernels.laws.springs import excess, moves_of_ends
 from balloon_warp.kernels.loops.bodies import body_mass, tumbling_function
 from balloon_warp.kernels.loops.net_force import held_string_pull
 from balloon_warp.kernels.loops.spheres import colliding_function, course_at, may_meet, put_course, rolling_function
-from balloon_warp.kernels.measure.health import look_at_particle
 from balloon_warp.kernels.memory import fixed_float_at, float_at, int_pair_at, put_int_unless
-from balloon_warp.kernels.phase import Look, phase
+from balloon_warp.kernels.phase import Look, by_grad, phase
 from balloon_warp.kernels.phases.inflation import inflate
-from balloon_warp.kernels.tables import Tables, WorldState, row_of_world, sphere_mass, sphere_radius
+from balloon_warp.kernels.tables import Tables, WorldState, look_at_particle, row_of_world, sphere_mass, sphere_radius
 from balloon_warp.kernels.warps import set_quanta, total_newtons
 from balloon_warp.kernels.working import Working
 

@@ -10,8 +10,8 @@ from block_layouts import LAYOUTS
 from costs import nightly_but
 from meshes import quad_sphere
 
-from balloon_warp.kernels.schedules.block.names import Layout
-from balloon_warp.kernels.schedules.block.source import source_of_frame
+from balloon_warp.kernels.schedules.block import source_of_frame
+from balloon_warp.kernels.schedules.block_names import Layout
 from balloon_warp.model import build_model, initial_state
 from balloon_warp.scene import Balloon, Ground, Inflation, Material, Obstacle, Scene, Sphere, Stiffness, Touch, Water
 from balloon_warp.schedules import block_layout

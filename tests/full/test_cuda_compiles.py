@@ -9,14 +9,14 @@ import pytest
 import warp as wp
 from meshes import quad_sphere
 
-from balloon_warp.kernels.adjoints.exchange_back import exchange_back_kernel
+from balloon_warp.kernels.adjoints.exchange import exchange_back_kernel
 from balloon_warp.kernels.compose import derive_helpers
 from balloon_warp.kernels.contact.free_frames import judge_kernel
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.schedules.block.backward import kernel_again, kernel_backwards
-from balloon_warp.kernels.schedules.block.source import kernel_of_frame
-from balloon_warp.kernels.schedules.launched.source import kernel_of
-from balloon_warp.kernels.schedules.patches.source import kernel_of_patches
+from balloon_warp.kernels.schedules.block import kernel_of_frame
+from balloon_warp.kernels.schedules.block_backward import kernel_again, kernel_backwards
+from balloon_warp.kernels.schedules.launched import kernel_of
+from balloon_warp.kernels.schedules.patches import kernel_of_patches
 from balloon_warp.model import Model, build_model
 from balloon_warp.scene import Balloon, Inflation, Material, Obstacle, Scene, Water, load_scene
 from balloon_warp.schedules.backward_block import plan_backwards

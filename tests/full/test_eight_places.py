@@ -5,10 +5,10 @@ import pytest
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.contact.eight_places import find_places, place_of
+from balloon_warp.kernels import OPTIONS
+from balloon_warp.kernels.contact.triangles import find_places, place_of
 from balloon_warp.kernels.lanes import LANE_COUNT, LaneNumbers
-from balloon_warp.kernels.loops.meeting import Place, place_beside
-from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels.loops.contact import Place, place_beside
 from balloon_warp.kernels.working import EightPlaces
 
 wp.set_module_options(OPTIONS)

@@ -321,7 +321,7 @@ def test_a_body_shot_at_a_balloon_does_not_go_through_particles(device):
 
 
 MOST = np.array([1.0e-3, 0.5, 1.0e-4])
-"""[m] and [degrees]: motion that nobody sees. They stay to some micrometers; `kernels.laws.grip` leaves overlaps of a
+"""[m] and [degrees]: motion that nobody sees. They stay to some micrometers; `kernels.laws.rigid` leaves overlaps of a
 hundred-thousandth of their size. And of the energy, by where their velocities stop to agree"""
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from balloon_warp import Atmosphere, Balloon, Ground, Inflation, Obstacle, Scene, Simulator, Sphere, Stiffness
 from balloon_warp.blow_ups import Pulls
-from balloon_warp.kernels.laws.collision import collision
+from balloon_warp.kernels.laws.contact import collision
 from balloon_warp.model import plan_model
 from balloon_warp.model.stability import widest_opening
 from balloon_warp.scene.load import bundled_scenes, load_scene

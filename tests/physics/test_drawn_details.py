@@ -14,7 +14,7 @@ from pxr import Usd, UsdGeom, UsdShade
 from scipy.spatial.transform import Rotation
 
 from balloon_warp import Balloon, PolygonMesh, Scene, String, animate, export_stage
-from balloon_warp.kernels.pictures.shapes import LEAST_SEEN, turned_to_viewer
+from balloon_warp.kernels.pictures.surfaces import LEAST_SEEN, turned_to_viewer
 from balloon_warp.mesh.orientation import CREASE, SOFT_CREASE, sharp_edges
 from balloon_warp.mesh.topology import signed_volume
 from balloon_warp.studio.render.stage_reader import RenderStage

@@ -287,7 +287,7 @@ MESH = quad_sphere(4, 0.05)
 FULL = AIR_PRESSURE * signed_volume(MESH) / (GAS_CONSTANT * TEMPERATURE)
 """of the air's pressure in the mesh's volume [mol]"""
 FLAT = 0.02
-"""part of the mesh's volume that stays, see `laws.empty.EMPTY`"""
+"""part of the mesh's volume that stays, see `laws.gas.EMPTY`"""
 LATEX: dict[str, Any] = {"material": Material(kind="neo_hookean", shear_modulus=3e5, thickness=2e-4)}
 SPRINGS: dict[str, Any] = {"mass": 0.01}
 

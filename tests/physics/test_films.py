@@ -8,11 +8,11 @@ import warp as wp
 from meshes import mesh_of, quad_sphere
 
 from balloon_warp import Balloon, Inflation, Material, PolygonMesh, Scene
+from balloon_warp.kernels import OPTIONS
+from balloon_warp.kernels.compose import numbers_reader, params_functions
 from balloon_warp.kernels.loops.membranes import membrane_faces_of
 from balloon_warp.kernels.loops.quads import quads_of
 from balloon_warp.kernels.memory import put_in_tile
-from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.params import numbers_reader, params_functions
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.mesh.topology import signed_volume
 from balloon_warp.model import build_model

@@ -32,7 +32,7 @@ from trajectories import after_frames
 
 from balloon_warp import Balloon, Change, Frame, Ground, Inflation, Neck, Scene, Sphere, StageWriter, Stiffness, Tube
 from balloon_warp.batch.recorder import Recorder, columns_of
-from balloon_warp.kernels.laws.orifice import nozzle
+from balloon_warp.kernels.laws.flow import nozzle
 from balloon_warp.mesh.topology import signed_volume, total_area
 from balloon_warp.simulator import Simulator
 

@@ -49,7 +49,7 @@ def ball(cells: int, speed: float = 3.0, height: float = 0.52, **given: Any) -> 
 def test_nothing_comes_in_between_particles(thing: str, cells: int, tmp_path: Path) -> None:
     scene = Scene(balloon=[ball(cells)], frames=24, faces=True, **THINGS[thing])
     animate(scene, tmp_path / "stage.usdc", device="cpu")
-    # a sphere may come nearer by half its radius, see `kernels.contact.faces`
+    # a sphere may come nearer by half its radius, see `kernels.contact.spheres`
     report = check_stage(tmp_path / "stage.usdc", within=0.006 if thing == "needle" else None)
     assert report.passed, "\n".join(str(crossing) for crossing in report.crossings[:5])
 

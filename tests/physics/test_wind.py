@@ -10,9 +10,8 @@ from meshes import cube, grid, quad_sphere
 from numpy.typing import NDArray
 
 from balloon_warp import Atmosphere, Balloon, Change, Inflation, InputError, Scene, Simulator
-from balloon_warp.kernels.laws.air import drag_bound, wind_at
-from balloon_warp.kernels.laws.gusts import waves
-from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels import OPTIONS
+from balloon_warp.kernels.laws.air import drag_bound, waves, wind_at
 from balloon_warp.model import build_model
 
 wp.set_module_options(OPTIONS)

@@ -12,7 +12,7 @@ import warp as wp
 from numpy.typing import NDArray
 from PIL import Image
 
-from balloon_warp.kernels.measure.signed_distance import unsigned_distances
+from balloon_warp.kernels.measure.crossings import unsigned_distances
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.polygon_mesh import Looks
 from balloon_warp.mesh.topology import vertex_areas, vertex_normals

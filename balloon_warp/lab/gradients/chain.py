@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.laws import Parameter
-from balloon_warp.kernels.laws.columns import Columns
+from balloon_warp.kernels.laws import Columns, Parameter
 from balloon_warp.model import Model, ModelPlan, State, Vary
 from balloon_warp.model.obstacles import FRICTION, OF_BALLOONS, SAID
 from balloon_warp.model.parameters import Place, is_numbered, parameters_at, places_of, rows_of

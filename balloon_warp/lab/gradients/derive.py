@@ -25,11 +25,10 @@ from numpy.typing import NDArray
 from balloon_warp.batch.recorder import Group
 from balloon_warp.batch.simulate import Trajectories, by_balloon, empty_tracks, record
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.adjoints.sphere_bars import COLUMNS as OF_SPHERES
+from balloon_warp.kernels.adjoints.spheres import COLUMNS as OF_SPHERES
 from balloon_warp.kernels.adjoints.spheres import EVENTS_OF_A_SPHERE
 from balloon_warp.kernels.laws import Law
-from balloon_warp.kernels.laws.softening import PARAMETERS as SOFTENING
-from balloon_warp.kernels.laws.tearing import PARAMETERS as TEARING
+from balloon_warp.kernels.laws.membrane import SOFTENING_PARAMETERS, TEARING_PARAMETERS
 from balloon_warp.lab.gradients.chain import (
     KEYFRAMES,
     ON_GROUND,
@@ -188,7 +187,7 @@ RESTITUTIONS = ("sphere_restitution", RESTITUTION)
 """Restitution of spheres, and of obstacles with them"""
 BYTES_OF_A_FRAME = 72
 """Memory of the host for a particle: place and velocity, and a loss's derivatives by place, as given and checked"""
-UNREAD = frozenset(row.name for row in (*SOFTENING, *TEARING))
+UNREAD = frozenset(row.name for row in (*SOFTENING_PARAMETERS, *TEARING_PARAMETERS))
 """Parameters that only phases without an adjoint read, so that they have no effect on derivatives"""
 
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from balloon_warp.batch.recorder import plan_groups
 from balloon_warp.errors import BlowUpError, InputError, MissingExtraError
 from balloon_warp.kernels.laws import Law
-from balloon_warp.kernels.measure.health import HEALTHY
+from balloon_warp.kernels.tables import HEALTHY
 from balloon_warp.lab.gradients.chain import (
     KEYFRAMES,
     OBSTACLES,

@@ -231,7 +231,7 @@ def contacts_of_skins(m, pairs, owner, skins):
 
 
 def contacts_of_ridges(m, ridges, kept, count, triangles, edges):
-    """Return contacts of faces of balloons with ridges of solids, see `laws.ridges`; a sphere is a ridge of one place.
+    """Return contacts of faces of balloons with ridges of solids, see `laws.touch`; a sphere is a ridge of one place.
 
     Ridges are as seen from each solid; `kept` are the gaps that faces keep of each, and last of any ridge [m].
     """
@@ -282,7 +282,7 @@ def impact(m, c, gain, shift, seconds):
 
 
 def small_spheres_meet(m, small, triangles):
-    """Let small spheres meet faces, the soonest first, see `laws.face_contact`.
+    """Let small spheres meet faces, the soonest first, see `laws.touch`.
 
     Return the numbers of contacts, and of those in which a sphere moves on with faces as one.
     """
@@ -357,7 +357,7 @@ def apart(gap, h):
 
 
 def spheres_meet(m, balls, put_beside):
-    """Let spheres that have moved meet each other, pair after pair, until nothing moves, see `laws.collision`.
+    """Let spheres that have moved meet each other, pair after pair, until nothing moves, see `laws.contact`.
 
     Up to the speed of two steps of gravity nothing rebounds; `put_beside` takes one out of what stands around.
     """

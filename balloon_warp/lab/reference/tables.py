@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from balloon_warp.kernels.laws.air import hashed, waves
 from balloon_warp.kernels.laws.gas import NO_INSIDE
-from balloon_warp.kernels.laws.gusts import hashed, waves
 from balloon_warp.lab.reference.contact import Movers, Touch
 from balloon_warp.lab.reference.laws import MEMBRANES, across, size
 from balloon_warp.lab.reference.solids import Grips

@@ -9,8 +9,7 @@ from pydantic import BeforeValidator, Field, InstanceOf, ModelWrapValidatorHandl
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws.law import FAR
-from balloon_warp.kernels.laws.membrane import GENT_LIMIT, OGDEN_EXPONENTS
-from balloon_warp.kernels.laws.tearing import NEVER
+from balloon_warp.kernels.laws.membrane import GENT_LIMIT, NEVER, OGDEN_EXPONENTS
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.crossings import Taken
 from balloon_warp.mesh.load import LARGEST_GAP, LEAST_GAP, Holes, Parts, Treatment, is_mesh, load_mesh, mesh_from
@@ -228,8 +227,8 @@ class Neck(Table):
 Kind = Literal["springs", "neo_hookean", "mooney_rivlin", "ogden", "gent"]
 SpringsBeside = Literal["structural", "shear", "flexion"]
 Exponent = Annotated[float, Field(ge=OGDEN_EXPONENTS.least, le=OGDEN_EXPONENTS.most)]
-SOFTENING = ("softening", "softening_energy", "softening_share")
-TEARING = ("strength", "tear_strength", "branching_stress", "tear_speed", "needle_time")
+SOFTENING_PARAMETERS = ("softening", "softening_energy", "softening_share")
+TEARING_PARAMETERS = ("strength", "tear_strength", "branching_stress", "tear_speed", "needle_time")
 OF_ALL = (
     "rest_mesh",
     "thickness",
@@ -239,8 +238,8 @@ OF_ALL = (
     "viscosity",
     "springs",
     "weights",
-    *SOFTENING,
-    *TEARING,
+    *SOFTENING_PARAMETERS,
+    *TEARING_PARAMETERS,
 )
 MATERIAL_FIELDS: dict[str, tuple[str, ...]] = {
     "springs": ("rest_mesh",),
@@ -357,7 +356,10 @@ class Material(Table):
     @property
     def own_fields(self) -> tuple[str, ...]:
         """Names of the fields that the kind of material has, without those of effects that are off."""
-        absent = (*(SOFTENING if self.softening is None else ()), *(TEARING if self.strength is None else ()))
+        absent = (
+            *(SOFTENING_PARAMETERS if self.softening is None else ()),
+            *(TEARING_PARAMETERS if self.strength is None else ()),
+        )
         return tuple(field for field in MATERIAL_FIELDS[self.law] if field not in absent)
 
     def value(self, field: str) -> Any:
@@ -394,8 +396,8 @@ class Material(Table):
             needed = 'a preset, or a kind such as "neo_hookean"' if field in OF_ALL else f"kind = {kinds}"
             raise ValueError(f'{field}: needs {needed} (got kind = "{self.law}")')
         for (first, *others), what in (
-            (SOFTENING, "the largest loss of tension"),
-            (TEARING, "the stress at which it tears"),
+            (SOFTENING_PARAMETERS, "the largest loss of tension"),
+            (TEARING_PARAMETERS, "the stress at which it tears"),
         ):
             for field in others:
                 if getattr(self, first) is None and getattr(self, field) != type(self).model_fields[field].default:

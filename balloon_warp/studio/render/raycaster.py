@@ -9,9 +9,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.kernels.pictures import raycast
-from balloon_warp.kernels.pictures.printed import Prints
-from balloon_warp.kernels.pictures.shapes import Shapes
-from balloon_warp.kernels.pictures.studio import KEY, KEY_RADIANCE, Studio
+from balloon_warp.kernels.pictures.surfaces import KEY, KEY_RADIANCE, Prints, Shapes, Studio
 from balloon_warp.mesh.polygon_mesh import Color
 from balloon_warp.scene.around import GROUND_COLOR
 from balloon_warp.studio.render.stage_reader import Capsules, RenderStage

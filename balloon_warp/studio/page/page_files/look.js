@@ -1,4 +1,4 @@
-// How things look: the studio of the pictures (kernels/pictures/studio.py), and rubber that shines. ground.js has the ground.
+// How things look: the studio of the pictures (kernels/pictures/surfaces.py), and rubber that shines. ground.js has the ground.
 (() => {
   "use strict";
   const GLOSSY = 0.14, SATIN = 0.5;  // roughness of balloons, and of all else

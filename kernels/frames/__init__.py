@@ -1,1 +1,0 @@
-"""Kernels that run once a frame, besides the list of phases."""

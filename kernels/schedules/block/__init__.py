@@ -1,1 +1,0 @@
-"""A thread block a world."""

@@ -1,1 +1,0 @@
-"""Eight worlds, or eight particles of one, in a CPU's vector registers."""

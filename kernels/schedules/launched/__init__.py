@@ -1,1 +1,0 @@
-"""A list of phases as launches of kernels."""
