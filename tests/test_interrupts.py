@@ -20,7 +20,7 @@ from commands import status_of
 from meshes import quad_sphere
 
 from balloon_warp import Cluster, WorkersLostError, animate, load_scene
-from balloon_warp.farm import cluster
+from balloon_warp.farm import remote
 from balloon_warp.farm.local_workers import begin_children, start_child
 from balloon_warp.farm.workers import worker_environments
 from balloon_warp.mesh.obj import write_obj
@@ -186,7 +186,7 @@ class FarAway:
 def test_a_result_that_went_with_its_worker_is_not_waited_for_for_ever():
     lost: Any = FarAway(workers=0, seconds=np.inf)
     with pytest.raises(WorkersLostError, match=r"^all workers ended, and none came for 60 s"):
-        cluster._result(lost, lost)
+        remote._result(lost, lost)
     slow: Any = FarAway(workers=1, seconds=200.0)
-    assert cluster._result(slow, slow) == "share"
+    assert remote._result(slow, slow) == "share"
     assert slow.timeouts == [60.0, 120.0, 240.0]

@@ -70,7 +70,7 @@ IN_FREE_PATCHES = ("free_frames", "PatchedSchedule")
 NEVER_FREE = ("gather", "PullingOctets")
 """Module and class of `octets` where no frame is free"""
 
-LAUNCHED = ("gather", "gather")
+LAUNCHED = ("scatter", "gather")
 """Schedules that launch a kernel for each piece of a substep: in these alone rubber tears"""
 FEW_PARTICLES = 3072
 """Number of particles that a block moves in the time of the launches for a substep"""
