@@ -40,7 +40,7 @@ STRATA = (
     Stratum(
         "tables", 0.07,
         tuple(f"balloon_warp/schedules/{name}.py" for name in (
-            "lane_tables", "membranes", "own_parts", "slices", "tables", "touch_table",
+            "lane_tables", "membranes", "outlook", "slices", "tables", "touch_table",
         )),
     ),
 )  # fmt: skip
