@@ -1,12 +1,13 @@
-"""Small stage with one of each kind of thing that an export handles."""
+"""Small stage with one of each kind of thing that an export handles; and stages as they are read back."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from meshes import cube, quad_sphere
-from pxr import Usd, UsdGeom
+from pxr import Usd, UsdGeom, UsdValidation
 
-from balloon_warp import PolygonMesh, Scene
+from balloon_warp import PolygonMesh, Scene, animate
 from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Sphere, String, Water
 
 FRAMES = 6
@@ -38,6 +39,8 @@ def scene(**fields) -> Scene:
         "water": Water(level=-4.0),
         "frames": FRAMES,
         "frames_per_second": RATE,
+        "faces": False,
+        "touch": False,
     } | fields
     return Scene(**fields)
 
@@ -52,3 +55,28 @@ def points(path: Path, prim: str, frame: float) -> np.ndarray:
 def turned(stage: Usd.Stage) -> np.ndarray:
     """Return the rotation that turns row vectors of a stage so that Y is up."""
     return np.eye(3) if UsdGeom.GetStageUpAxis(stage) == "Y" else np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
+
+
+def animated(scene: Scene, path: Path, **options: Any) -> Usd.Stage:
+    """Return the stage of a run, on a CPU."""
+    animate(scene, path, device="cpu", **options)
+    return Usd.Stage.Open(str(path))
+
+
+def assert_valid(stage: Usd.Stage) -> None:
+    """Require that every validator of USD passes."""
+    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    assert len(validators) >= 20
+    errors = UsdValidation.ValidationContext(validators).Validate(stage)
+    assert [error.GetMessage() for error in errors] == []
+
+
+def assert_velocities_are_those_of_the_points(prim: UsdGeom.Mesh, frames_per_second: float) -> None:
+    """Check that velocities are central differences of the points, one-sided at both ends, up to float32's rounding."""
+    times = prim.GetPointsAttr().GetTimeSamples()
+    assert prim.GetVelocitiesAttr().GetTimeSamples() == times
+    points = np.array([prim.GetPointsAttr().Get(time) for time in times], dtype=np.float64)
+    velocities = np.array([prim.GetVelocitiesAttr().Get(time) for time in times])
+    expected = np.gradient(points, 1.0 / frames_per_second, axis=0)
+    np.testing.assert_allclose(velocities, expected, rtol=1e-6)
+    assert np.abs(expected).max() > 0.0

@@ -1,12 +1,13 @@
-"""Balloons that hold gas, and their states."""
+"""Balloons that hold gas, and their states; and the wetted part of a mesh, as trimesh cuts it."""
 
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import trimesh
 import warp as wp
 from conserved import advanced as advanced
-from meshes import mesh_of
+from meshes import fans, mesh_of
 
 from balloon_warp import Balloon, Frame, Inflation, PolygonMesh, Simulator, Stiffness
 from balloon_warp.mesh.topology import signed_volume
@@ -61,3 +62,19 @@ def set_state(simulator: Simulator, **arrays: np.ndarray) -> None:
     for name, values in arrays.items():
         array = getattr(simulator.state, name)
         wp.copy(array, wp.array(np.asarray(values)[None], dtype=array.dtype, device=array.device))
+
+
+def wet_part(mesh: PolygonMesh, level: float) -> trimesh.Trimesh:
+    """Return the part below the level that trimesh cuts off, open at the cut."""
+    solid = fans(mesh)
+    points, triangles, _ = trimesh.intersections.slice_faces_plane(
+        solid.vertices, solid.faces, plane_normal=np.array([0, -1, 0]), plane_origin=np.array([0, level, 0])
+    )
+    return trimesh.Trimesh(points, triangles, process=False)
+
+
+def displaced(mesh: PolygonMesh, level: float) -> tuple[float, np.ndarray]:
+    """Return the volume below the level, and its center: from a point on the surface the open cut has no volume."""
+    wet = wet_part(mesh, level)
+    wet.apply_translation([0.0, -level, 0.0])
+    return wet.volume, wet.center_mass + [0.0, level, 0.0]

@@ -4,8 +4,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import trimesh
+from conserved import VACUUM
 from meshes import mesh_of, quad_sphere
-from touching import VACUUM
 
 import balloon_warp as bw
 from balloon_warp.mesh.orientation import triangles_of

@@ -3,7 +3,6 @@
 import inspect
 import linecache
 from collections.abc import Mapping, Sequence
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -22,21 +21,27 @@ Samples = Mapping[str, NDArray]
 
 TYPES = {1: wp.float32, 3: wp.vec3, 4: wp.vec4}
 """by the count of numbers"""
+kernels: dict[Any, Any] = {}
+"""that call functions"""
 
 
-@cache
-def kernel_of(function: Any, types: tuple[str, ...], result: str) -> Any:
-    """Return the kernel that calls a function of arguments of these types for each sample."""
-    names = list(inspect.signature(function.func).parameters)
-    arguments = ", ".join(f"{name}_: wp.array[wp.{kind}]" for name, kind in zip(names, types, strict=True))
-    call = ", ".join(f"{name}_[i]" for name in names)
-    name = f"call_{function.key.rpartition('.')[2]}"
-    source = f"def {name}({arguments}, out: wp.array[wp.{result}]):\n    i = wp.tid()\n    out[i] = function({call})\n"
+def compile_together(name: str, results: Mapping[Any, str]) -> None:
+    """Put the kernels that call functions into one module, which compiles once, by the functions' types of results."""
+    kernels.update({function: _kernel(function, result, wp.get_module(name)) for function, result in results.items()})
+
+
+def _kernel(function: Any, result: str, module: Any) -> Any:
+    """Return the kernel that calls a function for each sample."""
+    module.options |= OPTIONS | {"enable_backward": True}
+    types = {f"{name}_": wp.array[kind] for name, kind in function.input_types.items()}
+    name, call = f"call_{function.key.rpartition('.')[2]}", ", ".join(f"{name}[i]" for name in types)
+    source = f"def {name}({', '.join(types)}, out):\n    i = wp.tid()\n    out[i] = function({call})\n"
     filename = f"<{name} {id(function)}>"
     linecache.cache[filename] = (len(source), None, source.splitlines(keepends=True), filename)
     space: dict[str, Any] = {"wp": wp, "function": function}
     exec(compile(source, filename, "exec"), space)
-    return wp.kernel(space[name], module="unique", module_options={**OPTIONS, "enable_backward": True})
+    space[name].__annotations__ = types | {"out": wp.array[getattr(wp, result)]}
+    return wp.kernel(space[name], module=module)
 
 
 def _arrays(samples: Samples, names: Sequence[str], gradients: bool) -> list[wp.array]:
@@ -60,9 +65,9 @@ def called(function: Any, samples: Samples, result: str = "float32") -> NDArray[
 def _launched(function: Any, samples: Samples, result: str, gradients: bool) -> tuple[Any, list[wp.array]]:
     inputs = _arrays(samples, list(inspect.signature(function.func).parameters), gradients)
     out = wp.zeros(len(inputs[0]), dtype=getattr(wp, result), device="cpu", requires_grad=gradients)
-    types = tuple(array.dtype.__name__.removesuffix("f") for array in inputs)  # vec3f is vec3
-    kernel = kernel_of(function, types, result)
-    wp.launch(kernel, len(out), [*inputs, out], device="cpu")
+    if function not in kernels:
+        compile_together(f"calls_{function.key}", {function: result})
+    wp.launch(kernels[function], len(out), [*inputs, out], device="cpu")
     return out, inputs
 
 

@@ -1,13 +1,31 @@
-"""Meshes that tests share."""
+"""Meshes that tests share: simple and round ones, those whose faces meet oddly, and those from the wild."""
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import trimesh
+from numpy.typing import NDArray
 
 from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.repair import distinct_faces
+from balloon_warp.mesh.topology import (
+    component_count,
+    corner_faces,
+    face_centers,
+    face_vector_areas,
+    first_coincident,
+    flipped,
+    genus,
+    inconsistent_edges,
+    is_manifold,
+    mesh_edges,
+    signed_volume,
+    vertex_normals,
+    with_corners,
+)
 
 
 def mesh_of(points: Sequence | np.ndarray, faces: Sequence[Sequence[int]], **fields) -> PolygonMesh:
@@ -214,3 +232,253 @@ def with_tips(circles: np.ndarray, tips: Sequence | np.ndarray) -> PolygonMesh:
     fans = [[count, after, here] for here, after in pairwise(ring[0].tolist())]
     fans += [[count + 1, here, after] for here, after in pairwise(ring[-1].tolist())]
     return mesh_of(np.concatenate([circles.reshape(-1, 3), tips]), [*lattice(ring).tolist(), *fans])
+
+
+def edge_lengths(mesh: PolygonMesh) -> NDArray[np.float64]:
+    ends = mesh.points[mesh_edges(mesh).ends]
+    return np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+
+
+def assert_closed_quads(mesh: PolygonMesh, holes_through: int = 0, parts: int = 1) -> None:
+    edges = mesh_edges(mesh)
+    assert (mesh.face_vertex_counts == 4).all()
+    assert (edges.face_counts == 2).all()
+    assert is_manifold(mesh, edges)
+    assert len(inconsistent_edges(edges)) == 0
+    assert component_count(mesh, edges) == parts
+    assert genus(mesh, edges) == holes_through
+    assert signed_volume(mesh) > 0.0
+
+
+def assert_none_folded(mesh: PolygonMesh) -> None:
+    """Require that each face points along the normals at its corners."""
+    areas = face_vector_areas(mesh)
+    normals = vertex_normals(mesh)[mesh.face_vertex_indices.reshape(-1, 4)]
+    assert (np.einsum("fcj,fj->fc", normals, areas) > 0.0).all()
+
+
+def sphere_distance(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.linalg.norm(points, axis=1) - 1.0
+
+
+def merged(mesh: PolygonMesh, digits: int = 6) -> PolygonMesh:
+    """Return the mesh with coincident vertices merged: where boxes stand side by side, edges get three faces and four.
+    Vertices of no face are left out."""
+    first = first_coincident(mesh.points.round(digits) + 0.0)[mesh.face_vertex_indices]
+    used, numbers = np.unique(first, return_inverse=True)
+    return replace(mesh, points=mesh.points[used], face_vertex_indices=numbers.astype(np.int32))
+
+
+def without(mesh: PolygonMesh, drop: NDArray[np.bool_]) -> PolygonMesh:
+    """Return the mesh without some faces, by a mask."""
+    kept = with_corners(mesh, ~drop[corner_faces(mesh)])
+    return replace(kept, face_vertex_counts=mesh.face_vertex_counts[~drop])
+
+
+def deformed(mesh: PolygonMesh, by: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> PolygonMesh:
+    """Return the mesh with other points."""
+    return replace(mesh, points=by(mesh.points))
+
+
+def chair(holes: bool = True, mixed: bool = True, seed: int = 1) -> PolygonMesh:
+    """Return a seat, a back and four thin legs: boxes of four materials that share vertices, so that edges have up to
+    four faces and walls stand between; some faces are missing and some reversed. Y up, 1 m high."""
+    seat = box((0.0, 0.45, 0.0), (0.4, 0.05, 0.4), (8, 1, 8))
+    back = box((0.0, 0.725, -0.175), (0.4, 0.5, 0.05), (8, 10, 1))
+    legs = [box((x, 0.2125, z), (0.05, 0.425, 0.05), (1, 8, 1)) for x in (-0.175, 0.175) for z in (-0.175, 0.175)]
+    mesh = merged(joined(seat, back, *legs))
+    numbers = np.random.default_rng(seed)
+    if holes:
+        mesh = without(mesh, numbers.random(mesh.face_count) < 0.06)
+    return flipped(mesh, numbers.random(mesh.face_count) < 0.3) if mixed else mesh
+
+
+def walled() -> PolygonMesh:
+    """Return two rooms of a box with the wall between them, whose edges have three faces."""
+    rooms = [box((x, 0.0, 0.0), (0.5, 1.0, 1.0), (4, 8, 8)) for x in (0.25, -0.25)]
+    return distinct_faces(merged(joined(*rooms)))[0]
+
+
+def two_at_an_edge() -> PolygonMesh:
+    """Return two boxes that share an edge, of four faces."""
+    return merged(joined(*(box((x, x, 0.0), (0.5, 0.5, 0.5), (4, 4, 4)) for x in (0.25, -0.25))))
+
+
+def two_at_a_vertex() -> PolygonMesh:
+    """Return two boxes that share a vertex."""
+    return merged(joined(*(box((x, x, x), (0.5, 0.5, 0.5), (4, 4, 4)) for x in (0.25, -0.25))))
+
+
+def finned(cells: int = 8) -> PolygonMesh:
+    """Return a ball with a sheet that stands on it, whose foot has edges of three faces."""
+    ball = quad_sphere(cells, 0.5)
+    around = np.flatnonzero(np.abs(ball.points[:, 0]) < 1e-9)
+    around = around[ball.points[around, 1] > 0.1]
+    around = around[np.argsort(ball.points[around, 2])]
+    rim = ball.points[around] * 1.6
+    strips = [
+        [around[i], around[i + 1], ball.vertex_count + i + 1, ball.vertex_count + i] for i in range(len(around) - 1)
+    ]
+    faces = [*ball.face_vertex_indices.reshape(-1, 4).tolist(), *strips]
+    return mesh_of(np.concatenate([ball.points, rim]), faces)
+
+
+def band(quads: int = 40, rows: int = 4, turns: float = 0.5) -> PolygonMesh:
+    """Return a strip that closes with so many half turns: with an odd number, it has one side."""
+    turn, width = 2.0 * np.pi * np.arange(quads)[:, None] / quads, 0.3 * (2.0 * np.arange(rows + 1) / rows - 1.0)
+    reach = 1.0 + width * np.cos(turns * turn)
+    points = np.stack([reach * np.cos(turn), reach * np.sin(turn), width * np.sin(turns * turn)], axis=-1)
+    across = np.arange(quads * (rows + 1)).reshape(quads, -1)
+    last = across[0, ::-1] if round(2 * turns) % 2 else across[0]
+    return mesh_of(points, lattice(np.vstack([across, last]).T).tolist())
+
+
+def klein(n: int = 24, m: int = 12) -> PolygonMesh:
+    """Return a Klein bottle: closed, and of one side."""
+    u, v = np.meshgrid(2.0 * np.pi * np.arange(n) / n, 2.0 * np.pi * np.arange(m) / m, indexing="ij")
+    reach = 1.0 + 0.4 * (np.cos(u / 2) * np.sin(v) - np.sin(u / 2) * np.sin(2 * v))
+    height = 0.4 * (np.sin(u / 2) * np.sin(v) + np.cos(u / 2) * np.sin(2 * v))
+    points = np.stack([reach * np.cos(u), reach * np.sin(u), height], axis=-1)
+    around = np.vstack([closing(np.arange(n * m).reshape(n, m)), -np.arange(m + 1) % m])
+    return mesh_of(points, lattice(around.T).tolist())
+
+
+def t_junction() -> PolygonMesh:
+    """Return a box with one side meshed finer than its neighbors (T-junctions): borders run along each other."""
+    whole = box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (4, 4, 4))
+    top = box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (6, 6, 6))
+    upper = face_centers(whole)[:, 1] > 0.49
+    finer = face_centers(top)[:, 1] > 0.49
+    return merged(joined(without(whole, upper), without(top, ~finer)))
+
+
+def doubled() -> PolygonMesh:
+    """Return a ball with every face twice, the second time with vertices of its own."""
+    return joined(quad_sphere(8, 0.5), quad_sphere(8, 0.5))
+
+
+def _twice(mesh: PolygonMesh) -> NDArray[np.bool_]:
+    """Return the faces that coincide with others: the walls between neighboring parts."""
+    sets = [frozenset(f.tolist()) for f in np.split(mesh.face_vertex_indices, np.cumsum(mesh.face_vertex_counts)[:-1])]
+    counts = Counter(sets)
+    return np.array([counts[corners] > 1 for corners in sets])
+
+
+def ball_with_holes() -> PolygonMesh:
+    """Return a ball of quads, from whose underside a round patch is missing, and a face elsewhere."""
+    ball = quad_sphere(16, 0.5)
+    centers = face_centers(ball)
+    drop = centers @ np.array([0.0, -1.0, 0.0]) > 0.5 * np.cos(0.22)
+    drop[(centers @ np.array([1.0, 0.3, 0.0])).argmax()] = True
+    return without(ball, drop)
+
+
+def table() -> PolygonMesh:
+    """Return a top on four thin legs, in one piece of quads, Z up."""
+    top = box((0.0, 0.0, 0.7), (1.0, 0.6, 0.06), (20, 12, 1))
+    legs = [box((x, y, 0.335), (0.05, 0.05, 0.67), (1, 1, 12)) for x in (-0.475, 0.475) for y in (-0.275, 0.275)]
+    whole = merged(joined(top, *legs))
+    return replace(without(whole, _twice(whole)), up_axis="Z")
+
+
+def cup() -> PolygonMesh:
+    """Return a closed cup, with a wall of a twelfth of its width."""
+    outer = [(0.2, 0.0), (0.3, 0.0), *((0.3, h) for h in np.linspace(0.08, 0.7, 9))]
+    inner = [*((0.25, h) for h in np.linspace(0.7, 0.1, 9)), (0.25, 0.05), (0.15, 0.05)]
+    turn = 2.0 * np.pi * np.arange(32) / 32
+    reach, height = np.array(outer + inner).T[..., None]
+    circles = np.stack([reach * np.cos(turn), height + 0.0 * turn, -reach * np.sin(turn)], axis=-1)
+    return with_tips(circles, [(0.0, 0.0, 0.0), (0.0, 0.05, 0.0)])
+
+
+def bowl() -> PolygonMesh:
+    """Return an open hemisphere."""
+    ball = quad_sphere(12, 0.5)
+    return without(ball, face_centers(ball)[:, 1] > 0.0)
+
+
+def sword() -> PolygonMesh:
+    """Return a flat blade of 1 m by 5 cm by 4 mm, a guard and a grip, which overlap; Y up."""
+    blade = box((0.0, 0.7, 0.0), (0.05, 1.0, 0.004), (3, 60, 1))
+    blade = deformed(blade, lambda p: p * np.where(p[:, 1:2] > 1.05, [[0.3, 1.0, 1.0]], 1.0))
+    guard = box((0.0, 0.2, 0.0), (0.2, 0.03, 0.03), (12, 2, 2))
+    grip = box((0.0, 0.1, 0.0), (0.03, 0.19, 0.03), (2, 12, 2))
+    return joined(blade, guard, grip)
+
+
+def head() -> PolygonMesh:
+    """Return a round head with a brow, a nose and thin ears."""
+    ball = quad_sphere(24, 0.5)
+
+    def shaped(points: NDArray[np.float64]) -> NDArray[np.float64]:
+        x, y, z = points.T / 0.5
+        more = 0.08 * np.exp(-((y - 0.35) ** 2) / 0.01) * (z > 0.2)  # brow
+        more = more + 0.25 * np.exp(-(x**2 + (y - 0.05) ** 2) / 0.02) * (z > 0)  # nose
+        more = more - 0.08 * np.exp(-((np.abs(x) - 0.3) ** 2 + (y - 0.17) ** 2) / 0.01) * (z > 0)  # eyes
+        more = more + 0.5 * np.exp(-((y - 0.1) ** 2) / 0.08 - z**2 / 0.006) * (np.abs(x) > 0.5)  # ears
+        return points * (1.0 + more)[:, None]
+
+    return deformed(ball, shaped)
+
+
+def hair(ribbons: int = 200, length: int = 10) -> PolygonMesh:
+    """Return ribbons of quads that hang from a scalp, each by itself, one quad wide."""
+    numbers = np.random.default_rng(3)
+    strands = []
+    for _ in range(ribbons):
+        turn, tilt = numbers.uniform(0.0, 2.0 * np.pi), numbers.uniform(0.0, 1.2)
+        out = np.array([np.sin(tilt) * np.cos(turn), np.cos(tilt), np.sin(tilt) * np.sin(turn)])
+        side = 0.012 * np.array([-np.sin(turn), 0.0, np.cos(turn)])
+        along = np.linspace(0.0, 1.0, length + 1)[:, None]
+        middle = 0.12 * out + along * (0.1 * out + [0.0, -0.05, 0.0]) - [0.0, 0.25, 0.0] * along**2
+        points = np.concatenate([middle - side, middle + side])
+        strands.append(mesh_of(points, lattice(np.arange(2 * length + 2).reshape(2, -1)).tolist()))
+    return joined(*strands)
+
+
+def haired() -> PolygonMesh:
+    """Return a closed head under open hair."""
+    return joined(deformed(quad_sphere(12, 0.12), lambda p: p * [1.0, 1.2, 1.0]), hair(60))
+
+
+def car(windshield: bool = True) -> PolygonMesh:
+    """Return a body, a cabin, bumpers, lamps, doors, handles and wheels, thirty closed parts that touch and overlap;
+    and an open windshield. Z up, 4 m long."""
+    parts = [
+        box((0.0, 0.0, 0.6), (4.0, 1.6, 0.5), (16, 8, 2)),
+        box((-0.2, 0.0, 1.1), (1.8, 1.4, 0.5), (8, 6, 2)),
+        box((2.05, 0.0, 0.45), (0.12, 1.7, 0.2), (1, 8, 2)),
+        box((-2.05, 0.0, 0.45), (0.12, 1.7, 0.2), (1, 8, 2)),
+        box((0.0, 0.0, 0.32), (2.0, 1.2, 0.06), (6, 4, 1)),
+    ]
+    for side in (-1.0, 1.0):
+        parts += [box((x, 0.81 * side, 0.62), (0.7, 0.03, 0.4), (4, 1, 3)) for x in (-0.6, 0.2)]
+        parts += [box((x, 0.85 * side, 0.7), (0.12, 0.02, 0.03), (2, 1, 1)) for x in (-0.6, 0.2)]
+        parts += [box((0.8, 0.86 * side, 0.95), (0.08, 0.16, 0.1))]
+        parts += [box((x, 0.55 * side, 0.65), (0.06, 0.25, 0.12)) for x in (-2.02, 2.02)]
+        parts += [box((0.0, 0.55 * side, 1.37), (1.2, 0.04, 0.04), (6, 1, 1))]
+    for x in (-1.25, 1.25):
+        for side in (-1.0, 1.0):
+            wheel = deformed(quad_sphere(4, 0.32), lambda p: p * [1.0, 0.35, 1.0])
+            parts.append(deformed(wheel, lambda p, x=x, side=side: p + [x, 0.8 * side, 0.32]))
+            parts.append(box((x, 0.9 * side, 0.32), (0.1, 0.06, 0.1)))
+    if windshield:
+        glass = deformed(grid(6, 3), lambda p: p / [6.0, 3.0, 1.0])
+        parts.append(
+            deformed(glass, lambda p: p @ [[0.0, 1.3, 0.0], [-0.35, 0.0, 0.4], [0.0] * 3] + [1.15, -0.65, 0.9])
+        )
+    return replace(joined(*parts), up_axis="Z")
+
+
+ODD: dict[str, Callable[[], PolygonMesh]] = {
+    **{
+        make.__name__: make
+        for make in (chair, walled, two_at_an_edge, two_at_a_vertex, finned, klein, t_junction, doubled)
+    },
+    "whole_chair": lambda: chair(holes=False, mixed=False),
+    "mixed_chair": lambda: chair(holes=False),
+    "moebius": band,
+    "twisted": lambda: band(turns=1.0),
+    **{make.__name__: make for make in (ball_with_holes, table, cup, bowl, sword, head, hair, haired, car)},
+}
+"""by name"""

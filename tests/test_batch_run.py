@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from batches import assert_text_has_the_numbers_of
 from commands import status_of
+from exported import assert_valid, assert_velocities_are_those_of_the_points
 from meshes import quad_sphere
-from motion import assert_valid, assert_velocities_are_those_of_the_points
 from pxr import Sdf, Usd, UsdGeom, UsdShade
 from small_batch import FRAMES, WORLDS, scene, write_meshes
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from played import played, shape_at
+from trajectories import played, shape_at
 
 from balloon_warp import Frame, PolygonMesh, bundled_scenes
 from balloon_warp.benchmarks.overlap import depth, surface

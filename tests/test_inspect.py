@@ -1,19 +1,49 @@
-"""Report of `balloon-warp inspect`, and its agreement with the simulation."""
+"""Report of `inspect`, comparison of runs, check of a stage, and arguments of wrong types, each refused by name."""
 
+import csv
+import itertools
 import json
 import os
+import re
 import subprocess
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 import pytest
-from inspecting import command, inside_out, with_faces
+import trimesh
+from commands import command, inside_out, lines_executed, status_of, with_faces
 from meshes import cube, grid, joined, mesh_of, moebius, open_cube, prism, quad_sphere, torus, two_quads_at_a_vertex
-from work import lines_executed
+from PIL import Image
+from pxr import Gf, UsdGeom
+from render_stages import new_stage
+from typing_extensions import TypeAliasType
 
-from balloon_warp import PolygonMesh, advise_step, inspect_mesh, load_mesh, load_scene
+import balloon_warp as bw
+from balloon_warp import (
+    Balloon,
+    BlowUpError,
+    Inflation,
+    InputError,
+    PolygonMesh,
+    Scene,
+    Simulator,
+    advise_step,
+    animate,
+    check_stage,
+    inspect_mesh,
+    load_mesh,
+    load_scene,
+)
+from balloon_warp.cli.stages import figure_console, print_comparison
 from balloon_warp.mesh.obj import write_obj
+from balloon_warp.mesh.topology import signed_volume, total_area, triangulate
+from balloon_warp.mesh.usd_stage import SCENERY
+from balloon_warp.scene.load import override_scene
+from balloon_warp.system.arguments import checked, fits
+from balloon_warp.tools.compare import Comparison, Run, Tile, compare, compose_sheet, parse_choices
 
 
 def curve(count: int) -> np.ndarray:
@@ -78,7 +108,7 @@ WARNINGS = {
     ),
     "the reader's": (replace(cube(), warnings=("The stage has 2 meshes.",)), "The stage has 2 meshes."),
 }
-"""Those that no mesh of test_odd_meshes.py has, or has once"""
+"""Those that no mesh of test_mesh_by_itself.py has, or has once"""
 
 
 @pytest.mark.parametrize("case", WARNINGS)
@@ -231,3 +261,414 @@ def test_a_report_has_the_seams_holes_and_parts_of_the_scene(tmp_path: Path) -> 
     assert not report("--set", "balloon.holes=keep")["closed"]
     assert report("--set", "balloon.weld=false", "--set", "balloon.parts=free")["components"] == 486
     assert report("--set", "balloon.parts=free")["springs"]["holding"] == 0
+
+
+BALL = trimesh.creation.icosphere(subdivisions=3, radius=0.5)
+EDGE = float(BALL.edges_unique_length.mean())
+FRAMES = 3
+
+
+class Stage:
+    def __init__(self, path: Path):
+        self.path = path
+        self._stage = new_stage(path, frames=FRAMES)
+
+    def balloon(self, name: str, mesh: trimesh.Trimesh, *way: Sequence[float]) -> "Stage":
+        """Add a mesh with a shift of its points at each frame."""
+        prim = self.obstacle(name, mesh, under="/World")
+        for frame in range(FRAMES):
+            shift = np.array(way[min(frame, len(way) - 1)])
+            prim.GetPointsAttr().Set((mesh.vertices + shift).astype(np.float32), frame)
+        return self
+
+    def obstacle(self, name: str, mesh: trimesh.Trimesh, under: str = "/World/Obstacles") -> Any:
+        prim = UsdGeom.Mesh.Define(self._stage, f"{under}/{name}")
+        prim.CreatePointsAttr(np.asarray(mesh.vertices, np.float32))
+        prim.CreateFaceVertexCountsAttr([3] * len(mesh.faces))
+        prim.CreateFaceVertexIndicesAttr(mesh.faces.ravel().tolist())
+        return prim
+
+    def sphere(self, radius: float, center: Sequence[float]) -> "Stage":
+        prim = UsdGeom.Sphere.Define(self._stage, "/World/Spheres/Sphere_0")
+        prim.CreateRadiusAttr(radius)
+        prim.AddTranslateOp().Set(Gf.Vec3d(*center))
+        return self
+
+    def capsule(self, radius: float, length: float, center: Sequence[float]) -> "Stage":
+        prim = UsdGeom.Capsule.Define(self._stage, "/World/Obstacles/capsule")
+        prim.CreateAxisAttr("Z")
+        prim.CreateRadiusAttr(radius)
+        prim.CreateHeightAttr(length)
+        prim.AddTranslateOp().Set(Gf.Vec3d(*center))
+        return self
+
+    def ground(self, height: float) -> "Stage":
+        corners = [(-9.0, height, 9.0), (9.0, height, 9.0), (9.0, height, -9.0), (-9.0, height, -9.0)]
+        mesh = trimesh.Trimesh(corners, [(0, 1, 2), (0, 2, 3)], process=False)
+        self.obstacle("Ground", mesh, under="/World").GetPrim().SetCustomDataByKey(SCENERY, "Ground")
+        return self
+
+    def save(self) -> Path:
+        self._stage.GetRootLayer().Save()
+        return self.path
+
+
+@pytest.fixture
+def stage(tmp_path) -> Stage:
+    return Stage(tmp_path / "stage.usda")
+
+
+def test_what_is_apart_passes(stage: Stage):
+    stage.balloon("one", BALL, (0, 0, 0)).balloon("two", BALL, (1.01, 0, 0)).sphere(0.1, (0, 0.61, 0)).ground(-0.5)
+    report = check_stage(stage.save())
+    assert report.passed
+    assert (report.frames, len(report.things)) == (FRAMES, 4)
+
+
+def test_balloons_that_cross_are_found_at_their_frame(stage: Stage):
+    stage.balloon("one", BALL, (0, 0, 0)).balloon("two", BALL, (1.01, 0, 0), (0.97, 0, 0), (1.01, 0, 0))
+    (crossing,) = check_stage(stage.save()).crossings
+    assert (crossing.frame, crossing.first, crossing.second) == (1, "balloon one", "balloon two")
+    assert 0.005 < crossing.depth < 0.031
+    np.testing.assert_allclose(crossing.place, (0.485, 0.0, 0.0), atol=0.13)
+
+
+def test_parts_of_a_balloon_that_cross_are_found(stage: Stage):
+    stage.balloon("ball", BALL + BALL.copy().apply_translation((0.9, 0, 0)), (0, 0, 0))
+    crossings = check_stage(stage.save()).crossings
+    assert [crossing.frame for crossing in crossings] == list(range(FRAMES))
+    assert {crossing.second for crossing in crossings} == {"balloon ball"}
+    assert "itself" in str(crossings[0])
+
+
+def sheet_of(*corners: Sequence[float]) -> trimesh.Trimesh:
+    return trimesh.Trimesh(corners, [(0, 1, 2), (0, 2, 3)], process=False)
+
+
+FLAT = [(0, 0, 0), (0, 0, 1), (1, 0, 1), (1, 0, 0)]  # corners of a sheet that looks up
+
+
+@pytest.mark.parametrize(
+    ("corners", "shift", "depth"),
+    [
+        pytest.param(FLAT, (0.7, 0, 0.1), 0.3, id="overlap"),
+        pytest.param(FLAT, (0, 0, 0), 0.7, id="same-place"),
+        pytest.param(FLAT, (1, 0, 0), 0.0, id="beside"),
+        pytest.param(FLAT, (0.7, 0.001, 0.1), 0.0, id="above"),
+        pytest.param(FLAT[::-1], (0.7, 0, 0.1), 0.0, id="face-to-face"),
+    ],
+)
+def test_sheets_that_overlap_in_one_plane_are_found(corners: list, shift: tuple, depth: float, stage: Stage):
+    stage.balloon("one", sheet_of(*FLAT), (0, 0, 0)).balloon("two", sheet_of(*corners), shift)
+    crossings = check_stage(stage.save()).crossings
+    assert len(crossings) == (FRAMES if depth else 0)
+    for crossing in crossings:
+        assert (crossing.first, crossing.second) == ("balloon one", "balloon two")
+        assert crossing.depth == pytest.approx(depth, abs=0.05)
+        least, most = np.array(shift) - 1e-6, np.array((1.0, 0.0, 1.0)) + 1e-6
+        assert (least < crossing.place).all()
+        assert (crossing.place < most).all()
+
+
+def upright_sheet(cells: int) -> trimesh.Trimesh:
+    sheet = grid(cells, cells)
+    x, y, _ = sheet.points.T / cells
+    places = np.stack([np.full(x.size, 0.013), 1.6 * y - 2.0, 2.0 * x - 1.0], axis=1)
+    return trimesh.Trimesh(places, triangulate(sheet)[0], process=False)
+
+
+BOX = trimesh.creation.box((3.0, 3.0, 3.0))
+ROOM = BOX.copy()
+ROOM.invert()
+MIDDLE, OUTWARD, TIP = BALL.triangles_center[0], BALL.face_normals[0], 0.2 * EDGE
+
+
+@pytest.mark.parametrize(
+    ("kind", "how", "second", "depth", "within"),
+    [
+        pytest.param("capsule", (0.02, 0.001, MIDDLE + 0.002 * OUTWARD), "obstacle capsule", 0.02, 0.003, id="rod"),
+        pytest.param("sphere", (TIP, MIDDLE + 0.25 * TIP * OUTWARD), "sphere Sphere_0", 0.75 * TIP, 1e-5, id="needle"),
+        pytest.param("sphere", (TIP, MIDDLE + 0.9 * TIP * OUTWARD), "sphere Sphere_0", 0.0, 0.0, id="within-thickness"),
+        pytest.param("obstacle", ("sheet", upright_sheet(1)), "obstacle sheet", 0.1, 0.01, id="coarse-sheet"),
+        pytest.param("obstacle", ("sheet", upright_sheet(40)), "obstacle sheet", 0.1, 0.01, id="fine-sheet"),
+        pytest.param("ground", (-0.4,), "the ground", 0.1, 1e-6, id="ground"),
+        pytest.param("obstacle", ("box", BOX), "obstacle box", 1.5 - 0.5 / np.sqrt(3.0), 0.05, id="box-that-swallows"),
+        pytest.param("obstacle", ("room", ROOM), "obstacle room", 0.0, 0.0, id="room-that-does-not"),
+    ],
+)
+def test_a_ball_is_as_deep_as_it_is(kind: str, how: tuple, second: str, depth: float, within: float, stage: Stage):
+    getattr(stage.balloon("ball", BALL, (0, 0, 0)), kind)(*how)
+    crossings = check_stage(stage.save()).crossings
+    assert {crossing.second for crossing in crossings} == ({second} if depth else set())
+    assert max([crossing.depth for crossing in crossings], default=0.0) == pytest.approx(depth, abs=within)
+
+
+@pytest.mark.full
+def test_a_run_passes_or_does_not(tmp_path):
+    BALL.export(tmp_path / "ball.obj")
+    ball = {"mesh": str(tmp_path / "ball.obj"), "mass": 0.05}
+    balls = [{**ball, "position": [-side, 0, 0], "velocity": [side / 0.6, 0, 0]} for side in (0.6, -0.6)]
+    scene = {"balloon": balls, "gravity": 0.0, "frames": 24}
+    animate(Scene(**scene, touch=False), tmp_path / "through.usda", device="cpu")
+    animate(Scene(**scene), tmp_path / "apart.usda", device="cpu")
+    assert not check_stage(tmp_path / "through.usda").passed
+    report = check_stage(tmp_path / "apart.usda")
+    assert report.passed, report.crossings
+
+
+def test_bad_input_gets_a_sentence(stage: Stage):
+    with pytest.raises(InputError, match="has nothing to check"):
+        check_stage(stage.save())
+    with pytest.raises(InputError, match="no such file"):
+        check_stage(stage.path.with_name("none.usda"))
+    path = stage.balloon("ball", BALL, (0, 0, 0)).save()
+    with pytest.raises(InputError, match=r"has frames 0 to 2; expected a range within \(got 0:9\)"):
+        check_stage(path, frames=(0, 9))
+    with pytest.raises(InputError, match="expected at least 0 m"):
+        check_stage(path, within=-1.0)
+
+
+@pytest.mark.full
+def test_the_command_says_where_and_ends_with_one(stage: Stage, capsys):
+    path = stage.balloon("one", BALL, (0, 0, 0)).balloon("two", BALL, (0.9, 0, 0)).save()
+    assert status_of("check", str(path), "--device", "cpu") == 1
+    assert re.search(r"balloon one penetrates balloon two by [\d.]+ m at \(", capsys.readouterr().out)
+
+
+SIZE = (96, 64)
+GREEN = Balloon(mesh=quad_sphere(3), color=(0.0, 1.0, 0.0), damping=1.0, inflation=Inflation(k_normal=0.2))
+GREEN_BALL = Scene(gravity=0.0, frames=6, picture_frame=4, balloon=[GREEN])
+K_NORMAL = "balloon.inflation.k_normal"
+
+
+def compared(folder: Path, vary: dict[str, list[Any]], **options: Any) -> Comparison:
+    return compare(GREEN_BALL, vary, folder / "out.png", size=SIZE, samples=1, device="cpu", **options)
+
+
+def tiles(folder: Path, rows: int, columns: int) -> list[np.ndarray]:
+    """Return the sheet cut evenly, row by row; a tile keeps its label."""
+    sheet = np.asarray(Image.open(folder / "out.png").convert("RGB"))
+    return [part for band in np.array_split(sheet, rows) for part in np.array_split(band, columns, axis=1)]
+
+
+def green(tile: np.ndarray) -> int:
+    return int(((tile[..., 1] > 60) & (tile[..., 0] < 0.7 * tile[..., 1])).sum())
+
+
+@pytest.mark.parametrize(
+    ("text", "path", "values"),
+    [
+        ("a.b=1,2.5, x", "a.b", [1, 2.5, "x"]),
+        ("a=[[0, 1], [1, 2]],3", "a", [[[0, 1], [1, 2]], 3]),
+        ("a='x,y',true", "a", ["x,y", True]),
+        ("balloon.mesh=some.obj", "balloon.mesh", [Path("some.obj")]),
+    ],
+)
+def test_choices_are_read_as_in_set(text: str, path: str, values: list[Any]):
+    assert parse_choices(text) == (path, values)
+
+
+@pytest.mark.parametrize("text", ["a", "a=", "=1", "a=1,,2", "a..b=1"])
+def test_choices_without_path_or_value_are_refused(text: str):
+    with pytest.raises(InputError, match="expected PATH=VALUE"):
+        parse_choices(text)
+
+
+@pytest.mark.full
+def test_every_value_meets_every_other_and_the_last_path_makes_the_columns(tmp_path):
+    result = compared(tmp_path, {"frames_per_second": [60, 120], K_NORMAL: [0.0, 1.0, 2.0]})
+    assert [tuple(run.values.values()) for run in result.runs] == [(f, k) for f in (60, 120) for k in (0.0, 1.0, 2.0)]
+    assert {run.outcome for run in result.runs} == {"done"}
+    assert result.runs[0].figures["substeps"] > result.runs[-1].figures["substeps"]
+    small, larger, largest, *others = [green(tile) for tile in tiles(tmp_path, 2, 3)]
+    assert 1.05 * small < larger < 0.95 * largest  # one camera: a ball that grew more looks larger
+    assert others[0] == pytest.approx(small, rel=0.02)  # where nothing happens time does not matter
+    assert others[0] < others[1] < others[2]
+
+
+def test_the_figures_are_those_of_the_frame_that_is_shown(tmp_path):
+    result = compared(tmp_path, {K_NORMAL: [0.5]})
+    simulator = Simulator(override_scene(GREEN_BALL, [(K_NORMAL, 0.5)]), "cpu")
+    *_, last = (frame for frame in simulator.run() if frame.number <= 4)
+    shape = replace(simulator.model.shapes[0].mesh, points=last.points[0].astype(np.float64))
+    figures, volume, area = result.runs[0].figures, signed_volume(shape), total_area(shape)
+    assert figures["frame"] == last.number == 4
+    np.testing.assert_allclose([figures["volume"], figures["area"]], [volume, area], rtol=1e-5)  # sums of 54 faces
+    np.testing.assert_allclose(figures["roundness"], 36 * np.pi * volume**2 / area**3, rtol=5e-5)
+    assert compared(tmp_path, {K_NORMAL: [0.5]}, frame=6).runs[0].figures["volume"] > figures["volume"]
+
+
+@pytest.mark.full
+def test_only_one_closed_balloon_is_round(tmp_path):
+    """Summed volumes and areas have no shape."""
+    alone = compared(tmp_path, {K_NORMAL: [0.0]}).runs[0].figures
+    assert 0.5 < alone["roundness"] < 1.0
+    aside, opened = (GREEN.model_copy(update=each) for each in ({"position": (3.0, 0.0, 0.0)}, {"mesh": open_cube()}))
+    for balloons in ([GREEN, aside], [opened]):
+        scene = GREEN_BALL.model_copy(update={"balloon": balloons})
+        run = compare(scene, {K_NORMAL: [0.0]}, tmp_path / "out.png", size=SIZE, samples=1, device="cpu").runs[0]
+        assert run.outcome == "done"
+        assert "roundness" not in run.figures
+
+
+def test_each_of_several_frames_is_shown_and_one_past_the_end_is_refused(tmp_path):
+    result = compared(tmp_path, {"picture_frame": [2, 5, 7]})
+    assert [run.figures.get("frame") for run in result.runs] == [2, 5, None]
+    assert result.runs[2].sentence == "frame: 7 is not in the scene; expected 0 to 6"
+
+
+@pytest.mark.full
+def test_refused_and_exploded_runs_stand_beside_the_others(tmp_path):
+    result = compared(tmp_path, {K_NORMAL: [0.1, 9e11, "much"]}, table=tmp_path / "out.csv")
+    assert [run.outcome for run in result.runs] == ["done", "blew up", "refused"]
+    rows = list(csv.DictReader((tmp_path / "out.csv").open(encoding="utf-8")))
+    assert [row["outcome"] for row in rows] == ["done", "blew up", "refused"]
+    assert [float(row["volume"]) > 0.0 if row["volume"] else None for row in rows] == [True, None, None]
+    assert rows[0]["sentence"] == ""
+    assert rows[1]["sentence"].startswith("the simulation blew up")
+    assert rows[2]["sentence"].startswith(f"{K_NORMAL.replace('balloon', 'balloon.0')}: must be a valid number")
+    good, *bad = tiles(tmp_path, 1, 3)
+    assert green(good) > 100 > max(map(green, bad))
+    assert all(tile.min() < 100 for tile in bad)  # the sentence
+
+
+@pytest.mark.parametrize(
+    ("vary", "options", "error", "sentence"),
+    [
+        ({}, {}, InputError, "nothing differs"),
+        ({K_NORMAL: []}, {}, InputError, "nothing differs"),
+        ({K_NORMAL: ["much", "more"]}, {}, InputError, "must be a valid number"),
+        ({"no.such": [1]}, {}, InputError, "no: unknown table"),
+        ({K_NORMAL: [9e11, 8e11]}, {}, BlowUpError, "the simulation blew up"),
+        ({K_NORMAL: [1]}, {"frame": 7}, InputError, "frame: 7 is not in the scene; expected 0 to 6"),
+        ({K_NORMAL: list(range(600))}, {}, InputError, "expected at most 8192x8192"),
+        ({K_NORMAL: [1]}, {"table": "out.txt"}, InputError, "cannot write .txt; expected .csv"),
+    ],
+)
+def test_where_no_run_is_good_nothing_is_written(tmp_path, vary, options, error, sentence):
+    with pytest.raises(error, match=sentence):
+        compared(tmp_path, vary, **options)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.full
+def test_a_single_path_with_many_values_fills_even_rows(tmp_path):
+    compared(tmp_path, {K_NORMAL: [0.0, 0.1, 0.2, 0.3, 0.4, 0.5]}, frame=0)
+    width, height = Image.open(tmp_path / "out.png").size
+    assert 3 * SIZE[0] < width < 4 * SIZE[0]
+    assert 2 * SIZE[1] < height < 4 * SIZE[1]
+
+
+def test_long_labels_are_broken_and_a_wide_table_is_not_cut_off(capsys):
+    black = np.zeros((64, 96, 3), dtype=np.uint8)
+    short = compose_sheet([Tile(["a"], black, "")], 1, SIZE)
+    sheet = compose_sheet([Tile(["word " * 12], black, ""), Tile([], black, "")], 2, SIZE)
+    assert len(sheet) > len(short) + 24  # two lines more at least
+    assert (sheet[: len(sheet) - len(short), -SIZE[0] :] == 255).all()  # nothing over the other tile
+    figures = {f"sphere_{number}_height": 0.5 for number in range(8)} | {"particles": 8, "substeps": 4}
+    values = [{"picture_frame": number, "balloon.inflation.k_normal.1.1": 7} for number in (1, 2)]
+    runs = [Run(own, "done", "", {"frame": own["picture_frame"], **figures}) for own in values]
+    print_comparison(figure_console(), Comparison(runs, "out.png", None))
+    alike, header, *rows = capsys.readouterr().out.splitlines()
+    assert alike == "particles 8, substeps 4"
+    heights = [f"sphere {number} height" for number in range(8)]
+    assert re.split(r"\s{2,}", header) == ["picture_frame", "k_normal.1.1", "frame", *heights]
+    assert [row.split() for row in rows] == [[number, "7", number, *["0.5"] * 8] for number in "12"]
+
+
+@pytest.mark.full
+def test_the_command_prints_a_table_and_says_what_it_wrote(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write_obj(tmp_path / "ball.obj", quad_sphere(2))
+    write_obj(tmp_path / "other.obj", quad_sphere(6))  # which takes other substeps
+    words = "compare ball.obj --set frames=2 --device cpu --table t.csv --vary balloon.mesh=ball.obj,other.obj"
+    assert status_of(*words.split(), "--vary", "normals=cached,fresh,stale") == 0
+    lines, notes = (text.splitlines() for text in capsys.readouterr())
+    assert [line.split(": ")[0] for line in notes] == [f"ball, run {n} of 6" for n in (1, 2, 4, 5)]
+    assert lines[0] == "frame 2"
+    assert lines[1].split()[:3] == ["mesh", "normals", "volume"]
+    pairs = itertools.product(("ball.obj", "other.obj"), ("cached", "fresh", "stale"))
+    assert [line.split()[:2] for line in lines[2:8]] == list(map(list, pairs))
+    assert lines[8].startswith("refused: balloon.mesh = ball.obj, normals = stale: normals: must be 'cached' or")
+    assert lines[-2:] == ["wrote ball_compare.png", "wrote t.csv"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["ball.obj", "ball_compare.png", "other.obj", "t.csv"]
+
+
+Alias = TypeAliasType("Alias", Mapping[str, Any])
+
+
+@pytest.mark.parametrize(
+    ("hint", "right", "wrong"),
+    [
+        (int, [3, np.int64(3)], [3.0, True, "3", None, np.zeros(2)]),
+        (float, [3, 0.5, np.float32(0.5), float("inf")], [True, "0.5", None]),
+        (bool, [True, np.bool_(False)], [1, None, np.zeros(2)]),
+        (str | Path, ["a", Path("a")], [b"a", 3, None, ["a"]]),
+        (str | None, ["a", None], [3, b"a"]),
+        (Literal["a", "b"], ["a"], ["c", ["a"], np.zeros(2)]),
+        (Sequence[str], [["a"], ("a",), []], ["a", [1], {"a": 1}, None]),
+        (Sequence[int], [[1], np.array([1, 2]), range(3)], [[1.5], 3, np.zeros((2, 2)), np.array(1)]),
+        (Iterable[Any], [[1], (each for each in "a")], ["a", 3]),
+        (tuple[int, int], [(1, 2), [1, 2], np.array([1, 2])], [(1,), (1, 2, 3), (1, "a"), 1]),
+        (tuple[int | None, int | None], [(None, 2)], [(None, "a")]),
+        (Mapping[str, tuple[float, float]], [{"a": (1, 2.5)}], [{1: (1, 2)}, [("a", (1, 2))]]),
+        (Callable[[int], None], [print], [3, None]),
+        (PolygonMesh, [cube()], ["cube", None]),
+        (Alias, [{"a": object()}], [3]),
+    ],
+)
+def test_values_of_types(hint: Any, right: list[Any], wrong: list[Any]):
+    assert [value for value in right if not fits(value, hint)] == []
+    assert [value for value in wrong if fits(value, hint)] == []
+
+
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        (lambda: bw.remesh(cube(), "8"), r"cells: must be a whole number \(got '8'\)"),
+        (lambda: bw.inspect_mesh(3), r"mesh: must be a PolygonMesh \(got 3\)"),
+        (lambda: bw.Simulator("two_balloons", schedule=[]), r"schedule: must be text \(got \[\]\)"),
+        (lambda: bw.animate("two_balloons", 3.5), r"output: must be a path \(got 3.5\)"),
+        (
+            lambda: bw.render_stage("a.usdc", "a.png", size=np.zeros((2, 2))),
+            r"size: must be 2 whole numbers \(got an array of shape \(2, 2\)\)",
+        ),
+        (lambda: bw.run_batch("two_balloons", "a", 2, export="1"), r"export: must be a list of whole numbers"),
+        (lambda: bw.Cluster(workers="3"), r"workers: must be a whole number or None \(got '3'\)"),
+        (lambda: bw.TrajectoryFiles("a", format="csv"), r"format: must be h5 or zarr or npz \(got 'csv'\)"),
+        (lambda: bw.design("a.obj", of="steel"), r"of: must be springs or latex or foil"),
+    ],
+)
+def test_a_wrong_argument_is_named(call: Callable[[], Any], sentence: str, tmp_path: Path, monkeypatch: Any):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=f"^{sentence}"):
+        call()
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_signature_stays():
+    @checked
+    def add(a: int, *, b: int = 2) -> int:
+        return a + b
+
+    assert add(1) + add(1, b=1) == 5
+
+
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        (lambda: bw.Simulator(device="cpu"), "Simulator: missing a required argument: 'scene'"),  # pyright: ignore
+        (
+            lambda: bw.simulate("two_balloons", device_name="cpu"),  # pyright: ignore
+            "simulate: got an unexpected keyword argument 'device_name'; did you mean device?",
+        ),
+        (
+            lambda: bw.Simulator("two_balloons", fps=24),  # pyright: ignore
+            "Simulator: got an unexpected keyword argument 'fps'; known are scene, device, world_count, vary, "
+            "schedule, laws",
+        ),
+    ],
+)
+def test_arguments_that_do_not_fit_the_signature_are_named_with_the_function(call: Callable[[], Any], sentence: str):
+    with pytest.raises(TypeError, match=f"^{re.escape(sentence)}$"):
+        call()

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 import warp as wp
-from law_functions import COUNT, adjoint, called, difference, most_agree, size_of
-from lone_laws import AT_THE_END, TESTED, drawn, value_of
+from law_functions import COUNT, adjoint, called, compile_together, difference, most_agree, size_of
 from numpy.typing import NDArray
+from own_laws import AT_THE_END, TESTED, drawn, value_of
 
 from balloon_warp.kernels.laws import PARAMETERS, Law
 from balloon_warp.kernels.laws.contact import (
@@ -329,3 +329,13 @@ def test_a_particle_comes_near_a_sphere_where_twice_its_way_does():
     expected = -4.0 * ((way * start).sum(axis=1) / away + np.maximum(away - radius, 0.0))
     np.testing.assert_allclose(found[near], expected[near], rtol=1e-5, atol=1e-5)
     assert (found[~near] < -1e9).all()
+
+
+OTHERS = (gas_pressure, gas_energy, angle_beyond, rubs, amount_when_flat, push_by, excess_at_sphere)
+compile_together(
+    "laws",
+    {law.force: RESULT[law.kind].replace("float", "float32") for law in TESTED}
+    | {law.energy: "float32" for law in TESTED if law.energy}
+    | dict.fromkeys(OTHERS, "float32")
+    | {mesh_normal: "vec3"},
+)

@@ -16,7 +16,7 @@ import numpy as np
 import painted
 import pytest
 import trimesh
-from motion import assert_valid
+from exported import assert_valid
 from painted import CORNERS, QUADS, SIDES, atlas, linear, places, seen_sides, write_obj_cube, write_painted
 from PIL import Image
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade

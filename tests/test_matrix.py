@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 import warp as wp
 from costs import nightly_but
-from features import features, switches
-from lone_laws import TESTED, model_of_all
-from method_scenes import SCENES, VARIANTS
+from method_scenes import SCENES, VARIANTS, features, switches
+from own_laws import TESTED, model_of_all
 from trajectories import ROUNDING, advance_both, assert_close, tolerance_of
 
 from balloon_warp import InputError, bundled_scenes, load_scene
@@ -105,7 +104,7 @@ def test_methods_ask_for_different_things():
 
 
 ASKED_BY_CONTROLS = {"fixtures_steered True"}
-"""features that no scene asks for; test_controls.py runs them in every schedule"""
+"""features that no scene asks for; test_timeline.py runs them in every schedule"""
 
 
 @pytest.mark.full

@@ -13,13 +13,12 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 import trimesh
-from inspecting import command
+from commands import command, lines_executed
+from exported import animated, assert_valid
 from meshes import cube, grid, prism, quad_sphere
-from motion import animated, assert_valid
 from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 from trimesh.exchange.gltf import export_gltf
 from trimesh.exchange.stl import export_stl_ascii
-from work import lines_executed
 
 from balloon_warp import Balloon, Body, InputError, Obstacle, PolygonMesh, Scene, load_mesh, load_scene, remesh
 from balloon_warp.mesh.obj import read_obj, write_obj

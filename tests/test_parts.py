@@ -6,12 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from meshes import at, cube, grid, joined, mesh_of, open_cube, quad_sphere, tetrahedron
+from commands import lines_executed
+from meshes import at, car, cube, grid, hair, haired, joined, mesh_of, open_cube, quad_sphere, tetrahedron
 from numpy.typing import NDArray
-from odd_things import car, hair, haired
 from trajectories import stepped
 from typer.testing import CliRunner, Result
-from work import lines_executed
 
 import balloon_warp as bw
 from balloon_warp import Balloon, InputError, PolygonMesh, Scene, Simulator, build_springs, load_scene

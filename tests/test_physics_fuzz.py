@@ -66,8 +66,8 @@ def test_limits_has_what_is_known():
 @pytest.mark.parametrize(
     "name",
     [
-        *(name for name in KINDS if name not in ("paper", "tubes", "all")),
-        *(pytest.param(name, marks=pytest.mark.full) for name in ("paper", "tubes")),
+        *("springs", "gas", "film", "spheres", "obstacles", "touch", "bodies", "water", "bursting"),
+        *(pytest.param(name, marks=pytest.mark.full) for name in ("rubber", "pressed", "strings", "paper", "tubes")),
         pytest.param("all", marks=pytest.mark.nightly),
     ],
 )
@@ -121,7 +121,13 @@ WRONG: dict[str, tuple[str, dict[str, Callable[[Any], Any]]]] = {
 """Kinds of scenes in which properties of one run are checked, and changes of states that break them"""
 
 
-@pytest.mark.parametrize("name", WRONG)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.full if name in {each.__name__ for each in OF_THEIR_OWN_KERNELS} else ())
+        for name in WRONG
+    ],
+)
 def test_a_wrong_state_is_found(name: str):
     kind, states = WRONG[name]
     holds = next(each for each in PROPERTIES if each.__name__ == name)
@@ -135,7 +141,15 @@ def test_a_wrong_state_is_found(name: str):
     assert not wrong.holds
 
 
-@pytest.mark.parametrize("holds", [each for each in PROPERTIES if each.__name__ not in WRONG], ids=lambda p: p.__name__)
+@pytest.mark.usefixtures("cheap")
+@pytest.mark.parametrize(
+    "holds",
+    [
+        pytest.param(each, marks=pytest.mark.full if each in OF_THEIR_OWN_KERNELS else (), id=each.__name__)
+        for each in PROPERTIES
+        if each.__name__ not in WRONG
+    ],
+)
 def test_a_wrong_motion_is_found(holds: Property, monkeypatch: pytest.MonkeyPatch):
     """Runs have a particle ever farther off, of three the last alone; the reference rests; a slope is doubled."""
     case, of_cases = Case(one_of("springs")), gradients.gradient

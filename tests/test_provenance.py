@@ -1,21 +1,62 @@
-"""Provenance in a stage and in the manifest of a batch, and a batch repeated from it."""
+"""Provenance in stages and manifests, whose place an output may take, interrupts, and files of a release."""
 
 import csv
 import hashlib
 import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import tomllib
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from importlib import metadata
+from multiprocessing import forkserver
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
+import numpy as np
 import pytest
+import warp as wp
+import yaml
 from commands import status_of
 from meshes import cube, quad_sphere
+from painted import atlas, write_obj_cube, write_painted
+from PIL import Image
 from pxr import Sdf, Usd
 
-from balloon_warp import Balloon, InputError, Material, Scene, repeat_batch, run_batch
+from balloon_warp import (
+    Balloon,
+    Cluster,
+    InputError,
+    Material,
+    Obstacle,
+    Scene,
+    WorkersLostError,
+    animate,
+    design,
+    load_scene,
+    repeat_batch,
+    run_batch,
+)
+from balloon_warp.farm import remote
+from balloon_warp.farm.local_workers import begin_children, start_child
+from balloon_warp.farm.workers import worker_environments
+from balloon_warp.lab.fit.fit import Journal
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.run import provenance
 from balloon_warp.run.provenance import hash_of_file
+from balloon_warp.scene.write import write_scene
+from balloon_warp.studio import render
+from balloon_warp.studio.animate import Wanted
+from balloon_warp.studio.render.render import Film
+from balloon_warp.system.files import is_ours, replacing_any, sole_writer
+from balloon_warp.system.streams import Interrupts
+from balloon_warp.usd.stage import WAITING, Background
 
 SCENE = """
 frames = 2
@@ -242,3 +283,424 @@ def test_a_mesh_from_python_is_named_and_hashed(tmp_path):
     assert hashes[0] == hashes[1] != hashes[2]
     with pytest.raises(InputError, match="is missing; expected it"):
         repeat_batch(tmp_path / "out" / "manifest.json", tmp_path / "again")
+
+
+BOX = Scene(balloon=[Balloon(mesh=cube(), name="box")], frames=1)
+RUN, COMPARE = "run box.obj --frames 1 --device cpu", "compare box.obj --vary balloon.mass=1,2 --frames 1 --device cpu"
+BATCH = "batch box.obj --worlds 2 --frames 1 --device cpu"
+DATA = "--trajectories data --format npz"
+
+
+@pytest.fixture(scope="module")
+def made_stage(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    animate(BOX, path := tmp_path_factory.mktemp("stage") / "film.usdc", device="cpu")
+    return path
+
+
+@pytest.fixture
+def own_folder(tmp_path: Path, made_stage: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the working folder: a mesh without a texture, one with it, and a stage. Pictures are small."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(
+        "balloon_warp.studio.render.render.Film", lambda size, samples, *others: Film((64, 36), 1, *others)
+    )
+    write_obj(tmp_path / "box.obj", cube())
+    write_painted(tmp_path, "obj")
+    (tmp_path / "film.usdc").write_bytes(made_stage.read_bytes())
+    return tmp_path
+
+
+def contents(own_folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(own_folder)): path.read_bytes() for path in own_folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize(
+    ("words", "mine"),
+    [
+        pytest.param(RUN, "box.usdc", id="run"),
+        pytest.param(f"{RUN} --picture", "box.png", id="its picture"),
+        pytest.param(f"{RUN} --picture -o named.usdc", "named.png", id="the picture beside a named stage"),
+        pytest.param(f"{RUN} -o f.####.obj", "f.0001.obj", id="a frame, .obj"),
+        pytest.param(f"{RUN} -o f.####.ply", "f.0000.ply", id="a frame, .ply"),
+        pytest.param(f"{RUN} -o f.pvd", "f.0001.vtu", id="a frame, .vtu"),
+        pytest.param("convert film.usdc -o f.####.obj", "f.0000.obj", id="a converted frame"),
+        pytest.param("render film.usdc --device cpu", "film.png", id="render"),
+        pytest.param(COMPARE, "box_compare.png", id="compare"),
+        pytest.param(BATCH, "box_batch/table.csv", id="batch"),
+        pytest.param(f"{BATCH} -o .", "manifest.json", id="a batch among other files"),
+        pytest.param(f"{BATCH} --table csv", "box_batch/table.parquet", id="a table of the kind that goes"),
+        pytest.param(f"{BATCH} {DATA}", "data/train/world_000000.npz", id="trajectories"),
+        pytest.param(f"{BATCH} {DATA}", "data/manifest.json", id="the manifest of trajectories"),
+        pytest.param("scenes squirrel_tether -o mine.toml", "mine.toml", id="scenes"),
+        pytest.param("scenes squirrel_tether -o mine.toml", "squirrel.obj", id="a mesh beside a scene"),
+        pytest.param("foil I -o i.toml", "i.toml", id="a scene of foil"),
+        pytest.param("foil I -o i.obj --apart", "i_1.obj", id="a part of foil"),
+        pytest.param("design box.obj -o d --steps 0 --device cpu", "d/error.png", id="design"),
+        pytest.param("remesh cube.obj -o q.obj --cells 6", "q.mtl", id="materials of a mesh"),
+    ],
+)
+def test_what_the_program_did_not_make_stays(words: str, mine: str, own_folder: Path, capfd) -> None:
+    (own_folder / mine).parent.mkdir(parents=True, exist_ok=True)
+    (own_folder / mine).write_text("MINE\n")
+    before = contents(own_folder)
+    assert status_of(*words.split()) == 2
+    said = [line for line in capfd.readouterr().err.splitlines() if not line.startswith("note: ")]
+    assert len(said) == 1
+    assert mine in said[0]
+    assert "--force" in said[0]
+    assert contents(own_folder) == before
+
+
+@pytest.mark.parametrize(
+    ("words", "made"),
+    [
+        pytest.param(f"{RUN} --picture", ["box.usdc", "box.png"], id="run"),
+        pytest.param(f"{RUN} -o f.####.ply", ["f.0001.ply"], id="a sequence"),
+        pytest.param(f"{RUN} -o f.pvd", ["f.0001.vtu"], id="grids"),
+        pytest.param("render film.usdc --size 64x64 --samples 1 --device cpu", ["film.png"], id="render"),
+        pytest.param(f"{BATCH} {DATA}", ["box_batch/table.csv", "data/manifest.json"], id="batch"),
+        pytest.param("scenes squirrel_tether -o mine.toml", ["mine.toml", "squirrel.obj"], id="scenes"),
+        pytest.param("foil I -o i.toml", ["i.toml", "i_1.obj"], id="foil"),
+        pytest.param("remesh cube.obj -o q.obj --cells 6", ["q.mtl"], id="remesh"),
+    ],
+)
+def test_what_the_program_made_is_replaced_and_all_else_by_force(words: str, made: list[str], own_folder: Path) -> None:
+    for _ in range(2):
+        assert status_of(*words.split()) == 0
+    for name in made:
+        (own_folder / name).write_text("MINE\n")
+    assert status_of(*words.split(), "--force") == 0
+    assert all((own_folder / name).read_bytes() != b"MINE\n" for name in made)
+
+
+def test_a_scene_is_ours_until_it_is_edited(tmp_path: Path) -> None:
+    path = tmp_path / "box.toml"
+    write_obj(tmp_path / "box.obj", cube())
+    scene = load_scene(tmp_path / "box.obj")
+    write_scene(scene, path)
+    assert is_ours(path)
+    write_scene(scene, path)
+    path.write_text(path.read_text() + "# a thought\n")
+    with pytest.raises(InputError, match=r"box\.toml: .*edited it"):
+        write_scene(scene, path)
+    with replacing_any():
+        write_scene(scene, path)
+    assert load_scene(path) == scene
+
+
+def test_an_edited_scene_and_a_target_in_the_folder_of_a_design_stay(tmp_path: Path) -> None:
+    write_obj(tmp_path / "balloon.obj", cube())
+    (tmp_path / "report.json").write_text(json.dumps({"written_by": "Balloon Warp"}))
+    with pytest.raises(InputError, match=r"balloon\.obj: is an input of the design"):
+        design(tmp_path / "balloon.obj", folder=tmp_path, device="cpu")
+    (tmp_path / "balloon.toml").write_text("frames = 7\n")
+    with pytest.raises(InputError, match=r"balloon\.toml: .*edited it"):
+        design(cube(), folder=tmp_path, device="cpu")
+    assert (tmp_path / "balloon.toml").read_text() == "frames = 7\n"
+
+
+def test_a_file_in_place_of_a_journal_stays(tmp_path: Path) -> None:
+    path = tmp_path / "points.progress"
+    path.write_text("MINE")
+    with pytest.raises(InputError, match=r"points\.progress: another program wrote it"):
+        Journal(path, {}, resume=False)
+    assert path.read_text() == "MINE"
+    path.unlink()
+    for resume in (False, False, True):
+        Journal(path, {"bounds": 1}, resume).close(done=False)
+
+
+def test_a_texture_that_was_painted_over_stays(own_folder: Path) -> None:
+    scene = load_scene(own_folder / "cube.obj", {"frames": 1})
+    animate(scene, own_folder / "out.usdc", device="cpu")
+    (image,) = (own_folder / "textures").iterdir()
+    Image.new("RGB", (8, 8)).save(image)
+    painted = image.read_bytes()
+    with pytest.raises(InputError, match=r"textures.*: was edited"):
+        animate(scene, own_folder / "out.usdc", device="cpu", on_frame=lambda _: pytest.fail("simulates"))
+    assert image.read_bytes() == painted
+    with replacing_any():
+        animate(scene, own_folder / "out.usdc", device="cpu")
+    assert image.read_bytes() != painted
+
+
+INPUTS = {"box.usdc": "mesh", "box.png": "print", "tiles.usdc": "mesh"}
+
+
+@pytest.mark.parametrize("output", INPUTS)
+def test_an_output_is_no_input(output: str, own_folder: Path, made_stage: Path) -> None:
+    for name in INPUTS:
+        (own_folder / name).write_bytes(made_stage.read_bytes())
+    balloon = Balloon(mesh=own_folder / "box.usdc", print=own_folder / "box.png")
+    scene = Scene(balloon=[balloon], obstacle=[Obstacle(shape="mesh", mesh=own_folder / "tiles.usdc")], frames=1)
+    wanted = (
+        Wanted(own_folder / "out.usdc", own_folder / output) if output == "box.png" else Wanted(own_folder / output)
+    )
+    with pytest.raises(InputError, match=f"{output}: is the scene's {INPUTS[output]}; "):
+        wanted.checked(scene)
+
+
+def test_names_that_nobody_gave_are_no_inputs(own_folder: Path) -> None:
+    """A texture and a mesh that stand where a picture and a stage usually go."""
+    write_obj_cube(own_folder, "newmtl paint\nmap_Kd cube.png\n")
+    atlas().save(own_folder / "cube.png")
+    (own_folder / "film.toml").write_text('frames = 1\n[[balloon]]\nmesh = "film.usdc"\n')
+    inputs = contents(own_folder)
+    assert status_of("run", "cube.obj", "--frames", "1", "--picture", "--device", "cpu") == 0
+    assert status_of("run", "film.toml", "--device", "cpu") == 0
+    assert contents(own_folder).items() > inputs.items()
+    assert is_ours(own_folder / "cube_balloon.png")
+    assert is_ours(own_folder / "film_balloon.usdc")
+
+
+def test_an_output_has_one_writer(tmp_path: Path) -> None:
+    path, named = tmp_path / "out.usdc", tmp_path / "out.png"
+    with sole_writer(path), sole_writer(path, None, named), ThreadPoolExecutor(1) as other:
+        simulates = {"device": "cpu", "on_frame": lambda _: pytest.fail("simulates")}
+        refusal = other.submit(animate, BOX, path, **simulates).exception()
+    assert isinstance(refusal, InputError)
+    assert "out.usdc: process " in str(refusal)
+    assert "is writing it; wait for its end, or give another name, with -o" in str(refusal)
+    assert list(tmp_path.iterdir()) == []
+    with sole_writer(tmp_path), ThreadPoolExecutor(1) as other, pytest.raises(InputError, match="is writing it"):
+        other.submit(run_batch, BOX, tmp_path, 2, device="cpu").result()
+    with sole_writer(path):
+        pass
+
+
+def press(interrupts: Interrupts) -> None:
+    os.kill(os.getpid(), signal.SIGINT)
+    assert interrupts.pending
+
+
+def done_of(work: list[Callable[[Interrupts], None]], message: str) -> int:
+    """Return the number of work items done with Ctrl-C deferred, until it is raised with a message."""
+    done = 0
+
+    def run() -> None:
+        nonlocal done
+        with Interrupts() as interrupts:
+            for step in work:
+                step(interrupts)
+                done += 1
+
+    with pytest.raises(KeyboardInterrupt, match=f"^{message}$"):
+        run()
+    return done
+
+
+def test_ctrl_c_waits_until_it_is_delivered_but_for_the_second():
+    assert done_of([press, lambda _: None, lambda interrupts: interrupts.deliver("so far")], "so far") == 2
+    assert done_of([press, lambda _: None], "") == 2
+    assert done_of([press, press, lambda _: None], "") == 1
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_command_that_is_stopped_says_so(tmp_path, monkeypatch, capsys, number: signal.Signals, status: int):
+
+    def interrupted(_: Path, copy: Path) -> None:
+        copy.touch()
+        os.kill(os.getpid(), number)
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("shutil.copyfile", interrupted)
+    before = signal.getsignal(number)
+    assert status_of("scenes", "net_forces", "-o", "mine.toml") == status
+    assert capsys.readouterr() == ("", "error: scenes was interrupted\n")
+    assert list(tmp_path.iterdir()) == []
+    assert signal.getsignal(number) == before
+
+
+def test_ctrl_c_while_the_program_loads_is_a_word_too(tmp_path):
+    """Ctrl-C during the program's import gives the message, too; a module that is imported first sends it, as a real
+    one would have to meet a few tenths of a second."""
+    (tmp_path / "typer.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), os.environ["PYTHONPATH"]])}
+    command = [sys.executable, "-m", "balloon_warp", "scenes"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "error: interrupted before the start\n")
+
+
+def test_what_is_ignored_stays_ignored(monkeypatch, capsys):
+    """An ignored signal stays ignored, as Ctrl-C is by a process that a shell started in the background."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        monkeypatch.setattr("balloon_warp.cli.machine._list_scenes", lambda: os.kill(os.getpid(), signal.SIGINT))
+        assert status_of("scenes") == 0
+        assert capsys.readouterr().err == ""
+        assert signal.getsignal(signal.SIGINT) == signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.full
+def test_a_picture_that_is_stopped_leaves_the_stage_and_says_so(tmp_path, monkeypatch):
+    write_obj(tmp_path / "ball.obj", quad_sphere(2))
+    scene = load_scene(tmp_path / "ball.obj", {"frames": 1})
+
+    monkeypatch.setattr(render, "render_stage", Mock(side_effect=KeyboardInterrupt))
+    with pytest.raises(KeyboardInterrupt, match=r"/ball\.usda is written, .*/ball\.png is not$"):
+        animate(scene, tmp_path / "ball.usda", picture=tmp_path / "ball.png", device="cpu", schedule="scatter")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["ball.obj", "ball.usda"]
+
+
+def test_jobs_run_in_order_and_their_errors_are_raised_where_the_batch_runs():
+    done, gate = [], threading.Event()
+
+    def job(number: int) -> None:
+        gate.wait(10.0)
+        done.append((number, threading.current_thread() is threading.main_thread()))
+
+    with Background() as background:
+        for number in range(WAITING + 1):
+            background.submit(job, number)
+        threading.Timer(0.2, gate.set).start()
+        background.submit(job, WAITING + 1)
+        assert gate.is_set()  # it had to wait for a place
+    assert done == [(number, False) for number in range(WAITING + 2)]
+
+
+def test_a_failed_job_takes_what_is_behind_it_along():
+    """Jobs queued behind a failed one do not run, so that no checkpoint follows frames that could not be written."""
+    done: list[int] = []
+    gate = threading.Event()
+
+    def fail() -> None:
+        gate.wait()
+        raise OSError("disk full")
+
+    def run() -> None:
+        with Background() as background:
+            background.submit(fail)
+            background.submit(done.append, 1)
+            gate.set()
+
+    with pytest.raises(OSError, match="disk full"):
+        run()
+    assert done == []
+
+
+def test_each_gpu_has_a_worker_that_sees_it_alone(monkeypatch):
+    monkeypatch.setattr(wp, "get_cuda_device_count", lambda: 3)
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "5,6,7")
+    environments = worker_environments(Cluster(gpus=2))
+    assert [each["CUDA_VISIBLE_DEVICES"] for each in environments] == ["5", "6"]
+    monkeypatch.delenv("CUDA_VISIBLE_DEVICES")
+    assert worker_environments(Cluster(gpus=1)) == [{"CUDA_VISIBLE_DEVICES": "0"}]
+    process, connection = start_child(tell_surroundings, environments[1])
+    assert connection.recv() == ("6", signal.SIG_IGN)  # a terminal sends Ctrl-C to workers, too
+    process.join()
+
+
+def tell_surroundings(connection: Connection) -> None:
+    connection.send((os.environ["CUDA_VISIBLE_DEVICES"], signal.getsignal(signal.SIGINT)))
+
+
+def test_a_fork_server_leaves_ctrl_c_to_its_parent():
+    """A fork server does not hear a terminal's Ctrl-C while it loads: it would print a traceback."""
+    begin_children()
+    status = Path(f"/proc/{forkserver._forkserver._forkserver_pid}/status").read_text()  # pyright: ignore
+    blocked = int(re.search(r"^SigBlk:\s*(\w+)", status, re.M)[1], 16)  # pyright: ignore[reportOptionalSubscript]
+    assert blocked & 1 << signal.SIGINT - 1
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
+
+
+class FarAway:
+    """Pending result of a worker, and the client that waits for it."""
+
+    def __init__(self, workers: int, seconds: float):
+        self.workers, self.seconds = workers, seconds
+        self.timeouts: list[float] = []
+
+    def nthreads(self) -> dict[str, int]:
+        return dict.fromkeys(map(str, range(self.workers)), 1)
+
+    def result(self, timeout: float) -> str:
+        self.timeouts.append(timeout)
+        if timeout < self.seconds:
+            raise TimeoutError
+        return "share"
+
+
+def test_a_result_that_went_with_its_worker_is_not_waited_for_for_ever():
+    lost: Any = FarAway(workers=0, seconds=np.inf)
+    with pytest.raises(WorkersLostError, match=r"^all workers ended, and none came for 60 s"):
+        remote._result(lost, lost)
+    slow: Any = FarAway(workers=1, seconds=200.0)
+    assert remote._result(slow, slow) == "share"
+    assert slow.timeouts == [60.0, 120.0, 240.0]
+
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+SCM = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools_scm"]
+CHANGES = (ROOT / "CHANGELOG.md").read_text()
+WORKFLOWS = [str(path.relative_to(ROOT)) for path in ROOT.glob(".github/**/*.yml")]
+
+
+@pytest.mark.parametrize("path", ["CITATION.cff", ".pre-commit-config.yaml", *WORKFLOWS])
+def test_files_of_yaml_can_be_read(path: str):
+    assert isinstance(yaml.safe_load((ROOT / path).read_text()), dict)
+
+
+def test_the_citation_and_versions_without_git_are_those_of_the_changelog():
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    versions = re.findall(r"^## (\d+\.\d+\.\d+)(, not yet released)?$", CHANGES, re.MULTILINE)
+    (latest, unreleased), released = versions[0], [version for version, coming in versions if not coming]
+    assert SCM["fallback_version"] == (f"{latest}.dev0" if unreleased else latest)
+    assert citation["version"] == (released or [latest])[0]
+    assert citation["license"] == PROJECT["license"]
+    assert {"cff-version", "title", "message", "authors"} <= citation.keys()
+
+
+def test_the_workflow_runs_what_a_newcomer_does_on_each_python_that_is_claimed():
+    jobs = yaml.safe_load((ROOT / ".github/workflows/ci.yml").read_text())["jobs"]
+    newcomer = jobs["newcomer"]
+    assert [step["run"] for step in newcomer["steps"] if "run" in step] == [".ci/run"]
+    claimed = {name.rpartition(" ")[2] for name in PROJECT["classifiers"] if re.search(r"Python :: 3\.\d+$", name)}
+    assert claimed <= set(newcomer["strategy"]["matrix"]["python"])
+
+
+def test_the_papers_references_are_cited_and_exist():
+    paper, references = ((ROOT / "docs/paper" / name).read_text() for name in ("paper.md", "paper.bib"))
+    cited = set(re.findall(r"@([a-z_0-9]+)", paper.partition("# Summary")[2]))
+    assert cited == set(re.findall(r"^@\w+\{(\w+),", references, re.MULTILINE))
+
+
+def test_pages_that_are_named_for_language_models_exist():
+    pages = re.findall(r"\(([A-Z]+)\.html\)", (ROOT / "docs/llms.txt").read_text())
+    assert len(pages) > 8
+    assert [page for page in pages if not (ROOT / "docs" / f"{page}.md").exists()] == []
+
+
+@pytest.mark.parametrize("name", ["Containerfile", "balloon-warp.def"])
+def test_images_install_extras_and_warm_up_scenes_that_there_are(name: str):
+    recipe = (ROOT / "docs/container" / name).read_text()
+    extras = re.findall(r"\[([a-z,]+)\]\"", recipe)[0].split(",")
+    assert set(extras) <= PROJECT["optional-dependencies"].keys()
+    assert all((ROOT / "scenes" / f"{scene}.toml").exists() for scene in re.findall(r"warm-up (\w+)", recipe))
+
+
+def test_workflows_show_coverage_and_make_the_site_of_every_version():
+    steps = {
+        name: [step.get("run", "") for step in job["steps"]]
+        for path in WORKFLOWS
+        for name, job in (yaml.safe_load((ROOT / path).read_text()).get("jobs") or {}).items()
+    }
+    assert any("coverage report" in run and "GITHUB_STEP_SUMMARY" in run for run in steps["coverage"])
+    assert ".ci/site build/site" in steps["site"]
+    assert (ROOT / ".ci/site").stat().st_mode & 0o100
+
+
+@pytest.mark.parametrize("page", ["PHYSICS", "RUBBER", "GAS", "CONTACT", "LAWS", "METHODS", "RESEARCHERS"])
+def test_pages_of_physics_say_what_is_differentiable(page: str):
+    text = (ROOT / f"docs/{page}.md").read_text()
+    assert "differentia" in text
+    assert "(GRADIENTS.md#what-is-differentiable)" in text
+    assert "\n## What is differentiable\n" in (ROOT / "docs/GRADIENTS.md").read_text()
+
+
+def test_the_start_page_leads_each_kind_of_reader_on():
+    cards = re.findall(r"\[\*\*(\w+)\*\*\]\((\w+\.md)\)", (ROOT / "docs/index.md").read_text())
+    assert [name for name, _ in cards] == ["Animate", "Research", "Learn", "Play"]
+    assert all((ROOT / "docs" / page).exists() for _, page in cards)

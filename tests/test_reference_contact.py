@@ -1,172 +1,30 @@
-"""Contact in the reference: where features are nearest, conservation by every kind, and results of single contacts."""
+"""Contact of bodies in the reference, crossings of surfaces, and lists of contacts that are too short at first."""
 
-from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from meshes import quad_sphere
+import warp as wp
+from feature_sets import feature_set
+from gradient_losses import far
+from gradient_scenes import CASES
+from meshes import box, grid, joined, mesh_of, quad_sphere
 from rigid import SPACE, body_state, scene_of
+from trajectories import after_frames, arrays
 
-from balloon_warp import Balloon, Body, Ground, Inflation, Obstacle, Scene, Simulator, Sphere
+import balloon_warp as bw
+from balloon_warp import Balloon, Body, Ground, Inflation, Obstacle, Scene, Simulator, Sphere, bundled_scenes, load_mesh
+from balloon_warp.kernels.schedules.launched import acts_on_few, is_asked_ahead
+from balloon_warp.kernels.working import OF_TRIANGLES
 from balloon_warp.lab.reference import Reference
-from balloon_warp.lab.reference.contact import (
-    Movers,
-    Touch,
-    edge_contacts,
-    edge_edge,
-    momenta,
-    point_contacts,
-    point_triangle,
-    resolve,
-    ridge_contacts,
-    spheres_meet,
-    sweep,
-)
-from balloon_warp.model.touch import Ridges as Lines
-
-PLACES = np.random.default_rng(1).normal(size=(400, 4, 3))
-SKIN = np.full((2, 2, 3), [1.0, 200.0, 0.4])
-"""Thickness, stiffness and friction between two balloons"""
-OWNER = np.array([0, 0, 0, 0, 1, 1, 1, 1])
-FACES = np.array([[4, 5, 6], [4, 6, 7]])
-SHAPE = [(-1.0, 0.1, 0.2), (0.9, -0.2, 0.3), (0.2, 0.4, 0.25), (0.1, 0.6, 0.4),
-         (0.1, -1.0, 0.0), (0.8, 0.1, 0.1), (-0.1, 0.9, 0.05), (-0.9, 0.2, -0.1)]  # fmt: skip
-"""Four particles of a balloon above four of another"""
-
-
-def require_nearest(x: np.ndarray, weights: np.ndarray, first: int) -> None:
-    """Check the condition of the nearest places y of two convex features: (y of the other - y) . (corner - y) <= 0.
-
-    Args: first: number of points of the first feature."""
-    way = (weights * x).sum(axis=1, keepdims=True)
-    for part in (slice(0, first), slice(first, 4)):
-        own, sign = np.abs(weights[:, part]), np.sign(weights[:, part].sum(axis=1))
-        np.testing.assert_allclose(own.sum(axis=1), 1.0, rtol=1e-12)
-        place = (own * x[:, part]).sum(axis=1, keepdims=True)
-        assert (sign * (way * (x[:, part] - place)).sum(axis=-1)).min() > -1e-11  # rounding
-    assert len(np.unique(np.sign(np.round(weights[..., 0], 12)), axis=0)) > 3  # corners, sides and insides
-
-
-@pytest.mark.parametrize(("nearest", "first"), [(point_triangle, 1), (edge_edge, 2)])
-def test_the_nearest_places_of_a_point_and_a_triangle_or_two_edges(nearest: Callable, first: int):
-    require_nearest(PLACES, nearest(PLACES), first)
-
-
-RIDGE = Lines(np.array([[(-0.9, 0.5, 0.25), (0.9, 0.5, 0.3)]]), np.zeros((1, 2, 3)), 0.01, np.array([3], np.int32))
-"""Ridge of a box below faces, which is near them"""
-
-
-def with_box(x: np.ndarray, v: np.ndarray, ease: np.ndarray) -> Movers:
-    """Return particles and the box after them."""
-    m = Movers(np.vstack([x, (0.1, -0.5, -0.6)]), np.vstack([v, (0.0, 0.0, 4.0)]), np.vstack([ease, 1.0 / 0.7]))
-    m.spin[-1], m.turning[-1], m.radius[-1] = (0.1, 0.2, 0.3), np.diag([3.0, 5.0, 7.0]), 0.02
-    return m
-
-
-def edges_of(m: Movers) -> np.ndarray:
-    return edge_contacts(np.array([[0, 1, 4, 6], [0, 1, 5, 7], [2, 3, 5, 6]]), m.x, OWNER, SKIN)
-
-
-def points_of(m: Movers) -> np.ndarray:
-    return point_contacts(np.array([[own, *face] for own in range(4) for face in FACES]), m.x, OWNER, SKIN)
-
-
-def ridges_of(m: Movers) -> np.ndarray:
-    m.friction, row = np.full((1, 1), 0.3), (m, 8, RIDGE.radius, (0.5, 0.01), m.x[:8])
-    edges = np.unique(np.sort(FACES[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
-    found = np.concatenate(ridge_contacts(row, RIDGE, FACES, edges))
-    return found[np.isfinite(found["gap"][:, 0])]
-
-
-def touch_of(m: Movers) -> np.ndarray:
-    own, closed = np.arange(4), np.array([True, True])
-    touch = Touch([FACES[:0], FACES], OWNER, None, np.ones(8), np.ones(2), closed, SKIN)
-    return touch._beside(m.x, np.insert(FACES[touch._nearest(m.x, own, FACES, False)], 0, own, axis=1))[0]
-
-
-KINDS: dict[str, Callable[[Movers], np.ndarray]] = {
-    "edges": edges_of, "points": points_of, "ridges": ridges_of, "touch": touch_of,
-}  # fmt: skip
-
-
-def movers(seed: int) -> Movers:
-    rng = np.random.default_rng(seed)
-    x, v = np.array(SHAPE) + 0.02 * rng.normal(size=(8, 3)), rng.normal(size=(8, 3))
-    v[:, 2] += np.repeat([-2.0, 2.0], 4)  # they approach
-    return with_box(x, v, 1.0 / rng.uniform(0.1, 2.0, (8, 1)))
-
-
-def energy(m: Movers) -> float:
-    turned = sum(spin @ np.linalg.solve(own, spin) for spin, own in zip(m.spin[8:], m.turning[8:], strict=True))
-    return 0.5 * float((m.v**2 / m.ease).sum() + turned)
-
-
-@pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_contact_keeps_momentum_and_angular_momentum(kind: str, seed: int):
-    m = movers(seed)
-    c = KINDS[kind](m)
-    assert len(c)
-    rubs = sum(resolve(m, c, np.ones((len(c), 1))))
-    assert kind == "points" or (c["friction"] > 0.0).any()
-    linear, angular = momenta(c, rubs)
-    np.testing.assert_allclose(linear.sum(axis=1), 0.0, atol=1e-13 * np.abs(linear).max())
-    whole = (np.cross(m.x[c["ends"]], linear) + angular).sum(axis=1)
-    np.testing.assert_allclose(whole, 0.0, atol=1e-12 * np.abs(linear).max())
-
-
-@pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("kind", KINDS)
-def test_contacts_that_stop_what_approaches_all_at_once_give_no_energy(kind: str, seed: int):
-    m, h = movers(seed), 1e-3
-    c = KINDS[kind](m)
-    c["gap"], c["kept"] = 1.0, 1.0
-    before = energy(m)
-    sweep(m, c, h, 200)
-    assert energy(m) < before
-    assert (m.velocity(c) * c["normal"]).sum(axis=1).min() >= -(c["left"] / h).max() - 1e-3
-
-
-def two_balls(x: Any, v: Any) -> Movers:
-    """Return solid spheres of 2 kg and 0.5 m that have moved for 0.1 s."""
-    m = Movers(np.array(x), np.array(v), np.full((2, 1), 0.5))
-    m.h, m.start = 0.1, m.x - 0.1 * m.v
-    m.turning[:], m.radius[:], m.restitution[:] = 2.5 / (2.0 * 0.5**2) * np.eye(3), 0.5, 1.0
-    return m
-
-
-def test_elastic_spheres_exchange_their_velocities_on_the_way():
-    """Spheres start 1.2 m apart at 4 m/s, touch after 0.05 s of 0.1 s, and part for as long."""
-    m = two_balls([(-0.3, 0.0, 0.0), (0.5, 0.0, 0.0)], [(3.0, 0.0, 0.0), (-1.0, 0.0, 0.0)])
-    spheres_meet(m, [0, 1], lambda m, number: None)
-    np.testing.assert_allclose(m.v[:, 0], [-1.0, 3.0], rtol=1e-12)
-    np.testing.assert_allclose(m.x[:, 0], [-0.5, 0.7], rtol=1e-12)
-
-
-@pytest.mark.parametrize(("friction", "gain"), [(10.0, 1.4 / 7.0), (0.1, 0.1)])
-def test_spheres_that_grip_each_other_roll_off_and_others_obey_coulomb(friction: float, gain: float):
-    """Sliding at s = 1.4 m/s is stopped by the impulse s m / 7, as 1 + M R^2 / I = 7/2 of each, or slowed down by
-    friction times the push, of 1 m/s; each gets the same spin."""
-    m = two_balls([(-0.45, 0.0, 0.0), (0.45, 0.0, 0.0)], [(1.0, 0.7, 0.0), (-1.0, -0.7, 0.0)])
-    m.start = np.array([(-0.55, 0.0, 0.0), (0.55, 0.0, 0.0)])
-    m.friction, m.gravity = np.full((1, 1), friction), 50.0  # below two steps of which nothing rebounds
-    spheres_meet(m, [0, 1], lambda m, number: None)
-    np.testing.assert_allclose(m.v[0], [0.0, 0.7 - gain, 0.0], atol=1e-12)
-    np.testing.assert_allclose(m.spin[0], m.spin[1], atol=1e-12)
-    np.testing.assert_allclose(m.spin[0, 2], 2.5 / 0.5 * -gain, rtol=1e-12)
-
-
-def on_a_slope(friction: float, degrees: float) -> np.ndarray:
-    """Return how far a brick comes in half a second on a slope."""
-    turn, out = (0.0, 0.0, degrees), np.array([-np.sin(np.radians(degrees)), np.cos(np.radians(degrees)), 0.0])
-    brick = Body(size=(0.4, 0.2, 0.4), position=tuple(0.1 * out), rotation=turn, friction=friction)
-    slope = Obstacle(shape="plane", rotation=turn, friction=friction)
-    reference = Reference(scene_of(brick, obstacle=[slope], frames_per_second=20.0, substeps=20, gravity=10.0))
-    start = reference.bodies[0]["position"]
-    for _ in range(10):
-        reference.frame()
-    return reference.bodies[0]["position"] - start
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.crossings import crossings_of
+from balloon_warp.mesh.topology import triangulate
+from balloon_warp.model import build_model
+from balloon_warp.scene import load_scene
+from balloon_warp.schedules import contact_lists
+from balloon_warp.schedules.choose import fastest_schedule
 
 
 def test_a_sphere_that_has_yet_to_begin_waits_above_the_ground():
@@ -175,20 +33,6 @@ def test_a_sphere_that_has_yet_to_begin_waits_above_the_ground():
     reference = Reference(Scene(balloon=[balloon], sphere=[waits], ground=Ground(height=-1.0), contact="impulse"))
     reference.frame()
     assert reference.spheres[0]["position"] == pytest.approx((0.0, 2.0, 0.0))
-
-
-@pytest.mark.full
-def test_a_brick_stays_on_a_slope_below_the_angle_of_friction():
-    """A creep is allowed that sweeps leave: 3e-5 of a step of gravity, in 200 steps of 2.5 ms."""
-    assert np.linalg.norm(on_a_slope(0.5, 25.0)) < 3e-5 * 10.0 * 2.5e-3 * 0.5 * 10.0
-
-
-@pytest.mark.full
-def test_a_brick_slides_down_a_slope_by_the_rest_of_gravity():
-    """Acceleration is g (sin - friction cos), the way that of symplectic Euler, h longer."""
-    angle, seconds, h = np.radians(40.0), 0.5, 2.5e-3
-    way = 0.5 * 10.0 * (np.sin(angle) - 0.3 * np.cos(angle)) * seconds * (seconds + h)
-    assert np.linalg.norm(on_a_slope(0.3, 40.0)) == pytest.approx(way, rel=1e-3)
 
 
 def test_bodies_that_rub_and_rebound_move_as_the_product_moves_them(device: str):
@@ -230,3 +74,191 @@ def test_bodies_move_as_the_product_moves_them(device: str):
     np.testing.assert_allclose(body_state(simulator, "positions")[0], body["position"], atol=2e-6)
     np.testing.assert_allclose(simulator.state.points.numpy()[0], reference.x, atol=1e-5)
     np.testing.assert_allclose(simulator.state.sphere_positions.numpy()[0, 0], sphere["position"], atol=2e-6)
+
+
+SHORT = 4
+"""Length of short lists of triangles, whole fours; of others it is 1"""
+
+
+@pytest.fixture
+def short_lists(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
+    """Make lists short at first."""
+    usual = contact_lists.first_lengths
+
+    def shortened(model, features) -> dict[str, int]:
+        first = usual(model, features)
+        return {name: min(length, SHORT if name == "candidates" else 1) for name, length in first.items()}
+
+    monkeypatch.setattr(contact_lists, "first_lengths", shortened)
+    return monkeypatch
+
+
+@pytest.mark.parametrize(
+    ("name", "lists"), [("touch", {"candidates", "edge_pairs", "catches"}), ("faces", {"ridge_pairs", "catches"})]
+)
+def test_lists_that_grow_change_no_bit(name: str, lists: set[str], device: str, short_lists: pytest.MonkeyPatch):
+    """A frame that finds no room is computed again: worlds, in a batch and alone, are as with room from the start."""
+    own, gravities = "octets" if device == "cpu" else "gather", [9.81, 2.0, 9.81]
+    vary = {"gravity": gravities}
+    if feature_set(name).sphere:  # of which each world then has its own row
+        vary["sphere.0.radius"] = 3 * [feature_set(name).sphere[0].radius]
+    batch = Simulator(feature_set(name), device, 3, vary, schedule=own)
+    alone = Simulator(load_scene(feature_set(name), {"gravity": gravities[0]}), device, schedule=own)
+    short_lists.undo()
+    roomy = Simulator(load_scene(feature_set(name), {"gravity": gravities[0]}), device, schedule=own)
+    for simulator in (batch, alone, roomy):
+        for _ in range(3):
+            simulator.step_unread()
+        assert simulator.warnings == roomy.warnings
+        assert not simulator.schedule.overflow
+    assert set(batch.model.contact_room) == set(alone.model.contact_room) == lists
+    assert not roomy.model.contact_room
+    for field in ("points", "velocities", "sphere_positions", "frame"):
+        expected = getattr(roomy.state, field).numpy()
+        np.testing.assert_array_equal(getattr(alone.state, field).numpy(), expected)
+        if field != "frame":
+            np.testing.assert_array_equal(getattr(batch.state, field).numpy()[[0, 2]], np.repeat(expected, 2, axis=0))
+
+
+def test_gradients_have_the_lists_that_frames_have_come_to_need(device: str, short_lists: pytest.MonkeyPatch):
+    of, paths, *_ = CASES["touch in a crowd"]
+    found = bw.gradient(of, of=paths, loss=far, device=device)
+    short_lists.undo()
+    expected = bw.gradient(of, of=paths, loss=far, device=device)
+    assert found.loss == expected.loss
+    for path in paths:
+        assert found.gradients[path] == expected.gradients[path]
+
+
+def test_a_world_that_blows_up_makes_no_list_grow(device: str):
+    """Everything is near everything, and ignored contacts are not told."""
+    simulator = Simulator(feature_set("touch"), device, schedule="gather")
+    lists = simulator.schedule.contact_lists
+    assert lists
+    working = lists._working
+    for bad in (True, False):
+        simulator.state.first_bad.fill_(0 if bad else contact_lists.HEALTHY)
+        needs = np.zeros(working.needs.shape, dtype=np.int32)
+        needs[0, int(OF_TRIANGLES)] = 1000
+        working.needs.assign(needs)
+        working.overflow.fill_(960)
+        assert lists.grow(simulator.state) != bad
+        assert lists.ignored == 0
+        assert simulator.model.contact_room == ({} if bad else {"candidates": 1504})
+
+
+BALL, SHEET = quad_sphere(4), grid(4, 4)
+QUADS = BALL.face_vertex_indices.reshape(-1, 4).tolist()
+RISING = np.array([[1.0, 0.0, 0.3], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+
+
+def pulled(x: float = 0.0, y: float = 0.0) -> PolygonMesh:
+    """Return a ball whose top is pulled through its bottom, straight down or a little aside."""
+    points, top = BALL.points.copy(), BALL.points[:, 2] > 0.6
+    points[top] += [x, y, -2.6]
+    return replace(BALL, points=points)
+
+
+def cubes(*center: float, size: float = 1.0) -> PolygonMesh:
+    """Return a cube, and another one at some center."""
+    return joined(box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)), box(center, (size, size, size)))
+
+
+def needle(tip: float) -> PolygonMesh:
+    """Return a flat box and a pyramid whose tip is at that height over it."""
+    base = [(x, y, 2.0) for x, y in ((-0.3, -0.3), (0.3, -0.3), (0.3, 0.3), (-0.3, 0.3))]
+    pyramid = mesh_of([*base, (0.0, 0.0, tip)], [[0, 1, 2, 3], *([k, 4, (k + 1) % 4] for k in range(4))])
+    return joined(box((0.0, 0.0, -0.5), (2.0, 2.0, 1.0)), pyramid)
+
+
+def with_slivers() -> PolygonMesh:
+    """Return a slab whose top is cut finer along one line, with triangles of no area between."""
+    xs = np.linspace(0.0, 1.0, 9)
+    points = [(x, 0.0, 0.0) for x in xs] + [(0.0, -1.0, 0.0), (1.0, -1.0, 0.0)] + [(x, 1.0, 0.0) for x in xs]
+    fine = [[k, k + 1, 12 + k, 11 + k] for k in range(8)]
+    slivers = [[0, k + 1, k] for k in range(1, 8)]
+    return mesh_of(points, [[9, 10, 8, 0], *slivers, *fine])
+
+
+CROSSING = {
+    "edge on edge": pulled(),
+    "edge on edge, of triangles": mesh_of(pulled().points, triangulate(pulled())[0].tolist()),
+    "aside": pulled(0.1, 0.07),
+    "in a plane of symmetry": pulled(0.0, 0.07),
+    "corner on corner": cubes(0.5, 0.5, 0.5),
+    "sides in one plane": cubes(0.5, 0.0, 0.0),
+    "vertex in a side": cubes(0.25, 0.25, 0.25, size=0.5 + 1e-3),
+    "edges in sides": cubes(0.5, 0.25, 0.0),
+    "a cross": joined(box((0.0, 0.0, 0.0), (3.0, 1.0, 1.0)), box((0.0, 0.0, 0.0), (1.0, 3.0, 1.0))),
+    "a needle": needle(-0.1),
+    "vertices that coincide": joined(SHEET, replace(SHEET, points=SHEET.points[:, [0, 2, 1]] + [0, 2, -2])),
+}
+TOUCHING = {
+    "a ball": BALL,
+    "side on side": cubes(1.0, 0.0, 0.0),
+    "side on a part of a side": cubes(0.75, 0.1, 0.0, size=0.5),
+    "edge on edge": cubes(1.0, 1.0, 0.0),
+    "corner on corner": cubes(1.0, 1.0, 1.0),
+    "a needle": needle(0.0),
+    "a repeated face": mesh_of(BALL.points, [*QUADS, QUADS[0]]),
+    "a seam": joined(SHEET, replace(SHEET, points=SHEET.points + [4, 0, 0])),
+    "a seam where it bends": joined(SHEET, replace(SHEET, points=SHEET.points @ RISING + [4, 0, 0])),
+    "slivers": with_slivers(),
+    "a squirrel": load_mesh(bundled_scenes()["squirrel_inflate"].with_name("squirrel.obj")),
+}
+MIRRORED, SWAPPED = np.diag([-1.0, 1.0, 1.0]), np.eye(3)[[2, 1, 0]]
+TURNED = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
+
+
+def counts(mesh: PolygonMesh) -> list[int]:
+    """Return the crossings of a mesh as it is, mirrored, with axes swapped, and turned, far off, with other numbers."""
+    new = np.random.default_rng(1).permutation(mesh.vertex_count)
+    turned = np.empty_like(mesh.points)
+    turned[new] = 0.01 * mesh.points @ TURNED.T + [0.3, -2.0, 7.0]
+    other = replace(mesh, points=turned, face_vertex_indices=new[mesh.face_vertex_indices].astype(np.int32))
+    posed = [replace(mesh, points=mesh.points @ pose) for pose in (np.eye(3), MIRRORED, SWAPPED)]
+    return [len(crossings_of(each).edges) for each in (*posed, other)]
+
+
+@pytest.mark.parametrize("name", CROSSING)
+def test_what_goes_through_itself_crosses_in_whatever_pose(name: str):
+    assert min(counts(CROSSING[name])) > 0
+
+
+@pytest.mark.parametrize("name", TOUCHING)
+def test_what_only_touches_itself_does_not_cross_in_any_pose(name: str):
+    assert max(counts(TOUCHING[name])) == 0
+
+
+FRAMES = 10
+LID = 1.002  # height of the plane above the ball, which swells to it [m]
+
+
+RESTING = Balloon(mesh=quad_sphere(10, 0.5), position=(0.0, 0.501, 0.0), inflation=Inflation(k_normal=2.0))
+"""of more than 512 particles, part of a list of its own"""
+FLOOR = Obstacle(size=(3.0, 1.0, 3.0), position=(0.0, -0.5, 0.0))
+CEILING = Obstacle(shape="plane", position=(0.0, LID, 0.0), rotation=(0.0, 0.0, 180.0))
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(("changed", "is_told"), [({}, True), ({"correction": "provot"}, False)], ids=["told", "asked"])
+def test_a_list_of_those_that_leave_obstacles_changes_nothing(changed, is_told, device, monkeypatch):
+    """Whoever moves a particle notes it, or where others move it after that, the list asks for itself."""
+    scene = Scene(balloon=[RESTING], obstacle=[FLOOR, CEILING], **changed)
+    expected = arrays(after_frames(scene, "gather", device, FRAMES, worlds=3))
+    monkeypatch.setattr("balloon_warp.schedules.gather.has_many", lambda model: True)
+    simulator = after_frames(scene, "gather", device, FRAMES, worlds=3)
+    step = simulator.schedule.launches.step
+    (piece,) = (piece for piece in step.pieces if acts_on_few(step, piece))
+    assert is_asked_ahead(step, piece) == is_told
+    found = arrays(simulator)
+    heights = found["points"][0, :, 1]
+    assert np.isclose(heights, 0.0, atol=1e-6).any()
+    assert np.isclose(heights, LID, atol=1e-6).any()
+    np.testing.assert_equal(found, expected)
+
+
+@pytest.mark.parametrize(("name", "taken"), [("knot", "gather"), ("balloon_bunch", "block")])
+def test_auto_takes_what_is_faster_for_many_worlds_that_touch(name: str, taken: str, gpu: wp.Device):
+    """The automatic schedule of a crowded batch is the faster one by benchmarks/RESULTS.md."""
+    assert fastest_schedule(build_model(load_scene(name), gpu), 1024) == taken

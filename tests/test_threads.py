@@ -1,27 +1,38 @@
-"""Simulators and pages in threads of their own, side by side: the bytes are those of one after the other."""
+"""Threads: simulators and pages side by side, and work that begins ahead; limits of memory; progress of commands."""
 
 import gc
+import io
 import os
+import subprocess
 import sys
+import threading
 import time
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 import warp as wp
 from meshes import quad_sphere
+from rich.console import Console
+from typer.testing import CliRunner
 from warp._src.apic.capture import APICapture
 
 from balloon_warp import InputError, Simulator, animate, render_stage, run_batch, simulate
+from balloon_warp.cli.app import app
+from balloon_warp.cli.progress import LINE_SECONDS, SPINNER_SECONDS, Stages
+from balloon_warp.kernels import OPTIONS
+from balloon_warp.mesh.obj import write_obj
+from balloon_warp.model.state import Limit, least_limit
 from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Scene, Sphere
 from balloon_warp.studio.page.playground import Playground
 from balloon_warp.studio.page.session import Session
-from balloon_warp.system import warp_threads
+from balloon_warp.system import warp_setup, warp_threads
 from balloon_warp.system import warp_threads as devices
-from balloon_warp.system.warp_threads import pick_device
+from balloon_warp.system.warp_threads import begin_loading, launch, pick_device
 
 FRAMES, THREADS = 6, 4
 QUEUED = "launch", "launch_tiled", "copy", "clone", "empty", "zeros", "full", "capture_launch", "synchronize_event"
@@ -279,3 +290,314 @@ def test_a_simulation_that_fails_says_so_and_can_begin_anew(monkeypatch, capfd, 
     assert session.playground.frame >= 3
     assert not session.trouble
     assert capfd.readouterr().err.count("RuntimeError: no such device any more") == 1
+
+
+wp.set_module_options({**OPTIONS, "enable_backward": False})
+
+
+@wp.kernel(module="unique")
+def count(counts: wp.array[wp.int32]):
+    counts[wp.tid()] = wp.tid()
+
+
+@wp.kernel(module="unique")
+def add_a_vector(counts: wp.array[wp.int32]):
+    counts[wp.tid()] = counts[wp.tid()] + wp.vec3(1.0)  # which Warp refuses
+
+
+def test_a_kernel_begun_ahead_is_launched():
+    counts = wp.zeros(3, dtype=wp.int32, device="cpu")
+    kernel: Any = count
+    begin_loading(kernel, counts.device)
+    warp_threads._begun[kernel.module].result(timeout=60.0)
+    assert kernel.module.execs  # compiled, and loaded, without a launch
+    launch(kernel, 3, [counts], device=counts.device)
+    assert counts.numpy().tolist() == [0, 1, 2]
+
+
+def test_a_kernel_that_does_not_compile_is_told_at_each_launch():
+    counts = wp.zeros(3, dtype=wp.int32, device="cpu")
+    begin_loading(add_a_vector, counts.device)
+    for _ in range(2):
+        with pytest.raises(Exception, match="Couldn't find function overload"):
+            launch(add_a_vector, 3, [counts], device=counts.device)
+
+
+COMPILE_THREE = """
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+import warp as wp
+wp.config.optimization_level = 0
+from balloon_warp.system.files import folder_of_process
+from balloon_warp.system.warp_setup import quiet_warp
+quiet_warp()
+for number in (float(sys.argv[1]) + part for part in (0.0, 0.25, 0.5)):
+    @wp.kernel(module="unique", enable_backward=False)
+    def count(a: wp.array(dtype=float)):
+        a[wp.tid()] = wp.static(number)
+    a = wp.zeros(1, device="cpu")
+    wp.launch(count, 1, [a], device="cpu")
+assert a.numpy()[0] == number
+print(*("found" if each.is_symlink() else "made" for each in folder_of_process().rglob("*.pch")))
+"""
+
+
+@pytest.mark.full
+def test_a_process_finds_the_headers_that_another_has_compiled(tmp_path: Path):
+    """The first process makes them, the second finds them; one that finds them spoilt makes them again, for others."""
+    script = tmp_path / "compile.py"
+    script.write_text(COMPILE_THREE)
+    environment = {**os.environ, "WARP_CACHE_PATH": str(tmp_path / "cache")}
+
+    def told(number: float) -> str:
+        command = [sys.executable, str(script), str(number)]
+        return subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout.strip()
+
+    assert told(2.0) == "made"
+    assert told(3.0) == "found"
+    (shared,) = (tmp_path / "cache").rglob("*.pch")
+    whole = shared.stat().st_size
+    shared.write_bytes(b"spoilt")
+    assert told(4.0) == "made"
+    assert shared.stat().st_size == whole
+    assert told(5.0) == "found"
+    assert [path.name for path in shared.parent.iterdir()] == [shared.name]
+
+
+@pytest.fixture
+def of_two(monkeypatch: pytest.MonkeyPatch) -> Iterator[SimpleNamespace]:
+    """Yield the stand-in driver of a machine with two GPUs."""
+    two = SimpleNamespace(begun=[])
+
+    def get(device: Any, number: int) -> int:
+        device._obj.value = number
+        return 0 if number < 2 else 101
+
+    two.cuInit, two.cuDeviceGet = lambda _: 0, get
+    two.cuDevicePrimaryCtxRetain = lambda _, device: two.begun.append(device.value)
+    monkeypatch.setattr(warp_setup.ctypes, "CDLL", lambda _: two)
+    warp_setup._begin.cache_clear()
+    yield two
+    warp_setup._begin.cache_clear()
+
+
+def begin_driver(device: str | None) -> None:
+    """Start the driver and wait until it has begun."""
+    warp_setup.begin_driver(device)
+    for thread in threading.enumerate():
+        if thread.name == "driver":
+            thread.join()
+
+
+WANTED = {None: [0], "cuda": [0], "cuda:0": [0], "cuda:1": [1], "cpu": [], "cuda:2": [], "cuda:x": [], "gpu": []}
+
+
+@pytest.mark.parametrize(("device", "numbers"), WANTED.items())
+def test_the_gpu_that_is_wanted_and_there_begins_once(of_two: SimpleNamespace, device: str | None, numbers: list[int]):
+    for name in (device, *(f"cuda:{number}" for number in numbers)):
+        begin_driver(name)
+    assert of_two.begun == numbers
+
+
+def test_a_machine_without_a_driver_is_left_alone(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(warp_setup, "LIBRARY", "libnothing.so")
+    warp_setup._begin.cache_clear()
+    begin_driver(None)
+    warp_setup._begin.cache_clear()
+
+
+GIB = 2**30
+
+
+def write(root: Path, path: str, text: str) -> None:
+    (root / path).parent.mkdir(parents=True, exist_ok=True)
+    (root / path).write_text(text)
+
+
+def status(root: Path, gib: float) -> None:
+    write(root, "proc/self/status", f"Name:\tpython3\nVmRSS:\t  {int(gib * 2**20)} kB\nThreads:\t1\n")
+
+
+@pytest.mark.parametrize("limited", ["job/task", "job", ""])
+def test_a_cgroup_of_version_2_and_those_it_is_in(tmp_path: Path, limited: str):
+    """The limit of a cgroup is its maximum less the memory in use, not counting inactive files."""
+    write(tmp_path, "proc/self/cgroup", "0::/job/task\n")
+    for group in ("job/task", "job", ""):
+        folder = f"sys/fs/cgroup/{group}"
+        write(tmp_path, f"{folder}/memory.max", f"{4 * GIB}\n" if group == limited else "max\n")
+        write(tmp_path, f"{folder}/memory.current", f"{3 * GIB}\n")
+        write(tmp_path, f"{folder}/memory.stat", f"anon {GIB}\ninactive_file {GIB // 2}\nactive_file {GIB}\n")
+    assert least_limit(tmp_path, {}) == Limit("the cgroup's memory.max", 3 * GIB // 2)
+
+
+def test_a_cgroup_of_version_1(tmp_path: Path):
+    write(tmp_path, "proc/self/cgroup", "9:cpu,cpuacct:/a\n7:memory:/a\n1:name=systemd:/a\n0::/a\n")
+    folder = "sys/fs/cgroup/memory/a"
+    write(tmp_path, f"{folder}/memory.limit_in_bytes", f"{2 * GIB}\n")
+    write(tmp_path, f"{folder}/memory.usage_in_bytes", f"{GIB}\n")
+    write(tmp_path, f"{folder}/memory.stat", f"inactive_file 5\ntotal_inactive_file {GIB // 4}\n")
+    assert least_limit(tmp_path, {}) == Limit("the cgroup's memory.limit_in_bytes", 5 * GIB // 4)
+
+
+def test_a_container_sees_its_own_group_as_the_root(tmp_path: Path):
+    """A container sees its own group as the root: the path in the process is the host's, and does not exist."""
+    write(tmp_path, "proc/self/cgroup", "0::/system.slice/docker-1234.scope\n")
+    write(tmp_path, "sys/fs/cgroup/memory.max", f"{GIB}\n")
+    write(tmp_path, "sys/fs/cgroup/memory.current", f"{GIB // 4}\n")
+    assert least_limit(tmp_path, {}) == Limit("the cgroup's memory.max", 3 * GIB // 4)
+
+
+def test_a_job_of_slurm(tmp_path: Path):
+    status(tmp_path, 0.5)
+    node, cpu = {"SLURM_MEM_PER_NODE": "4096"}, {"SLURM_MEM_PER_CPU": "1024", "SLURM_CPUS_ON_NODE": "3"}
+    assert least_limit(tmp_path, node) == Limit("SLURM_MEM_PER_NODE", 7 * GIB // 2)
+    assert least_limit(tmp_path, cpu) == Limit("SLURM_MEM_PER_CPU", 5 * GIB // 2)
+    assert least_limit(tmp_path, node | cpu) == Limit("SLURM_MEM_PER_CPU", 5 * GIB // 2)
+
+
+def test_what_makes_no_sense_or_asks_for_all_of_a_node_is_no_limit(tmp_path: Path):
+    write(tmp_path, "proc/self/cgroup", "0::/a\n")
+    write(tmp_path, "sys/fs/cgroup/a/memory.max", "much\n")
+    assert least_limit(tmp_path, {"SLURM_MEM_PER_NODE": "many", "SLURM_MEM_PER_CPU": "1024"}) is None
+    assert least_limit(tmp_path, {"SLURM_MEM_PER_NODE": "0"}) is None  # `--mem=0`
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no ulimit")
+@pytest.mark.parametrize(("option", "name"), [("-v", "RLIMIT_AS"), ("-d", "RLIMIT_DATA")])
+@pytest.mark.parametrize("command", ["inspect squirrel_inflate", "run squirrel_inflate"])
+def test_a_ulimit_without_room_for_the_libraries_is_refused(
+    command: str, option: str, name: str, monkeypatch: pytest.MonkeyPatch
+):
+    """USD ended in a segmentation fault, or waited for ever for a thread that did not start."""
+    import resource
+
+    asked, before = getattr(resource, name), resource.getrlimit
+    monkeypatch.setattr(resource, "getrlimit", lambda each: (300000 * 1024, -1) if each == asked else before(each))
+    said = CliRunner().invoke(app, command.split())
+    assert str(said.exception).startswith(f"ulimit {option}: 300000 is less than the libraries take on this machine")
+    assert isinstance(said.exception, InputError)
+    monkeypatch.setattr(resource, "getrlimit", lambda each: (2**36, 2**36))
+    assert CliRunner().invoke(app, ["scenes"]).exit_code == 0
+
+
+@pytest.mark.full
+@pytest.mark.skipif(sys.platform == "win32", reason="has no ulimit")
+def test_ulimit_is_said_and_refuses_what_does_not_fit():
+    program = """
+import resource
+import balloon_warp as bw
+bw.Simulator("latex_inflate", "cpu")
+resource.setrlimit(resource.RLIMIT_AS, (6 * 2**30, resource.getrlimit(resource.RLIMIT_AS)[1]))
+try:
+    bw.Simulator("latex_inflate", "cpu", world_count=1_000_000)
+except bw.InputError as refusal:
+    print(refusal)
+"""
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120)
+    assert "GiB to spare within ulimit -v, enough for" in result.stdout, result.stderr
+
+
+class Later:
+    """Timer that fires when a test says so."""
+
+    all: ClassVar[list["Later"]] = []
+
+    def __init__(self, seconds: float, call: Callable[..., None], words: list[str]):
+        self.seconds, self.call, self.words, self.cancelled = seconds, call, words, False
+        Later.all.append(self)
+
+    def start(self) -> None: ...
+
+    def cancel(self) -> None:
+        self.cancelled = True
+
+    def come(self) -> None:
+        self.call(*self.words)
+
+
+@pytest.fixture
+def timers(monkeypatch) -> list[Later]:
+    monkeypatch.setattr(Later, "all", [])
+    monkeypatch.setattr(threading, "Timer", Later)
+    return Later.all
+
+
+def test_a_log_gets_a_line_of_each_stage_that_lasts(timers: list[Later]):
+    log = io.StringIO()
+    stages = Stages("[cow].obj", Console(file=log))
+    stages("reading")
+    stages("checking")
+    timers[-1].come()
+    stages("writing")
+    stages.end()
+    assert [timer.seconds for timer in timers] == [LINE_SECONDS] * 3
+    assert all(timer.cancelled for timer in timers)
+    timers[0].come()  # which was on its way
+    timers[2].come()
+    assert log.getvalue() == "[cow].obj: checking\n"
+
+
+class Screen:
+    """Terminal with one spinner."""
+
+    is_terminal = True
+
+    def __init__(self):
+        self.shown: list[str] = []
+        self._beside, self._turns = "", False
+
+    def status(self, beside: str) -> "Screen":
+        self.update(beside)
+        return self
+
+    def update(self, beside: str) -> None:
+        self._beside = beside
+        if self._turns:
+            self.shown.append(beside)
+
+    def start(self) -> None:
+        self._turns = True
+        self.update(self._beside)
+
+    def stop(self) -> None:
+        self._turns = False
+
+
+def test_a_terminal_shows_the_stage_that_it_is_at(timers: list[Later]):
+    screen: Any = Screen()
+    stages = Stages("[cow].obj", screen)
+    stages("reading")
+    stages("checking")
+    assert screen.shown == []
+    assert [timer.seconds for timer in timers] == [SPINNER_SECONDS]  # from the beginning on
+    timers[0].come()
+    stages("writing")
+    stages.end()
+    stages("resting")
+    assert screen.shown == [r"\[cow].obj: checking", r"\[cow].obj: writing"]
+
+
+def test_what_is_short_shows_nothing(timers: list[Later]):
+    for terminal in (True, False):
+        shown = io.StringIO()
+        stages = Stages("cow", Console(file=shown, force_terminal=terminal))
+        stages("reading")
+        stages.end()
+        for timer in timers:
+            timer.come()
+        assert shown.getvalue() == ""
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("words", [["remesh", "ball.obj", "-o", "out.obj"], ["inspect", "ball.obj"]])
+def test_remesh_and_inspect_say_what_they_do(tmp_path, monkeypatch, timers: list[Later], words: list[str]):
+    monkeypatch.chdir(tmp_path)
+    write_obj(tmp_path / "ball.obj", quad_sphere(4))
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 0, done.output
+    assert done.stderr == ""
+    stages = [timer.words[0] for timer in timers]
+    assert stages[0] == "reading the mesh"
+    assert len(stages) == len(set(stages)) >= 5

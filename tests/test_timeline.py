@@ -1,21 +1,28 @@
-"""Timeline of a simulation: changes, appearances and ends."""
+"""Timeline of a simulation: changes, appearances and ends; values that are set, and controls on the device."""
 
+import copy
+import pickle
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import warp as wp
 from meshes import cube, quad_sphere
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 from trajectories import stepped
+from trimesh.transformations import quaternion_matrix
 
-from balloon_warp import InputError, Simulator, animate, run_batch
+from balloon_warp import BlowUpError, InputError, Material, Simulator, animate, foil_mesh, load_scene, run_batch
 from balloon_warp.lab.reference import Reference
 from balloon_warp.model import build_model
-from balloon_warp.scene import Balloon, Change, Inflation, Obstacle, Scene, Sphere, Stiffness, String
+from balloon_warp.model.timeline import acting_laws
+from balloon_warp.scene import Balloon, Change, Ground, Inflation, Obstacle, Scene, Sphere, Stiffness, String
 
 STILL = Balloon(
     mesh=cube(), stiffness=Stiffness(structural=0, shear=0, flexion=0), inflation=Inflation(k_normal=0.0), damping=0.0
@@ -309,3 +316,412 @@ def test_the_table_follows_a_change_of_method(device, tmp_path):
         np.testing.assert_array_equal(UsdGeom.Mesh(ball).GetPointsAttr().Get(number), points)
         assert (np.diff(heights[: number + 1, 1]) < 0.0).all()
         simulator.step()
+
+
+BALL = Balloon(mesh=quad_sphere(3, 0.5), inflation=Inflation(pressure=5.0))
+ABOVE, BELOW = Sphere(position=(0.0, 0.8, 0.0), radius=0.4), String(anchor=(0.0, -1.0, 0.0), length=0.4)
+SCENE = Scene(balloon=[BALL], sphere=[ABOVE], string=[BELOW], substeps=24)
+BOUNDED = {
+    "balloon.inflation.pressure": (0.0, 100.0),
+    "balloon.damping": (0.0, 2.0),
+    "balloon.drag_coefficient": (0.0, 1.0),
+    "atmosphere.wind": (-9.0, 9.0),
+    "string.0.anchor": (None, None),
+    "gravity": (0.0, 10.0),
+}
+"""of `SCENE`: a keyframed value, a material's, a law's that did not act, a world's, a vector, and gravity"""
+PRESSURE = "balloon.inflation.pressure"
+
+
+def points(simulator: Simulator) -> np.ndarray:
+    return simulator.state.points.numpy().copy()
+
+
+def values_of(frame: int) -> dict[str, np.ndarray]:
+    """Return the values of a frame, for each control in each of three worlds."""
+    drawn = np.random.default_rng(frame).uniform(0.1, 0.9, (3, 6, 3)).astype(np.float32)
+    vectors = ("atmosphere.wind", "string.0.anchor")
+    return {path: drawn[:, n] if path in vectors else drawn[:, n, 0] for n, path in enumerate(BOUNDED)}
+
+
+def test_a_control_is_what_set_sets_bit_for_bit(schedule: str, device: str):
+    """Set values have the bits of planned changes, and of worlds alone (test_timeline.py)."""
+    controlled, told = (Simulator(SCENE, device, 3, schedule=schedule) for _ in range(2))
+    for path, (low, high) in BOUNDED.items():
+        controlled.controls.open(path, low, high)
+    for frame in range(3):
+        for path, values in values_of(frame).items():
+            controlled.controls[path] = values
+        told.set(values_of(frame))
+        controlled.step_unread()
+        told.step_unread()
+    np.testing.assert_array_equal(points(controlled), points(told))
+    assert np.ptp(points(controlled), axis=0).max() > 1e-4
+
+
+@pytest.mark.full
+def test_an_obstacle_that_is_steered_goes_as_one_that_moves_by_keyframes(schedule: str, device: str):
+    ball = BALL.model_copy(update={"position": (0.0, 0.52, 0.0), "velocity": (0.0, -0.5, 0.0)})
+    plate = Obstacle(size=(3.0, 0.2, 3.0), position=(0.0, -0.1, 0.0), rotation=(0.0, 0.0, 5.0), friction=0.6)
+    velocity, seconds = np.array([1.0, 0.7, -0.4]), 12 / 60
+    scene = Scene(balloon=[ball], obstacle=[plate], substeps=24)
+    keyframes = [(0.0, (0.0, 0.0, 0.0)), (seconds, tuple(seconds * velocity))]
+    moving = scene.model_copy(update={"obstacle": [plate.model_copy(update={"motion": keyframes})]})
+    steered, told, alone = (Simulator(each, device, 2, schedule=schedule) for each in (scene, moving, scene))
+    steered.controls.open("obstacle.0.velocity", -2.0, 2.0)
+    steered.controls["obstacle.0.velocity"] = np.tile(velocity, (2, 1))
+    for each in [steered, told, alone] * 12:
+        each.step_unread()
+    np.testing.assert_allclose(points(steered), points(told), atol=2e-5)
+    assert np.abs(points(alone) - points(told))[..., 0].max() > 0.01, "it is taken along"
+
+
+def test_an_array_begins_with_what_the_scene_has_and_stays(device: str):
+    simulator = Simulator(SCENE, device, 2, {PRESSURE: [1.0, 2.0]})
+    pressure = simulator.controls.open(PRESSURE, 0.0, 10.0)
+    assert pressure.numpy().tolist() == [1.0, 2.0]
+    simulator.set({PRESSURE: [3.0, 4.0]})
+    assert pressure.numpy().tolist() == [3.0, 4.0]
+    simulator.step()
+    simulator.reset()
+    assert simulator.controls[PRESSURE] is pressure
+    assert pressure.numpy().tolist() == [1.0, 2.0]
+    again = Simulator(SCENE, device, 2, {PRESSURE: [5.0, 2.0]})
+    pressure.assign([5.0, 2.0])
+    np.testing.assert_array_equal(simulator.step().points[0], again.step().points[0])
+
+
+def test_what_is_beyond_the_bounds_is_clipped(device: str):
+    clipped, within = (Simulator(SCENE, device) for _ in range(2))
+    clipped.controls.open("gravity", 0.0, 5.0).fill_(1e9)
+    within.controls.open("gravity", 0.0, 5.0).fill_(5.0)
+    np.testing.assert_array_equal(clipped.step().points[0], within.step().points[0])
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(("value", "beyond"), [(np.nan, "clip"), (np.inf, "clip"), (9.0, "end")])
+def test_a_world_ends_and_the_others_go_on(value: float, beyond: str):
+    simulator, sound = (Simulator(SCENE, "cpu", 3) for _ in range(2))
+    simulator.controls.open("gravity", 0.0, 5.0, beyond).assign([1.0, value, 2.0])
+    sound.controls.open("gravity", 0.0, 5.0).assign([1.0, 9.8, 2.0])
+    simulator.advance()
+    sound.advance()
+    assert simulator.controls.faults.numpy().tolist() == [0, 1, 0]
+    np.testing.assert_array_equal(points(simulator)[::2], points(sound)[::2])
+    assert np.isfinite(points(simulator)).all()
+    with pytest.raises(InputError, match=r"gravity: must be a finite number.*, in world 1 \(got "):
+        simulator.step()
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(
+    ("path", "bounds", "sentence"),
+    [
+        ("balloon.mas", {}, r"balloon\.mas: cannot change"),
+        ("balloon.position", {}, r"balloon\.position: cannot change"),
+        ("balloon.stiffness", {}, r"balloon\.stiffness: must be the path of a number or a vector; known are "),
+        ("balloon.mass", {}, r"balloon\.mass: the step depends on it; expected bounds, as in open"),
+        ("gravity", {"low": 2.0, "high": 1.0}, r"gravity: low must be at most high \(got 2 and 1\)"),
+        ("gravity", {"low": np.nan}, r"gravity: low must be a finite number \(got nan\)"),
+        ("balloon.mass", {"low": -1.0, "high": 1.0}, r"balloon\.0\.mass: must be greater than 0 \(got -1\.0\)"),
+        ("ground.friction", {}, r"friction: cannot be written on the device"),
+        ("sphere.radius", {}, r"sphere\.radius: cannot be written on the device; `set` changes"),
+        ("gravity", {"beyond": "stop"}, r'gravity: beyond must be "clip" or "end" \(got \'stop\'\)'),
+        ("balloon.stiffness.structural", {"low": 1.0, "high": 1e7}, r"substeps: 24 are too few"),
+    ],
+)
+def test_what_cannot_be_a_control_is_refused(path: str, bounds: dict, sentence: str):
+    simulator = Simulator(SCENE.model_copy(update={"ground": Ground()}), "cpu", 2)
+    with pytest.raises(InputError, match=sentence):
+        simulator.controls.open(path, **bounds)
+    assert len(simulator.controls) == 0
+
+
+@pytest.mark.parametrize("values", [[1.0], [[1.0, 2.0]], "much", [1.0, "b"]])
+def test_values_of_another_shape_are_refused(values: object):
+    simulator = Simulator(SCENE, "cpu", 2)
+    with pytest.raises(InputError, match=r"inflation\.pressure: expected a (value|number) for each world"):
+        simulator.controls[PRESSURE] = values
+
+
+def test_a_number_has_one_control():
+    simulator = Simulator(SCENE, "cpu", 2)
+    simulator.controls.open("balloon.damping", 0.0, 1.0)
+    with pytest.raises(InputError, match=r"balloon\.0\.damping: is already written by the control balloon\.damping"):
+        simulator.controls.open("balloon.0.damping", 0.0, 1.0)
+
+
+def test_the_step_and_the_laws_are_those_of_the_bounds():
+    scene = SCENE.model_copy(update={"substeps": "auto"})
+    stiff, controlled = Simulator(load_scene(scene, {"balloon.mass": 0.01}), "cpu"), Simulator(scene, "cpu")
+    controlled.controls.open("balloon.mass", 0.01, 1.0)
+    assert controlled.model.substeps == stiff.model.substeps
+    simulator = Simulator(SCENE, "cpu")
+    before = acting_laws(simulator.model)
+    simulator.controls.open("balloon.drag_coefficient", 0.0, 1.0)
+    assert len(acting_laws(simulator.model)) == len(before) + 1
+    assert acting_laws(replace(simulator.model, reach={})) == before
+
+
+def test_arrays_of_others_are_taken():
+    simulator = Simulator(SCENE, "cpu", 2)
+    pressure = simulator.controls[PRESSURE]
+    for given in (wp.array([1.0, 2.0], dtype=float, device="cpu"), np.array([1, 2]), [1.0, 2.0]):
+        pressure.zero_()
+        simulator.controls[PRESSURE] = given
+        assert pressure.numpy().tolist() == [1.0, 2.0]
+    simulator.controls[PRESSURE] = 4.0
+    assert pressure.numpy().tolist() == [4.0, 4.0]
+
+
+@pytest.mark.full
+def test_a_blow_up_is_explained_by_the_frame_that_it_came_in():
+    simulator = Simulator(SCENE, "cpu", 2)
+    pressure = simulator.controls[PRESSURE]
+    simulator.step()
+    pressure.assign([5.0, 1e9])
+    with pytest.raises(BlowUpError, match=r"in frame 2, world 1.* inflation pushed it"):
+        simulator.step()
+
+
+SAVED_BALL = BALL.model_copy(update={"position": (0.0, 2.0, 0.0)})
+SAVED_SCENE = Scene(balloon=[SAVED_BALL], obstacle=[Obstacle(size=(1, 0.1, 1), position=(0, 1, 0))], substeps=24)
+VELOCITY = "obstacle.0.velocity"
+
+
+def controlled() -> Simulator:
+    """Return three worlds, of which one was ended by its control."""
+    simulator = Simulator(SAVED_SCENE, "cpu", 3)
+    simulator.controls[PRESSURE] = [1.0, 2.0, 3.0]
+    simulator.controls.open(VELOCITY, -2.0, 2.0)
+    simulator.controls[VELOCITY] = np.array([[0, 1, 0], [0, 2, 0], [0, np.nan, 0]], dtype=np.float32)
+    for _ in range(3):
+        simulator.advance()
+    return simulator
+
+
+def followed(simulator: Simulator) -> list[np.ndarray]:
+    """Return the state three frames later, with other values meanwhile."""
+    simulator.advance()
+    simulator.controls[PRESSURE] = [4.0, 5.0, 6.0]
+    for _ in range(2):
+        simulator.advance()
+    places = simulator.observations["obstacle_positions"].numpy().copy()
+    return [points(simulator), places, simulator.controls.faults.numpy().copy()]
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("where", ["itself", "another", "another with those controls", "a file", "a copy", "pickled"])
+def test_a_saved_simulator_goes_on_with_its_controls(where: str, tmp_path):
+    first = controlled()
+    saved = first.save()
+    np.savez(tmp_path / "here.npz", **saved)
+    copies = {"a copy": copy.deepcopy(first), "pickled": pickle.loads(pickle.dumps(first))}
+    expected = followed(first)
+    if where in copies:
+        other = copies[where]
+    else:
+        other = controlled() if "those" in where else first if "itself" in where else Simulator(SAVED_SCENE, "cpu", 3)
+        other.restore(dict(np.load(tmp_path / "here.npz")) if "file" in where else saved)
+    assert set(other.controls) == {PRESSURE, VELOCITY}
+    assert other.controls.faults.numpy().tolist() == [0, 0, 2]
+    for found, before in zip(followed(other), expected, strict=True):
+        np.testing.assert_array_equal(found, before)
+
+
+@pytest.mark.parametrize("flat", [False, True])
+def test_turns_are_those_by_which_points_were_turned(flat: bool):
+    mesh = foil_mesh("o", height=0.3) if flat else quad_sphere(4, 0.5)
+    scene = Scene(balloon=[Balloon(mesh=mesh, inflation=Inflation(pressure=5.0))])
+    simulator = Simulator(scene, "cpu", 4)
+    turns = simulator.observations["turns"]
+    np.testing.assert_allclose(turns.numpy()[:, 0], [[0, 0, 0, 1]] * 4, atol=1e-5)
+    draw = np.random.default_rng(0)
+    quaternions = draw.normal(size=(4, 4))
+    quaternions *= (np.sign(quaternions[:, 3]) / np.linalg.norm(quaternions, axis=1))[:, None]
+    start = simulator.state.points.numpy()[0].astype(np.float64)
+    turned = [1.3 * start @ quaternion_matrix(np.roll(quaternion, 1))[:3, :3].T for quaternion in quaternions]
+    simulator.state.points.assign(np.array(turned) + draw.normal(size=(4, 1, 3)))
+    simulator.observations.refresh()
+    np.testing.assert_allclose(turns.numpy()[:, 0], quaternions, atol=2e-4)  # float32, of sums over all particles
+
+
+SECONDS = 1 / 60
+"""of a frame"""
+AT_REST = Balloon(
+    mesh=cube(), stiffness=Stiffness(structural=0, shear=0, flexion=0), inflation=Inflation(pressure=0.0), damping=0.0
+)
+BUSY = Scene(
+    balloon=[Balloon(mesh=quad_sphere(3, 0.5), inflation=Inflation(pressure=[(0.0, 5.0), (0.5, 9.0)]))],
+    sphere=[Sphere(position=(0.0, 0.8, 0.0), radius=0.4)],
+    string=[String(anchor=(0.0, -1.0, 0.0), length=0.4)],
+    substeps=24,
+    faces=False,
+)
+SETS = {
+    "numbers": {"gravity": 5.0, "balloon.mass": 0.15, "balloon.0.stiffness.shear": 12.0, "sphere.radius": 0.45},
+    "vectors": {"string.0.anchor": (0.1, -1.0, 0.2), "atmosphere.wind": np.array([1.0, 0.0, 2.0])},
+    "a table": {"balloon.stiffness": {"structural": 12.0, "shear": 5.0}},
+    "keyframes": {"balloon.inflation.pressure": 30.0},
+    "a keyframe": {"balloon.inflation.pressure.1.1": 30.0},
+    "methods": {"contact": "impulse", "correction": "provot", "substeps": 30},
+    "laws at rest": {"balloon.drag_coefficient": 0.5, "balloon.stiffness.torsion": 1e-3, "balloon.helium": 3.0},
+}
+"""on the way, of `BUSY`"""
+MISTAKES = {
+    "a name": ({"balloon.mas": 1.0}, r"balloon\.0\.mas: unknown field; did you mean mass\?"),
+    "a bound": ({"balloon.mass": -1.0}, r"balloon\.0\.mass: must be greater than 0 \(got -1\.0\)"),
+    "a world's bound": ({"balloon.mass": [1.0, -2.0]}, r"balloon\.0\.mass: must be .* \(got -2\.0\), in world 1"),
+    "worlds": ({"balloon.mass": [1.0, 2.0, 3.0]}, r"balloon\.mass: expected a value for each of 2 worlds"),
+    "a choice": ({"normals": "fres"}, r"normals: must be 'cached' or 'fresh' \(got 'fres'\)"),
+    "the mesh": ({"balloon.mesh": "a.obj"}, r"balloon\.mesh: cannot change; what can: substeps, "),
+    "the start": ({"balloon.position": (0, 1, 0)}, r"balloon\.position: cannot change"),
+    "how many": ({"sphere": []}, r"sphere: cannot change"),
+    "no such thing": ({"sphere.5.mass": 2.0}, r"sphere\.5\.mass: no sphere 5, the scene has 2"),
+    "not there yet": ({"sphere.1.radius": 0.2}, r"sphere\.1\.radius: sphere 1 does not exist in frame 1"),
+    "auto": (
+        {"balloon.inflation.pressure": "auto"},
+        r"pressure: must be a number during the simulation \(got \"auto\"\)",
+    ),
+    "new keyframes": ({"balloon.inflation.pressure": [(0, 1), (1, 2)]}, r"must be a number .* \(got keyframes\)"),
+    "another kind": ({"balloon.inflation.moles": 1.0}, r'moles: needs kind = "gas" \(got kind = "pressure"\)'),
+    "a new table": ({"water.level": 1.0}, r"water\.level: cannot change"),
+    "too long a step": ({"balloon.stiffness.structural": 1e6}, r"substeps: 24 are too few for these springs"),
+    "no mapping": ([("balloon.mass", 2.0)], r"set: must be paths and values, as in "),
+}
+
+
+def test_a_step_hands_out_the_frame_of_a_world(device: str):
+    simulator = Simulator(BUSY, device, vary={"balloon.mass": [0.1, 0.2]})  # as many worlds as values
+    frame, second = simulator.step(), simulator.step(world=1)
+    assert (frame.number, second.number) == (1, 2)
+    np.testing.assert_array_equal(second.points[0], points(simulator)[1])
+    assert np.abs(second.points[0] - frame.points[0]).max() > 1e-4
+    with pytest.raises(InputError, match="no world 2"):
+        simulator.step(world=2)
+    with pytest.raises(InputError, match=r"^frames: expected at least 1 \(got 0\)$"):
+        simulator.step(0)
+    assert simulator.frame_number == 2
+    assert simulator.step(3, world=1).number == 5
+
+
+def test_gravity_that_is_set_bends_the_fall(device: str, schedule: str):
+    """The velocity is -(g1 + g2) n h after n steps under g1, then n under g2 of each world."""
+    simulator = Simulator(Scene(balloon=[AT_REST], gravity=10.0, substeps=3), device, 2, schedule=schedule)
+    stepped(simulator, 2).set({"gravity": [30.0, 4.0]})
+    stepped(simulator, 2)
+    falls = simulator.state.velocities.numpy()[:, :, 1].T
+    np.testing.assert_allclose(falls, np.tile([-(10.0 + 30.0) * 2 / 60, -(10.0 + 4.0) * 2 / 60], (8, 1)), rtol=1e-5)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("name", SETS)
+def test_what_is_set_does_what_the_same_change_of_a_scene_does(name: str, device: str):
+    """A set value is bit-identical to the planned change of a scene, for which kernels are prepared."""
+    listed = {path: list(value) if isinstance(value, np.ndarray) else value for path, value in SETS[name].items()}
+    planned = Simulator(BUSY.model_copy(update={"change": [Change(time=2 * SECONDS, set=listed)]}), device)
+    simulator = stepped(Simulator(BUSY, device), 2)
+    simulator.set(SETS[name])
+    np.testing.assert_array_equal(points(stepped(simulator, 3)), points(stepped(planned, 5)))
+    assert np.abs(points(simulator) - points(stepped(Simulator(BUSY, device), 5))).max() > 1e-6
+
+
+def test_each_world_gets_its_own(device: str):
+    masses, anchors = [0.1, 0.4], np.array([[0.0, -1.0, 0.0], [0.5, -1.0, 0.5]])
+    simulator = stepped(Simulator(BUSY, device, 2), 1)
+    simulator.set({"balloon.mass": masses, "string.0.anchor": anchors})
+    stepped(simulator, 3)
+    for world in (0, 1):
+        alone = stepped(Simulator(BUSY, device), 1)
+        alone.set({"balloon.mass": masses[world], "string.0.anchor": anchors[world]})
+        np.testing.assert_array_equal(points(simulator)[world], points(stepped(alone, 3))[0])
+
+
+@pytest.mark.full
+def test_what_follows_from_a_value_follows():
+    film = Balloon(mesh=quad_sphere(3), material=Material(preset="latex"), inflation=Inflation(pressure=10.0))
+    simulator = Simulator(Scene(balloon=[film]), "cpu")
+    mass, substeps = float(simulator.model.parameters["mass"].numpy()[0, 0]), simulator.model.substeps
+    simulator.set({"balloon.material.thickness": 4.0 * film.material.value("thickness")})
+    assert float(simulator.model.parameters["mass"].numpy()[0, 0]) == pytest.approx(4.0 * mass)
+    assert simulator.model.substeps == substeps  # the frequency is that of the material
+    pair = Scene(balloon=[Balloon(mesh=quad_sphere(3)), Balloon(mesh=quad_sphere(3), position=(2.5, 0, 0))])
+    stiff = {"balloon.stiffness": {"structural": 80.0, "shear": 40.0, "flexion": 8.0}}
+    plan = pair.model_copy(update={"change": [Change(time=0.5 / 60.0, set=stiff)]})
+    before, told, planned = (Simulator(scene, "cpu") for scene in (pair, pair, plan))
+    told.set(stiff)
+    stepped(planned, 2)
+    own = [each.model.parameters["touch_stiffnesses"].numpy()[0] for each in (before, told, planned)]
+    np.testing.assert_allclose(own[1:], 4.0 * np.stack([own[0]] * 2), rtol=1e-6)
+    substeps = [each.model.substeps for each in (before, told, planned)]
+    assert substeps[1] == substeps[2] > 1.5 * substeps[0]  # of twice the frequency, rounded up
+
+
+@pytest.mark.full
+def test_what_the_scene_plans_happens_later_and_what_is_set_stays():
+    changes = [Change(time=2 * SECONDS, set={"gravity": 3.0}), Change(time=3 * SECONDS, set={"correction": "provot"})]
+    simulator = Simulator(BUSY.model_copy(update={"change": changes}), "cpu")
+    simulator.set({"gravity": 5.0, "contact": "impulse", "substeps": 48})
+    gravities = []
+    for _ in range(4):
+        simulator.step()
+        gravities.append(float(simulator.model.parameters["gravity"].numpy()[0]))
+    assert gravities == [5.0, 5.0, 3.0, 3.0]
+    scene = simulator.model.scene
+    assert (scene.contact, scene.correction, simulator.model.substeps) == ("impulse", "provot", 48)
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_what_cannot_be_set_is_one_sentence_and_nothing_changes(mistake: str):
+    given, said = MISTAKES[mistake]
+    late = [*BUSY.sphere, Sphere(position=(0, 5, 0), start=1.0)]
+    simulator = stepped(Simulator(BUSY.model_copy(update={"sphere": late}), "cpu", 2), 1)
+    before = {name: array.numpy().copy() for name, array in simulator.model.parameters.items()}
+    with pytest.raises(InputError, match=said):
+        simulator.set({"gravity": 1.0, **given} if isinstance(given, dict) else given)
+    for name, values in before.items():
+        np.testing.assert_array_equal(simulator.model.parameters[name].numpy(), values, err_msg=name)
+
+
+def test_reset_forgets_what_was_set(device: str):
+    simulator = Simulator(BUSY, device)
+    first = points(stepped(simulator, 2))
+    simulator.set({"balloon.mass": 0.3, "contact": "impulse"})
+    stepped(simulator, 1).reset()
+    np.testing.assert_array_equal(points(stepped(simulator, 2)), first)
+
+
+@pytest.mark.parametrize("how", [copy.copy, copy.deepcopy, lambda simulator: pickle.loads(pickle.dumps(simulator))])
+def test_a_copy_goes_on_as_what_is_restored(how: Callable[[Simulator], Simulator]):
+    worlds = "cpu", 2, {"balloon.mass": [0.1, 0.3]}
+    simulator = stepped(Simulator(BUSY, *worlds), 1)
+    simulator.set({"gravity": 3.0})
+    other = how(stepped(simulator, 1))
+    expected = points(stepped(simulator, 2))
+    assert other.frame_number == 2
+    np.testing.assert_array_equal(points(stepped(other, 2)), expected)
+    other.set({"balloon.mass": 2.0})
+    simulator.reset()
+    np.testing.assert_array_equal(points(stepped(simulator, 1)), points(stepped(Simulator(BUSY, *worlds), 1)))
+
+
+def test_a_simulator_of_a_model_is_not_pickled():
+    with pytest.raises(InputError, match=r"cannot be pickled; .*save\(\)"):
+        pickle.dumps(Simulator.of_model(Simulator(BUSY, "cpu").model))
+
+
+@pytest.mark.full
+def test_what_is_saved_brings_back_what_was_set(device: str, tmp_path: Path):
+    changes = [Change(time=SECONDS, set={"gravity": 3.0}), Change(time=4 * SECONDS, set={"gravity": 6.0})]
+    scene = BUSY.model_copy(update={"change": changes})
+    simulator = stepped(Simulator(scene, device, 2), 1)
+    simulator.set({"balloon.mass": np.array([0.1, 0.3]), "contact": "impulse"})
+    stepped(simulator, 1)
+    np.savez(tmp_path / "here.npz", **simulator.save())
+    assert simulator.save()["points"].shape == (2, 56, 3)
+    expected = points(stepped(simulator, 4))
+    for other in (simulator, Simulator(scene, device, 2)):
+        with np.load(tmp_path / "here.npz") as saved:
+            other.restore(saved)
+        assert other.frame_number == 2
+        np.testing.assert_array_equal(points(stepped(other, 4)), expected)

@@ -1,7 +1,16 @@
-"""Benchmarks: their cases, their peers, which simulate the same balloons, and the command; and lines of kernels."""
+"""Benchmarks: their cases, peers and command; figures of the paper; the fuzzer; and stages in other simulators."""
 
+import ast
+import itertools
 import json
+import re
+import shlex
 import subprocess
+import sys
+import time
+import tomllib
+from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -12,11 +21,24 @@ import pytest
 import warp as wp
 from commands import status_of
 from conserved import advanced
+from exported import BALL, scene
 from meshes import quad_sphere as looped_quad_sphere
-from pxr import Usd, UsdGeom
+from pxr import Usd, UsdGeom, UsdPhysics, UsdShade, UsdValidation
 
-from balloon_warp import Simulator, load_scene
-from balloon_warp.benchmarks import auto, bound, crowd_rate, export, first_frame, health, measure, reading, solvers
+from balloon_warp import Simulator, animate, load_scene
+from balloon_warp.benchmarks import (
+    auto,
+    bound,
+    crowd_rate,
+    export,
+    first_frame,
+    fuzz,
+    health,
+    measure,
+    reading,
+    solvers,
+)
+from balloon_warp.benchmarks.bad_meshes import MESH_CASES, MeshCase
 from balloon_warp.benchmarks.cases import CPU_CASES, GPU_CASES, Case, ExportCase, FirstFrameCase, ReadingCase, beside
 from balloon_warp.benchmarks.crowd import CrowdCase
 from balloon_warp.benchmarks.lines import KINDS, folders, house, kinds_of
@@ -25,8 +47,11 @@ from balloon_warp.benchmarks.result import Result
 from balloon_warp.benchmarks.rubber import RADIUS, rubber_cases
 from balloon_warp.benchmarks.run import run_case
 from balloon_warp.blow_ups import KEPT_FRAMES
-from balloon_warp.mesh.topology import quad_sphere, signed_volume
+from balloon_warp.cli import main as command
+from balloon_warp.errors import InputError
+from balloon_warp.mesh.topology import quad_sphere, signed_volume, triangulate
 from balloon_warp.model import Model, State, build_model, initial_state, lay_out, plan_model
+from balloon_warp.scene import bundled_scenes
 from balloon_warp.schedules import SCHEDULES, make_schedule
 from balloon_warp.schedules.choose import fastest_schedule
 from balloon_warp.system.warp_threads import pick_device
@@ -446,3 +471,181 @@ def test_the_size_of_the_house_is_counted():
         < sum(found[f"lines of {part}"] for part in ("kernels", "the package"))
     )
     assert 100 < found["our modules in a run of two frames"] < found["files of the package"] + found["files of kernels"]
+
+
+ROOT = Path(__file__).parents[2]
+FIGURES = (ROOT / "docs" / "FIGURES.md").read_text(encoding="utf-8")
+ROWS = [line for line in FIGURES.splitlines() if re.match(r"\| .*`balloon-warp", line)]
+COMMANDS = [shlex.split(command) for row in ROWS for command in re.findall(r"`balloon-warp (.*?)`", row)]
+NUMBERS = {*range(1, 27)}
+
+
+def figures(row: str) -> list[int]:
+    """Return the numbers in a row's first cell; none for a claim."""
+    first = row.split("|")[1].strip()
+    return [int(number) for number in first.split(",")] if re.fullmatch(r"[\d, ]+", first) else []
+
+
+def test_every_figure_has_a_row():
+    assert {number for row in ROWS for number in figures(row)} == NUMBERS
+
+
+@pytest.mark.parametrize("row", ROWS, ids=[row.split("|")[1].strip() for row in ROWS])
+def test_the_test_of_each_row_exists(row: str):
+    for name, link in re.findall(r"\[(test_\w+)\]\(([^)]+)\)", row):
+        tree = ast.parse((ROOT / "docs" / link).read_text(encoding="utf-8"))
+        assert name in [node.name for node in tree.body if isinstance(node, ast.FunctionDef)]
+    assert "[test_" in row
+
+
+def short(arguments: list[str]) -> list[str]:
+    """Return the command for two frames, with small pictures or none: they take longer than all the rest."""
+    if arguments[0] == "inspect":
+        return arguments
+    kept = [re.sub("(?<=^picture_frame=).*", "0,1,2", argument) for argument in arguments if argument != "--picture"]
+    small = ["--size", "64x64"] if arguments[0] == "compare" else []
+    return [*kept, *small, "--set", "frames=2", "--device", "cpu"]
+
+
+@pytest.mark.parametrize("arguments", COMMANDS, ids=[" ".join(arguments) for arguments in COMMANDS])
+def test_each_command_runs(arguments: list[str], tmp_path, monkeypatch, capsys):
+    assert arguments[1] in bundled_scenes()
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["balloon-warp", *short(arguments)])
+    with pytest.raises(SystemExit) as ended:
+        command()
+    said = capsys.readouterr()
+    assert (ended.value.code or 0) == 0
+    assert all(", schedule " in line for line in said.err.splitlines()), said.err  # the first of each run's log
+    assert "refused" not in said.out
+    assert "blew up" not in said.out
+    if arguments[0] != "inspect":
+        assert [path.name in said.out for path in tmp_path.iterdir()] == [True]
+
+
+@pytest.mark.parametrize("read", [fuzz.fuzz_meshes, fuzz.fuzz_scenes])
+def test_mutated_files_are_taken_or_refused(read, tmp_path: Path) -> None:
+    count: fuzz.Count = Counter()
+    read(tmp_path, 100, 0, count)
+    assert count.total() >= 100
+    assert min(count["accepted"], count["refused"]) >= 10
+
+
+@pytest.mark.parametrize(
+    ("fault", "found"),
+    [(ZeroDivisionError("planted"), "planted"), (InputError("no\nsentence: "), "a refusal of more than a line")],
+)
+def test_a_fault_is_found(fault: Exception, found: str, tmp_path, monkeypatch) -> None:
+    def fail(path: Path) -> None:
+        raise fault
+
+    monkeypatch.setattr(fuzz, "load_mesh", fail)
+    with pytest.raises(type(fault) if isinstance(fault, ZeroDivisionError) else AssertionError, match=found):
+        fuzz.fuzz_meshes(tmp_path, 5, 0, Counter())
+
+
+@pytest.mark.parametrize(("hang", "patience"), [(lambda: None, 1e9), (lambda: time.sleep(0.01), 1.0)])
+def test_a_hang_is_found(hang: Callable[[], None], patience: float, tmp_path, monkeypatch) -> None:
+
+    def read(path: Path) -> None:
+        while True:
+            hang()
+
+    monkeypatch.setattr(fuzz, "LONGEST", 0.02)
+    monkeypatch.setattr(fuzz, "PATIENCE", patience)
+    monkeypatch.setattr(fuzz, "load_mesh", read)
+    with pytest.raises(TimeoutError, match=r"a file took more than 0\.02 s"):
+        fuzz.fuzz_meshes(tmp_path, 1, 0, Counter())
+
+
+def test_the_table_is_held_to(tmp_path: Path) -> None:
+    plain = next(case for case in MESH_CASES if case.name == "plain")
+    assert fuzz.try_case(plain, tmp_path) is None
+    wrong = MeshCase("plain", plain.content, "refused", "is wrong")
+    assert fuzz.try_case(wrong, tmp_path) == "plain: expected to be refused, was accepted ()"
+
+
+@pytest.mark.parametrize(
+    ("take", "complaint"),
+    [
+        (lambda: [time.sleep(0.01) for _ in itertools.count()], "plain: TimeoutError a file took more than"),
+        (lambda: bytearray(2 * fuzz.MOST_MEMORY), "plain: MemoryError"),
+    ],
+)
+def test_the_table_has_bounded_time_and_memory(
+    take: Callable[[], object], complaint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fuzz, "MESH_CASES", [case for case in MESH_CASES if case.name == "plain"])
+    monkeypatch.setattr(fuzz, "LONGEST", 0.02)
+    monkeypatch.setattr(fuzz, "PATIENCE", 1.0)
+    monkeypatch.setattr(fuzz, "_plan", lambda *_: take())
+    _, [wrong] = fuzz.try_table(tmp_path)
+    assert wrong.startswith(complaint)
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("stage") / "out.usdc"
+    animate(scene(frames=2), path, device="cpu")
+    return path
+
+
+def test_a_balloon_is_a_surface_deformable(written: Path):
+    stage = Usd.Stage.Open(str(written))
+    prim = stage.GetPrimAtPath("/World/ball")
+    applied = prim.GetPrimTypeInfo().GetAppliedAPISchemas()
+    assert {"PhysicsDeformableBodyAPI", "PhysicsSurfaceDeformableSimAPI", "PhysicsCollisionAPI"} <= set(applied)
+    start = UsdGeom.Mesh(prim).GetPointsAttr().Get(0)
+    np.testing.assert_allclose(prim.GetAttribute("physics:restShapePoints").Get(), start, atol=1e-6)
+    np.testing.assert_allclose(UsdGeom.Mesh(prim).GetPointsAttr().Get(), start, atol=1e-6)
+    np.testing.assert_array_equal(prim.GetAttribute("physics:restTriVertexIndices").Get(), triangulate(BALL)[0])
+    assert prim.GetAttribute("physics:mass").Get() == pytest.approx(scene().balloon[0].mass)
+    gravity = UsdPhysics.Scene(stage.GetPrimAtPath("/World/Physics"))
+    assert tuple(gravity.GetGravityDirectionAttr().Get()) == (0.0, -1.0, 0.0)
+    assert gravity.GetGravityMagnitudeAttr().Get() == pytest.approx(abs(scene().gravity))
+
+
+def test_the_extra_brings_what_is_imported_here():
+    """The extra installs the packages that these tests import, which would otherwise be skipped everywhere."""
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    (others,) = (each for each in extras["test"] if each.startswith("balloon-warp["))
+    brought = extras["test"] + [each for name in extras if name in others for each in extras[name]]
+    assert {"newton", "newton-usd-schemas", "MaterialX"} <= {each.partition(">=")[0] for each in brought}
+
+
+def test_every_mesh_has_points_without_a_time_too(written: Path):
+    """Every mesh has points at the default time: Newton refuses a stage with one that has none."""
+    stage = Usd.Stage.Open(str(written))
+    meshes = [UsdGeom.Mesh(prim) for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh)]
+    assert any(mesh.GetPath().name.startswith("String") for mesh in meshes)
+    for mesh in meshes:
+        assert len(mesh.GetPointsAttr().Get()), mesh.GetPath()
+
+
+def test_latex_is_a_variant_that_validators_need_not_know(written: Path):
+    stage = Usd.Stage.Open(str(written))
+    material = UsdShade.Material(stage.GetPrimAtPath("/World/Looks/ball"))
+    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    assert not UsdValidation.ValidationContext(validators).Validate(stage)
+    assert material.ComputeSurfaceSource("mtlx")[0].GetIdAttr().Get() == "UsdPreviewSurface"
+    material.GetPrim().GetVariantSet("surface").SetVariantSelection("openpbr")
+    latex = material.ComputeSurfaceSource("mtlx")[0]
+    assert latex.GetIdAttr().Get() == "ND_open_pbr_surface_surfaceshader"
+    assert latex.GetInput("geometry_thin_walled").Get() is True
+    assert latex.GetInput("base_color").Get() == material.ComputeSurfaceSource()[0].GetInput("diffuseColor").Get()
+    assert material.ComputeSurfaceSource()[0].GetIdAttr().Get() == "UsdPreviewSurface"
+
+
+def test_openpbr_has_the_inputs_that_latex_sets(written: Path):
+    materialx = pytest.importorskip("MaterialX")
+    library = materialx.createDocument()
+    folders = materialx.getDefaultDataLibraryFolders()
+    materialx.loadLibraries(folders, materialx.getDefaultDataSearchPath(), library)
+    kinds = {"color3f": "color3", "float": "float", "bool": "boolean"}
+    definition = library.getNodeDef("ND_open_pbr_surface_surfaceshader")
+    known = {each.getName(): each.getType() for each in definition.getInputs()}
+    stage = Usd.Stage.Open(str(written))
+    material = UsdShade.Material(stage.GetPrimAtPath("/World/Looks/ball"))
+    material.GetPrim().GetVariantSet("surface").SetVariantSelection("openpbr")
+    for each in material.ComputeSurfaceSource("mtlx")[0].GetInputs():
+        assert known[each.GetBaseName()] == kinds[str(each.GetTypeName())]

@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 import warp as wp
-from lone_laws import TESTED, model_of_all, particle_masses, shake
 from meshes import mesh_of, quad_sphere
 from numpy.typing import NDArray
-from own_laws import HARDENING, REPELLING
+from own_laws import HARDENING, REPELLING, TESTED, model_of_all, particle_masses, shake
 
 import balloon_warp as bw
 from balloon_warp.kernels.laws import LAWS, Law

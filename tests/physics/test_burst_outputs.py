@@ -1,20 +1,48 @@
-"""Outputs of balloons that burst: stages, pictures, tables, and the scene that shows them."""
+"""Files and bits: outputs of balloons that burst, the projective solver against Newton's method, and skins."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+import warp as wp
 from batches import OFTEN, contents, stop_after
-from meshes import mesh_of, quad_sphere
-from motion import assert_valid
+from conserved import advanced, after_each, put
+from exported import assert_valid
+from meshes import grid, mesh_of, quad_sphere
+from projective_scenes import SOFT, after_frames, full_scene, kick, kicked_balloon, one_step
 from pxr import Usd, UsdGeom
 from render_stages import read_stage
 from test_bursting import BALL, filled, scene_of
 
-from balloon_warp import Balloon, Inflation, Scene, Simulator, StageWriter, load_scene, run_batch
+from balloon_warp import (
+    Balloon,
+    Change,
+    Inflation,
+    InputError,
+    Material,
+    Scene,
+    Simulator,
+    StageWriter,
+    Stiffness,
+    Water,
+    load_scene,
+    run_batch,
+)
 from balloon_warp.batch.output import STAGE_NAME
-from balloon_warp.batch.recorder import columns_of
+from balloon_warp.batch.recorder import MEASURES, Recorder, columns_of
 from balloon_warp.mesh.topology import beside_faces, signed_volume, total_area
+from balloon_warp.model import State, build_model, plan_model
+from balloon_warp.scene.load import override_scene
+from balloon_warp.solvers.projective import (
+    MANY_WORLDS,
+    MOST_PARTICLES,
+    DenseInverse,
+    ProjectiveSolver,
+    SparseFactor,
+    StepMatrices,
+)
 
 
 def test_the_stage_loses_the_faces_that_tear(tmp_path, device: str):
@@ -129,3 +157,293 @@ def test_the_bundled_scene_pops(device: str):
     assert 0.01 < pierced < pumped < 0.1  # along two arms, or three, each a face wide
     assert (simulator.state.pressures.numpy() == 0.0).all()
     assert all(np.isfinite(array.numpy()).all() for array in simulator.state.arrays.values())
+
+
+def test_iterations_converge_to_newtons_method(device):
+    step, points = one_step(400, device)
+    expected = step.minimum(points)
+    assert np.abs(step.slope(expected)[step.share > 0.0]).max() < 1e-9  # N; Newton's method has converged
+    assert np.abs(expected - step.start).max() > 0.05
+    np.testing.assert_allclose(points, expected, rtol=0, atol=1e-6)
+
+
+def test_springs_far_too_stiff_for_the_explicit_steps_stay_stable(device):
+    """A thousand times stiffer than symplectic Euler bears at h = 1/60 s, and kicked."""
+    rest = quad_sphere(4, radius=0.5)
+
+    def scene(factor: float, **fields) -> Scene:
+        stiffness = Stiffness(structural=factor, shear=factor, flexion=factor)
+        balloon = Balloon(mesh=rest, stiffness=stiffness, damping=0.0, inflation=Inflation(k_normal=0.1))
+        return Scene(balloon=[balloon], gravity=0.0, substeps=1, **fields)
+
+    bearable = 1.0
+    while True:
+        try:
+            Simulator(scene(bearable), device)
+            break
+        except InputError:
+            bearable /= 2.0
+    simulator = Simulator(scene(1000.0 * 2.0 * bearable, solver="projective"), device)
+    kick(simulator)
+    velocities = [simulator.step().velocities[0] for _ in range(120)]
+    speeds = [np.linalg.norm(each - each.mean(axis=0)) for each in velocities]
+    assert np.isfinite(speeds).all()
+    assert max(speeds[1:]) < 1.05 * speeds[0]
+    frame = simulator.read_frame()
+    ends = simulator.model.spring_particles.numpy()
+    lengths = np.linalg.norm(np.diff(frame.points[0][ends], axis=1)[:, 0], axis=1)
+    # 10 N of inflation in all, 0.1 N a particle, hardly stretch springs of 1,000 N/m; the rest is the swing left over
+    np.testing.assert_allclose(lengths / simulator.model.spring_rest_length.numpy(), 1.0, atol=0.05)
+
+
+def test_small_steps_approach_scatters_trajectory_at_first_order(device):
+    """Areas agree on average, as a particle between two faces may take the area of either."""
+    expected = after_frames(full_scene(substeps=1200), device, schedule="scatter").state
+    errors = []
+    for substeps in (25, 50, 100):
+        found = after_frames(full_scene(substeps=substeps, solver="projective"), device).state
+        errors.append(np.abs(found.points.numpy() - expected.points.numpy()).mean())
+    assert errors[0] < 1e-3
+    np.testing.assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 1.0, atol=0.2)  # and the next order
+
+
+def test_springs_that_change_change_the_matrix_too(device):
+    changed = kicked_balloon(100, change=[Change(time=0.0, set={"balloon.stiffness.structural": 200.0})])
+    stiff = kicked_balloon(100, SOFT.model_copy(update={"structural": 200.0}))
+    found, expected = (after_frames(scene, device, 10).state.points.numpy() for scene in (changed, stiff))
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_the_solver_may_change(device):
+    change = [Change(time=0.05, set={"solver": "projective"}), Change(time=0.1, set={"solver": "symplectic_euler"})]
+    simulator = Simulator(full_scene(change=change), device)
+    names = after_each(simulator, 8, lambda each: each.schedule.name == "projective")
+    assert names == [False] * 3 + [True] * 3 + [False] * 2
+
+
+def test_auto_takes_few_substeps_and_names_the_solver():
+    stiff = Stiffness(structural=1e6)
+    assert build_model(kicked_balloon(stiffness=stiff, substeps="auto"), "cpu").substeps == 2
+    assert build_model(full_scene(solver="projective", frames_per_second=24), "cpu").substeps == 10
+    assert Simulator(kicked_balloon(), "cpu").schedule.name == "projective"
+
+
+@pytest.mark.parametrize("vary", [{}, {"balloon.0.mass": np.linspace(0.1, 0.3, 3)}])
+def test_the_inverse_and_the_factor_give_the_same_trajectory(vary, device):
+    states: list[State] = []
+    for place, global_step in (("cpu", SparseFactor), (device, DenseInverse)):
+        simulator = Simulator(full_scene(solver="projective"), place, 3, vary)
+        simulator.schedule = ProjectiveSolver(simulator.model, global_step)
+        advanced(simulator, 3)
+        states.append(simulator.state)
+    assert np.abs(states[0].velocities.numpy()).max() > 0.1
+    np.testing.assert_allclose(states[0].points.numpy(), states[1].points.numpy(), rtol=0, atol=1e-5)
+
+
+def test_the_factor_refuses_a_gpu_which_it_would_compute_wrongly_on():
+    on_a_gpu: Any = SimpleNamespace(device=SimpleNamespace(is_cpu=False))
+    nothing: Any = None
+    with pytest.raises(ValueError, match="SparseFactor runs on the CPU"):
+        SparseFactor(on_a_gpu, nothing)
+
+
+def test_the_inverse_solves_the_system_alike_for_one_world_and_for_many(device):
+    """Threads have one row each, or several rows of several worlds, for two balloons of 56 rows each."""
+    many = MANY_WORLDS + 5
+    right_sides = np.random.default_rng(3).normal(size=(many, 112, 3)).astype(np.float32)
+    solutions = []
+    for rows in (right_sides, right_sides[-1:]):
+        model = build_model(full_scene(), device, len(rows))
+        solution = wp.zeros(rows.shape[:2], dtype=wp.vec3, device=device)
+        matrices = StepMatrices(model)
+        going = wp.full(len(rows), 1, dtype=wp.int32, device=device)
+        DenseInverse(model, matrices).solve(wp.array(rows, dtype=wp.vec3, device=device), solution, going)
+        solutions.append(solution.numpy())
+    np.testing.assert_array_equal(solutions[0][-1], solutions[1][0])
+    back = np.einsum("pq,wqa->wpa", matrices.matrix(0).toarray(), solutions[0])
+    np.testing.assert_allclose(back, right_sides, rtol=0, atol=1e-4)  # float32, times a condition of 100
+
+
+VARIED = {
+    "balloon.0.stiffness.structural": [20.0, 35.0, 0.0],
+    "balloon.1.mass": [0.2, 0.3, 0.25],
+    "balloon.0.damping": [0.1, 0.1, 0.4],
+    "string.0.stiffness": [20.0, 25.0, 40.0],
+    "gravity": [9.0, 10.0, 11.0],
+}
+
+
+def test_a_world_alone_is_the_same_world_in_a_batch(device):
+    scene = full_scene(solver="projective", normals="fresh", substeps=3)
+    vary = {path: (values * 4)[:11] for path, values in VARIED.items()}
+    batch = after_frames(scene, device, worlds=11, vary=vary)
+    for world in (0, 7, 10):
+        alone = after_frames(scene, device, vary={path: values[world : world + 1] for path, values in vary.items()})
+        for name in ("points", "velocities", "sphere_positions", "sphere_forces"):
+            of_batch, of_one = (getattr(each.state, name).numpy() for each in (batch, alone))
+            np.testing.assert_array_equal(of_batch[world], of_one[0], err_msg=name)
+    assert (batch.state.points.numpy()[0] != batch.state.points.numpy()[1]).any()
+
+
+def test_worlds_share_a_matrix_where_masses_and_spring_constants_are_alike():
+    scene = full_scene(solver="projective")
+    for vary, count in (({"gravity": [9.0, 10.0, 11.0, 12.0]}, 1), ({"balloon.0.mass": [0.1, 0.2, 0.1, 0.2]}, 2)):
+        matrices = StepMatrices(Simulator(scene, "cpu", 4, vary).model)
+        assert matrices.count == count
+        assert matrices.of_world.tolist() == [world % count for world in range(4)]
+
+
+def test_what_it_cannot_simulate_is_refused():
+    said = r'^schedule gather: is for explicit steps; solver = "projective" needs auto$'
+    with pytest.raises(InputError, match=said):
+        Simulator(kicked_balloon(), "cpu", schedule="gather")
+    with pytest.raises(InputError, match=r'^solver: "projective" does not support water; expected another'):
+        Simulator(kicked_balloon(water=Water()), "cpu")
+    many = Balloon(mesh=quad_sphere(27), inflation=Inflation(k_normal=0.2))
+    large = build_model(Scene(balloon=[many], solver="projective"), "cpu")
+    with pytest.raises(InputError, match=rf"^solver: .* {MOST_PARTICLES:,} particles at most on a GPU \(got 4,376\)"):
+        ProjectiveSolver(large, DenseInverse)
+
+
+OGDEN = {"preset": "natural_rubber_treloar"}
+UNSTABLE = {"ogden_moduli": (1e5, -1e3, 0.0), "ogden_exponents": (2.0, 2.0, 1.0)}
+
+
+def latex(**fields: Any) -> Scene:
+    return Scene(balloon=[Balloon(**{"mesh": quad_sphere(3, 0.1), "material": Material(preset="latex")} | fields)])
+
+
+def test_the_mass_is_that_of_the_skin():
+    scene = latex()
+    plan = plan_model(scene, 2, {"balloon.material.thickness": [1e-4, 3e-4]})
+    area = total_area(plan.shapes[0].mesh)
+    # a quad that is not flat is as large as its two triangulations are on average, and so a little larger
+    np.testing.assert_allclose(plan.parameters["mass"][:, 0], [area * 1e-4 * 940.0, area * 3e-4 * 940.0], rtol=2e-3)
+    np.testing.assert_allclose(plan.shapes[0].mass_share.sum(), 1.0)
+    fixed = plan_model(latex(fixed=[0])).shapes[0].mass_share
+    np.testing.assert_allclose(fixed[1:], plan.shapes[0].mass_share[1:])  # a fixed particle keeps its own
+    assert fixed[0] == 0.0
+
+
+def test_mass_is_lumped_by_area_and_not_by_particles():
+    strip = mesh_of([(0, 0, 0), (3, 0, 0), (4, 0, 0), (4, 1, 0), (3, 1, 0), (0, 1, 0)], [[0, 1, 4, 5], [1, 2, 3, 4]])
+    shares = plan_model(latex(mesh=strip, inflation=Inflation(pressure=0.0))).shapes[0].mass_share
+    np.testing.assert_allclose(shares, np.array([3.0, 4.0, 1.0, 1.0, 4.0, 3.0]) / 16.0)
+
+
+def test_weights_make_the_skin_thicker():
+    """Twice everywhere is a skin of twice the thickness; a function of points acts by its values."""
+    points = quad_sphere(3, 0.1).points
+    twice = latex(material=Material(preset="latex", weights=[2.0] * len(points)))
+    thick = latex(material=Material(preset="latex", thickness=4e-4))
+    rule = {"preset": "latex", "weights": lambda points: np.where(points[:, 1] > 0.0, 3.0, 1.0)}
+    by_rule = latex(material=rule)
+    assert latex(material=Material(**rule)).balloon[0].material == by_rule.balloon[0].material
+    masses = [plan_model(scene).parameters["mass"].item() for scene in (twice, thick, by_rule, latex())]
+    assert masses[0] == pytest.approx(masses[1])
+    assert 1.6 * masses[3] < masses[2] < 2.4 * masses[3]
+    one, other = (advanced(Simulator(scene, "cpu"), 3).points[0] for scene in (twice, thick))
+    np.testing.assert_allclose(one, other, atol=1e-4)
+    assert np.abs(one - points).max() > 1e-3
+
+
+def test_rubber_has_no_springs_but_those_that_are_asked_for():
+    assert build_model(latex(), "cpu").spring_count == 0
+    asked = build_model(latex(material=Material(preset="latex", springs=["flexion"])), "cpu")
+    of_springs = build_model(latex(material=Material()), "cpu")
+    kinds = of_springs.spring_kind.numpy()
+    assert asked.spring_count == (kinds == 2).sum() > 0
+    assert of_springs.triangle_count == 0
+
+
+def test_worlds_differ_in_all_that_a_material_has():
+    paths = {"shear_modulus": [2e5, 4e5], "thickness": [1e-4, 2e-4], "mooney_ratio": [0.0, 0.2], "wrinkling": [0, 1]}
+    for field, values in paths.items():
+        scene = latex(inflation=Inflation(pressure=500.0))
+        simulator = Simulator(scene, "cpu", 2, {f"balloon.material.{field}": values})
+        put(simulator, simulator.state.points.numpy()[0] * (1.4, 1.0, 0.7))
+        simulator.step()
+        points = simulator.state.points.numpy()
+        assert np.abs(points[0] - points[1]).max() > 1e-5, field
+
+
+@pytest.mark.parametrize("material", [Material(**OGDEN), Material(**OGDEN, wrinkling=False)])
+def test_worlds_differ_in_one_term_of_an_ogden_material(material: Material):
+    vary = {"balloon.material.ogden_moduli.0": [5e5, 7e5], "balloon.material.ogden_exponents.1": [4.0, 5.0]}
+    parameters = plan_model(latex(material=material), 2, vary).parameters
+    moduli, exponents = parameters["ogden_moduli"][:, 0], parameters["ogden_exponents"][:, 0]
+    np.testing.assert_allclose(moduli, [(5e5, 1.2e3, -1e4), (7e5, 1.2e3, -1e4)])
+    np.testing.assert_allclose(exponents, [(1.3, 4.0, -2.0), (1.3, 5.0, -2.0)])
+
+
+@pytest.mark.parametrize(
+    ("material", "sentence"),
+    [
+        ({"kind": "ogden"}, "material.ogden_exponents: is missing"),
+        ({"kind": "ogden", **UNSTABLE}, "material.ogden_moduli: .* unstable material; expected modulus times exponent"),
+        (OGDEN | {"ogden_exponents": (1.3, 300.0, -2.0)}, r"material.ogden_exponents.1: must be less .* 20 \(got 300"),
+        ({"kind": "neo_hookean", "thickness": 0.0}, r"material.thickness: must be greater than .* \(got 0"),
+        ({"kind": "neo_hookean", "shear_modulus": -1.0}, r"material.shear_modulus: must be greater .* \(got -1"),
+        ({"kind": "mooney_rivlin", "mooney_ratio": -0.1}, "material.mooney_ratio: must be greater than or equal to 0"),
+        ({"kind": "gent", "gent_limit": 0.0}, "material.gent_limit: must be greater than 0"),
+        ({"kind": "gent", "gent_limit": 20.0, "most_stretch": 5.0}, "material.most_stretch: 5 exceeds the .* 3.39"),
+        ({"shear_modulus": 1e5}, 'material.shear_modulus: needs kind = "neo_hookean" or'),
+        ({"thickness": 1e-3}, "material.thickness: needs a preset, or a kind such as"),
+        ({"kind": "gent", "mooney_ratio": 0.2}, 'material.mooney_ratio: needs kind = "mooney_rivlin"'),
+        ({"preset": "lead"}, "material.preset: must be 'latex'"),
+        ({"kind": "neo_hookean", "weights": [1.0, 2.0]}, "material.weights: .* has 56 vertices; expected a number for"),
+        ({"kind": "neo_hookean", "weights": {"neck": 2.0}}, "material.weights: .* has no group neck"),
+        ({"kind": "neo_hookean", "weights": [0.0] * 56}, "material.weights.0: must be greater than 0"),
+    ],
+)
+def test_bad_input_gets_a_sentence(material: dict[str, Any], sentence: str):
+    with pytest.raises(InputError, match=sentence):
+        build_model(latex(material=material), "cpu")
+
+
+THICKER = Change(time=0.1, set={"balloon.material.thickness": 1e-3})
+BY_NORMALS = Inflation(k_normal=0.1)
+
+
+@pytest.mark.parametrize(
+    ("balloon", "scene", "vary", "sentence"),
+    [
+        ({"mass": 2.0}, {}, {}, r"balloon.mass: follows from the material's thickness and density \(got 2\)"),
+        ({"inflation": BY_NORMALS}, {"solver": "projective"}, {}, '"projective" does not support mooney-rivlin'),
+        ({"mesh": mesh_of([(0, 0, 0), (1, 0, 0)], [[0, 1]])}, {}, {}, "material: .* has no face with an area"),
+        ({}, {}, {"balloon.mass": [1.0, 2.0]}, "mass: follows from the material"),
+        ({}, {}, {"balloon.material.gent_limit": [50.0, 60.0]}, r'material\.gent_limit: needs kind = "gent"'),
+        ({}, {"change": [THICKER]}, {}, "thickness: cannot change"),
+        ({}, {"substeps": 2}, {}, "substeps: 2 are too few"),
+    ],
+)
+def test_what_does_not_go_with_rubber_gets_a_sentence(balloon: dict, scene: dict, vary: dict, sentence: str):
+    with pytest.raises(InputError, match=sentence):
+        Simulator(latex(**balloon).model_copy(update=scene), "cpu", 2 if vary else 1, vary)
+
+
+def test_a_preset_is_what_it_says_and_can_be_changed():
+    plain = latex()
+    assert plain.balloon[0].material.value("shear_modulus") == 3.3e5
+    softer = override_scene(plain, [("balloon.material.shear_modulus", 1e5)])
+    assert softer.balloon[0].material.value("shear_modulus") == 1e5
+    assert softer.balloon[0].material.value("thickness") == 2e-4
+    foil = override_scene(plain, [("balloon.material.preset", "foil")])
+    assert foil.balloon[0].material.law == "neo_hookean"
+    assert foil.balloon[0].material.value("thickness") == 1.2e-5
+    rubber = load_scene("squirrel_inflate", {"balloon.material.preset": "latex"})
+    assert rubber.balloon[0].material.is_membrane
+
+
+@pytest.mark.always
+def test_the_largest_stretch_is_that_of_the_skin(device: str):
+    """The largest stretch in a batch's table and on the page is that of a sheet stretched askew by 1.5 and 0.9."""
+    sheet = latex(mesh=grid(3, 3), inflation=Inflation(pressure=0.0))
+    simulator = Simulator(sheet, device)
+    turn = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))[0]
+    points = simulator.state.points.numpy()[0]
+    put(simulator, points @ (np.array([[1.2, 0.3, 0.0], [0.3, 1.2, 0.0], [0.0, 0.0, 1.0]]) @ turn))
+    measured = Recorder(simulator, np.arange(1)).read().measures[0, MEASURES.index("largest_stretch")]
+    assert measured == pytest.approx(1.5, rel=1e-5)
+    membrane = simulator.model.shapes[0].membrane
+    np.testing.assert_allclose(membrane.stretches(simulator.state.points.numpy()[0]), 1.5, rtol=1e-5)

@@ -7,9 +7,9 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from glb_files import Glb
 from law_functions import called
 from meshes import cube, mesh_of, quad_sphere
+from painted import Glb
 from pxr import Usd, UsdGeom, UsdShade
 from scipy.spatial.transform import Rotation
 

@@ -7,11 +7,24 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conserved import advanced, after_each, angular_momentum, energy, momentum, motion, put
-from meshes import box, cube, grid, joined, mesh_of, quad_sphere, zigzag
-from odd_things import hair
-from played import played, shape_at
-from touching import SLACK, VACUUM, cushion, edges_through, square, touching, tube
+from conserved import (
+    SLACK,
+    VACUUM,
+    advanced,
+    after_each,
+    angular_momentum,
+    cushion,
+    edges_through,
+    energy,
+    momentum,
+    motion,
+    put,
+    square,
+    touching,
+    tube,
+)
+from meshes import box, cube, grid, hair, joined, mesh_of, quad_sphere, zigzag
+from trajectories import played, shape_at
 
 from balloon_warp import PolygonMesh, Simulator, foil_mesh
 from balloon_warp.benchmarks.overlap import deepest_overlap

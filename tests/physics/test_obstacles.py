@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 import warp as wp
-from conserved import advanced, put
+from conserved import advanced, put, square
 from law_functions import COUNT, called
 from meshes import cube, mesh_of, quad_sphere
 from pxr import Gf, Usd, UsdGeom, UsdSkel, Vt
 from scipy.spatial.transform import Rotation
-from touching import square
 
 from balloon_warp import Frame, InputError, PolygonMesh, Simulator
 from balloon_warp.kernels.laws.contact import capsule_surface

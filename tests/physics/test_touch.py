@@ -7,24 +7,32 @@ from typing import Any
 import numpy as np
 import pytest
 import small_batch
-from conserved import after_each, angular_momentum, energy, masses, momentum, most_in, motion, put, speed
-from feature_sets import feature_set
-from meshes import cube, mesh_of, moebius, prism, quad_sphere, torus
-from touching import (
+from conserved import (
     RADIUS,
     SLACK,
     VACUUM,
+    after_each,
+    angular_momentum,
     ball,
     centers,
     collision,
     deepest,
+    energy,
     fast,
     horseshoe,
+    masses,
+    momentum,
+    most_in,
+    motion,
     pile,
+    put,
     ramp,
+    speed,
     square,
     touching,
 )
+from feature_sets import feature_set
+from meshes import cube, mesh_of, moebius, prism, quad_sphere, torus
 from trajectories import after_frames, stepped
 
 from balloon_warp import InputError, run_batch
@@ -35,8 +43,6 @@ from balloon_warp.scene import Atmosphere, Balloon, Ground, Inflation, Scene, St
 from balloon_warp.schedules import contact_lists
 from balloon_warp.simulator import Simulator
 from balloon_warp.studio.animate import animate
-
-pytestmark = pytest.mark.physics
 
 
 @pytest.mark.parametrize("name", ["touch", "faces", "spheres", "obstacles", "bodies"])

@@ -17,16 +17,15 @@ import numpy as np
 import psutil
 import pytest
 import small_batch
-from clusters import address_of, batch, start_workers, write_ball
+from batches import address_of, batch, start_workers, write_ball
 from meshes import quad_sphere
 from pxr import Sdf
 
 from balloon_warp import Cluster, InputError, MissingExtraError, Scene, TrajectoryFiles, WorkersLostError, run_batch
 from balloon_warp.batch.output import BatchOutput
-from balloon_warp.farm import cluster as cluster_module
-from balloon_warp.farm import cluster as dask_workers
 from balloon_warp.farm import cluster as shares
-from balloon_warp.farm import local_workers
+from balloon_warp.farm import local_workers, workers
+from balloon_warp.farm import remote as dask_workers
 from balloon_warp.model import state
 from balloon_warp.scene import Balloon
 from balloon_warp.system.warp_setup import quiet_warp
@@ -248,7 +247,7 @@ def test_a_device_that_is_not_there_or_named_twice_is_told(address: str, tmp_pat
     assert list(tmp_path.iterdir()) == []
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "1,0,1")
     with pytest.raises(InputError, match=r"^CUDA_VISIBLE_DEVICES=1,0,1: names a GPU twice$"):
-        cluster_module.worker_environments(Cluster(gpus=2))
+        workers.worker_environments(Cluster(gpus=2))
 
 
 def test_the_first_gpu_is_this_process_s(tmp_path, monkeypatch):

@@ -1,7 +1,10 @@
-"""Bakes as Blender shows them, against the same scenes in Python."""
+"""Blender: bakes against the same scenes in Python, files of a bake, and the panel."""
 
 import math
 import os
+import shutil
+import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -11,22 +14,29 @@ import pytest
 from blender_scenes import (
     FRAMES,
     NEAR,
+    PATIENCE,
     assert_rendered,
     assert_simulated,
     bake,
     bpy,
     cube,
     faces_shown,
+    file_of,
     inflate,
     led,
     requested,
+    select,
     shown,
     subdivide,
     wait,
 )
+from PIL import Image
 
 from balloon_warp import Balloon, Ground, Inflation, PolygonMesh, Scene, Stiffness, simulate
-from balloon_warp.blender.addon import baking, modifier, tears
+from balloon_warp.blender import addon
+from balloon_warp.blender.addon import baking, modifier, panel, preferences, preview, tears
+from balloon_warp.blender.addon.request import tears_of
+from balloon_warp.blender.extension import write_extension
 
 FIRST_FRAME_SECONDS = 3.0
 """Longest CPU time from Bake to the first frame, with kernels that are compiled"""
@@ -331,3 +341,408 @@ def test_what_is_hidden_takes_part_as_in_blenders_physics(scene: Any):
     names["Monitor"].hide_viewport = True
     bake()
     assert [each.name for each in requested().scene.obstacle] == ["Eye"]
+
+
+@pytest.fixture(scope="module")
+def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a .blend with a cube that was baked for 60 frames."""
+    folder = tmp_path_factory.mktemp("film")
+    bpy.ops.wm.read_homefile(use_factory_startup=True)
+    bpy.context.scene.frame_end = 61
+    bpy.ops.wm.save_as_mainfile(filepath=str(folder / "film.blend"))
+    subdivide(cube(), 4)
+    inflate(cube())
+    bake()
+    bpy.context.preferences.filepaths.save_version = 0
+    bpy.ops.wm.save_mainfile()
+    return folder
+
+
+@pytest.fixture
+def baked(film: Path, tmp_path: Path) -> Any:
+    """Return the cube of a copy of that file in another folder."""
+    shutil.copytree(film, tmp_path, dirs_exist_ok=True)
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "film.blend"))
+    yield cube()
+    baking.stop()
+
+
+def test_a_file_and_its_bake_move_together(baked: Any, film: Path, tmp_path: Path):
+    assert file_of(baked).is_relative_to(tmp_path)
+    moved = shown(baked, 60)
+    assert np.abs(moved - shown(baked, 0)).max() > 0.1
+    bpy.ops.wm.open_mainfile(filepath=str(film / "film.blend"))
+    assert np.array_equal(shown(cube(), 60), moved)
+
+
+def test_a_bake_goes_on_where_it_was_cancelled_or_killed(baked: Any):
+    scene, frames = bpy.context.scene, file_of(baked).read_bytes()
+    assert bpy.ops.balloon.bake() == {"FINISHED"}
+    wait(until=lambda bake: bake.frame > 3)
+    bpy.ops.balloon.cancel()
+    assert wait().startswith("Cancelled at frame")
+    assert not scene.balloon_warp.is_error
+    bpy.ops.wm.open_mainfile(filepath=bpy.data.filepath)  # as after a crash of Blender, whose file knows of no Cancel
+    scene = bpy.context.scene
+    modifier.rest(modifier.find(cube()))
+    assert bpy.ops.balloon.resume() == {"FINISHED"}
+    wait(until=lambda bake: bake.frame > 12)
+    assert baking.running
+    baking.running.process.kill()
+    assert wait().endswith("Continue goes on")
+    assert scene.balloon_warp.is_error
+    assert np.isfinite(shown(cube(), 60)).all()
+    assert bpy.ops.balloon.resume() == {"FINISHED"}
+    assert wait() == "Baked 60 frames"
+    assert file_of(cube()).read_bytes() == frames
+    assert not baking.can_continue(scene)
+
+
+def test_deleting_a_bake_brings_the_object_back(baked: Any, tmp_path: Path):
+    player = modifier.find(baked)
+    assert player
+    player.show_viewport = False
+    before = shown(baked, 60)
+    player.show_viewport = True
+    assert np.abs(shown(baked, 60) - before).max() > 1e-4
+    assert bpy.ops.balloon.delete() == {"FINISHED"}
+    assert np.array_equal(shown(baked, 60), before)
+    assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["film.blend"]
+    select(baked)
+    bpy.ops.balloon.remove()
+    assert [each.type for each in baked.modifiers] == ["SUBSURF"]
+
+
+def test_a_file_of_another_name_leaves_the_bake_alone(baked: Any, tmp_path: Path):
+    theirs = file_of(baked)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "second.blend"))
+    assert file_of(cube()) == theirs  # which it plays until its own
+    frames = theirs.read_bytes()
+    bpy.context.scene.frame_end = 3
+    bake()
+    assert file_of(cube()).parent.name == "second_Scene"
+    bpy.ops.balloon.delete()
+    assert not modifier.cache_of(cube())
+    assert theirs.read_bytes() == frames
+
+
+def test_a_duplicate_plays_the_bake_until_its_own(baked: Any):
+    select(baked)
+    bpy.ops.object.duplicate()
+    other = bpy.context.object
+    assert other.balloon_warp.role == "BALLOON"
+    assert np.array_equal(shown(other, 4), shown(baked, 4))
+    other.location.x += 5.0
+    bpy.context.scene.frame_end = 5
+    bake()
+    assert len(set(modifier.caches_of(bpy.context.scene).values())) == 2
+    assert np.abs(shown(other, 4) - shown(baked, 4) - (5.0, 0.0, 0.0)).max() < 1e-3
+    baked.balloon_warp.role = "NONE"
+    bake()
+    assert set(modifier.caches_of(bpy.context.scene)) == {other}
+
+
+def test_undo_takes_inflate_and_bake_back(scene: Any):
+    scene.frame_end = 3
+    bpy.ops.ed.undo_push(message="before")
+    select(cube())
+    bpy.ops.balloon.inflate()
+    bpy.ops.ed.undo_push(message="Inflate")
+    bpy.ops.balloon.bake()
+    bpy.ops.ed.undo_push(message="Bake")
+    bpy.ops.ed.undo()
+    assert not modifier.caches_of(bpy.context.scene)  # while the process still works
+    wait()
+    bpy.ops.ed.undo()
+    assert cube().balloon_warp.role == "NONE"
+    assert not cube().modifiers
+    bpy.ops.ed.redo()
+    bpy.ops.ed.redo()
+    assert modifier.caches_of(bpy.context.scene)
+
+
+@pytest.mark.parametrize("copy", [False, True])
+def test_a_bake_of_a_file_that_was_not_saved_goes_along_when_it_is(tmp_path: Path, copy: bool):
+    """Bakes go along while they run, too, and both files play them if one is a copy."""
+    bpy.ops.wm.read_homefile(use_factory_startup=True)
+    bpy.context.scene.frame_end = 41
+    subdivide(cube(), 4)
+    inflate(cube())
+    assert bpy.ops.balloon.bake() == {"FINISHED"}
+    wait(until=lambda bake: bake.frame > 3)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "later.blend"), copy=copy)
+    assert wait() == "Baked 40 frames"
+    moved = shown(cube(), 40)
+    assert file_of(cube()).is_relative_to(tmp_path)
+    assert np.abs(moved - shown(cube(), 0)).max() > 0.1
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "later.blend"))
+    assert np.array_equal(shown(cube(), 40), moved)
+
+
+def test_the_bake_ends_with_blender(baked: Any):
+    assert bpy.ops.balloon.bake() == {"FINISHED"}
+    wait(until=lambda bake: bake.frame > 3)
+    assert baking.running
+    process = baking.running.process
+    assert process.stdin
+    os.close(os.dup2(os.open(os.devnull, os.O_RDONLY), process.stdin.fileno()))  # the system closes a pipe so
+    process.wait(PATIENCE)
+    assert "stopped" in (baking.folder_of(bpy.context.scene) / "progress.jsonl").read_text()
+    wait()
+    assert baking.can_continue(bpy.context.scene)
+
+
+def test_a_cache_of_somebody_elses_stays(scene: Any, tmp_path: Path):
+    """A modifier of the same name may play it: its folder is not a bake's."""
+    theirs = tmp_path / "theirs"
+    theirs.mkdir()
+    (theirs / "cube.pc2").write_bytes(b"theirs")
+    modifier.play(modifier.add(cube()), theirs / "cube.pc2", 1)
+    assert bpy.ops.balloon.delete() == {"FINISHED"}
+    assert (theirs / "cube.pc2").read_bytes() == b"theirs"
+
+
+def test_undo_keeps_tears(scene: Any):
+    """Undo brings an older state back than the bake's file has, which counts."""
+    inflate(cube())
+    cache = baking.folder_of(scene) / "000_Cube.pc2"
+    cache.parent.mkdir(parents=True)
+    cache.touch()
+    baking.play(scene, cube(), cache)
+    tears.add(cube(), 6)
+    bpy.ops.ed.undo_push(message="Bake")
+    np.array([2.0, *[1e9] * 5], "<f4").tofile(tears_of(cache))
+    bpy.ops.ed.undo_push(message="after")
+    bpy.ops.ed.undo()
+    assert [faces_shown(cube(), frame) for frame in (1, 2, 3)] == [6, 5, 5]
+
+
+def test_a_preview_follows_what_is_dragged(scene: Any):
+    inflate(cube(), inflate="PRESSURE", pressure=0.0, lift=9.81)
+    start = shown(cube(), 0)
+    assert bpy.ops.balloon.preview() == {"FINISHED"}
+    live(until=lambda: modifier.cache_of(cube()))
+    assert np.abs(shown(cube(), 0) - start).max() < 0.01  # nothing acts yet
+    cube().balloon_warp.pressure = 100.0
+    live(until=lambda: np.ptp(shown(cube(), 0), axis=0).min() > 2.05)
+    thing = cube()
+    thing.name = "Renamed"
+    assert bpy.ops.balloon.preview() == {"FINISHED"}
+    assert preview.running is None
+    assert np.array_equal(shown(thing, 0), start)
+    assert not modifier.cache_of(thing)
+
+
+def live(until: Any) -> None:
+    """Follow the preview as Blender's timer does, until then."""
+    end = time.monotonic() + PATIENCE
+    while not until():
+        assert preview.watch(), bpy.context.scene.balloon_warp.message
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def test_the_add_on_goes_and_comes_back_with_what_the_file_keeps(scene: Any):
+    inflate(cube(), mass=3.0)
+    addon.unregister()
+    assert not hasattr(cube(), "balloon_warp")
+    assert "inflate" not in dir(bpy.ops.balloon)
+    addon.register()
+    assert cube().balloon_warp.mass == 3.0
+
+
+def test_properties_outlast_saving(scene: Any, tmp_path: Path):
+    inflate(cube(), material="LATEX", inflate="LITRES", litres=3.0, pinned="", burst="NEEDLE", burst_frame=7)
+    cube().balloon_warp.string = bpy.data.objects.new("Hook", None)
+    scene.balloon_warp.ground_height = -2.0
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "film.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "film.blend"))
+    kept = cube().balloon_warp
+    assert (kept.role, kept.material, kept.inflate, kept.litres) == ("BALLOON", "LATEX", "LITRES", 3.0)
+    assert (kept.burst, kept.burst_frame) == ("NEEDLE", 7)
+    assert kept.string == bpy.data.objects["Hook"]
+    assert bpy.context.scene.balloon_warp.ground_height == -2.0
+    assert modifier.find(cube())
+
+
+def of_library(tmp_path: Path, scene: Any) -> Any:
+    """Return the collection of a library with the cube, linked into a new file."""
+    parts = bpy.data.collections.new("Parts")
+    cube().users_collection[0].objects.unlink(cube())
+    parts.objects.link(cube())
+    cube().name = "Linked"
+    bpy.data.libraries.write(str(tmp_path / "library.blend"), {parts})
+    bpy.data.collections.remove(parts)
+    bpy.data.objects.remove(bpy.data.objects["Linked"])
+    with bpy.data.libraries.load(str(tmp_path / "library.blend"), link=True) as (_, taken):
+        taken.collections = ["Parts"]
+    scene.collection.children.link(bpy.data.collections["Parts"])
+    return bpy.data.collections["Parts"]
+
+
+def test_an_override_of_a_linked_object_is_a_balloon(scene: Any, tmp_path: Path):
+    """The object itself, which has the same name, is refused."""
+    parts = of_library(tmp_path, scene)
+    with pytest.raises(RuntimeError, match="Linked: is linked from another file; expected a library override"):
+        inflate(parts.objects[0])
+    parts.override_hierarchy_create(scene, bpy.context.view_layer)
+    inflate(override(), mass=3.0, volume=1.5)
+    scene.frame_end = 5
+    bake()
+    moved = shown(override(), 4)
+    bpy.ops.wm.save_mainfile()
+    bpy.ops.wm.open_mainfile(filepath=bpy.data.filepath)
+    assert (override().balloon_warp.role, override().balloon_warp.mass) == ("BALLOON", 3.0)
+    assert np.array_equal(shown(override(), 4), moved)
+    assert np.abs(moved - shown(override(), 0)).max() > 1e-3
+
+
+def override() -> Any:
+    return next(each for each in bpy.data.objects if each.override_library)
+
+
+MISTAKES = {
+    "no balloon": (lambda: setattr(cube().balloon_warp, "role", "NONE"), "has no balloon"),
+    "no faces": (lambda: cube().data.clear_geometry(), "Cube: has no faces"),
+    "no scale": (lambda: setattr(cube(), "scale", (1.0, 0.0, 1.0)), "Cube: has a scale of 0"),
+    "no scale later": (lambda: keyed(cube(), "scale", (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)), "Cube: has a scale of 0"),
+    "no group": (lambda: setattr(cube().balloon_warp, "pinned", "Neck"), "Cube: has no vertex group Neck"),
+    "gravity": (lambda: setattr(bpy.context.scene, "gravity", (1.0, 0.0, 0.0)), "gravity has a part along X"),
+    "frames": (lambda: setattr(bpy.context.scene, "frame_end", 1), "frame range ends"),
+    "levels": (lambda: cube().modifiers.move(add_levels(), 0), "Cube: its modifier Subdivision, above Balloon"),
+    "no touch": (lambda: (setattr(bpy.context.scene.balloon_warp, "touch", False), bend()), "Plane: bends, and"),
+    "burst": (lambda: (setattr(cube().balloon_warp, "material", "FOIL"), burst(), bend()), "Cube: may burst, and"),
+    "instance": (lambda: instance(), "Bag: is an instance alone"),
+    "faces come": (lambda: (bend(), keyed(add_array(), "count", 2, 3)), "Plane: has 12 vertices in a later frame"),
+}
+
+
+def keyed(owner: Any, name: str, first: Any, last: Any) -> None:
+    for frame, value in ((1, first), (25, last)):
+        setattr(owner, name, value)
+        owner.keyframe_insert(name, frame=frame)
+
+
+def add_levels() -> int:
+    cube().modifiers.new("Subdivision", "SUBSURF").render_levels = 3
+    return len(cube().modifiers) - 1
+
+
+def add_array() -> Any:
+    return bpy.data.objects["Plane"].modifiers.new("Array", "ARRAY")
+
+
+def burst() -> None:
+    cube().balloon_warp.burst = "STRESS"
+
+
+def bend() -> None:
+    """Add a sheet that bends."""
+    bpy.ops.mesh.primitive_plane_add(location=(0.0, 0.0, -3.0))
+    sheet = bpy.context.object
+    sheet.balloon_warp.role = "OBSTACLE"
+    sheet.shape_key_add(name="Basis")
+    bent = sheet.shape_key_add(name="Bent")
+    bent.data[0].co.z = 0.5
+    keyed(bent, "value", 0.0, 1.0)
+
+
+def instance() -> None:
+    """Add an instance of a balloon that is not in the scene."""
+    bags = bpy.data.collections.new("Bags")
+    bag = bpy.data.objects.new("Bag", cube().data)
+    bag.balloon_warp.role = "BALLOON"
+    bags.objects.link(bag)
+    stand = bpy.data.objects.new("Stand", None)
+    stand.instance_type, stand.instance_collection = "COLLECTION", bags
+    bpy.context.scene.collection.objects.link(stand)
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_is_one_sentence_and_changes_nothing(scene: Any, mistake: str):
+    inflate(cube())
+    act, said = MISTAKES[mistake]
+    act()
+    frame, shown_before = scene.frame_current, [each.show_viewport for each in cube().modifiers]
+    with pytest.raises(RuntimeError, match=said):  # what the window shows as a report
+        bpy.ops.balloon.bake()
+    assert said in scene.balloon_warp.message
+    assert scene.balloon_warp.is_error
+    assert scene.frame_current == frame
+    assert [each.show_viewport for each in cube().modifiers] == shown_before
+    assert not modifier.caches_of(scene)
+    assert baking.running is None
+
+
+def test_places_that_cannot_be_are_one_sentence(scene: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    inflate(cube())
+    for python, said in (("/nowhere/python", "cannot be started: No such file"), (str(tmp_path), "cannot be started")):
+        monkeypatch.setattr(preferences, "python", lambda python=python: python)
+        with pytest.raises(RuntimeError, match=f"{python}: {said}"):
+            bpy.ops.balloon.bake()
+    monkeypatch.setattr(preferences, "python", lambda: "/bin/false")
+    scene.frame_end = 3
+    bpy.ops.balloon.bake()
+    assert wait().startswith("The bake ended at frame 0")
+    bpy.ops.balloon.delete()
+    (tmp_path / "balloon_warp").touch()
+    with pytest.raises(RuntimeError, match="film_Scene: cannot be written: Not a directory"):
+        bpy.ops.balloon.bake()
+
+
+def test_a_mistake_of_the_scene_names_the_object(scene: Any):
+    inflate(cube(), inflate="PRESSURE", pressure=1e9)
+    scene.frame_end = 4
+    bpy.ops.balloon.bake()
+    assert "Cube" in wait()
+    assert scene.balloon_warp.is_error
+
+
+def test_a_preview_of_many_vertices_is_refused(scene: Any):
+    subdivide(cube(), 5)
+    inflate(cube())
+    with pytest.raises(RuntimeError, match="6146 vertices; expected 3000 at most"):
+        bpy.ops.balloon.preview()
+
+
+def test_the_panel_draws_each_role(scene: Any):
+    class Drawn:
+        """Layout that notes what is drawn."""
+
+        def __init__(self) -> None:
+            self.names: list[str] = []
+
+        def __getattr__(self, kind: str) -> Any:
+            def draw(*args: Any, **_: Any) -> "Drawn":
+                self.names += [each for each in args if isinstance(each, str)]
+                return self
+
+            return draw
+
+    settings = cube().balloon_warp
+    for role in ("NONE", "BALLOON", "OBSTACLE", "BODY"):
+        for kind, material in (("VOLUME", "SPRINGS"), ("PRESSURE", "LATEX"), ("LITRES", "FOIL")):
+            settings.role, settings.inflate, settings.material, settings.burst = role, kind, material, "NEEDLE"
+            drawn = Drawn()
+            panel.draw_object(drawn, cube())
+            properties = {name for name in drawn.names if not name.startswith(("balloon.", "vertex_"))}
+            assert all(hasattr(settings, name) for name in properties)
+            assert ("friction" in properties) == (role != "NONE")
+            assert ("litres" in properties) == (role == "BALLOON" and kind == "LITRES")
+            assert ("burst_frame" in properties) == (role == "BALLOON" and material != "SPRINGS")
+
+
+def test_the_ten_steps_of_the_page(tmp_path: Path):
+    """The walk installs the zip as Blender does, in a process of its own, and Blender's validator passes it."""
+    environment = dict(os.environ, BLENDER_USER_RESOURCES=str(tmp_path / "user"))
+    command = [sys.executable, "-m", "balloon_warp.benchmarks.blender_walk", str(tmp_path), "--small"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    assert done.returncode == 0, done.stderr
+    start, end = (np.asarray(Image.open(tmp_path / f"blender_{name}.jpg"), float) for name in ("start", "end"))
+    assert start.shape == (54, 96, 3)
+    assert np.abs(start - end).max() > 50.0
+    write_extension(tmp_path / "small.zip", wheels=False)
+    validator = Path(bpy.utils.system_resource("SCRIPTS"), "addons_core", "bl_pkg", "cli", "blender_ext.py")
+    command = [sys.executable, str(validator), "validate", str(tmp_path / "small.zip")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
