@@ -8,7 +8,7 @@ from pathlib import Path
 import bpy
 from bpy.types import Context, Object, Scene
 
-from . import modifier, properties, tears
+from . import modifiers, properties, tears
 from .reading import read_scene
 from .request import FILES, tears_of, write_request
 from .snapshot import RefusedError
@@ -92,11 +92,11 @@ def start(context: Context) -> Bake:
         begun = begin(scene, folder, resume=False, remarks=snapshot.remarks)
     except OSError as error:
         raise RefusedError(f"{folder}: cannot be written: {error.strerror}") from None
-    for each, cache in modifier.caches_of(scene).items():
+    for each, cache in modifiers.caches_of(scene).items():
         if cache.parent == folder and cache.name not in files:
             rest(each)  # which takes part no more
     for thing, file in zip(snapshot.things, files, strict=True):
-        if file and (found := modifier.player(scene, thing.name)):
+        if file and (found := modifiers.player(scene, thing.name)):
             play(scene, found, folder / file)
             tears.remove(found)
             if thing.bursts:
@@ -117,7 +117,7 @@ def resume(scene: Scene) -> Bake:
     except (OSError, ValueError) as error:
         raise RefusedError(f"{folder}: cannot be read: {error}; expected a bake to go on with") from None
     for each in asked["things"]:
-        if each["file"] and (found := modifier.player(scene, each["name"])):
+        if each["file"] and (found := modifiers.player(scene, each["name"])):
             play(scene, found, folder / each["file"])
             if not tears.find(found) and (torn := tears_of(folder / each["file"])).exists():
                 tears.add(found, torn.stat().st_size // FLOAT)
@@ -126,20 +126,20 @@ def resume(scene: Scene) -> Bake:
 
 def play(scene: Scene, thing: Object, cache: Path) -> None:
     """Let an object play its cache."""
-    modifier.play(modifier.add(thing), cache, scene.frame_start)
+    modifiers.play(modifiers.add(thing), cache, scene.frame_start)
 
 
 def rest(thing: Object) -> None:
     """Let an object play nothing."""
-    if found := modifier.find(thing):
-        modifier.rest(found)
+    if found := modifiers.find(thing):
+        modifiers.rest(found)
     tears.remove(thing)
 
 
 def show(scene: Scene) -> None:
     """Show the finished frames of a running bake."""
     tears.refresh(scene)
-    modifier.refresh(scene)
+    modifiers.refresh(scene)
 
 
 def begin(scene: Scene, folder: Path, resume: bool, remarks: Sequence[str] = ()) -> Bake:
@@ -234,16 +234,16 @@ def move_beside(blend: str) -> None:
     for scene in bpy.data.scenes if blend and not bpy.data.filepath else ():
         folder, there = temporary() / scene.name, beside(Path(blend), scene)
         goes_on = running is not None and running.folder == folder
-        if not goes_on and folder not in (path.parent for path in modifier.caches_of(scene).values()):
+        if not goes_on and folder not in (path.parent for path in modifiers.caches_of(scene).values()):
             continue
         if goes_on:
             stop()
         shutil.rmtree(there, ignore_errors=True)
         shutil.move(folder, there)
-        for thing, path in modifier.caches_of(scene).items():
+        for thing, path in modifiers.caches_of(scene).items():
             if path.parent == folder:
                 relative = bpy.path.relpath(str(there / path.name), start=str(Path(blend).parent))
-                modifier.move(thing, relative)
+                modifiers.move(thing, relative)
         if goes_on:
             begin(scene, there, resume=True)
 
@@ -252,8 +252,8 @@ def stay_with_copy(blend: str) -> None:
     """Let balloons of a file that was not saved, but for a copy, play the bake beside the copy."""
     for scene in bpy.data.scenes if blend and not bpy.data.filepath else ():
         for thing in scene.objects:
-            if (found := modifier.find(thing)) and found.filepath:
-                modifier.move(thing, bpy.path.abspath(found.filepath, start=str(Path(blend).parent)))
+            if (found := modifiers.find(thing)) and found.filepath:
+                modifiers.move(thing, bpy.path.abspath(found.filepath, start=str(Path(blend).parent)))
 
 
 def say(scene: Scene, message: str, is_error: bool = False, remarks: str = "") -> None:
@@ -273,4 +273,4 @@ def redraw() -> None:
 def inflate(thing: Object) -> None:
     """Make a balloon of an object."""
     properties.of(thing).role = "BALLOON"
-    modifier.add(thing)
+    modifiers.add(thing)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import bpy
 from bpy.types import Context, Operator
 
-from . import baking, modifier, preview, properties, tears
+from . import baking, modifiers, preview, properties, tears
 from .snapshot import RefusedError
 from .studio_look import can_dress, dress
 
@@ -64,7 +64,7 @@ class BALLOON_OT_remove(BalloonOperator):  # noqa: N801
 
     def execute(self, context: Context) -> set[str]:
         def act() -> None:
-            modifier.remove(context.object)
+            modifiers.remove(context.object)
             tears.remove(context.object)
             properties.of(context.object).role = "NONE"
 
@@ -149,7 +149,7 @@ class BALLOON_OT_delete(BalloonOperator):  # noqa: N801
 
     @classmethod
     def poll(cls, context: Context) -> bool:
-        return not baking.running and (bool(modifier.caches_of(context.scene)) or baking.can_continue(context.scene))
+        return not baking.running and (bool(modifiers.caches_of(context.scene)) or baking.can_continue(context.scene))
 
     def execute(self, context: Context) -> set[str]:
         return self.tried(context, lambda: baking.delete(context.scene))

@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 from bpy.types import Context, Depsgraph, Modifier, Object, Scene
 
-from . import modifier, properties
+from . import modifiers, properties
 from .snapshot import RefusedError
 
 LEVELS = {"SUBSURF": "simplify_subdivision", "MULTIRES": "simplify_subdivision"}
@@ -78,7 +78,7 @@ def _require_able(scene: Scene, thing: Object) -> None:
         return
     if not thing.is_editable:
         raise RefusedError(f"{thing.name}: is linked from another file; expected a library override of it")
-    for each in modifier.above(thing):
+    for each in modifiers.above(thing):
         if _shown(scene, each, rendered=False) != _shown(scene, each, rendered=True):
             raise RefusedError(
                 f"{thing.name}: its modifier {each.name}, above Balloon, makes another mesh in renders than in the "

@@ -5,7 +5,7 @@ from pathlib import Path
 import bpy
 from bpy.types import Context, Scene
 
-from . import baking, modifier, properties, tears
+from . import baking, modifiers, properties, tears
 from .reading import read_scene
 from .request import LIVE, write_request
 from .snapshot import RefusedError, Snapshot
@@ -35,8 +35,8 @@ class Preview(Worker):
         named = [(thing.name, file) for thing, file in zip(snapshot.things, files, strict=True) if file]
         self._files = {name: folder / f"{LIVE}{file}" for name, file in named}
         self._balloons = [thing.name for thing in snapshot.things if thing.role == "BALLOON"]
-        players = {path: modifier.player(scene, name) for name, path in self._files.items()}
-        self._before = {path: modifier.state(modifier.add(thing)) for path, thing in players.items() if thing}
+        players = {path: modifiers.player(scene, name) for name, path in self._files.items()}
+        self._before = {path: modifiers.state(modifiers.add(thing)) for path, thing in players.items() if thing}
         """Modifiers before it by what they play, for afterwards: objects may get other names"""
         self._told = self._values(scene)
 
@@ -48,10 +48,10 @@ class Preview(Worker):
         if heard and not self._playing and all(path.exists() for path in self._files.values()):
             self._playing = True
             for name, path in self._files.items():
-                if thing := modifier.player(scene, name):
+                if thing := modifiers.player(scene, name):
                     baking.play(scene, thing, path)
                     tears.show(thing, torn=False)
-        modifier.refresh(scene)
+        modifiers.refresh(scene)
         values = self._values(scene)
         if changed := {path: value for path, value in values.items() if self._told.get(path) != value}:
             self._told = values
@@ -66,9 +66,9 @@ class Preview(Worker):
         self.stop()
         if scene := bpy.data.scenes.get(self.scene_name):
             for thing in scene.objects:
-                path, found = modifier.cache_of(thing), modifier.find(thing)
+                path, found = modifiers.cache_of(thing), modifiers.find(thing)
                 if path in self._before and found:
-                    modifier.restore(found, self._before[path])
+                    modifiers.restore(found, self._before[path])
                     tears.show(thing, torn=True)
         for path in self._before:
             path.unlink(missing_ok=True)
@@ -77,7 +77,7 @@ class Preview(Worker):
         """Return the values that can be dragged, by their paths in the simulated scene."""
         found = {}
         for number, name in enumerate(self._balloons):
-            if not (thing := modifier.player(scene, name)):
+            if not (thing := modifiers.player(scene, name)):
                 continue
             settings = properties.of(thing)
             for field, path in PATHS.items():

@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 from bpy.types import Context, Depsgraph, Object, Scene
 
-from . import modifier, properties
+from . import modifiers, properties
 from .motion import Motion, changing, place_of, require_size
 from .parts import Part, is_wind, left_out, moves, names_of, objects_of, parts_of
 from .snapshot import RefusedError, Snapshot, Thing, in_world
@@ -44,7 +44,7 @@ def _as_it_was(scene: Scene) -> Iterator[None]:
 @contextmanager
 def _without_caches(things: list[Object]) -> Iterator[None]:
     """Switch off the modifiers of a bake, and those below them."""
-    below = [each for thing in things for each in modifier.from_cache_on(thing)]
+    below = [each for thing in things for each in modifiers.from_cache_on(thing)]
     shown = [(each, each.show_viewport) for each in below]
     try:
         for each in below:

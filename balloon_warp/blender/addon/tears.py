@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 from bpy.types import GeometryNodeTree, Modifier, Object, Scene
 
-from . import modifier
+from . import modifiers
 from .request import NEVER, tears_of
 
 NAME = "Balloon Tears"
@@ -32,7 +32,7 @@ def add(thing: Object, face_count: int) -> None:
     made = thing.modifiers.new(NAME, "NODES")
     made.name, made.node_group = NAME, _nodes()
     made[_socket(made)] = bpy.data.objects.new(NAME, mesh)
-    thing.modifiers.move(len(thing.modifiers) - 1, len(modifier.above(thing)) + 1)
+    thing.modifiers.move(len(thing.modifiers) - 1, len(modifiers.above(thing)) + 1)
 
 
 def remove(thing: Object) -> None:
@@ -53,8 +53,8 @@ def show(thing: Object, torn: bool) -> None:
 
 def refresh(scene: Scene) -> None:
     """Take the tears so far from the files of a bake."""
-    for thing, cache in modifier.caches_of(scene).items():
-        player, found = modifier.find(thing), find(thing)
+    for thing, cache in modifiers.caches_of(scene).items():
+        player, found = modifiers.find(thing), find(thing)
         if player and found and (faces := found[_socket(found)]):
             _put(faces.data, tears_of(cache), player.frame_start)
 

@@ -26,7 +26,7 @@ from blender_scenes import (
 )
 
 from balloon_warp import Balloon, Ground, Inflation, PolygonMesh, Scene, Stiffness, simulate
-from balloon_warp.blender.addon import baking, modifier, tears
+from balloon_warp.blender.addon import baking, modifiers, tears
 
 FIRST_FRAME_SECONDS = 3.0
 """Longest CPU time from Bake to the first frame, with kernels that are compiled"""
@@ -147,7 +147,7 @@ def test_an_armature_pushes_by_points(scene: Any):
             assert np.abs(shown(thing, frame.number) - points).max() < NEAR
     assert np.abs(shown(rod, FRAMES) - start[1]).max() > 0.5
     assert (shown(cube(), FRAMES) - start[0]).mean(axis=0)[0] > 0.5
-    assert not modifier.find(rod)  # which Blender moves
+    assert not modifiers.find(rod)  # which Blender moves
 
 
 def rod_that_bends(scene: Any) -> Any:
@@ -247,7 +247,7 @@ def test_a_body_is_carried_by_its_cache(scene: Any):
     fallen = shown(brick, 0) - shown(brick, 12)
     assert fallen.mean(axis=0) == pytest.approx([0.0, 0.0, 0.5 * 9.81 * 0.25], abs=0.02)  # half a second, by steps
     assert np.ptp(fallen, axis=0).max() < 1e-4
-    assert set(modifier.caches_of(scene)) == {cube(), brick}
+    assert set(modifiers.caches_of(scene)) == {cube(), brick}
 
 
 def test_wind_gravity_and_a_string_from_an_empty(scene: Any):

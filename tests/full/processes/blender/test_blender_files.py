@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from blender_scenes import PATIENCE, bake, bpy, cube, faces_shown, file_of, inflate, select, shown, subdivide, wait
 
-from balloon_warp.blender.addon import baking, modifier, preview, tears
+from balloon_warp.blender.addon import baking, modifiers, preview, tears
 from balloon_warp.blender.addon.request import tears_of
 
 
@@ -55,7 +55,7 @@ def test_a_bake_goes_on_where_it_was_cancelled_or_killed(baked: Any):
     assert not scene.balloon_warp.is_error
     bpy.ops.wm.open_mainfile(filepath=bpy.data.filepath)  # as after a crash of Blender, whose file knows of no Cancel
     scene = bpy.context.scene
-    modifier.rest(modifier.find(cube()))
+    modifiers.rest(modifiers.find(cube()))
     assert bpy.ops.balloon.resume() == {"FINISHED"}
     wait(until=lambda bake: bake.frame > 12)
     assert baking.running
@@ -70,7 +70,7 @@ def test_a_bake_goes_on_where_it_was_cancelled_or_killed(baked: Any):
 
 
 def test_deleting_a_bake_brings_the_object_back(baked: Any, tmp_path: Path):
-    player = modifier.find(baked)
+    player = modifiers.find(baked)
     assert player
     player.show_viewport = False
     before = shown(baked, 60)
@@ -93,7 +93,7 @@ def test_a_file_of_another_name_leaves_the_bake_alone(baked: Any, tmp_path: Path
     bake()
     assert file_of(cube()).parent.name == "second_Scene"
     bpy.ops.balloon.delete()
-    assert not modifier.cache_of(cube())
+    assert not modifiers.cache_of(cube())
     assert theirs.read_bytes() == frames
 
 
@@ -106,11 +106,11 @@ def test_a_duplicate_plays_the_bake_until_its_own(baked: Any):
     other.location.x += 5.0
     bpy.context.scene.frame_end = 5
     bake()
-    assert len(set(modifier.caches_of(bpy.context.scene).values())) == 2
+    assert len(set(modifiers.caches_of(bpy.context.scene).values())) == 2
     assert np.abs(shown(other, 4) - shown(baked, 4) - (5.0, 0.0, 0.0)).max() < 1e-3
     baked.balloon_warp.role = "NONE"
     bake()
-    assert set(modifier.caches_of(bpy.context.scene)) == {other}
+    assert set(modifiers.caches_of(bpy.context.scene)) == {other}
 
 
 def test_undo_takes_inflate_and_bake_back(scene: Any):
@@ -122,14 +122,14 @@ def test_undo_takes_inflate_and_bake_back(scene: Any):
     bpy.ops.balloon.bake()
     bpy.ops.ed.undo_push(message="Bake")
     bpy.ops.ed.undo()
-    assert not modifier.caches_of(bpy.context.scene)  # while the process still works
+    assert not modifiers.caches_of(bpy.context.scene)  # while the process still works
     wait()
     bpy.ops.ed.undo()
     assert cube().balloon_warp.role == "NONE"
     assert not cube().modifiers
     bpy.ops.ed.redo()
     bpy.ops.ed.redo()
-    assert modifier.caches_of(bpy.context.scene)
+    assert modifiers.caches_of(bpy.context.scene)
 
 
 @pytest.mark.parametrize("copy", [False, True])
@@ -168,7 +168,7 @@ def test_a_cache_of_somebody_elses_stays(scene: Any, tmp_path: Path):
     theirs = tmp_path / "theirs"
     theirs.mkdir()
     (theirs / "cube.pc2").write_bytes(b"theirs")
-    modifier.play(modifier.add(cube()), theirs / "cube.pc2", 1)
+    modifiers.play(modifiers.add(cube()), theirs / "cube.pc2", 1)
     assert bpy.ops.balloon.delete() == {"FINISHED"}
     assert (theirs / "cube.pc2").read_bytes() == b"theirs"
 
@@ -192,7 +192,7 @@ def test_a_preview_follows_what_is_dragged(scene: Any):
     inflate(cube(), inflate="PRESSURE", pressure=0.0, lift=9.81)
     start = shown(cube(), 0)
     assert bpy.ops.balloon.preview() == {"FINISHED"}
-    live(until=lambda: modifier.cache_of(cube()))
+    live(until=lambda: modifiers.cache_of(cube()))
     assert np.abs(shown(cube(), 0) - start).max() < 0.01  # nothing acts yet
     cube().balloon_warp.pressure = 100.0
     live(until=lambda: np.ptp(shown(cube(), 0), axis=0).min() > 2.05)
@@ -201,7 +201,7 @@ def test_a_preview_follows_what_is_dragged(scene: Any):
     assert bpy.ops.balloon.preview() == {"FINISHED"}
     assert preview.running is None
     assert np.array_equal(shown(thing, 0), start)
-    assert not modifier.cache_of(thing)
+    assert not modifiers.cache_of(thing)
 
 
 def live(until: Any) -> None:

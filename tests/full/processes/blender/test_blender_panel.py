@@ -12,7 +12,7 @@ from blender_scenes import bake, bpy, cube, inflate, shown, subdivide, wait
 from PIL import Image
 
 from balloon_warp.blender import addon
-from balloon_warp.blender.addon import baking, modifier, panel, preferences
+from balloon_warp.blender.addon import baking, modifiers, panel, preferences
 from balloon_warp.blender.extension import write_extension
 
 
@@ -36,7 +36,7 @@ def test_properties_outlast_saving(scene: Any, tmp_path: Path):
     assert (kept.burst, kept.burst_frame) == ("NEEDLE", 7)
     assert kept.string == bpy.data.objects["Hook"]
     assert bpy.context.scene.balloon_warp.ground_height == -2.0
-    assert modifier.find(cube())
+    assert modifiers.find(cube())
 
 
 def of_library(tmp_path: Path, scene: Any) -> Any:
@@ -144,7 +144,7 @@ def test_a_mistake_is_one_sentence_and_changes_nothing(scene: Any, mistake: str)
     assert scene.balloon_warp.is_error
     assert scene.frame_current == frame
     assert [each.show_viewport for each in cube().modifiers] == shown_before
-    assert not modifier.caches_of(scene)
+    assert not modifiers.caches_of(scene)
     assert baking.running is None
 
 
