@@ -17,9 +17,16 @@ from meshes import box, quad_sphere
 
 from balloon_warp import InputError, PolygonMesh, Simulator, simulate
 from balloon_warp.blender.__main__ import main
-from balloon_warp.blender.addon.point_cache import HEADER, PointCache, samples_of
-from balloon_warp.blender.addon.request import turn_angles, write_request
-from balloon_warp.blender.addon.snapshot import RefusedError, Snapshot, Thing
+from balloon_warp.blender.addon.request import (
+    HEADER,
+    PointCache,
+    RefusedError,
+    Snapshot,
+    Thing,
+    samples_of,
+    turn_angles,
+    write_request,
+)
 from balloon_warp.blender.bake import led_frames
 from balloon_warp.blender.extension import manifest, write_own_wheel
 from balloon_warp.blender.request import Cached, local_points, moved, read_request, torn_faces

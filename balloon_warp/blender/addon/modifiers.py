@@ -1,6 +1,7 @@
-"""The Mesh Cache modifier that plays a bake.
+"""Modifiers of a bake: Balloon, a Mesh Cache, plays it, and Geometry Nodes below it take away the faces that are torn.
 
-Modifiers above it shape the mesh that is inflated, those below it the result.
+Modifiers above Balloon shape the mesh that is inflated, those below it the result. The frame in which each face tears
+is an attribute of a mesh with a point for each, which no collection shows.
 """
 
 import os
@@ -8,13 +9,19 @@ from itertools import takewhile
 from pathlib import Path
 
 import bpy
-from bpy.types import Modifier, Object, Scene
+import numpy as np
+from bpy.types import GeometryNodeTree, Modifier, Object, Scene
+
+from .request import NEVER, tears_of
 
 NAME = "Balloon"
+TEARS = "Balloon Tears"
+TORN = "torn"
+"""Attribute with the frames in which faces tear"""
 
 
 def find(thing: Object) -> Modifier | None:
-    """Return an object's modifier, if it has one."""
+    """Return an object's modifier that plays a bake, if it has one."""
     found = thing.modifiers.get(NAME)
     return found if found and found.type == "MESH_CACHE" else None
 
@@ -25,8 +32,15 @@ def add(thing: Object) -> Modifier:
         return found
     made = thing.modifiers.new(NAME, "MESH_CACHE")
     made.name = NAME
-    rest(made)
+    _switch_off(made)
     return made
+
+
+def remove(thing: Object) -> None:
+    """Take the modifiers of a bake away."""
+    if found := find(thing):
+        thing.modifiers.remove(found)
+    remove_tears(thing)
 
 
 def from_cache_on(thing: Object) -> list[Modifier]:
@@ -39,23 +53,24 @@ def above(thing: Object) -> list[Modifier]:
     return list(takewhile(lambda each: each != find(thing), thing.modifiers))
 
 
-def remove(thing: Object) -> None:
-    """Take the modifier away."""
-    if found := find(thing):
-        thing.modifiers.remove(found)
-
-
-def play(modifier: Modifier, path: Path, first: int) -> None:
-    """Let the modifier play a cache from a frame on; beside the .blend its path is relative, so that both can move."""
+def play(thing: Object, cache: Path, first: int) -> None:
+    """Let an object play a cache from a frame on; beside the .blend its path is relative, so that both can move."""
+    modifier = add(thing)
     modifier.cache_format = "PC2"
-    modifier.filepath = shown_path(path)
+    modifier.filepath = shown_path(cache)
     modifier.frame_start = first
     modifier.interpolation = "LINEAR"
     modifier.show_viewport = modifier.show_render = True
 
 
-def rest(modifier: Modifier) -> None:
-    """Let the modifier do nothing."""
+def rest(thing: Object) -> None:
+    """Let an object play nothing."""
+    if found := find(thing):
+        _switch_off(found)
+    remove_tears(thing)
+
+
+def _switch_off(modifier: Modifier) -> None:
     modifier.filepath = ""
     modifier.show_viewport = modifier.show_render = False
 
@@ -71,14 +86,8 @@ def restore(modifier: Modifier, before: tuple[str, bool]) -> None:
     modifier.show_render = modifier.show_viewport
 
 
-def refresh(scene: Scene) -> None:
-    """Let Blender evaluate the objects again that play a cache."""
-    for thing in caches_of(scene):
-        thing.update_tag()
-
-
 def move(thing: Object, path: str) -> None:
-    """Let the modifier play its cache from another place."""
+    """Let an object play its cache from another place."""
     if found := find(thing):
         found.filepath = path
 
@@ -105,3 +114,106 @@ def caches_of(scene: Scene) -> dict[Object, Path]:
 def player(scene: Scene, name: str) -> Object | None:
     """Return the object of a name that can play a cache: one that is linked from another file may have it, too."""
     return next((thing for thing in scene.objects if thing.name == name and thing.is_editable), None)
+
+
+def refresh(scene: Scene) -> None:
+    """Let Blender show what the files of a bake have by now: frames and tears."""
+    for thing, cache in caches_of(scene).items():
+        found, tears = find(thing), find_tears(thing)
+        if found and tears and (faces := tears[_socket(tears)]):
+            _put(faces.data, tears_of(cache), found.frame_start)
+        thing.update_tag()
+
+
+def find_tears(thing: Object) -> Modifier | None:
+    """Return an object's modifier that takes torn faces away, if it has one."""
+    found = thing.modifiers.get(TEARS)
+    return found if found and found.type == "NODES" else None
+
+
+def add_tears(thing: Object, face_count: int) -> None:
+    """Let faces of an object tear, directly below its modifier of the bake."""
+    remove_tears(thing)
+    mesh = bpy.data.meshes.new(TEARS)
+    mesh.vertices.add(face_count)
+    torn = mesh.attributes.new(TORN, "FLOAT", "POINT")
+    torn.data.foreach_set("value", np.full(face_count, NEVER, np.float32))
+    made = thing.modifiers.new(TEARS, "NODES")
+    made.name, made.node_group = TEARS, _nodes()
+    made[_socket(made)] = bpy.data.objects.new(TEARS, mesh)
+    thing.modifiers.move(len(thing.modifiers) - 1, len(above(thing)) + 1)
+
+
+def remove_tears(thing: Object) -> None:
+    """Let faces of an object tear no more."""
+    if not (found := find_tears(thing)):
+        return
+    faces = found[_socket(found)]
+    thing.modifiers.remove(found)
+    if faces and not faces.users:
+        bpy.data.meshes.remove(faces.data)  # and the object with it
+
+
+def show_tears(thing: Object, torn: bool) -> None:
+    """Show an object with its tears or without."""
+    if found := find_tears(thing):
+        found.show_viewport = torn
+
+
+def _put(mesh: bpy.types.Mesh, path: Path, first: float) -> None:
+    """Put the frames of a file, counted from the first, into the attribute."""
+    if not path.exists():
+        return
+    frames, torn = np.fromfile(path, "<f4") + np.float32(first), mesh.attributes[TORN].data
+    before = np.empty(len(torn), np.float32)
+    torn.foreach_get("value", before)
+    if frames.shape == before.shape and (frames != before).any():
+        torn.foreach_set("value", frames)
+        mesh.update()
+
+
+def _socket(of: Modifier) -> str:
+    """Return the name by which a modifier knows the input of the nodes that is the mesh with the frames."""
+    return next(each.identifier for each in of.node_group.interface.items_tree if each.name == "Faces")
+
+
+def _nodes() -> GeometryNodeTree:
+    """Return the nodes: faces go whose frame is not after that of the scene."""
+    if found := bpy.data.node_groups.get(TEARS):
+        return found
+    tree = bpy.data.node_groups.new(TEARS, "GeometryNodeTree")
+    sockets = (("Geometry", "INPUT", "Geometry"), ("Faces", "INPUT", "Object"), ("Geometry", "OUTPUT", "Geometry"))
+    for name, direction, kind in sockets:
+        tree.interface.new_socket(name, in_out=direction, socket_type=f"NodeSocket{kind}")
+    kinds = {
+        "given": "NodeGroupInput",
+        "faces": "GeometryNodeObjectInfo",
+        "frame": "GeometryNodeInputNamedAttribute",
+        "number": "GeometryNodeInputIndex",
+        "own": "GeometryNodeSampleIndex",
+        "now": "GeometryNodeInputSceneTime",
+        "is_torn": "FunctionNodeCompare",
+        "whole": "GeometryNodeDeleteGeometry",
+        "result": "NodeGroupOutput",
+    }
+    nodes = {name: tree.nodes.new(kind) for name, kind in kinds.items()}
+    nodes["frame"].data_type = nodes["own"].data_type = nodes["is_torn"].data_type = "FLOAT"
+    nodes["frame"].inputs["Name"].default_value = TORN
+    nodes["own"].domain, nodes["whole"].domain = "POINT", "FACE"
+    nodes["is_torn"].operation = "LESS_EQUAL"
+    for number, (name, node) in enumerate(nodes.items()):
+        node.label, node.location = name.replace("_", " "), (200.0 * number, 0.0)
+    links = (
+        ("given", "Geometry", "whole", "Geometry"),
+        ("given", "Faces", "faces", "Object"),
+        ("faces", "Geometry", "own", "Geometry"),
+        ("frame", "Attribute", "own", "Value"),
+        ("number", "Index", "own", "Index"),
+        ("own", "Value", "is_torn", "A"),
+        ("now", "Frame", "is_torn", "B"),
+        ("is_torn", "Result", "whole", "Selection"),
+        ("whole", "Geometry", "result", "Geometry"),
+    )
+    for source, output, target, taken in links:
+        tree.links.new(nodes[source].outputs[output], nodes[target].inputs[taken])
+    return tree

@@ -26,7 +26,7 @@ from blender_scenes import (
 )
 
 from balloon_warp import Balloon, Ground, Inflation, PolygonMesh, Scene, Stiffness, simulate
-from balloon_warp.blender.addon import baking, modifiers, tears
+from balloon_warp.blender.addon import baking, modifiers
 
 FIRST_FRAME_SECONDS = 3.0
 """Longest CPU time from Bake to the first frame, with kernels that are compiled"""
@@ -210,7 +210,7 @@ def test_a_needle_bursts_a_balloon(scene: Any):
     assert torn[14] > 5
     assert [faces_shown(cube(), frame) for frame in (0, 9, 10, 14)] == [96 - torn[frame] for frame in (0, 9, 10, 14)]
     bpy.ops.balloon.delete()
-    assert not tears.find(cube())
+    assert not modifiers.find_tears(cube())
     assert faces_shown(cube(), 14) == 96
 
 

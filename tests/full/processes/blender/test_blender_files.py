@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from blender_scenes import PATIENCE, bake, bpy, cube, faces_shown, file_of, inflate, select, shown, subdivide, wait
 
-from balloon_warp.blender.addon import baking, modifiers, preview, tears
+from balloon_warp.blender.addon import baking, modifiers
 from balloon_warp.blender.addon.request import tears_of
 
 
@@ -55,7 +55,7 @@ def test_a_bake_goes_on_where_it_was_cancelled_or_killed(baked: Any):
     assert not scene.balloon_warp.is_error
     bpy.ops.wm.open_mainfile(filepath=bpy.data.filepath)  # as after a crash of Blender, whose file knows of no Cancel
     scene = bpy.context.scene
-    modifiers.rest(modifiers.find(cube()))
+    modifiers.rest(cube())
     assert bpy.ops.balloon.resume() == {"FINISHED"}
     wait(until=lambda bake: bake.frame > 12)
     assert baking.running
@@ -168,7 +168,7 @@ def test_a_cache_of_somebody_elses_stays(scene: Any, tmp_path: Path):
     theirs = tmp_path / "theirs"
     theirs.mkdir()
     (theirs / "cube.pc2").write_bytes(b"theirs")
-    modifiers.play(modifiers.add(cube()), theirs / "cube.pc2", 1)
+    modifiers.play(cube(), theirs / "cube.pc2", 1)
     assert bpy.ops.balloon.delete() == {"FINISHED"}
     assert (theirs / "cube.pc2").read_bytes() == b"theirs"
 
@@ -179,8 +179,8 @@ def test_undo_keeps_tears(scene: Any):
     cache = baking.folder_of(scene) / "000_Cube.pc2"
     cache.parent.mkdir(parents=True)
     cache.touch()
-    baking.play(scene, cube(), cache)
-    tears.add(cube(), 6)
+    modifiers.play(cube(), cache, scene.frame_start)
+    modifiers.add_tears(cube(), 6)
     bpy.ops.ed.undo_push(message="Bake")
     np.array([2.0, *[1e9] * 5], "<f4").tofile(tears_of(cache))
     bpy.ops.ed.undo_push(message="after")
@@ -199,7 +199,7 @@ def test_a_preview_follows_what_is_dragged(scene: Any):
     thing = cube()
     thing.name = "Renamed"
     assert bpy.ops.balloon.preview() == {"FINISHED"}
-    assert preview.running is None
+    assert baking.previewing is None
     assert np.array_equal(shown(thing, 0), start)
     assert not modifiers.cache_of(thing)
 
@@ -208,6 +208,6 @@ def live(until: Any) -> None:
     """Follow the preview as Blender's timer does, until then."""
     end = time.monotonic() + PATIENCE
     while not until():
-        assert preview.watch(), bpy.context.scene.balloon_warp.message
+        assert baking.watch_preview(), bpy.context.scene.balloon_warp.message
         assert time.monotonic() < end
         time.sleep(0.02)

@@ -12,7 +12,7 @@ from blender_scenes import bake, bpy, cube, inflate, shown, subdivide, wait
 from PIL import Image
 
 from balloon_warp.blender import addon
-from balloon_warp.blender.addon import baking, modifiers, panel, preferences
+from balloon_warp.blender.addon import baking, modifiers, panel, properties
 from balloon_warp.blender.extension import write_extension
 
 
@@ -151,10 +151,10 @@ def test_a_mistake_is_one_sentence_and_changes_nothing(scene: Any, mistake: str)
 def test_places_that_cannot_be_are_one_sentence(scene: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     inflate(cube())
     for python, said in (("/nowhere/python", "cannot be started: No such file"), (str(tmp_path), "cannot be started")):
-        monkeypatch.setattr(preferences, "python", lambda python=python: python)
+        monkeypatch.setattr(properties, "python", lambda python=python: python)
         with pytest.raises(RuntimeError, match=f"{python}: {said}"):
             bpy.ops.balloon.bake()
-    monkeypatch.setattr(preferences, "python", lambda: "/bin/false")
+    monkeypatch.setattr(properties, "python", lambda: "/bin/false")
     scene.frame_end = 3
     bpy.ops.balloon.bake()
     assert wait().startswith("The bake ended at frame 0")
@@ -199,11 +199,11 @@ def test_the_panel_draws_each_role(scene: Any):
             settings.role, settings.inflate, settings.material, settings.burst = role, kind, material, "NEEDLE"
             drawn = Drawn()
             panel.draw_object(drawn, cube())
-            properties = {name for name in drawn.names if not name.startswith(("balloon.", "vertex_"))}
-            assert all(hasattr(settings, name) for name in properties)
-            assert ("friction" in properties) == (role != "NONE")
-            assert ("litres" in properties) == (role == "BALLOON" and kind == "LITRES")
-            assert ("burst_frame" in properties) == (role == "BALLOON" and material != "SPRINGS")
+            names = {name for name in drawn.names if not name.startswith(("balloon.", "vertex_"))}
+            assert all(hasattr(settings, name) for name in names)
+            assert ("friction" in names) == (role != "NONE")
+            assert ("litres" in names) == (role == "BALLOON" and kind == "LITRES")
+            assert ("burst_frame" in names) == (role == "BALLOON" and material != "SPRINGS")
 
 
 def test_the_ten_steps_of_the_page(tmp_path: Path):
