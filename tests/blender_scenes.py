@@ -16,7 +16,7 @@ from balloon_warp.blender.request import Request, read_request
 
 bpy = pytest.importorskip("bpy", reason="needs Blender's module: pip install bpy, for its Python")
 
-from balloon_warp.blender.addon import baking, modifier  # noqa: E402 (from here on Blender is there)
+from balloon_warp.blender.addon import baking, modifiers  # noqa: E402 (from here on Blender is there)
 
 FRAMES = 24
 PATIENCE = 300.0
@@ -125,6 +125,6 @@ def _picture(scene: Any, frame: int) -> np.ndarray:
 
 
 def file_of(thing: Any) -> Path:
-    path = modifier.cache_of(thing)
+    path = modifiers.cache_of(thing)
     assert path
     return path

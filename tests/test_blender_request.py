@@ -17,10 +17,18 @@ from meshes import box, quad_sphere
 
 from balloon_warp import InputError, PolygonMesh, Simulator, simulate
 from balloon_warp.blender.__main__ import main
-from balloon_warp.blender.addon.point_cache import HEADER, PointCache, samples_of
-from balloon_warp.blender.addon.request import turn_angles, write_request
-from balloon_warp.blender.addon.snapshot import RefusedError, Snapshot, Thing
+from balloon_warp.blender.addon.request import (
+    HEADER,
+    PointCache,
+    RefusedError,
+    Snapshot,
+    Thing,
+    samples_of,
+    turn_angles,
+    write_request,
+)
 from balloon_warp.blender.bake import led_frames
+from balloon_warp.blender.bake import main as bake_or_play
 from balloon_warp.blender.extension import manifest, write_own_wheel
 from balloon_warp.blender.request import Cached, local_points, moved, read_request, torn_faces
 from balloon_warp.mesh.topology import signed_volume
@@ -226,6 +234,12 @@ def test_a_mistake_names_the_object(tmp_path: Path):
         read_request(tmp_path)
     with pytest.raises(InputError, match="expected a bake that Blender's panel began"):
         read_request(tmp_path / "nowhere")
+
+
+def test_a_preview_has_no_checkpoint_to_go_on_from(tmp_path: Path, capsys: pytest.CaptureFixture):
+    with pytest.raises(SystemExit, match="2"):
+        bake_or_play([str(tmp_path), "--preview", "--resume"])
+    assert "--preview: expected neither --resume nor --attached" in capsys.readouterr().err
 
 
 def test_points_return_to_the_axes_of_their_object():

@@ -1,13 +1,17 @@
 """Process of a bake: `python -m balloon_warp.blender.bake FOLDER` simulates a request and writes its caches.
 
-Each line of its output is JSON: a `note` or `warning`, a `frame` of how many, with the seconds `left`; and at last
-`done`, `stopped` or an `error`, a sentence.
+Each line of its output is JSON: a `warning`, a `frame` of how many, with the seconds `left`; and at last `done`,
+`stopped` or an `error`, a sentence.
+
+With `--preview` it plays the request in real time until its input ends, and caches have one frame, the latest. Lines of
+its input are JSON, new values by their paths in the scene: {"balloon.0.inflation.pressure": 30.0}.
 """
 
 import _thread
 import argparse
 import json
 import os
+import queue
 import signal
 import sys
 import threading
@@ -58,10 +62,7 @@ def bake(folder: Path, device: str | None, resume: bool) -> None:
         BlowUpError: it blew up; the frames until then stay.
         KeyboardInterrupt: it was stopped, after a checkpoint.
     """
-    from balloon_warp.blender.request import (
-        PointCaches,  # these load Warp, which takes a second
-        read_request,
-    )
+    from balloon_warp.blender.request import PointCaches, read_request  # these load Warp, which takes a second
     from balloon_warp.run.checkpoints import Checkpoints, describe_run, record_frames
     from balloon_warp.simulator import Simulator
     from balloon_warp.system.streams import Interrupts
@@ -98,6 +99,51 @@ def led_frames(simulator: "Simulator", request: "Request") -> Iterator["Frame"]:
         yield frame
 
 
+def preview(folder: Path, device: str, told: queue.Queue[dict[str, Any] | None]) -> None:
+    """Simulate the request of a folder in real time, with the values that are sent, until these are None.
+
+    Raises:
+        InputError: the request cannot be simulated, a value cannot be, or a cache not be written.
+        BlowUpError: it blew up.
+    """
+    from balloon_warp.blender.request import LatestFrame, Leading, read_request
+    from balloon_warp.simulator import Simulator
+
+    request = read_request(folder)
+    try:
+        simulator = Simulator(request.scene, device)
+        leading = Leading(simulator, request.led)
+        output, due = LatestFrame(request, folder), time.monotonic()
+        frame = simulator.read_frame()
+        while True:
+            output.write(frame)
+            tell(frame=frame.number)
+            while not told.empty():
+                if (changes := told.get()) is None:
+                    return
+                simulator.set(changes)
+            due = max(due + 1.0 / request.scene.frames_per_second, time.monotonic())
+            leading.lead(frame)
+            frame = simulator.step()
+            time.sleep(max(0.0, due - time.monotonic()))
+    except (InputError, BlowUpError) as failure:
+        raise type(failure)(request.named(str(failure))) from None
+
+
+def listen() -> queue.Queue[dict[str, Any] | None]:
+    """Return the lines of the standard input as they come, and None at its end, as when Blender is gone."""
+    told: queue.Queue[dict[str, Any] | None] = queue.Queue()
+
+    def read() -> None:
+        with open(0, "rb", buffering=0, closefd=False) as lines:  # sys.stdin would be locked when the process ends
+            for line in lines:
+                told.put(json.loads(line))
+        told.put(None)
+
+    threading.Thread(target=read, daemon=True).start()
+    return told
+
+
 def stop_with_input() -> None:
     """Interrupt the bake once the standard input ends, as when Blender cancels it or is gone."""
 
@@ -110,18 +156,24 @@ def stop_with_input() -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Bake, and return the exit status: 0; 1 after a blow-up, 2 after a mistake, 130 when stopped."""
+    """Bake or play, and return the exit status: 0; 1 after a blow-up, 2 after a mistake, 130 when stopped."""
     parser = argparse.ArgumentParser(prog="python -m balloon_warp.blender.bake", description=__doc__)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--device", help="Warp device; the GPU, or else the CPU, if not given")
+    parser.add_argument("--device", help="Warp device; if not given, the GPU, or else the CPU; a preview's the CPU")
     parser.add_argument("--resume", action="store_true", help="go on from the last checkpoint")
     parser.add_argument("--attached", action="store_true", help="stop once the standard input ends")
+    parser.add_argument("--preview", action="store_true", help="play in real time, and keep no frames")
     asked = parser.parse_args(arguments)
+    if asked.preview and (asked.resume or asked.attached):
+        parser.error("--preview: expected neither --resume nor --attached with it")
     for number in (signal.SIGINT, signal.SIGTERM):  # who starts Blender may ignore them
         signal.signal(number, signal.default_int_handler)
     if asked.attached:
         stop_with_input()
     try:
+        if asked.preview:
+            preview(asked.folder, asked.device or "cpu", listen())
+            return 0
         bake(asked.folder, asked.device, asked.resume)
     except (InputError, BlowUpError) as failure:
         tell(error=str(failure))

@@ -143,9 +143,7 @@ def write_own_wheel(folder: Path) -> Path:
         for within, file in _own_files():
             add(within, file.read_bytes())
         add(f"{about}/METADATA", f"Metadata-Version: 2.1\nName: balloon-warp\nVersion: {_version()}\n".encode())
-        add(
-            f"{about}/WHEEL", b"Wheel-Version: 1.0\nGenerator: balloon-warp\nRoot-Is-Purelib: true\nTag: py3-none-any\n"
-        )
+        add(f"{about}/WHEEL", WHEEL)
         wheel.writestr(f"{about}/RECORD", "\n".join([*record, f"{about}/RECORD,,", ""]))
     return path
 

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.blender.addon.point_cache import PointCache
-from balloon_warp.blender.addon.request import FILES, NEVER, tears_of
+from balloon_warp.blender.addon.request import FILES, LIVE, NEVER, PointCache, tears_of
 from balloon_warp.errors import InputError
 from balloon_warp.frame import Frame
 from balloon_warp.kernels.laws.air import molar_volume
@@ -298,11 +297,10 @@ class LatestFrame:
     Args:
         request: with the objects.
         folder: of the caches.
-        begin: of their names.
     """
 
-    def __init__(self, request: Request, folder: Path, begin: str):
-        self._request, self._folder, self._begin = request, folder, begin
+    def __init__(self, request: Request, folder: Path):
+        self._request, self._folder = request, folder
         self._poses: NDArray[np.float64] | None = None
 
     def write(self, frame: Frame) -> None:
@@ -314,7 +312,7 @@ class LatestFrame:
         if self._poses is None:
             self._poses = frame.body_poses.astype(np.float64)
         for each in self._request.cached:
-            path = self._folder / f"{self._begin}{each.file}"
+            path = self._folder / f"{LIVE}{each.file}"
             try:
                 cache = PointCache(path.with_suffix(".next"), len(each.mesh.points))
                 cache.write(0, local_points(each, frame, self._poses, self._request.meters))

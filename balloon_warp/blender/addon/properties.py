@@ -1,10 +1,10 @@
-"""Properties of the panel, which the .blend keeps and undo knows."""
+"""Properties of objects and scenes, which the .blend keeps and undo knows, and the preferences of the extension."""
 
 from typing import Any
 
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
-from bpy.types import Object, PropertyGroup
+from bpy.types import AddonPreferences, Context, Object, PropertyGroup
 
 NAME = "balloon_warp"
 """Name of the properties of objects and scenes"""
@@ -122,12 +122,23 @@ class SceneProperties(PropertyGroup):
     is_error: BoolProperty(options=set())
 
 
-def amount_of(inflation: str) -> str:
-    """Return the property that says how far a balloon is inflated."""
-    return inflation.lower()
+class Preferences(AddonPreferences):
+    """Preferences of the extension: the place of Balloon Warp, if it is not in the zip."""
+
+    bl_idname = __package__
+
+    python: StringProperty(
+        name="Python",
+        description="Python of an environment with balloon-warp; when empty, Blender's own with the extension's wheels",
+        subtype="FILE_PATH",
+    )
+
+    def draw(self, _: Context) -> None:
+        """Draw the preferences."""
+        self.layout.prop(self, "python")
 
 
-CLASSES = (ObjectProperties, SceneProperties)
+CLASSES = (Preferences, ObjectProperties, SceneProperties)
 
 
 def of(owner: bpy.types.ID) -> ObjectProperties | SceneProperties:
@@ -135,8 +146,19 @@ def of(owner: bpy.types.ID) -> ObjectProperties | SceneProperties:
     return getattr(owner, NAME)
 
 
+def amount_of(inflation: str) -> str:
+    """Return the property that says how far a balloon is inflated."""
+    return inflation.lower()
+
+
+def python() -> str:
+    """Return the path of the Python that is to bake, empty for Blender's own."""
+    added = bpy.context.preferences.addons.get(__package__)
+    return bpy.path.abspath(added.preferences.python) if added and added.preferences else ""
+
+
 def register() -> None:
-    """Give objects and scenes their properties."""
+    """Give objects, scenes and the extension their properties."""
     for each in CLASSES:
         bpy.utils.register_class(each)
     setattr(Object, NAME, PointerProperty(type=ObjectProperties, **OVERRIDABLE))

@@ -1,18 +1,18 @@
-"""Request of a bake: a Balloon Warp scene as its tables say it, and arrays beside it.
+"""Request of a bake: a snapshot of a Blender scene becomes a Balloon Warp scene, arrays, and point caches beside them.
 
-Values go into fields of the same meaning, converted to SI units; which values are possible is checked where the request
-is read.
+Nothing here needs `bpy`: the process that bakes shares it. Values go into fields of the same meaning, converted to SI
+units; which values are possible is checked where the request is read.
 """
 
 import json
+import os
+import struct
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from .point_cache import PointCache, samples_of
-from .snapshot import RefusedError, Snapshot, Thing, in_world
 
 FILES = ("request.json", "arrays.npz")
 """Files of a request"""
@@ -26,6 +26,90 @@ MOLAR_MASSES = {"HELIUM": 0.0040026, "AIR": 0.0289652}
 """Molar masses of fillings [kg/mol]"""
 SPRINGS_OF_SKIN = {"structural": 20.0, "shear": 10.0, "flexion": 5.0, "yield_stretch": 1.0, "viscosity": 1.0e-4}
 """Springs that only push, which keep the pieces of a burst balloon as skin [N/m]"""
+RIGID = 1e-4
+"""Largest growth of what counts as rigid, over its size"""
+HEADER = struct.Struct("<12siiffi")
+"""Signature, version, number of points, first frame, frames a sample, number of samples"""
+SIGNATURE = b"POINTCACHE2\0"
+
+
+class RefusedError(Exception):
+    """A scene that cannot be baked; its sentence names the object."""
+
+
+@dataclass
+class Thing:
+    """A mesh object that takes part, or an instance of one."""
+
+    name: str
+    settings: dict[str, Any]
+    """Properties of its panel at the start, by their names"""
+    points: NDArray[np.float64]
+    """Points at the start in its own axes and units, shape (n, 3)"""
+    counts: NDArray[np.int32]
+    """Number of corners of each face"""
+    corners: NDArray[np.int32]
+    """Corners of all faces in order"""
+    places: NDArray[np.float64]
+    """Matrices from its own axes to the world's, one or one a frame, shape (1 or frames, 4, 4)"""
+    pinned: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    """Points that only the animation moves: a balloon's pin group, or all of an obstacle that bends"""
+    paths: NDArray[np.float64] = field(default_factory=lambda: np.zeros((1, 0, 3)))
+    """Places of the pinned points in the world, shape (1 or frames, pinned, 3)"""
+    amounts: list[float] = field(default_factory=list)
+    """Volume, pressure [Pa] or litres that it is inflated to, of each frame; of the start alone where it stays"""
+    anchors: NDArray[np.float64] | None = None
+    """Places of the empty that its string is tied to, shape (1 or frames, 3)"""
+
+    @property
+    def role(self) -> str:
+        """Role in the simulation: "BALLOON", "OBSTACLE" or "BODY"."""
+        return self.settings["role"]
+
+    @property
+    def bends(self) -> bool:
+        """Return whether the thing is an obstacle that moves point by point."""
+        return self.role == "OBSTACLE" and len(self.pinned) > 0
+
+    @property
+    def bursts(self) -> bool:
+        """Return whether the thing is a balloon that may burst: springs do not tear."""
+        settings = self.settings
+        return self.role == "BALLOON" and settings["burst"] != "NEVER" and settings["material"] != "SPRINGS"
+
+
+@dataclass
+class Snapshot:
+    """A Blender scene, as far as a bake needs it."""
+
+    things: list[Thing]
+    """Objects that take part, balloons first"""
+    first: int
+    """Number that Blender gives the start"""
+    frames: int
+    """Number of frames after the start"""
+    frames_per_second: float
+    meters: float
+    """Length of Blender's unit [m]"""
+    gravities: NDArray[np.float64]
+    """Downward acceleration, in Blender's units [1/s^2], shape (1 or frames,)"""
+    settings: dict[str, Any]
+    """Properties of the scene's panel, by their names"""
+    winds: NDArray[np.float64] = field(default_factory=lambda: np.zeros((1, 3)))
+    """Wind of all force fields [m/s], shape (1 or frames, 3)"""
+    remarks: list[str] = field(default_factory=list)
+    """Sentences on what the bake leaves out"""
+
+
+def is_rigid(places: NDArray[np.float64]) -> bool:
+    """Return whether matrices of shape (n, 4, 4) differ by turns and shifts alone."""
+    turns = np.array([place[:3, :3] @ np.linalg.pinv(places[0, :3, :3]) for place in places])
+    return bool(np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max() <= RIGID)
+
+
+def in_world(points: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return points in the world, of an object with this matrix."""
+    return points @ place[:3, :3].T + place[:3, 3]
 
 
 def write_request(folder: Path, snapshot: Snapshot) -> list[str]:
@@ -251,3 +335,68 @@ def _strings(snapshot: Snapshot) -> dict[str, Any]:
             string["motion"] = [[frame / snapshot.frames_per_second, shift] for frame, shift in enumerate(shifts)]
         strings.append(string)
     return {"string": strings} if strings else {}
+
+
+class PointCache:
+    """Points of one object, a sample a frame.
+
+    A sample counts once all of it is in the file, so that a reader sees whole frames, also after a kill.
+
+    Args:
+        path: of the file; one that has this number of points goes on growing, anything else is replaced.
+        point_count: Number of points in a sample.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+
+    def __init__(self, path: Path, point_count: int):
+        self.path, self.point_count = path, point_count
+        self.sample_count = samples_of(path, point_count)
+        self._file = path.open("r+b" if self.sample_count else "w+b")
+        if not self.sample_count:
+            self._write_header()
+
+    def write(self, number: int, points: NDArray[np.float32]) -> None:
+        """Write a sample; those after it count no more.
+
+        Args:
+            number: of the sample, at most that of all before it.
+            points: shape (point_count, 3), in the object's own axes and units.
+
+        Raises:
+            OSError: the file cannot be written.
+        """
+        sample = np.ascontiguousarray(points, dtype="<f4")
+        if sample.shape != (self.point_count, 3) or number > self.sample_count:
+            raise ValueError(f"{self.path}: sample {number} of {sample.shape} after {self.sample_count}")
+        self._file.seek(HEADER.size + number * sample.nbytes)
+        self._file.write(sample.tobytes())
+        self._file.flush()
+        self.sample_count = number + 1
+        self._write_header()
+
+    def sync(self) -> None:
+        """Wait until all samples are safe on the disk."""
+        os.fsync(self._file.fileno())
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def _write_header(self) -> None:
+        self._file.seek(0)
+        self._file.write(HEADER.pack(SIGNATURE, 1, self.point_count, 0.0, 1.0, self.sample_count))
+        self._file.flush()
+
+
+def samples_of(path: Path, point_count: int) -> int:
+    """Return the number of samples of a cache with so many points; 0 where the file is another or none."""
+    try:
+        with path.open("rb") as file:
+            header = file.read(HEADER.size)
+    except FileNotFoundError:
+        return 0
+    if len(header) < HEADER.size or HEADER.unpack(header)[:3] != (SIGNATURE, 1, point_count):
+        return 0
+    return HEADER.unpack(header)[5]

@@ -34,7 +34,7 @@ from PIL import Image
 
 from balloon_warp import Balloon, Ground, Inflation, PolygonMesh, Scene, Stiffness, simulate
 from balloon_warp.blender import addon
-from balloon_warp.blender.addon import baking, modifier, panel, preferences, preview, tears
+from balloon_warp.blender.addon import baking, modifiers, panel, properties
 from balloon_warp.blender.addon.request import tears_of
 from balloon_warp.blender.extension import write_extension
 
@@ -157,7 +157,7 @@ def test_an_armature_pushes_by_points(scene: Any):
             assert np.abs(shown(thing, frame.number) - points).max() < NEAR
     assert np.abs(shown(rod, FRAMES) - start[1]).max() > 0.5
     assert (shown(cube(), FRAMES) - start[0]).mean(axis=0)[0] > 0.5
-    assert not modifier.find(rod)  # which Blender moves
+    assert not modifiers.find(rod)  # which Blender moves
 
 
 def rod_that_bends(scene: Any) -> Any:
@@ -220,7 +220,7 @@ def test_a_needle_bursts_a_balloon(scene: Any):
     assert torn[14] > 5
     assert [faces_shown(cube(), frame) for frame in (0, 9, 10, 14)] == [96 - torn[frame] for frame in (0, 9, 10, 14)]
     bpy.ops.balloon.delete()
-    assert not tears.find(cube())
+    assert not modifiers.find_tears(cube())
     assert faces_shown(cube(), 14) == 96
 
 
@@ -257,7 +257,7 @@ def test_a_body_is_carried_by_its_cache(scene: Any):
     fallen = shown(brick, 0) - shown(brick, 12)
     assert fallen.mean(axis=0) == pytest.approx([0.0, 0.0, 0.5 * 9.81 * 0.25], abs=0.02)  # half a second, by steps
     assert np.ptp(fallen, axis=0).max() < 1e-4
-    assert set(modifier.caches_of(scene)) == {cube(), brick}
+    assert set(modifiers.caches_of(scene)) == {cube(), brick}
 
 
 def test_wind_gravity_and_a_string_from_an_empty(scene: Any):
@@ -384,7 +384,7 @@ def test_a_bake_goes_on_where_it_was_cancelled_or_killed(baked: Any):
     assert not scene.balloon_warp.is_error
     bpy.ops.wm.open_mainfile(filepath=bpy.data.filepath)  # as after a crash of Blender, whose file knows of no Cancel
     scene = bpy.context.scene
-    modifier.rest(modifier.find(cube()))
+    modifiers.rest(cube())
     assert bpy.ops.balloon.resume() == {"FINISHED"}
     wait(until=lambda bake: bake.frame > 12)
     assert baking.running
@@ -399,7 +399,7 @@ def test_a_bake_goes_on_where_it_was_cancelled_or_killed(baked: Any):
 
 
 def test_deleting_a_bake_brings_the_object_back(baked: Any, tmp_path: Path):
-    player = modifier.find(baked)
+    player = modifiers.find(baked)
     assert player
     player.show_viewport = False
     before = shown(baked, 60)
@@ -422,7 +422,7 @@ def test_a_file_of_another_name_leaves_the_bake_alone(baked: Any, tmp_path: Path
     bake()
     assert file_of(cube()).parent.name == "second_Scene"
     bpy.ops.balloon.delete()
-    assert not modifier.cache_of(cube())
+    assert not modifiers.cache_of(cube())
     assert theirs.read_bytes() == frames
 
 
@@ -435,11 +435,11 @@ def test_a_duplicate_plays_the_bake_until_its_own(baked: Any):
     other.location.x += 5.0
     bpy.context.scene.frame_end = 5
     bake()
-    assert len(set(modifier.caches_of(bpy.context.scene).values())) == 2
+    assert len(set(modifiers.caches_of(bpy.context.scene).values())) == 2
     assert np.abs(shown(other, 4) - shown(baked, 4) - (5.0, 0.0, 0.0)).max() < 1e-3
     baked.balloon_warp.role = "NONE"
     bake()
-    assert set(modifier.caches_of(bpy.context.scene)) == {other}
+    assert set(modifiers.caches_of(bpy.context.scene)) == {other}
 
 
 def test_undo_takes_inflate_and_bake_back(scene: Any):
@@ -451,14 +451,14 @@ def test_undo_takes_inflate_and_bake_back(scene: Any):
     bpy.ops.balloon.bake()
     bpy.ops.ed.undo_push(message="Bake")
     bpy.ops.ed.undo()
-    assert not modifier.caches_of(bpy.context.scene)  # while the process still works
+    assert not modifiers.caches_of(bpy.context.scene)  # while the process still works
     wait()
     bpy.ops.ed.undo()
     assert cube().balloon_warp.role == "NONE"
     assert not cube().modifiers
     bpy.ops.ed.redo()
     bpy.ops.ed.redo()
-    assert modifier.caches_of(bpy.context.scene)
+    assert modifiers.caches_of(bpy.context.scene)
 
 
 @pytest.mark.parametrize("copy", [False, True])
@@ -497,7 +497,7 @@ def test_a_cache_of_somebody_elses_stays(scene: Any, tmp_path: Path):
     theirs = tmp_path / "theirs"
     theirs.mkdir()
     (theirs / "cube.pc2").write_bytes(b"theirs")
-    modifier.play(modifier.add(cube()), theirs / "cube.pc2", 1)
+    modifiers.play(cube(), theirs / "cube.pc2", 1)
     assert bpy.ops.balloon.delete() == {"FINISHED"}
     assert (theirs / "cube.pc2").read_bytes() == b"theirs"
 
@@ -508,8 +508,8 @@ def test_undo_keeps_tears(scene: Any):
     cache = baking.folder_of(scene) / "000_Cube.pc2"
     cache.parent.mkdir(parents=True)
     cache.touch()
-    baking.play(scene, cube(), cache)
-    tears.add(cube(), 6)
+    modifiers.play(cube(), cache, scene.frame_start)
+    modifiers.add_tears(cube(), 6)
     bpy.ops.ed.undo_push(message="Bake")
     np.array([2.0, *[1e9] * 5], "<f4").tofile(tears_of(cache))
     bpy.ops.ed.undo_push(message="after")
@@ -521,23 +521,23 @@ def test_a_preview_follows_what_is_dragged(scene: Any):
     inflate(cube(), inflate="PRESSURE", pressure=0.0, lift=9.81)
     start = shown(cube(), 0)
     assert bpy.ops.balloon.preview() == {"FINISHED"}
-    live(until=lambda: modifier.cache_of(cube()))
+    live(until=lambda: modifiers.cache_of(cube()))
     assert np.abs(shown(cube(), 0) - start).max() < 0.01  # nothing acts yet
     cube().balloon_warp.pressure = 100.0
     live(until=lambda: np.ptp(shown(cube(), 0), axis=0).min() > 2.05)
     thing = cube()
     thing.name = "Renamed"
     assert bpy.ops.balloon.preview() == {"FINISHED"}
-    assert preview.running is None
+    assert baking.previewing is None
     assert np.array_equal(shown(thing, 0), start)
-    assert not modifier.cache_of(thing)
+    assert not modifiers.cache_of(thing)
 
 
 def live(until: Any) -> None:
     """Follow the preview as Blender's timer does, until then."""
     end = time.monotonic() + PATIENCE
     while not until():
-        assert preview.watch(), bpy.context.scene.balloon_warp.message
+        assert baking.watch_preview(), bpy.context.scene.balloon_warp.message
         assert time.monotonic() < end
         time.sleep(0.02)
 
@@ -562,7 +562,7 @@ def test_properties_outlast_saving(scene: Any, tmp_path: Path):
     assert (kept.burst, kept.burst_frame) == ("NEEDLE", 7)
     assert kept.string == bpy.data.objects["Hook"]
     assert bpy.context.scene.balloon_warp.ground_height == -2.0
-    assert modifier.find(cube())
+    assert modifiers.find(cube())
 
 
 def of_library(tmp_path: Path, scene: Any) -> Any:
@@ -670,17 +670,17 @@ def test_a_mistake_is_one_sentence_and_changes_nothing(scene: Any, mistake: str)
     assert scene.balloon_warp.is_error
     assert scene.frame_current == frame
     assert [each.show_viewport for each in cube().modifiers] == shown_before
-    assert not modifier.caches_of(scene)
+    assert not modifiers.caches_of(scene)
     assert baking.running is None
 
 
 def test_places_that_cannot_be_are_one_sentence(scene: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     inflate(cube())
     for python, said in (("/nowhere/python", "cannot be started: No such file"), (str(tmp_path), "cannot be started")):
-        monkeypatch.setattr(preferences, "python", lambda python=python: python)
+        monkeypatch.setattr(properties, "python", lambda python=python: python)
         with pytest.raises(RuntimeError, match=f"{python}: {said}"):
             bpy.ops.balloon.bake()
-    monkeypatch.setattr(preferences, "python", lambda: "/bin/false")
+    monkeypatch.setattr(properties, "python", lambda: "/bin/false")
     scene.frame_end = 3
     bpy.ops.balloon.bake()
     assert wait().startswith("The bake ended at frame 0")
@@ -725,11 +725,11 @@ def test_the_panel_draws_each_role(scene: Any):
             settings.role, settings.inflate, settings.material, settings.burst = role, kind, material, "NEEDLE"
             drawn = Drawn()
             panel.draw_object(drawn, cube())
-            properties = {name for name in drawn.names if not name.startswith(("balloon.", "vertex_"))}
-            assert all(hasattr(settings, name) for name in properties)
-            assert ("friction" in properties) == (role != "NONE")
-            assert ("litres" in properties) == (role == "BALLOON" and kind == "LITRES")
-            assert ("burst_frame" in properties) == (role == "BALLOON" and material != "SPRINGS")
+            names = {name for name in drawn.names if not name.startswith(("balloon.", "vertex_"))}
+            assert all(hasattr(settings, name) for name in names)
+            assert ("friction" in names) == (role != "NONE")
+            assert ("litres" in names) == (role == "BALLOON" and kind == "LITRES")
+            assert ("burst_frame" in names) == (role == "BALLOON" and material != "SPRINGS")
 
 
 def test_the_ten_steps_of_the_page(tmp_path: Path):
