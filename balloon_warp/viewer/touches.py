@@ -6,6 +6,8 @@ from balloon_warp.scene import Scene
 
 Kinds = frozenset[str]
 """Kinds of things that have kernels of their own and that a hand may bring: spheres, strings and wind"""
+REASON: Kinds = frozenset({"reason"})
+"""Kind, beside those of a scene, of the kernels that find the reason of its blow-up"""
 
 
 class Touch(Enum):

@@ -26,7 +26,8 @@ def on_a_string(**fields) -> Scene:
 
 def steps(playground: Playground, count: int) -> None:
     for _ in range(count):
-        playground.step()
+        if find_reason := playground.step():
+            raise BlowUpError(find_reason())
 
 
 def replayed(playground: Playground) -> Simulator:
