@@ -8,7 +8,7 @@ from PIL import Image
 from render_stages import small_world
 
 from balloon_warp import bundled_scenes, load_scene, render_stage
-from balloon_warp.scenes.gallery import MOVING, MOVING_SIZE
+from balloon_warp.scenes.gallery import MOVING, MOVING_SIZE, main
 
 PICTURES = Path(__file__).parent.parent / "docs" / "pictures"
 KEPT = Path(__file__).parent / "kept"
@@ -42,6 +42,22 @@ def test_an_animation_stands_beside_the_command_that_makes_it(name: str):
         assert shown.size == MOVING_SIZE
         count = int((last - first) * rate / load_scene(name).frames_per_second + 1e-9) + 1
         assert 0.7 * count <= shown.n_frames <= count  # frames that are alike are one
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--help"], "usage: python -m balloon_warp.scenes.gallery"),
+        (["{here}/new", "squirel_tether"], "squirel_tether: no such bundled scene; did you mean squirrel_tether?"),
+        (["{here}/file", "table"], "cannot be a folder: File exists"),
+    ],
+)
+def test_the_command_says_what_it_takes_and_makes_nothing_else(words: list[str], said: str, tmp_path, capsys):
+    (tmp_path / "file").touch()
+    with pytest.raises(SystemExit):
+        main([word.format(here=tmp_path) for word in words])
+    assert said in "".join(capsys.readouterr())
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
 def likeness(one: np.ndarray, other: np.ndarray) -> float:
