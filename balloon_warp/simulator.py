@@ -33,7 +33,7 @@ from balloon_warp.steering import Controls, Observations, Starts
 from balloon_warp.system.arguments import checked
 from balloon_warp.system.loading import LENT, without_collecting
 from balloon_warp.system.shown import Shown, described
-from balloon_warp.system.warp_threads import PROCESS_LOCK, launch, locked, pick_device
+from balloon_warp.system.warp_threads import PROCESS_LOCK, launch, lock_of, locked, pick_device
 
 LANES = 32
 """Number of threads that sum a balloon; constant, so that a world's sums do not depend on its batch"""
@@ -103,7 +103,8 @@ class Simulator(Shown):
 
     _internal = (
         *("advance", "diagnose", "drop_planned_changes", "go_on_in", "go_on_with"),
-        *("make_due_changes", "of_model", "record_again", "schedule", "set_parameters", "step_unread"),
+        *("make_due_changes", "of_model", "record_again", "schedule", "set_parameters", "step_unexplained"),
+        "step_unread",
     )
 
     @checked
@@ -189,21 +190,23 @@ class Simulator(Shown):
             self.step_unread()
         return self.read_frame(world)
 
-    @locked
-    def step_unread(self, on_bad: Callable[[], None] = lambda: None) -> None:
+    def step_unread(self) -> None:
         """Advance every world by one frame, reading back nothing but health.
-
-        Args:
-            on_bad: called where the simulation blew up, before it is found out why, which may take seconds.
 
         Raises:
             BlowUpError: the simulation blew up.
         """
+        if find_reason := self.step_unexplained():
+            raise BlowUpError(find_reason())
+
+    @locked
+    def step_unexplained(self) -> Callable[[], BlowUp] | None:
+        """Advance every world by one frame, as `step_unread` does; after a blow-up, return what finds its reason.
+
+        That may take seconds, and may be called later, even if the simulator has gone on in another model.
+        """
         self._begin_step()
-        first_bad = np.asarray(self.state.first_bad.numpy(), dtype=np.int32)
-        if (first_bad != HEALTHY).any():
-            on_bad()
-        self._raise_if_bad(first_bad, self.frame_number)
+        return self._reason_of(np.asarray(self.state.first_bad.numpy(), dtype=np.int32), self.frame_number)
 
     def run(self, world: int = 0, ahead: bool = False) -> Iterator[Frame]:
         """Yield the frames of one world: the start, then as many as the scene asks for, one after the other.
@@ -321,23 +324,33 @@ class Simulator(Shown):
         Args:
             bad: its first bad particle or sphere then; as the state has it, when missing.
         """
+        return self._diagnosis(world, frame, int(self.state.first_bad.numpy()[world]) if bad is None else bad)()
+
+    def _diagnosis(self, world: int, frame: int, bad: int) -> Callable[[], BlowUp]:
+        """Return what diagnoses a blow-up, from where its last frames begin."""
         origin = self._origins.last.of_world(world)
-        again = origin.advance(Simulator.of_model(origin.model, origin.schedule), frame)
-        bad = int(self.state.first_bad.numpy()[world]) if bad is None else bad
-        return diagnose(again.model, again.state, again.schedule, world, frame, bad)
+
+        def find() -> BlowUp:
+            with lock_of(origin.model.device):
+                again = origin.advance(Simulator.of_model(origin.model, origin.schedule), frame)
+                return diagnose(again.model, again.state, again.schedule, world, frame, bad)
+
+        return find
 
     def _arrived(self, reading: Reading, world: int) -> Frame:
         """Return a frame that was read, if all worlds were well in it."""
-        self._raise_if_bad(reading.first_bad(), reading.number)
+        if find_reason := self._reason_of(reading.first_bad(), reading.number):
+            raise BlowUpError(find_reason())
         frame = reading.frame()
         if not frame.is_finite:
             raise BlowUpError(self.diagnose(world, frame.number))
         return frame
 
-    def _raise_if_bad(self, first_bad: NDArray[np.int32], frame: int) -> None:
+    def _reason_of(self, first_bad: NDArray[np.int32], frame: int) -> Callable[[], BlowUp] | None:
+        """Return what finds the reason of a blow-up; None if all worlds are well."""
         self.controls.require_sound()
-        if (worlds := np.flatnonzero(first_bad != HEALTHY)).size:
-            raise BlowUpError(self.diagnose(int(worlds[0]), frame, int(first_bad[worlds[0]])))
+        worlds = np.flatnonzero(first_bad != HEALTHY)
+        return self._diagnosis(int(worlds[0]), frame, int(first_bad[worlds[0]])) if worlds.size else None
 
     @locked
     def set(self, changes: Mapping[str, Any]) -> None:

@@ -66,7 +66,10 @@ class Camera:
         sun = self._bpy.data.objects["Light"].data
         sun.type = "SUN"
         sun = self._bpy.data.objects["Light"].data  # of that type
-        sun.energy, sun.angle = 4.0, 0.2
+        sun.energy, sun.angle = 2.6, 0.4
+        sky = scene.world.node_tree.nodes["Background"]
+        sky.inputs["Color"].default_value, sky.inputs["Strength"].default_value = (0.8, 0.8, 0.82, 1.0), 0.4
+        scene.view_settings.view_transform = "Khronos PBR Neutral"
         camera = self._bpy.data.objects["Camera"]
         camera.location = at
         camera.rotation_euler = (Vector(to) - camera.location).to_track_quat("-Z", "Y").to_euler()
@@ -143,7 +146,7 @@ def _render(bpy: Any, camera: Camera) -> None:
     """Render the first frame and the last: step 10."""
     scene = bpy.context.scene
     for name, frame in (("start", scene.frame_start), ("end", scene.frame_end)):
-        camera.take(name, frame, at=(6.2, -7.0, 3.0), to=(0.8, 0.0, 1.1))
+        camera.take(name, frame, at=(6.4, -7.2, 5.2), to=(0.7, 0.0, 0.9))
 
 
 def _push(bpy: Any, camera: Camera, frames: int) -> None:
@@ -159,6 +162,7 @@ def _push(bpy: Any, camera: Camera, frames: int) -> None:
     bpy.ops.object.mode_set(mode="EDIT")
     bpy.ops.mesh.subdivide(number_cuts=7)
     bpy.ops.object.mode_set(mode="OBJECT")
+    bpy.ops.object.shade_auto_smooth()
     finger.balloon_warp.role = "OBSTACLE"
     paint(bpy, finger, (0.8, 0.5, 0.3, 1.0))
     bpy.ops.object.armature_add(location=(-0.8, 0.0, 0.0))
@@ -176,7 +180,7 @@ def _push(bpy: Any, camera: Camera, frames: int) -> None:
         pose.rotation_euler.z = angle
         pose.keyframe_insert("rotation_euler", frame=frame)
     wait_for_bake(bpy)
-    camera.take("push", scene.frame_end, at=(4.5, -6.5, 3.0), to=(0.6, 0.0, 1.2))
+    camera.take("push", scene.frame_end, at=(4.4, -6.3, 4.6), to=(0.4, 0.0, 1.0))
 
 
 def _burst(bpy: Any, camera: Camera) -> None:
@@ -191,7 +195,7 @@ def _burst(bpy: Any, camera: Camera) -> None:
     balloon.filling, balloon.burst, balloon.burst_frame = "AIR", "NEEDLE", needle
     paint(bpy, ball, (0.75, 0.3, 0.02, 1.0))
     wait_for_bake(bpy)
-    camera.take("burst", needle + 3, at=(0.9, -1.3, 0.8), to=(0.0, 0.0, 0.5))
+    camera.take("burst", needle + 3, at=(0.9, -1.3, 0.84), to=(0.0, 0.0, 0.49))
 
 
 def _begin(bpy: Any, frames: int) -> Any:

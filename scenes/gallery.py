@@ -1,9 +1,6 @@
-"""Pictures of docs/, made again.
+"""Pictures of docs/, made again."""
 
-`python -m balloon_warp.scenes.gallery docs/pictures` makes them all, with names of scenes behind it those.
-"""
-
-import sys
+import argparse
 from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -12,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from balloon_warp import animate, bundled_scenes, compare, load_scene, render_stage, run_batch
+from balloon_warp.suggestions import did_you_mean
 
 SIZE, MOVING_SIZE = (640, 360), (480, 270)
 SAMPLES = 16
@@ -40,14 +38,35 @@ MOVING = {
 """Scenes of which there is an animation, too"""
 
 
-def main(folder: Path, names: Sequence[str] = ()) -> None:
+def main(words: Sequence[str] | None = None) -> None:
+    """Make the pictures that a command line asks for.
+
+    Args:
+        words: of it; if missing, those that Python was started with.
+    """
+    parser = argparse.ArgumentParser(prog="python -m balloon_warp.scenes.gallery", description=__doc__)
+    parser.add_argument("folder", type=Path, nargs="?", default="docs/pictures", help="default: docs/pictures")
+    parser.add_argument(
+        "scenes", nargs="*", help="bundled scenes; all of them, a comparison and a batch if none is named"
+    )
+    asked = parser.parse_args(words)
+    for name in asked.scenes:
+        if name not in bundled_scenes():
+            parser.error(f"{name}: no such bundled scene{did_you_mean(name, bundled_scenes())}")
+    try:
+        asked.folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        parser.error(f"{asked.folder}: cannot be a folder: {error.strerror}")
+    make_pictures(asked.folder, asked.scenes)
+
+
+def make_pictures(folder: Path, names: Sequence[str] = ()) -> None:
     """Simulate bundled scenes, and write a picture of each and animations of some.
 
     Args:
         folder: where they go.
         names: of the scenes; all if there are none, with a comparison and a batch besides.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory() as stages:
         for name in names or bundled_scenes():
             stage = Path(stages) / f"{name}.usdc"
@@ -67,4 +86,4 @@ def main(folder: Path, names: Sequence[str] = ()) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1] if len(sys.argv) > 1 else "docs/pictures"), sys.argv[2:])
+    main()

@@ -1,8 +1,7 @@
-"""Bundled models, made again.
+"""Bundled models, made again."""
 
-Run it by python -m balloon_warp.scenes.models.
-"""
-
+import argparse
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -51,8 +50,14 @@ def make_model(name: str) -> PolygonMesh:
     return replace(mesh, points=np.round(points, 5) + 0.0, name=name)
 
 
-def main() -> None:
-    """Write every model beside this file, and the pillow's print."""
+def main(words: Sequence[str] | None = None) -> None:
+    """Write every model beside this file, and the pillow's print.
+
+    Args:
+        words: of a command line; if missing, those that Python was started with.
+    """
+    described = "Write every model beside this file, and the print of the pillow."
+    argparse.ArgumentParser(prog="python -m balloon_warp.scenes.models", description=described).parse_args(words)
     for name in MODELS:
         path = Path(__file__).parent / f"{name}.obj"
         mesh = make_model(name)

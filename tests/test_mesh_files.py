@@ -250,6 +250,26 @@ def test_vertices_of_a_ply_stay_in_order_coincident_and_unused_ones_too(tmp_path
     assert mesh.face_vertex_indices.tolist() == faces.ravel().tolist()
 
 
+@pytest.mark.parametrize("binary", [False, True])
+def test_strips_of_a_ply_become_triangles_that_face_outward(binary: bool, tmp_path: Path) -> None:
+    """Scanners write them: a tetrahedron is a strip of 0 1 2 3 and two triangles, with a strip too short between."""
+    points = np.array([(0, 0, 0), (0, 1, 0), (1, 0, 0), (0, 0, 1)], np.float32)
+    strip = np.array([0, 1, 2, 3, -1, 0, 1, -1, 0, 2, 3, -1, 0, 3, 1, -1], np.int32)
+    kind = "binary_little_endian" if binary else "ascii"
+    header = f"ply\nformat {kind} 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+    header += "element tristrips 1\nproperty list int int vertex_indices\nend_header\n"
+    numbers = np.array([len(strip), *strip], np.int32)
+    text = "".join(" ".join(map(str, row)) + "\n" for row in [*points.tolist(), numbers.tolist()])
+    (tmp_path / "strips.ply").write_bytes(
+        header.encode() + (points.tobytes() + numbers.tobytes() if binary else text.encode())
+    )
+    mesh = load_mesh(tmp_path / "strips.ply")
+    np.testing.assert_array_equal(mesh.points, points)
+    faces = mesh.face_vertex_indices.reshape(-1, 3).tolist()
+    assert faces == [[0, 1, 2], [2, 1, 3], [0, 2, 3], [0, 3, 1]]
+    assert signed_volume(mesh) == pytest.approx(1.0 / 6.0)
+
+
 def test_quads_of_a_ply_become_triangles_and_those_of_an_obj_do_not(tmp_path: Path) -> None:
     header = "ply\nformat ascii 1.0\nelement vertex 8\nproperty float x\nproperty float y\nproperty float z\n"
     header += "element face 6\nproperty list uchar int vertex_indices\nend_header\n"

@@ -44,6 +44,7 @@ from balloon_warp import (
 )
 from balloon_warp.cli.options import parse_frames, parse_place
 from balloon_warp.scenes.gallery import MOVING, MOVING_SIZE
+from balloon_warp.scenes.gallery import main as make_gallery
 from balloon_warp.steering.observations import WorldCamera
 from balloon_warp.studio.render.render import _choose_frames
 from balloon_warp.studio.render.stage_reader import RenderStage
@@ -659,6 +660,22 @@ def test_an_animation_stands_beside_the_command_that_makes_it(name: str):
         assert shown.size == MOVING_SIZE
         count = int((last - first) * rate / load_scene(name).frames_per_second + 1e-9) + 1
         assert 0.7 * count <= shown.n_frames <= count  # frames that are alike are one
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--help"], "usage: python -m balloon_warp.scenes.gallery"),
+        (["{here}/new", "squirel_tether"], "squirel_tether: no such bundled scene; did you mean squirrel_tether?"),
+        (["{here}/file", "table"], "cannot be a folder: File exists"),
+    ],
+)
+def test_the_command_says_what_it_takes_and_makes_nothing_else(words: list[str], said: str, tmp_path, capsys):
+    (tmp_path / "file").touch()
+    with pytest.raises(SystemExit):
+        make_gallery([word.format(here=tmp_path) for word in words])
+    assert said in "".join(capsys.readouterr())
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
 def likeness(one: np.ndarray, other: np.ndarray) -> float:

@@ -153,7 +153,10 @@ def inspect(
     mesh: MeshOptions,
     as_json: Json = False,
 ) -> None:
-    """Report faces, springs, size, defects and the largest stable step of a mesh or a scene."""
+    """Report faces, springs, size, defects and the largest stable step of a mesh or a scene.
+
+    Try `balloon-warp inspect YOUR_MESH.obj`.
+    """
     changes = Changes(overrides, mesh)
     if source in bundled_scenes() or Path(source).suffix.lower() == ".toml" or not Path(source).exists():
         _inspect_scene(source, changes.load(source), as_json)

@@ -358,7 +358,7 @@ def read_triangles(
             process=False,
             skip_materials=materials is None,
         )
-        parts = [part for part in read.dump() if isinstance(part, trimesh.Trimesh)]
+        parts = [part for part in map(_of_strips, read.dump()) if isinstance(part, trimesh.Trimesh)]
     except Exception as error:  # its readers let any exception of the parsing through
         reason = " ".join(str(error).split())
         raise InputError(f"{path}: cannot be read as {path.suffix[1:].upper()} ({reason})") from error
@@ -379,6 +379,28 @@ def read_triangles(
     )
     check_mesh(mesh, str(path))
     return mesh
+
+
+def _of_strips(part: Any) -> Any:
+    """Return the triangles of a part that trimesh takes for points, as a PLY file of a scanner may have strips of them.
+
+    Any other part is returned as it is.
+    """
+    import trimesh
+
+    strips = part.metadata.get("_ply_raw", {}).get("tristrips")
+    if not isinstance(part, trimesh.PointCloud) or not strips:
+        return part
+    said = strips["data"]["vertex_indices"]
+    numbers = np.asarray(said["f1"] if said.dtype.names else said, np.int64).ravel()
+    triangles = np.lib.stride_tricks.sliding_window_view(numbers, 3).copy()
+    begins = np.append(0, np.flatnonzero(numbers < 0) + 1)  # a strip ends with -1
+    places = np.arange(len(triangles))
+    odd = (places - begins[np.searchsorted(begins, places, side="right") - 1]) % 2 == 1
+    triangles[odd] = triangles[odd][:, [1, 0, 2]]  # every other one of a strip is wound the other way
+    triangles = triangles[(triangles >= 0).all(axis=1)]
+    colors = part.colors if len(part.colors) else None
+    return trimesh.Trimesh(part.vertices, triangles, vertex_colors=colors, process=False)
 
 
 def _of_part(part: Any, materials: GltfMaterials | None) -> PolygonMesh:

@@ -226,11 +226,13 @@ def no_rubber(shear_modulus: float, inflated: bool) -> list[str]:
     ]
 
 
-SIZE, MARGIN = (720, 480), (80, 24, 24, 56)
-"""Size and margins [pixels]; left, top, right, bottom"""
-PAPER, INK, FAINT = (255, 255, 255), (40, 40, 40), (225, 225, 225)
-COLORS = (((40, 105, 160), (200, 60, 30)), ((60, 130, 60), (120, 60, 150)), ((150, 110, 20), (30, 120, 130)))
-"""Colors of the line and the dots of each curve"""
+FINER = 4
+"""Pixels drawn for one of the picture, in a row: edges are smooth then"""
+SIZE, MARGIN = (720 * FINER, 432 * FINER), (84 * FINER, 44 * FINER, 24 * FINER, 56 * FINER)
+"""Size and margins [drawn pixels]; left, top, right, bottom"""
+PAPER, INK, EDGE, FAINT = "#ffffff", "#40464d", "#9aa1a9", "#e4e7ea"
+COLORS = (("#8a8f98", "#c8102e"), ("#8a8f98", "#1a6fb0"), ("#8a8f98", "#e8a200"))
+"""Colors of the line and the dots of each curve, as in `outputs/charts.mplstyle`"""
 TICKS = 5
 
 
@@ -242,12 +244,12 @@ def curves_plot(curves: Sequence[Curve], found: Sequence[Values]) -> Image.Image
     image = Image.new("RGB", (SIZE[0], SIZE[1] * len(drawn)), PAPER)
     for number, part in enumerate(drawn):
         image.paste(part, (0, SIZE[1] * number))
-    return image
+    return image.reduce(FINER)
 
 
 def _plot(curves: Sequence[tuple[Curve, Values]]) -> Image.Image:
     image = Image.new("RGB", SIZE, PAPER)
-    draw, font = ImageDraw.Draw(image), ImageFont.load_default(14)
+    draw, font = ImageDraw.Draw(image), ImageFont.load_default(14 * FINER)
     left, top, right, bottom = MARGIN
     inflated = curves[0][0].test == "inflation"
     sizes = np.concatenate([curve.sizes for curve, _ in curves])
@@ -262,24 +264,25 @@ def _plot(curves: Sequence[tuple[Curve, Values]]) -> Image.Image:
         )
 
     for x in ticks(*across):
-        draw.line([place(x, up[0]), place(x, up[1])], FAINT)
+        draw.line([place(x, up[0]), place(x, up[1])], FAINT, FINER)
         text = f"{1000.0 * x if inflated else x:.6g}"
-        draw.text((place(x, up[0])[0], SIZE[1] - bottom + 6), text, INK, font, anchor="ma")
+        draw.text((place(x, up[0])[0], SIZE[1] - bottom + 6 * FINER), text, INK, font, anchor="ma")
     for y in ticks(*up):
-        draw.line([place(across[0], y), place(across[1], y)], FAINT)
+        draw.line([place(across[0], y), place(across[1], y)], FAINT, FINER)
         text = f"{y if inflated else 1e-6 * y:.6g}"
-        draw.text((left - 8, place(across[0], y)[1]), text, INK, font, anchor="rm")
-    draw.text((SIZE[0] // 2, SIZE[1] - 24), "volume [l]" if inflated else "stretch", INK, font, anchor="ma")
+        draw.text((left - 8 * FINER, place(across[0], y)[1]), text, INK, font, anchor="rm")
+    draw.line([place(across[0], up[1]), place(across[0], up[0]), place(across[1], up[0])], EDGE, FINER)
+    draw.text((SIZE[0] // 2, SIZE[1] - 28 * FINER), "volume [l]" if inflated else "stretch", INK, font, anchor="ma")
     what = "pressure [Pa]" if inflated else "nominal stress [MPa]"
-    draw.text((8, 4), f"{what}: dots measured, line fitted", INK, font)
+    draw.text((left, 12 * FINER), f"{what}: dots measured, line fitted", INK, font)
     for number, (curve, found) in enumerate(curves):
         line, dot = COLORS[number % len(COLORS)]
-        draw.line(_joined([place(x, y) for x, y in zip(curve.sizes, found, strict=True)]), line, 3)
+        draw.line(_joined([place(x, y) for x, y in zip(curve.sizes, found, strict=True)]), line, 3 * FINER)
         for x, y in zip(curve.sizes, curve.loads, strict=True):
-            (u, v), r = place(x, y), 4
+            (u, v), r = place(x, y), 4 * FINER
             draw.ellipse((u - r, v - r, u + r, v + r), dot)
         if not inflated:
-            draw.text((left + 12, top + 4 + 18 * number), curve.test, dot, font)
+            draw.text((left + 12 * FINER, top + (4 + 18 * number) * FINER), curve.test, dot, font)
     return image
 
 

@@ -20,11 +20,11 @@ from typing import TextIO
 import numpy as np
 import warp as wp
 
-from balloon_warp.errors import BlowUpError, InputError
+from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Law
 from balloon_warp.run.provenance import describe_simulation
 from balloon_warp.scene import Scene
-from balloon_warp.studio.page.playground import Kinds, Playground, kinds_of
+from balloon_warp.studio.page.playground import REASON, Kinds, Playground, kinds_of
 from balloon_warp.system.warp_setup import quiet_warp
 
 NICENESS = 15
@@ -142,7 +142,7 @@ def rehearse(playground: Playground, on_done: Callable[[Kinds], None] = lambda k
     """Rehearse common actions, a frame each, so that later actions find their kernels: the likeliest first.
 
     Args:
-        on_done: called with the kinds of things whose kernels are there.
+        on_done: called with the kinds of things whose kernels are there, and with `REASON` beside them after a burst.
     """
 
     def inflate() -> None:
@@ -167,16 +167,19 @@ def rehearse(playground: Playground, on_done: Callable[[Kinds], None] = lambda k
 
     cut = playground.cut_all
     acts: list[list[Callable[[], None]]] = [
-        *([inflate], [throw], [pull], [throw, pull], [burst], [cut], [cut, throw], [throw, burst]),
-        *([blow], [blow, throw], [blow, pull], [blow, throw, pull], [cut, blow], [cut, pull], [inflate, see_forces]),
+        *([inflate], [throw], [burst], [pull], [throw, burst], [throw, pull], [cut], [cut, burst], [cut, throw]),
+        *([cut, throw, burst], [pull, burst], [throw, pull, burst], [blow], [blow, burst], [blow, throw]),
+        *([blow, pull], [blow, throw, pull], [cut, blow], [cut, pull], [inflate, see_forces]),
     ]
     for some in acts:
         playground.reset()
         playground.keep_stable = True
         for act in some:
-            with contextlib.suppress(InputError, BlowUpError):
+            with contextlib.suppress(InputError):
                 act()
-                playground.step()
+                if find_reason := playground.step():
+                    find_reason()
+                    on_done(kinds_of(playground.live) | REASON)
         on_done(kinds_of(playground.live))
 
 

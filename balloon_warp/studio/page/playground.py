@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from balloon_warp.blow_ups import BlowUp
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model import lay_out, plan_model
@@ -24,6 +25,8 @@ from balloon_warp.system.warp_threads import pick_device
 
 Kinds = frozenset[str]
 """Kinds of things that have kernels of their own and that a hand may bring: spheres, strings and wind"""
+REASON: Kinds = frozenset({"reason"})
+"""Kind, beside those of a scene, of the kernels that find the reason of its blow-up"""
 
 
 class Touch(Enum):
@@ -305,13 +308,9 @@ class Playground:
         times, values = np.array(self.live.balloon[0].inflation.keyframes).T
         return float(np.interp(self.seconds, times, values))
 
-    def step(self, on_bad: Callable[[], None] = lambda: None) -> None:
-        """Simulate one frame; see `Simulator.step_unread`.
-
-        Raises:
-            BlowUpError: the simulation blew up.
-        """
-        self.simulator.step_unread(on_bad)
+    def step(self) -> Callable[[], BlowUp] | None:
+        """Simulate one frame; after a blow-up, return what finds its reason: see `Simulator.step_unexplained`."""
+        return self.simulator.step_unexplained()
 
     def set(self, path: str, value: Any) -> None:
         """Change a value of the scene.

@@ -14,17 +14,17 @@ import time
 import traceback
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.blow_ups import BlowUp
-from balloon_warp.errors import BlowUpError, InputError
+from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Law
 from balloon_warp.scene import Scene
-from balloon_warp.studio.page.playground import Kinds, Moments, Playground, Touch
+from balloon_warp.studio.page.playground import REASON, Kinds, Moments, Playground, Touch, kinds_of
 from balloon_warp.studio.page.recording import Picture, Recording, free_number, told_of_saving
 from balloon_warp.system.warp_threads import PROCESS_LOCK, lock_of
 
@@ -184,12 +184,9 @@ class Pace:
         return simulated / max(self._passed[-1][0] - self._passed[0][0], 1e-9)
 
 
-def sentence_of(failure: BlowUpError, scene: Scene) -> str:
-    """Return the cause of a failure, as in "Too much pressure for these springs."."""
+def sentence_of(report: BlowUp, scene: Scene) -> str:
+    """Return the cause of a blow-up, as in "Too much pressure for these springs."."""
     skin = "this skin" if any(balloon.material.is_membrane for balloon in scene.balloon) else "these springs"
-    report = failure.report
-    if not isinstance(report, BlowUp):
-        return "The simulation blew up."
     inflated = report.other is None or report.other.by == "inflation"  # else something pulled harder than its springs
     if report.is_sphere:
         return "Too hard a blow for this sphere."
@@ -245,6 +242,8 @@ class Session:
         self.running, self.trouble, self.why = True, "", ""
         self._is_back = False
         """Whether the state is good again, after trouble"""
+        self._unexplained: tuple[Callable[[], BlowUp], Scene] | None = None
+        """What finds the reason of the last blow-up, until it is known, and the scene then"""
         self.recording: Recording | None = None
         self.writer: threading.Thread | None = None
         """Thread that writes the last recording"""
@@ -371,6 +370,7 @@ class Session:
         def go_back(_: Playground) -> None:
             if self._is_back or self._moments.go_back(self.playground):
                 self.trouble, self.why, self.running, self._is_back = "", "", False, False
+                self._unexplained = None
                 self._revision += 1
 
         self.ask(go_back, touch=None)
@@ -385,6 +385,7 @@ class Session:
 
     def _begin_anew(self) -> None:
         self.trouble, self.why, self.running, self._is_back = "", "", True, False
+        self._unexplained = None
         self._moments.clear()
         self._methods.clear()
         self._revision += 1
@@ -409,6 +410,8 @@ class Session:
         if not self.running or not self.watched:
             self.pace.rest()
             self._show()
+            if self._explain():
+                return
             self._wishes.came.wait(0.25)
             self._wishes.came.clear()
             return
@@ -440,10 +443,9 @@ class Session:
         """Simulate one frame."""
         playground, began = self.playground, time.perf_counter()
         self._moments.note(playground)
-        try:
-            playground.step(self._tell_of_blow_up)
-        except BlowUpError as failure:
-            self.trouble, self.why, self.running = sentence_of(failure, playground.live), str(failure), False
+        if find_reason := playground.step():
+            self.trouble, self.why, self.running = LOOKING, "", False
+            self._unexplained = find_reason, playground.live
             self._is_back = self._moments.go_back(playground)  # the last good shape stays to be seen
             return
         if self.recording:
@@ -452,9 +454,16 @@ class Session:
                 self._end_recording()
         self._step_seconds += 0.1 * (time.perf_counter() - began - self._step_seconds)
 
-    def _tell_of_blow_up(self) -> None:
-        """Show that time stands still, with the last good shape, while the reason is looked for."""
-        self.picture = replace(self.picture, running=False, trouble=LOOKING)
+    def _explain(self) -> bool:
+        """Find the reason of the last blow-up, once there are its kernels; return whether it was found."""
+        if not self._unexplained or not self.is_ready(kinds_of(self._unexplained[1]) | REASON):
+            return False
+        (find_reason, scene), self._unexplained = self._unexplained, None
+        self._busy_since = time.perf_counter()
+        report = find_reason()
+        self._busy_since = None
+        self.trouble, self.why = sentence_of(report, scene), str(report)
+        return True
 
     def _end_recording(self) -> None:
         """Write the recording, beside the simulation: it takes longer than a frame."""

@@ -360,6 +360,9 @@ playground.throw(playground.points.mean(axis=0) + [0.0, 2.0, 0.0], np.zeros(3), 
 playground.step()
 playground.grab("hand", 5, playground.points[5] + [0.0, 0.2, 0.0])
 playground.step()
+playground.keep_stable = False
+playground.inflate(1e9)
+print(playground.step()())
 print("compiled", sorted(map(str, kernels() - before)))
 ahead.end()
 """
@@ -384,6 +387,7 @@ def is_there(process: int) -> bool:
 def test_a_first_touch_compiles_nothing(tmp_path):
     said, wrong = page(tmp_path, PLAYED).communicate(timeout=600)
     assert "compiled []" in said, wrong
+    assert "the simulation blew up in frame 4" in said
     assert list(tmp_path.rglob("balloon_warp_ahead_*"))
     said, wrong = page(tmp_path, PLAYED).communicate(timeout=600)
     assert "process None" in said, wrong
@@ -439,7 +443,8 @@ def on_a_string(**fields) -> Scene:
 
 def steps(playground: Playground, count: int) -> None:
     for _ in range(count):
-        playground.step()
+        if find_reason := playground.step():
+            raise BlowUpError(find_reason())
 
 
 def replayed(playground: Playground) -> Simulator:
