@@ -35,15 +35,16 @@ from balloon_warp.kernels.tables import (
 from balloon_warp.kernels.working import Working
 
 
+@wp.func
+def load_through_center(load: TriangleLoad):
+    """Return a quad corner's share of the load on the center."""
+    return corner_load(load, 0.25 * load.moments[2], 0.25 * load.areas[2])
+
+
 @cache
 def ring_wetness_loop(at: Any) -> Any:
     """Return the function that sums a particle's load over the quads that go all around it."""
     ends_at = ring_ends(at)
-
-    @wp.func
-    def load_through_center(load: TriangleLoad):
-        """Return a quad corner's share of the load on the center."""
-        return corner_load(load, 0.25 * load.moments[2], 0.25 * load.areas[2])
 
     @wp.func
     def load_of_quad(before: wp.vec3, across: wp.vec3, along: wp.vec3, level: float, up: wp.vec3):
@@ -202,13 +203,15 @@ def visits_of(t: Tables, face: wp.int32, particle: wp.int32):
     return visits
 
 
+@wp.func
+def one_visit(t: Tables, face: wp.int32, particle: wp.int32):
+    """Return 1: no face is folded."""
+    return float(1.0)
+
+
 @cache
 def visits_function(features: Features) -> Any:
     """Return the function for how often a face visits a particle around which it is: once, but for folded ones."""
-
-    @wp.func
-    def one_visit(t: Tables, face: wp.int32, particle: wp.int32):
-        return float(1.0)
 
     return visits_of if features.revisits else one_visit
 
