@@ -432,7 +432,7 @@ def area_adjoint(quads: bool, at: Any) -> Adjoint:
     ):
         return back(t.fans, points, area_vector_bars, params.number, point, area_vector_bar)
 
-    return Adjoint(areas_adjoint, ("point",), of_eight=areas_of_eight() if quads else None)
+    return Adjoint(areas_adjoint, ("point",), of_eight=areas_of_eight if quads else None)
 
 
 @cache

@@ -198,6 +198,15 @@ def work_of_pair(
     )
 
 
+@wp.func
+def meet_nothing(
+    t: Tables, spheres: LoggedSpheres, world: wp.int32, event: Event, end: float, bars: BarsOfSpheres,
+    of_frame: Bars,
+):  # fmt: skip
+    """Do nothing, where there are no obstacles."""
+    return
+
+
 @cache
 def obstacle_adjoint(features: Features, columns: tuple[int, ...]) -> Any:
     """Return the function that runs a sphere's contact with an obstacle backwards.
@@ -206,15 +215,6 @@ def obstacle_adjoint(features: Features, columns: tuple[int, ...]) -> Any:
         columns: of parameters by which something is derived.
     """
     if not features.fixtures:
-
-        @wp.func
-        def meet_nothing(
-            t: Tables, spheres: LoggedSpheres, world: wp.int32, event: Event, end: float, bars: BarsOfSpheres,
-            of_frame: Bars,
-        ):  # fmt: skip
-            """Do nothing, where there are no obstacles."""
-            return
-
         return meet_nothing
     meet, pose_at = meeting_function(features), pose_function(features)
     place = features.columns.places["gravity"]

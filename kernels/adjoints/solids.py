@@ -42,7 +42,7 @@ from balloon_warp.kernels.loops.fixtures import (
     with_another,
 )
 from balloon_warp.kernels.loops.spheres import is_near_sphere
-from balloon_warp.kernels.loops.ways import surface_function
+from balloon_warp.kernels.loops.ways import surface_of_convex
 from balloon_warp.kernels.phase import Adjoint, Look, NoAdjointError, Phase
 from balloon_warp.kernels.tables import Solid, Tables
 from balloon_warp.kernels.working import FixtureBars, Working
@@ -230,9 +230,6 @@ def work_beside(
     place = point + wp.dot(let - point, normal) * normal
     stood, slowed = stand_on(point, place, velocity, moving, normal, friction, step, at_once, part)
     return wp.dot(stood, point_bar) + wp.dot(slowed, velocity_bar)
-
-
-surface_of_convex = surface_function(False)
 
 
 @wp.func

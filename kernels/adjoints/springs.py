@@ -184,18 +184,13 @@ def add_areas_of_eight(
     ...
 
 
-@cache
-def areas_of_eight() -> Any:
-    """Return the function that adds the terms of area vectors among quads to the bars of all places."""
-
-    @wp.func
-    def areas_back(
-        t: Tables, points: Any, area_vector_bars: Any, count: wp.int32, found: wp.array2d[float], row: wp.int32,
-        first_word: wp.int32, apart: wp.int32,
-    ):  # fmt: skip
-        add_areas_of_eight(t.fans, points, area_vector_bars, count, CROSSES, found, row, first_word, apart)
-
-    return areas_back
+@wp.func
+def areas_of_eight(
+    t: Tables, points: Any, area_vector_bars: Any, count: wp.int32, found: wp.array2d[float], row: wp.int32,
+    first_word: wp.int32, apart: wp.int32,
+):  # fmt: skip
+    """Add the terms of area vectors among quads to the bars of all places."""
+    add_areas_of_eight(t.fans, points, area_vector_bars, count, CROSSES, found, row, first_word, apart)
 
 
 @wp.func

@@ -300,7 +300,7 @@ class MembraneFaceLayout(NamedTuple):
 def membrane_face_places(membrane_face: MembraneFaceLayout) -> MembraneFacePlaces:
     """Return the storage of a layout with faces of membranes."""
     return (
-        in_tiles(membrane_face.tile, membrane_face.capacity, membrane_face.areas) if membrane_face.tile else in_arrays()
+        in_tiles(membrane_face.tile, membrane_face.capacity, membrane_face.areas) if membrane_face.tile else IN_ARRAYS
     )
 
 
@@ -396,13 +396,8 @@ def get_from_array(pulls: Any, area_vectors: Any, place: wp.int32):
     return vector_at(pulls, place), wp.vec3()
 
 
-@cache
-def in_arrays() -> MembraneFacePlaces:
-    """Return storage in global memory, for forces alone."""
-
-    return MembraneFacePlaces(1, put_in_array, get_from_array, in_tile, vector_at)
-
-
+IN_ARRAYS = MembraneFacePlaces(1, put_in_array, get_from_array, in_tile, vector_at)
+"""Storage in global memory, for forces alone"""
 OF_TRIANGLE = wp.constant(1.0 / 6.0)
 """Area vector of a corner over the cross product of its edges, from the one before and to the one after"""
 

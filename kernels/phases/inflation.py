@@ -232,14 +232,16 @@ def find_direction(features: Features, look: Look) -> Any:
     return find_direction
 
 
+@wp.func
+def spread_quads(t: Any, points: Any, face: wp.int32):
+    """Return the area of a quad [m^2]."""
+    return wp.length(area_vector_between(points, quad_at(t.faces.particles, face)))
+
+
 @phase("face", {"balloon_area": float}, when=_by_normal_forces, once=_cached, sums=True)
 def spread(features: Features, look: Look) -> Any:
     """Sum the area of a balloon [m^2], from where its corners are."""
     center_of_face, area_vector_of_face = face_measures(look.at)
-
-    @wp.func
-    def spread_quads(t: Any, points: Any, face: wp.int32):
-        return wp.length(area_vector_between(points, quad_at(t.faces.particles, face)))
 
     @wp.func
     def spread(t: Any, points: Any, face: wp.int32):
