@@ -408,8 +408,9 @@ def phase(item: Item, writes: Mapping[str, Any] | None = None, **said: Any) -> C
         def make(features: Features, look: Look) -> Any:
             return made
 
-        make.__doc__ = made.func.__doc__
-        return Phase(made.func.__name__, item, make, writes or {}, **said)
+        function: Any = made.func
+        make.__doc__ = function.__doc__
+        return Phase(function.__name__, item, make, writes or {}, **said)
 
     return named
 
