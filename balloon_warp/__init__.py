@@ -11,32 +11,26 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from balloon_warp.garbage import without_collecting
+from balloon_warp.system.loading import LENT, without_collecting
 
 if TYPE_CHECKING:
-    from balloon_warp.checking import CheckReport, Crossing, check_stage
-    from balloon_warp.comparison.compare import compare
-    from balloon_warp.designing.design import design
-    from balloon_warp.designing.job import Design
+    from balloon_warp.batch.batch import repeat_batch, run_batch
+    from balloon_warp.batch.simulate import Trajectories, simulate
+    from balloon_warp.batch.trajectories import TrajectoryFiles
     from balloon_warp.errors import BlowUpError, InputError, MissingExtraError, WorkersLostError
-    from balloon_warp.fitting.by_data import Fit
-    from balloon_warp.fitting.fit import Optimum, fit
-    from balloon_warp.foil.make import foil_mesh, foil_parts
+    from balloon_warp.farm.cluster import Cluster
     from balloon_warp.frame import Frame
-    from balloon_warp.gradients import losses
-    from balloon_warp.gradients.derive import Gradient
-    from balloon_warp.gradients.gradient import gradient
-    from balloon_warp.gradients.rollout import Rollout
-    from balloon_warp.inspection import advise_step, inspect_mesh
-    from balloon_warp.job import animate
     from balloon_warp.kernels.laws import Law, Parameter
+    from balloon_warp.lab.design.design import design
+    from balloon_warp.lab.design.job import Design
+    from balloon_warp.lab.fit.fit import Fit, Optimum, fit
+    from balloon_warp.lab.gradients import losses
+    from balloon_warp.lab.gradients.derive import Gradient
+    from balloon_warp.lab.gradients.gradient import gradient
+    from balloon_warp.lab.gradients.rollout import Rollout
     from balloon_warp.laws import face_law, particle_law, spring_law
     from balloon_warp.mesh import PolygonMesh
     from balloon_warp.mesh.load import load_mesh
-    from balloon_warp.mesh.remesh import remesh
-    from balloon_warp.outputs.exports import export_stage
-    from balloon_warp.outputs.render import render_stage
-    from balloon_warp.outputs.usd import StageWriter
     from balloon_warp.scene import (
         Atmosphere,
         Balloon,
@@ -59,16 +53,19 @@ if TYPE_CHECKING:
         bundled_scenes,
         load_scene,
     )
-    from balloon_warp.simulator import Simulator
-    from balloon_warp.solids import MassProperties
+    from balloon_warp.simulator import MassProperties, Simulator
     from balloon_warp.springs import build_springs
-    from balloon_warp.sweep.batch import repeat_batch, run_batch
-    from balloon_warp.sweep.cluster import Cluster
-    from balloon_warp.sweep.world_files.catalog import TrajectoryFiles
-    from balloon_warp.trajectories import Trajectories, simulate
-    from balloon_warp.viewer.notebook import show
-    from balloon_warp.viewer.view import view
-    from balloon_warp.warming import warm_up
+    from balloon_warp.studio.animate import animate
+    from balloon_warp.studio.exports import export_stage
+    from balloon_warp.studio.page.view import show, view
+    from balloon_warp.studio.render import render_stage
+    from balloon_warp.tools.check import CheckReport, Crossing, check_stage
+    from balloon_warp.tools.compare import compare
+    from balloon_warp.tools.doctor import warm_up
+    from balloon_warp.tools.foil import foil_mesh, foil_parts
+    from balloon_warp.tools.inspect import advise_step, inspect_mesh
+    from balloon_warp.tools.remesh import remesh
+    from balloon_warp.usd import StageWriter
 
 __all__ = [
     "Atmosphere",
@@ -140,39 +137,39 @@ __all__ = [
 ]
 
 _HOMES = {
-    "inspection": (
+    "tools.inspect": (
         "advise_step",
         "inspect_mesh",
     ),
-    "checking": (
+    "tools.check": (
         "CheckReport",
         "Crossing",
         "check_stage",
     ),
-    "comparison.compare": ("compare",),
-    "designing.design": ("design",),
-    "designing.job": ("Design",),
+    "tools.compare": ("compare",),
+    "lab.design.design": ("design",),
+    "lab.design.job": ("Design",),
     "errors": (
         "BlowUpError",
         "InputError",
         "MissingExtraError",
         "WorkersLostError",
     ),
-    "fitting.fit": (
+    "lab.fit.fit": (
         "Optimum",
         "fit",
+        "Fit",
     ),
-    "fitting.by_data": ("Fit",),
-    "foil.make": (
+    "tools.foil": (
         "foil_mesh",
         "foil_parts",
     ),
     "frame": ("Frame",),
-    "gradients": ("losses",),
-    "gradients.derive": ("Gradient",),
-    "gradients.gradient": ("gradient",),
-    "gradients.rollout": ("Rollout",),
-    "job": ("animate",),
+    "lab.gradients": ("losses",),
+    "lab.gradients.derive": ("Gradient",),
+    "lab.gradients.gradient": ("gradient",),
+    "lab.gradients.rollout": ("Rollout",),
+    "studio.animate": ("animate",),
     "kernels.laws": (
         "Law",
         "Parameter",
@@ -184,10 +181,10 @@ _HOMES = {
     ),
     "mesh": ("PolygonMesh",),
     "mesh.load": ("load_mesh",),
-    "mesh.remesh": ("remesh",),
-    "outputs.exports": ("export_stage",),
-    "outputs.render": ("render_stage",),
-    "outputs.usd": ("StageWriter",),
+    "tools.remesh": ("remesh",),
+    "studio.exports": ("export_stage",),
+    "studio.render": ("render_stage",),
+    "usd": ("StageWriter",),
     "scene": (
         "Atmosphere",
         "Balloon",
@@ -210,22 +207,26 @@ _HOMES = {
         "bundled_scenes",
         "load_scene",
     ),
-    "simulator": ("Simulator",),
-    "solids": ("MassProperties",),
+    "simulator": (
+        "Simulator",
+        "MassProperties",
+    ),
     "springs": ("build_springs",),
-    "sweep.batch": (
+    "batch.batch": (
         "run_batch",
         "repeat_batch",
     ),
-    "sweep.cluster": ("Cluster",),
-    "sweep.world_files.catalog": ("TrajectoryFiles",),
-    "trajectories": (
+    "farm.cluster": ("Cluster",),
+    "batch.trajectories": ("TrajectoryFiles",),
+    "batch.simulate": (
         "Trajectories",
         "simulate",
     ),
-    "viewer.notebook": ("show",),
-    "viewer.view": ("view",),
-    "warming": ("warm_up",),
+    "studio.page.view": (
+        "show",
+        "view",
+    ),
+    "tools.doctor": ("warm_up",),
 }
 
 # In a source tree kernels/ and scenes/ stand beside this folder; an installed package has them inside.
@@ -243,6 +244,16 @@ def __getattr__(name: str) -> Any:
                 return vars(home).get(name) or importlib.import_module(f"{home.__name__}.{name}")
     # with both, Python asks whether a name that is like it was meant
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name, obj=sys.modules[__name__])
+
+
+def _lend(module: str, name: str) -> None:
+    """Lend a function of a room to the core; its module loads when it is called."""
+    LENT[name] = lambda *given: getattr(importlib.import_module(f"{__name__}.{module}"), name)(*given)
+
+
+_lend("studio.animate", "snapshot")
+_lend("studio.animate", "notebook_picture")
+_lend("lab.statics.of_model", "stiffness_in")
 
 
 def __dir__() -> list[str]:

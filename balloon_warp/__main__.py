@@ -3,8 +3,8 @@
 import gc
 import sys
 
-from balloon_warp.garbage import without_collecting
-from balloon_warp.standard_streams import watch_streams
+from balloon_warp.system.loading import without_collecting
+from balloon_warp.system.streams import watch_streams
 
 
 def main() -> None:

@@ -1,19 +1,20 @@
-"""Worlds on their way from a device to the host, one at a time."""
+"""Worlds on their way from a device to the host: frames, saved states, and whether they have come to rest."""
 
-from collections.abc import Callable, Mapping
+import json
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.contacts import PAIR_ARRAYS, Contact, contacts_of
-from balloon_warp.frame import Frame
+from balloon_warp.errors import InputError
+from balloon_warp.frame import PAIR_ARRAYS, Contact, Frame, contacts_of
 from balloon_warp.kernels.laws.law import FAR
 from balloon_warp.model import Model, State, copy_of, overwrite
 from balloon_warp.model.obstacles import obstacle_poses
-from balloon_warp.warp_lock import lock_of, recording, replay
+from balloon_warp.system.warp_threads import lock_of, recording, replay
 
 
 class Recorded:
@@ -294,3 +295,129 @@ class WorldReader:
             wp.copy(host["inflation_forces"], self._forces.inflation_forces(self._own))
         for name, source in self._sources.items():
             wp.copy(host[name], source)
+
+
+CHANGES = "set"
+"""Name of the saved settings: JSON, pairs of a frame and the values by their paths"""
+
+
+def packed(state: State, changes: Sequence[tuple[int, Mapping[str, Any]]]) -> dict[str, NDArray]:
+    """Copy a state to the host, with the values set until then.
+
+    Args:
+        changes: pairs of a frame and the values by their paths.
+    """
+    arrays = {name: np.array(array.numpy()) for name, array in state.arrays.items()}
+    if changes:
+        arrays[CHANGES] = np.array(json.dumps(changes))
+    return arrays
+
+
+def saved_changes(saved: Mapping[str, NDArray]) -> list[tuple[int, dict[str, Any]]]:
+    """Find the values set before a simulator was saved, in order."""
+    return json.loads(str(saved[CHANGES])) if CHANGES in saved else []
+
+
+class Restored(Protocol):
+    """A simulator at its start, into which a saved one is restored."""
+
+    frame_number: int
+    state: State
+    controls: Any
+    starts: Any
+
+    def set(self, changes: Mapping[str, Any]) -> None: ...
+
+    def make_due_changes(self) -> None: ...
+
+
+def go_back_to(simulator: Restored, saved: Mapping[str, NDArray]) -> None:
+    """Restore a simulator at its start to a saved one, with all values set until then."""
+    simulator.starts.open_saved(saved)
+    simulator.controls.open_saved(saved)
+    for frame, changes in saved_changes(saved):
+        simulator.frame_number = frame
+        simulator.set(changes)
+    simulator.frame_number = int(saved["frame"][0]) - 1
+    simulator.make_due_changes()
+    simulator.frame_number += 1
+    fill_state(simulator.state, saved)
+    simulator.controls.restore(saved)
+    simulator.starts.restore(saved)
+
+
+def fill_state(state: State, saved: Mapping[str, NDArray]) -> None:
+    """Fill a state with the arrays that were saved of one like it."""
+    for name, array in state.arrays.items():
+        if array.size:  # state that the scene does not have may be missing from the checkpoint
+            array.assign(saved[name])
+
+
+def plain_values(changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Copy values that are set by their paths, NumPy's as those that JSON has."""
+    return {
+        path: value.tolist() if isinstance(value, np.ndarray | np.generic) else value for path, value in changes.items()
+    }
+
+
+CALM_SECONDS = 0.1
+"""Duration without fast motion that counts as rest, so that a turning point of an oscillation does not [s]"""
+ROUNDED = 32.0
+"""Largest speed that rounding causes, in units in the last place of the coordinates a substep: some 10 were measured.
+With thousands of substeps a frame that is more than a balloon that is all but at rest has"""
+
+
+class Stepping(Protocol):
+    """Part of a simulator's interface that waiting for rest needs."""
+
+    model: Any
+    state: Any
+
+    def step_unread(self) -> None:
+        """Advance every world by one frame."""
+        ...
+
+
+def relax(simulator: Stepping, speed: float, most_seconds: float) -> None:
+    """Step until no particle has been faster for a while.
+
+    Args:
+        speed: of a particle, from one frame to the next; within a frame it may tremble as much as rounding makes it.
+
+    Raises:
+        InputError: something still moves after so much simulated time.
+    """
+    if not speed > 0.0:
+        raise InputError(f"speed: must be above 0 (got {speed})")
+    rate = simulator.model.scene.frames_per_second
+    calm, fastest, before = 0, np.inf, _points(simulator)
+    for _ in range(int(np.ceil(most_seconds * rate))):
+        simulator.step_unread()
+        points = _points(simulator)
+        trembles = _largest(np.asarray(simulator.state.velocities.numpy(), dtype=np.float64))
+        fastest = rate * _largest(points - before)
+        if trembles > _of_rounding(simulator, points):
+            fastest = max(fastest, trembles)
+        before = points
+        calm = calm + 1 if fastest <= speed else 0
+        if calm > CALM_SECONDS * rate:
+            return
+    raise InputError(
+        f"relax: the fastest particle still moves at {fastest:.3g} m/s after {most_seconds:g} s; expected at most "
+        f"{speed:g}; more damping or time may help"
+    )
+
+
+def _points(simulator: Stepping) -> NDArray[np.float64]:
+    return np.asarray(simulator.state.points.numpy(), dtype=np.float64)
+
+
+def _largest(vectors: NDArray[np.float64]) -> float:
+    return float(np.sqrt((vectors**2).sum(axis=-1).max(initial=0.0)))
+
+
+def _of_rounding(simulator: Stepping, points: NDArray[np.float64]) -> float:
+    """Return the speed up to which particles may tremble by rounding [m/s]."""
+    model = simulator.model
+    place = float(np.spacing(np.float32(np.abs(points).max(initial=0.0))))
+    return ROUNDED * place * model.substeps * model.scene.frames_per_second

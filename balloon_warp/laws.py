@@ -19,7 +19,7 @@ import warp as wp
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import LAWS, PARAMETERS, TAKEN, Law, Parameter
 from balloon_warp.kernels.laws.law import INPUTS_OF_BOUNDS, LAW_INPUTS, RESULT, Kind
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.system.warp_setup import quiet_warp
 
 TYPES: Mapping[str, tuple[type, ...]] = {
     "vec3": (wp.vec3,),

@@ -1,41 +1,87 @@
-"""The simulator: a scene in, frames out."""
+"""Balloons as solids: mass and inertia of each, if it were filled with one material.
+
+The simulator: a scene in, frames out.
+"""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
+import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
-from balloon_warp.arguments import checked
 from balloon_warp.blow_ups import BlowUp, Origin, Origins, diagnose
-from balloon_warp.device import pick_device
 from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.frame import Frame
-from balloon_warp.frame_reader import FrameReader, Reading
-from balloon_warp.garbage import without_collecting
+from balloon_warp.frame_reader import FrameReader, Reading, go_back_to, packed, plain_values, relax
 from balloon_warp.kernels.laws import Law
+from balloon_warp.kernels.measure.worlds import SolidSums, measure_solids, sum_solids
 from balloon_warp.kernels.tables import HEALTHY
 from balloon_warp.model import Model, Vary, build_model, carried_over, fitting, initial_state, world_bytes, worlds_of
-from balloon_warp.model.gas import keep_pressures
-from balloon_warp.model.kept import go_on_keeping
-from balloon_warp.model.memory import require_memory
+from balloon_warp.model.pressure import keep_pressures
 from balloon_warp.model.remarks import remarks_in_sentences
 from balloon_warp.model.setting import PlannedChanges, Setting, changed_parameters, plan_setting, with_changed_methods
-from balloon_warp.model.timeline import all_that_act
-from balloon_warp.model.vary import scene_to_vary
-from balloon_warp.outputs.snapshot import notebook_picture, snapshot
-from balloon_warp.resting import relax
-from balloon_warp.saved_state import go_back_to, packed, plain_values
+from balloon_warp.model.state import go_on_keeping, require_memory
+from balloon_warp.model.timeline import all_that_act, scene_to_vary
 from balloon_warp.scene import SceneLike
 from balloon_warp.schedules.choose import Schedule
 from balloon_warp.schedules.contact_lists import overflow_remarks
 from balloon_warp.schedules.frames import RecordedFrame
-from balloon_warp.shown import Shown
-from balloon_warp.solids import MassProperties, mass_properties
-from balloon_warp.solvers.choose import solver_named
+from balloon_warp.solvers import solver_named
 from balloon_warp.steering import Controls, Observations, Starts
-from balloon_warp.warp_lock import PROCESS_LOCK, locked
+from balloon_warp.system.arguments import checked
+from balloon_warp.system.loading import LENT, without_collecting
+from balloon_warp.system.shown import Shown, described
+from balloon_warp.system.warp_threads import PROCESS_LOCK, launch, locked, pick_device
+
+LANES = 32
+"""Number of threads that sum a balloon; constant, so that a world's sums do not depend on its batch"""
+
+
+@described
+@dataclass(frozen=True)
+class MassProperties(Shown):
+    """Volume, center of mass and inertia of every balloon, as a solid of density 1 kg/m^3.
+
+    Multiply by a density to get those of a material.
+
+    They are exact for the polyhedron whose faces are fans of triangles about their centers (Kim et al. 2006). For open
+    balloons they are meaningless.
+    """
+
+    closed: NDArray[np.bool_]
+    """Whether the balloon has an inside, shape (balloon_count,)"""
+    volume: NDArray[np.float64]
+    """Volume [m^3], shape (world_count, balloon_count)"""
+    center: NDArray[np.float64]
+    """Center of mass [m], shape (world_count, balloon_count, 3)"""
+    inertia: NDArray[np.float64]
+    """Inertia tensor at unit density about the center of mass, along the axes of the world [m^5], shape (world_count,
+    balloon_count, 3, 3)"""
+
+
+def mass_properties(model: Model, points: wp.array) -> MassProperties:
+    """Measure balloons on the device, bit-identically every time.
+
+    Args:
+        model: of the balloons.
+        points: [m], shape (world_count, particle_count), vec3.
+    """
+    shape = (model.world_count, model.balloon_count)
+    offsets = np.cumsum([0, *(balloon.mesh.face_count for balloon in model.shapes)])
+
+    def zeros(shape: tuple[int, ...], dtype: Any) -> wp.array:
+        return wp.zeros(shape, dtype=dtype, device=model.device)
+
+    sums = zeros((*shape, LANES), SolidSums)
+    measures = [zeros(shape, wp.float64), zeros(shape, wp.vec3d), zeros(shape, wp.mat33d)]
+    topology = [wp.array(offsets, dtype=wp.int32, device=model.device), model.face_offsets, model.face_particles]
+    launch(sum_solids, sums.shape, inputs=[*topology, points], outputs=[sums], device=model.device)
+    launch(measure_solids, shape, inputs=[*topology, points, sums], outputs=measures, device=model.device)
+    # copies: on the CPU numpy() alone is a view
+    volume, center, inertia = (np.array(array.numpy(), dtype=np.float64) for array in measures)
+    return MassProperties(np.array([balloon.closed for balloon in model.shapes]), volume, center, inertia)
 
 
 class Simulator(Shown):
@@ -227,11 +273,11 @@ class Simulator(Shown):
         Raises:
             InputError: there is no such world, there is nothing finite to draw, or the size cannot be drawn.
         """
-        return snapshot(self.model, self.read_frame(world), size, samples)
+        return LENT["snapshot"](self.model, self.read_frame(world), size, samples)
 
     def _repr_png_(self) -> bytes | None:
         """Show a notebook the first world, where there is something to be seen."""
-        return notebook_picture(self.model, self.read_frame(0))
+        return LENT["notebook_picture"](self.model, self.read_frame(0))
 
     @locked
     def mass_properties(self) -> MassProperties:
@@ -259,9 +305,7 @@ class Simulator(Shown):
         Raises:
             InputError: there is no such world or balloon.
         """
-        from balloon_warp.statics.of_model import stiffness_in  # only who asks waits for SciPy's sparse matrices
-
-        return stiffness_in(self.model, self.read_frame(world), world, balloon)
+        return LENT["stiffness_in"](self.model, self.read_frame(world), world, balloon)
 
     @locked
     def _begin_reading(self, world: int, net_forces: bool | None = None, buffer: int = 0) -> Reading:

@@ -17,14 +17,14 @@ from typing import Any, Literal
 import numpy as np
 import warp as wp
 
-from balloon_warp.device import pick_device
+from balloon_warp.batch.batch import run_batch
+from balloon_warp.batch.recorder import bytes_of_frame
+from balloon_warp.batch.trajectories import TrajectoryFiles
 from balloon_warp.model import plan_model
 from balloon_warp.scene import load_scene
 from balloon_warp.simulator import Simulator
-from balloon_warp.sweep.batch import run_batch
-from balloon_warp.sweep.world_files.catalog import TrajectoryFiles
-from balloon_warp.sweep.world_files.tracks import bytes_of_frame
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.system.warp_setup import quiet_warp
+from balloon_warp.system.warp_threads import pick_device
 
 VARIED = "balloon.helium"
 FORMATS: tuple[Literal["h5", "zarr", "npz"], ...] = ("h5", "zarr", "npz")

@@ -17,7 +17,7 @@ from PIL import Image
 from balloon_warp import animate, load_scene, render_stage
 from balloon_warp.blender.extension import STUDIO_LOOK
 from balloon_warp.errors import MissingExtraError
-from balloon_warp.outputs.render.stage_reader import RenderStage
+from balloon_warp.studio.render.stage_reader import RenderStage
 
 SCENES = ("squirrel_inflate", "foil_letters", "balloon_bunch", "latex_inflate")
 SIZE = (480, 270)

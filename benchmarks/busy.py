@@ -16,7 +16,7 @@ from balloon_warp.model import build_model, initial_state
 from balloon_warp.scene.load import load_scene
 from balloon_warp.schedules.choose import make_schedule
 from balloon_warp.schedules.frames import RecordedFrame
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.system.warp_setup import quiet_warp
 
 BEFORE, FRAMES, TURNS = 6, 12, 3
 """frames that are left out, that are timed together, and how often: recordings on the way are in the first two"""

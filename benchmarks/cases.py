@@ -7,7 +7,7 @@ from typing import Literal
 
 from balloon_warp.benchmarks.crowd import CrowdCase
 from balloon_warp.benchmarks.rubber import RubberCase, rubber_cases
-from balloon_warp.mesh.geometry import quad_sphere
+from balloon_warp.mesh.topology import quad_sphere
 from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Scene, Sphere, Stiffness, Touch, load_scene
 
 

@@ -19,12 +19,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from balloon_warp.benchmarks.cases import ContactCase
-from balloon_warp.checking import CheckReport, check_stage
 from balloon_warp.frame import Frame
-from balloon_warp.outputs.usd import StageWriter
 from balloon_warp.scene import Scene, Touch, load_scene
 from balloon_warp.simulator import Simulator
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.system.warp_setup import quiet_warp
+from balloon_warp.tools.check import CheckReport, check_stage
+from balloon_warp.usd import StageWriter
 
 SCENES = ("balloon_pit", "press", "table", "knot", "packed", "airbag")
 EIGHT = ContactCase("eight", "gather", 1, "touch", near=True)

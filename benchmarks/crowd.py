@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from balloon_warp.mesh.geometry import quad_sphere
+from balloon_warp.mesh.topology import quad_sphere
 from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness, Touch
 
 APART = 1.05

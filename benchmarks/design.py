@@ -20,13 +20,13 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.designing.design import SIZE, Of, design
-from balloon_warp.designing.springs import Hold
 from balloon_warp.errors import InputError
+from balloon_warp.lab.design.design import SIZE, Of, design
+from balloon_warp.lab.design.springs import Hold
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.scene import bundled_scenes
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.system.warp_setup import quiet_warp
 
 Points = NDArray[np.float64]
 

@@ -14,15 +14,15 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from balloon_warp.device import pick_device
-from balloon_warp.envs.altitude import Altitude
-from balloon_warp.envs.inflate import Inflate
-from balloon_warp.envs.task import Task
-from balloon_warp.envs.vector_env import BalloonVectorEnv, Output
+from balloon_warp.batch.batch import run_batch
+from balloon_warp.learn.altitude import Altitude
+from balloon_warp.learn.inflate import Inflate
+from balloon_warp.learn.task import Task
+from balloon_warp.learn.vector_env import BalloonVectorEnv, Output
 from balloon_warp.scene import load_scene
 from balloon_warp.simulator import Simulator
-from balloon_warp.sweep.batch import run_batch
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.system.warp_setup import quiet_warp
+from balloon_warp.system.warp_threads import pick_device
 
 REPEATS, BATCH_SECONDS = 5, 2.0
 """Number of turns, and simulated time of a batch, beside which its start does not count [s]"""

@@ -10,13 +10,13 @@ from statistics import median
 import numpy as np
 import warp as wp
 
+from balloon_warp.batch.recorder import Recorder
 from balloon_warp.benchmarks.cases import ExportCase
 from balloon_warp.benchmarks.result import Result
 from balloon_warp.model import ModelPlan, lay_out, plan_model
-from balloon_warp.outputs.usd import StageWriter
-from balloon_warp.outputs.usd.grid import GridGroup, GridWriter
 from balloon_warp.simulator import Simulator
-from balloon_warp.sweep.recorder import Recorder
+from balloon_warp.usd import StageWriter
+from balloon_warp.usd.grid import GridGroup, GridWriter
 
 REPEATS = 3
 

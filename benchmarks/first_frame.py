@@ -21,7 +21,7 @@ REPEATS = 3
 SIMULATE = """
 import sys
 import balloon_warp as bw
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.system.warp_setup import quiet_warp
 
 quiet_warp()
 simulator = bw.Simulator(bw.load_scene(sys.argv[1]), sys.argv[2])

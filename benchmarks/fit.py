@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import balloon_warp as bw
-from balloon_warp.fitting.by_data import Fit
-from balloon_warp.fitting.curve import Kind, fit_curves, sphere_pressures
-from balloon_warp.fitting.tables import Curve
-from balloon_warp.mesh.geometry import quad_sphere
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.lab.fit.curve import Kind, fit_curves, sphere_pressures
+from balloon_warp.lab.fit.fit import Fit
+from balloon_warp.lab.fit.tables import Curve
+from balloon_warp.mesh.topology import quad_sphere
+from balloon_warp.system.warp_setup import quiet_warp
 
 Values = NDArray[np.float64]
 DRAWS, SEEDS, STARTS = 300, 20, 4

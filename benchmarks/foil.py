@@ -25,11 +25,11 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.foil.make import foil_mesh
 from balloon_warp.model.strain_bound import mean_strain
 from balloon_warp.scene import Balloon, Inflation, Material, Scene, Touch, load_scene
 from balloon_warp.simulator import Simulator
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.system.warp_setup import quiet_warp
+from balloon_warp.tools.foil import foil_mesh
 
 HEIGHT, RAMP = 0.35, 0.4
 """Height of the letter [m], and time in which its pressure rises [s]"""

@@ -26,11 +26,11 @@ from hypothesis import HealthCheck, Phase, given, seed, settings
 from balloon_warp.benchmarks.bad_meshes import CUBE, MESH_CASES, MeshCase
 from balloon_warp.benchmarks.changed_files import MESH_PIECES, SCENE_PIECES, mesh_seeds, mutated, scene_seeds
 from balloon_warp.errors import InputError
-from balloon_warp.inspection import inspect_mesh
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.model import ModelPlan, plan_model
 from balloon_warp.scene import load_scene
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.system.warp_setup import quiet_warp
+from balloon_warp.tools.inspect import inspect_mesh
 
 LONGEST = 10.0
 """seconds of the processor that a file may take"""

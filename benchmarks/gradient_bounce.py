@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 import balloon_warp as bw
-from balloon_warp.mesh.geometry import quad_sphere
+from balloon_warp.mesh.topology import quad_sphere
 
 SPEED, SPREAD, WORLDS = 2.0, 0.2, 65
 """Mean speed of the fall, range of the speeds [m/s], and their number"""

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 import balloon_warp as bw
-from balloon_warp.mesh.geometry import quad_sphere
-from balloon_warp.reference import Reference
+from balloon_warp.lab.reference import Reference
+from balloon_warp.mesh.topology import quad_sphere
 
 VALUES = {
     "balloon.stiffness.structural": 100.0,
@@ -34,7 +34,7 @@ def tables() -> Iterator[str]:
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
 
-    plt.style.use("balloon_warp.outputs.charts")
+    plt.style.use("balloon_warp.studio.charts")
     figure, axes = plt.subplots(1, 2, figsize=(10, 4), sharey=True)
     for axis, grounded in zip(axes, (False, True), strict=True):
         found, told = _measured(grounded)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 import balloon_warp as bw
-from balloon_warp.mesh.geometry import quad_sphere
+from balloon_warp.mesh.topology import quad_sphere
 
 FRAMES = (4, 8, 16, 32, 48, 64, 80, 96, 128)
 REACHES = (1e-3, 1e-4)

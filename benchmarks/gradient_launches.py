@@ -10,10 +10,10 @@ from collections.abc import Iterator, Sequence
 import warp as wp
 
 from balloon_warp.benchmarks.gradients import CELLS, model_of, telling
-from balloon_warp.device import pick_device
 from balloon_warp.schedules.backward_launched import LaunchedBackward
 from balloon_warp.simulator import Simulator
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.system.warp_setup import quiet_warp
+from balloon_warp.system.warp_threads import pick_device
 
 CASE, WORLDS = "two that touch", 4096
 

@@ -16,17 +16,17 @@ import numpy as np
 import warp as wp
 
 from balloon_warp.benchmarks import gradient_bounce, gradient_flight, gradient_horizon
-from balloon_warp.device import pick_device
-from balloon_warp.mesh.geometry import quad_sphere
+from balloon_warp.mesh.topology import quad_sphere
 from balloon_warp.model import Model, build_model, copy_of, overwrite
 from balloon_warp.scene import Inflation, Scene, Stiffness
 from balloon_warp.schedules.backward import BackwardFrames
 from balloon_warp.schedules.backward_block import fits_in_block_backwards
 from balloon_warp.schedules.backward_lanes import fits_in_lanes_backwards
+from balloon_warp.schedules.backward_launched import BACKWARDS, backwards_of, forward_of
 from balloon_warp.schedules.choose import fastest_schedule
-from balloon_warp.schedules.choose_backward import BACKWARDS, backwards_of, forward_of
 from balloon_warp.simulator import Simulator
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.system.warp_setup import quiet_warp
+from balloon_warp.system.warp_threads import pick_device
 
 Turn = tuple[Callable[[], Any], Callable[[], Any]]
 """Preparation, and the timed function"""

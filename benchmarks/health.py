@@ -13,13 +13,13 @@ import warp as wp
 from balloon_warp.benchmarks.cases import CPU_BASE, GPU_BASE, Case, balloons
 from balloon_warp.benchmarks.measure import FRAMES, seconds_a_frame
 from balloon_warp.blow_ups import KEPT_FRAMES
-from balloon_warp.device import pick_device
 from balloon_warp.kernels.phases.motion import check
 from balloon_warp.model import Model, State, build_model, initial_state, overwrite
 from balloon_warp.schedules import block_layout
 from balloon_warp.schedules.choose import Schedule, make_schedule
 from balloon_warp.schedules.frames import HealthCheck
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.system.warp_setup import quiet_warp
+from balloon_warp.system.warp_threads import pick_device
 
 GPU_FRAMES = 100
 """that are timed together: some take 30 us, as long as to launch one and wait for it"""

@@ -22,10 +22,10 @@ from pathlib import Path
 
 from pxr import Usd, UsdGeom
 
-from balloon_warp.mesh.geometry import quad_sphere
 from balloon_warp.mesh.obj import write_obj
+from balloon_warp.mesh.topology import quad_sphere
 from balloon_warp.scene import Scene, load_scene
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.system.warp_setup import quiet_warp
 
 FRAMES_BEFORE, FRAMES = 2, 60
 """of the good output, and of the one that is to replace it"""
@@ -142,7 +142,7 @@ def _seconds_to_write(kind: str, output: Path) -> float:
 
 def _start(kind: str, output: Path, frames: int, resume: bool = False) -> BaseProcess:
     server = multiprocessing.get_context("forkserver")  # loads common modules once
-    server.set_forkserver_preload(["balloon_warp.job", "balloon_warp.sweep.batch"])
+    server.set_forkserver_preload(["balloon_warp.run.job", "balloon_warp.batch.batch"])
     process = server.Process(target=_write, args=(kind, output, frames, resume))
     process.start()
     return process
@@ -154,12 +154,12 @@ def _write(kind: str, output: Path, frames: int, resume: bool) -> None:
     scene: Scene = load_scene(output.parent / "ball.obj", [("frames", frames)])
     often = CHECKPOINT_SECONDS if frames == FRAMES else 0.0
     if kind == "run":
-        from balloon_warp.job import animate
+        from balloon_warp.studio.animate import animate
 
         stage = output / "ball.usdc"
         animate(scene, stage, device="cpu", schedule="gather", checkpoint_seconds=often, resume=resume)
     else:
-        from balloon_warp.sweep.batch import run_batch
+        from balloon_warp.batch.batch import run_batch
 
         vary = {"gravity": [0.5 * world for world in range(WORLDS)]}
         how = {"export": [0, 3], "device": "cpu", "schedule": "lanes"}

@@ -18,14 +18,14 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from balloon_warp.job import animate
-from balloon_warp.mesh.geometry import quad_sphere
-from balloon_warp.outputs.usd import stage
+from balloon_warp.batch.batch import run_batch
+from balloon_warp.batch.recorder import MEASURES
+from balloon_warp.mesh.topology import quad_sphere
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere, String
 from balloon_warp.simulator import Simulator
-from balloon_warp.sweep.batch import run_batch
-from balloon_warp.sweep.recorder import MEASURES
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.studio.animate import animate
+from balloon_warp.system.warp_setup import quiet_warp
+from balloon_warp.usd import stage
 
 MEBIBYTE = 2**20
 WARM_UP = 0.4

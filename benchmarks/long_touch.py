@@ -18,12 +18,12 @@ import numpy as np
 
 from balloon_warp.benchmarks.overlap import Points, deepest_in_itself, deepest_overlap
 from balloon_warp.frame import Frame
-from balloon_warp.mesh.geometry import signed_volume, total_area
+from balloon_warp.mesh.topology import signed_volume, total_area
 from balloon_warp.model import Model
 from balloon_warp.model.touch import APART, edge_length
 from balloon_warp.scene import load_scene
 from balloon_warp.simulator import Simulator
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.system.warp_setup import quiet_warp
 
 ALLOWED = 0.02
 """of a balloon's radius, that anything may be in anything"""

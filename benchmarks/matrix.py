@@ -18,13 +18,13 @@ from balloon_warp.kernels.phase import Phase
 from balloon_warp.kernels.substep import asking_phases
 from balloon_warp.laws import face_law, particle_law, spring_law
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.mesh.geometry import quad_sphere
+from balloon_warp.mesh.topology import quad_sphere
 from balloon_warp.model import Model, build_model
 from balloon_warp.scene import Balloon, Body, Inflation, Obstacle, Scene
 from balloon_warp.scene.load import override_scene, parse_override
 from balloon_warp.schedules import SCHEDULES
-from balloon_warp.solvers.choose import PROJECTIVE, solver_named
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.solvers import PROJECTIVE, solver_named
+from balloon_warp.system.warp_setup import quiet_warp
 
 
 @wp.func

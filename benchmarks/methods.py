@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from balloon_warp.comparison.compare import Run, simulate
-from balloon_warp.device import pick_device
 from balloon_warp.errors import InputError
 from balloon_warp.scene import load_scene
 from balloon_warp.scene.load import parse_override
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.system.warp_setup import quiet_warp
+from balloon_warp.system.warp_threads import pick_device
+from balloon_warp.tools.compare import Run, simulate
 
 SCENE = "squirrel_inflate"
 ROUNDS = 3

@@ -40,7 +40,7 @@ STRATA = (
     Stratum(
         "tables", 0.07,
         tuple(f"balloon_warp/schedules/{name}.py" for name in (
-            "lane_tables", "membranes", "own_parts", "slices", "tables", "touch_table",
+            "lane_tables", "membranes", "outlook", "slices", "tables", "touch_table",
         )),
     ),
 )  # fmt: skip
@@ -84,7 +84,7 @@ EQUIVALENT: Mapping[str, str] = {
     "kernels/laws/touch.py impact: beside + gain * normal -> beside": "friction takes what is across the normal",
     "kernels/contact/edges.py contact_function.particle_of_pair: before[0] -> before[1]": "the area vector of a "
     "triangle's sides is the same from each corner",
-    "balloon_warp/model/ridges.py _ridges_of_mesh: _across(a, b, points[apex[side]]) -> "
+    "balloon_warp/model/touch.py _ridges_of_mesh: _across(a, b, points[apex[side]]) -> "
     "_across(b, a, points[apex[side]])": "a distance from a line does not depend on its direction",
     "kernels/steering.py drawn: first + second * wp.randn(state) -> first - second * wp.randn(state)": "a draw "
     "that is symmetric about its mean",

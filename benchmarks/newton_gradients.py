@@ -18,12 +18,12 @@ import numpy as np
 import warp as wp
 
 from balloon_warp.benchmarks.newton_tape import NewtonTape, by_distances
-from balloon_warp.device import pick_device
-from balloon_warp.gradients.steps import Moving, Steps
-from balloon_warp.mesh.geometry import quad_sphere
+from balloon_warp.lab.gradients.rollout import Moving, Steps
+from balloon_warp.mesh.topology import quad_sphere
 from balloon_warp.model import build_model
 from balloon_warp.scene import Inflation, Material, Scene, Stiffness
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.system.warp_setup import quiet_warp
+from balloon_warp.system.warp_threads import pick_device
 
 CELLS, SUBSTEPS, TURNS = 9, 32, 3
 """A ball of 488 particles; substeps a frame; turns of each side, of which the fastest counts"""

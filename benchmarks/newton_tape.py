@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from balloon_warp.benchmarks.newton_peer import add_balloons, import_newton
 from balloon_warp.model import Model
 from balloon_warp.schedules.touch_table import triangles_of
-from balloon_warp.warp_lock import recording
+from balloon_warp.system.warp_threads import recording
 
 
 class NewtonTape:

@@ -40,7 +40,7 @@ def draw(path: Path) -> None:
     from matplotlib import pyplot as plt
 
     found = rates(RESULTS.read_text(encoding="utf-8"))
-    with plt.style.context("balloon_warp.outputs.charts"):
+    with plt.style.context("balloon_warp.studio.charts"):
         figure, axes = plt.subplots(figsize=(8.0, 3.6))
         for place, (ours, peer) in enumerate(found.values()):
             for height, rate, color in ((place - 0.18, ours, "C0"), (place + 0.18, peer, "C5")):

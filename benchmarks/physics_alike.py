@@ -8,14 +8,14 @@ import numpy as np
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
+from balloon_warp.batch.simulate import Trajectories
 from balloon_warp.benchmarks.physics_energy import EPSILON, forces_rounding
 from balloon_warp.benchmarks.physics_runs import NUDGE, Case, Run, farthest
 from balloon_warp.benchmarks.physics_twins import Array, relisted, scaled, turned
 from balloon_warp.errors import InputError
-from balloon_warp.gradients.gradient import gradient
-from balloon_warp.reference import Reference
+from balloon_warp.lab.gradients.gradient import gradient
+from balloon_warp.lab.reference import Reference
 from balloon_warp.scene import Scene
-from balloon_warp.trajectories import Trajectories
 
 SIGMAS = 4.0
 """Rounding of many substeps over that of one, times their root: several particles round at once, and the nudges that

@@ -8,11 +8,10 @@ from scipy.spatial.transform import Rotation
 from balloon_warp.benchmarks.physics_runs import Run
 from balloon_warp.benchmarks.physics_twins import Array
 from balloon_warp.kernels.laws.springs import KINDS
+from balloon_warp.lab.statics import Volume, film_of, springs_of
 from balloon_warp.mesh.topology import is_closed, mesh_edges, next_corners
 from balloon_warp.model import Model
 from balloon_warp.scene import Scene
-from balloon_warp.statics.of_model import film_of, springs_of
-from balloon_warp.statics.skins import Volume
 
 EPSILON = float(np.finfo(np.float32).eps)
 

@@ -29,11 +29,11 @@ from balloon_warp.benchmarks.physics_properties import PROPERTIES
 from balloon_warp.benchmarks.physics_runs import MOST_SUBSTEPS, Case
 from balloon_warp.benchmarks.physics_scenes import KINDS, Kind, drawn
 from balloon_warp.benchmarks.physics_twins import Tables
-from balloon_warp.device import pick_device
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.scene.complaint import toml_value
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.system.warp_setup import quiet_warp
+from balloon_warp.system.warp_threads import pick_device
 
 BATCH = 20
 """Scenes that are drawn of a kind before the next, which may have to compile"""

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.mesh.geometry import quad_sphere
+from balloon_warp.mesh.topology import quad_sphere
 
 Draw = Any
 """Hypothesis's function that draws from a strategy"""

@@ -26,8 +26,8 @@ from balloon_warp.benchmarks.physics_energy import EPSILON, Energies
 from balloon_warp.benchmarks.physics_runs import Case, Run
 from balloon_warp.benchmarks.physics_twins import Array
 from balloon_warp.kernels.laws.contact import SETTLED
+from balloon_warp.lab.statics import Volume
 from balloon_warp.mesh.topology import is_closed, mesh_edges
-from balloon_warp.statics.skins import Volume
 
 MOST_GROWTH = 1000.0
 """Volume over that at the start that no balloon reaches without a blow-up"""

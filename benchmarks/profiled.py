@@ -9,12 +9,12 @@ import sys
 from balloon_warp.benchmarks.auto import VARIANTS
 from balloon_warp.benchmarks.cases import GPU_CASES, Case
 from balloon_warp.benchmarks.rubber import RubberCase
-from balloon_warp.device import pick_device
 from balloon_warp.errors import InputError
 from balloon_warp.model import Model, build_model, initial_state
 from balloon_warp.scene.load import load_scene
 from balloon_warp.schedules.choose import fastest_schedule, make_schedule
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.system.warp_setup import quiet_warp
+from balloon_warp.system.warp_threads import pick_device
 
 WORLDS = 1024
 """of a scene"""

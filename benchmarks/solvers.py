@@ -12,12 +12,12 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.device import pick_device
-from balloon_warp.mesh.geometry import quad_sphere
+from balloon_warp.mesh.topology import quad_sphere
 from balloon_warp.model import build_model
 from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness, String
 from balloon_warp.simulator import Simulator
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.system.warp_setup import quiet_warp
+from balloon_warp.system.warp_threads import pick_device
 
 RADIUS = 0.5
 FRAMES = 20

@@ -15,10 +15,10 @@ import numpy as np
 
 from balloon_warp.benchmarks.overlap import Points, deepest_overlap
 from balloon_warp.frame import Frame
-from balloon_warp.mesh.geometry import quad_sphere
+from balloon_warp.mesh.topology import quad_sphere
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Stiffness, Touch
 from balloon_warp.simulator import Simulator
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.system.warp_setup import quiet_warp
 
 COUNT = 5
 SIZE = 1.0

@@ -26,12 +26,12 @@ import numpy as np
 import warp as wp
 
 from balloon_warp.benchmarks.cases import Case
-from balloon_warp.envs import BalloonVectorEnv, make_vec
-from balloon_warp.envs.altitude import Altitude
-from balloon_warp.gradients import losses
-from balloon_warp.gradients.gradient import gradient
-from balloon_warp.sweep.cluster import Cluster
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.farm.cluster import Cluster
+from balloon_warp.lab.gradients import losses
+from balloon_warp.lab.gradients.gradient import gradient
+from balloon_warp.learn import BalloonVectorEnv, make_vec
+from balloon_warp.learn.altitude import Altitude
+from balloon_warp.system.warp_setup import quiet_warp
 
 VARIED, DERIVED = "balloon.helium", "balloon.mass"
 REPEATS, LEAD_SECONDS = 3, 0.5

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from balloon_warp.outputs.table import KINDS, TableWriter, table_names
-from balloon_warp.sweep.recorder import MEASURES
+from balloon_warp.batch.recorder import MEASURES
+from balloon_warp.batch.table import KINDS, TableWriter, table_names
 
 
 def seconds_of(kind: str, world_count: int, frames: int, folder: Path) -> float:

@@ -20,7 +20,7 @@ from functools import partial
 from pathlib import Path
 
 from balloon_warp.benchmarks import fuzz, kills
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.system.warp_setup import quiet_warp
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.mesh.geometry import quad_sphere, signed_volume, total_area
+from balloon_warp.batch.simulate import simulate
+from balloon_warp.mesh.topology import quad_sphere, signed_volume, total_area
 from balloon_warp.scene import Atmosphere, Balloon, Change, Inflation, Material, Scene, Stiffness
-from balloon_warp.trajectories import simulate
 
 RADIUS, THICKNESS = 0.05, 2e-4  # [m]
 MU, RATIO, LIMIT = 4.0e5, 0.1, 97.2

@@ -8,7 +8,7 @@ import matplotlib
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 
-CHARTS = "balloon_warp.outputs.charts"
+CHARTS = "balloon_warp.studio.charts"
 """Style of all charts"""
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from balloon_warp.scene.load import load_scene
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.system.warp_setup import quiet_warp
 
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 FLAGS = "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking"
@@ -27,8 +27,8 @@ def main() -> None:
     quiet_warp()
     from playwright.sync_api import sync_playwright
 
-    from balloon_warp.viewer.page import Page
-    from balloon_warp.viewer.session import Session
+    from balloon_warp.studio.page.page import Page
+    from balloon_warp.studio.page.session import Session
 
     with TemporaryDirectory() as folder, sync_playwright() as driver:
         page = Page(Session(options.scene, load_scene(options.scene), "cpu", Path(folder)))

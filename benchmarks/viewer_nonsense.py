@@ -25,12 +25,12 @@ import viser
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from balloon_warp.mesh.geometry import quad_sphere
+from balloon_warp.mesh.topology import quad_sphere
 from balloon_warp.scene import Balloon, Scene, String
-from balloon_warp.viewer.page import Page
-from balloon_warp.viewer.server import MOST_NONSENSE, control_of, understood
-from balloon_warp.viewer.session import Session
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.studio.page.page import Page
+from balloon_warp.studio.page.server import MOST_NONSENSE, control_of, understood
+from balloon_warp.studio.page.session import Session
+from balloon_warp.system.warp_setup import quiet_warp
 
 LOOK = 200
 """messages between two looks at whether time goes on"""

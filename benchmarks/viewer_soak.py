@@ -18,7 +18,7 @@ import numpy as np
 
 from balloon_warp.benchmarks.viewer import FLAGS, find_chromium
 from balloon_warp.scene.load import load_scene
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.system.warp_setup import quiet_warp
 
 SCENES = ("squirrel_inflate", "squirrel_tether", "sphere_launch", "bowl_to_sphere")
 KEYS = ("ArrowUp", "ArrowDown", "Space", "n", "r", "c", "f")
@@ -33,8 +33,8 @@ def main() -> None:
     quiet_warp()
     from playwright.sync_api import TimeoutError, sync_playwright
 
-    from balloon_warp.viewer.page import Page
-    from balloon_warp.viewer.session import Session
+    from balloon_warp.studio.page.page import Page
+    from balloon_warp.studio.page.session import Session
 
     random = np.random.default_rng(options.seed)
     with TemporaryDirectory() as folder, sync_playwright() as driver:

@@ -18,11 +18,11 @@ from pathlib import Path
 
 from pxr import Sdf
 
-from balloon_warp.mesh.geometry import quad_sphere
+from balloon_warp.batch.batch import run_batch
+from balloon_warp.farm.cluster import Cluster
+from balloon_warp.mesh.topology import quad_sphere
 from balloon_warp.scene import Balloon, Inflation, Scene, String
-from balloon_warp.sweep.batch import run_batch
-from balloon_warp.sweep.cluster import Cluster
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.system.warp_setup import quiet_warp
 
 FRAMES, WORLDS, EXPORT = 30, 128, [0, 127]
 """of 98 particles: four shares"""

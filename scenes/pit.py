@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from balloon_warp.errors import InputError
-from balloon_warp.files import check_writable
 from balloon_warp.scenes.model_bead import RADIUS
+from balloon_warp.system.files import check_writable
 
 COLUMNS, LAYERS = 5, 4
 """balloons along each side of the box, and one over the other"""

@@ -12,8 +12,8 @@ import numpy as np
 from meshes import quad_sphere
 
 from balloon_warp import Scene
+from balloon_warp.batch.output import STAGE_NAME
 from balloon_warp.scene import Balloon, Ground, Inflation, Sphere, String
-from balloon_warp.sweep.output import STAGE_NAME
 
 FRAMES, WORLDS = 6, 5
 OFTEN = 1e-9

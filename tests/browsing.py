@@ -15,7 +15,7 @@ from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Stiffness, Str
 
 viser = pytest.importorskip("viser")
 playwright = pytest.importorskip("playwright.sync_api")
-from balloon_warp.viewer.page import Page  # noqa: E402
+from balloon_warp.studio.page.page import Page  # noqa: E402
 
 PATIENCE = 10.0
 """seconds after which a person tries again"""

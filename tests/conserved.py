@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from trajectories import stepped
 
 from balloon_warp import Frame, Simulator
-from balloon_warp.schedules.scatter import ScatterSchedule
+from balloon_warp.schedules.gather import ScatterSchedule
 
 
 def masses(simulator: Simulator) -> NDArray[np.float64]:

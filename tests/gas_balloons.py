@@ -9,7 +9,7 @@ from conserved import advanced as advanced
 from meshes import mesh_of
 
 from balloon_warp import Balloon, Frame, Inflation, PolygonMesh, Simulator, Stiffness
-from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.mesh.topology import signed_volume
 
 NO_SPRINGS = Stiffness(structural=0.0, shear=0.0, flexion=0.0)
 AIR_PRESSURE, TEMPERATURE, GAS_CONSTANT = 101325.0, 293.15, 8.314462618

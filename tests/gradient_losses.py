@@ -9,11 +9,11 @@ from gradient_scenes import CASES
 from reference_runs import Run, run
 
 import balloon_warp as bw
+from balloon_warp.batch.simulate import Trajectories
+from balloon_warp.lab.reference import Reference
+from balloon_warp.lab.statics import Volume
 from balloon_warp.model import plan_model
-from balloon_warp.reference import Reference
 from balloon_warp.scene import load_scene
-from balloon_warp.statics.skins import Volume
-from balloon_warp.trajectories import Trajectories
 
 AROUND = ("obstacle.", "string.")
 """Beginnings of paths that the reference takes from a scene alone"""

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from projective_scenes import kick, kicked_balloon
 
-from balloon_warp.reference import Reference, laws
+from balloon_warp.lab.reference import Reference, laws
 from balloon_warp.simulator import Simulator
 
 

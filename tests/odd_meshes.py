@@ -8,9 +8,8 @@ from meshes import box, closing, joined, lattice, mesh_of, quad_sphere
 from numpy.typing import NDArray
 
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.mesh.geometry import face_centers, first_coincident
 from balloon_warp.mesh.repair import distinct_faces
-from balloon_warp.mesh.topology import corner_faces, flipped, with_corners
+from balloon_warp.mesh.topology import corner_faces, face_centers, first_coincident, flipped, with_corners
 
 
 def merged(mesh: PolygonMesh, digits: int = 6) -> PolygonMesh:

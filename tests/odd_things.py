@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from odd_meshes import band, box, chair, deformed, merged, without
 
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.mesh.geometry import face_centers
+from balloon_warp.mesh.topology import face_centers
 
 
 def _twice(mesh: PolygonMesh) -> NDArray[np.bool_]:

@@ -10,8 +10,7 @@ from PIL import Image
 from pxr import Sdf, Usd, UsdGeom, UsdShade, Vt
 
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.mesh.geometry import face_vector_areas
-from balloon_warp.mesh.topology import face_starts
+from balloon_warp.mesh.topology import face_starts, face_vector_areas
 
 SIDES = [(220, 30, 30), (30, 180, 40), (40, 60, 220), (230, 200, 30), (200, 40, 200), (40, 200, 200)]
 """sRGB of the sides toward -x, x, -y, y, -z and z"""

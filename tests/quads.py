@@ -4,8 +4,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.mesh.geometry import face_vector_areas, signed_volume, vertex_normals
-from balloon_warp.mesh.topology import component_count, genus, inconsistent_edges, is_manifold, mesh_edges
+from balloon_warp.mesh.topology import (
+    component_count,
+    face_vector_areas,
+    genus,
+    inconsistent_edges,
+    is_manifold,
+    mesh_edges,
+    signed_volume,
+    vertex_normals,
+)
 
 
 def edge_lengths(mesh: PolygonMesh) -> NDArray[np.float64]:

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from balloon_warp.reference import Reference
+from balloon_warp.lab.reference import Reference
 from balloon_warp.scene import Scene
 
 

@@ -7,8 +7,8 @@ import numpy as np
 from PIL import Image
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
 
-from balloon_warp.outputs.render import render_stage
-from balloon_warp.outputs.render.stage_reader import RenderStage
+from balloon_warp.studio.render import render_stage
+from balloon_warp.studio.render.stage_reader import RenderStage
 
 LATEX = {"roughness": 0.2, "opacity": 0.92, "clearcoat": 1.0}
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp import Material, PolygonMesh
-from balloon_warp.mesh.geometry import signed_volume, total_area
-from balloon_warp.reference import laws
+from balloon_warp.lab.reference import laws
+from balloon_warp.mesh.topology import signed_volume, total_area
 
 Energy = Callable[[NDArray, NDArray], NDArray]
 """by two principal stretches [J/m^3]"""

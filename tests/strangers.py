@@ -21,11 +21,10 @@ from websockets.exceptions import ConnectionClosed  # noqa: E402
 from websockets.sync.client import connect  # noqa: E402
 from websockets.sync.connection import Connection  # noqa: E402
 
-from balloon_warp.viewer.ahead import Ahead  # noqa: E402
-from balloon_warp.viewer.onlooker import Onlooker  # noqa: E402
-from balloon_warp.viewer.page import Page  # noqa: E402
-from balloon_warp.viewer.server import free_port  # noqa: E402
-from balloon_warp.viewer.session import Session  # noqa: E402
+from balloon_warp.studio.page.ahead import Ahead  # noqa: E402
+from balloon_warp.studio.page.page import Onlooker, Page  # noqa: E402
+from balloon_warp.studio.page.server import free_port  # noqa: E402
+from balloon_warp.studio.page.session import Session  # noqa: E402
 
 LIMIT = 120.0
 """seconds after which an awaited event has not come: never waited for where all is well"""

@@ -3,6 +3,7 @@
 import ast
 import ctypes
 import re
+import subprocess
 import sys
 import tomllib
 from collections.abc import Callable, Iterator
@@ -14,8 +15,8 @@ import pytest
 
 from balloon_warp.kernels.laws import LAWS
 from balloon_warp.kernels.tables import Tables
-from balloon_warp.shown import Shown
 from balloon_warp.simulator import Simulator
+from balloon_warp.system.shown import Shown
 
 ROOT = Path(__file__).parent.parent
 FOLDERS = ("balloon_warp", "kernels", "scenes", "benchmarks", "tests")
@@ -125,31 +126,31 @@ def circle(loads: dict[str, set[str]]) -> list[str]:
 
 
 LAYERS = (
-    ("garbage", "standard_streams", "forks", "suggestions"),
     ("errors",),
-    ("files",),
-    ("warp_headers",),
-    ("kernels", "warp_logging", "warp_lock", "driver", "shown"),
-    ("arguments", "launching", "interrupts", "laws"),
-    ("device",),
+    ("system", "kernels"),
+    ("laws",),
     ("mesh",),
-    ("springs", "scene", "foil"),
-    ("model", "provenance"),
-    ("schedules", "contacts", "beginning", "inspection", "saved_state", "solids"),
-    ("solvers", "frame"),
-    ("reference", "statics", "steering"),
-    ("blow_ups", "outputs", "outcomes", "frame_reader", "resting"),
+    ("springs", "scene"),
+    ("model",),
+    ("schedules",),
+    ("frame", "solvers"),
+    ("steering", "frame_reader"),
+    ("usd",),
+    ("blow_ups",),
     ("simulator",),
-    ("resume",),
-    ("job",),
-    ("sweep", "viewer"),
-    ("blender", "checking", "comparison", "trajectories", "warming", "doctor", "envs"),
-    ("gradients",),
-    ("designing", "fitting"),
+    ("run",),
+    ("batch",),
+    ("farm", "studio"),
+    ("tools",),
+    ("blender", "learn"),
+    ("lab",),
+    ("envs",),
     ("benchmarks", "scenes"),
     ("cli",),
 )
 """rooms of balloon_warp/, and kernels/, from the bottom up: each imports those in lines above its own, and itself"""
+ROOMS = ("farm", "studio", "tools", "blender", "learn", "lab", "envs", "cli")
+"""rooms beside the core: they import it, and it imports none of them"""
 MOST_FILE_LINES = 800
 MOST_FUNCTION_LINES = 80
 MOST_PARAMETERS = 12
@@ -198,6 +199,45 @@ def test_imports_go_down() -> None:
     assert not upward, "\n".join(upward)
 
 
+def test_the_core_imports_no_room() -> None:
+    found = [
+        f"{path} imports {module}"
+        for path, own in rooms().items()
+        if own not in ROOMS
+        for module in imports_of(path)
+        if module.startswith(tuple(f"balloon_warp.{name}" for name in ROOMS))
+    ]
+    assert not found, "\n".join(found)
+
+
+CORE_RUN = """
+import sys
+from pathlib import Path
+from balloon_warp.run.job import RunFiles
+from balloon_warp.run.job import run_scene
+run_scene("latex_inflate", RunFiles(Path(sys.argv[1])))
+print(*(name for name in sys.modules if name.startswith("balloon_warp.")))
+"""
+
+
+def test_a_run_to_its_stage_needs_the_core_alone(tmp_path: Path) -> None:
+    """A scene becomes a stage, and no room is loaded on the way, by whatever name."""
+    ran = subprocess.run(
+        [sys.executable, "-c", CORE_RUN, tmp_path / "run.usdc"], check=True, capture_output=True, text=True
+    )
+    loaded = ran.stdout.split()
+    assert (tmp_path / "run.usdc").stat().st_size > 1000
+    assert {"balloon_warp.simulator", "balloon_warp.usd.stage"} <= set(loaded)
+    assert not [name for name in loaded if name.split(".")[1] in ROOMS]
+
+
+def test_architecture_names_forty_files() -> None:
+    text = (ROOT / "docs/ARCHITECTURE.md").read_text(encoding="utf-8")
+    section = text[text.index("## Forty files") : text.index("## From laws to kernels")]
+    assert len(set(re.findall(r"\]\(\.\./([\w/]+\.\w+)\)", section))) == 40
+    assert text.count("\n") <= 250
+
+
 def test_nothing_loads_what_loads_it() -> None:
     """Imports have no cycle, be they at a file's top, within functions, for types alone, or by a string."""
     found = circle({path: loads(path) for path in MODULES.values() if path != FACE})
@@ -207,8 +247,8 @@ def test_nothing_loads_what_loads_it() -> None:
 
 LOADED_BY_NAME = {
     "balloon_warp/__init__.py": "the names of the package, from where its table says",
-    "balloon_warp/foil/make.py": "packages of an extra, or says which extra",
-    "balloon_warp/sweep/local_workers.py": "what simulates a share, in another process, as it starts",
+    "balloon_warp/tools/foil.py": "packages of an extra, or says which extra",
+    "balloon_warp/farm/local_workers.py": "what simulates a share, in another process, as it starts",
     "kernels/laws/law.py": "a law of one's own, in another process",
 }
 """files that load a module of which they do not say which, and the module in words"""
@@ -238,7 +278,7 @@ def test_who_loads_by_a_string_says_what() -> None:
     ],
 )
 def test_an_import_is_seen_in_any_form(form: str) -> None:
-    assert list(imports(ast.parse(form), "balloon_warp.model.build")) == ["balloon_warp.model.state"]
+    assert list(imports(ast.parse(form), "balloon_warp.model.plan")) == ["balloon_warp.model.state"]
     # a name of the package counts as where it is loaded from
     assert list(imports(ast.parse("from balloon_warp import Simulator"))) == ["balloon_warp.simulator"]
 

@@ -12,7 +12,7 @@ from typing_extensions import TypeAliasType
 
 import balloon_warp as bw
 from balloon_warp import InputError, PolygonMesh
-from balloon_warp.arguments import checked, fits
+from balloon_warp.system.arguments import checked, fits
 
 Alias = TypeAliasType("Alias", Mapping[str, Any])
 

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from pxr import Gf, Usd
 
 from balloon_warp import BlowUpError, Cluster, InputError, animate, load_scene, repeat_batch
+from balloon_warp.batch.batch import BatchSummary, run_batch
 from balloon_warp.blow_ups import with_half_the_step
+from balloon_warp.farm import cluster
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.scene import Balloon, Change, Ground, Inflation, Scene, Sphere, Stiffness, String
-from balloon_warp.sweep import shares
-from balloon_warp.sweep.batch import BatchSummary, run_batch
 
 FRAMES, WORLDS = 6, 9
 BAD, LAST_GOOD = 3, 3  # the world that blows up, and its last good frame
@@ -203,7 +203,7 @@ def test_another_policy_is_refused(tmp_path):
 
 @pytest.mark.full
 def test_a_cluster_restarts_what_one_process_does(monkeypatch, tmp_path):
-    monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 1))  # a share for each world
+    monkeypatch.setitem(cluster.GRAIN, "cpu", cluster.Grain(1, 1))  # a share for each world
     alone = batch(tmp_path / "alone", "restart", device="cpu")
     together = batch(tmp_path / "together", "restart", cluster=Cluster(workers=2))
     assert together.blow_ups == alone.blow_ups

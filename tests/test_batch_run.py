@@ -17,17 +17,17 @@ from pxr import Sdf, Usd, UsdGeom, UsdShade
 from small_batch import FRAMES, WORLDS, scene, write_meshes
 
 from balloon_warp import Cluster, InputError, Scene, Simulator, Water, load_scene, run_batch
-from balloon_warp.device import pick_device
+from balloon_warp.batch import batch as batch_module
+from balloon_warp.batch import local as sweep_memory
+from balloon_warp.batch.recorder import Group, plan_groups
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.model import lay_out, memory, shape, world_bytes
-from balloon_warp.outputs.usd import stage as growing
-from balloon_warp.outputs.usd.grid import grid_shifts
-from balloon_warp.outputs.usd.lines import string_curve
+from balloon_warp.model import lay_out, shape, state, world_bytes
 from balloon_warp.scene.load import override_scene
 from balloon_warp.schedules.lanes import LanesSchedule
-from balloon_warp.sweep import batch as batch_module
-from balloon_warp.sweep import local as sweep_memory
-from balloon_warp.sweep.recorder import Group, plan_groups
+from balloon_warp.system.warp_threads import pick_device
+from balloon_warp.usd import stage as growing
+from balloon_warp.usd.grid import grid_shifts
+from balloon_warp.usd.lines import string_curve
 
 never = Mock(side_effect=AssertionError("is not to be called"))
 CLUSTER = Cluster(workers=2)
@@ -275,12 +275,12 @@ def test_far_too_many_worlds_are_refused_before_much_work(
 
 
 def test_what_is_refused_early_would_be_refused_late(monkeypatch):
-    monkeypatch.setattr(memory, "free_memory", lambda device: 2**30)
+    monkeypatch.setattr(state, "free_memory", lambda device: 2**30)
     monkeypatch.setattr(sweep_memory, "MANY", 1)
     model = lay_out(plan_groups(scene(), 4096, {"balloon.mass": np.ones(4096)})[0].plan, pick_device("cpu"))
     bytes_of_all = 4096 * (world_bytes(model) + LanesSchedule.world_bytes(model) + sweep_memory.table_bytes(scene()))
     for room, refused in ((1.02, False), (0.9, True)):
-        monkeypatch.setattr(memory, "free_memory", lambda device, room=room: room * bytes_of_all / memory.USABLE)
+        monkeypatch.setattr(state, "free_memory", lambda device, room=room: room * bytes_of_all / state.USABLE)
         with pytest.raises(InputError, match="do not fit") if refused else contextlib.nullcontext():
             sweep_memory.require_room(scene(), 4096, ["balloon.mass"], "cpu")
 
@@ -327,7 +327,7 @@ def test_a_batch_that_does_not_fit_is_refused_before_anything_is_made(tmp_path, 
 
     def refused(usable: float, needed: int, scene: Scene, **arguments: Any) -> None:
         assert usable < needed
-        monkeypatch.setattr(memory, "free_memory", lambda device: int(usable / memory.USABLE))
+        monkeypatch.setattr(state, "free_memory", lambda device: int(usable / state.USABLE))
         with pytest.raises(InputError, match=r"^40 worlds do not fit: ") as refusal:
             run_batch(scene, tmp_path / "out", 40, device="cpu", **arguments)
         fitting = int(str(refusal.value).split()[-2])

@@ -15,13 +15,13 @@ from meshes import cube, open_cube, quad_sphere
 from pyarrow import parquet
 
 from balloon_warp import InputError, MissingExtraError, PolygonMesh, Simulator, run_batch
-from balloon_warp.mesh.geometry import signed_volume, total_area
-from balloon_warp.outputs import table
-from balloon_warp.outputs import table as table_csv
-from balloon_warp.outputs import table as table_parquet
-from balloon_warp.outputs.arrays import PAD, decimals
+from balloon_warp.batch import table
+from balloon_warp.batch import table as table_csv
+from balloon_warp.batch import table as table_parquet
+from balloon_warp.batch.recorder import Recorder, columns_of, describe_columns
+from balloon_warp.mesh.topology import signed_volume, total_area
 from balloon_warp.scene import Balloon, Box, Inflation, Scene, Sphere, Stiffness
-from balloon_warp.sweep.recorder import Recorder, columns_of, describe_columns
+from balloon_warp.system.arrays import PAD, decimals
 
 FLOAT32 = 1.2e-7  # its relative rounding
 STILL = {"stiffness": Stiffness(structural=0.0, shear=0.0, flexion=0.0), "inflation": Inflation(k_normal=0.0)}

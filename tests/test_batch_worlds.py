@@ -9,14 +9,14 @@ from meshes import cube, mesh_of, quad_sphere
 from work import lines_executed
 
 from balloon_warp import BlowUpError, InputError, Simulator, load_scene, simulate
+from balloon_warp.batch.batch import Range, parse_export, parse_vary, spread
+from balloon_warp.batch.recorder import Recorder, plan_groups
+from balloon_warp.farm import cluster
+from balloon_warp.farm.cluster import cut_into_shares
 from balloon_warp.model import ModelPlan, plan_model
-from balloon_warp.model.vary import scene_to_vary
+from balloon_warp.model.timeline import scene_to_vary
 from balloon_warp.scene import Balloon, Body, Ground, Inflation, Scene, Sphere, Stiffness, String
 from balloon_warp.scene.load import override_scene
-from balloon_warp.sweep import shares
-from balloon_warp.sweep.batch import Range, parse_export, parse_vary, spread
-from balloon_warp.sweep.recorder import Recorder, plan_groups
-from balloon_warp.sweep.shares import cut_into_shares
 
 NO_SPRINGS = Stiffness(structural=0.0, shear=0.0, flexion=0.0)
 FREE_CUBE = Balloon(mesh=cube(), mass=0.05, stiffness=NO_SPRINGS, inflation=Inflation(k_normal=0.0), damping=0.0)
@@ -301,8 +301,8 @@ def test_exports_are_all_none_or_chosen_worlds():
 )
 def test_the_cut_depends_on_the_batch_alone(worlds: int, sizes: list[int], monkeypatch):
     """The cut has at most eight shares of at least eight cubes; each has its own part of the varied values."""
-    monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 64))
-    monkeypatch.setattr(shares, "SHARES", 8)
+    monkeypatch.setitem(cluster.GRAIN, "cpu", cluster.Grain(1, 64))
+    monkeypatch.setattr(cluster, "SHARES", 8)
     mass = np.linspace(1.0, 0.01, worlds)
     groups = plan_groups(Scene(balloon=[Balloon(mesh=cube())]), worlds, {"balloon.mass": mass})
     cut = cut_into_shares(groups, "cpu")
@@ -315,15 +315,15 @@ def test_the_cut_depends_on_the_batch_alone(worlds: int, sizes: list[int], monke
 
 def test_a_share_fills_the_lanes_of_a_cpu():
     groups = plan_groups(Scene(balloon=[Balloon(mesh=quad_sphere(20))]), 20, {"balloon.mass": np.full(20, 1.0)})
-    assert groups[0].plan.particle_count > shares.GRAIN["cpu"].particles
+    assert groups[0].plan.particle_count > cluster.GRAIN["cpu"].particles
     assert [len(share.worlds) for share in cut_into_shares(groups, "cpu")] == [7, 7, 6]
 
 
 @pytest.mark.parametrize(("frames", "count"), [(1, 2), (100, 4), (1000, 32)])
 def test_a_share_is_worth_its_beginning(frames: int, count: int, monkeypatch):
     """A short batch is cut into fewer shares, as each has a start-up cost, which still fit into a small memory."""
-    monkeypatch.setattr(shares, "MOST_PARTICLES", 8 * 128)
-    monkeypatch.setitem(shares.GRAIN, "cuda", shares.Grain(1, 8, 8 * 64 * 100 * 10))
+    monkeypatch.setattr(cluster, "MOST_PARTICLES", 8 * 128)
+    monkeypatch.setitem(cluster.GRAIN, "cuda", cluster.Grain(1, 8, 8 * 64 * 100 * 10))
     scene = Scene(balloon=[Balloon(mesh=cube())], frames=frames, substeps=10)
     assert len(cut_into_shares(plan_groups(scene, 256, {"balloon.mass": np.full(256, 100.0)}), "cuda")) == count
 

@@ -21,10 +21,9 @@ from balloon_warp.blender.addon.point_cache import HEADER, PointCache, samples_o
 from balloon_warp.blender.addon.request import turn_angles, write_request
 from balloon_warp.blender.addon.snapshot import RefusedError, Snapshot, Thing
 from balloon_warp.blender.bake import led_frames
-from balloon_warp.blender.caches import local_points, moved, torn_faces
 from balloon_warp.blender.extension import manifest, write_own_wheel
-from balloon_warp.blender.request import Cached, read_request
-from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.blender.request import Cached, local_points, moved, read_request, torn_faces
+from balloon_warp.mesh.topology import signed_volume
 
 BALL = quad_sphere(3)
 SETTINGS = {

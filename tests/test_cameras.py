@@ -8,7 +8,7 @@ import pytest
 from meshes import cube, quad_sphere
 
 from balloon_warp import Balloon, Body, Ground, Inflation, InputError, Material, Obstacle, Scene, Simulator, Sphere
-from balloon_warp.steering.cameras import WorldCamera
+from balloon_warp.steering.observations import WorldCamera
 
 STILL = Inflation(k_normal=0.0)
 FAR_BALL = Balloon(mesh=quad_sphere(2, 0.1), position=(0.0, 0.0, 90.0), inflation=STILL)

@@ -14,7 +14,7 @@ from pxr import Gf, UsdGeom
 from render_stages import new_stage
 
 from balloon_warp import InputError, Scene, animate, check_stage
-from balloon_warp.mesh.geometry import triangulate
+from balloon_warp.mesh.topology import triangulate
 from balloon_warp.mesh.usd_stage import SCENERY
 
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=0.5)

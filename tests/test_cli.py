@@ -24,12 +24,13 @@ from rich.console import Console
 from rich.table import Table
 
 import balloon_warp as package
-from balloon_warp import bundled_scenes, doctor, load_scene
-from balloon_warp.beginning import Beginning
+from balloon_warp import bundled_scenes, load_scene
 from balloon_warp.cli import progress as console
 from balloon_warp.cli.options import Changes, LengthOptions
 from balloon_warp.cli.progress import FirstEstimate, FrameProgress, counted, time_left
 from balloon_warp.mesh.obj import write_obj
+from balloon_warp.run.provenance import Beginning
+from balloon_warp.tools import doctor
 
 SUMMARY_KEYS = """output picture points scene device schedule worlds particles springs frames begin frames_per_second
 substeps restarts blow_up bad_endings inflation strain_bound wall_seconds particle_substeps_per_second"""
@@ -268,7 +269,7 @@ def test_a_stopped_run_says_how_far_it_got_and_leaves_no_output(ball: Path, word
     assert [path.name for path in ball.iterdir() if path.suffix != ".partial" and path.is_file()] == ["ball.obj"]
 
 
-PARQUET = """from balloon_warp.outputs.table import ParquetRows
+PARQUET = """from balloon_warp.batch.table import ParquetRows
 import pathlib, numpy as np
 rows = ParquetRows(pathlib.Path('rows.parquet'), ['world', 'frame', 'time', 'a', 'health'], {}, 2)
 rows.write(3, 0.5, np.array([[4.0, 5.0]], np.float32), np.array([0, 1], np.int32))

@@ -14,12 +14,11 @@ from meshes import open_cube, quad_sphere
 from PIL import Image
 
 from balloon_warp import Balloon, BlowUpError, Inflation, InputError, Scene, Simulator
-from balloon_warp.cli.compare import figure_console, print_comparison
-from balloon_warp.comparison.choices import parse_choices
-from balloon_warp.comparison.compare import Comparison, Run, Tile, compare, compose_sheet
-from balloon_warp.mesh.geometry import signed_volume, total_area
+from balloon_warp.cli.stages import figure_console, print_comparison
 from balloon_warp.mesh.obj import write_obj
+from balloon_warp.mesh.topology import signed_volume, total_area
 from balloon_warp.scene.load import override_scene
+from balloon_warp.tools.compare import Comparison, Run, Tile, compare, compose_sheet, parse_choices
 
 SIZE = (96, 64)
 GREEN = Balloon(mesh=quad_sphere(3), color=(0.0, 1.0, 0.0), damping=1.0, inflation=Inflation(k_normal=0.2))

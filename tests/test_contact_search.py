@@ -21,13 +21,13 @@ from balloon_warp.kernels.laws.touch import facing_of, part_until_contact
 from balloon_warp.kernels.loops.contact import A_STEP, solid_function
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.working import Working
-from balloon_warp.launching import launch, launch_tiled
+from balloon_warp.lab.reference.contact import point_triangle
 from balloon_warp.model import build_model
-from balloon_warp.model.memory import Allocating
+from balloon_warp.model.state import Allocating
 from balloon_warp.model.touch import APART, edge_length
-from balloon_warp.reference.contact import point_triangle
-from balloon_warp.schedules.own_parts import own_parts, own_parts_arrays
+from balloon_warp.schedules.outlook import own_parts, own_parts_arrays
 from balloon_warp.schedules.tables import world_state
+from balloon_warp.system.warp_threads import launch, launch_tiled
 
 
 @wp.kernel(enable_backward=False)

@@ -9,7 +9,7 @@ from meshes import box, grid, joined, mesh_of, quad_sphere
 from balloon_warp import bundled_scenes, load_mesh
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.crossings import crossings_of
-from balloon_warp.mesh.geometry import triangulate
+from balloon_warp.mesh.topology import triangulate
 
 BALL, SHEET = quad_sphere(4), grid(4, 4)
 QUADS = BALL.face_vertex_indices.reshape(-1, 4).tolist()

@@ -7,7 +7,7 @@ import pytest
 from meshes import cube, joined, mesh_of, open_cube, quad_sphere
 
 from balloon_warp import InputError, Simulator
-from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.mesh.topology import signed_volume
 from balloon_warp.model import plan_model
 from balloon_warp.scene import Balloon, Change, Inflation, Scene, Stiffness
 

@@ -14,19 +14,16 @@ from typer.testing import CliRunner
 import balloon_warp as bw
 from balloon_warp import Design, InputError, Material, PolygonMesh
 from balloon_warp.cli.app import app
-from balloon_warp.designing import foil, measure
-from balloon_warp.designing.descent import Reached, begin, descend
-from balloon_warp.designing.foil import write_pattern
-from balloon_warp.designing.job import Job, places_off
-from balloon_warp.designing.latex import STALLED, MouldProblem, ThicknessProblem, _descended, _film
-from balloon_warp.designing.measure import Error, Ruler
-from balloon_warp.designing.newton import Response
-from balloon_warp.designing.smooth_step import SmoothAim, Smoothing, smooth_step
-from balloon_warp.designing.target import Gaps, target_of
+from balloon_warp.lab.design import foil, measure
+from balloon_warp.lab.design.descent import Reached, Response, SmoothAim, Smoothing, begin, descend, smooth_step
+from balloon_warp.lab.design.foil import write_pattern
+from balloon_warp.lab.design.job import Job, places_off
+from balloon_warp.lab.design.latex import STALLED, MouldProblem, ThicknessProblem, _descended, _film
+from balloon_warp.lab.design.measure import Error, Ruler
+from balloon_warp.lab.design.target import Gaps, target_of
 from balloon_warp.mesh.crossings import NearPairs, find_crossings, means_over_neighbors, uncrossed
-from balloon_warp.mesh.geometry import triangulate
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.mesh.topology import mesh_edges
+from balloon_warp.mesh.topology import mesh_edges, triangulate
 
 BALL = quad_sphere(4)
 

@@ -176,7 +176,7 @@ def test_what_the_particle_lay_on_is_named(obstacles: dict, touched: tuple, devi
 
 def test_only_the_frames_since_the_last_kept_state_are_simulated_again(device, monkeypatch):
     """States are kept at frames 1, 9 and 17; in the second substep of frame 21 the inflation has begun to rise."""
-    monkeypatch.setattr("balloon_warp.blow_ups.replay.KEPT_FRAMES", 8)
+    monkeypatch.setattr("balloon_warp.blow_ups.KEPT_FRAMES", 8)
     rises = Inflation(k_normal=[(0.0, 0.0), (20.5 / 60.0, 0.0), (21.5 / 60.0, 9e11)])
     simulator = Simulator(Scene(balloon=[Balloon(mesh=cube(), inflation=rises)], substeps=4), device)
     frames: list[int] = []

@@ -29,12 +29,12 @@ from balloon_warp.cli.app import app
 from balloon_warp.kernels import substep
 from balloon_warp.kernels.laws.law import LAW_INPUTS
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.outputs import render as package
+from balloon_warp.studio import render as package
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", ROOT / "SECURITY.md", *sorted((ROOT / "docs").glob("*.md"))]
 COMMANDS = typer.main.get_command(app).commands  # pyright: ignore[reportAttributeAccessIssue]
-ELSEWHERE = {"README.md", "PYTHON.md", "LAWS.md", "ARCHITECTURE.md"}
+ELSEWHERE = {"README.md", "PYTHON.md", "LAWS.md", "ARCHITECTURE.md", "EXTENDING.md"}
 """pages with Python that tests below run, since they look at its results"""
 
 
@@ -272,7 +272,7 @@ def test_a_law_goes_in_with_one_file_and_its_name(tmp_path: Path):
     """A new law takes one file and its name in the list: in a copy of the source it acts, and tests cover it."""
     for folder in ("balloon_warp", "kernels", "scenes", "tests"):
         shutil.copytree(ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("__pycache__"))
-    (law,) = (each for each in code("docs/ARCHITECTURE.md", "python") if "CHARGE = Law(" in each)
+    (law,) = (each for each in code("docs/EXTENDING.md", "python") if "CHARGE = Law(" in each)
     (tmp_path / "kernels" / "laws" / "charge.py").write_text(law, encoding="utf-8")
     listed = tmp_path / "kernels" / "laws" / "__init__.py"
     source = listed.read_text(encoding="utf-8")

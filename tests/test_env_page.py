@@ -11,16 +11,16 @@ import pytest
 from strangers import CAMERA, joined, say, wait_until
 
 from balloon_warp import InputError, MissingExtraError
-from balloon_warp.envs import make, make_vec
-from balloon_warp.envs.registration import BalloonEnv
-from balloon_warp.viewer import view
+from balloon_warp.learn import make, make_vec
+from balloon_warp.learn.registration import BalloonEnv
+from balloon_warp.studio.page import view
 
 
 @pytest.fixture
 def opened(monkeypatch) -> list[str]:
     """Return the addresses that browsers are asked to open."""
     addresses: list[str] = []
-    monkeypatch.setattr("balloon_warp.viewer.onlooker.webbrowser.open", addresses.append)
+    monkeypatch.setattr("balloon_warp.studio.page.page.webbrowser.open", addresses.append)
     return addresses
 
 
@@ -59,8 +59,8 @@ def test_a_page_is_no_faster_than_real_time(opened: list[str], monkeypatch):
     env = make_vec("Target", 2, device="cpu", render_mode="human")
     env.reset(seed=0)
     assert env.onlooker is not None
-    monkeypatch.setattr("balloon_warp.viewer.onlooker.time.sleep", waited.append)
-    monkeypatch.setattr("balloon_warp.viewer.onlooker.time.perf_counter", lambda: 0.0)
+    monkeypatch.setattr("balloon_warp.studio.page.page.time.sleep", waited.append)
+    monkeypatch.setattr("balloon_warp.studio.page.page.time.perf_counter", lambda: 0.0)
     monkeypatch.setattr(env.onlooker.server, "get_clients", lambda: {0: None})
     for _ in range(3):
         env.step(env.action_space.sample())

@@ -16,11 +16,11 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
 from balloon_warp import Inflation, InputError, MissingExtraError, Simulator
-from balloon_warp.envs import BalloonVectorEnv, make, make_vec, task_named
-from balloon_warp.envs.altitude import COMPLIANCE, VOLUME, Altitude
-from balloon_warp.envs.registration import TASKS
-from balloon_warp.envs.target import Target
-from balloon_warp.envs.vector_env import spaces_of
+from balloon_warp.learn import BalloonVectorEnv, make, make_vec, task_named
+from balloon_warp.learn.altitude import COMPLIANCE, VOLUME, Altitude
+from balloon_warp.learn.registration import TASKS
+from balloon_warp.learn.target import Target
+from balloon_warp.learn.vector_env import spaces_of
 
 RETURNS = {"Inflate": (60, 25, 5), "Juggle": (120, 70, 50), "Press": (80, 20, 2), "Target": (240, 10, 2)}
 """Number of steps, return in these that the scripted policy exceeds, mean over worlds, and that a random one does not;
@@ -222,7 +222,7 @@ def test_what_cannot_be_made_is_refused(options: dict[str, Any], sentence: str):
 
 
 def test_torch_is_asked_for_where_it_is_missing(monkeypatch):
-    monkeypatch.setattr("balloon_warp.envs.vector_env.find_spec", lambda name: None)
+    monkeypatch.setattr("balloon_warp.learn.vector_env.find_spec", lambda name: None)
     with pytest.raises(MissingExtraError, match="needs torch: pip install torch"):
         make_vec("Target", device="cpu", output="torch")
 
@@ -351,7 +351,7 @@ def test_skrl_s_wrapper_sees_the_same(output: str, plain: tuple[list[Any], list[
 @pytest.fixture
 def stable_env() -> Callable[[str], Any]:
     pytest.importorskip("stable_baselines3")
-    from balloon_warp.envs.stable_baselines import StableBaselinesEnv
+    from balloon_warp.learn.stable_baselines import StableBaselinesEnv
 
     return lambda mode: StableBaselinesEnv(brief(mode))
 
@@ -397,7 +397,7 @@ def rsl_rl_config(steps: int) -> dict[str, Any]:
 
 def test_rsl_rl_sees_the_same_and_learns_a_little(plain: tuple[list[Any], list[Any]]):
     torch, runners = pytest.importorskip("torch"), pytest.importorskip("rsl_rl.runners")
-    from balloon_warp.envs.rsl_rl import RslRlEnv
+    from balloon_warp.learn.rsl_rl import RslRlEnv
 
     inner = brief("SameStep", output="torch")
     env = RslRlEnv(inner)
@@ -422,7 +422,7 @@ def test_rsl_rl_sees_the_same_and_learns_a_little(plain: tuple[list[Any], list[A
 def test_rl_games_learns_a_little(tmp_path):
     pytest.importorskip("torch")
     runner = pytest.importorskip("rl_games.torch_runner").Runner()
-    from balloon_warp.envs import rl_games
+    from balloon_warp.learn import rl_games
 
     made: list[BalloonVectorEnv] = []
 
@@ -468,6 +468,6 @@ def rl_games_config(name: str, worlds: int, folder: str) -> dict[str, Any]:
 )
 def test_learners_are_asked_for_where_they_are_missing(module: str, sentence: str, monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    monkeypatch.delitem(sys.modules, f"balloon_warp.envs.{module}", raising=False)
+    monkeypatch.delitem(sys.modules, f"balloon_warp.learn.{module}", raising=False)
     with pytest.raises(MissingExtraError, match=sentence):
-        importlib.import_module(f"balloon_warp.envs.{module}")
+        importlib.import_module(f"balloon_warp.learn.{module}")

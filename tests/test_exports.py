@@ -25,9 +25,10 @@ from test_resume import SCENE as RESUMED_SCENE
 from test_resume import press_ctrl_c, stop
 
 from balloon_warp import Balloon, InputError, MissingExtraError, PolygonMesh, animate, export_stage
-from balloon_warp.outputs import arrays
-from balloon_warp.outputs.exports import archives, export, parts
-from balloon_warp.outputs.tubes import AROUND, PROFILE, tube_points, tube_topology
+from balloon_warp.studio.exports import export, parts
+from balloon_warp.studio.exports import export as files
+from balloon_warp.system import arrays
+from balloon_warp.usd.solids import AROUND, PROFILE, tube_points, tube_topology
 
 never = Mock(side_effect=AssertionError("is not to be called"))
 READ_ALEMBIC = """
@@ -180,7 +181,7 @@ def test_an_empty_stage_has_nothing_to_export(tmp_path):
 
 
 def test_alembic_needs_blenders_module(written: Path, tmp_path, monkeypatch):
-    monkeypatch.setattr(archives, "find_spec", lambda name: None)
+    monkeypatch.setattr(files, "find_spec", lambda name: None)
     with pytest.raises(MissingExtraError, match=r"an \.abc needs Blender's Python module: pip install bpy"):
         export_stage(written, tmp_path / "out.abc")
 
@@ -370,7 +371,7 @@ def test_xarray_takes_it_and_makes_a_zarr_store_as_its_page_says(page_file: Path
 
 @pytest.mark.parametrize("place", export.WRITERS.values())
 def test_every_writer_is_there(place: str):
-    assert callable(resolve_name(f"balloon_warp.outputs.exports.{place}"))
+    assert callable(resolve_name(f"balloon_warp.studio.exports.{place}"))
 
 
 def test_a_grid_for_each_frame_and_a_list_of_their_times(written: Path, tmp_path):

@@ -14,12 +14,20 @@ import pytest
 from batches import files_limited_to, stop_after
 from meshes import cube, quad_sphere
 
-from balloon_warp import InputError, animate, export_stage, files, render_stage, run_batch
-from balloon_warp.files import check_writable, clear_left_over, folder_beside, scratch_folder, temporary_in, whole_file
+from balloon_warp import InputError, animate, export_stage, render_stage, run_batch
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.outputs.arrays import write_npz
 from balloon_warp.scene import Balloon, Scene, load_scene
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.system import files
+from balloon_warp.system.arrays import write_npz
+from balloon_warp.system.files import (
+    check_writable,
+    clear_left_over,
+    folder_beside,
+    scratch_folder,
+    temporary_in,
+    whole_file,
+)
+from balloon_warp.system.warp_setup import quiet_warp
 
 
 def write_text(path: Path) -> None:
@@ -65,8 +73,8 @@ BEGIN = """
 import sys, time
 from contextlib import ExitStack
 from pathlib import Path
-from balloon_warp.files import folder_beside, whole_file
-from balloon_warp.files import scratch_folder
+from balloon_warp.system.files import folder_beside, whole_file
+from balloon_warp.system.files import scratch_folder
 path = Path(sys.argv[1])
 with ExitStack() as files:
     one = files.enter_context(whole_file(path))
@@ -195,7 +203,7 @@ def test_a_folder_that_a_living_run_has_begun_stays(tmp_path):
     begun = """
 import sys, time
 from pathlib import Path
-from balloon_warp.resume import PartialFolder
+from balloon_warp.run.checkpoints import PartialFolder
 PartialFolder(folder := Path(sys.argv[1])).begin({}); kept = PartialFolder(folder); kept.go_on()
 print("begun", flush=True)
 time.sleep(600)
@@ -247,7 +255,7 @@ def test_headers_that_warp_compiles_go_with_a_kill(tmp_path, system_folder: Path
     compile_one = """
 import time
 import warp as wp
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.system.warp_setup import quiet_warp
 quiet_warp()
 @wp.kernel(module="unique")
 def one(a: wp.array(dtype=float)):

@@ -18,11 +18,10 @@ from balloon_warp.benchmarks import fit as fit_benchmark
 from balloon_warp.cli.app import app
 from balloon_warp.cli.progress import note, warn
 from balloon_warp.errors import InputError, StoppedError
-from balloon_warp.fitting.by_data import fit_of, measured_of
-from balloon_warp.fitting.curve import fit_curves, lack_of_fit, sphere_pressures, ticks
-from balloon_warp.fitting.fit import ROUNDS, least_loss
-from balloon_warp.fitting.search import minima_together, search
-from balloon_warp.fitting.tables import Curve
+from balloon_warp.lab.fit.curve import fit_curves, lack_of_fit, sphere_pressures, ticks
+from balloon_warp.lab.fit.fit import ROUNDS, fit_of, least_loss, measured_of
+from balloon_warp.lab.fit.search import minima_together, search
+from balloon_warp.lab.fit.tables import Curve
 from balloon_warp.mesh.obj import write_obj
 
 TRUE = {
@@ -426,7 +425,7 @@ def test_ctrl_c_says_how_to_go_on(tmp_path, monkeypatch):
     np.savez(tmp_path / "volumes.npz", times=[0.1], volumes=[1.0])
     words = ["fit", str(tmp_path / "volumes.npz"), "knot", "--free", "balloon.damping=0.1:2", "--device", "cpu"]
 
-    monkeypatch.setattr("balloon_warp.fitting.by_data.search", Mock(side_effect=KeyboardInterrupt))
+    monkeypatch.setattr("balloon_warp.lab.fit.fit.search", Mock(side_effect=KeyboardInterrupt))
     said = CliRunner().invoke(app, words)
     assert isinstance(said.exception, StoppedError)
     assert f"--resume continues from {tmp_path / 'volumes.progress'}" in str(said.exception)

@@ -16,8 +16,8 @@ from typer.testing import CliRunner
 import balloon_warp as bw
 from balloon_warp.cli.app import app
 from balloon_warp.errors import InputError
-from balloon_warp.fitting.curve import CurveFit, fit_curves, nominal_stresses, sphere_pressures
-from balloon_warp.fitting.tables import Curve, read_curves
+from balloon_warp.lab.fit.curve import CurveFit, fit_curves, nominal_stresses, sphere_pressures
+from balloon_warp.lab.fit.tables import Curve, read_curves
 from balloon_warp.mesh.obj import write_obj
 
 Values = NDArray[np.float64]

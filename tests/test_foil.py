@@ -13,13 +13,21 @@ from typer.testing import CliRunner
 import balloon_warp as bw
 from balloon_warp import InputError, MissingExtraError, PolygonMesh
 from balloon_warp.cli.app import app
-from balloon_warp.foil.make import EDGES, HEIGHT, enclosed, foil_mesh, foil_parts, outlines_of_drawing, outlines_of_text
-from balloon_warp.foil.sheet import corner_areas, sheet_of
 from balloon_warp.mesh import topology
-from balloon_warp.mesh.geometry import face_areas, signed_volume
 from balloon_warp.mesh.obj import read_obj
-from balloon_warp.mesh.topology import euler_characteristic, mesh_edges
+from balloon_warp.mesh.topology import euler_characteristic, face_areas, mesh_edges, signed_volume
 from balloon_warp.scene.around import scene_of_foil
+from balloon_warp.tools.foil import (
+    EDGES,
+    HEIGHT,
+    corner_areas,
+    enclosed,
+    foil_mesh,
+    foil_parts,
+    outlines_of_drawing,
+    outlines_of_text,
+    sheet_of,
+)
 
 SQUARE = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]])
 STAR = np.array([[np.sin(0.8 * np.pi * k), np.cos(0.8 * np.pi * k)] for k in range(5)])

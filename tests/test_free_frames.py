@@ -19,8 +19,15 @@ from balloon_warp.schedules import choose, gather
 from balloon_warp.schedules.choose import fastest_schedule, make_schedule
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.gather import GatherSchedule
-from balloon_warp.schedules.patches import cut_into_patches, worlds_at_once
-from balloon_warp.schedules.patching import Patches, cut, patch_table, slots_in_patches, tables_in_patches
+from balloon_warp.schedules.patches import (
+    Patches,
+    cut_into_patches,
+    cut_patches,
+    patch_table,
+    slots_in_patches,
+    tables_in_patches,
+    worlds_at_once,
+)
 from balloon_warp.schedules.slices import quad_rings, spring_ends
 from balloon_warp.schedules.tables import make_tables
 
@@ -78,7 +85,7 @@ def test_tables_of_patches_lead_where_the_models_do(scene: Scene):
     """Patches are alike in size and of one balloon each. Springs, faces and membranes lead to the same particles."""
     model = build_model(scene, "cpu")
     assert cut_into_patches(model, model_features(model)) is None  # a CPU has none
-    patches = cut(model, 256, model_features(model).gas)  # as for a GPU with enough multiprocessors
+    patches = cut_patches(model, 256, model_features(model).gas)  # as for a GPU with enough multiprocessors
     ends = spring_ends(model)
     sizes = np.bincount(patches.patch)
     assert sizes.max() <= patches.threads
@@ -111,7 +118,7 @@ def test_patches_are_compact_and_halos_are_mutual(scene: Scene):
     """Halo particles are marked, and halos are mutual, or one patch would run ahead of the other. A halo of two rings
     around a square of 256 has about 144 particles, not a strip's."""
     model = build_model(scene, "cpu")
-    patches = cut(model, 256, volumes=False)
+    patches = cut_patches(model, 256, volumes=False)
     assert patches.largest_halo < 220
     table = patch_table(model, patches, measures_faces=False)
     halos = table.halos.numpy()

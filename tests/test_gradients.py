@@ -22,8 +22,8 @@ from gradient_scenes import CASES, HELD, OF_MEETING, OF_RUBBING, PLANE, SLAB, me
 from reference_runs import run
 
 import balloon_warp as bw
-from balloon_warp.gradients.derive import require_paths
 from balloon_warp.kernels.schedules.block_names import Layout
+from balloon_warp.lab.gradients.derive import require_paths
 from balloon_warp.model import Model, lay_out, plan_model
 from balloon_warp.schedules import backward_block
 from balloon_warp.schedules.features import model_features

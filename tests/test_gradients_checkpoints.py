@@ -8,9 +8,9 @@ import pytest
 from gradient_scenes import CHANGES, SPRINGS, N, scene
 
 import balloon_warp as bw
-from balloon_warp.gradients import derive
-from balloon_warp.gradients.derive import FewFrames, frames_again
-from balloon_warp.trajectories import Trajectories
+from balloon_warp.batch.simulate import Trajectories
+from balloon_warp.lab.gradients import derive
+from balloon_warp.lab.gradients.derive import FewFrames, frames_again
 
 PATHS = [SPRINGS[0], "balloon.damping", "balloon.velocity.1", "change.0.set.balloon.damping", "change.1.set.gravity"]
 
@@ -117,7 +117,7 @@ def test_as_many_are_kept_as_there_is_room_for(monkeypatch: pytest.MonkeyPatch):
     told = bw.gradient(of, **asked)
     room = 72 * N * 4
     monkeypatch.setattr(derive, "usable_memory", lambda device: room)
-    monkeypatch.setattr("balloon_warp.gradients.derive.usable_memory", lambda device: room)
+    monkeypatch.setattr("balloon_warp.lab.gradients.derive.usable_memory", lambda device: room)
     with pytest.raises(bw.InputError, match="enough for 4 frames, or 0 worlds; expected fewer, or a loss of"):
         bw.gradient(of, **asked)
     same(bw.gradient(of, every=10, **asked), told)

@@ -11,10 +11,10 @@ from gradient_scenes import BALL, CASES, SPRINGS, scene
 
 import balloon_warp as bw
 from balloon_warp.kernels.laws.membrane import THICKNESS
+from balloon_warp.lab.reference.tables import film_of
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.model import plan_model
-from balloon_warp.reference.tables import film_of
-from balloon_warp.springs.membrane import Membrane, build_membrane
+from balloon_warp.springs.build import Membrane, build_membrane
 
 pytestmark = pytest.mark.full
 RNG = np.random.default_rng(21)

@@ -16,7 +16,7 @@ from balloon_warp.kernels.phase import Look, NoAdjointError, by_grad, phase
 from balloon_warp.kernels.schedules.launched import GATHERED
 from balloon_warp.kernels.schedules.writer import cut, traces_of
 from balloon_warp.model import build_model, plan_model
-from balloon_warp.schedules.choose_backward import bytes_backwards
+from balloon_warp.schedules.backward_launched import bytes_backwards
 from balloon_warp.schedules.features import model_features
 
 
@@ -137,7 +137,7 @@ def test_a_loss_without_slopes_has_gradients_of_zero():
 
 
 def test_frames_that_do_not_fit_are_refused_before_any_is_simulated(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("balloon_warp.gradients.derive.usable_memory", lambda device: 26 * 72 * 2000)
+    monkeypatch.setattr("balloon_warp.lab.gradients.derive.usable_memory", lambda device: 26 * 72 * 2000)
     asked = []
     with pytest.raises(bw.InputError, match="enough for 1000 frames, or 0 worlds"):
         bw.gradient(scene(frames=3000), of=SPRINGS, loss=far, device="cpu", world_count=2, on_frame=asked.append)

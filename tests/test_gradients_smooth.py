@@ -8,7 +8,7 @@ import pytest
 from meshes import quad_sphere
 
 import balloon_warp as bw
-from balloon_warp.trajectories import Trajectories
+from balloon_warp.batch.simulate import Trajectories
 
 SECONDS, DEVIATION, JUMP, AT = 0.1, 0.2, 0.05, 0.1
 PATH = "balloon.velocity.0"

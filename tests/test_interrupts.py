@@ -20,13 +20,13 @@ from commands import status_of
 from meshes import quad_sphere
 
 from balloon_warp import Cluster, WorkersLostError, animate, load_scene
-from balloon_warp.interrupts import Interrupts
+from balloon_warp.farm import remote
+from balloon_warp.farm.local_workers import begin_children, start_child
+from balloon_warp.farm.workers import worker_environments
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.outputs import render
-from balloon_warp.outputs.background import WAITING, Background
-from balloon_warp.sweep import cluster
-from balloon_warp.sweep.cluster import worker_environments
-from balloon_warp.sweep.local_workers import begin_children, start_child
+from balloon_warp.studio import render
+from balloon_warp.system.streams import Interrupts
+from balloon_warp.usd.stage import WAITING, Background
 
 
 def press(interrupts: Interrupts) -> None:
@@ -86,7 +86,7 @@ def test_what_is_ignored_stays_ignored(monkeypatch, capsys):
     """An ignored signal stays ignored, as Ctrl-C is by a process that a shell started in the background."""
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        monkeypatch.setattr("balloon_warp.cli.scenes._list_scenes", lambda: os.kill(os.getpid(), signal.SIGINT))
+        monkeypatch.setattr("balloon_warp.cli.machine._list_scenes", lambda: os.kill(os.getpid(), signal.SIGINT))
         assert status_of("scenes") == 0
         assert capsys.readouterr().err == ""
         assert signal.getsignal(signal.SIGINT) == signal.SIG_IGN
@@ -186,7 +186,7 @@ class FarAway:
 def test_a_result_that_went_with_its_worker_is_not_waited_for_for_ever():
     lost: Any = FarAway(workers=0, seconds=np.inf)
     with pytest.raises(WorkersLostError, match=r"^all workers ended, and none came for 60 s"):
-        cluster._result(lost, lost)
+        remote._result(lost, lost)
     slow: Any = FarAway(workers=1, seconds=200.0)
-    assert cluster._result(slow, slow) == "share"
+    assert remote._result(slow, slow) == "share"
     assert slow.timeouts == [60.0, 120.0, 240.0]

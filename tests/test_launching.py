@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 import warp as wp
 
-from balloon_warp import driver, launching
 from balloon_warp.kernels import OPTIONS
-from balloon_warp.launching import begin_loading, launch
+from balloon_warp.system import warp_setup, warp_threads
+from balloon_warp.system.warp_threads import begin_loading, launch
 
 wp.set_module_options({**OPTIONS, "enable_backward": False})
 
@@ -34,7 +34,7 @@ def test_a_kernel_begun_ahead_is_launched():
     counts = wp.zeros(3, dtype=wp.int32, device="cpu")
     kernel: Any = count
     begin_loading(kernel, counts.device)
-    launching._begun[kernel.module].result(timeout=60.0)
+    warp_threads._begun[kernel.module].result(timeout=60.0)
     assert kernel.module.execs  # compiled, and loaded, without a launch
     launch(kernel, 3, [counts], device=counts.device)
     assert counts.numpy().tolist() == [0, 1, 2]
@@ -55,8 +55,8 @@ from collections.abc import Iterator
 from pathlib import Path
 import warp as wp
 wp.config.optimization_level = 0
-from balloon_warp.files import folder_of_process
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.system.files import folder_of_process
+from balloon_warp.system.warp_setup import quiet_warp
 quiet_warp()
 for number in (float(sys.argv[1]) + part for part in (0.0, 0.25, 0.5)):
     @wp.kernel(module="unique", enable_backward=False)
@@ -102,15 +102,15 @@ def of_two(monkeypatch: pytest.MonkeyPatch) -> Iterator[SimpleNamespace]:
 
     two.cuInit, two.cuDeviceGet = lambda _: 0, get
     two.cuDevicePrimaryCtxRetain = lambda _, device: two.begun.append(device.value)
-    monkeypatch.setattr(driver.ctypes, "CDLL", lambda _: two)
-    driver._begin.cache_clear()
+    monkeypatch.setattr(warp_setup.ctypes, "CDLL", lambda _: two)
+    warp_setup._begin.cache_clear()
     yield two
-    driver._begin.cache_clear()
+    warp_setup._begin.cache_clear()
 
 
 def begin_driver(device: str | None) -> None:
     """Start the driver and wait until it has begun."""
-    driver.begin_driver(device)
+    warp_setup.begin_driver(device)
     for thread in threading.enumerate():
         if thread.name == "driver":
             thread.join()
@@ -127,7 +127,7 @@ def test_the_gpu_that_is_wanted_and_there_begins_once(of_two: SimpleNamespace, d
 
 
 def test_a_machine_without_a_driver_is_left_alone(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(driver, "LIBRARY", "libnothing.so")
-    driver._begin.cache_clear()
+    monkeypatch.setattr(warp_setup, "LIBRARY", "libnothing.so")
+    warp_setup._begin.cache_clear()
     begin_driver(None)
-    driver._begin.cache_clear()
+    warp_setup._begin.cache_clear()

@@ -25,7 +25,7 @@ from balloon_warp.kernels.laws.gas import EMPTY, STANDARD_PRESSURE, amount_when_
 from balloon_warp.kernels.laws.law import LAW_INPUTS, RESULT
 from balloon_warp.kernels.laws.springs import angle_beyond
 from balloon_warp.kernels.laws.touch import CROSSED, crosses, crossing_of
-from balloon_warp.model.bounds import told_what_it_names
+from balloon_warp.model.materials import told_what_it_names
 
 DENSITY = 0.7
 """of the air that laws are told of [kg/m^3]: less than the densities that their parameters may have"""

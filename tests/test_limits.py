@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from balloon_warp.cli.app import app
 from balloon_warp.errors import InputError
-from balloon_warp.model.memory import Limit, least_limit
+from balloon_warp.model.state import Limit, least_limit
 
 GIB = 2**30
 

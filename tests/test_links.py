@@ -11,9 +11,9 @@ from pxr import Usd, UsdGeom
 
 from balloon_warp import InputError, animate, export_stage, load_mesh, load_scene, render_stage, run_batch
 from balloon_warp.cli.app import app
-from balloon_warp.files import target_of, whole_file
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.scene import Balloon, Scene
+from balloon_warp.system.files import target_of, whole_file
 
 SCENE = Scene(balloon=[Balloon(mesh=cube(), name="box")], frames=1)
 KINDS = ["file", "dangling", "chain", "relative", "folder", "dangling in a folder"]

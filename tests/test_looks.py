@@ -24,10 +24,10 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
 from balloon_warp import InputError, PolygonMesh, StageWriter, export_stage, load_mesh, load_scene, render_stage
 from balloon_warp.mesh.load import Treatment, prepared
 from balloon_warp.model import build_model, plan_model
-from balloon_warp.outputs.exports.parts import Animation
-from balloon_warp.outputs.render.stage_reader import RenderStage
-from balloon_warp.outputs.usd.grid import GridGroup, GridWriter
 from balloon_warp.scene.around import palette_color
+from balloon_warp.studio.exports.parts import Animation
+from balloon_warp.studio.render.stage_reader import RenderStage
+from balloon_warp.usd.grid import GridGroup, GridWriter
 
 KINDS = ["glb", "gltf", "obj", "usda"]
 

@@ -9,7 +9,7 @@ import warp as wp
 from gradient_scenes import CASES, N, scene
 
 import balloon_warp as bw
-from balloon_warp.gradients.derive import Told, told_by
+from balloon_warp.lab.gradients.derive import Told, told_by
 from balloon_warp.model import plan_model
 
 FRAMES, SPHERES = 4, 2

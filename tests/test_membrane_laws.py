@@ -19,10 +19,10 @@ from balloon_warp.kernels.laws.membrane import MEMBRANES, neo_hookean, ogden
 from balloon_warp.model import build_model, initial_state
 from balloon_warp.model.materials import numbers_of, on_arrays, slopes_by_stretches, stiffest_modulus
 from balloon_warp.model.plan import plan_model
+from balloon_warp.schedules.gather import ScatterSchedule
 from balloon_warp.schedules.membranes import membrane_quads, sums_of
 from balloon_warp.schedules.readout import ForceReader
-from balloon_warp.schedules.scatter import ScatterSchedule
-from balloon_warp.springs.membrane import build_membrane
+from balloon_warp.springs.build import build_membrane
 
 each_law = pytest.mark.parametrize("kind", list(MEMBRANES))
 STILL = Inflation(kind="pressure", pressure=0.0)

@@ -22,13 +22,12 @@ from trimesh.exchange.stl import export_stl_ascii
 from work import lines_executed
 
 from balloon_warp import Balloon, Body, InputError, Obstacle, PolygonMesh, Scene, load_mesh, load_scene, remesh
-from balloon_warp.mesh.geometry import signed_volume, total_area
 from balloon_warp.mesh.obj import read_obj, write_obj
 from balloon_warp.mesh.repair import repaired
-from balloon_warp.mesh.topology import component_count, is_closed, mesh_edges
+from balloon_warp.mesh.topology import component_count, is_closed, mesh_edges, signed_volume, total_area
 from balloon_warp.mesh.usd import read_usd
 from balloon_warp.model import plan_model
-from balloon_warp.outputs.render.stage_reader import RenderStage
+from balloon_warp.studio.render.stage_reader import RenderStage
 
 SQUARE = b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
 # Each is the square above as one quad, written in another way.

@@ -9,7 +9,8 @@ from meshes import cube, grid, joined, mesh_of, moebius, open_cube, polygon, pri
 from meshes import two_quads_at_a_vertex as two_quads
 from odd_meshes import klein
 
-from balloon_warp.mesh import PolygonMesh, geometry, topology
+from balloon_warp.mesh import PolygonMesh, topology
+from balloon_warp.mesh import topology as geometry
 from balloon_warp.mesh.topology import component_labels
 
 # A few hundred float64 operations of values near 1.

@@ -28,21 +28,21 @@ from typer.testing import CliRunner
 
 from balloon_warp import Balloon, Inflation, InputError, PolygonMesh, Scene, Simulator, String, load_mesh, load_scene
 from balloon_warp.cli.app import app
-from balloon_warp.mesh.geometry import face_vector_areas, signed_volume
-from balloon_warp.mesh.holes import Lid, border_loops, lid_across, with_lids
 from balloon_warp.mesh.load import Treatment, prepared
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.mesh.orientation import facing_outward
-from balloon_warp.mesh.repair import distinct_faces, repaired
+from balloon_warp.mesh.repair import Lid, border_loops, distinct_faces, lid_across, repaired, with_lids
 from balloon_warp.mesh.seams import open_seam, welded, welded_along_seams
 from balloon_warp.mesh.topology import (
     border_edges,
     component_count,
+    face_vector_areas,
     flipped,
     genus,
     inconsistent_edges,
     is_closed,
     mesh_edges,
+    signed_volume,
 )
 from balloon_warp.model import plan_model
 from balloon_warp.model.shape import shape_balloon

@@ -8,9 +8,9 @@ from meshes import cube
 from balloon_warp.kernels.laws import LAWS, PARAMETERS, Parameter
 from balloon_warp.kernels.laws.contact import NO_GROUND
 from balloon_warp.kernels.laws.outer import NO_WATER
-from balloon_warp.model import bounds, build_model, initial_state, plan_model, world_bytes
-from balloon_warp.model.memory import Allocating, Counting
+from balloon_warp.model import build_model, initial_state, materials, plan_model, world_bytes
 from balloon_warp.model.parameters import ROWS, places_of, rows_of, value_of
+from balloon_warp.model.state import Allocating, Counting
 from balloon_warp.scene import Balloon, Inflation, Material, Scene
 from balloon_warp.scene.load import override_scene
 
@@ -138,7 +138,7 @@ def test_one_world_has_the_numbers_that_it_has_among_others():
 def test_the_step_of_many_worlds_is_that_of_the_stiffest(path, monkeypatch):
     """The step is that of the stiffest world, whatever the block of worlds."""
     scene, values = everything(), np.linspace(1.0, 40.0, 7)
-    monkeypatch.setattr(bounds, "CHUNK", 20)
+    monkeypatch.setattr(materials, "CHUNK", 20)
     alone = [plan_model(override_scene(scene, [(path, value)])).substeps for value in values]
     assert plan_model(scene, 7, {path: values}).substeps == max(alone)
 

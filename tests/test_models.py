@@ -10,11 +10,11 @@ from quads import assert_none_folded, edge_lengths
 
 import balloon_warp.scenes
 from balloon_warp import Balloon, Obstacle, Scene, load_mesh
-from balloon_warp.mesh import PolygonMesh, geometry
+from balloon_warp.mesh import PolygonMesh, topology
 from balloon_warp.mesh.topology import component_count, genus, inconsistent_edges, is_closed, mesh_edges
 from balloon_warp.model.obstacles import MOST_SAMPLES, ObstacleShape, is_thin, sample, shape_obstacle
-from balloon_warp.outputs.tubes import OF_LARGEST, OF_LEAST, beveled_box
 from balloon_warp.scenes.models import MODELS, make_model
+from balloon_warp.usd.solids import OF_LARGEST, OF_LEAST, beveled_box
 
 
 @cache
@@ -39,7 +39,7 @@ def test_one_closed_skin_of_even_quads(name: str) -> None:
     assert (edges.face_counts == 2).all()
     assert genus(mesh, edges) == (name == "slot")  # its hole; None where the mesh is not manifold
     assert (component_count(mesh, edges), len(inconsistent_edges(edges))) == (1, 0)
-    assert geometry.signed_volume(mesh) > 0.0
+    assert topology.signed_volume(mesh) > 0.0
     valence = np.bincount(edges.ends.ravel())
     assert (valence.min(), valence.max() <= 6) == (3, True)
     lengths = edge_lengths(mesh)
@@ -78,8 +78,8 @@ def test_animals_are_symmetric(name: str) -> None:
 def test_squirrel_hangs_by_its_tail() -> None:
     """The tip of the tail is the highest vertex, behind the head, less than 30 degrees off the vertical."""
     mesh = bundled("squirrel")
-    areas = geometry.face_areas(mesh)
-    centroid = (areas[:, None] * geometry.face_centers(mesh)).sum(axis=0) / areas.sum()
+    areas = topology.face_areas(mesh)
+    centroid = (areas[:, None] * topology.face_centers(mesh)).sum(axis=0) / areas.sum()
     order = np.argsort(mesh.points[:, 1])
     tip = mesh.points[order[-1]]
     assert abs(tip[0]) < 1e-5
@@ -92,10 +92,10 @@ def test_squirrel_hangs_by_its_tail() -> None:
 
 def test_bowl_is_far_from_a_sphere_and_a_pillow_thin_and_pointed() -> None:
     mesh = bundled("bowl")
-    assert 36.0 * np.pi * geometry.signed_volume(mesh) ** 2 / geometry.total_area(mesh) ** 3 < 0.3
+    assert 36.0 * np.pi * topology.signed_volume(mesh) ** 2 / topology.total_area(mesh) ** 3 < 0.3
     # Half of a shell between 0.39 and 0.5, and half of a torus as its rim (Pappus); chords lose about 1 %.
     rim = np.pi * 0.445 * np.pi * 0.055**2
-    assert geometry.signed_volume(mesh) == pytest.approx(2.0 / 3.0 * np.pi * (0.5**3 - 0.39**3) + rim, rel=2e-2)
+    assert topology.signed_volume(mesh) == pytest.approx(2.0 / 3.0 * np.pi * (0.5**3 - 0.39**3) + rim, rel=2e-2)
     points = bundled("pillow").points
     assert np.ptp(points[:, 1]) == pytest.approx(0.25, abs=1e-4)
     # The middle of a side is pulled in behind the line from corner to corner.
@@ -170,7 +170,7 @@ def test_a_box_is_as_large_as_it_is_simulated_with_round_edges(half: tuple[float
     flat = (np.abs(np.abs(box.points) - sides) < 1e-9 * sides.max()).any(axis=1)
     assert np.abs(normals[flat]).max(axis=1) == pytest.approx(1.0)
     assert np.linalg.norm(normals, axis=1) == pytest.approx(1.0)
-    assert np.einsum("ij,ij->i", geometry.vertex_normals(box), normals).min() > 0.98
-    areas = np.linalg.norm(geometry.face_vector_areas(box), axis=1)
+    assert np.einsum("ij,ij->i", topology.vertex_normals(box), normals).min() > 0.98
+    areas = np.linalg.norm(topology.face_vector_areas(box), axis=1)
     assert areas.min() > 0.0
-    assert 0.7 * 8.0 * sides.prod() < geometry.signed_volume(box) < 8.0 * sides.prod()
+    assert 0.7 * 8.0 * sides.prod() < topology.signed_volume(box) < 8.0 * sides.prod()

@@ -22,7 +22,7 @@ from balloon_warp import (
     run_batch,
 )
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.outputs.usd.material import identifier
+from balloon_warp.usd.material import identifier
 
 SCRIPTS = ["気球", "шар", "μπαλόνι", "גליל", "गुब्बारा", "풍선", "Ballon_rouge_é", "ßÆ", "_x1"]
 HALVES = unicodedata.normalize("NFC", "é"), unicodedata.normalize("NFD", "é")

@@ -9,12 +9,12 @@ import pytest
 from meshes import cube, grid, quad_sphere
 
 from balloon_warp import Balloon, InputError, Obstacle, PolygonMesh, Scene, Simulator, load_scene, run_batch
+from balloon_warp.batch.batch import repeat_batch
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.model import plan_model
-from balloon_warp.provenance import describe_simulation, hash_of_file, without_folders
+from balloon_warp.run.provenance import describe_simulation, hash_of_file, without_folders
 from balloon_warp.scene.load import override_scene
 from balloon_warp.scene.write import write_scene
-from balloon_warp.sweep.batch import repeat_batch
 
 MOTION = [(0.0, (0.0, 0.0, 0.0)), (0.5, (0.0, -1.0, 0.0), (0.0, 90.0, 0.0))]
 INSIDE = r"^balloon\.0\.position: ball starts 0\.0\d+ m deep inside obstacle 0, a {}; expected it outside$"

@@ -97,7 +97,7 @@ def test_commands_warn_on_standard_error(
 ) -> None:
     if command == "view":
         pytest.importorskip("viser", reason="needs the extra `view`")
-        page, start = "balloon_warp.viewer.page.Page", Mock(side_effect=KeyboardInterrupt)
+        page, start = "balloon_warp.studio.page.page.Page", Mock(side_effect=KeyboardInterrupt)
         monkeypatch.setattr(page, lambda session, *_, **__: Mock(session=session, start=start))
     written(NAMED[name], tmp_path)
     monkeypatch.chdir(tmp_path)

@@ -9,7 +9,7 @@ import pytest
 from meshes import at, cube, grid, hook, joined, quad_sphere
 
 from balloon_warp import PolygonMesh, Scene, Simulator, animate, run_batch
-from balloon_warp.outcomes import BadEnding, bad_endings, ending_sentences
+from balloon_warp.run.outcomes import BadEnding, bad_endings, ending_sentences
 from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Sphere, String
 
 BALL = quad_sphere(6)

@@ -20,12 +20,12 @@ from balloon_warp.laws import require_laws
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.model import build_model, plan_model
 from balloon_warp.model.timeline import acting_laws
-from balloon_warp.provenance import describe_laws
+from balloon_warp.run.provenance import describe_laws
 from balloon_warp.scene import Balloon, Change, Inflation, Scene, Stiffness
 from balloon_warp.scene.load import override_scene
 from balloon_warp.scene.write import scene_toml
-from balloon_warp.viewer.controls import VALUES, values_of
-from balloon_warp.viewer.playground import Playground
+from balloon_warp.studio.page.controls import VALUES, values_of
+from balloon_warp.studio.page.playground import Playground
 
 STRENGTH = bw.Parameter("strength", "1", 1.0)
 law = bw.particle_law

@@ -37,10 +37,10 @@ from balloon_warp.kernels.schedules.launched import GATHERED
 from balloon_warp.kernels.schedules.writer import cut
 from balloon_warp.model import build_model, plan_model
 from balloon_warp.scene.load import override_scene
-from balloon_warp.schedules import block_frames
+from balloon_warp.schedules import block_layout
 from balloon_warp.schedules.features import model_features
 
-PAGE = Path(__file__).parent.parent / "docs" / "ARCHITECTURE.md"
+PAGE = Path(__file__).parent.parent / "docs" / "EXTENDING.md"
 IMPORTS = """
 from typing import Any
 
@@ -126,7 +126,7 @@ def test_blocks_of_any_layout_keep_values(layout, listed, monkeypatch):
     ball = SCENE.balloon[0].model_copy(update={"mesh": quad_sphere(cells, 0.5)})
     scene = override_scene(SCENE.model_copy(update={"balloon": [ball]}), list((WARMED | SLOWED).items()))
     expected = arrays(after_frames(scene, "gather", "cpu"))
-    monkeypatch.setattr(block_frames, "layout_of", layout_of)
+    monkeypatch.setattr(block_layout, "layout_of", layout_of)
     found = arrays(after_frames(scene, "block", "cpu"))
     for name in ("points", "temperature"):
         np.testing.assert_allclose(found[name], expected[name], rtol=1e-6, atol=ROUNDING)

@@ -11,12 +11,12 @@ from painted import atlas, write_obj_cube, write_painted
 from PIL import Image
 
 from balloon_warp import Balloon, InputError, Obstacle, Scene, animate, design, load_scene, run_batch
-from balloon_warp.files import is_ours, replacing_any, sole_writer
-from balloon_warp.fitting.by_data import Journal
+from balloon_warp.lab.fit.fit import Journal
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.outputs.render.render import Film
-from balloon_warp.outputs.wanted import Wanted
 from balloon_warp.scene.write import write_scene
+from balloon_warp.studio.animate import Wanted
+from balloon_warp.studio.render.render import Film
+from balloon_warp.system.files import is_ours, replacing_any, sole_writer
 
 BOX = Scene(balloon=[Balloon(mesh=cube(), name="box")], frames=1)
 RUN, COMPARE = "run box.obj --frames 1 --device cpu", "compare box.obj --vary balloon.mass=1,2 --frames 1 --device cpu"
@@ -35,7 +35,7 @@ def folder(tmp_path: Path, stage: Path, monkeypatch: pytest.MonkeyPatch) -> Path
     """Return the working folder: a mesh without a texture, one with it, and a stage. Pictures are small."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(
-        "balloon_warp.outputs.render.render.Film", lambda size, samples, *others: Film((64, 36), 1, *others)
+        "balloon_warp.studio.render.render.Film", lambda size, samples, *others: Film((64, 36), 1, *others)
     )
     write_obj(tmp_path / "box.obj", cube())
     write_painted(tmp_path, "obj")
@@ -166,7 +166,7 @@ def test_an_output_is_no_input(output: str, folder: Path, stage: Path) -> None:
         (folder / name).write_bytes(stage.read_bytes())
     balloon = Balloon(mesh=folder / "box.usdc", print=folder / "box.png")
     scene = Scene(balloon=[balloon], obstacle=[Obstacle(shape="mesh", mesh=folder / "tiles.usdc")], frames=1)
-    wanted = Wanted.of(folder / "out.usdc", folder / output) if output == "box.png" else Wanted.of(folder / output)
+    wanted = Wanted(folder / "out.usdc", folder / output) if output == "box.png" else Wanted(folder / output)
     with pytest.raises(InputError, match=f"{output}: is the scene's {INPUTS[output]}; "):
         wanted.checked(scene)
 

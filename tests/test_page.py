@@ -24,12 +24,12 @@ from balloon_warp.cli.app import app
 from balloon_warp.model import build_model
 from balloon_warp.model.obstacles import ObstacleShape
 from balloon_warp.scene import Atmosphere, Balloon, Change, Ground, Inflation, Material, Obstacle, Scene, String
-from balloon_warp.viewer.controls import COMPILING, VALUES, does_something, of_tables, span, span_of, status_line
-from balloon_warp.viewer.drawings import Plain, Smooth, string_reach
-from balloon_warp.viewer.layers import LARGEST, LONGEST, PressLayer, Printed, image_of, surface_of
-from balloon_warp.viewer.page import Page
-from balloon_warp.viewer.session import LOOKING, Session
-from balloon_warp.viewer.touches import Kinds, Touch
+from balloon_warp.studio.page.controls import COMPILING, VALUES, does_something, of_tables, span, span_of, status_line
+from balloon_warp.studio.page.drawings import Plain, Smooth, string_reach
+from balloon_warp.studio.page.layers import LARGEST, LONGEST, PressLayer, Printed, image_of, surface_of
+from balloon_warp.studio.page.page import Page
+from balloon_warp.studio.page.playground import Kinds, Touch
+from balloon_warp.studio.page.session import LOOKING, Session
 
 
 def served(tmp_path: Path) -> Page:
@@ -186,7 +186,7 @@ def test_the_page_begins_where_a_simulator_is(tmp_path):
 
 def test_showing_without_the_extra_is_refused_in_a_sentence(monkeypatch):
     simulator = Simulator(Scene(balloon=[Balloon(mesh=quad_sphere(3))]), "cpu")
-    monkeypatch.delitem(sys.modules, "balloon_warp.viewer.page", raising=False)
+    monkeypatch.delitem(sys.modules, "balloon_warp.studio.page.page", raising=False)
     monkeypatch.setitem(sys.modules, "viser", None)
     with pytest.raises(MissingExtraError, match=r"^view needs viser: pip install 'balloon-warp\[view\]'$"):
         show(simulator)

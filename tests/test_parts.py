@@ -21,7 +21,7 @@ from balloon_warp.mesh.obj import MOST_GROUPS, read_obj, write_obj
 from balloon_warp.mesh.topology import mesh_edges, vertex_components
 from balloon_warp.model.shape import shape_balloon
 from balloon_warp.scene.around import pinned_at_borders
-from balloon_warp.springs.ties import (
+from balloon_warp.springs.even import (
     BRACED,
     EACH,
     LEAST_TIED,

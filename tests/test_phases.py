@@ -20,12 +20,12 @@ from balloon_warp.kernels.schedules.launched import GATHERED, SUMMED, source_of
 from balloon_warp.kernels.schedules.writer import Step, cut
 from balloon_warp.kernels.substep import PROJECTIVE_STEP, READING, STEP, phases_of
 from balloon_warp.model import Model, State, build_model, initial_state
-from balloon_warp.model.memory import Allocating
+from balloon_warp.model.state import Allocating
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.lanes import LanesSchedule, OctetsSchedule
 from balloon_warp.schedules.launched import Launches
-from balloon_warp.schedules.source import kernel_source
 from balloon_warp.schedules.tables import make_tables
+from balloon_warp.tools.doctor import kernel_source
 
 DOCS = Path(__file__).parent.parent / "docs"
 

@@ -21,7 +21,7 @@ from balloon_warp.benchmarks.physics_properties import PROPERTIES, tells_contact
 from balloon_warp.benchmarks.physics_runs import Case, Run, simulated
 from balloon_warp.benchmarks.physics_scenes import KINDS, drawn
 from balloon_warp.benchmarks.physics_twins import Tables
-from balloon_warp.gradients import gradient as gradients
+from balloon_warp.lab.gradients import gradient as gradients
 from balloon_warp.scene import load_scene
 
 FOUND = sorted((Path(__file__).parent / "found").glob("*.toml"))
@@ -157,7 +157,7 @@ def test_a_wrong_motion_is_found(holds: Property, monkeypatch: pytest.MonkeyPatc
 
     again = Case(case.tables, "cpu", off)
     again.run, again.spread = case.run, case.spread
-    monkeypatch.setattr("balloon_warp.reference.Reference.frame", lambda reference: None)
+    monkeypatch.setattr("balloon_warp.lab.reference.Reference.frame", lambda reference: None)
     if holds is slopes_are_differences:
         monkeypatch.undo()
         monkeypatch.setattr("balloon_warp.benchmarks.physics_alike.gradient", steep)

@@ -10,8 +10,8 @@ import trimesh
 from meshes import box, cube, joined, mesh_of, quad_sphere
 
 from balloon_warp import Balloon, PolygonMesh, Scene, Stiffness, String, load_scene
-from balloon_warp.mesh.geometry import triangulate
 from balloon_warp.mesh.thickness import standing
+from balloon_warp.mesh.topology import triangulate
 from balloon_warp.model import build_model
 from balloon_warp.model.shape import shape_balloon
 

@@ -14,9 +14,9 @@ from render_stages import add_camera, add_mesh, new_stage
 
 from balloon_warp import InputError, animate, export_stage, load_scene
 from balloon_warp.mesh.obj import read_obj, write_obj
-from balloon_warp.outputs.render import render_stage, stage_reader
 from balloon_warp.scene.write import write_scene
 from balloon_warp.scenes.model_print import dots
+from balloon_warp.studio.render import render_stage, stage_reader
 
 WHITE, RED, GREEN, BLUE = (255, 255, 255), (200, 10, 10), (10, 180, 10), (10, 10, 200)
 CLOTH = "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3 4/4\n"

@@ -12,9 +12,10 @@ from commands import status_of
 from meshes import cube, quad_sphere
 from pxr import Sdf, Usd
 
-from balloon_warp import Balloon, InputError, Material, Scene, provenance, repeat_batch, run_batch
+from balloon_warp import Balloon, InputError, Material, Scene, repeat_batch, run_batch
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.provenance import hash_of_file
+from balloon_warp.run import provenance
+from balloon_warp.run.provenance import hash_of_file
 
 SCENE = """
 frames = 2

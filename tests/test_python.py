@@ -18,13 +18,13 @@ from meshes import cube, quad_sphere
 
 import balloon_warp as bw
 from balloon_warp import InputError, MassProperties
+from balloon_warp.batch.batch import BatchSummary
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.scene.hover import unsaid
 from balloon_warp.scene.reference import tables
 from balloon_warp.scene.schema.fields import meaning_of
-from balloon_warp.shown import plain_docstring
-from balloon_warp.sweep.batch import BatchSummary
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.system.shown import plain_docstring
+from balloon_warp.system.warp_setup import quiet_warp
 
 SILENT = {
     "names": """

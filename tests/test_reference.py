@@ -9,8 +9,8 @@ from feature_sets import SETS, feature_set, varied
 from scipy.spatial.transform import Rotation
 
 from balloon_warp import Scene, Simulator, load_scene
+from balloon_warp.lab.reference import Reference
 from balloon_warp.model import build_model
-from balloon_warp.reference import Reference
 from balloon_warp.schedules.features import model_features
 
 MOVE = 1e-6

@@ -9,10 +9,10 @@ from meshes import quad_sphere
 from rigid import SPACE, body_state, scene_of
 
 from balloon_warp import Balloon, Body, Ground, Inflation, Obstacle, Scene, Simulator, Sphere
-from balloon_warp.model.ridges import Ridges as Lines
-from balloon_warp.reference import Reference
-from balloon_warp.reference.contact import (
+from balloon_warp.lab.reference import Reference
+from balloon_warp.lab.reference.contact import (
     Movers,
+    Touch,
     edge_contacts,
     edge_edge,
     momenta,
@@ -23,7 +23,7 @@ from balloon_warp.reference.contact import (
     spheres_meet,
     sweep,
 )
-from balloon_warp.reference.touch import Touch
+from balloon_warp.model.touch import Ridges as Lines
 
 PLACES = np.random.default_rng(1).normal(size=(400, 4, 3))
 SKIN = np.full((2, 2, 3), [1.0, 200.0, 0.4])

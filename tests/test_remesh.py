@@ -25,13 +25,20 @@ from typer.testing import CliRunner, Result
 from balloon_warp import InputError, PolygonMesh, load_mesh, remesh
 from balloon_warp.cli.app import app
 from balloon_warp.mesh.crossings import crossings_said
-from balloon_warp.mesh.geometry import face_centers, signed_volume, total_area, triangulate
-from balloon_warp.mesh.look_transfer import dressed
 from balloon_warp.mesh.obj import read_obj, write_obj
 from balloon_warp.mesh.polygon_mesh import Look, Looks
-from balloon_warp.mesh.remesh import infidelity
+from balloon_warp.mesh.seams import dressed
 from balloon_warp.mesh.surface_nets import MeshDistance, extract, surface_nets, unfolded
-from balloon_warp.mesh.topology import flipped, is_manifold, mesh_edges
+from balloon_warp.mesh.topology import (
+    face_centers,
+    flipped,
+    is_manifold,
+    mesh_edges,
+    signed_volume,
+    total_area,
+    triangulate,
+)
+from balloon_warp.tools.remesh import infidelity
 
 
 def test_sphere_lies_on_its_distance_of_even_quads() -> None:
@@ -135,7 +142,7 @@ def remeshed(source: Path | str, target: Path | str, cells: int, *words: str) ->
 def test_quads_that_cross_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     source, target = tmp_path / "ball.obj", tmp_path / "quads.obj"
     write_obj(source, quad_sphere(3))
-    monkeypatch.setattr("balloon_warp.mesh.remesh.crossings_said", lambda quads: "crosses itself at 2 places")
+    monkeypatch.setattr("balloon_warp.tools.remesh.crossings_said", lambda quads: "crosses itself at 2 places")
     with pytest.raises(InputError, match="with 14 cells it crosses itself at 2 places; expected --cells 28, or"):
         remeshed(source, target, 6)
     assert not target.exists()
@@ -275,7 +282,7 @@ def test_quads_stand_as_a_run_of_the_file_would(tmp_path: Path, file: str, words
     ],
 )
 def test_command_refuses_before_the_long_measurement(tmp_path: Path, monkeypatch, arguments: list[str], sentence: str):
-    monkeypatch.setattr("balloon_warp.mesh.remesh.surface_nets", lambda *_, **__: pytest.fail("measured"))
+    monkeypatch.setattr("balloon_warp.tools.remesh.surface_nets", lambda *_, **__: pytest.fail("measured"))
     folder = tmp_path / "here"
     folder.mkdir()
     monkeypatch.chdir(folder)
@@ -387,7 +394,7 @@ def test_a_car_is_made_with_the_cells_that_are_asked_for() -> None:
 
 
 def test_hair_is_refused_before_it_takes_long(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("balloon_warp.mesh.remesh._quads", lambda *_: pytest.fail("it was begun"))
+    monkeypatch.setattr("balloon_warp.tools.remesh._quads", lambda *_: pytest.fail("it was begun"))
     with pytest.raises(InputError, match=r"200 of its 200 parts are open, like hair, .* expected a surface with an"):
         remesh(hair(), 48)
     with pytest.raises(InputError, match=r"60 of its 61 parts are open, like hair, .* expected --parts closed"):
@@ -512,7 +519,7 @@ def test_colors_of_vertices_stay_where_they_were(tmp_path: Path):
 
 def test_a_texture_in_crumbs_becomes_its_mean(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     surface = load_mesh(write_painted(tmp_path, "obj"))
-    monkeypatch.setattr("balloon_warp.mesh.look_transfer.MOST_CHARTS", 2)
+    monkeypatch.setattr("balloon_warp.mesh.seams.MOST_CHARTS", 2)
     made = remesh(surface, 8)
     assert made.texture_coordinates is None
     assert made.warnings == ("The texture's pieces are smaller than the quads, which have its mean color instead.",)
@@ -536,7 +543,7 @@ def test_faces_without_looks_stay_so(tmp_path: Path):
 
 
 def test_materials_of_another_program_are_not_written_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("balloon_warp.mesh.remesh.remesh", lambda *_, **__: pytest.fail("measured"))
+    monkeypatch.setattr("balloon_warp.tools.remesh.remesh", lambda *_, **__: pytest.fail("measured"))
     source = write_painted(tmp_path, "obj").rename(tmp_path / "source.obj")
     before = {path: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
     said = r"cube\.mtl: another program wrote it, and the materials of cube\.obj go there; expected another name"

@@ -15,11 +15,11 @@ from render_stages import read_stage as read
 
 from balloon_warp import InputError, MissingExtraError, render_stage
 from balloon_warp.cli.options import parse_frames, parse_place
-from balloon_warp.files import whole_file
-from balloon_warp.outputs.camera import Camera
-from balloon_warp.outputs.render.render import _choose_frames
-from balloon_warp.outputs.render.stage_reader import RenderStage
-from balloon_warp.outputs.render.view import View
+from balloon_warp.studio.render.render import _choose_frames
+from balloon_warp.studio.render.stage_reader import RenderStage
+from balloon_warp.studio.render.view import View
+from balloon_warp.system.files import whole_file
+from balloon_warp.usd.studio import Camera
 
 SMALL: dict[str, Any] = {"size": (64, 36), "samples": 1, "device": "cpu"}
 

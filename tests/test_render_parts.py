@@ -10,8 +10,8 @@ from balloon_warp.kernels import OPTIONS
 from balloon_warp.kernels.pictures.surfaces import Hit, Shapes, capsule_distance, sky_share, srgb_byte, tone
 from balloon_warp.mesh.orientation import CREASE
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
-from balloon_warp.outputs.camera import MARGIN, CameraFit
-from balloon_warp.outputs.render.surface import TILE, SmoothSurface, disc_points
+from balloon_warp.studio.render.surface import TILE, SmoothSurface, disc_points
+from balloon_warp.usd.studio import MARGIN, CameraFit
 
 wp.set_module_options(OPTIONS)
 

@@ -10,10 +10,10 @@ from render_stages import LATEX, add_ground, add_mesh, add_sphere, before_camera
 from balloon_warp import load_scene
 from balloon_warp.kernels import OPTIONS
 from balloon_warp.kernels.pictures.surfaces import thickness_of, wall_of
-from balloon_warp.outputs.camera import Camera
-from balloon_warp.outputs.render.raycaster import RayCaster
-from balloon_warp.outputs.render.shutter import moments, one_over_the_other
-from balloon_warp.outputs.render.view import frame_action
+from balloon_warp.studio.render.raycaster import RayCaster
+from balloon_warp.studio.render.timing import moments, one_over_the_other
+from balloon_warp.studio.render.view import frame_action
+from balloon_warp.usd.studio import Camera
 
 BLACK = (0.0, 0.0, 0.0)
 RED, GREEN, BLUE = (0.8, 0.02, 0.02), (0.02, 0.6, 0.05), (0.02, 0.05, 0.8)

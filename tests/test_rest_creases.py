@@ -8,8 +8,8 @@ from pxr import Usd, UsdGeom
 from balloon_warp import animate, load_scene
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.orientation import CREASE, SOFT_CREASE, sharp_edges
-from balloon_warp.outputs.render.stage_reader import RenderStage
-from balloon_warp.outputs.render.surface import SmoothSurface
+from balloon_warp.studio.render.stage_reader import RenderStage
+from balloon_warp.studio.render.surface import SmoothSurface
 
 
 def test_only_the_seam_of_the_airbag_is_sharp(tmp_path: Path):

@@ -16,9 +16,9 @@ from meshes import cube, quad_sphere
 from pxr import Usd
 
 from balloon_warp import Balloon, Change, Ground, Inflation, InputError, Scene, Sphere, String, animate, run_batch
-from balloon_warp.outputs.usd import stage
-from balloon_warp.outputs.usd import stage as usd_stage
-from balloon_warp.resume import differences
+from balloon_warp.run.checkpoints import differences
+from balloon_warp.usd import stage
+from balloon_warp.usd import stage as usd_stage
 
 FRAMES, STOPPED_AT = 12, 7
 SCENE = Scene(

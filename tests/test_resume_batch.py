@@ -11,16 +11,16 @@ from meshes import quad_sphere
 from pxr import Usd, UsdGeom
 
 from balloon_warp import Balloon, Ground, Inflation, InputError, Scene, run_batch
+from balloon_warp.batch.batch import BatchSummary
+from balloon_warp.batch.output import BatchOutput, describe_batch
+from balloon_warp.batch.recorder import plan_groups
+from balloon_warp.batch.task import BatchTask, Failures, batch_checkpoints
 from balloon_warp.blow_ups import BlowUp, Pull
+from balloon_warp.farm import cluster
+from balloon_warp.farm.cluster import FAILURES, ShareJournal
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.outputs.usd import stage as growing
-from balloon_warp.resume import Checkpoints, Part
-from balloon_warp.sweep import shares
-from balloon_warp.sweep.batch import BatchSummary
-from balloon_warp.sweep.output import BatchOutput, describe_batch
-from balloon_warp.sweep.recorder import plan_groups
-from balloon_warp.sweep.shares import FAILURES, ShareJournal
-from balloon_warp.sweep.task import BatchTask, Failures, batch_checkpoints
+from balloon_warp.run.checkpoints import Checkpoints, Part
+from balloon_warp.usd import stage as growing
 
 
 @pytest.fixture
@@ -181,10 +181,10 @@ def test_what_blew_up_in_a_share_is_kept_with_it():
 
 @pytest.mark.full
 def test_shares_that_are_done_are_taken_up_with_what_became_of_them(device: str, tmp_path, monkeypatch):
-    monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 1))
+    monkeypatch.setitem(cluster.GRAIN, "cpu", cluster.Grain(1, 1))
     vary = {"balloon.inflation.k_normal": [9e11, 0.2, 0.3, 0.4]}
     task = BatchTask(SCENE, plan_groups(SCENE, 4, vary), vary, np.array([0, 3]), tmp_path, on_blowup="restart")
-    cut = shares.cut_into_shares(task.groups, "cpu")
+    cut = cluster.cut_into_shares(task.groups, "cpu")
 
     def journal(output: BatchOutput, resume: bool) -> ShareJournal:
         notes: list[str] = []
@@ -195,7 +195,7 @@ def test_shares_that_are_done_are_taken_up_with_what_became_of_them(device: str,
         first = journal(output, resume=False)
         for number in (3, 0):
             share = cut[number], task.chosen, device, "gather", 4, task.on_blowup
-            first.add(number, shares.simulate_share(*share, on_frame=lambda frame: None))
+            first.add(number, cluster.simulate_share(*share, on_frame=lambda frame: None))
             first.save()
     played = Usd.Stage.Open(str(tmp_path / "partial" / "frames.usda"))
     for part, world in enumerate((3, 0)):

@@ -89,7 +89,7 @@ def test_what_is_recorded_does_not_grow_with_the_substeps(monkeypatch: pytest.Mo
         recorded[-1] += 1
         return record(*given, **named)
 
-    monkeypatch.setattr("balloon_warp.warp_lock._remembering", nullcontext)
+    monkeypatch.setattr("balloon_warp.system.warp_threads._remembering", nullcontext)
     monkeypatch.setattr(APICapture, "build_launch_info", counted)
     for substeps in (MANY, MORE):
         recorded.append(0)

@@ -17,11 +17,11 @@ from trajectories import stepped
 
 from balloon_warp import InputError, PolygonMesh, Simulator
 from balloon_warp.cli.app import app
-from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.obj import write_obj
+from balloon_warp.mesh.topology import signed_volume
 from balloon_warp.model import Model, build_model, plan_model
 from balloon_warp.model.obstacles import shape_obstacle
-from balloon_warp.provenance import describe_scene, hash_files, without_folders
+from balloon_warp.run.provenance import describe_scene, hash_files, without_folders
 from balloon_warp.scene import Balloon, Obstacle, Scene, Sphere, Stiffness, String, load_scene
 from balloon_warp.scene.load import bundled_scenes, parse_override, scene_name
 from balloon_warp.scene.reference import as_markdown, tables

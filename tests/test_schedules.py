@@ -14,10 +14,9 @@ from trajectories import ROUNDING, after_frames, arrays, assert_close
 from balloon_warp import Balloon, Ground, Inflation, InputError, PolygonMesh, Scene, Simulator, Sphere, Water
 from balloon_warp.model import build_model, initial_state, lay_out, plan_model
 from balloon_warp.schedules import make_schedule
-from balloon_warp.schedules import memoize as module
-from balloon_warp.schedules.memoize import memoized
-from balloon_warp.schedules.scatter import ScatterSchedule
-from balloon_warp.schedules.slices import neighbors_in_slots, spread_over_banks, spring_ends, wavefronts
+from balloon_warp.schedules import slices as module
+from balloon_warp.schedules.gather import ScatterSchedule
+from balloon_warp.schedules.slices import memoized, neighbors_in_slots, spread_over_banks, spring_ends, wavefronts
 from balloon_warp.schedules.tables import other_corners
 
 

@@ -17,8 +17,8 @@ from balloon_warp import Frame, Simulator, StageWriter, animate, run_batch
 from balloon_warp.model import build_model
 from balloon_warp.model.materials import SheetStiffness, sheet_of_springs
 from balloon_warp.model.shape import BalloonShape
-from balloon_warp.outputs.render.view import frame_action
 from balloon_warp.scene import Balloon, Body, Change, Inflation, Material, Obstacle, Scene, Stiffness
+from balloon_warp.studio.render.view import frame_action
 
 FRAMES = 4
 MOTION = [(0.0, (0.0, 0.0, 0.0)), (0.1, (0.5, 0.0, 0.25), (90.0, 0.0, 30.0))]

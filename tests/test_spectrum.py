@@ -25,7 +25,7 @@ from balloon_warp import (
     load_scene,
 )
 from balloon_warp.model import Model, build_model, initial_state, plan_model
-from balloon_warp.model.bounds import Bounds
+from balloon_warp.model.materials import Bounds
 from balloon_warp.model.spectrum import FEW, MARGIN, highest_squared_frequency
 from balloon_warp.model.stability import Network
 from balloon_warp.schedules.readout import ForceReader

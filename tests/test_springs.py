@@ -6,7 +6,7 @@ from meshes import cube, grid, joined, mesh_of, moebius, polygon, prism, quad_sp
 from meshes import two_quads_at_a_vertex as two_quads
 
 from balloon_warp import InputError, PolygonMesh
-from balloon_warp.mesh.check import LARGEST_FAN
+from balloon_warp.mesh.crossings import LARGEST_FAN
 from balloon_warp.springs import SpringKind, Springs, build_springs
 from balloon_warp.springs.build import build_hinges
 

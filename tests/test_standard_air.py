@@ -13,12 +13,12 @@ from meshes import cube, grid, moebius, quad_sphere
 from odd_meshes import klein
 
 from balloon_warp import Atmosphere, Balloon, Inflation, InputError, PolygonMesh, Scene, Simulator, load_scene
-from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.batch.recorder import units_of
+from balloon_warp.mesh.topology import signed_volume
 from balloon_warp.model import plan_model
 from balloon_warp.scene.load import override_scene
 from balloon_warp.scene.presets import standard_air
 from balloon_warp.scene.write import scene_toml
-from balloon_warp.sweep.recorder import units_of
 
 TABLE = {
     -1000.0: (294.651, 1.1393e5, 1.3470),

@@ -13,10 +13,9 @@ from trajectories import stepped
 
 from balloon_warp import InputError, Simulator
 from balloon_warp.kernels.steering import let_appear
-from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.mesh.topology import signed_volume
 from balloon_warp.model import Vary, plan_model
 from balloon_warp.model.starts import start_velocities
-from balloon_warp.outputs.arrays import write_npz
 from balloon_warp.scene import (
     Balloon,
     Body,
@@ -31,6 +30,7 @@ from balloon_warp.scene import (
     String,
     Water,
 )
+from balloon_warp.system.arrays import write_npz
 
 BALL = Balloon(mesh=quad_sphere(3, 0.5), inflation=Inflation(pressure=5.0), velocity=(0.0, -1.0, 0.0))
 GAS = Balloon(mesh=quad_sphere(3, 0.4), position=(0.0, 1.1, 0.0), inflation=Inflation(kind="gas"))

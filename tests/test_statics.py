@@ -10,12 +10,10 @@ from meshes import quad_sphere
 
 import balloon_warp as bw
 from balloon_warp import InputError, PolygonMesh
+from balloon_warp.lab import statics as systems
+from balloon_warp.lab.statics import Balance, SealedGas, Volume, film_of, springs_of
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.scene.write import write_scene
-from balloon_warp.statics import balance as systems
-from balloon_warp.statics.balance import Balance
-from balloon_warp.statics.of_model import film_of, springs_of
-from balloon_warp.statics.skins import SealedGas, Volume
 
 EGG = replace(quad_sphere(3), points=0.2 * quad_sphere(3).points * [1.0, 0.8, 1.3])
 MATERIALS = {

@@ -13,13 +13,13 @@ from typer.testing import CliRunner
 
 from balloon_warp import Frame, InputError, PolygonMesh, Simulator, animate, foil_mesh, run_batch
 from balloon_warp.cli.app import app
-from balloon_warp.inspection import advise_step
-from balloon_warp.mesh.geometry import signed_volume, total_area
 from balloon_warp.mesh.obj import write_obj
+from balloon_warp.mesh.topology import signed_volume, total_area
 from balloon_warp.model import ModelPlan, plan_model
 from balloon_warp.model.strain_bound import inflated_volume, mean_strain
 from balloon_warp.scene import Balloon, Change, Force, Inflation, Material, Scene, Touch, load_scene
 from balloon_warp.scenes.model_airbag import airbag, airbag_flat
+from balloon_warp.tools.inspect import advise_step
 
 PRESSURE, BOUND = 50.0, 0.003
 BALL = quad_sphere(5, 0.1)

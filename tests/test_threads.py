@@ -15,12 +15,13 @@ import warp as wp
 from meshes import quad_sphere
 from warp._src.apic.capture import APICapture
 
-from balloon_warp import InputError, Simulator, animate, render_stage, run_batch, simulate, warp_lock
-from balloon_warp import device as devices
-from balloon_warp.device import pick_device
+from balloon_warp import InputError, Simulator, animate, render_stage, run_batch, simulate
 from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Scene, Sphere
-from balloon_warp.viewer.playground import Playground
-from balloon_warp.viewer.session import Session
+from balloon_warp.studio.page.playground import Playground
+from balloon_warp.studio.page.session import Session
+from balloon_warp.system import warp_threads
+from balloon_warp.system import warp_threads as devices
+from balloon_warp.system.warp_threads import pick_device
 
 FRAMES, THREADS = 6, 4
 QUEUED = "launch", "launch_tiled", "copy", "clone", "empty", "zeros", "full", "capture_launch", "synchronize_event"
@@ -135,13 +136,13 @@ def test_whatever_is_queued_takes_its_turn(monkeypatch: pytest.MonkeyPatch, tmp_
         def watched(*arguments: Any, **named: Any) -> Any:
             caller = sys._getframe(1).f_code.co_filename
             on_host = name == "numpy" and caller.endswith("frame_reader.py")
-            if "unlocked" in repr(warp_lock.PROCESS_LOCK) and not on_host:
+            if "unlocked" in repr(warp_threads.PROCESS_LOCK) and not on_host:
                 untaken.append(f"{name} in {caller}")
             return queued(*arguments, **named)
 
         monkeypatch.setattr(owner, name, watched)
 
-    monkeypatch.setattr(warp_lock, "nullcontext", lambda: warp_lock.PROCESS_LOCK)
+    monkeypatch.setattr(warp_threads, "nullcontext", lambda: warp_threads.PROCESS_LOCK)
     for name in QUEUED:
         watch(wp, name)
     for name in ("numpy", "assign", "fill_", "zero_"):
@@ -168,7 +169,7 @@ def test_garbage_is_not_freed_while_a_frame_is_recorded(device: str):
     found: list[str] = []
 
     def watch(phase: str, info: dict[str, int]) -> None:
-        if "unlocked" not in repr(warp_lock.PROCESS_LOCK) and wp.get_device(device).is_capturing:
+        if "unlocked" not in repr(warp_threads.PROCESS_LOCK) and wp.get_device(device).is_capturing:
             found.append(phase)
 
     expected, thresholds = simulated(1, device), gc.get_threshold()
@@ -177,7 +178,7 @@ def test_garbage_is_not_freed_while_a_frame_is_recorded(device: str):
     try:
         for _ in range(10):
             Forgotten(device)
-            with warp_lock.recording(wp.get_device(device)):
+            with warp_threads.recording(wp.get_device(device)):
                 assert len([[] for _ in range(100)]) == 100  # which would set off the search
         assert simulated(1, device) == expected
     finally:

@@ -13,8 +13,8 @@ from pxr import Usd, UsdGeom
 from trajectories import stepped
 
 from balloon_warp import InputError, Simulator, animate, run_batch
+from balloon_warp.lab.reference import Reference
 from balloon_warp.model import build_model
-from balloon_warp.reference import Reference
 from balloon_warp.scene import Balloon, Change, Inflation, Obstacle, Scene, Sphere, Stiffness, String
 
 STILL = Balloon(

@@ -13,11 +13,11 @@ from test_resume import SCENE as RESUMED_SCENE
 from test_resume import crash, gone_on, stop
 
 from balloon_warp import InputError, PolygonMesh, Scene, Simulator, StageWriter, animate
-from balloon_warp.mesh.geometry import signed_volume
-from balloon_warp.outputs.exports.parts import Animation
-from balloon_warp.outputs.usd.lines import points_around, string_curve
+from balloon_warp.mesh.topology import signed_volume
 from balloon_warp.scene import Balloon, Change, Ground, Inflation, Obstacle, Sphere, String, Water
 from balloon_warp.scene.schema import Picture
+from balloon_warp.studio.exports.parts import Animation
+from balloon_warp.usd.lines import points_around, string_curve
 
 
 def everything(**fields) -> Scene:

@@ -14,13 +14,13 @@ from pxr import Gf, Sdf, Usd, UsdGeom
 from test_mesh_files import add_mesh, move
 
 from balloon_warp import Balloon, InputError, Obstacle, PolygonMesh, Scene, check_stage, export_stage, load_mesh
-from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.mesh.topology import signed_volume
 from balloon_warp.mesh.usd_open import open_stage
 from balloon_warp.mesh.usd_stage import read_motions
 from balloon_warp.model import plan_model
 from balloon_warp.model.obstacles import obstacle_motion
-from balloon_warp.outputs.exports.parts import Animation
-from balloon_warp.outputs.render.stage_reader import RenderStage
+from balloon_warp.studio.exports.parts import Animation
+from balloon_warp.studio.render.stage_reader import RenderStage
 
 
 class Files:

@@ -15,19 +15,18 @@ from meshes import cube, quad_sphere
 from numpy.typing import NDArray
 
 from balloon_warp import InputError, MissingExtraError, TrajectoryFiles, repeat_batch, run_batch, simulate
+from balloon_warp.batch import trajectories
+from balloon_warp.batch.formats import FORMATS, Field, FileContents, chunks_of
+from balloon_warp.batch.output import BatchOutput, describe_batch
+from balloon_warp.batch.recorder import plan_groups
+from balloon_warp.batch.task import BatchTask, batch_checkpoints
+from balloon_warp.batch.trajectories import Moments, splits_of
+from balloon_warp.farm import cluster
+from balloon_warp.farm.cluster import ShareJournal
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.outputs import arrays
-from balloon_warp.outputs.world_files import FORMATS, Field, FileContents
-from balloon_warp.outputs.world_files.formats import chunks_of
-from balloon_warp.provenance import describe_scene, hash_of_file
+from balloon_warp.run.provenance import describe_scene, hash_of_file
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene
-from balloon_warp.sweep import shares
-from balloon_warp.sweep.output import BatchOutput, describe_batch
-from balloon_warp.sweep.recorder import plan_groups
-from balloon_warp.sweep.shares import ShareJournal
-from balloon_warp.sweep.task import BatchTask, batch_checkpoints
-from balloon_warp.sweep.world_files import writer
-from balloon_warp.sweep.world_files.catalog import Moments, splits_of
+from balloon_warp.system import arrays
 
 DATA_PAGE = (Path(__file__).parents[1] / "docs" / "DATA.md").read_text()
 WORLDS = 5
@@ -289,7 +288,7 @@ def test_a_batch_that_was_stopped_goes_on_to_the_same_bytes(format_: str, tmp_pa
     (tmp_path / "whole").mkdir()
     (tmp_path / "parts").mkdir()
     whole = batch(tmp_path / "whole", format_, BLOWS_UP)
-    monkeypatch.setattr(writer, "BLOCK_BYTES", 1)
+    monkeypatch.setattr(trajectories, "BLOCK_BYTES", 1)
     for last in (1, 4):
         how = {"checkpoint_seconds": OFTEN, "resume": True, "on_frame": stop_after(last)}
         with pytest.raises(RuntimeError, match="stopped"):
@@ -302,24 +301,24 @@ def test_a_batch_that_was_stopped_goes_on_to_the_same_bytes(format_: str, tmp_pa
 
 @pytest.mark.full
 def test_shares_in_any_order_give_the_same_bytes(tmp_path, monkeypatch):
-    monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 1))
+    monkeypatch.setitem(cluster.GRAIN, "cpu", cluster.Grain(1, 1))
     stiff = {"balloon.stiffness.structural": [100.0, 3000.0, 200.0]}
     groups, none = plan_groups(GAINS_ENERGY, 3, stiff), np.array([], dtype=np.int64)
     alone, apart = (TrajectoryFiles(tmp_path / name, every=3) for name in ("alone", "apart"))
     how = {"device": "cpu", "schedule": "gather", "on_blowup": "restart"}
     run_batch(GAINS_ENERGY, tmp_path / "out", 3, stiff, **how, trajectories=alone)
     task = BatchTask(GAINS_ENERGY, groups, stiff, none, tmp_path / "other", "gather", "restart", apart)
-    cut = shares.cut_into_shares(task.groups, "cpu")
+    cut = cluster.cut_into_shares(task.groups, "cpu")
     assert len(cut) == 3
     with BatchOutput(task, cut) as output:
         journal = ShareJournal(task, output, batch_checkpoints(task, describe_batch(task), 0.0), "cpu")
         output.begin_trajectories(False)
         for number in (2, 0, 1):
             told = (task.chosen, "cpu", "gather", 3, "restart", lambda frame: None, task.every)
-            journal.add(number, shares.simulate_share(cut[number], *told))
+            journal.add(number, cluster.simulate_share(cut[number], *told))
         for _ in range(GAINS_ENERGY.frames + 1):
             output.end_frame()
-    writer.remove_partial(apart)
+    trajectories.remove_partial(apart)
     assert files_of(tmp_path / "apart") == files_of(tmp_path / "alone")
     assert manifest(tmp_path / "apart")["restarted"] == ["train/world_000001.h5"]
     restarted = arrays_of(world_file(tmp_path / "apart", 1))
@@ -412,7 +411,7 @@ def test_a_missing_extra_and_a_disk_that_is_too_small_are_told(tmp_path, monkeyp
         run_batch(scene(), tmp_path / "out", 2, device="cpu", trajectories=tmp_path / "data")
     run_batch(scene(), tmp_path / "out", 2, device="cpu", trajectories=TrajectoryFiles(tmp_path / "data", format="npz"))
     monkeypatch.undo()
-    monkeypatch.setattr(writer.shutil, "disk_usage", lambda folder: type("Disk", (), {"free": 10}))
+    monkeypatch.setattr(trajectories.shutil, "disk_usage", lambda folder: type("Disk", (), {"free": 10}))
     with pytest.raises(InputError, match=r"data: the trajectories need 0\.00 GiB, and the disk has 0\.00 GiB;"):
         run_batch(scene(), tmp_path / "out", 2, device="cpu", trajectories=tmp_path / "data", on_frame=never)
 

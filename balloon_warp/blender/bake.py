@@ -58,11 +58,13 @@ def bake(folder: Path, device: str | None, resume: bool) -> None:
         BlowUpError: it blew up; the frames until then stay.
         KeyboardInterrupt: it was stopped, after a checkpoint.
     """
-    from balloon_warp.blender.caches import PointCaches  # these load Warp, which takes a second
-    from balloon_warp.blender.request import read_request
-    from balloon_warp.interrupts import Interrupts
-    from balloon_warp.resume import Checkpoints, describe_run, record_frames
+    from balloon_warp.blender.request import (
+        PointCaches,  # these load Warp, which takes a second
+        read_request,
+    )
+    from balloon_warp.run.checkpoints import Checkpoints, describe_run, record_frames
     from balloon_warp.simulator import Simulator
+    from balloon_warp.system.streams import Interrupts
 
     request = read_request(folder)
     try:
@@ -88,7 +90,7 @@ def bake(folder: Path, device: str | None, resume: bool) -> None:
 
 def led_frames(simulator: "Simulator", request: "Request") -> Iterator["Frame"]:
     """Yield the frames that are missing, in which some points go where the request leads them."""
-    from balloon_warp.blender.leading import Leading
+    from balloon_warp.blender.request import Leading
 
     leading = Leading(simulator, request.led)
     for frame in simulator.run():

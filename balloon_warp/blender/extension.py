@@ -16,8 +16,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from balloon_warp.errors import InputError
-from balloon_warp.files import check_writable, whole_file
 from balloon_warp.scene.complaint import toml_value
+from balloon_warp.system.files import check_writable, whole_file
 
 ADDON = Path(__file__).parent / "addon"
 STUDIO_LOOK = ADDON / "studio_look.py"

@@ -26,9 +26,11 @@ def preview(folder: Path, device: str | None, told: "queue.Queue[dict[str, Any] 
         InputError: the request cannot be simulated, a value cannot be, or a cache not be written.
         BlowUpError: it blew up.
     """
-    from balloon_warp.blender.caches import LatestFrame  # these load Warp, which takes a second
-    from balloon_warp.blender.leading import Leading
-    from balloon_warp.blender.request import read_request
+    from balloon_warp.blender.request import (
+        LatestFrame,  # these load Warp, which takes a second
+        Leading,
+        read_request,
+    )
     from balloon_warp.simulator import Simulator
 
     request = read_request(folder)

@@ -9,26 +9,15 @@ from typing import Annotated
 import typer
 
 from balloon_warp.cli.batch import batch
-from balloon_warp.cli.bench import bench
-from balloon_warp.cli.check import check
-from balloon_warp.cli.compare import compare
-from balloon_warp.cli.convert import convert
-from balloon_warp.cli.design import design
-from balloon_warp.cli.doctor import doctor
-from balloon_warp.cli.fit import fit
-from balloon_warp.cli.foil import foil
-from balloon_warp.cli.inspect import inspect
-from balloon_warp.cli.kernel import kernel
+from balloon_warp.cli.lab import design, fit
+from balloon_warp.cli.machine import bench, doctor, kernel, scenes, warm_up
+from balloon_warp.cli.meshes import foil, inspect, remesh
 from balloon_warp.cli.options import Command, UsageError, spread, usage_sentence
 from balloon_warp.cli.progress import Console, with_options
-from balloon_warp.cli.remesh import remesh
-from balloon_warp.cli.render import render
-from balloon_warp.cli.run import run
-from balloon_warp.cli.scenes import scenes
-from balloon_warp.cli.view import view
-from balloon_warp.cli.warm_up import warm_up
+from balloon_warp.cli.run import run, view
+from balloon_warp.cli.stages import check, compare, convert, render
 from balloon_warp.errors import BlowUpError, InputError, MissingExtraError, StoppedError, WorkersLostError
-from balloon_warp.standard_streams import OutputLostError, lose_output
+from balloon_warp.system.streams import OutputLostError, lose_output
 
 
 def _print_version(wanted: bool) -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 
+from balloon_warp.batch.batch import ends_of, parse_export, parse_vary, spread
 from balloon_warp.cli.options import (
     LONG,
     MACHINE,
@@ -25,18 +26,16 @@ from balloon_warp.cli.options import (
     Set,
 )
 from balloon_warp.cli.progress import Console, Opening, counted, first_line, frame_progress, note, played, warn, warner
-from balloon_warp.driver import begin_driver
 from balloon_warp.errors import InputError
-from balloon_warp.garbage import without_collecting
-from balloon_warp.provenance import command_without_folders
+from balloon_warp.farm.local_workers import begin_children
+from balloon_warp.run.provenance import command_without_folders
 from balloon_warp.scene.load import scene_name
-from balloon_warp.sweep.batch import ends_of, parse_export, parse_vary, spread
-from balloon_warp.sweep.local_workers import begin_children
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.system.loading import without_collecting
+from balloon_warp.system.warp_setup import begin_driver, quiet_warp
 
 if TYPE_CHECKING:
-    from balloon_warp.sweep.batch import BatchSummary
-    from balloon_warp.sweep.world_files.catalog import TrajectoryFiles
+    from balloon_warp.batch.batch import BatchSummary
+    from balloon_warp.batch.trajectories import TrajectoryFiles
 
 WORLDS = "Worlds"
 """Heading of a section of the help"""
@@ -184,9 +183,9 @@ def batch(
     if not spread_over:
         begin_driver(device)
     with without_collecting():  # loads much: only once the scene is known to be good
-        from balloon_warp.sweep.batch import run_batch
-        from balloon_warp.sweep.cluster import Cluster
-        from balloon_warp.sweep.local import require_room
+        from balloon_warp.batch.batch import run_batch
+        from balloon_warp.batch.local import require_room
+        from balloon_warp.farm.cluster import Cluster
 
     workers_of = Cluster(cluster, gpus, workers, prepare=quiet_warp) if spread_over else None
     require_room(loaded, worlds, choices, device, schedule, spread=spread_over)  # before each gets its values
@@ -237,7 +236,7 @@ def _trajectory_files(
         if asked:
             raise InputError(f"--{next(iter(asked))}: needs --trajectories")
         return None
-    from balloon_warp.sweep.world_files.catalog import TrajectoryFiles
+    from balloon_warp.batch.trajectories import TrajectoryFiles
 
     return TrajectoryFiles(folder, **asked, seed=seed)
 
@@ -245,7 +244,7 @@ def _trajectory_files(
 @contextmanager
 def _naming_vary() -> Iterator[None]:
     """Name the option of a mistake in values that differ between worlds."""
-    from balloon_warp.model.vary import VaryError
+    from balloon_warp.model.timeline import VaryError
 
     try:
         yield

@@ -1,5 +1,11 @@
-"""Options that commands share, and usage errors in one sentence."""
+"""Limits of a shell's `ulimit` below which the libraries end a process by a signal, or hang.
 
+Names of outputs that the user did not give.
+
+Options that commands share, and usage errors in one sentence.
+"""
+
+import os
 import re
 import shlex
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -16,25 +22,79 @@ import typer
 from pydantic import ValidationError
 from typer.core import TyperCommand
 
-from balloon_warp.cli.addresses import require_addresses
-from balloon_warp.errors import InputError
-from balloon_warp.files import replacing_any
-from balloon_warp.mesh.check import Taken
-from balloon_warp.mesh.load import LARGEST_GAP, LEAST_GAP, Parts
+from balloon_warp.errors import InputError, ask, did_you_mean
+from balloon_warp.mesh.crossings import Taken
+from balloon_warp.mesh.load import LARGEST_GAP, LEAST_GAP, Parts, load_mesh
 from balloon_warp.mesh.polygon_mesh import METERS, UpAxis
-from balloon_warp.provenance import command_without_folders
+from balloon_warp.run.provenance import command_without_folders
 from balloon_warp.scene import Scene
 from balloon_warp.scene.load import (
     Override,
     OverrideError,
     bundled_scenes,
+    files_of_scene,
     load_scene,
     mesh_balloon,
     override_scene,
     parse_override,
 )
-from balloon_warp.scene.schema import Balloon
-from balloon_warp.suggestions import ask, did_you_mean
+from balloon_warp.scene.schema import MESHED, Balloon
+from balloon_warp.system.files import STAGES, is_ours, replacing_any, require_ours
+
+GIB = 2**30
+NEEDED = {"-v": ("RLIMIT_AS", 1.75 * GIB, 0.25 * GIB), "-d": ("RLIMIT_DATA", 0.5 * GIB, 0.125 * GIB)}
+"""Limits by the options of `ulimit`: addresses, and data, of a small run with a picture, measured on 1 and 2 cores, and
+those of the threads of each core beside that [bytes]"""
+MOST_CORES = 16
+"""Most cores for which libraries start threads"""
+
+
+def require_addresses() -> None:
+    """Make sure that USD, Warp and the others find room, before they are loaded.
+
+    Raises:
+        InputError: `ulimit` leaves the process less than they take.
+    """
+    try:
+        import resource
+    except ModuleNotFoundError:  # Windows has none
+        return
+    for option, (name, least, per_core) in NEEDED.items():
+        needed = int(least + per_core * min(os.cpu_count() or 1, MOST_CORES))
+        soft, _ = resource.getrlimit(getattr(resource, name))
+        if soft != resource.RLIM_INFINITY and soft < needed:
+            raise InputError(
+                f"ulimit {option}: {soft // 1024} is less than the libraries take on this machine; expected at least "
+                f"{needed // 1024}, {needed / GIB:.3g} GiB, or unlimited"
+            )
+
+
+def own_name(usual: Path, scene: Scene | None = None) -> Path:
+    """Return a name whose file is not there, or is ours to replace: the usual one, or another if that is an input.
+
+    Args:
+        scene: whose meshes, with their textures, and other files are the inputs.
+
+    Raises:
+        InputError: somebody else's file is in its place.
+    """
+    name = usual.with_stem(f"{usual.stem}_balloon") if scene and _is_input(usual, scene) else usual
+    require_ours(name)
+    return name
+
+
+def _is_input(path: Path, scene: Scene) -> bool:
+    return path.exists() and any(os.path.realpath(path) == os.path.realpath(each) for each in _inputs(scene, path))
+
+
+def _inputs(scene: Scene, path: Path) -> Iterator[Path]:
+    """Iterate over the files that a scene names, and, if another's picture is at the path, that its meshes name."""
+    yield from files_of_scene(scene)
+    if path.suffix.lower() in STAGES or is_ours(path):
+        return
+    for meshed in (each for name in MESHED for each in getattr(scene, name) if isinstance(each.mesh, Path)):
+        looks = load_mesh(meshed.mesh, meshed.prim).looks
+        yield from (picture.file for picture in looks.pictures if picture.file) if looks else ()
 
 
 def command_line(context: typer.Context, without: Collection[str] = ()) -> str:
@@ -636,7 +696,7 @@ class Changes:
         """
         with self._naming_options():
             if vary:
-                from balloon_warp.model.vary import scene_to_vary  # loads the simulator
+                from balloon_warp.model.timeline import scene_to_vary  # loads the simulator
 
                 loaded = scene_to_vary(scene, vary, self.overrides)
             else:

@@ -25,13 +25,13 @@ from rich.progress import (
 from rich.segment import Segment
 from rich.text import Text
 
-from balloon_warp.beginning import Beginning
 from balloon_warp.errors import MissingExtraError, StoppedError
 from balloon_warp.mesh.polygon_mesh import NO_AXIS
+from balloon_warp.run.provenance import Beginning
 from balloon_warp.scene import Scene, bundled_scenes
 
 if TYPE_CHECKING:
-    from balloon_warp.designing.job import DesignStep
+    from balloon_warp.lab.design.job import DesignStep
 
 
 ACTING = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
@@ -335,7 +335,7 @@ def watched(view: bool, port: int | None, name: str) -> "Iterator[Callable[[Desi
         yield lambda step: None
         return
     try:
-        from balloon_warp.designing.page import DesignPage
+        from balloon_warp.lab.design.page import DesignPage
     except ModuleNotFoundError as missing:
         if missing.name != "viser":
             raise

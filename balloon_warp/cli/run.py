@@ -1,15 +1,15 @@
-"""The command `balloon-warp run`."""
+"""The commands `run` and `view`."""
 
+import ipaddress
 import json
 import re
+import socket
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
 
-from balloon_warp.beginning import Beginning
-from balloon_warp.cli.names import own_name
 from balloon_warp.cli.options import (
     LISTED_ELSEWHERE,
     LONG,
@@ -26,14 +26,108 @@ from balloon_warp.cli.options import (
     Schedule,
     Set,
     command_line,
+    own_name,
 )
 from balloon_warp.cli.progress import Console, Opening, counted, first_line, frame_progress, note, played, warner
-from balloon_warp.driver import begin_driver
 from balloon_warp.errors import InputError
+from balloon_warp.run.provenance import Beginning
 from balloon_warp.scene.load import scene_name
+from balloon_warp.system.warp_setup import begin_driver, quiet_warp
 
 if TYPE_CHECKING:
-    from balloon_warp.job import Summary
+    from balloon_warp.run.job import Summary
+    from balloon_warp.studio.page.page import Page
+
+
+def view(
+    scene: SceneName,
+    *,
+    open_page: Annotated[bool, typer.Option("--open", metavar="", help="Open the page in the browser.")] = False,
+    port: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            max=65535,
+            metavar="NUMBER",
+            help="Port of the page. If not given, 8080 or the next free one.",
+        ),
+    ] = None,
+    folder: Annotated[
+        Path,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FOLDER",
+            help="Folder of recordings.",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = Path("."),
+    overrides: Set = None,
+    mesh: MeshOptions,
+    device: Device = None,
+    host: Annotated[
+        str,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Address to listen on. With 127.0.0.1 only this machine can open the page, with 0.0.0.0 "
+            "everybody in your network can.",
+        ),
+    ] = "127.0.0.1",
+    origins: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--origin",
+            metavar="https://HOST",
+            help="Origin that may show the page besides this machine, such as a reverse proxy. May be repeated.",
+        ),
+    ] = None,
+) -> None:
+    """Play with a scene, or any mesh, in the browser: inflate it, pull it, throw things at it.
+
+    Try `balloon-warp view squirrel_tether --open`.
+    """
+    loaded = Changes(overrides, mesh).load(scene)
+    first = first_line(scene, loaded)
+    quiet_warp()
+    from balloon_warp.studio.page.view import view as play
+
+    def say(page: "Page") -> None:
+        if first:
+            note(first)
+        _say_where(page.address, scene_name(scene))
+        if not _is_loopback(host):
+            _say_who_may_come(page.server.get_port(), folder.resolve())
+
+    play(
+        loaded,
+        name=scene_name(scene),
+        device=device,
+        folder=folder,
+        host=host,
+        port=port,
+        origins=origins or [],
+        open_page=open_page,
+        on_start=say,
+        on_warning=warner(first),
+    )
+    Console(emoji=False, highlight=False, soft_wrap=True).print("the page is closed")
+
+
+def _say_where(address: str, name: str) -> None:
+    Console(emoji=False, highlight=False, soft_wrap=True).print(f"{escape(name)} is at {address} (Ctrl-C ends it)")
+
+
+def _say_who_may_come(port: int, folder: Path) -> None:
+    Console(emoji=False, highlight=False, soft_wrap=True).print(
+        f"[yellow]warning:[/] anyone who reaches port {port} of this machine can watch and control the page, and save "
+        f"recordings into {escape(str(folder))}; it has no encryption and no login"
+    )
+
+
+def _is_loopback(host: str) -> bool:
+    """Return whether only this machine reaches an address, or the addresses of a name."""
+    places = socket.getaddrinfo(host, None)
+    return all(ipaddress.ip_address(place[4][0]).is_loopback for place in places)
 
 
 Output = Annotated[
@@ -99,7 +193,6 @@ Checkpoint = Annotated[
         rich_help_panel=LONG,
     ),
 ]
-
 WHERE_TO = ("output", "picture", "save_points", "checkpoint", "resume", "as_json", "force", *Asked.__annotations__)
 """Parameters that do not change the content of the stage"""
 
@@ -138,7 +231,7 @@ def run(
     stage = output or own_name(Path(usual), loaded)
     beside = own_name(picture_beside(stage), loaded) if picture else None
     begin_driver(device)
-    from balloon_warp.job import animate  # loads Warp and USD: only once the scene is known to be good
+    from balloon_warp.studio.animate import animate  # loads Warp and USD: only once the scene is known to be good
 
     with frame_progress() as progress:
         task = progress.add_task(escape(name), total=loaded.frames)

@@ -4,11 +4,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.mesh.geometry import face_areas, face_centers, face_volumes, signed_volume, total_area, triangulate
 from balloon_warp.mesh.orientation import facing_outward, oriented_outward
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.seams import welded_along_seams
-from balloon_warp.mesh.topology import border_edges, face_starts, inconsistent_edges, mesh_edges, vertex_components
+from balloon_warp.mesh.topology import (
+    border_edges,
+    face_areas,
+    face_centers,
+    face_starts,
+    face_volumes,
+    inconsistent_edges,
+    mesh_edges,
+    signed_volume,
+    total_area,
+    triangulate,
+    vertex_components,
+)
 
 MOST_QUADS = 400_000
 """Largest number of quads of a result"""

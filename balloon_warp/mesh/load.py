@@ -14,16 +14,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from typing_extensions import TypeAliasType
 
-from balloon_warp.arguments import checked
-from balloon_warp.errors import InputError
-from balloon_warp.files import check_regular, file_behind, legible
-from balloon_warp.mesh import gltf, obj, trimesh_formats, usd
-from balloon_warp.mesh.check import Taken, check_mesh, of_vertices, parts_taken
+from balloon_warp.errors import InputError, did_you_mean_file
+from balloon_warp.mesh import gltf, obj, usd
+from balloon_warp.mesh.crossings import Taken, check_mesh, of_vertices, parts_taken
+from balloon_warp.mesh.gltf import read_visual
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.repair import describe_defects, repaired
 from balloon_warp.mesh.seams import counted_once, open_seam, welded, welded_along_seams
-from balloon_warp.mesh.trimesh_formats import read_visual
-from balloon_warp.suggestions import did_you_mean_file
+from balloon_warp.system.arguments import checked
+from balloon_warp.system.files import check_regular, file_behind, legible
 
 
 def place_mesh(
@@ -210,7 +209,7 @@ def _name_of(given: Any) -> str:
 
 BY_NAME = obj.LOADERS | gltf.LOADERS
 """Readers of files that name their objects"""
-LOADERS = obj.LOADERS | usd.LOADERS | trimesh_formats.LOADERS | gltf.LOADERS
+LOADERS = obj.LOADERS | usd.LOADERS | gltf.TRIANGLE_LOADERS | gltf.LOADERS
 
 
 @checked

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.files import LINE, check_writable, legible, regular_content, require_ours, whole_file
-from balloon_warp.mesh.check import FLOAT32_MAX, LARGEST_FACE, Objects, Pictures, beside, of_faces
+from balloon_warp.mesh.crossings import FLOAT32_MAX, LARGEST_FACE, Objects, Pictures, beside, of_faces
 from balloon_warp.mesh.polygon_mesh import WHITE, Look, Looks, PolygonMesh, encoded, linear, looks_of
 from balloon_warp.mesh.topology import face_starts
+from balloon_warp.system.files import LINE, check_writable, legible, regular_content, require_ours, whole_file
 
 MOST_GROUPS = 10_000
 """Largest number of names that are kept of a file"""

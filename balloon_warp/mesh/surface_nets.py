@@ -18,11 +18,16 @@ from warp.geometry import IsoSurfaceNets
 
 from balloon_warp.kernels.measure.crossings import signed_distances, unsigned_distances
 from balloon_warp.mesh.crossings import without_crossings
-from balloon_warp.mesh.geometry import face_vector_areas, first_coincident, triangulate, vertex_normals
 from balloon_warp.mesh.orientation import oriented_outward
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
-from balloon_warp.mesh.topology import component_labels
-from balloon_warp.warp_lock import lock_of
+from balloon_warp.mesh.topology import (
+    component_labels,
+    face_vector_areas,
+    first_coincident,
+    triangulate,
+    vertex_normals,
+)
+from balloon_warp.system.warp_threads import lock_of
 
 SLAB = 1.5
 """Thickness below which something is thin, and of its slab, over the given thickness"""

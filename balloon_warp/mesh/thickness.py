@@ -19,10 +19,20 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.mesh.geometry import even_samples, face_areas, face_vector_areas, total_area
 from balloon_warp.mesh.orientation import triangles_of
 from balloon_warp.mesh.polygon_mesh import NO_AXIS, PolygonMesh
-from balloon_warp.mesh.topology import corner_faces, face_starts, is_closed, mesh_edges, next_corners, vertex_components
+from balloon_warp.mesh.topology import (
+    corner_faces,
+    even_samples,
+    face_areas,
+    face_starts,
+    face_vector_areas,
+    is_closed,
+    mesh_edges,
+    next_corners,
+    total_area,
+    vertex_components,
+)
 
 PART = 0.6
 """Fraction of a plane's area"""

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils, Vt
 
 from balloon_warp.errors import InputError
-from balloon_warp.files import check_regular, file_behind, legible
-from balloon_warp.mesh.geometry import Faces, box_faces, capsule_faces, cylinder_faces, quad_sphere, rectangle_faces
+from balloon_warp.mesh.topology import Faces, box_faces, capsule_faces, cylinder_faces, quad_sphere, rectangle_faces
+from balloon_warp.system.files import check_regular, file_behind, legible
 
 LARGEST_STAGE, LARGEST_TEXT = 1 << 40, 1 << 31
 """Largest size of a stage's file, of which USD reads parts on demand, and of one of text [bytes]"""

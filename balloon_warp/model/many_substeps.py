@@ -4,9 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from balloon_warp.mesh.geometry import face_areas
 from balloon_warp.mesh.seams import size_of
-from balloon_warp.mesh.topology import mesh_edges, vertex_components
+from balloon_warp.mesh.topology import face_areas, mesh_edges, vertex_components
 from balloon_warp.model.plan import plan_model
 from balloon_warp.model.shape import BalloonShape, constants_of
 from balloon_warp.scene import Scene, load_scene

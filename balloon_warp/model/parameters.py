@@ -13,7 +13,7 @@ from balloon_warp.kernels.laws.law import TINY
 from balloon_warp.kernels.laws.membrane import SOFTENING_PARAMETERS, TEARING_PARAMETERS
 from balloon_warp.kernels.substep import rows_of_phases
 from balloon_warp.scene import Inflation, Material, Scene
-from balloon_warp.scene.timeline import is_there
+from balloon_warp.scene.load import is_there
 
 START = "initial_"
 """Prefix of the names of parameters that count at the start alone, and so cannot change"""

@@ -17,7 +17,7 @@ from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.model.state import State
 from balloon_warp.scene import Balloon, Scene
-from balloon_warp.warp_lock import lock_of
+from balloon_warp.system.warp_threads import lock_of
 
 SMALLEST, LARGEST = 0.02, 30.0
 """Range of balloon sizes without a warning [m]"""

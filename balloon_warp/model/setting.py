@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Parameter
-from balloon_warp.model.following import follow_changes
 from balloon_warp.model.model import Model
 from balloon_warp.model.obstacles import substeps_of_solids
 from balloon_warp.model.parameters import (
@@ -23,12 +22,10 @@ from balloon_warp.model.parameters import (
     with_law_tables,
 )
 from balloon_warp.model.plan import substeps_over_time
-from balloon_warp.model.stability import Network, names_of_the_step
-from balloon_warp.model.timeline import DueChange
-from balloon_warp.model.vary import METHODS, check_vary, require_changeable
+from balloon_warp.model.stability import Network, follow_changes, names_of_the_step
+from balloon_warp.model.timeline import METHODS, DueChange, check_vary, require_changeable
 from balloon_warp.scene import Scene
-from balloon_warp.scene.load import override_scene
-from balloon_warp.scene.timeline import is_there
+from balloon_warp.scene.load import is_there, override_scene
 
 
 class PlannedChanges:

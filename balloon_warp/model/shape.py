@@ -1,10 +1,18 @@
-"""A balloon of the scene as geometry: its mesh placed in the world, the springs over it, and files beside it."""
+"""The particles of a balloon that do not move, from the scene's numbers and groups.
+
+Necks of balloons: the faces that close them in the mesh, and the particles that take the thrust.
+
+Sentences on faces that a pressure does not push, with remedies.
+
+A balloon of the scene as geometry: its mesh placed in the world, the springs over it, and files beside it.
+"""
 
 import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,23 +20,200 @@ from numpy.typing import NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws.springs import KINDS
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.mesh.check import check_mesh
-from balloon_warp.mesh.geometry import LEAST_SIZE, face_areas, face_volumes, require_size, total_area, vertex_areas
+from balloon_warp.mesh.crossings import check_mesh
+from balloon_warp.mesh.feasible import RIBBONS
 from balloon_warp.mesh.load import load_mesh, place_mesh, prepared
+from balloon_warp.mesh.orientation import pushed_outward, there_and_back
 from balloon_warp.mesh.polygon_mesh import as_told
-from balloon_warp.mesh.shells import pushed_outward, there_and_back
 from balloon_warp.mesh.thickness import LEAST, relative_thickness
-from balloon_warp.mesh.topology import face_starts, is_closed, mesh_edges, vertex_components
-from balloon_warp.model.fixed import fixed_particles, group_of
-from balloon_warp.model.most_pressure import pressure_bound
-from balloon_warp.model.neck import NO_NECK, Neck, neck_of
-from balloon_warp.model.slack_remarks import about_slack
+from balloon_warp.mesh.topology import (
+    LEAST_SIZE,
+    border_edges,
+    component_labels,
+    corner_faces,
+    face_areas,
+    face_starts,
+    face_volumes,
+    is_closed,
+    mesh_edges,
+    next_corners,
+    require_size,
+    total_area,
+    vertex_areas,
+    vertex_components,
+)
+from balloon_warp.model.spectrum import pressure_bound
 from balloon_warp.scene import Balloon, Material, Scene, Stiffness
 from balloon_warp.springs import Springs
-from balloon_warp.springs.build import Hinges, SpringKind, build_hinges
-from balloon_warp.springs.even import AT, even_scales, film_tension, springs_across
-from balloon_warp.springs.membrane import Membrane, build_membrane, no_membrane
-from balloon_warp.springs.ties import balloon_springs
+from balloon_warp.springs.build import Hinges, Membrane, SpringKind, build_hinges, build_membrane, no_membrane
+from balloon_warp.springs.even import AT, balloon_springs, even_scales, film_tension, springs_across
+
+MOST_NAMED = 20
+"""Largest number of groups that an error lists"""
+
+
+def fixed_particles(fixed: Sequence[int | str], mesh: PolygonMesh) -> list[int]:
+    """Return the numbers of particles, including those of groups.
+
+    Raises:
+        InputError: the mesh has no such particle or group.
+    """
+    return particles_named(fixed, mesh, "fixed")
+
+
+def particles_named(named: Sequence[int | str], mesh: PolygonMesh, field: str) -> list[int]:
+    """Return the numbers of particles, including those of groups, that a field names.
+
+    Raises:
+        InputError: the mesh has no such particle or group.
+    """
+    particles: list[int] = []
+    for each in named:
+        if isinstance(each, int):
+            if each >= mesh.vertex_count:
+                raise InputError(f"{field}: {mesh.name} has particles 0 to {mesh.vertex_count - 1} (got {each})")
+            particles.append(each)
+        else:
+            particles += group_of(mesh, each, field).tolist()
+    return particles
+
+
+def group_of(mesh: PolygonMesh, name: str, field: str) -> NDArray[np.int32]:
+    """Return the particles of a group of the mesh.
+
+    Args:
+        field: that names it.
+
+    Raises:
+        InputError: there is no such group.
+    """
+    if name in mesh.groups:
+        return mesh.groups[name]
+    known = ", ".join(list(mesh.groups)[:MOST_NAMED]) or "none"
+    raise InputError(f"{field}: {mesh.name} has no group {name[:60]}; it has {known}")
+
+
+class Neck(NamedTuple):
+    """Neck of one balloon, whose particles are numbered within it."""
+
+    edges: NDArray[np.int64]
+    """Edges around the neck, in the order of the faces that close it, shape (n, 2); none if there is no neck"""
+    weights: NDArray[np.float64]
+    """Share of each particle in the thrust, by its mass among all moving particles at the neck, shape
+    (particle_count,)"""
+
+
+NO_NECK = Neck(np.zeros((0, 2), dtype=np.int64), np.zeros(0))
+
+
+def neck_of(at: int | str, mesh: PolygonMesh, mass_share: NDArray[np.float64], up: NDArray[np.float64]) -> Neck:
+    """Return the neck at a particle, or at the faces of a group.
+
+    Args:
+        at: the particle by the order of the file's vertices, "lowest" or "highest", or the group's name.
+        mass_share: each particle's part of the balloon's mass.
+
+    Raises:
+        InputError: the mesh has no such particle, group, or faces there; or they are all of it.
+    """
+    faces = corner_faces(mesh)
+    closing = _faces_at(at, mesh, up)
+    corners = np.flatnonzero(closing[faces])
+    if not len(corners):
+        raise InputError(f"neck.at: {mesh.name} has no face at {at}; expected a vertex of a face, or a group of faces")
+    begins = mesh.face_vertex_indices.astype(np.int64)
+    edges = np.stack([begins, begins[next_corners(mesh)]], axis=1)[corners]
+    keys, opposite = (edges @ [mesh.vertex_count, 1], edges @ [1, mesh.vertex_count])
+    around = edges[~np.isin(keys, opposite)]
+    if not len(around):
+        raise InputError(f"neck.at: {at} covers all of {mesh.name}; expected a part")
+    weights = np.zeros(mesh.vertex_count)
+    particles = np.unique(begins[corners])
+    weights[particles] = mass_share[particles]
+    return Neck(around, weights / max(weights.sum(), np.finfo(float).tiny))
+
+
+def _faces_at(at: int | str, mesh: PolygonMesh, up: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return a mask of the faces around a particle, or with all corners in a group, shape (face_count,)."""
+    faces = corner_faces(mesh)
+    inside = np.zeros(mesh.vertex_count, dtype=bool)
+    if isinstance(at, str) and at not in ("lowest", "highest"):
+        inside[group_of(mesh, at, "neck.at")] = True
+        return np.bincount(faces, ~inside[mesh.face_vertex_indices], mesh.face_count) == 0
+    if isinstance(at, str):
+        used = np.unique(mesh.face_vertex_indices)
+        heights = mesh.points[used] @ up
+        at = int(used[heights.argmax() if at == "highest" else heights.argmin()])
+    elif at >= mesh.vertex_count:
+        raise InputError(f"neck.at: {mesh.name} has particles 0 to {mesh.vertex_count - 1} (got {at})")
+    inside[mesh.stand_in(at)] = True
+    return np.bincount(faces, inside[mesh.face_vertex_indices], mesh.face_count) > 0
+
+
+NOTHING_HELD = (
+    "Not inflated: the mesh is open and its border is not pinned, so it would fly away. {} "
+    "--set balloon.inflation.pressure=100."
+)
+CLOSES = "Close it by `balloon-warp remesh`, pin the border by `fixed`, or give a pressure:"
+HOLDS = "Pin the border by `fixed`, or give a pressure:"
+NO_INSIDE = (
+    "Not inflated: no face lies between an inside and an outside, as on a Moebius strip. `balloon-warp remesh` makes "
+    "a closed surface of it; or give a pressure, such as --set balloon.inflation.pressure=100, which pushes each face "
+    "along its normal."
+)
+
+
+def about_slack(mesh: PolygonMesh, slack: NDArray[np.bool_], moves: NDArray[np.bool_]) -> tuple[str, ...]:
+    """Return sentences on open parts that are carried along, and on walls; or one on a balloon without inflation.
+
+    Args:
+        slack: Faces that a pressure does not push, shape (face_count,).
+        moves: Vertices that nothing holds, shape (vertex_count,).
+    """
+    if not slack.any():
+        return ()
+    edges = mesh_edges(mesh)
+    border = edges.ends[border_edges(edges)]
+    components = vertex_components(mesh, edges)
+    ribbons = len(np.unique(components[border[:, 0]])) >= RIBBONS
+    if slack.all():
+        return (NOTHING_HELD.format(HOLDS if ribbons else CLOSES) if moves[border].any() else NO_INSIDE,)
+    # Connected slack faces, and whether they have a border.
+    faces = corner_faces(mesh)[edges.corners]
+    first = np.repeat(edges.starts, edges.face_counts)
+    both = slack[faces] & slack[faces[first]]
+    pieces = component_labels(mesh.face_count, faces[both], faces[first][both])
+    has_border = np.zeros(mesh.face_count, dtype=bool)
+    has_border[pieces[faces[edges.starts[border_edges(edges)]]]] = True
+    open_, walls = slack & has_border[pieces], slack & ~has_border[pieces]
+    component = components[mesh.face_vertex_indices[face_starts(mesh)]]
+    apart = not np.isin(component[open_], component[~slack]).any()
+    thick = "." if ribbons else "; `balloon-warp remesh` thickens it."
+    more = f" --parts closed leaves it out{thick}" if apart else ""
+    if 2 * np.count_nonzero(open_) > mesh.face_count and not more and not ribbons:
+        more = " `balloon-warp remesh` makes a closed surface of the mesh."
+    return (
+        *_sentence(mesh, open_, "open, like a pane, and has no inside: it is carried along, not inflated.", more),
+        *_sentence(mesh, walls, "a wall with equal pressure on both sides, which does not push it.", ""),
+    )
+
+
+def _sentence(mesh: PolygonMesh, faces: NDArray[np.bool_], what: str, more: str) -> tuple[str, ...]:
+    count = np.count_nonzero(faces)
+    if not count:
+        return ()
+    corners = mesh.face_vertex_indices[faces[corner_faces(mesh)]]
+    name = _group_of(mesh, corners)
+    where = f"{name}, at vertex {corners[0] + 1}" if name else f"at vertex {corners[0] + 1}"
+    return (f"A part of {count:,} of its {mesh.face_count:,} faces ({where}, counting from 1) is {what}{more}",)
+
+
+def _group_of(mesh: PolygonMesh, vertices: NDArray[np.integer]) -> str | None:
+    """Return the smallest of the mesh's groups that has all of these vertices, if there is one."""
+    own = np.unique(vertices)
+    having = [(len(group), name) for name, group in mesh.groups.items() if np.isin(own, group).all()]
+    return min(having)[1] if having and min(having)[0] < mesh.vertex_count else None
+
 
 Values = NDArray[np.float64]
 COLUMNS = ("pairs", "rest_lengths", "constants")

@@ -1,4 +1,6 @@
-"""The largest stable step of symplectic Euler, by the laws' own bounds; tunneling of spheres.
+"""Parameters that follow from others, once some have changed.
+
+The largest stable step of symplectic Euler, by the laws' own bounds; tunneling of spheres.
 
 Spheres that may pass through a balloon.
 
@@ -18,15 +20,31 @@ from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.laws.springs import KINDS
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.topology import corner_faces, next_corners
-from balloon_warp.model.bounds import Bound, Bounds, names_of_bounds
-from balloon_warp.model.crushing import step_while_crushed
 from balloon_warp.model.materials import NAMES as MEMBRANE_NAMES
-from balloon_warp.model.obstacles import BodyShape, most_ease
+from balloon_warp.model.materials import Bound, Bounds, names_of_bounds, settle_masses
+from balloon_warp.model.obstacles import BodyShape, most_ease, settle_friction
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape, Surroundings, surroundings_of
 from balloon_warp.model.spectrum import highest_squared_frequency
-from balloon_warp.model.touch import bound_of_touch
+from balloon_warp.model.starts import step_while_crushed
+from balloon_warp.model.touch import bound_of_touch, settle_touch
 from balloon_warp.scene import Scene
+
+
+def follow_changes(scene: Scene, shapes: Sequence[BalloonShape], now: Parameters, then: Parameters) -> None:
+    """Set in `then` the parameters that follow from values that differ from those in `now`.
+
+    These are masses of rubber and film, the contact stiffness of balloons, and coefficients of friction. One that has
+    been written over stays so while those that it follows from stay.
+    """
+    for settle in (
+        lambda values: {"mass": settle_masses(scene, shapes, values)},
+        lambda values: settle_touch(scene, shapes, values),
+        settle_friction,
+    ):
+        before, after = settle(now), settle(then)
+        then.update({name: values for name, values in after.items() if not np.array_equal(values, before[name])})
+
 
 MOST_STRETCH = 2.0
 """Stretch of faces that is allowed for: their size is known at rest, and not when inflated"""

@@ -1,19 +1,244 @@
-"""The state: arrays that change during a simulation."""
+"""The state: arrays that change during a simulation, and the memory that they take.
 
-from collections.abc import Callable, Sequence
+Places and velocities of particles at the start.
+
+Values that items keep from substep to substep, for phases of the step: see `kernels.phase.Phase.keeps`.
+
+The state: arrays that change during a simulation.
+"""
+
+import math
+import os
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 import warp as wp
 
+from balloon_warp.errors import NoRoomError
+from balloon_warp.kernels.frame import place_balloons
 from balloon_warp.kernels.tables import HEALTHY
 from balloon_warp.mesh.load import rotation_matrix
-from balloon_warp.model.kept import kept_arrays, start_kept
-from balloon_warp.model.memory import Allocating, Counting, Room
 from balloon_warp.model.model import Model
 from balloon_warp.model.obstacles import initial_centers, initial_turns, most_touches
-from balloon_warp.model.placing import place_particles
+from balloon_warp.model.timeline import kept_values
+from balloon_warp.system.warp_threads import launch
+
+MIB = 2**20
+
+
+class Limit(NamedTuple):
+    """A limit on the memory of a process, and the memory left below it."""
+
+    name: str
+    """Name of the limit"""
+    left: int
+    """Free bytes"""
+
+
+def least_limit(root: Path = Path("/"), environment: Mapping[str, str] = os.environ) -> Limit | None:
+    """Find the limit that is met first, or None where there is none.
+
+    Args:
+        root: where `proc` and `sys` are.
+        environment: of the process.
+    """
+    status = _text(root / "proc/self/status")
+    limits = [*_of_cgroups(root), *_of_slurm(environment, status), *_of_ulimit(status)]
+    return min(limits, key=lambda limit: limit.left, default=None)
+
+
+def _of_cgroups(root: Path) -> Iterator[Limit]:
+    """Iterate over the memory limits of the process's control group and its parents, of versions 1 and 2.
+
+    The page cache of files that nobody works on is released on demand, and so counts as free.
+    """
+    for line in _text(root / "proc/self/cgroup").splitlines():
+        _, controllers, own = line.split(":", 2)
+        if controllers and "memory" not in controllers.split(","):
+            continue
+        old = bool(controllers)
+        mount = root / "sys/fs/cgroup" / ("memory" if old else "")
+        most, used, idle = (
+            ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
+            if old
+            else ("memory.max", "memory.current", "inactive_file")
+        )
+        group = mount / own.strip("/")
+        for folder in (group, *group.parents):
+            if not folder.is_relative_to(mount):
+                break
+            with suppress(ValueError):  # "max", or no such file: a container sees its own group as the root
+                limit = int(_text(folder / most))
+                given_back = _field(_text(folder / "memory.stat"), rf"^{idle} (\d+)$")
+                yield Limit(f"the cgroup's {most}", limit - int(_text(folder / used)) + given_back)
+
+
+def _of_slurm(environment: Mapping[str, str], status: str) -> Iterator[Limit]:
+    """Return the memory limits of a SLURM job [MiB]: of a node, or of each CPU on it.
+
+    0 is all that the node has.
+    """
+    taken = 1024 * _field(status, r"^VmRSS:\s+(\d+) kB$")
+    for name, count in (("SLURM_MEM_PER_NODE", "1"), ("SLURM_MEM_PER_CPU", environment.get("SLURM_CPUS_ON_NODE", ""))):
+        with suppress(KeyError, ValueError):
+            asked = MIB * int(count) * int(environment[name])
+            if asked > 0:
+                yield Limit(name, asked - taken)
+
+
+def _of_ulimit(status: str) -> Iterator[Limit]:
+    try:
+        import resource
+    except ModuleNotFoundError:  # Windows has none
+        return
+    for option, number, taken in (
+        ("-v", resource.RLIMIT_AS, r"^VmSize:\s+(\d+) kB$"),
+        ("-d", resource.RLIMIT_DATA, r"^VmData:\s+(\d+) kB$"),
+    ):
+        soft, _ = resource.getrlimit(number)
+        if soft != resource.RLIM_INFINITY:
+            yield Limit(f"ulimit {option}", soft - 1024 * _field(status, taken))
+
+
+def _text(path: Path) -> str:
+    """Read a file; nothing where it cannot be read."""
+    with suppress(OSError):
+        return path.read_text()
+    return ""
+
+
+def _field(text: str, pattern: str) -> int:
+    found = re.search(pattern, text, re.MULTILINE)
+    return int(found[1]) if found else 0
+
+
+USABLE = 0.9
+"""Fraction of the free memory that a batch may take; kernels, graphs and the allocator need some, too"""
+
+
+class Room(Protocol):
+    """Allocator of arrays.
+
+    All code that allocates uses one, so that the memory can be counted in advance.
+    """
+
+    def array(self, shape: int | tuple[int, ...], dtype: Any) -> Any:
+        """Return an array of zeros."""
+
+
+class Allocating:
+    """The memory of a device."""
+
+    def __init__(self, device: wp.Device):
+        self.device = device
+
+    def array(self, shape: int | tuple[int, ...], dtype: Any) -> wp.array:
+        return wp.zeros(shape, dtype=dtype, device=self.device)
+
+
+class Counting:
+    """Allocator that counts memory without allocating it."""
+
+    def __init__(self) -> None:
+        self.bytes = 0
+
+    def array(self, shape: int | tuple[int, ...], dtype: Any) -> None:
+        self.bytes += wp.types.type_size_in_bytes(dtype) * math.prod(shape if isinstance(shape, tuple) else (shape,))
+
+
+def free_memory(device: wp.Device) -> int:
+    """Return the bytes that can still be allocated: on a GPU, or of the host."""
+    if device.is_cuda:
+        return device.free_memory
+    meminfo = Path("/proc/meminfo")
+    if meminfo.exists() and (available := re.search(r"MemAvailable:\s+(\d+) kB", meminfo.read_text())):
+        return 1024 * int(available[1])
+    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+
+
+def require_memory(device: wp.Device, world_counts: Sequence[int], bytes_per_world: Sequence[int]) -> None:
+    """Make sure that all worlds fit.
+
+    Args:
+        world_counts: of each kind of world.
+        bytes_per_world: of each kind of world.
+
+    Raises:
+        NoRoomError: they do not; the message says how many would.
+    """
+    needed = sum(count * size for count, size in zip(world_counts, bytes_per_world, strict=True))
+    usable, within = _usable(device)
+    if needed > usable:
+        worlds = sum(world_counts)
+        raise NoRoomError(
+            f"{worlds} worlds do not fit: they need {needed / 2**30:.2f} GiB, and {device} has "
+            f"{usable / 2**30:.2f} GiB to spare{within}, enough for {usable * worlds // needed} worlds"
+        )
+
+
+def usable_memory(device: wp.Device) -> int:
+    """Return the bytes that one may ask for."""
+    return _usable(device)[0]
+
+
+def _usable(device: wp.Device) -> tuple[int, str]:
+    """Return the bytes that one may ask for, and within which limit, in words."""
+    usable = int(USABLE * free_memory(device))
+    if device.is_cpu and (limit := least_limit()) and int(USABLE * limit.left) < usable:
+        return max(int(USABLE * limit.left), 0), f" within {limit.name}"
+    return usable, ""
+
+
+THREADS = 128
+"""Number of threads that place the particles of a chosen world on a GPU"""
+
+
+def place_particles(model: Model, points: wp.array, velocities: wp.array, mask: wp.array | None = None) -> None:
+    """Place the particles of all worlds where they start, or of those for which a mask is not 0."""
+    parameters = model.parameters
+    world_count, particles = points.shape
+    threads = 1 if model.device.is_cpu else particles if mask is None else THREADS
+    launch(
+        place_balloons,
+        (world_count, threads),
+        inputs=[
+            *(model.initial_points, model.particle_balloon, model.particle_mass_share, model.balloon_origins),
+            *(parameters[f"initial_{name}"] for name in ("turns", "shifts", "centers", "velocities", "spins")),
+            *(mask, threads),
+        ],
+        outputs=[points, velocities],
+        device=model.device,
+    )
+
+
+def kept_arrays(model: Model, room: Room) -> dict[str, Any]:
+    """Return arrays for the values that items keep, by name."""
+    counts = {
+        "particle": model.particle_count, "face": model.face_count, "triangle": model.triangle_count,
+        "balloon": model.balloon_count, "sphere": model.sphere_count, "world": 1,
+    }  # fmt: skip
+    return {
+        each.name: room.array((model.world_count, counts[each.item]), wp.float32 if each.type is float else each.type)
+        for each in kept_values(model)
+    }
+
+
+def start_kept(model: Model, kept: dict[str, Any]) -> None:
+    """Fill in the values that items keep at the start."""
+    for each in kept_values(model):
+        kept[each.name].fill_(each.start)
+
+
+def go_on_keeping(model: Model, kept: dict[str, Any]) -> dict[str, Any]:
+    """Return the values that a model's items keep from here on: as they are, or as at the start."""
+    fresh = kept_arrays(model, Allocating(model.device))
+    start_kept(model, fresh)
+    return {name: kept.get(name, array) for name, array in fresh.items()}
 
 
 @dataclass
@@ -92,7 +317,7 @@ class State:
     for `contacts`"""
     contact_forces: wp.array
     """Net force of each thing on each balloon, averaged over the last frame [N], shape (world_count, balloon_count,
-    thing_count), vec3; things are numbered as `balloon_warp.contacts.things_of` names them"""
+    thing_count), vec3; things are numbered as `balloon_warp.frame.things_of` names them"""
     contact_torques: wp.array
     """Net torque of each thing on each balloon about the mean of the balloon's points [N m], of that shape, vec3"""
     contact_areas: wp.array

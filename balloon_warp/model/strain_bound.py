@@ -13,9 +13,15 @@ from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws.membrane import SHEAR_MODULUS
-from balloon_warp.mesh.geometry import face_vector_areas, signed_volume, total_area, vertex_areas
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
-from balloon_warp.mesh.topology import corner_faces, mesh_edges
+from balloon_warp.mesh.topology import (
+    corner_faces,
+    face_vector_areas,
+    mesh_edges,
+    signed_volume,
+    total_area,
+    vertex_areas,
+)
 from balloon_warp.model.parameters import KEYFRAME_VALUES, Parameters
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.model.timeline import DueChange

@@ -10,16 +10,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.files import legible, whole_path
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.mesh.geometry import face_areas, require_size, signed_volume
 from balloon_warp.mesh.load import Parts, load_mesh, place_mesh, prepared
+from balloon_warp.mesh.orientation import pushes
 from balloon_warp.mesh.polygon_mesh import METERS, Color, Looks, as_told
-from balloon_warp.mesh.shells import pushes
 from balloon_warp.mesh.thickness import standing, up_said
-from balloon_warp.mesh.topology import border_edges, corner_faces, face_starts, mesh_edges, vertex_components
+from balloon_warp.mesh.topology import (
+    border_edges,
+    corner_faces,
+    face_areas,
+    face_starts,
+    mesh_edges,
+    require_size,
+    signed_volume,
+    vertex_components,
+)
 from balloon_warp.scene.schema import Balloon, Body, Inflation, Obstacle, Scene, Stiffness, String
 from balloon_warp.scene.schema.scene import Picture
+from balloon_warp.system.files import legible, whole_path
 
 MOST = 0.5
 """Fraction of a mesh's area in open parts from which on they are pinned at their borders"""

@@ -8,8 +8,8 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
+from balloon_warp.errors import ask, closest, did_you_mean
 from balloon_warp.kernels.laws.law import TINY
-from balloon_warp.suggestions import ask, closest, did_you_mean
 
 
 def table_in(annotation: Any) -> type[BaseModel] | None:

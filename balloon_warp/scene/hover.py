@@ -15,7 +15,7 @@ from pathlib import Path
 
 from balloon_warp.scene.reference import default_of, tables
 from balloon_warp.scene.schema.fields import Tables, meaning_of
-from balloon_warp.shown import docstrings
+from balloon_warp.system.shown import docstrings
 
 WIDTH = 120
 """Width of a line [characters]"""

@@ -1,26 +1,29 @@
-"""Loading of scenes, and overrides of their values by dotted path."""
+"""Loading of scenes, and overrides of their values by dotted path.
+
+The scene over time: the times of its spheres and strings, and its changes.
+"""
 
 import copy
 import os
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from math import ceil
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from pydantic import ValidationError
 from typing_extensions import TypeAliasType
 
-from balloon_warp.arguments import checked
-from balloon_warp.errors import InputError
-from balloon_warp.files import file_behind, legible, regular_content, whole_path
+from balloon_warp.errors import InputError, did_you_mean_file
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.load import LOADERS, MeshLike, is_mesh, load_mesh
 from balloon_warp.scene.around import scene_table_around
 from balloon_warp.scene.complaint import complaint
 from balloon_warp.scene.inflation_kinds import drop_masses, drop_other_kinds
 from balloon_warp.scene.presets import PRESETS
-from balloon_warp.scene.schema import MESHED, WITHOUT_MESHES, Balloon, Body, Obstacle, Scene
-from balloon_warp.suggestions import did_you_mean_file
+from balloon_warp.scene.schema import MESHED, WITHOUT_MESHES, Balloon, Body, Obstacle, Scene, Sphere, String
+from balloon_warp.system.arguments import checked
+from balloon_warp.system.files import file_behind, legible, regular_content, whole_path
 
 Override = tuple[str, Any]
 """Dotted path, and the value to set there"""
@@ -383,3 +386,34 @@ def _read_toml(path: Path) -> dict[str, Any]:
 def _without_advice(error: ValueError) -> str:
     """Return the error, without advice on changing Python."""
     return str(error).partition(";")[0]
+
+
+def frame_at(scene: Scene, seconds: float) -> int:
+    """Find the first frame that is not before a time; times that rounding puts a little after a frame belong to it."""
+    return ceil(seconds * scene.frames_per_second - 1e-6)
+
+
+def is_there(scene: Scene, lasting: Sphere | String, frame: int) -> bool:
+    """Return whether a sphere or string of the scene has appeared by a frame, and has not ended."""
+    ended = lasting.end is not None and frame >= frame_at(scene, lasting.end)
+    return frame >= frame_at(scene, lasting.start) and not ended
+
+
+def scenes_over_time(scene: Scene) -> Iterator[tuple[int, Scene]]:
+    """Find the frames at which something changes, appears or ends, in order, and the scene from then on.
+
+    Raises:
+        InputError: names the change, and the path or field that is wrong.
+    """
+    changes = [(frame_at(scene, change.time), number) for number, change in enumerate(scene.change)]
+    frames = {frame for frame, _ in changes}
+    for lasting in (*scene.sphere, *scene.string):
+        frames |= {frame_at(scene, time) for time in (lasting.start, lasting.end) if time}
+    now = scene.model_copy(update={"change": []})
+    for frame in sorted(frames):
+        for number in [number for at, number in changes if at == frame]:
+            try:
+                now = override_scene(now, scene.change[number].set.items())
+            except InputError as mistake:
+                raise InputError(f"change.{number}.set: {mistake}") from None
+        yield frame, now

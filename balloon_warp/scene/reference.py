@@ -14,7 +14,7 @@ from pydantic import BaseModel
 from balloon_warp.scene.complaint import table_in, toml_value
 from balloon_warp.scene.schema import Scene
 from balloon_warp.scene.schema.fields import PlainSchema, meaning_of, taken
-from balloon_warp.shown import plain_docstring
+from balloon_warp.system.shown import plain_docstring
 
 Tables = type[BaseModel]
 

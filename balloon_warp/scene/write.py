@@ -10,12 +10,12 @@ from typing import Any
 from pydantic import BaseModel
 
 from balloon_warp.errors import InputError
-from balloon_warp.files import check_writable, marked_scene, replaces_any, require_ours, whole_file
 from balloon_warp.scene.complaint import toml_value
 from balloon_warp.scene.load import bundled_scenes, files_of, files_of_scene, with_files
 from balloon_warp.scene.reference import default_of
 from balloon_warp.scene.schema import MESHED, WITHOUT_MESHES, Balloon, Body, Obstacle, Scene
 from balloon_warp.scene.schema.fields import first_line, meaning_of
+from balloon_warp.system.files import check_writable, marked_scene, replaces_any, require_ours, whole_file
 
 HEADER = """\
 # A scene: balloon-warp run THIS_FILE simulates it. SI units. A field that is left out has its default.

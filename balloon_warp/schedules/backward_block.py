@@ -22,12 +22,10 @@ from balloon_warp.kernels.schedules.writer import Step, cut, values_of
 from balloon_warp.kernels.substep import FILMED, phases_of
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.working import Working
-from balloon_warp.launching import launch_tiled
 from balloon_warp.model import Model, State
-from balloon_warp.model.memory import Allocating, Room
+from balloon_warp.model.state import Allocating, Room
 from balloon_warp.schedules.backward import BackwardFrames
-from balloon_warp.schedules.block_layout import held_layout_of
-from balloon_warp.schedules.block_room import CAPACITY_STEP, most_particles
+from balloon_warp.schedules.block_layout import CAPACITY_STEP, held_layout_of, most_particles
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.framing import Framing
 from balloon_warp.schedules.launched import working_arrays
@@ -38,6 +36,7 @@ from balloon_warp.schedules.membranes import (
 )
 from balloon_warp.schedules.slices import kind_slots, least_valence, quad_rings, slot_pairs, slot_table, spring_ends
 from balloon_warp.schedules.tables import make_tables, world_state
+from balloon_warp.system.warp_threads import launch_tiled
 
 THREADS, REGISTERS = 512, 128
 """Threads of a block, and registers of each: with a particle each, if there are no more, or else in a loop"""

@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from balloon_warp.forks import Threads
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.lanes import LANE_COUNT, Lanes, Lanes3
 from balloon_warp.kernels.loops.contact import Solids
@@ -14,14 +13,15 @@ from balloon_warp.kernels.schedules.lanes_layouts import OCTETS, WORLDS_AS_OCTET
 from balloon_warp.kernels.schedules.writer import Step, cut, traces_of
 from balloon_warp.kernels.substep import SHARED, phases_of
 from balloon_warp.kernels.working import Working
-from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
-from balloon_warp.model.memory import Allocating, Room
+from balloon_warp.model.state import Allocating, Room
 from balloon_warp.schedules.backward import BackwardFrames
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.framing import Framing
 from balloon_warp.schedules.lane_tables import allot_lanes, items_of, make_lane_tables, rows_of, shares_of
 from balloon_warp.schedules.tables import make_tables, world_state
+from balloon_warp.system.loading import Threads
+from balloon_warp.system.warp_threads import launch
 
 LANES = int(LANE_COUNT)
 

@@ -1,4 +1,4 @@
-"""Frames backwards, as launches: a thread has a particle of a world."""
+"""Frames backwards, as launches: a thread has a particle of a world; and the choice of how frames run backwards."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -32,11 +32,10 @@ from balloon_warp.kernels.schedules.launched_backward import BackwardKernel, bac
 from balloon_warp.kernels.schedules.writer import Piece, Step, cut
 from balloon_warp.kernels.substep import phases_of
 from balloon_warp.kernels.working import Working
-from balloon_warp.launching import launch, launch_tiled
 from balloon_warp.model import Model, State
-from balloon_warp.model.memory import Allocating, Room
-from balloon_warp.schedules.backward import BackwardFrames
-from balloon_warp.schedules.backward_parts import (
+from balloon_warp.model.state import Allocating, Counting, Room
+from balloon_warp.schedules.backward import (
+    BackwardFrames,
     DirectionsBackward,
     EachBackward,
     FixturesBackward,
@@ -44,15 +43,25 @@ from balloon_warp.schedules.backward_parts import (
     StringsBackward,
     TubesBackward,
 )
-from balloon_warp.schedules.backward_spheres import STATE_OF_SPHERES, SpheresBackward, log_of_spheres
+from balloon_warp.schedules.backward_block import BlockBackward, fits_in_block_backwards
+from balloon_warp.schedules.backward_contact import (
+    STATE_OF_SPHERES,
+    SpheresBackward,
+    TouchBackward,
+    kept_of_touch,
+    log_of_spheres,
+)
+from balloon_warp.schedules.backward_lanes import LanesBackward, fits_in_lanes_backwards
 from balloon_warp.schedules.backward_sweeps import EdgesBackward, RidgesBackward, kept_of_ridges, kept_of_sweeps
-from balloon_warp.schedules.backward_touch import TouchBackward, kept_of_touch
 from balloon_warp.schedules.balloon_contact import TouchLaunches
+from balloon_warp.schedules.block_layout import fits_in_block
+from balloon_warp.schedules.choose import AS_OCTETS
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.framing import Framing
 from balloon_warp.schedules.gather import GatherSchedule
 from balloon_warp.schedules.launched import Launches, Moving, Own, step_arrays, team_threads
 from balloon_warp.schedules.tables import make_tables, world_state
+from balloon_warp.system.warp_threads import launch, launch_tiled
 
 
 class ExchangeBackward:
@@ -460,3 +469,53 @@ class LaunchedBackward(BackwardFrames):
             self._gas_back.turn_back(self.state, kept.carried[substep], substep)
         elif substep == m.substeps - 1:
             self.bars.pressures.zero_()  # of the frame's end alone
+
+
+Backward = type[LaunchedBackward] | type[BlockBackward] | type[LanesBackward]
+"""Schedules that run frames backwards"""
+BACKWARDS: dict[str, Backward] = {"launched": LaunchedBackward, "block": BlockBackward, "lanes": LanesBackward}
+
+
+def backwards_of(model: Model, name: str = "auto") -> Backward:
+    """Return the backward schedule of a model, whatever the number of its worlds: of that name, or the fastest.
+
+    Raises:
+        InputError: there is none of that name, or it cannot run this model backwards.
+    """
+    fits = fits_in_block_backwards(model)
+    if name == "auto":
+        name = "lanes" if fits_in_lanes_backwards(model) else "block" if fits else "launched"
+    if name not in BACKWARDS:
+        raise InputError(f"schedule: expected auto, launched, block or lanes, which run backwards (got {name!r})")
+    if name == "lanes" and not fits_in_lanes_backwards(model):
+        raise InputError(
+            "schedule: lanes runs one balloon of springs or rubber backwards on a CPU, in the air or on the ground, "
+            "with a constant amount of gas, and rubber that is not viscous; expected block or launched"
+        )
+    if name == "block" and not fits:
+        raise InputError(
+            "schedule: block runs one balloon backwards that fits in a block, out of water, without spheres or "
+            "normal forces, with as much gas all the time, and that does not touch itself; expected launched"
+        )
+    return BACKWARDS[name]
+
+
+def forward_of(model: Model, backward: Backward) -> str:
+    """Return the schedule of the frames forward: one whose results are the same for any number of worlds."""
+    if backward is LaunchedBackward:
+        return "gather"
+    if model.device.is_cpu:
+        return AS_OCTETS if backward is LanesBackward and model.world_count > 1 else "octets"
+    return "block" if fits_in_block(model) else "gather"
+
+
+def bytes_backwards(model: Model, columns: Sequence[int], frames: int, name: str = "auto") -> int:
+    """Return the device memory that gradients take of each world: a frame's substeps, and a little of each frame."""
+    room = Counting()
+    backwards_of(model, name).room_of_frame(model, room)
+    bars = 4 * model.world_count * model.particle_count * (len(columns) + 24 + 8 * model.sphere_count)
+    of_frame = 40 * model.balloon_count + 48 * model.sphere_count
+    if model.scene.touches:
+        bars += model.world_count * model.particle_count * (85 + 24 * model.balloon_count)
+        of_frame += 17 * model.particle_count
+    return (room.bytes + bars) // model.world_count + frames * of_frame

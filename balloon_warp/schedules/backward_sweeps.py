@@ -19,14 +19,13 @@ from balloon_warp.kernels.adjoints.sweeps import (
 from balloon_warp.kernels.contact.contact import Contact
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.working import Working
-from balloon_warp.launching import launch_tiled
 from balloon_warp.model import Model, State
-from balloon_warp.model.memory import Room
-from balloon_warp.schedules.backward_spheres import STATE_OF_SPHERES, SpheresBackward
-from balloon_warp.schedules.backward_touch import TouchBackward
+from balloon_warp.model.state import Room
+from balloon_warp.schedules.backward_contact import STATE_OF_SPHERES, SpheresBackward, TouchBackward
 from balloon_warp.schedules.contact_lists import list_lengths
 from balloon_warp.schedules.launched import Moving, team_threads
 from balloon_warp.schedules.tables import world_state
+from balloon_warp.system.warp_threads import launch_tiled
 
 
 class SweepsBackward:

@@ -25,12 +25,12 @@ from balloon_warp.kernels.contact.search import find_kernel, looking_kernel
 from balloon_warp.kernels.contact.triangles import MOST_PARTS, near_parts_kernel
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.working import LENGTHS, EightBoxes, EightPlaces
-from balloon_warp.launching import launch, launch_tiled
 from balloon_warp.model import Model, State
-from balloon_warp.model.memory import Room
+from balloon_warp.model.state import Room
 from balloon_warp.schedules.contact_lists import FEW_THREADS, edge_count, threads_of_list
 from balloon_warp.schedules.tables import Worlds
 from balloon_warp.schedules.touch_table import part_count, substeps_of_search
+from balloon_warp.system.warp_threads import launch, launch_tiled
 
 BOX_THREADS = 128
 """Threads that loop over the particles of a balloon on a GPU"""

@@ -4,10 +4,8 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.schedules.block import source_of_frame
 from balloon_warp.model import Model, State
-from balloon_warp.model.memory import Allocating, Room
-from balloon_warp.schedules.block_frames import BlockFrames
-from balloon_warp.schedules.block_layout import layout_of, step_of
-from balloon_warp.schedules.block_room import fits_in_block, most_particles
+from balloon_warp.model.state import Allocating, Room
+from balloon_warp.schedules.block_layout import BlockFrames, fits_in_block, layout_of, most_particles, step_of
 from balloon_warp.schedules.framing import Framing
 from balloon_warp.schedules.free_frames import FreeFramesSchedule
 from balloon_warp.schedules.outlook import has_free_frames

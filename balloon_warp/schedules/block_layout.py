@@ -1,15 +1,71 @@
-"""Layout of a world on a block of threads: registers, shared memory, and the number of threads."""
+"""Worlds in blocks of threads: their layout in registers and shared memory, and frames of all in one launch.
+
+Capacity of a thread block for particles: in shared memory, and in threads.
+
+Layout of a world on a block of threads: registers, shared memory, and the number of threads.
+"""
+
+from typing import Any
+
+import warp as wp
 
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.membranes import MembraneFaceLayout
 from balloon_warp.kernels.phases.motion import check
+from balloon_warp.kernels.schedules.block import arguments_of_frame, kernel_of_frame
 from balloon_warp.kernels.schedules.block_names import Layout, look_of
-from balloon_warp.kernels.schedules.writer import Step, cut
+from balloon_warp.kernels.schedules.writer import Step, cut, values_of
 from balloon_warp.kernels.substep import FACING, FILMED, NOTHING, phases_of
-from balloon_warp.model import Model
-from balloon_warp.schedules.block_room import CAPACITY_STEP, MOST_THREADS, most_particles, thread_a_particle
-from balloon_warp.schedules.membranes import membrane_face_entries, membrane_face_layout
-from balloon_warp.schedules.slices import kind_slots, least_valence, quad_rings, spring_ends
+from balloon_warp.kernels.working import Working
+from balloon_warp.model import Model, State
+from balloon_warp.model.state import Room
+from balloon_warp.schedules.launched import working_arrays
+from balloon_warp.schedules.membranes import membrane_face_entries, membrane_face_layout, membrane_face_table
+from balloon_warp.schedules.slices import (
+    kind_slots,
+    least_valence,
+    order_by_springs,
+    quad_rings,
+    renumbered,
+    slot_table,
+    spring_ends,
+)
+from balloon_warp.schedules.tables import kept_arguments, make_tables, world_state
+from balloon_warp.system.warp_threads import begin_loading, launch_tiled
+
+MOST_THREADS = 1024
+"""Largest number of threads of a block"""
+BYTES_PER_PARTICLE = 24
+"""Bytes of a particle: two buffers of points"""
+RESERVED_BYTES = 2048
+"""Shared memory for spheres and the sums of areas and swellings of a balloon or two [bytes]"""
+CPU_TILE_BYTES = 1 << 18
+"""Shared memory of the CPU, which emulates a GPU here: a block of one thread, a tile of a GPU's size [bytes]"""
+CAPACITY_STEP = 512
+"""Granularity of the streaming kernel's capacity, so that few are compiled"""
+
+
+def thread_a_particle(model: Model) -> bool:
+    """Return whether a block has a thread for each particle of a world."""
+    return model.particle_count <= MOST_THREADS
+
+
+def fits_in_block(model: Model) -> bool:
+    """Return whether a world's points, in two buffers, fit in the shared memory of a block."""
+    return model.particle_count <= most_particles(model)
+
+
+def most_particles(model: Model, bytes_per_particle: int = BYTES_PER_PARTICLE) -> int:
+    """Return the largest number of particles whose points fit in shared memory, at a number of bytes each."""
+    if model.device.is_cpu:
+        return CPU_TILE_BYTES // bytes_per_particle
+    # bytes for each further balloon or sphere, of the most warps; in water, of what floats, too
+    sums = 1 << 11 if model.scene.water else 1 << 10
+    presses = 1 << 13 if model.scene.contact == "impulse" else 0
+    reserved = RESERVED_BYTES + presses + sums * (model.balloon_count + model.sphere_count)
+    capacity = (model.device.max_shared_memory_per_block - reserved) // bytes_per_particle
+    return capacity // CAPACITY_STEP * CAPACITY_STEP
+
 
 WARP_THREADS = 32
 MOST_THREADS_OF_MULTIPROCESSOR = 2048
@@ -187,3 +243,84 @@ def _tiles(model: Model, features: Features, layout: Layout) -> tuple[str, ...]:
 
 def _round_up(count: int, step: int) -> int:
     return -(-count // step) * step
+
+
+class BlockFrames:
+    """Advance worlds by frames.
+
+    Args:
+        working: the memory beside the state, where others share it.
+    """
+
+    contact_lists = None
+    """Lists of contacts: balloons do not touch in blocks"""
+
+    def __init__(self, model: Model, features: Features, room: Room, working: Any | None = None):
+        self.model, self.layout = model, layout_of(model, features)
+        self.step = step_of(features, self.layout)
+        self.numbers: wp.array | None = None
+        """Numbers in the state of the particles in the tables, where these have them in another order"""
+        laid_out = model
+        if self.layout.ordered:
+            order = order_by_springs(model, spring_ends(model))
+            laid_out = renumbered(model, order)
+            self.numbers = wp.array(order, dtype=wp.int32, device=model.device)
+        self.tables = make_tables(laid_out, features, in_block=not self.layout.held or features.in_water)
+        self.tables.membranes.membrane_faces = membrane_face_table(model, self.layout.membrane_face)
+        self.working = working or _working(model, features, room)
+        self._given = {"t": self.tables, "working": self.working, **_values(model, self.step, self.layout, room)}
+        self._given["state_numbers"] = self.numbers
+        if self.layout.held:
+            ring = quad_rings(model) if self.layout.rings else None
+            self._given["slots"] = slot_table(model, spring_ends(model), ring)
+
+    @staticmethod
+    def allot(model: Model, features: Features, room: Room, shares_working: bool = False) -> None:
+        """Ask for all memory that they keep, or that they do not share."""
+        layout = layout_of(model, features)
+        if not shares_working:
+            working_arrays(model, features, room)
+        _values(model, step_of(features, layout), layout, room)
+
+    @property
+    def _kernel(self) -> Any:
+        return kernel_of_frame(self.step, self.layout)
+
+    def begin_loading(self) -> None:
+        """Compile the kernel ahead."""
+        begin_loading(self._kernel, self.model.device)
+
+    def advance(self, state: State) -> None:
+        """Advance by a frame."""
+        given = {**self._given, "state": world_state(state), **kept_arguments(state)}
+        launch_tiled(
+            self._kernel,
+            dim=[self.model.world_count],
+            inputs=[given[name] for name in arguments_of_frame(self.step, self.layout)],
+            block_dim=self.layout.threads,
+            device=self.model.device,
+        )
+
+
+def _working(model: Model, features: Features, room: Room) -> Any:
+    working = Working()
+    for name, array in working_arrays(model, features, room).items():
+        setattr(working, name, array)
+    return working
+
+
+def _values(model: Model, step: Step, layout: Layout, room: Room) -> dict[str, Any]:
+    """Allocate the values that live from piece to piece, and have no place in the block."""
+    counts = {"particle": model.particle_count, "face": model.face_count, "balloon": model.balloon_count}
+    named, found = arguments_of_frame(step, layout), {}
+    for value, dtype in values_of(step).items():
+        if f"all_{value}" in named:
+            shape = (model.world_count, counts[step.owner(value)])
+            found[f"all_{value}"] = room.array(shape, wp.float32 if dtype is float else dtype)
+    vectors = {
+        "membrane_face_pulls": membrane_face_entries(model, layout.membrane_face) if layout.membrane_face else 0,
+        "second_velocities": model.particle_count,
+    }
+    return found | {
+        name: room.array((model.world_count, count), wp.vec3) for name, count in vectors.items() if name in named
+    }

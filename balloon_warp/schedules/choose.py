@@ -7,11 +7,11 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.outer import GAS
 from balloon_warp.model import Model, State
-from balloon_warp.model.small_spheres import small_spheres
 from balloon_warp.model.touch import is_in_layers
-from balloon_warp.schedules.block_room import fits_in_block, thread_a_particle
+from balloon_warp.schedules.block_layout import fits_in_block, thread_a_particle
 from balloon_warp.schedules.contact_lists import ContactLists
-from balloon_warp.schedules.own_parts import looks_at_parts
+from balloon_warp.schedules.outlook import looks_at_parts
+from balloon_warp.schedules.touch_table import small_spheres
 
 
 class Schedule(Protocol):
@@ -53,7 +53,7 @@ class Schedule(Protocol):
 
 
 SCHEDULES = {
-    "scatter": ("scatter", "ScatterSchedule"),
+    "scatter": ("gather", "ScatterSchedule"),
     "gather": ("gather", "GatherSchedule"),
     "block": ("block", "BlockSchedule"),
     "lanes": ("lanes", "LanesSchedule"),
@@ -65,9 +65,9 @@ AS_OCTETS = "lanes as octets"
 """Schedule of gradients alone: many worlds in lanes move as one does in `octets`, to the bit"""
 OF_GRADIENTS = {AS_OCTETS: ("lanes", "LanesAsOctetsSchedule")}
 
-IN_FREE_PATCHES = ("patched", "PatchedSchedule")
+IN_FREE_PATCHES = ("free_frames", "PatchedSchedule")
 """Module and class of `gather` where only free frames are moved in patches"""
-NEVER_FREE = ("octet_pull", "PullingOctets")
+NEVER_FREE = ("gather", "PullingOctets")
 """Module and class of `octets` where no frame is free"""
 
 LAUNCHED = ("scatter", "gather")
@@ -169,8 +169,8 @@ def _in_patches(model: Model) -> Features | None:
     """Return the features with which `gather` moves a model in patches, maybe in free frames alone, or None."""
     if model.device.is_cpu or thread_a_particle(model) or only_launched(model):
         return None  # so that nothing of patches need be imported
-    from balloon_warp.schedules.busy_worlds import busy_in_blocks
     from balloon_warp.schedules.features import model_features
+    from balloon_warp.schedules.free_frames import busy_in_blocks
     from balloon_warp.schedules.outlook import free_features, has_free_frames
     from balloon_warp.schedules.patches import cut_into_patches
 

@@ -19,9 +19,8 @@ from balloon_warp.kernels.tables import HEALTHY
 from balloon_warp.kernels.working import LISTS
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.model import Model, State, overwrite
-from balloon_warp.model.memory import Allocating, Counting, Room, usable_memory
-from balloon_warp.model.ridges import meeting_edges
-from balloon_warp.model.state import new_state
+from balloon_warp.model.state import Allocating, Counting, Room, new_state, usable_memory
+from balloon_warp.model.touch import meeting_edges
 
 TRIANGLES = 40
 """Least number of triangles of a particle for which there is room"""

@@ -8,12 +8,12 @@ from balloon_warp.kernels.laws.outer import GAS, NORMAL_FORCE
 from balloon_warp.kernels.laws.springs import HOOKE, RUBBER, RUBBER_AT_LIMIT
 from balloon_warp.kernels.schedules.launched import GATHERED
 from balloon_warp.model import Model
-from balloon_warp.model.crushing import may_be_crushed
-from balloon_warp.model.ridges import edges_meet
-from balloon_warp.model.small_spheres import round_ridges, small_spheres
+from balloon_warp.model.starts import may_be_crushed
 from balloon_warp.model.timeline import acting_laws, acting_phases, kept_values, values_over_time
+from balloon_warp.model.touch import edges_meet
 from balloon_warp.schedules.membranes import membrane_laws
 from balloon_warp.schedules.slices import quad_rings
+from balloon_warp.schedules.touch_table import round_ridges, small_spheres
 
 FILLS = ("fill_breaths", "fill_litres", "fill_moles", "fill_to_pressure", "fill_to_diameter")
 """Parameters of fills that need more than a pump"""

@@ -19,15 +19,14 @@ from balloon_warp.kernels.measure.observed import FaceTable, sum_contacts
 from balloon_warp.kernels.measure.worlds import note_overstretched, note_pressed
 from balloon_warp.kernels.steering import count_ages
 from balloon_warp.kernels.tables import HealthTable
-from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
-from balloon_warp.model.gas import pressure_bounds
-from balloon_warp.model.most_pressure import ALL
+from balloon_warp.model.pressure import pressure_bounds
+from balloon_warp.model.spectrum import ALL
 from balloon_warp.model.state import frames_of
-from balloon_warp.scene.timeline import frame_at
+from balloon_warp.scene.load import frame_at
 from balloon_warp.schedules.contact_lists import ContactLists
 from balloon_warp.schedules.slices import particle_table
-from balloon_warp.warp_lock import recording, replay
+from balloon_warp.system.warp_threads import launch, recording, replay
 
 MOST_SPAN = 1.0e5
 """Largest distance between two particles of a balloon over its initial size: float32 then resolves a hundredth of the

@@ -6,7 +6,6 @@ import warp as wp
 
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.schedules.launched import read_sphere_forces, write_sphere_forces
-from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
 from balloon_warp.schedules.frames import ContactSums, HealthCheck
 from balloon_warp.schedules.tables import (
@@ -17,6 +16,7 @@ from balloon_warp.schedules.tables import (
     refresh_ramp,
     weigh_air,
 )
+from balloon_warp.system.warp_threads import launch
 
 
 class Framing:

@@ -1,20 +1,165 @@
-"""Frames of all worlds: those that are free by the schedule itself, and those that may touch something beside it."""
+"""Frames of all worlds: those that are free by the schedule itself, and those that may touch something beside it.
+
+Worlds whose particles may touch obstacles or each other in a frame.
+
+They are found as it begins, and advanced after those that are free, by blocks that know of obstacles, or where balloons
+touch by launches.
+"""
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, ClassVar
+from typing import Any, ClassVar, Protocol
 
+import warp as wp
+
+from balloon_warp.kernels.contact.free_frames import busy_kernel
 from balloon_warp.kernels.features import Features
 from balloon_warp.model import Model, State
-from balloon_warp.model.memory import Counting, Room
-from balloon_warp.schedules.contact_lists import ContactLists
+from balloon_warp.model.state import Allocating, Counting, Room
+from balloon_warp.schedules.block_layout import BlockFrames, fits_in_block
+from balloon_warp.schedules.contact_lists import ContactLists, has_lists, start_of_frame
 from balloon_warp.schedules.features import choosing_parameters, model_features
 from balloon_warp.schedules.framing import Framing
+from balloon_warp.schedules.gather import GatherSchedule, PullingOctets
+from balloon_warp.schedules.launched import Launches
 from balloon_warp.schedules.membranes import left_array
-from balloon_warp.schedules.outlook import free_features
-from balloon_warp.schedules.tables import look_arrays
+from balloon_warp.schedules.outlook import Outlook, busy_features, free_features, outlook_arrays
+from balloon_warp.schedules.tables import forget_looks, look_arrays, place_anchors, place_obstacles
+from balloon_warp.system.warp_threads import launch
 
-if TYPE_CHECKING:
-    from balloon_warp.schedules.busy_worlds import BusyWorlds
+
+class BusyFrames(Protocol):
+    """Advance worlds that are not free by frames."""
+
+    tables: Any
+    working: Any
+
+    @property
+    def contact_lists(self) -> ContactLists | None:
+        """Lists of contacts, as of every schedule."""
+        ...
+
+    def begin_loading(self) -> None:
+        """Compile kernels ahead."""
+
+    def advance(self, state: State) -> None:
+        """Advance by a frame."""
+
+
+class LaunchedFrames:
+    """Launches that advance the busy worlds, in place: no other world is touched."""
+
+    def __init__(self, model: Model, features: Features):
+        self._gather = launches_for(model)(model, features)
+        self.tables, self.working = self._gather.tables, self._gather.launches.working
+
+    @property
+    def contact_lists(self) -> ContactLists | None:
+        """Lists of contacts, as of every schedule."""
+        return self._gather.contact_lists
+
+    def begin_loading(self) -> None:
+        """Compile kernels ahead."""
+        self._gather.begin_loading()
+
+    def advance(self, state: State) -> None:
+        """Advance by a frame."""
+        self._gather.go_through(state, self._copy_busy)
+
+    @property
+    def are_short(self) -> bool:
+        """Return whether far fewer substeps are launched, or recorded, than a frame has."""
+        return self._gather.rounds.are_short
+
+    def _copy_busy(self, target: wp.array, source: wp.array) -> None:
+        inputs = [self.working.verdicts, source, target]
+        launch(busy_kernel(source.dtype), source.shape, inputs=inputs, device=self._gather.model.device)
+
+
+class BusyWorlds:
+    """Busy worlds beside a schedule that advances the free ones."""
+
+    def __init__(self, model: Model, features: Features):
+        busy = busy_features(features)
+        self._model = model
+        self._frames: BusyFrames = (
+            BlockFrames(model, busy, Allocating(model.device))
+            if busy_in_blocks(model, features)
+            else LaunchedFrames(model, busy)
+        )
+        self.working = self._frames.working
+        self.outlook = Outlook(model, features, self._frames.tables, self.working)
+
+    @staticmethod
+    def allot(model: Model, features: Features, room: Room) -> None:
+        """Ask for all memory that it keeps."""
+        busy = busy_features(features)
+        if busy_in_blocks(model, features):
+            BlockFrames.allot(model, busy, room)
+        else:
+            launches = launches_for(model)
+            Launches.allot(model, launches.step_of(model, busy), room)
+            launches.allot(model, busy, room)
+            if has_lists(busy):
+                start_of_frame(model, room)
+        outlook_arrays(model, features, room)
+
+    @property
+    def contact_lists(self) -> ContactLists | None:
+        """Lists of contacts, as of every schedule."""
+        return self._frames.contact_lists
+
+    @property
+    def are_short(self) -> bool:
+        """Return whether far fewer substeps are launched, or recorded, than a frame has."""
+        return isinstance(self._frames, LaunchedFrames) and self._frames.are_short
+
+    def begin_loading(self, are_recorded: bool) -> None:
+        """Compile ahead the kernels of a frame.
+
+        Args:
+            are_recorded: whether frames become a graph, which has the kernels of busy worlds even if there are none.
+        """
+        self.outlook.begin_loading()
+        if are_recorded:
+            self._frames.begin_loading()
+
+    def find(self, state: State) -> None:
+        """Find the busy worlds, before the free ones are advanced."""
+        place_obstacles(self._model, self._frames.tables, state)
+        place_anchors(self._model, self._frames.tables, state)
+        self.outlook.look(state)
+
+    def advance(self, state: State) -> None:
+        """Advance the busy worlds, and those that were not free after all.
+
+        On a GPU this takes no time if there are none.
+        """
+        if self._model.device.is_cpu or wp.is_conditional_graph_supported():
+            wp.capture_if(self.working.any_busy, self.advance_busy, state=state)
+        else:
+            self.advance_busy(state)
+
+    def are_there(self) -> bool:
+        """Return whether any world is busy, once the free ones are advanced; for a CPU, whose memory is at hand."""
+        return bool(self.working.any_busy.numpy()[0])
+
+    def advance_busy(self, state: State) -> None:
+        """Put the busy worlds back to where the frame began, and advance them."""
+        self.outlook.put_back(state)
+        forget_looks(self._frames.tables)
+        self._frames.advance(state)
+        if isinstance(self._frames, LaunchedFrames):
+            self.outlook.keep_forces(state)
+
+
+def launches_for(model: Model) -> type[GatherSchedule]:
+    """Return the schedule whose launches advance busy worlds."""
+    return PullingOctets if model.device.is_cpu else GatherSchedule
+
+
+def busy_in_blocks(model: Model, features: Features) -> bool:
+    """Return whether busy worlds are advanced by blocks, and not by launches."""
+    return not (features.touches or features.meets_solids) and fits_in_block(model)
 
 
 class FreeFramesSchedule(ABC):
@@ -65,8 +210,6 @@ class FreeFramesSchedule(ABC):
         room, features = Counting(), model_features(model)
         shares = cls.leaves_busy(features)
         if shares:
-            from balloon_warp.schedules.busy_worlds import BusyWorlds
-
             BusyWorlds.allot(model, features, room)
         cls.allot(model, cls.features_of(model), room, shares)
         left_array(model, room)
@@ -110,6 +253,38 @@ class FreeFramesSchedule(ABC):
 
 def _busy_worlds(model: Model, features: Features) -> "BusyWorlds":
     """Return the busy worlds of a model; their kernels load only where there may be any."""
-    from balloon_warp.schedules.busy_worlds import BusyWorlds
 
     return BusyWorlds(model, features)
+
+
+class PatchedSchedule(FreeFramesSchedule):
+    """Advances a state by whole frames, in place. Bit-reproducible.
+
+    For models whose free frames can be moved in patches, see `choose`.
+    """
+
+    name = "gather"
+
+    def __init__(self, model: Model):
+        super().__init__(model)
+        assert self.busy
+        self._free = GatherSchedule(model, self.features, self.busy.working)
+        self.framing = Framing(model, self.all_features, self._free.tables)
+
+    @classmethod
+    def leaves_busy(cls, features: Features) -> bool:
+        """Return that worlds may be busy: others are moved by `GatherSchedule` itself."""
+        return True
+
+    @classmethod
+    def allot(cls, model: Model, features: Features, room: Room, shares_working: bool) -> None:
+        """Ask for the memory of launches and patches."""
+        Launches.allot(model, GatherSchedule.step_of(model, features), room)
+        GatherSchedule.allot(model, features, room)
+
+    def begin_loading(self) -> None:
+        """Compile nothing ahead: patches load as they are launched."""
+
+    def advance_free(self, state: State) -> None:
+        """Run the substeps of a frame in patches."""
+        self._free.advance_patches(state)

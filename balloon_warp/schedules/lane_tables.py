@@ -17,7 +17,7 @@ from balloon_warp.kernels.schedules.lanes_layouts import Layout
 from balloon_warp.kernels.schedules.lanes_state import lane_structs, part_structs
 from balloon_warp.kernels.schedules.writer import Step
 from balloon_warp.model import Model
-from balloon_warp.model.memory import Room
+from balloon_warp.model.state import Room
 from balloon_warp.schedules.membranes import MembraneQuads, membrane_quads
 from balloon_warp.schedules.slices import spring_ends
 from balloon_warp.schedules.tables import other_corners

@@ -9,7 +9,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from balloon_warp.errors import InputError
-from balloon_warp.forks import Threads
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.contact import Solids
 from balloon_warp.kernels.schedules.lanes import LOOKS, arguments_of, kernel_of, source_of
@@ -17,14 +16,15 @@ from balloon_warp.kernels.schedules.lanes_layouts import OCTETS, WORLDS, WORLDS_
 from balloon_warp.kernels.schedules.writer import Step, cut
 from balloon_warp.kernels.substep import SHARED, phases_of
 from balloon_warp.kernels.working import Working
-from balloon_warp.launching import begin_loading, launch
 from balloon_warp.model import Model, State
-from balloon_warp.model.memory import Allocating, Room
+from balloon_warp.model.state import Allocating, Room
 from balloon_warp.schedules.frames import FramePiece
 from balloon_warp.schedules.framing import Framing
 from balloon_warp.schedules.free_frames import FreeFramesSchedule
 from balloon_warp.schedules.lane_tables import allot_lanes, make_lane_tables, put_far_away, rows_of, shares_of
 from balloon_warp.schedules.tables import kept_arguments, make_tables, world_state
+from balloon_warp.system.loading import Threads
+from balloon_warp.system.warp_threads import begin_loading, launch
 
 
 class LanesSchedule(FreeFramesSchedule):

@@ -23,10 +23,8 @@ from balloon_warp.kernels.schedules.launched import (
 from balloon_warp.kernels.schedules.writer import Piece, Step, cut, values_of
 from balloon_warp.kernels.substep import NOTHING, Instead, phases_of
 from balloon_warp.kernels.working import Working
-from balloon_warp.launching import begin_loading, launch, launch_tiled
 from balloon_warp.model import Model, State
-from balloon_warp.model.memory import Allocating, Counting, Room
-from balloon_warp.model.state import contact_shape
+from balloon_warp.model.state import Allocating, Counting, Room, contact_shape
 from balloon_warp.schedules.balloon_contact import TouchLaunches, touch_arrays
 from balloon_warp.schedules.contact_lists import ContactLists, counting_arrays, has_lists, list_arrays, start_of_frame
 from balloon_warp.schedules.features import choosing_parameters, model_features
@@ -35,6 +33,7 @@ from balloon_warp.schedules.framing import Framing
 from balloon_warp.schedules.membranes import left_array, tear_arrays
 from balloon_warp.schedules.tables import Worlds, kept_arguments, look_arrays, make_tables
 from balloon_warp.schedules.touch_table import ridge_arrays, solid_arrays, substeps_of_search, sweep_arrays
+from balloon_warp.system.warp_threads import begin_loading, launch, launch_tiled
 
 TEAM_THREADS = 256
 """Threads of a block for phases of a world and for sums, on a GPU; more would have too few registers"""

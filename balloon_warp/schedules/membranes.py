@@ -14,12 +14,11 @@ from balloon_warp.kernels.laws.membrane import MEMBRANES, SOFTENING_PARAMETERS, 
 from balloon_warp.kernels.loops.membranes import PLACE_BYTES, VECTOR_BYTES, MembraneFaceLayout
 from balloon_warp.kernels.tables import MembraneFaceTable, MembraneTable, TearTable, WearTable
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.mesh.geometry import face_vector_areas, total_area
-from balloon_warp.mesh.topology import corner_faces, next_corners
+from balloon_warp.mesh.topology import corner_faces, face_vector_areas, next_corners, total_area
 from balloon_warp.model import Model
-from balloon_warp.model.memory import Allocating, Room
+from balloon_warp.model.state import Allocating, Room
 from balloon_warp.schedules.slices import slices_of
-from balloon_warp.springs.membrane import Membrane
+from balloon_warp.springs.build import Membrane
 
 BRANCHING_WAY = 0.25
 """Distance between two branchings of a tear, over a balloon's diameter"""

@@ -9,12 +9,12 @@ from balloon_warp.kernels.measure.observed import law_measure, pull_kernel, spri
 from balloon_warp.kernels.schedules.launched import GATHERED
 from balloon_warp.kernels.schedules.writer import cut
 from balloon_warp.kernels.substep import READING, phases_of
-from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
-from balloon_warp.model.memory import Allocating
+from balloon_warp.model.state import Allocating
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.launched import Launches
 from balloon_warp.schedules.tables import make_tables, place_anchors, refresh_ramp, tables_of_world
+from balloon_warp.system.warp_threads import launch
 
 PULL, INFLATE = "pull", "inflate"
 """Phases that begin a launch of their own"""

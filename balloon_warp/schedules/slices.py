@@ -1,4 +1,6 @@
-"""Particles' springs and quads as threads read them: slices, slots, rings, and an order without bank conflicts.
+"""Memoize searches of arrays that take long and are asked again, by the next share of a batch of the same meshes.
+
+Particles' springs and quads as threads read them: slices, slots, rings, and an order without bank conflicts.
 
 Assignment of neighbors to slots and of particles to threads that avoids bank conflicts in shared memory.
 
@@ -12,8 +14,12 @@ A model with its particles in another order, so that the threads of a warp have 
 Otherwise a warp takes as long as its particle with the most springs.
 """
 
+import hashlib
+from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import wraps
+from typing import Any, Concatenate
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -23,7 +29,32 @@ from numpy.typing import NDArray
 from balloon_warp.kernels.loops.springs import SlotTable
 from balloon_warp.kernels.tables import SLICE, ParticleTable, RingTable
 from balloon_warp.model import Model
-from balloon_warp.schedules.memoize import memoized
+
+Search = Callable[Concatenate[NDArray[np.int64], ...], NDArray[np.int64]]
+LAST = 8
+"""Number of results kept of a function"""
+
+
+def memoized(search: Search) -> Search:
+    """Memoize a function of arrays; cached arrays are read-only."""
+    answers: OrderedDict[str, NDArray[np.int64]] = OrderedDict()
+
+    @wraps(search)
+    def recall(*asked: NDArray[np.int64]) -> NDArray[np.int64]:
+        key = hashlib.sha256()
+        for array in asked:
+            key.update(f"{array.shape} {array.dtype}".encode())
+            key.update(np.ascontiguousarray(array).data)
+        answer = answers.pop(key.hexdigest(), None)
+        if answer is None:
+            answer = search(*asked).copy()
+            answer.setflags(write=False)
+        answers[key.hexdigest()] = answer
+        while len(answers) > LAST:
+            answers.popitem(last=False)
+        return answer
+
+    return recall
 
 
 def particle_table(model: Model) -> Any:

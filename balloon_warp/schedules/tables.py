@@ -31,21 +31,19 @@ from balloon_warp.kernels.tables import (
     TubeTable,
     WorldState,
 )
-from balloon_warp.launching import launch
 from balloon_warp.mesh.orientation import triangles_of
 from balloon_warp.model import Model, State
-from balloon_warp.model.crushing import inside_volume
-from balloon_warp.model.gas import pressure_bounds
-from balloon_warp.model.memory import Allocating, Room
 from balloon_warp.model.obstacles import FRICTION, ObstacleShape, sample
 from balloon_warp.model.parameters import VELOCITY
-from balloon_warp.model.small_spheres import small_spheres
-from balloon_warp.model.state import frames_of
+from balloon_warp.model.pressure import pressure_bounds
+from balloon_warp.model.starts import inside_volume
+from balloon_warp.model.state import Allocating, Room, frames_of
 from balloon_warp.schedules.frames import health_table
 from balloon_warp.schedules.membranes import membrane_table, membranes_of_world
 from balloon_warp.schedules.slices import SpringEnds, particle_table, quad_rings, ring_table, slices_of, spring_ends
-from balloon_warp.schedules.touch_table import ridge_table, touch_table
+from balloon_warp.schedules.touch_table import ridge_table, small_spheres, touch_table
 from balloon_warp.springs.build import color_springs
+from balloon_warp.system.warp_threads import launch
 
 
 def string_table(model: Model) -> Any:

@@ -11,16 +11,22 @@ from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.steering import begin_episodes, draw_values, shift_balloon
-from balloon_warp.launching import launch
 from balloon_warp.model import Model, State, initial_state
 from balloon_warp.model.parameters import START, places_of, rows_of
-from balloon_warp.model.placing import place_particles
-from balloon_warp.shown import Shown
-from balloon_warp.steering.controls import Controls, columns_of, copy_given
-from balloon_warp.steering.observations import Observations
-from balloon_warp.steering.row_copies import RowCopies
-from balloon_warp.steering.timetable import Begun, Timetable, begun_of, has_times, require_timeless
-from balloon_warp.warp_lock import recording, replay
+from balloon_warp.model.state import place_particles
+from balloon_warp.steering.controls import (
+    Begun,
+    Controls,
+    Timetable,
+    begun_of,
+    columns_of,
+    copy_given,
+    has_times,
+    require_timeless,
+)
+from balloon_warp.steering.observations import Observations, RowCopies
+from balloon_warp.system.shown import Shown
+from balloon_warp.system.warp_threads import launch, recording, replay
 
 IN_PARAMETERS = {"initial_velocities": "initial_velocities", "initial_spins": "initial_spins"}
 """Arrays of parameters that particles are placed by, by the names of their rows"""

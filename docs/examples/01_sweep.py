@@ -18,7 +18,7 @@ pressures = np.linspace(0.0, 400.0, WORLDS)  # [Pa]
 moved = bw.simulate(scene, world_count=WORLDS, vary={"balloon.inflation.pressure": pressures})
 volumes = 1000.0 * moved.volumes[:, -1, 0]  # of each world, after the last frame, of the first balloon [L]
 
-plt.style.use("balloon_warp.outputs.charts")
+plt.style.use("balloon_warp.studio.charts")
 plt.plot(pressures, volumes, "o-")
 plt.xlabel("pressure [Pa]")
 plt.ylabel("volume [L]")

@@ -24,7 +24,7 @@ stretch = np.cbrt(moved.volumes[:, 0] / moved.volumes[0, 0])
 pressure = moved.pressures[:, 0]
 formula = 4.0 * THICKNESS / RADIUS * (1.0 / stretch - stretch**-7.0) * (C1 + C2 * stretch**2.0)
 
-plt.style.use("balloon_warp.outputs.charts")
+plt.style.use("balloon_warp.studio.charts")
 plt.plot(stretch, pressure, ".", label="simulated")
 plt.plot(stretch, formula, color="C5", zorder=1, label="formula of a sphere")
 plt.xlabel("stretch")

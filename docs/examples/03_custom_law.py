@@ -32,7 +32,7 @@ scene = bw.load_scene("squirrel_inflate", {**overrides, "balloon.helium": 0.0, "
 moved = bw.simulate(scene, laws=[law])
 path = moved.points[0].mean(axis=1)  # of the center, shape (FRAMES + 1, 3) [m]
 
-plt.style.use("balloon_warp.outputs.charts")
+plt.style.use("balloon_warp.studio.charts")
 plt.figure(figsize=(4.8, 4.8))
 plt.plot(path[:, 0], path[:, 2])
 plt.plot(path[0, 0], path[0, 2], "o", color="C0")

@@ -22,7 +22,7 @@ by_mass = table.groupby("sphere.0.mass").agg(
 )
 print(by_mass.round(3))
 
-plt.style.use("balloon_warp.outputs.charts")
+plt.style.use("balloon_warp.studio.charts")
 table.pivot(index="time", columns="sphere.0.mass", values="sphere_0_height").plot()
 plt.ylabel("height of the sphere [m]")
 plt.xlabel("time [s]")

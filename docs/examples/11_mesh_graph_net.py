@@ -10,7 +10,7 @@ import torch
 from torch import nn
 
 import balloon_warp as bw
-from balloon_warp.mesh.geometry import quad_sphere
+from balloon_warp.mesh.topology import quad_sphere
 
 WORLDS = 256
 FRAMES = 40
@@ -94,7 +94,7 @@ with torch.no_grad():
 rollout = torch.stack(learned, 1)
 errors = (rollout - tests).norm(dim=-1).mean((0, 2))
 print(f"mean error of {len(tests)} test worlds after {FRAMES} frames: {1e3 * errors[-1]:.1f} mm")
-plt.style.use("balloon_warp.outputs.charts")
+plt.style.use("balloon_warp.studio.charts")
 figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4), width_ratios=[2, 1])
 for place, frame in enumerate(range(0, FRAMES + 1, max(FRAMES // 5, 1))):
     for points, color in ((tests, "black"), (rollout, "tab:red")):

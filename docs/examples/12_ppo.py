@@ -1,4 +1,4 @@
-"""A policy that PPO learns on the device, for any task of `balloon_warp.envs`: its curve, and its return beside others.
+"""A policy that PPO learns on the device, for any task of `balloon_warp.learn`: its curve and its return.
 
     python 12_ppo.py Inflate --minutes 3
     python 12_ppo.py Juggle --minutes 5
@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from balloon_warp.envs import make_vec
+from balloon_warp.learn import make_vec
 
 GAMMA, LAMBDA, CLIP, KL, EPOCHS, MINIBATCHES, PARTS = 0.99, 0.95, 0.2, 0.01, 5, 8, 8
 
@@ -141,7 +141,7 @@ np.savetxt(f"ppo_{given.task}.csv", curve, "%.9g", ",", header="seconds,steps,ep
 if find_spec("matplotlib"):
     import matplotlib.pyplot as plt
 
-    plt.style.use("balloon_warp.outputs.charts")
+    plt.style.use("balloon_warp.studio.charts")
     figure, axes = plt.subplots(figsize=(6, 4))
     axes.plot([row[0] / 60.0 for row in curve], [row[3] for row in curve], label="while learning")
     for name, style in (("learned", "-"), ("scripted", "--"), ("random", ":")):

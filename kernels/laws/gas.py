@@ -219,7 +219,7 @@ def most_pressure(bound: float, mass: float, step_seconds: float):
     """Return the largest gauge pressure at which the turning of the skin is stable in a step [Pa].
 
     Args:
-        bound: of the balloon's shape [1/m], see `balloon_warp.model.most_pressure`.
+        bound: of the balloon's shape [1/m], see `balloon_warp.model.spectrum`.
         mass: of the balloon [kg].
         step_seconds: [s].
     """

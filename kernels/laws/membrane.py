@@ -8,9 +8,8 @@ Cauchy-Green tensor of the plane, a >= b its eigenvalues, the squared principal 
 is an energy W(a, b) for each volume at rest; it gives its slopes by the trace a + b and by the determinant a b, from
 which the stress follows, S = 2 (dW/dtr 1 + dW/ddet adj C).
 
-A thin skin does not resist compression: it wrinkles, and its stress is a tension field. Its energy is the least that is
-reached by wrinkles of any size across the tension (Pipkin 1986, The relaxed energy density for isotropic elastic
-membranes):
+A thin skin does not resist compression: it wrinkles. Its energy is the least that is reached by wrinkles of any size
+across the tension, a tension field (Pipkin 1986, The relaxed energy density for isotropic elastic membranes):
 
     a <= 1                          slack: nothing
     b < 1 / sqrt(a)                 in wrinkles: W(a, 1 / sqrt(a)), whatever b

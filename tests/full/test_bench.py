@@ -19,17 +19,17 @@ from balloon_warp import Simulator, load_scene
 from balloon_warp.benchmarks import auto, bound, crowd_rate, export, first_frame, health, measure, reading, solvers
 from balloon_warp.benchmarks.cases import CPU_CASES, GPU_CASES, Case, ExportCase, FirstFrameCase, ReadingCase, beside
 from balloon_warp.benchmarks.crowd import CrowdCase
-from balloon_warp.benchmarks.lines import KINDS, folders, kinds_of
+from balloon_warp.benchmarks.lines import KINDS, folders, house, kinds_of
 from balloon_warp.benchmarks.measure import FRAMES, REPEATS, seconds_a_frame
 from balloon_warp.benchmarks.result import Result
 from balloon_warp.benchmarks.rubber import RADIUS, rubber_cases
 from balloon_warp.benchmarks.run import run_case
 from balloon_warp.blow_ups import KEPT_FRAMES
-from balloon_warp.device import pick_device
-from balloon_warp.mesh.geometry import quad_sphere, signed_volume
+from balloon_warp.mesh.topology import quad_sphere, signed_volume
 from balloon_warp.model import Model, State, build_model, initial_state, lay_out, plan_model
 from balloon_warp.schedules import SCHEDULES, make_schedule
 from balloon_warp.schedules.choose import fastest_schedule
+from balloon_warp.system.warp_threads import pick_device
 
 
 def test_the_mesh_is_the_quad_sphere_of_the_other_tests():
@@ -435,3 +435,14 @@ def test_each_line_is_of_one_kind_in_all_folders():
     found = folders()
     assert {"laws", "phases", "schedules", "adjoints"} <= found.keys()
     assert all(counts["lines"] == sum(counts[kind] for kind in KINDS) for counts in found.values())
+
+
+def test_the_size_of_the_house_is_counted():
+    found = house()
+    assert 0 < found["of which closures"] < found["functions of Warp"]
+    assert (
+        found["lines of kernels"]
+        < found["lines of the core, with kernels"]
+        < sum(found[f"lines of {part}"] for part in ("kernels", "the package"))
+    )
+    assert 100 < found["our modules in a run of two frames"] < found["files of the package"] + found["files of kernels"]

@@ -8,7 +8,7 @@ from PIL import Image
 
 from balloon_warp import animate, load_scene, render_stage
 from balloon_warp.benchmarks.blender_pictures import blender_python, render_in_blender
-from balloon_warp.outputs.render.stage_reader import RenderStage
+from balloon_warp.studio.render.stage_reader import RenderStage
 
 SIZE = (160, 90)
 pytestmark = pytest.mark.skipif(blender_python() is None, reason="Blender's module is not installed")

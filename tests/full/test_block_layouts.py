@@ -14,7 +14,7 @@ from balloon_warp.kernels.schedules.block import source_of_frame
 from balloon_warp.kernels.schedules.block_names import Layout
 from balloon_warp.model import build_model, initial_state
 from balloon_warp.scene import Balloon, Ground, Inflation, Material, Obstacle, Scene, Sphere, Stiffness, Touch, Water
-from balloon_warp.schedules import block_frames
+from balloon_warp.schedules import block_layout
 from balloon_warp.schedules.block_layout import step_of
 from balloon_warp.schedules.choose import make_schedule
 from balloon_warp.schedules.features import model_features
@@ -81,7 +81,7 @@ def test_blocks_do_what_launches_do(name: str, layout: str, monkeypatch: pytest.
     layout_of, cells = LAYOUTS[layout]
     scene = scenes(cells)[name]
     expected = after_frames(scene, "gather")
-    monkeypatch.setattr(block_frames, "layout_of", layout_of)
+    monkeypatch.setattr(block_layout, "layout_of", layout_of)
     found = after_frames(scene, "block")
     most = {"velocities": OF_VELOCITIES, "pressures": ROUNDING * 1.0e5}
     for what, values in expected.items():

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from balloon_warp.garbage import without_collecting
+from balloon_warp.system.loading import without_collecting
 
 
 @pytest.fixture(autouse=True)

@@ -10,9 +10,9 @@ from gradient_losses import value_at
 from gradient_scenes import CASES
 
 import balloon_warp as bw
+from balloon_warp.batch.simulate import Trajectories
 from balloon_warp.benchmarks.gradient_bounce import FLOORS, slope_and_gradients
-from balloon_warp.gradients.steps import Moving, Steps
-from balloon_warp.trajectories import Trajectories
+from balloon_warp.lab.gradients.rollout import Moving, Steps
 
 
 @pytest.mark.nightly

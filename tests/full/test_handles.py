@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from quads import assert_closed_quads
 
 from balloon_warp import InputError, PolygonMesh, remesh
-from balloon_warp.mesh.remesh import handle_count, handles_lost, handles_of_level
 from balloon_warp.mesh.surface_nets import Level, surface_nets
+from balloon_warp.tools.remesh import handle_count, handles_lost, handles_of_level
 
 
 def statue(hole: float, handle: float = 0.08) -> PolygonMesh:
@@ -43,7 +43,7 @@ def test_a_clean_statue_of_genus_2_keeps_its_handles(narrow: PolygonMesh, cells:
 
 
 def test_a_number_that_one_has_to_ask_for_is_named(narrow: PolygonMesh, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("balloon_warp.mesh.remesh.MOST_BY_ITSELF", 0)
+    monkeypatch.setattr("balloon_warp.tools.remesh.MOST_BY_ITSELF", 0)
     with pytest.raises(InputError) as refused:
         remesh(narrow, 24)
     said = str(refused.value)
@@ -55,7 +55,7 @@ def test_a_number_that_one_has_to_ask_for_is_named(narrow: PolygonMesh, monkeypa
 def test_a_hole_that_no_cells_keep_is_closed_and_that_is_said(narrow: PolygonMesh, monkeypatch) -> None:
     """Handles of a scan, whose surface came too near to itself. The ring on the side is a cell thick: fitted whole
     its quads cross each other in 108 places, so a part stays thick."""
-    monkeypatch.setattr("balloon_warp.mesh.remesh.MAX_CELLS", 24)
+    monkeypatch.setattr("balloon_warp.tools.remesh.MAX_CELLS", 24)
     made = remesh(narrow, 16)
     assert_closed_quads(made, holes_through=1)
     assert made.warnings == (

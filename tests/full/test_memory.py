@@ -10,7 +10,7 @@ from meshes import cube, quad_sphere
 
 from balloon_warp import Balloon, Ground, InputError, Scene, Simulator, Sphere, String, Water
 from balloon_warp.benchmarks.long_run import CASES, QUICK, Growth, measure
-from balloon_warp.model import Model, build_model, memory, world_bytes
+from balloon_warp.model import Model, build_model, state, world_bytes
 from balloon_warp.schedules import SCHEDULES
 from balloon_warp.schedules.choose import schedule_named
 
@@ -74,7 +74,7 @@ def test_lanes_counts_the_worlds_that_fill_up_the_last_eight():
 def test_worlds_that_do_not_fit_are_refused_with_the_number_that_would(monkeypatch):
     model = build_model(scene(), "cpu")
     world = world_bytes(model) + schedule_named("scatter", model).world_bytes(model)
-    monkeypatch.setattr(memory, "free_memory", lambda device: int(10.5 * world / memory.USABLE))
+    monkeypatch.setattr(state, "free_memory", lambda device: int(10.5 * world / state.USABLE))
     assert len(Simulator(scene(), "cpu", 10, schedule="scatter").state.points) == 10
     with pytest.raises(
         InputError, match=r"^64 worlds do not fit: they need .* GiB, and cpu has .* enough for 10 worlds$"
@@ -87,7 +87,7 @@ def test_a_schedule_that_keeps_less_lets_more_worlds_in(monkeypatch):
     kept = {name: schedule_named(name, model).world_bytes(model) for name in SCHEDULES}
     assert kept["block"] < kept["scatter"] < kept["lanes"]
     needed = 64 * (world_bytes(model) + np.mean([kept["block"], kept["scatter"]]))
-    monkeypatch.setattr(memory, "free_memory", lambda device: int(needed / memory.USABLE))
+    monkeypatch.setattr(state, "free_memory", lambda device: int(needed / state.USABLE))
     Simulator.of_model(model, "block")
     with pytest.raises(InputError, match=r"^64 worlds do not fit"):
         Simulator.of_model(model, "scatter")

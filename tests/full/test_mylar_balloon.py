@@ -7,7 +7,7 @@ from meshes import mesh_of, two_discs
 from scipy.integrate import quad
 
 from balloon_warp import Balloon, Inflation, Material, Scene, Simulator
-from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.mesh.topology import signed_volume
 
 pytestmark = [pytest.mark.physics, pytest.mark.nightly]
 

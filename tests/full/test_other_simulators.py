@@ -9,7 +9,7 @@ from exported import BALL, scene
 from pxr import Usd, UsdGeom, UsdPhysics, UsdShade, UsdValidation
 
 from balloon_warp import animate
-from balloon_warp.mesh.geometry import triangulate
+from balloon_warp.mesh.topology import triangulate
 
 ROOT = Path(__file__).parents[2]
 

@@ -12,8 +12,8 @@ import pytest
 from meshes import quad_sphere
 
 import balloon_warp
-from balloon_warp.files import LOCK, PREFIX
 from balloon_warp.mesh.obj import write_obj
+from balloon_warp.system.files import LOCK, PREFIX
 
 HERE = Path(__file__).parents[1]
 DECOYS = ("beside.mtl", "beside.png", "other.obj", "other.toml", ".env")

@@ -9,8 +9,7 @@ from played import played, shape_at
 from scipy.optimize import brentq, minimize_scalar
 
 from balloon_warp import Frame, PolygonMesh
-from balloon_warp.mesh.geometry import signed_volume, total_area
-from balloon_warp.mesh.topology import mesh_edges
+from balloon_warp.mesh.topology import mesh_edges, signed_volume, total_area
 
 
 def latex_pressure(mesh: PolygonMesh, stretch: float) -> float:

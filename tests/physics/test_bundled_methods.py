@@ -6,7 +6,7 @@ import pytest
 from played import played, shape_at, stretches
 from scipy.spatial.transform import Rotation
 
-from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.mesh.topology import signed_volume
 
 
 def test_with_correction_the_shape_is_a_scaled_copy():

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 import balloon_warp.scenes
 from balloon_warp import Frame, load_scene, run_batch
 from balloon_warp.benchmarks.overlap import deepest_in_itself, deepest_overlap
-from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.surface_nets import MeshDistance
+from balloon_warp.mesh.topology import signed_volume
 from balloon_warp.model import Model
 from balloon_warp.model.touch import APART
 from balloon_warp.scenes.model_bead import RADIUS

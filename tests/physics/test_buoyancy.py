@@ -12,8 +12,8 @@ from wetness import displaced, wet_part
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.load import place_mesh
+from balloon_warp.mesh.topology import signed_volume
 from balloon_warp.model import build_model
 from balloon_warp.scene import Atmosphere, Balloon, Change, Inflation, Scene, Stiffness, Tube, Water
 from balloon_warp.scene.presets import EARTH_RADIUS

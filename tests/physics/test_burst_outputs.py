@@ -12,10 +12,9 @@ from render_stages import read_stage
 from test_bursting import BALL, filled, scene_of
 
 from balloon_warp import Balloon, Inflation, Scene, Simulator, StageWriter, load_scene, run_batch
-from balloon_warp.mesh.geometry import signed_volume, total_area
-from balloon_warp.mesh.topology import beside_faces
-from balloon_warp.sweep.output import STAGE_NAME
-from balloon_warp.sweep.recorder import columns_of
+from balloon_warp.batch.output import STAGE_NAME
+from balloon_warp.batch.recorder import columns_of
+from balloon_warp.mesh.topology import beside_faces, signed_volume, total_area
 
 
 def test_the_stage_loses_the_faces_that_tear(tmp_path, device: str):

@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import connected_components
 from test_membranes import AIR, BALL, DENSITY, THICKNESS, amount_at, stretched, volumes
 
 from balloon_warp import InputError, PolygonMesh, Simulator
-from balloon_warp.mesh.geometry import face_vector_areas, signed_volume
+from balloon_warp.mesh.topology import face_vector_areas, signed_volume
 from balloon_warp.model import plan_model
 from balloon_warp.scene import Atmosphere, Balloon, Ground, Inflation, Material, Scene, Stiffness, Touch, Tube, Water
 from balloon_warp.schedules.membranes import neighbors_of, share_of_tear

@@ -14,7 +14,7 @@ from pxr import Gf, Usd
 from scipy.spatial import ConvexHull
 
 from balloon_warp import Cluster, Frame, Simulator, animate, run_batch
-from balloon_warp.contacts import Contact
+from balloon_warp.frame import Contact
 from balloon_warp.mesh.topology import mesh_edges
 from balloon_warp.scene import Balloon, Body, Ground, Inflation, Obstacle, Scene, Sphere, Touch, load_scene
 

@@ -9,12 +9,12 @@ from conserved import advanced, after_each, motion
 from gas_balloons import volume_of
 from meshes import grid, quad_sphere
 
+from balloon_warp.lab.reference.step import Reference
 from balloon_warp.mesh.crossings import crossings_of
-from balloon_warp.mesh.geometry import signed_volume
-from balloon_warp.model.crushing import NO_INSIDE, inside_volume
+from balloon_warp.mesh.topology import signed_volume
 from balloon_warp.model.plan import plan_model
 from balloon_warp.model.shape import shape_balloon
-from balloon_warp.reference.step import Reference
+from balloon_warp.model.starts import NO_INSIDE, inside_volume
 from balloon_warp.scene import Balloon, Inflation, Material, Scene, Touch, Water
 from balloon_warp.simulator import Simulator
 

@@ -15,13 +15,13 @@ from scipy.spatial.transform import Rotation
 
 from balloon_warp import Balloon, PolygonMesh, Scene, String, animate, export_stage
 from balloon_warp.kernels.pictures.surfaces import LEAST_SEEN, turned_to_viewer
-from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.orientation import CREASE, SOFT_CREASE, sharp_edges
-from balloon_warp.outputs.moment import Z_TO_Y_UP
-from balloon_warp.outputs.render.stage_reader import RenderStage
-from balloon_warp.outputs.render.surface import SmoothSurface
-from balloon_warp.outputs.render.view import View
-from balloon_warp.outputs.tubes import AROUND, PROFILE, Knot, knot_mesh, knot_size
+from balloon_warp.mesh.topology import signed_volume
+from balloon_warp.studio.render.stage_reader import RenderStage
+from balloon_warp.studio.render.surface import SmoothSurface
+from balloon_warp.studio.render.view import View
+from balloon_warp.usd.solids import AROUND, PROFILE, Knot, knot_mesh, knot_size
+from balloon_warp.usd.studio import Z_TO_Y_UP
 
 FRAMES = 3
 BALL = quad_sphere(6)
@@ -166,8 +166,8 @@ class Drawn:
 
 def test_the_page_has_knots_where_strings_are_tied_and_none_in_hands():
     pytest.importorskip("viser")
-    from balloon_warp.viewer.drawings import Drawing, KnotLayer
-    from balloon_warp.viewer.session import Session
+    from balloon_warp.studio.page.drawings import Drawing, KnotLayer
+    from balloon_warp.studio.page.session import Session
 
     scene = Scene(balloon=[Balloon(mesh=BALL)], string=[String(anchor=(0, -3, 0))])
     session = Session("ball", scene, "cpu")

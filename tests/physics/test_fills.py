@@ -18,16 +18,16 @@ from test_membranes import volumes
 from balloon_warp import InputError, PolygonMesh, Simulator
 from balloon_warp.cli import main
 from balloon_warp.kernels.laws.gas import end_of_collapse
-from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.mesh.orientation import triangles_of
+from balloon_warp.mesh.topology import signed_volume
 from balloon_warp.model import plan_model
 from balloon_warp.model.setting import plan_setting
-from balloon_warp.model.vary import VaryError, scene_to_vary
+from balloon_warp.model.timeline import VaryError, scene_to_vary
 from balloon_warp.scene import Atmosphere, Balloon, Ground, Inflation, Material, Scene, Tube, load_scene
 from balloon_warp.scene.load import OverrideError, override_scene, parse_override
-from balloon_warp.viewer import playground as module
-from balloon_warp.viewer.playground import Playground, inflating
+from balloon_warp.studio.page import playground as module
+from balloon_warp.studio.page.playground import Playground, inflating
 
 BALL = with_volume(quad_sphere(4), 0.02)
 OF_A_LITRE = AIR_PRESSURE * 1e-3 / (GAS_CONSTANT * TEMPERATURE)

@@ -14,7 +14,7 @@ from balloon_warp.kernels.loops.membranes import membrane_faces_of
 from balloon_warp.kernels.loops.quads import quads_of
 from balloon_warp.kernels.memory import put_in_tile
 from balloon_warp.kernels.tables import Tables
-from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.mesh.topology import signed_volume
 from balloon_warp.model import build_model
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.membranes import membrane_face_entries, membrane_face_layout, membrane_face_table

@@ -17,15 +17,15 @@ from balloon_warp import PolygonMesh, Simulator, foil_mesh
 from balloon_warp.benchmarks.overlap import deepest_overlap
 from balloon_warp.kernels.contact.free_frames import BUSY, FREE, HURRIED
 from balloon_warp.mesh.crossings import find_crossings
-from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.orientation import triangles_of
 from balloon_warp.mesh.thickness import least_gaps, slenderness
+from balloon_warp.mesh.topology import signed_volume
 from balloon_warp.model import plan_model
-from balloon_warp.model.ridges import meeting_edges, sharp_edges
 from balloon_warp.model.shape import shape_balloon
+from balloon_warp.model.touch import meeting_edges, sharp_edges
 from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Scene, Stiffness, Touch, load_scene
 from balloon_warp.scenes.model_airbag import GAP, airbag, airbag_flat
-from balloon_warp.schedules.own_parts import part_count, parts_of
+from balloon_warp.schedules.outlook import part_count, parts_of
 
 LIMP = Stiffness(structural=50.0, shear=25.0, flexion=0.0)
 

@@ -47,7 +47,7 @@ def test_reset_goes_back_to_the_same_start(change: list[Change]):
 
 
 def test_a_notebook_shows_a_picture(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("balloon_warp.outputs.snapshot.NOTEBOOK_SIZE", (64, 36))
+    monkeypatch.setattr("balloon_warp.studio.animate.NOTEBOOK_SIZE", (64, 36))
     simulator = Simulator(TWO, "cpu")
     shown = simulator._repr_png_()
     assert shown is not None

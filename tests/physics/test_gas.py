@@ -31,10 +31,10 @@ from scipy.integrate import solve_ivp
 from trajectories import after_frames
 
 from balloon_warp import Balloon, Change, Frame, Ground, Inflation, Neck, Scene, Sphere, StageWriter, Stiffness, Tube
+from balloon_warp.batch.recorder import Recorder, columns_of
 from balloon_warp.kernels.laws.flow import nozzle
-from balloon_warp.mesh.geometry import signed_volume, total_area
+from balloon_warp.mesh.topology import signed_volume, total_area
 from balloon_warp.simulator import Simulator
-from balloon_warp.sweep.recorder import Recorder, columns_of
 
 
 @pytest.mark.parametrize("gamma", [1.0, 1.4])

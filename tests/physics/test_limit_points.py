@@ -14,11 +14,11 @@ from rubber_theory import sphere_pressure
 
 from balloon_warp import Balloon, BlowUpError, Inflation, Material, Scene, Simulator, animate, run_batch
 from balloon_warp.kernels.laws.membrane import MEMBRANES
-from balloon_warp.mesh.geometry import signed_volume, total_area
+from balloon_warp.lab.reference.laws import gent
+from balloon_warp.mesh.topology import signed_volume, total_area
 from balloon_warp.model import plan_model
 from balloon_warp.model.materials import numbers_of, slopes_by_stretches
 from balloon_warp.model.pressure import borne_pressures, passed_limit_point
-from balloon_warp.reference.laws import gent
 from balloon_warp.scene.load import override_scene
 
 MU, THICKNESS = 3.0e5, 2.0e-4

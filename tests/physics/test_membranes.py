@@ -14,7 +14,7 @@ from rubber_theory import ENERGIES, MATERIALS, sphere_pressure
 from balloon_warp import Atmosphere, Balloon, Inflation, Material, PolygonMesh, Scene, Simulator
 from balloon_warp.kernels.laws.air import GAS_CONSTANT
 from balloon_warp.kernels.laws.membrane import MEMBRANES
-from balloon_warp.mesh.geometry import signed_volume, total_area
+from balloon_warp.mesh.topology import signed_volume, total_area
 from balloon_warp.schedules.readout import ForceReader
 
 AIR, KELVIN = 101325.0, 293.15

@@ -15,18 +15,16 @@ import balloon_warp as bw
 from balloon_warp import InputError, PolygonMesh
 from balloon_warp.benchmarks.design import cylinder as lids
 from balloon_warp.cli.app import app
-from balloon_warp.cli.design import Wanted
-from balloon_warp.designing import design, measure
-from balloon_warp.designing import panels as of_panels
-from balloon_warp.designing.job import simulate_from_rest
-from balloon_warp.designing.measure import Ruler
-from balloon_warp.designing.panels import PanelPattern, flattened, laid_out, panels_of, seam_lengths
-from balloon_warp.designing.springs import DOWN, Hanging
-from balloon_warp.designing.target import held_target_of
+from balloon_warp.cli.lab import Wanted
+from balloon_warp.lab.design import design, measure
+from balloon_warp.lab.design import panels as of_panels
+from balloon_warp.lab.design.job import simulate_from_rest
+from balloon_warp.lab.design.measure import Ruler
+from balloon_warp.lab.design.panels import PanelPattern, flattened, laid_out, panels_of, seam_lengths
+from balloon_warp.lab.design.springs import DOWN, Hanging
+from balloon_warp.lab.design.target import held_target_of
+from balloon_warp.lab.statics import Balance, SealedGas, Volume, film_of
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.statics.balance import Balance
-from balloon_warp.statics.of_model import film_of
-from balloon_warp.statics.skins import SealedGas, Volume
 
 BALL = quad_sphere(6)
 SIDES = 16

@@ -8,8 +8,8 @@ from gas_balloons import jittered, octahedron
 from meshes import quad_sphere
 
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.mesh.geometry import signed_volume
-from balloon_warp.model.most_pressure import PART, pressure_bound
+from balloon_warp.mesh.topology import signed_volume
+from balloon_warp.model.spectrum import PART, pressure_bound
 from balloon_warp.scene import Balloon, Inflation, Obstacle, Scene
 from balloon_warp.simulator import Simulator
 

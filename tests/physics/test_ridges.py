@@ -12,9 +12,9 @@ from touching import square
 
 from balloon_warp import InputError, Simulator, animate, check_stage, load_scene
 from balloon_warp.model.plan import plan_model
-from balloon_warp.model.small_spheres import round_ridges
 from balloon_warp.model.touch import edge_length
 from balloon_warp.scene import Balloon, Body, Ground, Inflation, Obstacle, Scene, Sphere
+from balloon_warp.schedules.touch_table import round_ridges
 
 BLADE = mesh_of([(-1.0, -0.6, 0.0), (1.0, -0.6, 0.0), (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)], [[0, 1, 2, 3]])
 ROD = {"shape": "capsule", "radius": 0.008, "length": 2.0, "rotation": (0.0, 0.0, 90.0), "position": (0, -0.008, 0)}

@@ -9,7 +9,7 @@ from conserved import advanced, forces_by_scatter, put
 from meshes import cube, mesh_of, prism, quad_sphere
 
 from balloon_warp import Balloon, Inflation, InputError, PolygonMesh, Scene, Simulator, Stiffness, load_scene
-from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.mesh.topology import signed_volume
 from balloon_warp.model.shape import BalloonShape, shape_balloon
 from balloon_warp.schedules.readout import ForceReader
 from balloon_warp.springs.build import build_hinges

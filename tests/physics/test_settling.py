@@ -14,9 +14,9 @@ from scipy import sparse
 from trajectories import stepped
 
 from balloon_warp import Balloon, Inflation, InputError, Scene, Simulator, Stiffness, run_batch
+from balloon_warp.frame_reader import relax
 from balloon_warp.kernels.projective import LEAST_ITERATIONS, MOST_ITERATIONS
-from balloon_warp.resting import relax
-from balloon_warp.statics.balance import rigid_motions, toppling_mode
+from balloon_warp.lab.statics import rigid_motions, toppling_mode
 
 MESH = quad_sphere(6, radius=0.3)
 

@@ -10,10 +10,9 @@ from odd_meshes import band, box, chair, finned, klein, two_at_an_edge, walled
 from odd_things import ODD, car, hair, haired
 
 from balloon_warp import Balloon, Inflation, PolygonMesh, Scene, Simulator, load_scene
-from balloon_warp.mesh.geometry import face_vector_areas, signed_volume
 from balloon_warp.mesh.load import Treatment, prepared
-from balloon_warp.mesh.shells import pushed_outward, pushes, there_and_back
-from balloon_warp.mesh.topology import flipped, is_closed, mesh_edges
+from balloon_warp.mesh.orientation import pushed_outward, pushes, there_and_back
+from balloon_warp.mesh.topology import face_vector_areas, flipped, is_closed, mesh_edges, signed_volume
 from balloon_warp.model.shape import BalloonShape, shape_balloon
 
 

@@ -8,10 +8,10 @@ from conserved import advanced, put
 from meshes import grid, mesh_of, quad_sphere
 
 from balloon_warp import Balloon, Change, Inflation, InputError, Material, Scene, Simulator, load_scene
-from balloon_warp.mesh.geometry import total_area
+from balloon_warp.batch.recorder import MEASURES, Recorder
+from balloon_warp.mesh.topology import total_area
 from balloon_warp.model import build_model, plan_model
 from balloon_warp.scene.load import override_scene
-from balloon_warp.sweep.recorder import MEASURES, Recorder
 
 OGDEN = {"preset": "natural_rubber_treloar"}
 UNSTABLE = {"ogden_moduli": (1e5, -1e3, 0.0), "ogden_exponents": (2.0, 2.0, 1.0)}

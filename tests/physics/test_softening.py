@@ -12,7 +12,7 @@ from rubber_theory import ENERGIES, MATERIALS, sphere_pressure
 from test_membranes import BALL, DENSITY, THICKNESS, stretched
 
 from balloon_warp import Balloon, Inflation, InputError, Material, PolygonMesh, Scene, Simulator
-from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.mesh.topology import signed_volume
 from balloon_warp.model import plan_model
 from balloon_warp.schedules.readout import ForceReader
 

@@ -11,7 +11,7 @@ from meshes import quad_sphere, two_discs
 from touching import cushion
 
 from balloon_warp import Atmosphere, Balloon, Inflation, PolygonMesh, Scene, Simulator
-from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.mesh.topology import signed_volume
 from balloon_warp.scene import Ground, Material, Obstacle, String, Touch
 
 BOUND, TIMES = 0.003, 30.0

@@ -11,7 +11,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws.law import FAR
 from balloon_warp.kernels.laws.membrane import GENT_LIMIT, NEVER, OGDEN_EXPONENTS
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.mesh.check import Taken
+from balloon_warp.mesh.crossings import Taken
 from balloon_warp.mesh.load import LARGEST_GAP, LEAST_GAP, Holes, Parts, Treatment, is_mesh, load_mesh, mesh_from
 from balloon_warp.mesh.polygon_mesh import Unit, UpAxis
 from balloon_warp.scene.presets import PRESETS, pinned_by, pins_of, weighed_by

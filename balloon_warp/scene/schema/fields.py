@@ -16,7 +16,7 @@ from balloon_warp.kernels.laws import PARAMETERS, Parameter
 from balloon_warp.kernels.laws.law import FAR, TINY
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.scene.complaint import complaint, table_in, toml_value
-from balloon_warp.shown import DOC, FieldHelp, Shown, ShownType, describe, docstrings, plain_docstring
+from balloon_warp.system.shown import DOC, FieldHelp, Shown, ShownType, describe, docstrings, plain_docstring
 
 Tables = type[BaseModel]
 

@@ -22,13 +22,14 @@ from meshes import quad_sphere
 from pxr import Sdf
 
 from balloon_warp import Cluster, InputError, MissingExtraError, Scene, TrajectoryFiles, WorkersLostError, run_batch
-from balloon_warp.model import memory
+from balloon_warp.batch.output import BatchOutput
+from balloon_warp.farm import cluster as cluster_module
+from balloon_warp.farm import cluster as dask_workers
+from balloon_warp.farm import cluster as shares
+from balloon_warp.farm import local_workers
+from balloon_warp.model import state
 from balloon_warp.scene import Balloon
-from balloon_warp.sweep import cluster as cluster_module
-from balloon_warp.sweep import cluster as dask_workers
-from balloon_warp.sweep import local_workers, shares
-from balloon_warp.sweep.output import BatchOutput
-from balloon_warp.warp_logging import quiet_warp
+from balloon_warp.system.warp_setup import quiet_warp
 
 WORLDS = 24
 scene = functools.partial(small_batch.scene, frames=4)
@@ -327,7 +328,7 @@ def fill_first(folder: str, most: int) -> None:
     for claim in claims:
         with contextlib.suppress(FileExistsError), claim.open("x") as file:
             file.write(str(os.getpid()))
-            memory.free_memory = lambda device: 1024
+            state.free_memory = lambda device: 1024
             return
 
 

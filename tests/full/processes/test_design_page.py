@@ -10,13 +10,13 @@ from typer.testing import CliRunner
 
 from balloon_warp.cli import progress
 from balloon_warp.cli.app import app
-from balloon_warp.designing import measure, panels
-from balloon_warp.designing.job import DesignStep
-from balloon_warp.designing.measure import Ruler
-from balloon_warp.designing.page import DesignPage
 from balloon_warp.errors import InputError
+from balloon_warp.lab.design import measure, panels
+from balloon_warp.lab.design.job import DesignStep
+from balloon_warp.lab.design.measure import Ruler
+from balloon_warp.lab.design.page import DesignPage
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.viewer.server import free_port
+from balloon_warp.studio.page.server import free_port
 
 RULER = Ruler(quad_sphere(4, 0.15))
 

@@ -14,8 +14,8 @@ import pytest
 import warp as wp
 
 from balloon_warp import InputError, WorkersLostError
-from balloon_warp.envs import BalloonVectorEnv, SpreadVectorEnv, make_vec
-from balloon_warp.envs.target import Target
+from balloon_warp.learn import BalloonVectorEnv, SpreadVectorEnv, make_vec
+from balloon_warp.learn.target import Target
 
 WORLDS, STEPS = 5, 7
 
@@ -120,7 +120,7 @@ def test_what_a_function_raises_is_raised_here_and_ends_all():
 
 SCRIPT = """
 import os, time
-from balloon_warp.envs import make_vec
+from balloon_warp.learn import make_vec
 
 def wait(env):
     os.write(1, b"waits\\n")

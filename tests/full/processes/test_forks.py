@@ -52,7 +52,7 @@ CHILDREN = {
         assert os.waitpid(child, 0)[1] == 0
     """,
     "environments": """
-        import gymnasium, balloon_warp.envs
+        import gymnasium, balloon_warp.learn
         name = "BalloonWarp/Altitude-v0"
         environments = gymnasium.vector.AsyncVectorEnv([lambda: gymnasium.make(name)] * 2, context="fork")
         environments.reset(seed=1)

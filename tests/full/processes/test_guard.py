@@ -16,9 +16,9 @@ from websockets.exceptions import InvalidStatus
 
 from balloon_warp import Balloon, InputError, Scene, Simulator, show
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.viewer.page import Page
-from balloon_warp.viewer.server import MOST_TOLD, Origins, free_port, guarded, is_ours, names_of
-from balloon_warp.viewer.session import Session
+from balloon_warp.studio.page.page import Page
+from balloon_warp.studio.page.server import MOST_TOLD, Origins, free_port, guarded, is_ours, names_of
+from balloon_warp.studio.page.session import Session
 
 
 @pytest.fixture(scope="module")

@@ -16,9 +16,9 @@ from websockets.exceptions import ConnectionClosed, InvalidHandshake  # noqa: E4
 from websockets.sync.client import connect  # noqa: E402
 from websockets.sync.connection import Connection  # noqa: E402
 
-from balloon_warp.viewer import server  # noqa: E402
-from balloon_warp.viewer.page import Page  # noqa: E402
-from balloon_warp.viewer.server import MOST_NONSENSE  # noqa: E402
+from balloon_warp.studio.page import server  # noqa: E402
+from balloon_warp.studio.page.page import Page  # noqa: E402
+from balloon_warp.studio.page.server import MOST_NONSENSE  # noqa: E402
 
 NAN, INF = float("nan"), float("inf")
 

@@ -13,8 +13,8 @@ from balloon_warp import Balloon, BlowUpError, Change, Ground, Inflation, InputE
 from balloon_warp.scene.load import bundled_scenes
 from balloon_warp.scene.write import scene_toml
 from balloon_warp.simulator import Simulator
-from balloon_warp.viewer import playground as journal
-from balloon_warp.viewer.playground import MOST_THROWN, Playground
+from balloon_warp.studio.page import playground as journal
+from balloon_warp.studio.page.playground import MOST_THROWN, Playground
 
 
 def on_a_string(**fields) -> Scene:

@@ -12,15 +12,15 @@ from meshes import quad_sphere
 from small_batch import struck
 
 from balloon_warp import Cluster, run_batch
+from balloon_warp.farm import cluster as shares
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.sweep import shares
 
 WRITE = """
 import sys
-from balloon_warp.warp_logging import quiet_warp
-from balloon_warp.job import animate
+from balloon_warp.system.warp_setup import quiet_warp
+from balloon_warp.studio.animate import animate
 from balloon_warp.scene import load_scene
-from balloon_warp.sweep.batch import run_batch
+from balloon_warp.batch.batch import run_batch
 
 if __name__ == "__main__":
     quiet_warp()

@@ -14,7 +14,7 @@ from balloon_warp.benchmarks import kills, trust, viewer_nonsense
 from balloon_warp.benchmarks.kills import KINDS, judge, kill_at_random
 from balloon_warp.benchmarks.trust import Count, counted, efforts_of
 from balloon_warp.benchmarks.worker_kills import kill_workers
-from balloon_warp.viewer.session import Session
+from balloon_warp.studio.page.session import Session
 
 GOOD = Count("good", 3, {"accepted": 3}, [])
 

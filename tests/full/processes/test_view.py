@@ -38,12 +38,12 @@ from pxr import Usd, UsdGeom
 from strangers import AskedAhead
 
 from balloon_warp import Balloon, Ground, Scene, Water, load_scene, scenes
-from balloon_warp.viewer.controls import KEYS
-from balloon_warp.viewer.layers import CLEAR
-from balloon_warp.viewer.notebook import Shown
-from balloon_warp.viewer.page import Page
-from balloon_warp.viewer.server import free_port
-from balloon_warp.viewer.session import Session
+from balloon_warp.studio.page.controls import KEYS
+from balloon_warp.studio.page.layers import CLEAR
+from balloon_warp.studio.page.page import Page
+from balloon_warp.studio.page.server import free_port
+from balloon_warp.studio.page.session import Session
+from balloon_warp.studio.page.view import Shown
 
 SAVES = "Saves an animated stage (USD), and a scene that replays it from its start."
 

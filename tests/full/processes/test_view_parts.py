@@ -23,12 +23,11 @@ from strangers import ball
 from strangers import wait_until as until
 
 from balloon_warp import Balloon, Inflation, Scene, Simulator, load_scene
-from balloon_warp.mesh.geometry import triangulate
-from balloon_warp.viewer.drawings import Drawing, Smooth
-from balloon_warp.viewer.following import Follower
-from balloon_warp.viewer.rays import ground_distance, hit_distance, throw_at
-from balloon_warp.viewer.saving import save_recording
-from balloon_warp.viewer.session import MOST_ASKED, MOST_BEHIND, Pace, Session
+from balloon_warp.mesh.topology import triangulate
+from balloon_warp.studio.page.camera import Follower, ground_distance, hit_distance, throw_at
+from balloon_warp.studio.page.drawings import Drawing, Smooth
+from balloon_warp.studio.page.recording import save_recording
+from balloon_warp.studio.page.session import MOST_ASKED, MOST_BEHIND, Pace, Session
 
 UP = (0.0, 1.0, 0.0)
 
@@ -204,7 +203,7 @@ def test_two_recordings_in_a_row_are_two(session, tmp_path, monkeypatch):
         both_ended.wait()
         return save_recording(*arguments)
 
-    monkeypatch.setattr("balloon_warp.viewer.saving.save_recording", write)
+    monkeypatch.setattr("balloon_warp.studio.page.recording.save_recording", write)
     for _ in range(2):
         session.record(True)
         until(lambda: session.recording and session.recording.frames, "it records")
@@ -215,7 +214,9 @@ def test_two_recordings_in_a_row_are_two(session, tmp_path, monkeypatch):
 
 
 def test_a_recording_is_a_valid_stage(session, tmp_path, monkeypatch):
-    monkeypatch.setattr("balloon_warp.viewer.saving.write_recording", lambda *_: pytest.fail("it is written here"))
+    monkeypatch.setattr(
+        "balloon_warp.studio.page.recording.write_recording", lambda *_: pytest.fail("it is written here")
+    )
     until(lambda: session.picture.frame.number > 3, "some frames")
     session.record(True)
     session.ask(lambda playground: playground.throw(np.array([0, 1.5, 0]), np.array([0, -5, 0]), 0.2, 1.0))
@@ -318,8 +319,8 @@ import sys, time
 import numpy as np
 import warp as wp
 from browsing import tethered
-from balloon_warp.viewer.ahead import Ahead
-from balloon_warp.viewer.playground import Playground
+from balloon_warp.studio.page.ahead import Ahead
+from balloon_warp.studio.page.playground import Playground
 
 wp.config.optimization_level = 0
 playground, ahead = Playground(tethered(), "cpu"), Ahead()
@@ -387,8 +388,8 @@ def test_the_process_ends_with_the_page(killed: bool, tmp_path):
 def test_clicks_at_once_leave_one_sphere_that_is_coming():
     """Each click has a thread, and all foresee a sphere of one name while pictures are drawn: none fails."""
     viser = pytest.importorskip("viser")
-    from balloon_warp.viewer.layers import Layers
-    from balloon_warp.viewer.server import free_port
+    from balloon_warp.studio.page.layers import Layers
+    from balloon_warp.studio.page.server import free_port
 
     server = viser.ViserServer(port=free_port("127.0.0.1", 0), verbose=False)
     session = Session("ball", ball(), "cpu", Path())

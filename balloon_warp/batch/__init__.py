@@ -1,0 +1,1 @@
+"""A batch: many worlds of a scene at once, on this machine; their varied values, tables and files."""

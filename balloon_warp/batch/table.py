@@ -1,0 +1,547 @@
+"""A batch's tables: a row for each world and frame, or for each world, as .npz, .csv or .parquet."""
+
+import csv
+import io
+import os
+import struct
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack
+from importlib import import_module
+from importlib.util import find_spec
+from io import BytesIO
+from pathlib import Path
+from threading import Event
+from types import TracebackType
+from typing import Any, BinaryIO, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.errors import InputError, MissingExtraError
+from balloon_warp.system.arrays import PAD, decimals, write_npz
+from balloon_warp.system.files import target_of, whole_file
+
+MAGIC, MAGIC_BYTES, LENGTH_BYTES = b"PAR1", 4, 4
+TRUE, FALSE, BYTE, DOUBLE, BINARY, LIST, SET, STRUCT = 1, 2, 3, 7, 8, 9, 10, 12
+"""Types of Thrift's compact protocol; integers of 16 to 64 bits are those between"""
+ROW_COUNT, ROW_GROUPS = 3, 4
+"""Fields of a footer, by their numbers in parquet.thrift: `FileMetaData`"""
+OF_GROUP, COLUMNS, ORDINAL = (5,), 1, 7
+"""Offset, columns and number of a `RowGroup`"""
+OF_COLUMN, METADATA, OF_METADATA = (2, 4, 6), 3, (9, 10, 11, 14)
+"""Offsets and metadata of a `ColumnChunk`, and offsets of a `ColumnMetaData`"""
+Fields = dict[int, tuple[int, Any]]
+"""Fields of a struct: type and value by number"""
+
+
+class ParquetParts:
+    """A Parquet file of parts, which are whole Parquet files of one schema.
+
+    Args:
+        file: Output, at its beginning.
+    """
+
+    def __init__(self, file: BinaryIO):
+        self._file, self._footer = file, Fields()
+        file.write(MAGIC)
+
+    def append(self, part: memoryview) -> None:
+        """Append the row groups of a part."""
+        end = len(part) - MAGIC_BYTES - LENGTH_BYTES
+        (length,) = struct.unpack("<I", part[end : end + LENGTH_BYTES])
+        shift = self._file.tell() - MAGIC_BYTES
+        self._file.write(part[MAGIC_BYTES : end - length])
+        footer = _read_struct(BytesIO(part[end - length : end]))
+        kind, (of, groups) = footer[ROW_GROUPS]
+        for group in groups:
+            _shift(group, OF_GROUP, shift)
+            for column in group[COLUMNS][1][1]:
+                _shift(column, OF_COLUMN, shift)
+                _shift(column[METADATA][1], OF_METADATA, shift)
+        if self._footer:
+            there = self._footer[ROW_GROUPS][1][1]
+            count = self._footer[ROW_COUNT][1] + footer[ROW_COUNT][1]
+            self._footer[ROW_COUNT] = (self._footer[ROW_COUNT][0], count)
+            groups = [*there, *groups]
+            for number, group in enumerate(groups):
+                if ORDINAL in group:
+                    group[ORDINAL] = (group[ORDINAL][0], number)
+        else:
+            self._footer = footer
+        self._footer[ROW_GROUPS] = (kind, (of, groups))
+
+    def close(self) -> None:
+        """Write the footer, and close the file."""
+        footer = BytesIO()
+        _write_struct(footer, self._footer)
+        self._file.write(footer.getvalue() + struct.pack("<I", footer.tell()) + MAGIC)
+        self._file.close()
+
+
+def _shift(fields: Fields, numbers: tuple[int, ...], shift: int) -> None:
+    """Move offsets in the file, where they are given: 0 is none."""
+    for number in numbers:
+        if fields.get(number, (0, 0))[1]:
+            kind, offset = fields[number]
+            fields[number] = (kind, offset + shift)
+
+
+def _read_struct(file: BytesIO) -> Fields:
+    fields, number = Fields(), 0
+    while head := file.read(1)[0]:
+        number = number + (head >> 4) if head >> 4 else _signed(_read_varint(file))
+        kind = head & 15
+        fields[number] = (kind, kind == TRUE if kind in (TRUE, FALSE) else _read(file, kind))
+    return fields
+
+
+def _read(file: BytesIO, kind: int) -> Any:
+    if kind in (TRUE, FALSE, BYTE):
+        return file.read(1)[0]
+    if kind == DOUBLE:
+        return file.read(8)
+    if kind == BINARY:
+        return file.read(_read_varint(file))
+    if kind in (LIST, SET):
+        head = file.read(1)[0]
+        count = head >> 4 if head >> 4 < 15 else _read_varint(file)
+        return head & 15, [_read(file, head & 15) for _ in range(count)]
+    return _read_struct(file) if kind == STRUCT else _signed(_read_varint(file))
+
+
+def _write_struct(file: BytesIO, fields: Fields) -> None:
+    last = 0
+    for number, (kind, value) in fields.items():
+        told = (TRUE if value else FALSE) if kind in (TRUE, FALSE) else kind
+        if 0 < number - last < 16:
+            file.write(bytes([number - last << 4 | told]))
+        else:
+            file.write(bytes([told]))
+            _write_varint(file, _unsigned(number))
+        if kind not in (TRUE, FALSE):
+            _write(file, kind, value)
+        last = number
+    file.write(b"\0")
+
+
+def _write(file: BytesIO, kind: int, value: Any) -> None:
+    if kind in (TRUE, FALSE, BYTE):
+        file.write(bytes([value]))
+    elif kind == DOUBLE:
+        file.write(value)
+    elif kind == BINARY:
+        _write_varint(file, len(value))
+        file.write(value)
+    elif kind in (LIST, SET):
+        of, values = value
+        file.write(bytes([min(len(values), 15) << 4 | of]))
+        if len(values) >= 15:
+            _write_varint(file, len(values))
+        for each in values:
+            _write(file, of, each)
+    elif kind == STRUCT:
+        _write_struct(file, value)
+    else:
+        _write_varint(file, _unsigned(value))
+
+
+def _read_varint(file: BytesIO) -> int:
+    value = shift = 0
+    while True:
+        byte = file.read(1)[0]
+        value |= (byte & 127) << shift
+        if byte < 128:
+            return value
+        shift += 7
+
+
+def _write_varint(file: BytesIO, value: int) -> None:
+    while value > 127:
+        file.write(bytes([value & 127 | 128]))
+        value >>= 7
+    file.write(bytes([value]))
+
+
+def _signed(zigzag: int) -> int:
+    return zigzag >> 1 ^ -(zigzag & 1)
+
+
+def _unsigned(value: int) -> int:
+    return value << 1 ^ value >> 63
+
+
+BLOCK = 4096
+"""Number of worlds whose rows are formatted together: more would only fill the memory"""
+
+
+class CsvRows:
+    """Writes rows of a table, frame by frame, as `TableWriter` tells.
+
+    Args:
+        path: of the file.
+        columns: names of the columns.
+        varied: the parameters that differ between the worlds: columns of shape (world_count,), numbers or words.
+        world_count: how many worlds there are.
+    """
+
+    def __init__(self, path: Path, columns: Sequence[str], varied: Mapping[str, NDArray], world_count: int):
+        self._columns, self._world_count = columns, world_count
+        self._world_text = _padded([str(world).encode() for world in range(world_count)])
+        self._varied_text = _padded(_describe_worlds(varied, world_count))
+        self._file = path.open("wb")
+        self._write_header()
+
+    def write(self, frame: int, time: float, values: NDArray[np.float32], health: NDArray[np.int32]) -> None:
+        """Write a frame: values of shape (measures, world_count), health of shape (world_count,)."""
+        # nine digits give back every float32, and repr every float64
+        moment = _padded([b",%d,%s" % (frame, repr(time).encode())])
+        for begin in range(0, self._world_count, BLOCK):
+            worlds = slice(begin, begin + BLOCK)
+            kinds, kind = np.unique(health[worlds], return_inverse=True)
+            columns = [
+                self._world_text[worlds],
+                moment,
+                self._varied_text[worlds],
+                *(part for column in decimals(values[:, worlds]) for part in (_COMMA, column)),
+                _padded([b",%d\n" % each for each in kinds.tolist()])[kind],
+            ]
+            rows = np.concatenate([np.broadcast_to(column, (len(kind), column.shape[1])) for column in columns], axis=1)
+            self._file.write(rows[rows != PAD].data)
+
+    def begin_again(self) -> None:
+        """Forget the written rows."""
+        self._file.seek(0)
+        self._file.truncate()
+        self._write_header()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def _write_header(self) -> None:
+        self._file.write((",".join(self._columns) + "\n").encode())
+
+
+def _describe_worlds(varied: Mapping[str, NDArray], world_count: int) -> list[bytes]:
+    """Return each world's varied values as CSV, with a comma before each."""
+    lines = []
+    for values in zip(*(column.tolist() for column in varied.values()), strict=True):
+        line = io.StringIO()
+        csv.writer(line, lineterminator="").writerow(["", *map(str, values)])
+        lines.append(line.getvalue().encode())
+    return lines or [b""] * world_count
+
+
+def _padded(texts: Sequence[bytes]) -> NDArray[np.uint8]:
+    """Return the texts below each other, filled up to the longest one, shape (len(texts), width)."""
+    width = max(map(len, texts))
+    filled = b"".join(text.ljust(width, bytes([PAD])) for text in texts)
+    return np.frombuffer(filled, dtype=np.uint8).reshape(len(texts), width)
+
+
+_COMMA = _padded([b","])
+ROWS = 2**20
+"""Number of rows that are written together, at least, unless they are the last: a row group of the file"""
+THREADS = min(os.cpu_count() or 1, 16)
+"""Number of row groups that are encoded side by side: more would only fill the memory"""
+
+
+def has_parquet() -> bool:
+    """Return whether Parquet can be written."""
+    return find_spec("pyarrow") is not None
+
+
+def require_pyarrow() -> tuple[Any, Any]:
+    """Return Arrow and its Parquet.
+
+    Raises:
+        MissingExtraError: it is not installed.
+    """
+    try:
+        return import_module("pyarrow"), import_module("pyarrow.parquet")
+    except ImportError:
+        raise MissingExtraError("Parquet needs pyarrow: pip install 'balloon-warp[data]'") from None
+
+
+class ParquetRows:
+    """Writes rows of a table, frame by frame, as `TableWriter` tells.
+
+    Args:
+        path: of the file.
+        columns: names of the columns.
+        varied: the parameters that differ between the worlds: columns of shape (world_count,), numbers or words.
+        world_count: how many worlds there are.
+
+    Raises:
+        MissingExtraError: pyarrow is not installed.
+    """
+
+    def __init__(self, path: Path, columns: Sequence[str], varied: Mapping[str, NDArray], world_count: int):
+        self._arrow, self._parquet = require_pyarrow()
+        self._path, self._columns, self._varied, self._world_count = path, columns, varied, world_count
+        measured = columns[3 + len(varied) : -1]
+        kinds = {"world": np.int32, "frame": np.int32, "time": np.float64, "health": np.int32}
+        types = {name: self._arrow.from_numpy_dtype(kind) for name, kind in kinds.items()}
+        types |= {name: self._column(values).type for name, values in varied.items()}
+        types |= dict.fromkeys(measured, self._arrow.float32())
+        self._repeating = [name for name in columns if name not in measured]  # floats gain nothing by a dictionary
+        self._schema = self._arrow.schema([(name, types[name]) for name in columns])
+        self._encoders = ThreadPoolExecutor(THREADS, thread_name_prefix="encoder")
+        self._encoded: deque[Future[memoryview]] = deque()
+        self._open()
+
+    def write(self, frame: int, time: float, values: NDArray[np.float32], health: NDArray[np.int32]) -> None:
+        """Write a frame: values of shape (measures, world_count), health of shape (world_count,)."""
+        count = self._world_count
+        first = [np.arange(count, dtype=np.int32), np.full(count, frame, dtype=np.int32), np.full(count, time)]
+        arrays = [*first, *self._varied.values(), *values, health]
+        self._waiting.append(self._arrow.record_batch(list(map(self._column, arrays)), schema=self._schema))
+        if len(self._waiting) * count >= ROWS:
+            self._flush()
+
+    def begin_again(self) -> None:
+        """Forget the written rows."""
+        self._waiting.clear()
+        self._flush(wait_for=0)
+        self._parts.close()
+        self._open()
+
+    def close(self) -> None:
+        """Write the frames that wait, and close the file."""
+        self._flush(wait_for=0)
+        self._encoders.shutdown()
+        self._parts.close()
+
+    def _column(self, values: NDArray[Any]) -> Any:
+        """Return values as a column; numbers as they are, since `pyarrow.array` would load pandas, for a second."""
+        if values.dtype.kind not in "iuf":
+            return self._arrow.array(values)
+        numbers = np.ascontiguousarray(values)
+        kind = self._arrow.from_numpy_dtype(numbers.dtype)
+        return self._arrow.Array.from_buffers(kind, len(numbers), [None, self._arrow.py_buffer(numbers)])
+
+    def _open(self) -> None:
+        self._waiting: list[Any] = []
+        self._parts = ParquetParts(self._path.open("wb"))
+
+    def _flush(self, wait_for: int = THREADS) -> None:
+        """Have the frames that wait encoded as a row group, and write encoded groups, until so many are under way."""
+        if self._waiting:
+            self._encoded.append(self._encoders.submit(self._encode, self._waiting))
+            self._waiting = []
+        while len(self._encoded) > wait_for:
+            self._parts.append(self._encoded.popleft().result())
+
+    def _encode(self, batches: Sequence[Any]) -> memoryview:
+        """Return a Parquet file of a row group."""
+        file, options = BytesIO(), {"compression": "zstd", "compression_level": 1, "use_dictionary": self._repeating}
+        with self._parquet.ParquetWriter(file, self._schema, **options) as writer:
+            writer.write_table(self._arrow.Table.from_batches(batches), row_group_size=2**31 - 1)
+        return file.getbuffer()
+
+
+KINDS = {"csv": CsvRows, "parquet": ParquetRows}
+"""Kinds of the file beside the .npz"""
+MOST_CSV_ROWS = 200_000
+"""Largest number of rows that are written as text where nobody asks: a second's work"""
+
+
+def settled_table(asked: str, rows: int) -> str:
+    """Return the kind of a table: "auto" is CSV for a small one, and Parquet for others where it can be written.
+
+    Raises:
+        InputError: there is no such kind.
+        MissingExtraError: it is Parquet, and pyarrow is not installed.
+    """
+    if asked not in (*KINDS, "auto"):
+        raise InputError(f"table {asked}: expected auto, {', '.join(KINDS)}")
+    if asked == "parquet":
+        require_pyarrow()
+    if asked == "auto":
+        return "parquet" if rows > MOST_CSV_ROWS and has_parquet() else "csv"
+    return asked
+
+
+def table_names(kind: str) -> tuple[str, str]:
+    """Return the names of a table's files."""
+    return "table.npz", f"table.{kind}"
+
+
+class TableWriter:
+    """Writes `table.npz` and `table.csv` or `table.parquet`, which appear when the `with` block ends well.
+
+    Rows go frame by frame, and within a frame world by world; they may come in any order before their frame is written.
+
+    Args:
+        folder: where the files go.
+        frame_count: how many frames there will be, the start among them.
+        frames_per_second: of the column `time` [s].
+        varied: the parameters that differ between the worlds: columns of shape (world_count,), numbers or words.
+        measures: names of the measured columns.
+        world_count: how many worlds there are.
+        kind: of the file beside the .npz: "csv" or "parquet".
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        frame_count: int,
+        frames_per_second: float,
+        varied: Mapping[str, NDArray],
+        measures: Sequence[str],
+        world_count: int,
+        kind: str = "csv",
+    ):
+        self.kind = kind
+        self.folder, self.frames_per_second = folder, frames_per_second
+        self.varied, self.measures, self.world_count = dict(varied), list(measures), world_count
+        self.values = np.zeros((frame_count, len(measures), world_count), dtype=np.float32)
+        """Measures of each frame and world, shape (frame_count, len(measures), world_count): columns, as files have"""
+        self.health = np.zeros((frame_count, world_count), dtype=np.int32)
+        """Health of each frame and world, shape (frame_count, world_count)"""
+        self._frames_written = 0
+        self._measured, self._failed, self._ended = Event(), False, False
+
+    @property
+    def columns(self) -> list[str]:
+        return ["world", "frame", "time", *self.varied, *self.measures, "health"]
+
+    def __enter__(self) -> Self:
+        with ExitStack() as files:
+            npz, rows = table_names(self.kind)
+            files.push(self._remove_others)
+            self._npz = files.enter_context(whole_file(self.folder / npz))
+            files.push(self._save_npz)
+            thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="arrays")
+            self._arrays = thread.submit(write_npz, self._npz, self._arrays_in_turn())
+            self._text = files.enter_context(whole_file(self.folder / rows))
+            self._rows = KINDS[self.kind](self._text, self.columns, self.varied, self.world_count)
+            files.callback(self.end_rows)
+            self._files = files.pop_all()
+        return self
+
+    def write_frame(self) -> None:
+        """Write the next frame, whose rows are all in `values` and `health`."""
+        frame = self._frames_written
+        self._frames_written += 1
+        self._rows.write(frame, frame / self.frames_per_second, self.values[frame], self.health[frame])
+
+    def write_arrays(self) -> Path:
+        """Write the measured columns of all frames, which are there, while others write rows; return the file so far.
+
+        It has its name once the `with` block ends.
+        """
+        self._measured.set()
+        self._arrays.result()
+        return self._npz
+
+    def end_rows(self) -> Path:
+        """Write the rows that wait; return the file so far, as `write_arrays` does."""
+        if not self._ended:
+            self._ended = True
+            self._rows.close()
+        return self._text
+
+    def write_again(self) -> None:
+        """Write the frames again that were written already: their rows have changed since; before `write_arrays`."""
+        frames, self._frames_written = self._frames_written, 0
+        self._rows.begin_again()
+        for _ in range(frames):
+            self.write_frame()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._files.__exit__(kind, error, traceback)
+
+    def _remove_others(self, kind: type[BaseException] | None, *_: object) -> None:
+        """Remove a table of another kind, which an earlier batch has left, unless this one failed."""
+        for other in KINDS:
+            path = self.folder / f"table.{other}"
+            if kind is None and other != self.kind and path.exists():
+                target_of(path).unlink()
+
+    def _save_npz(self, kind: type[BaseException] | None, *_: object) -> None:
+        """Write the arrays unless the run failed, or they are written."""
+        if kind is None:
+            self.write_arrays()
+        else:
+            self._failed = True
+            self._measured.set()
+            self._arrays.exception()  # waits for the thread
+
+    def _arrays_in_turn(self) -> Iterator[tuple[str, NDArray]]:
+        """Iterate over columns, once they are known: of two in memory one is a copy. The first are known at once."""
+        for name in self.columns:
+            if name in (*self.measures, "health"):
+                self._measured.wait()
+            if self._failed:
+                return
+            yield name, self._column(name)
+
+    def _column(self, name: str) -> NDArray:
+        frames, worlds = self.health.shape
+        match name:
+            case "world":
+                return np.tile(np.arange(worlds, dtype=np.int32), frames)
+            case "frame":
+                return np.repeat(np.arange(frames, dtype=np.int32), worlds)
+            case "time":
+                return np.repeat(np.arange(frames) / self.frames_per_second, worlds)
+            case "health":
+                return self.health.ravel()
+        if name in self.varied:
+            return np.tile(self.varied[name], frames)
+        return self.values[:, self.measures.index(name)].ravel()
+
+
+WORLDS_NAMES = ("worlds.npz", "worlds.csv")
+WELL, BLEW_UP = "finished", "blew up"
+"""Ending of a world, where nothing else is known of it"""
+EXTREMES = {"end": "at the end", "min": "minimum over good frames", "max": "maximum over good frames"}
+"""Columns of each measure, by the suffixes of their names"""
+
+
+def write_worlds(
+    npz: Path, text: Path, table: TableWriter, endings: Mapping[int, str], further: Mapping[str, NDArray]
+) -> None:
+    """Write the two files.
+
+    Args:
+        table: with all its frames.
+        endings: the known endings of worlds that did not blow up.
+        further: the last columns, shape (world_count,) each.
+    """
+    columns = {**dict(_columns(table, endings)), **further}
+    write_npz(npz, columns.items())
+    with text.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        for begin in range(0, table.world_count, BLOCK):
+            block = slice(begin, begin + BLOCK)
+            writer.writerows(zip(*(_texts(column[block]) for column in columns.values()), strict=True))
+
+
+def worlds_columns(varied: list[str], measures: list[str]) -> list[str]:
+    """Return the names of the columns, in order."""
+    return ["world", *varied, "health", "ending", "last_frame", *(f"{m}_{end}" for m in measures for end in EXTREMES)]
+
+
+def _columns(table: TableWriter, endings: Mapping[int, str]) -> Iterator[tuple[str, NDArray]]:
+    """Return names and values, shape (world_count,); of a world that blew up the last good frame is the end."""
+    worlds, good = np.arange(table.world_count, dtype=np.int32), table.health != 0
+    health = table.health[-1]
+    words = [endings.get(world, WELL) if well else BLEW_UP for world, well in enumerate(health.tolist())]
+    values = table.values[-1], table.values.min(axis=0), table.values.max(axis=0)
+    measured = (each[number] for number in range(len(table.measures)) for each in values)
+    first = [worlds, *table.varied.values(), health, np.array(words), good.sum(axis=0, dtype=np.int32) - 1]
+    yield from zip(worlds_columns(list(table.varied), table.measures), [*first, *measured], strict=True)
+
+
+def _texts(values: NDArray) -> list[str]:
+    """Format numbers so that they read back: nine digits of a float32, repr of a float64."""
+    if values.dtype == np.float32:
+        return [f"{value:.9g}" for value in values.tolist()]
+    return [str(value) for value in values.tolist()]

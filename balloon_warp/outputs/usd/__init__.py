@@ -1,5 +1,0 @@
-"""A simulation as an animated USD stage."""
-
-from balloon_warp.outputs.usd.stage import STAGE_SUFFIXES, StageWriter
-
-__all__ = ["STAGE_SUFFIXES", "StageWriter"]

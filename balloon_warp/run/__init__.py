@@ -1,0 +1,1 @@
+"""A run: a scene to its stage, with checkpoints, blow-ups, outcomes and provenance."""

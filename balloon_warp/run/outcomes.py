@@ -1,0 +1,292 @@
+"""Check the outcome of a run: balloons that came apart, fell for ever, collapsed, swelled, swallowed parts or folded.
+
+Cheap measures of the last frame's points beside the mesh, on the host, in NumPy. The bounds are far from the
+endings of the bundled scenes, and near to those of balloons in ruins (tests/test_outcomes.py).
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.frame import Frame
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.repair import wrong_sides
+from balloon_warp.mesh.topology import (
+    corner_faces,
+    face_vector_areas,
+    mesh_edges,
+    signed_volume,
+    total_area,
+    vertex_components,
+)
+from balloon_warp.model import Model, ModelPlan
+from balloon_warp.model.obstacles import obstacle_motion
+from balloon_warp.scene.load import is_there
+
+FALLEN = 5.0
+"""Fall below the start, over the balloon's size, from which on a balloon with nothing below it counts as falling
+forever"""
+DRIFTED = 0.5
+"""Distance of a part from the largest part, over the balloon's size, beyond the balloon's growth"""
+LEAST_VOLUME, LEAST_AREA, LEAST_RADIUS = 0.25, 0.25, 0.5
+"""Least fraction of the mesh's value; the radius is the root mean square distance from the center"""
+LEAST_INFLATED_VOLUME, LEAST_HEIGHT = 0.9, 0.8
+"""Least fraction of the mesh's value for an undisturbed balloon with an "auto" pressure, which should grow and stand"""
+MOST_SWOLLEN = 1.6
+"""Largest volume at an "auto" pressure, over that of a sphere with the requested stretch"""
+MOST_WRONG_SIDED = 0.05
+"""Largest additional fraction of the area, over the mesh's own, that is enclosed by other parts, or inside out"""
+COMPACT = 0.005
+"""Least volume over area^(3/2) of a mesh whose volume is meaningful: 0.094 for a sphere, 0.048 for a pillow"""
+MOST_FOLDS = 0.01
+"""Largest fraction of edges that are folded"""
+FOLDED, UNFOLDED = -0.7, -0.2
+"""Cosines between the normals of two faces that share an edge: folded below the first, and not above the second"""
+
+
+@dataclass(frozen=True)
+class BadEnding:
+    """Bad ending of a balloon."""
+
+    kind: Literal["falling", "drifted", "collapsed", "swollen", "swallowed", "folded"]
+    balloon: str
+    """Name of the balloon"""
+    measure: float
+    """Size of the defect: sizes fallen; distance of a part over the balloon's size; remaining fraction of the volume,
+    area, size or height, negative where inside out; volume over the expected one; fraction of the area that is enclosed
+    or inside out; fraction of the edges that are folded"""
+    sentence: str
+
+    def __str__(self) -> str:
+        return self.sentence
+
+
+class LastFrame(NamedTuple):
+    """State of a world's last frame."""
+
+    number: int
+    points: Sequence[NDArray[np.floating]]
+    """Positions of each balloon's particles [m], shape (particle_count, 3)"""
+    velocities: Sequence[NDArray[np.floating]]
+    """Velocities of each balloon's particles [m/s], shape (particle_count, 3)"""
+    obstacle_poses: NDArray[np.float64]
+    """Poses of obstacles as in `Frame`, shape (obstacle_count, 7)"""
+    torn: Sequence[NDArray[np.bool_]] = ()
+    """Masks of torn faces as in `Frame`"""
+
+
+def bad_endings(model: Model | ModelPlan, frame: Frame | LastFrame) -> list[BadEnding]:
+    """Find the balloons of a world that ended badly, each with its gravest defect, in the scene's order.
+
+    Args:
+        model: the simulated model.
+        frame: the last one.
+    """
+    found = (_ending(model, frame, number) for number in range(len(model.shapes)))
+    return [ending for ending in found if ending]
+
+
+def ending_sentences(endings: Sequence[BadEnding]) -> list[str]:
+    """Return one sentence for each kind: of the first balloon, and how many others there are."""
+    counts = Counter(ending.kind for ending in endings)
+    firsts = {ending.kind: ending for ending in reversed(endings)}
+    more = {kind: f" (and {count - 1} more like it)" if count > 1 else "" for kind, count in counts.items()}
+    return [f"{firsts[kind]}{more[kind]}" for kind in counts]
+
+
+def _ending(model: Model | ModelPlan, frame: Frame | LastFrame, number: int) -> BadEnding | None:
+    rest = model.shapes[number].mesh
+    end = replace(rest, points=frame.points[number].astype(np.float64))
+    used = np.unique(rest.face_vertex_indices)
+    if (model.shapes[number].mass_share[used] == 0.0).all() or rest.face_vertex_counts.max() < 3:
+        return None
+    if frame.torn and frame.torn[number].any():
+        return None  # it burst, as it was told
+    return (
+        _falling(model, frame, number, used)
+        or _drifted(rest, end, used)
+        or _collapsed(rest, end, used, model.shapes[number].closed)
+        or (_misshapen(model, rest, end, number) if model.shapes[number].closed else None)
+        or _folded(rest, end)
+    )
+
+
+def _falling(
+    model: Model | ModelPlan, frame: Frame | LastFrame, number: int, used: NDArray[np.integer]
+) -> BadEnding | None:
+    scene, shape = model.scene, model.shapes[number]
+    tied = [string for string in scene.string if string.balloon == number and is_there(scene, string, frame.number)]
+    if scene.ground or tied or (shape.mass_share[used] == 0.0).any():
+        return None
+    up, start = np.array(scene.up), shape.mesh.points[used]
+    if _lands(model, frame, frame.points[number][used].astype(np.float64), up):
+        return None
+    fallen = float((start - frame.points[number][used]).mean(axis=0) @ up) / _size(start)
+    if fallen < FALLEN or float(frame.velocities[number][used].mean(axis=0) @ up) >= 0.0:
+        return None
+    sentence = f"{shape.name} falls forever: {fallen:.0f} times its size below the start; a [ground] would stop it"
+    return BadEnding("falling", shape.name, fallen, sentence)
+
+
+def _lands(
+    model: Model | ModelPlan, frame: Frame | LastFrame, points: NDArray[np.float64], up: NDArray[np.float64]
+) -> bool:
+    """Return whether an obstacle is, or may be, below a balloon's points.
+
+    It counts as wide as it reaches.
+    """
+    center = points.mean(axis=0)
+    sideways = (points - center) - np.outer((points - center) @ up, up)
+    radius, lowest = float(np.linalg.norm(sideways, axis=1).max()), float((points @ up).min())
+    for shape, pose in zip(model.obstacles, frame.obstacle_poses, strict=True):
+        if shape.kind == "plane":
+            from scipy.spatial.transform import Rotation  # takes long to load
+
+            if Rotation.from_quat(pose[3:]).apply(up) @ up > 0.0:
+                return True
+            continue
+        arm = center - pose[:3]
+        apart = float(np.linalg.norm(arm - (arm @ up) * up))
+        if apart < radius + shape.reach and lowest > pose[:3] @ up - shape.reach:
+            return True
+    return False
+
+
+def _drifted(rest: PolygonMesh, end: PolygonMesh, used: NDArray[np.integer]) -> BadEnding | None:
+    """Return a bad ending if a part has drifted away from the largest one, however the balloon is rotated.
+
+    Parts are components connected by edges.
+    """
+    parts, part_of, sizes = np.unique(
+        vertex_components(rest, mesh_edges(rest))[used], return_inverse=True, return_counts=True
+    )
+    if len(parts) < 2:
+        return None
+    before, after = (_distances(mesh.points[used], part_of, sizes) for mesh in (rest, end))
+    growth = max(1.0, (total_area(end) / max(total_area(rest), 1e-300)) ** 0.5)
+    off = (after - growth * before) / _size(rest.points[used])
+    if off.max() < DRIFTED:
+        return None
+    count, far = int(np.count_nonzero(off > DRIFTED)), float(after[off.argmax()])
+    which = "a part" if count == 1 else f"{count:,} parts"
+    sentence = f"{rest.name} came apart: {which} of its {len(parts):,} drifted off, up to {far:.3g} m from the largest"
+    return BadEnding("drifted", rest.name, float(off.max()), sentence)
+
+
+def _distances(
+    points: NDArray[np.float64], part_of: NDArray[np.integer], sizes: NDArray[np.integer]
+) -> NDArray[np.float64]:
+    """Return distances from the center of each part to that of the largest, shape (part_count,)."""
+    centers = np.stack([np.bincount(part_of, points[:, axis]) for axis in range(3)], axis=1) / sizes[:, None]
+    return np.linalg.norm(centers - centers[sizes.argmax()], axis=1)
+
+
+def _collapsed(rest: PolygonMesh, end: PolygonMesh, used: NDArray[np.integer], closed: bool) -> BadEnding | None:
+    area = total_area(rest)
+    left = {
+        "area": (total_area(end) / max(area, 1e-300) if area else 1.0, LEAST_AREA),
+        "size": (_radius(end.points[used]) / max(_radius(rest.points[used]), 1e-300), LEAST_RADIUS),
+    }
+    volume = signed_volume(rest)
+    if closed and volume > COMPACT * area**1.5:
+        left = {"volume": (signed_volume(end) / volume, LEAST_VOLUME), **left}
+    for what, (part, least) in left.items():
+        if part < 0.0:
+            sentence = f"{rest.name} turned inside out: its volume is {part:.2f} times that of its mesh"
+            return BadEnding("folded", rest.name, part, sentence)
+        if part < least:
+            helps = "more pressure, stiffer springs or less weight helps"
+            sentence = f"{rest.name} collapsed to {part:.0%} of the {what} of its mesh; {helps}"
+            return BadEnding("collapsed", rest.name, part, sentence)
+    return None
+
+
+def _misshapen(model: Model | ModelPlan, rest: PolygonMesh, end: PolygonMesh, number: int) -> BadEnding | None:
+    """Find a wrong size or sides of a closed balloon that is thick enough for its volume to be meaningful."""
+    volume = signed_volume(rest)
+    if volume < COMPACT * total_area(rest) ** 1.5:
+        return None
+    return _wrong_size(model, rest, end, number) or _wrong_sided(rest, end)
+
+
+def _wrong_size(model: Model | ModelPlan, rest: PolygonMesh, end: PolygonMesh, number: int) -> BadEnding | None:
+    balloon, name = model.scene.balloon[number], rest.name
+    if not balloon.inflation.is_automatic:
+        return None
+    grown = signed_volume(end) / signed_volume(rest)
+    if grown > MOST_SWOLLEN * (1.0 + balloon.inflation.stretch) ** 3:
+        return BadEnding("swollen", name, grown, f"{name} swelled to {grown:.1f} times its volume; less pressure helps")
+    if not _is_left_to_itself(model):
+        return None
+    if grown < LEAST_INFLATED_VOLUME:
+        sentence = f"{name} crumpled to {grown:.0%} of the volume of its mesh; less weight or more pressure helps"
+        return BadEnding("collapsed", name, grown, sentence)
+    height = _height_left(rest, end, np.array(model.scene.up))
+    if height < LEAST_HEIGHT:
+        sentence = f"{name} sank to {height:.0%} of its height; less weight, more pressure or stiffer springs help"
+        return BadEnding("collapsed", name, height, sentence)
+    return None
+
+
+def _is_left_to_itself(model: Model | ModelPlan) -> bool:
+    """Return whether nothing but the ground and obstacles at rest presses the balloons of a scene."""
+    scene = model.scene
+    return len(scene.balloon) == 1 and not (scene.sphere or scene.body) and len(obstacle_motion(scene)) == 1
+
+
+def _height_left(rest: PolygonMesh, end: PolygonMesh, up: NDArray[np.float64]) -> float:
+    """Return the height at the end over the mesh's, along an up axis that has turned with the balloon (Kabsch)."""
+    before, after = (mesh.points[np.unique(mesh.face_vertex_indices)] for mesh in (rest, end))
+    before, after = before - before.mean(axis=0), after - after.mean(axis=0)
+    left, _, right = np.linalg.svd(after.T @ before)
+    turn = left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
+    return float(np.ptp(after @ (turn @ up)) / max(np.ptp(before @ up), 1e-300))
+
+
+def _wrong_sided(rest: PolygonMesh, end: PolygonMesh) -> BadEnding | None:
+    """Return the parts that came to lie inside others, or show their inner side."""
+    before, after = wrong_sides(rest), wrong_sides(end)
+    for new, what in (
+        (after.enclosed & ~before.enclosed, "swallowed {} of its surface, now inside other parts"),
+        (after.reversed & ~before.reversed, "turned inside out in part: {} of its surface shows its inner side"),
+    ):
+        part = float(before.areas[new].sum() / before.areas.sum())
+        if part > MOST_WRONG_SIDED:
+            helps = "less pressure helps, or [touch] with itself = true"
+            return BadEnding("swallowed", rest.name, part, f"{rest.name} {what.format(f'{part:.0%}')}; {helps}")
+    return None
+
+
+def _folded(rest: PolygonMesh, end: PolygonMesh) -> BadEnding | None:
+    """Return the faces that look against a neighbor, as they did not in the mesh."""
+    edges = mesh_edges(rest)
+    first = edges.starts[edges.face_counts == 2]
+    if not len(first):
+        return None
+    faces = corner_faces(rest)[edges.corners]
+    before, after = (_cosines(mesh, faces[first], faces[first + 1]) for mesh in (rest, end))
+    part = float(np.mean((after < FOLDED) & (before > UNFOLDED)))
+    if part < MOST_FOLDS:
+        return None
+    sentence = f"{rest.name} folded over itself: {part:.1%} of its edges are newly folded sharply"
+    return BadEnding("folded", rest.name, part, sentence)
+
+
+def _cosines(mesh: PolygonMesh, first: NDArray[np.integer], second: NDArray[np.integer]) -> NDArray[np.float64]:
+    """Return cosines between the normals of faces, 0 where one has no area."""
+    areas = face_vector_areas(mesh)
+    lengths = np.linalg.norm(areas, axis=1, keepdims=True)
+    normals = np.divide(areas, lengths, out=np.zeros_like(areas), where=lengths > 0.0)
+    return np.einsum("ij,ij->i", normals[first], normals[second])
+
+
+def _size(points: NDArray[np.float64]) -> float:
+    return max(float(np.ptp(points, axis=0).max()), 1e-300)
+
+
+def _radius(points: NDArray[np.float64]) -> float:
+    return float(np.sqrt(np.square(points - points.mean(axis=0)).sum(axis=1).mean()))

@@ -1,1 +1,0 @@
-"""Many worlds at once: their varied values, and their measures."""

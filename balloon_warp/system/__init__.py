@@ -1,0 +1,1 @@
+"""Python, files, streams and Warp as the package uses them: no physics here."""
