@@ -15,7 +15,7 @@ from balloon_warp.errors import MissingExtraError
 from balloon_warp.kernels.compose import params_functions, ramp_at
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.springs import KINDS
-from balloon_warp.kernels.phases.inflation import inflation_of
+from balloon_warp.kernels.phases.inflation import push_along_direction
 from balloon_warp.kernels.schedules.launched import GATHERED
 from balloon_warp.kernels.schedules.writer import cut
 from balloon_warp.kernels.substep import AIMING, phases_of
@@ -100,7 +100,6 @@ def outer_force_kernel(features: Features) -> Any:
     """Return the kernel of the forces that Newton lacks: laws on particles, and the inflation."""
     _, read_params = params_functions(features.columns, features.balloons)
     particle_laws = features.laws_on("particle")
-    inflation = inflation_of(features)
 
     @wp.kernel(module="unique", enable_backward=False)
     def set_outer_forces(
@@ -116,7 +115,7 @@ def outer_force_kernel(features: Features) -> Any:
         world, particle = wp.tid()
         own = read_params(t, world, particle)
         value = ramp_at(state, world, own.balloon, time_in_frame)
-        push = inflation(own.kind, value, 0.0, 0.0, t.up, wp.vec3(), aims[world, particle], wp.vec3())
+        push = push_along_direction(value, aims[world, particle])
         forces[world, particle] = push + particle_laws(
             wp.vec3(), velocities[world, particle], own.mass, own.share, wp.vec3(), wp.vec4(), t.up, t.step_seconds,
             time_in_frame, own.n,

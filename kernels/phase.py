@@ -399,10 +399,18 @@ def _turned(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
 
 
 def phase(item: Item, writes: Mapping[str, Any] | None = None, **said: Any) -> Callable[[Any], Phase]:
-    """Decorate the factory of a phase's function: it becomes the phase, named alike."""
+    """Decorate a `wp.func`, or the factory of one for a scene's features: it becomes the phase, named alike."""
 
-    def named(make: Any) -> Phase:
-        return Phase(make.__name__, item, make, writes or {}, **said)
+    def named(made: Any) -> Phase:
+        if not isinstance(made, wp.Function):
+            return Phase(made.__name__, item, made, writes or {}, **said)
+
+        def make(features: Features, look: Look) -> Any:
+            return made
+
+        function: Any = made.func
+        make.__doc__ = function.__doc__
+        return Phase(function.__name__, item, make, writes or {}, **said)
 
     return named
 

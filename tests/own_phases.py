@@ -167,7 +167,7 @@ def slow(features: Features, look: Look) -> Any:
     return slow
 
 
-@phase_of(
+@phase(
     "particle",
     {"temperature": float},
     rows=(
@@ -177,13 +177,15 @@ def slow(features: Features, look: Look) -> Any:
     neutral={"weakening": 0.0},
     keeps={"temperature": START},
 )
+@wp.func
 def warm(t: Tables, temperature: float, air_temperature: float, warming_seconds: float):
     """Let a particle's temperature follow the air's [K]."""
     part = t.step_seconds / (warming_seconds + t.step_seconds)
     return temperature + part * (air_temperature - temperature)
 
 
-@phase_of("particle", {"force": wp.vec3}, neutral={"weakening": 0.0})
+@phase("particle", {"force": wp.vec3}, neutral={"weakening": 0.0})
+@wp.func
 def weaken(force: wp.vec3, temperature: float, weakening: float):
     """Weaken the pull on a particle that is warm."""
     return (1.0 - weakening * (temperature - START)) * force
@@ -315,13 +317,15 @@ def attract(features: Features, look: Look) -> Any:
     return attract
 
 
-@phase_of("particle", {"force": wp.vec3}, neutral={"magnet": 0.0})
+@phase("particle", {"force": wp.vec3}, neutral={"magnet": 0.0})
+@wp.func
 def weigh_spheres(spheres: Any, params: Any, force: wp.vec3):
     """Add the sum of the forces on the first sphere to that on a particle [N]."""
     return force + total_newtons(spheres.sphere_quanta, params.world, 0)
 
 
-@phase_of("particle", {"force": wp.vec3}, rows=(Parameter("leash", "N/m"),), neutral={"leash": 0.0})
+@phase("particle", {"force": wp.vec3}, rows=(Parameter("leash", "N/m"),), neutral={"leash": 0.0})
+@wp.func
 def lead(t: Tables, state: WorldState, working: Working, params: Any, point: wp.vec3, force: wp.vec3, leash: float):
     """Pull a particle towards the first body's center, and that towards it: by its mass share of k d [N]."""
     way = state.body_positions[params.world, 0] - point
@@ -331,20 +335,23 @@ def lead(t: Tables, state: WorldState, working: Working, params: Any, point: wp.
     return force + pull
 
 
-@phase_of("sphere", {"traveled": float}, rows=(Parameter("odometer", "1", of="sphere"),), neutral={"odometer": 0.0},
+@phase("sphere", {"traveled": float}, rows=(Parameter("odometer", "1", of="sphere"),), neutral={"odometer": 0.0},
        keeps={"traveled": 0.0})  # fmt: skip
+@wp.func
 def travel(t: Tables, spheres: Any, world: wp.int32, sphere: wp.int32, traveled: float, odometer: float):
     """Add up a sphere's way [m]."""
     return traveled + odometer * t.step_seconds * wp.length(spheres.sphere_velocities[world, sphere])
 
 
-@phase_of("world", {"passed": float}, keeps={"passed": 0.0}, wants=lambda scene: bool(scene.sphere))
+@phase("world", {"passed": float}, keeps={"passed": 0.0}, wants=lambda scene: bool(scene.sphere))
+@wp.func
 def count_substeps(passed: float):
     """Count substeps."""
     return passed + 1.0
 
 
-@phase_of("particle", {"force": wp.vec3}, wants=lambda scene: scene.gravity == 0.0)
+@phase("particle", {"force": wp.vec3}, wants=lambda scene: scene.gravity == 0.0)
+@wp.func
 def scribble(t: Tables, params: Any, force: wp.vec3):
     """Write into a table, which no phase may."""
     t.springs.valences[params.number] = 0

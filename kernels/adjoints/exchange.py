@@ -213,19 +213,20 @@ def exchange_backwards(phase: Phase, features: Features, look: Look) -> Sequence
     return ()
 
 
+@wp.func
+def copy_mark(exchanges: Exchanges, world: wp.int32, sphere: wp.int32, mark: wp.int32, count: wp.int32):
+    """Bring a mark's particles from before a sphere to after it."""
+    for particle in range(mark * PARTICLES_A_MARK, wp.min((mark + 1) * PARTICLES_A_MARK, count)):
+        exchanges.points[sphere + 1, world, particle] = exchanges.points[sphere, world, particle]
+        exchanges.velocities[sphere + 1, world, particle] = exchanges.velocities[sphere, world, particle]
+
+
 @cache
 def exchange_again_kernel(features: Features) -> Any:
     """Return the kernel that exchanges momentum again, and keeps the results of each sphere."""
     ball_at = ball_function(features)
     settle = settling_function(features, vector_at, put_vector, sum_over_block)
     _, answer_at_mark, _ = marked_functions(features, vector_at, put_vector)
-
-    @wp.func
-    def copy_mark(exchanges: Exchanges, world: wp.int32, sphere: wp.int32, mark: wp.int32, count: wp.int32):
-        """Bring a mark's particles from before a sphere to after it."""
-        for particle in range(mark * PARTICLES_A_MARK, wp.min((mark + 1) * PARTICLES_A_MARK, count)):
-            exchanges.points[sphere + 1, world, particle] = exchanges.points[sphere, world, particle]
-            exchanges.velocities[sphere + 1, world, particle] = exchanges.velocities[sphere, world, particle]
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def exchange_again(t: Tables, working: Working, spheres: LoggedSpheres, exchanges: Exchanges):
@@ -405,6 +406,12 @@ def sphere_adjoint(features: Features) -> Any:
     return exchange_back
 
 
+@wp.func
+def add_to_number(numbers: wp.array3d[float], world: wp.int32, particle: wp.int32, place: wp.int32, more: float):
+    """Add to the bar of a particle's number."""
+    numbers[world, particle, place] = numbers[world, particle, place] + more
+
+
 @cache
 def particle_functions(features: Features, columns: tuple[int, ...]) -> tuple[Any, Any]:
     """Return the adjoints of a particle's way out of solids, and of its mass."""
@@ -412,10 +419,6 @@ def particle_functions(features: Features, columns: tuple[int, ...]) -> tuple[An
     around_particle, stand_backwards = around_function(features), standing_functions(features)[0]
     asked = [*ground_columns(features), features.columns.places["mass"]]
     height, friction, mass = (columns.index(column) if column in columns else -1 for column in asked)
-
-    @wp.func
-    def add(numbers: wp.array3d[float], world: wp.int32, particle: wp.int32, place: wp.int32, more: float):
-        numbers[world, particle, place] = numbers[world, particle, place] + more
 
     @wp.func
     def stand_back(
@@ -433,9 +436,9 @@ def particle_functions(features: Features, columns: tuple[int, ...]) -> tuple[An
             bars.points[world, particle] = stood.point
             bars.velocities[world, particle] = stood.velocity
             if wp.static(height >= 0):
-                add(bars.numbers, world, particle, height, stood.height)
+                add_to_number(bars.numbers, world, particle, height, stood.height)
             if wp.static(friction >= 0):
-                add(bars.numbers, world, particle, friction, stood.friction)
+                add_to_number(bars.numbers, world, particle, friction, stood.friction)
 
     @wp.func
     def weigh_back(t: Tables, bars: ExchangeBars, world: wp.int32, particle: wp.int32):
@@ -443,7 +446,7 @@ def particle_functions(features: Features, columns: tuple[int, ...]) -> tuple[An
         bars.masses[world, particle] = 0.0
         bars.gas_masses[world, particle] = bars.gas_masses[world, particle] + by_share
         if wp.static(mass >= 0):
-            add(bars.numbers, world, particle, mass, by_share)
+            add_to_number(bars.numbers, world, particle, mass, by_share)
 
     return stand_back, weigh_back
 

@@ -591,19 +591,23 @@ def load_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adj
     return (Adjoint(load_adjoint, ("keyed", "swelling", "gas", "numbers")),)
 
 
+@wp.func
+def bar_of_noted(t: Tables, balloon: wp.int32, load_bar: wp.vec2, pressure_bar: float):
+    """Return the bar of a balloon's load, which is zero where a normal force inflates."""
+    bar = wp.vec4(pressure_bar, load_bar[0], load_bar[1], 0.0)
+    if t.inflation_kind[balloon] == NORMAL_FORCE:
+        bar = wp.vec4()
+    return bar
+
+
+@wp.func
+def bar_of_flowing(t: Tables, balloon: wp.int32, load_bar: wp.vec2, pressure_bar: float, slope_bar: float):
+    """Return the bar of a balloon's load, where gas flows through tubes."""
+    return bar_of_noted(t, balloon, load_bar, pressure_bar) + wp.vec4(0.0, 0.0, 0.0, slope_bar)
+
+
 def note_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
     """Return the adjoint of the recorded pressure, once gas has flowed: particles and readers use it."""
-
-    @wp.func
-    def bar_of_noted(t: Tables, balloon: wp.int32, load_bar: wp.vec2, pressure_bar: float):
-        bar = wp.vec4(pressure_bar, load_bar[0], load_bar[1], 0.0)
-        if t.inflation_kind[balloon] == NORMAL_FORCE:
-            bar = wp.vec4()
-        return bar
-
-    @wp.func
-    def bar_of_flowing(t: Tables, balloon: wp.int32, load_bar: wp.vec2, pressure_bar: float, slope_bar: float):
-        return bar_of_noted(t, balloon, load_bar, pressure_bar) + wp.vec4(0.0, 0.0, 0.0, slope_bar)
 
     if features.tubes:
         return (Adjoint(bar_of_flowing, ("gas_load",)),)

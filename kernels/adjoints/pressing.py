@@ -377,23 +377,24 @@ def list_contacts_kernel(features: Features, fast_math: bool = False) -> Any:
     return list_contacts
 
 
+@wp.func
+def worth_of_contact(bars: TouchBars, world: wp.int32, particle: wp.int32, corners: wp.vec3i):
+    """Return the bars of a contact's forces and counts; its hold aside."""
+    worth = WorthOfContact()
+    own = bars.forces[world, particle]
+    worth.a = bars.forces[world, corners[0]] - own
+    worth.b = bars.forces[world, corners[1]] - own
+    worth.c = bars.forces[world, corners[2]] - own
+    worth.counts = wp.vec3(
+        bars.counts[world, corners[0]], bars.counts[world, corners[1]], bars.counts[world, corners[2]]
+    )
+    return worth
+
+
 @cache
 def contact_function(features: Features) -> Any:
     """Return the function that runs the contact of a particle with one triangle backwards."""
     beside, masses_of, pressed = pair_functions(features)
-
-    @wp.func
-    def worth_of(bars: TouchBars, world: wp.int32, particle: wp.int32, corners: wp.vec3i):
-        """Return the bars of a contact's forces and counts; its hold aside."""
-        worth = WorthOfContact()
-        own = bars.forces[world, particle]
-        worth.a = bars.forces[world, corners[0]] - own
-        worth.b = bars.forces[world, corners[1]] - own
-        worth.c = bars.forces[world, corners[2]] - own
-        worth.counts = wp.vec3(
-            bars.counts[world, corners[0]], bars.counts[world, corners[1]], bars.counts[world, corners[2]]
-        )
-        return worth
 
     @wp.func
     def respond_back(
@@ -404,7 +405,7 @@ def contact_function(features: Features) -> Any:
         corners = triple_at(t.touch.triangles, triangle_of(candidate))
         point = vector_at(points, particle)
         places = rows_at(points, corners)
-        worth = worth_of(bars, world, particle, corners)
+        worth = worth_of_contact(bars, world, particle, corners)
         found = BarsOfContact()
         if role == COUNTS:
             found = counts_back(point, places, worth.counts)

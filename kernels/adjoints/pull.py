@@ -252,12 +252,14 @@ def area_adjoint_of_eight(quads: bool, at: Any) -> Adjoint:
     return Adjoint(areas_adjoint, ("point",))
 
 
+@wp.func
+def added_adjoint(force_bar: wp.vec3):
+    """Return the bar of a force to which another was added."""
+    return force_bar
+
+
 def add_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
     """Return the adjoint: the bar of the force before is that of the force after it."""
-
-    @wp.func
-    def added_adjoint(force_bar: wp.vec3):
-        return force_bar
 
     return (Adjoint(added_adjoint, ("force",)),)
 
@@ -267,10 +269,6 @@ def bear_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adj
     laws, (center_of_face, area_vector_of_face) = features.laws_on("face"), face_measures(look.at)
     Params, _ = params_functions(features.columns, features.balloons)  # noqa: N806 - a type
     at, velocity_at, moving = look.at, look.velocity_at, features.needs("face", "velocity")
-
-    @wp.func
-    def passed_on(force_bar: wp.vec3):
-        return force_bar
 
     @wp.func
     def work_of_face(
@@ -310,7 +308,7 @@ def bear_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adj
                     params_bar.n += part * by_n
         return point_bar, velocity_bar, params_bar
 
-    return Adjoint(passed_on, ("force",)), Adjoint(faces_adjoint, ("point", "velocity", "params"))
+    return Adjoint(added_adjoint, ("force",)), Adjoint(faces_adjoint, ("point", "velocity", "params"))
 
 
 @wp.func
@@ -365,15 +363,17 @@ def soak_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adj
     return (Adjoint(soak_adjoint, ("point", "params")),)
 
 
+@wp.func
+def lift_adjoint(t: Tables, params: Any, upheld_bars: Any):
+    """Return the sum of the bars of a balloon's particles."""
+    total = Five()
+    for particle in range(t.particles.offsets[params.balloon], t.particles.offsets[params.balloon + 1]):
+        total += upheld_bars[particle]
+    return total
+
+
 def lift_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
     """Return the adjoint of a balloon's value that every particle reads: the sum of the bars of all of them."""
-
-    @wp.func
-    def lift_adjoint(t: Tables, params: Any, upheld_bars: Any):
-        total = Five()
-        for particle in range(t.particles.offsets[params.balloon], t.particles.offsets[params.balloon + 1]):
-            total += upheld_bars[particle]
-        return total
 
     return (Adjoint(lift_adjoint, ("afloat",)),)
 
@@ -432,7 +432,7 @@ def area_adjoint(quads: bool, at: Any) -> Adjoint:
     ):
         return back(t.fans, points, area_vector_bars, params.number, point, area_vector_bar)
 
-    return Adjoint(areas_adjoint, ("point",), of_eight=areas_of_eight() if quads else None)
+    return Adjoint(areas_adjoint, ("point",), of_eight=areas_of_eight if quads else None)
 
 
 @cache
@@ -571,38 +571,42 @@ def add_direction_bar(working: Working, world: wp.int32, particle: wp.int32, bar
     working.direction_bars[world, particle] = working.direction_bars[world, particle] + bar
 
 
+@wp.func
+def push_along_adjoint(
+    working: Working, world: wp.int32, particle: wp.int32, keyed: float, inflation_direction: wp.vec3,
+    inflation_bar: wp.vec3,
+):  # fmt: skip
+    """Return the bar of k_normal, and add to that of the particle's direction."""
+    add_direction_bar(working, world, particle, normal_push(keyed) * inflation_bar)
+    return normal_push(wp.dot(inflation_direction, inflation_bar))
+
+
+@wp.func
+def push_either_way_adjoint(
+    t: Tables, working: Working, params: Any, keyed: float, load: wp.vec2, point: wp.vec3,
+    inflation_direction: wp.vec3, area_vector: wp.vec3, inflation_bar: wp.vec3,
+):  # fmt: skip
+    """Return the bars of what inflates a particle, be it a normal force or a pressure."""
+    keyed_bar = float(0.0)
+    load_bar = wp.vec2()
+    point_bar = wp.vec3()
+    area_bar = wp.vec3()
+    if params.kind == NORMAL_FORCE:
+        add_direction_bar(working, params.world, params.number, normal_push(keyed) * inflation_bar)
+        keyed_bar = normal_push(wp.dot(inflation_direction, inflation_bar))
+    else:
+        height = wp.dot(point, t.up)
+        by_push = wp.dot(area_vector, inflation_bar)
+        load_bar = wp.vec2(by_push, by_push * height)
+        point_bar = (by_push * load[1]) * t.up
+        area_bar = (load[0] + load[1] * height) * inflation_bar
+    return keyed_bar, load_bar, point_bar, area_bar
+
+
 def inflate_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
     """Return the adjoint of the force of the inflation; bars of directions are left in `working.direction_bars`."""
     if not features.inflation_directions:
         return by_grad(phase, features, look)
-
-    @wp.func
-    def push_along_adjoint(
-        working: Working, world: wp.int32, particle: wp.int32, keyed: float, inflation_direction: wp.vec3,
-        inflation_bar: wp.vec3,
-    ):  # fmt: skip
-        add_direction_bar(working, world, particle, normal_push(keyed) * inflation_bar)
-        return normal_push(wp.dot(inflation_direction, inflation_bar))
-
-    @wp.func
-    def push_either_way_adjoint(
-        t: Tables, working: Working, params: Any, keyed: float, load: wp.vec2, point: wp.vec3,
-        inflation_direction: wp.vec3, area_vector: wp.vec3, inflation_bar: wp.vec3,
-    ):  # fmt: skip
-        keyed_bar = float(0.0)
-        load_bar = wp.vec2()
-        point_bar = wp.vec3()
-        area_bar = wp.vec3()
-        if params.kind == NORMAL_FORCE:
-            add_direction_bar(working, params.world, params.number, normal_push(keyed) * inflation_bar)
-            keyed_bar = normal_push(wp.dot(inflation_direction, inflation_bar))
-        else:
-            height = wp.dot(point, t.up)
-            by_push = wp.dot(area_vector, inflation_bar)
-            load_bar = wp.vec2(by_push, by_push * height)
-            point_bar = (by_push * load[1]) * t.up
-            area_bar = (load[0] + load[1] * height) * inflation_bar
-        return keyed_bar, load_bar, point_bar, area_bar
 
     if not features.pressures:
         return (Adjoint(push_along_adjoint, ("keyed",)),)

@@ -198,6 +198,15 @@ def work_of_pair(
     )
 
 
+@wp.func
+def meet_nothing(
+    t: Tables, spheres: LoggedSpheres, world: wp.int32, event: Event, end: float, bars: BarsOfSpheres,
+    of_frame: Bars,
+):  # fmt: skip
+    """Do nothing, where there are no obstacles."""
+    return
+
+
 @cache
 def obstacle_adjoint(features: Features, columns: tuple[int, ...]) -> Any:
     """Return the function that runs a sphere's contact with an obstacle backwards.
@@ -206,14 +215,6 @@ def obstacle_adjoint(features: Features, columns: tuple[int, ...]) -> Any:
         columns: of parameters by which something is derived.
     """
     if not features.fixtures:
-
-        @wp.func
-        def meet_nothing(
-            t: Tables, spheres: LoggedSpheres, world: wp.int32, event: Event, end: float, bars: BarsOfSpheres,
-            of_frame: Bars,
-        ):  # fmt: skip
-            return
-
         return meet_nothing
     meet, pose_at = meeting_function(features), pose_function(features)
     place = features.columns.places["gravity"]
@@ -385,23 +386,24 @@ def rolling_adjoint(features: Features, columns: tuple[int, ...]) -> Any:
     return roll_event_backwards
 
 
+@wp.func
+def take_totals(bars: BarsOfSpheres, world: wp.int32, sphere: wp.int32):
+    """Add the bars of a sphere that particles have found."""
+    totals = bars.totals[world, sphere]
+    bar = bar_of_course(bars, world, sphere)
+    bar.position += wp.vec3(totals[0], totals[1], totals[2])
+    bar.velocity += wp.vec3(totals[3], totals[4], totals[5])
+    put_bar_of_course(bars, world, sphere, bar)
+    add_by_sphere(bars, world, sphere, 0.0, totals[6])
+    bars.numbers[world, sphere, 2] = bars.numbers[world, sphere, 2] + wp.float64(totals[7])
+
+
 @cache
 def roll_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
     """Return the kernel that runs spheres backwards, once all else of a substep has."""
     roll_event, meet_obstacle, meet_pair = (
         rolling_adjoint(features, columns), obstacle_adjoint(features, columns), pair_adjoint(features),
     )  # fmt: skip
-
-    @wp.func
-    def take_totals(bars: BarsOfSpheres, world: wp.int32, sphere: wp.int32):
-        """Add the bars of a sphere that particles have found."""
-        totals = bars.totals[world, sphere]
-        bar = bar_of_course(bars, world, sphere)
-        bar.position += wp.vec3(totals[0], totals[1], totals[2])
-        bar.velocity += wp.vec3(totals[3], totals[4], totals[5])
-        put_bar_of_course(bars, world, sphere, bar)
-        add_by_sphere(bars, world, sphere, 0.0, totals[6])
-        bars.numbers[world, sphere, 2] = bars.numbers[world, sphere, 2] + wp.float64(totals[7])
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def roll_back(

@@ -42,7 +42,7 @@ from balloon_warp.kernels.loops.fixtures import (
     with_another,
 )
 from balloon_warp.kernels.loops.spheres import is_near_sphere
-from balloon_warp.kernels.loops.ways import surface_function
+from balloon_warp.kernels.loops.ways import surface_of_convex
 from balloon_warp.kernels.phase import Adjoint, Look, NoAdjointError, Phase
 from balloon_warp.kernels.tables import Solid, Tables
 from balloon_warp.kernels.working import FixtureBars, Working
@@ -53,13 +53,15 @@ Totals = wp.types.vector(length=WIDTH, dtype=wp.float64)
 """Sums of `FixtureBars`"""
 
 
+@wp.func
+def part_of_frame(t: Tables, time: float):
+    """Return which part of its frame is over at a time."""
+    return seconds_in_frame(t, time) / t.frame_seconds
+
+
 @cache
 def fixture_bars_function(features: Features) -> Any:
     """Return the function that notes the bars of an obstacle by a particle's contact, where they are asked for."""
-
-    @wp.func
-    def part_of_frame(t: Tables, time: float):
-        return seconds_in_frame(t, time) / t.frame_seconds
 
     @wp.func
     def note_fixture(
@@ -228,9 +230,6 @@ def work_beside(
     place = point + wp.dot(let - point, normal) * normal
     stood, slowed = stand_on(point, place, velocity, moving, normal, friction, step, at_once, part)
     return wp.dot(stood, point_bar) + wp.dot(slowed, velocity_bar)
-
-
-surface_of_convex = surface_function(False)
 
 
 @wp.func
@@ -632,6 +631,30 @@ def detour_beside_ground_backwards(
     return detour_of_ground_backwards(t, around, start, ahead, course, place_bar, normal_bar)
 
 
+@wp.func
+def fly_backwards(
+    t: Tables, working: Working, around: Around, point: wp.vec3, velocity: wp.vec3, point_bar: wp.vec3,
+    velocity_bar: wp.vec3,
+):  # fmt: skip
+    """Return the bars of a particle that meets nothing."""
+    bars = BarsOfContact()
+    bars.point = point_bar
+    bars.velocity = velocity_bar
+    return bars
+
+
+@wp.func
+def no_detour_backwards(
+    t: Tables, working: Working, around: Around, start: wp.vec3, ahead: wp.vec3, course: wp.vec3,
+    place_bar: wp.vec3, normal_bar: wp.vec3,
+):  # fmt: skip
+    """Return the bars of a place ahead, where there is nothing."""
+    bars = BarsOfContact()
+    bars.point = place_bar
+    bars.normal = normal_bar
+    return bars
+
+
 @cache
 def standing_functions(features: Features) -> tuple[Any, Any]:
     """Return the functions that run contact with obstacles and the ground backwards, as it is and as it is foreseen."""
@@ -639,26 +662,6 @@ def standing_functions(features: Features) -> tuple[Any, Any]:
         return standing_adjoint(features), detour_adjoint(features)
     if features.ground:
         return stand_on_ground_backwards, detour_beside_ground_backwards
-
-    @wp.func
-    def fly_backwards(
-        t: Tables, working: Working, around: Around, point: wp.vec3, velocity: wp.vec3, point_bar: wp.vec3,
-        velocity_bar: wp.vec3,
-    ):  # fmt: skip
-        bars = BarsOfContact()
-        bars.point = point_bar
-        bars.velocity = velocity_bar
-        return bars
-
-    @wp.func
-    def no_detour_backwards(
-        t: Tables, working: Working, around: Around, start: wp.vec3, ahead: wp.vec3, course: wp.vec3,
-        place_bar: wp.vec3, normal_bar: wp.vec3,
-    ):  # fmt: skip
-        bars = BarsOfContact()
-        bars.point = place_bar
-        bars.normal = normal_bar
-        return bars
 
     return fly_backwards, no_detour_backwards
 

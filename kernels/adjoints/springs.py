@@ -168,33 +168,29 @@ def springs_of_eight(features: Features) -> Any:
     return springs_back
 
 
-@cache
-def areas_of_eight() -> Any:
-    """Return the function that adds the terms of area vectors among quads to the bars of all places."""
+@wp.func_native(HEAD + AREAS + TAIL.replace("SCALE", "crosses *"))
+def add_areas_of_eight(
+    table: FanTable,
+    points: Any,
+    bars: Any,
+    count: wp.int32,
+    crosses: float,
+    found: wp.array2d[float],
+    row: wp.int32,
+    first_word: wp.int32,
+    apart: wp.int32,
+):
+    """Add to bars of places."""
+    ...
 
-    @wp.func_native(HEAD + AREAS + TAIL.replace("SCALE", "crosses *"))
-    def add(
-        table: FanTable,
-        points: Any,
-        bars: Any,
-        count: wp.int32,
-        crosses: float,
-        found: wp.array2d[float],
-        row: wp.int32,
-        first_word: wp.int32,
-        apart: wp.int32,
-    ):
-        """Add to bars of places."""
-        ...
 
-    @wp.func
-    def areas_back(
-        t: Tables, points: Any, area_vector_bars: Any, count: wp.int32, found: wp.array2d[float], row: wp.int32,
-        first_word: wp.int32, apart: wp.int32,
-    ):  # fmt: skip
-        add(t.fans, points, area_vector_bars, count, CROSSES, found, row, first_word, apart)
-
-    return areas_back
+@wp.func
+def areas_of_eight(
+    t: Tables, points: Any, area_vector_bars: Any, count: wp.int32, found: wp.array2d[float], row: wp.int32,
+    first_word: wp.int32, apart: wp.int32,
+):  # fmt: skip
+    """Add the terms of area vectors among quads to the bars of all places."""
+    add_areas_of_eight(t.fans, points, area_vector_bars, count, CROSSES, found, row, first_word, apart)
 
 
 @wp.func

@@ -278,6 +278,17 @@ def ball_functions(features: Features) -> tuple[Any, Any]:
     return ball_of, worth_of_ball
 
 
+@wp.func
+def worth_of_ends(bars: SweepBars, world: wp.int32, contact: Contact, step_seconds: float, speeds: float):
+    """Return the derivatives by gains of ends, row by row."""
+    worth = FOUR()
+    for end in range(4):
+        particle = contact.ends[end]
+        if contact.weights[end] != 0.0:
+            worth[end] = step_seconds * bars.points[world, particle] + speeds * bars.velocities[world, particle]
+    return worth
+
+
 @cache
 def contact_functions(features: Features) -> tuple[Any, Any]:
     """Return the functions that run a contact's push, and its parting, backwards."""
@@ -286,20 +297,11 @@ def contact_functions(features: Features) -> tuple[Any, Any]:
     ball_of, worth_of_ball = ball_functions(features)
 
     @wp.func
-    def worth_of(bars: SweepBars, world: wp.int32, contact: Contact, step_seconds: float, speeds: float):
-        """Return the derivatives by gains of ends, row by row."""
-        worth = FOUR()
-        for end in range(4):
-            particle = contact.ends[end]
-            if contact.weights[end] != 0.0:
-                worth[end] = step_seconds * bars.points[world, particle] + speeds * bars.velocities[world, particle]
-        return worth
-
-    @wp.func
     def push_back(t: Tables, working: Working, bars: SweepBars, world: wp.int32, contact: Contact, sweep: wp.int32):
         by_contact, by_moving, by_ball, by_bearing, _step, _worth, _ball = wp.grad(work_of_push)(
             contact, four_of(bars.courses[sweep][world], contact.ends), ball_of(t, bars, world, sweep, contact),
-            bearing_of(t, working, world, contact), t.step_seconds, worth_of(bars, world, contact, t.step_seconds, 1.0),
+            bearing_of(t, working, world, contact), t.step_seconds,
+            worth_of_ends(bars, world, contact, t.step_seconds, 1.0),
             worth_of_ball(t, bars, world, contact, t.step_seconds, 1.0),
         )  # fmt: skip
         found = ContactBars()
@@ -314,7 +316,7 @@ def contact_functions(features: Features) -> tuple[Any, Any]:
     @wp.func
     def part_back(t: Tables, working: Working, bars: SweepBars, world: wp.int32, contact: Contact):
         by_contact, by_bearing, _worth, _ball = wp.grad(work_of_parting)(
-            contact, bearing_of(t, working, world, contact), worth_of(bars, world, contact, 1.0, 0.0),
+            contact, bearing_of(t, working, world, contact), worth_of_ends(bars, world, contact, 1.0, 0.0),
             worth_of_ball(t, bars, world, contact, 1.0, 0.0),
         )  # fmt: skip
         found = ContactBars()

@@ -109,6 +109,14 @@ def on_end(contact: Contact, answer: Answer, end: wp.int32):
     return contact.weights[end] * answer.impulse + turned * contact.normal
 
 
+@wp.func
+def opening_of(moving: FOUR, contact: Contact, eases: wp.vec4, push: float):
+    """Return how fast each pair of ends turns along n, after a push [m/s]."""
+    gains = push * wp.cw_mul(eases, contact.weights)
+    first = wp.dot(moving[1] - moving[0], contact.normal) + gains[1] - gains[0]
+    return wp.vec2(first, wp.dot(moving[3] - moving[2], contact.normal) + gains[3] - gains[2])
+
+
 @cache
 def resolving_functions(features: Features) -> tuple[Any, Any, Any]:
     """Return the functions of a contact's relative velocity, of its answer to that, and of the one that parts it."""
@@ -141,13 +149,6 @@ def resolving_functions(features: Features) -> tuple[Any, Any, Any]:
                     of_ball += wp.cross(turning, contact.arm)
                 gain += bearing.share * of_ball
         return gain
-
-    @wp.func
-    def opening_of(moving: FOUR, contact: Contact, eases: wp.vec4, push: float):
-        """Return how fast each pair of ends turns along n, after a push [m/s]."""
-        gains = push * wp.cw_mul(eases, contact.weights)
-        first = wp.dot(moving[1] - moving[0], contact.normal) + gains[1] - gains[0]
-        return wp.vec2(first, wp.dot(moving[3] - moving[2], contact.normal) + gains[3] - gains[2])
 
     @wp.func
     def answer_of(contact: Contact, bearing: Bearing, moving: FOUR, relative: wp.vec3, step_seconds: float):

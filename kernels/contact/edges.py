@@ -246,22 +246,17 @@ def way_of_edge(working: Working, world: wp.int32, ends: wp.vec2i, points: wp.ar
 
 
 @wp.func
-def fastest_end(velocities: wp.array[wp.vec3], ends: wp.vec2i):
-    """Return the speed of the faster end of an edge [m/s]."""
-    return wp.max(wp.length(velocities[ends[0]]), wp.length(velocities[ends[1]]))
+def note_seeking(working: Working, world: wp.int32, edge: wp.int32, balloon: wp.int32):
+    """List an edge and a balloon whose tree it goes through."""
+    place = next_place(working.list_lengths, world, SEEKING)
+    if place < working.seeking_edges.shape[1]:
+        working.seeking_edges[world, place] = wp.vec2i(edge, balloon)
 
 
 @cache
 def seeking_kernel(features: Features) -> Any:
     """Return the kernel that boxes edges, and lists those that go through trees."""
     pad_between = pad_function(features)
-
-    @wp.func
-    def note_seeking(working: Working, world: wp.int32, edge: wp.int32, balloon: wp.int32):
-        """List an edge and a balloon whose tree it goes through."""
-        place = next_place(working.list_lengths, world, SEEKING)
-        if place < working.seeking_edges.shape[1]:
-            working.seeking_edges[world, place] = wp.vec2i(edge, balloon)
 
     @wp.func
     def seek_others(t: Tables, working: Working, world: wp.int32, edge: wp.int32, own: wp.int32, swept: Swept):
@@ -285,7 +280,8 @@ def seeking_kernel(features: Features) -> Any:
                 working.edge_clearances[world, edge] = 0.0
             return False
         moved = way_of_edge(working, world, ends, points)
-        speed, pad = fastest_end(velocities, ends), pad_between(t, world, own, own)
+        speed = wp.max(wp.length(velocities[ends[0]]), wp.length(velocities[ends[1]]))
+        pad = pad_between(t, world, own, own)
         if is_clear_of_own(t, working, world, own, edge, working.edge_clearances, moved, speed, pad):
             return False
         if has_strayed(working, world, own):  # who measures may find less

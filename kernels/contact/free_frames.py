@@ -438,32 +438,33 @@ def least_between(own: OwnParts, world: wp.int32, one: wp.int32, other: wp.int32
     return scale * least - strays
 
 
+@wp.func
+def room_of_group(own: OwnParts, world: wp.int32, group: wp.int32, pad: float, most: float):
+    """Return the room of a group's parts to each other, and to those of groups after it [m].
+
+    Args:
+        pad: Distance at which there is none [m].
+        most: Largest that need be known [m].
+    """
+    room = float(most)
+    balloon = own.balloons[own.groups[group]]
+    other = wp.int32(group)
+    while other < own.groups.shape[0] - 1 and room > 0.0:
+        same = own.balloons[own.groups[other]] == balloon
+        if same and gap_between(own.group_boxes, world, group, other) - pad < room:
+            for first in range(own.groups[group], own.groups[group + 1]):
+                for second in range(wp.max(first, own.groups[other]), own.groups[other + 1]):
+                    gap = gap_between(own.boxes, world, first, second)
+                    if gap - pad < room:
+                        room = wp.min(room, wp.max(gap, least_between(own, world, first, second)) - pad)
+        other += 1
+    return room
+
+
 @cache
 def judge_parts_kernel(features: Features) -> Any:
     """Return the kernel that finds the room between parts, and whether there is any."""
     thickness_between = skin_functions(features)[0]
-
-    @wp.func
-    def room_of_group(own: OwnParts, world: wp.int32, group: wp.int32, pad: float, most: float):
-        """Return the room of a group's parts to each other, and to those of groups after it [m].
-
-        Args:
-            pad: Distance at which there is none [m].
-            most: Largest that need be known [m].
-        """
-        room = float(most)
-        balloon = own.balloons[own.groups[group]]
-        other = wp.int32(group)
-        while other < own.groups.shape[0] - 1 and room > 0.0:
-            same = own.balloons[own.groups[other]] == balloon
-            if same and gap_between(own.group_boxes, world, group, other) - pad < room:
-                for first in range(own.groups[group], own.groups[group + 1]):
-                    for second in range(wp.max(first, own.groups[other]), own.groups[other + 1]):
-                        gap = gap_between(own.boxes, world, first, second)
-                        if gap - pad < room:
-                            room = wp.min(room, wp.max(gap, least_between(own, world, first, second)) - pad)
-            other += 1
-        return room
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def judge_parts(

@@ -90,6 +90,12 @@ def noting_function(features: Features, sphere_at: Any) -> Any:
     return is_noted
 
 
+@wp.func
+def end_of_mark(mark: wp.int32, count: wp.int32):
+    """Return the end of a mark's particles."""
+    return wp.min((mark + 1) * PARTICLES_A_MARK, count)
+
+
 @cache
 def marked_functions(features: Features, at: Any, put: Any) -> tuple[Any, Any, Any]:
     """Return functions for the particles of a mark: their pressing, response and friction, and their support.
@@ -101,11 +107,6 @@ def marked_functions(features: Features, at: Any, put: Any) -> tuple[Any, Any, A
     inertia = inertia_function(features)
     stand = standing_function(features)
     around_particle = around_function(features)
-
-    @wp.func
-    def end_of_mark(mark: wp.int32, count: wp.int32):
-        """Return the end of a mark's particles."""
-        return wp.min((mark + 1) * PARTICLES_A_MARK, count)
 
     @wp.func
     def press_at_mark(

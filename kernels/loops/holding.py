@@ -53,36 +53,36 @@ class Thing:
     restitution: float
 
 
+@wp.func
+def body_in(t: Tables, state: WorldState, world: wp.int32, body: wp.int32):
+    """Return a body as a thing that bodies may touch."""
+    thing = Thing()
+    thing.fixture = -1
+    thing.other = body
+    thing.center = state.body_positions[world, body]
+    thing.turn = state.body_turns[world, body]
+    thing.solid = t.bodies.solids[body]
+    thing.reach = thing.solid.reach
+    thing.number = number_of_body(t, body)
+    thing.restitution = t.bodies.restitution[row_of_world(world, t.bodies.restitution.shape[0]), body]
+    return thing
+
+
+@wp.func
+def count_of(t: Tables, state: WorldState):
+    """Return the number of things: the ground, obstacles and bodies."""
+    return 1 + t.fixtures.solids.shape[0] + state.body_positions.shape[1]
+
+
 @cache
-def thing_functions(features: Features) -> tuple[Any, Any, Any, Any]:
-    """Return functions for the number of things, for a body, for any thing, and for its distance to a point."""
+def thing_functions(features: Features) -> tuple[Any, Any]:
+    """Return functions for a thing, and for its distance to a point."""
     pose_at = pose_function(features) if features.fixtures else None
     surface_at = surface_function(features.body_meshes or features.fixture_meshes)
     split = features.columns.balloon_width
     height, ground_restitution = (
         features.columns.places[name] - split for name in ("ground_height", "ground_restitution")
     )
-
-    @wp.func
-    def count_of(t: Tables, state: WorldState):
-        count = 1 + state.body_positions.shape[1]
-        if wp.static(features.fixtures):
-            count += t.fixtures.solids.shape[0]
-        return count
-
-    @wp.func
-    def body_in(t: Tables, state: WorldState, world: wp.int32, body: wp.int32):
-        """Return a body as a thing that bodies may touch."""
-        thing = Thing()
-        thing.fixture = -1
-        thing.other = body
-        thing.center = state.body_positions[world, body]
-        thing.turn = state.body_turns[world, body]
-        thing.solid = t.bodies.solids[body]
-        thing.reach = thing.solid.reach
-        thing.number = number_of_body(t, body)
-        thing.restitution = t.bodies.restitution[row_of_world(world, t.bodies.restitution.shape[0]), body]
-        return thing
 
     @wp.func
     def thing_at(t: Tables, state: WorldState, world: wp.int32, number: wp.int32, begin: float):
@@ -131,7 +131,7 @@ def thing_functions(features: Features) -> tuple[Any, Any, Any, Any]:
                 normal = wp.quat_rotate(thing.turn, outward)
         return gap, normal
 
-    return count_of, body_in, thing_at, gap_to
+    return thing_at, gap_to
 
 
 @wp.func
@@ -342,7 +342,7 @@ def hold_point(
 @cache
 def thing_holding_function(features: Features) -> Any:
     """Make the function that puts a body and one thing into the list."""
-    _, _, _, gap_to = thing_functions(features)
+    _, gap_to = thing_functions(features)
 
     @wp.func
     def hold_thing(
@@ -397,7 +397,7 @@ def thing_holding_function(features: Features) -> Any:
 @cache
 def holding_function(features: Features) -> Any:
     """Make the function that makes the list."""
-    count_of, body_in, thing_at, _ = thing_functions(features)
+    thing_at, _ = thing_functions(features)
     hold_thing = thing_holding_function(features)
 
     @wp.func

@@ -300,7 +300,7 @@ class MembraneFaceLayout(NamedTuple):
 def membrane_face_places(membrane_face: MembraneFaceLayout) -> MembraneFacePlaces:
     """Return the storage of a layout with faces of membranes."""
     return (
-        in_tiles(membrane_face.tile, membrane_face.capacity, membrane_face.areas) if membrane_face.tile else in_arrays()
+        in_tiles(membrane_face.tile, membrane_face.capacity, membrane_face.areas) if membrane_face.tile else IN_ARRAYS
     )
 
 
@@ -327,6 +327,12 @@ def entry_of(count: int) -> str:
 def gpu_or_cpu(gpu: str, cpu: str) -> str:
     """Return code for a GPU and for a CPU."""
     return f"\n#if defined(__CUDA_ARCH__)\n    {gpu}\n#else\n    {cpu}\n#endif\n"
+
+
+@wp.func_native("return *(const wp::vec3*)((const char*)velocities.data + (unsigned int)byte);")
+def velocity_from_byte(velocities: wp.array[wp.vec3], byte: wp.int32) -> wp.vec3:
+    """Return a velocity of an array, whose offset is that of its particle's point in the tile."""
+    ...
 
 
 @cache
@@ -361,11 +367,6 @@ def in_tiles(places: int, capacity: int, areas: bool) -> MembraneFacePlaces:
         """Return a point of a tile, from the offset of its first byte."""
         ...
 
-    @wp.func_native("return *(const wp::vec3*)((const char*)velocities.data + (unsigned int)byte);")
-    def velocity_at(velocities: wp.array[wp.vec3], byte: wp.int32) -> wp.vec3:
-        """Return a velocity of an array, whose offset is that of its particle's point in the tile."""
-        ...
-
     @wp.func
     def put(pulls: Any, area_vectors: Any, place: wp.int32, pull: wp.vec3, area_vector: wp.vec3):
         put_four(pulls, place, wp.vec4(pull[0], pull[1], pull[2], area_vector[0]))
@@ -380,24 +381,23 @@ def in_tiles(places: int, capacity: int, areas: bool) -> MembraneFacePlaces:
             two = two_at(area_vectors, place)
         return wp.vec3(four[0], four[1], four[2]), wp.vec3(four[3], two[0], two[1])
 
-    return MembraneFacePlaces(PLACE_BYTES, put, get, point_at, velocity_at)
+    return MembraneFacePlaces(PLACE_BYTES, put, get, point_at, velocity_from_byte)
 
 
-@cache
-def in_arrays() -> MembraneFacePlaces:
-    """Return storage in global memory, for forces alone."""
-
-    @wp.func
-    def put(pulls: Any, area_vectors: Any, place: wp.int32, pull: wp.vec3, area_vector: wp.vec3):
-        put_vector(pulls, place, pull)
-
-    @wp.func
-    def get(pulls: Any, area_vectors: Any, place: wp.int32):
-        return vector_at(pulls, place), wp.vec3()
-
-    return MembraneFacePlaces(1, put, get, in_tile, vector_at)
+@wp.func
+def put_in_array(pulls: Any, area_vectors: Any, place: wp.int32, pull: wp.vec3, area_vector: wp.vec3):
+    """Store the force of a membrane's face on a particle."""
+    put_vector(pulls, place, pull)
 
 
+@wp.func
+def get_from_array(pulls: Any, area_vectors: Any, place: wp.int32):
+    """Return the force of a membrane's face on a particle, and no area vector."""
+    return vector_at(pulls, place), wp.vec3()
+
+
+IN_ARRAYS = MembraneFacePlaces(1, put_in_array, get_from_array, in_tile, vector_at)
+"""Storage in global memory, for forces alone"""
 OF_TRIANGLE = wp.constant(1.0 / 6.0)
 """Area vector of a corner over the cross product of its edges, from the one before and to the one after"""
 

@@ -35,31 +35,33 @@ from balloon_warp.kernels.tables import (
 from balloon_warp.kernels.working import Working
 
 
+@wp.func
+def load_through_center(load: TriangleLoad):
+    """Return a quad corner's share of the load on the center."""
+    return corner_load(load, 0.25 * load.moments[2], 0.25 * load.areas[2])
+
+
+@wp.func
+def load_of_quad(before: wp.vec3, across: wp.vec3, along: wp.vec3, level: float, up: wp.vec3):
+    """Return the load of a quad on one of its corners.
+
+    The arguments are the vectors to the other corners [m], and the height of the water over the corner [m].
+    """
+    here = wp.vec3()
+    center = 0.25 * (before + across + along)
+    coming = triangle_load(before, here, center, level, up)
+    going = triangle_load(here, along, center, level, up)
+    far = triangle_load(along, across, center, level, up)
+    last = triangle_load(across, before, center, level, up)
+    load = corner_load(coming, coming.moments[1], coming.areas[1]) + load_through_center(coming)
+    load += corner_load(going, going.moments[0], going.areas[0]) + load_through_center(going)
+    return load + load_through_center(far) + load_through_center(last)
+
+
 @cache
 def ring_wetness_loop(at: Any) -> Any:
     """Return the function that sums a particle's load over the quads that go all around it."""
     ends_at = ring_ends(at)
-
-    @wp.func
-    def load_through_center(load: TriangleLoad):
-        """Return a quad corner's share of the load on the center."""
-        return corner_load(load, 0.25 * load.moments[2], 0.25 * load.areas[2])
-
-    @wp.func
-    def load_of_quad(before: wp.vec3, across: wp.vec3, along: wp.vec3, level: float, up: wp.vec3):
-        """Return the load of a quad on one of its corners.
-
-        The arguments are the vectors to the other corners [m], and the height of the water over the corner [m].
-        """
-        here = wp.vec3()
-        center = 0.25 * (before + across + along)
-        coming = triangle_load(before, here, center, level, up)
-        going = triangle_load(here, along, center, level, up)
-        far = triangle_load(along, across, center, level, up)
-        last = triangle_load(across, before, center, level, up)
-        load = corner_load(coming, coming.moments[1], coming.areas[1]) + load_through_center(coming)
-        load += corner_load(going, going.moments[0], going.areas[0]) + load_through_center(going)
-        return load + load_through_center(far) + load_through_center(last)
 
     @wp.func
     def water_load(rings: RingTable, points: Any, particle: wp.int32, water_level: float, up: wp.vec3):
@@ -202,13 +204,15 @@ def visits_of(t: Tables, face: wp.int32, particle: wp.int32):
     return visits
 
 
+@wp.func
+def one_visit(t: Tables, face: wp.int32, particle: wp.int32):
+    """Return 1: no face is folded."""
+    return float(1.0)
+
+
 @cache
 def visits_function(features: Features) -> Any:
     """Return the function for how often a face visits a particle around which it is: once, but for folded ones."""
-
-    @wp.func
-    def one_visit(t: Tables, face: wp.int32, particle: wp.int32):
-        return float(1.0)
 
     return visits_of if features.revisits else one_visit
 

@@ -530,6 +530,12 @@ def kept_springs(features: Features, membrane_face: MembraneFaceLayout, slots: S
     return Kept, read_kept
 
 
+@wp.func
+def area_vector_of_skin(t: Tables, points: Any, params: Any, skin: Any, point: wp.vec3):
+    """Return the area vector of a particle [m^2]."""
+    return skin.area_vector
+
+
 @cache
 def skin_functions(features: Features, membrane_face: MembraneFaceLayout, slots: Slots | None) -> tuple[Any, Any, Any]:
     """Return functions that collect membrane forces on a particle, and add them and area vectors to its springs' sums.
@@ -575,11 +581,6 @@ def skin_functions(features: Features, membrane_face: MembraneFaceLayout, slots:
             return pull_of_springs(t, points, velocities, params, skin.springs, point, velocity, time) + skin.pull
         else:
             return skin.pull
-
-    @wp.func
-    def area_vector_of_skin(t: Tables, points: Any, params: Any, skin: Any, point: wp.vec3):
-        """Return the area vector of a particle [m^2]."""
-        return skin.area_vector
 
     return collect_kept if slots else collect, pull_of_skin, area_vector_of_skin
 

@@ -490,7 +490,7 @@ def colliding_function(features: Features, note: Any = None) -> Any:
         return moved
 
     @wp.func
-    def collide(t: Tables, spheres: Any, world: wp.int32, time: float):
+    def collide(t: Tables, spheres: Any, world: wp.int32, end: float):
         """Resolve collisions of spheres at the end of a step [s]; a sphere of zero radius is absent."""
         count = t.spheres.numbers.shape[1]
         moving = bool(True)
@@ -501,7 +501,7 @@ def colliding_function(features: Features, note: Any = None) -> Any:
                 for first in range(second):
                     smallest = wp.min(sphere_radius(t.spheres, world, first), sphere_radius(t.spheres, world, second))
                     if smallest > 0.0:
-                        moved = meet_pair(t, spheres, world, time, first, second)
+                        moved = meet_pair(t, spheres, world, end, first, second)
                         moving = moving or moved
             sweep += 1
 

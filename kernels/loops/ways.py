@@ -23,40 +23,42 @@ from balloon_warp.kernels.laws.contact import (
 from balloon_warp.kernels.tables import Solid
 
 
-@cache
+@wp.func
+def surface_of_convex(solid: Solid, up: wp.vec3, point: wp.vec3, radius: float, farthest: float):
+    """Return the signed distance to a convex solid [m], less its thickness and a radius, and the normal.
+
+    The point is in the solid's frame.
+    """
+    distance = wp.dot(point, up)
+    normal = up
+    if solid.kind == BOX:
+        of_box, out_of_box = box_surface(point, solid.size)
+        distance = of_box
+        normal = out_of_box
+    elif solid.kind == CAPSULE:
+        of_capsule, out_of_capsule = capsule_surface(point, solid.size[0], solid.size[1], up)
+        distance = of_capsule
+        normal = out_of_capsule
+    return distance - solid.thickness - radius, normal
+
+
+@wp.func
+def surface_of_solid(solid: Solid, up: wp.vec3, point: wp.vec3, radius: float, farthest: float):
+    """Return the same of any solid; the distance to a mesh is very large beyond `farthest`."""
+    if solid.kind == MESH:
+        distance, normal = mesh_surface(solid.mesh, solid.closed, point, farthest, solid.reach, solid.blur)
+        return distance - solid.thickness - radius, normal
+    of_convex, out_of_convex = surface_of_convex(solid, up, point, radius, farthest)
+    return of_convex, out_of_convex
+
+
 def surface_function(meshes: bool) -> Any:
     """Return the function that measures the distance to a solid's surface.
 
     Args:
         meshes: whether any is a mesh.
     """
-
-    @wp.func
-    def surface_at(solid: Solid, up: wp.vec3, point: wp.vec3, radius: float, farthest: float):
-        """Return the signed distance to a solid [m], less its thickness and a radius, and the normal.
-
-        The point is in the solid's frame. For a mesh, the distance is very large beyond `farthest`.
-        """
-        distance = wp.dot(point, up)
-        normal = up
-        if solid.kind == BOX:
-            of_box, out_of_box = box_surface(point, solid.size)
-            distance = of_box
-            normal = out_of_box
-        elif solid.kind == CAPSULE:
-            of_capsule, out_of_capsule = capsule_surface(point, solid.size[0], solid.size[1], up)
-            distance = of_capsule
-            normal = out_of_capsule
-        if wp.static(meshes):
-            if solid.kind == MESH:
-                of_mesh, out_of_mesh = mesh_surface(
-                    solid.mesh, solid.closed, point, farthest, solid.reach, solid.blur
-                )  # fmt: skip
-                distance = of_mesh
-                normal = out_of_mesh
-        return distance - solid.thickness - radius, normal
-
-    return surface_at
+    return surface_of_solid if meshes else surface_of_convex
 
 
 DEEPER = wp.constant(4.0)
@@ -73,143 +75,96 @@ class Touch:
     part: float  # of the way up to there
 
 
-@cache
-def convex_function(meshes: bool) -> Any:
-    """Make the function that says where a straight way comes into a convex solid first.
+@wp.func
+def touch_convex(solid: Solid, up: wp.vec3, start: wp.vec3, end: wp.vec3, radius: float):
+    """Return the first contact of a straight path with a convex solid, in the solid's frame.
 
-    Args:
-        meshes: whether any solid is a mesh.
+    Along a line the distance to a convex solid is a convex function. So Newton's method converges to its first
+    zero, and never past it, at any angle. A path that comes to an edge and goes on along a side is outside.
     """
-    surface_at = surface_function(meshes)
-
-    @wp.func
-    def touch_convex(solid: Solid, up: wp.vec3, start: wp.vec3, way: float, ahead: wp.vec3, radius: float):
-        """Return the first contact with a convex solid.
-
-        Along a line the distance to a convex solid is a convex function. So Newton's method converges to its first
-        zero, and never past it, at any angle. A path that comes to an edge and goes on along a side is outside.
-        """
-        touch = Touch()
-        near = LEAST_STEP * (way + wp.length(start))
-        gone = float(0.0)
-        looks = wp.int32(0)
-        while looks < MOST_LOOKS:
-            here = start + gone * ahead
-            distance, normal = surface_at(solid, up, here, radius, way)
-            falling = -wp.dot(normal, ahead)
-            looks += 1
-            if distance - falling * (way - gone) >= -near:  # all the rest is outside
-                looks = MOST_LOOKS
-            elif distance > near and looks < MOST_LOOKS:
-                gone += distance / falling
-            else:
-                further = wp.min(gone + (wp.max(distance, 0.0) + DEEPER * near) / falling, way)
-                depth, _normal = surface_at(solid, up, start + further * ahead, radius, way)
-                if distance < -near or depth < -near or looks == MOST_LOOKS:
-                    touch.normal = normal
-                    touch.place = here - distance * normal
-                    touch.clear = here
-                    touch.part = gone / way
-                    looks = MOST_LOOKS
-                else:
-                    gone = further
+    touch = Touch()
+    way = wp.length(end - start)
+    if not (way > 0.0):
         return touch
-
-    return touch_convex
-
-
-@cache
-def mesh_function() -> Any:
-    """Make the function that says where a straight way comes into a mesh first."""
-    surface_at = surface_function(True)
-
-    @wp.func
-    def touch_mesh(
-        solid: Solid,
-        up: wp.vec3,
-        start: wp.vec3,
-        way: float,
-        ahead: wp.vec3,
-        radius: float,
-        farthest: float,
-    ):
-        """Return the first contact with a mesh.
-
-        A ray finds where the moving center would pass triangles, and no angle is too small for it. Up to there
-        distance queries, as far apart as the surface is away (Hart 1996, *Sphere tracing*), but at least half the skin
-        or a fraction of the path, find where its skin comes in.
-        """
-        touch = Touch()
-        skin = solid.thickness + radius
-        near = LEAST_STEP * (way + solid.reach)
-        first, facing = surface_at(solid, up, start, radius, farthest)
-        ray = wp.mesh_query_ray(solid.mesh, start, ahead, way + near)
-        passing = wp.where(ray.result, ray.t, way)
-        inside = bool(False)
-        if solid.closed != 0:
-            inside = first + skin < -near or (ray.result and wp.dot(ray.normal, ahead) > 0.0)
-            if first + skin <= near and not ray.result:  # it is on the surface, as float32 sees it
-                last, _normal = surface_at(solid, up, start + way * ahead, radius, farthest)
-                inside = inside or last + skin < 0.0
-        if inside:
-            touch.normal = facing
-            touch.place = start - first * facing
-            touch.clear = start
+    ahead = (end - start) / way
+    near = LEAST_STEP * (way + wp.length(start))
+    gone = float(0.0)
+    looks = wp.int32(0)
+    while looks < MOST_LOOKS:
+        here = start + gone * ahead
+        distance, normal = surface_of_convex(solid, up, here, radius, way)
+        falling = -wp.dot(normal, ahead)
+        looks += 1
+        if distance - falling * (way - gone) >= -near:  # all the rest is outside
+            looks = MOST_LOOKS
+        elif distance > near and looks < MOST_LOOKS:
+            gone += distance / falling
         else:
-            unseen = near + UNSEEN * skin - wp.min(first, 0.0)
-            looks = wp.where(radius > 0.0, BALL_LOOKS, MOST_LOOKS)  # a ray tells all of a particle, not of a ball
-            step = wp.max(0.5 * skin, way / float(looks))
-            before = float(0.0)
-            gone = wp.max(first, step)
-            while skin > 0.0 and gone < passing:
-                here = start + gone * ahead
-                distance, normal = surface_at(solid, up, here, radius, farthest)
-                if distance < -unseen:
-                    touch.normal = normal
-                    touch.place = here - distance * normal
-                    gone = passing
-                else:
-                    before = gone
-                    gone += wp.max(distance, step)
-            if ray.result and wp.length_sq(touch.normal) == 0.0:
-                normal = wp.where(wp.dot(ray.normal, ahead) > 0.0, -ray.normal, ray.normal)
+            further = wp.min(gone + (wp.max(distance, 0.0) + DEEPER * near) / falling, way)
+            depth, _normal = surface_of_convex(solid, up, start + further * ahead, radius, way)
+            if distance < -near or depth < -near or looks == MOST_LOOKS:
                 touch.normal = normal
-                touch.place = start + passing * ahead + skin * normal
-                before = wp.max(before, passing - (skin + near) / wp.max(-wp.dot(normal, ahead), LEAST_STEP))
-            touch.clear = start + before * ahead
-            touch.part = before / way
-        return touch
-
-    return touch_mesh
-
-
-@cache
-def touch_function(meshes: bool) -> Any:
-    """Return the function that returns the first contact of a straight path with a solid, in the solid's frame.
-
-    Args:
-        meshes: whether any is a mesh.
-    """
-    touch_convex = convex_function(meshes)
-    touch_mesh = mesh_function() if meshes else None
-
-    @wp.func
-    def touch_at(solid: Solid, up: wp.vec3, start: wp.vec3, end: wp.vec3, radius: float, farthest: float):
-        """Return the first contact of the path from a start to an end."""
-        way = wp.length(end - start)
-        touch = Touch()
-        if way > 0.0:
-            ahead = (end - start) / way
-            if wp.static(meshes):
-                if solid.kind == MESH:
-                    touch = touch_mesh(solid, up, start, way, ahead, radius, farthest)
-                else:
-                    touch = touch_convex(solid, up, start, way, ahead, radius)
+                touch.place = here - distance * normal
+                touch.clear = here
+                touch.part = gone / way
+                looks = MOST_LOOKS
             else:
-                touch = touch_convex(solid, up, start, way, ahead, radius)
-        return touch
+                gone = further
+    return touch
 
-    return touch_at
+
+@wp.func
+def touch_mesh(solid: Solid, up: wp.vec3, start: wp.vec3, end: wp.vec3, radius: float, farthest: float):
+    """Return the first contact of a straight path with a mesh, in the mesh's frame.
+
+    A ray finds where the moving center would pass triangles, and no angle is too small for it. Up to there
+    distance queries, as far apart as the surface is away (Hart 1996, *Sphere tracing*), but at least half the skin
+    or a fraction of the path, find where its skin comes in.
+    """
+    touch = Touch()
+    way = wp.length(end - start)
+    if not (way > 0.0):
+        return touch
+    ahead = (end - start) / way
+    skin = solid.thickness + radius
+    near = LEAST_STEP * (way + solid.reach)
+    first, facing = surface_of_solid(solid, up, start, radius, farthest)
+    ray = wp.mesh_query_ray(solid.mesh, start, ahead, way + near)
+    passing = wp.where(ray.result, ray.t, way)
+    inside = bool(False)
+    if solid.closed != 0:
+        inside = first + skin < -near or (ray.result and wp.dot(ray.normal, ahead) > 0.0)
+        if first + skin <= near and not ray.result:  # it is on the surface, as float32 sees it
+            last, _normal = surface_of_solid(solid, up, start + way * ahead, radius, farthest)
+            inside = inside or last + skin < 0.0
+    if inside:
+        touch.normal = facing
+        touch.place = start - first * facing
+        touch.clear = start
+    else:
+        unseen = near + UNSEEN * skin - wp.min(first, 0.0)
+        looks = wp.where(radius > 0.0, BALL_LOOKS, MOST_LOOKS)  # a ray tells all of a particle, not of a ball
+        step = wp.max(0.5 * skin, way / float(looks))
+        before = float(0.0)
+        gone = wp.max(first, step)
+        while skin > 0.0 and gone < passing:
+            here = start + gone * ahead
+            distance, normal = surface_of_solid(solid, up, here, radius, farthest)
+            if distance < -unseen:
+                touch.normal = normal
+                touch.place = here - distance * normal
+                gone = passing
+            else:
+                before = gone
+                gone += wp.max(distance, step)
+        if ray.result and wp.length_sq(touch.normal) == 0.0:
+            normal = wp.where(wp.dot(ray.normal, ahead) > 0.0, -ray.normal, ray.normal)
+            touch.normal = normal
+            touch.place = start + passing * ahead + skin * normal
+            before = wp.max(before, passing - (skin + near) / wp.max(-wp.dot(normal, ahead), LEAST_STEP))
+        touch.clear = start + before * ahead
+        touch.part = before / way
+    return touch
 
 
 SAME_SIDE = wp.constant(0.1)
@@ -255,98 +210,124 @@ def beside_both(start: wp.vec3, end: wp.vec3, touch: Touch, before: Touch, lift:
     return aside
 
 
-@cache
-def slide_function(meshes: bool) -> Any:
-    """Return the function that returns the end of a path that a solid may block, in the solid's frame."""
-    surface_at = surface_function(meshes)
-    touch_at = touch_function(meshes)
+@wp.func
+def slide_on_convex(solid: Solid, up: wp.vec3, start: wp.vec3, end: wp.vec3, radius: float, farthest: float):
+    """Return the end of a path that slides on from its contact with a convex solid, as its velocity does.
 
-    @wp.func
-    def slide(solid: Solid, up: wp.vec3, start: wp.vec3, end: wp.vec3, radius: float, farthest: float):
-        """Return the end of a path that slides on from its contact, as its velocity does.
+    Also the unit vector along which it is held back, zero if it is not, and the fraction of the path left to slide.
+    """
+    let = end
+    outward = wp.vec3()
+    part = float(1.0)
+    touch = touch_convex(solid, up, start, end, radius)
+    if wp.length_sq(touch.normal) > 0.0:
+        outward = touch.normal
+        part = 1.0 - touch.part
+        let = raised(end, touch, 0.0)
+    return let, outward, part
 
-        Also the unit vector along which it is held back, zero if it is not, and the fraction of the path left to slide.
 
-        Beside a mesh the second path is queried as the first was. Where it enters again each time, in a wedge, it ends
-        at the last place that is outside.
-        """
-        let = end
-        outward = wp.vec3()
-        part = float(1.0)
-        touch = touch_at(solid, up, start, end, radius, farthest)
-        if wp.length_sq(touch.normal) > 0.0:
-            outward = touch.normal
-            part = 1.0 - touch.part
-            if wp.static(not meshes) or solid.kind != MESH:
-                let = raised(end, touch, 0.0)
+@wp.func
+def slide_on_solid(solid: Solid, up: wp.vec3, start: wp.vec3, end: wp.vec3, radius: float, farthest: float):
+    """Return the same of any solid.
+
+    Beside a mesh the second path is queried as the first was. Where it enters again each time, in a wedge, it ends
+    at the last place that is outside.
+    """
+    if solid.kind != MESH:
+        let_slide, held, left = slide_on_convex(solid, up, start, end, radius, farthest)
+        return let_slide, held, left
+    let = end
+    outward = wp.vec3()
+    part = float(1.0)
+    touch = touch_mesh(solid, up, start, end, radius, farthest)
+    if wp.length_sq(touch.normal) > 0.0:
+        outward = touch.normal
+        part = 1.0 - touch.part
+        lift = LEAST_STEP * (wp.length(end - start) + solid.reach)
+        clear = touch.clear + lift * touch.normal
+        let = raised(end, touch, lift)
+        course = along_both(end - start, touch.normal, wp.vec3())
+        slides = wp.int32(1)
+        while slides > 0:
+            distance, normal = surface_of_solid(solid, up, let, radius, farthest)
+            if distance < -lift:
+                let -= distance * normal
+                course = along_both(course, normal, wp.vec3())
+            again = touch_mesh(solid, up, clear, let, radius, farthest)
+            slides += 1
+            if wp.length_sq(again.normal) == 0.0:
+                slides = 0
             else:
-                lift = LEAST_STEP * (wp.length(end - start) + solid.reach)
-                clear = touch.clear + lift * touch.normal
-                let = raised(end, touch, lift)
-                course = along_both(end - start, touch.normal, wp.vec3())
-                slides = wp.int32(1)
-                while slides > 0:
-                    distance, normal = surface_at(solid, up, let, radius, farthest)
-                    if distance < -lift:
-                        let -= distance * normal
-                        course = along_both(course, normal, wp.vec3())
-                    again = touch_at(solid, up, clear, let, radius, farthest)
-                    slides += 1
-                    if wp.length_sq(again.normal) == 0.0:
-                        slides = 0
-                    else:
-                        part = 0.0
-                        course = along_both(course, again.normal, touch.normal)
-                        clear = again.clear + lift * again.normal
-                        let = beside_both(clear, let, again, touch, lift)
-                        touch = again
-                        if slides > MOST_SLIDES:
-                            let = again.clear
-                            slides = 0
-                outward = toward(course - (end - start), outward)
-        return let, outward, part
+                part = 0.0
+                course = along_both(course, again.normal, touch.normal)
+                clear = again.clear + lift * again.normal
+                let = beside_both(clear, let, again, touch, lift)
+                touch = again
+                if slides > MOST_SLIDES:
+                    let = again.clear
+                    slides = 0
+        outward = toward(course - (end - start), outward)
+    return let, outward, part
 
-    return slide
+
+@wp.func
+def is_straight_to_convex(
+    solid: Solid,
+    start: wp.vec3,
+    end: wp.vec3,
+    radius: float,
+    first: float,
+    facing: wp.vec3,
+    last: float,
+    normal: wp.vec3,
+):
+    """Return whether a path passes nothing on the way to the surface at its end.
+
+    A convex solid has nothing above the plane of a side: so a path that begins above that of its end passes
+    nothing, whichever side it enters by. A particle that slides from one box to the next, flush one, does so.
+    """
+    near = LEAST_STEP * (wp.length(end - start) + wp.length(start))
+    return last < 0.0 and wp.dot(start - end, normal) + last >= -near
+
+
+@wp.func
+def is_straight_to_solid(
+    solid: Solid,
+    start: wp.vec3,
+    end: wp.vec3,
+    radius: float,
+    first: float,
+    facing: wp.vec3,
+    last: float,
+    normal: wp.vec3,
+):
+    """Return the same of any solid."""
+    if solid.kind != MESH:
+        return is_straight_to_convex(solid, start, end, radius, first, facing, last, normal)
+    way = wp.length(end - start)
+    skin = solid.thickness + radius
+    alike = wp.dot(normal, facing) >= SAME_SIDE
+    straight = alike and first + skin >= 0.0 and last + skin >= 0.0 and first + last + 2.0 * skin >= way
+    if last < 0.0 and not straight and alike and (radius == 0.0 or way <= skin):
+        near = LEAST_STEP * (way + solid.reach)
+        above = start + near * facing
+        beside = end + (near - last) * normal - above
+        length = wp.length(beside)
+        ray = wp.mesh_query_ray(solid.mesh, above, toward(beside, normal), length)
+        straight = not ray.result
+    return straight
 
 
 @cache
 def way_function(meshes: bool) -> Any:
-    """Return the function that returns a particle's place outside of a solid, in the solid's frame."""
+    """Return the function that returns a particle's place outside of a solid, in the solid's frame.
+
+    Args:
+        meshes: whether any is a mesh.
+    """
     surface_at = surface_function(meshes)
-    slide = slide_function(meshes)
-
-    @wp.func
-    def is_straight(
-        solid: Solid,
-        start: wp.vec3,
-        end: wp.vec3,
-        radius: float,
-        first: float,
-        facing: wp.vec3,
-        last: float,
-        normal: wp.vec3,
-    ):
-        """Return whether a path passes nothing on the way to the surface at its end.
-
-        A convex solid has nothing above the plane of a side: so a path that begins above that of its end passes
-        nothing, whichever side it enters by. A particle that slides from one box to the next, flush one, does so.
-        """
-        way = wp.length(end - start)
-        near = LEAST_STEP * (way + wp.length(start))
-        straight = last < 0.0 and wp.dot(start - end, normal) + last >= -near
-        if wp.static(meshes):
-            if solid.kind == MESH:
-                skin = solid.thickness + radius
-                alike = wp.dot(normal, facing) >= SAME_SIDE
-                straight = alike and first + skin >= 0.0 and last + skin >= 0.0 and first + last + 2.0 * skin >= way
-                if last < 0.0 and not straight and alike and (radius == 0.0 or way <= skin):
-                    near = LEAST_STEP * (way + solid.reach)
-                    above = start + near * facing
-                    beside = end + (near - last) * normal - above
-                    length = wp.length(beside)
-                    ray = wp.mesh_query_ray(solid.mesh, above, toward(beside, normal), length)
-                    straight = not ray.result
-        return straight
+    slide, is_straight = (slide_on_solid, is_straight_to_solid) if meshes else (slide_on_convex, is_straight_to_convex)
 
     @wp.func
     def let_through(solid: Solid, up: wp.vec3, start: wp.vec3, end: wp.vec3, radius: float):

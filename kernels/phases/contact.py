@@ -41,14 +41,10 @@ ROUNDING = wp.constant(1.0e-5)
 
 
 @phase("particle", {"unhindered": wp.vec3}, when=lambda features: features.tells_contacts)
-def note_unhindered(features: Features, look: Look) -> Any:
+@wp.func
+def note_unhindered(velocity: wp.vec3):
     """Store a particle's velocity without contacts."""
-
-    @wp.func
-    def note_unhindered(velocity: wp.vec3):
-        return velocity
-
-    return note_unhindered
+    return velocity
 
 
 @phase("particle", when=lambda features: features.tells_contacts)
@@ -134,14 +130,10 @@ def leave(features: Features, look: Look) -> Any:
 
 
 @phase("particle", when=lambda features: features.small_spheres, adjoint=small_spheres_backwards)
-def keep_start(features: Features, look: Look) -> Any:
+@wp.func
+def keep_start(working: Working, world: wp.int32, particle: wp.int32, point: wp.vec3):
     """Store the position of a particle before it moves, for spheres that touch faces."""
-
-    @wp.func
-    def keep_start(working: Working, world: wp.int32, particle: wp.int32, point: wp.vec3):
-        working.point_starts[world, particle] = point
-
-    return keep_start
+    working.point_starts[world, particle] = point
 
 
 @phase("team", when=lambda features: features.ridges_first, adjoint=swept_backwards)

@@ -114,11 +114,12 @@ def is_gone(torn: wp.array2d[float], world: wp.int32, face: wp.int32):
     return torn[world, face] >= 0.0
 
 
+@phase("face", when=lambda features: features.bursts)
 @wp.func
-def weigh_faces(t: Tables, state: WorldState, world: wp.int32, face: wp.int32, time: float):
-    """Weigh the stress of the faces that are not torn, and whether the balloon is to burst there.
+def weigh_skin(t: Tables, state: WorldState, world: wp.int32, face: wp.int32, time: float):
+    """Find the stress of a face, and whether the balloon is to burst there.
 
-    Torn faces do not pull.
+    A torn face has no tension.
     """
     tears = t.membranes.wear.tears
     begin = tears.triangle_offsets[face]
@@ -231,8 +232,9 @@ def first_plane(t: Tables, points: wp.array[wp.vec3], face: wp.int32):
     return plane_through(normal, tears.centers[face])
 
 
+@phase("face", when=lambda features: features.bursts)
 @wp.func
-def run_tears(t: Tables, state: WorldState, points: wp.array[wp.vec3], world: wp.int32, face: wp.int32):
+def run(t: Tables, state: WorldState, points: wp.array[wp.vec3], world: wp.int32, face: wp.int32):
     """Find whether a tear begins at a face, or arrives there."""
     tears = t.membranes.wear.tears
     tears.ahead[world, face] = WHOLE
@@ -263,9 +265,10 @@ def area_of(t: Tables, points: wp.array[wp.vec3], face: wp.int32):
     return wp.int64(wp.float64(area) * SQUARE_MICROMETERS)
 
 
+@phase("face", when=lambda features: features.bursts)
 @wp.func
-def tear_faces(t: Tables, state: WorldState, points: wp.array[wp.vec3], world: wp.int32, face: wp.int32):
-    """Tear the faces that a tear has reached, and let other tears advance."""
+def tear(t: Tables, state: WorldState, points: wp.array[wp.vec3], world: wp.int32, face: wp.int32):
+    """Tear a face that a tear has reached, and let other tears advance."""
     tears = t.membranes.wear.tears
     balloon = t.faces.balloon[face]
     gone = is_gone(state.torn, world, face)
@@ -330,24 +333,6 @@ def look_at_wear(features: Features, look: Look) -> Any:
         wear(t, points, world, triangle, peak)
 
     return look_at_wear
-
-
-@phase("face", when=lambda features: features.bursts)
-def weigh_skin(features: Features, look: Look) -> Any:
-    """Find the stress of a face; a torn face has no tension."""
-    return weigh_faces
-
-
-@phase("face", when=lambda features: features.bursts)
-def run(features: Features, look: Look) -> Any:
-    """Find whether a tear begins at a face, or arrives there."""
-    return run_tears
-
-
-@phase("face", when=lambda features: features.bursts)
-def tear(features: Features, look: Look) -> Any:
-    """Tear a face that a tear has reached."""
-    return tear_faces
 
 
 @cache
@@ -465,45 +450,33 @@ def add_forces(features: Features, look: Look) -> Any:
 area_vector_at_corner = corner_area(vector_at)
 
 
+@phase("face", when=lambda features: features.measures_areas)
 @wp.func
-def add_area_vectors_of_face(t: Tables, working: Working, points: wp.array[wp.vec3], world: wp.int32, face: wp.int32):
-    """Add a face's contributions to the area vectors of its particles."""
+def add_area_vectors(t: Tables, working: Working, points: wp.array[wp.vec3], world: wp.int32, face: wp.int32):
+    """Add a face's parts of the area vectors of its particles."""
     for corner in range(t.faces.offsets[face + 1] - t.faces.offsets[face]):
         particle = t.faces.particles[t.faces.offsets[face] + corner]
         part = area_vector_at_corner(t, points, face, corner, points[particle])
         wp.atomic_add(working.area_vectors, world, particle, part)
 
 
-@phase("face", when=lambda features: features.measures_areas)
-def add_area_vectors(features: Features, look: Look) -> Any:
-    """Add a face's parts of the area vectors of its particles."""
-    return add_area_vectors_of_face
-
-
-def _is_driven(features: Features, look: Look) -> Any:
-    @wp.func
-    def is_driven(t: Any, params: Any):
-        """Return whether an outer force drives any particle of eight."""
-        return any_positive(t.outer.slots[params.number, 0])
-
-    return is_driven
+@wp.func
+def is_driven(t: Any, params: Any):
+    """Return whether an outer force drives any particle of eight."""
+    return any_positive(t.outer.slots[params.number, 0])
 
 
 @phase(
     "particle",
     {"force": wp.vec3},
     when=lambda features: features.driven,
-    rare=_is_driven,
+    rare=lambda features, look: is_driven,
     adjoint=add_backwards,
 )
-def drive(features: Features, look: Look) -> Any:
+@wp.func
+def drive(t: Tables, params: Any, force: wp.vec3):
     """Add the outer forces on groups of particles."""
-
-    @wp.func
-    def drive(t: Tables, params: Any, force: wp.vec3):
-        return force + outer_force(t.outer, params.world, params.number)
-
-    return drive
+    return force + outer_force(t.outer, params.world, params.number)
 
 
 def _acts_on_faces(features: Features) -> bool:
@@ -582,26 +555,22 @@ def pull_and_face(features: Features, look: Look) -> Any:
 
 
 @phase("particle", {"force": wp.vec3}, when=lambda features: features.touches, adjoint=add_backwards)
-def take(features: Features, look: Look) -> Any:
+@wp.func
+def take(working: Working, params: Any, force: wp.vec3):
     """Add contact forces to a particle."""
-
-    @wp.func
-    def take(working: Working, params: Any, force: wp.vec3):
-        return force + take_contact_forces(working, params.world, params.number)
-
-    return take
+    return force + take_contact_forces(working, params.world, params.number)
 
 
-def _at_neck(features: Features, look: Look) -> Any:
-    @wp.func
-    def is_at_neck(t: Any, params: Any):
-        """Return whether any particle of eight is at a neck."""
-        return any_positive(t.necks.weights[params.number])
-
-    return is_at_neck
+@wp.func
+def is_at_neck(t: Any, params: Any):
+    """Return whether any particle of eight is at a neck."""
+    return any_positive(t.necks.weights[params.number])
 
 
-@phase("particle", {"force": wp.vec3}, when=lambda features: features.jets, rare=_at_neck, adjoint=jet_backwards)
+@phase(
+    "particle", {"force": wp.vec3}, when=lambda features: features.jets, rare=lambda features, look: is_at_neck,
+    adjoint=jet_backwards,
+)  # fmt: skip
 def jet(features: Features, look: Look) -> Any:
     """Add the thrust at the balloon's neck."""
     thrust_at = jet_loop(features, look.at)

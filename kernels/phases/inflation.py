@@ -7,7 +7,6 @@ shape: it would dent until it meets itself, and the liquid with it would turn in
 does not bear lifts the balloon as a whole.
 """
 
-from functools import cache
 from typing import Any
 
 import warp as wp
@@ -19,7 +18,6 @@ from balloon_warp.kernels.algebra import dot_product, length_of, reach_along, sc
 from balloon_warp.kernels.compose import call_of, function_from, ramp_at
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.lanes import Five, pair
-from balloon_warp.kernels.laws import Columns
 from balloon_warp.kernels.laws.air import AIR, air_of_height, molar_volume
 from balloon_warp.kernels.laws.gas import (
     NO_INSIDE,
@@ -74,14 +72,10 @@ from balloon_warp.kernels.working import Working
     "balloon", {"gas": wp.vec2}, when=lambda features: features.gas, light=True,
     once=lambda features: not features.gas_changes, adjoint=nothing,
 )  # fmt: skip
-def hold(features: Features, look: Look) -> Any:
+@wp.func
+def hold(state: WorldState, world: wp.int32, balloon: wp.int32):
     """Read the gas in a balloon: its amount [mol], and its free volume [m^3]."""
-
-    @wp.func
-    def hold(state: WorldState, world: wp.int32, balloon: wp.int32):
-        return wp.vec2(float(state.gas_amounts[world, balloon]), float(state.free_volumes[world, balloon]))
-
-    return hold
+    return wp.vec2(float(state.gas_amounts[world, balloon]), float(state.free_volumes[world, balloon]))
 
 
 @phase("balloon", {"gas_load": wp.vec4}, when=lambda features: features.gas, adjoint=load_backwards)
@@ -136,96 +130,59 @@ def note(features: Features, look: Look) -> Any:
 
 @wp.func
 def pressure_at(load: Any, rise: Any, point: Any, up: wp.vec3):
-    """Return the gauge pressure at a place [Pa], see `inflation_of`."""
+    """Return the gauge pressure at a place, from that at height 0 [Pa] and how it rises with height [Pa/m]."""
     return load + times(rise, reach_along(point, up))
-
-
-@cache
-def inflation_of(features: Features) -> Any:
-    """Make the function that gives the force of the inflation on a particle, or on eight of a balloon."""
-
-    @wp.func
-    def inflation(
-        kind: wp.int32,
-        k_normal: Any,
-        load: Any,
-        rise: Any,
-        up: wp.vec3,
-        point: Any,
-        inflation_direction: Any,
-        area: Any,
-    ):
-        """Find the force of the inflation [N].
-
-        Args:
-            load: pressure at height 0 [Pa].
-            rise: of the pressure with height [Pa/m].
-        """
-        if wp.static(not features.pressures):
-            return scaled(inflation_direction, normal_push(k_normal))
-        elif wp.static(not features.inflation_directions):
-            return scaled(area, pressure_at(load, rise, point, up))
-        else:
-            push = pressure_at(load, rise, point, up)
-            along = area
-            if kind == NORMAL_FORCE:
-                push = normal_push(k_normal)
-                along = inflation_direction
-            return scaled(along, push)
-
-    return inflation
 
 
 @phase(
     "particle", {"load": wp.vec2}, when=lambda features: features.pressures and not features.gas, light=True,
     adjoint=by_grad,
 )  # fmt: skip
-def given_load(features: Features, look: Look) -> Any:
-    """Take a given pressure, the same at all heights."""
+@wp.func
+def given_load(keyed: Any):
+    """Take a given pressure, the same at all heights.
 
-    @wp.func
-    def given_load(keyed: Any):
-        """Return the gauge pressure at height 0 [Pa], and its gradient with height [Pa/m]."""
-        return pair(keyed, 0.0)
+    Return the gauge pressure at height 0 [Pa], and its gradient with height [Pa/m].
+    """
+    return pair(keyed, 0.0)
 
-    return given_load
+
+@wp.func
+def push_along_direction(keyed: Any, inflation_direction: Any):
+    """Return the paper's force along a particle's direction [N]."""
+    return scaled(inflation_direction, normal_push(keyed))
+
+
+@wp.func
+def push_by_pressure(t: Any, load: Any, point: Any, area_vector: Any):
+    """Return the force of a pressure on a particle [N]."""
+    return scaled(area_vector, pressure_at(load[0], load[1], point, t.up))
+
+
+@wp.func
+def push_either_way(t: Any, params: Any, keyed: Any, load: Any, point: Any, inflation_direction: Any, area_vector: Any):
+    """Return the force on a particle as its balloon is inflated [N]."""
+    push = pressure_at(load[0], load[1], point, t.up)
+    along = area_vector
+    if params.kind == NORMAL_FORCE:
+        push = normal_push(keyed)
+        along = inflation_direction
+    return scaled(along, push)
 
 
 @phase("particle", {"inflation": wp.vec3}, adjoint=inflate_backwards)
 def inflate(features: Features, look: Look) -> Any:
     """Find the force of the inflation [N]."""
-    inflation = inflation_of(features)
-
-    @wp.func
-    def push_along_direction(t: Any, keyed: Any, inflation_direction: Any):
-        return inflation(
-            NORMAL_FORCE, keyed, 0.0, 0.0, t.up, inflation_direction, inflation_direction, inflation_direction
-        )
-
-    @wp.func
-    def push_by_pressure(t: Any, load: Any, point: Any, area_vector: Any):
-        return inflation(0, 0.0, load[0], load[1], t.up, point, area_vector, area_vector)
-
-    @wp.func
-    def push_either_way(
-        t: Any, params: Any, keyed: Any, load: Any, point: Any, inflation_direction: Any, area_vector: Any
-    ):
-        return inflation(params.kind, keyed, load[0], load[1], t.up, point, inflation_direction, area_vector)
-
     if not features.pressures:
         return push_along_direction
     return push_either_way if features.inflation_directions else push_by_pressure
 
 
 @phase("particle", {"net_force": wp.vec3})
-def add_up(features: Features, look: Look) -> Any:
+@wp.func
+def add_up(force: Any, inflation: Any):
     """Sum all forces [N], for output."""
-
-    @wp.func
-    def add_up(force: Any, inflation: Any):
-        return force + inflation
-
-    return add_up
+    return force + inflation
 
 
 def _by_normal_forces(features: Features) -> bool:
@@ -257,14 +214,10 @@ def measure(features: Features, look: Look) -> Any:
 
 
 @phase("face", {"balloon_area": float}, when=_by_normal_forces, once=_cached, sums=True, adjoint=directions_backwards)
-def extend(features: Features, look: Look) -> Any:
+@wp.func
+def extend(face_area: Any):
     """Sum the area of a balloon [m^2]."""
-
-    @wp.func
-    def extend(face_area: Any):
-        return length_of(face_area)
-
-    return extend
+    return length_of(face_area)
 
 
 @phase("particle", {"inflation_direction": wp.vec3}, when=_by_normal_forces, once=_cached, adjoint=directions_backwards)
@@ -279,14 +232,16 @@ def find_direction(features: Features, look: Look) -> Any:
     return find_direction
 
 
+@wp.func
+def spread_quads(t: Any, points: Any, face: wp.int32):
+    """Return the area of a quad [m^2]."""
+    return wp.length(area_vector_between(points, quad_at(t.faces.particles, face)))
+
+
 @phase("face", {"balloon_area": float}, when=_by_normal_forces, once=_cached, sums=True)
 def spread(features: Features, look: Look) -> Any:
     """Sum the area of a balloon [m^2], from where its corners are."""
     center_of_face, area_vector_of_face = face_measures(look.at)
-
-    @wp.func
-    def spread_quads(t: Any, points: Any, face: wp.int32):
-        return wp.length(area_vector_between(points, quad_at(t.faces.particles, face)))
 
     @wp.func
     def spread(t: Any, points: Any, face: wp.int32):
@@ -296,14 +251,10 @@ def spread(features: Features, look: Look) -> Any:
 
 
 @phase("particle", {"inflation_direction": wp.vec3}, when=_by_normal_forces, once=_cached)
-def turn(features: Features, look: Look) -> Any:
+@wp.func
+def turn(vertex_normal: wp.vec3, balloon_area: float):
     """Find where a normal force pushes a particle, from A_p n: (A_p / A_total) n."""
-
-    @wp.func
-    def turn(vertex_normal: wp.vec3, balloon_area: float):
-        return inflation_direction_of(vertex_normal, balloon_area)
-
-    return turn
+    return inflation_direction_of(vertex_normal, balloon_area)
 
 
 def _beside(features: Features) -> bool:
@@ -311,15 +262,11 @@ def _beside(features: Features) -> bool:
 
 
 @phase("particle", {"course": wp.vec3}, when=_beside, light=True, adjoint=by_grad)
-def head(features: Features, look: Look) -> Any:
+@wp.func
+def head(t: Any, load: Any, gain: Any, point: Any, free_velocity: Any, area_vector: Any):
     """Find a particle's velocity under the load of the previous substep [m/s]."""
-
-    @wp.func
-    def head(t: Any, load: Any, gain: Any, point: Any, free_velocity: Any, area_vector: Any):
-        push = load[0] + times(load[1], reach_along(point, t.up))
-        return free_velocity + scaled(area_vector, times(gain, push))
-
-    return head
+    push = load[0] + times(load[1], reach_along(point, t.up))
+    return free_velocity + scaled(area_vector, times(gain, push))
 
 
 @phase(
@@ -418,19 +365,22 @@ def weigh(features: Features, look: Look) -> Any:
     return weigh
 
 
+@wp.func
+def own_mass(params: Any):
+    """Return the mass of a particle [kg]."""
+    return params.mass
+
+
+@wp.func
+def mass_with_gas(params: Any, gas_mass: Any):
+    """Return the mass of a particle and of its share of the gas [kg]."""
+    return params.mass + times(params.share, gas_mass)
+
+
 @phase("particle", {"inertia": float}, light=True, once=lambda features: not features.gas_changes, adjoint=by_grad)
 def burden(features: Features, look: Look) -> Any:
     """Find the effective mass of a particle, with its share of the gas, which moves along [kg]."""
-
-    @wp.func
-    def burden(params: Any):
-        return params.mass
-
-    @wp.func
-    def burden_with_gas(params: Any, gas_mass: Any):
-        return params.mass + times(params.share, gas_mass)
-
-    return burden_with_gas if features.gas else burden
+    return mass_with_gas if features.gas else own_mass
 
 
 @phase("world", when=lambda features: features.gas_flows, adjoint=pump_backwards)
@@ -474,10 +424,10 @@ def seal_air_in(
     )
 
 
-@cache
-def opening_function(columns: Columns) -> Any:
-    """Make the function by which a balloon bursts, and that finds how large its hole is, through which gas leaves."""
-    places, split = columns.places, columns.balloon_width
+@phase("balloon", when=lambda features: features.bursts)
+def burst(features: Features, look: Look) -> Any:
+    """Burst a balloon, and find the area of its hole, through which gas leaves."""
+    places, split = features.columns.places, features.columns.balloon_width
     told = GasColumns(*(places[row.name] - split for row in (*AIR, GRAVITY)), places["gamma"])
 
     @wp.func
@@ -516,12 +466,6 @@ def opening_function(columns: Columns) -> Any:
     return open_balloon
 
 
-@phase("balloon", when=lambda features: features.bursts)
-def burst(features: Features, look: Look) -> Any:
-    """Burst a balloon, and find the area of its hole."""
-    return opening_function(features.columns)
-
-
 RESTS = {EVENED.name: 0.0}
 """Values at which skins bear all"""
 
@@ -531,27 +475,19 @@ def _evens(features: Features) -> bool:
 
 
 @phase("particle", {"afloat": Five}, when=_evens, sums=True, neutral=RESTS, adjoint=by_grad)
-def find_lift(features: Features, look: Look) -> Any:
+@wp.func
+def find_lift(t: Any, params: Any, point: wp.vec3, area_vector: wp.vec3, water_load: wp.vec4):
     """Sum a balloon's displaced volume [m^3], the height of its center of mass [m], and its volume [m^3]."""
-
-    @wp.func
-    def find_lift(t: Any, params: Any, point: wp.vec3, area_vector: wp.vec3, water_load: wp.vec4):
-        height = wp.dot(point, t.up)
-        lift = -(water_load[0] * t.up[0] + water_load[1] * t.up[1] + water_load[2] * t.up[2])
-        return Five(lift, params.share * height, height * wp.dot(area_vector, t.up), 0.0, 0.0)
-
-    return find_lift
+    height = wp.dot(point, t.up)
+    lift = -(water_load[0] * t.up[0] + water_load[1] * t.up[1] + water_load[2] * t.up[2])
+    return Five(lift, params.share * height, height * wp.dot(area_vector, t.up), 0.0, 0.0)
 
 
 @phase("particle", {"upheld": Five}, when=_evens, neutral=RESTS, adjoint=lift_backwards)
-def read_lift(features: Features, look: Look) -> Any:
+@wp.func
+def read_lift(afloat: Any):
     """Read the sums of a balloon, each particle by itself: so bars add up."""
-
-    @wp.func
-    def read_lift(afloat: Any):
-        return afloat
-
-    return read_lift
+    return afloat
 
 
 @phase("particle", {"force": wp.vec3}, when=_evens, neutral=RESTS, adjoint=by_grad)

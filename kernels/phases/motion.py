@@ -79,72 +79,71 @@ def kick(velocity: Any, force: Any, gain: Any):
     return velocity + scaled(force, gain)
 
 
+@wp.func
+def respond_undamped(t: Any, inertia: Any):
+    """Return the velocity gained in a step per newton."""
+    return response(inertia, t.step_seconds)
+
+
+@wp.func
+def respond_damped(t: Any, params: Any, inertia: Any, damping: Any):
+    """Return the velocity gained in a step per newton, of a balloon with damping."""
+    return damped_response(inertia, params.share, damping, t.step_seconds)
+
+
 @phase(
     "particle", {"gain": float}, when=lambda features: not features.resists, light=True,
     once=lambda features: not features.gas_changes, adjoint=by_grad,
 )  # fmt: skip
 def respond(features: Features, look: Look) -> Any:
     """Find the velocity that a force gives a particle."""
-
-    @wp.func
-    def respond(t: Any, inertia: Any):
-        return response(inertia, t.step_seconds)
-
-    @wp.func
-    def respond_damped(t: Any, params: Any, inertia: Any, damping: Any):
-        return damped_response(inertia, params.share, damping, t.step_seconds)
-
-    return respond_damped if features.damped else respond
+    return respond_damped if features.damped else respond_undamped
 
 
 @phase(
     "particle", {"free_velocity": wp.vec3}, when=lambda features: features.gas and not features.resists,
     adjoint=by_grad,
 )  # fmt: skip
-def free(features: Features, look: Look) -> Any:
+@wp.func
+def free(velocity: Any, force: Any, gain: Any):
     """Accelerate a particle by all forces except inflation, from which the gas's pressure follows."""
+    return kick(velocity, force, gain)
 
-    @wp.func
-    def free(velocity: Any, force: Any, gain: Any):
-        return kick(velocity, force, gain)
 
-    return free
+@wp.func
+def push_by_all(velocity: Any, force: Any, inflation: Any, gain: Any):
+    """Return the velocity after all forces."""
+    return kick(velocity, force + inflation, gain)
+
+
+@wp.func
+def push_on(free_velocity: Any, inflation: Any, gain: Any):
+    """Return the velocity after the inflation, once all else has acted."""
+    return kick(free_velocity, inflation, gain)
 
 
 @phase("particle", {"velocity": wp.vec3}, adjoint=by_grad)
 def push(features: Features, look: Look) -> Any:
     """Accelerate a particle by all forces."""
-
-    @wp.func
-    def push(velocity: Any, force: Any, inflation: Any, gain: Any):
-        return kick(velocity, force + inflation, gain)
-
-    @wp.func
-    def push_on(free_velocity: Any, inflation: Any, gain: Any):
-        return kick(free_velocity, inflation, gain)
-
-    return push_on if features.gas or features.resists else push
+    return push_on if features.gas or features.resists else push_by_all
 
 
-def _move(features: Features, look: Look) -> Any:
-    @wp.func
-    def move(t: Any, point: Any, velocity: Any):
-        """Move a point: x + h v [m]."""
-        return point + scaled(velocity, t.step_seconds)
-
-    return move
+@wp.func
+def moved(t: Any, point: Any, velocity: Any):
+    """Return where a point is after a step: x + h v [m]."""
+    return point + scaled(velocity, t.step_seconds)
 
 
 @phase("particle", {"point": wp.vec3}, when=lambda features: features.forward_euler, adjoint=by_grad)
 def move_first(features: Features, look: Look) -> Any:
     """Move a particle by the old velocity: forward Euler."""
-    return _move(features, look)
+    return moved
 
 
 @phase("particle", {"point": wp.vec3}, when=lambda features: not features.forward_euler, adjoint=by_grad)
 def move(features: Features, look: Look) -> Any:
     """Move a particle by the new velocity: symplectic Euler."""
-    return _move(features, look)
+    return moved
 
 
 expect = replace(
@@ -251,36 +250,28 @@ def roll(features: Features, look: Look) -> Any:
 
 
 @phase("sphere", when=lambda features: features.spheres_shoved)
-def shove(features: Features, look: Look) -> Any:
+@wp.func
+def shove(t: Tables, spheres: Any, world: wp.int32, sphere: wp.int32):
     """Push a sphere by the forces of the substep, before it exchanges momentum: so none is left as a frame ends."""
-
-    @wp.func
-    def shove(t: Tables, spheres: Any, world: wp.int32, sphere: wp.int32):
-        push = total_newtons(spheres.sphere_quanta, world, sphere)
-        set_quanta(spheres.sphere_quanta, world, sphere, wp.vec3())
-        if sphere_radius(t.spheres, world, sphere) > 0.0:  # it is there
-            gain = t.step_seconds / sphere_mass(t.spheres, world, sphere) * push
-            spheres.sphere_velocities[world, sphere] = spheres.sphere_velocities[world, sphere] + gain
-
-    return shove
+    push = total_newtons(spheres.sphere_quanta, world, sphere)
+    set_quanta(spheres.sphere_quanta, world, sphere, wp.vec3())
+    if sphere_radius(t.spheres, world, sphere) > 0.0:  # it is there
+        gain = t.step_seconds / sphere_mass(t.spheres, world, sphere) * push
+        spheres.sphere_velocities[world, sphere] = spheres.sphere_velocities[world, sphere] + gain
 
 
 @phase("world", when=lambda features: features.bodies_shoved)
-def shove_bodies(features: Features, look: Look) -> Any:
+@wp.func
+def shove_bodies(t: Tables, state: WorldState, working: Working, world: wp.int32):
     """Push free bodies by the forces and torques of the substep."""
-
-    @wp.func
-    def shove_bodies(t: Tables, state: WorldState, working: Working, world: wp.int32):
-        for body in range(state.body_positions.shape[1]):
-            push = t.step_seconds * total_newtons(working.body_quanta, world, body)
-            twist = t.step_seconds * total_newtons(working.body_turning_quanta, world, body)
-            set_quanta(working.body_quanta, world, body, wp.vec3())
-            set_quanta(working.body_turning_quanta, world, body, wp.vec3())
-            gain = push / body_mass(t, world, body)
-            state.body_velocities[world, body] = state.body_velocities[world, body] + gain
-            state.body_momenta[world, body] = state.body_momenta[world, body] + twist
-
-    return shove_bodies
+    for body in range(state.body_positions.shape[1]):
+        push = t.step_seconds * total_newtons(working.body_quanta, world, body)
+        twist = t.step_seconds * total_newtons(working.body_turning_quanta, world, body)
+        set_quanta(working.body_quanta, world, body, wp.vec3())
+        set_quanta(working.body_turning_quanta, world, body, wp.vec3())
+        gain = push / body_mass(t, world, body)
+        state.body_velocities[world, body] = state.body_velocities[world, body] + gain
+        state.body_momenta[world, body] = state.body_momenta[world, body] + twist
 
 
 @wp.func
@@ -297,13 +288,7 @@ def may_any_meet(t: Tables, spheres: Any, world: wp.int32, thread: wp.int32):
 @phase("world", when=lambda features: features.spheres_meet, due=lambda features: may_any_meet, adjoint=roll_backwards)
 def collide(features: Features, look: Look) -> Any:
     """Resolve collisions of spheres that have moved."""
-    collide_all = colliding_function(features)
-
-    @wp.func
-    def collide(t: Tables, spheres: Any, world: wp.int32, end: float):
-        collide_all(t, spheres, world, end)
-
-    return collide
+    return colliding_function(features)
 
 
 @phase("world", when=lambda features: features.bodies > 0)
@@ -348,51 +333,40 @@ def _is_free(features: Features) -> bool:
 
 
 @phase("particle", {"start": wp.vec3}, when=_is_free)
-def set_off(features: Features, look: Look) -> Any:
+@wp.func
+def set_off(point: Any):
     """Store a particle's position at the begin of its substep."""
+    return point
 
-    @wp.func
-    def set_off(point: Any):
-        return point
 
-    return set_off
+@wp.func
+def is_faster(t: Any, way: Any, start: Any, point: Any):
+    """Return whether any particle of eight may be faster than allowed, with a margin."""
+    most = times(way, way) * (0.999 / (float(t.substeps) * float(t.substeps)))
+    return not all_positive(most - squared_length(point - start))
 
 
 def _hurries(features: Features, look: Look) -> Any:
     if not look.world:  # of one particle it is asked as fast
         return None
 
-    @wp.func
-    def is_faster(t: Any, way: Any, start: Any, point: Any):
-        """Return whether any particle of eight may be faster than allowed, with a margin."""
-        most = times(way, way) * (0.999 / (float(t.substeps) * float(t.substeps)))
-        return not all_positive(most - squared_length(point - start))
-
     return is_faster
 
 
 @phase("particle", when=_is_free, rare=_hurries)
-def watch(features: Features, look: Look) -> Any:
+@wp.func
+def watch(t: Tables, working: Working, world: wp.int32, start: wp.vec3, point: wp.vec3):
     """Mark a world with a particle faster than assumed: its frame does not hold."""
-
-    @wp.func
-    def watch(t: Tables, working: Working, world: wp.int32, start: wp.vec3, point: wp.vec3):
-        way = fixed_float_at(working.ways, world)
-        substeps = float(t.substeps)
-        stays = substeps * substeps * wp.length_sq(point - start) < way * way  # not if it is no number
-        put_int_unless(stays, working.verdicts, world, HURRIED)
-        put_int_unless(stays, working.any_busy, 0, 1)
-
-    return watch
+    way = fixed_float_at(working.ways, world)
+    substeps = float(t.substeps)
+    stays = substeps * substeps * wp.length_sq(point - start) < way * way  # not if it is no number
+    put_int_unless(stays, working.verdicts, world, HURRIED)
+    put_int_unless(stays, working.any_busy, 0, 1)
 
 
 @phase("particle", last=True, when=lambda features: features.frames == "all")
-def check(features: Features, look: Look) -> Any:
+@wp.func
+def check(t: Tables, state: WorldState, points: Any, params: Any, particle: wp.int32, number: wp.int32):
     """Record the first particle at a place that it cannot have."""
-
-    @wp.func
-    def check(t: Tables, state: WorldState, points: Any, params: Any, particle: wp.int32, number: wp.int32):
-        balloon, share = params.balloon, params.share
-        look_at_particle(t.health, state.first_bad, params.world, particle, number, balloon, share, points)
-
-    return check
+    balloon, share = params.balloon, params.share
+    look_at_particle(t.health, state.first_bad, params.world, particle, number, balloon, share, points)

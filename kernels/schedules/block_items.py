@@ -505,6 +505,18 @@ class BlockSum(NamedTuple):
     """(balloon): the sum, once a barrier has come"""
 
 
+@wp.func
+def no_number():
+    """Return the sum of no numbers."""
+    return float(0.0)
+
+
+@wp.func
+def no_five():
+    """Return the sum of no vectors."""
+    return Five()
+
+
 @cache
 def block_sum(name: str, dtype: Any, balloons: int, warps: int) -> BlockSum:
     """Return the functions of a sum of numbers, or of vectors of five."""
@@ -526,14 +538,6 @@ def block_sum(name: str, dtype: Any, balloons: int, warps: int) -> BlockSum:
     @wp.func
     def put_five(first: wp.int32, thread: wp.int32, part: Five, added: bool):
         put_warp_sums(rows(), first, part, added)
-
-    @wp.func
-    def no_number():
-        return float(0.0)
-
-    @wp.func
-    def no_five():
-        return Five()
 
     put_part, nothing = (put_number, no_number) if is_number else (put_five, no_five)
 

@@ -79,25 +79,27 @@ def gathering_loops(features: Features) -> Loops:
     return scalar_loops(features, vector_at)
 
 
+@wp.func
+def summed_force(
+    t: Tables, points: Any, velocities: Any, params: Any, working: Working, point: Any, velocity: Any, time: float
+):
+    """Take the summed force [N], and clear it for the next substep."""
+    force = working.forces[params.world, params.number]
+    working.forces[params.world, params.number] = wp.vec3()
+    return force
+
+
+@wp.func
+def summed_area_vector(t: Tables, points: Any, params: Any, working: Working, point: Any):
+    """Take the summed area vector [m^2], and clear it."""
+    area_vector = working.area_vectors[params.world, params.number]
+    working.area_vectors[params.world, params.number] = wp.vec3()
+    return area_vector
+
+
 @cache
 def summed_loops(features: Features) -> Loops:
     """Return functions that read sums by other threads: forces of springs, strings, hinges, faces, and area vectors."""
-
-    @wp.func
-    def summed_force(
-        t: Tables, points: Any, velocities: Any, params: Any, working: Working, point: Any, velocity: Any, time: float
-    ):
-        """Take the summed force [N], and clear it for the next substep."""
-        force = working.forces[params.world, params.number]
-        working.forces[params.world, params.number] = wp.vec3()
-        return force
-
-    @wp.func
-    def summed_area_vector(t: Tables, points: Any, params: Any, working: Working, point: Any):
-        """Take the summed area vector [m^2], and clear it."""
-        area_vector = working.area_vectors[params.world, params.number]
-        working.area_vectors[params.world, params.number] = wp.vec3()
-        return area_vector
 
     return scalar_loops(features, vector_at, summed_force, summed_area_vector)._replace(others=None)
 
