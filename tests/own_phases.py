@@ -16,22 +16,12 @@ from balloon_warp.kernels.laws.gas import VOLUME, Swelling
 from balloon_warp.kernels.loops.gas import gas_in, put_gas
 from balloon_warp.kernels.loops.springs import constant_of_kind
 from balloon_warp.kernels.memory import int_at, pair_at
-from balloon_warp.kernels.phase import Item, Look, Phase, phase
+from balloon_warp.kernels.phase import Look, Phase, phase
 from balloon_warp.kernels.tables import SLICE, Tables, WorldState, first_entry, sphere_number
 from balloon_warp.kernels.warps import add_quanta, total_newtons
 from balloon_warp.kernels.working import Working
 
 Values = dict[str, np.ndarray]
-
-
-def phase_of(item: Item, writes: dict[str, Any], **said: Any) -> Callable[[Any], Phase]:
-    """Decorate a function that needs neither features nor looks: it becomes a phase, named alike."""
-
-    def made(function: Any) -> Phase:
-        of_warp = wp.func(function)
-        return Phase(function.__name__, item, lambda features, look: of_warp, writes, **said)
-
-    return made
 
 
 @phase("particle", {"seen": wp.vec3})
@@ -45,42 +35,50 @@ def look_aside(features: Features, look: Look) -> Any:
     return look_aside
 
 
-@phase_of("particle", {"point": wp.vec3})
+@phase("particle", {"point": wp.vec3})
+@wp.func
 def follow(point: Any, seen: Any):
     return 0.75 * point + 0.25 * seen
 
 
-@phase_of("particle", {"velocity": wp.vec3, "point": wp.vec3})
+@phase("particle", {"velocity": wp.vec3, "point": wp.vec3})
+@wp.func
 def trade(point: wp.vec3, velocity: wp.vec3):
     return point, velocity
 
 
-@phase_of("particle", {"total": wp.vec3}, sums=True)
+@phase("particle", {"total": wp.vec3}, sums=True)
+@wp.func
 def add(point: wp.vec3):
     return point
 
 
-@phase_of("balloon", {"half": wp.vec3})
+@phase("balloon", {"half": wp.vec3})
+@wp.func
 def halve(total: wp.vec3):
     return 0.5 * total
 
 
-@phase_of("particle", {"twice": wp.vec3}, light=True)
+@phase("particle", {"twice": wp.vec3}, light=True)
+@wp.func
 def double(half: wp.vec3):
     return 2.0 * half
 
 
-@phase_of("particle", {"velocity": wp.vec3})
+@phase("particle", {"velocity": wp.vec3})
+@wp.func
 def heed(velocity: Any, twice: Any):
     return 0.5 * velocity + 0.125 * twice
 
 
-@phase_of("particle", {"trace": float}, keeps={"trace": 1.0})
+@phase("particle", {"trace": float}, keeps={"trace": 1.0})
+@wp.func
 def remember(trace: Any, point: Any, velocity: Any):
     return 0.5 * trace + dot_product(point, velocity)
 
 
-@phase_of("particle", {"seen": wp.vec3})
+@phase("particle", {"seen": wp.vec3})
+@wp.func
 def look_at_traces(t: Tables, traces: Any, particle: wp.int32):  # pyright: ignore[reportGeneralTypeIssues]
     return wp.vec3(traces[(particle + 5) % t.particles.balloon.shape[0]], 0.0, 1.0)
 
