@@ -109,7 +109,7 @@ def _model(bpy: Any, folder: Path, frames: int) -> None:
         plate.location.x = x
         plate.keyframe_insert("location", frame=frame)
     scene.balloon_warp.ground = True
-    bpy.ops.mesh.primitive_plane_add(size=40.0)
+    bpy.ops.mesh.primitive_plane_add(size=400.0)
 
 
 def _bake(bpy: Any) -> None:
@@ -204,7 +204,7 @@ def _begin(bpy: Any, frames: int) -> Any:
     bpy.ops.wm.read_homefile(use_factory_startup=True, load_ui=False)
     bpy.ops.wm.save_as_mainfile(filepath=path)
     bpy.data.objects.remove(bpy.data.objects["Cube"])
-    bpy.ops.mesh.primitive_plane_add(size=40.0)
+    bpy.ops.mesh.primitive_plane_add(size=400.0)
     scene = bpy.context.scene
     scene.frame_end = frames + 1
     return scene

@@ -46,7 +46,6 @@ def of_law(law: Law, schedule: str, device: str) -> list[NDArray[np.float64]]:
     return [each[world] for each in moved(schedule, device, scene_correction(law))]
 
 
-@pytest.mark.always("octets-cpu-weight")
 @pytest.mark.parametrize("law", TESTED, ids=lambda law: law.name)
 def test_a_law_moves_particles_alike_in_every_schedule(law: Law, schedule: str, device: str):
     _, _, points, velocities = of_law(law, schedule, device)

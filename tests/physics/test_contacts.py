@@ -359,7 +359,6 @@ TURNING, FAR_OUT = 2.0, 0.5
 """Spin of a turntable [rad/s], and where something rides on it [m]"""
 
 
-@pytest.mark.always("cpu-body")
 @pytest.mark.parametrize("rides", ["body", "balloon"])
 def test_what_rides_on_a_turntable_keeps_its_place(rides: str, device: str):
     """A body stays for 10 s, 3 turns, within 0.1 mm of its circle and its angle, at the 8 substeps of `auto`. Along
@@ -439,7 +438,7 @@ def test_a_blade_cuts_a_ball_whose_faces_do_not_meet_it(tmp_path: Path) -> None:
     assert max(crossing.depth for crossing in check_stage(tmp_path / "stage.usdc").crossings) > 0.1
 
 
-@pytest.mark.always
+@pytest.mark.always("blade")
 @pytest.mark.parametrize("thing", ["blade", "rod"])
 def test_a_symmetric_drop_stays_symmetric(thing: str) -> None:
     simulator = Simulator(Scene(balloon=[dropped_ball(6)], **THINGS[thing]), device="cpu")
