@@ -39,7 +39,7 @@ from balloon_warp.mesh.thickness import LEAST, relative_thickness
 from balloon_warp.mesh.topology import signed_volume, total_area, vertex_areas
 from balloon_warp.model import plan_model
 from balloon_warp.model.many_substeps import coarse_said, many_substeps_said
-from balloon_warp.run.job import foretold_swellings
+from balloon_warp.run.outcomes import foretold_swellings
 from balloon_warp.scene.around import STRETCH
 from balloon_warp.scene.load import mesh_balloon, override_scene
 from balloon_warp.springs.even import even_scales, film_tension, springs_across

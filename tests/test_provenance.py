@@ -49,6 +49,7 @@ from balloon_warp.farm.workers import worker_environments
 from balloon_warp.lab.fit.fit import Journal
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.run import provenance
+from balloon_warp.run.checkpoints import WAITING, Background
 from balloon_warp.run.provenance import hash_of_file
 from balloon_warp.scene.write import write_scene
 from balloon_warp.studio import render
@@ -56,7 +57,6 @@ from balloon_warp.studio.animate import Wanted
 from balloon_warp.studio.render.render import Film
 from balloon_warp.system.files import is_ours, replacing_any, sole_writer
 from balloon_warp.system.streams import Interrupts
-from balloon_warp.usd.stage import WAITING, Background
 
 SCENE = """
 frames = 2

@@ -25,14 +25,13 @@ from balloon_warp.model import Model, lay_out, plan_model, remarks_on, world_byt
 from balloon_warp.model.shape import shape_balloon
 from balloon_warp.model.state import require_memory
 from balloon_warp.model.timeline import SHAPING
-from balloon_warp.run.checkpoints import Checkpoints, record_frames
+from balloon_warp.run.checkpoints import WAITING, Checkpoints, record_frames
 from balloon_warp.run.provenance import Beginning
 from balloon_warp.scene import Scene
 from balloon_warp.simulator import Simulator
 from balloon_warp.solvers import settled_solver, solver_named
 from balloon_warp.system.streams import Interrupts
 from balloon_warp.system.warp_threads import lock_of, pick_device
-from balloon_warp.usd.stage import WAITING
 
 MANY = 50_000
 """Number of worlds whose values take longer to make than the size of one world takes to find"""

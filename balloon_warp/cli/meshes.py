@@ -172,7 +172,7 @@ def _inspect_scene(source: str, scene: Scene, as_json: bool) -> None:
         for mesh in dict.fromkeys(meshes):
             stage(f"checking {mesh[0].name} and building springs")
             reports[mesh] = inspect_mesh(load_mesh(mesh[0], mesh[3]), *mesh[:2])
-        from balloon_warp.run.job import foretold_swellings, sentences
+        from balloon_warp.run.outcomes import foretold_swellings, swelling_sentences
         from balloon_warp.tools.inspect import advise_step  # loads Warp: only once the meshes are known to be good
 
         stage(STEP_STAGE)
@@ -194,7 +194,7 @@ def _inspect_scene(source: str, scene: Scene, as_json: bool) -> None:
         return
     counts = [counted(len(many), name) for name in THINGS if (many := getattr(scene, name))]
     console = _console()
-    rows = {"shows": scene.description, "holds": ", ".join(counts), **_inflation_rows(sentences(inflation))}
+    rows = {"shows": scene.description, "holds": ", ".join(counts), **_inflation_rows(swelling_sentences(inflation))}
     console.print(_table(source, {**rows, **_step_rows(step)}))
     _print_warnings(console, step["doubts"])
     for (mesh, _, unit, _), report in reports.items():
@@ -214,7 +214,7 @@ def _inspect_mesh(mesh: Path, changes: Changes, as_json: bool) -> None:
         whole = load_mesh(mesh, balloon.prim)
         stage("checking the mesh and building springs")
         report = inspect_mesh(whole, mesh, balloon.treatment)
-        from balloon_warp.run.job import foretold_swellings, sentences
+        from balloon_warp.run.outcomes import foretold_swellings, swelling_sentences
         from balloon_warp.tools.inspect import advise_step
 
         try:
@@ -225,7 +225,7 @@ def _inspect_mesh(mesh: Path, changes: Changes, as_json: bool) -> None:
             step = asdict(advise_step(scene))
             stage(SWELLING_STAGE)
             inflation = foretold_swellings(_with_own_step(scene))
-            alone |= _inflation_rows(sentences(inflation))
+            alone |= _inflation_rows(swelling_sentences(inflation))
         except InputError as mistake:
             refusal = mistake
     if as_json:

@@ -20,11 +20,14 @@ import os
 import time
 import weakref
 import zipfile
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,7 +51,6 @@ from balloon_warp.system.files import (
     without_mark,
 )
 from balloon_warp.system.streams import Interrupts
-from balloon_warp.usd.stage import Background
 
 if TYPE_CHECKING:
     from balloon_warp.usd import StageWriter
@@ -56,6 +58,8 @@ if TYPE_CHECKING:
 
 
 JOB_NAME = "job.json"
+WAITING = 2
+"""Number of frames that may wait to be written; more would only fill the memory"""
 
 
 class PartialFolder:
@@ -484,6 +488,47 @@ class FrameOutput(Output, Protocol[Simulated]):
 
     def write(self, frame: Simulated, /) -> None:
         """Write the next frame."""
+
+
+class Background:
+    """Runner of jobs, one after the other, in a background thread.
+
+    The `with` block ends when all are done.
+    """
+
+    def __init__(self) -> None:
+        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="writer")
+        self._jobs: deque[Future[None]] = deque()
+        self._failed = False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def submit(self, job: Callable[..., None], *arguments: Any) -> None:
+        """Queue a job; waits while `WAITING` are queued already."""
+        if len(self._jobs) > WAITING:
+            self._jobs.popleft().result()
+        self._jobs.append(self._thread.submit(self._run, job, *arguments))
+
+    def wait(self) -> None:
+        """Wait until all queued jobs are done."""
+        while self._jobs:
+            self._jobs.popleft().result()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._thread.shutdown(wait=True)
+        if error is None:
+            self.wait()
+
+    def _run(self, job: Callable[..., None], *arguments: Any) -> None:
+        if not self._failed:
+            try:
+                job(*arguments)
+            except BaseException:
+                self._failed = True
+                raise
 
 
 def record_frames(

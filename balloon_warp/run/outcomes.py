@@ -1,7 +1,8 @@
-"""Check the outcome of a run: balloons that came apart, fell for ever, collapsed, swelled, swallowed parts or folded.
+"""Outcome of a run: the volume that an "auto" pressure foretells, and endings that are bad.
 
-Cheap measures of the last frame's points beside the mesh, on the host, in NumPy. The bounds are far from the
-endings of the bundled scenes, and near to those of balloons in ruins (tests/test_outcomes.py).
+A bad ending is a balloon that came apart, fell for ever, collapsed, swelled, swallowed parts or folded. Cheap measures
+of the last frame's points beside the mesh, on the host, in NumPy, find it. The bounds are far from the endings of the
+bundled scenes, and near to those of balloons in ruins (tests/test_diagnosis.py).
 """
 
 from collections import Counter
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.frame import Frame
+from balloon_warp.kernels.laws.springs import KINDS
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.repair import wrong_sides
 from balloon_warp.mesh.topology import (
@@ -23,9 +25,14 @@ from balloon_warp.mesh.topology import (
     total_area,
     vertex_components,
 )
-from balloon_warp.model import Model, ModelPlan
+from balloon_warp.model import Model, ModelPlan, plan_model
 from balloon_warp.model.obstacles import obstacle_motion
+from balloon_warp.model.parameters import Parameters
+from balloon_warp.model.pressure import volume_under
+from balloon_warp.model.shape import BalloonShape
+from balloon_warp.scene import Scene
 from balloon_warp.scene.load import is_there
+from balloon_warp.system.warp_threads import lock_of
 
 FALLEN = 5.0
 """Fall below the start, over the balloon's size, from which on a balloon with nothing below it counts as falling
@@ -46,6 +53,57 @@ MOST_FOLDS = 0.01
 """Largest fraction of edges that are folded"""
 FOLDED, UNFOLDED = -0.7, -0.2
 """Cosines between the normals of two faces that share an edge: folded below the first, and not above the second"""
+
+
+@dataclass(frozen=True)
+class Swelling:
+    """Result of an "auto" pressure."""
+
+    balloon: str
+    pressure: float
+    """Pressure [Pa]"""
+    volume: float | None
+    """Volume in equilibrium with the springs, without weight, over that at the start; None where it is not predicted:
+    for open balloons, rubber and film, and large meshes"""
+
+    def __str__(self) -> str:
+        volume = "" if self.volume is None else f", volume 1.00 -> {self.volume:.2f}"
+        return f"auto pressure {self.pressure:.4g} Pa{volume}"
+
+
+def swellings(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> list[Swelling]:
+    """Return the swelling of each balloon that an "auto" pressure inflates, in the first world."""
+    found = []
+    for number, (balloon, shape) in enumerate(zip(scene.balloon, shapes, strict=True)):
+        pressure = float(parameters["keyframe_values"][0, number, -1]) if balloon.inflation.is_automatic else 0.0
+        if pressure and shape.inflated:
+            constants = np.array([parameters[row.name][0, number] for row in KINDS])
+            volume = None if shape.membrane.count else volume_under(shape, constants, pressure)
+            found.append(Swelling(shape.name, pressure, volume))
+    return found
+
+
+def swellings_of(model: Model) -> list[Swelling]:
+    """Foretell the swellings of a model."""
+    names = ("keyframe_values", *(row.name for row in KINDS))
+    with lock_of(model.device):
+        read = {name: np.asarray(model.parameters[name].numpy(), dtype=np.float64) for name in names}
+    return swellings(model.scene, model.shapes, read)
+
+
+def foretold_swellings(scene: Scene) -> list[Swelling]:
+    """Foretell the swellings of a scene.
+
+    Raises:
+        InputError: as `plan_model`.
+    """
+    plan = plan_model(scene)
+    return swellings(plan.scene, plan.shapes, plan.parameters)
+
+
+def swelling_sentences(found: Sequence[Swelling]) -> list[str]:
+    """Return sentences on the swelling of balloons, with the balloon's name where there are several."""
+    return [f"{each.balloon}: {each}" if len(found) > 1 else str(each) for each in found]
 
 
 @dataclass(frozen=True)

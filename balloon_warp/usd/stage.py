@@ -1,13 +1,8 @@
-"""Work done in order on a thread of its own, while the simulation goes on.
-
-The stage as a whole: its metadata, a prim for each thing in the scene, and its growth frame by frame.
-"""
+"""Stage as a whole: its metadata, a prim for each thing in the scene, and its growth frame by frame."""
 
 import json
 from abc import ABC, abstractmethod
-from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,50 +23,6 @@ from balloon_warp.usd.lines import StringPrim, TubePrim
 from balloon_warp.usd.material import check_textures, prim_names, show_names, write_textures
 from balloon_warp.usd.solids import BodyPrim, ObstaclePrim, PlanePrim, SpherePrim, body_names, obstacle_names, planes_of
 from balloon_warp.usd.studio import define_studio, glow_like_floor
-
-WAITING = 2
-"""Number of frames that may wait to be written; more would only fill the memory"""
-
-
-class Background:
-    """Runner of jobs, one after the other, in a background thread.
-
-    The `with` block ends when all are done.
-    """
-
-    def __init__(self) -> None:
-        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="writer")
-        self._jobs: deque[Future[None]] = deque()
-        self._failed = False
-
-    def __enter__(self) -> Self:
-        return self
-
-    def submit(self, job: Callable[..., None], *arguments: Any) -> None:
-        """Queue a job; waits while `WAITING` are queued already."""
-        if len(self._jobs) > WAITING:
-            self._jobs.popleft().result()
-        self._jobs.append(self._thread.submit(self._run, job, *arguments))
-
-    def wait(self) -> None:
-        """Wait until all queued jobs are done."""
-        while self._jobs:
-            self._jobs.popleft().result()
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self._thread.shutdown(wait=True)
-        if error is None:
-            self.wait()
-
-    def _run(self, job: Callable[..., None], *arguments: Any) -> None:
-        if not self._failed:
-            try:
-                job(*arguments)
-            except BaseException:
-                self._failed = True
-                raise
 
 
 def describe_stage(
