@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from balloon_warp.system.loading import LENT, without_collecting
+from balloon_warp.system.loading import LENT, without_garbage_collection
 
 if TYPE_CHECKING:
     from balloon_warp.batch.batch import repeat_batch, run_batch
@@ -239,7 +239,7 @@ def __getattr__(name: str) -> Any:
         return importlib.import_module("importlib.metadata").version("balloon-warp")
     for module, names in _HOMES.items():
         if name in names:
-            with without_collecting():
+            with without_garbage_collection():
                 home = importlib.import_module(f"{__name__}.{module}")
                 return vars(home).get(name) or importlib.import_module(f"{home.__name__}.{name}")
     # with both, Python asks whether a name that is like it was meant

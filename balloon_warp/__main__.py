@@ -3,7 +3,7 @@
 import gc
 import sys
 
-from balloon_warp.system.loading import without_collecting
+from balloon_warp.system.loading import without_garbage_collection
 from balloon_warp.system.streams import watch_streams
 
 
@@ -11,7 +11,7 @@ def main() -> None:
     """Run the command line; Ctrl-C while it still loads ends it with a word, too."""
     watch_streams()
     try:
-        with without_collecting():
+        with without_garbage_collection():
             from balloon_warp.cli import main as command_line
         command_line()
     except KeyboardInterrupt:

@@ -428,7 +428,7 @@ displacement within a frame, from rest, is more than intended"""
 
 
 def diagnose(model: Model, state: State, schedule: Schedule, world: int, frame: int, bad: int = HEALTHY) -> BlowUp:
-    """Look again at the frame in which a world blew up.
+    """Replay the frame in which a world blew up, and diagnose it.
 
     Args:
         model: of this world alone.

@@ -22,8 +22,8 @@ from balloon_warp.model import Model, Vary, build_model, carried_over, fitting, 
 from balloon_warp.model.pressure import keep_pressures
 from balloon_warp.model.remarks import remarks_in_sentences
 from balloon_warp.model.setting import PlannedChanges, Setting, changed_parameters, plan_setting, with_changed_methods
-from balloon_warp.model.state import go_on_keeping, require_memory
-from balloon_warp.model.timeline import all_that_act, scene_to_vary
+from balloon_warp.model.state import carry_kept_values, require_memory
+from balloon_warp.model.timeline import active_laws_and_phases, scene_to_vary
 from balloon_warp.scene import SceneLike
 from balloon_warp.schedules.choose import Schedule
 from balloon_warp.schedules.contact_lists import overflow_remarks
@@ -31,7 +31,7 @@ from balloon_warp.schedules.frames import RecordedFrame
 from balloon_warp.solvers import solver_named
 from balloon_warp.steering import Controls, Observations, Starts
 from balloon_warp.system.arguments import checked
-from balloon_warp.system.loading import LENT, without_collecting
+from balloon_warp.system.loading import LENT, without_garbage_collection
 from balloon_warp.system.shown import Shown, described
 from balloon_warp.system.warp_threads import PROCESS_LOCK, launch, lock_of, locked, pick_device
 
@@ -135,7 +135,7 @@ class Simulator(Shown):
             simulator._begin(model, schedule)
         return simulator
 
-    @without_collecting()
+    @without_garbage_collection()
     def _begin(self, model: Model, schedule: str) -> None:
         kind = solver_named(schedule, model)
         require_memory(model.device, [model.world_count], [world_bytes(model) + kind.world_bytes(model)])
@@ -376,10 +376,10 @@ class Simulator(Shown):
         """Go on with the values that are set."""
         if setting.differs_by_world(self.model):
             self.go_on_in(self.model.with_rows_of_worlds())
-        acted, changes_methods = all_that_act(self.model), setting.changes_methods(self.model)
+        acted, changes_methods = active_laws_and_phases(self.model), setting.changes_methods(self.model)
         self.set_parameters(setting.parameters)
         model = replace(self.model, scene=setting.scene, substeps=setting.substeps)
-        if changes_methods or all_that_act(model) != acted:
+        if changes_methods or active_laws_and_phases(model) != acted:
             self.go_on_in(model)
         else:
             self.model = model
@@ -423,7 +423,7 @@ class Simulator(Shown):
         if model.scene.solver != self.model.scene.solver:
             self._asked_schedule = "auto"  # the requested schedule may be of the other solver
         self.model = model
-        self.state.kept = go_on_keeping(model, self.state.kept)
+        self.state.kept = carry_kept_values(model, self.state.kept)
         self._lay_out(solver_named(self._asked_schedule, self.model))
 
     def _lay_out(self, kind: type[Schedule]) -> None:

@@ -15,7 +15,7 @@ import warp as wp
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Law, Parameter
 from balloon_warp.kernels.phase import Phase
-from balloon_warp.kernels.substep import asking_phases
+from balloon_warp.kernels.substep import conditional_phases
 from balloon_warp.laws import face_law, particle_law, spring_law
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.topology import quad_sphere
@@ -151,7 +151,7 @@ def of_phase(phase: Phase) -> Method:
     return Method(phase.summary.rstrip("."), (*sphere, *said))
 
 
-METHODS = (*METHODS, *(of_phase(phase) for phase in asking_phases() if phase.rows))
+METHODS = (*METHODS, *(of_phase(phase) for phase in conditional_phases() if phase.rows))
 
 
 def simulates(name: str, model: Model) -> bool:

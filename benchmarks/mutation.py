@@ -40,7 +40,7 @@ STRATA = (
     Stratum(
         "tables", 0.07,
         tuple(f"balloon_warp/schedules/{name}.py" for name in (
-            "lane_tables", "membranes", "outlook", "slices", "tables", "touch_table",
+            "contact_horizon", "lane_tables", "membranes", "slices", "tables", "touch_table",
         )),
     ),
 )  # fmt: skip
@@ -54,7 +54,7 @@ EQUIVALENT: Mapping[str, str] = {
     "kernels/contact/free_frames.py judge_kernel.judge_worlds: 0.0 -> 0.1": "a bound of the speed: fewer frames are "
     "free, which has no other result",
     "kernels/contact/spheres.py : wp.constant(8) -> wp.constant(9)": "as many particles share a mark, on either side",
-    "kernels/loops/holding.py thing_holding_function.hold_thing: count - 1 -> count + 1": "samples of an obstacle take "
+    "kernels/loops/holding.py contacts_function.list_contacts: count - 1 -> count + 1": "samples of an obstacle take "
     "the place of those at which it differs",
     "balloon_warp/schedules/touch_table.py heights: part + 1 -> part - 1": "the second half of a part is never lower "
     "than the first, which has no more triangles",
@@ -68,17 +68,17 @@ EQUIVALENT: Mapping[str, str] = {
     "faced(place, corners[0], corners[2], corners[1])": "a search reads the gap, which has no corners in it",
     "kernels/phases/forces.py jet_of_holes.jet_of_holes: state.bursts[params.world, params.balloon][1] -> "
     "state.bursts[params.world, params.balloon][0]": "the thrust of no hole is nothing",
-    "balloon_warp/model/remarks.py _pressed: most_pressure(bound, float(masses[row % len(masses), balloon]), "
-    "model.step_seconds) -> most_pressure(float(masses[row % len(masses), balloon]), bound, model.step_seconds)":
+    "balloon_warp/model/remarks.py _pressed: max_pressure(bound, float(masses[row % len(masses), balloon]), "
+    "model.step_seconds) -> max_pressure(float(masses[row % len(masses), balloon]), bound, model.step_seconds)":
     "a product of the two",
     "kernels/phases/inflation.py seal_air_in: air[1] / of_world[columns[1]] -> air[1] * of_world[columns[1]]":
     "the air of a given pressure is adiabatic: its free volume has no temperature in it",
     "kernels/phases/motion.py may_any_meet: pair // count < pair % count -> pair // count >= pair % count": "a pair is "
     "seen from the other side, and a sphere that meets itself has no collision",
-    "kernels/contact/edges.py way_of_edge: ends[0] -> ends[1]": "more edges search",
+    "kernels/contact/edges.py displacement_of_edge: ends[0] -> ends[1]": "more edges search",
     "kernels/contact/free_frames.py : 40.0 -> 48.0": "a bound with room: two edges are 40 thicknesses",
-    "kernels/contact/triangles.py lookout_of: LOOKOUT * t.touch.slack[balloon] -> "
-    "LOOKOUT / t.touch.slack[balloon]": "a search looks farther than it has to, and finds the same contacts",
+    "kernels/contact/triangles.py search_margin: SEARCH_MARGIN * t.touch.slack[balloon] -> "
+    "SEARCH_MARGIN / t.touch.slack[balloon]": "a search looks farther than it has to, and finds the same contacts",
     "balloon_warp/schedules/lane_tables.py _add_membranes: model.balloon_count + 1 -> model.balloon_count + 2":
     "an entry more, which nothing reads",
     "kernels/laws/touch.py impact: beside + gain * normal -> beside": "friction takes what is across the normal",

@@ -87,9 +87,9 @@ def _messages(page: Page) -> list[dict[str, Any]]:
     moved = [
         {"type": "GuiUpdateMessage", "uuid": control._impl.uuid, "updates": {"value": value}}
         for control, value in (
-            (controls.hands_on.inflation, 0.5),
+            (controls.main_controls.inflation, 0.5),
             (controls.wind, [1.0, 0.0, 0.0]),
-            (controls.hands_on.run, True),
+            (controls.main_controls.run, True),
         )
     ]
     key = {"type": "CommandTriggerMessage", "uuid": next(iter(page.server.gui._command_handle_from_uuid))}

@@ -1,4 +1,4 @@
-"""Vectors and numbers, of one particle or of eight side by side: the same names for both.
+"""Vector algebra for one particle or eight SIMD lanes, by the same names.
 
 Powers by logarithms and exponentials that the compiler knows. A GPU has instructions for both, and on a CPU they are
 arithmetic that vectorizes over eight lanes, which a call of the library's `pow` is not.
@@ -163,7 +163,7 @@ def dot_product(a: Lanes3, b: Lanes3) -> Lanes:  # noqa: F811 - an overload
 
 @wp.func
 def reach_along(vector: wp.vec3, direction: wp.vec3):
-    """Return the component of a vector along a direction."""
+    """Component of a vector along a direction."""
     return wp.dot(vector, direction)
 
 

@@ -59,7 +59,7 @@ HOOK = "_propagate_used_by_backward_kernel"
 
 
 def derive_helpers() -> None:
-    """Make Warp ask for the adjoints of all helpers."""
+    """Make Warp generate the adjoints of all helper functions."""
     from warp._src.context import ModuleBuilder
 
     before = getattr(ModuleBuilder, HOOK)

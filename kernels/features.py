@@ -33,7 +33,7 @@ class Features(NamedTuple):
     laws: tuple[Law, ...]
     """Laws that act"""
     columns: Columns
-    acting: tuple[str, ...] = ()
+    active: tuple[str, ...] = ()
     """Names of the phases that act, of those that not all scenes have by their parameters"""
     keeps: tuple[Kept, ...] = ()
     """Values that items keep for the phases that act"""
@@ -192,8 +192,8 @@ class Features(NamedTuple):
         return self.gas_changes and self.air_varies
 
     @property
-    def looks_at_velocities(self) -> bool:
-        """Return whether forces on a particle depend on its neighbors' velocities."""
+    def reads_neighbor_velocities(self) -> bool:
+        """Dependence of a particle's forces on its neighbors' velocities."""
         return self.viscous or self.needs("spring", "opening")
 
     @property
@@ -208,7 +208,7 @@ class Features(NamedTuple):
 
     @property
     def directions_on_the_way(self) -> bool:
-        """Return whether a block, which has the points at hand, aims as it goes around particles: in every substep."""
+        """Return whether a block finds directions in its loop over particles, in every substep."""
         return self.rings and self.inflation_directions and self.fresh_normals
 
     @property
@@ -236,17 +236,17 @@ class Features(NamedTuple):
 
     @property
     def obstacles(self) -> bool:
-        """Return whether there is something to leave."""
+        """Return whether there are solids that particles may enter."""
         return self.stands or self.spheres > 0
 
     @property
     def stands(self) -> bool:
         """Return whether particles stand on the ground or on obstacles, neither of which they push."""
-        return self.ground or self.stands_on_fixtures
+        return self.ground or self.may_touch_obstacles
 
     @property
     def watched(self) -> bool:
-        """Return whether the frame counts only if no particle goes farther than it may, see `contact.free_frames`."""
+        """Return whether a frame is valid only up to a travel limit of its particles, see `contact.free_frames`."""
         return self.frames in ("free", "apart")
 
     @property
@@ -255,7 +255,7 @@ class Features(NamedTuple):
         return self.touches and not self.meets_solids
 
     @property
-    def stands_on_fixtures(self) -> bool:
+    def may_touch_obstacles(self) -> bool:
         """Return whether particles may touch obstacles."""
         return self.fixtures and self.frames != "free"
 
@@ -291,7 +291,7 @@ class Features(NamedTuple):
 
     @property
     def keeps_starts(self) -> bool:
-        """Return whether the substep needs the spheres' places before it."""
+        """Return whether the substep reads the spheres' places before it."""
         meets_faces = self.small_spheres or self.round_ridges
         return self.spheres_meet or meets_faces or (self.bodies > 0 and self.spheres > 0)
 
@@ -301,16 +301,16 @@ class Features(NamedTuple):
         return self.spheres > 0 and not self.impulses
 
     @property
-    def spheres_shoved(self) -> bool:
+    def spheres_take_forces(self) -> bool:
         """Return whether phases push spheres that exchange momentum, where the paper's rule has no forces."""
         return self.impulses and SPHERE_PUSH in self.changes
 
     @property
-    def bodies_shoved(self) -> bool:
+    def bodies_take_forces(self) -> bool:
         """Return whether phases push free bodies."""
         return self.bodies > 0 and BODY_PUSH in self.changes
 
     @property
     def spheres_pushed(self) -> bool:
         """Return whether forces on spheres are summed in a substep."""
-        return self.penalties or self.spheres_shoved
+        return self.penalties or self.spheres_take_forces

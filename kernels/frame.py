@@ -24,9 +24,9 @@ from balloon_warp.kernels.tables import (
     ParticleTable,
     Tables,
     WorldState,
+    check_particle,
+    check_sphere,
     is_chosen,
-    look_at_particle,
-    look_at_sphere,
     row_of_world,
 )
 
@@ -215,9 +215,9 @@ def end_frame(
     for particle in range(thread, seen, threads):
         balloon = particles.balloon[particle]
         share = particles.mass_share[particle]
-        look_at_particle(health, first_bad, world, particle, particle, balloon, share, points[world])
+        check_particle(health, first_bad, world, particle, particle, balloon, share, points[world])
     for sphere in range(thread, sphere_positions.shape[1], threads):
-        look_at_sphere(health, first_bad, world, points.shape[1], sphere, sphere_positions[world, sphere])
+        check_sphere(health, first_bad, world, points.shape[1], sphere, sphere_positions[world, sphere])
     if world == 0 and thread == 0:
         frame[0] = frame[0] + frames
 
@@ -265,7 +265,7 @@ def air_kernel(features: Features) -> Any:
     air_at_height = function_here(air_of_height, ["height"], features.columns)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def weigh_air(
+    def update_air(
         # model
         t: Tables,
         of_places: wp.array[wp.int32],
@@ -291,4 +291,4 @@ def air_kernel(features: Features) -> Any:
             if wp.static(features.gas_meets_air):
                 state.airs[world, balloon] = air_at_height(height, numbers)
 
-    return weigh_air
+    return update_air

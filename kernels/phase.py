@@ -205,7 +205,7 @@ VIEWS = {"points": "point", "velocities": "velocity", "face_centers": "face_cent
          "face_pushes": "face_push"}  # fmt: skip
 """Views of all items, and the value that each item has in a view"""
 HANDLES = ("t", "state", "working", "spheres")
-"""Structs through which a phase reaches what others than its item have"""
+"""Structs through which a phase reads and writes state of other items"""
 WITHIN_LANES = "all."
 """Path from the tables of lanes to those of all schedules"""
 TIMES = ("time", "end", "time_in_frame")
@@ -216,8 +216,8 @@ STATE = {"point": "points", "velocity": "velocities"}
 """State of a particle from one substep to the next, and the arrays that hold it"""
 
 
-class Look(NamedTuple):
-    """Hold the functions by which the items of a schedule see each other."""
+class Access(NamedTuple):
+    """Accessors through which the items of a schedule read each other."""
 
     at: Any
     """Function that reads a point from a view"""
@@ -253,7 +253,7 @@ class Phase:
 
     name: str
     item: Item
-    make: Callable[[Features, Look], Any]
+    make: Callable[[Features, Access], Any]
     """Factory of the phase's function for a scene's features"""
     writes: Mapping[str, Any] = field(default_factory=dict)
     """Names of the values that it returns, in order, and their types; a sum belongs to the balloon"""
@@ -266,7 +266,7 @@ class Phase:
     frame if it is computed once"""
     once: Callable[[Features], bool] = lambda features: False
     """Predicate of the features, whether the phase runs only as a frame begins"""
-    rare: Callable[[Features, Look], Any] | None = None
+    rare: Callable[[Features, Access], Any] | None = None
     """Function that returns whether the phase acts on an item, or on any of eight; where it does not, its values stay
     as they were, or are zero. A schedule may call it first"""
     last: bool = False
@@ -292,10 +292,10 @@ class Phase:
         if self.keeps and self.item not in KEEPERS:
             raise TypeError(f"{self.name}: a {self.item} keeps no values; expected one of {', '.join(KEEPERS)}")
 
-    def acts(self, features: Features) -> bool:
+    def is_active(self, features: Features) -> bool:
         """Return whether a scene has the phase."""
         is_asked = self.neutral or self.wants
-        return self.when(features) and (not is_asked or self.name in features.acting)
+        return self.when(features) and (not is_asked or self.name in features.active)
 
     @property
     def kept(self) -> tuple[Kept, ...]:
@@ -307,27 +307,27 @@ class Phase:
         """Return the phase's purpose, in a line."""
         return " ".join((self.make.__doc__ or self.name).partition("\n\n")[0].split())
 
-    def function(self, features: Features, look: Look) -> Any:
+    def function(self, features: Features, access: Access) -> Any:
         """Return the phase's `wp.func` for a scene's features."""
-        return _made(self, features, look)
+        return _made(self, features, access)
 
-    def reads(self, features: Features, look: Look) -> tuple[str, ...]:
+    def reads(self, features: Features, access: Access) -> tuple[str, ...]:
         """Return the names that the phase reads: those of its arguments."""
         if self.item == "launches":
             return self.also_reads
-        return tuple(_arguments(self.function(features, look)))
+        return tuple(_arguments(self.function(features, access)))
 
-    def looks_at(self, features: Features, look: Look) -> frozenset[str]:
+    def reads_state(self, features: Features, access: Access) -> frozenset[str]:
         """Return the names of the state that the phase reads through handles, see `tables.NAMED`."""
-        return names_of(_reached(self, features, look, "reads"))
+        return names_of(_reached(self, features, access, "reads"))
 
-    def changes(self, features: Features, look: Look) -> frozenset[str]:
+    def changes(self, features: Features, access: Access) -> frozenset[str]:
         """Return the names of the state that the phase changes through handles, see `tables.NAMED`.
 
         Raises:
             TypeError: it writes an array that has no name.
         """
-        arrays = _reached(self, features, look, "writes")
+        arrays = _reached(self, features, access, "writes")
         if strange := sorted(set(arrays) - OF_ARRAY.keys()):
             raise TypeError(
                 f"phase {self.name}: writes `{strange[0]}`, which has no name; expected arrays of "
@@ -335,40 +335,40 @@ class Phase:
             )
         return names_of(arrays)
 
-    def takes_eight(self, features: Features, look: Look) -> bool:
+    def takes_eight(self, features: Features, access: Access) -> bool:
         """Return whether the phase runs on eight items side by side: it names no type of one item.
 
         State of other items is visited one by one, but by quads.
         """
-        told = _arguments(self.function(features, look))
+        told = _arguments(self.function(features, access))
         are_any = all(each.annotation is Any or name in TIMES for name, each in told.items())
         return are_any and (self.item == "quad" or features.kept_views.keys().isdisjoint(told))
 
-    def adjoints(self, features: Features, look: Look) -> Sequence[Adjoint]:
+    def adjoints(self, features: Features, access: Access) -> Sequence[Adjoint]:
         """Return the phase's adjoints.
 
         Raises:
             NoAdjointError: nothing does.
         """
-        return _turned(self, features, look)
+        return _turned(self, features, access)
 
-    def asked(self, features: Features, look: Look) -> Any:
+    def asked(self, features: Features, access: Access) -> Any:
         """Return the function that returns whether the phase has work, or None where it may always have some."""
-        return _asked(self, features, look) if self.rare else None
+        return _asked(self, features, access) if self.rare else None
 
-    def views(self, features: Features, look: Look) -> set[str]:
+    def views(self, features: Features, access: Access) -> set[str]:
         """Return the values of other items that the phase reads: they must not be written meanwhile."""
         views = VIEWS | features.kept_views
-        return {views[name] for name in self.reads(features, look) if name in views}
+        return {views[name] for name in self.reads(features, access) if name in views}
 
 
-Adjoints = Callable[[Phase, Features, Look], Sequence[Adjoint]]
+Adjoints = Callable[[Phase, Features, Access], Sequence[Adjoint]]
 """Factory of a phase's adjoints, in the order in which they run; those that look at other particles come last"""
 
 
 @cache
-def _made(phase: Phase, features: Features, look: Look) -> Any:
-    return phase.make(features, look)
+def _made(phase: Phase, features: Features, access: Access) -> Any:
+    return phase.make(features, access)
 
 
 @cache
@@ -377,25 +377,25 @@ def _arguments(function: Any) -> Mapping[str, inspect.Parameter]:
 
 
 @cache
-def _reached(phase: Phase, features: Features, look: Look, how: Literal["reads", "writes"]) -> tuple[str, ...]:
+def _reached(phase: Phase, features: Features, access: Access, how: Literal["reads", "writes"]) -> tuple[str, ...]:
     """Return the arrays that a phase reads or writes through its handles."""
     if phase.item == "launches":
         return ()
-    places = getattr(effects_of(phase.function(features, look)), how)
+    places = getattr(effects_of(phase.function(features, access)), how)
     paths = (path.removeprefix(WITHIN_LANES) for handle, path in sorted(places) if handle in HANDLES)
     return tuple(dict.fromkeys(filter(None, paths)))
 
 
 @cache
-def _asked(phase: Phase, features: Features, look: Look) -> Any:
-    return phase.rare(features, look) if phase.rare else None
+def _asked(phase: Phase, features: Features, access: Access) -> Any:
+    return phase.rare(features, access) if phase.rare else None
 
 
 @cache
-def _turned(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
+def _turned(phase: Phase, features: Features, access: Access) -> Sequence[Adjoint]:
     if phase.adjoint is None:
         raise NoAdjointError(phase.name)
-    return tuple(phase.adjoint(phase, features, look))
+    return tuple(phase.adjoint(phase, features, access))
 
 
 def phase(item: Item, writes: Mapping[str, Any] | None = None, **said: Any) -> Callable[[Any], Phase]:
@@ -405,7 +405,7 @@ def phase(item: Item, writes: Mapping[str, Any] | None = None, **said: Any) -> C
         if not isinstance(made, wp.Function):
             return Phase(made.__name__, item, made, writes or {}, **said)
 
-        def make(features: Features, look: Look) -> Any:
+        def make(features: Features, access: Access) -> Any:
             return made
 
         function: Any = made.func
@@ -442,39 +442,39 @@ def constants_of(t: Tables):
 
 
 @wp.func
-def worth_of_eight(values: Lanes, bars: Lanes):
-    """Return the sum over all lanes of numbers times their bars: by each lane's number, its own bar."""
+def lanes_pairing(values: Lanes, bars: Lanes):
+    """Pairing of numbers with their bars, summed over lanes: each lane's number gets its own bar."""
     return wp.dot(values, bars)
 
 
 @wp.func
-def worth_of_eight(values: Any, bars: Any):  # noqa: F811 - an overload
-    """Return the sum over all lanes of several numbers times their bars."""
+def lanes_pairing(values: Any, bars: Any):  # noqa: F811 - an overload
+    """Pairing of several numbers with their bars, summed over lanes."""
     return wp.ddot(values, bars)
 
 
-def nothing(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
-    """Return no adjoint, for a phase that nothing else depends on, or whose value ends a derivative."""
+def nothing(phase: Phase, features: Features, access: Access) -> Sequence[Adjoint]:
+    """Empty adjoint of a phase that nothing depends on, or whose value is constant to a derivative."""
     return ()
 
 
-def by_grad(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
-    """Return the adjoint that Warp derives of a phase's function."""
-    return by_grad_but()(phase, features, look)
+def by_grad(phase: Phase, features: Features, access: Access) -> Sequence[Adjoint]:
+    """Adjoint of a phase's function, derived by Warp."""
+    return by_grad_but()(phase, features, access)
 
 
 def by_grad_but(*frozen: str) -> Adjoints:
-    """Return the factory of a phase's adjoint by Warp, with some of its arguments taken as constant."""
+    """Warp's adjoint of a phase, by a factory with some arguments constant."""
 
-    def factory(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
-        if look.world and not phase.takes_eight(features, look):
+    def factory(phase: Phase, features: Features, access: Access) -> Sequence[Adjoint]:
+        if access.world and not phase.takes_eight(features, access):
             raise NoAdjointError(f"{phase.name}, which takes no eight at a time,")
-        function = phase.function(features, look)
-        reads = ["constants" if name == "t" else name for name in phase.reads(features, look)]
+        function = phase.function(features, access)
+        reads = ["constants" if name == "t" else name for name in phase.reads(features, access)]
         bars = [f"{name}_bar" for name in phase.writes]
         results = [f"{name}_result" for name in phase.writes]
         products = [
-            _product(value, bar, dtype, bool(look.world))
+            _product(value, bar, dtype, bool(access.world))
             for value, bar, dtype in zip(results, bars, phase.writes.values(), strict=True)
         ]
         arguments = [*reads, *bars]
@@ -487,7 +487,7 @@ def by_grad_but(*frozen: str) -> Adjoints:
                 f"    return {' + '.join(products)}\n",
             ]
         )
-        names = {phase.name: function, "worth_of_eight": worth_of_eight}
+        names = {phase.name: function, "lanes_pairing": lanes_pairing}
         names[f"{phase.name}_work"] = function_from(f"{phase.name}_work", work, names)
         adjoint = "\n".join(
             [
@@ -503,7 +503,7 @@ def by_grad_but(*frozen: str) -> Adjoints:
 
 
 def _product(value: str, bar: str, dtype: Any, of_eight: bool) -> str:
-    """Return the text of a value times its bar, added up over components and lanes."""
+    """Text of the pairing of a value with its bar, over components and lanes."""
     if of_eight:
-        return f"worth_of_eight({value}, {bar})"
+        return f"lanes_pairing({value}, {bar})"
     return f"{value} * {bar}" if dtype is float else f"wp.dot({value}, {bar})"

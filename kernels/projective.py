@@ -385,7 +385,7 @@ def inertia_function(features: Features) -> Any:
 
 
 @cache
-def foreseeing_kernel(features: Features) -> Any:
+def prediction_kernel(features: Features) -> Any:
     """Return the kernel that predicts displacements."""
     _, read_params = params_functions(features.columns, features.balloons)
     outer = tuple(law for law in features.of_kind("particle") if law is not DAMPING)
@@ -393,7 +393,7 @@ def foreseeing_kernel(features: Features) -> Any:
     inertia = inertia_function(features)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def foresee_displacements(
+    def predict_displacements(
         # model
         t: Tables,
         clock: Clock,
@@ -433,7 +433,7 @@ def foreseeing_kernel(features: Features) -> Any:
             settling.going[world] = 1
             settling.any_going[0] = 1
 
-    return foresee_displacements
+    return predict_displacements
 
 
 @cache

@@ -45,7 +45,7 @@ def is_past(vector: wp.vec3, squared_limit: float):
 
 
 @wp.func
-def look_at_particle(
+def check_particle(
     health: HealthTable,
     first_bad: wp.array[wp.int32],
     world: wp.int32,
@@ -73,7 +73,7 @@ def look_at_particle(
 
 
 @wp.func
-def look_at_sphere(
+def check_sphere(
     health: HealthTable,
     first_bad: wp.array[wp.int32],
     world: wp.int32,
@@ -135,7 +135,7 @@ class FixtureTable:
     """Begin and end of each obstacle's samples"""
     fastest: float
     """Largest speed of a point of any obstacle [m/s]"""
-    looks: wp.array2d[wp.vec4]
+    clearances: wp.array2d[wp.vec4]
     """Cache, by world and particle: position at the last query, and the clearance then plus the distance that `fastest`
     covers until then [m]; 0 at the start of a frame"""
     nearest: wp.array2d[wp.vec2]
@@ -151,7 +151,7 @@ class BodyTable:
     restitution: wp.array2d[float]
     inertias: wp.array[wp.mat33]
     """Inertia tensors of 1 kg, about the center of mass [m^2]"""
-    eases: wp.array[wp.mat33]
+    inverse_inertias: wp.array[wp.mat33]
     """Inverses of the inertia tensors of 1 kg [1/m^2]"""
     samples: wp.array[wp.vec4]
     """Centers of balls inside bodies that are held out of other solids [m], and their radii [m]"""
@@ -335,7 +335,7 @@ class TearTable:
     """Centers of faces on the unstretched skin [m]"""
     normals: wp.array[wp.vec3]
     """Unit normals of faces on the unstretched skin"""
-    ways: wp.array[float]
+    travel_limits: wp.array[float]
     """Distance after which a tear branches, and again, by balloon [m]"""
     branchings: wp.array[wp.int32]
     """Number of branchings, by balloon; the start of a tear is the first"""
@@ -679,7 +679,7 @@ NAMED: dict[str, Named] = {
     "body": Named(
         "body", "course, and inertia as it is turned", (
             "body_positions", "body_turns", "body_velocities", "body_momenta", "body_starts", "body_start_turns",
-            "body_masses", "body_eases",
+            "body_masses", "body_inverse_inertias",
         ),
     ),
     BODY_PUSH: Named("body", "sums of forces and torques since it last moved", ("body_quanta", "body_turning_quanta")),
@@ -699,15 +699,15 @@ NAMED: dict[str, Named] = {
     ),
     "force": Named("particle", "force and area vector, where they are summed", ("forces", "area_vectors")),
     "start": Named("particle", "place before the substep", ("point_starts",)),
-    "look": Named("particle", "what may be near it", ("fixtures.looks", "fixtures.nearest", "near")),
+    "look": Named("particle", "what may be near it", ("fixtures.clearances", "fixtures.nearest", "near")),
     "health": Named("world", "lowest particle or sphere that was ever where it cannot be", ("first_bad",)),
-    "verdict": Named("world", "whether its frame is free", ("verdicts", "ways", "any_busy")),
+    "verdict": Named("world", "whether its frame is free", ("verdicts", "travel_limits", "any_busy")),
     "touch": Named(
         "particle", "what touches it, in sums and lists", (
-            "contacts", "touched", "forces_taken", "force_quanta", "lumps", "contact_impulses", "catches",
-            "catch_counts", "contact_shares", "contact_quanta", "contact_stops", "layer_quanta", "solid_shares",
-            "solid_quanta", "ridge_budgets", "ridge_counts", "ridge_pairs", "ridge_radii", "edge_pairs", "list_lengths",
-            "needs", "overflow",
+            "contacts", "touched", "forces_taken", "force_quanta", "merged", "contact_impulses", "listed_contacts",
+            "listed_contact_counts", "contact_shares", "contact_quanta", "contact_stops", "layer_quanta",
+            "solid_shares", "solid_quanta", "ridge_budgets", "ridge_counts", "ridge_pairs", "ridge_radii", "edge_pairs",
+            "list_lengths", "needs", "overflow",
         ),
     ),
 }  # fmt: skip

@@ -46,13 +46,13 @@ class Working:
     """Positions of spheres before this substep [m]; empty unless they may meet each other, or faces"""
     point_starts: wp.array2d[wp.vec3]
     """Positions of particles before this substep [m]; empty unless spheres meet faces, as is the next"""
-    lumps: wp.array2d[wp.int32]
+    merged: wp.array2d[wp.int32]
     """Particles of each world that move together with a sphere, see `contact.spheres`"""
     body_starts: wp.array2d[wp.vec3]
     """Positions of free bodies before this substep [m]; empty where there are none, as are the next eight"""
     body_start_turns: wp.array2d[wp.quat]
     body_masses: wp.array2d[float]  # [kg]
-    body_eases: wp.array2d[wp.mat33d]
+    body_inverse_inertias: wp.array2d[wp.mat33d]
     """Inverses of the bodies' inertia tensors in the world's axes [1/(kg m^2)]"""
     body_going: wp.array2d[wp.vec3d]
     """Velocities of bodies while they push each other [m/s], or displacements out of overlaps [m]"""
@@ -75,10 +75,10 @@ class Working:
     contact_impulses: wp.array3d[wp.vec4]
     """Impulse [N s] and contact time [s] of each thing and particle since the frame began; empty unless a scene records
     contacts, see `phases.contact`"""
-    catches: wp.array2d[Contact]
+    listed_contacts: wp.array2d[Contact]
     """Contacts that may act in sweeps; empty unless edges, faces beside ridges or bodies meet, as are the next, see
     `contact.sweeps`"""
-    catch_counts: wp.array2d[wp.int32]
+    listed_contact_counts: wp.array2d[wp.int32]
     """Number of these, and of those that come too near in a sweep: shape (world_count, 2)"""
     contact_shares: wp.array2d[wp.int32]
     """Number of contacts of each particle in a sweep, among which its mass is split"""
@@ -153,7 +153,7 @@ class Working:
     edge_boxes: wp.array2d[wp.vec4]
     """Box around the sweep of each edge until the next search [m], its two corners: shape (world_count, 2 edges); empty
     unless sharp edges meet, see `contact.edges`, as are the next"""
-    seeking_edges: wp.array2d[wp.vec2i]
+    query_edges: wp.array2d[wp.vec2i]
     """Edges that go through trees in a search, each with the balloon"""
     boxed_edges: wp.array2d[wp.vec2i]
     """Pairs of edges whose boxes meet in a search"""
@@ -166,7 +166,7 @@ class Working:
     In any order"""
     verdicts: wp.array[wp.int32]
     """Verdict on each world, see `contact.free_frames`; empty where no look ahead is needed, as are the next two"""
-    ways: wp.array[float]
+    travel_limits: wp.array[float]
     """Distance that each particle of a world may travel in the frame [m]"""
     any_busy: wp.array[wp.int32]
     """Whether any world is not free"""
@@ -179,8 +179,8 @@ LISTS = 4
 
 
 @wp.func
-def ask_for_room(working: Working, world: wp.int32, which: wp.int32, needed: wp.int32, ignored: wp.int32):
-    """Note how long a list would have to be, and count the entries that it has no place for."""
+def request_capacity(working: Working, world: wp.int32, which: wp.int32, needed: wp.int32, ignored: wp.int32):
+    """Record the length that a list needs, and count the entries beyond its capacity."""
     wp.atomic_max(working.needs, world, which, needed)
     wp.atomic_add(working.overflow, world, ignored)
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from balloon_warp import animate, bundled_scenes, compare, load_scene, render_stage, run_batch
-from balloon_warp.suggestions import did_you_mean
+from balloon_warp.errors import did_you_mean
 
 SIZE, MOVING_SIZE = (640, 360), (480, 270)
 SAMPLES = 16

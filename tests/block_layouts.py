@@ -7,7 +7,7 @@ from balloon_warp.kernels.loops.membranes import MembraneFaceLayout
 from balloon_warp.kernels.schedules.block_names import Layout
 from balloon_warp.model import Model
 from balloon_warp.schedules.membranes import membrane_face_entries, membrane_face_layout
-from balloon_warp.schedules.slices import kind_slots, least_valence, quad_rings, spring_ends
+from balloon_warp.schedules.slices import kind_slots, min_valence, quad_rings, spring_ends
 
 
 def membrane_face_of(model: Model, features: Features, held: bool) -> MembraneFaceLayout | None:
@@ -20,7 +20,7 @@ def membrane_face_of(model: Model, features: Features, held: bool) -> MembraneFa
 
 def looped(*tiles: str) -> Callable[[Model, Features], Layout]:
     def layout(model: Model, features: Features) -> Layout:
-        kept = () if features.looks_at_velocities or features.impulses else ("velocity",)
+        kept = () if features.reads_neighbor_velocities or features.impulses else ("velocity",)
         odd, membrane_face = model.substeps % 2 == 1, membrane_face_of(model, features, False)
         return Layout(
             1, model.particle_count, tiles=(*kept, *tiles) if tiles else (), odd=odd, membrane_face=membrane_face
@@ -38,7 +38,7 @@ def held(model: Model, features: Features) -> Layout:
     ring = quad_rings(model) if features.measures_areas or features.directions_on_the_way else None
     return Layout(
         1, model.particle_count, model.particle_count, kind_slots(spring_ends(model)),
-        least_valence(ring) if ring else 0, odd=model.substeps % 2 == 1,
+        min_valence(ring) if ring else 0, odd=model.substeps % 2 == 1,
         membrane_face=membrane_face_of(model, features, True),
     )  # fmt: skip
 

@@ -12,12 +12,12 @@ from balloon_warp.benchmarks.matrix import of_phase
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws import LAWS
 from balloon_warp.kernels.phase import Phase
-from balloon_warp.kernels.substep import asking_phases
+from balloon_warp.kernels.substep import conditional_phases
 from balloon_warp.model import Model, build_model
 from balloon_warp.scene import Balloon, Body, Inflation, Material, Neck, Obstacle, Scene, Sphere, String, Touch, Tube
 from balloon_warp.scene.load import bundled_scenes, override_scene, parse_override
+from balloon_warp.schedules.contact_horizon import has_free_frames
 from balloon_warp.schedules.features import model_features
-from balloon_warp.schedules.outlook import has_free_frames
 
 SPRINGS = {"viscosity": 2e-3, "yield_stretch": 1.4, "torsion": 0.05, "variation": 0.3}
 BLOWN = {"litres": 2.0, "fill_time": 0.06, "gamma": 1.3, "breathing_damping": 0.3, "leak": 3e-5}
@@ -93,7 +93,7 @@ VARIANTS = {
     "more of meshes": of_meshes(),
     "more, bursting": bursting(),
 }
-VARIANTS |= {phase.name: with_phase(phase) for phase in asking_phases() if phase.rows}
+VARIANTS |= {phase.name: with_phase(phase) for phase in conditional_phases() if phase.rows}
 SCENES = {name: feature_set(name) for name in SETS} | VARIANTS
 
 
@@ -108,7 +108,7 @@ def features(model: Model) -> set[str]:
         for name, neutral in law.neutral.items()
         if (model.parameters[name].numpy() != np.float32(neutral)).any()
     }
-    found |= {f"phase {name}" for name in features.acting}
+    found |= {f"phase {name}" for name in features.active}
     found |= {"spheres that meet"} if features.spheres_meet else set()
     found |= {"free frames"} if has_free_frames(features) else set()
     found |= {

@@ -16,7 +16,7 @@ from balloon_warp.kernels.laws.gas import VOLUME, Swelling
 from balloon_warp.kernels.loops.gas import gas_in, put_gas
 from balloon_warp.kernels.loops.springs import constant_of_kind
 from balloon_warp.kernels.memory import int_at, pair_at
-from balloon_warp.kernels.phase import Look, Phase, phase
+from balloon_warp.kernels.phase import Access, Phase, phase
 from balloon_warp.kernels.tables import SLICE, Tables, WorldState, first_entry, sphere_number
 from balloon_warp.kernels.warps import add_quanta, total_newtons
 from balloon_warp.kernels.working import Working
@@ -25,8 +25,8 @@ Values = dict[str, np.ndarray]
 
 
 @phase("particle", {"seen": wp.vec3})
-def look_aside(features: Features, look: Look) -> Any:
-    at = look.at
+def look_aside(features: Features, access: Access) -> Any:
+    at = access.at
 
     @wp.func
     def look_aside(t: Tables, points: Any, particle: wp.int32):  # pyright: ignore[reportGeneralTypeIssues]
@@ -84,8 +84,8 @@ def look_at_traces(t: Tables, traces: Any, particle: wp.int32):  # pyright: igno
 
 
 @phase("face", {"height": float}, keeps={"height": 2.0})
-def rise(features: Features, look: Look) -> Any:
-    at = look.at
+def rise(features: Features, access: Access) -> Any:
+    at = access.at
 
     @wp.func
     def rise(t: Tables, points: Any, face: wp.int32, height: float):  # pyright: ignore[reportGeneralTypeIssues]
@@ -148,9 +148,9 @@ START = 300.0
     ),
     neutral={"slowing": 0.0},
 )
-def slow(features: Features, look: Look) -> Any:
+def slow(features: Features, access: Access) -> Any:
     """Slow a particle that is near a sphere."""
-    sphere_at, places = look.sphere_at, features.columns.places_of_spheres
+    sphere_at, places = access.sphere_at, features.columns.places_of_spheres
     radius, slowing = places["slow_radius"], places["slowing"]
 
     @wp.func
@@ -206,9 +206,9 @@ CLOCK = {"skin_limit": 0.0}
     neutral=CLOCK,
     keeps={"skin_age": 0.0},
 )
-def age(features: Features, look: Look) -> Any:
+def age(features: Features, access: Access) -> Any:
     """Let a particle's age grow with the mean stretch of its springs over time [s]."""
-    at = look.at
+    at = access.at
 
     @wp.func
     def age(t: Tables, points: Any, params: Any, point: wp.vec3, skin_age: float):
@@ -224,9 +224,9 @@ def age(features: Features, look: Look) -> Any:
 
 
 @phase("particle", {"force": wp.vec3}, neutral=CLOCK)
-def slacken(features: Features, look: Look) -> Any:
+def slacken(features: Features, access: Access) -> Any:
     """Take half of a spring's force where either of its ends is too old."""
-    at = look.at
+    at = access.at
 
     @wp.func
     def slacken(
@@ -255,7 +255,7 @@ ROWS_OF_VALVE = (
 
 
 @phase("balloon", {"opened": float}, rows=ROWS_OF_VALVE, neutral=VALVE, keeps={"opened": 0.0})
-def switch(features: Features, look: Look) -> Any:
+def switch(features: Features, access: Access) -> Any:
     """Open a balloon's valve while it is larger than a volume, and shut it again 5 % below."""
     bound = features.columns.places["valve_volume"]
 
@@ -272,7 +272,7 @@ def switch(features: Features, look: Look) -> Any:
 
 
 @phase("balloon", neutral=VALVE)
-def release(features: Features, look: Look) -> Any:
+def release(features: Features, access: Access) -> Any:
     """Let gas out of a balloon whose valve is open."""
     rate = features.columns.places["valve_rate"]
 
@@ -294,9 +294,9 @@ def release(features: Features, look: Look) -> Any:
     ),
     neutral={"magnet": 0.0},
 )
-def attract(features: Features, look: Look) -> Any:
+def attract(features: Features, access: Access) -> Any:
     """Pull a particle of mass m towards each sphere by s m / (r^2 + e^2), and the sphere towards it [N]."""
-    sphere_at, columns = look.sphere_at, features.columns.places_of_spheres
+    sphere_at, columns = access.sphere_at, features.columns.places_of_spheres
     magnet, core = columns["magnet"], columns["magnet_core"]
 
     @wp.func

@@ -21,7 +21,7 @@ from websockets.exceptions import ConnectionClosed  # noqa: E402
 from websockets.sync.client import connect  # noqa: E402
 from websockets.sync.connection import Connection  # noqa: E402
 
-from balloon_warp.studio.page.ahead import Ahead  # noqa: E402
+from balloon_warp.studio.page.ahead import KernelPrecompiler  # noqa: E402
 from balloon_warp.studio.page.page import Onlooker, Page  # noqa: E402
 from balloon_warp.studio.page.server import free_port  # noqa: E402
 from balloon_warp.studio.page.session import Session  # noqa: E402
@@ -45,7 +45,7 @@ def ball() -> Scene:
     return Scene(balloon=[balloon], string=[String(anchor=(0, -1, 0))], ground=Ground(height=-1.0))
 
 
-class AskedAhead(Ahead):
+class AskedAhead(KernelPrecompiler):
     """Stand-in that records the scenes to compile and compiles none: on a machine of two cores compilation would take
     time that the page itself lacks."""
 

@@ -256,10 +256,10 @@ def test_what_is_replaced_is_written_again(tmp_path):
 
 def test_many_rows_are_parquet_and_few_are_text_and_mistakes_are_told(monkeypatch, tmp_path):
     few, many = table.MOST_CSV_ROWS, table.MOST_CSV_ROWS + 1
-    assert [table.settled_table("auto", rows) for rows in (few, many)] == ["csv", "parquet"]
-    assert table.settled_table("csv", many) == "csv"
+    assert [table.resolved_table("auto", rows) for rows in (few, many)] == ["csv", "parquet"]
+    assert table.resolved_table("csv", many) == "csv"
     monkeypatch.setattr(table, "has_parquet", lambda: False)
-    assert table.settled_table("auto", many) == "csv"
+    assert table.resolved_table("auto", many) == "csv"
     with pytest.raises(InputError, match=r"^table xlsx: expected auto, csv, parquet$"):
         run_batch(scene(), tmp_path, 2, device="cpu", table="xlsx")
 

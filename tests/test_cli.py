@@ -29,7 +29,7 @@ from balloon_warp.cli import progress as console
 from balloon_warp.cli.options import Changes, LengthOptions
 from balloon_warp.cli.progress import FirstEstimate, FrameProgress, counted, time_left
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.run.provenance import Beginning
+from balloon_warp.run.provenance import RunHeader
 from balloon_warp.tools import doctor
 
 SUMMARY_KEYS = """output picture points scene device schedule worlds particles springs frames begin frames_per_second
@@ -352,7 +352,7 @@ def test_a_log_gets_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch):
     assert logged(monkeypatch, 48, compiled) == expected
 
 
-BEGINNING = Beginning(
+BEGINNING = RunHeader(
     worlds=1, particles=2494, frames=600, substeps=13, frames_per_second=60.0, device="cpu", schedule="octets"
 )
 

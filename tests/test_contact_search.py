@@ -29,7 +29,7 @@ from balloon_warp import (
 )
 from balloon_warp.kernels import OPTIONS
 from balloon_warp.kernels.contact.boxes import SPARE, box_balloons, box_parts_of_worlds, lining_function
-from balloon_warp.kernels.contact.free_frames import OwnParts, least_between, place_part
+from balloon_warp.kernels.contact.free_frames import OwnParts, min_distance_between, place_part
 from balloon_warp.kernels.contact.search import neighbor_function, next_of_eight
 from balloon_warp.kernels.contact.triangles import near_parts_kernel
 from balloon_warp.kernels.laws.contact import NEAR_BODY, NEVER
@@ -50,7 +50,7 @@ from balloon_warp.model.touch import APART, bends_freely, edge_length
 from balloon_warp.scene import Ground, Inflation, Stiffness
 from balloon_warp.scene.load import override_scene
 from balloon_warp.scene.write import write_scene
-from balloon_warp.schedules.outlook import own_parts, own_parts_arrays
+from balloon_warp.schedules.contact_horizon import own_parts, own_parts_arrays
 from balloon_warp.schedules.tables import world_state
 from balloon_warp.schedules.touch_table import surface_of
 from balloon_warp.system.warp_threads import launch, launch_tiled
@@ -66,7 +66,7 @@ def place_all(own: OwnParts, points: wp.array2d[wp.vec3], before: wp.array2d[wp.
 def bound_all(own: OwnParts, found: wp.array2d[float]):
     one = wp.tid()
     for other in range(found.shape[1]):
-        found[one, other] = least_between(own, 0, one, other)
+        found[one, other] = min_distance_between(own, 0, one, other)
 
 
 def bent(mesh: PolygonMesh, radius: float) -> np.ndarray:
@@ -164,7 +164,7 @@ def test_a_particle_looks_at_the_balloons_whose_boxes_its_way_meets():
     count, balloons = simulator.model.particle_count, simulator.model.balloon_count
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def look_around(
+    def list_near_ridges(
         t: Tables,  # pyright: ignore[reportGeneralTypeIssues]
         working: Working,  # pyright: ignore[reportGeneralTypeIssues]
         points: wp.array2d[wp.vec3],
@@ -192,7 +192,7 @@ def test_a_particle_looks_at_the_balloons_whose_boxes_its_way_meets():
     velocities = 80.0 * np.random.default_rng(3).uniform(-1.0, 1.0, (1, count, 3))
     found = wp.zeros((2, count, balloons), dtype=wp.int32, device="cpu")
     given = wp.array(velocities, dtype=wp.vec3, device="cpu")
-    wp.launch(look_around, 1, [t, working, simulator.state.points, given, found], device="cpu")
+    wp.launch(list_near_ridges, 1, [t, working, simulator.state.points, given, found], device="cpu")
     start, own = simulator.state.points.numpy()[0], t.particles.balloon.numpy()
     ends = np.stack([start, start + t.touch.seconds * velocities[0]])
     boxes, pads = working.balloon_boxes.numpy()[0], 0.5 * t.touch.thickness.numpy() + t.touch.slack.numpy()

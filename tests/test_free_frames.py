@@ -295,7 +295,7 @@ FALL = 5000.0  # a gravity by which a balloon at rest falls 0.69 m in a frame, w
 
 
 def verdicts(simulator: Simulator) -> list[int]:
-    return [int(verdict) for verdict in simulator.schedule.busy.outlook.table.verdicts.numpy()]
+    return [int(verdict) for verdict in simulator.schedule.busy.contact_horizon.table.verdicts.numpy()]
 
 
 def free_particles(height: float) -> Balloon:

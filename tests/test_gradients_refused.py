@@ -19,11 +19,11 @@ import balloon_warp as bw
 from balloon_warp.batch.simulate import Trajectories
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.membrane import THICKNESS
-from balloon_warp.kernels.phase import Look, NoAdjointError, by_grad, phase
+from balloon_warp.kernels.phase import Access, NoAdjointError, by_grad, phase
 from balloon_warp.kernels.schedules.launched import GATHERED
 from balloon_warp.kernels.schedules.writer import cut, traces_of
 from balloon_warp.lab.gradients import derive
-from balloon_warp.lab.gradients.derive import FewFrames, Told, frames_again, told_by
+from balloon_warp.lab.gradients.derive import FewFrames, LossDerivatives, evaluate_loss, min_recomputed_frames
 from balloon_warp.lab.reference.tables import film_of
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.model import build_model, plan_model
@@ -166,7 +166,7 @@ def test_a_device_keeps_little_of_each_frame():
 
 
 @phase("particle", {"warmth": float}, keeps={"warmth": 0.0}, adjoint=by_grad)
-def warm_up(features: Features, look: Look) -> Any:
+def warm_up(features: Features, access: Access) -> Any:
     @wp.func
     def warm_up(warmth: float):
         return warmth + 1.0
@@ -196,12 +196,12 @@ class Counted:
 
     def __init__(self, frames: int, most: int):
         self.now = self.simulated = 0
-        self.beginnings = FewFrames(frames, most, self.keep, self.go_back, self.advance)
+        self.frame_starts = FewFrames(frames, most, self.keep, self.go_back, self.advance)
         for frame in range(frames):
-            self.beginnings.note(frame)
+            self.frame_starts.note(frame)
             self.now = frame + 1
-        self.kept_first = len(self.beginnings._kept)
-        self.last_kept = self.beginnings._kept[-1][0]
+        self.kept_first = len(self.frame_starts._kept)
+        self.last_kept = self.frame_starts._kept[-1][0]
 
     def keep(self, frame: int) -> int:
         assert frame == self.now
@@ -222,16 +222,16 @@ class Counted:
 def test_frames_are_taken_in_order_and_simulated_as_seldom_as_can_be(frames: int, most: int):
     counted = Counted(frames, most)
     for frame in reversed(range(frames)):
-        assert counted.beginnings.take(frame) == frame
-        assert len(counted.beginnings._kept) <= most
+        assert counted.frame_starts.take(frame) == frame
+        assert len(counted.frame_starts._kept) <= most
     assert counted.kept_first == min(frames, most)
-    assert counted.simulated + counted.last_kept == frames_again(frames, most - 1) == least(frames, most - 1)
+    assert counted.simulated + counted.last_kept == min_recomputed_frames(frames, most - 1) == least(frames, most - 1)
 
 
 def test_ten_thousand_frames_are_planned_at_once():
     counted = Counted(10_000, 10)
     for frame in reversed(range(10_000)):
-        counted.beginnings.take(frame)
+        counted.frame_starts.take(frame)
     assert counted.simulated < 5 * 10_000
 
 
@@ -397,8 +397,8 @@ def moved_at_random(worlds: int) -> bw.Trajectories:
     )  # fmt: skip
 
 
-def told_of(loss: Any, worlds: int) -> Told:
-    return told_by(loss, moved_at_random(worlds), plan_model(scene()).shapes, worlds)
+def told_of(loss: Any, worlds: int) -> LossDerivatives:
+    return evaluate_loss(loss, moved_at_random(worlds), plan_model(scene()).shapes, worlds)
 
 
 @pytest.mark.full

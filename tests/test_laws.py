@@ -25,7 +25,7 @@ from balloon_warp.kernels.laws.gas import EMPTY, STANDARD_PRESSURE, amount_when_
 from balloon_warp.kernels.laws.law import LAW_INPUTS, RESULT
 from balloon_warp.kernels.laws.springs import angle_beyond
 from balloon_warp.kernels.laws.touch import CROSSED, crosses, crossing_of
-from balloon_warp.model.materials import told_what_it_names
+from balloon_warp.model.materials import ignoring_other_arguments
 
 DENSITY = 0.7
 """of the air that laws are told of [kg/m^3]: less than the densities that their parameters may have"""
@@ -157,7 +157,7 @@ def test_the_forces_at_a_hinge_have_neither_a_sum_nor_a_moment(law: Law):
 def bound_of(law: Law, which: str, samples: dict[str, NDArray], **told: Any) -> NDArray[np.float64]:
     """Return a law's bound for each sample; 0 when missing."""
     bound = getattr(law, which)
-    return np.broadcast_to(told_what_it_names(bound)(**{**samples, **told}), COUNT) if bound else np.zeros(COUNT)
+    return np.broadcast_to(ignoring_other_arguments(bound)(**{**samples, **told}), COUNT) if bound else np.zeros(COUNT)
 
 
 @pytest.mark.parametrize("law", [law for law in TESTED if law.kind in ("spring", "string")], ids=lambda law: law.name)
@@ -211,10 +211,10 @@ def test_a_hinge_s_moment_is_its_constant_times_the_angle():
 @pytest.mark.parametrize("law", [law for law in TESTED if law.neutral], ids=lambda law: law.name)
 def test_a_law_that_is_neutral_neither_acts_nor_asks_for_a_step(law: Law):
     samples = samples_of(law)
-    acting = forces(law, samples)
+    active = forces(law, samples)
     for name, value in law.neutral.items():
         samples[name] = np.full_like(samples[name], value)
-    assert np.abs(forces(law, samples)).max() <= 1e-6 * np.abs(acting).max()
+    assert np.abs(forces(law, samples)).max() <= 1e-6 * np.abs(active).max()
     told = {"area": np.ones(COUNT)}
     for which in ("stiffness", "drag"):
         assert np.abs(bound_of(law, which, samples, **told)).max() == 0.0

@@ -19,7 +19,7 @@ from balloon_warp.benchmarks import methods, validation
 from balloon_warp.benchmarks.matrix import METHODS, Method, as_markdown
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws import LAWS
-from balloon_warp.kernels.substep import asking_phases
+from balloon_warp.kernels.substep import conditional_phases
 from balloon_warp.model import Model, build_model
 from balloon_warp.scene.load import parse_override
 from balloon_warp.schedules.block_layout import fits_in_block
@@ -111,7 +111,9 @@ ASKED_BY_CONTROLS = {"fixtures_steered True"}
 def test_every_law_and_every_trait_is_run_on_and_off():
     names = {law.name for law in LAWS}
     switched = {f"{name} {value}" for name in switches(Features((), None)) for value in (True, False)}
-    assert simulated() | ASKED_BY_CONTROLS >= names | switched | {f"phase {phase.name}" for phase in asking_phases()}
+    assert simulated() | ASKED_BY_CONTROLS >= names | switched | {
+        f"phase {phase.name}" for phase in conditional_phases()
+    }
 
 
 @pytest.mark.full

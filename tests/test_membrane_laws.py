@@ -236,7 +236,7 @@ def test_triangles_cover_a_face_once_whatever_its_corners(corners: int):
     area = 0.5 * corners * np.sin(2.0 * np.pi / corners)
     assert membrane.areas.sum() == pytest.approx(area, rel=1e-9)
     if corners <= 6:  # no corner is preferred
-        np.testing.assert_allclose(membrane.lumps(corners), area / corners, rtol=1e-9)
+        np.testing.assert_allclose(membrane.lumped_areas(corners), area / corners, rtol=1e-9)
 
 
 @pytest.mark.full

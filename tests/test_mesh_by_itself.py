@@ -38,8 +38,8 @@ from balloon_warp.mesh.seams import welded
 from balloon_warp.mesh.thickness import LEAST, relative_thickness
 from balloon_warp.mesh.topology import signed_volume, total_area, vertex_areas
 from balloon_warp.model import plan_model
-from balloon_warp.model.many_substeps import coarse_said, many_substeps_said
-from balloon_warp.run.outcomes import foretold_swellings
+from balloon_warp.model.many_substeps import coarse_sentence, many_substeps_sentence
+from balloon_warp.run.outcomes import predicted_swellings
 from balloon_warp.scene.around import STRETCH
 from balloon_warp.scene.load import mesh_balloon, override_scene
 from balloon_warp.springs.even import even_scales, film_tension, springs_across
@@ -90,7 +90,7 @@ def test_a_closed_mesh_of_any_shape_swells_alike_and_keeps_its_features(name: st
     larger = np.ptp(after, axis=0) / np.ptp(before, axis=0)
     assert larger[1] > 0.95
     assert larger.max() < 1.8 ** (1 / 3) + 0.15
-    (said,) = foretold_swellings(load_scene(mesh))
+    (said,) = predicted_swellings(load_scene(mesh))
     assert said.volume == pytest.approx(volume, abs=0.03)  # which has no weight
 
 
@@ -189,7 +189,7 @@ def test_masses_lie_where_springs_are_stiff_and_make_for_a_long_step():
 )
 def test_a_short_step_is_explained(mesh: PolygonMesh, overrides: dict, why: str):
     plan = plan_model(load_scene(mesh, overrides))
-    said = many_substeps_said(plan.scene, plan.shapes, plan.substeps)
+    said = many_substeps_sentence(plan.scene, plan.shapes, plan.substeps)
     assert said is not None
     assert said.startswith(f"A frame takes {plan.substeps} substeps, since {why}")
     assert said.endswith("helps")
@@ -210,10 +210,10 @@ def test_a_short_step_is_explained(mesh: PolygonMesh, overrides: dict, why: str)
 def test_a_coarse_mesh_gets_a_remedy(mesh: PolygonMesh, said: str | None):
     """Only one by itself: a scene's balloon may be as coarse as it is."""
     plan = plan_model(load_scene(mesh))
-    found = coarse_said(plan.scene, plan.shapes)
+    found = coarse_sentence(plan.scene, plan.shapes)
     assert (found is None) if said is None else (found or "").startswith(said)
     of_scene = Scene(balloon=[Balloon(mesh=mesh)])
-    assert coarse_said(of_scene, plan.shapes) is None
+    assert coarse_sentence(of_scene, plan.shapes) is None
 
 
 def test_nothing_of_it_needs_area_springs_or_volume():
@@ -353,12 +353,12 @@ def test_a_mesh_of_the_trade_or_with_bad_edges_takes_few_substeps_and_swells_as_
     scene = load_scene(SWELLING[name]())
     plan = plan_model(scene)
     assert plan.substeps <= 30
-    assert many_substeps_said(plan.scene, plan.shapes, plan.substeps) is None
+    assert many_substeps_sentence(plan.scene, plan.shapes, plan.substeps) is None
     share = plan.shapes[0].mass_share[np.unique(plan.shapes[0].mesh.face_vertex_indices)]
     assert share.sum() == pytest.approx(1.0)
     assert share.min() >= 0.2 * share.mean()
     assert plan.shapes[0].stiffness_scale.min() > 0.0
-    (said,) = foretold_swellings(scene)
+    (said,) = predicted_swellings(scene)
     assert said.volume is not None
     assert said.volume == pytest.approx((1.0 + STRETCH) ** 3, abs=0.1)
     assert scene.balloon[0].fixed == []
@@ -369,7 +369,7 @@ def test_what_a_pressure_does_not_push_has_none_told():
     sheet = grid(12, 12)
     small = replace(quad_sphere(2), points=0.5 * quad_sphere(2).points + [3.0, 3.0, 4.0])
     scene = load_scene(joined(sheet, small), {"balloon.fixed": []})
-    assert foretold_swellings(scene) == []
+    assert predicted_swellings(scene) == []
     (sentence,) = plan_model(scene).shapes[0].remarks
     assert "is open, like a pane, and has no inside: it is carried along, not inflated" in sentence
     assert "`balloon-warp remesh`" in sentence

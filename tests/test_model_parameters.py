@@ -511,7 +511,7 @@ def test_arrays_have_one_name():
         ("gas", "flow", {"gas", "pressure", "flow"}),
         ("spheres", "roll", {"sphere", "sphere_force"}),
         ("paper", "leave", {"sphere_push"}),
-        ("bodies", "tumble", {"body", "body_contact", "sphere"}),
+        ("bodies", "move_bodies", {"body", "body_contact", "sphere"}),
         ("air and water", "pull", set()),
     ],
 )

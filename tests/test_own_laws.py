@@ -20,7 +20,7 @@ from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.laws import require_laws
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.model import build_model, initial_state, plan_model
-from balloon_warp.model.timeline import acting_laws
+from balloon_warp.model.timeline import active_laws
 from balloon_warp.run.provenance import describe_laws
 from balloon_warp.scene import Balloon, Change, Inflation, Scene, Stiffness
 from balloon_warp.scene.load import override_scene
@@ -252,19 +252,19 @@ def test_a_change_of_what_bounds_name_counts_too():
 
 
 def test_what_is_neutral_or_not_wanted_does_not_act():
-    def acting(**overrides: float) -> list[str]:
+    def active(**overrides: float) -> list[str]:
         said = override_scene(scene(), [(f"balloon.{path.replace('__', '.')}", v) for path, v in overrides.items()])
-        return [law.name for law in acting_laws(plan_model(said, laws=[MAGNET, HARDENING]))]
+        return [law.name for law in active_laws(plan_model(said, laws=[MAGNET, HARDENING]))]
 
-    assert acting(damping=0.0) == ["weight", "hooke", "magnet"]
-    assert acting(law__magnet__strength=0.0, stiffness__viscosity=0.1) == ["weight", "damping", "hooke", "rubber"]
-    assert "hardening" in acting(law__hardening__hardness=1.0)
+    assert active(damping=0.0) == ["weight", "hooke", "magnet"]
+    assert active(law__magnet__strength=0.0, stiffness__viscosity=0.1) == ["weight", "damping", "hooke", "rubber"]
+    assert "hardening" in active(law__hardening__hardness=1.0)
 
 
 def test_a_law_that_changes_from_neutral_has_its_kernels_from_the_start():
     later = scene(change=[Change(time=0.5, set={"balloon.0.law.hardening.hardness": 1.0})])
-    assert HARDENING in acting_laws(plan_model(later, laws=[MAGNET, HARDENING]))
-    assert HARDENING in acting_laws(build_model(later, "cpu", laws=[MAGNET, HARDENING]))
+    assert HARDENING in active_laws(plan_model(later, laws=[MAGNET, HARDENING]))
+    assert HARDENING in active_laws(build_model(later, "cpu", laws=[MAGNET, HARDENING]))
 
 
 def test_a_law_travels_as_its_global_name():

@@ -47,7 +47,7 @@ from balloon_warp import Balloon, Body, Change, Inflation, InputError, Obstacle,
 from balloon_warp.benchmarks.matrix import of_phase
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.phase import Phase
-from balloon_warp.kernels.schedules.lanes import LOOKS
+from balloon_warp.kernels.schedules.lanes import ACCESS
 from balloon_warp.kernels.schedules.launched import GATHERED, SUMMED, source_of
 from balloon_warp.kernels.schedules.writer import Step, cut
 from balloon_warp.kernels.substep import PROJECTIVE_STEP, READING, STEP, phases_of
@@ -68,7 +68,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.laws import Parameter
-from balloon_warp.kernels.phase import Look, phase
+from balloon_warp.kernels.phase import Access, phase
 from balloon_warp.kernels.tables import Tables, sphere_number
 from balloon_warp.kernels.features import Features
 """
@@ -411,7 +411,7 @@ def test_eight_side_by_side_do_the_same(phases, schedule, model):
     class OfPhases(schedule):
         @classmethod
         def step_of(cls, features: Features) -> Step:
-            return cut(phases, features_of(model), LOOKS[cls.layout], sums_along=True)
+            return cut(phases, features_of(model), ACCESS[cls.layout], sums_along=True)
 
     state, have = at_random(model)
     of_phases = OfPhases(model)

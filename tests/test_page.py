@@ -399,12 +399,12 @@ def test_a_touch_waits_for_its_kernels_and_time_does_not_wait_for_it(tmp_path):
     time_goes_on()
     assert done == ["inflate"]
     assert session.busy_seconds > 0.0
-    assert session.picture.granted == 0 < session.asked == 4  # the panel is not pulled back meanwhile
+    assert session.picture.executed == 0 < session.asked == 4  # the panel is not pulled back meanwhile
     ready.add(frozenset({"string"}))
     session.kernels_came()
     wait_until(lambda: done == ["inflate", "grab", "let go"], "a hand lets go after it took hold")
     session.reset()
-    wait_until(lambda: session.picture.granted == session.asked, "a reset forgets the throw")
+    wait_until(lambda: session.picture.executed == session.asked, "a reset forgets the throw")
     ready.add(frozenset({"sphere"}))
     time_goes_on()
     assert done[-1] == "let go"
@@ -423,7 +423,7 @@ def test_a_blow_up_is_told_before_its_reason_is_known(tmp_path):
         wait_until(lambda: session.picture.trouble == LOOKING, "it blows up")
         assert not session.picture.running
         assert np.abs(session.picture.frame.points[0]).max() < 5.0  # the last good shape
-        assert session.picture.granted == session.asked  # the panel shows its values
+        assert session.picture.executed == session.asked  # the panel shows its values
 
     session.start()
     blow_up()

@@ -53,7 +53,7 @@ from balloon_warp.run.checkpoints import WAITING, Background
 from balloon_warp.run.provenance import hash_of_file
 from balloon_warp.scene.write import write_scene
 from balloon_warp.studio import render
-from balloon_warp.studio.animate import Wanted
+from balloon_warp.studio.animate import RequestedOutputs
 from balloon_warp.studio.render.render import Film
 from balloon_warp.system.files import is_ours, replacing_any, sole_writer
 from balloon_warp.system.streams import Interrupts
@@ -434,7 +434,9 @@ def test_an_output_is_no_input(output: str, own_folder: Path, made_stage: Path) 
     balloon = Balloon(mesh=own_folder / "box.usdc", print=own_folder / "box.png")
     scene = Scene(balloon=[balloon], obstacle=[Obstacle(shape="mesh", mesh=own_folder / "tiles.usdc")], frames=1)
     wanted = (
-        Wanted(own_folder / "out.usdc", own_folder / output) if output == "box.png" else Wanted(own_folder / output)
+        RequestedOutputs(own_folder / "out.usdc", own_folder / output)
+        if output == "box.png"
+        else RequestedOutputs(own_folder / output)
     )
     with pytest.raises(InputError, match=f"{output}: is the scene's {INPUTS[output]}; "):
         wanted.checked(scene)

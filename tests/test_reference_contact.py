@@ -15,7 +15,7 @@ from trajectories import after_frames, arrays
 
 import balloon_warp as bw
 from balloon_warp import Balloon, Body, Ground, Inflation, Obstacle, Scene, Simulator, Sphere, bundled_scenes, load_mesh
-from balloon_warp.kernels.schedules.launched import acts_on_few, is_asked_ahead
+from balloon_warp.kernels.schedules.launched import acts_on_few, is_tested_ahead
 from balloon_warp.kernels.working import OF_TRIANGLES
 from balloon_warp.lab.reference import Reference
 from balloon_warp.mesh import PolygonMesh
@@ -250,7 +250,7 @@ def test_a_list_of_those_that_leave_obstacles_changes_nothing(changed, is_told, 
     simulator = after_frames(scene, "gather", device, FRAMES, worlds=3)
     step = simulator.schedule.launches.step
     (piece,) = (piece for piece in step.pieces if acts_on_few(step, piece))
-    assert is_asked_ahead(step, piece) == is_told
+    assert is_tested_ahead(step, piece) == is_told
     found = arrays(simulator)
     heights = found["points"][0, :, 1]
     assert np.isclose(heights, 0.0, atol=1e-6).any()

@@ -42,10 +42,10 @@ import balloon_warp.scenes
 from balloon_warp import Balloon, InputError, Obstacle, PolygonMesh, Scene, load_mesh, remesh
 from balloon_warp.cli.app import app
 from balloon_warp.mesh import topology
-from balloon_warp.mesh.crossings import crossings_said
+from balloon_warp.mesh.crossings import crossings_sentence
 from balloon_warp.mesh.obj import read_obj, write_obj
 from balloon_warp.mesh.polygon_mesh import Look, Looks
-from balloon_warp.mesh.seams import dressed
+from balloon_warp.mesh.seams import with_looks_of
 from balloon_warp.mesh.surface_nets import MeshDistance, extract, surface_nets, unfolded
 from balloon_warp.mesh.topology import (
     component_count,
@@ -150,8 +150,8 @@ def overlapping() -> PolygonMesh:
 @pytest.mark.parametrize("cells", [18, 28])
 def test_quads_do_not_cross_whatever_the_number_of_cells(cells: int) -> None:
     """Along whichever diagonal they are cut; tips of thin ears turned quads over, and legs met."""
-    assert crossings_said(overlapping())
-    assert crossings_said(remesh(overlapping(), cells)) is None
+    assert crossings_sentence(overlapping())
+    assert crossings_sentence(remesh(overlapping(), cells)) is None
 
 
 def remeshed(source: Path | str, target: Path | str, cells: int, *words: str) -> Result:
@@ -167,7 +167,7 @@ def remeshed(source: Path | str, target: Path | str, cells: int, *words: str) ->
 def test_quads_that_cross_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     source, target = tmp_path / "ball.obj", tmp_path / "quads.obj"
     write_obj(source, quad_sphere(3))
-    monkeypatch.setattr("balloon_warp.tools.remesh.crossings_said", lambda quads: "crosses itself at 2 places")
+    monkeypatch.setattr("balloon_warp.tools.remesh.crossings_sentence", lambda quads: "crosses itself at 2 places")
     with pytest.raises(InputError, match="with 14 cells it crosses itself at 2 places; expected --cells 28, or"):
         remeshed(source, target, 6)
     assert not target.exists()
@@ -559,12 +559,12 @@ def test_faces_without_looks_stay_so(tmp_path: Path):
     sheet = replace(sheet, looks=Looks((Look("my red", (1.0, 0.0, 0.0)),), red))
     coarse = grid(4, 1)
     coarse = replace(coarse, points=coarse.points * [2.0, 2.0, 1.0] + [0.0, 0.0, 0.1])
-    made = dressed(coarse, sheet)
+    made = with_looks_of(coarse, sheet)
     assert made.looks.of_corners.reshape(4, 4).tolist() == [[0] * 4] * 2 + [[-1] * 4] * 2
     write_obj(tmp_path / "sheet.obj", made)
     again = read_obj(tmp_path / "sheet.obj")
     assert again.looks.of_corners.reshape(4, 4).tolist() == made.looks.of_corners.reshape(4, 4).tolist()
-    assert dressed(coarse, grid(8, 2)) is coarse
+    assert with_looks_of(coarse, grid(8, 2)) is coarse
 
 
 def test_materials_of_another_program_are_not_written_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

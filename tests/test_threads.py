@@ -26,7 +26,7 @@ from balloon_warp.cli.app import app
 from balloon_warp.cli.progress import LINE_SECONDS, SPINNER_SECONDS, Stages
 from balloon_warp.kernels import OPTIONS
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.model.state import Limit, least_limit
+from balloon_warp.model.state import Limit, lowest_limit
 from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Scene, Sphere
 from balloon_warp.studio.page.playground import Playground
 from balloon_warp.studio.page.session import Session
@@ -429,7 +429,7 @@ def test_a_cgroup_of_version_2_and_those_it_is_in(tmp_path: Path, limited: str):
         write(tmp_path, f"{folder}/memory.max", f"{4 * GIB}\n" if group == limited else "max\n")
         write(tmp_path, f"{folder}/memory.current", f"{3 * GIB}\n")
         write(tmp_path, f"{folder}/memory.stat", f"anon {GIB}\ninactive_file {GIB // 2}\nactive_file {GIB}\n")
-    assert least_limit(tmp_path, {}) == Limit("the cgroup's memory.max", 3 * GIB // 2)
+    assert lowest_limit(tmp_path, {}) == Limit("the cgroup's memory.max", 3 * GIB // 2)
 
 
 def test_a_cgroup_of_version_1(tmp_path: Path):
@@ -438,7 +438,7 @@ def test_a_cgroup_of_version_1(tmp_path: Path):
     write(tmp_path, f"{folder}/memory.limit_in_bytes", f"{2 * GIB}\n")
     write(tmp_path, f"{folder}/memory.usage_in_bytes", f"{GIB}\n")
     write(tmp_path, f"{folder}/memory.stat", f"inactive_file 5\ntotal_inactive_file {GIB // 4}\n")
-    assert least_limit(tmp_path, {}) == Limit("the cgroup's memory.limit_in_bytes", 5 * GIB // 4)
+    assert lowest_limit(tmp_path, {}) == Limit("the cgroup's memory.limit_in_bytes", 5 * GIB // 4)
 
 
 def test_a_container_sees_its_own_group_as_the_root(tmp_path: Path):
@@ -446,22 +446,22 @@ def test_a_container_sees_its_own_group_as_the_root(tmp_path: Path):
     write(tmp_path, "proc/self/cgroup", "0::/system.slice/docker-1234.scope\n")
     write(tmp_path, "sys/fs/cgroup/memory.max", f"{GIB}\n")
     write(tmp_path, "sys/fs/cgroup/memory.current", f"{GIB // 4}\n")
-    assert least_limit(tmp_path, {}) == Limit("the cgroup's memory.max", 3 * GIB // 4)
+    assert lowest_limit(tmp_path, {}) == Limit("the cgroup's memory.max", 3 * GIB // 4)
 
 
 def test_a_job_of_slurm(tmp_path: Path):
     status(tmp_path, 0.5)
     node, cpu = {"SLURM_MEM_PER_NODE": "4096"}, {"SLURM_MEM_PER_CPU": "1024", "SLURM_CPUS_ON_NODE": "3"}
-    assert least_limit(tmp_path, node) == Limit("SLURM_MEM_PER_NODE", 7 * GIB // 2)
-    assert least_limit(tmp_path, cpu) == Limit("SLURM_MEM_PER_CPU", 5 * GIB // 2)
-    assert least_limit(tmp_path, node | cpu) == Limit("SLURM_MEM_PER_CPU", 5 * GIB // 2)
+    assert lowest_limit(tmp_path, node) == Limit("SLURM_MEM_PER_NODE", 7 * GIB // 2)
+    assert lowest_limit(tmp_path, cpu) == Limit("SLURM_MEM_PER_CPU", 5 * GIB // 2)
+    assert lowest_limit(tmp_path, node | cpu) == Limit("SLURM_MEM_PER_CPU", 5 * GIB // 2)
 
 
 def test_what_makes_no_sense_or_asks_for_all_of_a_node_is_no_limit(tmp_path: Path):
     write(tmp_path, "proc/self/cgroup", "0::/a\n")
     write(tmp_path, "sys/fs/cgroup/a/memory.max", "much\n")
-    assert least_limit(tmp_path, {"SLURM_MEM_PER_NODE": "many", "SLURM_MEM_PER_CPU": "1024"}) is None
-    assert least_limit(tmp_path, {"SLURM_MEM_PER_NODE": "0"}) is None  # `--mem=0`
+    assert lowest_limit(tmp_path, {"SLURM_MEM_PER_NODE": "many", "SLURM_MEM_PER_CPU": "1024"}) is None
+    assert lowest_limit(tmp_path, {"SLURM_MEM_PER_NODE": "0"}) is None  # `--mem=0`
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="has no ulimit")

@@ -21,7 +21,7 @@ from trimesh.transformations import quaternion_matrix
 from balloon_warp import BlowUpError, InputError, Material, Simulator, animate, foil_mesh, load_scene, run_batch
 from balloon_warp.lab.reference import Reference
 from balloon_warp.model import build_model
-from balloon_warp.model.timeline import acting_laws
+from balloon_warp.model.timeline import active_laws
 from balloon_warp.scene import Balloon, Change, Ground, Inflation, Obstacle, Scene, Sphere, Stiffness, String
 
 STILL = Balloon(
@@ -457,10 +457,10 @@ def test_the_step_and_the_laws_are_those_of_the_bounds():
     controlled.controls.open("balloon.mass", 0.01, 1.0)
     assert controlled.model.substeps == stiff.model.substeps
     simulator = Simulator(SCENE, "cpu")
-    before = acting_laws(simulator.model)
+    before = active_laws(simulator.model)
     simulator.controls.open("balloon.drag_coefficient", 0.0, 1.0)
-    assert len(acting_laws(simulator.model)) == len(before) + 1
-    assert acting_laws(replace(simulator.model, reach={})) == before
+    assert len(active_laws(simulator.model)) == len(before) + 1
+    assert active_laws(replace(simulator.model, reach={})) == before
 
 
 def test_arrays_of_others_are_taken():

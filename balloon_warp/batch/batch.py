@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from balloon_warp.batch.local import require_room, simulate_locally
 from balloon_warp.batch.output import MANIFEST_NAME, STAGE_NAME, describe_batch, write_manifest
 from balloon_warp.batch.recorder import SHA256, BatchVary, is_mesh, plan_groups
-from balloon_warp.batch.table import WORLDS_NAMES, settled_table, table_names
+from balloon_warp.batch.table import WORLDS_NAMES, resolved_table, table_names
 from balloon_warp.batch.task import BatchPlace, BatchTask, Outcome, batch_checkpoints
 from balloon_warp.batch.trajectories import TrajectoryFiles, TrajectoryFilesLike, remove_partial
 from balloon_warp.blow_ups import check_policy
@@ -26,7 +26,7 @@ from balloon_warp.model import remark_sentences
 from balloon_warp.model.timeline import scene_to_vary
 from balloon_warp.run.checkpoints import CHECKPOINT_SECONDS
 from balloon_warp.run.outcomes import BadEnding, ending_sentences
-from balloon_warp.run.provenance import Beginning, describe_laws, hash_of_file, named_files
+from balloon_warp.run.provenance import RunHeader, describe_laws, hash_of_file, named_files
 from balloon_warp.scene import Scene, SceneLike, bundled_scenes
 from balloon_warp.scene.load import find_mesh
 from balloon_warp.schedules.contact_lists import overflow_remarks
@@ -224,7 +224,7 @@ def run_batch(
     provenance: Mapping[str, Any] | None = None,
     checkpoint_seconds: float = CHECKPOINT_SECONDS,
     resume: bool = False,
-    on_begin: Callable[[Beginning], None] = lambda beginning: None,
+    on_begin: Callable[[RunHeader], None] = lambda header: None,
     on_frame: Callable[[int], None] = lambda number: None,
     on_note: Callable[[str], None] = lambda sentence: None,
     on_warning: Callable[[str], None] = lambda sentence: None,
@@ -271,7 +271,7 @@ def run_batch(
     device = cluster.device(device) if cluster else device
     require_room(scene, world_count, vary, device, schedule, laws, spread=cluster is not None)
     with cluster.started() if cluster else nullcontext(simulate_locally) as simulate:  # workers start while this plans
-        files, kind = _files(trajectories, folder), settled_table(table, world_count * (scene.frames + 1))
+        files, kind = _files(trajectories, folder), resolved_table(table, world_count * (scene.frames + 1))
         groups = plan_groups(scene, world_count, vary, laws)
         task = BatchTask(scene, groups, vary, chosen, Path(folder), schedule, on_blowup, files, kind)
         checkpoints = batch_checkpoints(task, description := describe_batch(task), checkpoint_seconds, resume, on_note)
@@ -306,12 +306,12 @@ def _files(trajectories: TrajectoryFiles | str | Path | None, folder: str | Path
 
 
 def _warning(
-    task: BatchTask, on_begin: Callable[[Beginning], None], on_warning: Callable[[str], None]
-) -> Callable[[Beginning], None]:
+    task: BatchTask, on_begin: Callable[[RunHeader], None], on_warning: Callable[[str], None]
+) -> Callable[[RunHeader], None]:
     """Make a listener to the beginning that passes on the warnings about meshes, too."""
 
-    def begin(beginning: Beginning) -> None:
-        on_begin(beginning)
+    def begin(header: RunHeader) -> None:
+        on_begin(header)
         for warning in dict.fromkeys(sentence for group in task.groups for sentence in group.plan.warnings):
             on_warning(warning)
 

@@ -26,10 +26,10 @@ from balloon_warp.model.shape import shape_balloon
 from balloon_warp.model.state import require_memory
 from balloon_warp.model.timeline import SHAPING
 from balloon_warp.run.checkpoints import WAITING, Checkpoints, record_frames
-from balloon_warp.run.provenance import Beginning
+from balloon_warp.run.provenance import RunHeader
 from balloon_warp.scene import Scene
 from balloon_warp.simulator import Simulator
-from balloon_warp.solvers import settled_solver, solver_named
+from balloon_warp.solvers import resolved_solver, solver_named
 from balloon_warp.system.streams import Interrupts
 from balloon_warp.system.warp_threads import lock_of, pick_device
 
@@ -66,7 +66,7 @@ def require_room(
     if not spread:
         shapes = [shape_balloon(balloon, scene, as_soft_as_can_be=True) for balloon in scene.balloon]
         model = lay_out(plan_model(scene, SOME, shapes=shapes, laws=laws), pick_device(device))
-        solver = solver_named(settled_solver(schedule, model, world_count), model)
+        solver = solver_named(resolved_solver(schedule, model, world_count), model)
         simulated = world_bytes(model) + solver.world_bytes(model)
         require_memory(model.device, [world_count], [simulated])
         on_host += simulated if model.device.is_cpu else 0
@@ -118,7 +118,7 @@ def simulate_locally(
     task: BatchTask,
     device: str | None,
     checkpoints: Checkpoints,
-    on_begin: Callable[[Beginning], None],
+    on_begin: Callable[[RunHeader], None],
     on_frame: Callable[[int], None],
 ) -> Outcome:
     """Simulate a batch and write its table and its stage.
@@ -136,11 +136,11 @@ def simulate_locally(
     target = pick_device(device)
     with lock_of(target):
         models = [lay_out(group.plan, target) for group in task.groups]
-        schedules = [settled_solver(task.schedule, model, task.world_count) for model in models]
+        schedules = [resolved_solver(task.schedule, model, task.world_count) for model in models]
         require_batch_memory(models, schedules, task.groups, task.chosen, task.scene, WAITING + 2, task.every)
         simulators = [Simulator.of_model(*pair) for pair in zip(models, schedules, strict=True)]
     failures, named = Failures(), ", ".join(sorted(set(schedules)))
-    on_begin(task.beginning(str(target), named))
+    on_begin(task.header(str(target), named))
     with BatchOutput(task, task.groups) as output:
         begin = _simulate_frames(task, simulators, output, checkpoints, on_frame)
         with lock_of(target):

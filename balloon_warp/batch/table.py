@@ -348,7 +348,7 @@ MOST_CSV_ROWS = 200_000
 """Largest number of rows that are written as text where nobody asks: a second's work"""
 
 
-def settled_table(asked: str, rows: int) -> str:
+def resolved_table(asked: str, rows: int) -> str:
     """Return the kind of a table: "auto" is CSV for a small one, and Parquet for others where it can be written.
 
     Raises:

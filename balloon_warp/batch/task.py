@@ -26,10 +26,10 @@ from balloon_warp.errors import BlowUpError
 from balloon_warp.kernels.laws import Law
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Remark, lay_out
-from balloon_warp.model.strain_bound import strain_bound_said
+from balloon_warp.model.strain_bound import strain_bound_sentence
 from balloon_warp.run.checkpoints import Checkpoints
 from balloon_warp.run.outcomes import BadEnding
-from balloon_warp.run.provenance import Beginning, hash_files, hash_of_mesh, installed_versions
+from balloon_warp.run.provenance import RunHeader, hash_files, hash_of_mesh, installed_versions
 from balloon_warp.scene import Scene
 from balloon_warp.simulator import Simulator
 
@@ -178,9 +178,9 @@ class BatchTask:
         """Number of particles in all worlds together."""
         return sum(len(group.worlds) * group.plan.particle_count for group in self.groups)
 
-    def beginning(self, device: str, schedule: str, workers: int = 1) -> Beginning:
+    def header(self, device: str, schedule: str, workers: int = 1) -> RunHeader:
         """Return the sizes of the simulation, its device, and its schedule."""
-        return Beginning(
+        return RunHeader(
             worlds=self.world_count,
             particles=self.particle_count,
             frames=self.scene.frames,
@@ -189,7 +189,7 @@ class BatchTask:
             device=device,
             schedule=schedule,
             workers=workers,
-            strain_bound=strain_bound_said(self.groups[0].plan),
+            strain_bound=strain_bound_sentence(self.groups[0].plan),
         )
 
 
@@ -249,7 +249,7 @@ def batch_checkpoints(
 
 
 SimulateBatch = Callable[
-    [BatchTask, str | None, Checkpoints, Callable[[Beginning], None], Callable[[int], None]], Outcome
+    [BatchTask, str | None, Checkpoints, Callable[[RunHeader], None], Callable[[int], None]], Outcome
 ]
 """Function that simulates a batch: its task, device, checkpoints, and listeners to its beginning and frames"""
 

@@ -45,7 +45,7 @@ MANIFEST = {
     "tags": ["Physics", "Animation"],
 }
 WHEEL = b"Wheel-Version: 1.0\nGenerator: balloon-warp\nRoot-Is-Purelib: true\nTag: py3-none-any\n"
-"""The file of a wheel that says what it is"""
+"""Metadata file of a wheel"""
 PERMISSIONS = {"files": "Write the caches of bakes beside the blend file"}
 
 

@@ -18,7 +18,7 @@ from balloon_warp.frame import Frame
 from balloon_warp.kernels.laws.air import molar_volume
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.run.checkpoints import Part
-from balloon_warp.run.outcomes import foretold_swellings
+from balloon_warp.run.outcomes import predicted_swellings
 from balloon_warp.scene import Balloon, Scene, load_scene
 from balloon_warp.simulator import Simulator
 
@@ -59,7 +59,7 @@ def pressures_of(balloon: Balloon, up_axis: str, stretches: np.ndarray) -> list[
     for stretch in known[1:].tolist():
         inflation = balloon.inflation.model_copy(update={"stretch": stretch})
         alone = balloon.model_copy(update={"inflation": inflation, "fixed": []})
-        found = foretold_swellings(Scene(up_axis=up_axis, balloon=[alone]))  # pyright: ignore[reportArgumentType]
+        found = predicted_swellings(Scene(up_axis=up_axis, balloon=[alone]))  # pyright: ignore[reportArgumentType]
         if not found:
             raise InputError(f"{balloon.name}: its mesh is open; expected a closed one, whose volume can be animated")
         pressures.append(found[0].pressure)

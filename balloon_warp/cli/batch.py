@@ -30,7 +30,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.farm.local_workers import begin_children
 from balloon_warp.run.provenance import command_without_folders
 from balloon_warp.scene.load import scene_name
-from balloon_warp.system.loading import without_collecting
+from balloon_warp.system.loading import without_garbage_collection
 from balloon_warp.system.warp_setup import begin_driver, quiet_warp
 
 if TYPE_CHECKING:
@@ -182,7 +182,7 @@ def batch(
     spread_over = (cluster, gpus, workers) != (None, None, None)
     if not spread_over:
         begin_driver(device)
-    with without_collecting():  # loads much: only once the scene is known to be good
+    with without_garbage_collection():  # loads much: only once the scene is known to be good
         from balloon_warp.batch.batch import run_batch
         from balloon_warp.batch.local import require_room
         from balloon_warp.farm.cluster import Cluster
@@ -209,7 +209,7 @@ def batch(
             checkpoint_seconds=checkpoint,
             resume=resume,
             provenance={"command": command_without_folders(sys.argv), "seed": seed},
-            on_begin=lambda beginning: opening.add(progress.begin(task, beginning), beginning.strain_bound),
+            on_begin=lambda header: opening.add(progress.begin(task, header), header.strain_bound),
             on_frame=opening.before(lambda number: progress.update(task, completed=number)),
             on_note=opening.before(note),
             on_warning=opening.before(warner(first)),

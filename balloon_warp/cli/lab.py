@@ -32,7 +32,7 @@ Stretch = Annotated[
 
 
 @dataclass(frozen=True)
-class Wanted:
+class DesignOptions:
     """Options of the design."""
 
     of: Annotated[
@@ -125,7 +125,7 @@ def design(
     view: View = False,
     port: Port = None,
     *,
-    wanted: Wanted,
+    wanted: DesignOptions,
 ) -> None:
     """Design the balloon that inflates to a target shape, and simulate it from rest.
 

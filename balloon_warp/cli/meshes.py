@@ -26,8 +26,8 @@ from balloon_warp.cli.progress import Console, counted, note, stages, unsaid, wa
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.load import Treatment, in_y_up_meters, load_mesh, prepared
 from balloon_warp.mesh.obj import LOADERS, check_materials, write_obj
-from balloon_warp.mesh.polygon_mesh import PolygonMesh, as_told
-from balloon_warp.mesh.thickness import standing, up_said
+from balloon_warp.mesh.polygon_mesh import PolygonMesh, with_unit_and_up
+from balloon_warp.mesh.thickness import standing, up_axis_sentence
 from balloon_warp.scene import Balloon, Scene, bundled_scenes
 from balloon_warp.scene.around import scene_of_foil
 from balloon_warp.scene.load import override_scene
@@ -172,13 +172,13 @@ def _inspect_scene(source: str, scene: Scene, as_json: bool) -> None:
         for mesh in dict.fromkeys(meshes):
             stage(f"checking {mesh[0].name} and building springs")
             reports[mesh] = inspect_mesh(load_mesh(mesh[0], mesh[3]), *mesh[:2])
-        from balloon_warp.run.outcomes import foretold_swellings, swelling_sentences
+        from balloon_warp.run.outcomes import predicted_swellings, swelling_sentences
         from balloon_warp.tools.inspect import advise_step  # loads Warp: only once the meshes are known to be good
 
         stage(STEP_STAGE)
         step = asdict(advise_step(scene))
         stage(SWELLING_STAGE)
-        inflation = foretold_swellings(_with_own_step(scene))
+        inflation = predicted_swellings(_with_own_step(scene))
     if as_json:
         balloons = [{"mesh": str(mesh[0]), **asdict(reports[mesh])} for mesh in meshes]
         print(
@@ -214,7 +214,7 @@ def _inspect_mesh(mesh: Path, changes: Changes, as_json: bool) -> None:
         whole = load_mesh(mesh, balloon.prim)
         stage("checking the mesh and building springs")
         report = inspect_mesh(whole, mesh, balloon.treatment)
-        from balloon_warp.run.outcomes import foretold_swellings, swelling_sentences
+        from balloon_warp.run.outcomes import predicted_swellings, swelling_sentences
         from balloon_warp.tools.inspect import advise_step
 
         try:
@@ -224,7 +224,7 @@ def _inspect_mesh(mesh: Path, changes: Changes, as_json: bool) -> None:
             stage(STEP_STAGE)
             step = asdict(advise_step(scene))
             stage(SWELLING_STAGE)
-            inflation = foretold_swellings(_with_own_step(scene))
+            inflation = predicted_swellings(_with_own_step(scene))
             alone |= _inflation_rows(swelling_sentences(inflation))
         except InputError as mistake:
             refusal = mistake
@@ -346,7 +346,7 @@ def remesh(
         stage("reading the mesh")
         surface = load_mesh(mesh, prim)
         axis, why = (None if said else standing(surface, mesh.suffix)) or (said, None)
-        surface = as_told(surface, None, axis)
+        surface = with_unit_and_up(surface, None, axis)
         if taken := checked_parts(parts):
             surface = prepared(surface, mesh, Treatment(taken=taken))
         if surface.looks is not None:
@@ -358,7 +358,7 @@ def remesh(
         stage("writing it")
         write_obj(output, quads)
     if why or surface.up_axis == "Z":
-        note(f"{mesh.name}: {up_said(surface, said is not None, why)}")
+        note(f"{mesh.name}: {up_axis_sentence(surface, said is not None, why)}")
     for warning in quads.warnings:
         warn(warning)
     print(f"wrote {output}: {quads.vertex_count:,} vertices, {quads.face_count:,} quads")

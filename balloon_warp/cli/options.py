@@ -286,7 +286,7 @@ CAMERA = "Camera"
 """Heading of a section of the help"""
 
 
-class Asked(TypedDict):
+class RenderOptions(TypedDict):
     """Options of `render_stage`."""
 
     azimuth: float | None
@@ -379,7 +379,7 @@ class CameraOptions:
         ),
     ] = False
 
-    def asked(self) -> Asked:
+    def asked(self) -> RenderOptions:
         """Return the options as arguments of `render_stage`.
 
         Raises:
@@ -389,7 +389,7 @@ class CameraOptions:
             name: parse_place(place, name.replace("_", "-")) if place else None
             for name, place in (("look_at", self.look_at), ("focus", self.focus))
         }
-        return cast("Asked", vars(self) | places)
+        return cast("RenderOptions", vars(self) | places)
 
 
 SCENE, OUTPUT, MACHINE, LONG = "Scene", "Output", "Execution", "Long runs and failures"

@@ -27,7 +27,7 @@ from rich.text import Text
 
 from balloon_warp.errors import MissingExtraError, StoppedError
 from balloon_warp.mesh.polygon_mesh import NO_AXIS
-from balloon_warp.run.provenance import Beginning
+from balloon_warp.run.provenance import RunHeader
 from balloon_warp.scene import Scene, bundled_scenes
 
 if TYPE_CHECKING:
@@ -85,18 +85,18 @@ def played(frames: int, rate: float, hint: bool = True) -> str:
     )
 
 
-def begun(beginning: Beginning) -> str:
+def begun(header: RunHeader) -> str:
     """Return all that tells one job from another in its log."""
-    work = f"{counted(beginning.worlds, 'world')}, {briefly(beginning)}"
-    device = f"{beginning.workers} x {beginning.device}" if beginning.workers > 1 else beginning.device
-    frames = f"{counted(beginning.frames, 'frame')} at {beginning.frames_per_second:g} frames/s"
-    return f"{work}, {frames}, on {device}, schedule {beginning.schedule}"
+    work = f"{counted(header.worlds, 'world')}, {briefly(header)}"
+    device = f"{header.workers} x {header.device}" if header.workers > 1 else header.device
+    frames = f"{counted(header.frames, 'frame')} at {header.frames_per_second:g} frames/s"
+    return f"{work}, {frames}, on {device}, schedule {header.schedule}"
 
 
-def briefly(beginning: Beginning) -> str:
+def briefly(header: RunHeader) -> str:
     """Return the cost of a frame: particles and substeps."""
-    substeps = counted(beginning.substeps, "substep")
-    return f"{counted(beginning.particles, 'particle')}, {substeps} a frame"
+    substeps = counted(header.substeps, "substep")
+    return f"{counted(header.particles, 'particle')}, {substeps} a frame"
 
 
 LEAST_FRAMES = 3
@@ -389,12 +389,12 @@ class FrameProgress(Progress):
         columns = (TextColumn("{task.description}"), _About(), BarColumn(), MofNCompleteColumn(), _FrameRate())
         super().__init__(*columns, TimeRemainingColumn(), console=console, disable=self._logs, transient=True)
 
-    def begin(self, task_id: TaskID, beginning: Beginning) -> str | None:
+    def begin(self, task_id: TaskID, header: RunHeader) -> str | None:
         """Show the cost of a frame beside the bar, if there is room; return the line of a log where there is no bar."""
         if self._logs:
-            return begun(beginning)
+            return begun(header)
         if self.console.width >= WIDE:
-            super().update(task_id, about=briefly(beginning))
+            super().update(task_id, about=briefly(header))
         return None
 
     def log_line(self, line: str) -> None:

@@ -14,13 +14,13 @@ from balloon_warp.cli.options import (
     LISTED_ELSEWHERE,
     LONG,
     OUTPUT,
-    Asked,
     CameraOptions,
     Changes,
     Device,
     Json,
     LengthOptions,
     MeshOptions,
+    RenderOptions,
     Resume,
     SceneName,
     Schedule,
@@ -30,7 +30,7 @@ from balloon_warp.cli.options import (
 )
 from balloon_warp.cli.progress import Console, Opening, counted, first_line, frame_progress, note, played, warner
 from balloon_warp.errors import InputError
-from balloon_warp.run.provenance import Beginning
+from balloon_warp.run.provenance import RunHeader
 from balloon_warp.scene.load import scene_name
 from balloon_warp.system.warp_setup import begin_driver, quiet_warp
 
@@ -193,7 +193,16 @@ Checkpoint = Annotated[
         rich_help_panel=LONG,
     ),
 ]
-WHERE_TO = ("output", "picture", "save_points", "checkpoint", "resume", "as_json", "force", *Asked.__annotations__)
+WHERE_TO = (
+    "output",
+    "picture",
+    "save_points",
+    "checkpoint",
+    "resume",
+    "as_json",
+    "force",
+    *RenderOptions.__annotations__,
+)
 """Parameters that do not change the content of the stage"""
 
 
@@ -238,9 +247,9 @@ def run(
         first = first_line(scene, loaded)
         opening = Opening(name, first)
 
-        def begin(beginning: Beginning) -> None:
-            about_substeps = beginning.strain_bound, beginning.many_substeps
-            opening.add(progress.begin(task, beginning), *about_substeps, then=beginning.coarse)
+        def begin(header: RunHeader) -> None:
+            about_substeps = header.strain_bound, header.many_substeps
+            opening.add(progress.begin(task, header), *about_substeps, then=header.coarse)
 
         summary = animate(
             loaded,

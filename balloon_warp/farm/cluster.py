@@ -34,9 +34,9 @@ from balloon_warp.kernels.lanes import LANE_COUNT
 from balloon_warp.model import ModelPlan, Remark, lay_out, remarks_on
 from balloon_warp.model.state import require_memory
 from balloon_warp.run.checkpoints import Checkpoints, Part
-from balloon_warp.run.provenance import Beginning
+from balloon_warp.run.provenance import RunHeader
 from balloon_warp.simulator import Simulator
-from balloon_warp.solvers import settled_solver
+from balloon_warp.solvers import resolved_solver
 from balloon_warp.system.streams import Interrupts
 from balloon_warp.system.warp_threads import pick_device
 
@@ -124,7 +124,7 @@ def simulate_share(
     """
     scene = share.plan.scene
     model = lay_out(share.plan, pick_device(device))
-    settled = settled_solver(schedule, model, world_count)
+    settled = resolved_solver(schedule, model, world_count)
     require_batch_memory([model], [settled], [share], chosen, scene, scene.frames + 1, every)
     simulator = Simulator.of_model(model, settled)
     recorder = Recorder(simulator, share.rows_of(chosen), every)
@@ -231,7 +231,7 @@ def distribute_batch(
     task: BatchTask,
     device: str | None,
     checkpoints: Checkpoints,
-    on_begin: Callable[[Beginning], None],
+    on_begin: Callable[[RunHeader], None],
     on_frame: Callable[[int], None],
     *,
     cluster: WorkerOptions,
@@ -252,7 +252,7 @@ def distribute_batch(
     require_laws_that_travel(task.laws, cluster)
     devices = workers.devices(device, [__name__, *modules_of(task.laws)])
     named = ", ".join(sorted(set(devices)))
-    on_begin(task.beginning(named, task.schedule, len(devices)))
+    on_begin(task.header(named, task.schedule, len(devices)))
     began = time.perf_counter()
     # Where workers differ, the shares are small enough for the least of them.
     kind = "cuda" if all(name.startswith("cuda") for name in devices) else "cpu"

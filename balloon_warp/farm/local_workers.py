@@ -20,7 +20,7 @@ from typing import Any, NamedTuple, Protocol
 
 from balloon_warp.errors import InputError, WorkersLostError
 from balloon_warp.farm.workers import Call, WorkerOptions, worker_environments
-from balloon_warp.system.loading import without_collecting
+from balloon_warp.system.loading import without_garbage_collection
 from balloon_warp.system.warp_threads import pick_device
 
 LOADED = ["balloon_warp.farm.cluster"]
@@ -239,7 +239,7 @@ class InThread:
         """Hand a share to it."""
         self._line.given.put((share.number, share.call))
 
-    def told_here(self) -> Iterator[tuple[int | None, Any]]:
+    def messages_here(self) -> Iterator[tuple[int | None, Any]]:
         """Iterate over the thread's messages since."""
         while True:
             try:
@@ -315,7 +315,7 @@ def _serve(line: Line, name: str, served: Served) -> None:
     try:
         if served.prepare:
             served.prepare()
-        with without_collecting():
+        with without_garbage_collection():
             import_module(served.module)
         pick_device(served.device)
         line.tell(None, None)
@@ -448,7 +448,7 @@ class LocalWorkers:
                     if ready is self._ear:
                         self._ear.recv_bytes()
                         for worker in self._workers:
-                            self._take(worker, worker.told_here() if isinstance(worker, InThread) else ())
+                            self._take(worker, worker.messages_here() if isinstance(worker, InThread) else ())
                     else:
                         self._listen(connections[ready])  # pyright: ignore[reportArgumentType]
         except BaseException as failure:

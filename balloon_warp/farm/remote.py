@@ -32,8 +32,8 @@ ALONE_SECONDS = 60.0
 # A large mesh travels with its share: a copy that lay on one worker would be lost with it.
 SETTINGS = {"distributed.admin.large-graph-warning-threshold": "1 TiB"}
 LOADING = """
-from balloon_warp.system.loading import without_collecting
-with without_collecting():
+from balloon_warp.system.loading import without_garbage_collection
+with without_garbage_collection():
     import {}
 """
 """Code by which a worker loads a module"""

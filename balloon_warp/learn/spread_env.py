@@ -29,7 +29,7 @@ from balloon_warp.learn.vector_env import (
     results_of,
     spaces_of,
 )
-from balloon_warp.solvers import settled_solver
+from balloon_warp.solvers import resolved_solver
 from balloon_warp.system.warp_setup import quiet_warp
 
 
@@ -50,7 +50,7 @@ class Part(NamedTuple):
     def env(self) -> BalloonVectorEnv:
         """Make the environment of these worlds, with the schedule that all worlds in one process would have."""
         env = self._env(self.schedule)
-        settled = settled_solver(self.schedule, env.simulator.model, self.world_count)
+        settled = resolved_solver(self.schedule, env.simulator.model, self.world_count)
         return env if settled == env.simulator.schedule.name else self._env(settled)
 
     def _env(self, schedule: str) -> BalloonVectorEnv:

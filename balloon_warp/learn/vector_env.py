@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from balloon_warp.studio.page.page import Onlooker
 
 
-class Told(NamedTuple):
+class StepResults(NamedTuple):
     """Results of a step, arrays of NumPy or torch with a row a world."""
 
     observations: Any
@@ -57,7 +57,7 @@ class Layout:
     @property
     def _shapes(self) -> dict[str, tuple[int, ...]]:
         rows = (self.world_count, self.observations)
-        return {name: rows if "observations" in name else rows[:1] for name in Told._fields}
+        return {name: rows if "observations" in name else rows[:1] for name in StepResults._fields}
 
     @property
     def size(self) -> int:
@@ -77,15 +77,15 @@ class Layout:
             arrays[name] = (part if name in INTEGERS else part.view(float32)).reshape(shape)
         return arrays
 
-    def told(self, block: Any, float32: Any) -> Told:
+    def told(self, block: Any, float32: Any) -> StepResults:
         """Return the results in a block, from the arrays of `split`."""
         arrays = self.split(block, float32)
-        return Told(**{name: array != 0 if name in FLAGS else array for name, array in arrays.items()})
+        return StepResults(**{name: array != 0 if name in FLAGS else array for name, array in arrays.items()})
 
 
-def joined(parts: Sequence[Told]) -> Told:
+def joined(parts: Sequence[StepResults]) -> StepResults:
     """Return the results of all worlds, from NumPy's arrays of parts in their order."""
-    return Told(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+    return StepResults(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ class NumpyOutput:
         self._layout, self._device = layout, device
         self._host = wp.empty(layout.size, dtype=wp.int32, device="cpu", pinned=device.is_cuda)
 
-    def __call__(self, block: wp.array) -> Told:
+    def __call__(self, block: wp.array) -> StepResults:
         """Return the results in a block."""
         wp.copy(self._host, block)
         if self._device.is_cuda:
@@ -156,7 +156,7 @@ class TorchOutput:
     def __init__(self, layout: Layout, device: wp.Device):
         self._layout = layout
 
-    def __call__(self, block: wp.array) -> Told:
+    def __call__(self, block: wp.array) -> StepResults:
         """Return the results in a block."""
         import torch  # pyright: ignore[reportMissingImports]
 
@@ -300,7 +300,7 @@ class BalloonVectorEnv(Unpickled, VectorEnv[Any, Any, Any]):
         """
         return results_of(self.advance(actions), self.autoreset_mode)
 
-    def advance(self, actions: Any) -> Told:
+    def advance(self, actions: Any) -> StepResults:
         """Advance all worlds by the frames of a step. The host waits once, for the results in the end.
 
         Raises:
@@ -407,7 +407,7 @@ def limits_of(task: Task) -> NDArray[np.float32]:
     return np.broadcast_to(limits, (task.observations,)).copy()
 
 
-def results_of(told: Told, mode: AutoresetMode) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+def results_of(told: StepResults, mode: AutoresetMode) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
     """Return the results of a step in Gymnasium's form."""
     info: dict[str, Any] = {"cause": told.causes}
     if mode is AutoresetMode.SAME_STEP:

@@ -394,7 +394,7 @@ def crossings_of(mesh: PolygonMesh) -> Crossings:
     return find_crossings(mesh.points, both_cuts(mesh))
 
 
-def crossings_said(mesh: PolygonMesh) -> str | None:
+def crossings_sentence(mesh: PolygonMesh) -> str | None:
     """Return "crosses itself at 2 places", as the end of a sentence on a mesh; None if it does not."""
     count = len(crossings_of(mesh).edges)
     return f"crosses itself at {count:,} place{'s' if count > 1 else ''}" if count else None

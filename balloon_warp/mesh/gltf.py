@@ -167,8 +167,8 @@ class GltfMaterials:
 
     def unplaced(self, number: int) -> Look | None:
         """Return the look of a material on a mesh without texture coordinates: of its image the mean color."""
-        look = self.looks[number]
-        return look and self._pictures.mean_of(look, f"of the material {look.name}")
+        access = self.looks[number]
+        return access and self._pictures.mean_of(access, f"of the material {access.name}")
 
     def name_materials(self) -> None:
         """Rename materials to their numbers, and select the texture coordinates of base textures.
@@ -295,8 +295,8 @@ def read_visual(mesh: PolygonMesh, visual: Any) -> Visual:
     if kind == "texture":
         uv = np.asarray([] if visual.uv is None else visual.uv, np.float64)
         placed = uv.shape == (mesh.vertex_count, 2) and bool(np.isfinite(uv).all())
-        look = _look(visual.material, placed, mesh.name)
-        looks = looks_of([look], np.zeros(len(corners), np.int32))
+        access = _look(visual.material, placed, mesh.name)
+        looks = looks_of([access], np.zeros(len(corners), np.int32))
         return Visual(uv[corners].astype(np.float32) if placed else None, looks)
     colors = corner_colors(mesh, visual)
     shades = None if colors is None else linear(colors[:, :3] / 255.0)
@@ -325,8 +325,8 @@ def _look(material: Any, placed: bool, name: str) -> Look | None:
     if image is not None:
         with io.BytesIO() as file:
             image.convert("RGB").save(file, "PNG")
-            look = Look("material", color, Pictures(name).of_bytes(name, file.getvalue()))
-            return look if placed else look.plain
+            access = Look("material", color, Pictures(name).of_bytes(name, file.getvalue()))
+            return access if placed else access.plain
     return None if said is None or tuple(said) == PLAIN else Look("material", color)
 
 

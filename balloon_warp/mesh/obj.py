@@ -201,8 +201,8 @@ class ObjMaterials:
             files = [whole] if whole else [beside(self._folder, name) for name in line.split()]
             for file in files:
                 if file is not None and file.stat().st_size <= LARGEST_LIBRARY:
-                    for name, look in self._library(file).items():
-                        found.setdefault(name, look)
+                    for name, access in self._library(file).items():
+                        found.setdefault(name, access)
         return found
 
     def _library(self, file: Path) -> dict[str, Look]:
@@ -218,7 +218,7 @@ class ObjMaterials:
                 name = rest.strip()
             elif name in self._names and kind.lower() in ("kd", "map_kd"):
                 said.setdefault(name, {}).setdefault(kind.lower(), rest.strip())
-        return {name: look for name, rows in said.items() if (look := self._look(name, rows, file.parent))}
+        return {name: access for name, rows in said.items() if (access := self._look(name, rows, file.parent))}
 
     def _look(self, name: str, rows: dict[str, str], folder: Path) -> Look | None:
         named = _file_of_map(rows.get("map_kd", ""))
@@ -226,8 +226,8 @@ class ObjMaterials:
         color = _color(rows.get("kd", ""))
         if picture is not None:
             # Exporters write black, gray or white beside an image, which other programs pass over.
-            look = Look(name, (1.0, 1.0, 1.0), picture)
-            return look if self._placed else self._pictures.mean_of(look, named)
+            access = Look(name, (1.0, 1.0, 1.0), picture)
+            return access if self._placed else self._pictures.mean_of(access, named)
         return Look(name, color) if color else None
 
 
@@ -295,9 +295,9 @@ def write_materials(path: Path, looks: Looks) -> list[str]:
     """
     check_materials(path)
     names, lines = [], [f"# {LINE}\n"]
-    for number, look in enumerate(looks.materials):
-        names.append(f"{'_'.join(look.name.split()) or 'material'}_{number}")
-        color, picture = look.color, look.picture
+    for number, access in enumerate(looks.materials):
+        names.append(f"{'_'.join(access.name.split()) or 'material'}_{number}")
+        color, picture = access.color, access.picture
         if picture is not None and color != WHITE:  # most programs pass over a color beside an image
             color, picture = WHITE, picture.times(color)
         lines.append(f"newmtl {names[-1]}\nKd {' '.join(f'{shade:.6g}' for shade in color)}\n")

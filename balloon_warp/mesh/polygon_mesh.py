@@ -294,7 +294,7 @@ NO_AXIS = "file names no up axis"
 """Phrase for a mesh without an up axis"""
 
 
-def as_told(mesh: PolygonMesh, unit: Unit | None, up: UpAxis | None) -> PolygonMesh:
+def with_unit_and_up(mesh: PolygonMesh, unit: Unit | None, up: UpAxis | None) -> PolygonMesh:
     """Return the mesh with its unit and up axis as given, in place of its file's; those of the file, when missing."""
     if unit:
         mesh = replace(mesh, meters_per_unit=METERS[unit], unit_known=True)

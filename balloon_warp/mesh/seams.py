@@ -298,7 +298,7 @@ MOST_CHARTS = 1000
 these faces"""
 
 
-def dressed(mesh: PolygonMesh, surface: PolygonMesh) -> PolygonMesh:
+def with_looks_of(mesh: PolygonMesh, surface: PolygonMesh) -> PolygonMesh:
     """Return a mesh with the materials, colors and texture coordinates of a surface that it is near to.
 
     A face has the material that is nearest to its middle, and lies within one chart of a texture. Runs on Warp's

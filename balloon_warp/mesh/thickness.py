@@ -318,7 +318,7 @@ def standing(mesh: PolygonMesh, suffix: str) -> tuple[Literal["Y", "Z"], str] | 
     return (custom, f"as by custom in {suffix.lower()[1:].upper()} files") if custom != mesh.up_axis else None
 
 
-def up_said(mesh: PolygonMesh, given: bool, why: str | None) -> str:
+def up_axis_sentence(mesh: PolygonMesh, given: bool, why: str | None) -> str:
     """Return a sentence on the up axis of a mesh, and its source.
 
     Args:
@@ -354,7 +354,7 @@ GAP_ROWS = 2000
 """Number of triangles or edges that are compared together, to bound the memory"""
 
 
-def least_gaps(mesh: PolygonMesh, apart: float, most: float) -> Points:
+def min_gaps(mesh: PolygonMesh, apart: float, most: float) -> Points:
     """Return for each vertex the least distance between its triangles, edges or itself and parts that they may touch.
 
     Args:

@@ -210,13 +210,13 @@ def read_looks(
         picture = _read(image, pictures) if image and here.any() else None
         name = surface.GetPrim().GetParent().GetName() if surface else owner.GetName()
         if image and picture:
-            look = Look(name, image.scale, picture)
+            access = Look(name, image.scale, picture)
             if own is None:
-                look = pictures.mean_of(look, f"{image.named} of {prim.GetPath()}")
+                access = pictures.mean_of(access, f"{image.named} of {prim.GetPath()}")
             else:
                 places = np.zeros((len(indices), 2), np.float32) if places is None else places
                 places = np.where(here[:, None], own, places)
-            looks.append(look)
+            looks.append(access)
         else:
             color = constant_of(surface, "diffuseColor") if surface and _is_said(surface) else None
             looks.append(None if color is None else Look(name, _color(color)))
@@ -231,7 +231,7 @@ def _with_display_colors(
     of_corners: NDArray[np.int32],
 ) -> Looks | None:
     """Add display colors where no material says a color."""
-    silent = np.array([look is None for look in looks])[of_corners]
+    silent = np.array([access is None for access in looks])[of_corners]
     colors, interpolation = display_colors(geometry)
     if not silent.any() or not len(colors) or not np.isfinite(colors).all():
         return looks_of(looks, of_corners)

@@ -94,13 +94,13 @@ DEEP = 0.01
 that stand on surfaces"""
 
 
-def require_clear_starts(
+def require_no_overlap_at_start(
     scene: Scene, shapes: Sequence[BalloonShape], obstacles: Sequence[ObstacleShape], parameters: Parameters
 ) -> None:
     """Refuse balloons of which a particle that moves starts inside an obstacle, in any world. Sheets have no inside.
 
     Args:
-        parameters: with those that `settle_starts` makes.
+        parameters: with those that `resolve_starts` makes.
 
     Raises:
         InputError: names balloon and obstacle, and how deep the one is in the other.
@@ -116,7 +116,7 @@ def require_clear_starts(
             _require_outside(scene, balloon, shape, named, solid, centers, parameters)
 
 
-def require_clear_bodies(
+def require_no_overlap_of_bodies(
     scene: Scene,
     shapes: Sequence[BalloonShape],
     obstacles: Sequence[ObstacleShape],
@@ -128,7 +128,7 @@ def require_clear_bodies(
     Other solids are the ground, obstacles and bodies. Sheets have no inside.
 
     Args:
-        parameters: Parameters with the results of `settle_starts`.
+        parameters: Parameters with the results of `resolve_starts`.
 
     Raises:
         InputError: Names both, and the depth of the one in the other.

@@ -23,7 +23,7 @@ OF_FILE = ("prim", "weld", "holes", "parts", "taken", "unit", "up", "scale")
 """Fields of a balloon from which the springs of a mesh by itself follow"""
 
 
-def coarse_said(scene: Scene, shapes: Sequence[BalloonShape]) -> str | None:
+def coarse_sentence(scene: Scene, shapes: Sequence[BalloonShape]) -> str | None:
     """Return a sentence on a mesh by itself whose faces show, and its remedy; else None."""
     if len(shapes) != 1 or not scene.balloon[0].stiffness.even:
         return None
@@ -36,7 +36,7 @@ def coarse_said(scene: Scene, shapes: Sequence[BalloonShape]) -> str | None:
     return f"{shapes[0].name} is coarse and shows its faces ({faces}): {helps}"
 
 
-def many_substeps_said(scene: Scene, shapes: Sequence[BalloonShape], substeps: int) -> str | None:
+def many_substeps_sentence(scene: Scene, shapes: Sequence[BalloonShape], substeps: int) -> str | None:
     """Return a sentence on the cause of a short step of a mesh by itself, and its remedy; else None.
 
     Masses lie where springs are stiff, so that the frequency squared goes with the sum of all constants over the mass.
@@ -48,7 +48,7 @@ def many_substeps_said(scene: Scene, shapes: Sequence[BalloonShape], substeps: i
     if substeps <= MANY or len(shapes) != 1 or not scene.balloon[0].stiffness.even:
         return None
     if scene.balloon[0].material.is_membrane:
-        return _membrane_said(scene, substeps)
+        return _membrane_sentence(scene, substeps)
     shape, mass, constants = shapes[0], scene.balloon[0].mass, constants_of(scene.balloon[0].stiffness)
     tension = film_tension(constants)
     if not tension or not mass:
@@ -73,7 +73,7 @@ def many_substeps_said(scene: Scene, shapes: Sequence[BalloonShape], substeps: i
     return f"A frame takes {substeps:,} substeps, since {max(unusual, key=lambda why: unusual[why])}"
 
 
-def _membrane_said(scene: Scene, substeps: int) -> str | None:
+def _membrane_sentence(scene: Scene, substeps: int) -> str | None:
     """Compare the step of rubber or film with that of the springs which the mesh would have by itself."""
     (balloon,) = scene.balloon
     kept = {f"balloon.{field}": getattr(balloon, field) for field in OF_FILE if field in balloon.model_fields_set}

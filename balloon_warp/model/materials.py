@@ -60,7 +60,7 @@ def law_of(scene: Scene, number: int) -> Law | None:
     return MEMBRANES.get(scene.balloon[number].material.law)
 
 
-def settle_masses(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> Values:
+def resolve_masses(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> Values:
     """Return masses [kg], shape (W, balloon_count): for rubber and film, rest area times thickness and density."""
     masses = parameters["mass"]
     for number, shape in enumerate(shapes):
@@ -209,7 +209,7 @@ def _hinge_widths(shape: BalloonShape) -> NDArray[np.float64]:
 GAMMA_OF_AIR = 1.4
 
 
-def settle_tears(scene: Scene, parameters: Mapping[str, Values]) -> dict[str, Values]:
+def resolve_tears(scene: Scene, parameters: Mapping[str, Values]) -> dict[str, Values]:
     """Return the defaults of tears: stresses at which they advance and branch, and their speed.
 
     Also the gas that leaves a balloon with a given pressure: air, adiabatic.
@@ -407,7 +407,7 @@ class Bounds:
     def _of_kind(self, kind: Kind, bound: Bound) -> Iterator[Callable[..., Any]]:
         for law in self._laws:
             if law.kind == kind and getattr(law, bound) is not None:
-                yield told_what_it_names(getattr(law, bound))
+                yield ignoring_other_arguments(getattr(law, bound))
 
 
 def membrane_bounds(scene: Scene, number: int, parameters: Parameters) -> dict[Bound, NDArray[np.float64]]:
@@ -428,7 +428,7 @@ def _some(values: NDArray[np.float64], worlds: slice) -> NDArray[np.float64]:
     return values[worlds] if len(values) > 1 else values
 
 
-def told_what_it_names(bound: Callable[..., Any]) -> Callable[..., Any]:
+def ignoring_other_arguments(bound: Callable[..., Any]) -> Callable[..., Any]:
     """Return the function wrapped so that it ignores arguments it does not name."""
     names = names_of(bound)
     return lambda **told: bound(**{name: told[name] for name in names})

@@ -26,7 +26,7 @@ from balloon_warp.kernels.laws.contact import AS_OTHERS
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.crossings import check_mesh
 from balloon_warp.mesh.load import Treatment, axes_matrix, load_mesh, place_mesh, prepared, rotation_matrix
-from balloon_warp.mesh.polygon_mesh import as_told
+from balloon_warp.mesh.polygon_mesh import with_unit_and_up
 from balloon_warp.mesh.topology import even_samples, is_closed, mesh_edges, signed_volume, triangulate
 from balloon_warp.mesh.usd import LOADERS as STAGES
 from balloon_warp.model.parameters import Parameters
@@ -45,7 +45,7 @@ SAID = (*OF_THINGS, OF_BALLOONS, BETWEEN_BALLOONS)
 """Parameters that the coefficients follow from"""
 
 
-def settle_friction(parameters: Parameters, rounded: bool = True) -> Parameters:
+def resolve_friction(parameters: Parameters, rounded: bool = True) -> Parameters:
     """Resolve the coefficient of each pair: the geometric mean of the coefficients of both.
 
     A balloon without one takes that of the other; between balloons it takes `touch.friction`.
@@ -137,7 +137,7 @@ def shape_obstacle(number: int, obstacle: Obstacle | Body, scene: Scene) -> Obst
         remarks = tuple(f"{source}: {warning}" for warning in mesh.warnings)
         winds_inward = signed_volume(mesh) < 0.0
         mesh = prepared(mesh, source, Treatment(holes="keep", parts="free"))
-        mesh = place_mesh(as_told(mesh, obstacle.unit, obstacle.up), scene.up_axis, obstacle.scale)
+        mesh = place_mesh(with_unit_and_up(mesh, obstacle.unit, obstacle.up), scene.up_axis, obstacle.scale)
         closed = is_closed(mesh_edges(mesh)) and not (winds_inward and isinstance(obstacle, Obstacle))
         used = mesh.points[np.unique(mesh.face_vertex_indices)]
         reach = float(np.linalg.norm(used, axis=1).max())
@@ -228,7 +228,7 @@ class Sampled:
     """The motion that a USD stage has, beside the obstacle's own place and turn, which come after it."""
 
     def __init__(self, obstacle: Obstacle, scene: Scene, motion: Any):
-        mesh = as_told(load_mesh(motion.path, obstacle.prim), obstacle.unit, obstacle.up)
+        mesh = with_unit_and_up(load_mesh(motion.path, obstacle.prim), obstacle.unit, obstacle.up)
         self._motion, self.seconds = motion, motion.seconds
         self._size = obstacle.scale * mesh.meters_per_unit
         self._axes = axes_matrix(mesh.up_axis, scene.up_axis)
@@ -335,18 +335,20 @@ def obstacle_motion(scene: Scene) -> NDArray[np.float64]:
     """
     if not scene.obstacle:
         return np.zeros((1, 0, 7))
-    courses = [motion_of(obstacle, scene) for obstacle in scene.obstacle]
-    for number, course in enumerate(courses):
-        if course.seconds * scene.frames_per_second > MOST_FRAMES:
+    motions = [motion_of(obstacle, scene) for obstacle in scene.obstacle]
+    for number, its_motion in enumerate(motions):
+        if its_motion.seconds * scene.frames_per_second > MOST_FRAMES:
             most = MOST_FRAMES / scene.frames_per_second
-            raise InputError(f"obstacle.{number}.motion: ends after {course.seconds:g} s; expected {most:g} s at most")
-    longest = max((course.seconds for course in courses), default=0.0)
+            raise InputError(
+                f"obstacle.{number}.motion: ends after {its_motion.seconds:g} s; expected {most:g} s at most"
+            )
+    longest = max((its_motion.seconds for its_motion in motions), default=0.0)
     frames = ceil(longest * scene.frames_per_second) + 2 if longest > 0.0 else 1
     times = np.arange(frames) / scene.frames_per_second
-    motion = np.zeros((frames, len(courses), 7))
-    for number, course in enumerate(courses):
-        shifts, turns = course.at(times)
-        fastest = course.fastest_turn(times) if frames > 1 else 0.0
+    motion = np.zeros((frames, len(motions), 7))
+    for number, its_motion in enumerate(motions):
+        shifts, turns = its_motion.at(times)
+        fastest = its_motion.fastest_turn(times) if frames > 1 else 0.0
         if fastest > MOST_TURN:
             raise InputError(
                 f"obstacle.{number}.motion: turns by {fastest:.3g} degrees in a frame; expected at most {MOST_TURN:g}"
@@ -532,12 +534,12 @@ def shape_body(number: int, body: Body, scene: Scene) -> BodyShape:
     return BodyShape(solid, center, np.trace(second) * np.eye(3) - second, volume, sample(solid, up))
 
 
-def most_touches(shapes: Sequence[BodyShape]) -> int:
+def max_body_contacts(shapes: Sequence[BodyShape]) -> int:
     """Return the largest number of contacts of bodies in a step, over all things; no further ones are resolved."""
     return sum(TOUCHES_OF_SAMPLE * len(shape.samples.points) + TOUCHES_OF_BODY for shape in shapes)
 
 
-def settle_bodies(scene: Scene, shapes: Sequence[BodyShape], parameters: Parameters) -> Parameters:
+def resolve_bodies(scene: Scene, shapes: Sequence[BodyShape], parameters: Parameters) -> Parameters:
     """Return the masses of bodies with a density, or with neither density nor mass [kg], shape (W, body_count)."""
     said = parameters["body_mass"]
     settled = [
@@ -569,7 +571,7 @@ def initial_poses(scene: Scene, shapes: Sequence[BodyShape], positions: NDArray[
     return np.concatenate([centers, turns], axis=-1)
 
 
-def most_ease(shape: BodyShape, arms: NDArray[np.floating]) -> NDArray[np.float64]:
+def largest_inverse_mass(shape: BodyShape, arms: NDArray[np.floating]) -> NDArray[np.float64]:
     """Return the largest speed that an impulse of 1 N s gives points of a body of 1 kg [m/s], of all directions.
 
     Args:

@@ -20,14 +20,14 @@ from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.kernels.laws.membrane import SHEAR_MODULUS
 from balloon_warp.kernels.laws.outer import EVENED
 from balloon_warp.laws import require_laws
-from balloon_warp.model.materials import settle_masses, settle_tears
+from balloon_warp.model.materials import resolve_masses, resolve_tears
 from balloon_warp.model.model import Model
 from balloon_warp.model.obstacles import (
     BodyShape,
     ObstacleShape,
     obstacle_motion,
-    settle_bodies,
-    settle_friction,
+    resolve_bodies,
+    resolve_friction,
     shape_body,
     shape_obstacle,
     substeps_of_solids,
@@ -47,13 +47,13 @@ from balloon_warp.model.pressure import (
     pressures_too_high,
     require_openings,
     require_sealed,
-    settle_bearing,
-    settle_gas,
-    settle_pressure,
+    resolve_bearing,
+    resolve_gas,
+    resolve_pressure,
 )
-from balloon_warp.model.remarks import doubts_about
+from balloon_warp.model.remarks import implausible_values
 from balloon_warp.model.shape import BalloonShape, shape_balloon
-from balloon_warp.model.stability import Network, choose_substeps, follow_changes, names_of_the_step, warnings_of
+from balloon_warp.model.stability import Network, choose_substeps, names_of_the_step, update_dependents, warnings_of
 from balloon_warp.model.starts import (
     Carriers,
     Driven,
@@ -63,7 +63,7 @@ from balloon_warp.model.starts import (
     overstretched_strings,
     require_profile,
     require_same_extreme,
-    settle_starts,
+    resolve_starts,
     start_velocities,
     string_lengths,
 )
@@ -74,12 +74,12 @@ from balloon_warp.model.touch import (
     all_ridges,
     crossed_starts,
     kept_distance,
+    resolve_self_contact,
+    resolve_touch,
     ridge_tree,
-    settle_itself,
-    settle_touch,
 )
 from balloon_warp.scene import Scene
-from balloon_warp.system.loading import without_collecting
+from balloon_warp.system.loading import without_garbage_collection
 from balloon_warp.system.warp_setup import begin_driver
 from balloon_warp.system.warp_threads import begin_loading, pick_device
 
@@ -151,7 +151,7 @@ class ModelPlan:
         taken = list(dict.fromkeys(remark for solid in solids for remark in solid.remarks))
         passing = warnings_of(self.scene, self.shapes, self.parameters["sphere_radius"], step_seconds)
         passing += pressures_too_high(self.scene, self.shapes, self.parameters)
-        doubts = doubts_about(self.scene, self.shapes, self.parameters)
+        doubts = implausible_values(self.scene, self.shapes, self.parameters)
         passing += crushed_starts(self.scene, self.shapes, self.parameters)
         passing += crossed_starts(self.scene, self.shapes, self.parameters)
         tied = self.scene, self.shapes, self.bodies, self.held, self.parameters
@@ -168,7 +168,7 @@ class ModelPlan:
         return sum(shape.springs.count for shape in self.shapes)
 
 
-@without_collecting()
+@without_garbage_collection()
 def plan_model(
     scene: Scene,
     world_count: int = 1,
@@ -192,7 +192,7 @@ def plan_model(
     rows = rows_of((*LAWS, *laws))
     scene = with_parts_apart(with_law_tables(scene, rows))
     shapes = shapes or [shape_balloon(balloon, scene) for balloon in scene.balloon]
-    scene = settle_itself(scene, shapes)
+    scene = resolve_self_contact(scene, shapes)
     held = [held_particle(number, string, scene, shapes) for number, string in enumerate(scene.string)]
     said = vary_parameters(parameters_at(scene, rows, 0), scene, rows, world_count, vary or {})
     bodies = [shape_body(number, body, scene) for number, body in enumerate(scene.body)]
@@ -201,15 +201,15 @@ def plan_model(
     uncut, exact = shapes, said[SHEAR_MODULUS.name]
     shapes = cut_to_size(scene, shapes, parameters, exact)
     obstacles = [shape_obstacle(number, obstacle, scene) for number, obstacle in enumerate(scene.obstacle)]
-    parameters |= settle_bodies(scene, bodies, parameters)
+    parameters |= resolve_bodies(scene, bodies, parameters)
     if obstacles:
-        from balloon_warp.model.clearance import require_clear_starts  # takes long to load
+        from balloon_warp.model.clearance import require_no_overlap_at_start  # takes long to load
 
-        require_clear_starts(scene, shapes, obstacles, parameters)
+        require_no_overlap_at_start(scene, shapes, obstacles, parameters)
     if bodies:
-        from balloon_warp.model.clearance import require_clear_bodies  # takes long to load
+        from balloon_warp.model.clearance import require_no_overlap_of_bodies  # takes long to load
 
-        require_clear_bodies(scene, shapes, obstacles, bodies, parameters)
+        require_no_overlap_of_bodies(scene, shapes, obstacles, bodies, parameters)
     ridges = all_ridges(scene, shapes, obstacles, bodies)
     if ridges and obstacles:
         from balloon_warp.model.clearance import exposed_ridges  # takes long to load
@@ -237,7 +237,7 @@ def plan_model(
     )
 
 
-def settled_parameters(plan: ModelPlan, vary: Vary) -> Parameters:
+def resolved_parameters(plan: ModelPlan, vary: Vary) -> Parameters:
     """Return the parameters that a plan of the same shapes has where other values vary, not rounded as devices do.
 
     Raises:
@@ -268,8 +268,8 @@ def _settled(
     for balloon, shape in zip(scene.balloon, shapes, strict=True):
         if balloon.inflation.kind == "gas":
             require_sealed(shape)
-    parameters = dict(said) | {"mass": settle_masses(scene, shapes, dict(said))}
-    parameters |= settle_starts(scene, shapes, parameters)
+    parameters = dict(said) | {"mass": resolve_masses(scene, shapes, dict(said))}
+    parameters |= resolve_starts(scene, shapes, parameters)
     for name in ("initial_balloon_positions", "initial_rotations"):
         del parameters[name]
     for number, particle in enumerate(held):
@@ -277,12 +277,12 @@ def _settled(
     parameters["string_length"] = string_lengths(scene, shapes, bodies, held, parameters)
     require_openings(scene, shapes, parameters)
     require_profile(parameters)
-    parameters["keyframe_values"] = settle_pressure(scene, shapes, parameters)
+    parameters["keyframe_values"] = resolve_pressure(scene, shapes, parameters)
     parameters[SHEAR_MODULUS.name] = bounded_moduli(scene, shapes, parameters, changes, varied)
-    parameters |= settle_touch(scene, shapes, parameters) | settle_friction(parameters, rounded)
-    parameters |= settle_tears(scene, parameters)
-    parameters |= settle_gas(scene, shapes, parameters, rounded)
-    return parameters | {EVENED.name: settle_bearing(scene, shapes, parameters)}
+    parameters |= resolve_touch(scene, shapes, parameters) | resolve_friction(parameters, rounded)
+    parameters |= resolve_tears(scene, parameters)
+    parameters |= resolve_gas(scene, shapes, parameters, rounded)
+    return parameters | {EVENED.name: resolve_bearing(scene, shapes, parameters)}
 
 
 def _strain_bound(
@@ -330,7 +330,7 @@ def substeps_over_time(
                 raise InputError(f"{named}: changes during the simulation, and so cannot differ between worlds")
             then[name] = values[name].copy()
             turn.apply(name, then[name])
-        follow_changes(turn.scene, network.shapes, values, then)
+        update_dependents(turn.scene, network.shapes, values, then)
         values = then
         methods_change = (turn.scene.substeps, turn.scene.solver) != (before.substeps, before.solver)
         if methods_change or not names_of_the_step(turn.scene, network.laws).isdisjoint(turn.values):

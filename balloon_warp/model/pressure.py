@@ -147,7 +147,7 @@ UNEVEN = 1.4
 """Ratio of a surface's mean tension to its least up to which it counts as even"""
 
 
-def settle_pressure(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> NDArray[np.float64]:
+def resolve_pressure(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> NDArray[np.float64]:
     """Return the pressures at keyframes [Pa], with "auto" ones computed, shape (W, balloon_count, keyframe_count).
 
     "auto" values are NaN until now.
@@ -168,26 +168,26 @@ def settle_pressure(scene: Scene, shapes: Sequence[BalloonShape], parameters: Pa
                 pressures = np.zeros((1, 1))
                 if not shape.flies_off:
                     stretches = np.array([1.0 + balloon.inflation.stretch])
-                    most = _most_pressure(balloon, parameters, number)
+                    most = _max_pressure(balloon, parameters, number)
                     pressures = np.minimum(pressures_of_membrane(shape, law, told, stretches), most)
-                values = _with_settled(values, number, pressures)
+                values = _with_resolved(values, number, pressures)
                 continue
             constants = np.stack(np.broadcast_arrays(*(parameters[row.name][:, number] for row in KINDS)), axis=-1)
             each = pressures_of_springs(shape) * pressure_of_stretch(balloon.inflation.stretch)
             pressures = np.zeros((1, 1)) if shape.flies_off else constants @ each[:, None]
             pressures = pressures * _factor(shape, constants[0], pressures[0, 0], balloon.inflation.stretch)
-            values = _with_settled(values, number, pressures)
+            values = _with_resolved(values, number, pressures)
     return values
 
 
-def _most_pressure(balloon: Balloon, parameters: Parameters, number: int) -> NDArray[np.float64]:
+def _max_pressure(balloon: Balloon, parameters: Parameters, number: int) -> NDArray[np.float64]:
     """Return the largest "auto" pressure of a balloon of rubber or film [Pa], shape (W, 1)."""
     weights = WEIGHT_OF_MASS * parameters["initial_density"][:, [number]] * parameters["thickness"][:, [number]]
     is_film = balloon.material.value("strain_bound") is not None
     return np.minimum(MOST_OF_RUBBER, TAUT * weights if is_film else np.inf)
 
 
-def _with_settled(values: NDArray[np.float64], number: int, pressures: NDArray[np.float64]) -> NDArray[np.float64]:
+def _with_resolved(values: NDArray[np.float64], number: int, pressures: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the values with a balloon's pressures, shape (W, 1), in place of "auto" ones."""
     rows = max(len(values), len(pressures))
     values = np.broadcast_to(values, (rows, *values.shape[1:])).copy()
@@ -209,7 +209,7 @@ def pressures_of_membrane(
     return 2.0 * thickness * slope / (stretches**2 * radius)
 
 
-def with_settled_pressure(scene: Scene, parameters: Parameters) -> Scene:
+def with_resolved_pressure(scene: Scene, parameters: Parameters) -> Scene:
     """Return the scene with the first world's values in place of "auto" pressures."""
     balloons = list(scene.balloon)
     for number, balloon in enumerate(balloons):
@@ -330,7 +330,7 @@ BEARING_CLOSE = 1.0e-3
 """Difference of stretches by which slopes are taken"""
 
 
-def settle_bearing(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> Values:
+def resolve_bearing(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> Values:
     """Return the part of a liquid's pressure that acts evenly on each balloon, shape (W, balloon_count).
 
     What a skin bears is in proportion to how fast its own pressure rises with stretch, as of a sphere, where its gas is
@@ -541,7 +541,7 @@ def require_openings(scene: Scene, shapes: Sequence[BalloonShape], parameters: P
             )
 
 
-def settle_gas(
+def resolve_gas(
     scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters, rounded: bool = True
 ) -> Parameters:
     """Return the initial amounts and free volumes of gas, and all initial pressures and loads.

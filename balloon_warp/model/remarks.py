@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.laws.gas import most_pressure
+from balloon_warp.kernels.laws.gas import max_pressure
 from balloon_warp.mesh.polygon_mesh import METERS, NO_AXIS
 from balloon_warp.mesh.seams import size_of
 from balloon_warp.model.model import Model
@@ -35,7 +35,7 @@ AIR = 1.2
 """Density of air [kg/m^3]"""
 
 
-def doubts_about(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> list[str]:
+def implausible_values(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> list[str]:
     """Return warnings of values that may be in another unit, or of another sign, in any world.
 
     Of gravity, and of balloons' sizes, walls, masses and lift. Also of meshes turned to an up axis that their files do
@@ -157,7 +157,7 @@ def _overstretched(model: Model, frame: int, world: int, row: int) -> str:
 def _pressed(model: Model, frame: int, world: int, row: int, balloon: int) -> str:
     masses = model.parameters["mass"].numpy()
     bound = model.shapes[balloon].pressure_bound
-    most = most_pressure(bound, float(masses[row % len(masses), balloon]), model.step_seconds)
+    most = max_pressure(bound, float(masses[row % len(masses), balloon]), model.step_seconds)
     return (
         f"{model.shapes[balloon].name}: its gas was pressed in frame {frame} of world {world} and pushed with just "
         f"{most:,.3g} Pa, at which its skin is stable in {model.substeps:,} substeps a frame; more substeps help"

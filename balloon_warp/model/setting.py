@@ -22,7 +22,7 @@ from balloon_warp.model.parameters import (
     with_law_tables,
 )
 from balloon_warp.model.plan import substeps_over_time
-from balloon_warp.model.stability import Network, follow_changes, names_of_the_step
+from balloon_warp.model.stability import Network, names_of_the_step, update_dependents
 from balloon_warp.model.timeline import METHODS, DueChange, check_vary, require_changeable
 from balloon_warp.scene import Scene
 from balloon_warp.scene.load import is_there, override_scene
@@ -57,7 +57,7 @@ def changed_parameters(change: DueChange, model: Model) -> dict[str, NDArray]:
     then = now | {name: now[name].copy() for name in change.values}
     for name in change.values:
         change.apply(name, then[name])
-    follow_changes(change.scene, model.shapes, now, then)
+    update_dependents(change.scene, model.shapes, now, then)
     return {name: rows for name, rows in then.items() if rows is not now[name]}
 
 
@@ -124,7 +124,7 @@ def plan_setting(model: Model, changes: Mapping[str, Any], planned: Sequence[Due
             value = _said_at(said, path, name, index) if by_world is None else by_world
             if path in places or not np.isnan(value).any():  # in a table some are left to us
                 then[name] = _put(then[name], index, _number(path, value))
-    follow_changes(scene, model.shapes, now, then)
+    update_dependents(scene, model.shapes, now, then)
     different = {name: values for name, values in then.items() if not np.array_equal(values, now[name])}
     return Setting(scene, different, _substeps(model, scene, then, {*different}, planned))
 

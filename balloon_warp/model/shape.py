@@ -24,7 +24,7 @@ from balloon_warp.mesh.crossings import check_mesh
 from balloon_warp.mesh.feasible import RIBBONS
 from balloon_warp.mesh.load import load_mesh, place_mesh, prepared
 from balloon_warp.mesh.orientation import pushed_outward, there_and_back
-from balloon_warp.mesh.polygon_mesh import as_told
+from balloon_warp.mesh.polygon_mesh import with_unit_and_up
 from balloon_warp.mesh.thickness import LEAST, relative_thickness
 from balloon_warp.mesh.topology import (
     LEAST_SIZE,
@@ -220,7 +220,9 @@ COLUMNS = ("pairs", "rest_lengths", "constants")
 """Arrays in a file of springs"""
 
 
-def springs_told(path: Path, own: Springs, mesh: PolygonMesh, constants: Values, unit: float) -> tuple[Springs, Values]:
+def springs_of_file(
+    path: Path, own: Springs, mesh: PolygonMesh, constants: Values, unit: float
+) -> tuple[Springs, Values]:
     """Return the springs of a file, and the scale of each one's constant over that of its kind.
 
     A spring between particles that the mesh would join has the kind of that; others are structural.
@@ -336,10 +338,10 @@ LEAST_SUM = 0.25
 particles as at others"""
 
 
-def strung(
+def spring_layout(
     mesh: PolygonMesh, springs: Springs, balloon: Balloon
 ) -> tuple[Springs, NDArray[np.float64], NDArray[np.bool_] | None]:
-    """Return the springs with those across tied thin parts, the scales of their constants, and which go across.
+    """Spring layout: springs with those across tied thin parts, scales of their constants, and a mask of the latter.
 
     Scales and mask have shape (spring_count,); the mask is None where none is asked for.
 
@@ -500,7 +502,7 @@ def shape_balloon(balloon: Balloon, scene: Scene, *, as_soft_as_can_be: bool = F
             particle is not in it, or its weights are not as many as its vertices.
     """
     mesh, source = _mesh_of(balloon)
-    told = as_told(mesh, balloon.unit, balloon.up)
+    told = with_unit_and_up(mesh, balloon.unit, balloon.up)
     placed = place_mesh(told, scene.up_axis, balloon.scale, balloon.rotation, balloon.position)
     require_size(placed, source)
     placed = replace(placed, name=balloon.name or mesh.name)
@@ -516,9 +518,9 @@ def shape_balloon(balloon: Balloon, scene: Scene, *, as_soft_as_can_be: bool = F
         if material.is_membrane:
             raise InputError(f'springs: {balloon.springs} needs material.kind = "springs" (got "{material.law}")')
         unit, across = told.meters_per_unit * balloon.scale, None
-        springs, scale = springs_told(balloon.springs, springs, placed, constants_of(balloon.stiffness), unit)
+        springs, scale = springs_of_file(balloon.springs, springs, placed, constants_of(balloon.stiffness), unit)
     else:
-        springs, scale, across = strung(placed, springs, balloon)
+        springs, scale, across = spring_layout(placed, springs, balloon)
     if balloon.stiffness.thin != "softer" or balloon.springs:
         softness = np.ones(springs.count)
     else:
@@ -650,7 +652,7 @@ def _mass_shares(
     for particle in fixed_particles(balloon.fixed, mesh):
         moves[mesh.stand_in(particle)] = False
     if membrane.count:
-        return np.where(moves, membrane.lumps(mesh.vertex_count), 0.0) / membrane.areas.sum()
+        return np.where(moves, membrane.lumped_areas(mesh.vertex_count), 0.0) / membrane.areas.sum()
     shares = np.where(moves, stiffness_sums if balloon.stiffness.even else 1.0, 0.0)
     return shares / max(shares.sum(), 1e-30)
 

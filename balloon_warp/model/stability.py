@@ -21,26 +21,26 @@ from balloon_warp.kernels.laws.springs import KINDS
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.topology import corner_faces, next_corners
 from balloon_warp.model.materials import NAMES as MEMBRANE_NAMES
-from balloon_warp.model.materials import Bound, Bounds, names_of_bounds, settle_masses
-from balloon_warp.model.obstacles import BodyShape, most_ease, settle_friction
+from balloon_warp.model.materials import Bound, Bounds, names_of_bounds, resolve_masses
+from balloon_warp.model.obstacles import BodyShape, largest_inverse_mass, resolve_friction
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape, Surroundings, surroundings_of
 from balloon_warp.model.spectrum import highest_squared_frequency
 from balloon_warp.model.starts import step_while_crushed
-from balloon_warp.model.touch import bound_of_touch, settle_touch
+from balloon_warp.model.touch import bound_of_touch, resolve_touch
 from balloon_warp.scene import Scene
 
 
-def follow_changes(scene: Scene, shapes: Sequence[BalloonShape], now: Parameters, then: Parameters) -> None:
+def update_dependents(scene: Scene, shapes: Sequence[BalloonShape], now: Parameters, then: Parameters) -> None:
     """Set in `then` the parameters that follow from values that differ from those in `now`.
 
     These are masses of rubber and film, the contact stiffness of balloons, and coefficients of friction. One that has
     been written over stays so while those that it follows from stay.
     """
     for settle in (
-        lambda values: {"mass": settle_masses(scene, shapes, values)},
-        lambda values: settle_touch(scene, shapes, values),
-        settle_friction,
+        lambda values: {"mass": resolve_masses(scene, shapes, values)},
+        lambda values: resolve_touch(scene, shapes, values),
+        resolve_friction,
     ):
         before, after = settle(now), settle(then)
         then.update({name: values for name, values in after.items() if not np.array_equal(values, before[name])})
@@ -227,10 +227,10 @@ class Network:
                 held = [place for place, string in enumerate(scene.string) if string.balloon == number]
                 tied = [at for at, place in enumerate(held) if scene.string[place].body == body]
                 arms = parameters["string_anchor"][:, [held[at] for at in tied]] - self.bodies[body].center
-                ease = most_ease(self.bodies[body], arms) / parameters["body_mass"][:, body, None]
+                inverse_mass = largest_inverse_mass(self.bodies[body], arms) / parameters["body_mass"][:, body, None]
                 for bound in sums:
                     each = Bounds(scene, self.laws, number, parameters).of_strings(bound)[:, tied]
-                    sums[bound] = sums[bound] + 2.0 * (each * ease).sum(axis=1)
+                    sums[bound] = sums[bound] + 2.0 * (each * inverse_mass).sum(axis=1)
             steps[body] = float(np.min(_step(np.maximum(sums["stiffness"], 1.0e-12), sums["drag"])))
         return steps
 

@@ -29,7 +29,7 @@ ALIKE = 1e-6
 """Difference of heights, over a balloon's size, below which either may count as the extreme one"""
 
 
-def settle_starts(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> Parameters:
+def resolve_starts(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> Parameters:
     """Convert places and rotations to the transforms by which the device makes the start.
 
     Returns:
@@ -68,7 +68,7 @@ def start_of(scene: Scene, parameters: Parameters, number: int, points: NDArray[
     """Return the points of a balloon, where the scene has them, as they are at the start of each world.
 
     Args:
-        parameters: with those that `settle_starts` makes.
+        parameters: with those that `resolve_starts` makes.
         points: [m], shape (n, 3).
 
     Returns:
@@ -120,7 +120,7 @@ def require_same_extreme(scene: Scene, parameters: Parameters, string: int, shap
 
 
 def _turns(scene: Scene, rotations: NDArray[np.float64]) -> NDArray[np.float64]:
-    """See `settle_starts`; rotations about x, y and z [degrees], shape (W, balloon_count, 3)."""
+    """See `resolve_starts`; rotations about x, y and z [degrees], shape (W, balloon_count, 3)."""
     turns = np.zeros((*rotations.shape[:2], 3, 3))
     for number, balloon in enumerate(scene.balloon):
         own = rotation_matrix(balloon.rotation)
@@ -187,7 +187,7 @@ def water_pressures(
 def step_while_crushed(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> float:
     """Return the longest step [s] in which the turning of skins is stable under inward pressures at the start.
 
-    It is that of the bound of a gas's pressure, see `model.most_pressure`. Of a gas, what water presses harder below
+    It is that of the bound of a gas's pressure, see `model.max_pressure`. Of a gas, what water presses harder below
     than above counts alone: the rest makes it smaller, which is stable at any step.
     """
     steps = [np.inf]

@@ -24,7 +24,7 @@ from balloon_warp.kernels.frame import place_balloons
 from balloon_warp.kernels.tables import HEALTHY
 from balloon_warp.mesh.load import rotation_matrix
 from balloon_warp.model.model import Model
-from balloon_warp.model.obstacles import initial_centers, initial_turns, most_touches
+from balloon_warp.model.obstacles import initial_centers, initial_turns, max_body_contacts
 from balloon_warp.model.timeline import kept_values
 from balloon_warp.system.warp_threads import launch
 
@@ -40,7 +40,7 @@ class Limit(NamedTuple):
     """Free bytes"""
 
 
-def least_limit(root: Path = Path("/"), environment: Mapping[str, str] = os.environ) -> Limit | None:
+def lowest_limit(root: Path = Path("/"), environment: Mapping[str, str] = os.environ) -> Limit | None:
     """Find the limit that is met first, or None where there is none.
 
     Args:
@@ -189,7 +189,7 @@ def usable_memory(device: wp.Device) -> int:
 def _usable(device: wp.Device) -> tuple[int, str]:
     """Return the bytes that one may ask for, and within which limit, in words."""
     usable = int(USABLE * free_memory(device))
-    if device.is_cpu and (limit := least_limit()) and int(USABLE * limit.left) < usable:
+    if device.is_cpu and (limit := lowest_limit()) and int(USABLE * limit.left) < usable:
         return max(int(USABLE * limit.left), 0), f" within {limit.name}"
     return usable, ""
 
@@ -234,7 +234,7 @@ def start_kept(model: Model, kept: dict[str, Any]) -> None:
         kept[each.name].fill_(each.start)
 
 
-def go_on_keeping(model: Model, kept: dict[str, Any]) -> dict[str, Any]:
+def carry_kept_values(model: Model, kept: dict[str, Any]) -> dict[str, Any]:
     """Return the values that a model's items keep from here on: as they are, or as at the start."""
     fresh = kept_arrays(model, Allocating(model.device))
     start_kept(model, fresh)
@@ -337,7 +337,7 @@ class State:
     """Angular momenta of bodies about their centers of mass [kg m^2/s], shape (world_count, body_count), vec3"""
     body_touches: wp.array
     """Contacts of points of bodies in the last substep, in ascending order until the first -1, see
-    `kernels.loops.holding`, shape (world_count, most_touches), int32"""
+    `kernels.loops.holding`, shape (world_count, max_body_contacts), int32"""
     body_impulses: wp.array
     """Normal and friction impulses of these contacts [N s], of that shape, vec3d"""
     unsettled: wp.array
@@ -381,7 +381,7 @@ def new_state(model: Model, room: Room) -> State:
     particles, spheres = (worlds, model.particle_count), (worlds, model.sphere_count)
     touching = (worlds, model.particle_count if model.scene.touches else 0)
     balloons, bodies = (worlds, model.balloon_count), (worlds, model.body_count)
-    touches = (worlds, most_touches(model.bodies))
+    touches = (worlds, max_body_contacts(model.bodies))
     pairs = (worlds, model.balloon_count, contact_shape(model)[1])
     bursting = (worlds, model.balloon_count if model.bursts else 0)
     return State(

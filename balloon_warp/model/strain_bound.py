@@ -216,7 +216,7 @@ class HasFilm(Protocol):
         ...
 
 
-def strain_bound_said(plan: HasFilm) -> str | None:
+def strain_bound_sentence(plan: HasFilm) -> str | None:
     """Return a sentence on film that is softer than its material; None without such film."""
     return str(plan.strain_bound) if plan.strain_bound else None
 

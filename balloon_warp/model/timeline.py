@@ -19,7 +19,7 @@ from balloon_warp.kernels.features import Kept
 from balloon_warp.kernels.laws import Law, Parameter
 from balloon_warp.kernels.laws.membrane import THICKNESS
 from balloon_warp.kernels.phase import Phase
-from balloon_warp.kernels.substep import asking_phases
+from balloon_warp.kernels.substep import conditional_phases
 from balloon_warp.mesh.load import LOADERS
 from balloon_warp.model.parameters import (
     KEYFRAME_VALUES,
@@ -337,27 +337,27 @@ class Parametrized(Protocol):
     def reach(self) -> Mapping[str, Sequence[NDArray[np.float32]]]: ...
 
 
-def acting_laws(model: Parametrized) -> tuple[Law, ...]:
+def active_laws(model: Parametrized) -> tuple[Law, ...]:
     """Return the laws that act in any world at any time: the scene has them, and their parameters are not neutral."""
-    return tuple(law for law in model.laws if _acts(law, model))
+    return tuple(law for law in model.laws if _is_active(law, model))
 
 
-def acting_phases(model: Parametrized) -> tuple[Phase, ...]:
+def active_phases(model: Parametrized) -> tuple[Phase, ...]:
     """Return the phases of the step that act in any world at any time, of those that ask for it as laws do."""
-    return tuple(phase for phase in asking_phases() if _acts(phase, model))
+    return tuple(phase for phase in conditional_phases() if _is_active(phase, model))
 
 
-def all_that_act(model: Parametrized) -> tuple[Law | Phase, ...]:
+def active_laws_and_phases(model: Parametrized) -> tuple[Law | Phase, ...]:
     """Return the laws and phases that act."""
-    return (*acting_laws(model), *acting_phases(model))
+    return (*active_laws(model), *active_phases(model))
 
 
 def kept_values(model: Parametrized) -> tuple[Kept, ...]:
     """Return the values that items keep from substep to substep."""
-    return tuple(kept for phase in acting_phases(model) for kept in phase.kept)
+    return tuple(kept for phase in active_phases(model) for kept in phase.kept)
 
 
-def _acts(each: Law | Phase, model: Parametrized) -> bool:
+def _is_active(each: Law | Phase, model: Parametrized) -> bool:
     """Return whether a scene has a law or phase, with parameters that are not always neutral."""
     return (each.wants is None or each.wants(model.scene)) and not _rests(each, model)
 

@@ -45,7 +45,7 @@ STIFFNESSES = "touch_stiffnesses"
 """Name of each balloon's contact stiffness in the parameters, shape (W, balloon_count) [N/m]"""
 
 
-def settle_touch(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> Parameters:
+def resolve_touch(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> Parameters:
     """Return each balloon's default contact stiffness; empty where no balloons touch."""
     if not scene.touches:
         return {}
@@ -77,7 +77,7 @@ def edge_length(mesh: PolygonMesh) -> float:
     return float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).mean())
 
 
-def crowd_of(shapes: Sequence[BalloonShape], number: int, itself: bool) -> float:
+def contacts_per_particle(shapes: Sequence[BalloonShape], number: int, itself: bool) -> float:
     """Return the number of contacts on a particle of a balloon where even surfaces lie on each other.
 
     Its own, and as a corner of triangles those of others, as many as fit into its share of the surface.
@@ -111,7 +111,7 @@ def bound_of_touch(
     if not scene.touches:
         return {}
     said, own = parameters["touch_stiffness"], parameters[STIFFNESSES]
-    crowd = crowd_of(shapes, number, scene.touches_itself)
+    crowd = contacts_per_particle(shapes, number, scene.touches_itself)
     mass = parameters["mass"][:, number]
     others = own[:, _met_by(number, len(shapes), scene.touches_itself)]
     between = 2.0 * own[:, number, None] * others / (own[:, number, None] + others)
@@ -200,7 +200,7 @@ SLENDER = 2.0 * np.pi
 """Slenderness from which on a balloon may bend into itself: a tube's, whose ends meet around a hole as wide as it"""
 
 
-def settle_itself(scene: Scene, shapes: Sequence[BalloonShape]) -> Scene:
+def resolve_self_contact(scene: Scene, shapes: Sequence[BalloonShape]) -> Scene:
     """Return the scene with `touch.itself` settled by its meshes, where it is "auto".
 
     It is true where parts of any balloon are near each other, so that inflation may close the gap between them, and for

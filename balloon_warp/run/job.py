@@ -33,7 +33,7 @@ from balloon_warp.run.outcomes import (
     swelling_sentences,
     swellings_of,
 )
-from balloon_warp.run.provenance import Beginning, without_folders
+from balloon_warp.run.provenance import RunHeader, without_folders
 from balloon_warp.scene import Scene, SceneLike, scene_of
 from balloon_warp.scene.load import files_of_scene
 from balloon_warp.schedules.contact_lists import overflow_remarks
@@ -129,7 +129,7 @@ class RunFiles:
         """
 
 
-def told_before(
+def noting_before(
     found: Sequence[Swelling], on_note: Callable[[str], None], on_frame: Callable[[int], None]
 ) -> Callable[[int], None]:
     """Make a listener to frames that notes these before the first.
@@ -201,7 +201,7 @@ def run_scene(
     provenance: Mapping[str, Any] | None = None,
     checkpoint_seconds: float = CHECKPOINT_SECONDS,
     resume: bool = False,
-    on_begin: Callable[[Beginning], None] = lambda beginning: None,
+    on_begin: Callable[[RunHeader], None] = lambda header: None,
     on_frame: Callable[[int], None] = lambda number: None,
     on_note: Callable[[str], None] = lambda sentence: None,
     on_warning: Callable[[str], None] = lambda sentence: None,
@@ -216,7 +216,7 @@ def run_scene(
     check_policy(on_blowup)
     with files.checked(scene):
         simulator, inflation = _begun(scene, device, schedule, laws, on_begin, on_warning)
-        on_frame, again = told_before(inflation, on_note, on_frame), resume and on_blowup == "restart"
+        on_frame, again = noting_before(inflation, on_note, on_frame), resume and on_blowup == "restart"
         restarts = halvings_until(partial_path(files.output), simulator.model.substeps) if again else 0
         for _ in range(restarts):
             scene = with_half_the_step(scene, simulator.model.substeps)
@@ -278,12 +278,12 @@ def _begun(
     device: str | None,
     schedule: str,
     laws: Sequence[Law],
-    on_begin: Callable[[Beginning], None],
+    on_begin: Callable[[RunHeader], None],
     on_warning: Callable[[str], None],
 ) -> tuple[Simulator, list[Swelling]]:
     """Make the simulator of a scene, tell its oddities, and how far its balloons swell by pressures left to us."""
     simulator = Simulator(scene, device, schedule=schedule, laws=laws)
-    on_begin(Beginning.of(simulator.model, simulator.schedule.name))
+    on_begin(RunHeader.of(simulator.model, simulator.schedule.name))
     for warning in simulator.model.warnings:
         on_warning(warning)
     return simulator, swellings_of(simulator.model)

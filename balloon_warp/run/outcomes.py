@@ -84,15 +84,15 @@ def swellings(scene: Scene, shapes: Sequence[BalloonShape], parameters: Paramete
 
 
 def swellings_of(model: Model) -> list[Swelling]:
-    """Foretell the swellings of a model."""
+    """Predict the swellings of a model."""
     names = ("keyframe_values", *(row.name for row in KINDS))
     with lock_of(model.device):
         read = {name: np.asarray(model.parameters[name].numpy(), dtype=np.float64) for name in names}
     return swellings(model.scene, model.shapes, read)
 
 
-def foretold_swellings(scene: Scene) -> list[Swelling]:
-    """Foretell the swellings of a scene.
+def predicted_swellings(scene: Scene) -> list[Swelling]:
+    """Predict the swellings of a scene.
 
     Raises:
         InputError: as `plan_model`.

@@ -130,8 +130,8 @@ def mesh_label(mesh: str | Path | PolygonMesh) -> str:
 
 
 @dataclass(frozen=True)
-class Beginning:
-    """Say how much there is to simulate, on which device, and by which schedule."""
+class RunHeader:
+    """Size of a simulation, its device and its schedule."""
 
     worlds: int
     particles: int
@@ -155,8 +155,8 @@ class Beginning:
     @classmethod
     def of(cls, model: "Model", schedule: str) -> Self:
         """Summarize a model before its first frame."""
-        from balloon_warp.model.many_substeps import coarse_said, many_substeps_said
-        from balloon_warp.model.strain_bound import strain_bound_said
+        from balloon_warp.model.many_substeps import coarse_sentence, many_substeps_sentence
+        from balloon_warp.model.strain_bound import strain_bound_sentence
 
         return cls(
             worlds=model.world_count,
@@ -166,7 +166,7 @@ class Beginning:
             frames_per_second=model.scene.frames_per_second,
             device=str(model.device),
             schedule=schedule,
-            many_substeps=many_substeps_said(model.scene, model.shapes, model.substeps),
-            strain_bound=strain_bound_said(model),
-            coarse=coarse_said(model.scene, model.shapes),
+            many_substeps=many_substeps_sentence(model.scene, model.shapes, model.substeps),
+            strain_bound=strain_bound_sentence(model),
+            coarse=coarse_sentence(model.scene, model.shapes),
         )

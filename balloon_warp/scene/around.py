@@ -13,8 +13,8 @@ from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.load import Parts, load_mesh, place_mesh, prepared
 from balloon_warp.mesh.orientation import pushes
-from balloon_warp.mesh.polygon_mesh import METERS, Color, Looks, as_told
-from balloon_warp.mesh.thickness import standing, up_said
+from balloon_warp.mesh.polygon_mesh import METERS, Color, Looks, with_unit_and_up
+from balloon_warp.mesh.thickness import standing, up_axis_sentence
 from balloon_warp.mesh.topology import (
     border_edges,
     corner_faces,
@@ -213,7 +213,7 @@ def scene_table_around(
     label = source.name if isinstance(source, PolygonMesh) else source
     read = prepared(load_mesh(source, balloon.prim), label, balloon.treatment)
     guess = standing(read, source.suffix) if isinstance(source, Path) and balloon.up is None else None
-    mesh = as_told(read, balloon.unit, balloon.up or (guess and guess[0]))
+    mesh = with_unit_and_up(read, balloon.unit, balloon.up or (guess and guess[0]))
     up_axis = up_axis or mesh.up_axis
     placed = place_mesh(mesh, up_axis, balloon.scale, balloon.rotation, balloon.position)
     points = placed.points[placed.face_vertex_indices]
@@ -263,7 +263,7 @@ def _as_taken(mesh: PolygonMesh, balloon: Balloon, up_axis: str, guess: str | No
     Args:
         guess: why this axis is up, where the file does not say it.
     """
-    up = up_said(mesh, balloon.up is not None, guess)
+    up = up_axis_sentence(mesh, balloon.up is not None, guess)
     if mesh.up_axis != up_axis:
         up += f". It is turned to the scene's {up_axis}"
     if balloon.unit:

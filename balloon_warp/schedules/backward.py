@@ -62,7 +62,7 @@ class DirectionsBackward:
         self._bars.totals = room.array(balloons, wp.float32)
 
     def turn_back(self, points: wp.array, areas: wp.array) -> None:
-        """Turn the bars of directions into those of points.
+        """Backward pass of directions into bars of points.
 
         Args:
             points: from which the directions were found.
@@ -264,7 +264,7 @@ class TubesBackward:
             }
 
     def turn_back(self, state: State, gas: Mapping[str, wp.array], loads: wp.array, substep: int) -> None:
-        """Turn the bars of pressures and gases after the flow in a substep into those before.
+        """Backward pass of pressures and gases through a substep's flow.
 
         Args:
             gas: amounts and free volumes before the flow, by their names in the state.
@@ -327,7 +327,7 @@ class BackwardFrames(ABC):
     @staticmethod
     @abstractmethod
     def room_of_frame(model: Model, room: Room) -> None:
-        """Ask for the memory that the substeps of a frame keep."""
+        """Allocate the memory of a frame's substeps."""
 
     @abstractmethod
     def frame(self) -> None:
@@ -351,7 +351,7 @@ class BackwardFrames(ABC):
         return (*KEPT, *STATE_OF_TOUCH) if self.step.features.touches else KEPT
 
     def turn_back(self, checkpoint: Mapping[str, Any]) -> None:
-        """Turn the bars of where a frame ends into those of where it begins.
+        """Backward pass of a frame: from the bars of its end to those of its start.
 
         Args:
             checkpoint: arrays of the device, or of NumPy.

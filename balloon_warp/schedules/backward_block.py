@@ -17,7 +17,7 @@ from balloon_warp.kernels.schedules.block_backward import (
     kernel_backwards,
     widths_of_rows,
 )
-from balloon_warp.kernels.schedules.block_names import Layout, look_of
+from balloon_warp.kernels.schedules.block_names import Layout, access_of
 from balloon_warp.kernels.schedules.writer import Step, cut, values_of
 from balloon_warp.kernels.substep import FILMED, phases_of
 from balloon_warp.kernels.tables import Tables
@@ -25,7 +25,7 @@ from balloon_warp.kernels.working import Working
 from balloon_warp.model import Model, State
 from balloon_warp.model.state import Allocating, Room
 from balloon_warp.schedules.backward import BackwardFrames
-from balloon_warp.schedules.block_layout import CAPACITY_STEP, held_layout_of, most_particles
+from balloon_warp.schedules.block_layout import CAPACITY_STEP, held_layout_of, max_particles
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.framing import Framing
 from balloon_warp.schedules.launched import working_arrays
@@ -34,7 +34,7 @@ from balloon_warp.schedules.membranes import (
     membrane_face_layout,
     membrane_face_table,
 )
-from balloon_warp.schedules.slices import kind_slots, least_valence, quad_rings, slot_pairs, slot_table, spring_ends
+from balloon_warp.schedules.slices import kind_slots, min_valence, quad_rings, slot_pairs, slot_table, spring_ends
 from balloon_warp.schedules.tables import make_tables, world_state
 from balloon_warp.system.warp_threads import launch_tiled
 
@@ -59,7 +59,7 @@ def fits_in_block_backwards(model: Model) -> bool:
     faces that meet ridges.
     """
     features = model_features(model)
-    fits = model.balloon_count == 1 and model.particle_count <= most_particles(model, BYTES_PER_PARTICLE)
+    fits = model.balloon_count == 1 and model.particle_count <= max_particles(model, BYTES_PER_PARTICLE)
     left = features.gas_changes or features.in_water or features.spheres or features.inflation_directions
     left = left or features.touches or features.meets_solids
     return fits and not left
@@ -77,7 +77,7 @@ def layout_backwards(model: Model) -> Layout:
     slots = kind_slots(spring_ends(model))
     few = sum(slots) <= MOST_SLOTS
     held = few and threads <= THREADS
-    held = held and not (features.looks_at_velocities or features.needs("face", "velocity"))
+    held = held and not (features.reads_neighbor_velocities or features.needs("face", "velocity"))
     if not held:
         threads = min(threads, THREADS if model.particle_count > THREADS else FEW_THREADS)
     layout = Layout(threads, capacity, int(held), slots if few else (0, 0, 0), registers=REGISTERS)
@@ -89,7 +89,7 @@ def layout_backwards(model: Model) -> Layout:
     if few and threads == THREADS and not (held or features.gas):
         layout = layout._replace(registers=REGISTERS_OF_TWO)
     ring = quad_rings(model) if few and features.measures_areas else None
-    return layout._replace(rings=least_valence(ring) if ring else 0)
+    return layout._replace(rings=min_valence(ring) if ring else 0)
 
 
 def layout_again(model: Model) -> Layout:
@@ -97,7 +97,7 @@ def layout_again(model: Model) -> Layout:
     features, layout = model_features(model), layout_backwards(model)
     if model.device.is_cpu:
         return layout
-    sees_velocities = features.looks_at_velocities or features.needs("face", "velocity")
+    sees_velocities = features.reads_neighbor_velocities or features.needs("face", "velocity")
     held = None if sees_velocities else held_layout_of(model, features)
     return held or layout._replace(registers=REGISTERS_OF_TWO)
 
@@ -108,17 +108,17 @@ def plan_backwards(model: Model) -> Backwards:
     Values that particles see of each other, and sums, are kept.
     """
     features, layout, forth = model_features(model), layout_backwards(model), layout_again(model)
-    phases, look = phases_of(features), look_of(layout, features.spheres)
+    phases, access = phases_of(features), access_of(layout, features.spheres)
     looking = (
-        phase for phase in phases if not phase.light and (phase.views(features, look) or phase.item == "balloon")
+        phase for phase in phases if not phase.light and (phase.views(features, access) or phase.item == "balloon")
     )
     sums = (phase for phase in phases if phase.sums)
     shown = [name for phase in (*looking, *sums) for name in phase.writes]
 
     def pieces(layout: Layout, films: bool) -> Step:
         of = phases_of(features, instead=FILMED) if films else phases
-        look = look_of(layout, features.spheres)
-        return cut(of, features, look, doubles=not layout.held, sums_along=True, shown=shown)
+        access = access_of(layout, features.spheres)
+        return cut(of, features, access, doubles=not layout.held, sums_along=True, shown=shown)
 
     turned, kept = pieces(layout, films=False), pieces(layout, films=layout.membrane_face is not None)
     return Backwards(turned, kept, layout, pieces(forth, films=forth.membrane_face is not None), forth)
@@ -135,29 +135,29 @@ class BlockBackward(BackwardFrames):
         for name, array in working_arrays(model, features, room).items():
             setattr(working, name, array)
         self._framing = Framing(model, features, tables, working)
-        given = {"working": working, **rows(model, of, room), **self.arrays}
-        self._given = {"t": tables, **given, **_slots(model, of.layout)}
-        self._given_again = {"t": tables_again, **given, **_slots(model, of.layout_again)}
+        named_inputs = {"working": working, **rows(model, of, room), **self.arrays}
+        self._named_inputs = {"t": tables, **named_inputs, **_slots(model, of.layout)}
+        self._named_inputs_again = {"t": tables_again, **named_inputs, **_slots(model, of.layout_again)}
         self.carries_loads = features.gas and features.obstacles
         self._kernel, self._kernel_again = kernel_backwards(of, self.columns), kernel_again(of)
 
     @staticmethod
     def room_of_frame(model: Model, room: Room) -> None:
-        """Ask for the memory of the values that the substeps of a frame note."""
+        """Allocate the memory of the values that a frame's substeps record."""
         rows(model, plan_backwards(model), room)
 
     def frame(self) -> None:
         """Launch a frame: forward, and then its substeps backwards."""
         self._framing.begin(self.state)
-        self._launch(self._kernel_again, arguments_again(self._of), self._given_again, self._of.layout_again)
-        self._launch(self._kernel, arguments_backwards(self._of, self.columns), self._given, self._of.layout)
+        self._launch(self._kernel_again, arguments_again(self._of), self._named_inputs_again, self._of.layout_again)
+        self._launch(self._kernel, arguments_backwards(self._of, self.columns), self._named_inputs, self._of.layout)
 
-    def _launch(self, kernel: Any, names: Sequence[str], given: Mapping[str, Any], layout: Layout) -> None:
-        given = {**given, "state": world_state(self.state)}
+    def _launch(self, kernel: Any, names: Sequence[str], named_inputs: Mapping[str, Any], layout: Layout) -> None:
+        named_inputs = {**named_inputs, "state": world_state(self.state)}
         launch_tiled(
             kernel,
             dim=[self.model.world_count],
-            inputs=[given[name] for name in names],
+            inputs=[named_inputs[name] for name in names],
             block_dim=layout.threads,
             device=self.model.device,
         )

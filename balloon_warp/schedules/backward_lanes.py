@@ -7,7 +7,7 @@ from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.lanes import LANE_COUNT, Lanes, Lanes3
 from balloon_warp.kernels.loops.contact import Solids
 from balloon_warp.kernels.phase import NoAdjointError
-from balloon_warp.kernels.schedules.lanes import LOOKS, PARTS, Sums, kinds_of
+from balloon_warp.kernels.schedules.lanes import ACCESS, PARTS, Sums, kinds_of
 from balloon_warp.kernels.schedules.lanes_backward import arguments_backwards, bars_backwards, kernel_backwards
 from balloon_warp.kernels.schedules.lanes_layouts import OCTETS, WORLDS_AS_OCTETS, Layout
 from balloon_warp.kernels.schedules.writer import Step, cut, traces_of
@@ -18,7 +18,7 @@ from balloon_warp.model.state import Allocating, Room
 from balloon_warp.schedules.backward import BackwardFrames
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.framing import Framing
-from balloon_warp.schedules.lane_tables import allot_lanes, items_of, make_lane_tables, rows_of, shares_of
+from balloon_warp.schedules.lane_tables import allocate_lanes, items_of, make_lane_tables, rows_of, shares_of
 from balloon_warp.schedules.tables import make_tables, world_state
 from balloon_warp.system.loading import Threads
 from balloon_warp.system.warp_threads import launch
@@ -35,7 +35,7 @@ def fits_in_lanes_backwards(model: Model) -> bool:
         return False
     features = model_features(model)
     left = features.gas_changes or features.in_water or features.inflation_directions or features.spheres
-    left = left or features.stands_on_fixtures or features.touches or features.meets_solids
+    left = left or features.may_touch_obstacles or features.touches or features.meets_solids
     return not (left or features.breathes_on) and _goes_side_by_side(step_backwards(features, OCTETS))
 
 
@@ -45,7 +45,7 @@ def _goes_side_by_side(step: Step) -> bool:
         entries = [entry for trace in traces_of(step) for entry in trace.entries if trace.item == "particle"]
     except NoAdjointError:
         return False
-    phases, asked = [entry.phase for entry in entries], (step.features, step.look)
+    phases, asked = [entry.phase for entry in entries], (step.features, step.access)
     moved = [name for piece in step.pieces for name in piece.moves]
     return len(moved) == len(set(moved)) and all(
         phase.takes_eight(*asked) or (phase.rare and not phase.views(*asked)) for phase in phases
@@ -57,13 +57,13 @@ def step_backwards(features: Features, layout: Layout) -> Step:
 
     Values that particles see of each other, and sums, are kept.
     """
-    phases, look = phases_of(features, instead=SHARED), LOOKS[layout]
+    phases, access = phases_of(features, instead=SHARED), ACCESS[layout]
     looking = (
-        phase for phase in phases if not phase.light and (phase.views(features, look) or phase.item == "balloon")
+        phase for phase in phases if not phase.light and (phase.views(features, access) or phase.item == "balloon")
     )
     sums = (phase for phase in phases if phase.sums)
     shown = [name for phase in (*looking, *sums) for name in phase.writes]
-    return cut(phases, features, look, sums_along=True, apart=("pull",), shown=shown)
+    return cut(phases, features, access, sums_along=True, apart=("pull",), shown=shown)
 
 
 def layout_of(model: Model) -> Layout:
@@ -86,7 +86,7 @@ class LanesBackward(BackwardFrames):
         threads = len(self._shares)
         self._threads = Threads(threads) if threads > 1 else None
         self.recorded = threads == 1
-        self._given = {**self._tables(room, threads), **self.arrays}
+        self._named_inputs = {**self._tables(room, threads), **self.arrays}
         self._kernel = kernel_backwards(step, self._layout, self.columns)
 
     def _tables(self, room: Room, threads: int) -> dict[str, Any]:
@@ -96,7 +96,7 @@ class LanesBackward(BackwardFrames):
             Solids(),
             Working(),
         )
-        memory = allot_lanes(self.model, self.step, self._layout, room)
+        memory = allocate_lanes(self.model, self.step, self._layout, room)
         for struct, arrays in ((t, memory.of_tables), (solids, memory.solids), (working, memory.working)):
             for name, array in arrays.items():
                 setattr(struct, name, array)
@@ -106,7 +106,7 @@ class LanesBackward(BackwardFrames):
 
     @staticmethod
     def room_of_frame(model: Model, room: Room) -> None:
-        """Ask for the memory of the values that the substeps of a frame note."""
+        """Allocate the memory of the values that a frame's substeps record."""
         layout = layout_of(model)
         threads = len(shares_of(model, layout))
         rows_backwards(model, step_backwards(model_features(model), layout), layout, (), room, threads)
@@ -114,18 +114,18 @@ class LanesBackward(BackwardFrames):
     def frame(self) -> None:
         """Launch a frame: forward, and then its substeps backwards."""
         self._framing.begin(self.state)
-        given = {**self._given, "state": world_state(self.state)}
+        named_inputs = {**self._named_inputs, "state": world_state(self.state)}
         if not self._threads:
-            self._turn_groups(given, 0)
+            self._turn_groups(named_inputs, 0)
             return
-        begun = [self._threads.submit(self._turn_groups, given, slot) for slot in range(len(self._shares))]
+        begun = [self._threads.submit(self._turn_groups, named_inputs, slot) for slot in range(len(self._shares))]
         for each in begun:
             each.result()
 
-    def _turn_groups(self, given: Mapping[str, Any], slot: int) -> None:
+    def _turn_groups(self, named_inputs: Mapping[str, Any], slot: int) -> None:
         groups = self._shares[slot]
-        given = {**given, "slot": slot, "first_group": int(groups[0])}
-        inputs = [given[name] for name in arguments_backwards(self.step, self._layout, self.columns)]
+        named_inputs = {**named_inputs, "slot": slot, "first_group": int(groups[0])}
+        inputs = [named_inputs[name] for name in arguments_backwards(self.step, self._layout, self.columns)]
         launch(self._kernel, len(groups), inputs, device=self.model.device)
 
 

@@ -9,8 +9,8 @@ import warp as wp
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.adjoints.exchange import (
     ExchangeBars,
+    ExchangeResult,
     Exchanges,
-    Met,
     exchange_again_kernel,
     exchange_back_kernel,
 )
@@ -25,7 +25,7 @@ from balloon_warp.kernels.adjoints.small_spheres import (
 from balloon_warp.kernels.adjoints.sweeps import EDGES_BACK, RIDGES_BACK
 from balloon_warp.kernels.contact.spheres import mark_count
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.touch import MOST_LOOKS
+from balloon_warp.kernels.laws.touch import MAX_ADVANCEMENTS
 from balloon_warp.kernels.phase import STATE, NoAdjointError
 from balloon_warp.kernels.schedules.launched import GATHERED
 from balloon_warp.kernels.schedules.launched_backward import BackwardKernel, backward_kernels, made_kernels
@@ -94,7 +94,7 @@ class ExchangeBackward:
             wp.copy(kept, array)
 
     def turn_back(self, substep: int, log: Any) -> None:
-        """Turn the bars of after the exchange into those of before.
+        """Backward pass of the exchange of momentum.
 
         Args:
             log: courses of spheres in the substep, as they come to the exchange.
@@ -120,7 +120,7 @@ def kept_of_exchange(model: Model, room: Room) -> tuple[list[tuple[wp.array, wp.
     exchanges = Exchanges()
     for name in ("points", "velocities"):
         setattr(exchanges, name, room.array((spheres + 1, worlds, particles), wp.vec3))
-    exchanges.met = room.array((worlds, spheres), Met)
+    exchanges.met = room.array((worlds, spheres), ExchangeResult)
     came = [
         (
             room.array((worlds, particles), wp.vec3),
@@ -160,7 +160,7 @@ class FacesBackward:
             wp.copy(kept, array)
 
     def turn_back(self, substep: int, starts: wp.array) -> None:
-        """Turn the bars of after the contacts into those of before, and of where the substep began.
+        """Backward pass of the contacts: bars of the state before them, and of the substep's start.
 
         Args:
             starts: places of particles as the substep began.
@@ -199,8 +199,11 @@ def kept_of_faces(model: Model, room: Room) -> tuple[list[tuple[wp.array, ...]],
     log.contacts = room.array((worlds, CONTACTS_OF_A_SPHERE * spheres), FaceContact)
     log.counts = room.array(worlds, wp.int32)
     bars = FaceBars()
-    bars.starts, bars.eases = room.array((worlds, particles), wp.vec3), room.array((worlds, particles), wp.float32)
-    bars.parts = room.array((worlds, int(MOST_LOOKS)), wp.float32)
+    bars.starts, bars.inverse_masses = (
+        room.array((worlds, particles), wp.vec3),
+        room.array((worlds, particles), wp.float32),
+    )
+    bars.parts = room.array((worlds, int(MAX_ADVANCEMENTS)), wp.float32)
     return came, again, log, bars
 
 
@@ -379,7 +382,7 @@ class LaunchedBackward(BackwardFrames):
 
     @staticmethod
     def room_of_frame(model: Model, room: Room) -> None:
-        """Ask for the memory that the substeps of a frame keep."""
+        """Allocate the memory of a frame's substeps."""
         step = gradient_step(model, model_features(model))
         for _ in range(model.substeps):
             step_arrays(model, step, room)

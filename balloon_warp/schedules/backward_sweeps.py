@@ -51,7 +51,7 @@ class SweepsBackward:
         _copy(self._came[substep], (points, velocities))
 
     def _turn_back(self, state: State, working: Any, substep: int) -> None:
-        """Turn the bars of after the contacts into those of before, where `state` has how solids came to them."""
+        """Backward pass of the contacts; `state` has the solids before them."""
         _copy(self._again, self._came[substep])
         model = self._model
         launch_tiled(
@@ -80,7 +80,7 @@ class EdgesBackward(SweepsBackward):
         self._stops = room.array((model.world_count, model.particle_count if features.ground else 0), wp.vec2)
 
     def turn_back(self, state: State, substep: int) -> None:
-        """Turn the bars of after the contacts into those of before."""
+        """Backward pass of the contacts."""
         working = self._touch.as_it_was(substep)
         working.contact_stops = self._stops
         self._turn_back(state, working, substep)
@@ -122,7 +122,7 @@ class RidgesBackward(SweepsBackward):
         return left
 
     def turn_back(self, state: State, substep: int) -> None:
-        """Turn the bars of after the contacts into those of before.
+        """Backward pass of the contacts.
 
         Args:
             state: with where spheres came to them.
@@ -156,9 +156,9 @@ def kept_of_sweeps(back: SweepBack, model: Model, features: Features, room: Room
     seen = back.of.seen(features)
     came = [_moving(model, room) for _ in range(model.substeps)]
     bars = SweepBars()
-    bars.eases = room.array((worlds, particles), wp.float32)
-    bars.catches = room.array((worlds, list_lengths(model, features)["catches"]), Contact)
-    bars.courses = room.array((sweeps, worlds, particles), wp.vec3)
+    bars.inverse_masses = room.array((worlds, particles), wp.float32)
+    bars.listed_contacts = room.array((worlds, list_lengths(model, features)["listed_contacts"]), Contact)
+    bars.sweep_velocities = room.array((sweeps, worlds, particles), wp.vec3)
     stopped = (sweeps + 1, worlds, particles if seen.ground else 0)
     bars.rises, bars.falls = room.array(stopped, wp.float32), room.array(stopped, wp.float32)
     bars.sums = room.array((worlds, particles, SUMS), wp.int64)

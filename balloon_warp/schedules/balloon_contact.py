@@ -15,13 +15,13 @@ from balloon_warp.kernels.contact.boxes import (
 from balloon_warp.kernels.contact.edges import (
     BOXED_OF_EDGE,
     SEEKING_OF_EDGE,
+    edge_query_kernel,
     leaves_kernel,
     measuring_kernel,
-    seeking_kernel,
     trees_kernel,
 )
 from balloon_warp.kernels.contact.response import response_kernel, take_counts
-from balloon_warp.kernels.contact.search import find_kernel, looking_kernel
+from balloon_warp.kernels.contact.search import find_kernel, searching_kernel
 from balloon_warp.kernels.contact.triangles import MOST_PARTS, near_parts_kernel
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.working import LENGTHS, EightBoxes, EightPlaces
@@ -88,10 +88,10 @@ class TouchLaunches:
             dim = m.world_count, self._part_threads
             launch(near_parts_kernel(self._features), dim, [t, self._part_threads, working], device=m.device)
         if self._features.edges_meet:  # before particles note where they are
-            self._seek_edges(points, velocities)
+            self._query_edges(points, velocities)
         place: dict[str, Any] = {"dim": (m.world_count, particles), "device": m.device, "block_dim": FEW_THREADS}
         moving = self._worlds.of(state), points, velocities, working
-        launch(looking_kernel(self._features, self._eight), inputs=[t, particles, *moving], **place)
+        launch(searching_kernel(self._features, self._eight), inputs=[t, particles, *moving], **place)
         place["dim"] = m.world_count, self._list_threads
         if self._eight:
             launch(line_up_boxes, m.world_count, [t, working], device=m.device)
@@ -104,9 +104,9 @@ class TouchLaunches:
             self._press(state, points, velocities, only_counts=True)
             launch(take_counts, (m.world_count, particles), [particles, working], device=m.device)
 
-    def _seek_edges(self, points: wp.array, velocities: wp.array) -> None:
+    def _query_edges(self, points: wp.array, velocities: wp.array) -> None:
         m, features, edges = self.model, self._features, self._tables.touch.edges.shape[0]
-        kernels = [(seeking_kernel, edges, 1), (trees_kernel, -(-edges // SEEKING_SHARE), 1)]
+        kernels = [(edge_query_kernel, edges, 1), (trees_kernel, -(-edges // SEEKING_SHARE), 1)]
         if features.touches_itself:
             kernels.append((leaves_kernel, LEAF_TURNS * self._working.near_parts.shape[1] // 2, LEAF_TURNS))
         for kernel, threads, turns in [*kernels, (measuring_kernel, edges, 1)]:
@@ -164,7 +164,7 @@ def touch_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]
         "contacts": room.array((worlds, particles), wp.float32),
         "touched": room.array((worlds, particles), wp.int8),
         "edge_boxes": room.array((worlds, 2 * edges), wp.vec4),
-        "seeking_edges": room.array((worlds, edges * SEEKING_OF_EDGE), wp.vec2i),
+        "query_edges": room.array((worlds, edges * SEEKING_OF_EDGE), wp.vec2i),
         "boxed_edges": room.array((worlds, edges * BOXED_OF_EDGE), wp.vec2i),
         "edge_clearances": room.array((worlds, edges if features.touches_itself else 0), wp.float32),
     }

@@ -5,10 +5,10 @@ from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.schedules.block import source_of_frame
 from balloon_warp.model import Model, State
 from balloon_warp.model.state import Allocating, Room
-from balloon_warp.schedules.block_layout import BlockFrames, fits_in_block, layout_of, most_particles, step_of
+from balloon_warp.schedules.block_layout import BlockFrames, fits_in_block, layout_of, max_particles, step_of
+from balloon_warp.schedules.contact_horizon import has_free_frames
 from balloon_warp.schedules.framing import Framing
 from balloon_warp.schedules.free_frames import FreeFramesSchedule
-from balloon_warp.schedules.outlook import has_free_frames
 
 
 class BlockSchedule(FreeFramesSchedule):
@@ -26,7 +26,9 @@ class BlockSchedule(FreeFramesSchedule):
         working = self.busy.working if self.busy else None
         self.frames = BlockFrames(model, self.features, Allocating(model.device), working)
         tables, numbers = self.frames.tables, self.frames.numbers
-        self.framing = Framing(model, self.all_features, tables, numbers=numbers, looks=self.busy is not None)
+        self.framing = Framing(
+            model, self.all_features, tables, numbers=numbers, checks_particles=self.busy is not None
+        )
 
     @classmethod
     def leaves_busy(cls, features: Features) -> bool:
@@ -34,9 +36,9 @@ class BlockSchedule(FreeFramesSchedule):
         return has_free_frames(features)
 
     @classmethod
-    def allot(cls, model: Model, features: Features, room: Room, shares_working: bool) -> None:
-        """Ask for the memory of frames in blocks."""
-        BlockFrames.allot(model, features, room, shares_working)
+    def allocate(cls, model: Model, features: Features, room: Room, shares_working: bool) -> None:
+        """Allocate the memory of frames in blocks."""
+        BlockFrames.allocate(model, features, room, shares_working)
 
     @classmethod
     def source_of(cls, model: Model) -> str:
@@ -63,5 +65,5 @@ def require_block(model: Model, schedule: str) -> None:
     if not fits_in_block(model):
         raise InputError(
             f"schedule {schedule}: a world of {model.particle_count:,} particles is too large for a block's shared "
-            f"memory, which holds {most_particles(model):,}; use gather"
+            f"memory, which holds {max_particles(model):,}; use gather"
         )

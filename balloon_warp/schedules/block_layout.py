@@ -13,7 +13,7 @@ from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.membranes import MembraneFaceLayout
 from balloon_warp.kernels.phases.motion import check
 from balloon_warp.kernels.schedules.block import arguments_of_frame, kernel_of_frame
-from balloon_warp.kernels.schedules.block_names import Layout, look_of
+from balloon_warp.kernels.schedules.block_names import Layout, access_of
 from balloon_warp.kernels.schedules.writer import Step, cut, values_of
 from balloon_warp.kernels.substep import FACING, FILMED, NOTHING, phases_of
 from balloon_warp.kernels.working import Working
@@ -23,7 +23,7 @@ from balloon_warp.schedules.launched import working_arrays
 from balloon_warp.schedules.membranes import membrane_face_entries, membrane_face_layout, membrane_face_table
 from balloon_warp.schedules.slices import (
     kind_slots,
-    least_valence,
+    min_valence,
     order_by_springs,
     quad_rings,
     renumbered,
@@ -52,10 +52,10 @@ def thread_a_particle(model: Model) -> bool:
 
 def fits_in_block(model: Model) -> bool:
     """Return whether a world's points, in two buffers, fit in the shared memory of a block."""
-    return model.particle_count <= most_particles(model)
+    return model.particle_count <= max_particles(model)
 
 
-def most_particles(model: Model, bytes_per_particle: int = BYTES_PER_PARTICLE) -> int:
+def max_particles(model: Model, bytes_per_particle: int = BYTES_PER_PARTICLE) -> int:
     """Return the largest number of particles whose points fit in shared memory, at a number of bytes each."""
     if model.device.is_cpu:
         return CPU_TILE_BYTES // bytes_per_particle
@@ -103,7 +103,7 @@ def step_of(features: Features, layout: Layout) -> Step:
     """Return the phases of a scene, in pieces, as a block executes them."""
     instead = FILMED if layout.membrane_face else FACING if features.directions_on_the_way else NOTHING
     phases = (*phases_of(features, instead=instead), *phases_of(features, (check,)))
-    return cut(phases, features, look_of(layout, features.spheres), doubles=True, sums_along=True)
+    return cut(phases, features, access_of(layout, features.spheres), doubles=True, sums_along=True)
 
 
 def layout_of(model: Model, features: Features) -> Layout:
@@ -130,7 +130,7 @@ def held_layout_of(model: Model, features: Features) -> Layout | None:
 def _small_ones_leave_fixtures(model: Model, features: Features) -> bool:
     """Return whether each multiprocessor has several worlds of a few springs that may touch obstacles."""
     many = model.device.is_cuda and model.world_count > 2 * model.device.sm_count
-    return many and features.stands_on_fixtures and not features.membranes and thread_a_particle(model)
+    return many and features.may_touch_obstacles and not features.membranes and thread_a_particle(model)
 
 
 def _held(model: Model, features: Features, held: int) -> tuple[Layout, int] | None:
@@ -171,7 +171,7 @@ def _with_quads(
     ends = spring_ends(model)
     ring = quad_rings(model) if features.measures_areas or features.directions_on_the_way else None
     layout = Layout(
-        threads, capacity, held, kind_slots(ends), least_valence(ring) if ring else 0, membrane_face=membrane_face,
+        threads, capacity, held, kind_slots(ends), min_valence(ring) if ring else 0, membrane_face=membrane_face,
         odd=model.substeps % 2 == 1,
     )  # fmt: skip
     tiles = 2 if "point" in step_of(features, layout).doubled else 1
@@ -181,7 +181,7 @@ def _with_quads(
     slots = sum(layout.slots) * (3 if features.springs_vary else 2)
     needed = (GAS_REGISTERS if features.gas else PARAMS_REGISTERS) + held * (PARTICLE_REGISTERS + slots)
     needed += MEMBRANE_FACE_REGISTERS * bool(membrane_face) + quads * QUAD_REGISTERS
-    needed += FIXTURE_REGISTERS if features.stands_on_fixtures else 0
+    needed += FIXTURE_REGISTERS if features.may_touch_obstacles else 0
     in_memory = model.device.max_shared_memory_per_block // (bytes_of_tiles + SUM_BYTES)
     useful = min(-(-model.world_count // model.device.sm_count), MOST_THREADS_OF_MULTIPROCESSOR // threads)
     for blocks in range(min(useful, in_memory), 0, -1):
@@ -217,11 +217,11 @@ def _ordered(features: Features, layout: Layout) -> Layout:
 
 def _loop_threads(model: Model, features: Features, membrane_face: MembraneFaceLayout | None) -> tuple[int, int]:
     """Return the threads that loop, and registers of each."""
-    if 2 * model.particle_count > most_particles(model):
+    if 2 * model.particle_count > max_particles(model):
         return THREADS_ALONE
     if _small_ones_leave_fixtures(model, features):
         return THREADS_OF_SMALL_NEAR_FIXTURES
-    if features.stands_on_fixtures:
+    if features.may_touch_obstacles:
         return THREADS_NEAR_FIXTURES
     if model.balloon_count == 1 and membrane_face is None and model.particle_count > MANY:
         return THREADS_OF_MANY
@@ -234,10 +234,10 @@ def _tiles(model: Model, features: Features, layout: Layout) -> tuple[str, ...]:
         return ()
     step = step_of(features, layout)
     kept = [value for value in ("area_vector", "free_velocity", "force", "inflation_direction") if value in step.kept]
-    velocities_are_seen = features.looks_at_velocities or features.needs("face", "velocity") or features.impulses
+    velocities_are_seen = features.reads_neighbor_velocities or features.needs("face", "velocity") or features.impulses
     waiting = [*([] if velocities_are_seen else ["velocity"]), *kept]
     points = 2 if "point" in step.doubled else 1
-    room = most_particles(model, POINT_BYTES) // (1 if features.corrected else 2) // layout.capacity - points
+    room = max_particles(model, POINT_BYTES) // (1 if features.corrected else 2) // layout.capacity - points
     return tuple(waiting[: max(room, 0)])
 
 
@@ -268,14 +268,14 @@ class BlockFrames:
         self.tables = make_tables(laid_out, features, in_block=not self.layout.held or features.in_water)
         self.tables.membranes.membrane_faces = membrane_face_table(model, self.layout.membrane_face)
         self.working = working or _working(model, features, room)
-        self._given = {"t": self.tables, "working": self.working, **_values(model, self.step, self.layout, room)}
-        self._given["state_numbers"] = self.numbers
+        self._named_inputs = {"t": self.tables, "working": self.working, **_values(model, self.step, self.layout, room)}
+        self._named_inputs["state_numbers"] = self.numbers
         if self.layout.held:
             ring = quad_rings(model) if self.layout.rings else None
-            self._given["slots"] = slot_table(model, spring_ends(model), ring)
+            self._named_inputs["slots"] = slot_table(model, spring_ends(model), ring)
 
     @staticmethod
-    def allot(model: Model, features: Features, room: Room, shares_working: bool = False) -> None:
+    def allocate(model: Model, features: Features, room: Room, shares_working: bool = False) -> None:
         """Ask for all memory that they keep, or that they do not share."""
         layout = layout_of(model, features)
         if not shares_working:
@@ -292,11 +292,11 @@ class BlockFrames:
 
     def advance(self, state: State) -> None:
         """Advance by a frame."""
-        given = {**self._given, "state": world_state(state), **kept_arguments(state)}
+        named_inputs = {**self._named_inputs, "state": world_state(state), **kept_arguments(state)}
         launch_tiled(
             self._kernel,
             dim=[self.model.world_count],
-            inputs=[given[name] for name in arguments_of_frame(self.step, self.layout)],
+            inputs=[named_inputs[name] for name in arguments_of_frame(self.step, self.layout)],
             block_dim=self.layout.threads,
             device=self.model.device,
         )

@@ -9,8 +9,8 @@ from balloon_warp.kernels.laws.outer import GAS
 from balloon_warp.model import Model, State
 from balloon_warp.model.touch import is_in_layers
 from balloon_warp.schedules.block_layout import fits_in_block, thread_a_particle
+from balloon_warp.schedules.contact_horizon import looks_at_parts
 from balloon_warp.schedules.contact_lists import ContactLists
-from balloon_warp.schedules.outlook import looks_at_parts
 from balloon_warp.schedules.touch_table import small_spheres
 
 
@@ -112,7 +112,7 @@ def only_launched(model: Model) -> str | None:
     return "contact forces (contacts = true)" if model.scene.contacts else None
 
 
-def settled_schedule(name: str, model: Model, world_count: int) -> str:
+def resolved_schedule(name: str, model: Model, world_count: int) -> str:
     """Return `name`, with `auto` settled for a batch of a number of worlds.
 
     The model may be any part of the batch: a world's result does not depend on how many others it is simulated with.
@@ -169,9 +169,9 @@ def _in_patches(model: Model) -> Features | None:
     """Return the features with which `gather` moves a model in patches, maybe in free frames alone, or None."""
     if model.device.is_cpu or thread_a_particle(model) or only_launched(model):
         return None  # so that nothing of patches need be imported
+    from balloon_warp.schedules.contact_horizon import free_features, has_free_frames
     from balloon_warp.schedules.features import model_features
     from balloon_warp.schedules.free_frames import busy_in_blocks
-    from balloon_warp.schedules.outlook import free_features, has_free_frames
     from balloon_warp.schedules.patches import cut_into_patches
 
     features = model_features(model)

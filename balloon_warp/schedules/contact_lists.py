@@ -27,7 +27,7 @@ TRIANGLES = 40
 PAIRS_OF_EDGE, TRIANGLES_OF_EDGE = 24, 24
 """Pairs of edges that may touch until the next search for which there is room, for each edge, and triangles of a
 particle among them"""
-CATCHES, MOST_CATCHES, ROOMY = 8, 32, 32_768
+LISTED_CONTACTS, MAX_LISTED_CONTACTS, ROOMY = 8, 32, 32_768
 """Number of pairs that a world has room for in a substep, for each edge: in a packet of layers all of its edges, and
 particles, are near many others, and so a world has room for all that may be listed, up to `ROOMY` pairs"""
 LEAST_RIDGE_PAIRS, RIDGE_PAIRS = 1024, 2
@@ -37,7 +37,7 @@ GROWTH, ROUNDED = 1.5, 8
 ARRAYS: dict[str, Any] = {
     "candidates": wp.int32,
     "edge_pairs": wp.vec3i,
-    "catches": Contact,
+    "listed_contacts": Contact,
     "ridge_pairs": wp.vec3i,
 }
 """Lists of `Working` and their types, in the order of `kernels.working`"""
@@ -139,7 +139,7 @@ def first_lengths(model: Model, features: Features) -> dict[str, int]:
     return {
         "candidates": TRIANGLES if features.touches else 0,
         "edge_pairs": edges * PAIRS_OF_EDGE + (model.particle_count * TRIANGLES_OF_EDGE if edges else 0),
-        "catches": max(CATCHES * edges, min(MOST_CATCHES * edges, ROOMY), ridges, beside_bodies),
+        "listed_contacts": max(LISTED_CONTACTS * edges, min(MAX_LISTED_CONTACTS * edges, ROOMY), ridges, beside_bodies),
         "ridge_pairs": ridges,
     }
 

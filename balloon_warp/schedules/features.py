@@ -9,7 +9,7 @@ from balloon_warp.kernels.laws.springs import HOOKE, RUBBER, RUBBER_AT_LIMIT
 from balloon_warp.kernels.schedules.launched import GATHERED
 from balloon_warp.model import Model
 from balloon_warp.model.starts import may_be_crushed
-from balloon_warp.model.timeline import acting_laws, acting_phases, kept_values, values_over_time
+from balloon_warp.model.timeline import active_laws, active_phases, kept_values, values_over_time
 from balloon_warp.model.touch import edges_meet
 from balloon_warp.schedules.membranes import membrane_laws
 from balloon_warp.schedules.slices import quad_rings
@@ -38,13 +38,13 @@ def model_features(model: Model) -> Features:
     """Return the features of a model's kernels."""
     kinds = {int(kind) for kind in model.inflation_kind.numpy()}
     scene = model.scene
-    laws = acting_laws(model)
+    laws = active_laws(model)
     viscosities = values_over_time(model, "film_viscosity")
     crushes = may_be_crushed(scene, model.shapes, list(values_over_time(model, "keyframe_values")))
     features = Features(
         laws=laws,
         columns=model.columns,
-        acting=tuple(phase.name for phase in acting_phases(model)),
+        active=tuple(phase.name for phase in active_phases(model)),
         keeps=kept_values(model),
         membranes=membrane_laws(model),
         viscous=any(values.any() for values in viscosities),
@@ -93,7 +93,10 @@ def model_features(model: Model) -> Features:
         edges_meet=edges_meet(scene, model.shapes),
     )
     changed = {
-        name for phase in acting_phases(model) if phase.acts(features) for name in phase.changes(features, GATHERED)
+        name
+        for phase in active_phases(model)
+        if phase.is_active(features)
+        for name in phase.changes(features, GATHERED)
     }
     return features._replace(changes=tuple(sorted(changed)))
 

@@ -9,12 +9,12 @@ from balloon_warp.kernels.schedules.launched import read_sphere_forces, write_sp
 from balloon_warp.model import Model, State
 from balloon_warp.schedules.frames import ContactSums, HealthCheck
 from balloon_warp.schedules.tables import (
-    forget_looks,
+    clear_clearances,
     note_pressures,
     place_anchors,
     place_obstacles,
     refresh_ramp,
-    weigh_air,
+    update_air,
 )
 from balloon_warp.system.warp_threads import launch
 
@@ -26,7 +26,7 @@ class Framing:
         tables: that the schedule has made of it.
         working: the memory of its kernels beside the state; None where they keep nothing from frame to frame.
         numbers: of particles in the state, if tables have them in another order.
-        looks: whether particles are looked at as a frame ends; otherwise kernels have done so.
+        checks_particles: whether particles are looked at as a frame ends; otherwise kernels have done so.
     """
 
     def __init__(
@@ -37,20 +37,20 @@ class Framing:
         working: Any | None = None,
         *,
         numbers: wp.array | None = None,
-        looks: bool = True,
+        checks_particles: bool = True,
     ):
         self.model, self.features, self.tables, self.working = model, features, tables, working
         self._numbers = numbers
         self._contact_sums = ContactSums(model) if features.tells_contacts else None
-        self._health = HealthCheck(model, particles=looks)
+        self._health = HealthCheck(model, particles=checks_particles)
 
     def begin(self, state: State) -> None:
         """Update the values that depend on the frame, and read the forces that the last frame left on spheres."""
         refresh_ramp(self.model, state)
-        weigh_air(self.model, self.features, self.tables, state, self._numbers)
+        update_air(self.model, self.features, self.tables, state, self._numbers)
         place_obstacles(self.model, self.tables, state)
         place_anchors(self.model, self.tables, state)
-        forget_looks(self.tables)
+        clear_clearances(self.tables)
         if self.working and self.features.tells_contacts:
             self.working.contact_impulses.zero_()
         if self.working and self.features.penalties:

@@ -16,14 +16,14 @@ from balloon_warp.kernels.features import Features
 from balloon_warp.model import Model, State
 from balloon_warp.model.state import Allocating, Counting, Room
 from balloon_warp.schedules.block_layout import BlockFrames, fits_in_block
+from balloon_warp.schedules.contact_horizon import ContactHorizon, busy_features, contact_horizon_arrays, free_features
 from balloon_warp.schedules.contact_lists import ContactLists, has_lists, start_of_frame
 from balloon_warp.schedules.features import choosing_parameters, model_features
 from balloon_warp.schedules.framing import Framing
 from balloon_warp.schedules.gather import GatherSchedule, PullingOctets
 from balloon_warp.schedules.launched import Launches
 from balloon_warp.schedules.membranes import left_array
-from balloon_warp.schedules.outlook import Outlook, busy_features, free_features, outlook_arrays
-from balloon_warp.schedules.tables import forget_looks, look_arrays, place_anchors, place_obstacles
+from balloon_warp.schedules.tables import clear_clearances, clearance_arrays, place_anchors, place_obstacles
 from balloon_warp.system.warp_threads import launch
 
 
@@ -87,21 +87,21 @@ class BusyWorlds:
             else LaunchedFrames(model, busy)
         )
         self.working = self._frames.working
-        self.outlook = Outlook(model, features, self._frames.tables, self.working)
+        self.contact_horizon = ContactHorizon(model, features, self._frames.tables, self.working)
 
     @staticmethod
-    def allot(model: Model, features: Features, room: Room) -> None:
-        """Ask for all memory that it keeps."""
+    def allocate(model: Model, features: Features, room: Room) -> None:
+        """Allocate all of its memory."""
         busy = busy_features(features)
         if busy_in_blocks(model, features):
-            BlockFrames.allot(model, busy, room)
+            BlockFrames.allocate(model, busy, room)
         else:
             launches = launches_for(model)
-            Launches.allot(model, launches.step_of(model, busy), room)
-            launches.allot(model, busy, room)
+            Launches.allocate(model, launches.step_of(model, busy), room)
+            launches.allocate(model, busy, room)
             if has_lists(busy):
                 start_of_frame(model, room)
-        outlook_arrays(model, features, room)
+        contact_horizon_arrays(model, features, room)
 
     @property
     def contact_lists(self) -> ContactLists | None:
@@ -119,7 +119,7 @@ class BusyWorlds:
         Args:
             are_recorded: whether frames become a graph, which has the kernels of busy worlds even if there are none.
         """
-        self.outlook.begin_loading()
+        self.contact_horizon.begin_loading()
         if are_recorded:
             self._frames.begin_loading()
 
@@ -127,7 +127,7 @@ class BusyWorlds:
         """Find the busy worlds, before the free ones are advanced."""
         place_obstacles(self._model, self._frames.tables, state)
         place_anchors(self._model, self._frames.tables, state)
-        self.outlook.look(state)
+        self.contact_horizon.judge(state)
 
     def advance(self, state: State) -> None:
         """Advance the busy worlds, and those that were not free after all.
@@ -145,11 +145,11 @@ class BusyWorlds:
 
     def advance_busy(self, state: State) -> None:
         """Put the busy worlds back to where the frame began, and advance them."""
-        self.outlook.put_back(state)
-        forget_looks(self._frames.tables)
+        self.contact_horizon.put_back(state)
+        clear_clearances(self._frames.tables)
         self._frames.advance(state)
         if isinstance(self._frames, LaunchedFrames):
-            self.outlook.keep_forces(state)
+            self.contact_horizon.keep_forces(state)
 
 
 def launches_for(model: Model) -> type[GatherSchedule]:
@@ -187,7 +187,7 @@ class FreeFramesSchedule(ABC):
 
     @classmethod
     @abstractmethod
-    def allot(cls, model: Model, features: Features, room: Room, shares_working: bool) -> None:
+    def allocate(cls, model: Model, features: Features, room: Room, shares_working: bool) -> None:
         """Ask for all memory that free frames keep beside that of all schedules."""
 
     @abstractmethod
@@ -210,10 +210,10 @@ class FreeFramesSchedule(ABC):
         room, features = Counting(), model_features(model)
         shares = cls.leaves_busy(features)
         if shares:
-            BusyWorlds.allot(model, features, room)
-        cls.allot(model, cls.features_of(model), room, shares)
+            BusyWorlds.allocate(model, features, room)
+        cls.allocate(model, cls.features_of(model), room, shares)
         left_array(model, room)
-        look_arrays(model, room)
+        clearance_arrays(model, room)
         return room.bytes // model.world_count
 
     @property
@@ -248,7 +248,7 @@ class FreeFramesSchedule(ABC):
             self.busy.find(state)
         self.advance_free(state)
         if self.busy:
-            self.busy.outlook.look_back(state)
+            self.busy.contact_horizon.judge_afterwards(state)
 
 
 def _busy_worlds(model: Model, features: Features) -> "BusyWorlds":
@@ -277,10 +277,10 @@ class PatchedSchedule(FreeFramesSchedule):
         return True
 
     @classmethod
-    def allot(cls, model: Model, features: Features, room: Room, shares_working: bool) -> None:
+    def allocate(cls, model: Model, features: Features, room: Room, shares_working: bool) -> None:
         """Ask for the memory of launches and patches."""
-        Launches.allot(model, GatherSchedule.step_of(model, features), room)
-        GatherSchedule.allot(model, features, room)
+        Launches.allocate(model, GatherSchedule.step_of(model, features), room)
+        GatherSchedule.allocate(model, features, room)
 
     def begin_loading(self) -> None:
         """Compile nothing ahead: patches load as they are launched."""

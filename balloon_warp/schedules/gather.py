@@ -23,7 +23,7 @@ import warp as wp
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.contact import Solids
 from balloon_warp.kernels.phase import STATE
-from balloon_warp.kernels.schedules.lanes import LOOKS, pulling_arguments, pulling_kernel, pulling_source
+from balloon_warp.kernels.schedules.lanes import ACCESS, pulling_arguments, pulling_kernel, pulling_source
 from balloon_warp.kernels.schedules.lanes_layouts import OCTETS
 from balloon_warp.kernels.schedules.launched import GATHERED, SUMMED, source_of
 from balloon_warp.kernels.schedules.writer import Step, cut
@@ -32,7 +32,7 @@ from balloon_warp.model import Model, State
 from balloon_warp.model.state import Room
 from balloon_warp.schedules.contact_lists import has_many
 from balloon_warp.schedules.features import model_features
-from balloon_warp.schedules.lane_tables import allot_lanes, make_lane_tables
+from balloon_warp.schedules.lane_tables import allocate_lanes, make_lane_tables
 from balloon_warp.schedules.launched import LaunchedSchedule, Moving, Own
 from balloon_warp.schedules.patches import PatchLaunch, cut_into_patches, first_phases
 from balloon_warp.schedules.tables import Worlds, kept_arguments
@@ -45,7 +45,7 @@ class GatherSchedule(LaunchedSchedule):
     name = "gather"
     watchable = False
     fast_math = True
-    look = GATHERED
+    access = GATHERED
 
     def __init__(self, model: Model, features: Features | None = None, working: Any | None = None):
         """Advance all worlds, or those that the features are for.
@@ -67,13 +67,13 @@ class GatherSchedule(LaunchedSchedule):
         Resting contact has a launch of its own: of many particles on a GPU those without contact neither wait for
         others, nor take as many registers.
         """
-        apart = ("leave",) if features.stands_on_fixtures and has_many(model) else ()
+        apart = ("leave",) if features.may_touch_obstacles and has_many(model) else ()
         if cut_into_patches(model, features):
-            return cut(first_phases(features), features, cls.look, shown=("inflation_direction",))
-        return cut(phases_of(features), features, cls.look, apart=apart)
+            return cut(first_phases(features), features, cls.access, shown=("inflation_direction",))
+        return cut(phases_of(features), features, cls.access, apart=apart)
 
     @classmethod
-    def allot(cls, model: Model, features: Features, room: Room) -> tuple[Any, ...]:
+    def allocate(cls, model: Model, features: Features, room: Room) -> tuple[Any, ...]:
         """Allocate the memory of patches."""
         patches = cut_into_patches(model, features)
         return (PatchLaunch.arrays(model, features, patches, room),) if patches else ()
@@ -103,7 +103,7 @@ class ScatterSchedule(LaunchedSchedule):
     """Advances a state by whole frames, in place."""
 
     name = "scatter"
-    look = SUMMED
+    access = SUMMED
     instead = SCATTERED
 
     def __init__(self, model: Model):
@@ -114,7 +114,7 @@ class ScatterSchedule(LaunchedSchedule):
         self.launches.working.forces, self.launches.working.area_vectors = self.forces, area_vectors
 
     @classmethod
-    def allot(cls, model: Model, features: Features, room: Room) -> tuple[Any, ...]:
+    def allocate(cls, model: Model, features: Features, room: Room) -> tuple[Any, ...]:
         """Return the forces, and area vectors where they are needed."""
         worlds, particles = model.world_count, model.particle_count
         areas = (worlds, particles if features.measures_areas else 0)
@@ -152,12 +152,12 @@ class PullingOctets(GatherSchedule):
         phases = phases_of(features, instead=PULLED)
         names = [phase.name for phase in phases if not phase.light]
         after = names[names.index(PULL) + 1]
-        return cut(phases, features, cls.look, apart=(PULL, after))
+        return cut(phases, features, cls.access, apart=(PULL, after))
 
     @classmethod
-    def allot(cls, model: Model, features: Features, room: Room) -> tuple[Any, ...]:
+    def allocate(cls, model: Model, features: Features, room: Room) -> tuple[Any, ...]:
         """Allocate the memory of octets."""
-        return (allot_lanes(model, _pulling_step(cls.step_of(model, features)), OCTETS, room),)
+        return (allocate_lanes(model, _pulling_step(cls.step_of(model, features)), OCTETS, room),)
 
     @classmethod
     def source_of(cls, model: Model) -> str:
@@ -190,5 +190,5 @@ def _pulling_step(step: Step) -> Step:
     """Return the phases of an octet, in pieces, that compute the outputs of a step's `pull`."""
     (leaves,) = (piece.leaves for piece in step.pieces if piece.phases[0].name == PULL)
     features = step.features
-    phases = [phase for phase in SHARED_PULL if phase.acts(features)]
-    return cut(phases, features, LOOKS[OCTETS], sums_along=True, apart=(PULL,), shown=leaves)
+    phases = [phase for phase in SHARED_PULL if phase.is_active(features)]
+    return cut(phases, features, ACCESS[OCTETS], sums_along=True, apart=(PULL,), shown=leaves)

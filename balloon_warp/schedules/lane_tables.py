@@ -286,11 +286,11 @@ def shares_of(model: Model, layout: Layout, thread_count: int | None = None) -> 
     return np.array_split(np.arange(groups), min(thread_count or os.cpu_count() or 1, groups))
 
 
-def allot_lanes(model: Model, step: Step, layout: Layout, room: Room) -> LaneMemory:
+def allocate_lanes(model: Model, step: Step, layout: Layout, room: Room) -> LaneMemory:
     """Ask for it."""
     groups, items, features = group_count(model, layout), items_of(model, layout).count, step.features
     balloons, width = model.balloon_count, features.columns.width
-    solids = model.sphere_count + (len(model.obstacles) if features.stands_on_fixtures else 0)
+    solids = model.sphere_count + (len(model.obstacles) if features.may_touch_obstacles else 0)
     adds_up = bool(features.membranes) or features.has("hinge") or features.has("face")
     return LaneMemory(
         _of_kernel(model, step, layout, room),

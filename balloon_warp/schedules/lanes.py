@@ -11,7 +11,7 @@ import numpy as np
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.contact import Solids
-from balloon_warp.kernels.schedules.lanes import LOOKS, arguments_of, kernel_of, source_of
+from balloon_warp.kernels.schedules.lanes import ACCESS, arguments_of, kernel_of, source_of
 from balloon_warp.kernels.schedules.lanes_layouts import OCTETS, WORLDS, WORLDS_AS_OCTETS, Layout
 from balloon_warp.kernels.schedules.writer import Step, cut
 from balloon_warp.kernels.substep import SHARED, phases_of
@@ -21,7 +21,7 @@ from balloon_warp.model.state import Allocating, Room
 from balloon_warp.schedules.frames import FramePiece
 from balloon_warp.schedules.framing import Framing
 from balloon_warp.schedules.free_frames import FreeFramesSchedule
-from balloon_warp.schedules.lane_tables import allot_lanes, make_lane_tables, put_far_away, rows_of, shares_of
+from balloon_warp.schedules.lane_tables import allocate_lanes, make_lane_tables, put_far_away, rows_of, shares_of
 from balloon_warp.schedules.tables import kept_arguments, make_tables, world_state
 from balloon_warp.system.loading import Threads
 from balloon_warp.system.warp_threads import begin_loading, launch
@@ -60,7 +60,7 @@ class LanesSchedule(FreeFramesSchedule):
     @classmethod
     def step_of(cls, features: Features) -> Step:
         """Return the phases of a model, in pieces."""
-        return cut(phases_of(features, instead=SHARED), features, LOOKS[cls.layout], sums_along=True, apart=("pull",))
+        return cut(phases_of(features, instead=SHARED), features, ACCESS[cls.layout], sums_along=True, apart=("pull",))
 
     @classmethod
     def source_of(cls, model: Model) -> str:
@@ -70,13 +70,13 @@ class LanesSchedule(FreeFramesSchedule):
     def _arguments(self, step: Step) -> dict[str, Any]:
         """Return the kernel's arguments by name, in order; None for those that differ from launch to launch."""
         t, solids = make_lane_tables(self.model, self.features, self.layout, self.tables), Solids()
-        working, memory = Working(), allot_lanes(self.model, step, self.layout, Allocating(self.model.device))
+        working, memory = Working(), allocate_lanes(self.model, step, self.layout, Allocating(self.model.device))
         put_far_away(memory.of_kernel, self.layout)
         for struct, arrays in ((t, memory.of_tables), (solids, memory.solids), (working, memory.working)):
             for name, array in arrays.items():
                 setattr(struct, name, array)
         if self.busy:
-            for name in ("verdicts", "ways", "any_busy"):
+            for name in ("verdicts", "travel_limits", "any_busy"):
                 setattr(working, name, getattr(self.busy.working, name))
         t.rows = rows_of(memory.of_tables["numbers"])
         has = {"t": t, "tables": self.tables, "working": working, "solids": solids, **memory.of_kernel}
@@ -89,9 +89,9 @@ class LanesSchedule(FreeFramesSchedule):
             self._threads = Threads(len(self._shares))
 
     @classmethod
-    def allot(cls, model: Model, features: Features, room: Room, shares_working: bool) -> None:
+    def allocate(cls, model: Model, features: Features, room: Room, shares_working: bool) -> None:
         """Ask for the memory of eight worlds, or eight particles, side by side."""
-        allot_lanes(model, cls.step_of(features), cls.layout, room)
+        allocate_lanes(model, cls.step_of(features), cls.layout, room)
 
     @property
     def pieces(self) -> list[FramePiece]:
@@ -107,16 +107,16 @@ class LanesSchedule(FreeFramesSchedule):
 
     def advance_free(self, state: State) -> None:
         """Run the substeps of a frame, the groups of worlds on as many threads as there are cores."""
-        given = {"state": world_state(state), **kept_arguments(state)}
+        named_inputs = {"state": world_state(state), **kept_arguments(state)}
         if len(self._shares) == 1:
-            self._advance_groups(given, self._shares[0])
+            self._advance_groups(named_inputs, self._shares[0])
         else:
-            for done in [self._threads.submit(self._advance_groups, given, share) for share in self._shares]:
+            for done in [self._threads.submit(self._advance_groups, named_inputs, share) for share in self._shares]:
                 done.result()
 
-    def _advance_groups(self, given: Mapping[str, Any], groups: np.ndarray) -> None:
-        given = {**given, "first_group": int(groups[0])}
-        inputs = [given.get(name, has) for name, has in self._inputs.items()]
+    def _advance_groups(self, named_inputs: Mapping[str, Any], groups: np.ndarray) -> None:
+        named_inputs = {**named_inputs, "first_group": int(groups[0])}
+        inputs = [named_inputs.get(name, has) for name, has in self._inputs.items()]
         launch(self._kernel, len(groups), inputs, device=self.model.device)
 
 

@@ -10,15 +10,15 @@ import warp as wp
 
 from balloon_warp.kernels.contact.spheres import mark_count
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.phase import STATE, Item, Look, Phase
+from balloon_warp.kernels.phase import STATE, Access, Item, Phase
 from balloon_warp.kernels.schedules.launched import (
     ITEMS_OF_LIST,
     ITEMS_OF_PART,
     Part,
     acts_on_few,
     arguments_of,
-    asked_ahead,
     kernel_of,
+    tested_ahead,
 )
 from balloon_warp.kernels.schedules.writer import Piece, Step, cut, values_of
 from balloon_warp.kernels.substep import NOTHING, Instead, phases_of
@@ -31,7 +31,7 @@ from balloon_warp.schedules.features import choosing_parameters, model_features
 from balloon_warp.schedules.frames import FramePiece, Rounds, make_clock
 from balloon_warp.schedules.framing import Framing
 from balloon_warp.schedules.membranes import left_array, tear_arrays
-from balloon_warp.schedules.tables import Worlds, kept_arguments, look_arrays, make_tables
+from balloon_warp.schedules.tables import Worlds, clearance_arrays, kept_arguments, make_tables
 from balloon_warp.schedules.touch_table import ridge_arrays, solid_arrays, substeps_of_search, sweep_arrays
 from balloon_warp.system.warp_threads import begin_loading, launch, launch_tiled
 
@@ -63,7 +63,7 @@ Own = Callable[[State, int, Moving], None]
 """Function of (state, substep, points and velocities) for a phase that the host runs itself"""
 
 
-class _Asked(NamedTuple):
+class _PieceLaunch(NamedTuple):
     """Kernel of a piece, and the arguments of each launch."""
 
     kernel: Any
@@ -85,7 +85,7 @@ class Launches:
     ):  # fmt: skip
         self.model, self.step, self.tables = model, step, tables
         self._own, self._fast_math, self._worlds = own or {}, fast_math, Worlds()
-        self._pieces: dict[tuple[int, Part], _Asked] = {}
+        self._pieces: dict[tuple[int, Part], _PieceLaunch] = {}
         self.clock = make_clock(model)
         self.working = Working()
         for name, array in working_arrays(model, step.features, room).items():
@@ -97,8 +97,8 @@ class Launches:
         """First and count of the springs of each color, for correction"""
 
     @staticmethod
-    def allot(model: Model, step: Step, room: Room) -> None:
-        """Ask for all memory that it keeps."""
+    def allocate(model: Model, step: Step, room: Room) -> None:
+        """Allocate all of its memory."""
         working_arrays(model, step.features, room)
         step_arrays(model, step, room)
 
@@ -211,11 +211,11 @@ class Launches:
         """Return the kernel of a piece."""
         return self._asked(piece, part).kernel
 
-    def _asked(self, piece: Piece, part: Part) -> _Asked:
+    def _asked(self, piece: Piece, part: Part) -> _PieceLaunch:
         """Return the kernel of a piece, and the names of its arguments."""
         key = id(piece), part  # a hash of all that a piece consists of takes longer than a launch
         if key not in self._pieces:
-            self._pieces[key] = _Asked(self._make_kernel(piece, part), arguments_of(self.step, piece, part))
+            self._pieces[key] = _PieceLaunch(self._make_kernel(piece, part), arguments_of(self.step, piece, part))
         return self._pieces[key]
 
     def _make_kernel(self, piece: Piece, part: Part) -> Any:
@@ -265,8 +265,8 @@ def step_arrays(model: Model, step: Step, room: Room) -> tuple[dict[str, Any], d
         value: room.array((worlds, counts[step.owner(value)]), wp.float32 if dtype is float else dtype)
         for value, dtype in values_of(step).items()
     }
-    if any(asked_ahead(step, piece) for piece in step.pieces):
-        values["acting"] = room.array((worlds, -(-model.particle_count // 4) * 4), wp.int8)
+    if any(tested_ahead(step, piece) for piece in step.pieces):
+        values["active"] = room.array((worlds, -(-model.particle_count // 4) * 4), wp.int8)
     parts = {}
     for piece in step.pieces:
         if piece.sums and (count := _part_count(model, piece.item)):
@@ -306,7 +306,7 @@ def verdict_arrays(model: Model, features: Features, room: Room) -> dict[str, An
     """Allocate the verdicts on each world's frame as it begins, and their bounds; empty where there are none."""
     asked = features.frames != "all"
     return {
-        "ways": room.array(model.world_count if asked else 0, wp.float32),
+        "travel_limits": room.array(model.world_count if asked else 0, wp.float32),
         "verdicts": room.array(model.world_count if asked else 0, wp.int32),
         "any_busy": room.array(1 if asked else 0, wp.int32),
     }
@@ -324,12 +324,12 @@ class LaunchedSchedule(ABC):
     phases: ClassVar[Sequence[Phase]] = ()
     """List of phases that the schedule executes; the step, when empty"""
     instead: ClassVar[Instead] = NOTHING
-    look: ClassVar[Look]
+    access: ClassVar[Access]
 
     def __init__(self, model: Model, features: Features | None = None):
         self.model, self.features = model, features or model_features(model)
         self.tables = make_tables(model, self.features)
-        self.vectors = self.allot(model, self.features, room := Allocating(model.device))
+        self.vectors = self.allocate(model, self.features, room := Allocating(model.device))
         """Memory of the schedule's own"""
         step = self.step_of(model, self.features)
         self.launches = Launches(model, step, self.tables, room, self.own(), fast_math=self.fast_math)
@@ -346,7 +346,7 @@ class LaunchedSchedule(ABC):
     @classmethod
     def step_of(cls, model: Model, features: Features) -> Step:
         """Return the phases of the model, in pieces."""
-        return cut(phases_of(features, cls.phases, cls.instead), features, cls.look, doubles=not cls.watchable)
+        return cut(phases_of(features, cls.phases, cls.instead), features, cls.access, doubles=not cls.watchable)
 
     def own(self) -> Mapping[str, Own]:
         """Return the phases that the schedule executes itself, by name."""
@@ -368,7 +368,7 @@ class LaunchedSchedule(ABC):
         return [FramePiece(self.advance_frame, is_short=self.rounds.are_short)]
 
     @classmethod
-    def allot(cls, model: Model, features: Features, room: Room) -> tuple[Any, ...]:
+    def allocate(cls, model: Model, features: Features, room: Room) -> tuple[Any, ...]:
         """Ask for its own memory, beside that of all launches."""
         return ()
 
@@ -376,13 +376,13 @@ class LaunchedSchedule(ABC):
     def world_bytes(cls, model: Model) -> int:
         """Return the device memory that it keeps for each world, beside the state."""
         room, features = Counting(), model_features(model)
-        Launches.allot(model, cls.step_of(model, features), room)
+        Launches.allocate(model, cls.step_of(model, features), room)
         if has_lists(features):
             start_of_frame(model, room)
         left_array(model, room)
         tear_arrays(model, room)
-        cls.allot(model, features, room)
-        look_arrays(model, room)
+        cls.allocate(model, features, room)
+        clearance_arrays(model, room)
         return room.bytes // model.world_count
 
     def advance_frame(self, state: State) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.springs import SlotTable
 from balloon_warp.kernels.phase import Phase
-from balloon_warp.kernels.schedules.block_names import Layout, look_of
+from balloon_warp.kernels.schedules.block_names import Layout, access_of
 from balloon_warp.kernels.schedules.patches import (
     PatchMemory,
     PatchTable,
@@ -278,20 +278,20 @@ def cut_into_patches(model: Model, features: Features) -> Patches | None:
     by launch.
     """
     needs_others = (
-        features.looks_at_velocities
-        or bool(features.acting)
+        features.reads_neighbor_velocities
+        or bool(features.active)
         or features.has("hinge")
         or features.has("face")
         or features.in_water
     )
-    fixtures = features.stands_on_fixtures
+    fixtures = features.may_touch_obstacles
     meets_others = features.spheres > 0 or fixtures or features.touches or features.meets_solids
     in_rounds = (
         features.corrected or features.gas_changes or (features.fresh_normals and (features.gas or not features.rings))
     )
     if model.device.is_cpu or thread_a_particle(model) or model.substeps < 2:
         return None
-    if needs_others or meets_others or in_rounds or features.guarded or features.acting:
+    if needs_others or meets_others or in_rounds or features.guarded or features.active:
         return None
     patches = patches_of(model, features.gas)
     if patches is None or patches.largest_halo > patches.threads:
@@ -331,7 +331,7 @@ def step_of_patches(features: Features, layout: Layout) -> Step:
     """Return the step that patches execute, in pieces, without phases that happen only as a frame begins."""
     instead = FACING if features.directions_on_the_way else NOTHING
     phases = [phase for phase in phases_of(features, instead=instead) if phase.light or not phase.once(features)]
-    return cut(phases, features, look_of(layout, features.spheres), doubles=False, sums_along=True)
+    return cut(phases, features, access_of(layout, features.spheres), doubles=False, sums_along=True)
 
 
 def first_phases(features: Features) -> tuple[Phase, ...]:
@@ -359,7 +359,7 @@ class PatchLaunch:
         self.memory = PatchMemory()
         for name, array in arrays.items():
             setattr(self.memory, name, array)
-        self._given = {
+        self._named_inputs = {
             "t": tables_in_patches(model, patches, tables, features.directions_on_the_way),
             "slots": slots_in_patches(model, patches, rings),
             "patches": patch_table(model, patches, features.directions_on_the_way),
@@ -385,14 +385,14 @@ class PatchLaunch:
             worlds = min(self._at_once, self.model.world_count - first)
             self.memory.points.zero_()
             self.memory.sums.zero_()
-            given = {
-                **self._given, **kept_arguments(state), "state": world_state(state), "first_world": first,
+            named_inputs = {
+                **self._named_inputs, **kept_arguments(state), "state": world_state(state), "first_world": first,
                 "worlds_at_work": worlds, "inflation_directions": inflation_directions,
             }  # fmt: skip
             launch_tiled(
                 kernel,
                 dim=[worlds, self._patches.count],
-                inputs=[given[name] for name in arguments_of_patches(self._step, self._layout)],
+                inputs=[named_inputs[name] for name in arguments_of_patches(self._step, self._layout)],
                 block_dim=self._patches.threads,
                 device=self.model.device,
             )

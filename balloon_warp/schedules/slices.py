@@ -154,7 +154,7 @@ def quad_rings(model: Model) -> Ring | None:
     return _FOUND[model]
 
 
-def least_valence(ring: Ring) -> int:
+def min_valence(ring: Ring) -> int:
     """Return the least number of quads around a particle."""
     return int((ring[STRUCTURAL] >= 0).sum(axis=0).min())
 

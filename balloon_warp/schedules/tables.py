@@ -160,7 +160,7 @@ def fixture_table(model: Model) -> Any:
         _put_samples(table, model)
     reaches = np.array([min(shape.reach, NOWHERE) for shape in model.obstacles])
     table.fastest = fastest(_floats(model.obstacle_motion), reaches, model.frame_seconds) + _steered_speed(model)
-    table.looks, table.nearest = look_arrays(model, Allocating(model.device))
+    table.clearances, table.nearest = clearance_arrays(model, Allocating(model.device))
     return table
 
 
@@ -205,7 +205,7 @@ def body_table(model: Model) -> Any:
     table.solids = solid_array([shape.solid for shape in shapes], model.body_meshes, model.device)
     table.mass, table.restitution = parameters["body_mass"], parameters["body_restitution"]
     table.inertias = wp.array(inertias, dtype=wp.mat33, device=model.device)
-    table.eases = wp.array(np.linalg.inv(inertias), dtype=wp.mat33, device=model.device)
+    table.inverse_inertias = wp.array(np.linalg.inv(inertias), dtype=wp.mat33, device=model.device)
     samples = [shape.samples for shape in shapes]
     firsts = np.cumsum([0, *(len(its.points) for its in samples)])
     ends = [
@@ -222,7 +222,7 @@ def _floats(array: wp.array) -> NDArray[np.float32]:
     return np.asarray(array.numpy(), dtype=np.float32)
 
 
-def look_arrays(model: Model, room: Room) -> tuple[Any, Any]:
+def clearance_arrays(model: Model, room: Room) -> tuple[Any, Any]:
     """Return the memory for looks of particles at obstacles, if there are any, and for obstacles' numbers, if many."""
     seen, many = (model.particle_count if len(model.obstacles) > least else 0 for least in (0, 1))
     return room.array((model.world_count, seen), wp.vec4), room.array((model.world_count, many), wp.vec2)
@@ -236,10 +236,10 @@ def place_obstacles(model: Model, tables: Any, state: State) -> None:
         launch(place_fixtures, shape, [model.obstacle_motion, frames], [placed], device=model.device)
 
 
-def forget_looks(tables: Any) -> None:
+def clear_clearances(tables: Any) -> None:
     """Clear cached queries as a frame begins, since balloons and obstacles may have been moved."""
-    if tables.fixtures.looks.size:
-        tables.fixtures.looks.zero_()
+    if tables.fixtures.clearances.size:
+        tables.fixtures.clearances.zero_()
     if tables.fixtures.nearest.size:
         tables.fixtures.nearest.zero_()
 
@@ -504,7 +504,7 @@ def refresh_ramp(model: Model, state: State) -> None:
     )
 
 
-def weigh_air(model: Model, features: Features, tables: Any, state: State, numbers: wp.array | None = None) -> None:
+def update_air(model: Model, features: Features, tables: Any, state: State, numbers: wp.array | None = None) -> None:
     """Update the air at balloons, and the added mass, for the frame that begins.
 
     Args:

@@ -22,7 +22,7 @@ from balloon_warp.kernels.tables import RidgeTable, TouchTable
 from balloon_warp.mesh.orientation import triangles_of
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.model.model import Model
-from balloon_warp.model.obstacles import most_touches
+from balloon_warp.model.obstacles import max_body_contacts
 from balloon_warp.model.stability import held_within, widest_opening
 from balloon_warp.model.state import Room
 from balloon_warp.model.timeline import values_over_time
@@ -32,7 +32,7 @@ from balloon_warp.model.touch import (
     STIFFNESSES,
     THICKNESS,
     Ridges,
-    crowd_of,
+    contacts_per_particle,
     edge_length,
     edges_by_leaf,
     is_folded,
@@ -48,7 +48,7 @@ def small_spheres(model: Model) -> list[bool]:
     if not scene.touches_spheres:
         return [False] * len(scene.sphere)
     most = held_within(scene) * max(widest_opening(shape.mesh) for shape in model.shapes)
-    return [bool(radius < most) for radius in _least_radii(model)]
+    return [bool(radius < most) for radius in _min_radii(model)]
 
 
 def round_ridges(model: Model) -> list[bool]:
@@ -63,7 +63,7 @@ def round_ridges(model: Model) -> list[bool]:
     return [meets and not small for small in small_spheres(model)]
 
 
-def _least_radii(model: Model) -> NDArray[np.float64]:
+def _min_radii(model: Model) -> NDArray[np.float64]:
     """Return the least radius of each sphere, in any world at any time, once it is there [m]."""
     spheres = model.scene.sphere
     radii = np.concatenate([rows.reshape(-1, len(spheres)) for rows in values_over_time(model, "sphere_radius")])
@@ -95,18 +95,18 @@ def solid_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]
         "body_starts": room.array((worlds, bodies), wp.vec3),
         "body_start_turns": room.array((worlds, bodies), wp.quat),
         "body_masses": room.array((worlds, bodies), wp.float32),
-        "body_eases": room.array((worlds, bodies), wp.mat33d),
+        "body_inverse_inertias": room.array((worlds, bodies), wp.mat33d),
         "body_going": room.array((worlds, bodies), wp.vec3d),
         "body_turning": room.array((worlds, bodies), wp.vec3d),
-        "body_quanta": room.array((worlds, bodies if features.bodies_shoved else 0, 3), wp.int64),
-        "body_turning_quanta": room.array((worlds, bodies if features.bodies_shoved else 0, 3), wp.int64),
+        "body_quanta": room.array((worlds, bodies if features.bodies_take_forces else 0, 3), wp.int64),
+        "body_turning_quanta": room.array((worlds, bodies if features.bodies_take_forces else 0, 3), wp.int64),
         "body_tugs": room.array((worlds, bodies if features.ties else 0), wp.vec3),
         "body_twists": room.array((worlds, bodies if features.ties else 0), wp.vec3),
         "body_groups": room.array((worlds, bodies), wp.int32),
         "body_gains": room.array((worlds, bodies), wp.vec4d),
-        "grips": room.array((worlds, most_touches(model.bodies) if bodies else 0), Grip),
+        "grips": room.array((worlds, max_body_contacts(model.bodies) if bodies else 0), Grip),
         "point_starts": room.array((worlds, particles if features.small_spheres else 0), wp.vec3),
-        "lumps": room.array((worlds, int(MOST_IN_LUMP) if features.small_spheres else 0), wp.int32),
+        "merged": room.array((worlds, int(MOST_IN_LUMP) if features.small_spheres else 0), wp.int32),
     }
 
 
@@ -153,7 +153,7 @@ def sweep_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]
     solids = model.body_count + (model.sphere_count if features.ridges else 0)
     tells = features.tells_contacts and features.edges_meet
     return {
-        "catch_counts": room.array((worlds, 2), wp.int32),
+        "listed_contact_counts": room.array((worlds, 2), wp.int32),
         "contact_shares": room.array((worlds, model.particle_count), wp.int32),
         "contact_quanta": room.array((worlds, model.particle_count, 3), wp.int64),
         "layer_quanta": room.array((worlds, model.particle_count if tells else 0, 3), wp.int64),
@@ -262,7 +262,9 @@ def touch_table(model: Model, features: Features) -> Any:
     folded = [features.touches_itself and is_folded(shape.mesh) for shape in shapes]
     table.slack = array(np.where(folded, FOLDED_SLACK, SLACK) * edges, float)
     table.depth = array([depth_of(shape.mesh) for shape in shapes], float)
-    table.crowd = array([crowd_of(shapes, number, features.touches_itself) for number in range(len(shapes))], float)
+    table.crowd = array(
+        [contacts_per_particle(shapes, number, features.touches_itself) for number in range(len(shapes))], float
+    )
     table.stiffness = model.parameters[STIFFNESSES]
     leaves = np.repeat(np.arange(len(whole)), np.where(whole, np.diff(np.concatenate(own_triangles), axis=1)[:, 0], 0))
     if features.touches_itself:

@@ -2,7 +2,7 @@
 
 from balloon_warp.errors import InputError
 from balloon_warp.model import Model
-from balloon_warp.schedules.choose import Schedule, schedule_named, settled_schedule
+from balloon_warp.schedules.choose import Schedule, resolved_schedule, schedule_named
 
 PROJECTIVE = "projective"
 """Name of the implicit solver, which loads when first needed"""
@@ -25,11 +25,11 @@ def solver_named(schedule: str, model: Model) -> type[Schedule]:
     return ProjectiveSolver
 
 
-def settled_solver(schedule: str, model: Model, world_count: int) -> str:
+def resolved_solver(schedule: str, model: Model, world_count: int) -> str:
     """Return `schedule`, with `auto` settled for a batch of that many worlds, of which the model may be any part."""
     if schedule == "auto" and model.scene.solver == PROJECTIVE:
         return PROJECTIVE
-    return settled_schedule(schedule, model, world_count)
+    return resolved_schedule(schedule, model, world_count)
 
 
-__all__ = ["settled_solver", "solver_named"]
+__all__ = ["resolved_solver", "solver_named"]

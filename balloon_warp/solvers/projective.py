@@ -24,10 +24,10 @@ from balloon_warp.kernels.projective import (
     InverseTable,
     Settling,
     factored_solver,
-    foreseeing_kernel,
     inertia_function,
     local_step_kernel,
     multiply_own_inverse,
+    prediction_kernel,
     settling_kernel,
     shared_inverse_product,
     take_displacements,
@@ -311,7 +311,7 @@ class ProjectiveSolver(LaunchedSchedule):
     """
 
     name = "projective"
-    look = GATHERED
+    access = GATHERED
     phases = PROJECTIVE_STEP
 
     def __init__(self, model: Model, global_step: type[SparseFactor] | type[DenseInverse] | None = None):
@@ -328,7 +328,7 @@ class ProjectiveSolver(LaunchedSchedule):
         return FACTORIZED
 
     @classmethod
-    def allot(cls, model: Model, features: Features, room: Room) -> tuple[Any, ...]:
+    def allocate(cls, model: Model, features: Features, room: Room) -> tuple[Any, ...]:
         """Allocate six vectors for each particle.
 
         They are displacements without springs, those tried, those reached, points tried, residuals, and increments of
@@ -350,7 +350,7 @@ class ProjectiveSolver(LaunchedSchedule):
         free, tried, reached, trials, _, _ = self.vectors
         t, settling, inflations = self.tables, self._settling, self.launches.values["inflation"]
         begin = t, self.launches.clock, substep, world_state(state), inflations, settling
-        self._over_particles(foreseeing_kernel(self.features), *begin, free, tried, reached, trials)
+        self._over_particles(prediction_kernel(self.features), *begin, free, tried, reached, trials)
         most, device = int(settling.most), self.model.device
         can_ask = device.is_cpu or wp.is_conditional_graph_supported()
         if most <= ITERATIONS_BETWEEN or not can_ask:
@@ -416,7 +416,7 @@ def _beyond(features: Features) -> str | None:
         if not implicit and law.kind != "particle":
             return law.name.replace("_", " ")
     known = {phase.name for phase in PROJECTIVE_STEP}
-    for name in features.acting:
+    for name in features.active:
         if name not in known:
             return f"the phase {name}"
     for given, words in (("water_load", "water"), ("area_vector", "drag in air")):

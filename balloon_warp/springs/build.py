@@ -115,11 +115,11 @@ class Membrane:
         spread = np.sqrt(np.maximum((first - second) ** 2 + 4.0 * across, 0.0))
         return np.sqrt(0.5 * (first + second + spread))
 
-    def lumps(self, count: int) -> NDArray[np.float64]:
+    def lumped_areas(self, count: int) -> NDArray[np.float64]:
         """Return the area that falls to each of so many particles [m^2]."""
-        lumps = np.zeros(count)
-        np.add.at(lumps, self.corners, self.areas[:, None] / 3.0)
-        return lumps
+        lumped_areas = np.zeros(count)
+        np.add.at(lumped_areas, self.corners, self.areas[:, None] / 3.0)
+        return lumped_areas
 
 
 def no_membrane() -> Membrane:

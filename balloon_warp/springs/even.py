@@ -387,7 +387,7 @@ def springs_across(mesh: PolygonMesh, between_parts: bool) -> Across:
     radii = np.sqrt(np.bincount(parts, areas, mesh.vertex_count)[parts] / (4.0 * np.pi))
     spacings = np.minimum(np.sqrt(areas), SPACING * radii)
     walls = _walls(mesh, used, SPACING * radii)
-    away, opposite = _ways_inward(mesh, walls, used, radii, spacings, None if between_parts else parts)
+    away, opposite = _distances_inward(mesh, walls, used, radii, spacings, None if between_parts else parts)
 
     thin = np.clip((THICK - away / radii.clip(1e-30)) / (THICK - THIN), 0.0, 1.0)
     held = np.flatnonzero(thin > 0.0)
@@ -403,7 +403,7 @@ def springs_across(mesh: PolygonMesh, between_parts: bool) -> Across:
     return Across(pairs, np.bincount(which.ravel(), loads, len(pairs)).astype(np.float64))
 
 
-def _ways_inward(
+def _distances_inward(
     mesh: PolygonMesh,
     walls: _Walls,
     used: NDArray[np.int64],

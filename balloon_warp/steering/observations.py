@@ -25,13 +25,13 @@ from balloon_warp.kernels.measure.observed import (
     sum_volumes,
 )
 from balloon_warp.kernels.pictures.cameras import (
-    Sight,
+    PinholeCamera,
     Things,
     aim,
-    see_things,
-    see_triangles,
+    cast_things,
+    decode_depths,
+    rasterize_triangles,
     show_colors,
-    tell_depths,
 )
 from balloon_warp.kernels.steering import ByteRows, WordRows, copy_bytes, copy_words
 from balloon_warp.mesh.topology import face_starts, triangulate
@@ -133,7 +133,7 @@ class WorldCamera(Shown):
         """Places of the cameras [m], shape (world_count,), vec3"""
         self.targets = wp.array(target, dtype=wp.vec3, device=model.device)
         """Places that the cameras look at [m], shape (world_count,), vec3"""
-        sight: Any = Sight  # whose type Warp does not declare
+        sight: Any = PinholeCamera  # whose type Warp does not declare
         self._sights = wp.zeros(model.world_count, dtype=sight, device=model.device)
         self._obstacles = solid_array(model.obstacles, model.obstacle_meshes, model.device)
         self._bodies = solid_array([body.solid for body in model.bodies], model.body_meshes, model.device)
@@ -184,12 +184,12 @@ class WorldCamera(Shown):
         aimed = [self.eyes, self.targets, model.up, *half]
         launch(aim, model.world_count, aimed, [self._sights], device=model.device)
         things = [mask, self._sights, self._things(model, state)]
-        launch(see_things, self._shape, things, [self._keys, self._normals], device=model.device)
+        launch(cast_things, self._shape, things, [self._keys, self._normals], device=model.device)
         of_balloons = [mask, self._sights, self._corners, self._faces, state.torn, state.points, self._first]
         triangles = (model.world_count, self._corners.shape[0])
-        launch(see_triangles, triangles, of_balloons, [self._keys], device=model.device)
+        launch(rasterize_triangles, triangles, of_balloons, [self._keys], device=model.device)
         if self._depth is not None:
-            launch(tell_depths, self._shape, [mask, self._keys], [self._depth], device=model.device)
+            launch(decode_depths, self._shape, [mask, self._keys], [self._depth], device=model.device)
         if self._color is not None:
             lit = [self._sights, model.up, self._corners, state.points, self._colors, self._first]
             inputs = [mask, *lit, self._keys, self._normals]

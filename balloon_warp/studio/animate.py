@@ -14,7 +14,7 @@ from balloon_warp.kernels.laws import Law
 from balloon_warp.model import Model
 from balloon_warp.run.checkpoints import CHECKPOINT_SECONDS
 from balloon_warp.run.job import RunFiles, Summary, run_scene
-from balloon_warp.run.provenance import Beginning
+from balloon_warp.run.provenance import RunHeader
 from balloon_warp.scene import Scene, SceneLike
 from balloon_warp.scene.load import files_of_scene
 from balloon_warp.studio.exports import HDF5_SUFFIXES, check_export, export_stage, files_of_frames
@@ -66,7 +66,7 @@ def notebook_picture(model: Model, frame: Frame) -> bytes | None:
 
 
 @dataclass
-class Wanted(RunFiles):
+class RequestedOutputs(RunFiles):
     """Stage of a run, and what is made of it.
 
     The stage is the output itself, or, where that is of another kind, in a hidden folder beside it, which is removed at
@@ -171,7 +171,7 @@ def animate(
     checkpoint_seconds: float = CHECKPOINT_SECONDS,
     resume: bool = False,
     view: Mapping[str, Any] | None = None,
-    on_begin: Callable[[Beginning], None] = lambda beginning: None,
+    on_begin: Callable[[RunHeader], None] = lambda header: None,
     on_frame: Callable[[int], None] = lambda number: None,
     on_note: Callable[[str], None] = lambda sentence: None,
     on_warning: Callable[[str], None] = lambda sentence: None,
@@ -207,7 +207,7 @@ def animate(
         BlowUpError: the simulation blew up with "stop", or after the last restart.
         KeyboardInterrupt: Ctrl-C, after the frame and the checkpoint; the message says how to go on.
     """
-    wanted = Wanted(
+    wanted = RequestedOutputs(
         Path(output),
         *(Path(path) if path else None for path in (picture, save_points)),
         view=view or {},

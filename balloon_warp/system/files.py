@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all, in places that are ours, and what no kill leaves for long.
+"""Files that appear whole or not at all, in places that are ours; leftovers of killed processes are removed.
 
 Marks by which the program knows the files that it made.
 

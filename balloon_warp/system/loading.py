@@ -14,7 +14,7 @@ from typing import Any, ParamSpec, TypeVar
 
 
 @contextmanager
-def without_collecting() -> Iterator[None]:
+def without_garbage_collection() -> Iterator[None]:
     """Suspend the cyclic garbage collector while long-lived objects are loaded or made.
 
     That takes a sixth of the time until the first frame. Afterwards, if a search is due, all of it counts as old, and

@@ -20,7 +20,7 @@ from threading import Thread
 from typing import Any
 
 from balloon_warp.system.files import clear_left_over, folder_of_process, temporary_in
-from balloon_warp.system.loading import without_collecting
+from balloon_warp.system.loading import without_garbage_collection
 from balloon_warp.system.streams import open_closed_streams
 
 _linked: set[Path] = set()
@@ -84,7 +84,7 @@ def _fingerprint(runtime: Any, native: Path) -> str:
 
 
 @cache
-@without_collecting()
+@without_garbage_collection()
 def quiet_warp() -> int:
     """Start Warp with only its errors shown: no banner, no word of each kernel compiled, none about a missing GPU.
 

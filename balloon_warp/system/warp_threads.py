@@ -122,18 +122,18 @@ def _remembering() -> Iterator[None]:
     if not all(hasattr(recorder, name) for name in names):
         yield
         return
-    look, describe = (getattr(recorder, name) for name in names)
+    query, describe = (getattr(recorder, name) for name in names)
     found: dict[tuple[Any, ...], list[Any]] = {}
     described: dict[tuple[Any, ...], tuple[Any, ...]] = {}
 
     def look_once(kind: Any, value: Any, packed: Any, offset: int, out: list[Any]) -> None:
         if value is None or not hasattr(kind, "vars"):  # no struct
-            look(kind, value, packed, offset, out)
+            query(kind, value, packed, offset, out)
             return
         key = kind, offset, bytes(packed)
         if key not in found:
             before = len(out)
-            look(kind, value, packed, offset, out)
+            query(kind, value, packed, offset, out)
             found[key] = out[before:]
         else:
             out += found[key]

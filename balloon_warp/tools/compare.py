@@ -24,7 +24,7 @@ from balloon_warp.batch.recorder import MEASURES, Recorder, columns_of
 from balloon_warp.errors import BlowUpError, InputError, MissingExtraError
 from balloon_warp.kernels.laws import Law
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.run.provenance import Beginning
+from balloon_warp.run.provenance import RunHeader
 from balloon_warp.scene import Scene, SceneLike, scene_of
 from balloon_warp.scene.load import files_of_scene, find_mesh, override_scene, parse_value
 from balloon_warp.simulator import Simulator
@@ -121,7 +121,7 @@ def simulate(
     device: str | None = None,
     schedule: str = "auto",
     laws: Sequence[Law] = (),
-    on_begin: Callable[[Beginning], None] = lambda beginning: None,
+    on_begin: Callable[[RunHeader], None] = lambda header: None,
     on_frame: Callable[[int, int], None] = lambda done, count: None,
     clock: Callable[[], float] = time.perf_counter,
 ) -> Run:
@@ -154,14 +154,14 @@ def _measured(
     device: str | None,
     schedule: str,
     laws: Sequence[Law],
-    on_begin: Callable[[Beginning], None],
+    on_begin: Callable[[RunHeader], None],
     on_frame: Callable[[int, int], None],
     clock: Callable[[], float],
 ) -> tuple[dict[str, float], list[float]]:
     """Measure the figures at the frame that is shown, and the wall time of each frame until then [s]."""
     last = shown_frame(scene, frame)
     simulator = Simulator(scene, device, schedule=schedule, laws=laws)
-    on_begin(replace(Beginning.of(simulator.model, simulator.schedule.name), frames=last))
+    on_begin(replace(RunHeader.of(simulator.model, simulator.schedule.name), frames=last))
     recorder = Recorder(simulator, np.zeros(0, dtype=np.int32))
     seconds = []
     for number in range(1, last + 1):
@@ -311,7 +311,7 @@ def compare(
     device: str | None = None,
     schedule: str = "auto",
     laws: Sequence[Law] = (),
-    on_begin: Callable[[int, int, Beginning], None] = lambda run, run_count, beginning: None,
+    on_begin: Callable[[int, int, RunHeader], None] = lambda run, run_count, header: None,
     on_frame: Callable[[int, int, int, int], None] = lambda run, run_count, frame, frame_count: None,
 ) -> Comparison:
     """Simulate a scene once for each combination of values, and show the runs side by side.

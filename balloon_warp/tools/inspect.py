@@ -23,10 +23,10 @@ from balloon_warp.mesh.topology import (
     vertex_components,
 )
 from balloon_warp.model import plan_model
-from balloon_warp.model.many_substeps import many_substeps_said
-from balloon_warp.model.remarks import doubts_about
+from balloon_warp.model.many_substeps import many_substeps_sentence
+from balloon_warp.model.remarks import implausible_values
 from balloon_warp.model.stability import Network
-from balloon_warp.model.strain_bound import strain_bound_said
+from balloon_warp.model.strain_bound import strain_bound_sentence
 from balloon_warp.scene import SceneLike, scene_of
 from balloon_warp.scene.load import override_scene
 from balloon_warp.springs.even import balloon_springs
@@ -90,9 +90,9 @@ def advise_step(scene: SceneLike, laws: Sequence[Law] = ()) -> StepAdvice:
         limiting_particle=particle,
         limiting_place=(x, y, z),
         limiting_body=network.limiting_body(plan.scene, plan.parameters),
-        many_substeps=many_substeps_said(plan.scene, plan.shapes, plan.substeps),
-        strain_bound=strain_bound_said(plan),
-        doubts=tuple(doubts_about(plan.scene, plan.shapes, plan.parameters)),
+        many_substeps=many_substeps_sentence(plan.scene, plan.shapes, plan.substeps),
+        strain_bound=strain_bound_sentence(plan),
+        doubts=tuple(implausible_values(plan.scene, plan.shapes, plan.parameters)),
     )
 
 

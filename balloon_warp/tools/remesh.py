@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from balloon_warp.errors import InputError
-from balloon_warp.mesh.crossings import crossings_said, without_crossings
+from balloon_warp.mesh.crossings import crossings_sentence, without_crossings
 from balloon_warp.mesh.feasible import (
     MOST_BY_ITSELF,
     MOST_QUADS,
@@ -20,7 +20,7 @@ from balloon_warp.mesh.feasible import (
 from balloon_warp.mesh.orientation import facing_outward
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.repair import distinct_faces
-from balloon_warp.mesh.seams import dressed, welded_along_seams
+from balloon_warp.mesh.seams import welded_along_seams, with_looks_of
 from balloon_warp.mesh.surface_nets import Level, MeshDistance, extract, fitted, grid_nodes, slabs_left, surface_nets
 from balloon_warp.mesh.topology import (
     border_edges,
@@ -100,7 +100,7 @@ def _lost(points: NDArray[np.float64], result: PolygonMesh, cell: float) -> str 
     middle = result.points.mean(axis=0)
     distance = MeshDistance((result.points - middle) / cell, triangulate(result)[0], thickness=0.0)
     out = points[distance((points - middle) / cell) > 0.0]
-    return place_said(out[0]) if len(out) else None
+    return place_text(out[0]) if len(out) else None
 
 
 def _piece(
@@ -126,11 +126,11 @@ def _piece(
         own, components = points[part], np.unique(nearest[part])
         missed = [own[np.asarray(trees[component].query(own)[0]) > near] for component in components]
         if missed and all(map(len, missed)):
-            return place_said(min(missed, key=len)[0])
+            return place_text(min(missed, key=len)[0])
     return None
 
 
-def place_said(point: NDArray[np.float64]) -> str:
+def place_text(point: NDArray[np.float64]) -> str:
     """Return a place as text."""
     return f"({', '.join(f'{coordinate:.3g}' for coordinate in point)})"
 
@@ -139,7 +139,7 @@ NAMED = 6
 """Number of parts that a sentence names at most"""
 
 
-def fusions_said(surface: PolygonMesh, result: PolygonMesh, cell: float) -> list[str]:
+def fusions_sentence(surface: PolygonMesh, result: PolygonMesh, cell: float) -> list[str]:
     """Return a sentence for each component of the result that several parts have become, and one of those within it.
 
     A part is a group's name, where it is all of that group, or its size and middle in the file's unit. Specks are left
@@ -197,7 +197,7 @@ def _name(surface: PolygonMesh, own: NDArray[np.float64]) -> str:
         group = surface.points[vertices]
         if np.array_equal(group.min(axis=0), low) and np.array_equal(group.max(axis=0), high):
             return name
-    return f"a part of {np.ptp(own, axis=0).max():.3g} at {place_said((low + high) / 2.0)}"
+    return f"a part of {np.ptp(own, axis=0).max():.3g} at {place_text((low + high) / 2.0)}"
 
 
 AHEAD = 0.01
@@ -228,7 +228,7 @@ def handle_count(surface: PolygonMesh) -> int:
     return _counted(facing_outward(welded_along_seams(surface)))[1] or 0
 
 
-def handles_said(lost: int, handles: int) -> str:
+def handles_sentence(lost: int, handles: int) -> str:
     """Return the change of the number of handles, as the end of a sentence."""
     if lost > 0:
         return f"{lost:,} of its {handles:,} handles, or holes through it, {'is' if lost == 1 else 'are'} lost"
@@ -332,9 +332,9 @@ def remesh(mesh: PolygonMesh, cells: int, on_stage: Callable[[str], None] = lamb
     require_no_ribbons(mesh)
     made = _keeping_handles(mesh, _faithful(mesh, cells, on_stage), on_stage)
     more = [f"With {cells} cells {made.wrong}: {made.cells} were used."] if made.cells > cells else []
-    fused = fusions_said(mesh, made.quads, Level.width(mesh, made.cells))
+    fused = fusions_sentence(mesh, made.quads, Level.width(mesh, made.cells))
     on_stage("transferring colors and textures")
-    return dressed(replace(made.quads, warnings=(*mesh.warnings, *more, *made.warnings, *fused)), mesh)
+    return with_looks_of(replace(made.quads, warnings=(*mesh.warnings, *more, *made.warnings, *fused)), mesh)
 
 
 @dataclass(frozen=True)
@@ -350,7 +350,7 @@ class _Made:
     def mistake(self, mesh: PolygonMesh) -> str | None:
         """Return the part of the surface that the quads do not represent, as the end of a sentence."""
         wrong = infidelity(mesh, self.quads, Level.width(mesh, self.cells)) or wrong_volume(mesh, self.quads)
-        crossed = None if wrong else crossings_said(self.quads)
+        crossed = None if wrong else crossings_sentence(self.quads)
         return f"it {crossed}" if crossed else wrong
 
 
@@ -385,7 +385,7 @@ def _keeping_handles(mesh: PolygonMesh, made: _Made, on_stage: Callable[[str], N
     if not lost:
         return made
     on_stage("searching the number of cells that keeps the handles")
-    what, needed = handles_said(lost, handle_count(mesh)), _cells_for_handles(mesh, made.cells)
+    what, needed = handles_sentence(lost, handle_count(mesh)), _cells_for_handles(mesh, made.cells)
     if needed and quads_expected(mesh, needed) < MOST_BY_ITSELF:
         finer = replace(_quads(mesh, needed, on_stage), wrong=made.wrong or what)
         if not finer.mistake(mesh) and not handles_lost(mesh, finer.quads):

@@ -35,7 +35,7 @@ from balloon_warp.usd.lines import define_lines, write_lines
 from balloon_warp.usd.material import (
     HOME,
     bind_substance,
-    offer_latex,
+    define_latex_variant,
     paint,
     paint_as_file,
     place_texture,
@@ -275,7 +275,7 @@ def define_balloon(
         return prim
     material = paint(prim, own, **finish)
     if looks_like == "latex":
-        offer_latex(material, own)
+        define_latex_variant(material, own)
     if balloon.print is not None:
         print_on(material, balloon.print)
     return prim

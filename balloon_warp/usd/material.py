@@ -28,7 +28,7 @@ from balloon_warp.system.files import legible, whole_path
 HOME = Sdf.Path("/World/Physics")
 """Path of prims for simulators alone"""
 SURFACE = ("friction", "restitution")
-"""Suffixes of the parameters that `be_hit` takes"""
+"""Suffixes of the parameters that `make_collider` takes"""
 
 
 def substance_of(prim: Usd.Prim) -> tuple[Usd.Prim, UsdPhysics.MaterialAPI]:
@@ -39,7 +39,7 @@ def substance_of(prim: Usd.Prim) -> tuple[Usd.Prim, UsdPhysics.MaterialAPI]:
     return material.GetPrim(), UsdPhysics.MaterialAPI.Apply(material.GetPrim())
 
 
-def be_hit(prim: Usd.Prim, friction: float, restitution: float) -> None:
+def make_collider(prim: Usd.Prim, friction: float, restitution: float) -> None:
     """Make a prim a collider; it stays where it is, unless it is a body."""
     UsdPhysics.CollisionAPI.Apply(prim)
     _, surface = substance_of(prim)
@@ -48,12 +48,12 @@ def be_hit(prim: Usd.Prim, friction: float, restitution: float) -> None:
     surface.CreateRestitutionAttr(restitution)
 
 
-def be_moved(prim: Usd.Prim) -> None:
+def make_kinematic(prim: Usd.Prim) -> None:
     """Make a prim kinematic: it moves by its time samples, whatever pushes it."""
     UsdPhysics.RigidBodyAPI.Apply(prim).CreateKinematicEnabledAttr(True)
 
 
-def move_freely(prim: Usd.Prim, velocity: NDArray[np.floating], spin: NDArray[np.floating]) -> None:
+def make_free_body(prim: Usd.Prim, velocity: NDArray[np.floating], spin: NDArray[np.floating]) -> None:
     """Make a prim a free body.
 
     Args:
@@ -201,7 +201,7 @@ def bind(prim: Usd.Prim, material: UsdShade.Material) -> None:
     UsdShade.MaterialBindingAPI.Apply(prim).Bind(material)
 
 
-def shine_from_within(material: UsdShade.Material) -> UsdShade.Input:
+def emission_input(material: UsdShade.Material) -> UsdShade.Input:
     """Return the input of a material for light that the surface gives off by itself."""
     return _surface_of(material).CreateInput("emissiveColor", Sdf.ValueTypeNames.Color3f)
 
@@ -261,7 +261,7 @@ def _surface_of(material: UsdShade.Material) -> UsdShade.Shader:
     return UsdShade.Shader(material.GetPrim().GetStage().GetPrimAtPath(material.GetPath().AppendChild("Surface")))
 
 
-def offer_latex(material: UsdShade.Material, color: Color) -> None:
+def define_latex_variant(material: UsdShade.Material, color: Color) -> None:
     """Offer thin-walled latex beside the preview surface: MaterialX's OpenPBR, in the variant "openpbr" of "surface".
 
     The preview surface is chosen. A USD without MaterialX, such as usd-core, does not know OpenPBR, and its validators

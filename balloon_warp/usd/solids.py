@@ -34,9 +34,9 @@ from balloon_warp.scene.around import (
 from balloon_warp.usd.material import (
     SURFACE,
     Color,
-    be_hit,
-    be_moved,
-    move_freely,
+    make_collider,
+    make_free_body,
+    make_kinematic,
     paint,
     paint_as_file,
     place_texture,
@@ -298,7 +298,9 @@ class PlanePrim:
         path = Sdf.Path(f"/World/{plane.name}")
         self.prim = define_square(stage, path, plane, self.middle, self.half, height, self.up_axis)
         if plane.name == "Ground":
-            be_hit(self.prim.GetPrim(), *(float(model.parameters[f"ground_{each}"].numpy()[0]) for each in SURFACE))
+            make_collider(
+                self.prim.GetPrim(), *(float(model.parameters[f"ground_{each}"].numpy()[0]) for each in SURFACE)
+            )
 
     def write(self, frame: Frame) -> None:
         """Write the plane's height, if the scene moves it: one at rest has no time samples."""
@@ -401,11 +403,11 @@ class ObstaclePrim:
         self._place, self._turn = self.prim.GetOrderedXformOps()[:2]
         self._moves = moves(model.scene, number, (change.values for change in model.due_changes))
         self._put(pose, Usd.TimeCode.Default())
-        be_hit(
+        make_collider(
             self.prim.GetPrim(), *(float(model.parameters[f"obstacle_{each}"].numpy()[0, number]) for each in SURFACE)
         )
         if self._moves:
-            be_moved(self.prim.GetPrim())
+            make_kinematic(self.prim.GetPrim())
 
     def write(self, frame: Frame) -> None:
         """Write the obstacle's pose, if it moves: one at rest has no time samples."""
@@ -527,10 +529,10 @@ class BodyPrim:
         center = initial_centers(model.scene, model.bodies, places)[0, self.number]
         turn = initial_turns(model.scene)[self.number]
         self._put(np.concatenate([center, turn]), Usd.TimeCode.Default())
-        be_hit(self.prim.GetPrim(), *(float(own(f"body_{name}")) for name in SURFACE))
+        make_collider(self.prim.GetPrim(), *(float(own(f"body_{name}")) for name in SURFACE))
         back = Rotation.from_quat(turn).inv()
         velocity, spin = (back.apply(own(f"initial_body_{name}")) for name in ("velocities", "spins"))
-        move_freely(self.prim.GetPrim(), velocity, spin)
+        make_free_body(self.prim.GetPrim(), velocity, spin)
 
     def write(self, frame: Frame) -> None:
         """Write the body's pose."""
@@ -573,8 +575,8 @@ class SpherePrim:
         )
         self._translate.Set(Gf.Vec3d(*place.tolist()))
         UsdPhysics.MassAPI.Apply(self.prim.GetPrim()).CreateMassAttr(mass)
-        be_hit(self.prim.GetPrim(), friction, restitution)
-        move_freely(self.prim.GetPrim(), velocity, spin)
+        make_collider(self.prim.GetPrim(), friction, restitution)
+        make_free_body(self.prim.GetPrim(), velocity, spin)
 
     def write(self, frame: Frame) -> None:
         self._translate.Set(Gf.Vec3d(*frame.sphere_positions[self.number].tolist()), frame.number)

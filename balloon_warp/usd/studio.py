@@ -20,7 +20,7 @@ from balloon_warp.mesh.topology import vertex_normals
 from balloon_warp.mesh.usd_stage import SCENERY
 from balloon_warp.scene import Scene
 from balloon_warp.scene.around import paper_of
-from balloon_warp.usd.material import BACKDROP, Color, paint, shine_from_within, take_from_primvar
+from balloon_warp.usd.material import BACKDROP, Color, emission_input, paint, take_from_primvar
 
 Z_TO_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """Rotation of row vectors with Z up into ones with Y up"""
@@ -224,7 +224,7 @@ def define_backdrop(
 def glow_like_floor(ground: Usd.Prim, paper: Color) -> None:
     """Make the ground emit light as the sheet below it does, so that the transition is invisible."""
     material = UsdShade.MaterialBindingAPI(ground).ComputeBoundMaterial()[0]
-    shine_from_within(material).Set(FLOOR_GLOW * Gf.Vec3f(*paper))
+    emission_input(material).Set(FLOOR_GLOW * Gf.Vec3f(*paper))
 
 
 def _light_from_within(prim: UsdGeom.Mesh, heights: NDArray[np.float64], paper: Color) -> None:
@@ -233,7 +233,7 @@ def _light_from_within(prim: UsdGeom.Mesh, heights: NDArray[np.float64], paper: 
     colors = np.outer(shares, paper).astype(np.float32)
     kind, each_point = Sdf.ValueTypeNames.Color3fArray, UsdGeom.Tokens.vertex
     UsdGeom.PrimvarsAPI(prim).CreatePrimvar("glow", kind, each_point).Set(Vt.Vec3fArray.FromNumpy(colors))
-    take_from_primvar(shine_from_within(material), "glow", FLOOR_GLOW * Gf.Vec3f(*paper))
+    take_from_primvar(emission_input(material), "glow", FLOOR_GLOW * Gf.Vec3f(*paper))
 
 
 def sweep() -> PolygonMesh:

@@ -16,15 +16,15 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels import OPTIONS
-from balloon_warp.kernels.adjoints.rolling import worth
-from balloon_warp.kernels.adjoints.solids import ground_columns, standing_functions
+from balloon_warp.kernels.adjoints.rolling import motion_pairing
+from balloon_warp.kernels.adjoints.solids import ground_columns, solid_contact_adjoints
 from balloon_warp.kernels.adjoints.spheres import (
     BarsOfSpheres,
     LoggedSpheres,
     add_by_friction,
     add_by_sphere,
-    bar_of_course,
-    put_bar_of_course,
+    bar_of_motion,
+    put_bar_of_motion,
 )
 from balloon_warp.kernels.adjoints.sums import Bars, numbers_adder
 from balloon_warp.kernels.compose import numbers_type, params_functions
@@ -35,29 +35,29 @@ from balloon_warp.kernels.laws.contact import (
     PRESSED,
     Press,
     common_inertia,
-    ease_of_ball,
     excess_speed,
     gain_of_particle,
     ground_beside,
+    inverse_mass_of_ball,
     is_met,
     is_pressed,
     mass_in,
     meet_sphere,
+    outward_direction,
     push_of_ground,
     rubbed,
+    separation,
     shift_of_body,
     sinking_of_sphere,
     spin_by,
-    way_apart,
-    way_out,
 )
 from balloon_warp.kernels.laws.rigid import rub_on
 from balloon_warp.kernels.loops.contact import around_function
 from balloon_warp.kernels.loops.fixtures import GROUND, friction_on, number_of_sphere
 from balloon_warp.kernels.loops.net_force import inertia_function
-from balloon_warp.kernels.loops.spheres import Ball, Course, ball_function, course_at
+from balloon_warp.kernels.loops.spheres import Ball, MotionState, ball_function, motion_at
 from balloon_warp.kernels.memory import put_vector, vector_at
-from balloon_warp.kernels.phase import Adjoint, Look, Phase
+from balloon_warp.kernels.phase import Access, Adjoint, Phase
 from balloon_warp.kernels.tables import Tables, row_of_world
 from balloon_warp.kernels.warps import sum_over_block
 from balloon_warp.kernels.working import Working
@@ -65,7 +65,7 @@ from balloon_warp.kernels.working import Working
 
 @wp.struct
 class Common:
-    """Findings of a sphere and all particles that it presses together."""
+    """Sums over a sphere and all particles that it presses."""
 
     change: wp.vec3  # of the sphere's velocity
     shift: wp.vec3  # out of overlaps
@@ -73,8 +73,8 @@ class Common:
 
 
 @wp.struct
-class Answer:
-    """Constants of a particle's answer, and derivatives by it."""
+class Response:
+    """Constants of a particle's response, and derivatives by it."""
 
     step: float  # [s]
     friction: float
@@ -89,9 +89,9 @@ class Answer:
 
 
 @wp.func
-def work_of_particle(
-    point: wp.vec3, velocity: wp.vec3, ball: Course, radius: float, heavy: float, mass: float, common: Common,
-    answer: Answer, up: wp.vec3,
+def particle_pairing(
+    point: wp.vec3, velocity: wp.vec3, ball: MotionState, radius: float, heavy: float, mass: float, common: Common,
+    terms: Response, up: wp.vec3,
 ):  # fmt: skip
     """Return a particle's gains beside a sphere, see `loops.spheres`, times their bars.
 
@@ -100,24 +100,24 @@ def work_of_particle(
         heavy: its mass [kg].
         mass: of the particle, with its part of the gas [kg].
     """
-    way = answer.step * (velocity - ball.velocity)
-    arm = point - ball.position - way
-    outward = way_out(arm, wp.vec3(), up)
+    displacement = terms.step * (velocity - ball.velocity)
+    arm = point - ball.position - displacement
+    outward = outward_direction(arm, wp.vec3(), up)
     gap = wp.dot(arm, outward) - radius
-    work = float(0.0)
-    if answer.is_pressed:
-        excess = excess_speed(gap, -wp.dot(way, outward) / answer.step, answer.step)
+    pairing = float(0.0)
+    if terms.is_pressed:
+        excess = excess_speed(gap, -wp.dot(displacement, outward) / terms.step, terms.step)
         gain = gain_of_particle(outward, excess, common.change)
         beside = velocity + gain - ball.velocity - common.change - wp.cross(ball.spin, arm)
-        share = 1.0 / (1.0 + common.pressed * ease_of_ball(heavy, radius, arm))
-        rub = rub_on(beside, mass * gain, mass, share, answer.friction)
+        share = 1.0 / (1.0 + common.pressed * inverse_mass_of_ball(heavy, radius, arm))
+        rub = rub_on(beside, mass * gain, mass, share, terms.friction)
         moved = gain + rub / mass
-        work += wp.dot(moved, answer.velocity + answer.step * answer.place) + mass * wp.dot(gain, answer.by_push)
-        work += wp.dot(rub, answer.rub) + wp.dot(wp.cross(arm, rub), answer.torque)
-    if answer.overlaps:
-        aside = gain_of_particle(outward, way_apart(gap, answer.step), common.shift)
-        work += wp.dot(aside, answer.place) + mass * wp.dot(aside, answer.by_overlap)
-    return work
+        pairing += wp.dot(moved, terms.velocity + terms.step * terms.place) + mass * wp.dot(gain, terms.by_push)
+        pairing += wp.dot(rub, terms.rub) + wp.dot(wp.cross(arm, rub), terms.torque)
+    if terms.overlaps:
+        aside = gain_of_particle(outward, separation(gap, terms.step), common.shift)
+        pairing += wp.dot(aside, terms.place) + mass * wp.dot(aside, terms.by_overlap)
+    return pairing
 
 
 @wp.struct
@@ -130,9 +130,9 @@ class Load:
 
 
 @wp.func
-def work_of_sphere(
-    ball: Course, radius: float, heavy: float, common: Common, load: Load, ground_friction: float, step: float,
-    up: wp.vec3, bar: Course,
+def sphere_pairing(
+    ball: MotionState, radius: float, heavy: float, common: Common, load: Load, ground_friction: float, step: float,
+    up: wp.vec3, bar: MotionState,
 ):  # fmt: skip
     """Return a sphere's course once it has answered, see `loops.spheres`, times its bars."""
     gain = -load.rub / heavy
@@ -140,7 +140,7 @@ def work_of_sphere(
     going = ball.velocity + common.change + gain
     braked, more = rubbed(going, spin, wp.vec3(), up, load.push / heavy, radius, ground_friction)
     place = ball.position + step * (common.change + gain + braked) + common.shift
-    return worth(place, going + braked, spin + more, bar)
+    return motion_pairing(place, going + braked, spin + more, bar)
 
 
 Sums = wp.types.vector(length=18, dtype=wp.float32)
@@ -149,8 +149,8 @@ by its place, velocity, spin, radius and mass"""
 
 
 @wp.struct
-class Met:
-    """Findings of a sphere and the particles that it meets."""
+class ExchangeResult:
+    """Result of the exchange of a sphere with the particles that it meets."""
 
     press: Press
     last: wp.vec3  # change of the sphere's velocity before it was settled, which says who is pressed
@@ -166,7 +166,7 @@ class Exchanges:
     points: wp.array3d[wp.vec3]
     """Places before each sphere, and after the last, of particles near any, shape (S + 1, W, P)"""
     velocities: wp.array3d[wp.vec3]
-    met: wp.array2d[Met]
+    met: wp.array2d[ExchangeResult]
     """Findings of each sphere, shape (W, S)"""
 
 
@@ -184,7 +184,7 @@ class ExchangeBars:
 
 
 @wp.func
-def sums_of(common: Common, ball: Course, radius: float, heavy: float):
+def sums_of(common: Common, ball: MotionState, radius: float, heavy: float):
     """Return derivatives in a row."""
     sums = Sums()
     for axis in range(3):
@@ -200,16 +200,16 @@ def sums_of(common: Common, ball: Course, radius: float, heavy: float):
 
 
 @wp.func
-def put_sums(course: Course, sums: Sums):
-    """Add the sums to the derivatives by a sphere's course."""
-    course.position += wp.vec3(sums[7], sums[8], sums[9])
-    course.velocity += wp.vec3(sums[10], sums[11], sums[12])
-    course.spin += wp.vec3(sums[13], sums[14], sums[15])
-    return course
+def put_sums(motion: MotionState, sums: Sums):
+    """Add the sums to the bars of a sphere's motion state."""
+    motion.position += wp.vec3(sums[7], sums[8], sums[9])
+    motion.velocity += wp.vec3(sums[10], sums[11], sums[12])
+    motion.spin += wp.vec3(sums[13], sums[14], sums[15])
+    return motion
 
 
-def exchange_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
-    """Return no adjoint of the exchange: kernels of its own run it backwards."""
+def exchange_backwards(phase: Phase, features: Features, access: Access) -> Sequence[Adjoint]:
+    """Empty adjoint of the exchange: separate kernels run it backwards."""
     return ()
 
 
@@ -223,10 +223,10 @@ def copy_mark(exchanges: Exchanges, world: wp.int32, sphere: wp.int32, mark: wp.
 
 @cache
 def exchange_again_kernel(features: Features) -> Any:
-    """Return the kernel that exchanges momentum again, and keeps the results of each sphere."""
+    """Recomputation kernel of the exchange of momentum; stores the results of each sphere."""
     ball_at = ball_function(features)
     settle = settling_function(features, vector_at, put_vector, sum_over_block)
-    _, answer_at_mark, _ = marked_functions(features, vector_at, put_vector)
+    _, respond_at_mark, _ = marked_functions(features, vector_at, put_vector)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def exchange_again(t: Tables, working: Working, spheres: LoggedSpheres, exchanges: Exchanges):
@@ -247,13 +247,13 @@ def exchange_again_kernel(features: Features) -> Any:
                 if is_met(press):
                     for mark in range(thread, marks, wp.block_dim()):
                         if working.near[world, mark] > 0:
-                            part += answer_at_mark(
+                            part += respond_at_mark(
                                 t, working, world, mark, sphere, ball, press, last, change, shift, points[world],
                                 velocities[world],
                             )  # fmt: skip
                 rub = sum_over_block(part)
                 if thread == 0:
-                    met = Met()
+                    met = ExchangeResult()
                     met.press = press
                     met.last = last
                     met.change = change
@@ -266,19 +266,19 @@ def exchange_again_kernel(features: Features) -> Any:
 
 @cache
 def particle_adjoint(features: Features) -> Any:
-    """Return the function that runs a particle's answer to a sphere backwards."""
+    """Adjoint of a particle's response to a sphere."""
     _, read_params = params_functions(features.columns, features.balloons)
     inertia = inertia_function(features)
 
     @wp.func
-    def answer_backwards(
+    def response_backwards(
         t: Tables, working: Working, spheres: LoggedSpheres, exchanges: Exchanges, bars: ExchangeBars, world: wp.int32,
-        sphere: wp.int32, particle: wp.int32, ball: Ball, answer: Answer, by_pressed: float, writes: bool,
+        sphere: wp.int32, particle: wp.int32, ball: Ball, terms: Response, by_pressed: float, writes: bool,
     ):  # fmt: skip
-        """Return a particle's derivatives by the quantities common to all, and by the sphere.
+        """Adjoint of one particle's response: bars of the common quantities and of the sphere.
 
         Args:
-            answer: with the derivatives by friction on all, and by the push.
+            terms: with the derivatives by friction on all, and by the push.
             by_pressed: derivative by the mass of all that is pressed.
             writes: whether the particle's own derivatives are written.
         """
@@ -290,56 +290,56 @@ def particle_adjoint(features: Features) -> Any:
             velocity = exchanges.velocities[sphere, world, particle]
             way = t.step_seconds * (velocity - ball.velocity)
             outward, excess, out = meet_sphere(point - ball.center - way, way, ball.radius, t.up, t.step_seconds)
-            answer.is_pressed = is_pressed(outward, excess, met.last)
-            answer.overlaps = out > 0.0
-            if answer.is_pressed or answer.overlaps:
-                answer.place = bars.points[world, particle]
-                answer.velocity = bars.velocities[world, particle]
+            terms.is_pressed = is_pressed(outward, excess, met.last)
+            terms.overlaps = out > 0.0
+            if terms.is_pressed or terms.overlaps:
+                terms.place = bars.points[world, particle]
+                terms.velocity = bars.velocities[world, particle]
                 if wp.static(features.spheres_rub):
-                    answer.friction = friction_on(t, world, params.balloon, number_of_sphere(t, sphere))
+                    terms.friction = friction_on(t, world, params.balloon, number_of_sphere(t, sphere))
                 common = Common()
                 common.change = met.change
                 common.shift = met.shift
                 common.pressed = mass_in(met.press, PRESSED)
                 mass = inertia(working, params)
-                by_point, by_velocity, by_ball, by_radius, by_heavy, by_mass, by_common, by_answer, _up = wp.grad(
-                    work_of_particle
+                by_point, by_velocity, by_ball, by_radius, by_heavy, by_mass, by_common, by_response, _up = wp.grad(
+                    particle_pairing
                 )(
-                    point, velocity, course_at(spheres, world, sphere), ball.radius, ball.mass, mass, common, answer,
+                    point, velocity, motion_at(spheres, world, sphere), ball.radius, ball.mass, mass, common, terms,
                     t.up,
                 )  # fmt: skip
                 sums = sums_of(by_common, by_ball, by_radius, by_heavy)
                 if writes:
-                    bars.points[world, particle] = answer.place + by_point
-                    bars.velocities[world, particle] = answer.velocity + by_velocity
-                    if answer.is_pressed:
+                    bars.points[world, particle] = terms.place + by_point
+                    bars.velocities[world, particle] = terms.velocity + by_velocity
+                    if terms.is_pressed:
                         by_mass += by_pressed
                     bars.masses[world, particle] = bars.masses[world, particle] + by_mass
                     if wp.static(features.spheres_rub):
-                        by_friction = bars.spheres.rubs[world, particle, sphere] + by_answer.friction
+                        by_friction = bars.spheres.rubs[world, particle, sphere] + by_response.friction
                         bars.spheres.rubs[world, particle, sphere] = by_friction
         return sums
 
-    return answer_backwards
+    return response_backwards
 
 
 @cache
 def sphere_adjoint(features: Features) -> Any:
-    """Return the function that runs the exchange of one sphere backwards, by all threads of a block."""
-    ball_at, answer_backwards = ball_function(features), particle_adjoint(features)
+    """Adjoint of one sphere's exchange of momentum, by all threads of a block."""
+    ball_at, response_backwards = ball_function(features), particle_adjoint(features)
 
     @wp.func
-    def sum_of_answers(
+    def sum_of_responses(
         t: Tables, working: Working, spheres: LoggedSpheres, exchanges: Exchanges, bars: ExchangeBars, world: wp.int32,
-        sphere: wp.int32, thread: wp.int32, ball: Ball, answer: Answer, by_pressed: float, writes: bool,
+        sphere: wp.int32, thread: wp.int32, ball: Ball, terms: Response, by_pressed: float, writes: bool,
     ):  # fmt: skip
         part = Sums()
         count = t.particles.balloon.shape[0]
         for mark in range(thread, working.near.shape[1] - 1, wp.block_dim()):
             if working.near[world, mark] > 0:
                 for particle in range(mark * PARTICLES_A_MARK, wp.min((mark + 1) * PARTICLES_A_MARK, count)):
-                    part += answer_backwards(
-                        t, working, spheres, exchanges, bars, world, sphere, particle, ball, answer, by_pressed, writes
+                    part += response_backwards(
+                        t, working, spheres, exchanges, bars, world, sphere, particle, ball, terms, by_pressed, writes
                     )
         return sum_over_block(part)
 
@@ -353,7 +353,7 @@ def sphere_adjoint(features: Features) -> Any:
         if not is_met(met.press):
             return 0.0
         ball = ball_at(t, spheres, world, sphere)
-        bar = bar_of_course(bars.spheres, world, sphere)
+        bar = bar_of_motion(bars.spheres, world, sphere)
         ground = ground_beside(met.press, ball.mass, t.up, ball.sinking, met.last)
         load = Load()
         friction = float(0.0)
@@ -366,38 +366,38 @@ def sphere_adjoint(features: Features) -> Any:
         common = Common()
         common.change = met.change
         common.shift = met.shift
-        by_course, by_radius, by_mass, by_common, by_load, by_friction, _step, _up, _bar = wp.grad(work_of_sphere)(
-            course_at(spheres, world, sphere), ball.radius, ball.mass, common, load, friction, t.step_seconds, t.up, bar
+        by_motion, by_radius, by_mass, by_common, by_load, by_friction, _step, _up, _bar = wp.grad(sphere_pairing)(
+            motion_at(spheres, world, sphere), ball.radius, ball.mass, common, load, friction, t.step_seconds, t.up, bar
         )
         by_ground = wp.where(load.push > 0.0, by_load.push, 0.0)
-        answer = Answer()
-        answer.step = t.step_seconds
-        answer.rub = by_load.rub
-        answer.torque = by_load.torque
-        answer.by_push = by_ground * t.up
-        found = sum_of_answers(
-            t, working, spheres, exchanges, bars, world, sphere, thread, ball, answer, 0.0, False
+        terms = Response()
+        terms.step = t.step_seconds
+        terms.rub = by_load.rub
+        terms.torque = by_load.torque
+        terms.by_push = by_ground * t.up
+        found = sum_of_responses(
+            t, working, spheres, exchanges, bars, world, sphere, thread, ball, terms, 0.0, False
         )  # fmt: skip
         by_change = by_common.change + (ball.mass * by_ground) * t.up + wp.vec3(found[0], found[1], found[2])
         by_shift = by_common.shift + wp.vec3(found[3], found[4], found[5])
         inertia = common_inertia(met.press, PRESSED, ball.mass, ground, t.up)
         solved = wp.inverse(inertia) * wp.vec3d(by_change)
         inertia = common_inertia(met.press, OVERLAPPING, ball.mass, wp.float64(0.0), t.up)
-        answer.by_push -= wp.vec3(solved)
-        answer.by_overlap = -wp.vec3(wp.inverse(inertia) * wp.vec3d(by_shift))
-        taken = sum_of_answers(
-            t, working, spheres, exchanges, bars, world, sphere, thread, ball, answer, found[6], True
+        terms.by_push -= wp.vec3(solved)
+        terms.by_overlap = -wp.vec3(wp.inverse(inertia) * wp.vec3d(by_shift))
+        taken = sum_of_responses(
+            t, working, spheres, exchanges, bars, world, sphere, thread, ball, terms, found[6], True
         )  # fmt: skip
         by_sinking = float(ground * wp.dot(wp.vec3d(t.up), solved))
         by_place, by_velocity, of_radius, _u, by_height, _s = wp.grad(sinking_of_sphere)(
             ball.center, ball.velocity, ball.radius, t.up, height, t.step_seconds
         )
-        by_mass += wp.dot(answer.by_push, met.change) + wp.dot(answer.by_overlap, met.shift)
+        by_mass += wp.dot(terms.by_push, met.change) + wp.dot(terms.by_overlap, met.shift)
         if thread == 0:
-            by_course = put_sums(by_course, taken)
-            by_course.position += by_sinking * by_place
-            by_course.velocity += by_sinking * by_velocity
-            put_bar_of_course(bars.spheres, world, sphere, by_course)
+            by_motion = put_sums(by_motion, taken)
+            by_motion.position += by_sinking * by_place
+            by_motion.velocity += by_sinking * by_velocity
+            put_bar_of_motion(bars.spheres, world, sphere, by_motion)
             by_radius += taken[16] + by_sinking * of_radius
             add_by_sphere(bars.spheres, world, sphere, by_mass + taken[17], by_radius)
             add_by_friction(bars.spheres, world, number_of_sphere(t, sphere), GROUND, by_friction)
@@ -414,9 +414,9 @@ def add_to_number(numbers: wp.array3d[float], world: wp.int32, particle: wp.int3
 
 @cache
 def particle_functions(features: Features, columns: tuple[int, ...]) -> tuple[Any, Any]:
-    """Return the adjoints of a particle's way out of solids, and of its mass."""
+    """Adjoints of a particle's contact with solids, and of its mass."""
     _, read_params = params_functions(features.columns, features.balloons)
-    around_particle, stand_backwards = around_function(features), standing_functions(features)[0]
+    around_particle, solid_contact_backwards = around_function(features), solid_contact_adjoints(features)[0]
     asked = [*ground_columns(features), features.columns.places["mass"]]
     height, friction, mass = (columns.index(column) if column in columns else -1 for column in asked)
 
@@ -428,7 +428,7 @@ def particle_functions(features: Features, columns: tuple[int, ...]) -> tuple[An
         params = read_params(t, world, particle)
         last = exchanges.points.shape[0] - 1
         if params.share > 0.0:
-            stood = stand_backwards(
+            stood = solid_contact_backwards(
                 t, working, around_particle(params, end), exchanges.points[last, world, particle],
                 exchanges.velocities[last, world, particle], bars.points[world, particle],
                 bars.velocities[world, particle],
@@ -441,25 +441,25 @@ def particle_functions(features: Features, columns: tuple[int, ...]) -> tuple[An
                 add_to_number(bars.numbers, world, particle, friction, stood.friction)
 
     @wp.func
-    def weigh_back(t: Tables, bars: ExchangeBars, world: wp.int32, particle: wp.int32):
+    def mass_adjoint(t: Tables, bars: ExchangeBars, world: wp.int32, particle: wp.int32):
         by_share = t.particles.mass_share[particle] * bars.masses[world, particle]
         bars.masses[world, particle] = 0.0
         bars.gas_masses[world, particle] = bars.gas_masses[world, particle] + by_share
         if wp.static(mass >= 0):
             add_to_number(bars.numbers, world, particle, mass, by_share)
 
-    return stand_back, weigh_back
+    return stand_back, mass_adjoint
 
 
 @cache
 def exchange_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
-    """Return the kernel that runs the exchange of momentum backwards.
+    """Backward kernel of the exchange of momentum.
 
     Args:
         columns: of the numbers that are derived by.
     """
     exchange_back = sphere_adjoint(features)
-    stand_back, weigh_back = particle_functions(features, columns)
+    stand_back, mass_adjoint = particle_functions(features, columns)
     place, split = features.columns.places["ground_height"], features.columns.balloon_width
     Numbers, add_numbers = numbers_type(features.columns.width), numbers_adder(columns)  # noqa: N806 - a type
 
@@ -468,7 +468,7 @@ def exchange_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
         t: Tables, working: Working, spheres: LoggedSpheres, exchanges: Exchanges, time_in_frame: float,
         bars: ExchangeBars, of_frame: Bars,
     ):  # fmt: skip
-        """Turn the bars of after the exchange into those of before; a block a world."""
+        """Backward pass of the exchange; a block a world."""
         world, thread = wp.tid()
         marks = working.near.shape[1] - 1
         count = t.particles.balloon.shape[0]
@@ -488,7 +488,7 @@ def exchange_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
             for mark in range(thread, marks, wp.block_dim()):
                 if working.near[world, mark] > 0:
                     for particle in range(mark * PARTICLES_A_MARK, wp.min((mark + 1) * PARTICLES_A_MARK, count)):
-                        weigh_back(t, bars, world, particle)
+                        mass_adjoint(t, bars, world, particle)
             if thread == 0:
                 by_n = Numbers()
                 by_n[place] = by_height

@@ -1,4 +1,4 @@
-"""Adjoints of a gas's pressure, and of gas that comes and goes.
+"""Adjoints of gas pressure, pumps, leaks, jets and tubes.
 
 Adjoint of the thrust of a neck's jet, along the unit vector across the neck that its edges enclose. Each particle gives
 its share, by the pressure there and the neck's own numbers. Particles of the rim turn the vector: they gather its bar
@@ -37,20 +37,20 @@ from balloon_warp.kernels.loops.gas import (
     tube_functions,
     vent_function,
 )
-from balloon_warp.kernels.phase import Adjoint, Look, NoAdjointError, Phase
+from balloon_warp.kernels.phase import Access, Adjoint, NoAdjointError, Phase
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
 from balloon_warp.kernels.working import Working
 
 
 @wp.func
 def product_of(gas: wp.vec2d, bar: wp.vec2):
-    """Return amount and free volume times their bars."""
+    """Pairing of amount and free volume with their bars."""
     return float(gas[0]) * bar[0] + float(gas[1]) * bar[1]
 
 
 @cache
 def vent_functions(features: Features) -> tuple[Any, Any]:
-    """Return the functions for the flow through a balloon's openings, and for the gas that it leaves."""
+    """Functions of the flow through a balloon's openings, and of the remaining gas."""
     columns = features.columns
     gamma, leak, air_pressure, temperature, density = (
         columns.places[name] for name in ("gamma", "leak", "air_pressure", "air_temperature", "air_density")
@@ -86,12 +86,12 @@ def vent_functions(features: Features) -> tuple[Any, Any]:
 
 
 @cache
-def vent_works(features: Features) -> tuple[Any, Any]:
-    """Return the functions for a flow through openings beside tubes, and for the gas after it, times their bars."""
+def vent_pairings(features: Features) -> tuple[Any, Any]:
+    """Pairings of the flow through openings beside tubes, and of the gas after it, with their bars."""
     flow_through, left_by = vent_functions(features)
 
     @wp.func
-    def work_of_vent(
+    def vent_pairing(
         swept: wp.vec2, slope: float, gas: wp.vec2, mesh_volume: float, time: float, step_seconds: float, n: Any,
         bar: wp.vec2,
     ):  # fmt: skip
@@ -99,21 +99,21 @@ def vent_works(features: Features) -> tuple[Any, Any]:
         return found[0] * bar[0] + (swept[1] - slope * step_seconds * found[1]) * bar[1]
 
     @wp.func
-    def work_of_loss(gas: wp.vec2d, flow: float, pressure: float, step_seconds: float, n: Any, bar: wp.vec2):
+    def loss_pairing(gas: wp.vec2d, flow: float, pressure: float, step_seconds: float, n: Any, bar: wp.vec2):
         return product_of(left_by(gas, flow, pressure, step_seconds, n), bar)
 
-    return work_of_vent, work_of_loss
+    return vent_pairing, loss_pairing
 
 
 @cache
 def vents_back_functions(features: Features, add_numbers: Any, read_numbers: Any) -> tuple[Any, Any]:
-    """Return the functions that run backwards a vent's flow in a sweep, and the loss of gas after it.
+    """Adjoints of a vent's flow in a sweep, and of the loss of gas after it.
 
     Args:
         add_numbers: function that adds derivatives by numbers to those of a balloon.
         read_numbers: function that reads the numbers of a balloon.
     """
-    work_of_vent, work_of_loss = vent_works(features)
+    vent_pairing, loss_pairing = vent_pairings(features)
 
     @wp.func
     def vent_back(
@@ -121,7 +121,7 @@ def vents_back_functions(features: Features, add_numbers: Any, read_numbers: Any
     ):
         swept = wp.vec2(bars.swept[world, step][0], bars.swept[world, step][1])
         bar = wp.vec2(bars.vents[world, balloon], bars.pressures[world, balloon])
-        by_swept, by_slope, by_gas, _volume, _time, _step, by_n, _bar = wp.grad(work_of_vent)(
+        by_swept, by_slope, by_gas, _volume, _time, _step, by_n, _bar = wp.grad(vent_pairing)(
             swept, state.pressure_slopes[world, balloon], wp.vec2(bars.moved[world, 0, balloon]),
             t.faces.enclosed[balloon][0], time, t.step_seconds, read_numbers(t, world, balloon), bar,
         )  # fmt: skip
@@ -134,7 +134,7 @@ def vents_back_functions(features: Features, add_numbers: Any, read_numbers: Any
     @wp.func
     def loss_back(t: Any, state: Any, bars: Any, of_frame: Any, world: wp.int32, balloon: wp.int32):
         tubes = t.tubes.balloons.shape[0]
-        by_gas, by_flow, by_pressure, _step, by_n, _bar = wp.grad(work_of_loss)(
+        by_gas, by_flow, by_pressure, _step, by_n, _bar = wp.grad(loss_pairing)(
             bars.moved[world, tubes, balloon], state.vent_flows[world, balloon], state.pressures[world, balloon],
             t.step_seconds, read_numbers(t, world, balloon), of_frame.gas[world, balloon],
         )  # fmt: skip
@@ -146,12 +146,12 @@ def vents_back_functions(features: Features, add_numbers: Any, read_numbers: Any
     return vent_back, loss_back
 
 
-def jet_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
-    """Return the adjoints of the thrust at a neck: of a particle's own share, and of the rim's places."""
+def jet_backwards(phase: Phase, features: Features, access: Access) -> Sequence[Adjoint]:
+    """Adjoints of the thrust at a neck: by a particle's own share, and by the rim's places."""
     opening_of_neck = function_here(neck_opening, ["time"], features.columns)
     thrust_of = function_here(thrust, ["opening", "pressure"], features.columns)
     Params, _ = params_functions(features.columns, features.balloons)  # noqa: N806 - a type
-    at = look.at
+    at = access.at
 
     @wp.func
     def across(t: Tables, points: Any, balloon: wp.int32):
@@ -165,7 +165,7 @@ def jet_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjo
         return out
 
     @wp.func
-    def work_of_share(weight: float, load: wp.vec2, height: float, time: float, n: Any, along: float):
+    def share_pairing(weight: float, load: wp.vec2, height: float, time: float, n: Any, along: float):
         return -weight * thrust_of(opening_of_neck(time, n), load[0] + load[1] * height, n) * along
 
     @wp.func
@@ -178,7 +178,7 @@ def jet_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjo
         weight = t.necks.weights[params.number]
         if weight > 0.0:
             along = wp.dot(wp.normalize(across(t, points, params.balloon)), force_bar)
-            _weight, by_load, by_height, _time, by_n, _along = wp.grad(work_of_share)(
+            _weight, by_load, by_height, _time, by_n, _along = wp.grad(share_pairing)(
                 weight, load, wp.dot(point, t.up), time, params.n, along
             )
             load_bar = by_load
@@ -187,8 +187,8 @@ def jet_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjo
         return force_bar, load_bar, point_bar, params_bar
 
     @wp.func
-    def worth_of_thrust(t: Tables, points: Any, params: Any, load: wp.vec2, time: float, force_bars: Any):
-        """Return the derivative by the unit vector across the neck."""
+    def bar_of_thrust(t: Tables, points: Any, params: Any, load: wp.vec2, time: float, force_bars: Any):
+        """Bar of the unit vector across the neck."""
         opening = opening_of_neck(time, params.n)
         total = wp.vec3()
         for other in range(t.particles.offsets[params.balloon], t.particles.offsets[params.balloon + 1]):
@@ -216,8 +216,8 @@ def jet_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjo
             size = wp.length(out)
             if size > 0.0:
                 unit = out / size
-                worth = worth_of_thrust(t, points, params, load, time, force_bars)
-                point_bar = wp.cross(chord, (worth - wp.dot(worth, unit) * unit) / size)
+                thrust_bar = bar_of_thrust(t, points, params, load, time, force_bars)
+                point_bar = wp.cross(chord, (thrust_bar - wp.dot(thrust_bar, unit) * unit) / size)
         return point_bar
 
     return (Adjoint(own_adjoint, ("force", "load", "point", "params")), Adjoint(rim_adjoint, ("point",)))
@@ -246,14 +246,14 @@ class TubeBars:
 
 
 @cache
-def work_functions(features: Features) -> tuple[Any, Any]:
-    """Return the functions for a tube's flow, and for the gases after it, times their bars; Warp derives them."""
+def pairing_functions(features: Features) -> tuple[Any, Any]:
+    """Pairings of a tube's flow, and of the gases after it, with their bars; Warp derives them."""
     gamma, air_pressure, temperature = (
         features.columns.places[name] for name in ("gamma", "air_pressure", "air_temperature")
     )
 
     @wp.func
-    def work_of_flow(
+    def flow_pairing(
         swept: wp.vec3, slopes: wp.vec2, one: wp.vec2, other: wp.vec2, volumes: wp.vec2, conductance: float,
         step_seconds: float, n: Any, bar: wp.vec3,
     ):  # fmt: skip
@@ -269,7 +269,7 @@ def work_functions(features: Features) -> tuple[Any, Any]:
         return wp.dot(ends, bar)
 
     @wp.func
-    def work_of_gases(
+    def gases_pairing(
         source: wp.vec2d, sink: wp.vec2d, moles: float, pressures: wp.vec2, n: Any, left_bar: wp.vec2,
         gained_bar: wp.vec2,
     ):  # fmt: skip
@@ -277,12 +277,12 @@ def work_functions(features: Features) -> tuple[Any, Any]:
         left, gained = gas_through_tube(source, sink, moles, air + pressures, n[gamma])
         return product_of(left, left_bar) + product_of(gained, gained_bar)
 
-    return work_of_flow, work_of_gases
+    return flow_pairing, gases_pairing
 
 
 @wp.func
 def sum_of_loads(t: Tables, bars: TubeBars, world: wp.int32, balloon: wp.int32):
-    """Return the derivative by the constant part of a balloon's load."""
+    """Bar of the constant part of a balloon's load."""
     total = float(0.0)
     for particle in range(t.particles.offsets[balloon], t.particles.offsets[balloon + 1]):
         total += bars.loads[world, particle][0]
@@ -297,8 +297,8 @@ def steps_of_sweep(t: Tables, vents: bool):
 
 @cache
 def back_functions(features: Features, columns: tuple[int, ...]) -> tuple[Any, Any]:
-    """Return the functions that run backwards a step of a sweep, and the gas's move through a tube after it."""
-    work_of_flow, work_of_gases = work_functions(features)
+    """Adjoints of a step of a sweep, and of the transfer of gas through a tube after it."""
+    flow_pairing, gases_pairing = pairing_functions(features)
     read_numbers, add_numbers = numbers_reader(features.columns), numbers_adder(columns)
 
     @wp.func
@@ -309,7 +309,7 @@ def back_functions(features: Features, columns: tuple[int, ...]) -> tuple[Any, A
         row = row_of_world(world, t.tubes.conductance.shape[0])
         slopes = wp.vec2(state.pressure_slopes[world, ends[0]], state.pressure_slopes[world, ends[1]])
         bar = wp.vec3(bars.flows[world, tube], bars.pressures[world, ends[0]], bars.pressures[world, ends[1]])
-        by_swept, by_slopes, by_one, by_other, _volumes, by_conductance, _step, by_n, _bar = wp.grad(work_of_flow)(
+        by_swept, by_slopes, by_one, by_other, _volumes, by_conductance, _step, by_n, _bar = wp.grad(flow_pairing)(
             bars.swept[world, step], slopes, wp.vec2(bars.moved[world, 0, ends[0]]),
             wp.vec2(bars.moved[world, 0, ends[1]]), wp.vec2(t.faces.enclosed[ends[0]][0], t.faces.enclosed[ends[1]][0]),
             t.tubes.conductance[row, tube], t.step_seconds, read_numbers(t, world, ends[0]), bar,
@@ -329,7 +329,7 @@ def back_functions(features: Features, columns: tuple[int, ...]) -> tuple[Any, A
         source = t.tubes.balloons[tube][wp.where(moles > 0.0, 0, 1)]
         sink = t.tubes.balloons[tube][wp.where(moles > 0.0, 1, 0)]
         pressures = wp.vec2(state.pressures[world, source], state.pressures[world, sink])
-        by_source, by_sink, by_moles, by_pressures, by_n, _left, _gained = wp.grad(work_of_gases)(
+        by_source, by_sink, by_moles, by_pressures, by_n, _left, _gained = wp.grad(gases_pairing)(
             bars.moved[world, tube, source], bars.moved[world, tube, sink], wp.abs(moles), pressures,
             read_numbers(t, world, source), of_frame.gas[world, source], of_frame.gas[world, sink],
         )  # fmt: skip
@@ -345,7 +345,7 @@ def back_functions(features: Features, columns: tuple[int, ...]) -> tuple[Any, A
 
 @cache
 def again_function(features: Features) -> Any:
-    """Return the function that lets gas flow again, and keeps the states on its way."""
+    """Recomputation of the flow of gas that stores intermediate states."""
     find_flow, let_gas_flow = tube_functions(features)
     find_vent = vent_function(features)[0] if features.vents else None
 
@@ -384,7 +384,7 @@ def again_function(features: Features) -> Any:
 
 @cache
 def tubes_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
-    """Return the kernel that runs the flow through tubes backwards, once all that reads pressures has.
+    """Backward kernel of the flow through tubes, after all readers of pressures.
 
     Args:
         columns: of the numbers that are derived by.
@@ -397,7 +397,7 @@ def tubes_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
     def turn_tubes_back(
         t: Tables, state: WorldState, loads: wp.array2d[wp.vec4], time_in_frame: float, bars: TubeBars, of_frame: Bars
     ):  # fmt: skip
-        """Turn the derivatives by pressures and gases after the flow into those before; a thread a world.
+        """Backward pass of pressures and gases through the flow; a thread a world.
 
         Args:
             state: with the gas before the flow, and arrays that change as it flows again.
@@ -441,11 +441,11 @@ A_PASCAL = wp.constant(1.0)
 
 @cache
 def flow_adjoint(features: Features) -> Any:
-    """Return the function that runs the flow through necks and leaks backwards."""
+    """Adjoint of the flow through necks and leaks."""
     flow_through, left_by = vent_functions(features)
 
     @wp.func
-    def work_of_flow(
+    def flow_pairing(
         gas_load: wp.vec4, gas: wp.vec2, mesh_volume: float, time: float, step_seconds: float, n: Any, bar: wp.vec4,
         gas_bar: wp.vec2,
     ):  # fmt: skip
@@ -461,7 +461,7 @@ def flow_adjoint(features: Features) -> Any:
         t: Tables, balloon: wp.int32, time: float, gas_load: wp.vec4, gas: wp.vec2, numbers: Any, bar: wp.vec4,
         gas_after_bar: wp.vec2,
     ):  # fmt: skip
-        by_load, by_gas, _volume, _time, _step, by_n, _bar, _gas_bar = wp.grad(work_of_flow)(
+        by_load, by_gas, _volume, _time, _step, by_n, _bar, _gas_bar = wp.grad(flow_pairing)(
             gas_load, gas, t.faces.enclosed[balloon][0], time, t.step_seconds, numbers, bar, gas_after_bar
         )
         return by_load, by_gas, by_n
@@ -471,7 +471,7 @@ def flow_adjoint(features: Features) -> Any:
 
 @cache
 def pump_again_kernel(features: Features) -> Any:
-    """Return the kernel that recomputes amount and mass of the gas in a substep."""
+    """Recomputation kernel of amount and mass of the gas in a substep."""
     pump, gas_mass = pump_function(features), gas_mass_function(features)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -486,13 +486,13 @@ def pump_again_kernel(features: Features) -> Any:
 
 
 @cache
-def _pump_work(features: Features) -> Any:
+def _pump_pairing(features: Features) -> Any:
     columns = features.columns
     gamma, air_pressure, temperature = (columns.places[name] for name in ("gamma", "air_pressure", "air_temperature"))
     filled = filled_function(features) if features.fills else None
 
     @wp.func
-    def work_of_pump(
+    def pump_pairing(
         gas: wp.vec2d, pumped: float, curved: bool, by_curve: float, pressure: float, mesh_volume: float, time: float,
         step_seconds: float, n: Any, bar: wp.vec2,
     ):  # fmt: skip
@@ -506,19 +506,19 @@ def _pump_work(features: Features) -> Any:
         after = pumped_gas(gas, moles, flat, n[air_pressure] + pressure, n[gamma], n[temperature], n[temperature])
         return product_of(after, bar)
 
-    return work_of_pump
+    return pump_pairing
 
 
 @cache
 def pump_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
-    """Return the kernel that runs pumps backwards, once all else of a substep has."""
-    work_of_pump, read_numbers = _pump_work(features), numbers_reader(features.columns)
+    """Backward kernel of pumps, last in a substep."""
+    pump_pairing, read_numbers = _pump_pairing(features), numbers_reader(features.columns)
     add_numbers, molar_mass = numbers_adder(columns), features.columns.places["molar_mass"]
     fills = features.fills
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def pump_back(t: Tables, state: WorldState, amounts: wp.array2d[wp.float64], time_in_frame: float, bars: Bars):
-        """Turn the bar of the gas in a substep into that before; a thread a (world, balloon).
+        """Backward pass of the gas update; a thread a (world, balloon).
 
         Args:
             state: with the gas and pressure before.
@@ -547,7 +547,7 @@ def pump_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
                 by_curve = t.step_seconds * curve_flow(t, balloon, pressure)
                 rise = curve_flow(t, balloon, pressure + A_PASCAL) - curve_flow(t, balloon, pressure - A_PASCAL)
                 steepness = t.step_seconds * rise / (2.0 * A_PASCAL)
-        by_gas, by_pumped, _has, by_curved, by_pressure, _volume, _time, _step, by_n, _bar = wp.grad(work_of_pump)(
+        by_gas, by_pumped, _has, by_curved, by_pressure, _volume, _time, _step, by_n, _bar = wp.grad(pump_pairing)(
             gas_in(state, world, balloon), t.step_seconds * (ramp[0] + ramp[1] * middle), curved, by_curve, pressure,
             t.faces.enclosed[balloon][0], time_of(t, state.frame, time_in_frame), t.step_seconds, n, bar,
         )  # fmt: skip
@@ -561,12 +561,12 @@ def pump_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
     return pump_back
 
 
-def load_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
-    """Return the adjoint of a balloon's pressure."""
+def load_backwards(phase: Phase, features: Features, access: Access) -> Sequence[Adjoint]:
+    """Adjoint of a balloon's pressure."""
     load_of_balloon = load_function(features)
 
     @wp.func
-    def work_of_load(
+    def load_pairing(
         kind: wp.int32, given: float, swelling: Swelling, gas: wp.vec2, step_seconds: float, enclosed: wp.vec2,
         n: Any, bar: wp.vec4,
     ):  # fmt: skip
@@ -582,7 +582,7 @@ def load_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adj
         numbers: Any,
         gas_load_bar: wp.vec4,
     ):
-        _kind, by_given, by_swelling, by_gas, _step, _enclosed, by_n, _bar = wp.grad(work_of_load)(
+        _kind, by_given, by_swelling, by_gas, _step, _enclosed, by_n, _bar = wp.grad(load_pairing)(
             t.inflation_kind[balloon], keyed, swelling, gas, t.step_seconds, t.faces.enclosed[balloon], numbers,
             gas_load_bar,
         )  # fmt: skip
@@ -606,8 +606,8 @@ def bar_of_flowing(t: Tables, balloon: wp.int32, load_bar: wp.vec2, pressure_bar
     return bar_of_noted(t, balloon, load_bar, pressure_bar) + wp.vec4(0.0, 0.0, 0.0, slope_bar)
 
 
-def note_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
-    """Return the adjoint of the recorded pressure, once gas has flowed: particles and readers use it."""
+def note_backwards(phase: Phase, features: Features, access: Access) -> Sequence[Adjoint]:
+    """Adjoint of the recorded pressure after the flow of gas: particles and readers use it."""
 
     if features.tubes:
         return (Adjoint(bar_of_flowing, ("gas_load",)),)
@@ -633,7 +633,7 @@ def note_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adj
     return (Adjoint(note_adjoint, ("gas_load", "gas", "numbers")),)
 
 
-def pump_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
+def pump_backwards(phase: Phase, features: Features, access: Access) -> Sequence[Adjoint]:
     """Return no adjoint of pumps and flows: a kernel of its own runs them backwards."""
     if features.gas_meets_air:
         raise NoAdjointError("gas that comes and goes in air that varies")

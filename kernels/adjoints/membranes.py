@@ -37,7 +37,7 @@ from balloon_warp.kernels.loops.membranes import (
 )
 from balloon_warp.kernels.loops.quads import products_of, rates_of
 from balloon_warp.kernels.memory import four_floats_at, four_ints_at, int_pair_at, vector_at
-from balloon_warp.kernels.phase import Adjoint, Look, NoAdjointError, Phase
+from balloon_warp.kernels.phase import Access, Adjoint, NoAdjointError, Phase
 from balloon_warp.kernels.tables import SLICE, Tables, first_entry
 
 AT_REST = wp.constant(1.0e-4)
@@ -46,7 +46,7 @@ AT_REST = wp.constant(1.0e-4)
 
 @wp.func
 def is_unstretched(mixed: wp.vec4):
-    """Return whether a triangle of this G M is at rest, without tension, so that its bars are 0.
+    """Test for a triangle of this G M at rest, whose tension and bars are 0.
 
     There the law has a kink, and each corner, which measures the triangle by edges of its own, might see another side.
     """
@@ -63,26 +63,26 @@ def is_at_rest(d1: wp.vec3, d2: wp.vec3, rest: wp.vec4):
 
 
 @cache
-def triangle_work(features: Features) -> Any:
-    """Return the function for a triangle's forces times bars."""
+def triangle_pairing_function(features: Features) -> Any:
+    """Pairing of a triangle's forces with their bars."""
     pull_of_triangle = triangle_pull(features)
 
     @wp.func
-    def work_of_triangle(
+    def triangle_pairing(
         d1: wp.vec3, d2: wp.vec3, v1: wp.vec3, v2: wp.vec3, n: Any, rest: wp.vec4, material: wp.int32, b1: wp.vec3,
         b2: wp.vec3,
     ):  # fmt: skip
-        """Return the forces on the corners at the ends of both edges, times how their bars differ from the first's."""
+        """Pairing of the forces at both edges' ends with their bars relative to the first corner's."""
         _pull, first, second = pull_of_triangle(d1, d2, v1, v2, rest, material, n)
         return wp.dot(first, b1) + wp.dot(second, b2)
 
-    return work_of_triangle
+    return triangle_pairing
 
 
 @cache
 def membrane_adjoint(features: Features, at: Any) -> Adjoint:
     """Return the adjoint that gathers bars of a particle's place and velocity, and of its balloon's numbers."""
-    work_of_triangle = triangle_work(features)
+    triangle_pairing = triangle_pairing_function(features)
     Params, _ = params_functions(features.columns, features.balloons)  # noqa: N806 - a type
 
     @wp.func
@@ -106,7 +106,7 @@ def membrane_adjoint(features: Features, at: Any) -> Adjoint:
             d2 = at(points, others[1]) - point
             rest = four_floats_at(t.membranes.rests, entry)
             if not is_at_rest(d1, d2, rest):
-                by_d1, by_d2, by_v1, by_v2, by_n, _rest, _material, _b1, _b2 = wp.grad(work_of_triangle)(
+                by_d1, by_d2, by_v1, by_v2, by_n, _rest, _material, _b1, _b2 = wp.grad(triangle_pairing)(
                     d1, d2, v1, v2, params.n, rest, material,
                     at(force_bars, others[0]) - force_bar, at(force_bars, others[1]) - force_bar,
                 )  # fmt: skip
@@ -197,7 +197,7 @@ _VECTORS = """
     """
 )
 def state_of_triangles(metric: Lanes3, change: Lanes3, rest: Lanes4, wrinkling: Lanes) -> StateLanes:
-    """Return at which state the law is asked, and how it changes."""
+    """State at which the law is evaluated, and its change."""
     ...
 
 
@@ -240,7 +240,7 @@ def tensions_of_triangles(
 
 
 def few_places(features: Features) -> tuple[int, ...]:
-    """Return the columns of the numbers that tensions depend on: the thickness, and those that laws name."""
+    """Columns of the parameters of tensions: the thickness, and those that laws name."""
     _, few = choice_of_laws_of_few(features.membranes, features.columns)
     return features.columns.places["thickness"], *few
 
@@ -314,8 +314,10 @@ def tension_changes(features: Features) -> Any:
         found = tensions_of_triangles(metric, change, rest, state, slopes, n[thickness])
         for place in range(1, few):
             by_few[place] = wp.cw_mul(found[6], by_few[place])
-        work = 0.5 * (wp.cw_mul(found[0], change[0]) + wp.cw_mul(found[2], change[2])) + wp.cw_mul(found[1], change[1])
-        by_few[0] = wp.cw_div(work, n[thickness])
+        pairing = 0.5 * (wp.cw_mul(found[0], change[0]) + wp.cw_mul(found[2], change[2])) + wp.cw_mul(
+            found[1], change[1]
+        )
+        by_few[0] = wp.cw_div(pairing, n[thickness])
         return found, by_few
 
     return changes_of_triangles
@@ -432,7 +434,7 @@ def quad_adjoint(features: Features, at: Any, add_to_corners: Any) -> Adjoint:
     return Adjoint(turn_quads, ("numbers",), columns=few_places(features))
 
 
-def quads_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
+def quads_backwards(phase: Phase, features: Features, access: Access) -> Sequence[Adjoint]:
     """Return the adjoint of the forces of quads.
 
     Raises:
@@ -440,7 +442,7 @@ def quads_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Ad
     """
     if features.viscous or features.wears:
         raise NoAdjointError("a membrane that is viscous, softens or bursts, where eight go side by side")
-    return [quad_adjoint(features, look.at, look.add_to_corners)]
+    return [quad_adjoint(features, access.at, access.add_to_corners)]
 
 
 @cache
@@ -467,7 +469,7 @@ def membrane_faces_adjoint(features: Features, membrane_face: MembraneFaceLayout
 
 def _of_face(features: Features, membrane_face: MembraneFaceLayout) -> Any:
     """Return the function that derives a face."""
-    work_of_triangle = triangle_work(features)
+    triangle_pairing = triangle_pairing_function(features)
     step, put, _, point_at, _ = membrane_face_places(membrane_face)
     triangles, mixed = membrane_face.triangles, membrane_face.mixed
 
@@ -485,7 +487,7 @@ def _of_face(features: Features, membrane_face: MembraneFaceLayout) -> Any:
         second = wp.vec3()
         numbers = 0.0 * n
         if there:
-            by_d1, by_d2, _v1, _v2, by_n, _rest, _material, _b1, _b2 = wp.grad(work_of_triangle)(
+            by_d1, by_d2, _v1, _v2, by_n, _rest, _material, _b1, _b2 = wp.grad(triangle_pairing)(
                 d1, d2, wp.vec3(), wp.vec3(), n, rest, material, b1, b2
             )
             first = by_d1

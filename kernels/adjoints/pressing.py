@@ -18,8 +18,8 @@ from balloon_warp.kernels.adjoints.sums import add_exactly, note_size, parts_per
 from balloon_warp.kernels.contact.response import RESPONSE_REGISTERS, Found, nearest_function
 from balloon_warp.kernels.contact.triangles import (
     contacts_at,
-    crowd_of_corners,
-    ease_of_moving,
+    contacts_of_corners,
+    inverse_mass_of,
     mass_function,
     pair_functions,
     rows_at,
@@ -45,7 +45,7 @@ from balloon_warp.kernels.working import TOUCHING, Working
 
 
 @wp.struct
-class WorthOfContact:
+class ContactResultBars:
     """Derivatives of the loss by the results of a contact."""
 
     a: wp.vec3  # by the force on each corner, less that by the force on the particle
@@ -69,35 +69,35 @@ class BarsOfContact:
 
 
 @wp.func
-def work_of_contact(
+def contact_results_pairing(
     point: wp.vec3, velocity: wp.vec3, corners: wp.mat33, moving: wp.mat33, hold: wp.vec4, inputs: Touching,
-    worth: WorthOfContact,
+    result_bars: ContactResultBars,
 ):  # fmt: skip
-    """Return the results of a contact that pushes, times their bars."""
+    """Pairing of the results of a pushing contact with their bars."""
     beside = place_beside(point, corners[0], corners[1], corners[2])
     place = faced(beside, corners[0], corners[1], corners[2])
     forces = touch(inputs, place, hold, velocity, corners, moving)
-    pushes = wp.dot(forces.a, worth.a) + wp.dot(forces.b, worth.b) + wp.dot(forces.c, worth.c)
-    return pushes + wp.dot(forces.hold, worth.hold) + wp.dot(corner_counts(place, corners), worth.counts)
+    pushes = wp.dot(forces.a, result_bars.a) + wp.dot(forces.b, result_bars.b) + wp.dot(forces.c, result_bars.c)
+    return pushes + wp.dot(forces.hold, result_bars.hold) + wp.dot(corner_counts(place, corners), result_bars.counts)
 
 
 @wp.func
-def work_of_counts(point: wp.vec3, corners: wp.mat33, worth: wp.vec3):
-    """Return the corners' shares in the count of contacts, times their bars."""
+def counts_pairing(point: wp.vec3, corners: wp.mat33, result_bars: wp.vec3):
+    """Pairing of the corners' contact counts with their bars."""
     beside = place_beside(point, corners[0], corners[1], corners[2])
     place = faced(beside, corners[0], corners[1], corners[2])
-    return wp.dot(corner_counts(place, corners), worth)
+    return wp.dot(corner_counts(place, corners), result_bars)
 
 
 @wp.func
 def contact_back(
     point: wp.vec3, velocity: wp.vec3, corners: wp.mat33, moving: wp.mat33, hold: wp.vec4, inputs: Touching,
-    worth: WorthOfContact,
+    result_bars: ContactResultBars,
 ):  # fmt: skip
-    """Return the derivatives by the inputs of a contact that pushes."""
+    """Adjoint of a pushing contact: bars of its inputs."""
     bars = BarsOfContact()
-    by_point, by_velocity, by_corners, by_moving, by_hold, by_inputs, _worth = wp.grad(work_of_contact)(
-        point, velocity, corners, moving, hold, inputs, worth
+    by_point, by_velocity, by_corners, by_moving, by_hold, by_inputs, _bars = wp.grad(contact_results_pairing)(
+        point, velocity, corners, moving, hold, inputs, result_bars
     )
     bars.point = by_point
     bars.velocity = by_velocity
@@ -109,20 +109,25 @@ def contact_back(
 
 
 @wp.func
-def counts_back(point: wp.vec3, corners: wp.mat33, worth: wp.vec3):
-    """Return the derivatives by the inputs of the count of a contact that is only near."""
+def counts_back(point: wp.vec3, corners: wp.mat33, result_bars: wp.vec3):
+    """Adjoint of the contact count of a near pair: bars of its inputs."""
     bars = BarsOfContact()
-    by_point, by_corners, _worth = wp.grad(work_of_counts)(point, corners, worth)
+    by_point, by_corners, _bars = wp.grad(counts_pairing)(point, corners, result_bars)
     bars.point = by_point
     bars.corners = by_corners
     return bars
 
 
-OF_PLACES, OF_VELOCITIES, OF_EASES, OF_CONTACTS = wp.constant(0), wp.constant(1), wp.constant(2), wp.constant(3)
+OF_PLACES, OF_VELOCITIES, OF_INVERSE_MASSES, OF_CONTACTS = (
+    wp.constant(0),
+    wp.constant(1),
+    wp.constant(2),
+    wp.constant(3),
+)
 """Kinds of sums"""
 KINDS = 4
 UNMARKED, MARKED = wp.constant(wp.int8(0)), wp.constant(wp.int8(1))
-EASE, CONTACTS, SUMS = wp.constant(6), wp.constant(7), 8
+INVERSE_MASS, CONTACTS, SUMS = wp.constant(6), wp.constant(7), 8
 """Entries of a particle's sums: after place and velocity its inverse mass, and its contacts in the substep before"""
 
 
@@ -142,7 +147,7 @@ class TouchBars:
     whole fours"""
     largest: wp.array2d[float]
     contacts: wp.array[wp.vec3i]
-    """Contacts of all worlds that are worth anything: (particle among those of all worlds, candidate, role)"""
+    """Contacts of all worlds with nonzero bars: (particle among those of all worlds, candidate, role)"""
     contact_counts: wp.array2d[wp.int32]
     """Length of this list, shape (1, 1)"""
     pairs: wp.array3d[wp.vec3]
@@ -153,7 +158,7 @@ class TouchBars:
 
 @wp.func
 def note_sizes(bars: TouchBars, world: wp.int32, found: BarsOfContact, by_contacts: float):
-    """Note how large the derivatives of a contact are."""
+    """Record the magnitude of a contact's bars."""
     places = wp.max(wp.abs(found.point))
     velocities = wp.max(wp.abs(found.velocity))
     for corner in range(3):
@@ -161,46 +166,50 @@ def note_sizes(bars: TouchBars, world: wp.int32, found: BarsOfContact, by_contac
         velocities = wp.max(velocities, wp.max(wp.abs(found.moving[corner])))
     note_size(bars.largest, world, OF_PLACES, places)
     note_size(bars.largest, world, OF_VELOCITIES, velocities)
-    note_size(bars.largest, world, OF_EASES, wp.max(wp.abs(found.inputs.masses)))
+    note_size(bars.largest, world, OF_INVERSE_MASSES, wp.max(wp.abs(found.inputs.masses)))
     note_size(bars.largest, world, OF_CONTACTS, wp.abs(by_contacts))
 
 
 @wp.func
 def add_share(
-    bars: TouchBars, world: wp.int32, particle: wp.int32, by_place: wp.vec3, by_velocity: wp.vec3, by_ease: float
-):
+    bars: TouchBars, world: wp.int32, particle: wp.int32, by_place: wp.vec3, by_velocity: wp.vec3,
+    by_inverse_mass: float,
+):  # fmt: skip
     """Add a contact's derivatives by one of its particles."""
     of_places = parts_per_unit(bars.largest, world, OF_PLACES)
     of_velocities = parts_per_unit(bars.largest, world, OF_VELOCITIES)
     for axis in range(3):
         add_exactly(bars.sums, world, particle, axis, of_places, by_place[axis])
         add_exactly(bars.sums, world, particle, 3 + axis, of_velocities, by_velocity[axis])
-    add_exactly(bars.sums, world, particle, EASE, parts_per_unit(bars.largest, world, OF_EASES), by_ease)
+    add_exactly(
+        bars.sums, world, particle, INVERSE_MASS, parts_per_unit(bars.largest, world, OF_INVERSE_MASSES),
+        by_inverse_mass,
+    )  # fmt: skip
     bars.marks[world, particle] = MARKED
 
 
 @wp.func
 def add_by_contacts(
     t: Tables, working: Working, bars: TouchBars, world: wp.int32, particle: wp.int32, corners: wp.vec3i,
-    masses: wp.vec4, by_crowd: float,
+    masses: wp.vec4, by_contact_count: float,
 ):  # fmt: skip
-    """Turn a contact's derivative by its crowd into one by the contacts of the busiest of its particles, and add it."""
+    """Add the bar of a contact's count to that of the busiest of its particles."""
     allowed = float_at(t.touch.crowd, int_at(t.particles.balloon, particle))
     of_other = float_at(t.touch.crowd, int_at(t.particles.balloon, corners[0]))
-    most = crowd_of_corners(working, world, corners, masses)
+    most = contacts_of_corners(working, world, corners, masses)
     per_unit = parts_per_unit(bars.largest, world, OF_CONTACTS)
     if contacts_at(working, world, particle, masses[0]) / allowed >= most / of_other:
-        add_exactly(bars.sums, world, particle, CONTACTS, per_unit, by_crowd / allowed)
+        add_exactly(bars.sums, world, particle, CONTACTS, per_unit, by_contact_count / allowed)
         return
     for corner in range(3):
         if contacts_at(working, world, corners[corner], masses[corner + 1]) == most:
-            add_exactly(bars.sums, world, corners[corner], CONTACTS, per_unit, by_crowd / of_other)
+            add_exactly(bars.sums, world, corners[corner], CONTACTS, per_unit, by_contact_count / of_other)
             return
 
 
 @cache
 def take_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
-    """Return the kernel that hands the sums on to particles.
+    """Kernel that adds the sums to the bars of particles.
 
     Args:
         columns: of the numbers that are derived by.
@@ -226,11 +235,11 @@ def take_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
         bars.counts[world, particle] = by_contacts
         bars.marks[world, particle] = wp.where(by_contacts != 0.0, MARKED, UNMARKED)
         if wp.static(place_of_mass >= 0):
-            by_ease = sum_at(bars.sums, bars.largest, world, particle, EASE, OF_EASES)
+            by_inverse_mass = sum_at(bars.sums, bars.largest, world, particle, INVERSE_MASS, OF_INVERSE_MASSES)
             mass = mass_of(t, world, t.particles.balloon[particle])
-            if by_ease != 0.0:
+            if by_inverse_mass != 0.0:
                 before = number_bars[world, particle, wp.static(place_of_mass)]
-                by_mass = -by_ease * ease_of_moving(t, mass, particle) / mass
+                by_mass = -by_inverse_mass * inverse_mass_of(t, mass, particle) / mass
                 number_bars[world, particle, wp.static(place_of_mass)] = before + by_mass
         for entry in range(SUMS):
             bars.sums[world, particle, entry] = wp.int64(0)
@@ -265,7 +274,7 @@ def sum_pairs(t: Tables, bars: TouchBars):
 
 
 CLEAR, COUNTS, PUSHES, PUSHES_FIRST = (wp.constant(role) for role in range(4))
-"""Roles of a contact: it is worth nothing, only its count is worth something, or it pushes; the first that does so has
+"""Roles of a contact: it has no bars, only its count has one, or it pushes; the first that does so has
 the particle's hold"""
 
 
@@ -298,7 +307,7 @@ def keep_holds(threads: wp.int32, working: Working, holds: wp.array2d[wp.vec4], 
 
 @cache
 def role_function(features: Features) -> Any:
-    """Return the function that tells the role of a contact of a particle with one triangle."""
+    """Role function of a particle's contact with one triangle."""
     beside, masses_of, _ = pair_functions(features)
 
     @wp.func
@@ -328,7 +337,7 @@ def role_function(features: Features) -> Any:
 
 @cache
 def list_contacts_kernel(features: Features, fast_math: bool = False) -> Any:
-    """Return the kernel that lists the contacts that are worth anything."""
+    """Kernel that lists the contacts with nonzero bars."""
     role_of, nearest_from = role_function(features), nearest_function(features)
 
     @wp.func
@@ -378,22 +387,22 @@ def list_contacts_kernel(features: Features, fast_math: bool = False) -> Any:
 
 
 @wp.func
-def worth_of_contact(bars: TouchBars, world: wp.int32, particle: wp.int32, corners: wp.vec3i):
-    """Return the bars of a contact's forces and counts; its hold aside."""
-    worth = WorthOfContact()
+def contact_pairing(bars: TouchBars, world: wp.int32, particle: wp.int32, corners: wp.vec3i):
+    """Bars of a contact's forces and counts, without that of its hold."""
+    result_bars = ContactResultBars()
     own = bars.forces[world, particle]
-    worth.a = bars.forces[world, corners[0]] - own
-    worth.b = bars.forces[world, corners[1]] - own
-    worth.c = bars.forces[world, corners[2]] - own
-    worth.counts = wp.vec3(
+    result_bars.a = bars.forces[world, corners[0]] - own
+    result_bars.b = bars.forces[world, corners[1]] - own
+    result_bars.c = bars.forces[world, corners[2]] - own
+    result_bars.counts = wp.vec3(
         bars.counts[world, corners[0]], bars.counts[world, corners[1]], bars.counts[world, corners[2]]
     )
-    return worth
+    return result_bars
 
 
 @cache
 def contact_function(features: Features) -> Any:
-    """Return the function that runs the contact of a particle with one triangle backwards."""
+    """Adjoint of the contact of a particle with one triangle."""
     beside, masses_of, pressed = pair_functions(features)
 
     @wp.func
@@ -401,22 +410,22 @@ def contact_function(features: Features) -> Any:
         t: Tables, working: Working, world: wp.int32, particle: wp.int32, candidate: wp.int32, role: wp.int32,
         points: wp.array[wp.vec3], velocities: wp.array[wp.vec3], hold: wp.vec4, bars: TouchBars,
     ):  # fmt: skip
-        """Return the derivatives by a contact's inputs, and its crowd and whether it pushes among them."""
+        """Bars of a contact's inputs, with its contact count and whether it pushes."""
         corners = triple_at(t.touch.triangles, triangle_of(candidate))
         point = vector_at(points, particle)
         places = rows_at(points, corners)
-        worth = worth_of_contact(bars, world, particle, corners)
+        result_bars = contact_pairing(bars, world, particle, corners)
         found = BarsOfContact()
         if role == COUNTS:
-            found = counts_back(point, places, worth.counts)
+            found = counts_back(point, places, result_bars.counts)
         else:
             if role == PUSHES_FIRST:
-                worth.hold = bars.holds[world, particle]
+                result_bars.hold = bars.holds[world, particle]
             inputs = beside(t, world, particle, candidate, corners)
             inputs.masses = masses_of(t, world, particle, corners)
             pressing = pressed(t, working, world, particle, corners, inputs, role == PUSHES_FIRST)
             moving = rows_at(velocities, corners)
-            found = contact_back(point, vector_at(velocities, particle), places, moving, hold, pressing, worth)
+            found = contact_back(point, vector_at(velocities, particle), places, moving, hold, pressing, result_bars)
             found.pushes = True
         return found
 
@@ -425,7 +434,7 @@ def contact_function(features: Features) -> Any:
 
 @cache
 def press_back_kernel(features: Features, fast_math: bool = False) -> Any:
-    """Return the kernel that runs contacts backwards."""
+    """Backward kernel of contacts."""
     respond_back = contact_function(features)
     _, masses_of, _ = pair_functions(features)
 
@@ -436,10 +445,12 @@ def press_back_kernel(features: Features, fast_math: bool = False) -> Any:
     ):  # fmt: skip
         """Add the derivatives by a contact to the sums of its particles, and of its pair of balloons."""
         corners = triple_at(t.touch.triangles, triangle_of(candidate))
-        eases = found.inputs.masses
-        add_share(bars, world, particle, found.point, found.velocity, eases[0])
+        inverse_masses = found.inputs.masses
+        add_share(bars, world, particle, found.point, found.velocity, inverse_masses[0])
         for corner in range(3):
-            add_share(bars, world, corners[corner], found.corners[corner], found.moving[corner], eases[corner + 1])
+            add_share(
+                bars, world, corners[corner], found.corners[corner], found.moving[corner], inverse_masses[corner + 1]
+            )
         if found.pushes:
             masses = masses_of(t, world, particle, corners)
             add_by_contacts(t, working, bars, world, particle, corners, masses, found.inputs.crowd)

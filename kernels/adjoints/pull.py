@@ -47,7 +47,7 @@ from balloon_warp.kernels.laws.outer import FAR, NORMAL_FORCE, corner_load, norm
 from balloon_warp.kernels.laws.springs import HOOKE
 from balloon_warp.kernels.loops.areas import CROSSES, face_measures, plus_cross
 from balloon_warp.kernels.memory import int_at, triple_at, vector_at
-from balloon_warp.kernels.phase import Adjoint, Look, NoAdjointError, Phase, by_grad
+from balloon_warp.kernels.phase import Access, Adjoint, NoAdjointError, Phase, by_grad
 from balloon_warp.kernels.tables import SLICE, FanTable, Tables, first_entry
 from balloon_warp.kernels.working import Working
 
@@ -86,7 +86,7 @@ def laws_adjoint(features: Features) -> Adjoint:
     FewLanes = wp.types.matrix(shape=(max(len(columns), 1), 8), dtype=wp.float32)  # noqa: N806
 
     @wp.func
-    def work_of_laws(
+    def laws_pairing(
         point: wp.vec3, velocity: wp.vec3, mass: float, share: float, area_vector: wp.vec3, up: wp.vec3,
         step_seconds: float, time: float, few: Few, bar: wp.vec3,
     ):  # fmt: skip
@@ -108,7 +108,7 @@ def laws_adjoint(features: Features) -> Adjoint:
         mass_bar = Lanes()
         few_bar = FewLanes()
         for lane in range(LANE_COUNT):
-            by_point, by_velocity, by_mass, _share, by_area, _up, _step, _time, by_few, _bar = wp.grad(work_of_laws)(
+            by_point, by_velocity, by_mass, _share, by_area, _up, _step, _time, by_few, _bar = wp.grad(laws_pairing)(
                 of_lane(point, lane), of_lane(velocity, lane), params.mass[lane], of_lane(params.share, lane),
                 of_lane(area_vector, lane), t.up, t.step_seconds, time, few_in_lane(numbers, lane),
                 of_lane(force_bar, lane),
@@ -258,20 +258,20 @@ def added_adjoint(force_bar: wp.vec3):
     return force_bar
 
 
-def add_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
-    """Return the adjoint: the bar of the force before is that of the force after it."""
+def add_backwards(phase: Phase, features: Features, access: Access) -> Sequence[Adjoint]:
+    """Adjoint of an addition to a force: the bar before is the bar after."""
 
     return (Adjoint(added_adjoint, ("force",)),)
 
 
-def bear_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
-    """Return the adjoints of the forces on the faces around a particle."""
-    laws, (center_of_face, area_vector_of_face) = features.laws_on("face"), face_measures(look.at)
+def add_face_forces_backwards(phase: Phase, features: Features, access: Access) -> Sequence[Adjoint]:
+    """Adjoints of the forces on the faces around a particle."""
+    laws, (center_of_face, area_vector_of_face) = features.laws_on("face"), face_measures(access.at)
     Params, _ = params_functions(features.columns, features.balloons)  # noqa: N806 - a type
-    at, velocity_at, moving = look.at, look.velocity_at, features.needs("face", "velocity")
+    at, velocity_at, moving = access.at, access.velocity_at, features.needs("face", "velocity")
 
     @wp.func
-    def work_of_face(
+    def face_pairing(
         center: wp.vec3, area_vector: wp.vec3, velocity: wp.vec3, up: wp.vec3, step_seconds: float, time: float, n: Any,
         bar: wp.vec3,
     ):  # fmt: skip
@@ -295,7 +295,7 @@ def bear_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adj
                     velocity += part * velocity_at(velocities, t.faces.particles[corner])
             center = center_of_face(t.faces, points, face)
             area_vector = area_vector_of_face(t.faces, points, face, center)
-            by_center, by_area, by_velocity, _up, _step, _time, by_n, _bar = wp.grad(work_of_face)(
+            by_center, by_area, by_velocity, _up, _step, _time, by_n, _bar = wp.grad(face_pairing)(
                 center, area_vector, velocity, t.up, t.step_seconds, time, params.n, bar
             )
             for corner in range(begin, end):
@@ -312,11 +312,11 @@ def bear_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adj
 
 
 @wp.func
-def work_of_triangle(
+def triangle_pairing(
     a: wp.vec3, b: wp.vec3, center: wp.vec3, level: float, up: wp.vec3, a_bar: wp.vec4, b_bar: wp.vec4,
     center_bar: wp.vec4,
 ):  # fmt: skip
-    """Return the loads on the corners of a triangle of a fan, times their bars."""
+    """Pairing of the loads on the corners of a fan's triangle with their bars."""
     load = triangle_load(a, b, center, level, up)
     return (
         wp.dot(corner_load(load, load.moments[0], load.areas[0]), a_bar)
@@ -325,14 +325,14 @@ def work_of_triangle(
     )
 
 
-def soak_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
-    """Return the adjoint of the load on the faces around a particle."""
-    center_of_face, _ = face_measures(look.at)
+def find_water_load_backwards(phase: Phase, features: Features, access: Access) -> Sequence[Adjoint]:
+    """Adjoint of the water load on the faces around a particle."""
+    center_of_face, _ = face_measures(access.at)
     Params, _ = params_functions(features.columns, features.balloons)  # noqa: N806 - a type
-    at, level = look.at, features.columns.places["water_level"]
+    at, level = access.at, features.columns.places["water_level"]
 
     @wp.func
-    def soak_adjoint(t: Tables, points: Any, params: Any, water_load_bars: Any):
+    def water_load_adjoint(t: Tables, points: Any, params: Any, water_load_bars: Any):
         point_bar = wp.vec3()
         params_bar = Params()
         for incidence in range(t.faces.particle_offsets[params.number], t.faces.particle_offsets[params.number + 1]):
@@ -347,7 +347,7 @@ def soak_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adj
             p = t.faces.particles[end - 1]
             for corner in range(begin, end):
                 q = t.faces.particles[corner]
-                by_p, by_q, by_center, by_level, _up, _p, _q, _center = wp.grad(work_of_triangle)(
+                by_p, by_q, by_center, by_level, _up, _p, _q, _center = wp.grad(triangle_pairing)(
                     at(points, p), at(points, q), center, params.n[level], t.up, water_load_bars[p],
                     water_load_bars[q], mean_bar,
                 )  # fmt: skip
@@ -360,7 +360,7 @@ def soak_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adj
                 p = q
         return point_bar, params_bar
 
-    return (Adjoint(soak_adjoint, ("point", "params")),)
+    return (Adjoint(water_load_adjoint, ("point", "params")),)
 
 
 @wp.func
@@ -372,15 +372,15 @@ def lift_adjoint(t: Tables, params: Any, upheld_bars: Any):
     return total
 
 
-def lift_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
-    """Return the adjoint of a balloon's value that every particle reads: the sum of the bars of all of them."""
+def lift_backwards(phase: Phase, features: Features, access: Access) -> Sequence[Adjoint]:
+    """Adjoint of a balloon's value that every particle reads: the sum of the particles' bars."""
 
     return (Adjoint(lift_adjoint, ("afloat",)),)
 
 
 @cache
 def area_adjoint(quads: bool, at: Any) -> Adjoint:
-    """Return the adjoint that gathers the bar of a particle's place from bars of area vectors."""
+    """Adjoint of area vectors: gathers the bar of a particle's place."""
 
     @wp.func
     def back_in_quads(fans: FanTable, points: Any, bars: Any, particle: wp.int32, point: wp.vec3, bar: wp.vec3):
@@ -436,12 +436,12 @@ def area_adjoint(quads: bool, at: Any) -> Adjoint:
 
 
 @cache
-def ring_area_adjoint(shear_begin: int, least_valence: int, at: Any) -> Adjoint:
+def ring_area_adjoint(shear_begin: int, min_valence: int, at: Any) -> Adjoint:
     """Return the adjoint that gathers it around a particle whose springs are in slots, see `loops.springs.ring_area`.
 
     Args:
         shear_begin: slots of structural springs.
-        least_valence: quads around each particle that there are at least.
+        min_valence: quads around each particle that there are at least.
     """
 
     @wp.func
@@ -463,7 +463,7 @@ def ring_area_adjoint(shear_begin: int, least_valence: int, at: Any) -> Adjoint:
                 after_bar = at(area_vector_bars, springs.neighbors[slot]) - area_vector_bar
             end = after
             end_bar = after_bar
-            if slot >= least_valence and slot < shear_begin:
+            if slot >= min_valence and slot < shear_begin:
                 end = wp.where(slot == springs.valence, first, after)
                 end_bar = wp.where(slot == springs.valence, first_bar, after_bar)
             total = plus_cross(plus_cross(total, end_bar - before_bar, across), end - before, across_bar)
@@ -474,26 +474,26 @@ def ring_area_adjoint(shear_begin: int, least_valence: int, at: Any) -> Adjoint:
     return Adjoint(areas_adjoint, ("point",))
 
 
-def pull_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
-    """Return the adjoints of the forces on a particle."""
-    if look.world:
-        return pull_of_eight(features, look.at)
+def pull_backwards(phase: Phase, features: Features, access: Access) -> Sequence[Adjoint]:
+    """Adjoints of the forces on a particle."""
+    if access.world:
+        return pull_of_eight(features, access.at)
     found = [_laws(features)] if features.of_kind("particle") else []
     if features.has("string"):
         found.append(string_adjoint(features))
-    found.append(spring_adjoint(features, look.at, look.slots))
+    found.append(spring_adjoint(features, access.at, access.slots))
     if features.membranes:
-        faces = None if features.viscous else look.membrane_faces(features)
+        faces = None if features.viscous else access.membrane_faces(features)
         found.append(
             membrane_faces_adjoint(features, faces.layout, faces.keeps_places)
             if faces
-            else membrane_adjoint(features, look.at)
+            else membrane_adjoint(features, access.at)
         )
     if features.has("hinge"):
-        found.append(hinge_adjoint(features, look.at))
+        found.append(hinge_adjoint(features, access.at))
     if features.measures_areas:
-        ring = ring_area_adjoint(look.slots[0], look.ring, look.at) if look.slots and look.ring else None
-        found.append(ring or area_adjoint(features.quads, look.at))
+        ring = ring_area_adjoint(access.slots[0], access.ring, access.at) if access.slots and access.ring else None
+        found.append(ring or area_adjoint(features.quads, access.at))
     return found
 
 
@@ -503,7 +503,7 @@ def _laws(features: Features) -> Adjoint:
     Params, _ = params_functions(features.columns, features.balloons)  # noqa: N806 - a type
 
     @wp.func
-    def work_of_laws(
+    def laws_pairing(
         point: wp.vec3, velocity: wp.vec3, mass: float, share: float, area_vector: wp.vec3, up: wp.vec3,
         step_seconds: float, time: float, n: Any, bar: wp.vec3, water_load: wp.vec4,
     ):  # fmt: skip
@@ -514,7 +514,7 @@ def _laws(features: Features) -> Adjoint:
     def laws_adjoint(
         t: Tables, params: Any, point: wp.vec3, velocity: wp.vec3, area_vector: wp.vec3, time: float, force_bar: wp.vec3
     ):
-        by_point, by_velocity, by_mass, _share, by_area, _up, _step, _time, by_n, _bar, _load = wp.grad(work_of_laws)(
+        by_point, by_velocity, by_mass, _share, by_area, _up, _step, _time, by_n, _bar, _load = wp.grad(laws_pairing)(
             point, velocity, params.mass, params.share, area_vector, t.up, t.step_seconds, time, params.n, force_bar,
             wp.vec4(),
         )  # fmt: skip
@@ -529,7 +529,7 @@ def _laws(features: Features) -> Adjoint:
         time: float, force_bar: wp.vec3,
     ):  # fmt: skip
         by_point, by_velocity, by_mass, _share, by_area, _up, _step, _time, by_n, _bar, by_load = wp.grad(
-            work_of_laws
+            laws_pairing
         )(
             point, velocity, params.mass, params.share, area_vector, t.up, t.step_seconds, time, params.n, force_bar,
             water_load,
@@ -546,7 +546,7 @@ def _laws(features: Features) -> Adjoint:
 
 @wp.struct
 class DirectionBars:
-    """Bars that particles hand on to faces, shape (W, P), and to their balloons."""
+    """Bars of directions on the way to faces, shape (W, P), and to balloons."""
 
     of_sums: wp.array2d[wp.vec3]
     """Bars of the sum of unit normals around"""
@@ -560,8 +560,8 @@ class DirectionBars:
     """Bars of the area of each balloon, shape (W, B)"""
 
 
-def directions_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
-    """Return no adjoint of where normal forces push: kernels of their own run that backwards."""
+def directions_backwards(phase: Phase, features: Features, access: Access) -> Sequence[Adjoint]:
+    """Empty adjoint of the directions of normal forces: separate kernels run them backwards."""
     return ()
 
 
@@ -603,21 +603,21 @@ def push_either_way_adjoint(
     return keyed_bar, load_bar, point_bar, area_bar
 
 
-def inflate_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
+def inflate_backwards(phase: Phase, features: Features, access: Access) -> Sequence[Adjoint]:
     """Return the adjoint of the force of the inflation; bars of directions are left in `working.direction_bars`."""
     if not features.inflation_directions:
-        return by_grad(phase, features, look)
+        return by_grad(phase, features, access)
 
     if not features.pressures:
         return (Adjoint(push_along_adjoint, ("keyed",)),)
     return (Adjoint(push_either_way_adjoint, ("keyed", "load", "point", "area_vector")),)
 
 
-def expect_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
-    """Return the adjoint of the inflation that is expected, which is that of the inflation by another name."""
+def expect_backwards(phase: Phase, features: Features, access: Access) -> Sequence[Adjoint]:
+    """Adjoint of the expected inflation, that of the inflation by another name."""
     if not features.inflation_directions:
-        return by_grad(phase, features, look)
-    (found,) = inflate_backwards(phase, features, look)
+        return by_grad(phase, features, access)
+    (found,) = inflate_backwards(phase, features, access)
     names = [name.replace("inflation_bar", "expected_bar") for name in signature(found.function.func).parameters]
     source = (
         f"def expect_adjoint({', '.join(f'{name}: Any' for name in names)}):\n"
@@ -639,7 +639,7 @@ def area_of(t: Tables, points: wp.array[wp.vec3], face: wp.int32):
 def hand_on_to_faces(
     t: Tables, working: Working, all_points: wp.array2d[wp.vec3], areas: wp.array2d[float], bars: DirectionBars
 ):
-    """Turn the bar of each particle's direction into those of its inputs, and clear it."""
+    """Backward pass of each particle's direction into the bars of its inputs; clears its bar."""
     world, particle = wp.tid()
     bar = working.direction_bars[world, particle]
     working.direction_bars[world, particle] = wp.vec3()

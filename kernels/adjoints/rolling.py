@@ -23,8 +23,8 @@ from balloon_warp.kernels.adjoints.spheres import (
     add_by_friction,
     add_by_restitution,
     add_by_sphere,
-    bar_of_course,
-    put_bar_of_course,
+    bar_of_motion,
+    put_bar_of_motion,
 )
 from balloon_warp.kernels.adjoints.sums import Bars, numbers_adder
 from balloon_warp.kernels.compose import numbers_type
@@ -32,9 +32,9 @@ from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.contact import (
     MESH,
     collision,
-    ease_of_ball,
     fall,
     friction_impulse,
+    inverse_mass_of_ball,
     mean_restitution,
     rubbed,
     share_of,
@@ -46,13 +46,13 @@ from balloon_warp.kernels.loops.fixtures import (
     GROUND,
     Pose,
     friction_between,
-    meeting_function,
     number_of_obstacle,
     number_of_sphere,
+    obstacle_contact_function,
     pose_function,
 )
-from balloon_warp.kernels.loops.spheres import BESIDE_OBSTACLE, MEETS, ROLLS, STUCK, Course
-from balloon_warp.kernels.phase import Adjoint, Look, Phase
+from balloon_warp.kernels.loops.spheres import BESIDE_OBSTACLE, MEETS, ROLLS, STUCK, MotionState
+from balloon_warp.kernels.phase import Access, Adjoint, Phase
 from balloon_warp.kernels.tables import Solid, Tables, row_of_world, sphere_mass, sphere_radius, sphere_restitution
 from balloon_warp.kernels.warps import total_newtons
 from balloon_warp.kernels.working import Working
@@ -60,7 +60,7 @@ from balloon_warp.kernels.working import Working
 
 @wp.struct
 class Ball:
-    """Sphere's parameters on which its course depends, besides its state."""
+    """Parameters of a sphere's motion, besides its state."""
 
     force: wp.vec3
     mass: float
@@ -72,75 +72,75 @@ class Ball:
 
 
 @wp.func
-def worth(position: wp.vec3, velocity: wp.vec3, spin: wp.vec3, bar: Course):
-    """Return a course times its derivatives."""
+def motion_pairing(position: wp.vec3, velocity: wp.vec3, spin: wp.vec3, bar: MotionState):
+    """Pairing of a motion state with its bar."""
     return wp.dot(position, bar.position) + wp.dot(velocity, bar.velocity) + wp.dot(spin, bar.spin)
 
 
 @wp.func
-def work_of_roll(course: Course, ball: Ball, up: wp.vec3, step: float, bar: Course):
+def roll_pairing(motion: MotionState, ball: Ball, up: wp.vec3, step: float, bar: MotionState):
     """Return a sphere's course after a step beside the ground, see `loops.spheres`, times its bars."""
     moved, going, stopped = fall(
-        course.position, course.velocity, ball.force / ball.mass, ball.radius, ball.gravity, up, ball.ground_height,
+        motion.position, motion.velocity, ball.force / ball.mass, ball.radius, ball.gravity, up, ball.ground_height,
         ball.ground_restitution, step,
     )  # fmt: skip
-    gain, more = rubbed(going, course.spin, wp.vec3(), up, stopped, ball.radius, ball.friction)
-    return worth(moved + step * gain, going + gain, course.spin + more, bar)
+    gain, more = rubbed(going, motion.spin, wp.vec3(), up, stopped, ball.radius, ball.friction)
+    return motion_pairing(moved + step * gain, going + gain, motion.spin + more, bar)
 
 
 @wp.func
-def work_on_ground(course: Course, ball: Ball, up: wp.vec3, step: float, bar: Course):
+def ground_pairing(motion: MotionState, ball: Ball, up: wp.vec3, step: float, bar: MotionState):
     """Return the course of a sphere that another has pushed into the ground, see `loops.spheres`, times its bars."""
-    depth = ball.ground_height + ball.radius - wp.dot(course.position, up)
-    coming = -wp.dot(course.velocity, up)
+    depth = ball.ground_height + ball.radius - wp.dot(motion.position, up)
+    coming = -wp.dot(motion.velocity, up)
     stopped = stop_of(coming, step * coming, coming, ball.ground_restitution, step)
-    going = course.velocity + stopped * up
-    gain, more = rubbed(going, course.spin, wp.vec3(), up, stopped, ball.radius, ball.friction)
-    return worth(course.position + depth * up + step * gain, going + gain, course.spin + more, bar)
+    going = motion.velocity + stopped * up
+    gain, more = rubbed(going, motion.spin, wp.vec3(), up, stopped, ball.radius, ball.friction)
+    return motion_pairing(motion.position + depth * up + step * gain, going + gain, motion.spin + more, bar)
 
 
 @wp.func
-def worth_of_turn(
-    course: Course, place: wp.vec3, normal: wp.vec3, moving: wp.vec3, radius: float, up: wp.vec3, entry: Entry,
-    left: float, bar: Course,
+def turn_pairing(
+    motion: MotionState, place: wp.vec3, normal: wp.vec3, moving: wp.vec3, radius: float, up: wp.vec3, entry: Entry,
+    left: float, bar: MotionState,
 ):  # fmt: skip
     """Return the course of a sphere that an obstacle lets go to a place, see `loops.spheres`, times its bars.
 
     Args:
         left: of the step, in which it slides.
     """
-    coming = -wp.dot(course.velocity - moving, normal)
-    depth = wp.dot(place - course.position, normal)
+    coming = -wp.dot(motion.velocity - moving, normal)
+    depth = wp.dot(place - motion.position, normal)
     before = coming - entry.step * entry.gravity * wp.dot(normal, up)
     stopped = stop_of(coming, depth, before, entry.restitution, entry.step)
     beyond = wp.max(entry.step * stopped - depth, 0.0)
-    going = course.velocity + stopped * normal
-    gain, more = rubbed(going, course.spin, moving, normal, stopped, radius, entry.friction)
-    return worth(place + beyond * normal + left * entry.step * gain, going + gain, course.spin + more, bar)
+    going = motion.velocity + stopped * normal
+    gain, more = rubbed(going, motion.spin, moving, normal, stopped, radius, entry.friction)
+    return motion_pairing(place + beyond * normal + left * entry.step * gain, going + gain, motion.spin + more, bar)
 
 
 @wp.func
-def work_beside_mesh(
-    course: Course, radius: float, let: wp.vec3, normal: wp.vec3, moving: wp.vec3, clear: float, up: wp.vec3,
-    entry: Entry, left: float, bar: Course,
+def ball_mesh_pairing(
+    motion: MotionState, radius: float, let: wp.vec3, normal: wp.vec3, moving: wp.vec3, clear: float, up: wp.vec3,
+    entry: Entry, left: float, bar: MotionState,
 ):  # fmt: skip
-    """Return a sphere's course past a mesh with frozen normal, times its bars.
+    """Pairing of a sphere's motion state past a mesh of constant normal with its bars.
 
     Args:
         clear: the radius, as a constant, with which the place was found.
         left: of the step, in which it slides.
     """
-    place = course.position + (wp.dot(let - course.position, normal) + radius - clear) * normal
-    return worth_of_turn(course, place, normal, moving, radius, up, entry, left, bar)
+    place = motion.position + (wp.dot(let - motion.position, normal) + radius - clear) * normal
+    return turn_pairing(motion, place, normal, moving, radius, up, entry, left, bar)
 
 
 @wp.func
-def work_beside_convex(
-    start: wp.vec3, course: Course, radius: float, solid: Solid, pose: Pose, earlier: Pose, up: wp.vec3, entry: Entry,
-    bar: Course,
+def ball_convex_pairing(
+    start: wp.vec3, motion: MotionState, radius: float, solid: Solid, pose: Pose, earlier: Pose, up: wp.vec3,
+    entry: Entry, bar: MotionState,
 ):  # fmt: skip
-    """Return a sphere's course past a convex solid, times its bars."""
-    here = into(pose, course.position)
+    """Pairing of a sphere's motion state past a convex solid with its bars."""
+    here = into(pose, motion.position)
     place, normal = nearest_on_convex(here, solid, up, radius)
     left = float(1.0)
     if entry.slides:
@@ -151,7 +151,7 @@ def work_beside_convex(
     arm = wp.quat_rotate(pose.turn, place)
     outward = wp.quat_rotate(pose.turn, normal)
     moving = carried(pose.velocity, pose.spin, arm, -entry.step)
-    return worth_of_turn(course, pose.center + arm, outward, moving, radius, up, entry, left, bar)
+    return turn_pairing(motion, pose.center + arm, outward, moving, radius, up, entry, left, bar)
 
 
 @wp.struct
@@ -165,9 +165,9 @@ class Pair:
 
 
 @wp.func
-def work_of_pair(
-    start: wp.vec3, other_start: wp.vec3, mine: Course, other: Course, mass: float, other_mass: float, radius: float,
-    other_radius: float, pair: Pair, up: wp.vec3, bar: Course, other_bar: Course,
+def spheres_pairing(
+    start: wp.vec3, other_start: wp.vec3, mine: MotionState, other: MotionState, mass: float, other_mass: float,
+    radius: float, other_radius: float, pair: Pair, up: wp.vec3, bar: MotionState, other_bar: MotionState,
 ):  # fmt: skip
     """Return the courses of two spheres that have met, see `loops.spheres`, times their bars."""
     before = other_start - start
@@ -186,14 +186,16 @@ def work_of_pair(
         arm = radius * normal
         other_arm = -other_radius * normal
         beside = other_going + wp.cross(other.spin, other_arm) - going - wp.cross(mine.spin, arm)
-        ease = ease_of_ball(mass, radius, arm) + ease_of_ball(other_mass, other_radius, other_arm)
-        rub = friction_impulse(beside, normal, ease, pair.friction * mass * share * wp.length(gain))
+        inverse_mass = inverse_mass_of_ball(mass, radius, arm) + inverse_mass_of_ball(
+            other_mass, other_radius, other_arm
+        )
+        rub = friction_impulse(beside, normal, inverse_mass, pair.friction * mass * share * wp.length(gain))
     left = (1.0 - part) * pair.step
     spin = mine.spin + spin_by(mass, radius, -wp.cross(radius * normal, rub))
     other_spin = other.spin + spin_by(other_mass, other_radius, wp.cross(-other_radius * normal, rub))
     place = mine.position - share * shift - (left / mass) * rub
     other_place = other.position + others * shift + (left / other_mass) * rub
-    return worth(place, going - rub / mass, spin, bar) + worth(
+    return motion_pairing(place, going - rub / mass, spin, bar) + motion_pairing(
         other_place, other_going + rub / other_mass, other_spin, other_bar
     )
 
@@ -209,14 +211,14 @@ def meet_nothing(
 
 @cache
 def obstacle_adjoint(features: Features, columns: tuple[int, ...]) -> Any:
-    """Return the function that runs a sphere's contact with an obstacle backwards.
+    """Adjoint of a sphere's contact with an obstacle.
 
     Args:
         columns: of parameters by which something is derived.
     """
     if not features.fixtures:
         return meet_nothing
-    meet, pose_at = meeting_function(features), pose_function(features)
+    meet, pose_at = obstacle_contact_function(features), pose_function(features)
     place = features.columns.places["gravity"]
     gravity = place - features.columns.balloon_width
     Numbers, add_numbers = numbers_type(features.columns.width), numbers_adder(columns)  # noqa: N806 - a type
@@ -242,7 +244,7 @@ def obstacle_adjoint(features: Features, columns: tuple[int, ...]) -> Any:
         sphere, fixture = event.first, event.second
         start = spheres.sphere_starts[world, sphere]
         radius = sphere_radius(t.spheres, world, sphere)
-        bar = bar_of_course(bars, world, sphere)
+        bar = bar_of_motion(bars, world, sphere)
         met = meet(t, world, fixture, end, start, event.mine.position, radius)
         solid = t.fixtures.solids[fixture]
         pose = pose_at(t, world, fixture, end)
@@ -258,17 +260,17 @@ def obstacle_adjoint(features: Features, columns: tuple[int, ...]) -> Any:
         if wp.static(features.spheres_rub):
             entry.friction = friction_between(t, world, number_of_sphere(t, sphere), number_of_obstacle(fixture))
         if solid.kind == MESH:
-            by_mine, by_radius, _l, _n, _m, _c, _u, by_meshed, _left, _b = wp.grad(work_beside_mesh)(
+            by_mine, by_radius, _l, _n, _m, _c, _u, by_meshed, _left, _b = wp.grad(ball_mesh_pairing)(
                 event.mine, radius, met.let, met.normal, met.moving, radius, t.up, entry, met.part, bar
             )
-            put_bar_of_course(bars, world, sphere, by_mine)
+            put_bar_of_motion(bars, world, sphere, by_mine)
             add_by_sphere(bars, world, sphere, 0.0, by_radius)
             add_of_obstacle(t, bars, of_frame, world, sphere, fixture, by_meshed)
         else:
-            by_start, by_course, of_radius, _s, _pose, _earlier, _up, by_entry, _bar = wp.grad(work_beside_convex)(
+            by_start, by_motion, of_radius, _s, _pose, _earlier, _up, by_entry, _bar = wp.grad(ball_convex_pairing)(
                 start, event.mine, radius, solid, pose, earlier, t.up, entry, bar
             )
-            put_bar_of_course(bars, world, sphere, by_course)
+            put_bar_of_motion(bars, world, sphere, by_motion)
             bars.starts[world, sphere] = bars.starts[world, sphere] + by_start
             add_by_sphere(bars, world, sphere, 0.0, of_radius)
             add_of_obstacle(t, bars, of_frame, world, sphere, fixture, by_entry)
@@ -278,7 +280,7 @@ def obstacle_adjoint(features: Features, columns: tuple[int, ...]) -> Any:
 
 @cache
 def pair_adjoint(features: Features) -> Any:
-    """Return the function that runs the collision of two spheres backwards."""
+    """Adjoint of the collision of two spheres."""
     gravity = features.columns.places["gravity"] - features.columns.balloon_width
 
     @wp.func
@@ -294,14 +296,14 @@ def pair_adjoint(features: Features) -> Any:
         (
             by_start, by_other_start, by_mine, by_other, by_mass, by_other_mass, by_radius, by_other_radius, by_pair,
             _up, _bar, _other_bar,
-        ) = wp.grad(work_of_pair)(
+        ) = wp.grad(spheres_pairing)(
             spheres.sphere_starts[world, first], spheres.sphere_starts[world, second], event.mine, event.other,
             sphere_mass(t.spheres, world, first), sphere_mass(t.spheres, world, second),
             sphere_radius(t.spheres, world, first), sphere_radius(t.spheres, world, second), pair, t.up,
-            bar_of_course(bars, world, first), bar_of_course(bars, world, second),
+            bar_of_motion(bars, world, first), bar_of_motion(bars, world, second),
         )  # fmt: skip
-        put_bar_of_course(bars, world, first, by_mine)
-        put_bar_of_course(bars, world, second, by_other)
+        put_bar_of_motion(bars, world, first, by_mine)
+        put_bar_of_motion(bars, world, second, by_other)
         bars.starts[world, first] = bars.starts[world, first] + by_start
         bars.starts[world, second] = bars.starts[world, second] + by_other_start
         add_by_sphere(bars, world, first, by_mass, by_radius)
@@ -316,14 +318,14 @@ def pair_adjoint(features: Features) -> Any:
     return meet_pair_backwards
 
 
-def roll_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
-    """Return no adjoint of spheres that move: a kernel of its own runs them backwards."""
+def roll_backwards(phase: Phase, features: Features, access: Access) -> Sequence[Adjoint]:
+    """Empty adjoint of the motion of spheres: a separate kernel runs it backwards."""
     return ()
 
 
 @cache
 def ball_function(features: Features) -> Any:
-    """Return the function that reads the numbers on which a sphere's course depends."""
+    """Reader of the parameters of a sphere's motion."""
     places, split = features.columns.places, features.columns.balloon_width
     gravity, height, restitution = (places[name] - split for name in ("gravity", "ground_height", "ground_restitution"))
 
@@ -346,7 +348,7 @@ def ball_function(features: Features) -> Any:
 
 @cache
 def rolling_adjoint(features: Features, columns: tuple[int, ...]) -> Any:
-    """Return the function that runs a sphere's motion, or contact with the ground, backwards."""
+    """Adjoint of a sphere's motion, or of its contact with the ground."""
     places, ball_of = features.columns.places, ball_function(features)
     gravity, height, restitution = (places[name] for name in ("gravity", "ground_height", "ground_restitution"))
     Numbers, add_numbers = numbers_type(features.columns.width), numbers_adder(columns)  # noqa: N806 - a type
@@ -357,23 +359,23 @@ def rolling_adjoint(features: Features, columns: tuple[int, ...]) -> Any:
         of_frame: Bars,
     ):  # fmt: skip
         sphere = event.first
-        bar = bar_of_course(bars, world, sphere)
+        bar = bar_of_motion(bars, world, sphere)
         by_ball = Ball()
         if event.kind == ROLLS:
             force = wp.vec3()
             if wp.static(features.penalties):
                 force = total_newtons(quanta, world, sphere)
             ball = ball_of(t, world, sphere, force)
-            by_rolled, of_ball, _up, _step, _bar = wp.grad(work_of_roll)(event.mine, ball, t.up, t.step_seconds, bar)
+            by_rolled, of_ball, _up, _step, _bar = wp.grad(roll_pairing)(event.mine, ball, t.up, t.step_seconds, bar)
             bar = by_rolled
             by_ball = of_ball
             working.sphere_push_bars[world, sphere] = by_ball.force
         else:
             ball = ball_of(t, world, sphere, wp.vec3())
-            by_stood, of_ball, _up, _step, _bar = wp.grad(work_on_ground)(event.mine, ball, t.up, t.step_seconds, bar)
+            by_stood, of_ball, _up, _step, _bar = wp.grad(ground_pairing)(event.mine, ball, t.up, t.step_seconds, bar)
             bar = by_stood
             by_ball = of_ball
-        put_bar_of_course(bars, world, sphere, bar)
+        put_bar_of_motion(bars, world, sphere, bar)
         add_by_sphere(bars, world, sphere, by_ball.mass, by_ball.radius)
         if wp.static(features.spheres_rub):
             add_by_friction(bars, world, number_of_sphere(t, sphere), GROUND, by_ball.friction)
@@ -390,17 +392,17 @@ def rolling_adjoint(features: Features, columns: tuple[int, ...]) -> Any:
 def take_totals(bars: BarsOfSpheres, world: wp.int32, sphere: wp.int32):
     """Add the bars of a sphere that particles have found."""
     totals = bars.totals[world, sphere]
-    bar = bar_of_course(bars, world, sphere)
+    bar = bar_of_motion(bars, world, sphere)
     bar.position += wp.vec3(totals[0], totals[1], totals[2])
     bar.velocity += wp.vec3(totals[3], totals[4], totals[5])
-    put_bar_of_course(bars, world, sphere, bar)
+    put_bar_of_motion(bars, world, sphere, bar)
     add_by_sphere(bars, world, sphere, 0.0, totals[6])
     bars.numbers[world, sphere, 2] = bars.numbers[world, sphere, 2] + wp.float64(totals[7])
 
 
 @cache
 def roll_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
-    """Return the kernel that runs spheres backwards, once all else of a substep has."""
+    """Backward kernel of spheres, last in a substep."""
     roll_event, meet_obstacle, meet_pair = (
         rolling_adjoint(features, columns), obstacle_adjoint(features, columns), pair_adjoint(features),
     )  # fmt: skip
@@ -415,7 +417,7 @@ def roll_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
         bars: BarsOfSpheres,
         of_frame: Bars,
     ):
-        """Turn the bars of where spheres are in a substep into those of before; a thread a world.
+        """Backward pass of the motion of spheres; a thread a world.
 
         Args:
             spheres: as the substep moves them, and the events that have changed their courses.

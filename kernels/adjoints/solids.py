@@ -16,13 +16,21 @@ import warp as wp
 
 from balloon_warp.kernels import OPTIONS
 from balloon_warp.kernels.adjoints.spheres import (
-    foreseen_spheres_adjoint,
     leaving_spheres_adjoint,
     past_spheres_function,
+    predicted_spheres_adjoint,
 )
 from balloon_warp.kernels.compose import params_functions
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.contact import FAR_AWAY, LEAST_STEP, MESH, MOST_TURNS, is_settled, leave_ground, stand_on
+from balloon_warp.kernels.laws.contact import (
+    FAR_AWAY,
+    LEAST_STEP,
+    MESH,
+    MOST_TURNS,
+    is_settled,
+    leave_ground,
+    resolve_at_surface,
+)
 from balloon_warp.kernels.laws.rigid import carried
 from balloon_warp.kernels.loops.contact import around_function
 from balloon_warp.kernels.loops.fixtures import (
@@ -31,19 +39,19 @@ from balloon_warp.kernels.loops.fixtures import (
     ON_GROUND,
     SEVERAL,
     SURELY,
-    Around,
-    Meeting,
+    Neighborhood,
+    ObstacleContact,
     Pose,
     friction_on,
-    meeting_function,
     number_of_obstacle,
+    obstacle_contact_function,
     pose_function,
     seconds_in_frame,
     with_another,
 )
+from balloon_warp.kernels.loops.paths import surface_of_convex
 from balloon_warp.kernels.loops.spheres import is_near_sphere
-from balloon_warp.kernels.loops.ways import surface_of_convex
-from balloon_warp.kernels.phase import Adjoint, Look, NoAdjointError, Phase
+from balloon_warp.kernels.phase import Access, Adjoint, NoAdjointError, Phase
 from balloon_warp.kernels.tables import Solid, Tables
 from balloon_warp.kernels.working import FixtureBars, Working
 
@@ -61,11 +69,11 @@ def part_of_frame(t: Tables, time: float):
 
 @cache
 def fixture_bars_function(features: Features) -> Any:
-    """Return the function that notes the bars of an obstacle by a particle's contact, where they are asked for."""
+    """Accumulator of an obstacle's bars by a particle's contact, where requested."""
 
     @wp.func
     def note_fixture(
-        t: Tables, working: Working, around: Around, fixture: wp.int32, by_center: wp.vec3, by_velocity: wp.vec3,
+        t: Tables, working: Working, around: Neighborhood, fixture: wp.int32, by_center: wp.vec3, by_velocity: wp.vec3,
         by_center_before: wp.vec3, by_friction: float,
     ):  # fmt: skip
         """Add to the bars of an obstacle.
@@ -115,26 +123,26 @@ class Contact:
     start: wp.vec3  # of its way
     point: wp.vec3
     velocity: wp.vec3
-    met: Meeting
+    met: ObstacleContact
     friction: float
-    at_once: bool  # whether it stops all of an approach, see `stand_on`
+    at_once: bool  # whether it stops all of an approach, see `resolve_at_surface`
     partner: wp.int32  # of all contacts so far, see `with_another`
 
 
 @cache
 def contact_function(features: Features) -> Any:
-    """Return the function that finds the contacts of a particle in a substep, one after the other."""
-    meet = meeting_function(features)
+    """Finder of a particle's contacts in a substep, one after the other."""
+    meet = obstacle_contact_function(features)
 
     @wp.func
     def last_contact(
-        t: Tables, around: Around, start: wp.vec3, end: wp.vec3, course: wp.vec3, before: wp.int32, foreseen: bool,
-        at_once: bool,
+        t: Tables, around: Neighborhood, start: wp.vec3, end: wp.vec3, predicted_velocity: wp.vec3, before: wp.int32,
+        predicted: bool, at_once: bool,
     ):  # fmt: skip
         """Return the last contact of a particle before that of a number, see `loops.contact`.
 
         Args:
-            foreseen: whether contacts are those of `detour_function`, in one turn at one velocity.
+            predicted: whether contacts are those of `deflection_function`, in one turn at one velocity.
             at_once: whether contacts stop all of an approach.
         """
         found = Contact()
@@ -143,11 +151,11 @@ def contact_function(features: Features) -> Any:
         found.at_once = at_once
         h = t.step_seconds
         point = end
-        velocity = course
+        velocity = predicted_velocity
         found.partner = NOBODY
         seen = wp.int32(0)
         turns = wp.int32(0)
-        while turns < wp.where(foreseen, 1, MOST_TURNS):
+        while turns < wp.where(predicted, 1, MOST_TURNS):
             turns += 1
             came = point
             nearest = float(FAR_AWAY)
@@ -170,11 +178,11 @@ def contact_function(features: Features) -> Any:
                     found.partner = with_another(found.partner, thing)
                     again = True
                     once = found.at_once or met.slides
-                    stood, slowed = stand_on(
+                    stood, slowed = resolve_at_surface(
                         point, met.let, velocity, met.moving, met.normal, friction, h, once, met.part
                     )
                     point = stood
-                    velocity = wp.where(foreseen, course, slowed)
+                    velocity = wp.where(predicted, predicted_velocity, slowed)
             again = again and SURELY * beyond < wp.length(came - start) + wp.length(point - came)
             if wp.static(features.ground):
                 height = around.ground_height
@@ -191,7 +199,7 @@ def contact_function(features: Features) -> Any:
                     again = nearest < wp.length(point - start) + wp.length(point - came)
                     stood, slowed = leave_ground(point, velocity, t.up, height, friction, h, found.at_once)
                     point = stood
-                    velocity = wp.where(foreseen, course, slowed)
+                    velocity = wp.where(predicted, predicted_velocity, slowed)
             if seen >= before or not again or is_settled(start, came, point):
                 turns = MOST_TURNS
         return found
@@ -212,23 +220,23 @@ class BarsOfContact:
 
 
 @wp.func
-def work_on_ground(
+def ground_pairing(
     point: wp.vec3, velocity: wp.vec3, up: wp.vec3, height: float, friction: float, step: float, at_once: bool,
     point_bar: wp.vec3, velocity_bar: wp.vec3,
 ):  # fmt: skip
-    """Return where a particle leaves the ground and its velocity, times their bars."""
+    """Pairing of a particle's place and velocity after contact with the ground with their bars."""
     out, after = leave_ground(point, velocity, up, height, friction, step, at_once)
     return wp.dot(out, point_bar) + wp.dot(after, velocity_bar)
 
 
 @wp.func
-def work_beside(
+def solid_pairing(
     point: wp.vec3, velocity: wp.vec3, let: wp.vec3, normal: wp.vec3, moving: wp.vec3, friction: float, step: float,
     part: float, at_once: bool, point_bar: wp.vec3, velocity_bar: wp.vec3,
 ):  # fmt: skip
-    """Return the state of a particle after a contact with frozen normal, times bars."""
+    """Pairing of a particle's state after a contact of constant normal with its bars."""
     place = point + wp.dot(let - point, normal) * normal
-    stood, slowed = stand_on(point, place, velocity, moving, normal, friction, step, at_once, part)
+    stood, slowed = resolve_at_surface(point, place, velocity, moving, normal, friction, step, at_once, part)
     return wp.dot(stood, point_bar) + wp.dot(slowed, velocity_bar)
 
 
@@ -240,7 +248,7 @@ def into(pose: Pose, point: wp.vec3):
 
 @wp.func
 def nearest_on_convex(here: wp.vec3, solid: Solid, up: wp.vec3, radius: float):
-    """Return the nearest place that a convex solid leaves a ball's center, and the normal there, in the solid's frame.
+    """Nearest place outside of a convex solid for a ball's center, and the normal there, in the solid's frame.
 
     Of a particle the radius is 0.
     """
@@ -259,7 +267,7 @@ class Entry:
     restitution: float  # of a sphere
     gravity: float  # likewise [m/s^2]
     step: float  # [s]
-    at_once: bool  # whether all of the approach is stopped, see `stand_on`
+    at_once: bool  # whether all of the approach is stopped, see `resolve_at_surface`
 
 
 @wp.func
@@ -291,11 +299,11 @@ def slid_on_convex(start: wp.vec3, here: wp.vec3, solid: Solid, up: wp.vec3, rad
 
 
 @wp.func
-def work_on_convex(
+def convex_pairing(
     start: wp.vec3, point: wp.vec3, velocity: wp.vec3, solid: Solid, pose: Pose, earlier: Pose, up: wp.vec3,
     entry: Entry, point_bar: wp.vec3, velocity_bar: wp.vec3, normal_bar: wp.vec3,
 ):  # fmt: skip
-    """Return the state of a particle that stops on a convex solid, and the normal there, times bars."""
+    """Pairing of a particle's state on a convex solid, and of the normal there, with their bars."""
     here = into(pose, point)
     place, normal = nearest_on_convex(here, solid, up, 0.0)
     left = float(1.0)
@@ -307,7 +315,7 @@ def work_on_convex(
     arm = wp.quat_rotate(pose.turn, place)
     outward = wp.quat_rotate(pose.turn, normal)
     moving = carried(pose.velocity, pose.spin, arm, -entry.step)
-    stood, slowed = stand_on(
+    stood, slowed = resolve_at_surface(
         point, pose.center + arm, velocity, moving, outward, entry.friction, entry.step, entry.at_once, left
     )
     return wp.dot(stood, point_bar) + wp.dot(slowed, velocity_bar) + wp.dot(outward, normal_bar)
@@ -315,17 +323,17 @@ def work_on_convex(
 
 @cache
 def contact_adjoint(features: Features) -> Any:
-    """Return the function that runs one contact backwards."""
+    """Adjoint of one contact."""
     pose_at, note_fixture = pose_function(features), fixture_bars_function(features)
 
     @wp.func
     def contact_backwards(
-        t: Tables, working: Working, around: Around, contact: Contact, point_bar: wp.vec3, velocity_bar: wp.vec3,
+        t: Tables, working: Working, around: Neighborhood, contact: Contact, point_bar: wp.vec3, velocity_bar: wp.vec3,
         normal_bar: wp.vec3,
     ):  # fmt: skip
         bars = BarsOfContact()
         if contact.thing == ON_GROUND:
-            of_point, of_velocity, _up, of_height, of_friction, _s, _once, _pb, _vb = wp.grad(work_on_ground)(
+            of_point, of_velocity, _up, of_height, of_friction, _s, _once, _pb, _vb = wp.grad(ground_pairing)(
                 contact.point, contact.velocity, t.up, around.ground_height, contact.friction, t.step_seconds,
                 contact.at_once, point_bar, velocity_bar,
             )  # fmt: skip
@@ -337,7 +345,7 @@ def contact_adjoint(features: Features) -> Any:
         solid = t.fixtures.solids[contact.thing]
         if solid.kind == MESH:
             once = contact.at_once or contact.met.slides
-            of_point, of_velocity, by_let, _n, by_moving, of_friction, _s, _part, _o, _pb, _vb = wp.grad(work_beside)(
+            of_point, of_velocity, by_let, _n, by_moving, of_friction, _s, _part, _o, _pb, _vb = wp.grad(solid_pairing)(
                 contact.point, contact.velocity, contact.met.let, contact.met.normal, contact.met.moving,
                 contact.friction, t.step_seconds, contact.met.part, once, point_bar, velocity_bar,
             )  # fmt: skip
@@ -355,7 +363,7 @@ def contact_adjoint(features: Features) -> Any:
         entry.friction = contact.friction
         entry.step = t.step_seconds
         entry.at_once = contact.at_once or contact.met.slides
-        by_start, by_point, by_velocity, _on, by_pose, by_earlier, _up, by_entry, _p, _v, _n = wp.grad(work_on_convex)(
+        by_start, by_point, by_velocity, _on, by_pose, by_earlier, _up, by_entry, _p, _v, _n = wp.grad(convex_pairing)(
             contact.start, contact.point, contact.velocity, solid, pose, earlier, t.up, entry, point_bar,
             velocity_bar, normal_bar,
         )  # fmt: skip
@@ -377,15 +385,15 @@ def ground_columns(features: Features) -> tuple[int, int]:
 
 @wp.func
 def ground_backwards(
-    t: Tables, around: Around, point: wp.vec3, velocity: wp.vec3, point_bar: wp.vec3, velocity_bar: wp.vec3
+    t: Tables, around: Neighborhood, point: wp.vec3, velocity: wp.vec3, point_bar: wp.vec3, velocity_bar: wp.vec3
 ):
-    """Return the derivatives by the state with which a particle comes to the ground."""
+    """Adjoint of contact with the ground: bars of a particle's state before it."""
     bars = BarsOfContact()
     bars.point = point_bar
     bars.velocity = velocity_bar
     if wp.dot(point, t.up) < around.ground_height:
         friction = friction_on(t, around.world, around.balloon, GROUND)
-        by_point, by_velocity, _up, by_height, by_friction, _step, _once, _bar, _v_bar = wp.grad(work_on_ground)(
+        by_point, by_velocity, _up, by_height, by_friction, _step, _once, _bar, _v_bar = wp.grad(ground_pairing)(
             point, velocity, t.up, around.ground_height, friction, t.step_seconds, False, point_bar, velocity_bar
         )
         bars.point = by_point
@@ -396,28 +404,30 @@ def ground_backwards(
 
 
 @wp.func
-def detour_of_ground_backwards(
-    t: Tables, around: Around, start: wp.vec3, ahead: wp.vec3, course: wp.vec3, place_bar: wp.vec3, normal_bar: wp.vec3
-):
-    """Return the derivatives by a place ahead, by the course, and by the normal of the surface met before."""
-    bars = ground_backwards(t, around, ahead, course, place_bar, wp.vec3())
+def deflection_by_ground_backwards(
+    t: Tables, around: Neighborhood, start: wp.vec3, ahead: wp.vec3, predicted_velocity: wp.vec3, place_bar: wp.vec3,
+    normal_bar: wp.vec3,
+):  # fmt: skip
+    """Adjoint of the deflection by the ground: bars of the predicted place and velocity, and of the last normal."""
+    bars = ground_backwards(t, around, ahead, predicted_velocity, place_bar, wp.vec3())
     if wp.dot(ahead, t.up) >= around.ground_height:
         bars.normal = normal_bar
     return bars
 
 
 @wp.func
-def work_of_detour(
-    point: wp.vec3, course: wp.vec3, up: wp.vec3, height: float, friction: float, step_seconds: float, bar: wp.vec3
-):
-    """Return the velocity change that the ground will bring, see `loops.contact.detour_function`, times a bar."""
-    end = point + step_seconds * course
-    outside, _slowed = leave_ground(end, course, up, height, friction, step_seconds, False)
+def deflection_pairing(
+    point: wp.vec3, predicted_velocity: wp.vec3, up: wp.vec3, height: float, friction: float, step_seconds: float,
+    bar: wp.vec3,
+):  # fmt: skip
+    """Return the velocity change that the ground will bring, see `loops.contact.deflection_function`, times a bar."""
+    end = point + step_seconds * predicted_velocity
+    outside, _slowed = leave_ground(end, predicted_velocity, up, height, friction, step_seconds, False)
     return wp.dot(outside - end, bar) / step_seconds
 
 
-def leave_ground_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
-    """Return the adjoint of leaving the ground."""
+def leave_ground_backwards(phase: Phase, features: Features, access: Access) -> Sequence[Adjoint]:
+    """Adjoint of contact with the ground."""
     column, friction_column = ground_columns(features)
     Params, _ = params_functions(features.columns, features.balloons)  # noqa: N806 - a type
 
@@ -440,39 +450,41 @@ def leave_ground_backwards(phase: Phase, features: Features, look: Look) -> Sequ
     return (Adjoint(leave_adjoint, ("point", "velocity", "params")),)
 
 
-def foresee_ground_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
-    """Return the adjoint of the deflection that a particle will meet; the direction from the ground is constant."""
+def predict_deflection_by_ground_backwards(phase: Phase, features: Features, access: Access) -> Sequence[Adjoint]:
+    """Adjoint of the predicted deflection; the direction from the ground is constant."""
     column, friction_column = ground_columns(features)
     Params, _ = params_functions(features.columns, features.balloons)  # noqa: N806 - a type
 
     @wp.func
-    def foresee_adjoint(t: Tables, params: Any, gain: float, point: wp.vec3, course: wp.vec3, detour_bar: wp.vec3):
+    def predict_deflection_adjoint(
+        t: Tables, params: Any, gain: float, point: wp.vec3, predicted_velocity: wp.vec3, deflection_bar: wp.vec3
+    ):
         params_bar = Params()
         point_bar = wp.vec3()
-        course_bar = wp.vec3()
+        predicted_velocity_bar = wp.vec3()
         height = params.n[column]
-        if gain > 0.0 and wp.dot(point + t.step_seconds * course, t.up) < height:
+        if gain > 0.0 and wp.dot(point + t.step_seconds * predicted_velocity, t.up) < height:
             friction = friction_on(t, params.world, params.balloon, GROUND)
-            by_point, by_course, _up, by_height, by_friction, _step, _bar = wp.grad(work_of_detour)(
-                point, course, t.up, height, friction, t.step_seconds, detour_bar
+            by_point, by_predicted_velocity, _up, by_height, by_friction, _step, _bar = wp.grad(deflection_pairing)(
+                point, predicted_velocity, t.up, height, friction, t.step_seconds, deflection_bar
             )
             point_bar = by_point
-            course_bar = by_course
+            predicted_velocity_bar = by_predicted_velocity
             params_bar.n[column] = by_height
             params_bar.n[friction_column] = by_friction
-        return point_bar, course_bar, params_bar
+        return point_bar, predicted_velocity_bar, params_bar
 
-    return (Adjoint(foresee_adjoint, ("point", "course", "params")),)
+    return (Adjoint(predict_deflection_adjoint, ("point", "predicted_velocity", "params")),)
 
 
 @cache
-def standing_adjoint(features: Features) -> Any:
-    """Return the function that runs backwards how a particle leaves obstacles and the ground."""
+def solid_contact_adjoint(features: Features) -> Any:
+    """Adjoint of a particle's contact with obstacles and the ground."""
     contact_backwards, last_contact = contact_adjoint(features), contact_function(features)
 
     @wp.func
-    def stand_backwards(
-        t: Tables, working: Working, around: Around, point: wp.vec3, velocity: wp.vec3, point_bar: wp.vec3,
+    def solid_contact_backwards(
+        t: Tables, working: Working, around: Neighborhood, point: wp.vec3, velocity: wp.vec3, point_bar: wp.vec3,
         velocity_bar: wp.vec3,
     ):  # fmt: skip
         bars = BarsOfContact()
@@ -498,17 +510,17 @@ def standing_adjoint(features: Features) -> Any:
         bars.velocity -= t.step_seconds * bars.start
         return bars
 
-    return stand_backwards
+    return solid_contact_backwards
 
 
 @cache
-def detour_adjoint(features: Features) -> Any:
-    """Return the function that runs backwards where obstacles and the ground will let a particle go."""
+def deflection_adjoint(features: Features) -> Any:
+    """Adjoint of the predicted deflection by obstacles and the ground."""
     contact_backwards, last_contact = contact_adjoint(features), contact_function(features)
 
     @wp.func
-    def detour_backwards(
-        t: Tables, working: Working, around: Around, start: wp.vec3, ahead: wp.vec3, course: wp.vec3,
+    def deflection_backwards(
+        t: Tables, working: Working, around: Neighborhood, start: wp.vec3, ahead: wp.vec3, predicted_velocity: wp.vec3,
         place_bar: wp.vec3, normal_bar: wp.vec3,
     ):  # fmt: skip
         """Return derivatives: of the velocity, that by the course."""
@@ -517,7 +529,7 @@ def detour_adjoint(features: Features) -> Any:
         bars.normal = normal_bar
         number = MOST_CONTACTS
         while number > 0:
-            contact = last_contact(t, around, start, ahead, course, number, True, False)
+            contact = last_contact(t, around, start, ahead, predicted_velocity, number, True, False)
             number = contact.number
             if number >= 0:
                 more = contact_backwards(t, working, around, contact, bars.point, wp.vec3(), bars.normal)
@@ -529,13 +541,13 @@ def detour_adjoint(features: Features) -> Any:
                 bars.normal = wp.vec3()
         return bars
 
-    return detour_backwards
+    return deflection_backwards
 
 
-def leave_obstacles_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
-    """Return the adjoint of leaving obstacles and the ground."""
+def leave_obstacles_backwards(phase: Phase, features: Features, access: Access) -> Sequence[Adjoint]:
+    """Adjoint of contact with obstacles and the ground."""
     column, friction_column = ground_columns(features)
-    around_particle, stand_backwards = around_function(features), standing_adjoint(features)
+    around_particle, solid_contact_backwards = around_function(features), solid_contact_adjoint(features)
     Params, _ = params_functions(features.columns, features.balloons)  # noqa: N806 - a type
 
     @wp.func
@@ -548,7 +560,9 @@ def leave_obstacles_backwards(phase: Phase, features: Features, look: Look) -> S
         bars.point = point_bar
         bars.velocity = velocity_bar
         if params.mass > 0.0:
-            bars = stand_backwards(t, working, around_particle(params, end), point, velocity, point_bar, velocity_bar)
+            bars = solid_contact_backwards(
+                t, working, around_particle(params, end), point, velocity, point_bar, velocity_bar
+            )
             params_bar.n[column] = bars.height
             params_bar.n[friction_column] = bars.friction
         return bars.point, bars.velocity, params_bar
@@ -556,51 +570,57 @@ def leave_obstacles_backwards(phase: Phase, features: Features, look: Look) -> S
     return (Adjoint(leave_adjoint, ("point", "velocity", "params")),)
 
 
-def foresee_obstacles_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
-    """Return the adjoint of the deflection that a particle will meet."""
+def predict_deflection_by_obstacles_backwards(phase: Phase, features: Features, access: Access) -> Sequence[Adjoint]:
+    """Adjoint of the predicted deflection."""
     column, friction_column = ground_columns(features)
-    around_particle, detour_backwards = around_function(features), detour_adjoint(features)
+    around_particle, deflection_backwards = around_function(features), deflection_adjoint(features)
     Params, _ = params_functions(features.columns, features.balloons)  # noqa: N806 - a type
 
     @wp.func
-    def foresee_adjoint(
-        t: Tables, working: Working, params: Any, end: float, gain: float, point: wp.vec3, course: wp.vec3,
-        detour_bar: wp.vec3, away_bar: wp.vec3,
+    def predict_deflection_adjoint(
+        t: Tables, working: Working, params: Any, end: float, gain: float, point: wp.vec3, predicted_velocity: wp.vec3,
+        deflection_bar: wp.vec3, away_bar: wp.vec3,
     ):  # fmt: skip
         params_bar = Params()
         by_point = wp.vec3()
-        by_course = wp.vec3()
+        by_predicted_velocity = wp.vec3()
         if gain > 0.0:
-            ahead = point + t.step_seconds * course
-            by_way = detour_bar / t.step_seconds
-            bars = detour_backwards(t, working, around_particle(params, end), point, ahead, course, by_way, away_bar)
-            by_point = bars.start + (bars.point - by_way)
-            by_course = bars.velocity + t.step_seconds * (bars.point - by_way)
+            ahead = point + t.step_seconds * predicted_velocity
+            by_displacement = deflection_bar / t.step_seconds
+            bars = deflection_backwards(
+                t, working, around_particle(params, end), point, ahead, predicted_velocity, by_displacement, away_bar
+            )
+            by_point = bars.start + (bars.point - by_displacement)
+            by_predicted_velocity = bars.velocity + t.step_seconds * (bars.point - by_displacement)
             params_bar.n[column] = bars.height
             params_bar.n[friction_column] = bars.friction
-        return by_point, by_course, params_bar
+        return by_point, by_predicted_velocity, params_bar
 
-    return (Adjoint(foresee_adjoint, ("point", "course", "params")),)
+    return (Adjoint(predict_deflection_adjoint, ("point", "predicted_velocity", "params")),)
 
 
-def leave_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
-    """Return the adjoint of leaving solids."""
+def leave_backwards(phase: Phase, features: Features, access: Access) -> Sequence[Adjoint]:
+    """Adjoint of contact with solids."""
     require_no_bodies(features)
     if features.impulses:
-        return leave_or_wait_backwards(features, look)
+        return leave_or_wait_backwards(features, access)
     if features.spheres:
-        return leave_spheres_and_more_backwards(features, look)
-    back = leave_obstacles_backwards if features.stands_on_fixtures else leave_ground_backwards
-    return back(phase, features, look)
+        return leave_spheres_and_more_backwards(features, access)
+    back = leave_obstacles_backwards if features.may_touch_obstacles else leave_ground_backwards
+    return back(phase, features, access)
 
 
-def foresee_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
-    """Return the adjoint of the deflection by solids that a particle will meet."""
+def predict_deflection_backwards(phase: Phase, features: Features, access: Access) -> Sequence[Adjoint]:
+    """Adjoint of the predicted deflection by solids."""
     require_no_bodies(features)
     if features.spheres:
-        return foresee_spheres_and_more_backwards(features, look)
-    back = foresee_obstacles_backwards if features.stands_on_fixtures else foresee_ground_backwards
-    return back(phase, features, look)
+        return predict_deflection_by_spheres_and_more_backwards(features, access)
+    back = (
+        predict_deflection_by_obstacles_backwards
+        if features.may_touch_obstacles
+        else predict_deflection_by_ground_backwards
+    )
+    return back(phase, features, access)
 
 
 def require_no_bodies(features: Features) -> None:
@@ -614,26 +634,26 @@ def require_no_bodies(features: Features) -> None:
 
 
 @wp.func
-def stand_on_ground_backwards(
-    t: Tables, working: Working, around: Around, point: wp.vec3, velocity: wp.vec3, point_bar: wp.vec3,
+def ground_contact_backwards(
+    t: Tables, working: Working, around: Neighborhood, point: wp.vec3, velocity: wp.vec3, point_bar: wp.vec3,
     velocity_bar: wp.vec3,
 ):  # fmt: skip
-    """Return the derivatives by the state with which a particle comes to the ground, where there is nothing else."""
+    """Adjoint of contact with the ground alone: bars of a particle's state before it."""
     return ground_backwards(t, around, point, velocity, point_bar, velocity_bar)
 
 
 @wp.func
-def detour_beside_ground_backwards(
-    t: Tables, working: Working, around: Around, start: wp.vec3, ahead: wp.vec3, course: wp.vec3, place_bar: wp.vec3,
-    normal_bar: wp.vec3,
+def deflection_by_ground_alone_backwards(
+    t: Tables, working: Working, around: Neighborhood, start: wp.vec3, ahead: wp.vec3, predicted_velocity: wp.vec3,
+    place_bar: wp.vec3, normal_bar: wp.vec3,
 ):  # fmt: skip
-    """Return the derivatives by a place ahead, where there is nothing but the ground."""
-    return detour_of_ground_backwards(t, around, start, ahead, course, place_bar, normal_bar)
+    """Adjoint of the deflection by the ground alone: bars of the predicted place."""
+    return deflection_by_ground_backwards(t, around, start, ahead, predicted_velocity, place_bar, normal_bar)
 
 
 @wp.func
 def fly_backwards(
-    t: Tables, working: Working, around: Around, point: wp.vec3, velocity: wp.vec3, point_bar: wp.vec3,
+    t: Tables, working: Working, around: Neighborhood, point: wp.vec3, velocity: wp.vec3, point_bar: wp.vec3,
     velocity_bar: wp.vec3,
 ):  # fmt: skip
     """Return the bars of a particle that meets nothing."""
@@ -644,8 +664,8 @@ def fly_backwards(
 
 
 @wp.func
-def no_detour_backwards(
-    t: Tables, working: Working, around: Around, start: wp.vec3, ahead: wp.vec3, course: wp.vec3,
+def no_deflection_backwards(
+    t: Tables, working: Working, around: Neighborhood, start: wp.vec3, ahead: wp.vec3, predicted_velocity: wp.vec3,
     place_bar: wp.vec3, normal_bar: wp.vec3,
 ):  # fmt: skip
     """Return the bars of a place ahead, where there is nothing."""
@@ -656,22 +676,22 @@ def no_detour_backwards(
 
 
 @cache
-def standing_functions(features: Features) -> tuple[Any, Any]:
-    """Return the functions that run contact with obstacles and the ground backwards, as it is and as it is foreseen."""
-    if features.stands_on_fixtures:
-        return standing_adjoint(features), detour_adjoint(features)
+def solid_contact_adjoints(features: Features) -> tuple[Any, Any]:
+    """Adjoints of contact with obstacles and the ground, and of its prediction."""
+    if features.may_touch_obstacles:
+        return solid_contact_adjoint(features), deflection_adjoint(features)
     if features.ground:
-        return stand_on_ground_backwards, detour_beside_ground_backwards
+        return ground_contact_backwards, deflection_by_ground_alone_backwards
 
-    return fly_backwards, no_detour_backwards
+    return fly_backwards, no_deflection_backwards
 
 
-def leave_spheres_and_more_backwards(features: Features, look: Look) -> Sequence[Adjoint]:
-    """Return the adjoint of leaving spheres, and then obstacles and the ground."""
+def leave_spheres_and_more_backwards(features: Features, access: Access) -> Sequence[Adjoint]:
+    """Adjoint of contact with spheres, then with obstacles and the ground."""
     column, friction_column = ground_columns(features)
-    around_particle, stand_backwards = around_function(features), standing_functions(features)[0]
-    past_spheres = past_spheres_function(look.sphere_at)
-    leave_spheres_backwards = leaving_spheres_adjoint(features, look.sphere_at)
+    around_particle, solid_contact_backwards = around_function(features), solid_contact_adjoints(features)[0]
+    past_spheres = past_spheres_function(access.sphere_at)
+    leave_spheres_backwards = leaving_spheres_adjoint(features, access.sphere_at)
     Params, _ = params_functions(features.columns, features.balloons)  # noqa: N806 - a type
 
     @wp.func
@@ -683,7 +703,7 @@ def leave_spheres_and_more_backwards(features: Features, look: Look) -> Sequence
         if params.mass <= 0.0:
             return point_bar, velocity_bar, wp.vec3(), params_bar
         out, after, _met = past_spheres(t, spheres, params.world, t.spheres.numbers.shape[1], point, velocity)
-        stood = stand_backwards(t, working, around_particle(params, end), out, after, point_bar, velocity_bar)
+        stood = solid_contact_backwards(t, working, around_particle(params, end), out, after, point_bar, velocity_bar)
         params_bar.n[column] = stood.height
         params_bar.n[friction_column] = stood.friction
         bars = leave_spheres_backwards(
@@ -694,11 +714,11 @@ def leave_spheres_and_more_backwards(features: Features, look: Look) -> Sequence
     return (Adjoint(leave_adjoint, ("point", "velocity", "inflation", "params")),)
 
 
-def leave_or_wait_backwards(features: Features, look: Look) -> Sequence[Adjoint]:
+def leave_or_wait_backwards(features: Features, access: Access) -> Sequence[Adjoint]:
     """Return the adjoint of leaving obstacles and the ground, unless a particle is near a sphere: then it waits."""
     column, friction_column = ground_columns(features)
-    around_particle, stand_backwards = around_function(features), standing_functions(features)[0]
-    sphere_at = look.sphere_at
+    around_particle, solid_contact_backwards = around_function(features), solid_contact_adjoints(features)[0]
+    sphere_at = access.sphere_at
     Params, _ = params_functions(features.columns, features.balloons)  # noqa: N806 - a type
 
     @wp.func
@@ -713,7 +733,9 @@ def leave_or_wait_backwards(features: Features, look: Look) -> Sequence[Adjoint]
             waits = waits or is_near_sphere(t, center, motion, radius, point, velocity)
         if waits:
             return point_bar, velocity_bar, params_bar
-        stood = stand_backwards(t, working, around_particle(params, end), point, velocity, point_bar, velocity_bar)
+        stood = solid_contact_backwards(
+            t, working, around_particle(params, end), point, velocity, point_bar, velocity_bar
+        )
         params_bar.n[column] = stood.height
         params_bar.n[friction_column] = stood.friction
         return stood.point, stood.velocity, params_bar
@@ -721,34 +743,36 @@ def leave_or_wait_backwards(features: Features, look: Look) -> Sequence[Adjoint]
     return (Adjoint(leave_adjoint, ("point", "velocity", "params")),)
 
 
-def foresee_spheres_and_more_backwards(features: Features, look: Look) -> Sequence[Adjoint]:
-    """Return the adjoint of the deflection by spheres, and then by obstacles and the ground."""
+def predict_deflection_by_spheres_and_more_backwards(features: Features, access: Access) -> Sequence[Adjoint]:
+    """Adjoint of the predicted deflection by spheres, then by obstacles and the ground."""
     column, friction_column = ground_columns(features)
-    around_particle, detour_backwards = around_function(features), standing_functions(features)[1]
-    past_spheres = past_spheres_function(look.sphere_at)
-    foresee_spheres_backwards = foreseen_spheres_adjoint(features, look.sphere_at)
+    around_particle, deflection_backwards = around_function(features), solid_contact_adjoints(features)[1]
+    past_spheres = past_spheres_function(access.sphere_at)
+    predict_deflection_by_spheres_backwards = predicted_spheres_adjoint(features, access.sphere_at)
     Params, _ = params_functions(features.columns, features.balloons)  # noqa: N806 - a type
 
     @wp.func
-    def foresee_adjoint(
+    def predict_deflection_adjoint(
         t: Tables, spheres: Any, working: Working, params: Any, end: float, gain: float, point: wp.vec3,
-        course: wp.vec3, detour_bar: wp.vec3, away_bar: wp.vec3,
+        predicted_velocity: wp.vec3, deflection_bar: wp.vec3, away_bar: wp.vec3,
     ):  # fmt: skip
         params_bar = Params()
         by_point = wp.vec3()
-        by_course = wp.vec3()
+        by_predicted_velocity = wp.vec3()
         if gain > 0.0:
-            ahead = point + t.step_seconds * course
+            ahead = point + t.step_seconds * predicted_velocity
             outside, _after, _met = past_spheres(t, spheres, params.world, t.spheres.numbers.shape[1], ahead, wp.vec3())
-            by_way = detour_bar / t.step_seconds
-            stood = detour_backwards(t, working, around_particle(params, end), point, outside, course, by_way, away_bar)
-            by_ahead = foresee_spheres_backwards(
+            by_displacement = deflection_bar / t.step_seconds
+            stood = deflection_backwards(
+                t, working, around_particle(params, end), point, outside, predicted_velocity, by_displacement, away_bar
+            )
+            by_ahead = predict_deflection_by_spheres_backwards(
                 t, spheres, working, params.world, params.number, ahead, stood.point, stood.normal
             )
-            by_point = stood.start + (by_ahead - by_way)
-            by_course = stood.velocity + t.step_seconds * (by_ahead - by_way)
+            by_point = stood.start + (by_ahead - by_displacement)
+            by_predicted_velocity = stood.velocity + t.step_seconds * (by_ahead - by_displacement)
             params_bar.n[column] = stood.height
             params_bar.n[friction_column] = stood.friction
-        return by_point, by_course, params_bar
+        return by_point, by_predicted_velocity, params_bar
 
-    return (Adjoint(foresee_adjoint, ("point", "course", "params")),)
+    return (Adjoint(predict_deflection_adjoint, ("point", "predicted_velocity", "params")),)

@@ -14,7 +14,13 @@ from balloon_warp.kernels import OPTIONS
 from balloon_warp.kernels.adjoints.sums import add_exactly, note_size, parts_per_unit, sum_at
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.contact import leave_sphere, out_of_sphere, penalty_force
-from balloon_warp.kernels.loops.spheres import Course, colliding_function, course_of, put_course, rolling_function
+from balloon_warp.kernels.loops.spheres import (
+    MotionState,
+    colliding_function,
+    motion_state_of,
+    put_motion,
+    rolling_function,
+)
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world, sphere_mass, sphere_penalty
 from balloon_warp.kernels.warps import block_barrier, total_newtons
 from balloon_warp.kernels.working import SphereBars, Working
@@ -62,14 +68,14 @@ def sum_sphere_bars(working: Working, bars: BarsOfSpheres):
 
 
 @wp.func
-def bar_of_course(bars: BarsOfSpheres, world: wp.int32, sphere: wp.int32):
-    """Return the derivatives by a sphere's course."""
-    return course_of(bars.positions[world, sphere], bars.velocities[world, sphere], bars.spins[world, sphere])
+def bar_of_motion(bars: BarsOfSpheres, world: wp.int32, sphere: wp.int32):
+    """Bar of a sphere's motion state."""
+    return motion_state_of(bars.positions[world, sphere], bars.velocities[world, sphere], bars.spins[world, sphere])
 
 
 @wp.func
-def put_bar_of_course(bars: BarsOfSpheres, world: wp.int32, sphere: wp.int32, bar: Course):
-    """Store the derivatives by a sphere's course."""
+def put_bar_of_motion(bars: BarsOfSpheres, world: wp.int32, sphere: wp.int32, bar: MotionState):
+    """Store the bar of a sphere's motion state."""
     bars.positions[world, sphere] = bar.position
     bars.velocities[world, sphere] = bar.velocity
     bars.spins[world, sphere] = bar.spin
@@ -100,13 +106,13 @@ EVENTS_OF_A_SPHERE = 96
 
 @wp.struct
 class Event:
-    """A change of a sphere's course."""
+    """Event that changes a sphere's motion state."""
 
     kind: wp.int32  # see `loops.spheres`
     first: wp.int32  # the sphere
     second: wp.int32  # the other sphere, or the number of an obstacle
-    mine: Course
-    other: Course
+    mine: MotionState
+    other: MotionState
 
 
 @wp.struct
@@ -124,10 +130,10 @@ class LoggedSpheres:
 
 @wp.func
 def note_event(
-    spheres: LoggedSpheres, world: wp.int32, kind: wp.int32, first: wp.int32, second: wp.int32, mine: Course,
-    other: Course,
+    spheres: LoggedSpheres, world: wp.int32, kind: wp.int32, first: wp.int32, second: wp.int32, mine: MotionState,
+    other: MotionState,
 ):  # fmt: skip
-    """Note an event that changes a course, or two."""
+    """Log an event that changes one or two motion states."""
     place = spheres.counts[world]
     if place < spheres.events.shape[1]:
         event = Event()
@@ -142,8 +148,8 @@ def note_event(
 
 @cache
 def roll_again_kernel(features: Features) -> Any:
-    """Return the kernel that moves spheres again, and notes the events that change their courses."""
-    course_after = rolling_function(features, note_event)
+    """Recomputation kernel of the motion of spheres, which logs the events that change it."""
+    motion_state_after = rolling_function(features, note_event)
     collide_all = colliding_function(features, note_event)
     split = features.columns.balloon_width
     gravity, height, restitution = (
@@ -165,17 +171,17 @@ def roll_again_kernel(features: Features) -> Any:
         around = wp.vec3(numbers[gravity], numbers[height], numbers[restitution])
         spheres.counts[world] = 0
         for sphere in range(t.spheres.numbers.shape[1]):
-            course = course_of(
+            motion = motion_state_of(
                 before.sphere_positions[world, sphere],
                 before.sphere_velocities[world, sphere],
                 before.sphere_spins[world, sphere],
             )
-            spheres.sphere_starts[world, sphere] = course.position
+            spheres.sphere_starts[world, sphere] = motion.position
             pushed = wp.vec3()
             if wp.static(features.penalties):
                 pushed = total_newtons(quanta, world, sphere) / sphere_mass(t.spheres, world, sphere)
-            course = course_after(t, spheres, world, sphere, end, course, pushed, around)
-            put_course(spheres, world, sphere, course, True)
+            motion = motion_state_after(t, spheres, world, sphere, end, motion, pushed, around)
+            put_motion(spheres, world, sphere, motion, True)
         if wp.static(features.spheres_meet):
             collide_all(t, spheres, world, end)
 
@@ -204,21 +210,19 @@ def bars_of_sphere(center: wp.vec3, motion: wp.vec3, radius: float, penalty: flo
 
 
 @wp.func
-def work_of_sphere(
+def sphere_pairing(
     point: wp.vec3, velocity: wp.vec3, center: wp.vec3, motion: wp.vec3, radius: float, penalty: float,
     inflation: wp.vec3, up: wp.vec3, step: float, point_bar: wp.vec3, velocity_bar: wp.vec3, push_bar: wp.vec3,
 ):  # fmt: skip
-    """Return where a particle leaves a sphere, its velocity, and how it pushes the sphere, times their bars."""
+    """Pairing of a particle's place, velocity and push at a sphere with their bars."""
     out, after, outward = leave_sphere(point, velocity, center, motion, radius, up, step)
     push = penalty_force(penalty, inflation, outward)
     return wp.dot(out, point_bar) + wp.dot(after, velocity_bar) + wp.dot(push, push_bar)
 
 
 @wp.func
-def work_of_way_out(
-    point: wp.vec3, center: wp.vec3, radius: float, up: wp.vec3, point_bar: wp.vec3, normal_bar: wp.vec3
-):
-    """Return where a particle will leave a sphere, and the normal there, times their bars."""
+def exit_pairing(point: wp.vec3, center: wp.vec3, radius: float, up: wp.vec3, point_bar: wp.vec3, normal_bar: wp.vec3):
+    """Pairing of a particle's predicted exit from a sphere, and of the normal there, with their bars."""
     out, normal = out_of_sphere(point, wp.vec3(), center, radius, up)
     return wp.dot(out, point_bar) + wp.dot(normal, normal_bar)
 
@@ -244,7 +248,7 @@ def past_spheres_function(sphere_at: Any) -> Any:
 
 @cache
 def leaving_spheres_adjoint(features: Features, sphere_at: Any) -> Any:
-    """Return the function that runs backwards how a particle leaves spheres, from the last to the first."""
+    """Adjoint of a particle's contact with spheres, from the last to the first."""
     past_spheres = past_spheres_function(sphere_at)
 
     @wp.func
@@ -263,7 +267,7 @@ def leaving_spheres_adjoint(features: Features, sphere_at: Any) -> Any:
             center, motion, radius = sphere_at(t, spheres, world, sphere)
             if wp.length_sq(came - center) < radius * radius:
                 at, going, by_center, by_motion, by_radius, by_penalty, by_push, _u, _h, _p, _v, _b = wp.grad(
-                    work_of_sphere
+                    sphere_pairing
                 )(
                     came, before, center, motion, radius, sphere_penalty(t.spheres, world, sphere), inflation, t.up,
                     t.step_seconds, bars.point, bars.velocity, working.sphere_push_bars[world, sphere],
@@ -279,12 +283,12 @@ def leaving_spheres_adjoint(features: Features, sphere_at: Any) -> Any:
 
 
 @cache
-def foreseen_spheres_adjoint(features: Features, sphere_at: Any) -> Any:
-    """Return the function that runs backwards where spheres will let a particle go, from the last to the first."""
+def predicted_spheres_adjoint(features: Features, sphere_at: Any) -> Any:
+    """Adjoint of the predicted deflection by spheres, from the last to the first."""
     past_spheres = past_spheres_function(sphere_at)
 
     @wp.func
-    def foresee_spheres_backwards(
+    def predict_deflection_by_spheres_backwards(
         t: Tables, spheres: Any, working: Working, world: wp.int32, particle: wp.int32, ahead: wp.vec3,
         place_bar: wp.vec3, normal_bar: wp.vec3,
     ):  # fmt: skip
@@ -300,7 +304,7 @@ def foreseen_spheres_adjoint(features: Features, sphere_at: Any) -> Any:
             came, _before, _met = past_spheres(t, spheres, world, sphere, ahead, wp.vec3())
             center, _motion, radius = sphere_at(t, spheres, world, sphere)
             if wp.length_sq(came - center) < radius * radius:
-                by_place, by_center, by_radius, _up, _place, _normal = wp.grad(work_of_way_out)(
+                by_place, by_center, by_radius, _up, _place, _normal = wp.grad(exit_pairing)(
                     came, center, radius, t.up, place_bar, normal_bar
                 )
                 place_bar = by_place
@@ -309,7 +313,7 @@ def foreseen_spheres_adjoint(features: Features, sphere_at: Any) -> Any:
                 working.sphere_bars[world, particle, sphere] = working.sphere_bars[world, particle, sphere] + more
         return place_bar
 
-    return foresee_spheres_backwards
+    return predict_deflection_by_spheres_backwards
 
 
 OF_BALLS = wp.constant(3)
@@ -331,7 +335,7 @@ class BallShare:
 
 @wp.func
 def note_ball(bars: Any, world: wp.int32, found: BallShare):
-    """Note how large a contact's derivatives by a sphere are."""
+    """Record the magnitude of a contact's bars of a sphere."""
     note_size(bars.largest, world, OF_BALLS, wp.max(wp.abs(found.velocity)))
     note_size(bars.largest, world, OF_BALLS + 1, wp.max(wp.abs(found.spin)))
     note_size(bars.largest, world, OF_BALLS + 2, wp.max(wp.abs(found.start)))

@@ -17,7 +17,7 @@ all is written out, with a single root.
 Springs are read from tables, or are in slots, see `loops.springs`.
 
 Derivatives by the numbers of each spring, and of each triangle of a membrane: a thread has one, once a substep. They
-follow from how much the forces on particles are worth, which are known once all particles have run backwards.
+follow from the bars of the forces on particles, which are known once all particles have run backwards.
 """
 
 from functools import cache
@@ -26,7 +26,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels import OPTIONS
-from balloon_warp.kernels.adjoints.membranes import triangle_work
+from balloon_warp.kernels.adjoints.membranes import triangle_pairing_function
 from balloon_warp.kernels.algebra import inverse_root, squared_length
 from balloon_warp.kernels.compose import numbers_reader, params_functions, time_of
 from balloon_warp.kernels.features import Features
@@ -138,7 +138,7 @@ for (int slot = 0; slot < width; ++slot) {
 
 @cache
 def springs_of_eight(features: Features) -> Any:
-    """Return the function that adds the terms of springs to the bars of all places, and to those of constants."""
+    """Adjoint of springs: terms of the bars of all places and constants."""
     text = HEAD + SPRINGS.replace("VARY", str(int(features.springs_vary))) + TAIL.replace("SCALE", "")
 
     @wp.func_native(text)
@@ -207,12 +207,12 @@ SECOND_END = wp.constant(1)
 
 @cache
 def hinge_adjoint(features: Features, at: Any) -> Adjoint:
-    """Return the adjoint that gathers bars of a particle's place, and of its balloon's numbers."""
+    """Adjoint of hinges: gathers bars of a particle's place, and of its balloon's parameters."""
     laws, places_of_hinge = features.laws_on("hinge"), place_function(at)
     Params, _ = params_functions(features.columns, features.balloons)  # noqa: N806 - a type
 
     @wp.func
-    def work_of_hinge(
+    def hinge_pairing(
         a: wp.vec3, b: wp.vec3, first: wp.vec3, second: wp.vec3, rest_angle: float, n: Any, a_bar: wp.vec3,
         b_bar: wp.vec3, first_bar: wp.vec3, second_bar: wp.vec3,
     ):  # fmt: skip
@@ -234,7 +234,7 @@ def hinge_adjoint(features: Features, at: Any) -> Adjoint:
             role = packed & 3
             a, b, first, second = places_of_hinge(t.hinges, points, hinge)
             a_bar, b_bar, first_bar, second_bar = places_of_hinge(t.hinges, force_bars, hinge)
-            by_a, by_b, by_first, by_second, _rest, by_n, _a, _b, _first, _second = wp.grad(work_of_hinge)(
+            by_a, by_b, by_first, by_second, _rest, by_n, _a, _b, _first, _second = wp.grad(hinge_pairing)(
                 a, b, first, second, t.hinges.rest_angles[hinge], params.n, a_bar, b_bar, first_bar, second_bar
             )
             if role == FIRST_END:
@@ -257,11 +257,11 @@ StringBars = wp.types.vector(length=5, dtype=wp.float64)
 
 @cache
 def string_adjoint(features: Features) -> Adjoint:
-    """Return the adjoint of a particle's strings, for its place and its velocity."""
+    """Adjoint of a particle's strings: bars of its place and velocity."""
     pull_of_string = string_pull(features)
 
     @wp.func
-    def work_of_string(
+    def string_pairing(
         point: wp.vec3, velocity: wp.vec3, bar: wp.vec3, strings: StringTable, world: wp.int32, string: wp.int32,
         n: Any, step_seconds: float, time: float,
     ):  # fmt: skip
@@ -272,7 +272,7 @@ def string_adjoint(features: Features) -> Adjoint:
         point_bar = wp.vec3()
         velocity_bar = wp.vec3()
         for held in range(int_at(t.strings.offsets, params.number), int_at(t.strings.offsets, params.number + 1)):
-            by_point, by_velocity, _bar, _strings, _world, _string, _n, _step, _time = wp.grad(work_of_string)(
+            by_point, by_velocity, _bar, _strings, _world, _string, _n, _step, _time = wp.grad(string_pairing)(
                 point,
                 velocity,
                 force_bar,
@@ -292,7 +292,7 @@ def string_adjoint(features: Features) -> Adjoint:
 
 @cache
 def strings_back_kernel(features: Features) -> Any:
-    """Return the kernel that adds to the bars of each string's anchor, length and stiffness."""
+    """Backward kernel of strings: bars of each anchor, length and stiffness."""
     coefficient, read_numbers = features.laws_on("string"), numbers_reader(features.columns)
     anchor_at = anchor_function(features)
 
@@ -342,7 +342,7 @@ def spring_adjoint(features: Features, at: Any, slots: Slots | None = None) -> A
 
 @wp.func
 def hooke_back(point_bar: wp.vec3, d: wp.vec3, bar: wp.vec3, stiffness: float, product: float, rest_length: float):
-    """Return the bar of the near end's place with a spring's term, and the bar of its constant, over its scale.
+    """Bars of the near end's place, with a spring's term, and of the spring's constant over its scale.
 
     Args:
         bar: of the near end's force, less that of the far end's.
@@ -498,7 +498,7 @@ def _of_laws(features: Features, at: Any) -> Adjoint:
 
 @cache
 def springs_back_kernel(features: Features) -> Any:
-    """Return the kernel that adds to the bars of each spring's rest length and constant."""
+    """Backward kernel of springs: bars of each rest length and constant."""
     coefficient = features.laws_on("spring")
     read_numbers = numbers_reader(features.columns)
 
@@ -534,8 +534,8 @@ def springs_back_kernel(features: Features) -> Any:
 
 @cache
 def triangles_back_kernel(features: Features) -> Any:
-    """Return the kernel that adds to the bars of each triangle's rest metric and area."""
-    work_of_triangle = triangle_work(features)
+    """Backward kernel of membranes: bars of each triangle's rest metric and area."""
+    triangle_pairing = triangle_pairing_function(features)
     read_numbers = numbers_reader(features.columns)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -556,7 +556,7 @@ def triangles_back_kernel(features: Features) -> Any:
         v1 = velocities[world, corners[1]] - velocities[world, corners[0]]
         v2 = velocities[world, corners[2]] - velocities[world, corners[0]]
         bar = force_bars[world, corners[0]]
-        _d1, _d2, _v1, _v2, _n, by_rest, _material, _b1, _b2 = wp.grad(work_of_triangle)(
+        _d1, _d2, _v1, _v2, _n, by_rest, _material, _b1, _b2 = wp.grad(triangle_pairing)(
             d1, d2, v1, v2, read_numbers(t, world, balloon), rest, t.membranes.materials[balloon],
             force_bars[world, corners[1]] - bar, force_bars[world, corners[2]] - bar,
         )  # fmt: skip

@@ -1,12 +1,12 @@
 """Sums of derivatives: as whole numbers, by particles, and by balloons.
 
-Sums of derivatives that come from anywhere in any order, and are the same to the bit: as whole numbers. Derivatives
+Order-independent sums of derivatives in fixed point: the same to the bit in any order. Derivatives
 have no unit that would say how large they are. So all is gone through twice: the largest of a kind in a world is found
 first, and then each is added as a whole number of its 2^44th part. A sum has room for half a million as large as that.
 
-Sums of derivatives by places, velocities and inverse masses of particles, by contacts in any order. Bars of contacts
-have `points`, `velocities` and `eases`, shape (W, P), and `sums`, shape (W, P, SUMS), and `largest`; for masses,
-`gas_masses` and `numbers`.
+Order-independent sums of the bars of particles' places, velocities and inverse masses, by contacts. Bars of contacts
+have `points`, `velocities` and `inverse_masses`, shape (W, P), and `sums`, shape (W, P, SUMS), and `largest`; for
+masses, `gas_masses` and `numbers`.
 """
 
 from functools import cache
@@ -20,7 +20,7 @@ from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.gas import air_along
 from balloon_warp.kernels.laws.outer import GAS
 from balloon_warp.kernels.loops.areas import volume_origin
-from balloon_warp.kernels.loops.net_force import ease_function
+from balloon_warp.kernels.loops.net_force import inverse_mass_function
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.working import Working
 
@@ -31,7 +31,7 @@ NOTHING = wp.constant(wp.float64(0.0))
 
 @wp.func
 def note_size(largest: wp.array2d[float], world: wp.int32, kind: wp.int32, size: float):
-    """Note the size of a part of the sums of a kind, by any thread in any order."""
+    """Record the magnitude of a term of a kind of sums, by any thread in any order."""
     if not wp.isfinite(size):
         wp.atomic_max(largest, world, kind, wp.inf)
     elif size > 0.0:
@@ -40,7 +40,7 @@ def note_size(largest: wp.array2d[float], world: wp.int32, kind: wp.int32, size:
 
 @wp.func
 def parts_per_unit(largest: wp.array2d[float], world: wp.int32, kind: wp.int32):
-    """Return the whole numbers in one of the sums of a kind; 0 if all are nothing, or one is not finite."""
+    """Fixed-point quanta in a unit of a kind of sums; 0 if all terms are 0, or one is not finite."""
     most = wp.float64(largest[world, kind])
     return wp.where(most > NOTHING, PARTS / wp.max(most, wp.float64(1.0e-300)), NOTHING)
 
@@ -100,7 +100,7 @@ def sum_kernel(features: Features, columns: tuple[int, ...], one_by_one: bool = 
         columns: of the numbers that are asked for.
         one_by_one: whether each particle has bars of its own; otherwise the only balloon has one of each.
     """
-    weigh_back = _weigh_back(features, columns) if features.gas else None
+    mass_adjoint = _mass_adjoint(features, columns) if features.gas else None
     count, changes = len(columns), features.gas_changes
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -133,8 +133,8 @@ def sum_kernel(features: Features, columns: tuple[int, ...], one_by_one: bool = 
             bars.keyed_of_balloons[world, balloon] = wp.vec2()
             all_gas_mass_bar += bars.gas_masses_of_balloons[world, balloon]
             bars.gas_masses_of_balloons[world, balloon] = 0.0
-            if wp.static(weigh_back is not None):
-                weigh_back(t, state, first_pressures, bars, world, balloon, all_gas_mass_bar)
+            if wp.static(mass_adjoint is not None):
+                mass_adjoint(t, state, first_pressures, bars, world, balloon, all_gas_mass_bar)
             if wp.static(changes):
                 bars.gas_totals[world, balloon] = wp.vec2d(bars.gas[world, balloon])
             else:
@@ -158,7 +158,7 @@ def numbers_adder(columns: tuple[int, ...]) -> Any:
     return function_from("add_numbers", "\n".join([f"def add_numbers({arguments}):", *lines, ""]), {})
 
 
-def _weigh_back(features: Features, columns: tuple[int, ...]) -> Any:
+def _mass_adjoint(features: Features, columns: tuple[int, ...]) -> Any:
     """Return the adjoint of the mass that moves along with a balloon: its gas, and the air of its added mass."""
     read_numbers, along = numbers_reader(features.columns), features.takes_air_along
     molar_mass = features.columns.places["molar_mass"]
@@ -170,7 +170,7 @@ def _weigh_back(features: Features, columns: tuple[int, ...]) -> Any:
     work_of_air = function_from("work", work, {"air_along": air_along})
 
     @wp.func
-    def weigh_back(
+    def mass_adjoint(
         t: Tables,
         state: WorldState,
         first_pressures: wp.array2d[float],
@@ -202,24 +202,26 @@ def _weigh_back(features: Features, columns: tuple[int, ...]) -> Any:
         bars.gas[world, balloon] = bars.gas[world, balloon] + gas_bar
         add_numbers(bars.numbers_of_balloons, world, balloon, by_n)
 
-    return weigh_back
+    return mass_adjoint
 
 
-OF_PLACES, OF_VELOCITIES, OF_EASES = (wp.constant(kind) for kind in range(3))
+OF_PLACES, OF_VELOCITIES, OF_INVERSE_MASSES = (wp.constant(kind) for kind in range(3))
 """Kinds of sums"""
-EASE, SUMS = wp.constant(6), 7
+INVERSE_MASS, SUMS = wp.constant(6), 7
 """Entries of a particle's sums: after place and velocity its inverse mass"""
 
 
 @wp.func
-def add_to_sums(bars: Any, world: wp.int32, particle: wp.int32, place: wp.vec3, velocity: wp.vec3, ease: float):
+def add_to_sums(bars: Any, world: wp.int32, particle: wp.int32, place: wp.vec3, velocity: wp.vec3, inverse_mass: float):
     """Add derivatives to the sums of a particle, by any thread in any order."""
     of_places = parts_per_unit(bars.largest, world, OF_PLACES)
     of_velocities = parts_per_unit(bars.largest, world, OF_VELOCITIES)
     for axis in range(3):
         add_exactly(bars.sums, world, particle, axis, of_places, place[axis])
         add_exactly(bars.sums, world, particle, axis + 3, of_velocities, velocity[axis])
-    add_exactly(bars.sums, world, particle, EASE, parts_per_unit(bars.largest, world, OF_EASES), ease)
+    add_exactly(
+        bars.sums, world, particle, INVERSE_MASS, parts_per_unit(bars.largest, world, OF_INVERSE_MASSES), inverse_mass
+    )
 
 
 @wp.func
@@ -230,34 +232,36 @@ def take_sums(bars: Any, world: wp.int32, particle: wp.int32):
     for axis in range(3):
         place[axis] = sum_at(bars.sums, bars.largest, world, particle, axis, OF_PLACES)
         velocity[axis] = sum_at(bars.sums, bars.largest, world, particle, axis + 3, OF_VELOCITIES)
-    ease = sum_at(bars.sums, bars.largest, world, particle, EASE, OF_EASES)
+    inverse_mass = sum_at(bars.sums, bars.largest, world, particle, INVERSE_MASS, OF_INVERSE_MASSES)
     bars.points[world, particle] = bars.points[world, particle] + place
     bars.velocities[world, particle] = bars.velocities[world, particle] + velocity
-    bars.eases[world, particle] = bars.eases[world, particle] + ease
+    bars.inverse_masses[world, particle] = bars.inverse_masses[world, particle] + inverse_mass
     for entry in range(SUMS):
         bars.sums[world, particle, entry] = wp.int64(0)
 
 
 @cache
-def weighing_function(features: Features, columns: tuple[int, ...]) -> Any:
-    """Return the adjoint of a particle's inverse mass.
+def mass_adjoint_function(features: Features, columns: tuple[int, ...]) -> Any:
+    """Adjoint of a particle's inverse mass.
 
     Args:
         columns: of the numbers that are derived by.
     """
-    ease_of_moving = ease_function(features)
+    inverse_mass_of = inverse_mass_function(features)
     column = features.columns.places["mass"]
     place_of_mass = columns.index(column) if column in columns else -1
 
     @wp.func
-    def weigh_back(t: Tables, working: Working, bars: Any, world: wp.int32, particle: wp.int32):
-        if bars.eases[world, particle] != 0.0:
-            ease = ease_of_moving(t, working, world, particle)
-            by_mass = -bars.eases[world, particle] * ease * ease * t.particles.mass_share[particle]
-            bars.eases[world, particle] = 0.0
+    def mass_adjoint(t: Tables, working: Working, bars: Any, world: wp.int32, particle: wp.int32):
+        if bars.inverse_masses[world, particle] != 0.0:
+            inverse_mass = inverse_mass_of(t, working, world, particle)
+            by_mass = (
+                -bars.inverse_masses[world, particle] * inverse_mass * inverse_mass * t.particles.mass_share[particle]
+            )
+            bars.inverse_masses[world, particle] = 0.0
             bars.gas_masses[world, particle] = bars.gas_masses[world, particle] + by_mass
             if wp.static(place_of_mass >= 0):
                 before = bars.numbers[world, particle, wp.static(place_of_mass)]
                 bars.numbers[world, particle, wp.static(place_of_mass)] = before + by_mass
 
-    return weigh_back
+    return mass_adjoint

@@ -29,18 +29,26 @@ from balloon_warp.kernels.adjoints.spheres import (
     take_ball,
 )
 from balloon_warp.kernels.adjoints.sums import (
-    OF_EASES,
+    OF_INVERSE_MASSES,
     OF_PLACES,
     OF_VELOCITIES,
     add_exactly,
     add_to_sums,
+    mass_adjoint_function,
     note_size,
     parts_per_unit,
     sum_at,
     take_sums,
-    weighing_function,
 )
-from balloon_warp.kernels.contact.contact import BALL, Answer, Bearing, Contact, Motion, on_end, resolving_functions
+from balloon_warp.kernels.contact.contact import (
+    BALL,
+    Bearing,
+    Contact,
+    ContactImpulses,
+    Motion,
+    on_end,
+    resolving_functions,
+)
 from balloon_warp.kernels.contact.edges import edge_contact, particle_contact
 from balloon_warp.kernels.contact.ends import (
     bearing_function,
@@ -56,51 +64,53 @@ from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.touch import FOUR, Ridge
 from balloon_warp.kernels.loops.contact import skin_functions
 from balloon_warp.kernels.loops.fixtures import friction_of_balloons
-from balloon_warp.kernels.phase import Adjoint, Look, NoAdjointError, Phase
+from balloon_warp.kernels.phase import Access, Adjoint, NoAdjointError, Phase
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.warps import any_in_block, block_barrier
 from balloon_warp.kernels.working import Working
 
 
 @cache
-def works_of_contact(features: Features) -> tuple[Any, Any]:
-    """Return the functions of the gains of all ends by a push, and by a parting, times their bars."""
-    relative_of, answer_of, parting_of = resolving_functions(features)
+def contact_pairings(features: Features) -> tuple[Any, Any]:
+    """Pairings of all ends' gains by a push, and by a separation, with their bars."""
+    relative_of, impulses_of, parting_of = resolving_functions(features)
     gains_of_ball = gains_of_ball_function(features)
 
     @wp.func
-    def work_of_answer(contact: Contact, bearing: Bearing, answer: Answer, worth: FOUR, of_solid: Motion):
-        work = float(0.0)
-        work += bearing.eases[0] * wp.dot(on_end(contact, answer, 0), worth[0])
-        work += bearing.eases[1] * wp.dot(on_end(contact, answer, 1), worth[1])
-        work += bearing.eases[2] * wp.dot(on_end(contact, answer, 2), worth[2])
-        work += bearing.eases[3] * wp.dot(on_end(contact, answer, 3), worth[3])
+    def impulses_pairing(
+        contact: Contact, bearing: Bearing, impulses: ContactImpulses, gain_bars: FOUR, of_solid: Motion
+    ):
+        pairing = float(0.0)
+        pairing += bearing.inverse_masses[0] * wp.dot(on_end(contact, impulses, 0), gain_bars[0])
+        pairing += bearing.inverse_masses[1] * wp.dot(on_end(contact, impulses, 1), gain_bars[1])
+        pairing += bearing.inverse_masses[2] * wp.dot(on_end(contact, impulses, 2), gain_bars[2])
+        pairing += bearing.inverse_masses[3] * wp.dot(on_end(contact, impulses, 3), gain_bars[3])
         if wp.static(features.round_ridges):
             if bearing.kind == BALL:
-                torque = wp.cross(contact.arm, -answer.impulse)
-                gains = gains_of_ball(bearing.mass, bearing.radius, -answer.impulse, torque)
-                work += wp.dot(gains.velocity, of_solid.velocity) + wp.dot(gains.spin, of_solid.spin)
-        return work
+                torque = wp.cross(contact.arm, -impulses.impulse)
+                gains = gains_of_ball(bearing.mass, bearing.radius, -impulses.impulse, torque)
+                pairing += wp.dot(gains.velocity, of_solid.velocity) + wp.dot(gains.spin, of_solid.spin)
+        return pairing
 
     @wp.func
-    def work_of_push(
-        contact: Contact, moving: FOUR, solid: Motion, bearing: Bearing, step_seconds: float, worth: FOUR,
+    def push_pairing(
+        contact: Contact, moving: FOUR, solid: Motion, bearing: Bearing, step_seconds: float, gain_bars: FOUR,
         of_solid: Motion,
     ):  # fmt: skip
         relative = relative_of(contact, moving, bearing.kind, solid)
-        answer = answer_of(contact, bearing, moving, relative, step_seconds)
-        return work_of_answer(contact, bearing, answer, worth, of_solid)
+        impulses = impulses_of(contact, bearing, moving, relative, step_seconds)
+        return impulses_pairing(contact, bearing, impulses, gain_bars, of_solid)
 
     @wp.func
-    def work_of_parting(contact: Contact, bearing: Bearing, worth: FOUR, of_solid: Motion):
-        return work_of_answer(contact, bearing, parting_of(contact, bearing), worth, of_solid)
+    def parting_pairing(contact: Contact, bearing: Bearing, gain_bars: FOUR, of_solid: Motion):
+        return impulses_pairing(contact, bearing, parting_of(contact, bearing), gain_bars, of_solid)
 
-    return work_of_push, work_of_parting
+    return push_pairing, parting_pairing
 
 
 @wp.func
-def worth_of_contact(contact: Contact, by: Contact):
-    """Return the numbers of a contact, times the derivatives by them."""
+def contact_pairing(contact: Contact, by: Contact):
+    """Pairing of a contact's numbers with their bars."""
     found = wp.dot(contact.weights, by.weights) + wp.dot(contact.normal, by.normal) + contact.gap * by.gap
     found += contact.kept * by.kept + contact.overlap * by.overlap + wp.dot(contact.couple, by.couple)
     found += wp.dot(contact.other_couple, by.other_couple)
@@ -109,7 +119,7 @@ def worth_of_contact(contact: Contact, by: Contact):
 
 @wp.func
 def sum_of_contacts(one: Contact, other: Contact):
-    """Return the sum of derivatives by a contact."""
+    """Sum of two contacts' bars."""
     total = Contact()
     total.weights = one.weights + other.weights
     total.normal = one.normal + other.normal
@@ -135,13 +145,13 @@ class SweepBars:
 
     points: wp.array2d[wp.vec3]
     velocities: wp.array2d[wp.vec3]
-    eases: wp.array2d[float]
+    inverse_masses: wp.array2d[float]
     """Derivatives by the inverse mass of each particle"""
     gas_masses: wp.array2d[float]
     numbers: wp.array3d[float]
-    catches: wp.array2d[Contact]
+    listed_contacts: wp.array2d[Contact]
     """Derivatives by each contact, summed over sweeps"""
-    courses: wp.array3d[wp.vec3]
+    sweep_velocities: wp.array3d[wp.vec3]
     """Velocities before each sweep, shape (sweeps, W, P)"""
     rises: wp.array3d[float]
     """Heights by which the ground raises particles in each sweep, and as features part [m], shape (sweeps + 1, W, P)"""
@@ -167,7 +177,7 @@ class ContactBars:
 
     points: FOUR
     moving: FOUR
-    eases: wp.vec4
+    inverse_masses: wp.vec4
     ball: BallShare
     friction: float
     thickness: float
@@ -191,7 +201,7 @@ def largest_of(rows: FOUR):
 
 @cache
 def spreading_function(features: Features) -> Any:
-    """Return the function that adds the derivatives by a contact to the sums of its ends, its sphere and its pair."""
+    """Accumulator of a contact's bars at its ends, its sphere and its pair."""
 
     @wp.func
     def spread(t: Tables, bars: SweepBars, world: wp.int32, contact: Contact, found: ContactBars, adds: bool):
@@ -199,12 +209,14 @@ def spreading_function(features: Features) -> Any:
         if not adds:
             note_size(bars.largest, world, OF_PLACES, largest_of(found.points))
             note_size(bars.largest, world, OF_VELOCITIES, largest_of(found.moving))
-            note_size(bars.largest, world, OF_EASES, wp.max(wp.abs(found.eases)))
+            note_size(bars.largest, world, OF_INVERSE_MASSES, wp.max(wp.abs(found.inverse_masses)))
             note_size(bars.largest, world, OF_FRICTION, wp.abs(found.friction))
             note_size(bars.largest, world, OF_THICKNESS, wp.abs(found.thickness))
         else:
             for end in range(4):
-                add_to_sums(bars, world, contact.ends[end], found.points[end], found.moving[end], found.eases[end])
+                add_to_sums(
+                    bars, world, contact.ends[end], found.points[end], found.moving[end], found.inverse_masses[end]
+                )
         if wp.static(features.round_ridges):
             sphere = sphere_of(t, contact.solid)
             if sphere >= 0 and adds:
@@ -236,21 +248,21 @@ def take_pairs(bars: SweepBars, world: wp.int32):
 
 
 @wp.func
-def keep_course(
+def keep_velocities(
     working: Working, bars: SweepBars, world: wp.int32, thread: wp.int32, count: wp.int32, sweep: wp.int32,
     velocities: wp.array[wp.vec3],
 ):  # fmt: skip
     """Keep the velocities of all ends before a sweep."""
     for place in range(thread, count, wp.block_dim()):
-        ends = working.catches[world, place].ends
+        ends = working.listed_contacts[world, place].ends
         for end in range(4):
-            bars.courses[sweep, world, ends[end]] = velocities[ends[end]]
+            bars.sweep_velocities[sweep, world, ends[end]] = velocities[ends[end]]
     block_barrier()
 
 
 @cache
 def ball_functions(features: Features) -> tuple[Any, Any]:
-    """Return the functions of the motion of a contact's sphere before a sweep, and of the bars of its gains."""
+    """Functions of a contact's sphere: its motion before a sweep, and the bars of its gains."""
 
     @wp.func
     def ball_of(t: Tables, bars: SweepBars, world: wp.int32, sweep: wp.int32, contact: Contact):
@@ -263,19 +275,19 @@ def ball_functions(features: Features) -> tuple[Any, Any]:
         return ball
 
     @wp.func
-    def worth_of_ball(
+    def ball_gain_bars(
         t: Tables, bars: SweepBars, world: wp.int32, contact: Contact, step_seconds: float, speeds: float
     ):
-        worth = Motion()
+        gain_bars = Motion()
         if wp.static(features.round_ridges):
             sphere = sphere_of(t, contact.solid)
             if sphere >= 0:
                 by_velocity = speeds * bars.spheres.velocities[world, sphere]
-                worth.velocity = step_seconds * bars.spheres.positions[world, sphere] + by_velocity
-                worth.spin = speeds * bars.spheres.spins[world, sphere]
-        return worth
+                gain_bars.velocity = step_seconds * bars.spheres.positions[world, sphere] + by_velocity
+                gain_bars.spin = speeds * bars.spheres.spins[world, sphere]
+        return gain_bars
 
-    return ball_of, worth_of_ball
+    return ball_of, ball_gain_bars
 
 
 @wp.func
@@ -291,22 +303,22 @@ def worth_of_ends(bars: SweepBars, world: wp.int32, contact: Contact, step_secon
 
 @cache
 def contact_functions(features: Features) -> tuple[Any, Any]:
-    """Return the functions that run a contact's push, and its parting, backwards."""
+    """Adjoints of a contact's push, and of its separation."""
     bearing_of = bearing_function(features)
-    work_of_push, work_of_parting = works_of_contact(features)
-    ball_of, worth_of_ball = ball_functions(features)
+    push_pairing, parting_pairing = contact_pairings(features)
+    ball_of, ball_gain_bars = ball_functions(features)
 
     @wp.func
     def push_back(t: Tables, working: Working, bars: SweepBars, world: wp.int32, contact: Contact, sweep: wp.int32):
-        by_contact, by_moving, by_ball, by_bearing, _step, _worth, _ball = wp.grad(work_of_push)(
-            contact, four_of(bars.courses[sweep][world], contact.ends), ball_of(t, bars, world, sweep, contact),
-            bearing_of(t, working, world, contact), t.step_seconds,
+        by_contact, by_moving, by_ball, by_bearing, _step, _bars, _ball = wp.grad(push_pairing)(
+            contact, four_of(bars.sweep_velocities[sweep][world], contact.ends),
+            ball_of(t, bars, world, sweep, contact), bearing_of(t, working, world, contact), t.step_seconds,
             worth_of_ends(bars, world, contact, t.step_seconds, 1.0),
-            worth_of_ball(t, bars, world, contact, t.step_seconds, 1.0),
+            ball_gain_bars(t, bars, world, contact, t.step_seconds, 1.0),
         )  # fmt: skip
         found = ContactBars()
         found.moving = by_moving
-        found.eases = by_bearing.eases
+        found.inverse_masses = by_bearing.inverse_masses
         found.ball.velocity = by_ball.velocity
         found.ball.spin = by_ball.spin
         found.ball.mass = by_bearing.mass
@@ -315,12 +327,12 @@ def contact_functions(features: Features) -> tuple[Any, Any]:
 
     @wp.func
     def part_back(t: Tables, working: Working, bars: SweepBars, world: wp.int32, contact: Contact):
-        by_contact, by_bearing, _worth, _ball = wp.grad(work_of_parting)(
+        by_contact, by_bearing, _bars, _ball = wp.grad(parting_pairing)(
             contact, bearing_of(t, working, world, contact), worth_of_ends(bars, world, contact, 1.0, 0.0),
-            worth_of_ball(t, bars, world, contact, 1.0, 0.0),
+            ball_gain_bars(t, bars, world, contact, 1.0, 0.0),
         )  # fmt: skip
         found = ContactBars()
-        found.eases = by_bearing.eases
+        found.inverse_masses = by_bearing.inverse_masses
         found.ball.mass = by_bearing.mass
         found.ball.radius = by_bearing.radius
         return found, by_contact
@@ -334,7 +346,7 @@ PUSHES, PARTS, FINDS = wp.constant(0), wp.constant(1), wp.constant(2)
 
 @cache
 def stage_function(back: SweepBack, every: Features) -> Any:
-    """Return the function that runs a stage backwards for all its contacts, by all threads of a block."""
+    """Adjoint of a stage of sweeps over all contacts, by all threads of a block."""
     features = back.of.seen(every)
     push_back, part_back = contact_functions(features)
     find_back, spread = back.find_back(every), spreading_function(features)
@@ -344,22 +356,22 @@ def stage_function(back: SweepBack, every: Features) -> Any:
         t: Tables, state: WorldState, working: Working, bars: SweepBars, world: wp.int32, item: wp.int32,
         stage: wp.int32, sweep: wp.int32, end: float, points: wp.array[wp.vec3], adds: bool,
     ):  # fmt: skip
-        place = wp.where(stage == FINDS, item, working.catches[world, item].marked)
-        contact = working.catches[world, place]
+        place = wp.where(stage == FINDS, item, working.listed_contacts[world, item].marked)
+        contact = working.listed_contacts[world, place]
         found = ContactBars()
         by_contact = Contact()
         if stage == FINDS:
-            by = bars.catches[world, place]
-            found = find_back(t, state, working, world, contact, end, points, bars.courses[0][world], by)
+            by = bars.listed_contacts[world, place]
+            found = find_back(t, state, working, world, contact, end, points, bars.sweep_velocities[0][world], by)
         elif stage == PUSHES:
             found, by_contact = push_back(t, working, bars, world, contact, sweep)
         else:
             found, by_contact = part_back(t, working, bars, world, contact)
         spread(t, bars, world, contact, found, adds)
         if stage == FINDS and adds:
-            bars.catches[world, place] = Contact()
+            bars.listed_contacts[world, place] = Contact()
         elif not adds:
-            bars.catches[world, place] = sum_of_contacts(bars.catches[world, place], by_contact)
+            bars.listed_contacts[world, place] = sum_of_contacts(bars.listed_contacts[world, place], by_contact)
             if stage == FINDS:  # who comes first takes the sums
                 for number in range(4):
                     working.contact_shares[world, contact.ends[number]] = 1
@@ -385,16 +397,16 @@ def stage_function(back: SweepBack, every: Features) -> Any:
     ):  # fmt: skip
         for kind in range(thread, KINDS, wp.block_dim()):
             bars.largest[world, kind] = 0.0
-        items = wp.where(stage == FINDS, count, working.catch_counts[world, MARKED])
+        items = wp.where(stage == FINDS, count, working.listed_contact_counts[world, MARKED])
         block_barrier()
         for turn in range(2):
             for item in range(thread, items, wp.block_dim()):
                 contact_back(t, state, working, bars, world, item, stage, sweep, end, points, turn == 1)
             block_barrier()
         if thread == 0:
-            working.catch_counts[world, MARKED] = 0
+            working.listed_contact_counts[world, MARKED] = 0
         for place in range(thread, count, wp.block_dim()):
-            take_all(t, working, bars, world, working.catches[world, place])
+            take_all(t, working, bars, world, working.listed_contacts[world, place])
         block_barrier()
 
     return stage_back
@@ -402,7 +414,7 @@ def stage_function(back: SweepBack, every: Features) -> Any:
 
 @wp.func
 def note_stop(working: Working, world: wp.int32, particle: wp.int32, rise: float, fall: float):
-    """Note how the ground stops a particle in this sweep."""
+    """Record the stop of a particle by the ground in this sweep."""
     working.contact_stops[world, particle] = wp.vec2(rise, fall)
 
 
@@ -411,7 +423,7 @@ def forget_stops(working: Working, world: wp.int32, thread: wp.int32, count: wp.
     """Clear the stops of the ends of all contacts."""
     if working.contact_stops.shape[1] > 0:
         for place in range(thread, count, wp.block_dim()):
-            ends = working.catches[world, place].ends
+            ends = working.listed_contacts[world, place].ends
             for end in range(4):
                 working.contact_stops[world, ends[end]] = wp.vec2()
         block_barrier()
@@ -422,7 +434,7 @@ def keep_stops(working: Working, bars: Any, world: wp.int32, thread: wp.int32, c
     """Keep the stops that a sweep has noted of the ends of all contacts."""
     if working.contact_stops.shape[1] > 0:
         for place in range(thread, count, wp.block_dim()):
-            ends = working.catches[world, place].ends
+            ends = working.listed_contacts[world, place].ends
             for end in range(4):
                 stop = working.contact_stops[world, ends[end]]
                 bars.rises[sweep, world, ends[end]] = stop[0]
@@ -431,14 +443,14 @@ def keep_stops(working: Working, bars: Any, world: wp.int32, thread: wp.int32, c
 
 
 @wp.func
-def work_of_stop(rise: float, fall: float, step_seconds: float, by_place: float, by_speed: float):
-    """Return the rise of a particle and the gain of its speed, times their bars."""
+def stop_pairing(rise: float, fall: float, step_seconds: float, by_place: float, by_speed: float):
+    """Pairing of a particle's rise and speed gain with their bars."""
     return rise * by_place + stop_by_ground(rise, fall, step_seconds) * by_speed
 
 
 @cache
 def stops_function(features: Features, columns: tuple[int, ...]) -> Any:
-    """Return the function that runs the ground's stops of a sweep backwards, by all threads of a block.
+    """Adjoint of the ground's stops in a sweep, by all threads of a block.
 
     Args:
         columns: of the numbers that are derived by.
@@ -450,7 +462,7 @@ def stops_function(features: Features, columns: tuple[int, ...]) -> Any:
     def stop_back(t: Tables, bars: Any, world: wp.int32, particle: wp.int32, rise: float, fall: float, speeds: float):
         place = bars.points[world, particle]
         velocity = bars.velocities[world, particle]
-        by_rise, by_fall, _step, _place, _speed = wp.grad(work_of_stop)(
+        by_rise, by_fall, _step, _place, _speed = wp.grad(stop_pairing)(
             rise, fall, t.step_seconds, wp.dot(place, t.up), speeds * wp.dot(velocity, t.up)
         )
         bars.points[world, particle] = place - by_rise * t.up
@@ -465,14 +477,14 @@ def stops_function(features: Features, columns: tuple[int, ...]) -> Any:
         t: Tables, working: Working, bars: Any, world: wp.int32, thread: wp.int32, count: wp.int32, sweep: wp.int32,
         speeds: float,
     ):  # fmt: skip
-        """Run the stops of a sweep backwards.
+        """Backward pass of the stops of a sweep.
 
         Args:
             speeds: 1, or 0 where particles were moved without speed.
         """
         if wp.static(features.ground):
             for place in range(thread, count, wp.block_dim()):
-                ends = working.catches[world, place].ends
+                ends = working.listed_contacts[world, place].ends
                 for end in range(4):
                     rise = wp.atomic_exch(bars.rises, sweep, world, ends[end], 0.0)  # who comes first
                     if rise > 0.0:
@@ -484,8 +496,8 @@ def stops_function(features: Features, columns: tuple[int, ...]) -> Any:
 
 @cache
 def sweeping_function(back: SweepBack, every: Features) -> Any:
-    """Return the function that does the sweeps again, keeps the velocities before each, and returns their number."""
-    features, most_sweeps = back.of.seen(every), back.of.most(every)
+    """Recomputation of the sweeps, which stores the velocities before each and returns their number."""
+    features, max_sweeps = back.of.seen(every), back.of.most(every)
     mark_pushed, _ = marking_functions(features)
     push_all = pushing_function(features, note_stop)
 
@@ -496,9 +508,9 @@ def sweeping_function(back: SweepBack, every: Features) -> Any:
     ):  # fmt: skip
         sweep = wp.int32(0)
         again = count > 0
-        while again and sweep < most_sweeps:
+        while again and sweep < max_sweeps:
             keep_balls(state, bars, world, thread, sweep)
-            keep_course(working, bars, world, thread, count, sweep, velocities)
+            keep_velocities(working, bars, world, thread, count, sweep, velocities)
             forget_stops(working, world, thread, count)
             again = any_in_block(mark_pushed(t, state, working, world, thread, count, velocities))
             push_all(t, state, working, world, thread, points, velocities, 1.0)
@@ -511,7 +523,7 @@ def sweeping_function(back: SweepBack, every: Features) -> Any:
 
 @cache
 def sweeps_back_kernel(back: SweepBack, every: Features, columns: tuple[int, ...]) -> Any:
-    """Return the kernel that runs the sweeps of a kind of contacts backwards.
+    """Backward kernel of the sweeps over a kind of contacts.
 
     Args:
         columns: of the numbers that are derived by.
@@ -520,14 +532,14 @@ def sweeps_back_kernel(back: SweepBack, every: Features, columns: tuple[int, ...
     list_all, sweep_again = sweep_listing(back.of, every, True), sweeping_function(back, every)
     mark_pushed, mark_overlaps = marking_functions(features)
     part_all, stops_back = pushing_function(features, note_stop), stops_function(features, columns)
-    stage_back, weigh_back = stage_function(back, every), weighing_function(features, columns)
+    stage_back, mass_adjoint = stage_function(back, every), mass_adjoint_function(features, columns)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def turn_sweeps_back(
         t: Tables, state: WorldState, working: Working, time_in_frame: float, first_points: wp.array2d[wp.vec3],
         all_points: wp.array2d[wp.vec3], all_velocities: wp.array2d[wp.vec3], bars: SweepBars,
     ):  # fmt: skip
-        """Turn the derivatives by the state after contacts into those by the state before; a block a world.
+        """Backward pass of contacts; a block a world.
 
         Args:
             state: whose spheres are as they came to contacts, and are moved again.
@@ -555,7 +567,7 @@ def sweeps_back_kernel(back: SweepBack, every: Features, columns: tuple[int, ...
             sweeps -= 1
             restore_balls(state, bars, world, thread, sweeps)
             stops_back(t, working, bars, world, thread, count, sweeps, 1.0)
-            mark_pushed(t, state, working, world, thread, count, bars.courses[sweeps][world])
+            mark_pushed(t, state, working, world, thread, count, bars.sweep_velocities[sweeps][world])
             block_barrier()
             stage_back(t, state, working, bars, world, thread, count, PUSHES, sweeps, end, points)
         if count > 0:
@@ -563,13 +575,13 @@ def sweeps_back_kernel(back: SweepBack, every: Features, columns: tuple[int, ...
             if thread == 0:
                 take_pairs(bars, world)
             for particle in range(thread, t.particles.balloon.shape[0], wp.block_dim()):
-                weigh_back(t, working, bars, world, particle)
+                mass_adjoint(t, working, bars, world, particle)
 
     return turn_sweeps_back
 
 
-def swept_backwards(phase: Phase, features: Features, look: Look) -> tuple[Adjoint, ...]:
-    """Return no adjoint of a phase of sweeps: a kernel of its own runs them backwards.
+def swept_backwards(phase: Phase, features: Features, access: Access) -> tuple[Adjoint, ...]:
+    """Empty adjoint of a phase of sweeps: a separate kernel runs them backwards.
 
     Raises:
         NoAdjointError: contacts push free bodies, too.
@@ -580,21 +592,21 @@ def swept_backwards(phase: Phase, features: Features, look: Look) -> tuple[Adjoi
 
 
 @wp.func
-def work_of_edges(points: FOUR, moving: FOUR, thickness: float, friction: float, step_seconds: float, by: Contact):
-    """Return a contact of two edges as a substep begins, times the derivatives by it."""
+def edges_pairing(points: FOUR, moving: FOUR, thickness: float, friction: float, step_seconds: float, by: Contact):
+    """Pairing of an edge contact at the start of a substep with its bars."""
     contact = edge_contact(points - step_seconds * moving, thickness, friction)
-    return worth_of_contact(contact, by) + contact.friction * by.friction
+    return contact_pairing(contact, by) + contact.friction * by.friction
 
 
 @wp.func
-def work_of_particle(points: FOUR, moving: FOUR, thickness: float, step_seconds: float, by: Contact):
-    """Return a contact of a triangle and a particle as a substep begins, times the derivatives by it."""
-    return worth_of_contact(particle_contact(points - step_seconds * moving, thickness), by)
+def particle_pairing(points: FOUR, moving: FOUR, thickness: float, step_seconds: float, by: Contact):
+    """Pairing of a triangle-particle contact at the start of a substep with its bars."""
+    return contact_pairing(particle_contact(points - step_seconds * moving, thickness), by)
 
 
 @cache
 def edges_found(features: Features) -> Any:
-    """Return the adjoint of finding a contact of edges."""
+    """Adjoint of the detection of an edge contact."""
     thickness_between, _ = skin_functions(features)
 
     @wp.func
@@ -609,14 +621,14 @@ def edges_found(features: Features) -> Any:
         moving = four_of(velocities, contact.ends)
         found = ContactBars()
         if working.edge_pairs[world, contact.pair][0] < 0:
-            of_points, of_moving, of_thickness, _seconds, _worth = wp.grad(work_of_particle)(
+            of_points, of_moving, of_thickness, _seconds, _bars = wp.grad(particle_pairing)(
                 places, moving, skin, t.step_seconds, by
             )
             found.points = of_points
             found.moving = of_moving
             found.thickness = of_thickness
         else:
-            by_points, by_moving, by_thickness, by_friction, _step, _by = wp.grad(work_of_edges)(
+            by_points, by_moving, by_thickness, by_friction, _step, _by = wp.grad(edges_pairing)(
                 places, moving, skin, friction_of_balloons(t, world, first, last), t.step_seconds, by
             )
             found.points = by_points
@@ -629,20 +641,20 @@ def edges_found(features: Features) -> Any:
 
 
 @wp.func
-def work_of_ridge(
+def ridge_pairing(
     points: FOUR, moving: FOUR, placed: Placed, ridge: Ridge, feature: wp.vec4i, step_seconds: float, by: Contact
 ):
-    """Return a contact of a feature and a ridge as a substep begins, times the derivatives by it."""
+    """Pairing of a feature-ridge contact at the start of a substep with its bars."""
     starts = points - step_seconds * moving
     contact = ridge_contact(
         placed, ridge, feature, seen_from(placed, starts[0]), seen_from(placed, starts[1]), seen_from(placed, starts[2])
     )
-    return worth_of_contact(contact, by)
+    return contact_pairing(contact, by)
 
 
 @cache
 def ridges_found(features: Features) -> Any:
-    """Return the adjoint of finding a contact with a ridge."""
+    """Adjoint of the detection of a contact with a ridge."""
     place_of = placing_function(features)
 
     @wp.func
@@ -652,7 +664,7 @@ def ridges_found(features: Features) -> Any:
     ):  # fmt: skip
         pair = working.ridge_pairs[world, contact.pair]
         placed = place_of(t, state, working, world, contact.solid, end)
-        by_points, by_moving, by_placed, _ridge, _feature, _step, _by = wp.grad(work_of_ridge)(
+        by_points, by_moving, by_placed, _ridge, _feature, _step, _by = wp.grad(ridge_pairing)(
             four_of(points, contact.ends), four_of(velocities, contact.ends), placed, t.ridges.ridges[pair[1]],
             t.ridges.features[pair[0]], t.step_seconds, by,
         )  # fmt: skip

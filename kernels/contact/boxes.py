@@ -1,6 +1,6 @@
 """Bounding boxes of balloons and of their parts, swept until the next search.
 
-Boxes eight side by side: a CPU's vector registers hold eight numbers, so that one comparison is for eight boxes. A row
+SIMD boxes: eight box tests at once in a CPU's vector registers. A row
 is of the triangles of a leaf, or of eight leaves that follow each other, or of eight such rows. Leaves have the order
 of the tree of parts, so that a search meets the same ones as in the tree, in the same order. The boxes of triangles are
 made when a search first looks into their leaf.
@@ -27,7 +27,7 @@ SPEED, STRAYED, MOVED = wp.constant(0), wp.constant(1), wp.constant(2)
 has moved since it was looked for [m]"""
 APART, WAS_NEAR, ARE_NEAR, STILL_NEAR = wp.constant(0), wp.constant(1), wp.constant(2), wp.constant(3)
 """Work in a world: none, clear the lists of near balloons, search, or reuse the last lists"""
-ALONE, KNOWN, LOOKS = wp.constant(0), wp.constant(1), wp.constant(2)
+ALONE, KNOWN, SEARCHES = wp.constant(0), wp.constant(1), wp.constant(2)
 """Work of a balloon's particles: none, since no balloon is near; reuse their last lists; or search"""
 SPARE = wp.constant(0.25)
 """Fraction of a balloon's slack that its particles may move before a new search. Another balloon may move as much, and
@@ -78,7 +78,7 @@ def sweep_of(
 
 @wp.func
 def is_known(working: Working, world: wp.int32):
-    """Return whether the lists of near balloons are valid."""
+    """Test for valid lists of near balloons."""
     before = working.near_balloons[world, working.balloon_boxes.shape[1]]
     return before >= ARE_NEAR
 
@@ -158,7 +158,7 @@ def pad_function(features: Features) -> Any:
 
 @cache
 def nearing_function(features: Features) -> Any:
-    """Return the function that returns whether a particle may touch a balloon until the next search."""
+    """Filter of balloons that a particle may touch until the next search."""
     pad_between = pad_function(features)
 
     @wp.func
@@ -182,14 +182,14 @@ def nearing_function(features: Features) -> Any:
 
 
 @wp.func
-def has_strayed(working: Working, world: wp.int32, balloon: wp.int32):
-    """Return whether a balloon's particles may have moved farther than its lists allow."""
+def exceeds_search_margin(working: Working, world: wp.int32, balloon: wp.int32):
+    """Test for a balloon whose particles may have moved farther than its lists allow."""
     return working.balloon_boxes[world, balloon, PACE][STRAYED] > 0.0
 
 
 @wp.func
 def decide(working: Working, world: wp.int32, near: bool, strayed: bool):
-    """Decide the work in a world, and clear lists where others will be made.
+    """Choose the balloons of a world that search, and clear their lists.
 
     Args:
         near: Whether any of its balloons are near each other.
@@ -213,7 +213,7 @@ def meet_kernel(features: Features) -> Any:
     def meet(t: Tables, working: Working, world: wp.int32, balloon: wp.int32):
         """Record the balloons that one may touch, and return the work of its particles."""
         count = wp.int32(0)
-        strayed = has_strayed(working, world, balloon)
+        strayed = exceeds_search_margin(working, world, balloon)
         lower = working.balloon_boxes[world, balloon, LOWER]
         upper = working.balloon_boxes[world, balloon, UPPER]
         for other in range(working.balloon_boxes.shape[1]):
@@ -225,9 +225,9 @@ def meet_kernel(features: Features) -> Any:
             if near:
                 working.neighbors[world, balloon, count] = other
                 count += 1
-                strayed = strayed or has_strayed(working, world, other)
+                strayed = strayed or exceeds_search_margin(working, world, other)
         working.neighbor_counts[world, balloon] = count
-        return wp.where(count > 0, wp.where(strayed, LOOKS, KNOWN), ALONE)
+        return wp.where(count > 0, wp.where(strayed, SEARCHES, KNOWN), ALONE)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def meet_balloons(
@@ -244,7 +244,7 @@ def meet_kernel(features: Features) -> Any:
             does = meet(t, working, world, balloon)
             working.near_balloons[world, balloon] = does
             near = near or does != ALONE
-            strayed = strayed or has_strayed(working, world, balloon)
+            strayed = strayed or exceeds_search_margin(working, world, balloon)
         any_near = any_in_block(near)
         any_strayed = any_in_block(strayed)
         if thread == 0:
@@ -630,7 +630,7 @@ def neighbor_rows(working: Working, boxes: wp.array[EightBoxes]):
 
 @cache
 def lining_function(features: Features) -> Any:
-    """Return the function that puts the boxes of a balloon's neighbors side by side."""
+    """Packer of the boxes of a balloon's neighbors into SIMD rows."""
     pad_between = pad_function(features)
 
     @wp.func

@@ -1,4 +1,4 @@
-"""A contact, and the rule of all kinds of them: features that come too near get an impulse, friction, and are parted.
+"""Contact law of all kinds of features: impulse, friction, and separation of overlaps.
 
 With w the weights of the ends, u their velocities, as all other forces would leave them, and u_s that of a solid, n the
 unit vector along which the features part, g their distance and d the one that they keep, an impulse along n lets them
@@ -57,15 +57,15 @@ class Contact:
 
 @wp.struct
 class Bearing:
-    """Inverse masses that bear a contact, and numbers of contacts among which each is shared."""
+    """Inverse masses at a contact's ends, and contact counts that divide them."""
 
-    eases: wp.vec4  # of the ends [1/kg]
+    inverse_masses: wp.vec4  # of the ends [1/kg]
     shares: wp.vec4
     kind: wp.int32  # of the solid
     share: float  # contacts of the solid
     mass: float  # of that [kg]
     turn: wp.quat  # of a body as the substep begins
-    ease: wp.mat33  # of a body, the inverse inertia tensor of 1 kg [1/m^2]
+    inverse_inertia: wp.mat33  # of a body, the inverse inertia tensor of 1 kg [1/m^2]
     radius: float  # of a sphere [m]
 
 
@@ -78,8 +78,8 @@ class Motion:
 
 
 @wp.struct
-class Answer:
-    """Impulse of a contact on the balloon's point [N s], and those along n of couples at its ends."""
+class ContactImpulses:
+    """Impulse of a contact on the balloon's point [N s], and its couples along n at the ends."""
 
     impulse: wp.vec3
     couples: wp.vec2  # at the first two ends, and at the other two
@@ -87,13 +87,13 @@ class Answer:
 
 @wp.func
 def bears(contact: Contact, end: wp.int32):
-    """Return whether an end bears a contact; where one does not, there is no friction."""
+    """Test for a movable end of a contact; without one, there is no friction."""
     return contact.weights[end] != 0.0
 
 
 @wp.func
 def excess_of(contact: Contact, relative: wp.vec3, step_seconds: float):
-    """Return the speed by which a contact comes nearer than it may [m/s].
+    """Excess approach speed of a contact [m/s].
 
     Args:
         relative: Velocity by which the features part [m/s].
@@ -102,28 +102,28 @@ def excess_of(contact: Contact, relative: wp.vec3, step_seconds: float):
 
 
 @wp.func
-def on_end(contact: Contact, answer: Answer, end: wp.int32):
+def on_end(contact: Contact, impulses: ContactImpulses, end: wp.int32):
     """Return the impulse on an end [N s]."""
-    couple = wp.where(end < 2, answer.couples[0], answer.couples[1])
+    couple = wp.where(end < 2, impulses.couples[0], impulses.couples[1])
     turned = wp.where(end % 2 == 0, -couple, couple)
-    return contact.weights[end] * answer.impulse + turned * contact.normal
+    return contact.weights[end] * impulses.impulse + turned * contact.normal
 
 
 @wp.func
-def opening_of(moving: FOUR, contact: Contact, eases: wp.vec4, push: float):
-    """Return how fast each pair of ends turns along n, after a push [m/s]."""
-    gains = push * wp.cw_mul(eases, contact.weights)
+def opening_of(moving: FOUR, contact: Contact, inverse_masses: wp.vec4, push: float):
+    """Speed along n at which each pair of ends opens after a push [m/s]."""
+    gains = push * wp.cw_mul(inverse_masses, contact.weights)
     first = wp.dot(moving[1] - moving[0], contact.normal) + gains[1] - gains[0]
     return wp.vec2(first, wp.dot(moving[3] - moving[2], contact.normal) + gains[3] - gains[2])
 
 
 @cache
 def resolving_functions(features: Features) -> tuple[Any, Any, Any]:
-    """Return the functions of a contact's relative velocity, of its answer to that, and of the one that parts it."""
+    """Functions of a contact: relative velocity, impulses against it, and impulses that separate it."""
 
     @wp.func
     def relative_of(contact: Contact, moving: FOUR, kind: wp.int32, solid: Motion):
-        """Return the velocity by which features part [m/s], of those of the ends, row by row."""
+        """Separation velocity of features [m/s], from those of the ends, row by row."""
         beside = contact.weights * moving
         if wp.static(features.ridges):
             if kind == FIXED:
@@ -135,11 +135,13 @@ def resolving_functions(features: Features) -> tuple[Any, Any, Any]:
     @wp.func
     def gain_along(contact: Contact, bearing: Bearing, along: wp.vec3):
         """Return the velocity by which the features part after an impulse of 1 N s along a unit vector [1/kg]."""
-        ease = wp.dot(wp.cw_mul(contact.weights, contact.weights), wp.cw_mul(bearing.shares, bearing.eases))
-        gain = ease * along
+        inverse_mass = wp.dot(
+            wp.cw_mul(contact.weights, contact.weights), wp.cw_mul(bearing.shares, bearing.inverse_masses)
+        )
+        gain = inverse_mass * along
         if wp.static(features.bodies > 0):
             if bearing.kind == BODY:
-                twist = spin_of(bearing.turn, bearing.ease, bearing.mass, wp.cross(contact.arm, along))
+                twist = spin_of(bearing.turn, bearing.inverse_inertia, bearing.mass, wp.cross(contact.arm, along))
                 gain += bearing.share * (along / bearing.mass + wp.cross(twist, contact.arm))
         if wp.static(features.round_ridges):
             if bearing.kind == BALL:
@@ -151,36 +153,36 @@ def resolving_functions(features: Features) -> tuple[Any, Any, Any]:
         return gain
 
     @wp.func
-    def answer_of(contact: Contact, bearing: Bearing, moving: FOUR, relative: wp.vec3, step_seconds: float):
+    def impulses_of(contact: Contact, bearing: Bearing, moving: FOUR, relative: wp.vec3, step_seconds: float):
         """Return the impulse that keeps features apart, with friction."""
-        answer = Answer()
+        impulses = ContactImpulses()
         along = gain_along(contact, bearing, contact.normal)
         excess = wp.max(excess_of(contact, relative, step_seconds), 0.0)
         push = excess / wp.max(wp.dot(along, contact.normal), LEAST)
-        answer.impulse = push * contact.normal
+        impulses.impulse = push * contact.normal
         if contact.friction > 0.0:
-            eases = wp.cw_mul(bearing.shares, bearing.eases)
-            opening = opening_of(moving, contact, eases, push)
+            inverse_masses = wp.cw_mul(bearing.shares, bearing.inverse_masses)
+            opening = opening_of(moving, contact, inverse_masses, push)
             slide = across(relative + push * along, contact.normal)
             slide += opening[0] * contact.couple + opening[1] * contact.other_couple
             if wp.length_sq(slide) > 0.0:
                 ahead = wp.normalize(slide)
                 couples = wp.vec2(wp.dot(ahead, contact.couple), wp.dot(ahead, contact.other_couple))
-                ease = wp.dot(gain_along(contact, bearing, ahead), ahead)
-                ease += couples[0] * couples[0] * (eases[0] + eases[1]) + couples[1] * couples[1] * (
-                    eases[2] + eases[3]
-                )
-                rub = wp.min(wp.length(slide) / wp.max(ease, LEAST), contact.friction * push)
-                answer.impulse = answer.impulse - rub * ahead
-                answer.couples = -rub * couples
-        return answer
+                inverse_mass = wp.dot(gain_along(contact, bearing, ahead), ahead)
+                inverse_mass += couples[0] * couples[0] * (inverse_masses[0] + inverse_masses[1]) + couples[
+                    1
+                ] * couples[1] * (inverse_masses[2] + inverse_masses[3])
+                rub = wp.min(wp.length(slide) / wp.max(inverse_mass, LEAST), contact.friction * push)
+                impulses.impulse = impulses.impulse - rub * ahead
+                impulses.couples = -rub * couples
+        return impulses
 
     @wp.func
     def parting_of(contact: Contact, bearing: Bearing):
         """Return the move times mass [kg m], as an impulse, that parts features by their overlap, without speed."""
-        answer = Answer()
+        impulses = ContactImpulses()
         along = gain_along(contact, bearing, contact.normal)
-        answer.impulse = (contact.overlap / wp.max(wp.dot(along, contact.normal), LEAST)) * contact.normal
-        return answer
+        impulses.impulse = (contact.overlap / wp.max(wp.dot(along, contact.normal), LEAST)) * contact.normal
+        return impulses
 
-    return relative_of, answer_of, parting_of
+    return relative_of, impulses_of, parting_of

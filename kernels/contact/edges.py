@@ -23,7 +23,7 @@ from balloon_warp.kernels.contact.boxes import (
     box_of_edge,
     box_of_part,
     boxes_meet,
-    has_strayed,
+    exceeds_search_margin,
     is_searched,
     pad_function,
     put_box_of_edge,
@@ -35,18 +35,18 @@ from balloon_warp.kernels.contact.kind import Kind, list_contact
 from balloon_warp.kernels.contact.triangles import (
     are_neighbors,
     is_clear_of_own,
-    pad_with_lookout,
+    pad_with_search_margin,
     side_of,
     triangle_of,
 )
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.touch import FOUR, KEPT, couples_of, crosses, crossing_of, way_to_part, weights_of
+from balloon_warp.kernels.laws.touch import FOUR, KEPT, couples_of, crosses, crossing_of, separating_shift, weights_of
 from balloon_warp.kernels.loops.contact import place_beside, skin_functions
 from balloon_warp.kernels.loops.fixtures import friction_of_balloons
 from balloon_warp.kernels.memory import four_ints_at, int_at, int_pair_at, vector_at
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.warps import any_in_warp, block_barrier, next_place
-from balloon_warp.kernels.working import BOXED, OF_PAIRS, PAIRS, SEEKING, SUBSTEPS, Working, ask_for_room
+from balloon_warp.kernels.working import BOXED, OF_PAIRS, PAIRS, SEEKING, SUBSTEPS, Working, request_capacity
 
 AHEAD = wp.constant(2.0)
 """Number of substeps ahead in which edges at their speeds would touch, so that they count as near in this one"""
@@ -65,7 +65,7 @@ def of_balloons(normal: wp.vec3, gap: float, thickness: float):
     contact.gap = gap
     contact.kept = KEPT * thickness
     contact.left = wp.min(SETTLED * contact.kept, SAFE * gap)
-    contact.overlap = way_to_part(gap, contact.kept)
+    contact.overlap = separating_shift(gap, contact.kept)
     return contact
 
 
@@ -239,27 +239,27 @@ EDGES = Kind(lambda features: features.edges_meet, listing_function, 300)
 
 
 @wp.func
-def way_of_edge(working: Working, world: wp.int32, ends: wp.vec2i, points: wp.array[wp.vec3]):
-    """Return the distance that an edge has moved since the last search [m]."""
+def displacement_of_edge(working: Working, world: wp.int32, ends: wp.vec2i, points: wp.array[wp.vec3]):
+    """Displacement of an edge since the last search [m]."""
     first = wp.length(points[ends[0]] - working.sought[world, ends[0]])
     return wp.max(first, wp.length(points[ends[1]] - working.sought[world, ends[1]]))
 
 
 @wp.func
-def note_seeking(working: Working, world: wp.int32, edge: wp.int32, balloon: wp.int32):
+def append_edge_query(working: Working, world: wp.int32, edge: wp.int32, balloon: wp.int32):
     """List an edge and a balloon whose tree it goes through."""
     place = next_place(working.list_lengths, world, SEEKING)
-    if place < working.seeking_edges.shape[1]:
-        working.seeking_edges[world, place] = wp.vec2i(edge, balloon)
+    if place < working.query_edges.shape[1]:
+        working.query_edges[world, place] = wp.vec2i(edge, balloon)
 
 
 @cache
-def seeking_kernel(features: Features) -> Any:
-    """Return the kernel that boxes edges, and lists those that go through trees."""
+def edge_query_kernel(features: Features) -> Any:
+    """Kernel that boxes edges, and lists those that query trees."""
     pad_between = pad_function(features)
 
     @wp.func
-    def seek_others(t: Tables, working: Working, world: wp.int32, edge: wp.int32, own: wp.int32, swept: Swept):
+    def query_others(t: Tables, working: Working, world: wp.int32, edge: wp.int32, own: wp.int32, swept: Swept):
         """List the other balloons, of a higher number, that an edge may come near, by the boxes that these sweep."""
         for neighbor in range(working.neighbor_counts[world, own]):
             balloon = working.neighbors[world, own, neighbor]
@@ -267,29 +267,29 @@ def seeking_kernel(features: Features) -> Any:
                 lower = working.balloon_boxes[world, balloon, LOWER]
                 upper = working.balloon_boxes[world, balloon, UPPER]
                 if boxes_meet(swept.lower, swept.upper, lower, upper, pad_between(t, world, own, balloon)):
-                    note_seeking(working, world, edge, balloon)
+                    append_edge_query(working, world, edge, balloon)
 
     @wp.func
-    def seeks_own(
+    def queries_own(
         t: Tables, working: Working, world: wp.int32, own: wp.int32, edge: wp.int32, ends: wp.vec2i,
         points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
     ):  # fmt: skip
-        """Return whether an edge has to go through the tree of its own balloon."""
+        """Test for an edge that queries the tree of its own balloon."""
         if working.near_part_counts[world, int_at(t.touch.edge_homes, edge)] >= 0:  # others do so for its leaf
-            if has_strayed(working, world, own):
+            if exceeds_search_margin(working, world, own):
                 working.edge_clearances[world, edge] = 0.0
             return False
-        moved = way_of_edge(working, world, ends, points)
+        moved = displacement_of_edge(working, world, ends, points)
         speed = wp.max(wp.length(velocities[ends[0]]), wp.length(velocities[ends[1]]))
         pad = pad_between(t, world, own, own)
         if is_clear_of_own(t, working, world, own, edge, working.edge_clearances, moved, speed, pad):
             return False
-        if has_strayed(working, world, own):  # who measures may find less
-            working.edge_clearances[world, edge] = pad_with_lookout(t, working, world, own, pad)
+        if exceeds_search_margin(working, world, own):  # who measures may find less
+            working.edge_clearances[world, edge] = pad_with_search_margin(t, working, world, own, pad)
         return True
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def find_seeking_edges(
+    def find_query_edges(
         # model
         t: Tables,
         threads: wp.int32,
@@ -309,12 +309,12 @@ def seeking_kernel(features: Features) -> Any:
                 if working.near_balloons[world, own] != ALONE:
                     swept = swept_by_edge(t, ends, points[world], velocities[world])
                     put_box_of_edge(working, world, edge, swept)
-                    seek_others(t, working, world, edge, own, swept)
+                    query_others(t, working, world, edge, own, swept)
                     if wp.static(features.touches_itself):
-                        if seeks_own(t, working, world, own, edge, ends, points[world], velocities[world]):
-                            note_seeking(working, world, edge, own)
+                        if queries_own(t, working, world, own, edge, ends, points[world], velocities[world]):
+                            append_edge_query(working, world, edge, own)
 
-    return find_seeking_edges
+    return find_query_edges
 
 
 BOXED_OF_EDGE, SEEKING_OF_EDGE = 12, 2
@@ -354,7 +354,7 @@ def are_near(first: Swept, second: Swept, pad: float):
 
 @cache
 def measuring_functions(features: Features) -> tuple[Any, Any]:
-    """Return the function that measures two edges, and the one that lists those to be measured."""
+    """Distance test of two edges, and the function that lists pairs for it."""
     pad_between = pad_function(features)
     thickness_between, _ = skin_functions(features)
 
@@ -376,7 +376,7 @@ def measuring_functions(features: Features) -> tuple[Any, Any]:
             vector_at(points, there[0]), vector_at(points, there[1]),
         ).gap  # fmt: skip
         if wp.static(features.touches_itself):
-            if own == balloon and has_strayed(working, world, own):
+            if own == balloon and exceeds_search_margin(working, world, own):
                 wp.atomic_min(working.edge_clearances, world, edge, gap)
         fastest = fastest_between(velocities, ends, there)
         if gap < pad_between(t, world, own, balloon) + t.touch.seconds * fastest:
@@ -386,17 +386,17 @@ def measuring_functions(features: Features) -> tuple[Any, Any]:
                 due = clear_substeps(t, own, balloon, gap, kept, fastest)
                 working.edge_pairs[world, place] = wp.vec3i(edge, other, due)
             else:
-                ask_for_room(working, world, OF_PAIRS, place + 1, 1)
+                request_capacity(working, world, OF_PAIRS, place + 1, 1)
 
     @wp.func
     def compare_with_leaf(
-        t: Tables, working: Working, world: wp.int32, edge: wp.int32, swept: Swept, leaf: wp.int32, looks: float,
-        points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
+        t: Tables, working: Working, world: wp.int32, edge: wp.int32, swept: Swept, leaf: wp.int32,
+        search_distance: float, points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
     ):  # fmt: skip
         """List pairs of an edge and those of a leaf, of a higher number, to be measured where their boxes meet."""
         its_edges = int_pair_at(t.touch.part_edges, leaf)
         for other in range(wp.max(its_edges[0], edge + 1), its_edges[1]):
-            if are_near(swept, box_of_edge(working, world, other), looks):
+            if are_near(swept, box_of_edge(working, world, other), search_distance):
                 place = next_place(working.list_lengths, world, BOXED)
                 if place < working.boxed_edges.shape[1]:
                     working.boxed_edges[world, place] = wp.vec2i(edge, other)
@@ -435,23 +435,25 @@ def measuring_kernel(features: Features) -> Any:
 
 
 @cache
-def seeking_function(features: Features) -> Any:
-    """Return the function that tells whether an edge may have to go through the tree of a balloon."""
+def tree_query_function(features: Features) -> Any:
+    """Filter of edges that query a balloon's tree."""
 
     @wp.func
-    def seeks_in(t: Tables, working: Working, world: wp.int32, edge: wp.int32, own: wp.int32, balloon: wp.int32):
+    def needs_tree_query(
+        t: Tables, working: Working, world: wp.int32, edge: wp.int32, own: wp.int32, balloon: wp.int32
+    ):
         if wp.static(features.touches_itself):
             if balloon == own:
                 return working.near_part_counts[world, int_at(t.touch.edge_homes, edge)] < 0
         return balloon > own
 
-    return seeks_in
+    return needs_tree_query
 
 
 @cache
 def trees_kernel(features: Features) -> Any:
-    """Return the kernel in which edges go through trees."""
-    pad_between, seeks_in = pad_function(features), seeking_function(features)
+    """Kernel of edge queries in trees."""
+    pad_between, needs_tree_query = pad_function(features), tree_query_function(features)
     _, compare_with_leaf = measuring_functions(features)
 
     @wp.func
@@ -461,16 +463,16 @@ def trees_kernel(features: Features) -> Any:
     ):  # fmt: skip
         """List the edges of a balloon that an edge may touch, of its own those of a higher number."""
         swept = box_of_edge(working, world, edge)
-        looks = float(pad_between(t, world, own, balloon))
+        search_distance = float(pad_between(t, world, own, balloon))
         at = int_at(t.touch.balloon_parts, balloon)
         last = int_at(t.touch.balloon_parts, balloon + 1)
         if balloon == own:
-            looks = pad_with_lookout(t, working, world, own, looks)
+            search_distance = pad_with_search_margin(t, working, world, own, search_distance)
             at = wp.max(at, int_at(t.touch.edge_homes, edge))
         while at < last:
             after = four_ints_at(t.touch.parts, at)[0]
-            if are_near(swept, box_of_part(working, world, at), looks):
-                compare_with_leaf(t, working, world, edge, swept, at, looks, points, velocities)
+            if are_near(swept, box_of_part(working, world, at), search_distance):
+                compare_with_leaf(t, working, world, edge, swept, at, search_distance, points, velocities)
                 after = at + 1
             at = after
 
@@ -490,19 +492,19 @@ def trees_kernel(features: Features) -> Any:
         world, thread = wp.tid()
         if is_searched(working, world):
             count = working.list_lengths[world, SEEKING]
-            are_all = count > working.seeking_edges.shape[1]  # not listed all
+            are_all = count > working.query_edges.shape[1]  # not listed all
             for place in range(thread, wp.where(are_all, t.touch.edges.shape[0], count), threads):
                 sought = wp.vec2i(place, 0)
                 trees = wp.int32(1)
                 if not are_all:
-                    sought = working.seeking_edges[world, place]
+                    sought = working.query_edges[world, place]
                 own = int_at(t.particles.balloon, int_pair_at(t.touch.edges, sought[0])[0])
                 if are_all:
                     trees = working.neighbor_counts[world, own]
                 for tree in range(trees):
                     if are_all:
                         sought[1] = working.neighbors[world, own, tree]
-                    if not are_all or seeks_in(t, working, world, sought[0], own, sought[1]):
+                    if not are_all or needs_tree_query(t, working, world, sought[0], own, sought[1]):
                         go_through(t, working, world, sought[0], own, sought[1], points[world], velocities[world])
 
     return find_edges_in_trees

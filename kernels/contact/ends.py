@@ -13,9 +13,9 @@ from balloon_warp.kernels.contact.contact import (
     BODY,
     FIXED,
     NONE,
-    Answer,
     Bearing,
     Contact,
+    ContactImpulses,
     Motion,
     bears,
     on_end,
@@ -25,7 +25,7 @@ from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.contact import spin_by
 from balloon_warp.kernels.laws.rigid import spin_of
 from balloon_warp.kernels.loops.bodies import body_at, body_mass, pushed_on, put_body
-from balloon_warp.kernels.loops.net_force import ease_function
+from balloon_warp.kernels.loops.net_force import inverse_mass_function
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world, sphere_mass, sphere_radius
 from balloon_warp.kernels.working import Working
 
@@ -106,7 +106,7 @@ def motion_functions(features: Features) -> tuple[Any, Any]:
                 turn = working.body_start_turns[world, body]
                 momentum = state.body_momenta[world, body]
                 motion.velocity = state.body_velocities[world, body]
-                motion.spin = spin_of(turn, t.bodies.eases[body], body_mass(t, world, body), momentum)
+                motion.spin = spin_of(turn, t.bodies.inverse_inertias[body], body_mass(t, world, body), momentum)
         if wp.static(features.round_ridges):
             sphere = sphere_of(t, contact.solid)
             if sphere >= 0:
@@ -127,7 +127,7 @@ def mover_of(t: Tables, contact: Contact):
 @cache
 def bearing_function(features: Features) -> Any:
     """Return the function of the masses that bear a contact in a sweep."""
-    ease_of_moving = ease_function(features)
+    inverse_mass_of = inverse_mass_function(features)
     kind_of, _ = motion_functions(features)
 
     @wp.func
@@ -136,7 +136,7 @@ def bearing_function(features: Features) -> Any:
         for end in range(4):
             particle = contact.ends[end]
             bearing.shares[end] = float(working.contact_shares[world, particle])
-            bearing.eases[end] = ease_of_moving(t, working, world, particle)
+            bearing.inverse_masses[end] = inverse_mass_of(t, working, world, particle)
         bearing.kind = kind_of(t, contact)
         if wp.static(features.bodies > 0 or features.round_ridges):
             if bearing.kind != FIXED:
@@ -146,7 +146,7 @@ def bearing_function(features: Features) -> Any:
                 body = body_of(t, contact.solid)
                 bearing.mass = body_mass(t, world, body)
                 bearing.turn = working.body_start_turns[world, body]
-                bearing.ease = t.bodies.eases[body]
+                bearing.inverse_inertia = t.bodies.inverse_inertias[body]
         if wp.static(features.round_ridges):
             if bearing.kind == BALL:
                 sphere = sphere_of(t, contact.solid)
@@ -172,23 +172,23 @@ def adding_functions(features: Features) -> tuple[Any, Any]:
                 wp.atomic_add(working.solid_shares, world, mover_of(t, contact), 1)
 
     @wp.func
-    def add_answer(
-        t: Tables, working: Working, world: wp.int32, contact: Contact, answer: Answer, speeds: float
+    def add_impulses(
+        t: Tables, working: Working, world: wp.int32, contact: Contact, impulses: ContactImpulses, speeds: float
     ):  # fmt: skip
         """Add the impulses of a contact, which are moves without speed where `speeds` is 0."""
         for end in range(4):
             if bears(contact, end):
-                impulse = on_end(contact, answer, end)
+                impulse = on_end(contact, impulses, end)
                 add_impulse(working.contact_quanta, world, contact.ends[end], impulse)
                 if wp.static(features.tells_contacts and features.edges_meet):
                     if contact.solid == NONE and speeds > 0.0:
                         add_impulse(working.layer_quanta, world, contact.ends[end], impulse)
         if wp.static(features.bodies > 0 or features.round_ridges):
             if kind_of(t, contact) != FIXED:
-                twist = wp.cross(contact.arm, -answer.impulse)
-                add_to_solid(working.solid_quanta, world, mover_of(t, contact), -answer.impulse, twist)
+                twist = wp.cross(contact.arm, -impulses.impulse)
+                add_to_solid(working.solid_quanta, world, mover_of(t, contact), -impulses.impulse, twist)
 
-    return count_in, add_answer
+    return count_in, add_impulses
 
 
 @cache
@@ -264,7 +264,7 @@ def moving_functions(features: Features, note: Any = forget_stop) -> tuple[Any, 
     Args:
         note: as in `ground_function`.
     """
-    ease_of_moving, keep_above = ease_function(features), ground_function(features, note)
+    inverse_mass_of, keep_above = inverse_mass_function(features), ground_function(features, note)
     gains_of_ball = gains_of_ball_function(features)
 
     @wp.func
@@ -278,7 +278,7 @@ def moving_functions(features: Features, note: Any = forget_stop) -> tuple[Any, 
             speeds: 1, or 0 where impulses are moves without speed.
         """
         if wp.atomic_exch(working.contact_shares, world, particle, 0) > 0:
-            gain = ease_of_moving(t, working, world, particle) * take_impulse(working.contact_quanta, world, particle)
+            gain = inverse_mass_of(t, working, world, particle) * take_impulse(working.contact_quanta, world, particle)
             point = points[particle] + wp.where(speeds > 0.0, t.step_seconds, 1.0) * gain
             velocity = velocities[particle] + speeds * gain
             point, velocity = keep_above(t, working, world, particle, point, velocity, speeds)

@@ -5,7 +5,7 @@ obstacles, where it is enough that balloons are apart. The free distance of each
 if one went further, the world is restored and simulated once more with all contacts. So nothing is missed at any speed,
 and where nothing is near, it costs next to nothing.
 
-Parts of a balloon that touches itself: how far all are from touching each other, by where they are and how deformed.
+Compact parts of self-touching balloons: bounds on their distances, by their poses and deformations.
 Two parts cannot touch where the boxes around them are apart. Parts beside each other on the surface always meet by
 their boxes. They cannot touch while the surface around them keeps its shape: where the placement of one part, turned
 and scaled as a whole, also places the other, but for a little, places apart at the start still are.
@@ -55,7 +55,7 @@ class FreeFrames:
     """Box of each balloon as the frame begins: lower and upper corner [m]"""
     alone: wp.array3d[float]
     """Clearance and speed of each balloon, see `CLEARANCE`"""
-    ways: wp.array[float]
+    travel_limits: wp.array[float]
     """Distance that each particle of a world may travel in the frame [m]"""
     verdicts: wp.array[wp.int32]
     """Verdict on each world, see `FREE`"""
@@ -180,7 +180,7 @@ def judge_kernel(features: Features, looks_at_parts: bool) -> Any:
         if wp.static(features.touches_itself):  # it is looked at as the frame begins and ends, not in between
             for balloon in range(free.alone.shape[1]):
                 way = wp.min(way, FASTER * went + gained + ASTRAY * t.touch.thickness[balloon])
-        free.ways[world] = wp.min(way, between)
+        free.travel_limits[world] = wp.min(way, between)
         free.verdicts[world] = FREE
         if not (way > FASTER * went + gained and between > FASTER_BETWEEN * went + gained):  # or it is not finite
             free.verdicts[world] = BUSY
@@ -251,7 +251,7 @@ Ways = wp.types.vector(length=6, dtype=wp.float32)
 
 
 @wp.func
-def larger_ways(a: Ways, b: Ways):
+def larger_components(a: Ways, b: Ways):
     """Return the larger of each component."""
     return wp.max(a, b)
 
@@ -281,7 +281,7 @@ class OwnParts:
     """Balloon of each part"""
     groups: wp.array[wp.int32]
     """First part of each group, and the number of parts; a group is of one balloon"""
-    looks: wp.array2d[wp.int32]
+    needs_check: wp.array2d[wp.int32]
     """Whether a balloon's parts are to be looked at"""
     drifts: wp.array2d[wp.vec3]
     """Motion of a balloon as a whole in a frame [m]"""
@@ -298,7 +298,7 @@ class OwnParts:
 
 
 @wp.kernel(enable_backward=False)
-def see_straying(
+def find_strayed_balloons(
     # model
     t: Tables,
     # in
@@ -311,7 +311,7 @@ def see_straying(
     # out
     own: OwnParts,
 ):
-    """Find the balloons whose particles may have moved farther than there was room; a block a (world, balloon).
+    """Find the balloons whose particles may have exceeded their margin; a block a (world, balloon).
 
     Args:
         before: Where the frame began, or the state itself where it begins.
@@ -326,17 +326,17 @@ def see_straying(
         way = point - seen_points[world, particle]
         ways = wp.max(ways, Ways(way[0], way[1], way[2], -way[0], -way[1], -way[2]))
         drift += point - before.points[world, particle]
-    most = wp.tile_reduce(larger_ways, wp.tile(ways, preserve_type=True))[0]
+    most = wp.tile_reduce(larger_components, wp.tile(ways, preserve_type=True))[0]
     drifts = wp.tile_sum(wp.tile(drift, preserve_type=True))[0]
     strays = wp.length(wp.vec3(most[0] + most[3], most[1] + most[4], most[2] + most[5]))
-    looks = verdicts[world] == FREE and not strays < rooms[world, balloon]  # or it is no number
+    needs_check = verdicts[world] == FREE and not strays < rooms[world, balloon]  # or it is no number
     block_barrier()  # all have read the room
     if thread == 0:
-        own.looks[world, balloon] = wp.where(looks, 1, 0)
+        own.needs_check[world, balloon] = wp.where(needs_check, 1, 0)
         own.drifts[world, balloon] = drifts / float(wp.max(end - begin, 1))
-        if looks:
+        if needs_check:
             rooms[world, balloon] = MOST_ROOM * t.touch.thickness[balloon]
-    if looks:
+    if needs_check:
         for particle in range(begin + thread, end, wp.block_dim()):
             seen_points[world, particle] = state.points[world, particle]
 
@@ -393,7 +393,7 @@ def place_parts(
     """Find where all parts are; a thread a part."""
     world, part = wp.tid()
     balloon = own.balloons[part]
-    if own.looks[world, balloon] == 1:
+    if own.needs_check[world, balloon] == 1:
         place_part(own, world, part, state.points, before.points, own.drifts[world, balloon])
 
 
@@ -401,7 +401,7 @@ def place_parts(
 def box_groups(own: OwnParts):
     """Find the boxes of groups; a thread a group."""
     world, group = wp.tid()
-    if own.looks[world, own.balloons[own.groups[group]]] == 1:
+    if own.needs_check[world, own.balloons[own.groups[group]]] == 1:
         lower = wp.vec3(FAR_AWAY)
         upper = wp.vec3(-FAR_AWAY)
         for part in range(own.groups[group], own.groups[group + 1]):
@@ -420,7 +420,7 @@ def gap_between(boxes: wp.array3d[wp.vec3], world: wp.int32, first: wp.int32, se
 
 
 @wp.func
-def least_between(own: OwnParts, world: wp.int32, one: wp.int32, other: wp.int32):
+def min_distance_between(own: OwnParts, world: wp.int32, one: wp.int32, other: wp.int32):
     """Return a bound on how near a particle or edge of a part is to one of another that it may touch [m]."""
     first = wp.where(own.sizes[one][0] < own.sizes[other][0], other, one)
     second = one + other - first
@@ -456,7 +456,7 @@ def room_of_group(own: OwnParts, world: wp.int32, group: wp.int32, pad: float, m
                 for second in range(wp.max(first, own.groups[other]), own.groups[other + 1]):
                     gap = gap_between(own.boxes, world, first, second)
                     if gap - pad < room:
-                        room = wp.min(room, wp.max(gap, least_between(own, world, first, second)) - pad)
+                        room = wp.min(room, wp.max(gap, min_distance_between(own, world, first, second)) - pad)
         other += 1
     return room
 
@@ -485,7 +485,7 @@ def judge_parts_kernel(features: Features) -> Any:
         """
         world, group = wp.tid()
         balloon = own.balloons[own.groups[group]]
-        if own.looks[world, balloon] == 1:
+        if own.needs_check[world, balloon] == 1:
             pad = thickness_between(t, world, balloon, balloon) + 2.0 * t.touch.slack[balloon]
             room = room_of_group(own, world, group, pad, MOST_ROOM * t.touch.thickness[balloon])
             wp.atomic_min(rooms, world, balloon, room)

@@ -13,9 +13,9 @@ from balloon_warp.kernels.loops.bodies import Rigid, body_at, stop_function
 from balloon_warp.kernels.loops.fixtures import friction_on, number_of_body
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.warps import any_in_block, block_barrier
-from balloon_warp.kernels.working import OF_CATCHES, Working, ask_for_room
+from balloon_warp.kernels.working import OF_CATCHES, Working, request_capacity
 
-CAUGHT, MARKED = wp.constant(0), wp.constant(1)
+LISTED, MARKED = wp.constant(0), wp.constant(1)
 """Indices of the number of contacts that may act in this substep, and of those that come too near in a sweep"""
 GIVEN = "t, state, working, world, thread, end, points, velocities"
 """Arguments of the functions that list contacts"""
@@ -24,12 +24,12 @@ GIVEN = "t, state, working, world, thread, end, points, velocities"
 class Kind(NamedTuple):
     """A kind of contacts."""
 
-    acts: Callable[[Features], bool]
+    is_active: Callable[[Features], bool]
     """Whether a scene has any"""
     list_all: Callable[[Features, bool], Any]
     """Function of `GIVEN` that lists the contacts of a substep by all threads of a block, and returns whether any of a
     thread overlaps; the second argument says whether substeps run backwards, so that none follows another"""
-    most_sweeps: int
+    max_sweeps: int
     """Largest number of sweeps in a substep; it ends sooner where nothing comes too near"""
 
 
@@ -42,21 +42,21 @@ class Sweep(NamedTuple):
 
     def of(self, features: Features) -> tuple[Kind, ...]:
         """Return the kinds that a scene has."""
-        return tuple(kind for kind in self.kinds if kind.acts(features))
+        return tuple(kind for kind in self.kinds if kind.is_active(features))
 
     def most(self, features: Features) -> int:
         """Return the largest number of sweeps in a substep."""
-        return max(kind.most_sweeps for kind in self.of(features))
+        return max(kind.max_sweeps for kind in self.of(features))
 
 
 @wp.func
 def list_contact(working: Working, world: wp.int32, contact: Contact):
     """List a contact, in any order, and return whether its features overlap."""
-    place = wp.atomic_add(working.catch_counts, world, CAUGHT, 1)
-    if place < working.catches.shape[1]:
-        working.catches[world, place] = contact
+    place = wp.atomic_add(working.listed_contact_counts, world, LISTED, 1)
+    if place < working.listed_contacts.shape[1]:
+        working.listed_contacts[world, place] = contact
     else:
-        ask_for_room(working, world, OF_CATCHES, place + 1, 1)
+        request_capacity(working, world, OF_CATCHES, place + 1, 1)
     return contact.overlap > 0.0
 
 
@@ -82,11 +82,11 @@ def sweep_listing(sweep: Sweep, features: Features, backwards: bool) -> Any:
     ):  # fmt: skip
         """Return the number of contacts in a substep, and whether any overlaps, by all threads of a block."""
         if thread == 0:
-            working.catch_counts[world, CAUGHT] = 0
-            working.catch_counts[world, MARKED] = 0
+            working.listed_contact_counts[world, LISTED] = 0
+            working.listed_contact_counts[world, MARKED] = 0
         block_barrier()
         overlaps = any_in_block(list_kinds(t, state, working, world, thread, end, points, velocities))
-        return wp.min(working.catch_counts[world, CAUGHT], working.catches.shape[1]), overlaps
+        return wp.min(working.listed_contact_counts[world, LISTED], working.listed_contacts.shape[1]), overlaps
 
     return list_all
 
@@ -97,7 +97,7 @@ SETTLED, LITTLE = wp.constant(1.0e-3), wp.constant(1.0e-7)
 
 @cache
 def contact_function(features: Features) -> Any:
-    """Return the function that finds where a particle would come into a body; the normal is zero where it does not."""
+    """Detector of a particle's contact with a body; the normal is zero without one."""
     stop_at = stop_function(features)
 
     @wp.func

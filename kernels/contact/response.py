@@ -120,7 +120,7 @@ RESPONSE_REGISTERS = 96
 
 @cache
 def response_function(features: Features) -> Any:
-    """Make the function by which a particle touches one triangle."""
+    """Contact force of a particle and one triangle."""
     beside, masses_of, pressed = pair_functions(features)
 
     @wp.func

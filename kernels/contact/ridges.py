@@ -10,7 +10,7 @@ from balloon_warp.kernels.contact.contact import Contact
 from balloon_warp.kernels.contact.kind import Kind, list_contact
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.rigid import spin_of, turned_by
-from balloon_warp.kernels.laws.touch import Ridge, edge_near, face_near, way_to_part
+from balloon_warp.kernels.laws.touch import Ridge, edge_near, face_near, separating_shift
 from balloon_warp.kernels.loops.bodies import body_mass
 from balloon_warp.kernels.loops.fixtures import (
     friction_on,
@@ -21,7 +21,7 @@ from balloon_warp.kernels.loops.fixtures import (
 )
 from balloon_warp.kernels.tables import Tables, WorldState, sphere_radius
 from balloon_warp.kernels.warps import block_barrier
-from balloon_warp.kernels.working import OF_RIDGES, Working, ask_for_room
+from balloon_warp.kernels.working import OF_RIDGES, Working, request_capacity
 
 
 @wp.struct
@@ -78,7 +78,9 @@ def placing_function(features: Features) -> Any:
                 placed.turn = working.body_start_turns[world, body]
                 placed.velocity = state.body_velocities[world, body]
                 mass = body_mass(t, world, body)
-                placed.spin = spin_of(placed.turn, t.bodies.eases[body], mass, state.body_momenta[world, body])
+                placed.spin = spin_of(
+                    placed.turn, t.bodies.inverse_inertias[body], mass, state.body_momenta[world, body]
+                )
                 placed.reach = t.bodies.solids[body].reach
                 placed.thing = number_of_body(t, body)
         if wp.static(features.round_ridges):
@@ -152,7 +154,7 @@ def note_pair(working: Working, world: wp.int32, feature: wp.int32, ridge: wp.in
     if place < working.ridge_pairs.shape[1]:
         working.ridge_pairs[world, place] = wp.vec3i(feature, ridge, solid)
     else:
-        ask_for_room(working, world, OF_RIDGES, place + 1, 1)
+        request_capacity(working, world, OF_RIDGES, place + 1, 1)
 
 
 @wp.func
@@ -189,7 +191,7 @@ def box_around(thread: wp.int32, points: wp.array[wp.vec3]):
 
 @wp.func
 def apart_from(t: Tables, solid: wp.int32, placed: Placed, low: wp.vec3, high: wp.vec3):
-    """Return how far a box is at least from the ridges of a solid [m]."""
+    """Lower bound of a box's distance from a solid's ridges [m]."""
     half = 0.5 * (high - low)
     x = wp.quat_rotate_inv(placed.turn, wp.vec3(half[0], 0.0, 0.0))
     y = wp.quat_rotate_inv(placed.turn, wp.vec3(0.0, half[1], 0.0))
@@ -201,11 +203,11 @@ def apart_from(t: Tables, solid: wp.int32, placed: Placed, low: wp.vec3, high: w
 
 
 @wp.func
-def look_around(
+def list_near_ridges(
     t: Tables, working: Working, world: wp.int32, number: wp.int32, solid: wp.int32, placed: Placed, within: float,
     way: float, points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
 ):  # fmt: skip
-    """Note the ridges of a solid that are near a feature, and return how far away its ridges are at least [m].
+    """List the ridges of a solid near a feature, and return the least distance to them [m].
 
     Args:
         way: the farthest that anything moves in the substep [m].
@@ -242,7 +244,7 @@ def look_around(
 
 @wp.func
 def have_changed(t: Tables, working: Working, world: wp.int32):
-    """Return whether spheres have come, or have another radius, since the last search."""
+    """Test for spheres that appeared, or changed their radius, since the last search."""
     changed = bool(False)
     for sphere in range(working.ridge_radii.shape[1]):
         radius = sphere_radius(t.spheres, world, sphere)
@@ -317,7 +319,9 @@ def ridge_search_function(features: Features) -> Any:
                     if count == 0:
                         apart = wp.min(apart, of_all)
                     for number in range(thread, count, wp.block_dim()):
-                        found = look_around(t, working, world, number, solid, placed, within, way, points, velocities)
+                        found = list_near_ridges(
+                            t, working, world, number, solid, placed, within, way, points, velocities
+                        )
                         apart = wp.min(apart, found)
             nearest = wp.tile_min(wp.tile(apart))[0]
             left = wp.max(margin, nearest - t.ridges.kept)
@@ -346,7 +350,7 @@ def ridge_contact(placed: Placed, ridge: Ridge, feature: wp.vec4i, a: wp.vec3, b
     contact.kept = placed.kept
     contact.weights = wp.vec4(near.weights[0], near.weights[1], near.weights[2], 0.0)
     contact.gap = near.gap
-    contact.overlap = way_to_part(near.gap, placed.kept)
+    contact.overlap = separating_shift(near.gap, placed.kept)
     if wp.length_sq(near.normal) > 0.0:
         contact.normal = wp.quat_rotate(placed.turn, near.normal)
         inside = near.weights[0] * a + near.weights[1] * b + near.weights[2] * c

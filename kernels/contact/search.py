@@ -15,14 +15,14 @@ from balloon_warp.kernels import OPTIONS
 from balloon_warp.kernels.contact.boxes import (
     ALONE,
     KNOWN,
-    LOOKS,
     LOWER,
+    SEARCHES,
     UPPER,
     begin_of_leaves,
     box_triangles,
     end_of_leaves,
+    exceeds_search_margin,
     first_of,
-    has_strayed,
     is_filled,
     is_searched,
     leaf_of_search,
@@ -48,20 +48,20 @@ from balloon_warp.kernels.contact.triangles import (
     is_clear_of_own,
     keep_clearance,
     keep_side,
-    lookout_of,
     part_of_search,
-    pays_to_look_out,
     place_in_queue,
     relative_speed,
+    search_margin,
     squared_distance_to_triangle,
     triangle_beside,
+    uses_search_margin,
 )
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.contact import Place, is_nearer, skin_functions
 from balloon_warp.kernels.memory import four_ints_at, int_at, triple_at, vector_at
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.warps import next_place
-from balloon_warp.kernels.working import LOOKING, OF_PAIRS, OF_TRIANGLES, PAIRS, TOUCHING, Working, ask_for_room
+from balloon_warp.kernels.working import LOOKING, OF_PAIRS, OF_TRIANGLES, PAIRS, TOUCHING, Working, request_capacity
 
 FAR = wp.constant(1.0e10)
 """Distance beyond all others [m]"""
@@ -72,7 +72,7 @@ Queue = wp.types.vector(length=16, dtype=wp.int32)
 
 @cache
 def may_touch_function(features: Features) -> Any:
-    """Return the function that tells whether a particle may touch a triangle of its own balloon."""
+    """Filter of a particle's own triangles that it may touch."""
 
     @wp.func
     def may_touch(t: Tables, particle: wp.int32, balloon: wp.int32, other: wp.int32, triangle: wp.int32):
@@ -89,28 +89,28 @@ def may_touch_function(features: Features) -> Any:
 
 
 @cache
-def looks_function(features: Features) -> Any:
-    """Return the function that tells whether a part may have triangles that a particle may touch."""
+def coarse_filter_function(features: Features) -> Any:
+    """Filter of parts that may have triangles within reach of a particle."""
 
     @wp.func
-    def looks_into(
+    def may_contain_near(
         t: Tables, working: Working, world: wp.int32, particle: wp.int32, balloon: wp.int32, other: wp.int32,
         part: wp.int32, point: wp.vec3, squared: float,
     ):  # fmt: skip
-        """Return whether a part may have triangles within a squared distance [m^2] that the particle may touch."""
+        """Test for a part that may have triangles within a squared distance [m^2] that the particle may touch."""
         low = lower_of_part(working, world, part)
         high = upper_of_part(working, world, part)
         lower = wp.vec3(low[0], low[1], low[2])
         upper = wp.vec3(high[0], high[1], high[2])
-        looks = squared_distance_to_box(point, lower, upper) <= squared
+        is_near = squared_distance_to_box(point, lower, upper) <= squared
         if wp.static(features.touches_itself):
-            if looks and balloon == other:
+            if is_near and balloon == other:
                 here = t.touch.rest_points[particle]
                 farthest = wp.max(here - t.touch.rest_boxes[part, LOWER], t.touch.rest_boxes[part, UPPER] - here)
-                looks = wp.length_sq(farthest) >= t.touch.apart[balloon] * t.touch.apart[balloon]
-        return looks
+                is_near = wp.length_sq(farthest) >= t.touch.apart[balloon] * t.touch.apart[balloon]
+        return is_near
 
-    return looks_into
+    return may_contain_near
 
 
 @wp.func
@@ -118,7 +118,7 @@ def comes_near(
     t: Tables, points: wp.array[wp.vec3], velocities: wp.array[wp.vec3], particle: wp.int32, triangle: wp.int32,
     most: float, pad: float,
 ):  # fmt: skip
-    """Return whether a triangle may be within a squared distance [m^2], and come as near as has to be, see `Wanted`."""
+    """Coarse test for a triangle within a squared distance [m^2] that comes near enough, see `TriangleQuery`."""
     squared = squared_distance_to_triangle(t, points, triangle, vector_at(points, particle))
     if squared <= most and pad < FAR:
         comes = pad + t.touch.seconds * relative_speed(t, velocities, triangle, vector_at(velocities, particle))
@@ -136,13 +136,13 @@ class Search:
     last: wp.int32
     of_parts: float  # squared distance of parts [m^2]
     of_triangles: float  # squared distance of triangles [m^2]
-    pad: float  # see `Wanted`
+    pad: float  # see `TriangleQuery`
 
 
 @cache
 def next_part_function(features: Features) -> Any:
-    """Return the function that goes on to the next part that has no others in it and may be near."""
-    looks_into = looks_function(features)
+    """Leaf iterator of a tree: leaves that may be near."""
+    may_contain_near = coarse_filter_function(features)
 
     @wp.func
     def next_part(
@@ -156,7 +156,7 @@ def next_part_function(features: Features) -> Any:
             part = part_of_search(working, world, search.home, at, search.listed)
             here = four_ints_at(t.touch.parts, part)
             after = wp.where(search.listed >= 0, at + 1, here[0])
-            if looks_into(t, working, world, particle, balloon, other, part, point, search.of_parts):
+            if may_contain_near(t, working, world, particle, balloon, other, part, point, search.of_parts):
                 after = at + 1
                 if here[0] == part + 1:
                     node = here
@@ -168,11 +168,11 @@ def next_part_function(features: Features) -> Any:
 
 @cache
 def eight_filling_function(features: Features) -> Any:
-    """Return the function that goes on with a search until a queue is filled with triangles that may be near.
+    """Queue filler: candidate triangles of a particle.
 
     It compares eight boxes at a time, see `contact.boxes`: with the same result to the bit.
     """
-    may_touch, looks_into = may_touch_function(features), looks_function(features)
+    may_touch, may_contain_near = may_touch_function(features), coarse_filter_function(features)
 
     @wp.func
     def fill_queue(
@@ -191,7 +191,7 @@ def eight_filling_function(features: Features) -> Any:
             if at < search.last:
                 leaf = leaf_of_search(t, working, world, search.home, at, search.listed)
                 node = four_ints_at(t.touch.parts, leaf)
-                if is_filled(node) and looks_into(
+                if is_filled(node) and may_contain_near(
                     t, working, world, particle, balloon, other, leaf, point, search.of_parts
                 ):
                     box_triangles(boxes, leaf, node[1], node[2], t.touch.triangles, points)
@@ -213,7 +213,7 @@ def eight_filling_function(features: Features) -> Any:
 
 
 @wp.struct
-class Wanted:
+class TriangleQuery:
     """Query for the triangles around a particle."""
 
     within: float  # distance [m]
@@ -224,7 +224,7 @@ class Wanted:
 
 
 @wp.struct
-class Nearby:
+class NearTriangles:
     """Triangles found near a particle."""
 
     nearest: wp.int32  # triangle; -1 if there is none
@@ -233,7 +233,7 @@ class Nearby:
 
 
 @cache
-def nearby_function(features: Features, lists: bool, eight: bool = False) -> Any:
+def near_triangles_function(features: Features, lists: bool, eight: bool = False) -> Any:
     """Return the function that loops over the triangles of a balloon that a particle may touch.
 
     Args:
@@ -248,7 +248,7 @@ def nearby_function(features: Features, lists: bool, eight: bool = False) -> Any
     @wp.func
     def nearby(
         t: Tables, working: Working, world: wp.int32, particle: wp.int32, balloon: wp.int32, other: wp.int32,
-        points: wp.array[wp.vec3], velocities: wp.array[wp.vec3], wanted: Wanted,
+        points: wp.array[wp.vec3], velocities: wp.array[wp.vec3], wanted: TriangleQuery,
     ):  # fmt: skip
         """Find triangles of another balloon, or of the particle's own.
 
@@ -257,7 +257,7 @@ def nearby_function(features: Features, lists: bool, eight: bool = False) -> Any
         """
         point = vector_at(points, particle)
         first = wanted.count
-        found = Nearby()
+        found = NearTriangles()
         found.nearest = wp.int32(-1)
         found.place.squared = wanted.within * wanted.within
         found.count = first
@@ -318,8 +318,8 @@ def finding_functions(features: Features, eight: bool = False) -> Any:
     """Return the function that puts the triangles of a balloon that a particle may touch into its list."""
     pad_between = pad_function(features)
     thickness_between, _ = skin_functions(features)
-    nearest_of = nearby_function(features, lists=False, eight=eight)
-    list_those = nearby_function(features, lists=True, eight=eight)
+    nearest_of = near_triangles_function(features, lists=False, eight=eight)
+    list_those = near_triangles_function(features, lists=True, eight=eight)
 
     @wp.func
     def find_of_balloon(
@@ -337,19 +337,19 @@ def finding_functions(features: Features, eight: bool = False) -> Any:
         one_sided = other != balloon and t.touch.closed[other] == 1
         swept = t.touch.seconds * (wp.length(velocity) + fastest_of(working, world, other))
         within = pad + swept
-        wanted = Wanted()
+        wanted = TriangleQuery()
         wanted.within = within
         wanted.pad = FAR
         wanted.beside = wp.int32(-1)
         wanted.count = count
         if wp.static(features.touches_itself):
             if other == balloon:
-                if pays_to_look_out(t, working, world, balloon):
-                    wanted.within = within + lookout_of(t, balloon)
+                if uses_search_margin(t, working, world, balloon):
+                    wanted.within = within + search_margin(t, balloon)
                 else:
                     wanted.pad = pad
         looks_deep = one_sided and (may_be_deep or wp.abs(hold) > t.touch.slack[balloon])
-        found = Nearby()
+        found = NearTriangles()
         found.nearest = wp.int32(-1)
         while found.nearest < 0 and wanted.within > 0.0:
             found = nearest_of(t, working, world, particle, balloon, other, points, velocities, wanted)
@@ -409,12 +409,12 @@ def list_beside_edges(working: Working, world: wp.int32, particle: wp.int32, cou
     for at in range(fit):
         working.edge_pairs[world, begin + at] = wp.vec3i(-1 - particle, at, 0)
     if fit < count:
-        ask_for_room(working, world, OF_PAIRS, begin + count, count - fit)
+        request_capacity(working, world, OF_PAIRS, begin + count, count - fit)
 
 
 @cache
 def neighbor_function(features: Features) -> Any:
-    """Return the function that goes on to the next balloon that a particle may touch."""
+    """Neighbor iterator: balloons that a particle may touch."""
     is_nearing = nearing_function(features)
 
     @wp.func
@@ -452,7 +452,7 @@ def next_of_eight(
 
 
 @cache
-def looking_kernel(features: Features, eight: bool = False) -> Any:
+def searching_kernel(features: Features, eight: bool = False) -> Any:
     """Return the kernel that finds the particles that search.
 
     Args:
@@ -463,11 +463,11 @@ def looking_kernel(features: Features, eight: bool = False) -> Any:
     pad_between = pad_function(features)
 
     @wp.func
-    def looks(
+    def is_searching(
         t: Tables, state: WorldState, working: Working, world: wp.int32, particle: wp.int32, points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3], is_clear: bool,
     ):  # fmt: skip
-        """Return whether a particle may touch a balloon, or has touched one until now.
+        """Test for a particle that may touch a balloon, or has touched one until now.
 
         Args:
             is_clear: Whether it cannot touch its own.
@@ -492,7 +492,7 @@ def looking_kernel(features: Features, eight: bool = False) -> Any:
         return state.holds[world, particle][3] != 0.0
 
     @wp.func
-    def note_looking(
+    def append_searching(
         t: Tables, state: WorldState, working: Working, world: wp.int32, particle: wp.int32, points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
     ):  # fmt: skip
@@ -504,15 +504,15 @@ def looking_kernel(features: Features, eight: bool = False) -> Any:
             speed = wp.length(velocities[particle])
             pad = pad_between(t, world, balloon, balloon)
             is_clear = is_clear_of_own(t, working, world, balloon, particle, working.clearances, moved, speed, pad)
-        if has_strayed(working, world, balloon):
+        if exceeds_search_margin(working, world, balloon):
             working.sought[world, particle] = points[particle]
         if working.near_balloons[world, balloon] != KNOWN:
             working.candidate_counts[world, particle] = 0
-        if looks(t, state, working, world, particle, points, velocities, is_clear):
+        if is_searching(t, state, working, world, particle, points, velocities, is_clear):
             put_on_list(working, world, LOOKING, particle)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def find_looking(
+    def find_searching_particles(
         # model
         t: Tables,
         threads: wp.int32,
@@ -529,9 +529,9 @@ def looking_kernel(features: Features, eight: bool = False) -> Any:
             for particle in range(thread, points.shape[1], threads):
                 if wp.static(eight):
                     line_up_neighbors(t, working, world, particle, particle - 1)
-                note_looking(t, state, working, world, particle, points[world], velocities[world])
+                append_searching(t, state, working, world, particle, points[world], velocities[world])
 
-    return find_looking
+    return find_searching_particles
 
 
 @cache
@@ -567,7 +567,7 @@ def find_kernel(features: Features, fast_math: bool = False, eight: bool = False
         if working.near_balloons[world, balloon] != KNOWN:
             may_be_deep = state.deep[world, particle] == wp.int8(1)
             state.deep[world, particle] = wp.int8(0)
-            if working.near_balloons[world, balloon] == LOOKS:
+            if working.near_balloons[world, balloon] == SEARCHES:
                 place = wp.int32(0)
                 while place < working.neighbor_counts[world, balloon]:
                     other, place = next_neighbor(t, working, world, balloon, place, point, velocity)
@@ -577,7 +577,7 @@ def find_kernel(features: Features, fast_math: bool = False, eight: bool = False
                         )
         room = working.candidates.shape[2]
         if count > room:
-            ask_for_room(working, world, OF_TRIANGLES, count, count - room)
+            request_capacity(working, world, OF_TRIANGLES, count, count - room)
             count = room
         working.candidate_counts[world, particle] = count
         if count > 0 or state.holds[world, particle][3] != 0.0:

@@ -27,16 +27,16 @@ from balloon_warp.kernels.laws.contact import (
     spin_by,
 )
 from balloon_warp.kernels.laws.touch import Impact, facing_of, impact, part_until_contact
-from balloon_warp.kernels.loops.contact import around_function, standing_function
+from balloon_warp.kernels.loops.contact import around_function, solid_contact_function
 from balloon_warp.kernels.loops.fixtures import friction_on, number_of_sphere
-from balloon_warp.kernels.loops.net_force import ease_function, inertia_function
+from balloon_warp.kernels.loops.net_force import inertia_function, inverse_mass_function
 from balloon_warp.kernels.loops.spheres import (
-    answer_of_ball,
-    answer_to_ball,
     ball_function,
     change_of_ball,
     is_near_sphere,
     press_on_ball,
+    response_of_ball,
+    response_to_ball,
     rub_on_ball,
     rubbed_ball,
     rubbed_point,
@@ -105,7 +105,7 @@ def marked_functions(features: Features, at: Any, put: Any) -> tuple[Any, Any, A
     """
     _, read_params = params_functions(features.columns, features.balloons)
     inertia = inertia_function(features)
-    stand = standing_function(features)
+    stand = solid_contact_function(features)
     around_particle = around_function(features)
 
     @wp.func
@@ -128,7 +128,7 @@ def marked_functions(features: Features, at: Any, put: Any) -> tuple[Any, Any, A
         return total
 
     @wp.func
-    def answer_at_mark(
+    def respond_at_mark(
         t: Tables,
         working: Working,
         world: wp.int32,
@@ -147,7 +147,7 @@ def marked_functions(features: Features, at: Any, put: Any) -> tuple[Any, Any, A
             if t.particles.mass_share[particle] > 0.0:
                 start = at(points, particle)
                 speed = at(velocities, particle)
-                point, velocity = answer_to_ball(t, ball, last, change, shift, start, speed)
+                point, velocity = response_to_ball(t, ball, last, change, shift, start, speed)
                 if wp.static(features.spheres_rub):
                     params = read_params(t, world, particle)
                     mass = inertia(working, params)
@@ -160,7 +160,7 @@ def marked_functions(features: Features, at: Any, put: Any) -> tuple[Any, Any, A
         return total
 
     @wp.func
-    def stand_at_mark(t: Tables, world: wp.int32, time: float, mark: wp.int32, points: Any, velocities: Any):
+    def resolve_solids_at_mark(t: Tables, world: wp.int32, time: float, mark: wp.int32, points: Any, velocities: Any):
         for particle in range(mark * PARTICLES_A_MARK, end_of_mark(mark, t.particles.balloon.shape[0])):
             params = read_params(t, world, particle)
             if params.share > 0.0:
@@ -170,7 +170,7 @@ def marked_functions(features: Features, at: Any, put: Any) -> tuple[Any, Any, A
                 put(points, particle, point)
                 put(velocities, particle, velocity)
 
-    return press_at_mark, answer_at_mark, stand_at_mark
+    return press_at_mark, respond_at_mark, resolve_solids_at_mark
 
 
 @cache
@@ -221,7 +221,7 @@ def settling_function(features: Features, at: Any, put: Any, total_of: Any) -> A
 def spheres_function(features: Features, at: Any, put: Any, total_of: Any) -> Any:
     """Return the function that exchanges momentum between spheres and particles; `total_of` sums over threads."""
     ball_at, settle = ball_function(features), settling_function(features, at, put, total_of)
-    _, answer_at_mark, stand_at_mark = marked_functions(features, at, put)
+    _, respond_at_mark, resolve_solids_at_mark = marked_functions(features, at, put)
 
     @wp.func
     def touch_spheres(
@@ -245,11 +245,11 @@ def spheres_function(features: Features, at: Any, put: Any, total_of: Any) -> An
                     mine = wp.spatial_vector()
                     for mark in range(thread, marks, wp.block_dim()):
                         if working.near[world, mark] > 0:
-                            mine += answer_at_mark(
+                            mine += respond_at_mark(
                                 t, working, world, mark, sphere, ball, press, last, change, shift, points,
                                 velocities,
                             )  # fmt: skip
-                    center, motion, force = answer_of_ball(t, ball, change, shift)
+                    center, motion, force = response_of_ball(t, ball, change, shift)
                     if wp.static(features.spheres_rub):
                         rub = total_of(mine)
                         center, motion, spin = rubbed_ball(t, ball, press, change, center, motion, rub)
@@ -262,7 +262,7 @@ def spheres_function(features: Features, at: Any, put: Any, total_of: Any) -> An
             for mark in range(thread, marks, wp.block_dim()):
                 if working.near[world, mark] > 0:
                     if wp.static(features.stands):
-                        stand_at_mark(t, world, end, mark, points, velocities)
+                        resolve_solids_at_mark(t, world, end, mark, points, velocities)
                     working.near[world, mark] = 0
             if thread == 0:
                 working.near[world, marks] = 0
@@ -271,13 +271,13 @@ def spheres_function(features: Features, at: Any, put: Any, total_of: Any) -> An
 
 
 MOST_MEETINGS = wp.constant(16)
-"""Largest number of a sphere's contacts with faces in a step before they become a lump; a few usually suffice"""
+"""Largest number of a sphere's contacts with faces in a step before they merge; a few usually suffice"""
 MOST_LUMPED = wp.constant(48)
-"""Largest number of additional contacts of a lump, each with another face"""
+"""Largest number of additional contacts of merged bodies, each with another face"""
 SHRINKING, LEAST_PART = wp.constant(0.03), wp.constant(0.5)
 """Fraction of its radius by which a sphere may come nearer after each contact, so that contacts end; and its limit"""
 MOST_IN_LUMP = wp.constant(128)
-"""Largest number of particles in a lump"""
+"""Largest number of merged particles"""
 MOST_SWEEPS = wp.constant(4)
 """Largest number of sweeps over all spheres"""
 NONE = wp.constant(2147483647)
@@ -344,14 +344,14 @@ def find_soonest(
 
 
 @wp.func
-def add_to_lump(lump: wp.array[wp.int32], count: wp.int32, corners: wp.vec3i):
-    """Add corners to a lump, and return its number of particles."""
+def add_to_merged(merged: wp.array[wp.int32], count: wp.int32, corners: wp.vec3i):
+    """Add corners to the merged particles, and return their number."""
     for corner in range(3):
         known = bool(False)
         for place in range(count):
-            known = known or lump[place] == corners[corner]
+            known = known or merged[place] == corners[corner]
         if not known and count < MOST_IN_LUMP:
-            lump[count] = corners[corner]
+            merged[count] = corners[corner]
             count += 1
     return count
 
@@ -377,7 +377,7 @@ def changing_function(features: Features) -> Any:
 @cache
 def meet_face_function(features: Features) -> Any:
     """Return the function by which a sphere and a triangle exchange momentum."""
-    ease_of_moving, change_of = ease_function(features), changing_function(features)
+    inverse_mass_of, change_of = inverse_mass_function(features), changing_function(features)
 
     @wp.func
     def meet_face(
@@ -400,21 +400,23 @@ def meet_face_function(features: Features) -> Any:
             working.sphere_starts[world, sphere], end, radius,
             corner_rows(working.point_starts[world], corners), corner_rows(points, corners),
         )  # fmt: skip
-        eases = wp.vec4(
+        inverse_masses = wp.vec4(
             1.0 / sphere_mass(t.spheres, world, sphere),
-            ease_of_moving(t, working, world, corners[0]),
-            ease_of_moving(t, working, world, corners[1]),
-            ease_of_moving(t, working, world, corners[2]),
+            inverse_mass_of(t, working, world, corners[0]),
+            inverse_mass_of(t, working, world, corners[1]),
+            inverse_mass_of(t, working, world, corners[2]),
         )
         spin = wp.vec3()
         friction = float(0.0)
         if wp.static(features.spheres_rub):
             spin = spheres.sphere_spins[world, sphere]
             friction = friction_on(t, world, t.particles.balloon[corners[0]], number_of_sphere(t, sphere))
-        met = impact(facing, part, velocity, corner_rows(velocities, corners), eases, spin, friction, t.step_seconds)
+        met = impact(
+            facing, part, velocity, corner_rows(velocities, corners), inverse_masses, spin, friction, t.step_seconds
+        )
         if wp.static(features.spheres_rub):
             torque = wp.cross(met.arm, met.rub)
-            spheres.sphere_spins[world, sphere] = spin + spin_by(1.0 / eases[0], radius, torque)
+            spheres.sphere_spins[world, sphere] = spin + spin_by(1.0 / inverse_masses[0], radius, torque)
         shift, gain = change_of(met, 0)
         spheres.sphere_positions[world, sphere] = end + shift
         spheres.sphere_velocities[world, sphere] = velocity + gain
@@ -428,13 +430,13 @@ def meet_face_function(features: Features) -> Any:
 
 
 @cache
-def move_lump_function(features: Features) -> Any:
-    """Return the function that moves a sphere and its lump as one."""
+def move_merged_function(features: Features) -> Any:
+    """Motion of a sphere and its merged particles as one."""
     _, read_params = params_functions(features.columns, features.balloons)
     inertia = inertia_function(features)
 
     @wp.func
-    def move_lump(
+    def move_merged(
         t: Tables,
         spheres: Any,
         working: Working,
@@ -444,27 +446,27 @@ def move_lump_function(features: Features) -> Any:
         points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
     ):
-        """Move a sphere and its lump by their mean displacement and velocity; not at all if one of them is fixed."""
+        """Move a sphere and its merged particles by their mean displacement and velocity, unless one is fixed."""
         mass = sphere_mass(t.spheres, world, sphere)
         way = mass * (spheres.sphere_positions[world, sphere] - working.sphere_starts[world, sphere])
         momentum = mass * spheres.sphere_velocities[world, sphere]
         held = bool(False)
         for place in range(count):
-            particle = working.lumps[world, place]
+            particle = working.merged[world, place]
             its_mass = inertia(working, read_params(t, world, particle))
             held = held or its_mass == 0.0
             mass += its_mass
             way += its_mass * (points[particle] - working.point_starts[world, particle])
             momentum += its_mass * velocities[particle]
-        ease = wp.where(held, 0.0, 1.0 / mass)
+        inverse_mass = wp.where(held, 0.0, 1.0 / mass)
         for place in range(count):
-            particle = working.lumps[world, place]
-            points[particle] = working.point_starts[world, particle] + ease * way
-            velocities[particle] = ease * momentum
-        spheres.sphere_positions[world, sphere] = working.sphere_starts[world, sphere] + ease * way
-        spheres.sphere_velocities[world, sphere] = ease * momentum
+            particle = working.merged[world, place]
+            points[particle] = working.point_starts[world, particle] + inverse_mass * way
+            velocities[particle] = inverse_mass * momentum
+        spheres.sphere_positions[world, sphere] = working.sphere_starts[world, sphere] + inverse_mass * way
+        spheres.sphere_velocities[world, sphere] = inverse_mass * momentum
 
-    return move_lump
+    return move_merged
 
 
 @cache
@@ -474,7 +476,7 @@ def faces_function(features: Features, note: Any = None) -> Any:
     Args:
         note: function that notes a contact before it acts; None to note nothing.
     """
-    meet_face, move_lump = meet_face_function(features), move_lump_function(features)
+    meet_face, move_merged = meet_face_function(features), move_merged_function(features)
 
     @wp.func
     def meet_faces(
@@ -514,8 +516,8 @@ def faces_function(features: Features, note: Any = None) -> Any:
                             if meetings <= MOST_MEETINGS:
                                 meet_face(t, state, working, world, sphere, chosen, first, points, velocities)
                             else:
-                                lumped = add_to_lump(working.lumps[world], lumped, t.spheres.triangles[chosen])
-                                move_lump(t, state, working, world, sphere, lumped, points, velocities)
+                                lumped = add_to_merged(working.merged[world], lumped, t.spheres.triangles[chosen])
+                                move_merged(t, state, working, world, sphere, lumped, points, velocities)
                         block_barrier()
 
     return meet_faces

@@ -30,7 +30,7 @@ from balloon_warp.kernels.working import Working
 BESIDE_RIDGES = Sweep((RIDGES,), lambda features: features._replace(ground=False))
 """Sweeps before particles leave the ground and obstacles, see docs/design/one_contact.md"""
 AT_LAST = Sweep(
-    (BODIES, RIDGES._replace(acts=lambda features: features.ridges and not features.ridges_first), EDGES),
+    (BODIES, RIDGES._replace(is_active=lambda features: features.ridges and not features.ridges_first), EDGES),
     lambda features: features.without_ridges if features.ridges_first else features,
 )
 """Sweeps once all have moved, in which bodies, layers, and the ground below them take part"""
@@ -46,8 +46,8 @@ def marking_functions(features: Features) -> tuple[Any, Any]:
     @wp.func
     def mark(t: Tables, working: Working, world: wp.int32, place: wp.int32):
         """List a contact that comes too near, and count it at its ends."""
-        working.catches[world, next_place(working.catch_counts, world, MARKED)].marked = place
-        count_in(t, working, world, working.catches[world, place])
+        working.listed_contacts[world, next_place(working.listed_contact_counts, world, MARKED)].marked = place
+        count_in(t, working, world, working.listed_contacts[world, place])
 
     @wp.func
     def mark_pushed(
@@ -57,7 +57,7 @@ def marking_functions(features: Features) -> tuple[Any, Any]:
         """Mark contacts, and return whether any comes so near that one more sweep follows."""
         goes_on = bool(False)
         for place in range(thread, count, wp.block_dim()):
-            contact = working.catches[world, place]
+            contact = working.listed_contacts[world, place]
             solid = motion_of(t, state, working, world, contact)
             relative = relative_of(contact, four_of(velocities, contact.ends), kind_of(t, contact), solid)
             excess = excess_of(contact, relative, t.step_seconds)
@@ -69,7 +69,7 @@ def marking_functions(features: Features) -> tuple[Any, Any]:
     @wp.func
     def mark_overlaps(t: Tables, working: Working, world: wp.int32, thread: wp.int32, count: wp.int32):
         for place in range(thread, count, wp.block_dim()):
-            if working.catches[world, place].overlap > 0.0:
+            if working.listed_contacts[world, place].overlap > 0.0:
                 mark(t, working, world, place)
 
     return mark_pushed, mark_overlaps
@@ -83,8 +83,8 @@ def pushing_function(features: Features, note: Any = forget_stop) -> Any:
         note: function that keeps how the ground stops a particle.
     """
     _, motion_of = motion_functions(features)
-    relative_of, answer_of, parting_of = resolving_functions(features)
-    bearing_of, (_, add_answer) = bearing_function(features), adding_functions(features)
+    relative_of, impulses_of, parting_of = resolving_functions(features)
+    bearing_of, (_, add_impulses) = bearing_function(features), adding_functions(features)
     move_end, move_solid = moving_functions(features, note)
 
     @wp.func
@@ -97,38 +97,38 @@ def pushing_function(features: Features, note: Any = forget_stop) -> Any:
         Args:
             speeds: 1, or 0 where they are moved without speed.
         """
-        count = working.catch_counts[world, MARKED]
+        count = working.listed_contact_counts[world, MARKED]
         for item in range(thread, count, wp.block_dim()):
-            contact = working.catches[world, working.catches[world, item].marked]
+            contact = working.listed_contacts[world, working.listed_contacts[world, item].marked]
             bearing = bearing_of(t, working, world, contact)
             if speeds > 0.0:
                 moving = four_of(velocities, contact.ends)
                 solid = motion_of(t, state, working, world, contact)
                 relative = relative_of(contact, moving, bearing.kind, solid)
-                answer = answer_of(contact, bearing, moving, relative, t.step_seconds)
-                add_answer(t, working, world, contact, answer, speeds)
+                impulses = impulses_of(contact, bearing, moving, relative, t.step_seconds)
+                add_impulses(t, working, world, contact, impulses, speeds)
             else:
-                add_answer(t, working, world, contact, parting_of(contact, bearing), speeds)
+                add_impulses(t, working, world, contact, parting_of(contact, bearing), speeds)
         block_barrier()
         if thread == 0:
-            working.catch_counts[world, MARKED] = 0
+            working.listed_contact_counts[world, MARKED] = 0
         for item in range(thread, 4 * count, wp.block_dim()):
-            place = working.catches[world, item // 4].marked
-            particle = working.catches[world, place].ends[item % 4]
+            place = working.listed_contacts[world, item // 4].marked
+            particle = working.listed_contacts[world, place].ends[item % 4]
             move_end(t, working, world, particle, points, velocities, speeds)
         if wp.static(features.bodies > 0 or features.round_ridges):
             for item in range(thread, count, wp.block_dim()):
-                place = working.catches[world, item].marked
-                move_solid(t, state, working, world, working.catches[world, place], speeds)
+                place = working.listed_contacts[world, item].marked
+                move_solid(t, state, working, world, working.listed_contacts[world, place], speeds)
         block_barrier()
 
     return push_all
 
 
 @cache
-def meeting_function(of: Sweep, every: Features) -> Any:
+def obstacle_contact_function(of: Sweep, every: Features) -> Any:
     """Return the function that resolves all contacts of a sweep's kinds, by all threads of a block."""
-    features, most_sweeps = of.seen(every), of.most(every)
+    features, max_sweeps = of.seen(every), of.most(every)
     list_all = sweep_listing(of, every, False)
     mark_pushed, mark_overlaps = marking_functions(features)
     push_all = pushing_function(features)
@@ -141,12 +141,12 @@ def meeting_function(of: Sweep, every: Features) -> Any:
         """Resolve contacts in a world; soon done where nothing is near."""
         count, overlaps = list_all(t, state, working, world, thread, end, points, velocities)
         sweep = wp.int32(0)
-        while count > 0 and sweep < most_sweeps:
+        while count > 0 and sweep < max_sweeps:
             sweep += 1
             again = any_in_block(mark_pushed(t, state, working, world, thread, count, velocities))
             push_all(t, state, working, world, thread, points, velocities, 1.0)
             if not again:
-                sweep = most_sweeps
+                sweep = max_sweeps
         if overlaps:
             mark_overlaps(t, working, world, thread, count)
             block_barrier()

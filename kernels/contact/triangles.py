@@ -25,7 +25,7 @@ from balloon_warp.kernels.contact.boxes import (
     PACE,
     SPEED,
     boxes_meet,
-    has_strayed,
+    exceeds_search_margin,
     lower_of_part,
     pad_function,
     squared_distance_to_box,
@@ -317,20 +317,20 @@ def eight_of_list(candidates: wp.array[wp.int32], begin: wp.int32, count: wp.int
 
 
 @wp.func
-def ease_of_moving(t: Tables, mass_of_balloon: float, particle: wp.int32):
+def inverse_mass_of(t: Tables, mass_of_balloon: float, particle: wp.int32):
     """Return the inverse mass of a particle [1/kg], 0 if it is fixed."""
     mass = float_at(t.particles.mass_share, particle) * mass_of_balloon
     return wp.where(mass > 0.0, 1.0 / mass, 0.0)
 
 
 @wp.func
-def contacts_at(working: Working, world: wp.int32, particle: wp.int32, ease: float):
+def contacts_at(working: Working, world: wp.int32, particle: wp.int32, inverse_mass: float):
     """Return the contacts of a particle; none if it is fixed."""
-    return wp.where(ease > 0.0, float_in(working.contacts, world, particle), 0.0)
+    return wp.where(inverse_mass > 0.0, float_in(working.contacts, world, particle), 0.0)
 
 
 @wp.func
-def crowd_of_corners(working: Working, world: wp.int32, corners: wp.vec3i, masses: wp.vec4):
+def contacts_of_corners(working: Working, world: wp.int32, corners: wp.vec3i, masses: wp.vec4):
     """Return the contacts of the busiest corner of a triangle."""
     return wp.max(
         wp.max(contacts_at(working, world, corners[0], masses[1]), contacts_at(working, world, corners[1], masses[2])),
@@ -373,10 +373,10 @@ def pair_functions(features: Features) -> tuple[Any, Any, Any]:
         """Return the inverse masses of a particle and of a triangle's corners [1/kg]."""
         its_mass = mass_of(t, world, int_at(t.particles.balloon, corners[0]))
         return wp.vec4(
-            ease_of_moving(t, mass_of(t, world, int_at(t.particles.balloon, particle)), particle),
-            ease_of_moving(t, its_mass, corners[0]),
-            ease_of_moving(t, its_mass, corners[1]),
-            ease_of_moving(t, its_mass, corners[2]),
+            inverse_mass_of(t, mass_of(t, world, int_at(t.particles.balloon, particle)), particle),
+            inverse_mass_of(t, its_mass, corners[0]),
+            inverse_mass_of(t, its_mass, corners[1]),
+            inverse_mass_of(t, its_mass, corners[2]),
         )
 
     @wp.func
@@ -397,28 +397,28 @@ def pair_functions(features: Features) -> tuple[Any, Any, Any]:
         pressing.first = first
         pressing.crowd = wp.max(
             contacts_at(working, world, particle, inputs.masses[0]) / float_at(t.touch.crowd, balloon),
-            crowd_of_corners(working, world, corners, inputs.masses) / float_at(t.touch.crowd, other),
+            contacts_of_corners(working, world, corners, inputs.masses) / float_at(t.touch.crowd, other),
         )
         return pressing
 
     return beside, masses_of, pressed
 
 
-LOOKOUT = wp.constant(5.0)
+SEARCH_MARGIN = wp.constant(5.0)
 """Distance by which a search looks farther than it has to, over a balloon's slack"""
 ROUNDED = wp.constant(0.999)
 """Fraction of a clearance that is safe from rounding"""
 
 
 @wp.func
-def lookout_of(t: Tables, balloon: wp.int32):
-    """Return the distance that a search looks farther than it has to [m]."""
-    return LOOKOUT * t.touch.slack[balloon]
+def search_margin(t: Tables, balloon: wp.int32):
+    """Margin of a search beyond the contact distance [m]."""
+    return SEARCH_MARGIN * t.touch.slack[balloon]
 
 
 @wp.func
 def clearance_left(working: Working, world: wp.int32, balloon: wp.int32, clearance: float, moved: float):
-    """Return the rest of a clearance [m].
+    """Remaining clearance [m].
 
     Args:
         moved: Distance that its owner has moved since it was found [m].
@@ -433,16 +433,16 @@ def fastest_of(working: Working, world: wp.int32, balloon: wp.int32):
 
 
 @wp.func
-def pays_to_look_out(t: Tables, working: Working, world: wp.int32, balloon: wp.int32):
-    """Return whether a balloon is so slow that clearances last longer than to the next search."""
-    return 2.0 * t.touch.seconds * fastest_of(working, world, balloon) < lookout_of(t, balloon)
+def uses_search_margin(t: Tables, working: Working, world: wp.int32, balloon: wp.int32):
+    """Test for a balloon so slow that clearances outlast the next search."""
+    return 2.0 * t.touch.seconds * fastest_of(working, world, balloon) < search_margin(t, balloon)
 
 
 @wp.func
-def pad_with_lookout(t: Tables, working: Working, world: wp.int32, balloon: wp.int32, pad: float):
-    """Return the distance within which a balloon's boxes are looked into, which contain their ways [m]."""
-    if pays_to_look_out(t, working, world, balloon):
-        return pad + 2.0 * t.touch.seconds * fastest_of(working, world, balloon) + lookout_of(t, balloon)
+def pad_with_search_margin(t: Tables, working: Working, world: wp.int32, balloon: wp.int32, pad: float):
+    """Search distance of a balloon's boxes, which contain their particles' displacements [m]."""
+    if uses_search_margin(t, working, world, balloon):
+        return pad + 2.0 * t.touch.seconds * fastest_of(working, world, balloon) + search_margin(t, balloon)
     return pad
 
 
@@ -451,7 +451,7 @@ def is_clear_of_own(
     t: Tables, working: Working, world: wp.int32, balloon: wp.int32, item: wp.int32, clearances: wp.array2d[float],
     moved: float, speed: float, pad: float,
 ):  # fmt: skip
-    """Return whether a particle or an edge cannot touch its own balloon until the next search, by its clearance.
+    """Clearance test: a particle or an edge cannot touch its own balloon until the next search.
 
     Args:
         moved: Distance that it has moved since the last search [m].
@@ -459,7 +459,7 @@ def is_clear_of_own(
         pad: Distance at which it is near [m].
     """
     left = clearance_left(working, world, balloon, clearances[world, item], moved)
-    if has_strayed(working, world, balloon):
+    if exceeds_search_margin(working, world, balloon):
         clearances[world, item] = left
     return left > pad + t.touch.seconds * (speed + fastest_of(working, world, balloon))
 
@@ -467,7 +467,7 @@ def is_clear_of_own(
 @wp.func
 def keep_clearance(working: Working, world: wp.int32, balloon: wp.int32, particle: wp.int32, distance: float):
     """Keep a particle's distance from triangles of its balloon that it may touch [m], if that is where it is now."""
-    working.clearances[world, particle] = wp.where(has_strayed(working, world, balloon), distance, 0.0)
+    working.clearances[world, particle] = wp.where(exceeds_search_margin(working, world, balloon), distance, 0.0)
 
 
 MOST_PARTS = wp.constant(32)
@@ -545,7 +545,7 @@ def near_parts_kernel(features: Features) -> Any:
             for place in range(t.touch.levels[0] + thread, t.touch.levels[1], threads):
                 part = t.touch.parts_by_level[place]
                 balloon = four_ints_at(t.touch.parts, part)[3]
-                if pays_to_look_out(t, working, world, balloon):  # few search
+                if uses_search_margin(t, working, world, balloon):  # few search
                     working.near_part_counts[world, part] = TOO_MANY
                 else:
                     list_near_parts(t, working, world, part, balloon, pad_between(t, world, balloon, balloon))

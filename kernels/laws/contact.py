@@ -21,7 +21,7 @@ than the root of the product of both e. Impulses act where things meet: momentum
 
 Obstacles of prescribed motion have shapes as signed distances. The distance is that to the surface, negative inside,
 less the obstacle's thickness; its gradient is the normal. A particle that a step has brought inside stands on the
-surface where it came in, and is slowed as by the ground, see `stand_on`: so it begins to slide on a slope of
+surface where it came in, and is slowed as by the ground, see `resolve_at_surface`: so it begins to slide on a slope of
 atan(friction), and slides with g (sin - friction cos). No energy is gained, but by the motion of an obstacle.
 
 Distances of box and capsule: Quilez, *3D signed distance functions* (iquilezles.org, "distfunctions").
@@ -77,25 +77,25 @@ TURNING = wp.constant(2.5)
 
 
 @wp.func
-def friction_impulse(beside: wp.vec3, normal: wp.vec3, ease: float, most: float):
+def friction_impulse(beside: wp.vec3, normal: wp.vec3, inverse_mass: float, most: float):
     """Return J [N s].
 
     Args:
         beside: u [m/s].
-        ease: by how much 1 N s slows down the slip [1/kg].
+        inverse_mass: by how much 1 N s slows down the slip [1/kg].
         most: that friction can [N s].
     """
     sliding = beside - wp.dot(beside, normal) * normal
     speed = wp.length(sliding)
     impulse = wp.vec3()
     if speed > 0.0:
-        impulse = (-wp.min(speed / ease, most) / speed) * sliding
+        impulse = (-wp.min(speed / inverse_mass, most) / speed) * sliding
     return impulse
 
 
 @wp.func
-def ease_of_ball(mass: float, radius: float, arm: wp.vec3):
-    """Return the inverse effective mass of a sphere at an arm, perpendicular to the arm [1/kg]."""
+def inverse_mass_of_ball(mass: float, radius: float, arm: wp.vec3):
+    """Inverse effective mass of a sphere at an arm, perpendicular to the arm [1/kg]."""
     return (1.0 + TURNING * wp.length_sq(arm) / (radius * radius)) / mass
 
 
@@ -117,7 +117,7 @@ def rubbed(
     """
     arm = -radius * normal
     beside = velocity + wp.cross(spin, arm) - moving
-    gain = friction_impulse(beside, normal, ease_of_ball(1.0, radius, arm), friction * stopped)
+    gain = friction_impulse(beside, normal, inverse_mass_of_ball(1.0, radius, arm), friction * stopped)
     return gain, spin_by(1.0, radius, wp.cross(arm, gain))
 
 
@@ -127,9 +127,9 @@ SHAPES = ("box", "capsule", "plane", "mesh")
 """Names of the kinds of shapes, by their numbers"""
 FAR_AWAY = wp.constant(1.0e30)
 """Distance of a mesh that a query did not find within its range [m]"""
-MOST_LOOKS = wp.constant(32)
+MAX_ADVANCEMENTS = wp.constant(32)
 """Largest number of distance queries along a path that may enter a solid"""
-BALL_LOOKS = wp.constant(256)
+BALL_ADVANCEMENTS = wp.constant(256)
 """Largest number of distance queries along a sphere's path beside a mesh"""
 MOST_TURNS = wp.constant(4)
 """Largest number of passes over all solids in a path in a step, as one may push the path's end into another"""
@@ -220,8 +220,8 @@ def mesh_surface(mesh: wp.uint64, closed: wp.int32, point: wp.vec3, farthest: fl
 
 
 @wp.func
-def way_out(point: wp.vec3, center: wp.vec3, up: wp.vec3):
-    """Return the direction from a sphere's center to a particle, a unit vector; up where they coincide."""
+def outward_direction(point: wp.vec3, center: wp.vec3, up: wp.vec3):
+    """Outward direction from a sphere's center to a particle, a unit vector; up where they coincide."""
     arm = point - center
     if wp.length_sq(arm) > 0.0:
         return inverse_root(squared_length(arm)) * arm
@@ -236,7 +236,7 @@ def without_approach(velocity: wp.vec3, obstacle_velocity: wp.vec3, normal: wp.v
 
 @wp.func
 def stopped_in_step(approach: float, depth: float, step_seconds: float):
-    """Return how much of an approach a step stops [m/s]: as much as has led behind the surface, depth over step.
+    """Part of an approach speed that a step stops [m/s]: depth behind the surface over step.
 
     The rest is stopped in the next step. So the impulse goes with the time of the contact, and does not jump where that
     moves to another step: derivatives by the causes of that are those of a bounce.
@@ -260,7 +260,7 @@ def leave_sphere(
     """
     outward = wp.vec3()
     if wp.length_sq(point - center) < radius * radius:
-        outward = way_out(point, center, up)
+        outward = outward_direction(point, center, up)
         depth = radius - wp.dot(point - center, outward)
         approach = -wp.dot(velocity - sphere_velocity, outward)
         point = center + radius * outward
@@ -269,7 +269,7 @@ def leave_sphere(
 
 
 @wp.func
-def stand_on(
+def resolve_at_surface(
     point: wp.vec3,
     place: wp.vec3,
     velocity: wp.vec3,
@@ -311,11 +311,11 @@ def stand_on(
 def leave_ground(
     point: wp.vec3, velocity: wp.vec3, up: wp.vec3, height: float, friction: float, step_seconds: float, at_once: bool
 ):
-    """Move a particle up to the ground's height, and slow it, see `stand_on`."""
+    """Move a particle up to the ground's height, and slow it, see `resolve_at_surface`."""
     depth = height - wp.dot(point, up)
     if depth > 0.0:
         place = point + depth * up
-        stood, slowed = stand_on(point, place, velocity, wp.vec3(), up, friction, step_seconds, at_once, 1.0)
+        stood, slowed = resolve_at_surface(point, place, velocity, wp.vec3(), up, friction, step_seconds, at_once, 1.0)
         point = stood
         velocity = slowed
     return point, velocity
@@ -325,7 +325,7 @@ def leave_ground(
 def out_of_sphere(point: wp.vec3, normal: wp.vec3, center: wp.vec3, radius: float, up: wp.vec3):
     """Project a point out of a sphere, and return it with the contact normal; unchanged if it is outside."""
     if wp.length_sq(point - center) < radius * radius:
-        normal = way_out(point, center, up)
+        normal = outward_direction(point, center, up)
         point = center + radius * normal
     return point, normal
 
@@ -339,7 +339,7 @@ def penalty_force(penalty: float, inflation: wp.vec3, outward: wp.vec3):
 
 @wp.func
 def stop_of(coming: float, depth: float, before: float, restitution: float, step_seconds: float):
-    """Return the change of a sphere's speed along the normal of the surface that it meets in a step [m/s].
+    """Speed change of a sphere along the normal of a surface that it meets in a step [m/s].
 
     It goes as far as the surface or, if it came, turns where it is, with the speed that it had before the step times
     the restitution. So no energy is gained, and with restitution 1 the invariant of symplectic Euler stays, whatever
@@ -426,41 +426,41 @@ def excess_speed(gap: float, approach: float, step_seconds: float):
 
 
 @wp.func
-def way_apart(gap: float, step_seconds: float):
-    """Return the distance by which two overlapping things are moved apart in a step [m]."""
+def separation(gap: float, step_seconds: float):
+    """Separation of two overlapping things in a step [m]."""
     return wp.max(-gap, 0.0) * wp.min(APART_RATE * step_seconds, MOST_APART)
 
 
 @wp.func
-def comes_near(start: wp.vec3, way: wp.vec3, radius: float):
+def comes_near(start: wp.vec3, displacement: wp.vec3, radius: float):
     """Return whether a particle may meet a sphere in a step.
 
     The test doubles the particle's path and enlarges the sphere a little.
 
     Args:
         start: Position relative to the sphere's center before the step [m].
-        way: Displacement relative to the sphere in the step [m].
+        displacement: Displacement relative to the sphere in the step [m].
     """
-    nearest = start + wp.clamp(-wp.dot(start, way) / squared_length(way), 0.0, 2.0) * way
+    nearest = start + wp.clamp(-wp.dot(start, displacement) / squared_length(displacement), 0.0, 2.0) * displacement
     return wp.length_sq(nearest) < (NEAR_BODY * radius) * (NEAR_BODY * radius)
 
 
 @wp.func
-def meet_sphere(start: wp.vec3, way: wp.vec3, radius: float, up: wp.vec3, step_seconds: float):
+def meet_sphere(start: wp.vec3, displacement: wp.vec3, radius: float, up: wp.vec3, step_seconds: float):
     """Return the direction from a sphere to a particle, the excess approach speed, and the displacement out.
 
     Args:
         start: from the sphere's center, before the step.
-        way: in the step, beside the sphere, without contact.
+        displacement: in the step, beside the sphere, without contact.
     """
     outward = wp.vec3()
     excess = float(FREE)
     out = float(0.0)
-    if comes_near(start, way, radius):
-        outward = way_out(start, wp.vec3(), up)
+    if comes_near(start, displacement, radius):
+        outward = outward_direction(start, wp.vec3(), up)
         gap = wp.dot(start, outward) - radius
-        excess = excess_speed(gap, -wp.dot(way, outward) / step_seconds, step_seconds)
-        out = way_apart(gap, step_seconds)
+        excess = excess_speed(gap, -wp.dot(displacement, outward) / step_seconds, step_seconds)
+        out = separation(gap, step_seconds)
     return outward, excess, out
 
 
@@ -614,7 +614,7 @@ def fall(
     coming = -wp.dot(velocity, up)
     stopped = stop_of(coming, step_seconds * coming - gap, -rise, ground_restitution, step_seconds)
     velocity += stopped * up
-    position += step_seconds * velocity + way_apart(gap, step_seconds) * up
+    position += step_seconds * velocity + separation(gap, step_seconds) * up
     return position, velocity, stopped
 
 
@@ -634,7 +634,7 @@ SLOW = wp.constant(2.0)
 
 
 @wp.func
-def part_until(start: wp.vec3, way: wp.vec3, reach: float):
+def part_until(start: wp.vec3, displacement: wp.vec3, reach: float):
     """Return the fraction of a path at which its distance from the origin is `reach`.
 
     It is 0 where the way begins nearer, and `NEVER` where it does not lead there.
@@ -642,10 +642,10 @@ def part_until(start: wp.vec3, way: wp.vec3, reach: float):
     away = wp.length(start)
     if away <= reach:
         return 0.0
-    length = wp.length(way)
+    length = wp.length(displacement)
     part = float(NEVER)
     if length > 0.0:
-        ahead = way / length
+        ahead = displacement / length
         along = -wp.dot(start, ahead)
         beside = start + along * ahead
         depth = reach * reach - wp.length_sq(beside)
@@ -664,7 +664,7 @@ def mean_restitution(first: float, second: float):
 @wp.func
 def collision(
     start: wp.vec3,
-    way: wp.vec3,
+    displacement: wp.vec3,
     relative: wp.vec3,
     reach: float,
     restitution: float,
@@ -678,21 +678,21 @@ def collision(
 
     Args:
         start: from the other's center, before the step.
-        way: in the step, beside the other.
+        displacement: in the step, beside the other.
         relative: its velocity beside the other's.
         reach: the sum of the radii.
     """
     shift = wp.vec3()
     gain = wp.vec3()
-    part = part_until(start, way, reach)
+    part = part_until(start, displacement, reach)
     if part <= 1.0:
-        normal = way_out(start + part * way, wp.vec3(), up)
+        normal = outward_direction(start + part * displacement, wp.vec3(), up)
         approach = wp.max(-wp.dot(relative, normal), 0.0)
         bounce = 1.0 + wp.where(approach > SLOW * step_seconds * wp.abs(gravity), restitution, 0.0)
         gain = (bounce * approach) * normal
         gap = wp.min(wp.length(start) - reach, 0.0)
-        least = reach + gap + way_apart(gap, step_seconds)
-        further = wp.max(least - wp.dot(start + way, normal), 0.0)
+        least = reach + gap + separation(gap, step_seconds)
+        further = wp.max(least - wp.dot(start + displacement, normal), 0.0)
         shift = (wp.where(gap < 0.0, 1.0, bounce) * further) * normal
     return shift, gain, part
 

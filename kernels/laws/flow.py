@@ -111,7 +111,7 @@ def up_to(
     air_pressure: float,
     air_temperature: float,
 ):
-    """Return how many of some moles come in before a balloon is full: as if it were rigid."""
+    """Amount of gas, of some moles, that fills a balloon as if it were rigid."""
     allowed = moles
     full = GAS_CONSTANT * air_temperature
     if fill_to_pressure > 0.0:

@@ -215,8 +215,8 @@ def free_volume_there(free_volume: float, gamma: float, warmth: float):
 
 
 @wp.func
-def most_pressure(bound: float, mass: float, step_seconds: float):
-    """Return the largest gauge pressure at which the turning of the skin is stable in a step [Pa].
+def max_pressure(bound: float, mass: float, step_seconds: float):
+    """Largest gauge pressure at which a step is stable against rotation of the skin [Pa].
 
     Args:
         bound: of the balloon's shape [1/m], see `balloon_warp.model.spectrum`.
@@ -297,11 +297,11 @@ def borne_load(load: wp.vec4, bound: float, step_seconds: float, mass: float):
 
     Args:
         load: see `gas_load`.
-        bound: see `most_pressure`.
+        bound: see `max_pressure`.
         step_seconds: [s].
         mass: of the balloon [kg].
     """
-    excess = wp.max(load[0] - most_pressure(bound, mass, step_seconds), 0.0)
+    excess = wp.max(load[0] - max_pressure(bound, mass, step_seconds), 0.0)
     return load - wp.vec4(excess, excess, 0.0, 0.0)
 
 

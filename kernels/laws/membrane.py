@@ -119,7 +119,7 @@ def tautness(trace: float, det: float):
 
 @wp.func
 def how_surely_taut(metric: wp.vec3, rest: wp.vec4):
-    """See `tautness`. A triangle of no size at rest has 0."""
+    """Tautness margin, see `tautness`; 0 for a triangle of no size at rest."""
     trace, det = trace_and_det(metric, rest)
     return tautness(trace, det)
 

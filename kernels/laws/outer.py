@@ -200,7 +200,7 @@ def water(velocity: wp.vec3, water_load: wp.vec4, gravity: float, water_density:
 
 
 FROM_THE_SKIN = -1.0
-"""Marker: part that follows from what the skin bears"""
+"""Marker: part that follows from the pressure that the skin bears"""
 EVENED = Parameter(
     "water_evened",
     "1",

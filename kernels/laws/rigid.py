@@ -70,7 +70,7 @@ class Grip:
     gap: float  # [m]
     least: float  # that n . u is to be [m/s]
     closing: float  # likewise without rebound
-    ease: float  # how much n . u gains by 1 N s along n [1/kg]
+    inverse_mass: float  # how much n . u gains by 1 N s along n [1/kg]
     friction: float
     restitution: float
     impulse: wp.vec3d  # so far [N s]
@@ -103,7 +103,7 @@ def rebound_speed(gap: float, approach: float, restitution: float, pull: float, 
 
 
 @wp.func
-def least_speed(gap: float, approach: float, restitution: float, pull: float, slow: float, step_seconds: float):
+def min_speed(gap: float, approach: float, restitution: float, pull: float, slow: float, step_seconds: float):
     """Return the least n . u [m/s] at a given `gap`, for an `approach` before gravity acts.
 
     Args:
@@ -172,7 +172,7 @@ def clear_gap(gap: float, reach: float, place: wp.vec3):
 
 
 @wp.func
-def way_out_of(gap: float, step_seconds: float):
+def gap_growth(gap: float, step_seconds: float):
     """Return the growth of a gap in a step [m]: a fraction of an overlap; an open gap may close."""
     if gap < 0.0:
         return wp.min(-OUT_IN_STEP * gap, FASTEST_OUT * step_seconds)
@@ -180,18 +180,18 @@ def way_out_of(gap: float, step_seconds: float):
 
 
 @wp.func
-def grip_impulse(grip: Grip, beside: wp.vec3d, friction_ease: float, friction: float):
+def grip_impulse(grip: Grip, beside: wp.vec3d, friction_inverse_mass: float, friction: float):
     """Return the increment of the impulse at a grip [N s].
 
     Args:
         beside: u, with the impulse so far [m/s].
-        friction_ease: how much u gains by 1 N s across n, along the slip [1/kg].
+        friction_inverse_mass: how much u gains by 1 N s across n, along the slip [1/kg].
     """
     normal = wp.vec3d(grip.normal)
     before = wp.dot(grip.impulse, normal)
     speed = wp.dot(beside, normal)
-    push = wp.max(before + (wp.float64(grip.least) - speed) / wp.float64(grip.ease), wp.float64(0.0))
-    across = grip.impulse - before * normal - (beside - speed * normal) / wp.float64(friction_ease)
+    push = wp.max(before + (wp.float64(grip.least) - speed) / wp.float64(grip.inverse_mass), wp.float64(0.0))
+    across = grip.impulse - before * normal - (beside - speed * normal) / wp.float64(friction_inverse_mass)
     most = wp.float64(friction) * push
     length = wp.length(across)
     if length > most:
@@ -200,19 +200,19 @@ def grip_impulse(grip: Grip, beside: wp.vec3d, friction_ease: float, friction: f
 
 
 @wp.func
-def most_sweeps(count: wp.int32):
+def max_sweeps(count: wp.int32):
     """Return the largest number of sweeps over a number of points."""
     return wp.clamp(MOST_PUSHES // wp.max(count, 1), LEAST_SWEEPS, MOST_SWEEPS)
 
 
 @wp.func
-def has_agreed(grip: Grip, allowed: float):
+def sweep_has_converged(grip: Grip, allowed: float):
     """Return whether the last sweep changed no more than a speed [m/s]."""
-    return float(wp.length(grip.added)) * grip.ease <= allowed
+    return float(wp.length(grip.added)) * grip.inverse_mass <= allowed
 
 
 @wp.func
-def going_on(age: float):
+def momentum_factor(age: float):
     """Return the momentum factor of Nesterov's acceleration, by the number of sweeps since its restart."""
     return wp.max(age - 1.0, 0.0) / (age + 2.0)
 
@@ -223,18 +223,18 @@ MOST_PARTS = wp.constant(16)
 """Largest number of such parts"""
 AGREED_TURN = wp.constant(1.0e-6)
 """Residual at which Newton's iterations end, over the angular momentum"""
-MOST_LOOKS = wp.constant(8)
+MAX_SPIN_ITERATIONS = wp.constant(8)
 """Largest number of Newton iterations for a turn; two to five usually suffice"""
 
 
 @wp.func
-def spin_of(turn: wp.quat, ease: wp.mat33, mass: float, momentum: wp.vec3):
+def spin_of(turn: wp.quat, inverse_inertia: wp.mat33, mass: float, momentum: wp.vec3):
     """Return the angular velocity w [rad/s] of a body from its orientation and angular momentum [kg m^2/s].
 
     Args:
-        ease: Inverse of the inertia tensor of 1 kg [1/m^2].
+        inverse_inertia: Inverse of the inertia tensor of 1 kg [1/m^2].
     """
-    return wp.quat_rotate(turn, ease * wp.quat_rotate_inv(turn, momentum)) / mass
+    return wp.quat_rotate(turn, inverse_inertia * wp.quat_rotate_inv(turn, momentum)) / mass
 
 
 @wp.func
@@ -283,39 +283,39 @@ def carried_along(velocity: wp.vec3, spin: wp.vec3, center_arm: wp.vec3, arm: wp
 
 
 @wp.func
-def mean_spin(momentum: wp.vec3, ease: wp.mat33, seconds: float):
+def mean_spin(momentum: wp.vec3, inverse_inertia: wp.mat33, seconds: float):
     """Return the spin by which a body turns for some seconds [rad/s], W, in its own axes.
 
     Args:
         momentum: angular, as they begin, in its own axes [kg m^2/s].
-        ease: inverse of the inertia tensor [1/(kg m^2)].
+        inverse_inertia: inverse of the inertia tensor [1/(kg m^2)].
     """
     mean = momentum
-    looks = wp.int32(0)
-    while looks < MOST_LOOKS:
-        looks += 1
-        spin = ease * mean
+    iterations = wp.int32(0)
+    while iterations < MAX_SPIN_ITERATIONS:
+        iterations += 1
+        spin = inverse_inertia * mean
         half = 0.5 * seconds
         angle = half * wp.length(spin)
         if angle > 0.0:
             half *= wp.tan(angle) / angle
         off = mean - momentum + half * wp.cross(spin, mean)
         if wp.length(off) <= AGREED_TURN * wp.length(momentum):
-            looks = MOST_LOOKS
+            iterations = MAX_SPIN_ITERATIONS
         else:
-            slope = wp.identity(n=3, dtype=float) + half * (wp.skew(spin) - wp.skew(mean) * ease)
+            slope = wp.identity(n=3, dtype=float) + half * (wp.skew(spin) - wp.skew(mean) * inverse_inertia)
             mean -= wp.inverse(slope) * off
-    return ease * mean
+    return inverse_inertia * mean
 
 
 @wp.func
-def turned(turn: wp.quat, ease: wp.mat33, mass: float, momentum: wp.vec3, step_seconds: float):
+def turned(turn: wp.quat, inverse_inertia: wp.mat33, mass: float, momentum: wp.vec3, step_seconds: float):
     """Return a body's orientation after a step."""
-    angle = step_seconds * wp.length(spin_of(turn, ease, mass, momentum))
+    angle = step_seconds * wp.length(spin_of(turn, inverse_inertia, mass, momentum))
     parts = wp.clamp(wp.int32(wp.ceil(wp.min(angle / MOST_TURN, float(MOST_PARTS)))), 1, MOST_PARTS)
     seconds = step_seconds / float(parts)
     for _part in range(parts):
-        spin = mean_spin(wp.quat_rotate_inv(turn, momentum), ease / mass, seconds)
+        spin = mean_spin(wp.quat_rotate_inv(turn, momentum), inverse_inertia / mass, seconds)
         turn = turned_by(turn, seconds * wp.quat_rotate(turn, spin))
     return turn
 
@@ -328,10 +328,10 @@ def inertia_in_world(turn: wp.quat, inertia: wp.mat33):
 
 
 @wp.func
-def ease_along(turn: wp.quat, ease: wp.mat33, mass: float, arm: wp.vec3, normal: wp.vec3):
+def inverse_mass_along(turn: wp.quat, inverse_inertia: wp.mat33, mass: float, arm: wp.vec3, normal: wp.vec3):
     """Return the inverse effective mass of a body's point along n [1/kg]."""
     torque = wp.cross(arm, normal)
-    return 1.0 / mass + wp.dot(torque, spin_of(turn, ease, mass, torque))
+    return 1.0 / mass + wp.dot(torque, spin_of(turn, inverse_inertia, mass, torque))
 
 
 @wp.func

@@ -4,7 +4,7 @@ Position correction: after a step, springs longer than (1 + limit) times their r
 
 Both ends move alike, or the free one (Provot 1995). One spring after the other, of those that share no particle side by
 side: springs are colored so that no two of a color meet, and a sweep takes the colors in turn (Gauss-Seidel), which
-carries a correction through the balloon faster than averaging all springs' wishes (Jacobi). Colors go by where
+carries a correction through the balloon faster than averaging all springs' corrections (Jacobi). Colors go by where
 particles stand at the start: neither the order of springs in memory nor the numbers of particles matter.
 
 The velocities follow: an end that is moved by c in a step of h gains c / h. Then a velocity is that of the way which a

@@ -55,7 +55,7 @@ within a step.
 
 import warp as wp
 
-from balloon_warp.kernels.laws.contact import NEVER, ease_of_ball, friction_impulse, way_apart
+from balloon_warp.kernels.laws.contact import NEVER, friction_impulse, inverse_mass_of_ball, separation
 from balloon_warp.kernels.laws.law import Parameter
 
 FROM_THE_MESH = -1.0
@@ -241,7 +241,7 @@ def reach_gradient(normal: wp.vec3, edge: wp.vec3, area_vector: wp.vec3):
     return wp.cross(normal, edge) / wp.max(along, LEAST)
 
 
-MOST_LOOKS = wp.constant(256)
+MAX_ADVANCEMENTS = wp.constant(256)
 """Largest number of steps of conservative advancement of a sphere beside a triangle; if exceeded, the sphere stops"""
 BAND = wp.constant(1.0e-3)
 """Distance at which a sphere counts as touching a triangle, over the radius"""
@@ -264,9 +264,9 @@ class Facing:
     """A sphere and a triangle in a step. Ways are straight, from the start to the end."""
 
     start: wp.vec3  # of the center [m]
-    way: wp.vec3
+    displacement: wp.vec3
     starts: wp.mat33  # of the corners, row by row
-    ways: wp.mat33
+    displacements: wp.mat33
     radius: float  # with which it meets triangles [m]
     own_radius: float
 
@@ -292,9 +292,9 @@ def facing_of(start: wp.vec3, end: wp.vec3, radius: float, starts: wp.mat33, end
     """Return the configuration of center and corners before and after a step."""
     facing = Facing()
     facing.start = start
-    facing.way = end - start
+    facing.displacement = end - start
     facing.starts = starts
-    facing.ways = ends - starts
+    facing.displacements = ends - starts
     size = wp.length(starts[1] - starts[0]) + wp.length(starts[2] - starts[0])
     facing.radius = wp.max(radius, LEAST_RADIUS * size)
     facing.own_radius = radius
@@ -304,23 +304,28 @@ def facing_of(start: wp.vec3, end: wp.vec3, radius: float, starts: wp.mat33, end
 @wp.func
 def seen_at(facing: Facing, part: float):
     """Return the closest point's weights and the arm from it to the center, after a fraction of the step."""
-    corners = facing.starts + part * facing.ways
-    center = facing.start + part * facing.way
+    corners = facing.starts + part * facing.displacements
+    center = facing.start + part * facing.displacement
     weights = nearest_weights(center, corners[0], corners[1], corners[2])
     return weights, center - weighted(weights, corners[0], corners[1], corners[2])
 
 
 @wp.func
-def way_beside(facing: Facing, weights: wp.vec3):
+def displacement_beside(facing: Facing, weights: wp.vec3):
     """Return the center's displacement relative to the triangle's point of these weights."""
-    return facing.way - weighted(weights, facing.ways[0], facing.ways[1], facing.ways[2])
+    return facing.displacement - weighted(
+        weights, facing.displacements[0], facing.displacements[1], facing.displacements[2]
+    )
 
 
 @wp.func
-def longest_way(facing: Facing):
+def longest_displacement(facing: Facing):
     """Return the longest way of the center beside a corner."""
-    first = wp.length(facing.way - facing.ways[0])
-    return wp.max(wp.max(first, wp.length(facing.way - facing.ways[1])), wp.length(facing.way - facing.ways[2]))
+    first = wp.length(facing.displacement - facing.displacements[0])
+    return wp.max(
+        wp.max(first, wp.length(facing.displacement - facing.displacements[1])),
+        wp.length(facing.displacement - facing.displacements[2]),
+    )
 
 
 @wp.func
@@ -339,22 +344,22 @@ def part_until_contact(facing: Facing, radius: float):
 
     Returns also the number of looks that this took.
     """
-    longest = longest_way(facing)
+    longest = longest_displacement(facing)
     little = LITTLE * facing.radius + ROUNDING * wp.length(facing.start)
     part = float(0.0)
     found = float(NEVER)
-    looks = wp.int32(0)
+    iterations = wp.int32(0)
     while part <= 1.0 and found > 1.0:
         weights, arm = seen_at(facing, part)
         distance = wp.length(arm)
-        nearer = -(1.0 - part) * wp.dot(way_beside(facing, weights), arm)
+        nearer = -(1.0 - part) * wp.dot(displacement_beside(facing, weights), arm)
         if distance < radius and nearer > little * distance:
             found = part
-        looks += 1
-        if looks >= MOST_LOOKS:
+        iterations += 1
+        if iterations >= MAX_ADVANCEMENTS:
             found = part
         part = part_after(part, distance, radius, longest)
-    return found, looks
+    return found, iterations
 
 
 @wp.func
@@ -363,7 +368,7 @@ def impact(
     part: float,
     velocity: wp.vec3,
     velocities: wp.mat33,
-    eases: wp.vec4,
+    inverse_masses: wp.vec4,
     spin: wp.vec3,
     friction: float,
     step_seconds: float,
@@ -373,19 +378,19 @@ def impact(
     Args:
         velocity: of the sphere.
         velocities: of the corners, row by row.
-        eases: 1 over the masses of sphere and corners, 0 of one that is fixed [1/kg].
+        inverse_masses: 1 over the masses of sphere and corners, 0 of one that is fixed [1/kg].
         spin: of the sphere [rad/s].
         friction: of both.
     """
     weights, arm = seen_at(facing, part)
     normal = wp.normalize(arm)
     nearest = wp.min(wp.length(arm), facing.radius)
-    end = facing.start + facing.way
+    end = facing.start + facing.displacement
     end -= weighted(
         weights,
-        facing.starts[0] + facing.ways[0],
-        facing.starts[1] + facing.ways[1],
-        facing.starts[2] + facing.ways[2],
+        facing.starts[0] + facing.displacements[0],
+        facing.starts[1] + facing.displacements[1],
+        facing.starts[2] + facing.displacements[2],
     )
     beside = velocity - weighted(weights, velocities[0], velocities[1], velocities[2])
     rest_of_step = (1.0 - part) * step_seconds
@@ -397,9 +402,14 @@ def impact(
     shift = rest_of_step * gain
     gap = wp.dot(end, normal) + shift - (1.0 - FREE) * facing.radius
     if gap < 0.0:  # something else has moved them nearer
-        out = wp.max(way_apart(gap, step_seconds), (KEPT * nearest - (1.0 - FREE) * facing.radius) - gap)
+        out = wp.max(separation(gap, step_seconds), (KEPT * nearest - (1.0 - FREE) * facing.radius) - gap)
         shift += out
-    pulled = wp.vec4(eases[0], -weights[0] * eases[1], -weights[1] * eases[2], -weights[2] * eases[3])
+    pulled = wp.vec4(
+        inverse_masses[0],
+        -weights[0] * inverse_masses[1],
+        -weights[1] * inverse_masses[2],
+        -weights[2] * inverse_masses[3],
+    )
     whole = pulled[0] - wp.dot(weights, wp.vec3(pulled[1], pulled[2], pulled[3]))
     met = Impact()
     met.normal = normal
@@ -408,9 +418,9 @@ def impact(
     met.pulled = pulled
     met.arm = -bent
     met.seconds = rest_of_step
-    ease = whole - eases[0] + ease_of_ball(1.0 / eases[0], facing.own_radius, bent)
+    inverse_mass = whole - inverse_masses[0] + inverse_mass_of_ball(1.0 / inverse_masses[0], facing.own_radius, bent)
     sliding = beside + gain * normal + wp.cross(spin, met.arm)
-    met.rub = friction_impulse(sliding, normal, ease, friction * gain / whole)
+    met.rub = friction_impulse(sliding, normal, inverse_mass, friction * gain / whole)
     return met
 
 
@@ -597,6 +607,6 @@ def face_near(ridge: Ridge, a: wp.vec3, b: wp.vec3, c: wp.vec3):
 
 
 @wp.func
-def way_to_part(gap: float, kept: float):
+def separating_shift(gap: float, kept: float):
     """Return the displacement that restores the distance in a step where little of it is left [m], without speed."""
     return PARTED * wp.max(LITTLE_GAP * kept - gap, 0.0)

@@ -79,7 +79,7 @@ def direction_loop_of_eight(at: Any) -> Any:
 
 
 @wp.func
-def see_quad(normal: wp.vec3, nearest: wp.vec2, before: wp.vec3, across: wp.vec3, along: wp.vec3):
+def add_quad_normal(normal: wp.vec3, nearest: wp.vec2, before: wp.vec3, across: wp.vec3, along: wp.vec3):
     """Add a quad to the sum of unit normals around a particle, and update its nearest face.
 
     The arguments are the vectors to the quad's other corners. Distances are four times as long, and areas twice as

@@ -1,4 +1,4 @@
-"""Free rigid bodies: poses, motion, and what they may touch.
+"""Free rigid bodies: poses, motion, and contact partners.
 
 They move before they meet particles, under gravity, beside the ground, obstacles, each other, and then spheres. One
 thread takes all of a world, in the same order every time.
@@ -10,31 +10,31 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.contact import FREE, SLOW, ease_of_ball, friction_impulse, spin_by, way_apart
+from balloon_warp.kernels.laws.contact import FREE, SLOW, friction_impulse, inverse_mass_of_ball, separation, spin_by
 from balloon_warp.kernels.laws.rigid import (
     AGREED,
     APART,
-    ease_along,
+    gap_growth,
     inertia_in_world,
-    least_speed,
-    most_sweeps,
+    inverse_mass_along,
+    max_sweeps,
+    min_speed,
     slowest_rebound,
     spin_of,
     turned,
     turned_by,
-    way_out_of,
 )
 from balloon_warp.kernels.loops.fixtures import friction_between, number_of_body, number_of_sphere
 from balloon_warp.kernels.loops.holding import (
     along_normal,
-    beside_at,
-    ease_at,
-    holding_function,
-    push_each_other,
+    apply_contact_impulses,
+    contact_list_function,
+    inverse_mass_at,
+    relative_velocity_at,
     settle,
     tug_at,
 )
-from balloon_warp.kernels.loops.ways import way_function
+from balloon_warp.kernels.loops.paths import path_function
 from balloon_warp.kernels.tables import (
     Solid,
     Tables,
@@ -92,19 +92,19 @@ def body_at(
     rigid.momentum = state.body_momenta[world, body]
     rigid.mass = body_mass(t, world, body)
     rigid.reach = t.bodies.solids[body].reach
-    rigid.spin = spin_of(rigid.start_turn, t.bodies.eases[body], rigid.mass, rigid.momentum)
+    rigid.spin = spin_of(rigid.start_turn, t.bodies.inverse_inertias[body], rigid.mass, rigid.momentum)
     return rigid
 
 
 @wp.func
 def pushed_on(t: Tables, rigid: Rigid, gain: wp.vec3, twist: wp.vec3, shift: wp.vec3):
     """Return a body after a change of velocity [m/s] and angular momentum [kg m^2/s] at the start of the step."""
-    ease = t.bodies.eases[rigid.number]
+    inverse_mass = t.bodies.inverse_inertias[rigid.number]
     rigid.velocity += gain
     rigid.momentum += twist
     rigid.end += t.step_seconds * gain + shift
-    rigid.end_turn = turned(rigid.start_turn, ease, rigid.mass, rigid.momentum, t.step_seconds)
-    rigid.spin = spin_of(rigid.start_turn, ease, rigid.mass, rigid.momentum)
+    rigid.end_turn = turned(rigid.start_turn, inverse_mass, rigid.mass, rigid.momentum, t.step_seconds)
+    rigid.spin = spin_of(rigid.start_turn, inverse_mass, rigid.mass, rigid.momentum)
     return rigid
 
 
@@ -130,7 +130,7 @@ class Stop:
 @cache
 def stop_function(features: Features) -> Any:
     """Return the function by which a body stops a particle, or a ball."""
-    let_through = way_function(features.body_meshes)
+    let_through = path_function(features.body_meshes)
 
     @wp.func
     def stop_at(
@@ -162,7 +162,7 @@ def stop_function(features: Features) -> Any:
                     stop.normal = wp.normalize(back)
                 beside = velocity - rigid.velocity - wp.cross(rigid.spin, stop.arm)
                 stop.excess = wp.min(depth / step_seconds, -wp.dot(beside, stop.normal))
-                stop.out = way_apart(step_seconds * wp.max(stop.excess, 0.0) - depth, step_seconds)
+                stop.out = separation(step_seconds * wp.max(stop.excess, 0.0) - depth, step_seconds)
         return stop
 
     return stop_at
@@ -172,9 +172,9 @@ def stop_function(features: Features) -> Any:
 def begin(t: Tables, state: WorldState, working: Working, world: wp.int32, body: wp.int32):
     """Store a body's state before the step, and clear its displacement out of overlaps."""
     mass = body_mass(t, world, body)
-    ease = inertia_in_world(state.body_turns[world, body], t.bodies.eases[body])
+    inverse_inertia = inertia_in_world(state.body_turns[world, body], t.bodies.inverse_inertias[body])
     working.body_masses[world, body] = mass
-    working.body_eases[world, body] = wp.mat33d(ease / mass)
+    working.body_inverse_inertias[world, body] = wp.mat33d(inverse_inertia / mass)
     working.body_going[world, body] = wp.vec3d()
     working.body_turning[world, body] = wp.vec3d()
 
@@ -189,18 +189,18 @@ def part(t: Tables, state: WorldState, working: Working, world: wp.int32, count:
     for number in range(count):
         grip = working.grips[world, number]
         deepest = wp.max(deepest, -grip.gap)
-        grip.least = way_out_of(grip.gap, t.step_seconds) - wp.dot(grip.normal, grip.moving)
+        grip.least = gap_growth(grip.gap, t.step_seconds) - wp.dot(grip.normal, grip.moving)
         grip.impulse = wp.vec3d()
         working.grips[world, number] = grip
     if deepest > 0.0:
-        settle(working, world, count, False, APART * deepest, most_sweeps(count))
+        settle(working, world, count, False, APART * deepest, max_sweeps(count))
         for number in range(count):
             grip = working.grips[world, number]
-            grip.gap += float(along_normal(grip, beside_at(working, world, grip) + wp.vec3d(grip.moving)))
+            grip.gap += float(along_normal(grip, relative_velocity_at(working, world, grip) + wp.vec3d(grip.moving)))
             working.grips[world, number] = grip
         for body in range(state.body_positions.shape[1]):
             shift = wp.vec3(working.body_going[world, body])
-            turn = wp.vec3(working.body_eases[world, body] * working.body_turning[world, body])
+            turn = wp.vec3(working.body_inverse_inertias[world, body] * working.body_turning[world, body])
             state.body_positions[world, body] = state.body_positions[world, body] + shift
             state.body_turns[world, body] = turned_by(state.body_turns[world, body], turn)
             about = turned_by(wp.quat_identity(), turn)
@@ -208,7 +208,7 @@ def part(t: Tables, state: WorldState, working: Working, world: wp.int32, count:
             begin(t, state, working, world, body)
         for number in range(count):
             grip = working.grips[world, number]
-            grip.ease = ease_at(working, world, grip, grip.normal)
+            grip.inverse_mass = inverse_mass_at(working, world, grip, grip.normal)
             working.grips[world, number] = grip
 
 
@@ -222,7 +222,7 @@ def aim(t: Tables, state: WorldState, working: Working, world: wp.int32, count: 
     fastest = t.step_seconds * wp.abs(pull)
     for number in range(count):
         grip = working.grips[world, number]
-        grip.before = beside_at(working, world, grip)
+        grip.before = relative_velocity_at(working, world, grip)
         approach = -float(along_normal(grip, grip.before))
         faster = float(0.0)  # two bodies fall alike
         if grip.other < 0:
@@ -231,7 +231,7 @@ def aim(t: Tables, state: WorldState, working: Working, world: wp.int32, count: 
         faster -= tug / t.step_seconds
         slowest = slow + SLOW * wp.abs(tug)
         grip.closing = -wp.max(grip.gap, 0.0) / t.step_seconds
-        grip.least = least_speed(grip.gap, approach, grip.restitution, faster, slowest, t.step_seconds)
+        grip.least = min_speed(grip.gap, approach, grip.restitution, faster, slowest, t.step_seconds)
         grip.impulse = state.body_impulses[world, number]
         working.grips[world, number] = grip
         fastest = wp.max(fastest, wp.max(approach, wp.abs(tug)))
@@ -247,8 +247,9 @@ def move_body(t: Tables, state: WorldState, working: Working, world: wp.int32, b
     state.body_momenta[world, body] = momentum
     state.body_positions[world, body] = state.body_positions[world, body] + t.step_seconds * velocity
     state.body_turns[world, body] = turned(
-        state.body_turns[world, body], t.bodies.eases[body], body_mass(t, world, body), momentum, t.step_seconds
-    )
+        state.body_turns[world, body], t.bodies.inverse_inertias[body], body_mass(t, world, body), momentum,
+        t.step_seconds,
+    )  # fmt: skip
 
 
 @wp.func
@@ -280,14 +281,16 @@ def rub_sphere(
     spin = state.sphere_spins[world, sphere]
     arm = -radius * stop.normal
     place = stop.arm + arm  # from the body's center of mass
-    twist = spin_of(rigid.start_turn, t.bodies.eases[body], rigid.mass, wp.cross(stop.arm, push))
+    twist = spin_of(rigid.start_turn, t.bodies.inverse_inertias[body], rigid.mass, wp.cross(stop.arm, push))
     beside = velocity + push / mass + wp.cross(spin, arm)
     beside -= rigid.velocity - push / rigid.mass + wp.cross(rigid.spin - twist, place)
     across = beside - wp.dot(beside, stop.normal) * stop.normal
-    ease = ease_of_ball(mass, radius, arm)
-    ease += ease_along(rigid.start_turn, t.bodies.eases[body], rigid.mass, place, wp.normalize(across))
+    inverse_mass = inverse_mass_of_ball(mass, radius, arm)
+    inverse_mass += inverse_mass_along(
+        rigid.start_turn, t.bodies.inverse_inertias[body], rigid.mass, place, wp.normalize(across)
+    )
     friction = friction_between(t, world, number_of_body(t, body), number_of_sphere(t, sphere))
-    rub = friction_impulse(beside, stop.normal, ease, friction * wp.length(push))
+    rub = friction_impulse(beside, stop.normal, inverse_mass, friction * wp.length(push))
     state.sphere_spins[world, sphere] = spin + spin_by(mass, radius, wp.cross(arm, rub))
     return rub
 
@@ -318,7 +321,9 @@ def sphere_meeting_function(features: Features) -> Any:
         )  # fmt: skip
         if wp.length_sq(stop.normal) > 0.0:
             mass = sphere_mass(t.spheres, world, sphere)
-            ease = 1.0 / mass + ease_along(rigid.start_turn, t.bodies.eases[body], rigid.mass, stop.arm, stop.normal)
+            inverse_mass = 1.0 / mass + inverse_mass_along(
+                rigid.start_turn, t.bodies.inverse_inertias[body], rigid.mass, stop.arm, stop.normal
+            )
             approach = -wp.dot(velocity - rigid.velocity - wp.cross(rigid.spin, stop.arm), stop.normal)
             gain = wp.max(stop.excess, 0.0)
             # one of them may rest on something: gravity's last step is no speed to come back with
@@ -327,7 +332,7 @@ def sphere_meeting_function(features: Features) -> Any:
                 restitution = t.bodies.restitution[row_of_world(world, t.bodies.restitution.shape[0]), body]
                 both = restitution * sphere_restitution(t.spheres, world, sphere)
                 gain = wp.max(gain, (1.0 + wp.sqrt(both)) * approach)
-            push = (gain / ease) * stop.normal
+            push = (gain / inverse_mass) * stop.normal
             if wp.static(features.spheres_rub):
                 push += rub_sphere(t, state, world, body, sphere, rigid, stop, velocity, push)
             out = (stop.out / (1.0 / mass + 1.0 / rigid.mass)) * stop.normal
@@ -342,21 +347,21 @@ def sphere_meeting_function(features: Features) -> Any:
 
 
 @cache
-def tumbling_function(features: Features) -> Any:
+def body_motion_function(features: Features) -> Any:
     """Return the function that moves the bodies of a world by a step."""
-    take_hold = holding_function(features)
+    list_body_contacts = contact_list_function(features)
     meet_sphere = sphere_meeting_function(features)
     split = features.columns.balloon_width
     gravity = features.columns.places["gravity"] - split
 
     @wp.func
-    def tumble(t: Tables, state: WorldState, working: Working, world: wp.int32, time_in_frame: float):
+    def move_bodies(t: Tables, state: WorldState, working: Working, world: wp.int32, time_in_frame: float):
         """Move all bodies in a step that begins at a time in the frame [s]; spheres have moved."""
         bodies = state.body_positions.shape[1]
         pull = t.world_numbers[row_of_world(world, t.world_numbers.shape[0]), gravity]
         for body in range(bodies):
             begin(t, state, working, world, body)
-        count = take_hold(t, state, working, world, time_in_frame, pull)
+        count = list_body_contacts(t, state, working, world, time_in_frame, pull)
         remember(state, working, world, count)
         part(t, state, working, world, count)
         for body in range(bodies):
@@ -368,7 +373,7 @@ def tumbling_function(features: Features) -> Any:
                 working.body_going[world, body] -= wp.vec3d(working.body_tugs[world, body])
                 working.body_turning[world, body] -= wp.vec3d(working.body_twists[world, body])
         fastest = aim(t, state, working, world, count, pull)
-        push_each_other(t, state, working, world, count, pull, AGREED * fastest)
+        apply_contact_impulses(t, state, working, world, count, pull, AGREED * fastest)
         remember(state, working, world, count)
         for body in range(bodies):
             move_body(t, state, working, world, body)
@@ -377,4 +382,4 @@ def tumbling_function(features: Features) -> Any:
                 for body in range(bodies):
                     meet_sphere(t, state, working, world, body, sphere, pull)
 
-    return tumble
+    return move_bodies

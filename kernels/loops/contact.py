@@ -41,10 +41,10 @@ from balloon_warp.kernels.loops.fixtures import (
     NOBODY,
     ON_GROUND,
     SEVERAL,
-    Around,
+    Neighborhood,
     center_function,
+    clear_clearance,
     fixture_functions,
-    forget_look,
     friction_on,
     is_free,
     with_another,
@@ -72,7 +72,7 @@ class Solids:
 @cache
 def solid_function(features: Features) -> Any:
     """Return the function for center, velocity and squared reach of a sphere or an obstacle."""
-    center_at = center_function(features) if features.stands_on_fixtures else None
+    center_at = center_function(features) if features.may_touch_obstacles else None
 
     @wp.func
     def solid_at(t: Tables, state: WorldState, world: wp.int32, solid: wp.int32, end: float):
@@ -110,7 +110,7 @@ def near_function(features: Features) -> Any:
         a_step = A_STEP * t.step_seconds * t.step_seconds
         for solid in range(solids.centers.shape[1]):
             gaps = squared_length(point - solids.centers[params.group, solid]) - solids.reaches[params.group, solid]
-            if wp.static(features.impulses or features.stands_on_fixtures):
+            if wp.static(features.impulses or features.may_touch_obstacles):
                 gaps = gaps - a_step * squared_length(velocity - solids.motions[params.group, solid])
             found = found or any_negative(gaps)
         return found
@@ -119,7 +119,7 @@ def near_function(features: Features) -> Any:
 
 
 @cache
-def standing_test(features: Features) -> Any:
+def near_solid_test(features: Features) -> Any:
     """Return the function that returns whether one particle may touch an obstacle or the ground.
 
     It goes by the particle's last look.
@@ -127,36 +127,36 @@ def standing_test(features: Features) -> Any:
     height = features.columns.places["ground_height"]
 
     @wp.func
-    def may_stand(t: Tables, params: Any, end: float, point: wp.vec3):
+    def may_touch_solid(t: Tables, params: Any, end: float, point: wp.vec3):
         near = params.mass > 0.0 and not is_free(t, params.world, params.number, end, point)
         if wp.static(features.ground):
             near = near or wp.dot(point, t.up) < params.n[height]
         return near
 
-    return may_stand
+    return may_touch_solid
 
 
-def near_solids(features: Features, look: Any) -> Any:
+def near_solids(features: Features, access: Any) -> Any:
     """Return the near-solid test for phases after a particle has moved, of one or of eight.
 
     A single one is checked only where nothing but obstacles and the ground is left, and looking for obstacles costs
     much.
     """
-    if look.world:
+    if access.world:
         return near_function(features)
-    alone = features.stands_on_fixtures and not (features.impulses or features.penalties)
-    return standing_test(features) if alone else None
+    alone = features.may_touch_obstacles and not (features.impulses or features.penalties)
+    return near_solid_test(features) if alone else None
 
 
-def heads_for_solids(features: Features, look: Any) -> Any:
+def near_solids_ahead(features: Features, access: Any) -> Any:
     """Return the near-solid test for phases before a particle moves, by its expected course."""
     is_near = near_function(features)
 
     @wp.func
-    def is_heading(t: Any, solids: Solids, params: Any, point: Any, course: Any):
-        return is_near(t, solids, params, point + scaled(course, t.step_seconds), course)
+    def is_near_ahead(t: Any, solids: Solids, params: Any, point: Any, predicted_velocity: Any):
+        return is_near(t, solids, params, point + scaled(predicted_velocity, t.step_seconds), predicted_velocity)
 
-    return is_heading
+    return is_near_ahead
 
 
 @cache
@@ -167,7 +167,7 @@ def around_function(features: Features) -> Any:
     @wp.func
     def around_particle(params: Any, time: float):
         """Return the surroundings of a particle at the end of a step [s]."""
-        around = Around()
+        around = Neighborhood()
         around.world = params.world
         around.particle = params.number
         around.ground_height = params.n[height_column]
@@ -179,14 +179,14 @@ def around_function(features: Features) -> Any:
 
 
 @cache
-def standing_function(features: Features) -> Any:
-    """Return the function that holds a particle out of the ground and obstacles."""
-    leave_fixtures = fixture_functions(features)[0] if features.stands_on_fixtures else None
+def solid_contact_function(features: Features) -> Any:
+    """Contact of a particle with the ground and obstacles."""
+    leave_fixtures = fixture_functions(features)[0] if features.may_touch_obstacles else None
 
     @wp.func
     def stand(
         t: Tables,
-        around: Around,
+        around: Neighborhood,
         point: wp.vec3,
         velocity: wp.vec3,
     ):
@@ -206,7 +206,7 @@ def standing_function(features: Features) -> Any:
             turns += 1
             end = point
             again = bool(False)
-            if wp.static(features.stands_on_fixtures):
+            if wp.static(features.may_touch_obstacles):
                 left, slowed, met, crowded = leave_fixtures(t, around, start, point, velocity, at_once)
                 point = left
                 velocity = slowed
@@ -220,7 +220,7 @@ def standing_function(features: Features) -> Any:
                     )
                     point = stood
                     velocity = after
-                    if wp.static(features.stands_on_fixtures):
+                    if wp.static(features.may_touch_obstacles):
                         partner = with_another(partner, ON_GROUND)
                         again = not (
                             is_free(t, around.world, around.particle, around.time, start)
@@ -228,14 +228,14 @@ def standing_function(features: Features) -> Any:
                         )
             if not again or is_settled(start, end, point):
                 turns = MOST_TURNS
-            elif wp.static(features.stands_on_fixtures):
-                forget_look(t, around.world, around.particle)
+            elif wp.static(features.may_touch_obstacles):
+                clear_clearance(t, around.world, around.particle)
                 if wp.static(not features.fixtures_move):
                     if turns == MOST_TURNS:
                         point = start
-            if wp.static(features.stands_on_fixtures):
+            if wp.static(features.may_touch_obstacles):
                 if turns == MOST_TURNS and partner == SEVERAL and not at_once:
-                    forget_look(t, around.world, around.particle)
+                    clear_clearance(t, around.world, around.particle)
                     at_once = True
                     turns = 0
                     point = came
@@ -248,13 +248,13 @@ def standing_function(features: Features) -> Any:
 @cache
 def obstacle_loop(features: Features, sphere_at: Any) -> Any:
     """Return the function that moves a particle out of the ground, obstacles, and by the paper's rule spheres."""
-    stand, spheres_there = standing_function(features), features.spheres
+    stand, spheres_there = solid_contact_function(features), features.spheres
 
     @wp.func
     def leave_obstacles(
         t: Tables,
         spheres: Any,
-        around: Around,
+        around: Neighborhood,
         point: wp.vec3,
         velocity: wp.vec3,
         inflation: wp.vec3,
@@ -282,13 +282,13 @@ def obstacle_loop(features: Features, sphere_at: Any) -> Any:
 
 
 @cache
-def detour_function(features: Features, sphere_at: Any) -> Any:
-    """Return the function that foresees how obstacles deflect a particle."""
-    out_of_fixtures = fixture_functions(features)[1] if features.stands_on_fixtures else None
+def deflection_function(features: Features, sphere_at: Any) -> Any:
+    """Predictor of a particle's deflection by obstacles."""
+    out_of_fixtures = fixture_functions(features)[1] if features.may_touch_obstacles else None
     spheres_there = features.spheres
 
     @wp.func
-    def detour_beside_obstacles(t: Tables, spheres: Any, around: Around, point: wp.vec3, velocity: wp.vec3):
+    def deflection_by_obstacles(t: Tables, spheres: Any, around: Neighborhood, point: wp.vec3, velocity: wp.vec3):
         """Return the velocity change of a particle by obstacles in a step, and the normal of the last that it meets.
 
         Zero if it meets none.
@@ -302,7 +302,7 @@ def detour_function(features: Features, sphere_at: Any) -> Any:
                 out, outward = out_of_sphere(outside, normal, center, radius, t.up)
                 outside = out
                 normal = outward
-        if wp.static(features.stands_on_fixtures):
+        if wp.static(features.may_touch_obstacles):
             out, outward = out_of_fixtures(t, around, point, outside, velocity, normal)
             outside = out
             normal = outward
@@ -316,7 +316,7 @@ def detour_function(features: Features, sphere_at: Any) -> Any:
                 normal = t.up
         return (outside - end) / t.step_seconds, normal
 
-    return detour_beside_obstacles
+    return deflection_by_obstacles
 
 
 AS_NEAR = wp.constant(1.0e-5)

@@ -11,9 +11,9 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.contact import FAR_AWAY, stand_on
+from balloon_warp.kernels.laws.contact import FAR_AWAY, resolve_at_surface
 from balloon_warp.kernels.laws.rigid import carried
-from balloon_warp.kernels.loops.ways import surface_function, way_function
+from balloon_warp.kernels.loops.paths import path_function, surface_function
 from balloon_warp.kernels.memory import four_in, two_in
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world, sphere_radius
 
@@ -192,7 +192,7 @@ SURELY = wp.constant(0.999)
 @wp.func
 def is_free(t: Tables, world: wp.int32, particle: wp.int32, time: float, end: wp.vec3):
     """Return whether no obstacle is in a particle's path, by the cached query."""
-    seen = four_in(t.fixtures.looks, world, particle)
+    seen = four_in(t.fixtures.clearances, world, particle)
     return wp.length(end - wp.vec3(seen[0], seen[1], seen[2])) + t.fixtures.fastest * time < seen[3]
 
 
@@ -201,14 +201,14 @@ def nearest_alone(t: Tables, world: wp.int32, particle: wp.int32, time: float, e
     """Return the nearest obstacle, and the clearance from all others [m]: positive if only that one may be met."""
     if t.fixtures.nearest.shape[1] == 0:
         return 0, FAR_AWAY  # there is one obstacle
-    seen = four_in(t.fixtures.looks, world, particle)
+    seen = four_in(t.fixtures.clearances, world, particle)
     noted = two_in(t.fixtures.nearest, world, particle)
     gone = wp.length(end - wp.vec3(seen[0], seen[1], seen[2])) + t.fixtures.fastest * time
     return wp.int32(noted[0]), noted[1] - gone
 
 
 @wp.func
-def note_look(
+def cache_clearance(
     t: Tables,
     world: wp.int32,
     particle: wp.int32,
@@ -220,21 +220,21 @@ def note_look(
 ):
     """Cache the clearance of a particle at the end of its path, the nearest obstacle, and that of all others [m]."""
     gone = t.fixtures.fastest * time
-    t.fixtures.looks[world, particle] = wp.vec4(point[0], point[1], point[2], SURELY * free + gone)
+    t.fixtures.clearances[world, particle] = wp.vec4(point[0], point[1], point[2], SURELY * free + gone)
     if t.fixtures.nearest.shape[1] > 0:
         t.fixtures.nearest[world, particle] = wp.vec2(float(nearest), SURELY * beyond + gone)
 
 
 @wp.func
-def forget_look(t: Tables, world: wp.int32, particle: wp.int32):
+def clear_clearance(t: Tables, world: wp.int32, particle: wp.int32):
     """Clear the cached query of a particle, before another path in the same step."""
-    t.fixtures.looks[world, particle] = wp.vec4()
+    t.fixtures.clearances[world, particle] = wp.vec4()
     if t.fixtures.nearest.shape[1] > 0:
         t.fixtures.nearest[world, particle] = wp.vec2()
 
 
 @wp.struct
-class Around:
+class Neighborhood:
     """Particle, and the obstacles around it at the end of a step."""
 
     world: wp.int32
@@ -245,7 +245,7 @@ class Around:
 
 
 @wp.struct
-class Meeting:
+class ObstacleContact:
     """Contact of a particle's path with an obstacle."""
 
     let: wp.vec3  # where it lets the particle go
@@ -269,16 +269,16 @@ def with_another(partner: wp.int32, thing: wp.int32):
 
 
 @cache
-def meeting_function(features: Features) -> Any:
+def obstacle_contact_function(features: Features) -> Any:
     """Return the function for the contact of a particle, or a ball, with an obstacle."""
     pose_at = pose_function(features)
     center_at = center_function(features)
-    let_through = way_function(features.fixture_meshes)
+    let_through = path_function(features.fixture_meshes)
 
     @wp.func
     def meet(t: Tables, world: wp.int32, fixture: wp.int32, time: float, start: wp.vec3, end: wp.vec3, radius: float):
         """Return the contact with an obstacle in a step that ends at a time."""
-        met = Meeting()
+        met = ObstacleContact()
         met.let = end
         arm = end - center_at(t, world, fixture, time)
         way = wp.length(end - start) + t.step_seconds * t.fixtures.fastest
@@ -340,18 +340,20 @@ def free_ball_function(features: Features) -> Any:
 
 @cache
 def fixture_functions(features: Features) -> tuple[Any, Any]:
-    """Return the functions that move a particle out of obstacles, and that foresee its place."""
-    meet = meeting_function(features)
+    """Functions that project a particle out of obstacles, and that predict its place."""
+    meet = obstacle_contact_function(features)
 
     @wp.func
-    def leave_fixtures(t: Tables, around: Around, start: wp.vec3, point: wp.vec3, velocity: wp.vec3, at_once: bool):
+    def leave_fixtures(
+        t: Tables, around: Neighborhood, start: wp.vec3, point: wp.vec3, velocity: wp.vec3, at_once: bool
+    ):
         """Return a particle's point and velocity outside of all obstacles, at the end of a step.
 
         Also the obstacle that has moved it, see `with_another`, and whether more than that one may be in its way.
 
         Args:
             start: Position before the step.
-            at_once: see `stand_on`.
+            at_once: see `resolve_at_surface`.
         """
         partner = NOBODY
         crowded = bool(False)
@@ -376,7 +378,7 @@ def fixture_functions(features: Features) -> tuple[Any, Any]:
                 if wp.length_sq(met.normal) > 0.0:
                     friction = friction_on(t, around.world, around.balloon, number_of_obstacle(fixture))
                     once = at_once or met.slides
-                    stood, slowed = stand_on(
+                    stood, slowed = resolve_at_surface(
                         point, met.let, velocity, met.moving, met.normal, friction, t.step_seconds, once, met.part
                     )
                     point = stood
@@ -384,13 +386,13 @@ def fixture_functions(features: Features) -> tuple[Any, Any]:
                     partner = with_another(partner, fixture)
             aside = wp.length(point - end)
             free = wp.min(free, beyond - aside)
-            note_look(t, around.world, around.particle, around.time, free, nearest, beyond - aside, point)
+            cache_clearance(t, around.world, around.particle, around.time, free, nearest, beyond - aside, point)
             crowded = SURELY * beyond < wp.length(end - start) + aside
         return point, velocity, partner, crowded
 
     @wp.func
     def out_of_fixtures(
-        t: Tables, around: Around, start: wp.vec3, end: wp.vec3, velocity: wp.vec3, last_normal: wp.vec3
+        t: Tables, around: Neighborhood, start: wp.vec3, end: wp.vec3, velocity: wp.vec3, last_normal: wp.vec3
     ):
         """Return a position outside of all obstacles, and the normal of the last in the way.
 
@@ -404,7 +406,7 @@ def fixture_functions(features: Features) -> tuple[Any, Any]:
                 if wp.length_sq(met.normal) > 0.0:
                     friction = friction_on(t, around.world, around.balloon, number_of_obstacle(fixture))
                     step = t.step_seconds
-                    stood, _slowed = stand_on(
+                    stood, _slowed = resolve_at_surface(
                         outside, met.let, velocity, met.moving, met.normal, friction, step, met.slides, met.part
                     )
                     outside = stood

@@ -72,14 +72,14 @@ def warmth_function(features: Features) -> Any:
 
 
 @wp.func
-def most_that_leaves(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32, air: wp.vec3):
+def max_outflow(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32, air: wp.vec3):
     """Return the largest flow of gas out of a balloon in a substep, up to which it is not flat [mol/s]."""
     spare = float(state.gas_amounts[world, balloon]) - amount_when_flat(t.faces.enclosed[balloon][0], air)
     return wp.max(spare, 0.0) / t.step_seconds
 
 
 @cache
-def holding_function(features: Features) -> Any:
+def own_gas_test(features: Features) -> Any:
     """Return the test whether a balloon has gas of its own: one that has burst does, until it is open."""
 
     @wp.func
@@ -290,7 +290,7 @@ def pump_function(features: Features) -> Any:
     temperature_column = columns.places["air_temperature"] - columns.balloon_width
     air_at = air_function(features)
     fill = fill_function(features) if features.fills else None
-    holds_gas = holding_function(features)
+    holds_gas = own_gas_test(features)
 
     @wp.func
     def pump_gas(t: Tables, state: WorldState, world: wp.int32, time_in_frame: float, time: float):
@@ -348,7 +348,7 @@ def vent_function(features: Features) -> tuple[Any, Any]:
             opening += SHARP_EDGE * wp.max(state.bursts[world, balloon][1], 0.0)
         air = air_at(t, state, world, balloon)
         a_mole = as_warm_there(t, world, balloon, molar_free_volume(gas_in(state, world, balloon)), air)
-        most = most_that_leaves(t, state, world, balloon, air)
+        most = max_outflow(t, state, world, balloon, air)
         flow_and_more = flow_of_vent(
             state.vent_flows[world, balloon], state.pressures[world, balloon], a_mole,
             state.pressure_slopes[world, balloon], t.step_seconds, opening, most,
@@ -418,8 +418,8 @@ def tube_functions(features: Features) -> tuple[Any, Any]:
             as_warm_there(t, world, second, a_mole, air_at(t, state, world, second)),
         )
         most = wp.vec2(
-            most_that_leaves(t, state, world, first, air_at(t, state, world, first)),
-            most_that_leaves(t, state, world, second, air_at(t, state, world, second)),
+            max_outflow(t, state, world, first, air_at(t, state, world, first)),
+            max_outflow(t, state, world, second, air_at(t, state, world, second)),
         )
         slopes = wp.vec2(state.pressure_slopes[world, first], state.pressure_slopes[world, second])
         conductance = t.tubes.conductance[row_of_world(world, t.tubes.conductance.shape[0]), tube]
@@ -458,7 +458,7 @@ def flows_function(features: Features) -> Any:
     """Return the function that exchanges gas through tubes and openings, from the loads without flow."""
     find_vent, take_vented = vent_function(features) if features.vents else (None, None)
     find_flow, let_gas_flow = tube_functions(features)
-    holds_gas = holding_function(features)
+    holds_gas = own_gas_test(features)
 
     @wp.func
     def find_flows(t: Tables, state: WorldState, world: wp.int32, time: float):

@@ -16,12 +16,12 @@ from balloon_warp.kernels.laws.rigid import (
     Grip,
     carried_along,
     clear_gap,
-    going_on,
     grip_impulse,
-    has_agreed,
-    most_sweeps,
+    max_sweeps,
+    momentum_factor,
     push_share,
     rebound_share,
+    sweep_has_converged,
     turned_by,
 )
 from balloon_warp.kernels.loops.fixtures import (
@@ -31,7 +31,7 @@ from balloon_warp.kernels.loops.fixtures import (
     number_of_obstacle,
     pose_function,
 )
-from balloon_warp.kernels.loops.ways import surface_function
+from balloon_warp.kernels.loops.paths import surface_function
 from balloon_warp.kernels.tables import Solid, Tables, WorldState, row_of_world
 from balloon_warp.kernels.working import Working
 
@@ -135,30 +135,32 @@ def thing_functions(features: Features) -> tuple[Any, Any]:
 
 
 @wp.func
-def ease_of(working: Working, world: wp.int32, body: wp.int32, arm: wp.vec3, direction: wp.vec3):
+def inverse_mass_of_point(working: Working, world: wp.int32, body: wp.int32, arm: wp.vec3, direction: wp.vec3):
     """Return the inverse effective mass of a body's point along a unit vector [1/kg]."""
     torque = wp.vec3d(wp.cross(arm, direction))
-    return 1.0 / working.body_masses[world, body] + float(wp.dot(torque, working.body_eases[world, body] * torque))
+    return 1.0 / working.body_masses[world, body] + float(
+        wp.dot(torque, working.body_inverse_inertias[world, body] * torque)
+    )
 
 
 @wp.func
-def ease_at(working: Working, world: wp.int32, grip: Grip, direction: wp.vec3):
+def inverse_mass_at(working: Working, world: wp.int32, grip: Grip, direction: wp.vec3):
     """Return the inverse effective mass of a contact along a unit vector [1/kg]."""
-    ease = ease_of(working, world, grip.body, grip.arm, direction)
+    inverse_mass = inverse_mass_of_point(working, world, grip.body, grip.arm, direction)
     if grip.other >= 0:
-        ease += ease_of(working, world, grip.other, grip.other_arm, direction)
-    return ease
+        inverse_mass += inverse_mass_of_point(working, world, grip.other, grip.other_arm, direction)
+    return inverse_mass
 
 
 @wp.func
 def speed_at(working: Working, world: wp.int32, body: wp.int32, arm: wp.vec3):
     """Return the velocity of a body's point [m/s]."""
-    spin = working.body_eases[world, body] * working.body_turning[world, body]
+    spin = working.body_inverse_inertias[world, body] * working.body_turning[world, body]
     return working.body_going[world, body] + wp.cross(spin, wp.vec3d(arm))
 
 
 @wp.func
-def beside_at(working: Working, world: wp.int32, grip: Grip):
+def relative_velocity_at(working: Working, world: wp.int32, grip: Grip):
     """Return the relative velocity at a contact [m/s]."""
     speed = speed_at(working, world, grip.body, grip.arm) - wp.vec3d(grip.moving)
     if grip.other >= 0:
@@ -180,7 +182,7 @@ def tug_at(working: Working, world: wp.int32, grip: Grip):
 @wp.func
 def tug_of(working: Working, world: wp.int32, body: wp.int32, arm: wp.vec3):
     """Return the velocity of a body's point that strings add in this substep [m/s]."""
-    spin = working.body_eases[world, body] * wp.vec3d(working.body_twists[world, body])
+    spin = working.body_inverse_inertias[world, body] * wp.vec3d(working.body_twists[world, body])
     return wp.vec3d(working.body_tugs[world, body]) + wp.cross(spin, wp.vec3d(arm))
 
 
@@ -209,13 +211,13 @@ def push_apart(working: Working, world: wp.int32, grip: Grip, impulse: wp.vec3d)
 @wp.func
 def added_at(working: Working, world: wp.int32, grip: Grip, beside: wp.vec3d, rubs: bool):
     """Return the increment of a contact's impulse for the current velocities [N s]."""
-    across = grip.ease
+    across = grip.inverse_mass
     friction = float(0.0)
     if rubs:
         friction = grip.friction
         sliding = wp.vec3(beside - along_normal(grip, beside) * wp.vec3d(grip.normal))
         if wp.length_sq(sliding) > 0.0:
-            across = ease_at(working, world, grip, wp.normalize(sliding))
+            across = inverse_mass_at(working, world, grip, wp.normalize(sliding))
     return grip_impulse(grip, beside, across, friction)
 
 
@@ -244,13 +246,13 @@ def settle(working: Working, world: wp.int32, count: wp.int32, rubs: bool, allow
         changed = float(0.0)
         for number in range(count):
             grip = working.grips[world, number]
-            beside = beside_at(working, world, grip)
+            beside = relative_velocity_at(working, world, grip)
             grip.added = added_at(working, world, grip, beside, rubs)
             grip.impulse += grip.added
             push_apart(working, world, grip, grip.added)
-            agreed = agreed and has_agreed(grip, allowed)
-            along += grip.ease * float(wp.dot(grip.added, grip.ahead + grip.added))
-            changed += grip.ease * float(wp.length_sq(grip.added))
+            agreed = agreed and sweep_has_converged(grip, allowed)
+            along += grip.inverse_mass * float(wp.dot(grip.added, grip.ahead + grip.added))
+            changed += grip.inverse_mass * float(wp.length_sq(grip.added))
             working.grips[world, number] = grip
         sweeps += 1
         age = wp.where(along < 0.0 or changed > 2.0 * before, 0.0, age + 1.0)
@@ -258,7 +260,7 @@ def settle(working: Working, world: wp.int32, count: wp.int32, rubs: bool, allow
         if not agreed and sweeps < most:
             for number in range(count):
                 grip = working.grips[world, number]
-                grip.ahead = wp.float64(going_on(age)) * (grip.ahead + grip.added)
+                grip.ahead = wp.float64(momentum_factor(age)) * (grip.ahead + grip.added)
                 grip.impulse += grip.ahead
                 push_apart(working, world, grip, grip.ahead)
                 working.grips[world, number] = grip
@@ -272,7 +274,7 @@ LOOKED_AHEAD = wp.constant(1.5)
 @wp.func
 def speed_of(t: Tables, state: WorldState, working: Working, world: wp.int32, body: wp.int32, pull: float):
     """Return the largest speed of a point of a body after gravity has acted [m/s]."""
-    spin = working.body_eases[world, body] * wp.vec3d(state.body_momenta[world, body])
+    spin = working.body_inverse_inertias[world, body] * wp.vec3d(state.body_momenta[world, body])
     speed = wp.length(state.body_velocities[world, body]) + float(wp.length(spin)) * t.bodies.solids[body].reach
     return speed + t.step_seconds * wp.abs(pull)
 
@@ -301,7 +303,7 @@ def end_of_samples(t: Tables, body: wp.int32, thing: Thing):
 
 
 @wp.func
-def hold_point(
+def append_contact_point(
     state: WorldState,
     working: Working,
     world: wp.int32,
@@ -330,7 +332,7 @@ def hold_point(
     center_arm = own.center - thing.center
     grip.moving = carried_along(thing.velocity, thing.spin, center_arm, grip.arm, normal, step_seconds)
     grip.gap = clear_gap(gap, own.reach, own.center)
-    grip.ease = ease_at(working, world, grip, normal)
+    grip.inverse_mass = inverse_mass_at(working, world, grip, normal)
     grip.friction = thing.friction
     grip.restitution = wp.sqrt(own.restitution * thing.restitution)
     impulse, place = last_impulse(state.body_touches[world], state.body_impulses[world], key, places[1])
@@ -340,12 +342,12 @@ def hold_point(
 
 
 @cache
-def thing_holding_function(features: Features) -> Any:
+def contacts_function(features: Features) -> Any:
     """Make the function that puts a body and one thing into the list."""
     _, gap_to = thing_functions(features)
 
     @wp.func
-    def hold_thing(
+    def list_contacts(
         t: Tables,
         state: WorldState,
         working: Working,
@@ -362,7 +364,7 @@ def thing_holding_function(features: Features) -> Any:
             own: Index of the body.
             first_key: Key of the body's first point there.
             within: Distance beyond which there is no contact [m].
-            places: As in `hold_point`.
+            places: As in `append_contact_point`.
         """
         first = t.bodies.sample_ends[own.other][0]
         count = end_of_samples(t, own.other, thing) - first
@@ -385,23 +387,23 @@ def thing_holding_function(features: Features) -> Any:
             gap, normal = gap_to(t, met, point, told[3], within)
             if gap < within and places[0] < working.grips.shape[1]:
                 point -= told[3] * normal
-                places = hold_point(
+                places = append_contact_point(
                     state, working, world, own, thing, first_key + number, point, side * normal, gap, places,
                     t.step_seconds,
                 )  # fmt: skip
         return places
 
-    return hold_thing
+    return list_contacts
 
 
 @cache
-def holding_function(features: Features) -> Any:
+def contact_list_function(features: Features) -> Any:
     """Make the function that makes the list."""
     thing_at, _ = thing_functions(features)
-    hold_thing = thing_holding_function(features)
+    list_contacts = contacts_function(features)
 
     @wp.func
-    def take_hold(t: Tables, state: WorldState, working: Working, world: wp.int32, begin: float, pull: float):
+    def list_body_contacts(t: Tables, state: WorldState, working: Working, world: wp.int32, begin: float, pull: float):
         """List the contacts in a step that begins at a time in the frame, and return their number."""
         bodies = state.body_positions.shape[1]
         things = count_of(t, state)
@@ -425,10 +427,10 @@ def holding_function(features: Features) -> Any:
                     if away - own.reach - thing.reach < within:
                         key = (body * things + number) * most
                         thing.friction = friction_between(t, world, own.number, thing.number)
-                        places = hold_thing(t, state, working, world, own, thing, key, within, places)
+                        places = list_contacts(t, state, working, world, own, thing, key, within, places)
         return places[0]
 
-    return take_hold
+    return list_body_contacts
 
 
 NO_GAIN = wp.constant(wp.float64(1.0e-5))
@@ -441,7 +443,7 @@ NOT, DOES, JAMS = (wp.constant(number) for number in range(3))
 
 
 @wp.func
-def let_fall(t: Tables, state: WorldState, working: Working, world: wp.int32, pull: float):
+def apply_gravity(t: Tables, state: WorldState, working: Working, world: wp.int32, pull: float):
     """Give all bodies the velocities that they have without contact, by a step of gravity [m/s^2]."""
     fallen = wp.vec3d((t.step_seconds * pull) * t.up)
     for body in range(state.body_positions.shape[1]):
@@ -492,7 +494,7 @@ def gains_energy(working: Working, world: wp.int32, count: wp.int32, agrees: boo
         grip = working.grips[world, number]
         group = group_of(working, world, grip.body)
         grip.rebound = grip.impulse
-        grip.leaving = beside_at(working, world, grip)
+        grip.leaving = relative_velocity_at(working, world, grip)
         working.grips[world, number] = grip
         whole = work_of(grip.impulse, grip.before, grip.leaving)
         exchanged = wp.abs(work_of(grip.impulse, grip.before, wp.vec3d()))
@@ -529,7 +531,7 @@ def push_less(working: Working, world: wp.int32, count: wp.int32, jams: bool, fa
     for number in range(count):
         grip = working.grips[world, number]
         group = group_of(working, world, grip.body)
-        now = beside_at(working, world, grip)
+        now = relative_velocity_at(working, world, grip)
         free = grip.before + tug_at(working, world, grip)
         if grip.other < 0:
             free -= wp.vec3d(fallen)
@@ -549,7 +551,7 @@ def push_less(working: Working, world: wp.int32, count: wp.int32, jams: bool, fa
 
 
 @wp.func
-def push_each_other(
+def apply_contact_impulses(
     t: Tables, state: WorldState, working: Working, world: wp.int32, count: wp.int32, pull: float, allowed: float
 ):
     """Set velocities of bodies after gravity [m/s^2] and all contacts of the list.
@@ -557,8 +559,8 @@ def push_each_other(
     Args:
         allowed: Largest change of a speed in a sweep at convergence [m/s].
     """
-    let_fall(t, state, working, world, pull)
-    agrees = settle(working, world, count, True, allowed, most_sweeps(count)) < most_sweeps(count)
+    apply_gravity(t, state, working, world, pull)
+    agrees = settle(working, world, count, True, allowed, max_sweeps(count)) < max_sweeps(count)
     rebounds = bool(False)
     for number in range(count):
         rebounds = rebounds or working.grips[world, number].least > 0.0
@@ -571,11 +573,11 @@ def push_each_other(
                     grip = working.grips[world, number]
                     grip.impulse = state.body_impulses[world, number]
                     working.grips[world, number] = grip
-                let_fall(t, state, working, world, pull)
-                settle(working, world, count, gains != JAMS, allowed, most_sweeps(count))
+                apply_gravity(t, state, working, world, pull)
+                settle(working, world, count, gains != JAMS, allowed, max_sweeps(count))
                 for number in range(count):
                     swap_least(working, world, number)
             push_less(working, world, count, gains == JAMS, (t.step_seconds * pull) * t.up)
-            let_fall(t, state, working, world, pull)
+            apply_gravity(t, state, working, world, pull)
             for number in range(count):
                 push_apart(working, world, working.grips[world, number], working.grips[world, number].impulse)

@@ -141,17 +141,17 @@ def inertia_function(features: Features) -> Any:
 
 
 @cache
-def ease_function(features: Features) -> Any:
+def inverse_mass_function(features: Features) -> Any:
     """Return the function for the inverse effective mass of a particle [1/kg], 0 if it is fixed."""
     _, read_params = params_functions(features.columns, features.balloons)
     inertia = inertia_function(features)
 
     @wp.func
-    def ease_of_moving(t: Tables, working: Working, world: wp.int32, particle: wp.int32):
+    def inverse_mass_of(t: Tables, working: Working, world: wp.int32, particle: wp.int32):
         mass = inertia(working, read_params(t, world, particle))
         return wp.where(mass > 0.0, 1.0 / mass, 0.0)
 
-    return ease_of_moving
+    return inverse_mass_of
 
 
 @wp.func
@@ -455,7 +455,7 @@ def net_force_function(features: Features, loops: Loops) -> Any:
         Args:
             velocities: of all particles, where a law asks for its neighbors'.
             springs: inputs of the loop over springs, beside the tables.
-            water_load: see `phases.forces.soak`; anything where there is no liquid.
+            water_load: see `phases.forces.find_water_load`; anything where there is no liquid.
         """
         force, area_vector, vertex_normal = loops.around(t, points, velocities, params, springs, point, velocity, time)
         if wp.static(others):

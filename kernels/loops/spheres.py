@@ -17,10 +17,10 @@ from balloon_warp.kernels.laws.contact import (
     change_of_body,
     collision,
     comes_near,
-    ease_of_ball,
     fall,
     friction_impulse,
     gain_of_particle,
+    inverse_mass_of_ball,
     is_pressed,
     is_settled,
     mass_in,
@@ -38,9 +38,9 @@ from balloon_warp.kernels.laws.rigid import rub_on
 from balloon_warp.kernels.loops.fixtures import (
     GROUND,
     friction_between,
-    meeting_function,
     number_of_obstacle,
     number_of_sphere,
+    obstacle_contact_function,
 )
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world, sphere_mass, sphere_radius, sphere_restitution
 from balloon_warp.kernels.warps import put_word, set_quanta, shared_words, total_newtons, word_at
@@ -165,7 +165,7 @@ leave it no place, and another sphere"""
 
 
 @wp.struct
-class Course:
+class MotionState:
     """Position and velocities of a sphere."""
 
     position: wp.vec3
@@ -174,18 +174,18 @@ class Course:
 
 
 @wp.func
-def course_of(position: wp.vec3, velocity: wp.vec3, spin: wp.vec3):
-    course = Course()
-    course.position = position
-    course.velocity = velocity
-    course.spin = spin
-    return course
+def motion_state_of(position: wp.vec3, velocity: wp.vec3, spin: wp.vec3):
+    motion = MotionState()
+    motion.position = position
+    motion.velocity = velocity
+    motion.spin = spin
+    return motion
 
 
 @wp.func
-def course_at(spheres: Any, world: wp.int32, sphere: wp.int32):
+def motion_at(spheres: Any, world: wp.int32, sphere: wp.int32):
     """Return the course of a sphere as it is now."""
-    return course_of(
+    return motion_state_of(
         spheres.sphere_positions[world, sphere],
         spheres.sphere_velocities[world, sphere],
         spheres.sphere_spins[world, sphere],
@@ -193,12 +193,12 @@ def course_at(spheres: Any, world: wp.int32, sphere: wp.int32):
 
 
 @wp.func
-def put_course(spheres: Any, world: wp.int32, sphere: wp.int32, course: Course, spins: bool):
+def put_motion(spheres: Any, world: wp.int32, sphere: wp.int32, motion: MotionState, spins: bool):
     """Store a sphere's course, with its spin where it has any."""
-    spheres.sphere_positions[world, sphere] = course.position
-    spheres.sphere_velocities[world, sphere] = course.velocity
+    spheres.sphere_positions[world, sphere] = motion.position
+    spheres.sphere_velocities[world, sphere] = motion.velocity
     if spins:
-        spheres.sphere_spins[world, sphere] = course.spin
+        spheres.sphere_spins[world, sphere] = motion.spin
 
 
 @cache
@@ -210,7 +210,7 @@ def rubbing_function(features: Features) -> Any:
         t: Tables,
         world: wp.int32,
         sphere: wp.int32,
-        course: Course,
+        motion: MotionState,
         moving: wp.vec3,
         normal: wp.vec3,
         stopped: float,
@@ -228,13 +228,13 @@ def rubbing_function(features: Features) -> Any:
         if wp.static(features.spheres_rub):
             if stopped > 0.0:
                 gain, more = rubbed(
-                    course.velocity, course.spin, moving, normal, stopped, sphere_radius(t.spheres, world, sphere),
+                    motion.velocity, motion.spin, moving, normal, stopped, sphere_radius(t.spheres, world, sphere),
                     friction,
                 )  # fmt: skip
-                course.position += seconds * gain
-                course.velocity += gain
-                course.spin += more
-        return course
+                motion.position += seconds * gain
+                motion.velocity += gain
+                motion.spin += more
+        return motion
 
     return rub
 
@@ -245,10 +245,10 @@ def ground_rubbing_function(features: Features) -> Any:
     rub = rubbing_function(features)
 
     @wp.func
-    def rub_on_ground(t: Tables, world: wp.int32, sphere: wp.int32, course: Course, stopped: float):
+    def rub_on_ground(t: Tables, world: wp.int32, sphere: wp.int32, motion: MotionState, stopped: float):
         """Return a sphere's course after friction on the ground, as in `rub`."""
         friction = friction_between(t, world, number_of_sphere(t, sphere), GROUND)
-        return rub(t, world, sphere, course, wp.vec3(), t.up, stopped, friction, t.step_seconds)
+        return rub(t, world, sphere, motion, wp.vec3(), t.up, stopped, friction, t.step_seconds)
 
     return rub_on_ground
 
@@ -260,13 +260,13 @@ def leaving_function(features: Features, note: Any = None) -> Any:
     Args:
         note: function that is told of each change of a course, and the course before it; none where nobody asks.
     """
-    meet = meeting_function(features)
+    meet = obstacle_contact_function(features)
     rub = rubbing_function(features)
     gravity = features.columns.places["gravity"] - features.columns.balloon_width
 
     @wp.func
     def leave_fixtures(
-        t: Tables, spheres: Any, world: wp.int32, sphere: wp.int32, time: float, start: wp.vec3, course: Course
+        t: Tables, spheres: Any, world: wp.int32, sphere: wp.int32, time: float, start: wp.vec3, motion: MotionState
     ):
         """Return a sphere out of obstacles, from which it turns by their restitution, see `stop_of`.
 
@@ -280,31 +280,31 @@ def leaving_function(features: Features, note: Any = None) -> Any:
         turns = wp.int32(0)
         while turns < MOST_TURNS:
             turns += 1
-            end = course.position
+            end = motion.position
             for fixture in range(fixtures):
-                met = meet(t, world, fixture, time, start, course.position, radius)
+                met = meet(t, world, fixture, time, start, motion.position, radius)
                 if wp.length_sq(met.normal) > 0.0:
                     if wp.static(note is not None):
-                        note(spheres, world, BESIDE_OBSTACLE, sphere, fixture, course, course)
+                        note(spheres, world, BESIDE_OBSTACLE, sphere, fixture, motion, motion)
                     row = row_of_world(world, t.fixtures.restitutions.shape[0])
                     restitution = t.fixtures.restitutions[row, fixture]
-                    coming = -wp.dot(course.velocity - met.moving, met.normal)
-                    depth = wp.dot(met.let - course.position, met.normal)
+                    coming = -wp.dot(motion.velocity - met.moving, met.normal)
+                    depth = wp.dot(met.let - motion.position, met.normal)
                     before = coming - t.step_seconds * pull * wp.dot(met.normal, t.up)
                     stopped = stop_of(coming, depth, before, restitution, t.step_seconds)
-                    course.position = met.let + wp.max(t.step_seconds * stopped - depth, 0.0) * met.normal
-                    course.velocity += stopped * met.normal
+                    motion.position = met.let + wp.max(t.step_seconds * stopped - depth, 0.0) * met.normal
+                    motion.velocity += stopped * met.normal
                     friction = friction_between(t, world, number_of_sphere(t, sphere), number_of_obstacle(fixture))
                     left = met.part * t.step_seconds
-                    course = rub(t, world, sphere, course, met.moving, met.normal, stopped, friction, left)
-            if fixtures == 1 or is_settled(start, end, course.position):
+                    motion = rub(t, world, sphere, motion, met.moving, met.normal, stopped, friction, left)
+            if fixtures == 1 or is_settled(start, end, motion.position):
                 turns = MOST_TURNS
             elif wp.static(not features.fixtures_move):
                 if turns == MOST_TURNS:
                     if wp.static(note is not None):
-                        note(spheres, world, STUCK, sphere, sphere, course, course)
-                    course.position = start
-        return course
+                        note(spheres, world, STUCK, sphere, sphere, motion, motion)
+                    motion.position = start
+        return motion
 
     return leave_fixtures
 
@@ -321,7 +321,7 @@ def rolling_function(features: Features, note: Any = None) -> Any:
 
     @wp.func
     def roll(
-        t: Tables, spheres: Any, world: wp.int32, sphere: wp.int32, time: float, course: Course, pushed: wp.vec3,
+        t: Tables, spheres: Any, world: wp.int32, sphere: wp.int32, time: float, motion: MotionState, pushed: wp.vec3,
         around: wp.vec3,
     ):  # fmt: skip
         """Return a sphere's course after a step.
@@ -332,16 +332,16 @@ def rolling_function(features: Features, note: Any = None) -> Any:
             around: Gravity, the ground's height and its restitution.
         """
         radius = sphere_radius(t.spheres, world, sphere)
-        start = course.position
+        start = motion.position
         if wp.static(note is not None):
-            note(spheres, world, ROLLS, sphere, sphere, course, course)
+            note(spheres, world, ROLLS, sphere, sphere, motion, motion)
         position, velocity, stopped = fall(
-            course.position, course.velocity, pushed, radius, around[0], t.up, around[1], around[2], t.step_seconds
+            motion.position, motion.velocity, pushed, radius, around[0], t.up, around[1], around[2], t.step_seconds
         )
-        course = rub_on_ground(t, world, sphere, course_of(position, velocity, course.spin), stopped)
+        motion = rub_on_ground(t, world, sphere, motion_state_of(position, velocity, motion.spin), stopped)
         if wp.static(features.fixtures):
-            course = leave_fixtures(t, spheres, world, sphere, time, start, course)
-        return course
+            motion = leave_fixtures(t, spheres, world, sphere, time, start, motion)
+        return motion
 
     return roll
 
@@ -367,24 +367,24 @@ def beside_function(features: Features, note: Any = None) -> Any:
     )
 
     @wp.func
-    def put_beside(t: Tables, spheres: Any, world: wp.int32, time: float, sphere: wp.int32, course: Course):
+    def put_beside(t: Tables, spheres: Any, world: wp.int32, time: float, sphere: wp.int32, motion: MotionState):
         """Move a sphere that another has pushed out of the ground and obstacles."""
         radius = sphere_radius(t.spheres, world, sphere)
         if wp.static(features.ground):
             row = row_of_world(world, t.world_numbers.shape[0])
-            depth = t.world_numbers[row, height] + radius - wp.dot(course.position, t.up)
+            depth = t.world_numbers[row, height] + radius - wp.dot(motion.position, t.up)
             if depth > 0.0:
                 if wp.static(note is not None):
-                    note(spheres, world, BESIDE_GROUND, sphere, sphere, course, course)
+                    note(spheres, world, BESIDE_GROUND, sphere, sphere, motion, motion)
                 restitution = t.world_numbers[row, ground_restitution]
-                coming = -wp.dot(course.velocity, t.up)
+                coming = -wp.dot(motion.velocity, t.up)
                 stopped = stop_of(coming, t.step_seconds * coming, coming, restitution, t.step_seconds)
-                course.position += depth * t.up
-                course.velocity += stopped * t.up
-                course = rub_on_ground(t, world, sphere, course, stopped)
+                motion.position += depth * t.up
+                motion.velocity += stopped * t.up
+                motion = rub_on_ground(t, world, sphere, motion, stopped)
         if wp.static(features.fixtures):
-            course = leave_fixtures(t, spheres, world, sphere, time, spheres.sphere_starts[world, sphere], course)
-        put_course(spheres, world, sphere, course, wp.static(features.spheres_rub))
+            motion = leave_fixtures(t, spheres, world, sphere, time, spheres.sphere_starts[world, sphere], motion)
+        put_motion(spheres, world, sphere, motion, wp.static(features.spheres_rub))
 
     return put_beside
 
@@ -399,8 +399,8 @@ def pair_rubbing_function(features: Features) -> Any:
         world: wp.int32,
         first: wp.int32,
         second: wp.int32,
-        mine: Course,
-        other: Course,
+        mine: MotionState,
+        other: MotionState,
         normal: wp.vec3,
         pushed: float,
         seconds: float,
@@ -419,9 +419,11 @@ def pair_rubbing_function(features: Features) -> Any:
             arm = radius * normal
             other_arm = -other_radius * normal
             beside = other.velocity + wp.cross(other.spin, other_arm) - mine.velocity - wp.cross(mine.spin, arm)
-            ease = ease_of_ball(mass, radius, arm) + ease_of_ball(other_mass, other_radius, other_arm)
+            inverse_mass = inverse_mass_of_ball(mass, radius, arm) + inverse_mass_of_ball(
+                other_mass, other_radius, other_arm
+            )
             friction = friction_between(t, world, number_of_sphere(t, first), number_of_sphere(t, second))
-            rub = friction_impulse(beside, normal, ease, friction * pushed)
+            rub = friction_impulse(beside, normal, inverse_mass, friction * pushed)
             mine.position -= (seconds / mass) * rub
             mine.velocity -= rub / mass
             mine.spin += spin_by(mass, radius, -wp.cross(arm, rub))
@@ -458,8 +460,8 @@ def colliding_function(features: Features, note: Any = None) -> Any:
     def meet_pair(t: Tables, spheres: Any, world: wp.int32, time: float, first: wp.int32, second: wp.int32):
         """Resolve the collision of two spheres, and return whether it has moved them."""
         reach = sphere_radius(t.spheres, world, first) + sphere_radius(t.spheres, world, second)
-        mine = course_at(spheres, world, first)
-        other = course_at(spheres, world, second)
+        mine = motion_at(spheres, world, first)
+        other = motion_at(spheres, world, second)
         before = spheres.sphere_starts[world, second] - spheres.sphere_starts[world, first]
         shift, gain, part = collision(
             before, other.position - mine.position - before, other.velocity - mine.velocity, reach,
@@ -549,15 +551,17 @@ def is_near_sphere(
     t: Tables, center: wp.vec3, sphere_velocity: wp.vec3, radius: float, point: wp.vec3, velocity: wp.vec3
 ):
     """Return whether a particle may have touched a sphere in this step."""
-    way = t.step_seconds * (velocity - sphere_velocity)
-    return comes_near(point - center - way, way, radius)
+    displacement = t.step_seconds * (velocity - sphere_velocity)
+    return comes_near(point - center - displacement, displacement, radius)
 
 
 @wp.func
 def press_on_ball(t: Tables, ball: Ball, change: wp.vec3, mass: float, point: wp.vec3, velocity: wp.vec3):
     """Return a particle's share of the load on a sphere with a given velocity change."""
-    way = t.step_seconds * (velocity - ball.velocity)
-    outward, excess, out = meet_sphere(point - ball.center - way, way, ball.radius, t.up, t.step_seconds)
+    displacement = t.step_seconds * (velocity - ball.velocity)
+    outward, excess, out = meet_sphere(
+        point - ball.center - displacement, displacement, ball.radius, t.up, t.step_seconds
+    )
     return press_of_particle(mass, outward, excess, out, change)
 
 
@@ -571,7 +575,7 @@ def change_of_ball(t: Tables, ball: Ball, press: Press, last: wp.vec3):
 
 
 @wp.func
-def answer_to_ball(
+def response_to_ball(
     t: Tables, ball: Ball, last: wp.vec3, change: wp.vec3, shift: wp.vec3, point: wp.vec3, velocity: wp.vec3
 ):
     """Return a particle's point and velocity after the contact.
@@ -580,8 +584,10 @@ def answer_to_ball(
         last: the change of the sphere's velocity before it was settled, which says who is pressed.
         shift: how far the sphere is moved out of overlaps.
     """
-    way = t.step_seconds * (velocity - ball.velocity)
-    outward, excess, out = meet_sphere(point - ball.center - way, way, ball.radius, t.up, t.step_seconds)
+    displacement = t.step_seconds * (velocity - ball.velocity)
+    outward, excess, out = meet_sphere(
+        point - ball.center - displacement, displacement, ball.radius, t.up, t.step_seconds
+    )
     if is_pressed(outward, excess, last):
         gain = gain_of_particle(outward, excess, change)
         velocity += gain
@@ -607,18 +613,18 @@ def rub_on_ball(
 
     Args:
         press: of the sphere.
-        last: as in `answer_to_ball`, as is the next.
+        last: as in `response_to_ball`, as is the next.
         friction: Coulomb's coefficient of both.
         point: of the particle, before its answer.
     """
-    way = t.step_seconds * (velocity - ball.velocity)
-    arm = point - ball.center - way
-    outward, excess, _out = meet_sphere(arm, way, ball.radius, t.up, t.step_seconds)
+    displacement = t.step_seconds * (velocity - ball.velocity)
+    arm = point - ball.center - displacement
+    outward, excess, _out = meet_sphere(arm, displacement, ball.radius, t.up, t.step_seconds)
     rub = wp.vec3()
     if is_pressed(outward, excess, last):
         gain = gain_of_particle(outward, excess, change)
         beside = velocity + gain - ball.velocity - change - wp.cross(ball.spin, arm)
-        share = 1.0 / (1.0 + mass_in(press, PRESSED) * ease_of_ball(ball.mass, ball.radius, arm))
+        share = 1.0 / (1.0 + mass_in(press, PRESSED) * inverse_mass_of_ball(ball.mass, ball.radius, arm))
         rub = rub_on(beside, mass * gain, mass, share, friction)
     return wp.spatial_vector(rub, wp.cross(arm, rub))
 
@@ -653,7 +659,7 @@ def rubbed_ball(
 
 
 @wp.func
-def answer_of_ball(t: Tables, ball: Ball, change: wp.vec3, shift: wp.vec3):
+def response_of_ball(t: Tables, ball: Ball, change: wp.vec3, shift: wp.vec3):
     """Return the sphere's center, velocity, and the force that has changed it [N]."""
     center = ball.center + t.step_seconds * change + shift
     return center, ball.velocity + change, (ball.mass / t.step_seconds) * change

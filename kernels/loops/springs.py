@@ -13,7 +13,7 @@ from balloon_warp.kernels.algebra import squared_length
 from balloon_warp.kernels.compose import numbers_reader
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.outer import FAR
-from balloon_warp.kernels.loops.areas import CROSSES, normal_of_quads, plus_cross_at_quad_corner, see_quad
+from balloon_warp.kernels.loops.areas import CROSSES, add_quad_normal, normal_of_quads, plus_cross_at_quad_corner
 from balloon_warp.kernels.memory import (
     float_at,
     four_ints_at,
@@ -202,7 +202,7 @@ def ring_loop(features: Features, at: Any, inflation_directions: bool = False) -
             if wp.static(features.measures_areas):
                 crosses = plus_cross_at_quad_corner(crosses, before, across, along)
             if wp.static(inflation_directions):
-                turned, nearer = see_quad(normal, nearest, before, across, along)
+                turned, nearer = add_quad_normal(normal, nearest, before, across, along)
                 normal = turned
                 nearest = nearer
             before = along
@@ -382,12 +382,12 @@ def slot_loop(features: Features, kind_slots: Slots) -> Any:
 
 
 @cache
-def ring_area(shear_begin: int, least_valence: int) -> Any:
+def ring_area(shear_begin: int, min_valence: int) -> Any:
     """Return the function for a particle's area vector by the quads between its springs.
 
     Args:
         shear_begin: slots of structural springs.
-        least_valence: quads around each particle that there are at least.
+        min_valence: quads around each particle that there are at least.
     """
 
     @wp.func
@@ -403,7 +403,7 @@ def ring_area(shear_begin: int, least_valence: int) -> Any:
             opposite = in_tile(points, springs.neighbors[shear_begin + slot - 1]) - point
             after = in_tile(points, springs.neighbors[slot]) - point
             end = after
-            if slot >= least_valence:
+            if slot >= min_valence:
                 end = wp.where(slot == springs.valence, first, after)
             crosses = plus_cross_at_quad_corner(crosses, before, opposite, end)
             before = after
@@ -428,12 +428,12 @@ def ring_normal(shear_begin: int) -> Any:
             opposite = in_tile(points, springs.neighbors[shear_begin + slot - 1]) - point
             after = in_tile(points, springs.neighbors[slot]) - point
             end = wp.where(slot == springs.valence, first, after)
-            turned, nearer = see_quad(normal, nearest, before, opposite, end)
+            turned, nearer = add_quad_normal(normal, nearest, before, opposite, end)
             normal = wp.where(slot <= springs.valence, turned, normal)
             nearest = wp.where(slot <= springs.valence, nearer, nearest)
             before = after
         opposite = in_tile(points, springs.neighbors[2 * shear_begin - 1]) - point
-        turned, nearer = see_quad(normal, nearest, before, opposite, first)
+        turned, nearer = add_quad_normal(normal, nearest, before, opposite, first)
         normal = wp.where(springs.valence == shear_begin, turned, normal)
         nearest = wp.where(springs.valence == shear_begin, nearer, nearest)
         return normal_of_quads(normal, nearest)

@@ -277,7 +277,7 @@ def is_free(things: Things, face: wp.int32, other: wp.int32, moved: wp.vec3d):
 
 
 @wp.func
-def way_out(things: Things, face: wp.int32, other: wp.int32, outward: wp.vec3d, least: wp.float64):
+def separating_displacement(things: Things, face: wp.int32, other: wp.int32, outward: wp.vec3d, least: wp.float64):
     """Return the displacement of a face that frees it from a thing [m]."""
     most = wp.float64(least)
     doubling = wp.int32(0)
@@ -319,7 +319,10 @@ def measure_crossings(
         face, far = far, face
     outward = wp.normalize(normal_of(corners_of(things, face)))
     other = things.owners[far]
-    depths[i] = wp.min(way_out(things, face, other, outward, least), way_out(things, face, other, -outward, least))
+    depths[i] = wp.min(
+        separating_displacement(things, face, other, outward, least),
+        separating_displacement(things, face, other, -outward, least),
+    )
     places[i] = place
 
 

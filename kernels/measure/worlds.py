@@ -12,7 +12,7 @@ import warp as wp
 
 from balloon_warp.kernels import OPTIONS
 from balloon_warp.kernels.frame import keyframed_value
-from balloon_warp.kernels.laws.gas import most_pressure
+from balloon_warp.kernels.laws.gas import max_pressure
 from balloon_warp.kernels.laws.membrane import LEAST_DET, invariants_of, is_taut, locking_room, mixed_stretch
 from balloon_warp.kernels.laws.outer import NORMAL_FORCE, normal_push
 from balloon_warp.kernels.tables import row_of_world
@@ -351,7 +351,7 @@ def note_pressed(
 ):
     """Record the first frame at whose end a gas pushes no harder for that; a thread a (world, balloon)."""
     world, balloon = wp.tid()
-    most = most_pressure(bounds[balloon], mass[row_of_world(world, mass.shape[0]), balloon], step_seconds)
+    most = max_pressure(bounds[balloon], mass[row_of_world(world, mass.shape[0]), balloon], step_seconds)
     if pressed[world, balloon] == 0 and pressures[world, balloon] >= most:
         pressed[world, balloon] = frame[0]
 

@@ -17,18 +17,18 @@ from balloon_warp.kernels.adjoints.solids import leave_backwards
 from balloon_warp.kernels.adjoints.sweeps import swept_backwards
 from balloon_warp.kernels.contact.ends import take_impulse
 from balloon_warp.kernels.contact.spheres import are_noted, faces_function, noting_function, spheres_function
-from balloon_warp.kernels.contact.sweeps import AT_LAST, BESIDE_RIDGES, meeting_function
+from balloon_warp.kernels.contact.sweeps import AT_LAST, BESIDE_RIDGES, obstacle_contact_function
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.loops.contact import around_function, near_solids, obstacle_loop, standing_function
+from balloon_warp.kernels.loops.contact import around_function, near_solids, obstacle_loop, solid_contact_function
 from balloon_warp.kernels.loops.fixtures import nearest_thing_function
-from balloon_warp.kernels.loops.net_force import ease_function
-from balloon_warp.kernels.phase import Look, nothing, phase
+from balloon_warp.kernels.loops.net_force import inverse_mass_function
+from balloon_warp.kernels.phase import Access, nothing, phase
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.working import Working
 
 
 @phase("launches", when=lambda features: features.touches, adjoint=nothing)
-def touch_balloons(features: Features, look: Look) -> Any:
+def touch_balloons(features: Features, access: Access) -> Any:
     """Search for contacts now and then, and apply their forces: own launches, see `schedules.balloon_contact`.
 
     Backwards it has launches of its own, too, once particles have gone back, see `schedules.backward_touch`.
@@ -48,9 +48,9 @@ def note_unhindered(velocity: wp.vec3):
 
 
 @phase("particle", when=lambda features: features.tells_contacts)
-def record_impulses(features: Features, look: Look) -> Any:
+def record_impulses(features: Features, access: Access) -> Any:
     """Sum the impulse of the thing nearest to a particle."""
-    nearest_thing, ease_of_moving = nearest_thing_function(features), ease_function(features)
+    nearest_thing, inverse_mass_of = nearest_thing_function(features), inverse_mass_function(features)
 
     @wp.func
     def record_impulses(
@@ -69,7 +69,7 @@ def record_impulses(features: Features, look: Look) -> Any:
         if wp.static(features.edges_meet):
             of_layers = take_impulse(working.layer_quanta, params.world, params.number)
             if wp.length_sq(of_layers) > 0.0:
-                change -= ease_of_moving(t, working, params.world, params.number) * of_layers
+                change -= inverse_mass_of(t, working, params.world, params.number) * of_layers
                 least = ROUNDING * (wp.length(velocity) + wp.length(unhindered))
         if wp.length(change) > least and gain > 0.0:
             impulse = (t.step_seconds / gain) * change
@@ -87,11 +87,11 @@ def record_impulses(features: Features, look: Look) -> Any:
     "particle", {"point": wp.vec3, "velocity": wp.vec3}, when=lambda features: features.obstacles, rare=near_solids,
     adjoint=leave_backwards,
 )  # fmt: skip
-def leave(features: Features, look: Look) -> Any:
+def leave(features: Features, access: Access) -> Any:
     """Leave spheres, obstacles and the ground; one that may exchange momentum with a sphere waits for the others."""
-    leave_obstacles = obstacle_loop(features, look.sphere_at)
-    is_noted, around_particle = noting_function(features, look.sphere_at), around_function(features)
-    stand = standing_function(features)
+    leave_obstacles = obstacle_loop(features, access.sphere_at)
+    is_noted, around_particle = noting_function(features, access.sphere_at), around_function(features)
+    stand = solid_contact_function(features)
 
     @wp.func
     def leave_all(
@@ -137,26 +137,26 @@ def keep_start(working: Working, world: wp.int32, particle: wp.int32, point: wp.
 
 
 @phase("team", when=lambda features: features.ridges_first, adjoint=swept_backwards)
-def meet_ridges(features: Features, look: Look) -> Any:
+def meet_ridges(features: Features, access: Access) -> Any:
     """Resolve contacts of balloon faces with ridges of obstacles and bodies."""
-    return meeting_function(BESIDE_RIDGES, features)
+    return obstacle_contact_function(BESIDE_RIDGES, features)
 
 
 @phase(
     "team", when=lambda features: features.impulses, due=lambda features: are_noted, adjoint=exchange_backwards
 )  # fmt: skip
-def meet_spheres(features: Features, look: Look) -> Any:
+def meet_spheres(features: Features, access: Access) -> Any:
     """Exchange momentum between spheres and particles."""
-    return spheres_function(features, *look.in_team)
+    return spheres_function(features, *access.in_team)
 
 
 @phase("team", when=lambda features: features.small_spheres, adjoint=small_spheres_backwards)
-def meet_faces(features: Features, look: Look) -> Any:
+def meet_faces(features: Features, access: Access) -> Any:
     """Resolve contacts of small spheres with faces."""
     return faces_function(features)
 
 
 @phase("team", when=lambda features: features.edges_meet or features.bodies > 0, adjoint=swept_backwards)
-def meet(features: Features, look: Look) -> Any:
+def meet(features: Features, access: Access) -> Any:
     """Resolve contacts of balloons with free bodies, and of sharp edges, beside the ground."""
-    return meeting_function(AT_LAST, features)
+    return obstacle_contact_function(AT_LAST, features)

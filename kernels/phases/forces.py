@@ -21,7 +21,12 @@ import warp as wp
 
 from balloon_warp.kernels.adjoints.gas import jet_backwards
 from balloon_warp.kernels.adjoints.membranes import quads_backwards
-from balloon_warp.kernels.adjoints.pull import add_backwards, bear_backwards, pull_backwards, soak_backwards
+from balloon_warp.kernels.adjoints.pull import (
+    add_backwards,
+    add_face_forces_backwards,
+    find_water_load_backwards,
+    pull_backwards,
+)
 from balloon_warp.kernels.compose import function_from, numbers_reader
 from balloon_warp.kernels.contact.response import take_contact_forces
 from balloon_warp.kernels.features import Features
@@ -43,7 +48,7 @@ from balloon_warp.kernels.loops.net_force import (
 from balloon_warp.kernels.loops.quads import quad_pull, quad_wear
 from balloon_warp.kernels.loops.springs import pair_pull
 from balloon_warp.kernels.memory import vector_at
-from balloon_warp.kernels.phase import Look, nothing, phase
+from balloon_warp.kernels.phase import Access, nothing, phase
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.working import Working
 
@@ -53,17 +58,17 @@ def _has_membranes(features: Features) -> bool:
 
 
 @phase("world", when=_has_membranes, once=lambda features: True)
-def clear(features: Features, look: Look) -> Any:
+def clear(features: Features, access: Access) -> Any:
     """Clear the unused entries of particles that have fewer faces than others."""
-    return look.membrane_faces(features).clear
+    return access.membrane_faces(features).clear
 
 
 @phase("membrane_face", when=_has_membranes)
-def stretch(features: Features, look: Look) -> Any:
+def stretch(features: Features, access: Access) -> Any:
     """Measure a face, and store its forces at its corners."""
-    if look.membrane_faces(features).keeps:
-        return look.membrane_faces(features).stretch
-    stretch_face = look.membrane_faces(features).stretch
+    if access.membrane_faces(features).keeps:
+        return access.membrane_faces(features).stretch
+    stretch_face = access.membrane_faces(features).stretch
 
     @wp.func
     def stretch(t: Tables, world: wp.int32, membrane_face: wp.int32, points: Any, pulls: Any, area_vectors: Any):
@@ -79,9 +84,9 @@ def stretch(features: Features, look: Look) -> Any:
 
 
 @phase("particle", {"skin": Any}, when=_has_membranes)
-def collect(features: Features, look: Look) -> Any:
+def collect(features: Features, access: Access) -> Any:
     """Sum the forces of its faces on a particle."""
-    return look.membrane_faces(features).collect
+    return access.membrane_faces(features).collect
 
 
 LAST_FACE = wp.constant(wp.int64(2**31 - 1))
@@ -116,7 +121,7 @@ def is_gone(torn: wp.array2d[float], world: wp.int32, face: wp.int32):
 
 @phase("face", when=lambda features: features.bursts)
 @wp.func
-def weigh_skin(t: Tables, state: WorldState, world: wp.int32, face: wp.int32, time: float):
+def find_skin_stress(t: Tables, state: WorldState, world: wp.int32, face: wp.int32, time: float):
     """Find the stress of a face, and whether the balloon is to burst there.
 
     A torn face has no tension.
@@ -318,21 +323,21 @@ def wear_of_points(features: Features, at: Any) -> Any:
 
 
 @phase("triangle", {"peak": float}, wants=_may_wear, keeps={"peak": 0.0})
-def wear(features: Features, look: Look) -> Any:
+def wear(features: Features, access: Access) -> Any:
     """Find the factor on a triangle's tension, and its peak stretch."""
-    return wear_of_points(features, look.at)
+    return wear_of_points(features, access.at)
 
 
 @phase("triangle", when=lambda features: features.wears)
-def look_at_wear(features: Features, look: Look) -> Any:
+def evaluate_wear(features: Features, access: Access) -> Any:
     """Find the factor on a triangle's tension, without keeping its peak stretch."""
-    wear = wear_of_points(features, look.at)
+    wear = wear_of_points(features, access.at)
 
     @wp.func
-    def look_at_wear(t: Tables, points: Any, world: wp.int32, triangle: wp.int32, peak: float):
+    def evaluate_wear(t: Tables, points: Any, world: wp.int32, triangle: wp.int32, peak: float):
         wear(t, points, world, triangle, peak)
 
-    return look_at_wear
+    return evaluate_wear
 
 
 @cache
@@ -399,10 +404,10 @@ def surface_functions(features: Features, at: Any) -> tuple[Any, Any]:
 
 
 @phase("element")
-def add_forces(features: Features, look: Look) -> Any:
+def add_forces(features: Features, access: Access) -> Any:
     """Add the forces of a spring, or string, or hinge, or triangle, or face on its particles, in this order."""
-    add_hinge = hinge_function(features, look.at, look.add)
-    add_triangle, add_face = surface_functions(features, look.at)
+    add_hinge = hinge_function(features, access.at, access.add)
+    add_triangle, add_face = surface_functions(features, access.at)
     pull_of_pair, pull_of_held_string = pair_pull(features), held_string_pull(features)
 
     @wp.func
@@ -470,11 +475,11 @@ def is_driven(t: Any, params: Any):
     "particle",
     {"force": wp.vec3},
     when=lambda features: features.driven,
-    rare=lambda features, look: is_driven,
+    rare=lambda features, access: is_driven,
     adjoint=add_backwards,
 )
 @wp.func
-def drive(t: Tables, params: Any, force: wp.vec3):
+def add_outer_forces(t: Tables, params: Any, force: wp.vec3):
     """Add the outer forces on groups of particles."""
     return force + outer_force(t.outer, params.world, params.number)
 
@@ -484,9 +489,9 @@ def _acts_on_faces(features: Features) -> bool:
 
 
 @phase("face", {"face_push": wp.vec3}, when=_acts_on_faces, adjoint=nothing)
-def push_face(features: Features, look: Look) -> Any:
+def push_face(features: Features, access: Access) -> Any:
     """Find the force on a face, each corner's share [N]."""
-    push_at_corner = face_push(features, look.at, look.velocity_at)
+    push_at_corner = face_push(features, access.at, access.velocity_at)
 
     @wp.func
     def push_face(t: Tables, world: wp.int32, face: wp.int32, points: Any, time: float):
@@ -499,33 +504,33 @@ def push_face(features: Features, look: Look) -> Any:
     return push_by_velocities if features.needs("face", "velocity") else push_face
 
 
-@phase("particle", {"force": wp.vec3}, when=_acts_on_faces, adjoint=bear_backwards)
-def bear(features: Features, look: Look) -> Any:
+@phase("particle", {"force": wp.vec3}, when=_acts_on_faces, adjoint=add_face_forces_backwards)
+def add_face_forces(features: Features, access: Access) -> Any:
     """Add the forces on its faces to a particle."""
     push_of_faces = push_of_faces_function(features)
 
     @wp.func
-    def bear(t: Tables, face_pushes: Any, particle: wp.int32, force: wp.vec3):
+    def add_face_forces(t: Tables, face_pushes: Any, particle: wp.int32, force: wp.vec3):
         return force + push_of_faces(t, face_pushes, particle)
 
-    return bear
+    return add_face_forces
 
 
-@phase("particle", {"water_load": wp.vec4}, when=lambda features: features.in_water, adjoint=soak_backwards)
-def soak(features: Features, look: Look) -> Any:
+@phase("particle", {"water_load": wp.vec4}, when=lambda features: features.in_water, adjoint=find_water_load_backwards)
+def find_water_load(features: Features, access: Access) -> Any:
     """Find the load of a liquid on a particle: depth times area vector [m^3], and wetted area [m^2]."""
-    load_of_particle = look.loops(features).water_load
+    load_of_particle = access.loops(features).water_load
 
     @wp.func
-    def soak(t: Any, points: Any, params: Any):
+    def find_water_load(t: Any, points: Any, params: Any):
         return load_of_particle(t, points, params)
 
-    return soak
+    return find_water_load
 
 
-def _pulling(features: Features, look: Look, name: str, results: str) -> Any:
+def _pulling(features: Features, access: Access, name: str, results: str) -> Any:
     """Return the function of a phase that names the values of others, and of a liquid, that its forces depend on."""
-    alone, by_velocities = look.alone(features), features.looks_at_velocities
+    alone, by_velocities = access.alone(features), features.reads_neighbor_velocities
     views = [] if alone else ["points", "velocities"] if by_velocities else ["points"]
     load = ["water_load"] if features.in_water else []
     reads = ["t", *views, "params", "springs", "point", "velocity", *load, "time"]
@@ -539,19 +544,19 @@ def _pulling(features: Features, look: Look, name: str, results: str) -> Any:
             f"    return {results}\n",
         ]
     )
-    return function_from(name, source, {"net_force": net_force_function(features, look.loops(features))})
+    return function_from(name, source, {"net_force": net_force_function(features, access.loops(features))})
 
 
 @phase("particle", {"force": wp.vec3, "area_vector": wp.vec3}, adjoint=pull_backwards)
-def pull(features: Features, look: Look) -> Any:
+def pull(features: Features, access: Access) -> Any:
     """Sum the forces on a particle [N], and where it is needed find its area vector [m^2]."""
-    return _pulling(features, look, "pull", "force, area_vector")
+    return _pulling(features, access, "pull", "force, area_vector")
 
 
 @phase("particle", {"force": wp.vec3, "area_vector": wp.vec3, "vertex_normal": wp.vec3})
-def pull_and_face(features: Features, look: Look) -> Any:
+def pull_and_face(features: Features, access: Access) -> Any:
     """Sum the forces on a particle [N], and on the way find its area vector, and A_p n [m^2]."""
-    return _pulling(features, look, "pull_and_face", "force, area_vector, vertex_normal")
+    return _pulling(features, access, "pull_and_face", "force, area_vector, vertex_normal")
 
 
 @phase("particle", {"force": wp.vec3}, when=lambda features: features.touches, adjoint=add_backwards)
@@ -568,12 +573,12 @@ def is_at_neck(t: Any, params: Any):
 
 
 @phase(
-    "particle", {"force": wp.vec3}, when=lambda features: features.jets, rare=lambda features, look: is_at_neck,
+    "particle", {"force": wp.vec3}, when=lambda features: features.jets, rare=lambda features, access: is_at_neck,
     adjoint=jet_backwards,
 )  # fmt: skip
-def jet(features: Features, look: Look) -> Any:
+def jet(features: Features, access: Access) -> Any:
     """Add the thrust at the balloon's neck."""
-    thrust_at = jet_loop(features, look.at)
+    thrust_at = jet_loop(features, access.at)
 
     @wp.func
     def jet(t: Tables, points: Any, params: Any, point: wp.vec3, load: wp.vec2, time: float, force: wp.vec3):
@@ -584,9 +589,9 @@ def jet(features: Features, look: Look) -> Any:
 
 
 @phase("particle", {"force": wp.vec3}, when=lambda features: features.bursts)
-def jet_of_holes(features: Features, look: Look) -> Any:
+def jet_of_holes(features: Features, access: Access) -> Any:
     """Add the thrust of holes where the balloon is torn."""
-    thrust_at = hole_jet_loop(features, look.at)
+    thrust_at = hole_jet_loop(features, access.at)
 
     @wp.func
     def jet_of_holes(
@@ -600,50 +605,52 @@ def jet_of_holes(features: Features, look: Look) -> Any:
 
 
 @phase("hinge", when=lambda features: features.has("hinge"))
-def bend(features: Features, look: Look) -> Any:
+def add_hinge_forces(features: Features, access: Access) -> Any:
     """Add a hinge's forces to its ends and to the corners of its wings [N]."""
-    add_hinge = hinge_function(features, look.at, look.add)
+    add_hinge = hinge_function(features, access.at, access.add)
 
     @wp.func
-    def bend(t: Tables, points: Any, forces: Any, world: wp.int32, hinge: wp.int32):
+    def add_hinge_forces(t: Tables, points: Any, forces: Any, world: wp.int32, hinge: wp.int32):
         add_hinge(t, world, hinge, points, forces)
 
-    return bend
+    return add_hinge_forces
 
 
 @phase("face", when=lambda features: features.has("face"))
-def blow(features: Features, look: Look) -> Any:
+def add_face_pushes(features: Features, access: Access) -> Any:
     """Add the force on a face to its corners, in equal shares [N]."""
-    push_at_corner, add = face_push(features, look.at, look.velocity_at), look.add
+    push_at_corner, add = face_push(features, access.at, access.velocity_at), access.add
 
     @wp.func
-    def blow(t: Tables, points: Any, velocities: Any, forces: Any, world: wp.int32, face: wp.int32, time: float):
+    def add_face_pushes(
+        t: Tables, points: Any, velocities: Any, forces: Any, world: wp.int32, face: wp.int32, time: float
+    ):
         share = push_at_corner(t, points, velocities, world, face, time)
         for corner in range(t.faces.offsets[face], t.faces.offsets[face + 1]):
             add(forces, t.faces.particles[corner], share)
 
-    return blow
+    return add_face_pushes
 
 
 @phase("quad", when=lambda features: features.softens)
-def wear_out(features: Features, look: Look) -> Any:
+def wear_quads(features: Features, access: Access) -> Any:
     """Find the factor on the tension of rubber, and keep its peak stretch, as `wear` does."""
-    wear_of_quad = quad_wear(features, look.at, look.world)
+    wear_of_quad = quad_wear(features, access.at, access.world)
 
     @wp.func
-    def wear_out(t: Any, points: Any, params: Any, peaks: Any):
+    def wear_quads(t: Any, points: Any, params: Any, peaks: Any):
         wear_of_quad(t, points, params, peaks)
 
-    return wear_out
+    return wear_quads
 
 
 @phase("quad", when=lambda features: bool(features.membranes), adjoint=quads_backwards)
-def share_out(features: Features, look: Look) -> Any:
+def add_membrane_forces(features: Features, access: Access) -> Any:
     """Add the forces of a quad or triangle of a membrane, or of eight of them, to its corners [N]."""
-    pull_of_quad, add_to_corners = quad_pull(features, look.at, look.world), look.add_to_corners
+    pull_of_quad, add_to_corners = quad_pull(features, access.at, access.world), access.add_to_corners
 
     @wp.func
-    def share_out_viscous(t: Any, points: Any, velocities: Any, forces: Any, params: Any):
+    def add_viscous_membrane_forces(t: Any, points: Any, velocities: Any, forces: Any, params: Any):
         on_a, on_b, on_c, on_d = pull_of_quad(t, points, velocities, params)
         corners = 4 * params.number
         add_to_corners(
@@ -652,7 +659,7 @@ def share_out(features: Features, look: Look) -> Any:
         )  # fmt: skip
 
     @wp.func
-    def share_out(t: Any, points: Any, forces: Any, params: Any):
-        share_out_viscous(t, points, points, forces, params)
+    def add_membrane_forces(t: Any, points: Any, forces: Any, params: Any):
+        add_viscous_membrane_forces(t, points, points, forces, params)
 
-    return share_out_viscous if features.viscous else share_out
+    return add_viscous_membrane_forces if features.viscous else add_membrane_forces

@@ -13,7 +13,7 @@ import warp as wp
 
 from balloon_warp.kernels.adjoints.gas import load_backwards, note_backwards, pump_backwards
 from balloon_warp.kernels.adjoints.pull import directions_backwards, inflate_backwards, lift_backwards
-from balloon_warp.kernels.adjoints.solids import foresee_backwards
+from balloon_warp.kernels.adjoints.solids import predict_deflection_backwards
 from balloon_warp.kernels.algebra import dot_product, length_of, reach_along, scaled, times
 from balloon_warp.kernels.compose import call_of, function_from, ramp_at
 from balloon_warp.kernels.features import Features
@@ -47,16 +47,16 @@ from balloon_warp.kernels.loops.areas import (
     face_measures,
     volume_origin,
 )
-from balloon_warp.kernels.loops.contact import around_function, detour_function, heads_for_solids
+from balloon_warp.kernels.loops.contact import around_function, deflection_function, near_solids_ahead
 from balloon_warp.kernels.loops.gas import (
     flows_function,
     gas_mass_function,
-    holding_function,
     load_function,
+    own_gas_test,
     pump_function,
 )
 from balloon_warp.kernels.memory import quad_at
-from balloon_warp.kernels.phase import Look, by_grad, by_grad_but, nothing, phase
+from balloon_warp.kernels.phase import Access, by_grad, by_grad_but, nothing, phase
 from balloon_warp.kernels.phases.forces import (
     SQUARE_MICROMETERS,
     area_vector_of_face,
@@ -73,15 +73,15 @@ from balloon_warp.kernels.working import Working
     once=lambda features: not features.gas_changes, adjoint=nothing,
 )  # fmt: skip
 @wp.func
-def hold(state: WorldState, world: wp.int32, balloon: wp.int32):
+def read_gas(state: WorldState, world: wp.int32, balloon: wp.int32):
     """Read the gas in a balloon: its amount [mol], and its free volume [m^3]."""
     return wp.vec2(float(state.gas_amounts[world, balloon]), float(state.free_volumes[world, balloon]))
 
 
 @phase("balloon", {"gas_load": wp.vec4}, when=lambda features: features.gas, adjoint=load_backwards)
-def find_load(features: Features, look: Look) -> Any:
+def find_load(features: Features, access: Access) -> Any:
     """Find the pressure of the gas."""
-    load_of_balloon, holds_gas = load_function(features), holding_function(features)
+    load_of_balloon, holds_gas = load_function(features), own_gas_test(features)
 
     @wp.func
     def load_of_gas(t: Tables, balloon: wp.int32, swelling: Swelling, gas: wp.vec2, numbers: Any):
@@ -114,7 +114,7 @@ def find_load(features: Features, look: Look) -> Any:
 
 
 @phase("balloon", when=lambda features: features.gas, adjoint=note_backwards)
-def note(features: Features, look: Look) -> Any:
+def note(features: Features, access: Access) -> Any:
     """Note the pressure in the state."""
 
     @wp.func
@@ -171,7 +171,7 @@ def push_either_way(t: Any, params: Any, keyed: Any, load: Any, point: Any, infl
 
 
 @phase("particle", {"inflation": wp.vec3}, adjoint=inflate_backwards)
-def inflate(features: Features, look: Look) -> Any:
+def inflate(features: Features, access: Access) -> Any:
     """Find the force of the inflation [N]."""
     if not features.pressures:
         return push_along_direction
@@ -201,9 +201,9 @@ def _cached(features: Features) -> bool:
     once=_cached,
     adjoint=directions_backwards,
 )
-def measure(features: Features, look: Look) -> Any:
+def measure(features: Features, access: Access) -> Any:
     """Measure the center of a face [m], and its area times its unit normal [m^2]."""
-    center_of_face, area_vector_of_face = face_measures(look.at)
+    center_of_face, area_vector_of_face = face_measures(access.at)
 
     @wp.func
     def measure(t: Any, points: Any, face: Any):
@@ -221,9 +221,9 @@ def extend(face_area: Any):
 
 
 @phase("particle", {"inflation_direction": wp.vec3}, when=_by_normal_forces, once=_cached, adjoint=directions_backwards)
-def find_direction(features: Features, look: Look) -> Any:
+def find_direction(features: Features, access: Access) -> Any:
     """Find where a normal force pushes a particle: (A_p / A_total) n."""
-    direction_of_particle = direction_loop_of_eight(look.at) if look.world else direction_loop(look.at)
+    direction_of_particle = direction_loop_of_eight(access.at) if access.world else direction_loop(access.at)
 
     @wp.func
     def find_direction(t: Any, face_centers: Any, face_areas: Any, particle: Any, point: Any, balloon_area: Any):
@@ -239,9 +239,9 @@ def spread_quads(t: Any, points: Any, face: wp.int32):
 
 
 @phase("face", {"balloon_area": float}, when=_by_normal_forces, once=_cached, sums=True)
-def spread(features: Features, look: Look) -> Any:
+def spread(features: Features, access: Access) -> Any:
     """Sum the area of a balloon [m^2], from where its corners are."""
-    center_of_face, area_vector_of_face = face_measures(look.at)
+    center_of_face, area_vector_of_face = face_measures(access.at)
 
     @wp.func
     def spread(t: Any, points: Any, face: wp.int32):
@@ -261,51 +261,55 @@ def _beside(features: Features) -> bool:
     return features.gas and features.obstacles
 
 
-@phase("particle", {"course": wp.vec3}, when=_beside, light=True, adjoint=by_grad)
+@phase("particle", {"predicted_velocity": wp.vec3}, when=_beside, light=True, adjoint=by_grad)
 @wp.func
-def head(t: Any, load: Any, gain: Any, point: Any, free_velocity: Any, area_vector: Any):
-    """Find a particle's velocity under the load of the previous substep [m/s]."""
+def predict_velocity(t: Any, load: Any, gain: Any, point: Any, free_velocity: Any, area_vector: Any):
+    """Predict a particle's velocity under the load of the previous substep [m/s]."""
     push = load[0] + times(load[1], reach_along(point, t.up))
     return free_velocity + scaled(area_vector, times(gain, push))
 
 
 @phase(
-    "particle", {"detour": wp.vec3, "away": wp.vec3}, when=_beside, light=True, rare=heads_for_solids,
-    adjoint=foresee_backwards,
+    "particle", {"deflection": wp.vec3, "away": wp.vec3}, when=_beside, light=True, rare=near_solids_ahead,
+    adjoint=predict_deflection_backwards,
 )  # fmt: skip
-def foresee(features: Features, look: Look) -> Any:
-    """Foresee the velocity change by obstacles [m/s], and the direction from the last one; zero if there is none."""
-    detour_beside, around_particle = detour_function(features, look.sphere_at), around_function(features)
+def predict_deflection(features: Features, access: Access) -> Any:
+    """Predict the velocity change by obstacles [m/s], and the direction from the last one; zero if there is none."""
+    deflection_beside, around_particle = deflection_function(features, access.sphere_at), around_function(features)
 
     @wp.func
-    def foresee(t: Tables, spheres: Any, params: Any, end: float, gain: float, point: wp.vec3, course: wp.vec3):
-        detour = wp.vec3()
+    def predict_deflection(
+        t: Tables, spheres: Any, params: Any, end: float, gain: float, point: wp.vec3, predicted_velocity: wp.vec3
+    ):
+        deflection = wp.vec3()
         away = wp.vec3()
         if gain > 0.0:
-            turned, normal = detour_beside(t, spheres, around_particle(params, end), point, course)
-            detour = turned
+            turned, normal = deflection_beside(t, spheres, around_particle(params, end), point, predicted_velocity)
+            deflection = turned
             away = normal
-        return detour, away
+        return deflection, away
 
     @wp.func
-    def foresee_solids(t: Tables, params: Any, end: float, gain: float, point: wp.vec3, course: wp.vec3):
-        return foresee(t, t, params, end, gain, point, course)
+    def predict_deflection_by_solids(
+        t: Tables, params: Any, end: float, gain: float, point: wp.vec3, predicted_velocity: wp.vec3
+    ):
+        return predict_deflection(t, t, params, end, gain, point, predicted_velocity)
 
-    return foresee if features.spheres else foresee_solids
+    return predict_deflection if features.spheres else predict_deflection_by_solids
 
 
 @phase("particle", {"swelling": Swelling}, when=lambda features: features.gas, sums=True, adjoint=by_grad_but("origin"))
-def find_volume_rate(features: Features, look: Look) -> Any:
+def find_volume_rate(features: Features, access: Access) -> Any:
     """Sum the swelling of a balloon without its gas."""
     place = features.columns.places["breathing_damping"]
 
     @wp.func
-    def without_memory(course: Any, params: Any, velocity: Any):
+    def without_memory(predicted_velocity: Any, params: Any, velocity: Any):
         """Take from a course the part of the velocity before the step that counts, where one breathes on."""
         if wp.static(features.breathes_on):
-            return course - scaled(velocity, memory_of_rate(params.n[place]))
+            return predicted_velocity - scaled(velocity, memory_of_rate(params.n[place]))
         else:
-            return course
+            return predicted_velocity
 
     @wp.func
     def of_kind(params: Any, swelling: Any):
@@ -328,12 +332,12 @@ def find_volume_rate(features: Features, look: Look) -> Any:
     @wp.func
     def find_volume_rate_beside(
         t: Any, params: Any, gain: Any, load: Any, origin: Any, point: Any, velocity: Any, free_velocity: Any,
-        area_vector: Any, detour: Any, away: Any,
+        area_vector: Any, deflection: Any, away: Any,
     ):  # fmt: skip
         height = reach_along(point, t.up)
         free = free_along(area_vector, away)
         push = load[0] + times(load[1], height)
-        moved = without_memory(free_velocity + detour, params, velocity)
+        moved = without_memory(free_velocity + deflection, params, velocity)
         rate = rate_beside_obstacles(area_vector, free, moved, gain, push)
         return of_kind(
             params, swelling_of_particle(point - origin, area_vector, free, rate, gain, params.share, height)
@@ -348,21 +352,21 @@ def _stays(features: Features) -> bool:
 
 
 @phase("world", when=lambda features: features.gas, once=_stays, adjoint=pump_backwards)
-def pump(features: Features, look: Look) -> Any:
+def pump(features: Features, access: Access) -> Any:
     """Pump gas in, or let it out."""
     return pump_function(features)
 
 
 @phase("balloon", when=lambda features: features.gas, once=_stays, adjoint=pump_backwards)
-def weigh(features: Features, look: Look) -> Any:
+def find_gas_mass(features: Features, access: Access) -> Any:
     """Weigh the gas in a balloon, and the air that moves along."""
     gas_mass = gas_mass_function(features)
 
     @wp.func
-    def weigh(t: Tables, state: WorldState, working: Working, world: wp.int32, balloon: wp.int32):
+    def find_gas_mass(t: Tables, state: WorldState, working: Working, world: wp.int32, balloon: wp.int32):
         working.gas_masses[world, balloon] = gas_mass(t, state, world, balloon)
 
-    return weigh
+    return find_gas_mass
 
 
 @wp.func
@@ -378,13 +382,13 @@ def mass_with_gas(params: Any, gas_mass: Any):
 
 
 @phase("particle", {"inertia": float}, light=True, once=lambda features: not features.gas_changes, adjoint=by_grad)
-def burden(features: Features, look: Look) -> Any:
+def find_effective_mass(features: Features, access: Access) -> Any:
     """Find the effective mass of a particle, with its share of the gas, which moves along [kg]."""
     return mass_with_gas if features.gas else own_mass
 
 
 @phase("world", when=lambda features: features.gas_flows, adjoint=pump_backwards)
-def flow(features: Features, look: Look) -> Any:
+def flow(features: Features, access: Access) -> Any:
     """Exchange gas through tubes, necks and leaks, driven by the current pressures."""
     return flows_function(features)
 
@@ -425,7 +429,7 @@ def seal_air_in(
 
 
 @phase("balloon", when=lambda features: features.bursts)
-def burst(features: Features, look: Look) -> Any:
+def burst(features: Features, access: Access) -> Any:
     """Burst a balloon, and find the area of its hole, through which gas leaves."""
     places, split = features.columns.places, features.columns.balloon_width
     told = GasColumns(*(places[row.name] - split for row in (*AIR, GRAVITY)), places["gamma"])
@@ -491,7 +495,7 @@ def read_lift(afloat: Any):
 
 
 @phase("particle", {"force": wp.vec3}, when=_evens, neutral=RESTS, adjoint=by_grad)
-def even_out(features: Features, look: Look) -> Any:
+def even_out(features: Features, access: Access) -> Any:
     """Let the part of a liquid's pressure that a skin does not bear act evenly."""
 
     given = ["water_load", "area_vector", "share", "lift", "height", "volume", "up"]

@@ -27,13 +27,13 @@ from balloon_warp.kernels.contact.free_frames import HURRIED
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.lanes import Lanes, all_positive
 from balloon_warp.kernels.laws.springs import excess, moves_of_ends
-from balloon_warp.kernels.loops.bodies import body_mass, tumbling_function
+from balloon_warp.kernels.loops.bodies import body_mass, body_motion_function
 from balloon_warp.kernels.loops.net_force import held_string_pull
-from balloon_warp.kernels.loops.spheres import colliding_function, course_at, may_meet, put_course, rolling_function
+from balloon_warp.kernels.loops.spheres import colliding_function, may_meet, motion_at, put_motion, rolling_function
 from balloon_warp.kernels.memory import fixed_float_at, float_at, int_pair_at, put_int_unless
-from balloon_warp.kernels.phase import Look, by_grad, phase
+from balloon_warp.kernels.phase import Access, by_grad, phase
 from balloon_warp.kernels.phases.inflation import inflate
-from balloon_warp.kernels.tables import Tables, WorldState, look_at_particle, row_of_world, sphere_mass, sphere_radius
+from balloon_warp.kernels.tables import Tables, WorldState, check_particle, row_of_world, sphere_mass, sphere_radius
 from balloon_warp.kernels.warps import set_quanta, total_newtons
 from balloon_warp.kernels.working import Working
 
@@ -95,7 +95,7 @@ def respond_damped(t: Any, params: Any, inertia: Any, damping: Any):
     "particle", {"gain": float}, when=lambda features: not features.resists, light=True,
     once=lambda features: not features.gas_changes, adjoint=by_grad,
 )  # fmt: skip
-def respond(features: Features, look: Look) -> Any:
+def respond(features: Features, access: Access) -> Any:
     """Find the velocity that a force gives a particle."""
     return respond_damped if features.damped else respond_undamped
 
@@ -123,7 +123,7 @@ def push_on(free_velocity: Any, inflation: Any, gain: Any):
 
 
 @phase("particle", {"velocity": wp.vec3}, adjoint=by_grad)
-def push(features: Features, look: Look) -> Any:
+def push(features: Features, access: Access) -> Any:
     """Accelerate a particle by all forces."""
     return push_on if features.gas or features.resists else push_by_all
 
@@ -135,13 +135,13 @@ def moved(t: Any, point: Any, velocity: Any):
 
 
 @phase("particle", {"point": wp.vec3}, when=lambda features: features.forward_euler, adjoint=by_grad)
-def move_first(features: Features, look: Look) -> Any:
+def move_first(features: Features, access: Access) -> Any:
     """Move a particle by the old velocity: forward Euler."""
     return moved
 
 
 @phase("particle", {"point": wp.vec3}, when=lambda features: not features.forward_euler, adjoint=by_grad)
-def move(features: Features, look: Look) -> Any:
+def move(features: Features, access: Access) -> Any:
     """Move a particle by the new velocity: symplectic Euler."""
     return moved
 
@@ -168,7 +168,7 @@ def tangent_ratio(squared: float):
 @phase(
     "particle", {"gain": float, "free_velocity": wp.vec3}, when=lambda features: features.resists, adjoint=by_grad
 )  # fmt: skip
-def resist(features: Features, look: Look) -> Any:
+def resist(features: Features, access: Access) -> Any:
     """Find the velocity that a force gives a particle in a medium, and accelerate it by all but the inflation."""
     resistance = features.resistance
     place = features.columns.places["damping"] if features.damped else -1
@@ -195,9 +195,9 @@ def resist(features: Features, look: Look) -> Any:
 
 
 @phase("spring", when=lambda features: features.corrected)
-def correct(features: Features, look: Look) -> Any:
+def correct(features: Features, access: Access) -> Any:
     """Shorten a spring that is too long; no two of one color end at one particle."""
-    at, put, velocity_at, put_velocity = look.at, look.put, look.velocity_at, look.put_velocity
+    at, put, velocity_at, put_velocity = access.at, access.put, access.velocity_at, access.put_velocity
     limit_column = features.columns.places["correction_limit"] - features.columns.balloon_width
 
     @wp.func
@@ -222,9 +222,9 @@ def correct(features: Features, look: Look) -> Any:
 
 
 @phase("sphere", when=lambda features: features.spheres > 0, adjoint=roll_backwards)
-def roll(features: Features, look: Look) -> Any:
+def roll(features: Features, access: Access) -> Any:
     """Move a sphere, under the forces since the last substep, or where spheres exchange momentum without contact."""
-    course_after = rolling_function(features)
+    motion_state_after = rolling_function(features)
     split = features.columns.balloon_width
     gravity, height, restitution = (
         features.columns.places[name] - split for name in ("gravity", "ground_height", "ground_restitution")
@@ -240,19 +240,19 @@ def roll(features: Features, look: Look) -> Any:
             set_quanta(spheres.sphere_quanta, world, sphere, wp.vec3())
         else:
             spheres.sphere_forces[world, sphere] = wp.vec3()
-        before = course_at(spheres, world, sphere)
+        before = motion_at(spheres, world, sphere)
         if wp.static(features.keeps_starts):
             spheres.sphere_starts[world, sphere] = before.position
-        course = course_after(t, spheres, world, sphere, end, before, pushed, around)
-        put_course(spheres, world, sphere, course, wp.static(features.spheres_rub))
+        course = motion_state_after(t, spheres, world, sphere, end, before, pushed, around)
+        put_motion(spheres, world, sphere, course, wp.static(features.spheres_rub))
 
     return roll
 
 
-@phase("sphere", when=lambda features: features.spheres_shoved)
+@phase("sphere", when=lambda features: features.spheres_take_forces)
 @wp.func
-def shove(t: Tables, spheres: Any, world: wp.int32, sphere: wp.int32):
-    """Push a sphere by the forces of the substep, before it exchanges momentum: so none is left as a frame ends."""
+def apply_sphere_forces(t: Tables, spheres: Any, world: wp.int32, sphere: wp.int32):
+    """Apply the substep's forces to a sphere before it exchanges momentum, so that none is left as a frame ends."""
     push = total_newtons(spheres.sphere_quanta, world, sphere)
     set_quanta(spheres.sphere_quanta, world, sphere, wp.vec3())
     if sphere_radius(t.spheres, world, sphere) > 0.0:  # it is there
@@ -260,9 +260,9 @@ def shove(t: Tables, spheres: Any, world: wp.int32, sphere: wp.int32):
         spheres.sphere_velocities[world, sphere] = spheres.sphere_velocities[world, sphere] + gain
 
 
-@phase("world", when=lambda features: features.bodies_shoved)
+@phase("world", when=lambda features: features.bodies_take_forces)
 @wp.func
-def shove_bodies(t: Tables, state: WorldState, working: Working, world: wp.int32):
+def apply_body_forces(t: Tables, state: WorldState, working: Working, world: wp.int32):
     """Push free bodies by the forces and torques of the substep."""
     for body in range(state.body_positions.shape[1]):
         push = t.step_seconds * total_newtons(working.body_quanta, world, body)
@@ -286,19 +286,19 @@ def may_any_meet(t: Tables, spheres: Any, world: wp.int32, thread: wp.int32):
 
 
 @phase("world", when=lambda features: features.spheres_meet, due=lambda features: may_any_meet, adjoint=roll_backwards)
-def collide(features: Features, look: Look) -> Any:
+def collide(features: Features, access: Access) -> Any:
     """Resolve collisions of spheres that have moved."""
     return colliding_function(features)
 
 
 @phase("world", when=lambda features: features.bodies > 0)
-def tumble(features: Features, look: Look) -> Any:
+def move_bodies(features: Features, access: Access) -> Any:
     """Move free bodies, once spheres have."""
-    return tumbling_function(features)
+    return body_motion_function(features)
 
 
 @phase("world", when=lambda features: features.ties)
-def tie(features: Features, look: Look) -> Any:
+def pull_tied_bodies(features: Features, access: Access) -> Any:
     """Place the anchors that bodies carry, and pull at these with the opposite of the forces on particles.
 
     Both ends get the same force, of where both are as the substep begins: momentum stays, as angular momentum does.
@@ -306,7 +306,7 @@ def tie(features: Features, look: Look) -> Any:
     pull_of_held_string = held_string_pull(features)
 
     @wp.func
-    def tie(
+    def pull_tied_bodies(
         t: Tables, state: WorldState, working: Working, points: Any, velocities: Any, world: wp.int32, time: float
     ):  # fmt: skip
         for body in range(state.body_positions.shape[1]):
@@ -325,7 +325,7 @@ def tie(features: Features, look: Look) -> Any:
             state.body_velocities[world, body] = state.body_velocities[world, body] + working.body_tugs[world, body]
             state.body_momenta[world, body] = state.body_momenta[world, body] + working.body_twists[world, body]
 
-    return tie
+    return pull_tied_bodies
 
 
 def _is_free(features: Features) -> bool:
@@ -334,20 +334,20 @@ def _is_free(features: Features) -> bool:
 
 @phase("particle", {"start": wp.vec3}, when=_is_free)
 @wp.func
-def set_off(point: Any):
+def store_start(point: Any):
     """Store a particle's position at the begin of its substep."""
     return point
 
 
 @wp.func
-def is_faster(t: Any, way: Any, start: Any, point: Any):
+def is_faster(t: Any, travel_limit: Any, start: Any, point: Any):
     """Return whether any particle of eight may be faster than allowed, with a margin."""
-    most = times(way, way) * (0.999 / (float(t.substeps) * float(t.substeps)))
+    most = times(travel_limit, travel_limit) * (0.999 / (float(t.substeps) * float(t.substeps)))
     return not all_positive(most - squared_length(point - start))
 
 
-def _hurries(features: Features, look: Look) -> Any:
-    if not look.world:  # of one particle it is asked as fast
+def _hurries(features: Features, access: Access) -> Any:
+    if not access.world:  # of one particle it is asked as fast
         return None
 
     return is_faster
@@ -355,11 +355,11 @@ def _hurries(features: Features, look: Look) -> Any:
 
 @phase("particle", when=_is_free, rare=_hurries)
 @wp.func
-def watch(t: Tables, working: Working, world: wp.int32, start: wp.vec3, point: wp.vec3):
-    """Mark a world with a particle faster than assumed: its frame does not hold."""
-    way = fixed_float_at(working.ways, world)
+def check_speed(t: Tables, working: Working, world: wp.int32, start: wp.vec3, point: wp.vec3):
+    """Mark a world with a particle faster than assumed, whose frame is invalid."""
+    travel_limit = fixed_float_at(working.travel_limits, world)
     substeps = float(t.substeps)
-    stays = substeps * substeps * wp.length_sq(point - start) < way * way  # not if it is no number
+    stays = substeps * substeps * wp.length_sq(point - start) < travel_limit * travel_limit  # not if it is no number
     put_int_unless(stays, working.verdicts, world, HURRIED)
     put_int_unless(stays, working.any_busy, 0, 1)
 
@@ -369,4 +369,4 @@ def watch(t: Tables, working: Working, world: wp.int32, start: wp.vec3, point: w
 def check(t: Tables, state: WorldState, points: Any, params: Any, particle: wp.int32, number: wp.int32):
     """Record the first particle at a place that it cannot have."""
     balloon, share = params.balloon, params.share
-    look_at_particle(t.health, state.first_bad, params.world, particle, number, balloon, share, points)
+    check_particle(t.health, state.first_bad, params.world, particle, number, balloon, share, points)

@@ -24,7 +24,7 @@ wp.set_module_options(OPTIONS)
 
 
 @wp.struct
-class Sight:
+class PinholeCamera:
     """A pinhole camera; `right` and `up` reach from the middle of the picture to its edges at depth one."""
 
     eye: wp.vec3
@@ -34,7 +34,7 @@ class Sight:
 
 
 @wp.func
-def ray_of(sight: Sight, row: wp.int32, column: wp.int32, height: wp.int32, width: wp.int32):
+def ray_of(sight: PinholeCamera, row: wp.int32, column: wp.int32, height: wp.int32, width: wp.int32):
     """Return the ray through the middle of a pixel, which reaches depth one."""
     x = 2.0 * (float(column) + 0.5) / float(width) - 1.0
     y = 1.0 - 2.0 * (float(row) + 0.5) / float(height)
@@ -67,11 +67,11 @@ def aim(
     half_width: float,
     half_height: float,
     # out
-    sights: wp.array[Sight],
+    sights: wp.array[PinholeCamera],
 ):
     """Turn cameras to their targets, with the up axis upwards in the picture; a thread a world."""
     world = wp.tid()
-    sight = Sight()
+    sight = PinholeCamera()
     sight.eye = eyes[world]
     sight.forward = wp.normalize(targets[world] - eyes[world])
     across = wp.cross(sight.forward, up)
@@ -108,7 +108,7 @@ class Things:
 
 
 @wp.struct
-class Glance:
+class FirstHit:
     """First thing on a ray: its distance [m], its number among all things, and its unit normal."""
 
     distance: float
@@ -172,7 +172,7 @@ def solid_distance(solid: Solid, up: wp.vec3, origin: wp.vec3, direction: wp.vec
 
 
 @wp.func
-def nearer(glance: Glance, distance: float, number: wp.int32, normal: wp.vec3):
+def nearer(glance: FirstHit, distance: float, number: wp.int32, normal: wp.vec3):
     """Return the nearer one: the hit before, or a thing at some distance."""
     if distance > 0.0 and distance < glance.distance:
         glance.distance = distance
@@ -182,7 +182,7 @@ def nearer(glance: Glance, distance: float, number: wp.int32, normal: wp.vec3):
 
 
 @wp.func
-def glance_at_solids(things: Things, world: wp.int32, eye: wp.vec3, direction: wp.vec3, first: wp.int32, seen: Glance):
+def hit_solids(things: Things, world: wp.int32, eye: wp.vec3, direction: wp.vec3, first: wp.int32, seen: FirstHit):
     """Return the nearest one: the hit before, or an obstacle or a body.
 
     Args:
@@ -213,9 +213,9 @@ def glance_at_solids(things: Things, world: wp.int32, eye: wp.vec3, direction: w
 
 
 @wp.kernel
-def see_things(
+def cast_things(
     mask: wp.array[wp.int32],
-    sights: wp.array[Sight],
+    sights: wp.array[PinholeCamera],
     things: Things,
     # out
     keys: wp.array3d[wp.int64],
@@ -231,7 +231,7 @@ def see_things(
     sight = sights[world]
     toward = ray_of(sight, row, column, keys.shape[1], keys.shape[2])
     direction = wp.normalize(toward)
-    glance = Glance()
+    glance = FirstHit()
     glance.distance = FARTHEST
     if things.has_ground != 0:
         height = things.ground_heights[row_of_world(world, things.ground_heights.shape[0])]
@@ -244,7 +244,7 @@ def see_things(
             distance = capsule_distance(sight.eye, direction, center, center, radius)
             out = wp.normalize(sight.eye + distance * direction - center)
             glance = nearer(glance, distance, 1 + sphere, out)
-    glance = glance_at_solids(things, world, sight.eye, direction, 1 + things.sphere_positions.shape[1], glance)
+    glance = hit_solids(things, world, sight.eye, direction, 1 + things.sphere_positions.shape[1], glance)
     if glance.distance < FARTHEST:
         keys[world, row, column] = key_of(glance.distance / wp.length(toward), glance.number)
     else:
@@ -271,9 +271,9 @@ def pixels_between(least: float, most: float, count: wp.int32):
 
 
 @wp.kernel
-def see_triangles(
+def rasterize_triangles(
     mask: wp.array[wp.int32],
-    sights: wp.array[Sight],
+    sights: wp.array[PinholeCamera],
     corners: wp.array[wp.vec3i],
     faces: wp.array[wp.int32],
     torn: wp.array2d[float],
@@ -282,7 +282,7 @@ def see_triangles(
     # in and out
     keys: wp.array3d[wp.int64],
 ):
-    """Put triangles where they are nearer than earlier hits, but for torn ones; a thread a (world, triangle).
+    """Rasterize triangles into the depth keys, but for torn ones; a thread a (world, triangle).
 
     Args:
         faces: of which the triangles are.
@@ -335,8 +335,8 @@ def see_triangles(
 
 
 @wp.kernel
-def tell_depths(mask: wp.array[wp.int32], keys: wp.array3d[wp.int64], depths: wp.array3d[float]):
-    """Tell depths from keys; a thread a (world, row, column)."""
+def decode_depths(mask: wp.array[wp.int32], keys: wp.array3d[wp.int64], depths: wp.array3d[float]):
+    """Decode depths from keys; a thread a (world, row, column)."""
     world, row, column = wp.tid()
     if not is_chosen(mask, world):
         return
@@ -344,7 +344,7 @@ def tell_depths(mask: wp.array[wp.int32], keys: wp.array3d[wp.int64], depths: wp
 
 
 @wp.func
-def key_direction(sight: Sight, up: wp.vec3):
+def key_direction(sight: PinholeCamera, up: wp.vec3):
     """Return the direction to the key light, which turns with the camera, but only about the up axis."""
     level = wp.dot(sight.forward, up) * up - sight.forward
     if wp.length(level) < 1.0e-4:  # straight up or down
@@ -356,7 +356,7 @@ def key_direction(sight: Sight, up: wp.vec3):
 @wp.kernel
 def show_colors(
     mask: wp.array[wp.int32],
-    sights: wp.array[Sight],
+    sights: wp.array[PinholeCamera],
     up: wp.vec3,
     corners: wp.array[wp.vec3i],
     points: wp.array2d[wp.vec3],

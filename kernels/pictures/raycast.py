@@ -19,26 +19,26 @@ from balloon_warp.kernels.pictures.surfaces import (
     LINE,
     NOTHING,
     SURFACE,
-    Answer,
     Hit,
+    Shading,
     Shapes,
     Studio,
     backdrop,
     first_hit,
-    ground_answer,
     ground_fade,
+    ground_shading,
     is_film,
     key_share,
-    line_answer,
+    line_shading,
     luminance,
     mirrored_lights,
     mirrored_room,
     sky_share,
     srgb_byte,
-    surface_answer,
+    surface_shading,
     tone,
-    water_answer,
     water_before,
+    water_shading,
 )
 
 wp.set_module_options({**OPTIONS, "fast_math": True})
@@ -48,7 +48,7 @@ LAYERS = wp.constant(3)
 
 
 @wp.struct
-class Sight:
+class RayLight:
     """Light that comes along a ray."""
 
     plain: wp.vec3
@@ -77,18 +77,18 @@ def with_one(share: wp.vec3):
 
 
 @wp.func
-def answer_of(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.vec3, inside: wp.bool):
+def shading_of(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.vec3, inside: wp.bool):
     """Return the response of a surface to light, inside a balloon or outside."""
-    answer = Answer()
+    shading = Shading()
     if hit.kind == SURFACE:
-        answer = surface_answer(hit, studio, direction, ground_color, inside)
+        shading = surface_shading(hit, studio, direction, ground_color, inside)
     elif hit.kind == LINE:
-        answer = line_answer(hit, studio, direction, ground_color)
+        shading = line_shading(hit, studio, direction, ground_color)
     elif hit.kind == GROUND:
-        answer = ground_answer(hit, studio)
+        shading = ground_shading(hit, studio)
     else:
-        answer = water_answer(hit, studio, direction, ground_color)
-    return answer
+        shading = water_shading(hit, studio, direction, ground_color)
+    return shading
 
 
 @wp.func
@@ -107,7 +107,7 @@ def light_farther(hit: Hit, inside: wp.bool, weight: wp.vec3, key: wp.vec3, sky:
 
 
 @wp.func
-def look_along(
+def trace_ray(
     shapes: Shapes,
     studio: Studio,
     origin: wp.vec3,
@@ -126,7 +126,7 @@ def look_along(
         asks_key, asks_sky: Whether to test their visibility.
         catches: Whether of the ground only shadows are seen, and those not through anything.
     """
-    seen = Sight()
+    seen = RayLight()
     start = origin
     along = direction
     far_light = behind
@@ -143,7 +143,7 @@ def look_along(
         clear_ground = catches and hit.kind == GROUND and backdrop > 0.0
         if hit.kind == NOTHING or (clear_ground and layer > 0):
             break
-        answer = answer_of(hit, studio, along, shapes.ground_color, inside)
+        shading = shading_of(hit, studio, along, shapes.ground_color, inside)
         if hit.kind != SURFACE and hit.kind != LINE:
             fade = ground_fade(hit.point)
             seen.plain += fade * wp.cw_mul(weight, far_light)
@@ -151,9 +151,9 @@ def look_along(
             weight *= 1.0 - fade
             if clear_ground:
                 seen.caught = luminance(weight)
-        key = wp.cw_mul(weight, answer.key)
-        sky = wp.cw_mul(weight, answer.sky)
-        seen.plain += wp.cw_mul(weight, answer.lights)
+        key = wp.cw_mul(weight, shading.key)
+        sky = wp.cw_mul(weight, shading.sky)
+        seen.plain += wp.cw_mul(weight, shading.lights)
         if layer == 0:
             seen.key = key
             seen.sky = sky
@@ -165,10 +165,10 @@ def look_along(
                 seen.sky_share = bright * with_one(sky_share(shapes, hit, disc))
         else:
             seen.plain += light_farther(hit, inside, weight, key, sky)
-        weight = wp.cw_mul(weight, answer.through)
+        weight = wp.cw_mul(weight, shading.through)
         if luminance(weight) < 0.02:
             return seen
-        if answer.mirrors:
+        if shading.mirrors:
             along -= 2.0 * wp.dot(along, hit.normal) * hit.normal
             far_light = mirrored_room(along, hit.finish[0], shapes.ground_color)
             far_light += mirrored_lights(studio, along, hit.finish[0])
@@ -267,7 +267,7 @@ def cast_pixels(
         asks_key = sample % 2 == 0
         asks_sky = sample % 2 == 1 or pixel_samples.shape[0] == 1
         clear = camera.transparent
-        seen = look_along(shapes, studio, origin, wp.normalize(toward), behind, disc, asks_key, asks_sky, clear)
+        seen = trace_ray(shapes, studio, origin, wp.normalize(toward), behind, disc, asks_key, asks_sky, clear)
         sum_plain += seen.plain
         if seen.caught > 0.0:
             sum_ground_key += seen.key

@@ -469,7 +469,7 @@ WALLS = wp.constant(4)
 
 
 @wp.struct
-class Answer:
+class Shading:
     """Light that a surface sends to the viewer."""
 
     key: wp.vec3
@@ -491,16 +491,16 @@ def ground_fade(point: wp.vec3):
 
 
 @wp.func
-def ground_answer(hit: Hit, studio: Studio):
+def ground_shading(hit: Hit, studio: Studio):
     """Return the response of the matte ground."""
-    answer = Answer()
-    answer.key = wp.max(wp.dot(hit.normal, studio.key), 0.0) * wp.cw_mul(hit.color, studio.key_radiance)
-    answer.sky = wp.cw_mul(hit.color, sky_irradiance(hit.normal, hit.color))
-    return answer
+    shading = Shading()
+    shading.key = wp.max(wp.dot(hit.normal, studio.key), 0.0) * wp.cw_mul(hit.color, studio.key_radiance)
+    shading.sky = wp.cw_mul(hit.color, sky_irradiance(hit.normal, hit.color))
+    return shading
 
 
 @wp.func
-def water_answer(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.vec3):
+def water_shading(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.vec3):
     """Return the response of water: clear from above, a mirror at grazing angles, a little murky, so that shadows show.
 
     Args:
@@ -509,24 +509,24 @@ def water_answer(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.
     facing = -wp.dot(hit.normal, direction)
     # Schlick's approximation for an index of 1.33, held back, or the room would hide things under water.
     fresnel = 0.02 + 0.4 * wp.pow(1.0 - facing, 5.0)
-    answer = Answer()
-    answer.key = MURK * (1.0 - fresnel) * wp.max(wp.dot(hit.normal, studio.key), 0.0) * hit.color
-    answer.key = wp.cw_mul(answer.key, studio.key_radiance)
-    answer.sky = MURK * (1.0 - fresnel) * wp.cw_mul(hit.color, sky_irradiance(hit.normal, ground_color))
-    answer.through = (1.0 - MURK) * (1.0 - fresnel) * mix(wp.vec3(1.0), hit.color, 0.2)
+    shading = Shading()
+    shading.key = MURK * (1.0 - fresnel) * wp.max(wp.dot(hit.normal, studio.key), 0.0) * hit.color
+    shading.key = wp.cw_mul(shading.key, studio.key_radiance)
+    shading.sky = MURK * (1.0 - fresnel) * wp.cw_mul(hit.color, sky_irradiance(hit.normal, ground_color))
+    shading.through = (1.0 - MURK) * (1.0 - fresnel) * mix(wp.vec3(1.0), hit.color, 0.2)
     mirrored = direction + 2.0 * facing * hit.normal
-    answer.lights = fresnel * (mirrored_room(mirrored, 0.0, ground_color) + mirrored_lights(studio, mirrored, 0.0))
-    return answer
+    shading.lights = fresnel * (mirrored_room(mirrored, 0.0, ground_color) + mirrored_lights(studio, mirrored, 0.0))
+    return shading
 
 
 @wp.func
-def line_answer(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.vec3):
+def line_shading(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.vec3):
     """Return the response of a line: an even color, since it is too thin for shading."""
     facing = wp.abs(wp.dot(hit.normal, direction))
     light = 0.5 * studio.key_radiance + sky_irradiance(hit.normal, ground_color)
-    answer = Answer()
-    answer.lights = (0.6 + 0.4 * facing) * wp.cw_mul(hit.color, light)
-    return answer
+    shading = Shading()
+    shading.lights = (0.6 + 0.4 * facing) * wp.cw_mul(hit.color, light)
+    return shading
 
 
 @wp.func
@@ -543,72 +543,72 @@ def film_at(hit: Hit, direction: wp.vec3):
 
 
 @wp.func
-def film_answer(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.vec3, inside: wp.bool):
+def film_shading(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.vec3, inside: wp.bool):
     """Return the response of a wall of dyed rubber with light on both sides.
 
     Args:
         direction: of the ray that hit.
         inside: whether it came from within the balloon.
     """
-    answer = Answer()
+    shading = Shading()
     wall = film_at(hit, direction)
     shut = glow(wall, studio.key_radiance)
     toward_key = wp.dot(hit.normal, studio.key)
     front, behind = wp.max(toward_key, 0.0), wp.max(-toward_key, 0.0)
     if inside:
         came_in = front * wp.cw_mul(wall.back, passes(wall)) + behind * wall.forth
-        answer.key = wp.cw_mul(came_in, studio.key_radiance)
-        answer.sky = wp.cw_mul(wall.forth, sky_irradiance(-hit.normal, ground_color)) + wp.cw_mul(wall.back, shut)
+        shading.key = wp.cw_mul(came_in, studio.key_radiance)
+        shading.sky = wp.cw_mul(wall.forth, sky_irradiance(-hit.normal, ground_color)) + wp.cw_mul(wall.back, shut)
     else:
         # Light from behind has crossed the far wall, too: the shadow's ray finds its share.
-        answer.key = wp.cw_mul(front * wall.back + behind * wall.forth, studio.key_radiance)
-        answer.sky = wp.cw_mul(wall.back, sky_irradiance(hit.normal, ground_color)) + wp.cw_mul(wall.forth, shut)
-    answer.through = wall.clear
-    return answer
+        shading.key = wp.cw_mul(front * wall.back + behind * wall.forth, studio.key_radiance)
+        shading.sky = wp.cw_mul(wall.back, sky_irradiance(hit.normal, ground_color)) + wp.cw_mul(wall.forth, shut)
+    shading.through = wall.clear
+    return shading
 
 
 @wp.func
-def metal_answer(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.vec3):
+def metal_shading(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.vec3):
     """Return the response of a tinted mirror, which is a little dull."""
-    answer = Answer()
+    shading = Shading()
     grazing = 1.0 + wp.dot(hit.normal, direction)
     dull = 0.1 * hit.color
-    answer.key = wp.max(wp.dot(hit.normal, studio.key), 0.0) * wp.cw_mul(dull, studio.key_radiance)
-    answer.sky = wp.cw_mul(dull, sky_irradiance(hit.normal, ground_color))
-    answer.through = 0.9 * mix(hit.color, wp.vec3(1.0), wp.pow(grazing, 5.0))
-    answer.mirrors = True
-    return answer
+    shading.key = wp.max(wp.dot(hit.normal, studio.key), 0.0) * wp.cw_mul(dull, studio.key_radiance)
+    shading.sky = wp.cw_mul(dull, sky_irradiance(hit.normal, ground_color))
+    shading.through = 0.9 * mix(hit.color, wp.vec3(1.0), wp.pow(grazing, 5.0))
+    shading.mirrors = True
+    return shading
 
 
 @wp.func
-def surface_answer(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.vec3, inside: wp.bool):
+def surface_shading(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.vec3, inside: wp.bool):
     """Return the response of a dyed body under a clear gloss, a thin wall of rubber under one, or metal.
 
     Args:
         direction: of the ray that hit.
         inside: whether it came from within a balloon.
     """
-    answer = Answer()
+    shading = Shading()
     if hit.finish[3] > 0.0:
-        answer = metal_answer(hit, studio, direction, ground_color)
+        shading = metal_shading(hit, studio, direction, ground_color)
     else:
         facing = -wp.dot(hit.normal, direction)
         # Schlick's approximation for an index of 1.5, held back where it would outline the silhouette.
         fresnel = 0.04 + 0.5 * wp.pow(1.0 - facing, 5.0)
         gloss = fresnel * wp.max(hit.finish[2], 1.0 - hit.finish[0])
         if is_film(hit):
-            answer = film_answer(hit, studio, direction, ground_color, inside)
-            answer.through *= 1.0 - fresnel
-            gloss *= wp.where(inside, 0.5 * luminance(answer.through) + 0.1, 1.0)
+            shading = film_shading(hit, studio, direction, ground_color, inside)
+            shading.through *= 1.0 - fresnel
+            gloss *= wp.where(inside, 0.5 * luminance(shading.through) + 0.1, 1.0)
         else:
-            answer.key = wp.max(wp.dot(hit.normal, studio.key), 0.0) * wp.cw_mul(hit.color, studio.key_radiance)
-            answer.sky = wp.cw_mul(hit.color, sky_irradiance(hit.normal, ground_color))
+            shading.key = wp.max(wp.dot(hit.normal, studio.key), 0.0) * wp.cw_mul(hit.color, studio.key_radiance)
+            shading.sky = wp.cw_mul(hit.color, sky_irradiance(hit.normal, ground_color))
         roughness = hit.finish[0] * (1.0 - 0.9 * hit.finish[2])
         mirrored = direction + 2.0 * facing * hit.normal
-        answer.key *= 1.0 - fresnel
-        answer.sky = (1.0 - fresnel) * answer.sky + gloss * mirrored_room(mirrored, roughness, ground_color)
-        answer.lights = gloss * mirrored_lights(studio, mirrored, roughness)
-    return answer
+        shading.key *= 1.0 - fresnel
+        shading.sky = (1.0 - fresnel) * shading.sky + gloss * mirrored_room(mirrored, roughness, ground_color)
+        shading.lights = gloss * mirrored_lights(studio, mirrored, roughness)
+    return shading
 
 
 @wp.func

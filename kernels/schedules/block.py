@@ -86,7 +86,7 @@ class BlockWriter(StateInBlock):
         if any(self.layout.slots) and not self.layout.held:
             names["read_pairs"] = paired_reader(self.features, self.layout.slots)
         if self.layout.membrane_face and self.layout.membrane_face.quads:
-            names["hold_membrane_faces"] = self.step.look.membrane_faces(self.features).keeps
+            names["hold_membrane_faces"] = self.step.access.membrane_faces(self.features).keeps
         if self.features.spheres:
             names["share_spheres"], names["put_spheres"], _ = shared_spheres(self.features.spheres)
         for phase in self.phases:
@@ -94,7 +94,7 @@ class BlockWriter(StateInBlock):
                 names[f"{phase.name}_is_due"] = phase.due(self.features)
             if phase.name in self._compacted:
                 functions = compaction(phase.name, self.layout.capacity)
-                names[f"{phase.name}_may_act"] = phase.asked(self.features, self.step.look)
+                names[f"{phase.name}_may_act"] = phase.asked(self.features, self.step.access)
                 names |= {f"{verb}_{phase.name}": getattr(functions, verb) for verb in ("clear", "note")}
                 names |= {f"count_of_{phase.name}": functions.count, f"item_of_{phase.name}": functions.at}
             if phase.sums:

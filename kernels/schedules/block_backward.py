@@ -32,7 +32,7 @@ from balloon_warp.kernels.schedules.writer import (
     Step,
     arguments_of,
     is_bar,
-    looks_around,
+    reads_neighbor_bars,
     traces_of,
     written_types,
 )
@@ -426,7 +426,7 @@ class BackwardBlockWriter(TurnsBesideParticles):
 
     def _turn_particles(self, writer: TurnsInBlock, lines: Sequence[str], first: bool) -> None:
         """Write turns of particles; the first put points where others see them."""
-        if any(looks_around(adjoint) for _, adjoint in writer.turns):
+        if any(reads_neighbor_bars(adjoint) for _, adjoint in writer.turns):
             self.line("block_barrier()")
             self._turn_faces(writer, "first.n")
             self._turn_eights(writer)
@@ -518,9 +518,9 @@ class HeldBackwardWriter(BackwardBlockWriter):
         return tuple(
             phase
             for phase in phases
-            if not (phase.sums or phase.once(step.features) or phase.last or phase.views(step.features, step.look))
+            if not (phase.sums or phase.once(step.features) or phase.last or phase.views(step.features, step.access))
             and phase.writes
-            and set(phase.writes) <= set(step.kept) - set(phase.reads(step.features, step.look))
+            and set(phase.writes) <= set(step.kept) - set(phase.reads(step.features, step.access))
         )
 
     @property
@@ -637,7 +637,7 @@ def _written(lines: Iterable[str]) -> Iterator[str]:
 def _sees(turn: tuple[Any, Adjoint]) -> bool:
     """Return whether an adjoint looks at other particles."""
     adjoint = turn[1]
-    return looks_around(adjoint) or any(name in VIEWS for name in arguments_of(adjoint))
+    return reads_neighbor_bars(adjoint) or any(name in VIEWS for name in arguments_of(adjoint))
 
 
 class Backwards(NamedTuple):

@@ -44,7 +44,7 @@ class FewInBlock(NamesInBlock):
         for number, phase in enumerate(piece.phases):
             of_others = {name for each in piece.phases[number:] for name in self.reads(each)} & written
             of_others -= {name for each in self._from_start(piece) for name in each.writes}
-            if phase.rare and phase.asked(self.features, self.step.look) and of_others <= STATE.keys():
+            if phase.rare and phase.asked(self.features, self.step.access) and of_others <= STATE.keys():
                 return number
             written |= phase.writes.keys()
         return None
@@ -186,7 +186,7 @@ class ItemsInBlock(FewInBlock):
 
     def _is_seen(self, name: str) -> bool:
         """Return whether a phase looks at a kept value of others."""
-        return any(name in phase.views(self.features, self.step.look) for phase in self.phases)
+        return any(name in phase.views(self.features, self.step.access) for phase in self.phases)
 
     def _take_kept(self) -> None:
         """Write how a thread takes the kept values of one of its particles."""

@@ -14,7 +14,7 @@ from balloon_warp.kernels.loops.quads import kept_springs, membrane_face_functio
 from balloon_warp.kernels.loops.spheres import shared_spheres
 from balloon_warp.kernels.loops.springs import ring_area, ring_normal, slot_loop, springs_reader
 from balloon_warp.kernels.memory import in_tile, put_in_tile
-from balloon_warp.kernels.phase import STATE, VIEWS, Look, Phase
+from balloon_warp.kernels.phase import STATE, VIEWS, Access, Phase
 from balloon_warp.kernels.schedules.writer import Step, Writer
 
 
@@ -70,18 +70,18 @@ def held_loops(slots: tuple[int, int, int], rings: int) -> Callable[[Features], 
 
 
 @cache
-def look_of(layout: Layout, spheres: int) -> Look:
+def access_of(layout: Layout, spheres: int) -> Access:
     """Return how items see each other on a layout, with so many spheres."""
-    look = Look(in_tile, shared_spheres(spheres)[2] if spheres else None, looping_loops, put=put_in_tile)
+    access = Access(in_tile, shared_spheres(spheres)[2] if spheres else None, looping_loops, put=put_in_tile)
     if layout.membrane_face:
         membrane_face, slots = layout.membrane_face, layout.slots if layout.held else None
-        look = look._replace(
+        access = access._replace(
             loops=lambda features: membrane_face_functions(features, membrane_face, slots).loops,
             membrane_faces=lambda features: membrane_face_functions(features, membrane_face, slots),
         )
     elif layout.held or any(layout.slots):
-        look = look._replace(loops=held_loops(layout.slots, layout.rings), slots=layout.slots, ring=layout.rings)
-    return look._replace(velocity_at=in_tile, put_velocity=put_in_tile) if "velocity" in layout.tiles else look
+        access = access._replace(loops=held_loops(layout.slots, layout.rings), slots=layout.slots, ring=layout.rings)
+    return access._replace(velocity_at=in_tile, put_velocity=put_in_tile) if "velocity" in layout.tiles else access
 
 
 def reader_of_springs(features: Features, layout: Layout, derived: bool = False) -> Any:

@@ -27,7 +27,7 @@ from balloon_warp.kernels.lanes import IN_LANES, LANE_COUNT, LaneNumbers, Lanes,
 from balloon_warp.kernels.loops.contact import Solids
 from balloon_warp.kernels.loops.net_force import Loops, loops_of_eight
 from balloon_warp.kernels.loops.spheres import sphere_at
-from balloon_warp.kernels.phase import STATE, Item, Look
+from balloon_warp.kernels.phase import STATE, Access, Item
 from balloon_warp.kernels.schedules.lanes_layouts import (
     OCTETS,
     WORLDS,
@@ -357,7 +357,7 @@ class FrameWriter(ItemsInLanes):
 
     def _piece(self, piece: Piece) -> None:
         known, single = set(self.known), dict(self.single)
-        wide = piece.phases[0].takes_eight(self.step.features, self.step.look)
+        wide = piece.phases[0].takes_eight(self.step.features, self.step.access)
         self._show_solids(piece)
         if piece.phases[-1].sums:
             self._sum(piece)
@@ -375,7 +375,7 @@ class FrameWriter(ItemsInLanes):
     def _show_solids(self, piece: Piece) -> None:
         """Show spheres and obstacles, if the piece asks about them and they may have moved."""
         phases = (*piece.phases, *self.step.light)
-        asks = any("solids" in self.names_of(phase.asked(self.step.features, self.step.look)) for phase in phases)
+        asks = any("solids" in self.names_of(phase.asked(self.step.features, self.step.access)) for phase in phases)
         if asks and piece.item == "particle" and not self.shown:
             self.line("show_solids(t, tables, state, solids, group, end)")
             self.shown = True
@@ -427,7 +427,7 @@ class FrameWriter(ItemsInLanes):
     def names(self) -> dict[str, Any]:
         """Return the objects that the text refers to, by name."""
         step, layout = self.step, self.layout
-        features, look = step.features, step.look
+        features, access = step.features, step.access
         phases = [phase for piece in step.pieces for phase in piece.phases]
         structs, places = lane_structs(layout), places_of(layout)
         read_frame, write_frame = frame_functions(features, layout)
@@ -445,7 +445,7 @@ class FrameWriter(ItemsInLanes):
             "of_lane": of_lane, "set_lane": set_lane, "scaled": scaled,
             **{f"{name}_lanes": IN_LANES[kind] for name, kind in types.items()},
             **{name: function for each in features.keeps for name, function in kept_functions(each, layout).items()},
-            **{f"{each.name}_may_act": each.asked(features, look) for each in (*phases, *step.light) if each.rare},
+            **{f"{each.name}_may_act": each.asked(features, access) for each in (*phases, *step.light) if each.rare},
         }  # fmt: skip
 
 
@@ -566,7 +566,7 @@ def itself(part: Any):
     return part
 
 
-def _look(layout: Layout) -> Look:
+def _access(layout: Layout) -> Access:
     places = places_of(layout)
 
     @cache
@@ -579,11 +579,11 @@ def _look(layout: Layout) -> Look:
     def world_of(t: Any, params: Any, lane: wp.int32):
         return places.world(params.group, lane, t.world_count)
 
-    return Look(
+    return Access(
         near, sphere_at, loops, put=put, velocity_at=near, put_velocity=put,
         in_team=(near, put, itself), add=add, add_to_corners=add_to_corners, world=world_of,
     )  # fmt: skip
 
 
-LOOKS = {layout: _look(layout) for layout in (WORLDS, OCTETS, WORLDS_AS_OCTETS)}
+ACCESS = {layout: _access(layout) for layout in (WORLDS, OCTETS, WORLDS_AS_OCTETS)}
 """Access functions for eight worlds, and for eight particles of one"""

@@ -132,12 +132,12 @@ class TurnsOneByOne(BackwardWriter):
     """Write the turns of rare phases."""
 
     def _takes_eight(self, entry: Entry) -> bool:
-        return entry.phase.takes_eight(self.step.features, self.step.look)
+        return entry.phase.takes_eight(self.step.features, self.step.access)
 
     def _call_one_by_one(self, entry: Entry) -> None:
         """Write the call of a rare phase for each lane, where any needs it."""
         phase = entry.phase
-        self.called[phase.name] = phase.function(self.step.features, self.step.look)
+        self.called[phase.name] = phase.function(self.step.features, self.step.access)
         texts = [self._of_one(name, variable) for name, variable in entry.reads.items()]
         results = dict(zip(entry.writes.values(), entry.writes, strict=True))
         for variable, name in results.items():
@@ -159,7 +159,7 @@ class TurnsOneByOne(BackwardWriter):
                 for place in range(len(self.columns)):
                     self.line(f"{result}_{place} = Lanes()")
             else:
-                stays = name in phase.writes and name in phase.reads(self.step.features, self.step.look)
+                stays = name in phase.writes and name in phase.reads(self.step.features, self.step.access)
                 self.line(f"{result} = {self._bar(entry.writes[name], name) if stays else self._zero(name)}")
         self._in_lanes(entry, f"{function}({', '.join(texts)})", list(results.values()))
         for name, result in results.items():
@@ -187,7 +187,7 @@ class TurnsOneByOne(BackwardWriter):
         if "lane_params" not in self.known:
             self.known.add("lane_params")
             self.line(f"lane_params = params_of(t, group, balloon, {ITEM})")
-        asked = phase.asked(self.step.features, self.step.look)
+        asked = phase.asked(self.step.features, self.step.access)
         told = inspect.signature(asked.func).parameters
         given = {"params": "lane_params", "t": "t", "solids": "solids"}
         self.called[f"{phase.name}_may_act"] = asked

@@ -304,7 +304,7 @@ OF_BALLOON: Mapping[str, str] = {
     "keyed": "ramps_of(t, state, group, balloon, time_in_frame)",
     "load": "loads_of(t, state, group, balloon)",
     "gas_mass": "gas_masses_of(t, working, group, balloon)",
-    "way": "ways_of(t, working, group)",
+    "travel_limit": "travel_limits_of(t, working, group)",
     "forces": "t.forces[group]",
     "origin": "of_particle({points}, t.places, volume_origin(tables, balloon))",
 }
@@ -347,7 +347,7 @@ class NamesInLanes(Writer):
             name
             for piece in self.step.pieces
             for phase in piece.phases
-            for name in phase.reads(self.step.features, self.step.look)
+            for name in phase.reads(self.step.features, self.step.access)
         }
         return {name for name in read if name in STATE.values()} | {VIEWS[name] for name in read if name in VIEWS}
 
@@ -370,7 +370,7 @@ class NamesInLanes(Writer):
                 call = self._call_of_one(phase)
                 self.line(f"# {phase.summary}")
                 self._bind_of_one(phase, call)
-            elif phase.takes_eight(self.step.features, self.step.look):
+            elif phase.takes_eight(self.step.features, self.step.access):
                 super().calls((phase,))
             else:
                 self._lane_by_lane(phase)
@@ -380,7 +380,7 @@ class NamesInLanes(Writer):
         light = next((phase for phase in self.step.light if name in phase.writes), None)
         if self.bound(name) in self.known:
             return
-        if light and not light.takes_eight(self.step.features, self.step.look):
+        if light and not light.takes_eight(self.step.features, self.step.access):
             self._lane_by_lane(light)
         elif not light and (text := self.found_of_balloon(name)):
             self.known.add(name)
@@ -430,7 +430,7 @@ class NamesInLanes(Writer):
 
     def _call_of_one(self, phase: Phase) -> str:
         """Return the call of a phase for one lane or world."""
-        reads = phase.reads(self.step.features, self.step.look)
+        reads = phase.reads(self.step.features, self.step.access)
         return f"{phase.name}({', '.join(self._of_one(name) for name in reads)})"
 
     def _bind_of_one(self, phase: Phase, call: str) -> None:
@@ -476,8 +476,8 @@ class NamesInLanes(Writer):
 
     def _lane_by_lane(self, phase: Phase) -> None:
         """Write the call of a phase for one in each lane, if it is rare once it is known that any needs it."""
-        features, look = self.step.features, self.step.look
-        reads = phase.reads(features, look)
+        features, access = self.step.features, self.step.access
+        reads = phase.reads(features, access)
         call = self._call_of_one(phase)
         begins = {name: name if name in self.known or name in STATE else "" for name in phase.writes}
         for name, start in begins.items():
@@ -502,7 +502,7 @@ class NamesInLanes(Writer):
 
     def _question(self, phase: Phase) -> bool:
         """Write whether a rare phase has anything to do."""
-        if not phase.asked(self.step.features, self.step.look):
+        if not phase.asked(self.step.features, self.step.access):
             return False
         self.line(f"if {self.may_act(phase)}:")
         return True

@@ -357,12 +357,12 @@ def balloon_functions(layout: Layout) -> dict[str, Any]:
         return masses
 
     @wp.func
-    def ways_of(t: LaneTables, working: Working, group: wp.int32):
+    def travel_limits_of(t: LaneTables, working: Working, group: wp.int32):
         """Return the distance that particles may travel in a free frame [m]."""
-        ways = Lanes()
+        travel_limits = Lanes()
         for lane in range(t.lane_count):
-            ways[lane] = working.ways[places.world(group, lane, t.world_count)]
-        return ways
+            travel_limits[lane] = working.travel_limits[places.world(group, lane, t.world_count)]
+        return travel_limits
 
     @wp.func
     def any_free(t: LaneTables, working: Working, group: wp.int32):
@@ -373,7 +373,7 @@ def balloon_functions(layout: Layout) -> dict[str, Any]:
         return found
 
     return {
-        "ways_of": ways_of,
+        "travel_limits_of": travel_limits_of,
         "any_free": any_free,
         "ramps_of": ramps_of,
         "loads_of": loads_of,

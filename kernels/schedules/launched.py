@@ -13,7 +13,7 @@ from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.net_force import Loops, scalar_loops
 from balloon_warp.kernels.loops.spheres import sphere_at
 from balloon_warp.kernels.memory import four_bytes_in, vector_at
-from balloon_warp.kernels.phase import STATE, VIEWS, Look, Phase
+from balloon_warp.kernels.phase import STATE, VIEWS, Access, Phase
 from balloon_warp.kernels.schedules.writer import Piece, Step, Writer, compaction, head, named_in
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.warps import block_barrier, set_quanta, total_newtons
@@ -50,7 +50,7 @@ def rare_phase(step: Step, piece: Piece) -> Phase | None:
     """Return the phase of a piece, if it is the only one, and most items stay as they are."""
     first, *others = piece.phases
     stays = not (others or piece.sums or piece.doubles or piece.leaves or piece.keeps)
-    return first if stays and first.asked(step.features, step.look) else None
+    return first if stays and first.asked(step.features, step.access) else None
 
 
 def acts_on_few(step: Step, piece: Piece) -> bool:
@@ -59,7 +59,7 @@ def acts_on_few(step: Step, piece: Piece) -> bool:
     return rare is not None and piece.item == "particle" and rare.name in step.apart
 
 
-def asked_ahead(step: Step, piece: Piece) -> Phase | None:
+def tested_ahead(step: Step, piece: Piece) -> Phase | None:
     """Return the phase of the next piece, if it acts on few particles, and the thread that moved one knows which."""
     place = step.pieces.index(piece) + 1
     after = step.pieces[place] if place < len(step.pieces) else None
@@ -67,10 +67,10 @@ def asked_ahead(step: Step, piece: Piece) -> Phase | None:
     return after.phases[0] if knows and after and acts_on_few(step, after) else None
 
 
-def is_asked_ahead(step: Step, piece: Piece) -> bool:
+def is_tested_ahead(step: Step, piece: Piece) -> bool:
     """Return whether the piece before notes the particles that this one acts on."""
     place = step.pieces.index(piece)
-    return place > 0 and asked_ahead(step, step.pieces[place - 1]) is not None
+    return place > 0 and tested_ahead(step, step.pieces[place - 1]) is not None
 
 
 @cache
@@ -104,9 +104,9 @@ def summed_loops(features: Features) -> Loops:
     return scalar_loops(features, vector_at, summed_force, summed_area_vector)._replace(others=None)
 
 
-GATHERED = Look(vector_at, sphere_at, gathering_loops)
+GATHERED = Access(vector_at, sphere_at, gathering_loops)
 """Access where each particle loops over its forces"""
-SUMMED = Look(vector_at, sphere_at, summed_loops, alone=lambda features: not (features.in_water or features.bursts))
+SUMMED = Access(vector_at, sphere_at, summed_loops, alone=lambda features: not (features.in_water or features.bursts))
 """Access where other threads have summed the forces"""
 ITEMS_OF_PART = wp.constant(512)
 """Number of items in a part of a large balloon, whose sums are reduced part by part"""
@@ -204,11 +204,11 @@ class _Writer(PieceWriter):
     def names(self) -> dict[str, Any]:
         """Return the objects that the text refers to, by name."""
         names = {**self.scope(self.piece.phases), "ITEMS_OF_PART": ITEMS_OF_PART, "four_bytes_in": four_bytes_in}
-        if ahead := asked_ahead(self.step, self.piece):
-            names[f"{ahead.name}_may_act"] = ahead.asked(self.step.features, self.step.look)
+        if ahead := tested_ahead(self.step, self.piece):
+            names[f"{ahead.name}_may_act"] = ahead.asked(self.step.features, self.step.access)
         if rare := rare_phase(self.step, self.piece):
             functions = compaction(rare.name, int(ITEMS_OF_LIST))
-            names |= {f"{rare.name}_may_act": rare.asked(self.step.features, self.step.look),
+            names |= {f"{rare.name}_may_act": rare.asked(self.step.features, self.step.access),
                       "clear": functions.clear, "note": functions.note, "count": functions.count, "noted": functions.at,
                       "ITEMS_OF_LIST": ITEMS_OF_LIST, "block_barrier": block_barrier}  # fmt: skip
         return names
@@ -220,7 +220,7 @@ class _Writer(PieceWriter):
             **{f"all_{view}": "wp.array2d[wp.vec3]" for view in STATE.values()},
             **{f"new_{view}": "wp.array2d[wp.vec3]" for view in STATE.values()},
             **{f"all_{value}": f"wp.array2d[{value}_type]" for value in self.step.kept}, **self.kept_arrays,
-            "all_acting": "wp.array2d[wp.int8]",
+            "all_active": "wp.array2d[wp.int8]",
         }  # fmt: skip
         if self.piece.sums:
             may_be["all_parts"] = f"wp.array3d[{self._summed}_type]"
@@ -258,8 +258,8 @@ class _Writer(PieceWriter):
                 self.line("    return")
             self.calls(piece.phases)
             self._leave()
-            if ahead := asked_ahead(self.step, piece):
-                self.line(f"all_acting[world, {piece.item}] = wp.int8(wp.where({self.may_act(ahead)}, 1, 0))")
+            if ahead := tested_ahead(self.step, piece):
+                self.line(f"all_active[world, {piece.item}] = wp.int8(wp.where({self.may_act(ahead)}, 1, 0))")
 
     def _few(self) -> None:
         """Write a loop over items that lists those to act on, and one over these: so that all threads have one."""
@@ -268,11 +268,11 @@ class _Writer(PieceWriter):
         for line in ("if thread == 0:", "    clear(0)", "block_barrier()", "begin = part * ITEMS_OF_LIST"):
             self.line(line)
         before, self.indent = set(self.known), "        "
-        if is_asked_ahead(self.step, self.piece):
+        if is_tested_ahead(self.step, self.piece):
             self.lines.append(f"    for four in range(begin + 4 * thread, {END_OF_LIST}, 4 * wp.block_dim()):")
-            self.line("acting = four_bytes_in(all_acting, world, four)")
+            self.line("active = four_bytes_in(all_active, world, four)")
             for place in range(4):
-                self.line(f"if acting & {1 << 8 * place} != 0:")
+                self.line(f"if active & {1 << 8 * place} != 0:")
                 self.line(f"    note(0, four + {place})")
         else:
             self.lines.append(f"    for {item} in range(begin + thread, {END_OF_LIST}, wp.block_dim()):")

@@ -21,8 +21,8 @@ from balloon_warp.kernels.schedules.writer import (
     Trace,
     arguments_of,
     head,
-    looks_around,
     named_in,
+    reads_neighbor_bars,
     traces_of,
     written_types,
 )
@@ -134,7 +134,7 @@ class BackwardWriter(PieceWriter):
             self.line(f"{variable} = {self.noted(name, self._owner(name))}")
             return variable
         inputs = [self.have(each) for each in entry.reads.values()]
-        self.called[entry.phase.name] = entry.phase.function(self.step.features, self.step.look)
+        self.called[entry.phase.name] = entry.phase.function(self.step.features, self.step.access)
         self.line(f"{', '.join(entry.writes.values())} = {entry.phase.name}({', '.join(inputs)})")
         self.known |= set(entry.writes.values())
         return variable
@@ -406,7 +406,9 @@ def _cut(trace: Trace) -> list[list[Turn]]:
     cuts: list[list[Turn]] = [[]]
     for entry in reversed(trace.entries):
         for adjoint in entry.adjoints:
-            if looks_around(adjoint) and not all(each is entry and looks_around(one) for each, one in cuts[-1]):
+            if reads_neighbor_bars(adjoint) and not all(
+                each is entry and reads_neighbor_bars(one) for each, one in cuts[-1]
+            ):
                 cuts.append([])
             cuts[-1].append((entry, adjoint))
     return [turns for turns in cuts if turns]

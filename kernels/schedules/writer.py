@@ -24,7 +24,7 @@ from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.areas import volume_origin
 from balloon_warp.kernels.loops.spheres import spheres_in_state
 from balloon_warp.kernels.memory import put_vector_in, two_in, vector_in
-from balloon_warp.kernels.phase import STATE, VIEWS, Adjoint, Item, Look, NoAdjointError, Phase
+from balloon_warp.kernels.phase import STATE, VIEWS, Access, Adjoint, Item, NoAdjointError, Phase
 from balloon_warp.kernels.tables import NAMED, Tables, WorldState, sphere_number
 from balloon_warp.kernels.warps import count_at, next_in_block, put_count, shared_words
 from balloon_warp.kernels.working import Working
@@ -113,7 +113,7 @@ class Step(NamedTuple):
     """Hold the phases that a scene has, in pieces, for a schedule that launches them."""
 
     features: Features
-    look: Look
+    access: Access
     pieces: tuple[Piece, ...]
     light: tuple[Phase, ...]
     """Phases that are recomputed wherever their values are read"""
@@ -143,7 +143,7 @@ class Step(NamedTuple):
 def cut(
     phases: Sequence[Phase],
     features: Features,
-    look: Look,
+    access: Access,
     *,
     doubles: bool = True,
     apart: Collection[str] = (),
@@ -162,9 +162,9 @@ def cut(
     Raises:
         TypeError: a phase changes state that has no name, see `Phase.changes`, or is named like what another reads.
     """
-    named = {name for phase in phases for name in phase.reads(features, look)}
+    named = {name for phase in phases for name in phase.reads(features, access)}
     for phase in phases:
-        phase.changes(features, look)
+        phase.changes(features, access)
         if phase.name in named:
             raise TypeError(f"the phase {phase.name} is named like what another reads; expected a name of its own")
     light = tuple(phase for phase in phases if phase.light)
@@ -172,19 +172,19 @@ def cut(
     for phase in phases:
         if phase.light:
             continue
-        if not groups or phase.name in apart or not _goes_on(groups[-1], phase, features, look, doubles, sums_along):
+        if not groups or phase.name in apart or not _goes_on(groups[-1], phase, features, access, doubles, sums_along):
             groups.append([])
         groups[-1].append(phase)
-    read = [_read(group, light, features, look) for group in groups]
+    read = [_read(group, light, features, access) for group in groups]
     pieces = [
-        _piece(group, read[place], set(shown).union(*read[place + 1 :], *read[:place]), features, look)
+        _piece(group, read[place], set(shown).union(*read[place + 1 :], *read[:place]), features, access)
         for place, group in enumerate(groups)
     ]
-    return Step(features, look, tuple(pieces), light, frozenset(apart))
+    return Step(features, access, tuple(pieces), light, frozenset(apart))
 
 
 def _goes_on(
-    group: Sequence[Phase], phase: Phase, features: Features, look: Look, doubles: bool, sums_along: bool
+    group: Sequence[Phase], phase: Phase, features: Features, access: Access, doubles: bool, sums_along: bool
 ) -> bool:
     """Return whether the thread that executes a group may go on with a phase."""
     first = group[0]
@@ -196,32 +196,32 @@ def _goes_on(
         return False
     if first.item in ("particle", "face"):
         written = {name for each in group for name in each.writes}
-        looked_at = {name for each in group for name in each.views(features, look)}
+        looked_at = {name for each in group for name in each.views(features, access)}
         places = features.kept if doubles else STATE | features.kept
-        waits = phase.views(features, look) & written or places.keys() & phase.writes.keys() & looked_at
-        waits = waits or _of_others(group, features, look) & phase.looks_at(features, look)
+        waits = phase.views(features, access) & written or places.keys() & phase.writes.keys() & looked_at
+        waits = waits or _of_others(group, features, access) & phase.reads_state(features, access)
         return phase.item == first.item and (phase.item == "particle" or phase.sums) and not waits
     small = ("world", "balloon")
     return first.item in small and phase.item in small
 
 
-def _of_others(group: Sequence[Phase], features: Features, look: Look) -> set[str]:
+def _of_others(group: Sequence[Phase], features: Features, access: Access) -> set[str]:
     """Return the names of the state of other items that a group changes, see `tables.NAMED`."""
-    changed = {name for phase in group for name in phase.changes(features, look)}
+    changed = {name for phase in group for name in phase.changes(features, access)}
     return {name for name in changed if NAMED[name].item != group[0].item}
 
 
-def _read(group: Sequence[Phase], light: Sequence[Phase], features: Features, look: Look) -> set[str]:
+def _read(group: Sequence[Phase], light: Sequence[Phase], features: Features, access: Access) -> set[str]:
     """Return the inputs of a group that it has not written itself, with those of light phases that write them."""
     found: set[str] = set()
     written: set[str] = set()
     for phase in group:
-        found |= _with_light(phase.reads(features, look), light, features, look) - written
+        found |= _with_light(phase.reads(features, access), light, features, access) - written
         written |= phase.writes.keys()
     return found
 
 
-def _with_light(names: Collection[str], light: Sequence[Phase], features: Features, look: Look) -> set[str]:
+def _with_light(names: Collection[str], light: Sequence[Phase], features: Features, access: Access) -> set[str]:
     """Return names, with the inputs of light phases that write them; of a view, the value that is seen."""
     found: set[str] = set()
     to_see = list(names)
@@ -231,14 +231,16 @@ def _with_light(names: Collection[str], light: Sequence[Phase], features: Featur
         found.add(views.get(name, name))
         for phase in light:
             if name in phase.writes:
-                to_see += phase.reads(features, look)
+                to_see += phase.reads(features, access)
     return found
 
 
-def _piece(group: Sequence[Phase], read: set[str], read_elsewhere: set[str], features: Features, look: Look) -> Piece:
+def _piece(
+    group: Sequence[Phase], read: set[str], read_elsewhere: set[str], features: Features, access: Access
+) -> Piece:
     written = tuple(dict.fromkeys(name for phase in group for name in phase.writes))
     values = tuple(name for name in written if name not in STATE and name not in features.kept)
-    looked_at: set[str] = set().union(*(phase.views(features, look) for phase in group))
+    looked_at: set[str] = set().union(*(phase.views(features, access) for phase in group))
     moves = tuple(name for name in written if name in STATE)
     return Piece(
         tuple(group),
@@ -310,14 +312,14 @@ class Writer(ABC):
 
     def may_act(self, phase: Phase) -> str:
         """Return the call that asks whether a rare phase has anything to do, once its inputs are at hand."""
-        asked = inspect.signature(phase.asked(self.step.features, self.step.look).func).parameters
+        asked = inspect.signature(phase.asked(self.step.features, self.step.access).func).parameters
         for name in asked:
             self.need(name)
         return f"{phase.name}_may_act({', '.join(map(self.bound, asked))})"
 
     def reads(self, phase: Phase) -> list[str]:
         """Return the names that a phase reads, by the writer's own names."""
-        return [self.aliases.get(name, name) for name in phase.reads(self.step.features, self.step.look)]
+        return [self.aliases.get(name, name) for name in phase.reads(self.step.features, self.step.access)]
 
     def need(self, name: str) -> None:
         """Bind a name."""
@@ -376,7 +378,7 @@ class Writer(ABC):
     def scope(self, phases: Iterable[Phase]) -> dict[str, Any]:
         """Return the objects that the text refers to for its phases, by name."""
         step = self.step
-        called = {phase.name: phase.function(step.features, step.look) for phase in (*phases, *step.light)}
+        called = {phase.name: phase.function(step.features, step.access) for phase in (*phases, *step.light)}
         types = {f"{value}_type": dtype for value, dtype in written_types(step).items()}
         _, read_params = params_functions(step.features.columns, step.features.balloons)
         return {
@@ -441,8 +443,8 @@ class Trace:
 
     def _add(self, phase: Phase) -> None:
         step = self.step
-        reads = {name: self._read(name) for name in phase.reads(step.features, step.look)}
-        adjoints = tuple(phase.adjoints(step.features, step.look))
+        reads = {name: self._read(name) for name in phase.reads(step.features, step.access)}
+        adjoints = tuple(phase.adjoints(step.features, step.access))
         asked = {name for adjoint in adjoints for name in (*arguments_of(adjoint), *adjoint.of) if not is_bar(name)}
         seen = {name: self._read(name) for name in sorted(asked - phase.writes.keys() - reads.keys())}
         writes = {name: self._next(name) for name in phase.writes}
@@ -453,7 +455,7 @@ class Trace:
         """Return the variable of a name, once light values have been found again."""
         if name not in self.current:
             for phase in self.step.light:
-                if name in phase.writes and phase.adjoints(self.step.features, self.step.look):
+                if name in phase.writes and phase.adjoints(self.step.features, self.step.access):
                     self._add(phase)
         return self.current.get(name, name)
 
@@ -472,7 +474,7 @@ def is_bar(name: str) -> bool:
     return name.endswith(("_bar", "_bars"))
 
 
-def looks_around(adjoint: Adjoint) -> bool:
+def reads_neighbor_bars(adjoint: Adjoint) -> bool:
     """Return whether an adjoint wants the bars of others."""
     return any(name.endswith("_bars") for name in arguments_of(adjoint))
 
@@ -488,7 +490,7 @@ def traces_of(step: Step) -> tuple[Trace, ...]:
         if phase.keeps:
             raise NoAdjointError(f"`{phase.name}`, which keeps values from substep to substep,")
         try:
-            phase.adjoints(step.features, step.look)
+            phase.adjoints(step.features, step.access)
         except NoAdjointError as missing:
             of_what = "" if str(missing) == phase.name else f" of {missing}"
             raise NoAdjointError(f"`{phase.name}`{of_what}") from None

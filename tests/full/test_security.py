@@ -40,7 +40,7 @@ from balloon_warp.model import Model, build_model, state, world_bytes
 from balloon_warp.schedules import SCHEDULES
 from balloon_warp.schedules.choose import schedule_named
 from balloon_warp.system.files import LOCK, PREFIX
-from balloon_warp.system.loading import without_collecting
+from balloon_warp.system.loading import without_garbage_collection
 from balloon_warp.tools.remesh import handle_count, handles_lost, handles_of_level
 
 HERE = Path(__file__).parents[1]
@@ -303,9 +303,9 @@ def as_it_was() -> Iterator[None]:
 
 
 def test_it_is_put_off_and_then_goes_on():
-    with without_collecting():
+    with without_garbage_collection():
         assert not gc.isenabled()
-        with without_collecting():
+        with without_garbage_collection():
             pass
         assert not gc.isenabled()
     assert gc.isenabled()
@@ -313,7 +313,7 @@ def test_it_is_put_off_and_then_goes_on():
 
 
 def test_what_was_made_meanwhile_is_old():
-    with without_collecting():
+    with without_garbage_collection():
         made = [[] for _ in range(2 * gc.get_threshold()[0])]
     young = {id(each) for generation in (0, 1) for each in gc.get_objects(generation)}
     assert not young & {id(each) for each in made}
@@ -322,11 +322,11 @@ def test_what_was_made_meanwhile_is_old():
 def test_what_someone_else_chose_stays():
     gc.freeze()
     frozen = gc.get_freeze_count()
-    with without_collecting():
+    with without_garbage_collection():
         pass
     assert gc.get_freeze_count() == frozen
     gc.disable()
-    with without_collecting():
+    with without_garbage_collection():
         pass
     assert not gc.isenabled()
 

@@ -263,8 +263,8 @@ def test_a_step_that_has_settled_is_newtons():
     """A converged step is Newton's of backward Euler, kicked, to 1% of the effect of springs in it."""
     step, points = one_step("auto", "cpu")
     expected = step.minimum(points)
-    foreseen = step.start + step.free
-    assert np.abs(points - expected).max() < 0.01 * np.abs(foreseen - expected).max()
+    predicted = step.start + step.free
+    assert np.abs(points - expected).max() < 0.01 * np.abs(predicted - expected).max()
 
 
 def test_what_has_not_settled_is_told():

@@ -31,14 +31,14 @@ from balloon_warp.benchmarks.overlap import deepest_overlap
 from balloon_warp.kernels.contact.free_frames import BUSY, FREE, HURRIED
 from balloon_warp.mesh.crossings import find_crossings
 from balloon_warp.mesh.orientation import triangles_of
-from balloon_warp.mesh.thickness import least_gaps, slenderness
+from balloon_warp.mesh.thickness import min_gaps, slenderness
 from balloon_warp.mesh.topology import signed_volume
 from balloon_warp.model import plan_model
 from balloon_warp.model.shape import shape_balloon
 from balloon_warp.model.touch import meeting_edges, sharp_edges
 from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Scene, Stiffness, Touch, load_scene
 from balloon_warp.scenes.model_airbag import GAP, airbag, airbag_flat
-from balloon_warp.schedules.outlook import part_count, parts_of
+from balloon_warp.schedules.contact_horizon import part_count, parts_of
 
 LIMP = Stiffness(structural=50.0, shear=25.0, flexion=0.0)
 
@@ -253,7 +253,7 @@ def test_heavy_slack_foil_does_not_come_through(friction: float | None, degrees:
 
 def verdict(simulator: Simulator) -> int:
     """Return the verdict on the last frame of a world alone."""
-    return int(simulator.schedule.busy.outlook.table.verdicts.numpy()[0])
+    return int(simulator.schedule.busy.contact_horizon.table.verdicts.numpy()[0])
 
 
 def test_the_length_of_a_tube_over_its_diameter_is_its_slenderness():
@@ -316,7 +316,7 @@ def test_parts_that_pass_through_each_other_within_a_frame_are_seen(ways: tuple[
     points[0, : len(flat), 2] += ways[0]
     points[0, len(flat) :, 2] += ways[1]
     state.points.assign(points)
-    busy.outlook.look_back(state)
+    busy.contact_horizon.judge_afterwards(state)
     assert verdict(simulator) == expected
 
 
@@ -346,7 +346,7 @@ def test_the_room_is_no_larger_than_the_gap(bend: float):
     state, schedule = simulator.state, simulator.schedule
     state.points.assign(bent[None].astype(np.float32))
     schedule.busy.find(state)
-    touch = schedule.busy.outlook._tables.touch
+    touch = schedule.busy.contact_horizon._tables.touch
     pad = float(touch.thickness.numpy()[0] + 2.0 * touch.slack.numpy()[0])
     room, gap = float(state.rooms.numpy()[0, 0]), true_gap(mesh, bent, float(touch.apart.numpy()[0]))
     assert room <= gap - pad
@@ -359,9 +359,9 @@ def test_least_gaps_are_those_of_all_pairs():
     """The least distances at the start are those that a grid of points in triangles shows, up to its width."""
     mesh = tube(17, 12)
     apart, most = 0.12, 0.1
-    found = least_gaps(mesh, apart, most).min()
+    found = min_gaps(mesh, apart, most).min()
     assert found == pytest.approx(min(true_gap(mesh, mesh.points, apart), most), rel=0.05)
-    assert least_gaps(mesh, 1e-6, most).min() <= true_gap(mesh, mesh.points, 1e-6)
+    assert min_gaps(mesh, 1e-6, most).min() <= true_gap(mesh, mesh.points, 1e-6)
 
 
 @pytest.mark.always

@@ -33,7 +33,7 @@ from balloon_warp import (
 )
 from balloon_warp.benchmarks.design import cylinder as lids
 from balloon_warp.cli.app import app
-from balloon_warp.cli.lab import Wanted
+from balloon_warp.cli.lab import DesignOptions
 from balloon_warp.kernels.laws.air import GAS_CONSTANT
 from balloon_warp.kernels.laws.membrane import MEMBRANES
 from balloon_warp.lab.design import design, measure
@@ -702,4 +702,4 @@ def test_command_says_what_holds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     said = ["design", str(tmp_path / "egg.obj"), "-o", str(tmp_path / "out"), "--of", "latex", "--gravity", "9.81"]
     CliRunner().invoke(app, [*said, "--fixed", "3,neck,7"])
     CliRunner().invoke(app, said)
-    assert [(each["gravity"], each["fixed"]) for each in asked] == [(9.81, [3, "neck", 7]), (9.81, Wanted.fixed)]
+    assert [(each["gravity"], each["fixed"]) for each in asked] == [(9.81, [3, "neck", 7]), (9.81, DesignOptions.fixed)]

@@ -18,9 +18,9 @@ from .reading import read_scene
 from .request import FILES, LIVE, RefusedError, Snapshot, tears_of, write_request
 
 TOLD, ERRORS = "progress.jsonl", "errors.txt"
-"""Files with what a process tells, and with its standard error"""
+"""Files of a process's messages and of its standard error"""
 STOP_SECONDS = 30.0
-"""Time that a process has to keep what it has [s]"""
+"""Time that a process has to save its results [s]"""
 POLL_SECONDS = 0.2
 """Interval between looks at what a bake tells [s]"""
 PICTURE_SECONDS = 1.0 / 24.0

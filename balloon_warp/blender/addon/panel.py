@@ -296,7 +296,7 @@ def after_save(path: str, *_: object) -> None:
 
 @persistent
 def after_undo(scene: Scene, *_: object) -> None:
-    """Show the bake as it is, which is newer than what undo knows of it."""
+    """Show the current bake, which is newer than the state that undo restored."""
     modifiers.refresh(scene)
 
 

@@ -27,7 +27,7 @@ MOLAR_MASSES = {"HELIUM": 0.0040026, "AIR": 0.0289652}
 SPRINGS_OF_SKIN = {"structural": 20.0, "shear": 10.0, "flexion": 5.0, "yield_stretch": 1.0, "viscosity": 1.0e-4}
 """Springs that only push, which keep the pieces of a burst balloon as skin [N/m]"""
 RIGID = 1e-4
-"""Largest growth of what counts as rigid, over its size"""
+"""Largest growth of a rigid object, over its size"""
 HEADER = struct.Struct("<12siiffi")
 """Signature, version, number of points, first frame, frames a sample, number of samples"""
 SIGNATURE = b"POINTCACHE2\0"
@@ -98,7 +98,7 @@ class Snapshot:
     winds: NDArray[np.float64] = field(default_factory=lambda: np.zeros((1, 3)))
     """Wind of all force fields [m/s], shape (1 or frames, 3)"""
     remarks: list[str] = field(default_factory=list)
-    """Sentences on what the bake leaves out"""
+    """Sentences on omissions of the bake"""
 
 
 def is_rigid(places: NDArray[np.float64]) -> bool:
@@ -156,7 +156,7 @@ def tears_of(cache: Path) -> Path:
 
 
 def _require_contact(snapshot: Snapshot) -> None:
-    """Make sure that what pushes balloons can.
+    """Require touch and rigid motion of objects that push balloons.
 
     Raises:
         RefusedError: an obstacle that bends has no contact, or a balloon that bursts would touch another thing.

@@ -143,7 +143,7 @@ COLORS = {
     "pattern": (70, 74, 80),
 }
 WIDTHS = {"without design": 2.2, "inflated": 3.2, "pattern": 1.3}
-"""Width of lines [pixels]; what has none is an area"""
+"""Width of lines [pixels]; kinds without one are areas"""
 NAMES = {"inflated": "designed, inflated", "pattern": "pattern, flat", "without design": "without design, inflated"}
 
 

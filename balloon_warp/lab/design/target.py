@@ -16,7 +16,7 @@ from scipy.spatial import KDTree
 from balloon_warp.errors import InputError
 from balloon_warp.lab.design.measure import Ruler
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.mesh.crossings import crossings_said
+from balloon_warp.mesh.crossings import crossings_sentence
 from balloon_warp.mesh.load import MeshLike, Treatment, axes_matrix, load_mesh, prepared
 from balloon_warp.mesh.topology import (
     border_edges,
@@ -600,7 +600,7 @@ def shape_of(given: str | Path | MeshLike) -> tuple[PolygonMesh, PolygonMesh]:
         raise InputError(f"{source}: is flat and encloses no volume; expected a solid shape")
     if volume < 0.0:
         mesh = _turned(mesh)
-    if crossed := crossings_said(mesh):
+    if crossed := crossings_sentence(mesh):
         raise InputError(f"{source}: {crossed}; expected a surface that does not, such as `balloon-warp remesh` makes")
     return read, mesh
 

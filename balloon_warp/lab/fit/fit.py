@@ -33,7 +33,7 @@ from balloon_warp.lab.fit.search import (
     slope_at,
     values_at,
 )
-from balloon_warp.lab.gradients.derive import Asked, Gradient, Loss
+from balloon_warp.lab.gradients.derive import DerivativeRequest, Gradient, Loss
 from balloon_warp.lab.gradients.gradient import derived
 from balloon_warp.model import Vary
 from balloon_warp.scene import Scene, SceneLike
@@ -659,7 +659,7 @@ def fit(
         places = first_places(starts, len(checked_bounds("of", of)), seed)
 
         def derive(of: Sequence[str], vary: Vary, world_count: int) -> Gradient:
-            return derived(scene, (), Asked(of, loss, world_count, vary, device, schedule, laws))[0]
+            return derived(scene, (), DerivativeRequest(of, loss, world_count, vary, device, schedule, laws))[0]
 
         return least_loss(derive, checked_bounds("of", of), places, rounds, on_stage)
     assert data is not None

@@ -83,7 +83,7 @@ STEEP = 1.0e3
 """Stand-in for a number that is not finite, over that of the start: a step there is taken back"""
 
 
-class _Meeting:
+class _BatchBarrier:
     """Barrier at which starts hand in places and get the values there, all from one batch."""
 
     def __init__(self, places: Values):
@@ -143,7 +143,7 @@ def minima_together(ask: Ask, first: Values, rounds: int, on_round: Callable[[in
     """
     values, slopes = ask(first)
     scales = np.where(np.isfinite(values) & (values != 0.0), np.abs(values), 1.0)
-    meeting, places = _Meeting(first), first.copy()
+    meeting, places = _BatchBarrier(first), first.copy()
     known = {start: (first[start], values[start], slopes[start]) for start in range(len(first))}
 
     def descend(start: int) -> None:

@@ -20,7 +20,7 @@ from balloon_warp.kernels.laws import Columns, Parameter
 from balloon_warp.model import Model, ModelPlan, State, Vary
 from balloon_warp.model.obstacles import FRICTION, OF_BALLOONS, SAID
 from balloon_warp.model.parameters import Place, is_numbered, parameters_at, places_of, rows_of
-from balloon_warp.model.plan import settled_parameters
+from balloon_warp.model.plan import resolved_parameters
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.model.timeline import vary_parameters
 from balloon_warp.scene import Scene
@@ -402,7 +402,7 @@ def _slopes(plan: ModelPlan, path: str, vary: Vary) -> Slopes:
     sides = {}
     for sign in (1.0, -1.0, 2.0):
         try:
-            sides[sign] = settled_parameters(plan, {**vary, path: value + sign * reach})
+            sides[sign] = resolved_parameters(plan, {**vary, path: value + sign * reach})
         except InputError:
             if sign == 1.0:
                 raise
@@ -410,7 +410,7 @@ def _slopes(plan: ModelPlan, path: str, vary: Vary) -> Slopes:
             break
     if len(sides) < 2:
         raise InputError(f"{path}: cannot be derived by, since its value can neither grow nor fall")
-    here = settled_parameters(plan, {**vary, path: value})
+    here = resolved_parameters(plan, {**vary, path: value})
     slopes = {}
     for name, more in sides[1.0].items():
         if -1.0 in sides:

@@ -1,11 +1,11 @@
 """A loss of a planned model, and its derivatives: frames forward, kept beginnings, and the way back.
 
-Beginnings of frames, kept for the way back: of all, or of so few that others are computed again from them.
+Checkpoints of frames for the backward pass: of all, or of few, from which others are recomputed.
 
 Few are kept by the binomial schedule (Griewank and Walther, "Algorithm 799: Revolve", 2000): no other computes fewer
 frames again. With c of them and frames computed again at most r times, binomial(c + r, c) frames can run back.
 
-Beginnings of a simulation's frames, from the trajectories and the device, or on the host by themselves.
+Checkpoints of a simulation's frames, from the trajectories and the device, or on the host by themselves.
 
 Places and velocities with which a frame begins are those of the trajectories, where these have all frames. They stay on
 the host. So a device keeps little of each frame, and there may be many. Where trajectories have fewer, or few are asked
@@ -79,8 +79,8 @@ each of the shape that it has there. Or a kernel of Warp, see `frameworks.of_ker
 KNOWN = ("points", "velocities", "volumes", "pressures", "sphere_positions", "sphere_velocities")
 
 
-class Told(NamedTuple):
-    """Hold a loss and its derivatives, worlds first."""
+class LossDerivatives(NamedTuple):
+    """Loss and its derivatives, worlds first."""
 
     loss: NDArray[np.float64]
     points: NDArray[np.float64]
@@ -98,7 +98,7 @@ class Told(NamedTuple):
         return any(array.any() for array in self[1:])
 
 
-def told_by(loss: Loss, moved: Trajectories, shapes: Sequence[BalloonShape], world_count: int) -> Told:
+def evaluate_loss(loss: Loss, moved: Trajectories, shapes: Sequence[BalloonShape], world_count: int) -> LossDerivatives:
     """Evaluate a loss.
 
     Raises:
@@ -127,7 +127,7 @@ def told_by(loss: Loss, moved: Trajectories, shapes: Sequence[BalloonShape], wor
         for name, dimensions in (("volumes", 3), ("pressures", 3), ("sphere_positions", 4), ("sphere_velocities", 4))
     )
     _add_volumes(by_points, by_volumes, moved, shapes)
-    return Told(value.reshape(world_count), by_points, by_velocities, by_pressures, *by_spheres)
+    return LossDerivatives(value.reshape(world_count), by_points, by_velocities, by_pressures, *by_spheres)
 
 
 def _one(slopes: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
@@ -312,11 +312,11 @@ def require_room_for_frames(plan: ModelPlan, every: int, checkpoints: int | None
         )
 
 
-class Beginnings(Protocol):
-    """Beginnings of frames, noted in their order and taken from the last to the first."""
+class FrameStarts(Protocol):
+    """Checkpoints of frame starts, stored in their order and taken from the last to the first."""
 
     def note(self, frame: int) -> None:
-        """Note the start state of a frame that is about to be simulated."""
+        """Store the start state of a frame that is about to be simulated."""
 
     def take(self, frame: int) -> Any:
         """Return the start state of a frame, once."""
@@ -361,10 +361,12 @@ class FewFrames:
         self._kept: list[tuple[int, Any]] = []
         self._first = [0]
         while len(self._first) < most and frames - self._first[-1] > 1:
-            self._first.append(self._first[-1] + way_to_next(frames - self._first[-1], most - len(self._first)))
+            self._first.append(
+                self._first[-1] + frames_to_next_checkpoint(frames - self._first[-1], most - len(self._first))
+            )
 
     def note(self, frame: int) -> None:
-        """Keep the start state of a frame, if it is one of those that are worth it."""
+        """Keep the start state of a frame that is a checkpoint."""
         if len(self._kept) < len(self._first) and self._first[len(self._kept)] == frame:
             self._kept.append((frame, self._keep(frame)))
 
@@ -376,7 +378,7 @@ class FewFrames:
         self._go_back(*self._kept[-1])
         while now < frame:
             free = self._most - len(self._kept)
-            until = now + way_to_next(frame + 1 - now, free) if free else frame
+            until = now + frames_to_next_checkpoint(frame + 1 - now, free) if free else frame
             for number in range(now, until):
                 self._advance(number)
             now = until
@@ -385,8 +387,8 @@ class FewFrames:
         return self._keep(frame)
 
 
-def frames_again(frames: int, free: int) -> int:
-    """Return how many frames are simulated at least so that all run back, where each is computed again in doing so.
+def min_recomputed_frames(frames: int, free: int) -> int:
+    """Least number of frames to simulate so that all run backwards, each recomputed once on the way.
 
     The first simulation of frames counts, up to the last frame that is kept.
 
@@ -400,15 +402,15 @@ def frames_again(frames: int, free: int) -> int:
     return times * frames - comb(most + times, most + 1)
 
 
-def way_to_next(frames: int, free: int) -> int:
-    """Return after how many of some frames, of which the first is kept, the next one is to be kept.
+def frames_to_next_checkpoint(frames: int, free: int) -> int:
+    """Frames from one checkpoint to the next, where the first of some frames is one.
 
     Args:
         free: number of beginnings that may be kept beside the first one, at least 1.
     """
 
     def cost(way: int) -> int:  # convex
-        return way + frames_again(frames - way, free - 1) + frames_again(way, free)
+        return way + min_recomputed_frames(frames - way, free - 1) + min_recomputed_frames(way, free)
 
     low, high = 1, frames - 1
     while low < high:
@@ -424,9 +426,9 @@ IN_TRACKS = ("points", "velocities")
 """Parts of a frame's beginning that the trajectories have"""
 
 
-def beginnings_in_tracks(
+def frame_starts_in_tracks(
     simulator: Simulator, backward: BackwardFrames, tracks: Mapping[str, NDArray[Any]]
-) -> Beginnings:
+) -> FrameStarts:
     """Return the start states of all frames, most of which trajectories have."""
 
     def keep(frame: int) -> dict[str, Any]:
@@ -437,9 +439,9 @@ def beginnings_in_tracks(
     return AllFrames(keep)
 
 
-def beginnings_on_host(
+def frame_starts_on_host(
     simulator: Simulator, backward: BackwardFrames, parameters: KeptParameters, frames: int, most: int
-) -> Beginnings:
+) -> FrameStarts:
     """Return the start states of some frames, at most so many at a time; the simulator simulates others again."""
     device = simulator.model.device
 
@@ -480,26 +482,26 @@ def checkpoints_that_fit(simulator: Simulator, backward: BackwardFrames, frames:
 Values = NDArray[np.float64]
 
 
-class WayBack:
+class BackwardPass:
     """Run frames backwards.
 
     Args:
         parameters: in each span.
-        beginnings: start states of frames.
+        frame_starts: start states of frames.
         every: interval of the frames that the loss has seen.
         beside: derivatives that only launches find.
     """
 
     def __init__(
         self, plan: ModelPlan, model: Model, backward: BackwardFrames, parameters: KeptParameters,
-        beginnings: Beginnings, every: int, beside: ByLaunches,
+        frame_starts: FrameStarts, every: int, beside: ByLaunches,
     ):  # fmt: skip
         self._plan, self._model, self._backward = plan, model, backward
-        self._parameters, self._beginnings, self._every, self._beside = parameters, beginnings, every, beside
+        self._parameters, self._frame_starts, self._every, self._beside = parameters, frame_starts, every, beside
         kinds = {balloon.inflation.kind for balloon in plan.scene.balloon}
         self._given = "gas" not in kinds
 
-    def back(self, told: Told, on_frame: Callable[[int], None]) -> list[dict[str, Values]]:
+    def back(self, told: LossDerivatives, on_frame: Callable[[int], None]) -> list[dict[str, Values]]:
         """Return derivatives by all parameters of the model in each span, and by the start in the first, worlds first.
 
         A span is that between two changes of the scene.
@@ -521,11 +523,11 @@ class WayBack:
     def _numbers(self) -> dict[str, Values]:
         return taken_numbers(self._model, self._backward, self._beside)
 
-    def _frame_back(self, told: Told, number: int) -> Values:
+    def _frame_back(self, told: LossDerivatives, number: int) -> Values:
         """Turn derivatives by a frame into those by the one before, and return those by keyed values."""
         model, (place, between) = self._model, divmod(number, self._every)
         pressures = 0.0 * told.pressures[:, 0] if between else told.pressures[:, place]
-        begin = self._beginnings.take(number - 1)
+        begin = self._frame_starts.take(number - 1)
         with lock_of(model.device):
             self._parameters.bring_back(self._parameters.span_of(number - 1))
             if not between:
@@ -538,13 +540,13 @@ class WayBack:
             sums[..., 1] += pressures * (model.substeps - 1) * model.step_seconds
         return sums
 
-    def _add(self, told: Told, place: int, pressures: Values) -> None:
+    def _add(self, told: LossDerivatives, place: int, pressures: Values) -> None:
         """Add the derivatives of the loss by a frame itself, by its place among those that it has seen."""
         self._backward.add(told.points[:, place], told.velocities[:, place], pressures)
         if self._backward.spheres:
             self._backward.spheres.add(told.sphere_positions[:, place], told.sphere_velocities[:, place])
 
-    def _by_start(self, told: Told) -> dict[str, Values]:
+    def _by_start(self, told: LossDerivatives) -> dict[str, Values]:
         """Return derivatives by all that counts at the start alone."""
         backward = self._backward
         self._add(told, 0, told.pressures[:, 0])
@@ -595,7 +597,7 @@ class Gradient(Shown):
         return f"Gradient({len(self.loss)} worlds, of {', '.join([*self.gradients, *self.by_each])})"
 
 
-class Asked(NamedTuple):
+class DerivativeRequest(NamedTuple):
     """Hold the derivatives that are asked of a scene, see `gradient`."""
 
     of: Sequence[str]
@@ -610,7 +612,9 @@ class Asked(NamedTuple):
     checkpoints: int | None = None
 
 
-def derive(group: Group, asked: Asked, on_frame: Callable[[int], None] = lambda number: None) -> tuple[Gradient, bool]:
+def derive(
+    group: Group, asked: DerivativeRequest, on_frame: Callable[[int], None] = lambda number: None
+) -> tuple[Gradient, bool]:
     """Return a gradient, even if it is zero, and whether the loss depends on anything that moves.
 
     Args:
@@ -642,13 +646,13 @@ def derive(group: Group, asked: Asked, on_frame: Callable[[int], None] = lambda 
     tracks, first = empty_tracks([group], world_count, frames // every + 1), int(group.worlds[0])
     parameters = KeptParameters(plan, model)
     if in_tracks:
-        beginnings = beginnings_in_tracks(simulator, backward, tracks)
+        frame_starts = frame_starts_in_tracks(simulator, backward, tracks)
     else:
         most = checkpoints or checkpoints_that_fit(simulator, backward, frames, bytes_of_tracks(plan, every))
-        beginnings = beginnings_on_host(simulator, backward, parameters, frames, most)
+        frame_starts = frame_starts_on_host(simulator, backward, parameters, frames, most)
     for number in range(frames + 1):
         if number:
-            beginnings.note(number - 1)
+            frame_starts.note(number - 1)
             simulator.step_unread()
             parameters.note(number - 1)
         if number % every == 0:
@@ -660,8 +664,8 @@ def derive(group: Group, asked: Asked, on_frame: Callable[[int], None] = lambda 
     meshes = [shape.mesh for shape in plan.shapes]
     times = np.arange(0, frames + 1, every) / plan.scene.frames_per_second
     moved = Trajectories(plan.scene, meshes, times, **by_balloon(tracks, meshes), worlds=group.worlds)
-    told = told_by(loss, moved, plan.shapes, world_count)
-    bars = WayBack(plan, model, backward, parameters, beginnings, every, beside).back(told, on_frame)
+    told = evaluate_loss(loss, moved, plan.shapes, world_count)
+    bars = BackwardPass(plan, model, backward, parameters, frame_starts, every, beside).back(told, on_frame)
     gradients = {chain.path: _by_path(chain, bars, world_count) for chain in chains}
     by_points, by_velocities = (_by_balloon(bars[0][f"particle_{name}"], model) for name in ("points", "velocities"))
     of_each = by_each(plan, model, beside.of_each(), each) if each else {}

@@ -35,11 +35,11 @@ class Seen(NamedTuple):
     """[m/s], of that shape"""
 
 
-Told = tuple[Any, Mapping[str, Any]]
+LossDerivatives = tuple[Any, Mapping[str, Any]]
 """Number for each world, and its derivatives by the arrays that were used"""
 
 
-def of_torch(function: Callable[[Seen], Any]) -> Callable[[Trajectories], Told]:
+def of_torch(function: Callable[[Seen], Any]) -> Callable[[Trajectories], LossDerivatives]:
     """Return the loss that a function of PyTorch is: of tensors, to a number for each world, derived by autograd.
 
     Raises:
@@ -50,7 +50,7 @@ def of_torch(function: Callable[[Seen], Any]) -> Callable[[Trajectories], Told]:
     except ImportError:
         raise MissingExtraError("of_torch needs PyTorch: pip install 'balloon-warp[torch]'") from None
 
-    def loss(moved: Trajectories) -> Told:
+    def loss(moved: Trajectories) -> LossDerivatives:
         leaves = _each(moved, lambda array: torch.tensor(array, requires_grad=True))
         value = torch.as_tensor(function(leaves))
         if value.requires_grad:
@@ -61,7 +61,7 @@ def of_torch(function: Callable[[Seen], Any]) -> Callable[[Trajectories], Told]:
     return loss
 
 
-def of_jax(function: Callable[[Seen], Any]) -> Callable[[Trajectories], Told]:
+def of_jax(function: Callable[[Seen], Any]) -> Callable[[Trajectories], LossDerivatives]:
     """Return the loss that a function of JAX is: of its arrays, to a number for each world, derived by `jax.vjp`.
 
     Raises:
@@ -72,7 +72,7 @@ def of_jax(function: Callable[[Seen], Any]) -> Callable[[Trajectories], Told]:
     except ImportError:
         raise MissingExtraError("of_jax needs JAX: pip install 'balloon-warp[jax]'") from None
 
-    def loss(moved: Trajectories) -> Told:
+    def loss(moved: Trajectories) -> LossDerivatives:
         value, back = jax.vjp(lambda seen: jax.numpy.asarray(function(seen)), _each(moved, jax.numpy.asarray))
         (slopes,) = back(jax.numpy.ones_like(value))
         return np.asarray(value), _mapped(slopes, np.asarray)._asdict()
@@ -80,7 +80,7 @@ def of_jax(function: Callable[[Seen], Any]) -> Callable[[Trajectories], Told]:
     return loss
 
 
-def of_kernel(kernel: wp.Kernel) -> Callable[[Trajectories], Told]:
+def of_kernel(kernel: wp.Kernel) -> Callable[[Trajectories], LossDerivatives]:
     """Return the loss that a kernel of Warp adds up, derived by its adjoint, on the CPU, where trajectories are.
 
     Its arguments name its inputs: `points` and `velocities`, of all particles of all balloons, `volumes`,
@@ -101,7 +101,7 @@ def of_kernel(kernel: wp.Kernel) -> Callable[[Trajectories], Told]:
     if not {**kernel.module.options, **kernel.options}.get("enable_backward", True):
         raise InputError(f"loss: the kernel {kernel.key} has no adjoint; expected one with enable_backward=True")
 
-    def loss(moved: Trajectories) -> Told:
+    def loss(moved: Trajectories) -> LossDerivatives:
         with lock_of(wp.get_device("cpu")):
             worlds = len(moved.worlds)
             arrays: dict[str, Any] = {

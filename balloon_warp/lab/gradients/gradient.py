@@ -17,7 +17,7 @@ from balloon_warp.farm.remote import Work, connect, modules_of, require_laws_tha
 from balloon_warp.kernels.laws import Law
 from balloon_warp.lab.gradients.chain import value_in_worlds
 from balloon_warp.lab.gradients.derive import (
-    Asked,
+    DerivativeRequest,
     Gradient,
     Loss,
     derive,
@@ -33,7 +33,7 @@ from balloon_warp.system.arguments import checked
 Values = NDArray[np.float64]
 
 
-def sampled(plan: ModelPlan, asked: Asked, smooth: Mapping[str, float], samples: int) -> Asked:
+def sampled(plan: ModelPlan, asked: DerivativeRequest, smooth: Mapping[str, float], samples: int) -> DerivativeRequest:
     """Return the request for `samples` worlds in place of each, whose values scatter around its own.
 
     Values are normally distributed: quantiles of equal weight, in another order by each path (Latin hypercube).
@@ -95,7 +95,7 @@ TRACKS = ("pressures", "gas_amounts", "sphere_positions", "sphere_velocities")
 
 
 def derive_on_workers(
-    group: Group, asked: Asked, cluster: Cluster, on_frame: Callable[[int], None]
+    group: Group, asked: DerivativeRequest, cluster: Cluster, on_frame: Callable[[int], None]
 ) -> tuple[Gradient, bool]:
     """Return a gradient, as `derive` does: each worker derives the loss of an equal part of the worlds.
 
@@ -120,20 +120,20 @@ def derive_on_workers(
     return (_joined(gradients) if len(gradients) > 1 else gradients[0]), any(depends for _, depends in found)
 
 
-def _require_that_it_travels(asked: Asked, cluster: Cluster) -> None:
+def _require_that_it_travels(asked: DerivativeRequest, cluster: Cluster) -> None:
     try:
         pack(asked.loss)
     except UNSENT as error:
         raise InputError(f"loss: cannot be sent to other processes ({cluster.option}): {error}") from None
 
 
-def _of_worlds(asked: Asked, rows: NDArray[np.integer]) -> Asked:
+def _of_worlds(asked: DerivativeRequest, rows: NDArray[np.integer]) -> DerivativeRequest:
     """Return the arguments for some of the worlds."""
     vary = {path: np.asarray(values)[rows] for path, values in asked.vary.items()}
     return asked._replace(world_count=len(rows), vary=vary)
 
 
-def _derive_and_count(group: Group, asked: Asked, on_frame: Callable[[int], None]) -> tuple[Gradient, bool]:
+def _derive_and_count(group: Group, asked: DerivativeRequest, on_frame: Callable[[int], None]) -> tuple[Gradient, bool]:
     """Derive a part on a worker; `on_frame` takes the number of frames that are done, both ways."""
     done = 0
 
@@ -244,7 +244,9 @@ def gradient(
         WorkersLostError: the cluster's workers or its scheduler end.
     """
     device = cluster.device(device) if cluster else device
-    asked = Asked(of, loss, worlds_of(world_count, vary), vary or {}, device, schedule, laws, each, every, checkpoints)
+    asked = DerivativeRequest(
+        of, loss, worlds_of(world_count, vary), vary or {}, device, schedule, laws, each, every, checkpoints
+    )
     if smooth:
         plan = _group_of(scene, overrides, asked).plan
         asked = sampled(plan, asked, smooth, samples)
@@ -257,7 +259,7 @@ def gradient(
 def derived(
     scene: SceneLike,
     overrides: Mapping[str, Any] | Iterable[Override],
-    asked: Asked,
+    asked: DerivativeRequest,
     on_frame: Callable[[int], None] = lambda number: None,
     cluster: Cluster | None = None,
 ) -> tuple[Gradient, bool]:
@@ -277,7 +279,7 @@ def derived(
     return derive_on_workers(group, asked, cluster, on_frame)
 
 
-def _group_of(scene: SceneLike, overrides: Mapping[str, Any] | Iterable[Override], asked: Asked) -> Group:
+def _group_of(scene: SceneLike, overrides: Mapping[str, Any] | Iterable[Override], asked: DerivativeRequest) -> Group:
     """Return the plan of all worlds.
 
     Raises:

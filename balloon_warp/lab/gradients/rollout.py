@@ -38,7 +38,7 @@ from balloon_warp.lab.gradients.chain import (
 )
 from balloon_warp.lab.gradients.derive import require_differentiable, require_paths, require_room_for_bounces
 from balloon_warp.model import initial_state, lay_out
-from balloon_warp.model.plan import settled_parameters
+from balloon_warp.model.plan import resolved_parameters
 from balloon_warp.model.state import require_memory
 from balloon_warp.model.timeline import scene_to_vary
 from balloon_warp.scene import SceneLike
@@ -151,7 +151,7 @@ class Steps:
         vary = dict(zip(self.paths, values.T, strict=True))
         self._chains = chains_of(self.plan, self.paths, vary)
         changed = names_in(self._chains)
-        parameters = settled_parameters(self.plan, vary)
+        parameters = resolved_parameters(self.plan, vary)
         self._simulator.set_parameters({name: parameters[name] for name in changed if name in self.model.parameters})
         self._set = values.copy()
 

@@ -37,15 +37,15 @@ class Movers:
 
     Args:
         x, v: Places and velocities, shape (n, 3).
-        ease: Inverse masses, shape (n, 1); `turning` are inverse inertia tensors.
+        inverse_mass: Inverse masses, shape (n, 1); `turning` are inverse inertia tensors.
     """
 
-    ease: Any
+    inverse_mass: Any
     up: Any
     shapes: Any
 
-    def __init__(self, x, v, ease):
-        self.x, self.v, self.ease, self.spin, self.start = x, v, ease, np.zeros_like(x), x.copy()
+    def __init__(self, x, v, inverse_mass):
+        self.x, self.v, self.inverse_mass, self.spin, self.start = x, v, inverse_mass, np.zeros_like(x), x.copy()
         self.turning, self.turn = np.zeros((len(x), 3, 3)), np.tile(np.eye(3), (len(x), 1, 1))
         self.radius, self.restitution = np.zeros(len(x)), np.zeros(len(x))
         self.h, self.gravity, self.up, self.height, self.ground = 0.0, 0.0, np.zeros(3), -np.inf, -1
@@ -73,12 +73,12 @@ class Movers:
         shares = np.bincount(c["ends"][c["weights"][..., 0] != 0.0], minlength=len(self.x))[c["ends"]][..., None]
         linear, angular = momenta(c, impulse)
         turned = (self.turning[c["ends"]] @ angular[..., None])[..., 0]
-        return relative(c, shares * self.ease[c["ends"]] * linear, shares * turned)
+        return relative(c, shares * self.inverse_mass[c["ends"]] * linear, shares * turned)
 
     def push(self, c, impulse, seconds, speeds=1.0):
         """Apply impulses, which places follow for some seconds; or move by them, where `speeds` is 0."""
         linear, angular = (summed_at(len(self.x), c, each) for each in momenta(c, impulse))
-        gain, twist = self.ease * linear, (self.turning @ angular[..., None])[..., 0]
+        gain, twist = self.inverse_mass * linear, (self.turning @ angular[..., None])[..., 0]
         self.x, self.v, self.spin = self.x + seconds * gain, self.v + speeds * gain, self.spin + speeds * twist
 
 
@@ -290,7 +290,7 @@ def small_spheres_meet(m, small, triangles):
     while counts.sum() > before and sweeps < 4:
         before, sweeps = counts.sum(), sweeps + 1
         for ball in small:
-            lump = [ball]
+            merged = [ball]
             for meeting in range(16 + 48):
                 ends, part, radius = first_face(m, ball, triangles, max(1.0 - 0.03 * meeting, 0.5))
                 if part > 1.0:
@@ -299,10 +299,12 @@ def small_spheres_meet(m, small, triangles):
                 if meeting < 16:
                     meet_face(m, ends, part, radius)
                     continue
-                lump += [end for end in ends if end not in lump]  # they move on as one, or not at all if one is fixed
-                mass = 1.0 / np.maximum(m.ease[lump, 0], 1e-150) * (m.ease[lump] > 0.0).all()
+                merged += [
+                    end for end in ends if end not in merged
+                ]  # they move on as one, or not at all if one is fixed
+                mass = 1.0 / np.maximum(m.inverse_mass[merged, 0], 1e-150) * (m.inverse_mass[merged] > 0.0).all()
                 mean = mass / max(mass.sum(), 1e-150)
-                m.x[lump], m.v[lump] = m.start[lump] + mean @ (m.x - m.start)[lump], mean @ m.v[lump]
+                m.x[merged], m.v[merged] = m.start[merged] + mean @ (m.x - m.start)[merged], mean @ m.v[merged]
     return counts
 
 
@@ -404,7 +406,7 @@ class Touch:
     reach: Any  # how far from each balloon particles look at it [m]
     closed: Any  # whether each balloon is
     skins: Any = None  # thickness, stiffness and friction between balloons, shape (balloons, balloons, 3)
-    ease: Any = None  # inverse masses of particles, shape (n, 1)
+    inverse_mass: Any = None  # inverse masses of particles, shape (n, 1)
 
     def __post_init__(self):
         self.holds = np.zeros((len(self.owner), 4))
@@ -490,10 +492,10 @@ class Touch:
         ends, n, overlap, own = c["ends"], c["normal"], c["kept"] - c["gap"], c["ends"][:, 0]
         u = relative(c, v[ends], 0.0 * c["arms"])
         approach, slide = -dot(u, n), across(u, n)
-        crowd = np.where(self.ease > 0.0, self.counts, 0.0)[ends][..., 0] / self.crowds[ends]
+        crowd = np.where(self.inverse_mass > 0.0, self.counts, 0.0)[ends][..., 0] / self.crowds[ends]
         share = 1.0 / np.maximum(crowd.max(axis=1, keepdims=True), 1.0)
         root, k = np.sqrt(share), share * self.skins[self.owner[own], self.owner[ends[:, 1]], 1][:, None]
-        damping = 0.4 * np.sqrt(k * share / (c["weights"] ** 2 * self.ease[ends]).sum(axis=1))
+        damping = 0.4 * np.sqrt(k * share / (c["weights"] ** 2 * self.inverse_mass[ends]).sum(axis=1))
         is_first, held = holds[own, 3:] == 0.0, self.holds[own] / root
         before = np.minimum(np.abs(held[:, 3:]), overlap)
         rest = overlap - before  # was there at the start, or is so since another triangle is the nearest

@@ -52,7 +52,7 @@ def surface(shape, up, x, radius):
     return distance - shape.thickness - radius, normal
 
 
-def way_through(shape, up, start, end, radius):
+def path_past(shape, up, start, end, radius):
     """Narrow phase of ways past a convex shape: ends, contact normals or 0, remaining displacements, distances.
 
     Along a line the distance is convex: Newton's method comes to where a way enters, and never past it.
@@ -78,9 +78,9 @@ def way_through(shape, up, start, end, radius):
 
 
 def beside_obstacle(shape, up, poses, h, start, x, radius=0.0):
-    """Return `way_through` an obstacle that moves between two poses in a step, and how fast its surface moves there."""
+    """Return `path_past` an obstacle that moves between two poses in a step, and how fast its surface moves there."""
     (before, earlier, *_), (place, turn, velocity, spin) = poses
-    let, normal, left, distance = way_through(shape, up, (start - before) @ earlier, (x - place) @ turn, radius)
+    let, normal, left, distance = path_past(shape, up, (start - before) @ earlier, (x - place) @ turn, radius)
     arm = let @ turn.T
     let = np.where(normal.any(axis=1, keepdims=True), place + arm, x)
     return let, normal @ turn.T, left, carried(velocity, spin, arm, -h), distance
@@ -93,7 +93,7 @@ def on_ground(height, up, start, x):
     return x + low * depth * up, low * up, (False, 1.0), np.zeros(3), np.where(low, 0.0, np.inf)
 
 
-def stand(m, start, x, v, foreseen=False, at_once=False):
+def stand(m, start, x, v, predicted=False, at_once=False):
     """Return places and velocities beside obstacles and the ground, and the normals of the last contacts.
 
     Of an approach as much is stopped as has led behind the surface. Coulomb's friction takes at most its coefficient
@@ -103,7 +103,7 @@ def stand(m, start, x, v, foreseen=False, at_once=False):
     """
     given, normals, takes = (x, v), np.zeros_like(x), np.ones((len(x), 1), dtype=bool)
     met, h = np.zeros((len(m.around), len(x), 1), dtype=bool), m.h
-    for _ in range(1 if foreseen else 4):
+    for _ in range(1 if predicted else 4):
         end, distances = x, []
         for number, (let_through, thing) in enumerate(m.around):
             let, normal, (slides, left), moving, distance = let_through(start, x)
@@ -117,14 +117,14 @@ def stand(m, start, x, v, foreseen=False, at_once=False):
             friction = m.rub(np.arange(len(x)), thing)[:, None]
             rubbed = [np.minimum(friction * part / size(along), 1.0) for part in (approach, stopped)]
             x, normals = np.where(held, let - h * slid * rubbed[0] * along, x), np.where(held, normal, normals)
-            if not foreseen:
+            if not predicted:
                 v = np.where(held, v - rubbed[1] * along + stopped * normal, v)
         near = sum(distance < size(end - start) + size(x - end) for distance in distances)
         takes = (size(x - end) > 1e-3 * size(end - start) + 2e-6 * size(x)) & (near > 1)
         if not np.any(takes):
             break
     found, several = (x, v, normals), met.sum(axis=0) > 1
-    if foreseen or at_once is not False or not several.any():
+    if predicted or at_once is not False or not several.any():
         return found
     again = stand(m, start, *given, at_once=several)
     return [np.where(several, *both) for both in zip(again, found, strict=True)]
@@ -220,7 +220,7 @@ def passing_sphere(m, ball, mass):
 def passing_body(m, body, turn, start, end, v, radius=0.0):
     """Return which points pass a body on its way to another turn, and the same of them; normals are 0 of the others."""
     (shape, up), arm, h = m.shapes[body], start - m.start[body], m.h
-    let, normal, _, _ = way_through(shape, up, arm @ m.turn[body], (end - m.x[body]) @ turn, radius)
+    let, normal, _, _ = path_past(shape, up, arm @ m.turn[body], (end - m.x[body]) @ turn, radius)
     back, normal = let @ turn.T - (end - m.x[body]), normal @ turn.T
     depth, held = size(back), normal.any(axis=1, keepdims=True)
     normal = np.where(held & (dot(back, normal) < 0.99 * depth), back / depth, normal)
@@ -236,7 +236,7 @@ def exchange(m, ball, mass, passing):
     to it.
     """
     (near, n, arm, excess, out), h = passing, m.h
-    count, heavy, radius = len(mass), 1.0 / m.ease[ball].item(), m.radius[ball]
+    count, heavy, radius = len(mass), 1.0 / m.inverse_mass[ball].item(), m.radius[ball]
     near, over, change = near & (mass > 0.0), mass * (out > 0.0), np.zeros(3)
     if not (near & (excess > 0.0) | (over > 0.0)).any():
         return
@@ -352,7 +352,7 @@ def settle(a, b, n, least, friction, impulse, allowed, most):
     b + a impulse, of shapes (k, 3) and (k, 3, k, 3), and are to be at least so along normals; they agree once a sweep
     changes none by more than is allowed.
     """
-    ease = np.einsum("kx,kxky,ky->k", n, a, n)
+    inverse_mass = np.einsum("kx,kxky,ky->k", n, a, n)
     ahead, age, before = np.zeros_like(impulse), 0.0, np.inf
     for _ in range(most):
         impulse = impulse + ahead
@@ -361,19 +361,22 @@ def settle(a, b, n, least, friction, impulse, allowed, most):
             u, pushed = b[i] + np.tensordot(a[i], impulse), impulse[i] @ n[i]
             slide = across(u, n[i])
             along = slide / size(slide)
-            part = max(pushed + (least[i] - n[i] @ u) / ease[i], 0.0)
+            part = max(pushed + (least[i] - n[i] @ u) / inverse_mass[i], 0.0)
             rub = across(impulse[i], n[i]) - slide / max(along @ a[i, :, i] @ along, 1e-30)
             impulse[i] = part * n[i] + rub * np.minimum(friction[i] * part / size(rub), 1.0)
         added = impulse - last
-        if (size(added)[:, 0] * ease <= allowed).all():
+        if (size(added)[:, 0] * inverse_mass <= allowed).all():
             return impulse, True
-        turns_back, changed = ease @ dot(added, ahead + added) < 0.0, float((ease @ dot(added, added))[0])
+        turns_back, changed = (
+            inverse_mass @ dot(added, ahead + added) < 0.0,
+            float((inverse_mass @ dot(added, added))[0]),
+        )
         age, before = 0.0 if turns_back or changed > 2.0 * before else age + 1.0, changed
         ahead = max(age - 1.0, 0.0) / (age + 2.0) * (ahead + added)
     return impulse, False
 
 
-def push_each_other(a, b, before, n, least, closing, friction, impulse, group, allowed, most):
+def apply_contact_impulses(a, b, before, n, least, closing, friction, impulse, group, allowed, most):
     """Return impulses that give no group of contacts energy, see `laws.grip`.
 
     A group is of bodies that touch; velocities before are those before gravity acts, `closing` is `least` without
@@ -429,9 +432,12 @@ def move(m, grips, tugs):
     lever, most = levers_of(body, thing, arm, other, bodies), int(np.clip(100_000 // max(len(rows), 1), 50, 1000))
 
     def eased():
-        ease = np.zeros((len(bodies), 6, 6))
-        ease[:, :3, :3], ease[:, 3:, 3:] = m.ease[bodies, :, None] * np.eye(3), m.turning[bodies]
-        gains = np.einsum("bxy,kzby->bxkz", ease, lever)
+        inverse_mass = np.zeros((len(bodies), 6, 6))
+        inverse_mass[:, :3, :3], inverse_mass[:, 3:, 3:] = (
+            m.inverse_mass[bodies, :, None] * np.eye(3),
+            m.turning[bodies],
+        )
+        gains = np.einsum("bxy,kzby->bxkz", inverse_mass, lever)
         return gains, np.einsum("kxby,bylz->kxlz", lever, gains)
 
     gains, a = eased()
@@ -460,7 +466,7 @@ def move(m, grips, tugs):
         if another in bodies:
             group[group == max(group[one], group[another])] = min(group[one], group[another])
     told = a, b, u, n, least, -away / h, rubs, grips.kept[rows], group[body], 3e-6 * fastest, most
-    impulse = push_each_other(*told)
+    impulse = apply_contact_impulses(*told)
     speeds += np.einsum("bxkz,kz->bx", gains, impulse)
     m.v[bodies], m.spin[bodies], m.x[bodies] = speeds[:, :3], speeds[:, 3:], m.start[bodies] + h * speeds[:, :3]
     grips.kept[:] = 0.0
@@ -480,4 +486,4 @@ def meet_sphere(m, body, ball):
     if gain > 0.0 and approach > 2.0 * m.h * abs(m.gravity):
         gain = max(gain, (1.0 + np.sqrt(m.restitution[body] * m.restitution[ball])) * approach)
     m.push(c, sum(resolve(m, c, np.array([[gain]]))), m.h)
-    m.push(c, out / (m.ease[ball] + m.ease[body]) * n[None], 1.0, 0.0)
+    m.push(c, out / (m.inverse_mass[ball] + m.inverse_mass[body]) * n[None], 1.0, 0.0)

@@ -119,7 +119,7 @@ class Reference:
         self.world.waves, self.world.correction = tables.waves_of(int(p.gust_seed)), self.scene.correction
         m.friction = self.parameters[FRICTION][0]
         mass, radius = (self.parameters[f"sphere_{name}"][0] for name in ("mass", "radius"))
-        m.ease[things.spheres, 0], m.radius[things.spheres] = 1.0 / mass, radius
+        m.inverse_mass[things.spheres, 0], m.radius[things.spheres] = 1.0 / mass, radius
         stiff = np.where(radius > 0.0, 2.5 / (mass * np.where(radius > 0.0, radius, 1.0) ** 2), 0.0)
         m.turning[things.spheres] = stiff[:, None, None] * np.eye(3)
         rebounds = (self.parameters[f"{thing}_restitution"][0] for thing in ("obstacle", "sphere", "body"))
@@ -127,7 +127,7 @@ class Reference:
         m.gravity, m.height, m.x[m.ground] = p.gravity, p.ground_height, p.ground_height * self.up
         if touch:
             mass = self.share * self.parameters["mass"][0, self.owner][:, None]
-            touch.ease = np.where(mass > 0.0, 1.0 / np.where(mass > 0.0, mass, 1.0), 0.0)
+            touch.inverse_mass = np.where(mass > 0.0, 1.0 / np.where(mass > 0.0, mass, 1.0), 0.0)
             touch.skins = tables.skins_of(self.plan, self.parameters)
 
     def _begin_frame(self) -> None:
@@ -186,16 +186,16 @@ class Reference:
             return
         heights = laws.dot(self.x, self.up)
         before = np.concatenate([b.load + b.rise * heights[b.part] for b in self.balloons])
-        course = free + gain * before * area
-        end = self.x + self.h * course
-        stood, normals = self._foresee(end, course)
-        detour = np.where(gain > 0.0, (stood - end) / self.h, 0.0)
+        predicted_velocity = free + gain * before * area
+        end = self.x + self.h * predicted_velocity
+        stood, normals = self._predict_deflection(end, predicted_velocity)
+        deflection = np.where(gain > 0.0, (stood - end) / self.h, 0.0)
         along = laws.across(area, normals)
         swings = gain * laws.dot(along, along)
         for b in of_gas:
             damping = 1.0 if self.scene.solver == "forward_euler" else b.p.breathing_damping
             k = (1.0 - damping) / (1.0 + 3.0 * damping)
-            rates = (laws.dot(area, course + detour - k * self.v) - before * swings)[b.part, 0]
+            rates = (laws.dot(area, predicted_velocity + deflection - k * self.v) - before * swings)[b.part, 0]
             swing, height = swings[b.part, 0], heights[b.part, 0]
             volume = laws.volume(self.x[b.part], b.faces)[0]
             moments = volume, swing.sum(), rates.sum(), b.share[:, 0] @ height, swing @ height
@@ -221,7 +221,7 @@ class Reference:
         for number, body in tied:
             row, impulse = self.things.bodies[body], -self.h * pulls[number]
             spin = m.turning[row] @ np.cross(anchors[number] - m.x[row], impulse)
-            self.tugs[body] += [*(m.ease[row] * impulse), *spin]
+            self.tugs[body] += [*(m.inverse_mass[row] * impulse), *spin]
         m.v[self.things.bodies] += self.tugs[:, :3]
         m.spin[self.things.bodies] += self.tugs[:, 3:]
         return laws.summed(len(self.x), held.astype(int), pulls)
@@ -243,7 +243,7 @@ class Reference:
         """Move spheres and bodies beside the ground, obstacles and their likes, and let them meet."""
         m, things = self.m, self.things
         for ball, push in zip(things.spheres, self.pushes, strict=True):
-            solids.roll(m, ball, m.ease[ball] * push)
+            solids.roll(m, ball, m.inverse_mass[ball] * push)
             solids.leave_obstacles(m, ball)
         self.pushes[:] = 0.0
         contact.spheres_meet(m, things.spheres, solids.put_beside)
@@ -253,20 +253,20 @@ class Reference:
             for body in things.bodies:
                 bodies.meet_sphere(m, body, ball)
 
-    def _foresee(self, end: Array, course: Array) -> tuple[Array, Array]:
+    def _predict_deflection(self, end: Array, predicted_velocity: Array) -> tuple[Array, Array]:
         """Return foreseen places of particles beside spheres, obstacles and the ground, and the normals there."""
         normals, stood, m = np.zeros_like(end), end, self.m
         for ball in self.things.spheres:
-            stood, _, normal = solids.leave_sphere(m, ball, stood, course)
+            stood, _, normal = solids.leave_sphere(m, ball, stood, predicted_velocity)
             normals = np.where(normal.any(axis=1, keepdims=True), normal, normals)
-        stood, _, normal = solids.stand(m, self.x, stood, course, foreseen=True)
+        stood, _, normal = solids.stand(m, self.x, stood, predicted_velocity, predicted=True)
         return stood, np.where(normal.any(axis=1, keepdims=True), normal, normals)
 
     def _meet(self, mass: Array, inflation: Array) -> None:
         """Let particles that have moved meet all."""
         m, h, things, meetings = self.m, self.h, self.things, self.meetings
         count = len(mass)
-        m.ease[:count] = np.where(mass == 0.0, 0.0, 1.0 / np.where(mass == 0.0, 1.0, mass))
+        m.inverse_mass[:count] = np.where(mass == 0.0, 0.0, 1.0 / np.where(mass == 0.0, 1.0, mass))
         told = m, meetings.ridges, meetings.kept, count, meetings.triangles, meetings.edges
         first = len(things.obstacles) > 0 or not len(things.bodies)
         if meetings.ridges and first:
@@ -277,7 +277,7 @@ class Reference:
                 near |= solids.may_meet(m, ball, count)
                 continue
             m.x[:count], m.v[:count], normal = solids.leave_sphere(m, ball, self.x, self.v)
-            push -= penalty * (laws.size(inflation) * normal * (m.ease[:count] > 0.0)).sum(axis=0)
+            push -= penalty * (laws.size(inflation) * normal * (m.inverse_mass[:count] > 0.0)).sum(axis=0)
         self._stand(~near)
         if near.any():  # they leave the ground and obstacles once they have met spheres
             for ball in things.spheres:

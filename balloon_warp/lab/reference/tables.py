@@ -14,11 +14,11 @@ from balloon_warp.lab.reference.solids import Grips
 from balloon_warp.mesh.load import rotation_matrix
 from balloon_warp.mesh.orientation import triangles_of
 from balloon_warp.mesh.topology import corner_faces, next_corners, signed_volume
-from balloon_warp.model.obstacles import FRICTION, initial_centers, obstacle_motion, sample, settle_bodies
+from balloon_warp.model.obstacles import FRICTION, initial_centers, obstacle_motion, resolve_bodies, sample
 from balloon_warp.model.parameters import rows_of
-from balloon_warp.model.plan import ModelPlan, plan_model, settled_parameters
+from balloon_warp.model.plan import ModelPlan, plan_model, resolved_parameters
 from balloon_warp.model.pressure import pressure_bounds
-from balloon_warp.model.stability import follow_changes, held_within, widest_opening
+from balloon_warp.model.stability import held_within, update_dependents, widest_opening
 from balloon_warp.model.starts import inside_volume, may_be_crushed, start_of
 from balloon_warp.model.timeline import values_over_time
 from balloon_warp.model.touch import (
@@ -27,7 +27,7 @@ from balloon_warp.model.touch import (
     STIFFNESSES,
     THICKNESS,
     Ridges,
-    crowd_of,
+    contacts_per_particle,
     edge_length,
     edges_meet,
     is_folded,
@@ -50,7 +50,7 @@ def planned(scene: Scene, values: dict[str, float]) -> tuple[ModelPlan, dict[str
         which, inner = path.removeprefix("change.").split(".set.")
         changes[int(which)].set[inner] = values.pop(path)
     plan = plan_model(scene.model_copy(update={"change": changes}))
-    return plan, settled_parameters(plan, {path: np.array([value]) for path, value in values.items()})
+    return plan, resolved_parameters(plan, {path: np.array([value]) for path, value in values.items()})
 
 
 def changed(plan: ModelPlan, change: Any, before: dict[str, Array]) -> dict[str, Array]:
@@ -58,7 +58,7 @@ def changed(plan: ModelPlan, change: Any, before: dict[str, Array]) -> dict[str,
     after = before | {name: before[name].copy() for name in change.values}
     for name in change.values:
         change.apply(name, after[name])
-    follow_changes(change.scene, plan.shapes, before, after)
+    update_dependents(change.scene, plan.shapes, before, after)
     return after
 
 
@@ -169,13 +169,16 @@ def movers_of(
     m, spheres, bodies = Movers(np.vstack([x, none]), np.vstack([v, none]), 0.0), things.spheres, things.bodies
     m.up, m.ground, m.shapes = np.array(plan.scene.up), things.ground, things.shapes
     m.thing = np.append(len(none) + owner, np.arange(len(none)))
-    m.ease, masses = np.zeros((len(m.x), 1)), settle_bodies(plan.scene, plan.bodies, parameters)["body_mass"][0]
+    m.inverse_mass, masses = (
+        np.zeros((len(m.x), 1)),
+        resolve_bodies(plan.scene, plan.bodies, parameters)["body_mass"][0],
+    )
     m.x[spheres], m.v[spheres], m.spin[spheres] = starts_of_spheres(parameters)
     m.x[bodies] = initial_centers(plan.scene, plan.bodies, parameters["initial_body_positions"])[0]
     m.v[bodies], m.spin[bodies] = (parameters[f"initial_body_{name}"][0] for name in ("velocities", "spins"))
     for body, told, mass in zip(bodies, plan.scene.body, masses, strict=True):
         m.tensors[body] = things.tensors[body] / mass
-        m.ease[body], m.turn[body] = 1.0 / mass, rotation_matrix(told.rotation)
+        m.inverse_mass[body], m.turn[body] = 1.0 / mass, rotation_matrix(told.rotation)
         m.turning[body] = m.turn[body] @ m.tensors[body] @ m.turn[body].T
     return m
 
@@ -220,7 +223,7 @@ def touch_of(plan: ModelPlan, owner: Array, triangles: list[Array]) -> Touch:
         rest = np.concatenate([shape.mesh.points for shape in shapes])
         away = sizes * [ITSELF if is_folded(shape.mesh) else APART for shape in shapes]
         far = np.linalg.norm(rest[:, None] - rest, axis=-1) >= away[owner][:, None]
-    crowds = np.array([crowd_of(shapes, number, scene.touches_itself) for number in range(len(shapes))])
+    crowds = np.array([contacts_per_particle(shapes, number, scene.touches_itself) for number in range(len(shapes))])
     return Touch(triangles, owner, far, crowds[owner], 0.5 * sizes, np.array([shape.closed for shape in shapes]))
 
 

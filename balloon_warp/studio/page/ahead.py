@@ -1,6 +1,7 @@
-"""Compiles the kernels that a hand will need, in a process of its own: a thread would hold Python's lock.
+"""Kernel precompiler for the page, in a process of its own: a thread would hold Python's lock.
 
-It tells which are done, one kind of scene after the other. Until then a wish that needs them waits, and time goes on.
+It reports which are done, one kind of scene after the other. Until then a command that needs them waits, and time goes
+on.
 """
 
 import contextlib
@@ -33,7 +34,7 @@ BURST = 1e9
 """Factor on the inflation under which every skin gives way"""
 
 
-class Ahead:
+class KernelPrecompiler:
     """The process that fills Warp's kernel cache, from which the page's own then loads: one at a time, of one scene."""
 
     def __init__(self) -> None:
@@ -138,8 +139,8 @@ def _tidy(process: int) -> None:
         shutil.rmtree(begun, ignore_errors=True)
 
 
-def rehearse(playground: Playground, on_done: Callable[[Kinds], None] = lambda kinds: None) -> None:
-    """Rehearse common actions, a frame each, so that later actions find their kernels: the likeliest first.
+def precompile_actions(playground: Playground, on_done: Callable[[Kinds], None] = lambda kinds: None) -> None:
+    """Run common actions, a frame each, so that their kernels are compiled: the likeliest first.
 
     Args:
         on_done: called with the kinds of things whose kernels are there, and with `REASON` beside them after a burst.
@@ -206,7 +207,7 @@ def main() -> None:
     scene, device, laws, wp.config.optimization_level = pickle.loads(task)
     page = sys.stdout
     with contextlib.redirect_stdout(sys.stderr):  # of others, who would be taken for what is done
-        rehearse(Playground(scene, device, laws), functools.partial(_tell, page))
+        precompile_actions(Playground(scene, device, laws), functools.partial(_tell, page))
     _mark(scene, device, laws).touch()
 
 

@@ -362,8 +362,8 @@ HELD_NUDGE = 0.01
 INFLATIONS = {"k_normal": "inflation (k_normal)", "pressure": "pressure [Pa]", "pump": "pump [mol/s]"}
 
 
-class HandsOn:
-    """Inflate and deflate, time, the scene, and the material and color of balloons.
+class MainControls:
+    """Main controls of the panel: inflation, time, scene, and the material and color of balloons.
 
     Args:
         server: of the page.
@@ -392,7 +392,7 @@ class HandsOn:
         if self.run.label != label:
             self.run.label, self.run.icon = label, icon
         slider = self.inflation
-        if picture.granted == self._session.asked and (
+        if picture.executed == self._session.asked and (
             abs(slider.value - picture.inflation) > 1e-3 * (slider.max - slider.min)
         ):
             put(slider, picture.inflation)
@@ -607,7 +607,7 @@ class Controls:
         gui.add_html(KEYS_BUTTON)
         self.status = gui.add_html("")
         self._add_trouble()
-        self.hands_on = HandsOn(server, session, look, home)
+        self.main_controls = MainControls(server, session, look, home)
         with gui.add_folder("Click"):
             self._add_click()
         self._folders: list[tuple[Any, list[Dial]]] = []
@@ -630,13 +630,13 @@ class Controls:
         Args:
             busy_seconds: how long a request takes by now, if it takes long.
         """
-        if picture.granted == self.session.asked:  # else hands are ahead of the picture, and must not be pulled back
+        if picture.executed == self.session.asked:  # else hands are ahead of the picture, and must not be pulled back
             if self._bound != (picture.load, picture.revision):
                 self._bind(picture)
             if picture.scene is not self._seen:
                 self._seen = picture.scene
                 self._show_what_acts(picture.scene)
-        self.hands_on.follow(picture)
+        self.main_controls.follow(picture)
         self.trouble.visible = self.back.visible = bool(picture.trouble)
         self.trouble.content = trouble_line(picture) if picture.trouble else ""
         self.record.label = "Stop and save" if picture.recorded_seconds is not None else "Record"
@@ -761,7 +761,7 @@ class Controls:
     def _bind(self, picture: Picture) -> None:
         """Set values and ranges to the scene's current ones."""
         scene, fresh = picture.scene, self._bound[0] != picture.load
-        self.hands_on.bind(picture, fresh)
+        self.main_controls.bind(picture, fresh)
         for _, dials in self._folders:
             for dial in dials:
                 number = dial.value.read(scene)

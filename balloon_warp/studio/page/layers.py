@@ -289,8 +289,8 @@ class Layers:
         self.shown = {name: name in AT_START for name in LAYERS}
         self._load, self._count = 0, 0
         self._coming: tuple[viser.IcosphereHandle, int] | None = None
-        """Sphere that was asked for, and the number of its wish"""
-        self._foreseeing = Lock()
+        """Sphere that was asked for, and the number of its command"""
+        self._pending_lock = Lock()
         """Lock of that sphere: each click has a thread of its own"""
         server.scene.configure_default_lights(enabled=False)
         self._key_light = server.scene.add_light_directional("/light", intensity=LIGHT, cast_shadow=True)
@@ -316,13 +316,15 @@ class Layers:
         self._count += 1
         self.server.flush()
 
-    def foresee(self, position: NDArray[np.floating], radius: float, color: colors.Color, asked: int) -> None:
+    def draw_pending_sphere(
+        self, position: NDArray[np.floating], radius: float, color: colors.Color, asked: int
+    ) -> None:
         """Draw a sphere that was asked for where it will start, until a picture shows the outcome.
 
         Args:
-            asked: how many wishes there were until then.
+            asked: number of commands until then.
         """
-        with self._foreseeing:
+        with self._pending_lock:
             coming = self.server.scene.add_icosphere(
                 "/spheres/coming", radius=radius, color=color, subdivisions=4, position=tuple(position.tolist())
             )
@@ -337,7 +339,7 @@ class Layers:
     def _build(self, picture: Picture) -> None:
         """Rebuild everything for another model."""
         scene, self._load = self.server.scene, picture.load
-        with self._foreseeing:
+        with self._pending_lock:
             self._coming = None
             for name in ("/balloons", "/strain", "/lines", "/spheres", "/strings", LEVELS, KNOTS, OBSTACLES):
                 scene.remove_by_name(name)
@@ -464,8 +466,8 @@ class Layers:
         there = {
             number: place for place, number in enumerate(picture.sphere_numbers) if place < len(radii) and radii[place]
         }
-        with self._foreseeing:
-            if self._coming and picture.granted >= self._coming[1]:
+        with self._pending_lock:
+            if self._coming and picture.executed >= self._coming[1]:
                 self._coming[0].remove()
                 self._coming = None
         for number in self._spheres.keys() - there.keys():

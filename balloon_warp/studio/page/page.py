@@ -12,7 +12,7 @@ import viser
 
 from balloon_warp.scene import Scene
 from balloon_warp.simulator import Simulator
-from balloon_warp.studio.page.ahead import Ahead
+from balloon_warp.studio.page.ahead import KernelPrecompiler
 from balloon_warp.studio.page.camera import Follower, go_home
 from balloon_warp.studio.page.controls import Controls, Plots
 from balloon_warp.studio.page.layers import Layers
@@ -83,7 +83,7 @@ class Onlooker:
         return Picture(
             load=1,
             revision=1,
-            granted=0,
+            executed=0,
             name="",
             model=self._model,
             scene=scene,
@@ -138,7 +138,7 @@ class Page:
     ):
         self.session = session
         self.server = guarded_server(host, port, origins, on_refused)
-        self.follower, self.ahead = Follower(), Ahead()
+        self.follower, self.ahead = Follower(), KernelPrecompiler()
         session.is_ready, session.prepare = lambda kinds: self.ahead.has(kinds), self._prepare
         self.layers = Layers(self.server, functools.partial(drag, session))
         self.controls = Controls(self.server, session, self.layers, self._look, self._go_home)
@@ -225,5 +225,5 @@ class Page:
         return np.concatenate(picture.frame.points).mean(axis=0, dtype=np.float64)
 
     async def _farewell(self, client: viser.ClientHandle) -> None:
-        """Release what a window holds when it leaves."""
+        """Release the points that a window holds when it closes."""
         self.session.ask(lambda playground: playground.release(client.client_id), touch=Touch.RELEASES)

@@ -14,7 +14,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model import lay_out, plan_model
 from balloon_warp.model.plan import ModelPlan
-from balloon_warp.model.pressure import with_settled_pressure
+from balloon_warp.model.pressure import with_resolved_pressure
 from balloon_warp.model.setting import plan_setting
 from balloon_warp.scene import Balloon, Change, Inflation, Material, Scene, Sphere, Stiffness, String
 from balloon_warp.scene.load import frame_at, is_there, override_scene, scenes_over_time
@@ -274,7 +274,7 @@ class Playground:
         plan = plan_model(scene, laws=laws)
         self._first_model = without_small_spheres(lay_out(plan, pick_device(device)))
         # settled, so that it stays, whatever else is changed
-        self.start = with_settled_pressure(self._first_model.scene, plan.parameters)
+        self.start = with_resolved_pressure(self._first_model.scene, plan.parameters)
         self.keep_stable = True
         """Whether every change takes as many substeps as it needs"""
         self.size = float(max(np.ptp(shape.mesh.points, axis=0).max() for shape in self._first_model.shapes))

@@ -19,7 +19,7 @@ view"""
 
 
 class Pointing:
-    """Hears the clicks in a page's view, and the drags that `drag` is told of.
+    """Pointer event handlers of the page's view: clicks, and drags by `drag`.
 
     Args:
         server: of the page.
@@ -65,7 +65,7 @@ class Pointing:
         mass = float(self.controls.mass.value)
         self.session.ask(lambda playground: playground.throw(start, velocity, radius, mass), touch=Touch.THROWS)
         color = colors.sphere_color(len(self.session.playground.journal.spheres), None)
-        self.layers.foresee(start, radius, color, self.session.asked)
+        self.layers.draw_pending_sphere(start, radius, color, self.session.asked)
 
     def _tie(self, playground: Playground, origin: np.ndarray, direction: np.ndarray) -> None:
         """Tie a string from the ground, or from below, to the particle that the click points at."""

@@ -32,8 +32,8 @@ class Picture:
     """Number of scenes loaded until now: another number, another model"""
     revision: int
     """Number that changes whenever values of the scene changed otherwise than by being set"""
-    granted: int
-    """Number of wishes that it shows; later ones it does not"""
+    executed: int
+    """Number of commands whose effect it shows"""
     name: str
     model: Model
     scene: Scene
@@ -183,7 +183,7 @@ def save_recording(recorded: Recorded, folder: Path, name: str, laws: Sequence[L
     return answer
 
 
-def told_of_saving(
+def saving_outcome(
     recorded: Recorded, folder: Path, name: str, laws: Sequence[Law] = ()
 ) -> tuple[str, tuple[Path, ...]]:
     """Save a recording, and return the outcome in a sentence, and the files."""

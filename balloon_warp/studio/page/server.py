@@ -225,16 +225,16 @@ CHARSET = b'<meta charset="utf-8" />'
 FILES = ("page.css", "ground.js", "look.js", "panel.js", "wait.js", "origin.js")
 
 
-def dress(response: Response) -> None:
-    """Insert our additions before viser's own in the page; other files are unchanged."""
+def add_theme(response: Response) -> None:
+    """Add the theme, our additions before viser's own, to the page; other files are unchanged."""
     if "html" in response.headers.get("Content-Type", "") and response.body:
-        response.body = _dressed(bytes(response.body), response.headers.get("Content-Encoding") == "gzip")
+        response.body = _themed(bytes(response.body), response.headers.get("Content-Encoding") == "gzip")
         del response.headers["Content-Length"]
         response.headers["Content-Length"] = str(len(response.body))
 
 
 @functools.lru_cache(maxsize=4)
-def _dressed(page: bytes, zipped: bool) -> bytes:
+def _themed(page: bytes, zipped: bool) -> bytes:
     folder = files("balloon_warp.studio.page") / "page_files"
     read = {name: (folder / name).read_text(encoding="utf-8") for name in FILES}
     ours = f"<style>{read['page.css']}</style>"
@@ -336,7 +336,7 @@ def _admit(
     if response:
         # Nor may another show it as its own, to have it clicked.
         response.headers["Content-Security-Policy"] = " ".join([FRAMED, *trusted.trusted])
-        dress(response)
+        add_theme(response)
     return response
 
 

@@ -1,8 +1,8 @@
-"""Thread that advances the simulation, and the queue of wishes of other threads.
+"""Thread that advances the simulation, and the command queue of other threads.
 
 Wishes from other threads, queued until the simulation's thread grants them between two frames.
 
-A touch whose kernels are still being compiled waits for them; time and the other wishes do not wait for it.
+A touch whose kernels are still being compiled waits for them; time and the other commands do not wait for it.
 
 Thread that advances the simulation, and waits for nobody.
 
@@ -25,47 +25,47 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Law
 from balloon_warp.scene import Scene
 from balloon_warp.studio.page.playground import REASON, Kinds, Moments, Playground, Touch, kinds_of
-from balloon_warp.studio.page.recording import Picture, Recording, free_number, told_of_saving
+from balloon_warp.studio.page.recording import Picture, Recording, free_number, saving_outcome
 from balloon_warp.system.warp_threads import PROCESS_LOCK, lock_of
 
 MOST_ASKED = 1000
-"""Largest number of waiting wishes; more are ignored"""
+"""Largest number of queued commands; more are ignored"""
 GRANTING_SECONDS = 0.1
-"""Time that wishes may take before a frame is simulated again [s]"""
-Wish = Callable[[Playground], None]
+"""Time that commands may take before a frame is simulated again [s]"""
+Command = Callable[[Playground], None]
 
 
 @dataclass(frozen=True)
-class _Waiting:
-    """A wish that waits."""
+class _Pending:
+    """Queued command."""
 
-    wish: Wish
+    command: Command
     touch: Touch | None
     number: int
-    """Number of wishes until it, and with it"""
+    """Number of commands until it, and with it"""
     since: float
 
 
-class Wishes:
-    """First come, first served.
+class CommandQueue:
+    """Command queue: first come, first served.
 
     Args:
-        refused: called with a sentence, where a wish cannot be granted.
+        refused: called with a sentence, where a command fails.
     """
 
     def __init__(self, refused: Callable[[str], None]):
         self.came = threading.Event()
-        """Event that is set when there are wishes"""
-        self.asked, self.granted = 0, 0
-        """Number of wishes so far, and number of those granted"""
+        """Event that is set when there are commands"""
+        self.asked, self.executed = 0, 0
+        """Number of commands so far, and number of those executed"""
         self._refused = refused
-        self._waiting: dict[object, _Waiting] = {}
+        self._waiting: dict[object, _Pending] = {}
         self._lock = threading.Lock()
         self._failures: set[type[Exception]] = set()
         """Failures that the terminal was told about"""
 
-    def add(self, wish: Wish, key: object = None, touch: Touch | None = None) -> None:
-        """Add a wish; of several waiting with the same key, only the last is granted. From any thread.
+    def add(self, command: Command, key: object = None, touch: Touch | None = None) -> None:
+        """Add a command; of several queued with the same key, only the last is executed. From any thread.
 
         Args:
             touch: what it does to the scene; nothing that needs other kernels, when missing.
@@ -75,41 +75,41 @@ class Wishes:
                 key = key if key is not None else object()
                 self._waiting.pop(key, None)
                 self.asked += 1
-                self._waiting[key] = _Waiting(wish, touch, self.asked, time.perf_counter())
+                self._waiting[key] = _Pending(command, touch, self.asked, time.perf_counter())
         self.came.set()
 
     def drop_touches(self) -> None:
-        """Forget what still waits for kernels: the scene is another one."""
+        """Drop the commands that wait for kernels: the scene is another one."""
         with self._lock:
             self._waiting = {key: each for key, each in self._waiting.items() if each.touch is None}
 
     @property
     def waited_seconds(self) -> float:
-        """Time for which the oldest wish waits [s]; 0 without one."""
+        """Age of the oldest queued command [s]; 0 without one."""
         with self._lock:
             since = [each.since for each in self._waiting.values()]
         return time.perf_counter() - min(since) if since else 0.0
 
-    def grant(self, playground: Callable[[], Playground], is_ready: Callable[[Kinds], bool]) -> bool:
-        """Grant the waiting wishes; where there are many, the rest waits for the next frame.
+    def execute(self, playground: Callable[[], Playground], is_ready: Callable[[Kinds], bool]) -> bool:
+        """Execute the queued commands; where there are many, the rest waits for the next frame.
 
         Args:
-            playground: Current playground; a wish may bring another.
+            playground: Current playground; a command may bring another.
             is_ready: whether there are kernels for such things.
 
         Returns:
             Whether anything was asked for.
         """
         until, any_came = time.perf_counter() + GRANTING_SECONDS, False
-        while wish := self._next(playground(), is_ready):
+        while command := self._next(playground(), is_ready):
             any_came = True
-            self._grant(wish, playground())
+            self._execute(command, playground())
             if time.perf_counter() > until:
                 self.came.set()
                 break
         return any_came
 
-    def _next(self, playground: Playground, is_ready: Callable[[Kinds], bool]) -> Wish | None:
+    def _next(self, playground: Playground, is_ready: Callable[[Kinds], bool]) -> Command | None:
         waits = set()
         """Lines in which somebody waits"""
         with self._lock:
@@ -117,13 +117,13 @@ class Wishes:
                 if each.touch and (each.touch.line in waits or not is_ready(each.touch.leaves(playground.live))):
                     waits.add(each.touch.line)
                     continue
-                return self._waiting.pop(key).wish
-            self.granted = min((each.number for each in self._waiting.values()), default=self.asked + 1) - 1
+                return self._waiting.pop(key).command
+            self.executed = min((each.number for each in self._waiting.values()), default=self.asked + 1) - 1
             return None
 
-    def _grant(self, wish: Wish, playground: Playground) -> None:
+    def _execute(self, command: Command, playground: Playground) -> None:
         try:
-            wish(playground)
+            command(playground)
         except (InputError, ValueError, TypeError, IndexError, OverflowError) as mistake:
             self._refused(str(mistake).partition("\n")[0])
         except Exception as mistake:  # one of ours must not end the page that others watch
@@ -255,7 +255,7 @@ class Session:
         self._recordings = 0
         self._methods: dict[str, object] = {}
         """Methods that were asked for since the start"""
-        self._wishes, self._stop = Wishes(self._refuse), threading.Event()
+        self._commands, self._stop = CommandQueue(self._refuse), threading.Event()
         self._shown_at = 0.0
         self._show()
         self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
@@ -272,36 +272,36 @@ class Session:
     def stop(self) -> None:
         """End, once the frame that is being simulated is done; a recording that goes on is saved."""
         self._stop.set()
-        self._wishes.came.set()
+        self._commands.came.set()
         if self._thread.is_alive():
             self._thread.join()
         self._end_recording()
         if self.writer:
             self.writer.join()
 
-    def ask(self, wish: Wish, key: object = None, touch: Touch | None = Touch.SETS) -> None:
-        """Queue a wish for the playground before the next frame; returns at once, from any thread.
+    def ask(self, command: Command, key: object = None, touch: Touch | None = Touch.SETS) -> None:
+        """Queue a command for the playground before the next frame; returns at once, from any thread.
 
         Args:
-            key: The last of several waiting wishes with this key replaces the others.
+            key: The last of several queued commands with this key replaces the others.
             touch: What it does to the scene; None if nothing.
         """
-        self._wishes.add(wish, key, touch)
+        self._commands.add(command, key, touch)
 
     def kernels_came(self) -> None:
         """Look again whether waiting touches have their kernels."""
-        self._wishes.came.set()
+        self._commands.came.set()
 
     @property
     def asked(self) -> int:
-        """Number of wishes until now."""
-        return self._wishes.asked
+        """Number of commands until now."""
+        return self._commands.asked
 
     @property
     def busy_seconds(self) -> float:
         """Time that the current request, or the frame, takes so far, or that a touch waits for kernels; else 0 [s]."""
         since = self._busy_since
-        return max(time.perf_counter() - since if since else 0.0, self._wishes.waited_seconds)
+        return max(time.perf_counter() - since if since else 0.0, self._commands.waited_seconds)
 
     def set(self, path: str, value: object) -> None:
         """Ask for a value of the scene to change."""
@@ -344,7 +344,7 @@ class Session:
         """Ask for the start of the scene."""
 
         def reset(playground: Playground) -> None:
-            self._wishes.drop_touches()
+            self._commands.drop_touches()
             self._end_recording()
             playground.reset()
             self._begin_anew()
@@ -356,7 +356,7 @@ class Session:
 
         def load(_: Playground) -> None:
             playground = Playground(find(), self.device, self.laws)
-            self._wishes.drop_touches()
+            self._commands.drop_touches()
             self._end_recording()
             self.name, self.playground = name, playground
             self._load += 1
@@ -398,22 +398,22 @@ class Session:
             except Exception as mistake:  # one of ours must not leave a page that stands still without a word
                 self.trouble = "The simulation failed; the terminal has the error. Reset restarts it."
                 self.running, self.why, self._is_back = False, "", False
-                self._wishes.fail(mistake)
+                self._commands.fail(mistake)
                 self._stop.wait(0.25)
 
     def _go_on(self) -> None:
-        """Grant wishes, and simulate a frame, if time goes on."""
+        """Execute commands, and simulate a frame, if time goes on."""
         with lock_of(self.playground.simulator.model.device):
             self._busy_since = time.perf_counter()
-            self._wishes.grant(lambda: self.playground, self.is_ready)
+            self._commands.execute(lambda: self.playground, self.is_ready)
             self._busy_since = None
         if not self.running or not self.watched:
             self.pace.rest()
             self._show()
             if self._explain():
                 return
-            self._wishes.came.wait(0.25)
-            self._wishes.came.clear()
+            self._commands.came.wait(0.25)
+            self._commands.came.clear()
             return
         frame_seconds = self.playground.simulator.model.frame_seconds
         time.sleep(self.pace.wait(time.perf_counter(), frame_seconds))
@@ -474,7 +474,7 @@ class Session:
         name = f"{self.name}_{self._recordings}"
 
         def write() -> None:
-            said, files = told_of_saving(recorded, self.folder, name, self.laws)
+            said, files = saving_outcome(recorded, self.folder, name, self.laws)
             self.saved = files or self.saved
             self.tell(said)
 
@@ -488,7 +488,7 @@ class Session:
         return Picture(
             load=self._load,
             revision=self._revision,
-            granted=self._wishes.granted,
+            executed=self._commands.executed,
             name=self.name,
             model=simulator.model,
             scene=playground.live,

@@ -72,7 +72,7 @@ def watcher(page: Page) -> Iterator[Connection]:
 
 
 def hears_the_slider(page: Page, window: Connection) -> None:
-    say(window, update(page.controls.hands_on.inflation, value=0.5))
+    say(window, update(page.controls.main_controls.inflation, value=0.5))
     wait_until(lambda: page.session.picture.inflation == 0.5, "the slider")
 
 
@@ -93,7 +93,7 @@ def test_what_a_window_says_is_heard(page: Page, watcher: Connection):
     hears(update(controls.stable, value=False), lambda: not session.playground.keep_stable, "the box")
     session.ask(lambda playground: setattr(playground, "keep_stable", True))
     controls.stable.value = True
-    hears(update(controls.hands_on.run, value=True), lambda: not session.picture.running, "the button")
+    hears(update(controls.main_controls.run, value=True), lambda: not session.picture.running, "the button")
     keys = page.server.gui._command_handle_from_uuid.items()
     [pause] = [uuid for uuid, key in keys if key._impl.props.hotkey == "space"]
     hears({"type": "CommandTriggerMessage", "uuid": pause}, lambda: session.picture.running, "the key")
@@ -106,7 +106,7 @@ def test_an_older_picture_does_not_pull_a_slider_back(page: Page, watcher: Conne
     older = page.session.picture
     hears_the_slider(page, watcher)
     page.controls.follow(older)
-    assert page.controls.hands_on.inflation.value == 0.5
+    assert page.controls.main_controls.inflation.value == 0.5
 
 
 def test_a_slider_is_heard_at_once(page: Page, watcher: Connection):
@@ -123,7 +123,7 @@ def nonsense(page: Page) -> dict[str, bytes]:
     """Return messages that no window sends, and that must be ignored."""
     controls = page.controls
     upload = {"transfer_uuid": "x", "filename": "x", "mime_type": "x", "part_count": 0, "size_bytes": 0}
-    inflation = controls.hands_on.inflation
+    inflation = controls.main_controls.inflation
     messages: dict[str, object] = {
         "no message": 7,
         "no type": {"uuid": "x"},
@@ -147,8 +147,8 @@ def nonsense(page: Page) -> dict[str, bytes]:
         "a wind of two": update(controls.wind, value=[0.0, 1.0]),
         "a wind of words": update(controls.wind, value=["1", "2", "3"]),
         "a choice that is none": update(controls._ways["solver"], value="no such solver"),
-        "a speed that is none": update(controls.hands_on.speed, value="nan"),
-        "a scene that is none": update(controls.hands_on.scenes, value="../../etc/passwd"),
+        "a speed that is none": update(controls.main_controls.speed, value="nan"),
+        "a scene that is none": update(controls.main_controls.scenes, value="../../etc/passwd"),
         "a number to a box": update(controls.stable, value=0.0),
         "a callback": update(inflation, update_cb=["x"]),
         "a control that is gone": update(inflation, removed=True),
@@ -219,7 +219,7 @@ def test_thousands_of_messages_do_not_stop_the_simulation(page: Page, watcher: C
     with joined(page) as window:
         say(window, CAMERA)
         for value in np.linspace(0.3, 0.6, 3000):
-            say(window, update(page.controls.hands_on.inflation, value=float(value)))
+            say(window, update(page.controls.main_controls.inflation, value=float(value)))
         for _ in range(300):
             say(window, CLICK)
         goes_on(page)

@@ -106,7 +106,7 @@ def test_keys_inflate_pause_and_step(fresh, served):
     fresh.keyboard.press("n")
     wait_until(lambda: served.session.picture.frame.number == number + 1, "one frame by key")
     was = served.session.picture.inflation
-    served.controls.hands_on.inflation.value = 0.0  # a slider that did not follow
+    served.controls.main_controls.inflation.value = 0.0  # a slider that did not follow
     fresh.keyboard.press("i")
     wait_until(lambda: served.session.picture.inflation > was, "inflation by key, from where it is")
     see(fresh, served, fresh.get_by_text("Run", exact=True).is_visible, "it can go on")
@@ -190,7 +190,9 @@ def test_reset_goes_back_to_the_start(fresh, served):
     fresh.get_by_text("Reset", exact=True).click()
     wait_until(lambda: not served.session.picture.scene.sphere, "reset")
     assert served.session.picture.inflation == pytest.approx(0.5)
-    wait_until(lambda: served.controls.hands_on.inflation.value == pytest.approx(0.5, abs=1e-3), "the slider follows")
+    wait_until(
+        lambda: served.controls.main_controls.inflation.value == pytest.approx(0.5, abs=1e-3), "the slider follows"
+    )
     fresh.mouse.click(20, 400, button="right")
     fresh.keyboard.down("ArrowUp")  # a key of the camera
     wait_until(lambda: turned(served) > 0.2, "the camera turns")
@@ -497,7 +499,7 @@ def test_the_menu_makes_balloons_of_another_material(fresh, served, material):
     assert made.material.preset == ("latex" if material == "latex" else None)
     assert made.look == (None if material == "latex" else "foil")
     asked(served, 5)
-    wait_until(lambda: served.controls.hands_on.material.value == material, "the menu says it")
+    wait_until(lambda: served.controls.main_controls.material.value == material, "the menu says it")
     choose("springs")
     wait_until(lambda: served.session.picture.load > load + 1, "it is loaded")
     again = served.session.picture.scene.balloon[0]
@@ -506,10 +508,10 @@ def test_the_menu_makes_balloons_of_another_material(fresh, served, material):
 
 def test_balloons_take_a_color(fresh, served):
     see(fresh, served, lambda: redness(fresh) > 10_000, "the balloon is red")
-    served.controls.hands_on._paint((20, 60, 220))
+    served.controls.main_controls._paint((20, 60, 220))
     see(fresh, served, lambda: redness(fresh) < 2000, "it is blue")
     assert served.session.playground.journal.scene(3).balloon[0].color[2] > 0.5
-    served.controls.hands_on._paint((220, 40, 30))
+    served.controls.main_controls._paint((220, 40, 30))
     see(fresh, served, lambda: redness(fresh) > 10_000, "it is red again")
 
 

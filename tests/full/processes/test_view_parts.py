@@ -338,11 +338,11 @@ import sys, time
 import numpy as np
 import warp as wp
 from browsing import tethered
-from balloon_warp.studio.page.ahead import Ahead
+from balloon_warp.studio.page.ahead import KernelPrecompiler
 from balloon_warp.studio.page.playground import Playground
 
 wp.config.optimization_level = 0
-playground, ahead = Playground(tethered(), "cpu"), Ahead()
+playground, ahead = Playground(tethered(), "cpu"), KernelPrecompiler()
 playground.step()
 ahead.begin(playground.start, "cpu")
 print("process", ahead._process and ahead._process.pid, flush=True)
@@ -423,7 +423,9 @@ def test_clicks_at_once_leave_one_sphere_that_is_coming():
         layers.draw(picture)
 
         def click(number: int) -> None:
-            layers.foresee(np.array([0.0, float(number), 0.0]), 0.1, (10, 20, 30), number % 2 * (picture.granted + 1))
+            layers.draw_pending_sphere(
+                np.array([0.0, float(number), 0.0]), 0.1, (10, 20, 30), number % 2 * (picture.executed + 1)
+            )
 
         with ThreadPoolExecutor(8) as threads:
             begun = [threads.submit(click, number) for number in range(40)]

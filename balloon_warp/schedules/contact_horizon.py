@@ -1,6 +1,6 @@
 """Parts of balloons that touch themselves, as kernels read them, see `kernels.contact.own_parts`.
 
-Look ahead of a frame: whether a world's particles may touch obstacles or each other at all.
+Contact horizon of a frame: whether a world's particles may touch obstacles or each other at all.
 
 Worlds in which they cannot are advanced by kernels that know of neither. See `kernels.contact.free_frames`.
 """
@@ -18,18 +18,18 @@ from balloon_warp.kernels.contact.free_frames import (
     OwnParts,
     box_groups,
     busy_kernel,
+    find_strayed_balloons,
     judge_kernel,
     judge_parts_kernel,
     keep_sphere_forces,
     place_parts,
     put_worlds_back,
-    see_straying,
     surround_kernel,
 )
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.tables import WorldState
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
-from balloon_warp.mesh.thickness import least_gaps
+from balloon_warp.mesh.thickness import min_gaps
 from balloon_warp.model import Model, State
 from balloon_warp.model.state import Allocating, Room, kept_arrays
 from balloon_warp.model.touch import APART, edge_length, is_folded
@@ -95,7 +95,7 @@ def own_parts_arrays(model: Model, room: Room) -> dict[str, Any]:
     counts = [part_count(shape.mesh) for shape in model.shapes]
     worlds, parts, groups = model.world_count, sum(counts), sum(-(-count // PARTS) for count in counts)
     return {
-        "looks": room.array((worlds, model.balloon_count), wp.int32),
+        "needs_check": room.array((worlds, model.balloon_count), wp.int32),
         "drifts": room.array((worlds, model.balloon_count), wp.vec3),
         "means": room.array((worlds, parts), wp.vec3),
         "maps": room.array((worlds, parts), wp.mat33),
@@ -134,7 +134,7 @@ def parts_of(mesh: PolygonMesh) -> Parts:
 def _gaps(mesh: PolygonMesh) -> NDArray[np.float64]:
     edge = edge_length(mesh)
     apart, most = (ITSELF, FAR_FOLDED) if is_folded(mesh) else (APART, FAR)
-    return least_gaps(mesh, apart * edge, most * edge)
+    return min_gaps(mesh, apart * edge, most * edge)
 
 
 def part_count(mesh: PolygonMesh) -> int:
@@ -177,16 +177,16 @@ def busy_features(features: Features) -> Features:
     return features._replace(frames="busy")
 
 
-class Outlook:
-    """Launches the kernels that judge all worlds as a frame begins, and that restore those wrongly judged free."""
+class ContactHorizon:
+    """Launches of the kernels that find the worlds free of contact in a frame, and that restore misjudged ones."""
 
     def __init__(self, model: Model, features: Features, tables: Any, working: Any):
         self.model, self._features, self._tables, self._working = model, features, tables, working
         self.table, self._before = FreeFrames(), WorldState()
-        arrays, before, own, self._kept = outlook_arrays(model, features, Allocating(model.device))
+        arrays, before, own, self._kept = contact_horizon_arrays(model, features, Allocating(model.device))
         for name, array in arrays.items():
             setattr(self.table, name, array)
-        for name in ("verdicts", "ways", "any_busy"):
+        for name in ("verdicts", "travel_limits", "any_busy"):
             setattr(self.table, name, getattr(working, name))
         for name, array in before.items():
             setattr(self._before, name, array)
@@ -201,7 +201,7 @@ class Outlook:
         for kernel in (surround_kernel(self._features), self._judging, *of_kept):
             begin_loading(kernel, self.model.device)
 
-    def look(self, state: State) -> None:
+    def judge(self, state: State) -> None:
         """Judge the worlds before the frame."""
         m, threads = self.model, THREADS if self.model.device.is_cuda else 1
         for name, array in self._kept.items():
@@ -216,7 +216,7 @@ class Outlook:
         launch(self._judging, m.world_count, [self._tables, self.table], device=m.device)
         self._judge_parts(state, is_over=False)
 
-    def look_back(self, state: State) -> None:
+    def judge_afterwards(self, state: State) -> None:
         """Judge the worlds that were free after the frame, where balloons touch themselves: by how they moved in it."""
         self._judge_parts(state, is_over=True)
 
@@ -227,7 +227,9 @@ class Outlook:
         places = now, self._before if is_over else now
         inputs = [self._tables, self._working.verdicts, *places, state.seen_points, state.rooms, self._own]
         threads = THREADS if m.device.is_cuda else 1
-        launch_tiled(see_straying, (m.world_count, m.balloon_count), inputs, block_dim=threads, device=m.device)
+        launch_tiled(
+            find_strayed_balloons, (m.world_count, m.balloon_count), inputs, block_dim=threads, device=m.device
+        )
         launch(place_parts, self._own.means.shape, [*places, self._own], device=m.device)
         launch(box_groups, groups, [self._own], device=m.device)
         inputs = [self._tables, self._own, int(is_over), state.rooms, self.table]
@@ -249,7 +251,7 @@ class Outlook:
             launch(keep_sphere_forces, state.sphere_forces.shape, inputs=inputs, device=self.model.device)
 
 
-def outlook_arrays(model: Model, features: Features, room: Room) -> tuple[dict[str, Any], ...]:
+def contact_horizon_arrays(model: Model, features: Features, room: Room) -> tuple[dict[str, Any], ...]:
     """Return the memory of `FreeFrames`, of a world's earlier state, of parts of balloons, and of items kept."""
     worlds, balloons, spheres = model.world_count, model.balloon_count, model.sphere_count
     gas = (worlds, balloons if features.gas else 0)

@@ -6,12 +6,12 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.laws.contact import (
-    BALL_LOOKS,
+    BALL_ADVANCEMENTS,
     BOX,
     CAPSULE,
     LEAST_STEP,
+    MAX_ADVANCEMENTS,
     MESH,
-    MOST_LOOKS,
     MOST_SLIDES,
     UNSEEN,
     box_surface,
@@ -76,45 +76,45 @@ class Touch:
 
 
 @wp.func
-def touch_convex(solid: Solid, up: wp.vec3, start: wp.vec3, end: wp.vec3, radius: float):
+def first_contact_with_convex(solid: Solid, up: wp.vec3, start: wp.vec3, end: wp.vec3, radius: float):
     """Return the first contact of a straight path with a convex solid, in the solid's frame.
 
     Along a line the distance to a convex solid is a convex function. So Newton's method converges to its first
     zero, and never past it, at any angle. A path that comes to an edge and goes on along a side is outside.
     """
     touch = Touch()
-    way = wp.length(end - start)
-    if not (way > 0.0):
+    path_length = wp.length(end - start)
+    if not (path_length > 0.0):
         return touch
-    ahead = (end - start) / way
-    near = LEAST_STEP * (way + wp.length(start))
+    ahead = (end - start) / path_length
+    near = LEAST_STEP * (path_length + wp.length(start))
     gone = float(0.0)
-    looks = wp.int32(0)
-    while looks < MOST_LOOKS:
+    iterations = wp.int32(0)
+    while iterations < MAX_ADVANCEMENTS:
         here = start + gone * ahead
-        distance, normal = surface_of_convex(solid, up, here, radius, way)
+        distance, normal = surface_of_convex(solid, up, here, radius, path_length)
         falling = -wp.dot(normal, ahead)
-        looks += 1
-        if distance - falling * (way - gone) >= -near:  # all the rest is outside
-            looks = MOST_LOOKS
-        elif distance > near and looks < MOST_LOOKS:
+        iterations += 1
+        if distance - falling * (path_length - gone) >= -near:  # all the rest is outside
+            iterations = MAX_ADVANCEMENTS
+        elif distance > near and iterations < MAX_ADVANCEMENTS:
             gone += distance / falling
         else:
-            further = wp.min(gone + (wp.max(distance, 0.0) + DEEPER * near) / falling, way)
-            depth, _normal = surface_of_convex(solid, up, start + further * ahead, radius, way)
-            if distance < -near or depth < -near or looks == MOST_LOOKS:
+            further = wp.min(gone + (wp.max(distance, 0.0) + DEEPER * near) / falling, path_length)
+            depth, _normal = surface_of_convex(solid, up, start + further * ahead, radius, path_length)
+            if distance < -near or depth < -near or iterations == MAX_ADVANCEMENTS:
                 touch.normal = normal
                 touch.place = here - distance * normal
                 touch.clear = here
-                touch.part = gone / way
-                looks = MOST_LOOKS
+                touch.part = gone / path_length
+                iterations = MAX_ADVANCEMENTS
             else:
                 gone = further
     return touch
 
 
 @wp.func
-def touch_mesh(solid: Solid, up: wp.vec3, start: wp.vec3, end: wp.vec3, radius: float, farthest: float):
+def first_contact_with_mesh(solid: Solid, up: wp.vec3, start: wp.vec3, end: wp.vec3, radius: float, farthest: float):
     """Return the first contact of a straight path with a mesh, in the mesh's frame.
 
     A ray finds where the moving center would pass triangles, and no angle is too small for it. Up to there
@@ -122,20 +122,20 @@ def touch_mesh(solid: Solid, up: wp.vec3, start: wp.vec3, end: wp.vec3, radius: 
     or a fraction of the path, find where its skin comes in.
     """
     touch = Touch()
-    way = wp.length(end - start)
-    if not (way > 0.0):
+    path_length = wp.length(end - start)
+    if not (path_length > 0.0):
         return touch
-    ahead = (end - start) / way
+    ahead = (end - start) / path_length
     skin = solid.thickness + radius
-    near = LEAST_STEP * (way + solid.reach)
+    near = LEAST_STEP * (path_length + solid.reach)
     first, facing = surface_of_solid(solid, up, start, radius, farthest)
-    ray = wp.mesh_query_ray(solid.mesh, start, ahead, way + near)
-    passing = wp.where(ray.result, ray.t, way)
+    ray = wp.mesh_query_ray(solid.mesh, start, ahead, path_length + near)
+    passing = wp.where(ray.result, ray.t, path_length)
     inside = bool(False)
     if solid.closed != 0:
         inside = first + skin < -near or (ray.result and wp.dot(ray.normal, ahead) > 0.0)
         if first + skin <= near and not ray.result:  # it is on the surface, as float32 sees it
-            last, _normal = surface_of_solid(solid, up, start + way * ahead, radius, farthest)
+            last, _normal = surface_of_solid(solid, up, start + path_length * ahead, radius, farthest)
             inside = inside or last + skin < 0.0
     if inside:
         touch.normal = facing
@@ -143,8 +143,10 @@ def touch_mesh(solid: Solid, up: wp.vec3, start: wp.vec3, end: wp.vec3, radius: 
         touch.clear = start
     else:
         unseen = near + UNSEEN * skin - wp.min(first, 0.0)
-        looks = wp.where(radius > 0.0, BALL_LOOKS, MOST_LOOKS)  # a ray tells all of a particle, not of a ball
-        step = wp.max(0.5 * skin, way / float(looks))
+        iterations = wp.where(
+            radius > 0.0, BALL_ADVANCEMENTS, MAX_ADVANCEMENTS
+        )  # a ray tells all of a particle, not of a ball
+        step = wp.max(0.5 * skin, path_length / float(iterations))
         before = float(0.0)
         gone = wp.max(first, step)
         while skin > 0.0 and gone < passing:
@@ -163,7 +165,7 @@ def touch_mesh(solid: Solid, up: wp.vec3, start: wp.vec3, end: wp.vec3, radius: 
             touch.place = start + passing * ahead + skin * normal
             before = wp.max(before, passing - (skin + near) / wp.max(-wp.dot(normal, ahead), LEAST_STEP))
         touch.clear = start + before * ahead
-        touch.part = before / way
+        touch.part = before / path_length
     return touch
 
 
@@ -180,21 +182,21 @@ def raised(end: wp.vec3, touch: Touch, lift: float):
 
 
 @wp.func
-def along_crease(course: wp.vec3, aside: wp.vec3, normal: wp.vec3, before: wp.vec3):
-    """Return the part of a course along the crease of two surfaces; `aside` where they are one plane."""
+def along_crease(displacement: wp.vec3, aside: wp.vec3, normal: wp.vec3, before: wp.vec3):
+    """Displacement along the crease of two surfaces; `aside` where they are one plane."""
     crease = wp.cross(before, normal)
     squared = wp.length_sq(crease)
     if squared < ONE_PLANE * ONE_PLANE:
         return aside
-    return wp.dot(course, crease) / squared * crease
+    return wp.dot(displacement, crease) / squared * crease
 
 
 @wp.func
-def along_both(course: wp.vec3, normal: wp.vec3, before: wp.vec3):
-    """Return the part of a course along a surface; along the crease, where that goes into the previous one, too."""
-    aside = without_approach(course, wp.vec3(), normal)
+def along_both(displacement: wp.vec3, normal: wp.vec3, before: wp.vec3):
+    """Displacement along a surface; along the crease, where it enters the previous one, too."""
+    aside = without_approach(displacement, wp.vec3(), normal)
     if wp.dot(aside, before) < 0.0:
-        aside = along_crease(course, aside, normal, before)
+        aside = along_crease(displacement, aside, normal, before)
     return aside
 
 
@@ -219,7 +221,7 @@ def slide_on_convex(solid: Solid, up: wp.vec3, start: wp.vec3, end: wp.vec3, rad
     let = end
     outward = wp.vec3()
     part = float(1.0)
-    touch = touch_convex(solid, up, start, end, radius)
+    touch = first_contact_with_convex(solid, up, start, end, radius)
     if wp.length_sq(touch.normal) > 0.0:
         outward = touch.normal
         part = 1.0 - touch.part
@@ -240,7 +242,7 @@ def slide_on_solid(solid: Solid, up: wp.vec3, start: wp.vec3, end: wp.vec3, radi
     let = end
     outward = wp.vec3()
     part = float(1.0)
-    touch = touch_mesh(solid, up, start, end, radius, farthest)
+    touch = first_contact_with_mesh(solid, up, start, end, radius, farthest)
     if wp.length_sq(touch.normal) > 0.0:
         outward = touch.normal
         part = 1.0 - touch.part
@@ -254,7 +256,7 @@ def slide_on_solid(solid: Solid, up: wp.vec3, start: wp.vec3, end: wp.vec3, radi
             if distance < -lift:
                 let -= distance * normal
                 course = along_both(course, normal, wp.vec3())
-            again = touch_mesh(solid, up, clear, let, radius, farthest)
+            again = first_contact_with_mesh(solid, up, clear, let, radius, farthest)
             slides += 1
             if wp.length_sq(again.normal) == 0.0:
                 slides = 0
@@ -320,8 +322,8 @@ def is_straight_to_solid(
 
 
 @cache
-def way_function(meshes: bool) -> Any:
-    """Return the function that returns a particle's place outside of a solid, in the solid's frame.
+def path_function(meshes: bool) -> Any:
+    """Projection of a particle's path out of a solid, in the solid's frame.
 
     Args:
         meshes: whether any is a mesh.
@@ -336,18 +338,18 @@ def way_function(meshes: bool) -> Any:
         Also the unit vector along which it is held back, or zero; the clearance at the end; whether it passes an edge,
         and so slides on from its contact; and the fraction of the path that it may slide.
         """
-        way = wp.length(end - start)
-        farthest = way + solid.thickness + radius + 0.1 * solid.reach
+        path_length = wp.length(end - start)
+        farthest = path_length + solid.thickness + radius + 0.1 * solid.reach
         let = end
         outward = wp.vec3()
         part = float(1.0)
         slides = bool(False)
         first, facing = surface_at(solid, up, start, radius, farthest)
-        free = wp.min(first, farthest) - way
-        if first <= way:
+        free = wp.min(first, farthest) - path_length
+        if first <= path_length:
             last, normal = surface_at(solid, up, end, radius, farthest)
             free = wp.min(last, farthest)
-            if last < 0.0 or first + last < way:
+            if last < 0.0 or first + last < path_length:
                 if not is_straight(solid, start, end, radius, first, facing, last, normal):
                     slid, held, left = slide(solid, up, start, end, radius, farthest)
                     let = slid
