@@ -62,23 +62,23 @@ def test_limits_has_what_is_known():
         assert f"- **{each.line}**" in limits
 
 
+USUAL = ("bodies", "bursting", "film", "obstacles", "touch", "water")
+"""the kinds of scenes that have shown most faults"""
+
+
 @pytest.mark.usefixtures("cheap")
 @pytest.mark.parametrize(
     "name",
     [
-        *("springs", "gas", "film", "spheres", "obstacles", "touch", "bodies", "water", "bursting"),
-        *(pytest.param(name, marks=pytest.mark.full) for name in ("rubber", "pressed", "strings", "paper", "tubes")),
-        pytest.param("all", marks=pytest.mark.nightly),
+        *("springs", "gas", *USUAL),
+        *(pytest.param(name, marks=pytest.mark.full) for name in ("rubber", "spheres", "pressed", "strings", "paper")),
+        *(pytest.param(name, marks=mark) for name, mark in (("tubes", pytest.mark.full), ("all", pytest.mark.nightly))),
     ],
 )
 def test_fixed_scenes_hold_to_the_properties(name: str):
     counts: Counter[str] = Counter()
     fuzz(KINDS[name], SCENES, 0, counts)
     assert counts["properties"] >= 5 * counts["simulated"] > 0
-
-
-USUAL = ("bodies", "bursting", "film", "obstacles", "touch", "water")
-"""the kinds of scenes that have shown most faults"""
 
 
 @pytest.mark.full

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import warp as wp
+from feature_sets import feature_set
 from meshes import cube, joined, mesh_of, open_cube, quad_sphere
 from trajectories import shape_at, stepped
 
@@ -92,12 +93,9 @@ def test_a_world_that_begins_anew_is_as_one_that_begins(schedule: str):
 
 
 def test_rows_that_do_not_fill_words_begin_anew_beside_those_that_do():
-    """The state of 82 particles has rows of bytes, 82 long, and of words: all are as at the start, to the bit."""
-    gas = Inflation(kind="gas", start_pressure=500.0)
-    balls = [Balloon(mesh=quad_sphere(parts, 0.5), inflation=gas) for parts in (2, 3)]
-    balls[1] = balls[1].model_copy(update={"position": (0.0, 1.02, 0.0), "velocity": (0.0, -1.0, 0.0)})
-    simulator = Simulator(Scene(balloon=balls, touch=True, gravity=0.0), "cpu", 2)
-    assert simulator.state.deep.shape == (2, 82)
+    """The state of 138 particles has rows of bytes, 138 long, and of words: all are as at the start, to the bit."""
+    simulator = Simulator(feature_set("touch"), "cpu", 2, schedule="octets")
+    assert simulator.state.deep.shape == (2, 138)
     began = {name: array.copy() for name, array in arrays(simulator).items()}
     stepped(simulator, 8)
     simulator.reset(np.array([True, False]))

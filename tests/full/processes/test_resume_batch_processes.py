@@ -143,8 +143,6 @@ def test_a_cluster_goes_on_without_the_shares_that_are_done(ball, whole, address
     assert not (out / "partial").exists()
 
 
-pytest.importorskip("distributed", reason="needs the extra `cluster`")
-
 SCENE = Scene(
     balloon=[Balloon(mesh=quad_sphere(3, 0.2), mass=0.2, inflation=Inflation(pressure=40.0))], frames=3, substeps=8
 )
@@ -167,6 +165,7 @@ def far(moved: Trajectories) -> tuple[Any, dict[str, Any]]:
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[Cluster]:
     """Two workers on this machine."""
+    pytest.importorskip("distributed", reason="needs the extra `cluster`")
     with start_workers(2) as workers:
         yield Cluster(address=str(workers.scheduler_address))
 
@@ -201,6 +200,7 @@ def test_a_world_that_blows_up_on_a_worker_has_its_own_number(cluster: Cluster) 
 
 
 def test_a_loss_that_cannot_be_sent_is_refused() -> None:
+    pytest.importorskip("distributed", reason="needs the extra `cluster`")
     lock = threading.Lock()
 
     def locked(moved: Trajectories) -> tuple[Any, dict[str, Any]]:
