@@ -335,7 +335,7 @@ class TearTable:
     """Centers of faces on the unstretched skin [m]"""
     normals: wp.array[wp.vec3]
     """Unit normals of faces on the unstretched skin"""
-    travel_limits: wp.array[float]
+    ways: wp.array[float]
     """Distance after which a tear branches, and again, by balloon [m]"""
     branchings: wp.array[wp.int32]
     """Number of branchings, by balloon; the start of a tear is the first"""
