@@ -61,7 +61,7 @@ EQUIVALENT: Mapping[str, str] = {
     "balloon_warp/springs/even.py : 0.01 -> 0.012": "a tolerance",
     "kernels/contact/boxes.py sweep_of: t.particles.offsets[balloon] + first -> t.particles.offsets[balloon] - first":
     "the only thread of a block on a CPU is the first, 0",
-    "kernels/contact/free_frames.py judge_parts_kernel.room_of_group: wp.max(first, own.groups[other]) -> "
+    "kernels/contact/free_frames.py room_of_group: wp.max(first, own.groups[other]) -> "
     "wp.min(first, own.groups[other])": "pairs are looked at twice: the least of their gaps is the same",
     "kernels/laws/touch.py : 1.0e-3 -> 0.0012": "a tolerance",
     "kernels/contact/triangles.py faced_triangle: faced(place, corners[0], corners[1], corners[2]) -> "
