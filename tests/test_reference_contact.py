@@ -94,7 +94,8 @@ def short_lists(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
 
 
 @pytest.mark.parametrize(
-    ("name", "lists"), [("touch", {"candidates", "edge_pairs", "listed_contacts"}), ("faces", {"ridge_pairs", "listed_contacts"})]
+    ("name", "lists"),
+    [("touch", {"candidates", "edge_pairs", "listed_contacts"}), ("faces", {"ridge_pairs", "listed_contacts"})],
 )
 def test_lists_that_grow_change_no_bit(name: str, lists: set[str], device: str, short_lists: pytest.MonkeyPatch):
     """A frame that finds no room is computed again: worlds, in a batch and alone, are as with room from the start."""
