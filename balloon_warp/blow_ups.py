@@ -1,9 +1,7 @@
-"""Blow-ups: the frame simulated again, substep by substep, and the diagnosis of where, when and why.
+"""Blow-ups: detection of non-finite or runaway states, diagnosis, and recovery.
 
-Blow-ups: detection of non-finite or runaway states, diagnosis, and recovery.
-
-1. It is found on the device: after each frame `schedules/health.py` looks at every particle and sphere, and notes the
-   first one in each world that is where it cannot be.
+1. It is found on the device: after each frame a kernel looks at every particle and sphere, and notes the first one in
+   each world that is where it cannot be (`check_particle`).
 2. From that frame nothing is left to learn. So `Simulator` keeps `Origins`: a state of a while ago, and all that it
    takes to begin again from there.
 3. `replay` simulates that one world again, its last frames substep by substep, until it goes bad.

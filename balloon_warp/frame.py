@@ -47,7 +47,7 @@ class Contact(Shown):
 
 
 def things_of(model: Model | ModelPlan) -> list[str]:
-    """Name all that balloons may touch, in the order in which kernels number it: see `kernels.loops.contact_things`."""
+    """Name all that balloons may touch, in the order in which kernels number it: see `kernels.loops.fixtures`."""
     scene = model.scene
     kinds = (("obstacle", scene.obstacle), ("body", scene.body))
     named = {kind: [each.name or f"{kind} {number}" for number, each in enumerate(things)] for kind, things in kinds}

@@ -1,7 +1,4 @@
-"""Balloons as solids: mass and inertia of each, if it were filled with one material.
-
-The simulator: a scene in, frames out.
-"""
+"""The simulator: a scene in, frames out; and balloons as solids, with mass and inertia."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,13 +1,4 @@
-"""Files of a world each, with all that moved in it, for learning: NumPy's, HDF5 and Zarr.
-
-Files of a world each, with all that moved in it: for learning.
-
-world_file   the contents of such a file
-frames       frames as they come, before they go into one
-packing      how arrays are cut and compressed
-hdf5         as HDF5, by h5py
-zarr         as a Zarr store of version 2, which needs nothing
-npz          as NumPy has it
+"""Files of a world each, with all that moved in it, for learning: NumPy's, HDF5 by h5py, and Zarr, which needs nothing.
 
 Frames may come in any order, and the same frames give the same bytes.
 """

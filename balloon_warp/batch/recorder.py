@@ -1,7 +1,4 @@
-"""Tracks: the parts of a simulator's frame that go into the files of worlds.
-
-Recording of a batch after each frame: measures of each world, their columns, and shapes of exported ones.
-"""
+"""Recording of a batch after each frame: measures of each world, tracks of its parts, and shapes of exported ones."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Task of a batch and its outcome, wherever it is simulated; worlds that blow up, and checkpoints.
 
-Task of a batch and its outcome, wherever it is simulated; worlds that blow up, and checkpoints.
-
 Worlds of a batch that blow up: a report of the first few, an end to all, or a new start in shorter steps.
 
 Detection and explanation of blow-ups are in `balloon_warp/blow_ups.py`; this is the reaction of a batch.

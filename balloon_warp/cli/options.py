@@ -1,9 +1,4 @@
-"""Limits of a shell's `ulimit` below which the libraries end a process by a signal, or hang.
-
-Names of outputs that the user did not give.
-
-Options that commands share, and usage errors in one sentence.
-"""
+"""Options that commands share, names of outputs, limits of a shell, and usage errors in one sentence."""
 
 import os
 import re

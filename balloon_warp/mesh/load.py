@@ -1,7 +1,5 @@
 """Loading of meshes: a file, by its suffix, or a mesh-like value of Python; unit, axes and welding.
 
-Loading of meshes: a file, by its suffix, or a mesh-like value of Python.
-
 Each format lists its suffixes and readers in its own file.
 """
 

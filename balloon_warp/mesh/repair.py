@@ -4,8 +4,6 @@ Holes in a surface, such as pinholes and eye sockets, and lids for them.
 
 Intended openings stay open: the rim of a bowl, a sleeve.
 
-Defects of a mesh: their names, their treatment, and the repaired mesh.
-
 Parts of a surface whose sides are wrong: the outer one inside it, or the inner one outside.
 
 The winding number of a closed surface that faces outward is 1 on its inside and 0 on its outside. Just above a triangle

@@ -1,9 +1,5 @@
 """Meshes of USD stages at the default time: their rigid motion, materials, colors and textures.
 
-Meshes of USD stages at the default time, and their rigid motion.
-
-Rigid motion of meshes of a USD stage.
-
 By time samples of their transforms and of those around them, or by samples of their points, skins and blend shapes.
 """
 

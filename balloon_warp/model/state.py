@@ -3,8 +3,6 @@
 Places and velocities of particles at the start.
 
 Values that items keep from substep to substep, for phases of the step: see `kernels.phase.Phase.keeps`.
-
-The state: arrays that change during a simulation.
 """
 
 import math

@@ -1,7 +1,5 @@
 """Frames backwards: directions, each spring, obstacles, gas, strings and tubes, by launches.
 
-Backward passes by launches: directions, each spring, obstacles, gas, strings and tubes.
-
 Derivatives by where obstacles are, by the keyframes of their motion, and by the friction of balloons on them.
 
 Particles note their derivatives by each obstacle, which are added up once a frame.

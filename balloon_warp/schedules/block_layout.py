@@ -1,8 +1,6 @@
 """Worlds in blocks of threads: their layout in registers and shared memory, and frames of all in one launch.
 
 Capacity of a thread block for particles: in shared memory, and in threads.
-
-Layout of a world on a block of threads: registers, shared memory, and the number of threads.
 """
 
 from typing import Any

@@ -1,8 +1,7 @@
-"""Parts of balloons that touch themselves, as kernels read them, see `kernels.contact.own_parts`.
+"""Contact horizon of a frame: whether a world's particles may touch obstacles or each other at all.
 
-Contact horizon of a frame: whether a world's particles may touch obstacles or each other at all.
-
-Worlds in which they cannot are advanced by kernels that know of neither. See `kernels.contact.free_frames`.
+Worlds in which they cannot are advanced by kernels that know of neither; balloons that touch themselves are judged by
+parts. See `kernels.contact.free_frames`.
 """
 
 from functools import cache

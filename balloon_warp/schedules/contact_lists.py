@@ -1,7 +1,5 @@
 """Lists of contacts: how long they are, and how they grow where a frame has found no room in one.
 
-Lists of contacts: how long they are, and how they grow where a frame has found no room in one.
-
 A frame that has found none is computed again from its start, with longer lists, so that the motion of a world
 depends neither on their length, nor on the worlds beside it that have made them grow.
 """

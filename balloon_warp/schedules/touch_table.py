@@ -1,6 +1,6 @@
-"""Spheres that touch faces, and not only particles: small ones one by one, larger ones as ridges do.
+"""Surfaces of balloons that touch, ridges, bodies and spheres, as kernels read them.
 
-Surfaces of balloons that touch, ridges, bodies and small spheres, as kernels read them.
+Small spheres touch faces, and not only particles, one by one; larger ones as ridges do.
 """
 
 from dataclasses import replace

@@ -2,8 +2,6 @@
 
 Springs from a mesh's faces, by the rules of the paper's section on spring generation; hinges and colors.
 
-Springs from a mesh's faces, by the rules of the paper's section on the .obj loader and spring generation.
-
 With the pairs of particles as sets, the rules read:
 
     structural  edges of faces

@@ -6,8 +6,6 @@ In rounds, each part is tied to the part nearest to it, and counts as one with i
 (Boruvka's spanning tree). A part is tied where it is near: at a few particles, far from each other, and each of them to
 a few others, so that no tie is a hinge. Rest lengths are the distances at the start.
 
-Spring constants of an even skin, and springs across thin parts.
-
 Spring constants that make an even skin, however a mesh divides it.
 
 Springs of constant k, rest length L and direction t (a unit vector) make the tension 1/2 sum k L^2 t t^T / A of a

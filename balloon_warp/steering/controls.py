@@ -1,6 +1,6 @@
 """Controls: values of each world that somebody writes on the device, and the next frame reads.
 
-Time of each world by itself: planned changes write controls, on the device, and keyframes and obstacles follow.
+Each world has a time of its own: planned changes write controls, on the device, and keyframes and obstacles follow.
 """
 
 import json

@@ -1,7 +1,5 @@
 """Warp in use: the choice of a device, threads beside each other, and launches that compile ahead.
 
-Threads that use Warp beside each other.
-
 While Warp records a graph for a CPU, its native half takes down the calls of the recording thread, but its Python half
 keeps the graph that is recorded for the process, and so takes down, or refuses, calls of all other threads meanwhile.
 `record_by_thread` makes that one's own affair, too. So simulators on a CPU step in parallel.
@@ -10,8 +8,6 @@ Tiles are the exception: Warp compiles one place for them into each module for a
 other. So one thread at a time runs kernels with tiles, in launches or in replays of graphs that hold some.
 
 A GPU's work is queued in streams that all threads share: there, `lock_of` lets one thread queue or record at a time.
-
-Launches of kernels, which threads of their own compile for a CPU.
 
 Warp reads its own headers once for each thread that compiles, which takes as long as a kernel of ours. So the first
 thread begins with that while meshes are read, and others join it only where many kernels wait.

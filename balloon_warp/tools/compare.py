@@ -1,8 +1,6 @@
 """Runs of one scene side by side, with other values: one picture, one table.
 
 Values to compare, parsed from the command line.
-
-Runs of a scene side by side: one picture, one table.
 """
 
 import csv

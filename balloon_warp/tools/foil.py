@@ -1,18 +1,9 @@
-"""A flat sheet of even quads with a given outline.
+"""Foil balloons of letters and drawings: two flat sheets of even quads, sewn at their rims.
 
-A flat sheet of even quads with a given outline.
-
-The squares of a grid that lie well within the outline are kept; a row of quads joins them to the outline all around,
-and then each quad pulls its corners towards those of a square. Where the outline runs aslant to the grid, vertices have
-three or five neighbors instead of four.
-
-Foil balloons: two flat sheets of quads with one outline, sewn at the rim.
-
-An outline comes from letters (`letters`) or a drawing (`drawing`), as polygons of Shapely's (`outlines`). Each becomes
-a sheet of even quads (`sheet`), of the squares of a grid (`grid`) and a row of quads around them (`rim`); two sheets
-are sewn (`sew`), and `make` does all of it. The package needs the extra `foil`, which loads on demand.
-
-Foil balloons of letters and drawings: two sheets, sewn at their rims.
+An outline comes from letters or a drawing, as polygons of Shapely's. The squares of a grid that lie well within it are
+kept; a row of quads joins them to the outline all around, and then each quad pulls its corners towards those of a
+square. Where the outline runs aslant to the grid, vertices have three or five neighbors instead of four. The extra
+`foil` loads on demand.
 """
 
 from collections.abc import Iterator, Sequence

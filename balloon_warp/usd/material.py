@@ -1,8 +1,6 @@
-"""Rigid things for other simulators: colliders of `UsdPhysics`, free bodies, and kinematic bodies.
+"""Names, visibility, materials and colors of prims; colliders and rigid bodies of `UsdPhysics` for other simulators.
 
 Kinematic bodies move by their time samples.
-
-Names, visibility, materials and colors of prims.
 """
 
 import itertools

@@ -1,7 +1,5 @@
 """Obstacles, free bodies, spheres, ground and water in the stage, and shapes that are drawn, not simulated.
 
-Obstacles, free bodies, spheres, ground and water in the stage.
-
 Obstacle in the stage: a gprim of its shape, and a collider for other simulators.
 
 Position and rotation have time samples where it moves.

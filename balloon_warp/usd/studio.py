@@ -1,7 +1,5 @@
 """The studio: lights, a backdrop, and a camera that has the run in view; the stage at one point in time.
 
-The studio: lights, a backdrop, and a camera that has the run in view.
-
 Lights, a backdrop, and a camera that has the run in view, in a group of their own that can be left out or deleted.
 
 They stand around the subject as the camera sees it, and so are defined once the run is over.

@@ -31,7 +31,7 @@ from balloon_warp.kernels.working import Working
 def touch_balloons(features: Features, access: Access) -> Any:
     """Search for contacts now and then, and apply their forces: own launches, see `schedules.balloon_contact`.
 
-    Backwards it has launches of its own, too, once particles have gone back, see `schedules.backward_touch`.
+    Backwards it has launches of its own, too, once particles have gone back, see `schedules.backward_contact`.
     """
     return None
 

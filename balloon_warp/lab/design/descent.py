@@ -1,7 +1,5 @@
 """A step towards the wanted shape: Gauss and Newton's, through the balance.
 
-A step towards the wanted shape: Gauss and Newton's, through the balance.
-
 At rest the forces vanish for every design: K dx = B dq, where K is the stiffness of skin and gas, and B the derivative
 of the forces by the design. So no gradient through time is needed: one sparse system gives the step of the design that
 brings the balance nearest to the wanted shape, and changes the design least (Levenberg and Marquardt):

@@ -1,11 +1,8 @@
-"""Fits: the values of a scene that explain a measured motion, or for which a loss is least.
+"""Fits: the values of a scene that explain a measured motion by least squares, or for which a loss is least.
 
-The values of a scene that explain a measured motion, by least squares.
-
-Journal of a fit: the residuals of simulated worlds in a file, from which `--resume` goes on.
-
-A search asks for the same places each time, as long as it gets the same answers. So it goes through those of the file
-again, without simulating, to where it was stopped.
+A journal keeps the residuals of simulated worlds in a file, from which `--resume` goes on. A search asks for the same
+places each time, as long as it gets the same answers. So it goes through those of the file again, without simulating,
+to where it was stopped.
 """
 
 import json

@@ -4,7 +4,7 @@ Solids have rows of `contact.Movers`; a shape has a kind, size, thickness, and t
 
 Free rigid bodies: how they turn, and their contact with each other, the ground, obstacles and spheres.
 
-Bodies have rows of `contact.Movers`. See `laws.rigid` and `laws.grip`. Impulses act as a step begins, from where a
+Bodies have rows of `contact.Movers`. See `laws.rigid`. Impulses act as a step begins, from where a
 body's angular momentum stays.
 """
 
@@ -377,7 +377,7 @@ def settle(a, b, n, least, friction, impulse, allowed, most):
 
 
 def apply_contact_impulses(a, b, before, n, least, closing, friction, impulse, group, allowed, most):
-    """Return impulses that give no group of contacts energy, see `laws.grip`.
+    """Return impulses that give no group of contacts energy, see `laws.rigid`.
 
     A group is of bodies that touch; velocities before are those before gravity acts, `closing` is `least` without
     rebounds.

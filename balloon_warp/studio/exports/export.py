@@ -2,17 +2,11 @@
 
 A stage as an Alembic archive, as one .usdz package, as arrays in an HDF5 file, or as a series for ParaView.
 
-A stage as arrays in an HDF5 file, or as a series for ParaView.
-
 A stage as arrays in an HDF5 file, which h5py, xarray, MATLAB and Julia read: for learning and for plots.
 
 A group for each thing, by its name. A balloon's has `mesh_pos` (T, N, 3), `velocity` (T, N, 3), `edges` (E, 2), the
 corners of its faces, and `volume`, `area` and `pressure` (T,). A rigid thing's has `pose` (T, 4, 4) and `points`.
 Places are the stage's own, in its unit. Dimensions have labels, and there are no arrays beside the real ones.
-
-Export of a stage as a file of another kind, or as a file for each frame.
-
-Export of a stage as a file of another kind.
 
 A simulation's frames always go into a stage first: it survives a kill, resumes with `--resume`, and passes USD's
 validators. An export is made from the stage, and so is the same from `run -o` and, later, from `convert`.

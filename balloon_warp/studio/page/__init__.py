@@ -1,9 +1,8 @@
 """The live application: a simulation that is played with in the browser.
 
-session      a thread that advances the simulation in real time, and executes the page's commands
-playground   the simulation itself, and actions on it; a journal of it all, which replays
-page         the view and its clicks, over viser; onlooker a view of a program's own world
-controls     the panel; main_controls its first part, dials numbers with their sliders
-ahead        a process that compiles the kernels that a hand will need
-guard        who may talk to the page, and which messages it accepts
+Read `session` first, the thread that advances the simulation in real time and executes the page's commands, and
+`playground`, the simulation itself with a journal of all that is done to it, which replays. `page` has the view over
+viser, `controls` the panel, `pointing` the clicks, `server` the guard of who may talk to it; `ahead` compiles the
+kernels that a hand will need, in a process of its own.
+
 """

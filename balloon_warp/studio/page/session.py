@@ -4,8 +4,6 @@ Wishes from other threads, queued until the simulation's thread grants them betw
 
 A touch whose kernels are still being compiled waits for them; time and the other commands do not wait for it.
 
-Thread that advances the simulation, and waits for nobody.
-
 It grants requests between two frames, and leaves pictures where others can take them.
 """
 

@@ -1,7 +1,5 @@
 """Timing of a stage's frames, whole time codes at which something is sampled, and an open shutter.
 
-Timing of a stage's frames: whole time codes at which something is sampled.
-
 Stages of other programs count time in seconds, in 4,800 codes a second, or between codes. Such a stage is looked at
 through another one whose time codes are its frames: USD scales the time of a sublayer by the two rates.
 """
