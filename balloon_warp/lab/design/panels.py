@@ -587,7 +587,7 @@ def _written(job: Job, panels: Panels, flat: Values) -> Scene:
     )  # fmt: skip
     mass = total_area(panels.flat_mesh(flat)) * job.thickness * DENSITY
     fields = common_fields(job.folder / "balloon.obj", Inflation(pressure=[(0.0, 0.0), (FILL_SECONDS, PRESSURE)]))
-    balloon = Balloon(**fields, material=material, access="foil", damping=float(f"{DAMPING_RATE * mass:.4g}"))
+    balloon = Balloon(**fields, material=material, look="foil", damping=float(f"{DAMPING_RATE * mass:.4g}"))
     return scene_of(balloon, f"{panels.count} panels of foil that become {panels.mesh.name}", MORE_FRAMES)
 
 

@@ -66,7 +66,7 @@ def go_on(ball: Path, folder: Path, address: str | None = None, **options: Any) 
 
 def end(ball: Path, folder: Path, number: int, *words: str) -> tuple[int, str]:
     """Start the batch as a process, signal it once it has saved something, and return its status and messages."""
-    fine = "from balloon_warp.batch import shares; shares.GRAIN['cpu'] = shares.Grain(1, 1); "
+    fine = "from balloon_warp.farm import cluster; cluster.GRAIN['cpu'] = cluster.Grain(1, 1); "
     fine += "from balloon_warp.cli import main; main()"
     command = [sys.executable, "-c", fine, "batch", str(ball / "ball.obj"), "-o", str(folder), *words]
     varied = f"--worlds {WORLDS} --vary gravity=1:9 --grid --export all --schedule lanes --set frames={LONG}"
