@@ -253,7 +253,7 @@ def _lend(module: str, name: str) -> None:
 
 _lend("studio.animate", "snapshot")
 _lend("studio.animate", "notebook_picture")
-_lend("lab.statics.of_model", "stiffness_in")
+_lend("lab.statics", "stiffness_in")
 
 
 def __dir__() -> list[str]:

@@ -482,7 +482,7 @@ def test_octets_of_a_model_with_bodies_are_launches_and_their_forces_for_eight()
     printed, launched = (kernel_source(load_scene("turtle_pillow"), schedule) for schedule in ("octets", "gather"))
     kernels = re.findall(r"^def (\w+)\(", printed, re.M)
     assert kernels.count("pull_octets") == 1
-    assert kernels.index("worlds_tumble") < kernels.index("pull_octets") < kernels.index("worlds_meet")
+    assert kernels.index("worlds_move_bodies") < kernels.index("pull_octets") < kernels.index("worlds_meet")
     assert "pull_octets" not in launched
     assert printed[printed.index("def worlds_meet(") :] in launched
 
