@@ -1,4 +1,5 @@
 """Phases from outside the package, and those without any physics, lists of them, and their NumPy references."""
+# pyright: reportGeneralTypeIssues=false
 
 from collections.abc import Callable
 from itertools import pairwise
@@ -29,7 +30,7 @@ def look_aside(features: Features, access: Access) -> Any:
     at = access.at
 
     @wp.func
-    def look_aside(t: Tables, points: Any, particle: wp.int32):  # pyright: ignore[reportGeneralTypeIssues]
+    def look_aside(t: Tables, points: Any, particle: wp.int32):
         return at(points, (particle + 5) % t.particles.balloon.shape[0])
 
     return look_aside
@@ -79,7 +80,7 @@ def remember(trace: Any, point: Any, velocity: Any):
 
 @phase("particle", {"seen": wp.vec3})
 @wp.func
-def look_at_traces(t: Tables, traces: Any, particle: wp.int32):  # pyright: ignore[reportGeneralTypeIssues]
+def look_at_traces(t: Tables, traces: Any, particle: wp.int32):
     return wp.vec3(traces[(particle + 5) % t.particles.balloon.shape[0]], 0.0, 1.0)
 
 
@@ -88,7 +89,7 @@ def rise(features: Features, access: Access) -> Any:
     at = access.at
 
     @wp.func
-    def rise(t: Tables, points: Any, face: wp.int32, height: float):  # pyright: ignore[reportGeneralTypeIssues]
+    def rise(t: Tables, points: Any, face: wp.int32, height: float):
         return 0.5 * height + at(points, t.faces.particles[t.faces.offsets[face]])[1]
 
     return rise

@@ -72,9 +72,9 @@ class RunFiles:
         return self.output
 
     @property
-    def said(self) -> dict[str, str | None]:
-        """Paths for a summary."""
-        return {"output": str(self.output), "picture": None, "points": None}
+    def made(self) -> dict[str, str | None]:
+        """Paths of what is made of the stage, for a summary."""
+        return {"picture": None, "points": None}
 
     def checked(self, scene: Scene) -> Self:
         """Return the files, after checking that all can be written, and that none is a file of the scene.
@@ -303,7 +303,9 @@ def _summary(
     """Sum up a run of `animate`."""
     model, frames = simulator.model, simulator.frame_number - bool(blow_up)
     return Summary(
-        **files.said,
+        output=str(files.output),
+        picture=files.made["picture"],
+        points=files.made["points"],
         scene=name,
         device=str(model.device),
         schedule=simulator.schedule.name,

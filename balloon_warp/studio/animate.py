@@ -86,8 +86,8 @@ class RequestedOutputs(RunFiles):
         return self.output, self.picture, self.points
 
     @property
-    def said(self) -> dict[str, str | None]:
-        named = {"output": self.output, "picture": self.picture, "points": self.points}
+    def made(self) -> dict[str, str | None]:
+        named = {"picture": self.picture, "points": self.points}
         return {name: str(path) if path else None for name, path in named.items()}
 
     @property
