@@ -495,7 +495,7 @@ def bare(**fields) -> Scene:
     [
         (bare(), ["elements_add_forces", "particles_pull_to_move"]),
         (feature_set("springs"), ["elements_add_forces", "faces_add_area_vectors", "particles_pull_to_leave"]),
-        (bare(water=Water()), ["elements_add_forces", "particles_soak_to_push", "particles_move"]),
+        (bare(water=Water()), ["elements_add_forces", "particles_find_water_load_to_push", "particles_move"]),
     ],
     ids=["springs", "strings, hinges and a pressure", "water"],
 )

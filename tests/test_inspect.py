@@ -43,7 +43,8 @@ from balloon_warp.mesh.topology import signed_volume, total_area, triangulate
 from balloon_warp.mesh.usd_stage import SCENERY
 from balloon_warp.scene.load import override_scene
 from balloon_warp.system.arguments import checked, fits
-from balloon_warp.tools.compare import Comparison, Run, Tile, compare, compose_sheet, parse_choices
+from balloon_warp.tools.choices import parse_choices
+from balloon_warp.tools.compare import Comparison, Run, Tile, compare, compose_sheet
 
 
 def curve(count: int) -> np.ndarray:

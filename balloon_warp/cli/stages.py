@@ -31,7 +31,7 @@ from balloon_warp.cli.progress import Console, begun, counted, frame_progress, n
 from balloon_warp.errors import InputError
 from balloon_warp.scene.load import scene_name
 from balloon_warp.system.warp_setup import quiet_warp
-from balloon_warp.tools.compare import parse_choices, shown
+from balloon_warp.tools.choices import parse_choices, shown
 
 if TYPE_CHECKING:
     from balloon_warp.tools.check import CheckReport, Crossing

@@ -91,7 +91,7 @@ class BusyWorlds:
 
     @staticmethod
     def allocate(model: Model, features: Features, room: Room) -> None:
-        """Allocate all of its memory."""
+        """Allocate the arrays that frames need."""
         busy = busy_features(features)
         if busy_in_blocks(model, features):
             BlockFrames.allocate(model, busy, room)

@@ -98,7 +98,7 @@ class Launches:
 
     @staticmethod
     def allocate(model: Model, step: Step, room: Room) -> None:
-        """Allocate all of its memory."""
+        """Allocate the arrays that frames need."""
         working_arrays(model, step.features, room)
         step_arrays(model, step, room)
 
