@@ -197,7 +197,9 @@ def test_blender_reads_the_stage(written: Path):
     bpy = pytest.importorskip("bpy")
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bpy.ops.wm.usd_import(filepath=str(written))
-    meshes = {each.name.partition(".")[0]: each for each in bpy.data.objects if each.type == "MESH"}  # beside net forces
+    meshes = {
+        each.name.partition(".")[0]: each for each in bpy.data.objects if each.type == "MESH"
+    }  # beside net forces
     ball, string = meshes["ball"], meshes["String_0_Mesh"]
     assert [each.active_material.name for each in (ball, string)] == ["ball", "Strings_String_0"]
     assert bpy.data.objects["Camera"].data.lens == pytest.approx(50.0)
