@@ -198,7 +198,7 @@ class Simulator(Shown):
 
     @locked
     def step_unexplained(self) -> Callable[[], BlowUp] | None:
-        """Advance every world by one frame, as `step_unread` does; after a blow-up, return what finds its reason.
+        """Advance every world by a frame, as `step_unread` does; after a blow-up, return a function that diagnoses it.
 
         That may take seconds, and may be called later, even if the simulator has gone on in another model.
         """
@@ -232,7 +232,7 @@ class Simulator(Shown):
 
     @locked
     def advance(self, frames: int = 1) -> None:
-        """Do what `step` does without waiting for the device: nothing is read back, and no blow-up is looked for."""
+        """Do `step` without waiting for the device: nothing is read back, and no blow-up is looked for."""
         for _ in range(frames):
             self.make_due_changes()
             self._recorded_frame.advance(self.schedule, self.state)
@@ -324,7 +324,7 @@ class Simulator(Shown):
         return self._diagnosis(world, frame, int(self.state.first_bad.numpy()[world]) if bad is None else bad)()
 
     def _diagnosis(self, world: int, frame: int, bad: int) -> Callable[[], BlowUp]:
-        """Return what diagnoses a blow-up, from where its last frames begin."""
+        """Return a function that diagnoses a blow-up, from the state before its last frames."""
         origin = self._origins.last.of_world(world)
 
         def find() -> BlowUp:
@@ -344,7 +344,7 @@ class Simulator(Shown):
         return frame
 
     def _reason_of(self, first_bad: NDArray[np.int32], frame: int) -> Callable[[], BlowUp] | None:
-        """Return what finds the reason of a blow-up; None if all worlds are well."""
+        """Return a function that diagnoses a blow-up; None if all worlds are well."""
         self.controls.require_sound()
         worlds = np.flatnonzero(first_bad != HEALTHY)
         return self._diagnosis(int(worlds[0]), frame, int(first_bad[worlds[0]])) if worlds.size else None

@@ -22,7 +22,7 @@ SAMPLES = 24
 
 
 def walk(folder: Path, frames: int = FRAMES, size: tuple[int, int] = SIZE, samples: int = SAMPLES) -> list[Path]:
-    """Go through the steps and what follows them on the page, and return the pictures.
+    """Go through the steps on the page, and their results, and return the pictures.
 
     Raises:
         MissingExtraError: Blender's module is not installed.

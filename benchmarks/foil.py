@@ -73,7 +73,7 @@ def letter_scene(letter: str, pressure: float, frames: int, bound: float | None,
 
 
 def now(device: str) -> float:
-    """Return the time once a device has done what it was told [s]."""
+    """Return the time once a device has done all launches [s]."""
     wp.synchronize_device(device)
     return process_time() if wp.get_device(device).is_cpu else perf_counter()
 
@@ -133,7 +133,7 @@ def row(name: str, bound: float | None, done: Filled, exact: Filled) -> str:
 
 
 def apart(function: Callable[..., Result], *told: Any) -> Result:
-    """Return what a function does in a process of its own."""
+    """Return a function's result from a process of its own."""
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as process:
         return process.submit(function, *told).result()
 

@@ -98,7 +98,7 @@ def scene(columns: int = COLUMNS, layers: int = LAYERS) -> str:
 
 
 def main(words: Sequence[str] | None = None) -> None:
-    """Write what a command line asks for.
+    """Write the scene that a command line names.
 
     Args:
         words: of it; if missing, those that Python was started with.

@@ -1,4 +1,4 @@
-"""Commands on the machine and what is bundled: `bench`, `doctor`, `kernel`, `scenes` and `warm-up`."""
+"""Commands on the machine and the bundled scenes: `bench`, `doctor`, `kernel`, `scenes` and `warm-up`."""
 
 import json
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Workers: their number on this machine or the address of a scheduler, and what each of them does."""
+"""Workers: their number on this machine or the address of a scheduler, and their protocol."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""Formats that trimesh reads: glTF 2.0 with checks of what it skips silently, and STL, PLY and OFF.
+"""Formats that trimesh reads: glTF 2.0 with checks of features that it skips silently, and STL, PLY and OFF.
 
 Reader of glTF 2.0 and GLB, through trimesh, with checks of features that trimesh silently skips.
 

@@ -1,4 +1,4 @@
-"""Distances to obstacles and bodies on the host, in float64: what starts inside one, and ridges that lie flush.
+"""Distances to obstacles and bodies on the host, in float64: overlaps at the start, and ridges that lie flush.
 
 Check that nothing starts inside an obstacle or a free body.
 

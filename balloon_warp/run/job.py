@@ -1,4 +1,4 @@
-"""Main job: simulate a scene, write its stage and what is made of it, and go on after a kill."""
+"""Main job: simulate a scene, write its stage and further files, and resume after a kill."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -73,7 +73,7 @@ class RunFiles:
 
     @property
     def made(self) -> dict[str, str | None]:
-        """Paths of what is made of the stage, for a summary."""
+        """Paths of the picture and the arrays, for a summary."""
         return {"picture": None, "points": None}
 
     def checked(self, scene: Scene) -> Self:
@@ -107,7 +107,7 @@ class RunFiles:
         self._files.close()
 
     def check_names(self, stage: Usd.Stage) -> None:
-        """Check what is to be made of the stage, whose frames are not there yet.
+        """Check the further files against the stage, whose frames are not there yet.
 
         Raises:
             InputError: it names a prim that the stage does not have.
@@ -209,7 +209,7 @@ def run_scene(
     """Simulate a scene and write its files; arguments and errors are those of `balloon_warp.animate`.
 
     Args:
-        files: Stage, and what is made of it.
+        files: Stage, and further files.
     """
     began = time.perf_counter()
     scene = scene_of(scene)

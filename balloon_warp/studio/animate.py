@@ -67,7 +67,7 @@ def notebook_picture(model: Model, frame: Frame) -> bytes | None:
 
 @dataclass
 class RequestedOutputs(RunFiles):
-    """Stage of a run, and what is made of it.
+    """Stage of a run, and files that are made from it.
 
     The stage is the output itself, or, where that is of another kind, in a hidden folder beside it, which is removed at
     the end of the `with` block.

@@ -1,4 +1,4 @@
-"""Adjoints of spheres: derivatives by their numbers, the log of what they meet, the paper's rule.
+"""Adjoints of spheres: derivatives by their numbers, the log of their contacts, the paper's rule.
 
 By the paper's rule a particle leaves a sphere, or will. Which particles are in which sphere is frozen; the normals are
 derived. A particle stores its bars of a sphere in `working.sphere_bars`, and the backward pass of spheres sums them,

@@ -1,4 +1,4 @@
-"""Kinds of contacts: how one says what touches, and lists it for a sweep; contact of particles with free bodies."""
+"""Kinds of contacts: each finds its contacts, and lists them for a sweep; contact of particles with free bodies."""
 
 from collections.abc import Callable
 from functools import cache

@@ -1,4 +1,4 @@
-"""Surfaces of a picture: shapes that rays hit, what they are made of, and the light of the studio.
+"""Surfaces of a picture: shapes that rays hit, their materials, and the light of the studio.
 
 Shapes are triangles, capsules (a sphere is a capsule of no length), ground and water; Y is up. The studio is a
 backdrop, a gentle sky, a large key softbox and a strip light opposite, all infinitely far away. Light passes through a

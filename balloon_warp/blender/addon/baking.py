@@ -1,4 +1,4 @@
-"""Bakes and previews as Blender sees them: a process of Balloon Warp, what it tells, and the message on the panel."""
+"""Bakes and previews as Blender sees them: a process of Balloon Warp, its messages, and the text on the panel."""
 
 import json
 import os

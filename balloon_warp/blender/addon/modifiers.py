@@ -117,7 +117,7 @@ def player(scene: Scene, name: str) -> Object | None:
 
 
 def refresh(scene: Scene) -> None:
-    """Let Blender show what the files of a bake have by now: frames and tears."""
+    """Play the frames and tears that a bake has written so far."""
     for thing, cache in caches_of(scene).items():
         found, tears = find(thing), find_tears(thing)
         if found and tears and (faces := tears[_socket(tears)]):

@@ -1,4 +1,4 @@
-"""The panel "Balloon" in the sidebar of the 3D view: what it shows, its buttons, and how Blender comes to know them."""
+"""The panel "Balloon" in the sidebar of the 3D view: its rows, its buttons, and how Blender comes to know them."""
 
 import atexit
 import textwrap

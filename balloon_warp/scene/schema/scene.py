@@ -161,7 +161,7 @@ class Change(Table):
 
 
 def _touch_of(given: Any) -> Any:
-    """Return the table that `true` stands for; what else is given as it is."""
+    """Return the table that `true` stands for, and any other value as it is."""
     return {} if given is True else given
 
 

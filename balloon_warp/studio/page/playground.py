@@ -309,7 +309,7 @@ class Playground:
         return float(np.interp(self.seconds, times, values))
 
     def step(self) -> Callable[[], BlowUp] | None:
-        """Simulate one frame; after a blow-up, return what finds its reason: see `Simulator.step_unexplained`."""
+        """Simulate one frame; after a blow-up, return a function that diagnoses it (`Simulator.step_unexplained`)."""
         return self.simulator.step_unexplained()
 
     def set(self, path: str, value: Any) -> None:
