@@ -345,7 +345,7 @@ def test_water_is_seen_where_its_level_is(fresh, served):
         above = redness(fresh)
         served.session.set("water.level", -2.0)
         served.session.step_once()
-        see(fresh, served, lambda: blue(fresh, 1.2) < 1_000, "the ground hides it")
+        see(fresh, served, lambda: blue(fresh, 1.2) < 400, "the ground hides it")
         assert redness(fresh) > 1.3 * above
 
 
