@@ -476,7 +476,7 @@ def clear_boxes(boxes: wp.array[EightBoxes], row: wp.int32):
     ...
 
 
-@wp.func_native('boxes.data[(unsigned int)row].data[0][0] = __builtin_nanf("");')
+@wp.func_native("boxes.data[(unsigned int)row].data[0][0] = NAN;")
 def forget_boxes(boxes: wp.array[EightBoxes], row: wp.int32):
     """Mark a row as one that is to be filled when it is looked at."""
     ...

@@ -1,6 +1,8 @@
 """Kernels compile for a GPU where there is none: the compiler comes with Warp."""
 
+import re
 import sys
+from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -9,6 +11,7 @@ import pytest
 import warp as wp
 from meshes import quad_sphere
 
+import balloon_warp
 from balloon_warp.kernels.adjoints.exchange import exchange_back_kernel
 from balloon_warp.kernels.compose import derive_helpers
 from balloon_warp.kernels.contact.free_frames import judge_kernel
@@ -29,6 +32,7 @@ from balloon_warp.schedules.patches import cut_into_patches, layout_of_patches, 
 
 pytestmark = pytest.mark.skipif(sys.platform == "darwin", reason="Warp has no CUDA there")
 HOPPER = 90
+ROOT = Path(balloon_warp.__file__).parent.parent
 GPU = SimpleNamespace(is_cpu=False, is_cuda=True, sm_count=132, max_shared_memory_per_block=226 << 10)
 """The properties of an H100 that layouts ask for"""
 IN_A_CORNER = Scene(
@@ -46,6 +50,26 @@ def compiled(kernel: Any, threads: int, folder: Path) -> str:
     kernel.module.options["block_dim"] = threads
     (path,) = wp.compile_aot_module(kernel.module, arch=HOPPER, module_dir=folder, use_ptx=True)
     return next(Path(path).parent.glob("*.ptx")).read_text()
+
+
+def files_with_kernels() -> list[str]:
+    """Return the modules of the package with kernels that are not made for a scene."""
+    roots = {"balloon_warp.kernels": ROOT / "kernels", "balloon_warp": ROOT / "balloon_warp"}
+    return [
+        ".".join([package, *file.relative_to(root).with_suffix("").parts])
+        for package, root in roots.items()
+        for file in sorted(root.rglob("*.py"))
+        if re.search(r"^@wp\.kernel", file.read_text(), re.MULTILINE)
+    ]
+
+
+def test_files_with_kernels_compile(tmp_path: Path):
+    """A file is one unit for the compiler: where a GPU's does not understand a function, it has none of its kernels."""
+    modules = [wp.get_module(import_module(name).__name__) for name in files_with_kernels()]
+    whole = [module for module in modules if any(not kernel.is_generic for kernel in module.kernels.values())]
+    assert len(whole) > 10
+    for module in whole:
+        assert wp.compile_aot_module(module, arch=HOPPER, module_dir=tmp_path, use_ptx=True)
 
 
 def model_for_a_gpu(source: Any) -> Model:
