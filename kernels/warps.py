@@ -237,6 +237,95 @@ def warp_sum(x: float) -> float:
 @wp.func_native(
     """
 #if defined(__CUDA_ARCH__)
+    return threadIdx.x & 31;
+#else
+    return 0;
+#endif
+    """
+)
+def lane_of_warp() -> wp.int32:
+    """Return the number of a thread in its warp; a warp of a CPU has one."""
+    ...
+
+
+@wp.func_native(
+    """
+#if defined(__CUDA_ARCH__)
+    return 32;
+#else
+    return 1;
+#endif
+    """
+)
+def lanes_of_warp() -> wp.int32:
+    """Return the number of threads of a warp."""
+    ...
+
+
+@wp.func_native(
+    """
+#if defined(__CUDA_ARCH__)
+    __syncwarp();
+#endif
+    """
+)
+def warp_barrier():
+    """Wait for all threads of the warp, and see all that they have written."""
+    ...
+
+
+@wp.func_native(
+    """
+#if defined(__CUDA_ARCH__)
+    for (int apart = 16; apart > 0; apart /= 2) {
+        x = fminf(x, __shfl_xor_sync(0xffffffffu, x, apart));
+    }
+#endif
+    return x;
+    """
+)
+def warp_min(x: float) -> float:
+    """Return the minimum over the threads of the warp; called by all of them."""
+    ...
+
+
+@wp.func_native(
+    """
+    int before = 0;
+#if defined(__CUDA_ARCH__)
+    const int lane = threadIdx.x & 31;
+    int sum = count;
+    for (int apart = 1; apart < 32; apart *= 2) {
+        const int other = __shfl_up_sync(0xffffffffu, sum, apart);
+        sum += lane >= apart ? other : 0;
+    }
+    before = sum - count;
+#endif
+    return before;
+    """
+)
+def sum_of_lanes_before(count: wp.int32) -> wp.int32:
+    """Return the sum over the threads of the warp before this one; called by all of them."""
+    ...
+
+
+@wp.func_native(
+    """
+#if defined(__CUDA_ARCH__)
+    return __shfl_xor_sync(0xffffffffu, x, apart);
+#else
+    return x;
+#endif
+    """
+)
+def beyond_lane(x: wp.int32, apart: wp.int32) -> wp.int32:
+    """Return the value of the thread of the warp whose number differs by one bit; called by all of them."""
+    ...
+
+
+@wp.func_native(
+    """
+#if defined(__CUDA_ARCH__)
     return __shfl_sync(0xffffffffu, x, thread);
 #else
     return x;
