@@ -27,7 +27,7 @@ from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.working import LENGTHS, EightBoxes, EightPlaces
 from balloon_warp.model import Model, State
 from balloon_warp.model.state import Room
-from balloon_warp.schedules.contact_lists import FEW_THREADS, edge_count, threads_of_list, threads_of_search
+from balloon_warp.schedules.contact_lists import FEW_THREADS, edge_count, threads_of_list
 from balloon_warp.schedules.tables import Worlds
 from balloon_warp.schedules.touch_table import part_count, substeps_of_search
 from balloon_warp.system.warp_threads import launch, launch_tiled
@@ -36,8 +36,8 @@ BOX_THREADS = 128
 """Threads that loop over the particles of a balloon on a GPU"""
 MEET_THREADS = 32
 """Threads that loop over the balloons of a world on a GPU"""
-TREE_TURNS, TREE_SHARE = 32, 16
-"""Threads on a GPU that share a tree as an edge goes through it, a warp, and edges of these threads, if all do so"""
+SEEKING_SHARE = 4
+"""Edges of a thread on a GPU, if all go through trees"""
 LEAF_TURNS = 4
 """Threads on a GPU that share the leaves near a leaf"""
 PART_THREADS = 512
@@ -55,7 +55,7 @@ class TouchLaunches:
         # a thread for each item on a GPU; on a CPU one goes through them, and is soon done where nothing is near
         self._part_threads = working.near_parts.shape[1] if model.device.is_cuda else 1
         self._particle_threads = model.particle_count if model.device.is_cuda else 1
-        self._list_threads, self._search_threads = threads_of_list(model), threads_of_search(model)
+        self._list_threads = threads_of_list(model)
 
     def search(self, state: State, substep: int, points: wp.array, velocities: wp.array) -> None:
         """Search for contacts, at a frame's first substep, and now and then after it where particles have strayed."""
@@ -92,11 +92,11 @@ class TouchLaunches:
         place: dict[str, Any] = {"dim": (m.world_count, particles), "device": m.device, "block_dim": FEW_THREADS}
         moving = self._worlds.of(state), points, velocities, working
         launch(searching_kernel(self._features, self._eight), inputs=[t, particles, *moving], **place)
-        place["dim"] = m.world_count, self._search_threads
+        place["dim"] = m.world_count, self._list_threads
         if self._eight:
             launch(line_up_boxes, m.world_count, [t, working], device=m.device)
         kernel = find_kernel(self._features, self._fast_math, self._eight)
-        launch(kernel, inputs=[t, self._search_threads, *moving], **place)
+        launch(kernel, inputs=[t, self._list_threads, *moving], **place)
         if substep == 0:  # history is unknown where a run begins with a saved state
             wp.copy(working.forces_taken, working.force_quanta)
             for counted in (working.contacts, working.touched):
@@ -106,7 +106,7 @@ class TouchLaunches:
 
     def _query_edges(self, points: wp.array, velocities: wp.array) -> None:
         m, features, edges = self.model, self._features, self._tables.touch.edges.shape[0]
-        kernels = [(edge_query_kernel, edges, 1), (trees_kernel, TREE_TURNS * -(-edges // TREE_SHARE), TREE_TURNS)]
+        kernels = [(edge_query_kernel, edges, 1), (trees_kernel, -(-edges // SEEKING_SHARE), 1)]
         if features.touches_itself:
             kernels.append((leaves_kernel, LEAF_TURNS * self._working.near_parts.shape[1] // 2, LEAF_TURNS))
         for kernel, threads, turns in [*kernels, (measuring_kernel, edges, 1)]:

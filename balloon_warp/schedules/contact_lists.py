@@ -14,7 +14,6 @@ import warp as wp
 from balloon_warp.kernels.contact.contact import Contact
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.tables import HEALTHY
-from balloon_warp.kernels.warps import WARP_THREADS
 from balloon_warp.kernels.working import LISTS
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.model import Model, State, overwrite
@@ -176,8 +175,6 @@ MOST_AT_ONCE = 65_536
 """Number of threads that a GPU has at once, where each takes many registers, or more"""
 FEW_THREADS = 64
 """Threads of a block, where each takes many registers"""
-WARP_SHARE = 4
-"""Particles of a warp that searches for them, over those of a thread that loops over a list"""
 
 
 def has_many(model: Model) -> bool:
@@ -194,8 +191,3 @@ def threads_of_list(model: Model) -> int:
         return 1
     wanted = max(model.particle_count // 8, min(ENOUGH_THREADS // model.world_count, model.particle_count))
     return -(-wanted // FEW_THREADS) * FEW_THREADS
-
-
-def threads_of_search(model: Model) -> int:
-    """Return the number of threads, by whole warps, that search for a list of a world's particles."""
-    return int(WARP_THREADS) * threads_of_list(model) // WARP_SHARE if model.device.is_cuda else 1

@@ -459,21 +459,16 @@ def trees_kernel(features: Features) -> Any:
     @wp.func
     def go_through(
         t: Tables, working: Working, world: wp.int32, edge: wp.int32, own: wp.int32, balloon: wp.int32,
-        turn: wp.int32, turns: wp.int32, points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
+        points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
     ):  # fmt: skip
-        """List the edges of a balloon that an edge may touch, of its own those of a higher number.
-
-        Threads share a tree: each has a range of its parts, which lie depth first.
-        """
+        """List the edges of a balloon that an edge may touch, of its own those of a higher number."""
         swept = box_of_edge(working, world, edge)
         search_distance = float(pad_between(t, world, own, balloon))
-        first = int_at(t.touch.balloon_parts, balloon)
-        end = int_at(t.touch.balloon_parts, balloon + 1)
+        at = int_at(t.touch.balloon_parts, balloon)
+        last = int_at(t.touch.balloon_parts, balloon + 1)
         if balloon == own:
             search_distance = pad_with_search_margin(t, working, world, own, search_distance)
-            first = wp.max(first, int_at(t.touch.edge_homes, edge))
-        at = first + turn * (end - first) // turns
-        last = first + (turn + 1) * (end - first) // turns
+            at = wp.max(at, int_at(t.touch.edge_homes, edge))
         while at < last:
             after = four_ints_at(t.touch.parts, at)[0]
             if are_near(swept, box_of_part(working, world, at), search_distance):
@@ -493,13 +488,12 @@ def trees_kernel(features: Features) -> Any:
         # out
         working: Working,
     ):
-        """Find the edges near those that seek any, by some threads a world, of which so many share an edge."""
+        """Find the edges near those that seek any, by some threads a world."""
         world, thread = wp.tid()
         if is_searched(working, world):
             count = working.list_lengths[world, SEEKING]
             are_all = count > working.query_edges.shape[1]  # not listed all
-            queries = wp.where(are_all, t.touch.edges.shape[0], count)
-            for place in range(thread // turns, queries, threads // turns):
+            for place in range(thread, wp.where(are_all, t.touch.edges.shape[0], count), threads):
                 sought = wp.vec2i(place, 0)
                 trees = wp.int32(1)
                 if not are_all:
@@ -511,10 +505,7 @@ def trees_kernel(features: Features) -> Any:
                     if are_all:
                         sought[1] = working.neighbors[world, own, tree]
                     if not are_all or needs_tree_query(t, working, world, sought[0], own, sought[1]):
-                        go_through(
-                            t, working, world, sought[0], own, sought[1], thread % turns, turns, points[world],
-                            velocities[world],
-                        )  # fmt: skip
+                        go_through(t, working, world, sought[0], own, sought[1], points[world], velocities[world])
 
     return find_edges_in_trees
 

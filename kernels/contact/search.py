@@ -39,7 +39,6 @@ from balloon_warp.kernels.contact.boxes import (
 )
 from balloon_warp.kernels.contact.triangles import (
     are_neighbors,
-    as_first,
     begin_of_parts,
     candidate_of,
     end_of_parts,
@@ -61,17 +60,7 @@ from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.contact import Place, is_nearer, skin_functions
 from balloon_warp.kernels.memory import four_ints_at, int_at, triple_at, vector_at
 from balloon_warp.kernels.tables import Tables, WorldState
-from balloon_warp.kernels.warps import (
-    any_in_warp,
-    beyond_lane,
-    lane_of_warp,
-    lanes_of_warp,
-    next_place,
-    of_thread,
-    sum_of_lanes_before,
-    warp_barrier,
-    warp_min,
-)
+from balloon_warp.kernels.warps import next_place
 from balloon_warp.kernels.working import LOOKING, OF_PAIRS, OF_TRIANGLES, PAIRS, TOUCHING, Working, request_capacity
 
 FAR = wp.constant(1.0e10)
@@ -243,25 +232,6 @@ class NearTriangles:
     count: wp.int32  # triangles in the particle's list, those for which it has no room, too
 
 
-@wp.func
-def nearest_of_warp(t: Tables, points: wp.array[wp.vec3], point: wp.vec3, found: NearTriangles):
-    """Return the nearest of the triangles that the threads of a warp have found, the same in each of them."""
-    apart = lanes_of_warp() // 2
-    while apart > 0:
-        theirs = beyond_lane(found.nearest, apart)
-        if theirs != found.nearest:
-            place = Place()
-            if theirs >= 0:
-                place = triangle_beside(t, points, theirs, point)
-            mine_first = (lane_of_warp() & apart) == 0
-            nearer = wp.where(mine_first, is_nearer(place, found.place), not is_nearer(found.place, place))
-            if theirs >= 0 and (found.nearest < 0 or nearer):
-                found.place = place
-                found.nearest = theirs
-        apart = apart // 2
-    return found
-
-
 @cache
 def near_triangles_function(features: Features, lists: bool, eight: bool = False) -> Any:
     """Return the function that loops over the triangles of a balloon that a particle may touch.
@@ -280,10 +250,10 @@ def near_triangles_function(features: Features, lists: bool, eight: bool = False
         t: Tables, working: Working, world: wp.int32, particle: wp.int32, balloon: wp.int32, other: wp.int32,
         points: wp.array[wp.vec3], velocities: wp.array[wp.vec3], wanted: TriangleQuery,
     ):  # fmt: skip
-        """Find triangles of another balloon, or of the particle's own, by all threads of a warp.
+        """Find triangles of another balloon, or of the particle's own.
 
-        Each has a range of the parts, which lie depth first. In two steps, which the threads take together: boxes of
-        parts and of triangles select candidates, which are then tested.
+        In two steps, which the threads of a warp take together: boxes of parts and of triangles select candidates,
+        which are then tested.
         """
         point = vector_at(points, particle)
         first = wanted.count
@@ -300,14 +270,12 @@ def near_triangles_function(features: Features, lists: bool, eight: bool = False
             if balloon == other:
                 search.home = int_at(t.touch.homes, particle)
                 search.listed = working.near_part_counts[world, search.home]
-        first_part = begin_of(t, other, search.listed)
-        parts = end_of(t, other, search.listed) - first_part
-        search.at = first_part + lane_of_warp() * parts // lanes_of_warp()
-        search.last = first_part + (lane_of_warp() + 1) * parts // lanes_of_warp()
+        search.at = begin_of(t, other, search.listed)
+        search.last = end_of(t, other, search.listed)
         queue = Queue()
-        while any_in_warp(search.at < search.last):
-            search.of_triangles = warp_min(found.place.squared)
-            search.of_parts = wp.min(search.of_triangles, reach * reach)
+        while search.at < search.last:
+            search.of_triangles = found.place.squared
+            search.of_parts = wp.min(found.place.squared, reach * reach)
             waiting = wp.int32(0)
             if wp.static(eight):
                 queue, waiting, at = fill_queue(t, working, world, particle, balloon, other, points, velocities, search)
@@ -321,7 +289,6 @@ def near_triangles_function(features: Features, lists: bool, eight: bool = False
                             if comes_near(t, points, velocities, particle, triangle, search.of_triangles, search.pad):
                                 queue[waiting] = triangle
                                 waiting += 1
-            kept = wp.int32(0)
             for turn in range(waiting):
                 triangle = queue[turn]
                 if wp.static(eight):
@@ -330,23 +297,17 @@ def near_triangles_function(features: Features, lists: bool, eight: bool = False
                     place = triangle_beside(t, points, triangle, point)
                 if wp.static(lists):
                     if place.squared <= found.place.squared:
-                        queue[kept] = candidate_of(
-                            triangle, is_behind(t, triangle, place, wanted.behind, wanted.beside)
-                        )
-                        kept += 1
+                        if found.count < working.candidates.shape[2]:
+                            working.candidates[world, particle, found.count] = candidate_of(
+                                triangle,
+                                is_behind(t, triangle, place, wanted.behind, wanted.beside),
+                                found.count == first,
+                            )
+                        found.count += 1
                 else:
                     if is_nearer(place, found.place):
                         found.place = place
                         found.nearest = triangle
-            if wp.static(lists):
-                begin = found.count + sum_of_lanes_before(kept)
-                for at in range(kept):
-                    if begin + at < working.candidates.shape[2]:
-                        entry = wp.where(begin + at == first, as_first(queue[at]), queue[at])
-                        working.candidates[world, particle, begin + at] = entry
-                found.count = of_thread(begin + kept, lanes_of_warp() - 1)
-        if wp.static(not lists):
-            found = nearest_of_warp(t, points, point, found)
         return found
 
     return nearby
@@ -421,10 +382,8 @@ def finding_functions(features: Features, eight: bool = False) -> Any:
                 listed = list_those(t, working, world, particle, balloon, other, points, velocities, wanted)
                 if wp.static(features.touches_itself):
                     if crossed:
-                        warp_barrier()
-                        if lane_of_warp() == 0:
-                            begin, end = count, wp.min(listed.count, working.candidates.shape[2])
-                            keep_side(t, working, world, particle, found.nearest, hold, deepest, points, begin, end)
+                        begin, end = count, wp.min(listed.count, working.candidates.shape[2])
+                        keep_side(t, working, world, particle, found.nearest, hold, deepest, points, begin, end)
                 count = listed.count
         return count
 
@@ -587,20 +546,6 @@ def find_kernel(features: Features, fast_math: bool = False, eight: bool = False
     line_up_neighbors = lining_function(features)
 
     @wp.func
-    def keep_count(state: WorldState, working: Working, world: wp.int32, particle: wp.int32, count: wp.int32):
-        """Keep the length of a particle's list, and list the particle if it may touch any."""
-        room = working.candidates.shape[2]
-        if count > room:
-            request_capacity(working, world, OF_TRIANGLES, count, count - room)
-            count = room
-        working.candidate_counts[world, particle] = count
-        if count > 0 or state.holds[world, particle][3] != 0.0:
-            put_on_list(working, world, TOUCHING, particle)
-        if wp.static(features.edges_meet):
-            if working.list_lengths[world, PAIRS] > 0:  # edges are near, so that particles beside them are looked at
-                list_beside_edges(working, world, particle, count)
-
-    @wp.func
     def list_triangles(
         t: Tables,
         state: WorldState,
@@ -620,7 +565,7 @@ def find_kernel(features: Features, fast_math: bool = False, eight: bool = False
         velocity = vector_at(velocities, particle)
         count = working.candidate_counts[world, particle]
         if working.near_balloons[world, balloon] != KNOWN:
-            may_be_deep = any_in_warp(state.deep[world, particle] == wp.int8(1))  # read before any of them writes
+            may_be_deep = state.deep[world, particle] == wp.int8(1)
             state.deep[world, particle] = wp.int8(0)
             if working.near_balloons[world, balloon] == SEARCHES:
                 place = wp.int32(0)
@@ -630,8 +575,16 @@ def find_kernel(features: Features, fast_math: bool = False, eight: bool = False
                         count = find_of_balloon(
                             t, state, working, world, particle, balloon, other, points, velocities, may_be_deep, count
                         )
-        if lane_of_warp() == 0:
-            keep_count(state, working, world, particle, count)
+        room = working.candidates.shape[2]
+        if count > room:
+            request_capacity(working, world, OF_TRIANGLES, count, count - room)
+            count = room
+        working.candidate_counts[world, particle] = count
+        if count > 0 or state.holds[world, particle][3] != 0.0:
+            put_on_list(working, world, TOUCHING, particle)
+        if wp.static(features.edges_meet):
+            if working.list_lengths[world, PAIRS] > 0:  # edges are near, so that particles beside them are looked at
+                list_beside_edges(working, world, particle, count)
 
     @wp.kernel(
         module="unique",
@@ -651,11 +604,10 @@ def find_kernel(features: Features, fast_math: bool = False, eight: bool = False
         # out
         working: Working,
     ):
-        """Find the triangles near each particle, by some warps a world."""
+        """Find the triangles near each particle, by some threads a world."""
         world, thread = wp.tid()
         if is_searched(working, world):
-            lanes = lanes_of_warp()
-            for place in range(thread // lanes, working.list_lengths[world, LOOKING], threads // lanes):
+            for place in range(thread, working.list_lengths[world, LOOKING], threads):
                 particle = working.particle_lists[world, LOOKING, place]
                 if wp.static(eight):
                     before = working.particle_lists[world, LOOKING, wp.max(place - 1, 0)]

@@ -49,19 +49,14 @@ def are_neighbors(t: Tables, balloon: wp.int32, first: wp.int32, second: wp.int3
 
 
 @wp.func
-def candidate_of(triangle: wp.int32, is_behind: bool):
+def candidate_of(triangle: wp.int32, is_behind: bool, is_first: bool):
     """Return the list entry of a triangle.
 
     Args:
         is_behind: Whether the particle is behind the triangle.
+        is_first: Whether the entry is the first of its balloon.
     """
-    return 4 * triangle + wp.where(is_behind, 1, 0)
-
-
-@wp.func
-def as_first(candidate: wp.int32):
-    """Return a list entry as the first of its balloon."""
-    return candidate | 2
+    return 4 * triangle + wp.where(is_first, 2, 0) + wp.where(is_behind, 1, 0)
 
 
 @wp.func
