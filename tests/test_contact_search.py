@@ -31,6 +31,7 @@ from balloon_warp.kernels import OPTIONS
 from balloon_warp.kernels.contact.boxes import SPARE, box_balloons, box_parts_of_worlds, lining_function
 from balloon_warp.kernels.contact.free_frames import OwnParts, min_distance_between, place_part
 from balloon_warp.kernels.contact.search import neighbor_function, next_of_eight
+from balloon_warp.kernels.contact.spheres import part_until_face
 from balloon_warp.kernels.contact.triangles import near_parts_kernel
 from balloon_warp.kernels.laws.contact import NEAR_BODY, NEVER
 from balloon_warp.kernels.laws.touch import facing_of, part_until_contact
@@ -204,26 +205,30 @@ def test_a_particle_looks_at_the_balloons_whose_boxes_its_way_meets():
 
 @wp.kernel(enable_backward=False)
 def meet_all(
-    starts: wp.array[wp.mat33], ends: wp.array[wp.mat33], centers: wp.array2d[wp.vec3], radii: wp.array[float],
-    found: wp.array[float],
+    t: Tables, starts: wp.array[wp.mat33], ends: wp.array[wp.mat33], centers: wp.array2d[wp.vec3],
+    radii: wp.array[float], corners: wp.array2d[wp.vec3], found: wp.array2d[float],
 ):  # fmt: skip
     i = wp.tid()
     facing = facing_of(centers[0, i], centers[1, i], radii[i], starts[i], ends[i])
-    part, _looks = part_until_contact(facing, radii[i])
-    found[i] = part
+    part, looks = part_until_contact(facing, radii[i])
+    found[0, i] = part
+    found[1, i] = float(looks)
+    found[2, i] = part_until_face(t, i, centers[0, i], centers[1, i], radii[i], 1.0, corners[0], corners[1])
 
 
 def test_a_sphere_that_comes_through_a_triangle_is_met_before_half_its_radius():
     """A sphere is met nearer than its radius, and never by half of that, as steps go no further than by half of the
-    distance; judged by 4,000 looks on the way."""
+    distance; judged by 4,000 looks on the way. Boxes around the ways hide none of these meetings."""
     rng, count = np.random.default_rng(6), 400
     starts = rng.normal(size=(count, 3, 3))
     ends, centers = starts + rng.normal(size=starts.shape), 1.5 * rng.normal(size=(2, count, 3))
     radii = rng.uniform(0.1, 0.4, count)
-    found = wp.zeros(count, dtype=float, device="cpu")
+    found, t = wp.zeros((3, count), dtype=float, device="cpu"), Tables()
+    t.spheres.triangles = wp.array(np.arange(3 * count).reshape(-1, 3), dtype=wp.vec3i, device="cpu")
     of_types = ((starts, wp.mat33), (ends, wp.mat33), (centers, wp.vec3), (radii, float))
     given = [wp.array(values, dtype=kind, device="cpu") for values, kind in of_types]
-    wp.launch(meet_all, count, [*given, found], device="cpu")
+    corners = wp.array(np.stack([starts, ends]).reshape(2, -1, 3), dtype=wp.vec3, device="cpu")
+    wp.launch(meet_all, count, [t, *given, corners, found], device="cpu")
     parts = np.linspace(0.0, 1.0, 4001)[:, None, None]
 
     def distance(part: np.ndarray) -> np.ndarray:
@@ -231,13 +236,16 @@ def test_a_sphere_that_comes_through_a_triangle_is_met_before_half_its_radius():
         at = np.concatenate([center[..., None, :], corners], axis=-2).reshape(-1, 4, 3)
         return np.linalg.norm((point_triangle(at) * at).sum(axis=1), axis=1).reshape(-1, count)
 
-    away, told = distance(parts) / radii, found.numpy()
+    away, (told, looks, of_faces) = distance(parts) / radii, found.numpy()
     outside, met = away[0] > 1.0, told <= 1.0
     near = distance(told[None, :, None])[0] / radii
     assert met[outside & (away < 0.5).any(axis=0)].all()
     assert (near[outside & met] > 0.5 - 1e-4).all()
     assert (near[met] < 1.0 + 1e-4).all()
     np.testing.assert_array_equal(told[(away > 1.0).all(axis=0)], float(NEVER))
+    np.testing.assert_array_equal(of_faces, told)
+    np.testing.assert_array_equal(looks[told == 0.0], 1.0)
+    assert (looks[met & (told > 0.0)] > 1.0).all()
     assert min((outside & met).sum(), (~met).sum()) > 50
 
 

@@ -80,6 +80,20 @@ SHORT = 4
 """Length of short lists of triangles, whole fours; of others it is 1"""
 
 
+def test_worlds_that_share_the_ground_move_as_one_does(device: str):
+    """A ball falls on one that lies on the ground, of which all worlds read one row."""
+    balls = [Sphere(position=(0.02, y, 0.0), radius=0.2, mass=1.0, restitution=0.5) for y in (0.7, 0.21)]
+    scene = Scene(balloon=[Balloon(mesh=quad_sphere(2), position=(0.0, 5.0, 0.0))], sphere=balls, ground=Ground())
+    alone, beside = (Simulator(scene, device, worlds, schedule="gather") for worlds in (1, 3))
+    for simulator in (alone, beside):
+        for _ in range(24):
+            simulator.step_unread()
+    for name in ("sphere_positions", "sphere_velocities", "sphere_spins"):
+        expected, found = (getattr(each.state, name).numpy() for each in (alone, beside))
+        np.testing.assert_array_equal(found, np.broadcast_to(expected, found.shape))
+    assert alone.state.sphere_positions.numpy()[0, 1, 1] > 0.1999
+
+
 @pytest.fixture
 def short_lists(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     """Make lists short at first."""

@@ -11,6 +11,7 @@ from conserved import advanced, after_each, energy, masses, momentum, motion, pu
 from law_functions import COUNT, called
 from meshes import cube, mesh_of, quad_sphere
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from balloon_warp import Atmosphere, Balloon, Ground, Inflation, Obstacle, Scene, Simulator, Sphere, Stiffness
 from balloon_warp.blow_ups import Pulls
@@ -173,6 +174,20 @@ def test_one_that_is_not_there_yet_meets_none(device: str):
     centers, velocities = after(simulator, 10)
     assert 0.33 < centers[1, 0] - centers[0, 0] < 0.4
     assert np.abs(velocities).max() == 0.0
+
+
+@pytest.mark.parametrize("rotation", [(10.0, 0.0, 20.0), (-35.0, 40.0, 15.0)])
+def test_a_sphere_leaves_a_tilted_box_from_where_it_met_it(rotation: tuple[float, float, float], device: str):
+    """Without friction and gravity a sphere goes on along the mirrored way, within what it covers in a step."""
+    normal = Rotation.from_euler("xyz", rotation, degrees=True).apply((0.0, 1.0, 0.0))
+    way, start, radius, seconds = np.array([0.5, -3.0, 0.2]), np.array([0.1, 0.9, 0.0]), 0.2, 0.5
+    floor = Obstacle(size=(8.0, 0.2, 8.0), rotation=rotation, friction=0.0, restitution=1.0)
+    ball = Sphere(position=tuple(start), velocity=tuple(way), radius=radius, mass=1.0, restitution=1.0, friction=0.0)
+    centers, velocities = after(billiard(device, [ball], obstacle=[floor], contact="impulse"), round(seconds * 100))
+    met = (0.1 + radius - start @ normal) / (way @ normal)
+    mirrored = way - 2.0 * (way @ normal) * normal
+    np.testing.assert_allclose(velocities[0], mirrored, atol=1e-5)
+    np.testing.assert_allclose(centers[0], start + met * way + (seconds - met) * mirrored, atol=3.1e-3)
 
 
 @pytest.mark.parametrize("contact", ["penalty", "impulse"])
