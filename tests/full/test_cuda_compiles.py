@@ -9,12 +9,17 @@ from typing import Any
 
 import pytest
 import warp as wp
+from feature_sets import feature_set
 from meshes import quad_sphere
 
 import balloon_warp
 from balloon_warp.kernels.adjoints.exchange import exchange_back_kernel
 from balloon_warp.kernels.compose import derive_helpers
+from balloon_warp.kernels.contact.boxes import meet_kernel
+from balloon_warp.kernels.contact.edges import edge_query_kernel, measuring_kernel, trees_kernel
 from balloon_warp.kernels.contact.free_frames import judge_kernel
+from balloon_warp.kernels.contact.response import response_kernel
+from balloon_warp.kernels.contact.search import find_kernel, searching_kernel
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.schedules.block import kernel_of_frame
 from balloon_warp.kernels.schedules.block_backward import kernel_again, kernel_backwards
@@ -27,7 +32,7 @@ from balloon_warp.schedules.block_layout import layout_of, step_of
 from balloon_warp.schedules.contact_horizon import busy_features, free_features
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.gather import GatherSchedule
-from balloon_warp.schedules.launched import EDGE_THREADS, TEAM_THREADS
+from balloon_warp.schedules.launched import EDGE_THREADS, TEAM_THREADS, TEAM_THREADS_OF_SMALL
 from balloon_warp.schedules.patches import cut_into_patches, layout_of_patches, step_of_patches
 
 pytestmark = pytest.mark.skipif(sys.platform == "darwin", reason="Warp has no CUDA there")
@@ -125,6 +130,25 @@ def test_edges_that_touch_compile(tmp_path: Path):
     step = GatherSchedule.step_of(model, model_features(model))
     (piece,) = (each for each in step.pieces if each.name == "worlds_meet")
     assert "bar.red" in compiled(kernel_of(step, piece), EDGE_THREADS, tmp_path)
+
+
+@pytest.mark.parametrize("name", ["all", "faces"])
+def test_launches_of_everything_compile(name: str, tmp_path: Path):
+    """Each piece of a substep, and each piece of the search for contacts: who touches what in every way."""
+    model = build_model(feature_set(name), "cpu", 2)
+    features = model_features(model)
+    step = GatherSchedule.step_of(model, features)
+    pieces = [each for each in step.pieces if each.item != "launches"]
+    kernels = [
+        kernel_of(step, each, part) for each in pieces for part in (("part", "parts") if each.sums else ("all",))
+    ]
+    searches = (meet_kernel, searching_kernel, edge_query_kernel, trees_kernel, measuring_kernel)
+    kernels += [make(features) for make in searches if features.touches]
+    if features.touches:
+        kernels += [find_kernel(features, True), response_kernel(features, True, False)]
+    assert len(kernels) > 10
+    for kernel in kernels:
+        assert compiled(kernel, TEAM_THREADS_OF_SMALL, tmp_path / kernel.module.name)
 
 
 def test_an_exchange_of_momentum_backwards_compiles(tmp_path: Path):
