@@ -31,9 +31,8 @@ from balloon_warp.batch import table
 from balloon_warp.batch import table as table_csv
 from balloon_warp.batch import table as table_parquet
 from balloon_warp.batch.batch import BatchSummary
-from balloon_warp.batch.output import BatchOutput, describe_batch
 from balloon_warp.batch.recorder import Recorder, columns_of, describe_columns, plan_groups
-from balloon_warp.batch.task import BatchTask, Failures, batch_checkpoints
+from balloon_warp.batch.task import BatchOutput, BatchTask, Failures, batch_checkpoints, describe_batch
 from balloon_warp.blow_ups import BlowUp, Pull
 from balloon_warp.farm import cluster
 from balloon_warp.farm.cluster import FAILURES, ShareJournal

@@ -35,11 +35,10 @@ from balloon_warp import Balloon, Inflation, InputError, PolygonMesh, Scene, Sim
 from balloon_warp.cli.app import app
 from balloon_warp.mesh import topology
 from balloon_warp.mesh import topology as geometry
-from balloon_warp.mesh.load import Treatment, prepared
+from balloon_warp.mesh.load import Treatment, open_seam, prepared, welded, welded_along_seams
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.mesh.orientation import facing_outward
 from balloon_warp.mesh.repair import Lid, border_loops, distinct_faces, lid_across, repaired, with_lids
-from balloon_warp.mesh.seams import open_seam, welded, welded_along_seams
 from balloon_warp.mesh.topology import (
     border_edges,
     component_count,
@@ -54,7 +53,7 @@ from balloon_warp.mesh.topology import (
 )
 from balloon_warp.model import plan_model
 from balloon_warp.model.shape import shape_balloon
-from balloon_warp.scene.write import write_scene
+from balloon_warp.scene.text import write_scene
 
 
 def inward(mesh: PolygonMesh) -> PolygonMesh:

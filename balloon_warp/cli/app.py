@@ -8,16 +8,14 @@ from typing import Annotated
 
 import typer
 
-from balloon_warp.cli.batch import batch
+from balloon_warp.cli.files import check, compare, convert, foil, inspect, remesh, render
 from balloon_warp.cli.lab import design, fit
 from balloon_warp.cli.machine import bench, doctor, kernel, scenes, warm_up
-from balloon_warp.cli.meshes import foil, inspect, remesh
 from balloon_warp.cli.options import Command, UsageError, spread, usage_sentence
 from balloon_warp.cli.progress import Console, with_options
-from balloon_warp.cli.run import run, view
-from balloon_warp.cli.stages import check, compare, convert, render
+from balloon_warp.cli.simulate import batch, run, view
 from balloon_warp.errors import BlowUpError, InputError, MissingExtraError, StoppedError, WorkersLostError
-from balloon_warp.system.streams import OutputLostError, lose_output
+from balloon_warp.system.process import OutputLostError, lose_output
 
 
 def _print_version(wanted: bool) -> None:

@@ -13,7 +13,7 @@ from balloon_warp.cli.options import OUTPUT, Changes, Device, Json, MeshOptions,
 from balloon_warp.cli.progress import Console
 from balloon_warp.errors import InputError
 from balloon_warp.scene.load import bundled_scenes, load_scene, scene_name
-from balloon_warp.scene.write import scene_toml, write_scene
+from balloon_warp.scene.text import scene_toml, write_scene
 from balloon_warp.system.warp_setup import quiet_warp
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from balloon_warp.errors import InputError, ask, did_you_mean
 from balloon_warp.mesh.crossings import Taken
 from balloon_warp.mesh.load import LARGEST_GAP, LEAST_GAP, Parts, load_mesh
 from balloon_warp.mesh.polygon_mesh import METERS, UpAxis
-from balloon_warp.run.provenance import command_without_folders
+from balloon_warp.run.report import command_without_folders
 from balloon_warp.scene import Scene
 from balloon_warp.scene.load import (
     Override,
@@ -691,7 +691,7 @@ class Changes:
         """
         with self._naming_options():
             if vary:
-                from balloon_warp.model.timeline import scene_to_vary  # loads the simulator
+                from balloon_warp.model.parameters import scene_to_vary  # loads the simulator
 
                 loaded = scene_to_vary(scene, vary, self.overrides)
             else:

@@ -5,8 +5,7 @@ from importlib.util import find_spec
 from typing import Any
 
 from balloon_warp.errors import MissingExtraError
-from balloon_warp.learn.torch_worlds import TorchWorlds
-from balloon_warp.learn.vector_env import BalloonVectorEnv
+from balloon_warp.learn.vector_env import BalloonVectorEnv, TorchWorlds
 
 if not find_spec("rl_games"):
     raise MissingExtraError("balloon_warp.learn.rl_games needs rl_games: pip install rl-games")

@@ -16,8 +16,8 @@ from balloon_warp.kernels.laws.air import ALIKE, GAS_CONSTANT, HIGHEST, density_
 from balloon_warp.kernels.laws.gas import STANDARD_PRESSURE
 from balloon_warp.kernels.laws.outer import EVENED
 from balloon_warp.kernels.laws.springs import KINDS
+from balloon_warp.mesh.load import open_seam, welded
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
-from balloon_warp.mesh.seams import open_seam, welded
 from balloon_warp.mesh.topology import (
     border_edges,
     face_areas,
@@ -37,9 +37,9 @@ from balloon_warp.model.materials import law_of, numbers_of, slopes_by_stretches
 from balloon_warp.model.model import Model
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape, mean_radius, pressure_of_stretch
-from balloon_warp.model.spectrum import ALL
 from balloon_warp.model.state import State
 from balloon_warp.scene import Balloon, Scene
+from balloon_warp.springs.even import ALL
 
 MOST_VERTICES = 12_000
 """Largest number of vertices of a balloon whose volume is predicted: with more, it would take longer than to begin"""

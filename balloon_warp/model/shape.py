@@ -21,11 +21,10 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws.springs import KINDS
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.crossings import check_mesh
-from balloon_warp.mesh.feasible import RIBBONS
 from balloon_warp.mesh.load import load_mesh, place_mesh, prepared
 from balloon_warp.mesh.orientation import pushed_outward, there_and_back
 from balloon_warp.mesh.polygon_mesh import with_unit_and_up
-from balloon_warp.mesh.thickness import LEAST, relative_thickness
+from balloon_warp.mesh.thickness import LEAST, RIBBONS, relative_thickness
 from balloon_warp.mesh.topology import (
     LEAST_SIZE,
     border_edges,
@@ -42,11 +41,10 @@ from balloon_warp.mesh.topology import (
     vertex_areas,
     vertex_components,
 )
-from balloon_warp.model.spectrum import pressure_bound
 from balloon_warp.scene import Balloon, Material, Scene, Stiffness
 from balloon_warp.springs import Springs
 from balloon_warp.springs.build import Hinges, Membrane, SpringKind, build_hinges, build_membrane, no_membrane
-from balloon_warp.springs.even import AT, balloon_springs, even_scales, film_tension, springs_across
+from balloon_warp.springs.even import AT, balloon_springs, even_scales, film_tension, pressure_bound, springs_across
 
 MOST_NAMED = 20
 """Largest number of groups that an error lists"""

@@ -8,9 +8,9 @@ from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.outer import GAS
 from balloon_warp.model import Model, State
 from balloon_warp.model.touch import is_in_layers
-from balloon_warp.schedules.block_layout import fits_in_block, thread_a_particle
-from balloon_warp.schedules.contact_horizon import looks_at_parts
 from balloon_warp.schedules.contact_lists import ContactLists
+from balloon_warp.schedules.framing import looks_at_parts
+from balloon_warp.schedules.layouts import fits_in_block, thread_a_particle
 from balloon_warp.schedules.touch_table import small_spheres
 
 
@@ -55,20 +55,23 @@ class Schedule(Protocol):
 SCHEDULES = {
     "scatter": ("gather", "ScatterSchedule"),
     "gather": ("gather", "GatherSchedule"),
-    "block": ("block", "BlockSchedule"),
-    "lanes": ("lanes", "LanesSchedule"),
-    "octets": ("lanes", "OctetsSchedule"),
+    "block": ("one_launch", "BlockSchedule"),
+    "lanes": ("one_launch", "LanesSchedule"),
+    "octets": ("one_launch", "OctetsSchedule"),
 }
 """Module and class of each schedule; modules load when first needed, since Warp takes a while to read their kernels"""
 
 AS_OCTETS = "lanes as octets"
 """Schedule of gradients alone: many worlds in lanes move as one does in `octets`, to the bit"""
-OF_GRADIENTS = {AS_OCTETS: ("lanes", "LanesAsOctetsSchedule")}
+OF_GRADIENTS = {AS_OCTETS: ("one_launch", "LanesAsOctetsSchedule")}
 
-IN_FREE_PATCHES = ("free_frames", "PatchedSchedule")
+IN_FREE_PATCHES = ("one_launch", "PatchedSchedule")
 """Module and class of `gather` where only free frames are moved in patches"""
 NEVER_FREE = ("gather", "PullingOctets")
 """Module and class of `octets` where no frame is free"""
+
+PROJECTIVE = "projective"
+"""Name of the implicit solver, which loads when first needed"""
 
 LAUNCHED = ("scatter", "gather")
 """Schedules that launch a kernel for each piece of a substep: in these alone rubber tears"""
@@ -143,7 +146,7 @@ def fastest_schedule(model: Model, world_count: int) -> str:
         return "block" if world_count >= enough and fits_in_block(model) else "gather"
     if not fits_in_block(model):
         return "gather"
-    from balloon_warp.schedules.features import model_features
+    from balloon_warp.schedules.tables import model_features
 
     many_launches = GAS in model.inflation_kind.numpy() or model.scene.correction != "none"
     some_launches = model.sphere_count > 0 or model_features(model).directions_on_the_way
@@ -169,13 +172,37 @@ def _in_patches(model: Model) -> Features | None:
     """Return the features with which `gather` moves a model in patches, maybe in free frames alone, or None."""
     if model.device.is_cpu or thread_a_particle(model) or only_launched(model):
         return None  # so that nothing of patches need be imported
-    from balloon_warp.schedules.contact_horizon import free_features, has_free_frames
-    from balloon_warp.schedules.features import model_features
-    from balloon_warp.schedules.free_frames import busy_in_blocks
-    from balloon_warp.schedules.patches import cut_into_patches
+    from balloon_warp.schedules.framing import free_features, has_free_frames
+    from balloon_warp.schedules.gather import cut_into_patches
+    from balloon_warp.schedules.one_launch import busy_in_blocks
+    from balloon_warp.schedules.tables import model_features
 
     features = model_features(model)
     is_near = features.always_busy or features.touches_itself
     if has_free_frames(features) and not is_near and not busy_in_blocks(model, features):
         features = free_features(features)
     return features if cut_into_patches(model, features) else None
+
+
+def solver_named(schedule: str, model: Model) -> type[Schedule]:
+    """Return the schedule of that name, or the fastest for the model with "auto", not made yet.
+
+    Where the scene asks for the implicit solver, it is that one, which is laid out in one way only.
+
+    Raises:
+        InputError: there is no such schedule, or the scene's solver has none.
+    """
+    if model.scene.solver != PROJECTIVE:
+        return schedule_named(schedule, model)
+    if schedule not in ("auto", PROJECTIVE):
+        raise InputError(f'schedule {schedule}: is for explicit steps; solver = "{PROJECTIVE}" needs auto')
+    from balloon_warp.schedules.projective import ProjectiveSolver
+
+    return ProjectiveSolver
+
+
+def resolved_solver(schedule: str, model: Model, world_count: int) -> str:
+    """Return `schedule`, with `auto` settled for a batch of that many worlds, of which the model may be any part."""
+    if schedule == "auto" and model.scene.solver == PROJECTIVE:
+        return PROJECTIVE
+    return resolved_schedule(schedule, model, world_count)

@@ -25,8 +25,14 @@ from balloon_warp.model import ModelPlan
 from balloon_warp.model.obstacles import initial_centers, moves, obstacle_motion, obstacle_poses
 from balloon_warp.model.starts import Carriers, anchors_of, start_of
 from balloon_warp.scene.load import is_there
-from balloon_warp.usd.balloon import author_velocities, define_balloon
-from balloon_warp.usd.lines import define_knot, define_string, knot_path, string_curve
+from balloon_warp.usd.balloon import (
+    author_velocities,
+    define_balloon,
+    define_knot,
+    define_string,
+    knot_path,
+    string_curve,
+)
 from balloon_warp.usd.material import identifier, prim_names, show_names
 from balloon_warp.usd.solids import (
     SIZES,

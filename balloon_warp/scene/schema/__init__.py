@@ -16,15 +16,19 @@ from balloon_warp.scene.schema.scene import (
     MESHED,
     WITHOUT_MESHES,
     Atmosphere,
+    Body,
     Box,
     Change,
+    Force,
     Ground,
+    Obstacle,
     Picture,
     Scene,
+    Sphere,
+    String,
     Tube,
     Water,
 )
-from balloon_warp.scene.schema.solids import Body, Force, Obstacle, Sphere, String
 
 __all__ = [
     "MESHED",
