@@ -29,8 +29,9 @@ from balloon_warp.model.derived import AUTO_MARGIN, MOST_SUBSTEPS, Network
 from balloon_warp.model.pressure import borne_pressures, passed_limit_point
 from balloon_warp.model.starts import ANCHORED, anchors_of
 from balloon_warp.scene import Scene
-from balloon_warp.schedules.choose import PROJECTIVE, Schedule
+from balloon_warp.schedules.choose import Schedule
 from balloon_warp.schedules.frames import HealthCheck
+from balloon_warp.solvers import PROJECTIVE
 
 POLICIES = ("freeze", "stop", "restart")
 """Policies: keep the last good frame; end everything; restart with half the step"""

@@ -22,9 +22,10 @@ from balloon_warp.model.pressure import keep_pressures
 from balloon_warp.model.setting import PlannedChanges, Setting, changed_parameters, plan_setting, with_changed_methods
 from balloon_warp.model.state import carry_kept_values, require_memory
 from balloon_warp.scene import SceneLike
-from balloon_warp.schedules.choose import Schedule, solver_named
+from balloon_warp.schedules.choose import Schedule
 from balloon_warp.schedules.contact_lists import overflow_remarks
 from balloon_warp.schedules.frames import RecordedFrame
+from balloon_warp.solvers import solver_named
 from balloon_warp.steering import Controls, Observations, Starts
 from balloon_warp.system.api import Shown, checked, described
 from balloon_warp.system.process import LENT, without_garbage_collection

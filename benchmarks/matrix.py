@@ -23,7 +23,7 @@ from balloon_warp.model import Model, build_model
 from balloon_warp.scene import Balloon, Body, Inflation, Obstacle, Scene
 from balloon_warp.scene.load import override_scene, parse_override
 from balloon_warp.schedules import SCHEDULES
-from balloon_warp.schedules.choose import PROJECTIVE, solver_named
+from balloon_warp.solvers import PROJECTIVE, solver_named
 from balloon_warp.system.warp_setup import quiet_warp
 
 

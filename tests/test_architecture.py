@@ -133,7 +133,7 @@ LAYERS = (
     ("springs", "scene"),
     ("model",),
     ("schedules",),
-    ("frame",),
+    ("frame", "solvers"),
     ("steering", "frame_reader"),
     ("usd",),
     ("blow_ups",),

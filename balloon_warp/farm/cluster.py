@@ -41,8 +41,8 @@ from balloon_warp.model import ModelPlan, Remark, lay_out, remarks_on
 from balloon_warp.model.state import require_memory
 from balloon_warp.run.checkpoints import Checkpoints, Part
 from balloon_warp.run.report import RunHeader
-from balloon_warp.schedules.choose import resolved_solver
 from balloon_warp.simulator import Simulator
+from balloon_warp.solvers import resolved_solver
 from balloon_warp.system.process import Interrupts
 from balloon_warp.system.warp_threads import pick_device
 

@@ -20,8 +20,8 @@ from balloon_warp.farm.cluster import Cluster
 from balloon_warp.farm.workers import UNGUARDED, UNSENT, as_sent, end_children, start_child, worker_environments
 from balloon_warp.kernels.steering import bound_observations, finish_step, restart_steps, take_actions
 from balloon_warp.learn.tasks import Task
-from balloon_warp.schedules.choose import resolved_solver
 from balloon_warp.simulator import Simulator
+from balloon_warp.solvers import resolved_solver
 from balloon_warp.steering.controls import copy_given
 from balloon_warp.studio.page.view import look_on
 from balloon_warp.system.warp_setup import quiet_warp

@@ -70,9 +70,6 @@ IN_FREE_PATCHES = ("one_launch", "PatchedSchedule")
 NEVER_FREE = ("gather", "PullingOctets")
 """Module and class of `octets` where no frame is free"""
 
-PROJECTIVE = "projective"
-"""Name of the implicit solver, which loads when first needed"""
-
 LAUNCHED = ("scatter", "gather")
 """Schedules that launch a kernel for each piece of a substep: in these alone rubber tears"""
 FEW_PARTICLES = 3072
@@ -182,27 +179,3 @@ def _in_patches(model: Model) -> Features | None:
     if has_free_frames(features) and not is_near and not busy_in_blocks(model, features):
         features = free_features(features)
     return features if cut_into_patches(model, features) else None
-
-
-def solver_named(schedule: str, model: Model) -> type[Schedule]:
-    """Return the schedule of that name, or the fastest for the model with "auto", not made yet.
-
-    Where the scene asks for the implicit solver, it is that one, which is laid out in one way only.
-
-    Raises:
-        InputError: there is no such schedule, or the scene's solver has none.
-    """
-    if model.scene.solver != PROJECTIVE:
-        return schedule_named(schedule, model)
-    if schedule not in ("auto", PROJECTIVE):
-        raise InputError(f'schedule {schedule}: is for explicit steps; solver = "{PROJECTIVE}" needs auto')
-    from balloon_warp.schedules.projective import ProjectiveSolver
-
-    return ProjectiveSolver
-
-
-def resolved_solver(schedule: str, model: Model, world_count: int) -> str:
-    """Return `schedule`, with `auto` settled for a batch of that many worlds, of which the model may be any part."""
-    if schedule == "auto" and model.scene.solver == PROJECTIVE:
-        return PROJECTIVE
-    return resolved_schedule(schedule, model, world_count)
