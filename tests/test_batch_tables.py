@@ -40,7 +40,7 @@ from balloon_warp.mesh.obj import write_obj
 from balloon_warp.mesh.topology import signed_volume, total_area
 from balloon_warp.run.checkpoints import Checkpoints, Part
 from balloon_warp.scene import Balloon, Box, Inflation, Scene, Sphere, Stiffness
-from balloon_warp.system.arrays import PAD, decimals
+from balloon_warp.system.files import PAD, decimals
 from balloon_warp.usd import stage as growing
 
 FLOAT32 = 1.2e-7  # its relative rounding

@@ -46,7 +46,7 @@ from balloon_warp.scene.text import write_scene
 from balloon_warp.scenes.model_print import dots
 from balloon_warp.studio import export, parts
 from balloon_warp.studio.render import render_stage, stage_reader
-from balloon_warp.system import arrays
+from balloon_warp.system import files as arrays
 from balloon_warp.usd.material import identifier
 from balloon_warp.usd.solids import AROUND, PROFILE, tube_points, tube_topology
 

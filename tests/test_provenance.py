@@ -526,7 +526,7 @@ def test_what_is_ignored_stays_ignored(monkeypatch, capsys):
     """An ignored signal stays ignored, as Ctrl-C is by a process that a shell started in the background."""
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        monkeypatch.setattr("balloon_warp.cli.machine._list_scenes", lambda: os.kill(os.getpid(), signal.SIGINT))
+        monkeypatch.setattr("balloon_warp.cli.app._list_scenes", lambda: os.kill(os.getpid(), signal.SIGINT))
         assert status_of("scenes") == 0
         assert capsys.readouterr().err == ""
         assert signal.getsignal(signal.SIGINT) == signal.SIG_IGN

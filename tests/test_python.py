@@ -20,7 +20,7 @@ import balloon_warp as bw
 from balloon_warp import InputError, MassProperties
 from balloon_warp.batch.batch import BatchSummary
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.scene.schema.fields import meaning_of
+from balloon_warp.scene.fields import meaning_of
 from balloon_warp.scene.text import tables, unsaid
 from balloon_warp.system.api import plain_docstring
 from balloon_warp.system.warp_setup import quiet_warp

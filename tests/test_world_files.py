@@ -25,7 +25,7 @@ from balloon_warp.farm.cluster import ShareJournal
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.run.report import describe_scene, hash_of_file
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene
-from balloon_warp.system import arrays
+from balloon_warp.system import files as arrays
 
 DATA_PAGE = (Path(__file__).parents[1] / "docs" / "DATA.md").read_text()
 WORLDS = 5

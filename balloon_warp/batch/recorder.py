@@ -42,8 +42,8 @@ from balloon_warp.model.parameters import (
 )
 from balloon_warp.run.report import mesh_label
 from balloon_warp.scene import Box, Scene
+from balloon_warp.scene.fields import meaning_of, table_in
 from balloon_warp.scene.load import override_scene
-from balloon_warp.scene.schema.fields import meaning_of, table_in
 from balloon_warp.simulator import Simulator
 from balloon_warp.steering.controls import rows_of_words
 from balloon_warp.system.warp_threads import launch, lock_of, recording, replay

@@ -28,8 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError, MissingExtraError
-from balloon_warp.system.arrays import PACKED, PAD, NamedArrays, decimals, require_h5py, write_npz
-from balloon_warp.system.files import target_of, whole_file
+from balloon_warp.system.files import PACKED, PAD, NamedArrays, decimals, require_h5py, target_of, whole_file, write_npz
 
 AXES = {"axis": 3, "quaternion": 4}
 """Dimensions of vectors, and their lengths"""

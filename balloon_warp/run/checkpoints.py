@@ -30,7 +30,6 @@ from balloon_warp.model.derived import strain_bound_described
 from balloon_warp.run.report import describe_simulation
 from balloon_warp.scene import Scene
 from balloon_warp.simulator import Simulator
-from balloon_warp.system.arrays import write_npz
 from balloon_warp.system.files import (
     clear_left_over,
     hold,
@@ -40,6 +39,7 @@ from balloon_warp.system.files import (
     temporary_in,
     whole_file,
     without_mark,
+    write_npz,
 )
 from balloon_warp.system.process import Interrupts
 

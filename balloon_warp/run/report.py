@@ -44,7 +44,7 @@ from balloon_warp.model.pressure import volume_under
 from balloon_warp.model.shape import BalloonShape, constants_of
 from balloon_warp.scene import Scene, load_scene
 from balloon_warp.scene.load import FILES, files_of, is_there
-from balloon_warp.scene.schema import MESHED, WITHOUT_MESHES
+from balloon_warp.scene.scene import MESHED, WITHOUT_MESHES
 from balloon_warp.springs.even import film_tension
 from balloon_warp.system.files import legible
 from balloon_warp.system.warp_threads import lock_of

@@ -1,23 +1,18 @@
 """Scenes: the contents of a TOML file, checked, with overrides and defaults applied."""
 
+from balloon_warp.scene.balloon import Balloon, Inflation, Material, Neck, Stiffness, Touch
 from balloon_warp.scene.load import SceneLike, bundled_scenes, load_scene, scene_of
-from balloon_warp.scene.schema import (
+from balloon_warp.scene.scene import (
     Atmosphere,
-    Balloon,
     Body,
     Box,
     Change,
     Force,
     Ground,
-    Inflation,
-    Material,
-    Neck,
     Obstacle,
     Scene,
     Sphere,
-    Stiffness,
     String,
-    Touch,
     Tube,
     Water,
 )

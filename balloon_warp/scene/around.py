@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.load import Parts, load_mesh, place_mesh, prepared
-from balloon_warp.mesh.orientation import pushes
+from balloon_warp.mesh.orientation import pushes, standing, up_axis_sentence
 from balloon_warp.mesh.polygon_mesh import METERS, Color, Looks, with_unit_and_up
-from balloon_warp.mesh.thickness import standing, up_axis_sentence
 from balloon_warp.mesh.topology import (
     border_edges,
     corner_faces,
@@ -25,8 +24,8 @@ from balloon_warp.mesh.topology import (
     signed_volume,
     vertex_components,
 )
-from balloon_warp.scene.schema import Balloon, Body, Inflation, Obstacle, Scene, Stiffness, String
-from balloon_warp.scene.schema.scene import Picture
+from balloon_warp.scene.balloon import Balloon, Inflation, Stiffness
+from balloon_warp.scene.scene import Body, Obstacle, Picture, Scene, String
 from balloon_warp.system.files import legible, whole_path
 
 MOST = 0.5

@@ -20,10 +20,10 @@ from balloon_warp.errors import InputError, did_you_mean_file
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.load import LOADERS, MeshLike, is_mesh, load_mesh
 from balloon_warp.scene.around import scene_table_around
+from balloon_warp.scene.balloon import FIELDS_OF_KINDS, Balloon, material_named
+from balloon_warp.scene.fields import complaint
 from balloon_warp.scene.presets import PRESETS
-from balloon_warp.scene.schema import MESHED, WITHOUT_MESHES, Balloon, Body, Obstacle, Scene, Sphere, String
-from balloon_warp.scene.schema.balloon import FIELDS_OF_KINDS, material_named
-from balloon_warp.scene.schema.fields import complaint
+from balloon_warp.scene.scene import MESHED, WITHOUT_MESHES, Body, Obstacle, Scene, Sphere, String
 from balloon_warp.system.api import checked
 from balloon_warp.system.files import file_behind, legible, regular_content, whole_path
 

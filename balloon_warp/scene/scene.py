@@ -10,9 +10,8 @@ from pydantic import BeforeValidator, Field, InstanceOf, ModelWrapValidatorHandl
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.load import is_mesh, mesh_from
 from balloon_warp.mesh.polygon_mesh import Unit, UpAxis
-from balloon_warp.scene.presets import HIGHEST, LOWEST, pins_of, standard_air
-from balloon_warp.scene.schema.balloon import Balloon, Touch
-from balloon_warp.scene.schema.fields import (
+from balloon_warp.scene.balloon import Balloon, Touch
+from balloon_warp.scene.fields import (
     LISTS,
     MOST_MISSED,
     Color,
@@ -28,6 +27,7 @@ from balloon_warp.scene.schema.fields import (
     missed_between_frames,
     optional_field_of,
 )
+from balloon_warp.scene.presets import HIGHEST, LOWEST, pins_of, standard_air
 
 ShapeKind = Literal["box", "capsule", "plane", "mesh"]
 FIELDS_OF_SHAPES: dict[ShapeKind, tuple[str, ...]] = {

@@ -29,9 +29,10 @@ from typing import Any
 from pydantic import BaseModel
 
 from balloon_warp.errors import InputError
+from balloon_warp.scene.balloon import Balloon
+from balloon_warp.scene.fields import PlainSchema, Tables, first_line, meaning_of, table_in, taken, toml_value
 from balloon_warp.scene.load import bundled_scenes, files_of, files_of_scene, with_files
-from balloon_warp.scene.schema import MESHED, WITHOUT_MESHES, Balloon, Body, Obstacle, Scene
-from balloon_warp.scene.schema.fields import PlainSchema, Tables, first_line, meaning_of, table_in, taken, toml_value
+from balloon_warp.scene.scene import MESHED, WITHOUT_MESHES, Body, Obstacle, Scene
 from balloon_warp.system.api import docstrings, plain_docstring
 from balloon_warp.system.files import check_writable, marked_scene, replaces_any, require_ours, whole_file
 

@@ -35,10 +35,19 @@ from balloon_warp.mesh.topology import edges_of, triangulate, vertex_normals
 from balloon_warp.mesh.usd_open import open_stage
 from balloon_warp.mesh.usd_stage import content_of
 from balloon_warp.studio.parts import Animation, Part
-from balloon_warp.studio.render.timing import timing_of
+from balloon_warp.studio.render.sampling import timing_of
 from balloon_warp.system.api import checked
-from balloon_warp.system.arrays import PACKED, NamedArrays, require_h5py
-from balloon_warp.system.files import LINE, check_writable, folder_beside, require_ours, sole_writer, whole_file
+from balloon_warp.system.files import (
+    LINE,
+    PACKED,
+    NamedArrays,
+    check_writable,
+    folder_beside,
+    require_h5py,
+    require_ours,
+    sole_writer,
+    whole_file,
+)
 from balloon_warp.usd import STAGE_SUFFIXES
 
 SCRIPT = """
@@ -409,7 +418,7 @@ def check_export(output: Path) -> None:
     elif suffix == ".abc":
         require_blender()
     elif suffix in HDF5_SUFFIXES:
-        from balloon_warp.system.arrays import require_h5py
+        from balloon_warp.system.files import require_h5py
 
         require_h5py()
 

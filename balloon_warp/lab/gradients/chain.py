@@ -24,7 +24,7 @@ from balloon_warp.model.plan import resolved_parameters
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.scene import Scene
 from balloon_warp.scene.load import frame_at, override_scene
-from balloon_warp.scene.schema.scene import Change
+from balloon_warp.scene.scene import Change
 from balloon_warp.schedules.backward import (
     OF_STRINGS,
     POSITION,

@@ -36,8 +36,8 @@ from balloon_warp.model.pressure import with_resolved_pressure
 from balloon_warp.model.setting import plan_setting
 from balloon_warp.run.report import describe_simulation
 from balloon_warp.scene import Balloon, Change, Inflation, Material, Scene, Sphere, Stiffness, String
+from balloon_warp.scene.balloon import BLOWN
 from balloon_warp.scene.load import frame_at, is_there, override_scene, scenes_over_time
-from balloon_warp.scene.schema.balloon import BLOWN
 from balloon_warp.schedules.touch_table import without_small_spheres
 from balloon_warp.simulator import Simulator
 from balloon_warp.system.warp_setup import quiet_warp

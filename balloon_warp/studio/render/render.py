@@ -18,9 +18,8 @@ from balloon_warp.kernels.pictures import raycast
 from balloon_warp.kernels.pictures.surfaces import KEY, KEY_RADIANCE, Prints, Shapes, Studio
 from balloon_warp.mesh.polygon_mesh import Color
 from balloon_warp.scene.around import GROUND_COLOR
+from balloon_warp.studio.render.sampling import disc_points, moments, one_over_the_other, spread_points
 from balloon_warp.studio.render.stage_reader import Capsules, RenderStage
-from balloon_warp.studio.render.surface import disc_points, spread_points
-from balloon_warp.studio.render.timing import moments, one_over_the_other
 from balloon_warp.studio.render.view import View, check_view, frame_action
 from balloon_warp.system.api import checked
 from balloon_warp.system.files import check_writable, png_mark, sole_writer, whole_file
