@@ -1,6 +1,4 @@
-"""Tables of a batch, and the formats of files of a world each.
-
-Files of a world each, with all that moved in it, for learning: NumPy's, HDF5 by h5py, and Zarr, which needs nothing.
+"""Tables of a batch, and files of a world each, for learning: NumPy's, HDF5 by h5py, and Zarr, which needs nothing.
 
 Frames may come in any order, and the same frames give the same bytes.
 """
@@ -18,7 +16,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
-from io import BytesIO
 from pathlib import Path
 from threading import Event
 from types import TracebackType
@@ -309,7 +306,7 @@ class ParquetParts:
         (length,) = struct.unpack("<I", part[end : end + LENGTH_BYTES])
         shift = self._file.tell() - MAGIC_BYTES
         self._file.write(part[MAGIC_BYTES : end - length])
-        footer = _read_struct(BytesIO(part[end - length : end]))
+        footer = _read_struct(io.BytesIO(part[end - length : end]))
         kind, (of, groups) = footer[ROW_GROUPS]
         for group in groups:
             _shift(group, OF_GROUP, shift)
@@ -330,7 +327,7 @@ class ParquetParts:
 
     def close(self) -> None:
         """Write the footer, and close the file."""
-        footer = BytesIO()
+        footer = io.BytesIO()
         _write_struct(footer, self._footer)
         self._file.write(footer.getvalue() + struct.pack("<I", footer.tell()) + MAGIC)
         self._file.close()
@@ -344,7 +341,7 @@ def _shift(fields: Fields, numbers: tuple[int, ...], shift: int) -> None:
             fields[number] = (kind, offset + shift)
 
 
-def _read_struct(file: BytesIO) -> Fields:
+def _read_struct(file: io.BytesIO) -> Fields:
     fields, number = Fields(), 0
     while head := file.read(1)[0]:
         number = number + (head >> 4) if head >> 4 else _signed(_read_varint(file))
@@ -353,7 +350,7 @@ def _read_struct(file: BytesIO) -> Fields:
     return fields
 
 
-def _read(file: BytesIO, kind: int) -> Any:
+def _read(file: io.BytesIO, kind: int) -> Any:
     if kind in (TRUE, FALSE, BYTE):
         return file.read(1)[0]
     if kind == DOUBLE:
@@ -367,7 +364,7 @@ def _read(file: BytesIO, kind: int) -> Any:
     return _read_struct(file) if kind == STRUCT else _signed(_read_varint(file))
 
 
-def _write_struct(file: BytesIO, fields: Fields) -> None:
+def _write_struct(file: io.BytesIO, fields: Fields) -> None:
     last = 0
     for number, (kind, value) in fields.items():
         told = (TRUE if value else FALSE) if kind in (TRUE, FALSE) else kind
@@ -382,7 +379,7 @@ def _write_struct(file: BytesIO, fields: Fields) -> None:
     file.write(b"\0")
 
 
-def _write(file: BytesIO, kind: int, value: Any) -> None:
+def _write(file: io.BytesIO, kind: int, value: Any) -> None:
     if kind in (TRUE, FALSE, BYTE):
         file.write(bytes([value]))
     elif kind == DOUBLE:
@@ -403,7 +400,7 @@ def _write(file: BytesIO, kind: int, value: Any) -> None:
         _write_varint(file, _unsigned(value))
 
 
-def _read_varint(file: BytesIO) -> int:
+def _read_varint(file: io.BytesIO) -> int:
     value = shift = 0
     while True:
         byte = file.read(1)[0]
@@ -413,7 +410,7 @@ def _read_varint(file: BytesIO) -> int:
         shift += 7
 
 
-def _write_varint(file: BytesIO, value: int) -> None:
+def _write_varint(file: io.BytesIO, value: int) -> None:
     while value > 127:
         file.write(bytes([value & 127 | 128]))
         value >>= 7
@@ -592,7 +589,7 @@ class ParquetRows:
 
     def _encode(self, batches: Sequence[Any]) -> memoryview:
         """Return a Parquet file of a row group."""
-        file, options = BytesIO(), {"compression": "zstd", "compression_level": 1, "use_dictionary": self._repeating}
+        file, options = io.BytesIO(), {"compression": "zstd", "compression_level": 1, "use_dictionary": self._repeating}
         with self._parquet.ParquetWriter(file, self._schema, **options) as writer:
             writer.write_table(self._arrow.Table.from_batches(batches), row_group_size=2**31 - 1)
         return file.getbuffer()

@@ -1,10 +1,8 @@
 """Task of a batch and what comes of it, wherever it is simulated: outcomes, tables, the stage and the manifest.
 
-Task of a batch and its outcome, wherever it is simulated; worlds that blow up, and checkpoints.
+Worlds that blow up get a report of the first few, an end to all, or a new start in shorter steps.
 
-Worlds of a batch that blow up: a report of the first few, an end to all, or a new start in shorter steps.
-
-Detection and explanation of blow-ups are in `balloon_warp/blow_ups.py`; this is the reaction of a batch.
+Detection and explanation of blow-ups are in `balloon_warp/blow_ups.py`; here is the reaction of a batch.
 """
 
 import json

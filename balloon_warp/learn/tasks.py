@@ -1,8 +1,7 @@
-"""Tasks: a scene, actions on it, observations and rewards; `Altitude`, `Inflate`, `Juggle`, `Press` and `Target`.
+"""Tasks, what one is and those that are ours: `Altitude`, `Inflate`, `Juggle`, `Press` and `Target`.
 
-`BalloonWarp/Altitude-v0`: hold a superpressure balloon at a height, by a pump and a vent, in wind that shears.
-
-As in the Balloon Learning Environment (Bellemare et al. 2020, Autonomous navigation of stratospheric balloons using
+Each has a scene, a kernel that turns actions into controls, and one for observations and rewards. `Altitude` is as in
+the Balloon Learning Environment (Bellemare et al. 2020, Autonomous navigation of stratospheric balloons using
 reinforcement learning): helium lifts, and air that is pumped in is ballast. Here the film itself is simulated.
 """
 
@@ -26,7 +25,7 @@ from balloon_warp.system.warp_threads import launch
 
 
 class Task(ABC):
-    """A task of an environment. Copy one of this folder, and change it.
+    """A task of an environment. Copy one of this file, and change it.
 
     Its kernels have a thread a world. They run on the device of the simulator, and nothing passes the host.
     """

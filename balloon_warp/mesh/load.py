@@ -1,14 +1,8 @@
 """Loading of meshes: a file, by its suffix, or a mesh-like value of Python; unit, axes, and welding of seams.
 
-Welding of faces that end at the same place, and of parts that lie on others.
-
-Welding: faces that end at the same place share their vertices there.
-
-Vertices keep their numbers; those that faces have left move along with the ones that stand in for them.
-
-Looks of a surface on another mesh of it: each place looks as the nearest one of the surface.
-
-Loading of meshes: a file, by its suffix, or a mesh-like value of Python; unit, axes and welding.
+Welded faces that end at the same place share their vertices there. Vertices keep their numbers; those that faces have
+left move along with the ones that stand in for them. Looks are brought onto another mesh of a surface: each place looks
+as the nearest one of it.
 
 Each format lists its suffixes and readers in its own file.
 """

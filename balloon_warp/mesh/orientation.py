@@ -1,8 +1,4 @@
-"""Outward winding of a surface, and thickness, slenderness and nearness of its parts.
-
-Consistent outward winding, and the side on which a pressure pushes the faces between inside and outside.
-
-Faces that separate a mesh's inside from the outside, and the side on which a pressure pushes them.
+"""Consistent outward winding of a surface; thickness, slenderness and nearness of its parts; its up axis.
 
 A face has two sides. Around an edge its faces stand like pages around a spine, and the space between one and the next
 sees a side of each: these sides are of one *room*. So they are where a border is free: there one goes around it. The
@@ -11,18 +7,14 @@ as a sheet, a fin, a Moebius strip or the wall between two rooms, is not: then f
 pushed go all around something, so that the pressure is the gradient of a volume. It has no net force, and does no work
 on the way around.
 
-Thickness, slenderness and nearness of parts of a surface, its up axis, and whether it can be remeshed.
-
-Thickness, slenderness and nearness of parts of a surface; its up axis, and its least gaps.
-
-Thickness of a surface around each of its vertices, measured along the surface alone.
+Thickness around a vertex is measured along the surface alone.
 
 On a plane, the area within a distance d is pi d^2. Around a thin part it falls behind, once d reaches around it: the
 distance at which it has fallen to `PART` of the plane's is the *reach*, 2.4 radii of a sphere, 6.4 of a long tube, two
 widths of a long flat band. A pressure p stretches a sphere of radius R with a tension of p R / 2, and a tube of radius
 r around with p r, which is 0.21 and 0.16 of p times the reach: springs in proportion to the reach stretch nearly alike.
 
-Least distances at the start between parts that may touch later: particles and triangles, and edges and edges.
+Least distances at the start are those between parts that may touch later: particles and triangles, edges and edges.
 
 They may touch if all their corners are a distance apart. Between short ones that bounds how near their points are; it
 says nothing between long ones, which are measured.

@@ -1,14 +1,7 @@
-"""Parameters that follow from others: moduli of film by a bound on its strain, and what a stable step asks for.
+"""Parameters that follow from others: the largest stable step, and film soft enough for it.
 
-Parameters that follow from others, once some have changed.
-
-The largest stable step of symplectic Euler, by the laws' own bounds; tunneling of spheres.
-
-Spheres that may pass through a balloon.
-
-Where only particles touch spheres, a small sphere passes between them, and a fast one may jump over them.
-
-Film of a lower modulus: as low as lets it stretch by a bound on the strain at the pressure that a scene plans.
+The largest stable step of symplectic Euler follows from the laws' own bounds. Where only particles touch spheres, a
+small sphere passes between them, and a fast one may jump over them.
 
 Real film hardly stretches, and its modulus makes short steps: a letter of foil takes thousands in a frame, by which
 nothing changes that one sees. Ten times as soft in frequency it takes a tenth of them.

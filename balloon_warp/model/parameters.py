@@ -1,9 +1,4 @@
-"""The parameters: rows in memory, values from a scene and their paths; values that vary between worlds or change in time.
-
-Values that vary between worlds, and values that may change during a simulation.
-
-Timeline of the parameters that change, and selection of the laws and phases that act.
-"""
+"""Parameters: their rows in memory, their values from a scene and the paths there, and those that vary or change."""
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Sized

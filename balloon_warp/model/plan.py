@@ -1,6 +1,4 @@
-"""Plan of a model on the host, remarks on its values, and the model built from it.
-
-Plan of a model on the host, before anything is on a device, and the model built from it.
+"""Plan of a model on the host, before anything is on a device; remarks on its values, and the model built from it.
 
 The scene's meshes become shapes. Its numbers become parameters, by the rows of its laws. Values that vary get a row for
 each world. Missing values get their defaults. Then the substeps follow from all of these.

@@ -1,7 +1,5 @@
 """Report of a run or batch: its summary, advice and provenance as it begins, and its outcome.
 
-Outcome of a run: the volume that an "auto" pressure foretells, and endings that are bad.
-
 A bad ending is a balloon that came apart, fell for ever, collapsed, swelled, swallowed parts or folded. Cheap measures
 of the last frame's points beside the mesh, on the host, in NumPy, find it. The bounds are far from the endings of the
 bundled scenes, and near to those of balloons in ruins (tests/test_diagnosis.py).

@@ -1,8 +1,6 @@
 """Loading of scenes, and overrides of their values by dotted path.
 
-Loading of scenes, and overrides of their values by dotted path.
-
-The scene over time: the times of its spheres and strings, and its changes.
+A scene over time has the times of its spheres and strings, and its changes.
 """
 
 import copy

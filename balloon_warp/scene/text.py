@@ -1,17 +1,9 @@
 """A scene as text: its file, every field with unit, default and bounds, and the docstrings that editors show.
 
-Every field of a scene file, with its unit, default and bounds.
+`python -m balloon_warp.scene.text` prints the tables of docs/SCENE.md; with `--docstrings` it writes docstrings below
+the fields that lack them, or have stale ones. The tests hold both to this.
 
-`python -m balloon_warp.scene.text` prints them.
-
-The tests hold docs/SCENE.md to this.
-
-Docstrings below the fields of tables, which editors show.
-
-`python -m balloon_warp.scene.text` writes them.
-
-A law's parameter has its meaning and default in its row, and a table its meaning in its class. This module writes both
-below the fields that take them, where they are missing or stale. The tests hold the schema to this.
+A law's parameter has its meaning and default in its row, and a table its meaning in its class.
 """
 
 import ast

@@ -1,9 +1,7 @@
 """Work around the substeps of a frame, and its contact horizon: whether particles may touch anything at all.
 
-Contact horizon of a frame: whether a world's particles may touch obstacles or each other at all.
-
-Worlds in which they cannot are advanced by kernels that know of neither; balloons that touch themselves are judged by
-parts. See `kernels.contact.free_frames`.
+Worlds in which they cannot are advanced by kernels that know of neither obstacles nor balloons that touch; those that
+touch themselves are judged by parts. See `kernels.contact.free_frames`.
 """
 
 from functools import cache

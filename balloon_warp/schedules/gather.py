@@ -1,20 +1,16 @@
 """Schedules `gather`, a thread a particle or a block of threads a patch, and `scatter`, a thread a spring or face.
 
-Schedules `gather`, a thread a particle, and `scatter`, a thread a spring or face, with launches for a CPU.
-
-The `gather` schedule: a thread a particle, which sums the forces of its own springs. Bit-reproducible.
+`gather` sums the forces of a particle's own springs. Bit-reproducible.
 
 For one large balloon: two buffers of points, one kernel a substep, one more for the spheres where there are any and
 another where they exchange momentum, and three or four with gas. On a GPU one launch for all substeps of a frame, where
-particles need of each other no more than where they are, see `patches`.
+particles need of each other no more than where they are: the world is cut into patches.
 
-Schedule `scatter`: a thread a spring, string, hinge or face, with atomic adds, and then a thread a particle.
+`scatter` has a thread a spring, string, hinge or face, with atomic adds, and then a thread a particle: the readable
+reference that every other schedule is tested against.
 
-The readable reference that every other schedule is tested against.
-
-Launches of `gather` for a CPU, in which the forces of eight particles are found side by side.
-
-For busy worlds, and for models of which no world is ever free.
+On a CPU, for busy worlds and for models of which no world is ever free, `gather` finds the forces of eight particles
+side by side.
 """
 
 from collections.abc import Mapping

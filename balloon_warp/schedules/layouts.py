@@ -1,9 +1,4 @@
-"""Layouts of worlds: in blocks of threads, with registers and shared memory, and in lanes of vector registers.
-
-Worlds in blocks of threads: their layout in registers and shared memory, and frames of all in one launch.
-
-Capacity of a thread block for particles: in shared memory, and in threads.
-"""
+"""Layouts of worlds: in blocks of threads, with registers and shared memory, and in lanes of vector registers."""
 
 import os
 from dataclasses import dataclass

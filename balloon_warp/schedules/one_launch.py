@@ -1,15 +1,10 @@
 """Schedules with a frame in one launch, `block`, `lanes` and `octets`; worlds that may touch something run beside it.
 
-Frames of all worlds: those that are free by the schedule itself, and those that may touch something beside it.
+Worlds whose particles may touch obstacles or each other are found as a frame begins, and advanced after those that are
+free, by blocks that know of obstacles, or where balloons touch by launches.
 
-Worlds whose particles may touch obstacles or each other in a frame.
-
-They are found as it begins, and advanced after those that are free, by blocks that know of obstacles, or where balloons
-touch by launches.
-
-Schedules `lanes` and `octets`: eight worlds, or eight particles of a world, side by side in vector registers.
-
-Worlds are divided among threads of a CPU. Bit-reproducible, whatever the number of threads.
+`lanes` and `octets` have eight worlds, or eight particles of a world, side by side in vector registers. Worlds are
+divided among threads of a CPU. Bit-reproducible, whatever the number of threads.
 """
 
 from abc import ABC, abstractmethod

@@ -1,25 +1,20 @@
-"""Spring constants of an even skin, springs across thin parts and between parts, and the highest frequency of a network.
+"""Spring constants of an even skin, springs across thin parts and between parts, and a network's highest frequency.
 
-Spring constants of an even skin, springs across thin parts, and springs that hold the parts of a mesh together.
+Components that touch, overlap or hang apart become one thing. In rounds, each part is tied to the part nearest to it,
+and counts as one with it from then on, until there is one (Boruvka's spanning tree). A part is tied where it is near:
+at a few particles, far from each other, and each of them to a few others, so that no tie is a hinge. Rest lengths are
+the distances at the start.
 
-Springs that hold the parts of a mesh together: components that touch, overlap or hang apart become one thing.
-
-In rounds, each part is tied to the part nearest to it, and counts as one with it from then on, until there is one
-(Boruvka's spanning tree). A part is tied where it is near: at a few particles, far from each other, and each of them to
-a few others, so that no tie is a hinge. Rest lengths are the distances at the start.
-
-Spring constants that make an even skin, however a mesh divides it.
-
-Springs of constant k, rest length L and direction t (a unit vector) make the tension 1/2 sum k L^2 t t^T / A of a
-vertex of area A, for each unit of strain in all directions. A square grid has the same everywhere, K = k_structural +
-2 k_shear + 4 k_flexion both ways. Here springs begin with the areas at their ends over their squared lengths (van
-Gelder 1998), and are then multiplied by the excess or lack of tension at their ends along them, until each vertex
-has K both ways: Sinkhorn's scaling (1964), of tensors. All constants stay above zero.
+An even skin, however a mesh divides it: springs of constant k, rest length L and direction t (a unit vector) make the
+tension 1/2 sum k L^2 t t^T / A of a vertex of area A, for each unit of strain in all directions. A square grid has the
+same everywhere, K = k_structural + 2 k_shear + 4 k_flexion both ways. Here springs begin with the areas at their ends
+over their squared lengths (van Gelder 1998), and are then multiplied by the excess or lack of tension at their ends
+along them, until each vertex has K both ways: Sinkhorn's scaling (1964), of tensors. All constants stay above zero.
 
 The narrow faces of CAD meshes would ask for so much of that along their short edges that a frame took hundreds of
 substeps. Where all constants add up to more than in any mesh of good faces, the largest are lowered, all to one scale.
 
-Springs across thin parts of a balloon, from wall to wall, as an air mattress has them.
+Springs across thin parts go from wall to wall, as an air mattress has them.
 
 A pressure drives the two walls of a plate, a cup or a blade apart, and would make a pillow of them: a film does not
 resist bending. Here each vertex of a closed part is held to the opposite wall, by a spring that bears the

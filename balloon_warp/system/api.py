@@ -1,4 +1,4 @@
-"""Public functions and classes to their users: arguments checked against annotations, and presentation on Tab and in help."""
+"""Public functions and classes to a user: arguments checked by annotations, presentation on Tab and in help()."""
 
 import ast
 import collections.abc

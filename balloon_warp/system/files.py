@@ -1,18 +1,11 @@
 """Files that appear whole or not at all, in places that are ours, and arrays in them: decimal text, .npz, HDF5.
 
-Files that appear whole or not at all, in places that are ours; leftovers of killed processes are removed.
+Marks: a stage has its mark in its metadata, a scene in its first line, with a hash of the others, a folder in its
+manifest, and any other file, such as a picture, in a comment at its begin.
 
-Marks by which the program knows the files that it made.
-
-A stage has its mark in its metadata, a scene in its first line, with a hash of the others, a folder in its manifest,
-and any other file, such as a picture, in a comment at its begin.
-
-Temporary files and folders that no kill leaves for long: whoever writes beside them next clears them away.
-
-Each has a lock file beside it. The process that made both holds the lock, and the system lets go of it however that
-process ends. So a lock that can be had is of a process that was killed, and its temporaries may go.
-
-Arrays in files: as decimal text, in .npz, in HDF5.
+Temporary files and folders: no kill leaves them for long, since whoever writes beside them next clears them away. Each
+has a lock file beside it. The process that made both holds the lock, and the system lets go of it however that process
+ends. So a lock that can be had is of a process that was killed, and its temporaries may go.
 
 Many float32 as decimal text at once: the text that `"%.9g" % value` gives, and so the same number when it is read.
 

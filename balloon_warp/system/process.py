@@ -1,10 +1,7 @@
 """The process: Python's collector, lent functions and forked children; standard streams and deferred signals.
 
-Loading of the package: Python's collector put off, functions that rooms lend to the core, and forked children.
-
-Threads and locks in a forked child, which has none of its parent's threads: whoever waits for one hangs.
-
-So a process forks while no other thread holds a lock of the program, and pools of threads start anew in the child.
+A forked child has none of its parent's threads: whoever waits for one, or for its lock, hangs. So a process forks while
+no other thread holds a lock of the program, and pools of threads start anew in the child.
 """
 
 import gc

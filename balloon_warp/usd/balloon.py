@@ -1,20 +1,14 @@
-"""Balloons in the stage, with velocities, forces and contacts; strings, tubes and knots.
+"""Balloons in the stage: meshes, velocities, forces, contacts, deformables for others; strings, tubes and knots.
 
-Balloon in the stage: a polygon mesh, its velocities, forces and contacts, and a deformable for other simulators.
+Velocities are of the points in the stage, so that motion blur follows the visible motion: a simulated one is that of
+one substep, and trembles with vibrations that no frame shows.
 
-Velocities as a stage has them: of the points in it, so that motion blur follows the visible motion.
+A balloon is the surface deformable of the AOUSD physics group's proposal, too. USD does not know these schemas yet, so
+they are applied by name: Newton reads them, and who does not know them passes them over. Lengths are meters and masses
+kilograms, as the stage says.
 
-A simulated velocity is that of one substep. It trembles with vibrations that no frame shows, but motion blur would.
-
-A balloon as other simulators take it up: the surface deformable of the AOUSD physics group's proposal.
-
-USD does not know these schemas yet, so they are applied by name: Newton reads them, and who does not know them passes
-them over. Lengths are meters and masses kilograms, as the stage says.
-
-Balloon in the stage: a polygon mesh of fixed topology.
-
-Where it may burst, the corners of its faces are written in each frame: those of a torn face are all at one of its
-vertices, so that the number of faces stays.
+The mesh has a fixed topology. Where it may burst, the corners of its faces are written in each frame: those of a torn
+face are all at one of its vertices, so that the number of faces stays.
 """
 
 from collections.abc import Sequence

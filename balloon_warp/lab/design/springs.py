@@ -1,6 +1,4 @@
-"""Design of the springs of a balloon under gravity, and the step towards a shape: Gauss and Newton's, through the balance.
-
-A step towards the wanted shape: Gauss and Newton's, through the balance.
+"""Design of the springs of a balloon under gravity, and the step towards a shape, through the balance.
 
 At rest the forces vanish for every design: K dx = B dq, where K is the stiffness of skin and gas, and B the derivative
 of the forces by the design. So no gradient through time is needed: one sparse system gives the step of the design that
@@ -8,9 +6,9 @@ brings the balance nearest to the wanted shape, and changes the design least (Le
 
     least |W (e - dx)|^2 + damping |y|^2   with   K dx = B dq,  dq = S y
 
-Descent to a design: a step counts only if its equilibrium is at rest, and nearer to the target.
+A step counts only if its equilibrium is at rest, and nearer to the target.
 
-A smooth step towards the wanted shape: Gauss and Newton's, by conjugate gradients.
+A smooth step is Gauss and Newton's, too, by conjugate gradients:
 
     least |W (e - K^-1 B S y)|^2 + damping |y|^2 + |P (gap - least)|^2 where gaps would be too narrow
 

@@ -1,11 +1,8 @@
-"""Derivatives of a loss by values of a scene: in one call, or frame by frame for frameworks that derive what is between.
+"""Derivatives of a loss by values of a scene: in one call, on one device or many workers, or frame by frame.
 
-Frames of a model, one after the other, forward and backwards, for frameworks that derive computations between them.
-
-The state at the start of a frame is handed out and taken back as device arrays; a caller that keeps them can run the
-frame backwards.
-
-A scene as a function of PyTorch: values in, frames out, derived by autograd, a policy within the loop or not.
+Frame by frame the state at the start of each is handed out and taken back as device arrays; a caller that keeps them
+can run the frame backwards. So a scene is a function of PyTorch: values in, frames out, derived by autograd, a policy
+within the loop or not.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence

@@ -1,9 +1,7 @@
 """A simulation that is played with: every touch takes effect between two frames; kernels of touches compiled ahead.
 
-Kernel precompiler for the page, in a process of its own: a thread would hold Python's lock.
-
-It reports which are done, one kind of scene after the other. Until then a command that needs them waits, and time goes
-on.
+Kernels of touches are compiled in a process of its own: a thread would hold Python's lock. It reports which are done,
+one kind of scene after the other. Until then a command that needs them waits, and time goes on.
 """
 
 import contextlib

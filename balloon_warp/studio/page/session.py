@@ -1,12 +1,7 @@
 """A session: the thread that advances the simulation, the command queue of other threads, and its recording.
 
-Thread that advances the simulation, and the command queue of other threads.
-
-Wishes from other threads, queued until the simulation's thread grants them between two frames.
-
-A touch whose kernels are still being compiled waits for them; time and the other commands do not wait for it.
-
-It grants requests between two frames, and leaves pictures where others can take them.
+The thread grants requests between two frames, and leaves pictures where others can take them. A touch whose kernels are
+still being compiled waits for them; time and the other commands do not wait for it.
 """
 
 import os

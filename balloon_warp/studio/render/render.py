@@ -1,4 +1,4 @@
-"""Rendering of a stage, or of several alike, as a picture file: shapes and lights on the device, and pictures of them."""
+"""Rendering of a stage, or of several alike, as a picture file."""
 
 import math
 import os

@@ -1,15 +1,9 @@
 """Samples of a stage: its frames and an open shutter, triangles as rays see them, points in a pixel and on a light.
 
-Timing of a stage's frames, whole time codes at which something is sampled, and an open shutter.
-
 Stages of other programs count time in seconds, in 4,800 codes a second, or between codes. Such a stage is looked at
 through another one whose time codes are its frames: USD scales the time of a sublayer by the two rates.
 
-Meshes as rays see them: triangles, refined until their outline looks round, with smooth normals.
-
-Sample points in a pixel, and on a light.
-
-They are the same every time, so that pictures are.
+Points in a pixel and on a light are the same every time, so that pictures are.
 """
 
 import math
