@@ -39,8 +39,9 @@ from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.working import Working
 from balloon_warp.lab.reference.contact import point_triangle
 from balloon_warp.mesh.crossings import find_crossings
-from balloon_warp.mesh.orientation import nears_itself, standing, triangles_of
+from balloon_warp.mesh.orientation import triangles_of
 from balloon_warp.mesh.repair import wrong_sides
+from balloon_warp.mesh.thickness import nears_itself, standing
 from balloon_warp.mesh.topology import triangulate
 from balloon_warp.model import build_model, plan_model
 from balloon_warp.model.shape import shape_balloon

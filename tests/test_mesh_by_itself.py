@@ -34,7 +34,8 @@ from balloon_warp import (
 from balloon_warp.benchmarks.bad_meshes import ACCEPTED, CUBE, GAS, REFUSED, WARNED, MeshCase, fan_at_an_edge, hub
 from balloon_warp.mesh.load import welded
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.mesh.orientation import CREASE, LEAST, SOFT_CREASE, relative_thickness, sharp_edges
+from balloon_warp.mesh.orientation import CREASE, SOFT_CREASE, sharp_edges
+from balloon_warp.mesh.thickness import LEAST, relative_thickness
 from balloon_warp.mesh.topology import signed_volume, total_area, vertex_areas
 from balloon_warp.model import plan_model
 from balloon_warp.run.report import coarse_sentence, many_substeps_sentence, predicted_swellings

@@ -38,8 +38,8 @@ from balloon_warp.cli.progress import Console, begun, counted, frame_progress, n
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.load import Treatment, in_y_up_meters, load_mesh, prepared
 from balloon_warp.mesh.obj import LOADERS, check_materials, write_obj
-from balloon_warp.mesh.orientation import standing, up_axis_sentence
 from balloon_warp.mesh.polygon_mesh import PolygonMesh, with_unit_and_up
+from balloon_warp.mesh.thickness import standing, up_axis_sentence
 from balloon_warp.scene import Balloon, Scene, bundled_scenes
 from balloon_warp.scene.around import scene_of_foil
 from balloon_warp.scene.load import override_scene, scene_name

@@ -22,8 +22,9 @@ from balloon_warp.kernels.laws.springs import KINDS
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.crossings import check_mesh
 from balloon_warp.mesh.load import load_mesh, place_mesh, prepared
-from balloon_warp.mesh.orientation import LEAST, RIBBONS, pushed_outward, relative_thickness, there_and_back
+from balloon_warp.mesh.orientation import pushed_outward, there_and_back
 from balloon_warp.mesh.polygon_mesh import with_unit_and_up
+from balloon_warp.mesh.thickness import LEAST, RIBBONS, relative_thickness
 from balloon_warp.mesh.topology import (
     LEAST_SIZE,
     border_edges,

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from balloon_warp.kernels.laws.springs import KINDS
 from balloon_warp.kernels.laws.touch import DAMPING_RATIO
 from balloon_warp.mesh.crossings import find_crossings
-from balloon_warp.mesh.orientation import length_graph, nears_itself, slenderness, triangles_of
+from balloon_warp.mesh.orientation import triangles_of
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.mesh.thickness import length_graph, nears_itself, slenderness
 from balloon_warp.mesh.topology import corner_faces, face_vector_areas, mesh_edges, next_corners
 from balloon_warp.model.materials import Bound
 from balloon_warp.model.obstacles import BodyShape, ObstacleShape, is_thin, obstacle_motion

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.load import Parts, load_mesh, place_mesh, prepared
-from balloon_warp.mesh.orientation import pushes, standing, up_axis_sentence
+from balloon_warp.mesh.orientation import pushes
 from balloon_warp.mesh.polygon_mesh import METERS, Color, Looks, with_unit_and_up
+from balloon_warp.mesh.thickness import standing, up_axis_sentence
 from balloon_warp.mesh.topology import (
     border_edges,
     corner_faces,

@@ -28,8 +28,8 @@ from balloon_warp.kernels.contact.free_frames import (
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.schedules.launched import read_sphere_forces, write_sphere_forces
 from balloon_warp.kernels.tables import WorldState
-from balloon_warp.mesh.orientation import min_gaps
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.mesh.thickness import min_gaps
 from balloon_warp.model import Model, State
 from balloon_warp.model.state import Allocating, Room, kept_arrays
 from balloon_warp.model.touch import APART, edge_length, is_folded

@@ -30,7 +30,8 @@ from balloon_warp import PolygonMesh, Simulator, foil_mesh
 from balloon_warp.benchmarks.overlap import deepest_overlap
 from balloon_warp.kernels.contact.free_frames import BUSY, FREE, HURRIED
 from balloon_warp.mesh.crossings import find_crossings
-from balloon_warp.mesh.orientation import min_gaps, slenderness, triangles_of
+from balloon_warp.mesh.orientation import triangles_of
+from balloon_warp.mesh.thickness import min_gaps, slenderness
 from balloon_warp.mesh.topology import signed_volume
 from balloon_warp.model import plan_model
 from balloon_warp.model.shape import shape_balloon
