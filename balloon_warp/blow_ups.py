@@ -25,8 +25,8 @@ from balloon_warp.kernels.laws.springs import KINDS
 from balloon_warp.kernels.tables import HEALTHY
 from balloon_warp.mesh.load import size_of
 from balloon_warp.model import Model, State, copy_of, overwrite
-from balloon_warp.model.derived import AUTO_MARGIN, MOST_SUBSTEPS, Network
 from balloon_warp.model.pressure import borne_pressures, passed_limit_point
+from balloon_warp.model.stability import AUTO_MARGIN, MOST_SUBSTEPS, Network
 from balloon_warp.model.starts import ANCHORED, anchors_of
 from balloon_warp.scene import Scene
 from balloon_warp.schedules.choose import Schedule

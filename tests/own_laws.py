@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from balloon_warp import Parameter, face_law, particle_law, spring_law
 from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.model import Model, lay_out, plan_model
-from balloon_warp.model.derived import Network
 from balloon_warp.model.plan import ModelPlan
+from balloon_warp.model.stability import Network
 from balloon_warp.scene import Balloon, Inflation, Scene, String, Water
 
 

@@ -42,7 +42,7 @@ from balloon_warp import (
     run_batch,
 )
 from balloon_warp.mesh.obj import read_obj, write_obj
-from balloon_warp.scene.text import write_scene
+from balloon_warp.scene.write import write_scene
 from balloon_warp.scenes.model_print import dots
 from balloon_warp.studio import export, parts
 from balloon_warp.studio.render import render_stage, stage_reader

@@ -25,7 +25,7 @@ from balloon_warp.model.parameters import active_laws
 from balloon_warp.run.report import describe_laws
 from balloon_warp.scene import Balloon, Change, Inflation, Scene, Stiffness
 from balloon_warp.scene.load import override_scene
-from balloon_warp.scene.text import scene_toml
+from balloon_warp.scene.write import scene_toml
 from balloon_warp.schedules.gather import GatherSchedule
 from balloon_warp.studio.page.controls import VALUES, values_of
 from balloon_warp.studio.page.playground import Playground

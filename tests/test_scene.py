@@ -27,7 +27,8 @@ from balloon_warp.run.report import describe_scene, describe_simulation, hash_fi
 from balloon_warp.scene import Balloon, Obstacle, Scene, Sphere, Stiffness, String, load_scene
 from balloon_warp.scene.fields import first_line, missed_between_frames
 from balloon_warp.scene.load import bundled_scenes, override_scene, parse_override, scene_name
-from balloon_warp.scene.text import as_markdown, scene_toml, tables, write_scene
+from balloon_warp.scene.reference import as_markdown, tables
+from balloon_warp.scene.write import scene_toml, write_scene
 
 SCENE = 'description = "a box and two balls"\nframes = 10\n[[balloon]]\nmesh = "box.obj"\n'
 SCENE += '[[balloon]]\nmesh = "box.obj"\nposition = [3, 0, 0]\n'
@@ -475,7 +476,7 @@ def test_each_value_has_its_unit_and_default_beside_it():
 def test_the_tables_in_the_docs_are_what_the_schema_says():
     """Every field has a description, shared fields included; that of a table fits into a row and a scene file."""
     (found,) = re.findall(r"<!-- fields -->\n\n(.*?)\n\n<!-- end -->", PAGE.read_text(encoding="utf-8"), re.DOTALL)
-    assert found == as_markdown(), "python -m balloon_warp.scene.text makes them anew"
+    assert found == as_markdown(), "python -m balloon_warp.scene.reference makes them anew"
     rows = [line.strip("| ").split(" | ") for line in found.splitlines() if line.startswith("| `")]
     assert len(rows) > 150
     assert [row[0] for row in rows if len(row) < 4 or not row[1].strip()] == []

@@ -42,12 +42,12 @@ from balloon_warp.lab.statics import Balance, SealedGas, Volume, film_of, spring
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.mesh.topology import signed_volume
 from balloon_warp.model import Model, build_model, initial_state, plan_model
-from balloon_warp.model.derived import Network
 from balloon_warp.model.materials import Bounds
+from balloon_warp.model.spectrum import FEW, MARGIN, highest_squared_frequency
+from balloon_warp.model.stability import Network
 from balloon_warp.scene.load import override_scene
 from balloon_warp.scene.presets import standard_air
-from balloon_warp.scene.text import scene_toml, write_scene
-from balloon_warp.springs.even import FEW, MARGIN, highest_squared_frequency
+from balloon_warp.scene.write import scene_toml, write_scene
 
 MESHES = {"sphere": quad_sphere(9), "cube": cube(), "sheet": grid(12, 12), "fine": quad_sphere(16)}
 

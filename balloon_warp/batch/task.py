@@ -46,7 +46,7 @@ from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.kernels.laws import Law
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Remark, lay_out
-from balloon_warp.model.derived import strain_bound_described, strain_bound_sentence
+from balloon_warp.model.stability import strain_bound_described, strain_bound_sentence
 from balloon_warp.run.checkpoints import JOB_NAME, Checkpoints, Part
 from balloon_warp.run.report import (
     BadEnding,

@@ -32,7 +32,7 @@ from balloon_warp.cli.progress import Console, with_options
 from balloon_warp.cli.simulate import batch, run, view
 from balloon_warp.errors import BlowUpError, InputError, MissingExtraError, StoppedError, WorkersLostError
 from balloon_warp.scene.load import bundled_scenes, load_scene, scene_name
-from balloon_warp.scene.text import scene_toml, write_scene
+from balloon_warp.scene.write import scene_toml, write_scene
 from balloon_warp.system.process import OutputLostError, lose_output
 from balloon_warp.system.warp_setup import quiet_warp
 

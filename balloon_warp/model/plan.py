@@ -23,17 +23,6 @@ from balloon_warp.kernels.laws.outer import EVENED
 from balloon_warp.laws import require_laws
 from balloon_warp.mesh.load import size_of
 from balloon_warp.mesh.polygon_mesh import METERS, NO_AXIS
-from balloon_warp.model.derived import (
-    Network,
-    StrainBound,
-    bounded_films,
-    bounded_moduli,
-    choose_substeps,
-    cut_to_size,
-    names_of_the_step,
-    update_dependents,
-    warnings_of,
-)
 from balloon_warp.model.materials import resolve_masses, resolve_tears
 from balloon_warp.model.model import Model
 from balloon_warp.model.obstacles import (
@@ -70,6 +59,17 @@ from balloon_warp.model.pressure import (
     resolve_pressure,
 )
 from balloon_warp.model.shape import BalloonShape, shape_balloon
+from balloon_warp.model.stability import (
+    Network,
+    StrainBound,
+    bounded_films,
+    bounded_moduli,
+    choose_substeps,
+    cut_to_size,
+    names_of_the_step,
+    update_dependents,
+    warnings_of,
+)
 from balloon_warp.model.starts import (
     Carriers,
     Driven,

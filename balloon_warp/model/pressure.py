@@ -37,9 +37,9 @@ from balloon_warp.model.materials import law_of, numbers_of, slopes_by_stretches
 from balloon_warp.model.model import Model
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape, mean_radius, pressure_of_stretch
+from balloon_warp.model.spectrum import ALL
 from balloon_warp.model.state import State
 from balloon_warp.scene import Balloon, Scene
-from balloon_warp.springs.even import ALL
 
 MOST_VERTICES = 12_000
 """Largest number of vertices of a balloon whose volume is predicted: with more, it would take longer than to begin"""

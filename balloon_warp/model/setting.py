@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Parameter
-from balloon_warp.model.derived import Network, names_of_the_step, update_dependents
 from balloon_warp.model.model import Model
 from balloon_warp.model.obstacles import substeps_of_solids
 from balloon_warp.model.parameters import (
@@ -27,6 +26,7 @@ from balloon_warp.model.parameters import (
     with_law_tables,
 )
 from balloon_warp.model.plan import substeps_over_time
+from balloon_warp.model.stability import Network, names_of_the_step, update_dependents
 from balloon_warp.scene import Scene
 from balloon_warp.scene.load import is_there, override_scene
 

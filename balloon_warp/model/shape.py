@@ -41,10 +41,11 @@ from balloon_warp.mesh.topology import (
     vertex_areas,
     vertex_components,
 )
+from balloon_warp.model.spectrum import pressure_bound
 from balloon_warp.scene import Balloon, Material, Scene, Stiffness
 from balloon_warp.springs import Springs
 from balloon_warp.springs.build import Hinges, Membrane, SpringKind, build_hinges, build_membrane, no_membrane
-from balloon_warp.springs.even import AT, balloon_springs, even_scales, film_tension, pressure_bound, springs_across
+from balloon_warp.springs.even import AT, balloon_springs, even_scales, film_tension, springs_across
 
 MOST_NAMED = 20
 """Largest number of groups that an error lists"""

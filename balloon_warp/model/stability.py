@@ -34,10 +34,10 @@ from balloon_warp.model.materials import Bound, Bounds, names_of_bounds, resolve
 from balloon_warp.model.obstacles import BodyShape, largest_inverse_mass, resolve_friction
 from balloon_warp.model.parameters import KEYFRAME_VALUES, DueChange, Parameters
 from balloon_warp.model.shape import BalloonShape, Surroundings, surroundings_of
+from balloon_warp.model.spectrum import highest_squared_frequency
 from balloon_warp.model.starts import step_while_crushed
 from balloon_warp.model.touch import bound_of_touch, resolve_touch
 from balloon_warp.scene import Scene
-from balloon_warp.springs.even import highest_squared_frequency
 
 
 def update_dependents(scene: Scene, shapes: Sequence[BalloonShape], now: Parameters, then: Parameters) -> None:

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from balloon_warp.blow_ups import MOST_HALVINGS
 from balloon_warp.errors import InputError
 from balloon_warp.frame import Frame
-from balloon_warp.model.derived import strain_bound_described
+from balloon_warp.model.stability import strain_bound_described
 from balloon_warp.run.report import describe_simulation
 from balloon_warp.scene import Scene
 from balloon_warp.simulator import Simulator

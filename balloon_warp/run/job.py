@@ -14,8 +14,8 @@ from balloon_warp.blow_ups import MOST_HALVINGS, check_policy, with_half_the_ste
 from balloon_warp.errors import BlowUpError
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model import Model
-from balloon_warp.model.derived import StrainBound, overstretched_films
 from balloon_warp.model.plan import remarks_in_sentences
+from balloon_warp.model.stability import StrainBound, overstretched_films
 from balloon_warp.run.checkpoints import (
     CHECKPOINT_SECONDS,
     Checkpoints,

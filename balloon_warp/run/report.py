@@ -182,7 +182,7 @@ class RunHeader:
     @classmethod
     def of(cls, model: "Model", schedule: str) -> Self:
         """Summarize a model before its first frame."""
-        from balloon_warp.model.derived import strain_bound_sentence
+        from balloon_warp.model.stability import strain_bound_sentence
 
         return cls(
             worlds=model.world_count,

@@ -21,11 +21,11 @@ from balloon_warp.kernels.steering import count_ages
 from balloon_warp.kernels.tables import HealthTable
 from balloon_warp.model import Model, State
 from balloon_warp.model.pressure import pressure_bounds
+from balloon_warp.model.spectrum import ALL
 from balloon_warp.model.state import frames_of
 from balloon_warp.scene.load import frame_at
 from balloon_warp.schedules.contact_lists import ContactLists
 from balloon_warp.schedules.slices import particle_table
-from balloon_warp.springs.even import ALL
 from balloon_warp.system.warp_threads import launch, recording, replay
 
 MOST_SPAN = 1.0e5

@@ -21,10 +21,10 @@ from balloon_warp.kernels.laws.touch import Ridge
 from balloon_warp.kernels.tables import RidgeTable, TouchTable
 from balloon_warp.mesh.orientation import triangles_of
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
-from balloon_warp.model.derived import held_within, widest_opening
 from balloon_warp.model.model import Model
 from balloon_warp.model.obstacles import max_body_contacts
 from balloon_warp.model.parameters import values_over_time
+from balloon_warp.model.stability import held_within, widest_opening
 from balloon_warp.model.state import Room
 from balloon_warp.model.touch import (
     APART,

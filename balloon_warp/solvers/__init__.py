@@ -20,7 +20,7 @@ def solver_named(schedule: str, model: Model) -> type[Schedule]:
         return schedule_named(schedule, model)
     if schedule not in ("auto", PROJECTIVE):
         raise InputError(f'schedule {schedule}: is for explicit steps; solver = "{PROJECTIVE}" needs auto')
-    from balloon_warp.schedules.projective import ProjectiveSolver
+    from balloon_warp.solvers.projective import ProjectiveSolver
 
     return ProjectiveSolver
 

@@ -27,7 +27,6 @@ from balloon_warp.kernels.steering import (
     write_control,
 )
 from balloon_warp.model import Model
-from balloon_warp.model.derived import names_of_the_step
 from balloon_warp.model.parameters import (
     METHODS,
     VELOCITY,
@@ -38,6 +37,7 @@ from balloon_warp.model.parameters import (
     scene_parameters,
 )
 from balloon_warp.model.setting import plan_setting
+from balloon_warp.model.stability import names_of_the_step
 from balloon_warp.scene import Scene
 from balloon_warp.scene.load import frame_at, is_there
 from balloon_warp.system.api import Shown

@@ -23,8 +23,8 @@ from balloon_warp.mesh.topology import (
     vertex_components,
 )
 from balloon_warp.model import plan_model
-from balloon_warp.model.derived import Network, strain_bound_sentence
 from balloon_warp.model.plan import implausible_values
+from balloon_warp.model.stability import Network, strain_bound_sentence
 from balloon_warp.run.report import many_substeps_sentence
 from balloon_warp.scene import SceneLike, scene_of
 from balloon_warp.scene.load import override_scene

@@ -10,11 +10,11 @@ from scipy.spatial import KDTree
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.crossings import crossings_sentence, without_crossings
 from balloon_warp.mesh.load import welded_along_seams, with_looks_of
-from balloon_warp.mesh.thickness import RIBBONS
 from balloon_warp.mesh.orientation import facing_outward, oriented_outward
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.repair import distinct_faces
 from balloon_warp.mesh.surface_nets import Level, MeshDistance, extract, fitted, grid_nodes, slabs_left, surface_nets
+from balloon_warp.mesh.thickness import RIBBONS
 from balloon_warp.mesh.topology import (
     border_edges,
     component_count,

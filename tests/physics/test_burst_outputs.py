@@ -35,7 +35,7 @@ from balloon_warp.batch.task import STAGE_NAME
 from balloon_warp.mesh.topology import beside_faces, signed_volume, total_area
 from balloon_warp.model import State, build_model, plan_model
 from balloon_warp.scene.load import override_scene
-from balloon_warp.schedules.projective import (
+from balloon_warp.solvers.projective import (
     MANY_WORLDS,
     MOST_PARTICLES,
     DenseInverse,

@@ -16,7 +16,7 @@ from balloon_warp import Atmosphere, Balloon, Ground, Inflation, Obstacle, Scene
 from balloon_warp.blow_ups import Pulls
 from balloon_warp.kernels.laws.contact import collision
 from balloon_warp.model import plan_model
-from balloon_warp.model.derived import widest_opening
+from balloon_warp.model.stability import widest_opening
 from balloon_warp.scene.load import bundled_scenes, load_scene
 
 EPSILON = float(np.finfo(np.float32).eps)

@@ -15,10 +15,10 @@ from balloon_warp.mesh.crossings import crossings_of
 from balloon_warp.mesh.topology import signed_volume
 from balloon_warp.model.plan import plan_model
 from balloon_warp.model.shape import shape_balloon
+from balloon_warp.model.spectrum import PART, pressure_bound
 from balloon_warp.model.starts import NO_INSIDE, inside_volume
 from balloon_warp.scene import Balloon, Inflation, Material, Obstacle, Scene, Touch, Water
 from balloon_warp.simulator import Simulator
-from balloon_warp.springs.even import PART, pressure_bound
 
 RADIUS, MASS = 0.15, 0.1
 BALL = quad_sphere(3, RADIUS)

@@ -21,7 +21,7 @@ from balloon_warp.lab.statics import SealedGas
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.topology import component_labels, mesh_edges
 from balloon_warp.scene import Balloon, Inflation, Scene
-from balloon_warp.scene.text import write_scene
+from balloon_warp.scene.write import write_scene
 from balloon_warp.simulator import Simulator
 from balloon_warp.system.api import Shown, described
 from balloon_warp.system.files import (

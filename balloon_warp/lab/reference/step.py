@@ -22,11 +22,11 @@ from balloon_warp.lab.reference.solids import Grips
 from balloon_warp.mesh.load import rotation_matrix
 from balloon_warp.mesh.orientation import triangles_of
 from balloon_warp.mesh.topology import corner_faces, next_corners, signed_volume
-from balloon_warp.model.derived import held_within, update_dependents, widest_opening
 from balloon_warp.model.obstacles import FRICTION, initial_centers, obstacle_motion, resolve_bodies, sample
 from balloon_warp.model.parameters import rows_of, values_over_time
 from balloon_warp.model.plan import ModelPlan, plan_model, resolved_parameters
 from balloon_warp.model.pressure import pressure_bounds
+from balloon_warp.model.stability import held_within, update_dependents, widest_opening
 from balloon_warp.model.starts import anchors_of, inside_volume, may_be_crushed, start_of
 from balloon_warp.model.touch import (
     APART,
