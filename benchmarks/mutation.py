@@ -40,7 +40,7 @@ STRATA = (
     Stratum(
         "tables", 0.07,
         tuple(f"balloon_warp/schedules/{name}.py" for name in (
-            "contact_horizon", "lane_tables", "membranes", "slices", "tables", "touch_table",
+            "framing", "layouts", "membranes", "slices", "tables", "touch_table",
         )),
     ),
 )  # fmt: skip

@@ -1,7 +1,7 @@
 """Parameters that follow from others: the largest stable step, and film soft enough for it.
 
 The largest stable step of symplectic Euler follows from the laws' own bounds. Where only particles touch spheres, a
-small sphere passes between them, and a fast one may jump over them.
+small sphere passes between them, and a fast one may jump over them: tunneling.
 
 Real film hardly stretches, and its modulus makes short steps: a letter of foil takes thousands in a frame, by which
 nothing changes that one sees. Ten times as soft in frequency it takes a tenth of them.
