@@ -450,7 +450,7 @@ class BatchOutput:
         """Add a frame of one group."""
         self._put(self.groups[group].worlds, record)
         if self.stage:
-            self.stage.write(record.number, group, *record.shapes)
+            self.stage.write(record.number, group, record.shapes)
         if self.trajectories:
             self.trajectories.add(group, record)
 
@@ -465,7 +465,7 @@ class BatchOutput:
         """
         self._put(self.groups[group].worlds[rows], record)
         if self.stage:
-            self.stage.write(record.number, group, *record.shapes, places=places.tolist())
+            self.stage.write(record.number, group, record.shapes, places=places.tolist())
         if self.trajectories:
             self.trajectories.replace(group, rows, record)
 

@@ -1,4 +1,10 @@
-"""Many worlds of a task as rl_games takes them, once `register` has named them."""
+"""Many worlds of a task as rl_games takes them, once `register` has named them.
+
+    worlds = {"output": "torch", "autoreset_mode": "SameStep"}
+    rl_games.register("balloon", lambda count: make_vec("Target", count, **worlds))
+
+In a configuration `env_name` is that name, and `num_actors` the number of worlds.
+"""
 
 from collections.abc import Callable
 from importlib.util import find_spec

@@ -356,8 +356,8 @@ def plan_model(
     said = vary_parameters(parameters_at(scene, rows, 0), scene, rows, world_count, vary or {})
     bodies = [shape_body(number, body, scene) for number, body in enumerate(scene.body)]
     changes = list(due_changes(scene, rows))
-    parameters = _settled(scene, shapes, bodies, held, said, changes, vary or {})
-    uncut, exact = shapes, said[SHEAR_MODULUS.name]
+    uncut, exact = Network(shapes, held, (*LAWS, *laws), bodies), said[SHEAR_MODULUS.name]
+    parameters = _settled(scene, uncut, said, changes, vary or {})
     shapes = cut_to_size(scene, shapes, parameters, exact)
     obstacles = [shape_obstacle(number, obstacle, scene) for number, obstacle in enumerate(scene.obstacle)]
     parameters |= resolve_bodies(scene, bodies, parameters)
@@ -374,11 +374,11 @@ def plan_model(
         from balloon_warp.model.clearance import exposed_ridges  # takes long to load
 
         ridges = exposed_ridges(scene, obstacles, ridges, parameters, changes, kept_distance(shapes))
-    network = Network(shapes, held, (*LAWS, *laws), bodies)
+    network = replace(uncut, shapes=shapes)
     substeps = substeps_over_time(scene, network, parameters, changes, start_velocities(shapes, parameters))
     if scene.substeps == "auto":
         substeps = max(substeps, substeps_of_solids(scene, bodies, parameters))
-    bound = _strain_bound(scene, replace(network, shapes=uncut), parameters, exact, changes, substeps)
+    bound = _strain_bound(scene, uncut, parameters, exact, changes, substeps)
     return ModelPlan(
         scene=scene,
         world_count=world_count,
@@ -404,14 +404,13 @@ def resolved_parameters(plan: ModelPlan, vary: Vary) -> Parameters:
     """
     rows = rows_of(plan.laws)
     said = vary_parameters(parameters_at(plan.scene, rows, 0), plan.scene, rows, plan.world_count, vary)
-    return _settled(plan.scene, plan.shapes, plan.bodies, plan.held, said, plan.due_changes, vary, rounded=False)
+    network = Network(plan.shapes, plan.held, plan.laws, plan.bodies)
+    return _settled(plan.scene, network, said, plan.due_changes, vary, rounded=False)
 
 
 def _settled(
     scene: Scene,
-    shapes: Sequence[BalloonShape],
-    bodies: Sequence[BodyShape],
-    held: Sequence[int],
+    network: Network,
     said: Mapping[str, NDArray[np.float64]],
     changes: Sequence[DueChange],
     varied: Collection[str],
@@ -424,6 +423,7 @@ def _settled(
     Raises:
         InputError: a balloon cannot hold gas, or let it out so, is too far away for float32, or cannot be turned so.
     """
+    shapes, held = network.shapes, network.held
     for balloon, shape in zip(scene.balloon, shapes, strict=True):
         if balloon.inflation.kind == "gas":
             require_sealed(shape)
@@ -433,7 +433,7 @@ def _settled(
         del parameters[name]
     for number, particle in enumerate(held):
         require_same_extreme(scene, parameters, number, shapes[scene.string[number].balloon], particle)
-    parameters["string_length"] = string_lengths(scene, shapes, bodies, held, parameters)
+    parameters["string_length"] = string_lengths(scene, shapes, network.bodies, held, parameters)
     require_openings(scene, shapes, parameters)
     require_profile(parameters)
     parameters["keyframe_values"] = resolve_pressure(scene, shapes, parameters)

@@ -134,7 +134,10 @@ def simulate(
     try:
         scene = override_scene(scene, values.items(), other_kinds=True)
         frame = scene.picture_frame if "picture_frame" in values else frame  # a label shows the value, or its refusal
-        figures, seconds = _measured(scene, stage, frame, device, schedule, laws, on_begin, on_frame, clock)
+        last = shown_frame(scene, frame)
+        simulator = Simulator(scene, device, schedule=schedule, laws=laws)
+        on_begin(replace(RunHeader.of(simulator.model, simulator.schedule.name), frames=last))
+        figures, seconds = _measured(simulator, last, stage, on_frame, clock)
     except (InputError, MissingExtraError) as refusal:
         return Run(values, "refused", str(refusal), {})
     except BlowUpError as failure:
@@ -143,20 +146,13 @@ def simulate(
 
 
 def _measured(
-    scene: Scene,
+    simulator: Simulator,
+    last: int,
     stage: Path | None,
-    frame: int | None,
-    device: str | None,
-    schedule: str,
-    laws: Sequence[Law],
-    on_begin: Callable[[RunHeader], None],
     on_frame: Callable[[int, int], None],
     clock: Callable[[], float],
 ) -> tuple[dict[str, float], list[float]]:
     """Measure the figures at the frame that is shown, and the wall time of each frame until then [s]."""
-    last = shown_frame(scene, frame)
-    simulator = Simulator(scene, device, schedule=schedule, laws=laws)
-    on_begin(replace(RunHeader.of(simulator.model, simulator.schedule.name), frames=last))
     recorder = Recorder(simulator, np.zeros(0, dtype=np.int32))
     seconds = []
     for number in range(1, last + 1):
@@ -165,7 +161,7 @@ def _measured(
         seconds.append(clock() - began)
         on_frame(number, last)
     record = recorder.read()
-    measured = dict(zip(columns_of(scene), map(float, record.measures[0]), strict=True))
+    measured = dict(zip(columns_of(simulator.model.scene), map(float, record.measures[0]), strict=True))
     figures = {name: measured[name] for name in MEASURES}
     if not record.healthy[0] or figures["largest_stretch"] > MOST_STRETCH:
         raise BlowUpError(

@@ -444,11 +444,11 @@ class Reference:
             rates = (laws.dot(area, predicted_velocity + deflection - k * self.v) - before * swings)[b.part, 0]
             swing, height = swings[b.part, 0], heights[b.part, 0]
             volume = laws.volume(self.x[b.part], b.faces)[0]
-            moments = volume, swing.sum(), rates.sum(), b.share[:, 0] @ height, swing @ height
+            breath = gas.Breath(volume, swing.sum(), rates.sum(), b.share[:, 0] @ height, swing @ height)
             if b.kind == "gas":
-                gas.implicit_pressure(b, self.h, damping, *moments)
+                gas.implicit_pressure(b, self.h, damping, breath)
             else:
-                gas.given_pressure(b, self.h, self._given(b, self.part), *moments)
+                gas.given_pressure(b, self.h, self._given(b, self.part), breath)
         ends = ([self.balloons[number] for number in tube.balloons] for tube in self.scene.tube)
         tubes = zip(ends, self.parameters["tube_conductance"][0], strict=True)
         gas.flow(self.balloons, [(*pair, conductance) for pair, conductance in tubes], self.h)
