@@ -23,7 +23,7 @@ from balloon_warp import Inflation, InputError, MissingExtraError, Simulator
 from balloon_warp.learn import TASKS, BalloonEnv, BalloonVectorEnv, make, make_vec, task_named
 from balloon_warp.learn.tasks import COMPLIANCE, VOLUME, Altitude, Target
 from balloon_warp.learn.vector_env import spaces_of
-from balloon_warp.studio.page import page as view
+from balloon_warp.studio.page import view
 
 RETURNS = {"Inflate": (60, 25, 5), "Juggle": (120, 70, 50), "Press": (80, 20, 2), "Target": (240, 10, 2)}
 """Number of steps, return in these that the scripted policy exceeds, mean over worlds, and that a random one does not;
