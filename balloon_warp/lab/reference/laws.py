@@ -371,7 +371,7 @@ def begin_frame(b, height):
 
 
 class Breath(NamedTuple):
-    """How a balloon's volume grows by a pressure P, at the rate r = rate + response P [m^3/s]."""
+    """Growth of a balloon's volume by a pressure P, at the rate r = rate + response P [m^3/s]."""
 
     volume: float
     response: float
