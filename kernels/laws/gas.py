@@ -219,7 +219,7 @@ def max_pressure(bound: float, mass: float, step_seconds: float):
     """Largest gauge pressure at which a step is stable against rotation of the skin [Pa].
 
     Args:
-        bound: of the balloon's shape [1/m], see `balloon_warp.springs.even`.
+        bound: of the balloon's shape [1/m], see `balloon_warp.model.spectrum`.
         mass: of the balloon [kg].
         step_seconds: [s].
     """
