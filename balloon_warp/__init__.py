@@ -11,12 +11,11 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from balloon_warp.system.loading import LENT, without_garbage_collection
+from balloon_warp.system.process import LENT, without_garbage_collection
 
 if TYPE_CHECKING:
     from balloon_warp.batch.batch import repeat_batch, run_batch
-    from balloon_warp.batch.simulate import Trajectories, simulate
-    from balloon_warp.batch.trajectories import TrajectoryFiles
+    from balloon_warp.batch.trajectories import Trajectories, TrajectoryFiles, simulate
     from balloon_warp.errors import BlowUpError, InputError, MissingExtraError, WorkersLostError
     from balloon_warp.farm.cluster import Cluster
     from balloon_warp.frame import Frame
@@ -26,8 +25,7 @@ if TYPE_CHECKING:
     from balloon_warp.lab.fit.fit import Fit, Optimum, fit
     from balloon_warp.lab.gradients import losses
     from balloon_warp.lab.gradients.derive import Gradient
-    from balloon_warp.lab.gradients.gradient import gradient
-    from balloon_warp.lab.gradients.rollout import Rollout
+    from balloon_warp.lab.gradients.gradient import Rollout, gradient
     from balloon_warp.laws import face_law, particle_law, spring_law
     from balloon_warp.mesh import PolygonMesh
     from balloon_warp.mesh.load import load_mesh
@@ -56,7 +54,7 @@ if TYPE_CHECKING:
     from balloon_warp.simulator import MassProperties, Simulator
     from balloon_warp.springs import build_springs
     from balloon_warp.studio.animate import animate
-    from balloon_warp.studio.exports import export_stage
+    from balloon_warp.studio.export import export_stage
     from balloon_warp.studio.page.view import show, view
     from balloon_warp.studio.render import render_stage
     from balloon_warp.tools.check import CheckReport, Crossing, check_stage
@@ -167,8 +165,10 @@ _HOMES = {
     "frame": ("Frame",),
     "lab.gradients": ("losses",),
     "lab.gradients.derive": ("Gradient",),
-    "lab.gradients.gradient": ("gradient",),
-    "lab.gradients.rollout": ("Rollout",),
+    "lab.gradients.gradient": (
+        "gradient",
+        "Rollout",
+    ),
     "studio.animate": ("animate",),
     "kernels.laws": (
         "Law",
@@ -182,7 +182,7 @@ _HOMES = {
     "mesh": ("PolygonMesh",),
     "mesh.load": ("load_mesh",),
     "tools.remesh": ("remesh",),
-    "studio.exports": ("export_stage",),
+    "studio.export": ("export_stage",),
     "studio.render": ("render_stage",),
     "usd": ("StageWriter",),
     "scene": (
@@ -217,8 +217,8 @@ _HOMES = {
         "repeat_batch",
     ),
     "farm.cluster": ("Cluster",),
-    "batch.trajectories": ("TrajectoryFiles",),
-    "batch.simulate": (
+    "batch.trajectories": (
+        "TrajectoryFiles",
         "Trajectories",
         "simulate",
     ),

@@ -3,8 +3,7 @@
 import gc
 import sys
 
-from balloon_warp.system.loading import without_garbage_collection
-from balloon_warp.system.streams import watch_streams
+from balloon_warp.system.process import watch_streams, without_garbage_collection
 
 
 def main() -> None:

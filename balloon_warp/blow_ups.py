@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws.springs import KINDS
 from balloon_warp.kernels.tables import HEALTHY
-from balloon_warp.mesh.seams import size_of
+from balloon_warp.mesh.load import size_of
 from balloon_warp.model import Model, State, copy_of, overwrite
 from balloon_warp.model.pressure import borne_pressures, passed_limit_point
 from balloon_warp.model.stability import AUTO_MARGIN, MOST_SUBSTEPS, Network
@@ -237,7 +237,7 @@ class Pulls:
         lengths = np.linalg.norm(self._points[pairs[:, 1]] - self._points[pairs[:, 0]], axis=1)
         self._pairs, self._kinds = pairs, kinds
         self._stretches = lengths / np.maximum(rest, 1.0e-30)
-        from balloon_warp.schedules.readout import ForceReader  # its kernels load when first needed
+        from balloon_warp.frame_reader import ForceReader  # its kernels load when first needed
 
         forces = ForceReader(model)
         forces.refresh(state)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.topology import corners_beside, total_area, volume_and_area
 from balloon_warp.model import Model, ModelPlan
-from balloon_warp.system.shown import Shown, described
+from balloon_warp.system.api import Shown, described
 
 PAIR_ARRAYS = ("forces", "torques", "areas", "pressures", "places")
 """Arrays of `State` for each pair, named after `contact_`"""

@@ -16,20 +16,19 @@ from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.measure.worlds import SolidSums, measure_solids, sum_solids
 from balloon_warp.kernels.tables import HEALTHY
 from balloon_warp.model import Model, Vary, build_model, carried_over, fitting, initial_state, world_bytes, worlds_of
+from balloon_warp.model.parameters import active_laws_and_phases, scene_to_vary
+from balloon_warp.model.plan import remarks_in_sentences
 from balloon_warp.model.pressure import keep_pressures
-from balloon_warp.model.remarks import remarks_in_sentences
 from balloon_warp.model.setting import PlannedChanges, Setting, changed_parameters, plan_setting, with_changed_methods
 from balloon_warp.model.state import carry_kept_values, require_memory
-from balloon_warp.model.timeline import active_laws_and_phases, scene_to_vary
 from balloon_warp.scene import SceneLike
 from balloon_warp.schedules.choose import Schedule
 from balloon_warp.schedules.contact_lists import overflow_remarks
 from balloon_warp.schedules.frames import RecordedFrame
 from balloon_warp.solvers import solver_named
 from balloon_warp.steering import Controls, Observations, Starts
-from balloon_warp.system.arguments import checked
-from balloon_warp.system.loading import LENT, without_garbage_collection
-from balloon_warp.system.shown import Shown, described
+from balloon_warp.system.api import Shown, checked, described
+from balloon_warp.system.process import LENT, without_garbage_collection
 from balloon_warp.system.warp_threads import PROCESS_LOCK, launch, lock_of, locked, pick_device
 
 LANES = 32

@@ -16,8 +16,8 @@ from balloon_warp.benchmarks.measure import seconds_a_frame
 from balloon_warp.benchmarks.result import Result
 from balloon_warp.model import Model, State, build_model, initial_state
 from balloon_warp.scene.load import bundled_scenes, load_scene
-from balloon_warp.schedules.block_layout import fits_in_block
 from balloon_warp.schedules.choose import LAUNCHED, fastest_schedule, make_schedule, only_launched
+from balloon_warp.schedules.layouts import fits_in_block
 from balloon_warp.system.warp_setup import quiet_warp
 from balloon_warp.system.warp_threads import pick_device
 

@@ -6,8 +6,8 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.model import Model
-from balloon_warp.schedules.features import model_features
-from balloon_warp.schedules.patches import cut_into_patches
+from balloon_warp.schedules.gather import cut_into_patches
+from balloon_warp.schedules.tables import model_features
 
 ISSUE_RATE = 4 * 32 * 1.98e9
 """thread instructions a second and multiprocessor of an H100 or H200 at its highest clock"""

@@ -15,9 +15,7 @@ import numpy as np
 import warp as wp
 
 from balloon_warp.batch.batch import run_batch
-from balloon_warp.learn.altitude import Altitude
-from balloon_warp.learn.inflate import Inflate
-from balloon_warp.learn.task import Task
+from balloon_warp.learn.tasks import Altitude, Inflate, Task
 from balloon_warp.learn.vector_env import BalloonVectorEnv, Output
 from balloon_warp.scene import load_scene
 from balloon_warp.simulator import Simulator

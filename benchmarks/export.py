@@ -69,6 +69,6 @@ def _batch_writer(simulator: Simulator, plan: ModelPlan) -> Callable[[Path], Non
     def write(path: Path) -> None:
         with GridWriter(path, [GridGroup(plan, worlds, worlds)]) as stage:
             for record in records:
-                stage.write(record.number, 0, *record.shapes)
+                stage.write(record.number, 0, record.shapes)
 
     return write

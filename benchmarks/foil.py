@@ -25,7 +25,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.model.strain_bound import mean_strain
+from balloon_warp.model.stability import mean_strain
 from balloon_warp.scene import Balloon, Inflation, Material, Scene, Touch, load_scene
 from balloon_warp.simulator import Simulator
 from balloon_warp.system.warp_setup import quiet_warp

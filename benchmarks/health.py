@@ -15,7 +15,7 @@ from balloon_warp.benchmarks.measure import FRAMES, seconds_a_frame
 from balloon_warp.blow_ups import KEPT_FRAMES
 from balloon_warp.kernels.phases.motion import check
 from balloon_warp.model import Model, State, build_model, initial_state, overwrite
-from balloon_warp.schedules import block_layout
+from balloon_warp.schedules import layouts
 from balloon_warp.schedules.choose import Schedule, make_schedule
 from balloon_warp.schedules.frames import HealthCheck
 from balloon_warp.system.warp_setup import quiet_warp
@@ -71,7 +71,7 @@ def count_frame(frame: Any):
 
 def blind_schedule(model: Model, name: str) -> Schedule:
     """Make a schedule whose kernels leave out their own health checks."""
-    with patch.object(block_layout, "check", replace(check, when=lambda features: False)):
+    with patch.object(layouts, "check", replace(check, when=lambda features: False)):
         return make_schedule(model, name)
 
 

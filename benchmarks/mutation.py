@@ -40,7 +40,7 @@ STRATA = (
     Stratum(
         "tables", 0.07,
         tuple(f"balloon_warp/schedules/{name}.py" for name in (
-            "contact_horizon", "lane_tables", "membranes", "slices", "tables", "touch_table",
+            "framing", "layouts", "membranes", "slices", "tables", "touch_table",
         )),
     ),
 )  # fmt: skip
@@ -68,7 +68,7 @@ EQUIVALENT: Mapping[str, str] = {
     "faced(place, corners[0], corners[2], corners[1])": "a search reads the gap, which has no corners in it",
     "kernels/phases/forces.py jet_of_holes.jet_of_holes: state.bursts[params.world, params.balloon][1] -> "
     "state.bursts[params.world, params.balloon][0]": "the thrust of no hole is nothing",
-    "balloon_warp/model/remarks.py _pressed: max_pressure(bound, float(masses[row % len(masses), balloon]), "
+    "balloon_warp/model/plan.py _pressed: max_pressure(bound, float(masses[row % len(masses), balloon]), "
     "model.step_seconds) -> max_pressure(float(masses[row % len(masses), balloon]), bound, model.step_seconds)":
     "a product of the two",
     "kernels/phases/inflation.py seal_air_in: air[1] / of_world[columns[1]] -> air[1] * of_world[columns[1]]":
@@ -79,7 +79,7 @@ EQUIVALENT: Mapping[str, str] = {
     "kernels/contact/free_frames.py : 40.0 -> 48.0": "a bound with room: two edges are 40 thicknesses",
     "kernels/contact/triangles.py search_margin: SEARCH_MARGIN * t.touch.slack[balloon] -> "
     "SEARCH_MARGIN / t.touch.slack[balloon]": "a search looks farther than it has to, and finds the same contacts",
-    "balloon_warp/schedules/lane_tables.py _add_membranes: model.balloon_count + 1 -> model.balloon_count + 2":
+    "balloon_warp/schedules/layouts.py _add_membranes: model.balloon_count + 1 -> model.balloon_count + 2":
     "an entry more, which nothing reads",
     "kernels/laws/touch.py impact: beside + gain * normal -> beside": "friction takes what is across the normal",
     "kernels/contact/edges.py contact_function.particle_of_pair: before[0] -> before[1]": "the area vector of a "

@@ -18,7 +18,7 @@ import numpy as np
 import warp as wp
 
 from balloon_warp.benchmarks.newton_tape import NewtonTape, by_distances
-from balloon_warp.lab.gradients.rollout import Moving, Steps
+from balloon_warp.lab.gradients.gradient import Moving, Steps
 from balloon_warp.mesh.topology import quad_sphere
 from balloon_warp.model import build_model
 from balloon_warp.scene import Inflation, Material, Scene, Stiffness

@@ -22,9 +22,8 @@ from balloon_warp.kernels.substep import AIMING, phases_of
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.model import Model, State
 from balloon_warp.model.state import Allocating
-from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.launched import Launches
-from balloon_warp.schedules.tables import make_tables, refresh_ramp, world_state
+from balloon_warp.schedules.tables import make_tables, model_features, refresh_ramp, world_state
 
 
 class NewtonPeer:

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
-from balloon_warp.batch.simulate import Trajectories
+from balloon_warp.batch.trajectories import Trajectories
 from balloon_warp.benchmarks.physics_energy import EPSILON, forces_rounding
 from balloon_warp.benchmarks.physics_runs import NUDGE, Case, Run, farthest
 from balloon_warp.benchmarks.physics_twins import Array, relisted, scaled, turned

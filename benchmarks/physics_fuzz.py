@@ -31,7 +31,7 @@ from balloon_warp.benchmarks.physics_scenes import KINDS, Kind, drawn
 from balloon_warp.benchmarks.physics_twins import Tables
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.scene.complaint import toml_value
+from balloon_warp.scene.fields import toml_value
 from balloon_warp.system.warp_setup import quiet_warp
 from balloon_warp.system.warp_threads import pick_device
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from balloon_warp.benchmarks.physics_meshes import listed
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.scene import Scene
-from balloon_warp.scene.schema.fields import meaning_of
+from balloon_warp.scene.fields import meaning_of
 
 Tables = dict[str, Any]
 Array = NDArray[np.float64]

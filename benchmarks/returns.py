@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.learn.registration import TASKS, make_vec
+from balloon_warp.learn import TASKS, make_vec
 from balloon_warp.system.warp_setup import quiet_warp
 
 WORLDS = 16

@@ -22,7 +22,7 @@ from balloon_warp.farm.cluster import Cluster
 from balloon_warp.farm.workers import worker_environments
 from balloon_warp.model import build_model, initial_state
 from balloon_warp.schedules import make_schedule
-from balloon_warp.schedules.lanes import LanesSchedule
+from balloon_warp.schedules.one_launch import LanesSchedule
 from balloon_warp.system.warp_setup import quiet_warp
 
 REPEATS = 5

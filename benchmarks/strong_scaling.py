@@ -30,7 +30,7 @@ from balloon_warp.farm.cluster import Cluster
 from balloon_warp.lab.gradients import losses
 from balloon_warp.lab.gradients.gradient import gradient
 from balloon_warp.learn import BalloonVectorEnv, make_vec
-from balloon_warp.learn.altitude import Altitude
+from balloon_warp.learn.tasks import Altitude
 from balloon_warp.system.warp_setup import quiet_warp
 
 VARIED, DERIVED = "balloon.helium", "balloon.mass"

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.batch.simulate import simulate
+from balloon_warp.batch.trajectories import simulate
 from balloon_warp.mesh.topology import quad_sphere, signed_volume, total_area
 from balloon_warp.scene import Atmosphere, Balloon, Change, Inflation, Material, Scene, Stiffness
 

@@ -15,7 +15,7 @@ from commands import status_of
 from meshes import quad_sphere
 
 from balloon_warp import Scene
-from balloon_warp.batch.output import STAGE_NAME
+from balloon_warp.batch.task import STAGE_NAME
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.scene import Balloon, Ground, Inflation, Sphere, String
 

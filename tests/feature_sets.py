@@ -13,10 +13,9 @@ from meshes import cube, mesh_of, prism, quad_sphere, tetrahedron, zigzag
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import LAWS
 from balloon_warp.mesh.orientation import triangles_of
-from balloon_warp.model.parameters import rows_of
-from balloon_warp.model.timeline import require_changeable
+from balloon_warp.model.parameters import require_changeable, rows_of
 from balloon_warp.scene import Scene, load_scene
-from balloon_warp.scene.schema import Change
+from balloon_warp.scene.scene import Change
 
 RATE, SUBSTEPS = 60.0, 16
 """Frames a second, and substeps a frame"""

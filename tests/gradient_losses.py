@@ -8,7 +8,7 @@ import numpy as np
 from gradient_scenes import CASES
 
 import balloon_warp as bw
-from balloon_warp.batch.simulate import Trajectories
+from balloon_warp.batch.trajectories import Trajectories
 from balloon_warp.lab.reference import Reference
 from balloon_warp.lab.statics import Volume
 from balloon_warp.model import plan_model

@@ -16,8 +16,8 @@ from balloon_warp.kernels.substep import conditional_phases
 from balloon_warp.model import Model, build_model
 from balloon_warp.scene import Balloon, Body, Inflation, Material, Neck, Obstacle, Scene, Sphere, String, Touch, Tube
 from balloon_warp.scene.load import bundled_scenes, override_scene, parse_override
-from balloon_warp.schedules.contact_horizon import has_free_frames
-from balloon_warp.schedules.features import model_features
+from balloon_warp.schedules.framing import has_free_frames
+from balloon_warp.schedules.tables import model_features
 
 SPRINGS = {"viscosity": 2e-3, "yield_stretch": 1.4, "torsion": 0.05, "variation": 0.3}
 BLOWN = {"litres": 2.0, "fill_time": 0.06, "gamma": 1.3, "breathing_damping": 0.3, "leak": 3e-5}

@@ -21,8 +21,8 @@ from websockets.exceptions import ConnectionClosed  # noqa: E402
 from websockets.sync.client import connect  # noqa: E402
 from websockets.sync.connection import Connection  # noqa: E402
 
-from balloon_warp.studio.page.ahead import KernelPrecompiler  # noqa: E402
 from balloon_warp.studio.page.page import Onlooker, Page  # noqa: E402
+from balloon_warp.studio.page.playground import KernelPrecompiler  # noqa: E402
 from balloon_warp.studio.page.server import free_port  # noqa: E402
 from balloon_warp.studio.page.session import Session  # noqa: E402
 

@@ -16,7 +16,7 @@ import pytest
 from balloon_warp.kernels.laws import LAWS
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.simulator import Simulator
-from balloon_warp.system.shown import Shown
+from balloon_warp.system.api import Shown
 
 ROOT = Path(__file__).parent.parent
 FOLDERS = ("balloon_warp", "kernels", "scenes", "benchmarks", "tests")
@@ -248,7 +248,7 @@ def test_nothing_loads_what_loads_it() -> None:
 LOADED_BY_NAME = {
     "balloon_warp/__init__.py": "the names of the package, from where its table says",
     "balloon_warp/tools/foil.py": "packages of an extra, or says which extra",
-    "balloon_warp/farm/local_workers.py": "what simulates a share, in another process, as it starts",
+    "balloon_warp/farm/workers.py": "what simulates a share, in another process, as it starts",
     "kernels/laws/law.py": "a law of one's own, in another process",
 }
 """files that load a module of which they do not say which, and the module in words"""

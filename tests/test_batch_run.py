@@ -18,16 +18,16 @@ from small_batch import FRAMES, WORLDS, scene, write_meshes
 
 from balloon_warp import Cluster, InputError, Scene, Simulator, Water, load_scene, run_batch
 from balloon_warp.batch import batch as batch_module
-from balloon_warp.batch import local as sweep_memory
+from balloon_warp.batch import batch as sweep_memory
 from balloon_warp.batch.recorder import Group, plan_groups
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.model import lay_out, shape, state, world_bytes
 from balloon_warp.scene.load import override_scene
-from balloon_warp.schedules.lanes import LanesSchedule
+from balloon_warp.schedules.one_launch import LanesSchedule
 from balloon_warp.system.warp_threads import pick_device
 from balloon_warp.usd import stage as growing
+from balloon_warp.usd.balloon import string_curve
 from balloon_warp.usd.grid import grid_shifts
-from balloon_warp.usd.lines import string_curve
 
 never = Mock(side_effect=AssertionError("is not to be called"))
 CLUSTER = Cluster(workers=2)

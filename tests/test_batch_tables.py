@@ -31,9 +31,8 @@ from balloon_warp.batch import table
 from balloon_warp.batch import table as table_csv
 from balloon_warp.batch import table as table_parquet
 from balloon_warp.batch.batch import BatchSummary
-from balloon_warp.batch.output import BatchOutput, describe_batch
 from balloon_warp.batch.recorder import Recorder, columns_of, describe_columns, plan_groups
-from balloon_warp.batch.task import BatchTask, Failures, batch_checkpoints
+from balloon_warp.batch.task import BatchOutput, BatchTask, Failures, batch_checkpoints, describe_batch
 from balloon_warp.blow_ups import BlowUp, Pull
 from balloon_warp.farm import cluster
 from balloon_warp.farm.cluster import FAILURES, ShareJournal
@@ -41,7 +40,7 @@ from balloon_warp.mesh.obj import write_obj
 from balloon_warp.mesh.topology import signed_volume, total_area
 from balloon_warp.run.checkpoints import Checkpoints, Part
 from balloon_warp.scene import Balloon, Box, Inflation, Scene, Sphere, Stiffness
-from balloon_warp.system.arrays import PAD, decimals
+from balloon_warp.system.files import PAD, decimals
 from balloon_warp.usd import stage as growing
 
 FLOAT32 = 1.2e-7  # its relative rounding

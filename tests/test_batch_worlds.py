@@ -21,7 +21,7 @@ from balloon_warp.farm import cluster
 from balloon_warp.farm.cluster import cut_into_shares
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.model import ModelPlan, plan_model
-from balloon_warp.model.timeline import scene_to_vary
+from balloon_warp.model.parameters import scene_to_vary
 from balloon_warp.scene import Balloon, Body, Change, Ground, Inflation, Scene, Sphere, Stiffness, String
 from balloon_warp.scene.load import override_scene
 

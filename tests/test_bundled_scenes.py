@@ -7,7 +7,7 @@ from trajectories import played, shape_at
 from balloon_warp import Frame, PolygonMesh, bundled_scenes
 from balloon_warp.benchmarks.overlap import depth, surface
 from balloon_warp.mesh.topology import signed_volume, total_area
-from balloon_warp.run.outcomes import bad_endings
+from balloon_warp.run.report import bad_endings
 
 pytestmark = pytest.mark.physics
 

@@ -29,7 +29,7 @@ from balloon_warp.cli import progress as console
 from balloon_warp.cli.options import Changes, LengthOptions
 from balloon_warp.cli.progress import FirstEstimate, FrameProgress, counted, time_left
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.run.provenance import RunHeader
+from balloon_warp.run.report import RunHeader
 from balloon_warp.tools import doctor
 
 SUMMARY_KEYS = """output picture points scene device schedule worlds particles springs frames begin frames_per_second

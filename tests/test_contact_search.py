@@ -51,7 +51,7 @@ from balloon_warp.model.touch import APART, bends_freely, edge_length
 from balloon_warp.scene import Ground, Inflation, Stiffness
 from balloon_warp.scene.load import override_scene
 from balloon_warp.scene.write import write_scene
-from balloon_warp.schedules.contact_horizon import own_parts, own_parts_arrays
+from balloon_warp.schedules.framing import own_parts, own_parts_arrays
 from balloon_warp.schedules.tables import world_state
 from balloon_warp.schedules.touch_table import surface_of
 from balloon_warp.system.warp_threads import launch, launch_tiled

@@ -14,7 +14,7 @@ from meshes import at, cube, grid, hook, joined, mesh_of, quad_sphere
 from balloon_warp import BlowUpError, InputError, PolygonMesh, Simulator, animate, run_batch
 from balloon_warp.blow_ups import BlowUp
 from balloon_warp.kernels.tables import HEALTHY
-from balloon_warp.run.outcomes import BadEnding, bad_endings, ending_sentences
+from balloon_warp.run.report import BadEnding, bad_endings, ending_sentences
 from balloon_warp.scene import (
     Atmosphere,
     Balloon,

@@ -20,10 +20,8 @@ from gymnasium.vector import AutoresetMode
 from strangers import CAMERA, joined, say, wait_until
 
 from balloon_warp import Inflation, InputError, MissingExtraError, Simulator
-from balloon_warp.learn import BalloonVectorEnv, make, make_vec, task_named
-from balloon_warp.learn.altitude import COMPLIANCE, VOLUME, Altitude
-from balloon_warp.learn.registration import TASKS, BalloonEnv
-from balloon_warp.learn.target import Target
+from balloon_warp.learn import TASKS, BalloonEnv, BalloonVectorEnv, make, make_vec, task_named
+from balloon_warp.learn.tasks import COMPLIANCE, VOLUME, Altitude, Target
 from balloon_warp.learn.vector_env import spaces_of
 from balloon_warp.studio.page import view
 

@@ -44,9 +44,9 @@ from balloon_warp import (
 from balloon_warp.mesh.obj import read_obj, write_obj
 from balloon_warp.scene.write import write_scene
 from balloon_warp.scenes.model_print import dots
-from balloon_warp.studio.exports import export, parts
+from balloon_warp.studio import export, parts
 from balloon_warp.studio.render import render_stage, stage_reader
-from balloon_warp.system import arrays
+from balloon_warp.system import files as arrays
 from balloon_warp.usd.material import identifier
 from balloon_warp.usd.solids import AROUND, PROFILE, tube_points, tube_topology
 
@@ -391,7 +391,7 @@ def test_xarray_takes_it_and_makes_a_zarr_store_as_its_page_says(page_file: Path
 
 @pytest.mark.parametrize("place", export.WRITERS.values())
 def test_every_writer_is_there(place: str):
-    assert callable(resolve_name(f"balloon_warp.studio.exports.{place}"))
+    assert callable(resolve_name(f"balloon_warp.studio.{place}"))
 
 
 def test_a_grid_for_each_frame_and_a_list_of_their_times(written: Path, tmp_path):

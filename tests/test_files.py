@@ -18,7 +18,6 @@ from balloon_warp import InputError, animate, export_stage, render_stage, run_ba
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.scene import Balloon, Scene, load_scene
 from balloon_warp.system import files
-from balloon_warp.system.arrays import write_npz
 from balloon_warp.system.files import (
     check_writable,
     clear_left_over,
@@ -26,6 +25,7 @@ from balloon_warp.system.files import (
     scratch_folder,
     temporary_in,
     whole_file,
+    write_npz,
 )
 from balloon_warp.system.warp_setup import quiet_warp
 

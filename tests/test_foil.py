@@ -20,7 +20,7 @@ from balloon_warp.mesh import topology
 from balloon_warp.mesh.obj import read_obj, write_obj
 from balloon_warp.mesh.topology import euler_characteristic, face_areas, mesh_edges, signed_volume, total_area
 from balloon_warp.model import ModelPlan, plan_model
-from balloon_warp.model.strain_bound import inflated_volume, mean_strain
+from balloon_warp.model.stability import inflated_volume, mean_strain
 from balloon_warp.scene import Balloon, Change, Force, Inflation, Material, Scene, Touch, load_scene
 from balloon_warp.scene.around import scene_of_foil
 from balloon_warp.scenes.model_airbag import airbag, airbag_flat

@@ -25,11 +25,11 @@ from balloon_warp.scene import Atmosphere, Balloon, Ground, Inflation, Material,
 from balloon_warp.schedules import choose, frames, gather
 from balloon_warp.schedules import slices as module
 from balloon_warp.schedules.choose import fastest_schedule, make_schedule
-from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.frames import TURN, Rounds, make_clock
-from balloon_warp.schedules.gather import GatherSchedule, ScatterSchedule
-from balloon_warp.schedules.patches import (
+from balloon_warp.schedules.gather import (
+    GatherSchedule,
     Patches,
+    ScatterSchedule,
     cut_into_patches,
     cut_patches,
     patch_table,
@@ -45,7 +45,7 @@ from balloon_warp.schedules.slices import (
     spring_ends,
     wavefronts,
 )
-from balloon_warp.schedules.tables import make_tables, other_corners
+from balloon_warp.schedules.tables import make_tables, model_features, other_corners
 
 ROUNDING = 2.0e-5  # of its size: the same sums in another order, over a few frames
 OF_PRESSURES = 0.5  # [Pa]: five millionths of the air's; an excess is the difference of two such pressures, in float32

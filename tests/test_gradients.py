@@ -26,7 +26,7 @@ from balloon_warp.kernels.schedules.block_names import Layout
 from balloon_warp.lab.gradients.derive import require_paths
 from balloon_warp.model import Model, lay_out, plan_model
 from balloon_warp.schedules import backward_block
-from balloon_warp.schedules.features import model_features
+from balloon_warp.schedules.tables import model_features
 
 BY_DEFAULT = "gas on the ground"
 """Case that runs by launches without `--full`"""

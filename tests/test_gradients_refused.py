@@ -16,7 +16,7 @@ from gradient_scenes import BALL, BELOW, BETWEEN_CORNERS, CASES, CHANGES, SPRING
 from meshes import quad_sphere
 
 import balloon_warp as bw
-from balloon_warp.batch.simulate import Trajectories
+from balloon_warp.batch.trajectories import Trajectories
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.membrane import THICKNESS
 from balloon_warp.kernels.phase import Access, NoAdjointError, by_grad, phase
@@ -24,11 +24,11 @@ from balloon_warp.kernels.schedules.launched import GATHERED
 from balloon_warp.kernels.schedules.writer import cut, traces_of
 from balloon_warp.lab.gradients import derive
 from balloon_warp.lab.gradients.derive import FewFrames, LossDerivatives, evaluate_loss, min_recomputed_frames
-from balloon_warp.lab.reference.tables import film_of
+from balloon_warp.lab.reference.step import film_of
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.model import build_model, plan_model
 from balloon_warp.schedules.backward_launched import bytes_backwards
-from balloon_warp.schedules.features import model_features
+from balloon_warp.schedules.tables import model_features
 from balloon_warp.springs.build import Membrane, build_membrane
 
 

@@ -37,14 +37,13 @@ from balloon_warp import (
     load_mesh,
     load_scene,
 )
-from balloon_warp.cli.stages import figure_console, print_comparison
+from balloon_warp.cli.files import figure_console, print_comparison
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.mesh.topology import signed_volume, total_area, triangulate
 from balloon_warp.mesh.usd_stage import SCENERY
 from balloon_warp.scene.load import override_scene
-from balloon_warp.system.arguments import checked, fits
-from balloon_warp.tools.choices import parse_choices
-from balloon_warp.tools.compare import Comparison, Run, Tile, compare, compose_sheet
+from balloon_warp.system.api import checked, fits
+from balloon_warp.tools.compare import Comparison, Run, Tile, compare, compose_sheet, parse_choices
 
 
 def curve(count: int) -> np.ndarray:

@@ -25,7 +25,7 @@ from balloon_warp import InputError, PolygonMesh, StageWriter, export_stage, loa
 from balloon_warp.mesh.load import Treatment, prepared
 from balloon_warp.model import build_model, plan_model
 from balloon_warp.scene.around import palette_color
-from balloon_warp.studio.exports.parts import Animation
+from balloon_warp.studio.parts import Animation
 from balloon_warp.studio.render.stage_reader import RenderStage
 from balloon_warp.usd.grid import GridGroup, GridWriter
 

@@ -22,8 +22,8 @@ from balloon_warp.kernels.laws import LAWS
 from balloon_warp.kernels.substep import conditional_phases
 from balloon_warp.model import Model, build_model
 from balloon_warp.scene.load import parse_override
-from balloon_warp.schedules.block_layout import fits_in_block
 from balloon_warp.schedules.choose import LAUNCHED, only_launched, schedule_named
+from balloon_warp.schedules.layouts import fits_in_block
 
 DOCS = Path(__file__).parent.parent / "docs"
 USUAL = ("more", "more in touch", "more, bursting")

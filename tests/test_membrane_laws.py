@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from rubber_theory import ENERGIES, MATERIALS, OGDEN, quad_energy, relaxed
 
 from balloon_warp import Balloon, Inflation, InputError, PolygonMesh, Scene
+from balloon_warp.frame_reader import ForceReader
 from balloon_warp.kernels.algebra import power
 from balloon_warp.kernels.laws.membrane import MEMBRANES, neo_hookean, ogden
 from balloon_warp.mesh.crossings import LARGEST_FAN
@@ -22,7 +23,6 @@ from balloon_warp.model.materials import numbers_of, on_arrays, slopes_by_stretc
 from balloon_warp.model.plan import plan_model
 from balloon_warp.schedules.gather import ScatterSchedule
 from balloon_warp.schedules.membranes import membrane_quads, sums_of
-from balloon_warp.schedules.readout import ForceReader
 from balloon_warp.springs import SpringKind, Springs, build_springs
 from balloon_warp.springs.build import build_hinges, build_membrane
 

@@ -32,19 +32,18 @@ from balloon_warp import (
     run_batch,
 )
 from balloon_warp.benchmarks.bad_meshes import ACCEPTED, CUBE, GAS, REFUSED, WARNED, MeshCase, fan_at_an_edge, hub
+from balloon_warp.mesh.load import welded
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.mesh.orientation import CREASE, SOFT_CREASE, sharp_edges
-from balloon_warp.mesh.seams import welded
 from balloon_warp.mesh.thickness import LEAST, relative_thickness
 from balloon_warp.mesh.topology import signed_volume, total_area, vertex_areas
 from balloon_warp.model import plan_model
-from balloon_warp.model.many_substeps import coarse_sentence, many_substeps_sentence
-from balloon_warp.run.outcomes import predicted_swellings
+from balloon_warp.run.report import coarse_sentence, many_substeps_sentence, predicted_swellings
 from balloon_warp.scene.around import STRETCH
 from balloon_warp.scene.load import mesh_balloon, override_scene
 from balloon_warp.springs.even import _walls, even_scales, film_tension, springs_across
+from balloon_warp.studio.render.sampling import SmoothSurface
 from balloon_warp.studio.render.stage_reader import RenderStage
-from balloon_warp.studio.render.surface import SmoothSurface
 
 SPHERES = {
     "16 x 32": lambda: solid_shapes.uv_sphere(16, 32),

@@ -21,10 +21,10 @@ from trimesh.exchange.gltf import export_gltf
 from trimesh.exchange.stl import export_stl_ascii
 
 from balloon_warp import Balloon, Body, InputError, Obstacle, PolygonMesh, Scene, load_mesh, load_scene, remesh
+from balloon_warp.mesh.load import read_usd
 from balloon_warp.mesh.obj import read_obj, write_obj
 from balloon_warp.mesh.repair import repaired
 from balloon_warp.mesh.topology import component_count, is_closed, mesh_edges, signed_volume, total_area
-from balloon_warp.mesh.usd import read_usd
 from balloon_warp.model import plan_model
 from balloon_warp.studio.render.stage_reader import RenderStage
 

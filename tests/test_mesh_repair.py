@@ -35,11 +35,10 @@ from balloon_warp import Balloon, Inflation, InputError, PolygonMesh, Scene, Sim
 from balloon_warp.cli.app import app
 from balloon_warp.mesh import topology
 from balloon_warp.mesh import topology as geometry
-from balloon_warp.mesh.load import Treatment, prepared
+from balloon_warp.mesh.load import Treatment, open_seam, prepared, welded, welded_along_seams
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.mesh.orientation import facing_outward
 from balloon_warp.mesh.repair import Lid, border_loops, distinct_faces, lid_across, repaired, with_lids
-from balloon_warp.mesh.seams import open_seam, welded, welded_along_seams
 from balloon_warp.mesh.topology import (
     border_edges,
     component_count,

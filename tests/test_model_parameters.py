@@ -45,10 +45,9 @@ from balloon_warp.model.parameters import ROWS, places_of, rows_of, value_of
 from balloon_warp.model.state import Allocating, Counting
 from balloon_warp.scene import Balloon, Inflation, Material, Scene
 from balloon_warp.scene.load import override_scene
-from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.membranes import membrane_face_layout, membrane_face_table
 from balloon_warp.schedules.slices import kind_slots, quad_rings, slot_table, spring_ends
-from balloon_warp.schedules.tables import make_tables, quads_at_particles
+from balloon_warp.schedules.tables import make_tables, model_features, quads_at_particles
 
 GAS = Inflation(kind="gas")
 

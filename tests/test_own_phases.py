@@ -54,11 +54,10 @@ from balloon_warp.kernels.substep import PROJECTIVE_STEP, READING, STEP, phases_
 from balloon_warp.model import Model, State, build_model, initial_state, plan_model
 from balloon_warp.model.state import Allocating
 from balloon_warp.scene.load import override_scene
-from balloon_warp.schedules import block_layout
-from balloon_warp.schedules.features import model_features
-from balloon_warp.schedules.lanes import LanesSchedule, OctetsSchedule
+from balloon_warp.schedules import layouts
 from balloon_warp.schedules.launched import Launches
-from balloon_warp.schedules.tables import make_tables
+from balloon_warp.schedules.one_launch import LanesSchedule, OctetsSchedule
+from balloon_warp.schedules.tables import make_tables, model_features
 from balloon_warp.tools.doctor import kernel_source
 
 PAGE = Path(__file__).parent.parent / "docs" / "EXTENDING.md"
@@ -147,7 +146,7 @@ def test_blocks_of_any_layout_keep_values(layout, listed, monkeypatch):
     ball = SCENE.balloon[0].model_copy(update={"mesh": quad_sphere(cells, 0.5)})
     scene = override_scene(SCENE.model_copy(update={"balloon": [ball]}), list((WARMED | SLOWED).items()))
     expected = arrays(after_frames(scene, "gather", "cpu"))
-    monkeypatch.setattr(block_layout, "layout_of", layout_of)
+    monkeypatch.setattr(layouts, "layout_of", layout_of)
     found = arrays(after_frames(scene, "block", "cpu"))
     for name in ("points", "temperature"):
         np.testing.assert_allclose(found[name], expected[name], rtol=1e-6, atol=ROUNDING)

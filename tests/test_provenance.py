@@ -43,20 +43,19 @@ from balloon_warp import (
     repeat_batch,
     run_batch,
 )
-from balloon_warp.farm import remote
-from balloon_warp.farm.local_workers import begin_children, start_child
-from balloon_warp.farm.workers import worker_environments
+from balloon_warp.farm import cluster
+from balloon_warp.farm.workers import begin_children, start_child, worker_environments
 from balloon_warp.lab.fit.fit import Journal
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.run import provenance
+from balloon_warp.run import report
 from balloon_warp.run.checkpoints import WAITING, Background
-from balloon_warp.run.provenance import hash_of_file
+from balloon_warp.run.report import hash_of_file
 from balloon_warp.scene.write import write_scene
 from balloon_warp.studio import render
 from balloon_warp.studio.animate import RequestedOutputs
 from balloon_warp.studio.render.render import Film
 from balloon_warp.system.files import is_ours, replacing_any, sole_writer
-from balloon_warp.system.streams import Interrupts
+from balloon_warp.system.process import Interrupts
 
 SCENE = """
 frames = 2
@@ -109,10 +108,10 @@ def test_a_scene_without_folders_names_its_files_alone():
         Balloon(mesh=files["ball.obj"], print=files["print.png"], material=rubber),
         Balloon(mesh=files["ball.obj"], springs=files["springs.npz"]),
     ]
-    described = provenance.without_folders({"scene": provenance.describe_scene(Scene(balloon=balloons)), "files": {}})
+    described = report.without_folders({"scene": report.describe_scene(Scene(balloon=balloons)), "files": {}})
     assert "home" not in json.dumps(described)
     assert all(name in json.dumps(described["scene"]) for name in files)
-    assert provenance.named_files(described["scene"]).keys() == {
+    assert report.named_files(described["scene"]).keys() == {
         *("balloon.0.mesh", "balloon.0.print", "balloon.0.material.rest_mesh", "balloon.1.mesh", "balloon.1.springs")
     }
 
@@ -121,13 +120,13 @@ def test_all_files_of_a_scene_have_hashes(tmp_path):
     files = {name: tmp_path / name for name in ("ball.obj", "print.png")}
     for name, file in files.items():
         file.write_text(name)
-    hashes = provenance.hash_files(Scene(balloon=[Balloon(mesh=files["ball.obj"], print=files["print.png"])]))
+    hashes = report.hash_files(Scene(balloon=[Balloon(mesh=files["ball.obj"], print=files["print.png"])]))
     assert hashes == {
         "balloon.0.mesh": hashlib.sha256(b"ball.obj").hexdigest(),
         "balloon.0.print": hashlib.sha256(b"print.png").hexdigest(),
     }
     spheres = [quad_sphere(2), quad_sphere(3)]  # of the same name
-    assert len(set(provenance.hash_files(Scene(balloon=[Balloon(mesh=sphere) for sphere in spheres])).values())) == 2
+    assert len(set(report.hash_files(Scene(balloon=[Balloon(mesh=sphere) for sphere in spheres])).values())) == 2
 
 
 @pytest.mark.parametrize(
@@ -142,7 +141,7 @@ def test_all_files_of_a_scene_have_hashes(tmp_path):
     ],
 )
 def test_a_command_without_folders_has_no_absolute_path(word: str, left: str):
-    assert provenance.command_without_folders([word]) == [left]
+    assert report.command_without_folders([word]) == [left]
 
 
 BATCH_SCENE = """
@@ -527,7 +526,7 @@ def test_what_is_ignored_stays_ignored(monkeypatch, capsys):
     """An ignored signal stays ignored, as Ctrl-C is by a process that a shell started in the background."""
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        monkeypatch.setattr("balloon_warp.cli.machine._list_scenes", lambda: os.kill(os.getpid(), signal.SIGINT))
+        monkeypatch.setattr("balloon_warp.cli.app._list_scenes", lambda: os.kill(os.getpid(), signal.SIGINT))
         assert status_of("scenes") == 0
         assert capsys.readouterr().err == ""
         assert signal.getsignal(signal.SIGINT) == signal.SIG_IGN
@@ -627,9 +626,9 @@ class FarAway:
 def test_a_result_that_went_with_its_worker_is_not_waited_for_for_ever():
     lost: Any = FarAway(workers=0, seconds=np.inf)
     with pytest.raises(WorkersLostError, match=r"^all workers ended, and none came for 60 s"):
-        remote._result(lost, lost)
+        cluster._result(lost, lost)
     slow: Any = FarAway(workers=1, seconds=200.0)
-    assert remote._result(slow, slow) == "share"
+    assert cluster._result(slow, slow) == "share"
     assert slow.timeouts == [60.0, 120.0, 240.0]
 
 

@@ -20,10 +20,9 @@ import balloon_warp as bw
 from balloon_warp import InputError, MassProperties
 from balloon_warp.batch.batch import BatchSummary
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.scene.hover import unsaid
-from balloon_warp.scene.reference import tables
-from balloon_warp.scene.schema.fields import meaning_of
-from balloon_warp.system.shown import plain_docstring
+from balloon_warp.scene.fields import meaning_of
+from balloon_warp.scene.reference import tables, unsaid
+from balloon_warp.system.api import plain_docstring
 from balloon_warp.system.warp_setup import quiet_warp
 
 SILENT = {
@@ -289,7 +288,7 @@ def test_signatures_are_short(name: str):
 
 def test_what_is_written_stays_what_it_is():
     """The plain docstring is that of the source; each field has its description below it, for editors, as `python -m
-    balloon_warp.scene.hover` writes it."""
+    balloon_warp.scene.reference` writes it."""
     assert plain_docstring(bw.Ground).splitlines()[0] == (bw.Ground.__doc__ or "").splitlines()[0]
     assert "Fields:" not in plain_docstring(bw.Ground)
     with pytest.raises(InputError, match="unknown field; did you mean height"):

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from balloon_warp import Scene, Simulator, load_scene
 from balloon_warp.lab.reference import Reference
 from balloon_warp.model import build_model
-from balloon_warp.schedules.features import model_features
+from balloon_warp.schedules.tables import model_features
 
 MOVE = 1e-6
 """Offset of all places at the start [m], of balloons of a meter, which shows how a scene amplifies the rounding of

@@ -43,9 +43,9 @@ from balloon_warp import Balloon, InputError, Obstacle, PolygonMesh, Scene, load
 from balloon_warp.cli.app import app
 from balloon_warp.mesh import topology
 from balloon_warp.mesh.crossings import crossings_sentence
+from balloon_warp.mesh.load import with_looks_of
 from balloon_warp.mesh.obj import read_obj, write_obj
 from balloon_warp.mesh.polygon_mesh import Look, Looks
-from balloon_warp.mesh.seams import with_looks_of
 from balloon_warp.mesh.surface_nets import MeshDistance, extract, surface_nets, unfolded
 from balloon_warp.mesh.topology import (
     component_count,
@@ -544,7 +544,7 @@ def test_colors_of_vertices_stay_where_they_were(tmp_path: Path):
 
 def test_a_texture_in_crumbs_becomes_its_mean(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     surface = load_mesh(write_painted(tmp_path, "obj"))
-    monkeypatch.setattr("balloon_warp.mesh.seams.MOST_CHARTS", 2)
+    monkeypatch.setattr("balloon_warp.mesh.load.MOST_CHARTS", 2)
     made = remesh(surface, 8)
     assert made.texture_coordinates is None
     assert made.warnings == ("The texture's pieces are smaller than the quads, which have its mean color instead.",)

@@ -26,9 +26,8 @@ from balloon_warp.kernels.pictures.surfaces import (
 )
 from balloon_warp.mesh.orientation import CREASE
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
-from balloon_warp.studio.render.raycaster import RayCaster
-from balloon_warp.studio.render.surface import TILE, SmoothSurface, disc_points
-from balloon_warp.studio.render.timing import moments, one_over_the_other
+from balloon_warp.studio.render.render import RayCaster
+from balloon_warp.studio.render.sampling import TILE, SmoothSurface, disc_points, moments, one_over_the_other
 from balloon_warp.studio.render.view import frame_action
 from balloon_warp.usd.studio import MARGIN, Camera, CameraFit
 

@@ -37,7 +37,7 @@ from balloon_warp.model.materials import SheetStiffness, sheet_of_springs
 from balloon_warp.model.obstacles import obstacle_motion
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.scene import Balloon, Body, Change, Inflation, Material, Obstacle, Scene, Stiffness
-from balloon_warp.studio.exports.parts import Animation
+from balloon_warp.studio.parts import Animation
 from balloon_warp.studio.render.stage_reader import RenderStage
 from balloon_warp.studio.render.view import frame_action
 

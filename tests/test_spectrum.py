@@ -36,6 +36,7 @@ from balloon_warp import (
     load_scene,
 )
 from balloon_warp.batch.recorder import units_of
+from balloon_warp.frame_reader import ForceReader
 from balloon_warp.lab import statics as systems
 from balloon_warp.lab.statics import Balance, SealedGas, Volume, film_of, springs_of
 from balloon_warp.mesh.obj import write_obj
@@ -47,7 +48,6 @@ from balloon_warp.model.stability import Network
 from balloon_warp.scene.load import override_scene
 from balloon_warp.scene.presets import standard_air
 from balloon_warp.scene.write import scene_toml, write_scene
-from balloon_warp.schedules.readout import ForceReader
 
 MESHES = {"sphere": quad_sphere(9), "cube": cube(), "sheet": grid(12, 12), "fine": quad_sphere(16)}
 

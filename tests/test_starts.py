@@ -31,7 +31,7 @@ from balloon_warp.scene import (
     String,
     Water,
 )
-from balloon_warp.system.arrays import write_npz
+from balloon_warp.system.files import write_npz
 
 BALL = Balloon(mesh=quad_sphere(3, 0.5), inflation=Inflation(pressure=5.0), velocity=(0.0, -1.0, 0.0))
 GAS = Balloon(mesh=quad_sphere(3, 0.4), position=(0.0, 1.1, 0.0), inflation=Inflation(kind="gas"))

@@ -21,7 +21,7 @@ from trimesh.transformations import quaternion_matrix
 from balloon_warp import BlowUpError, InputError, Material, Simulator, animate, foil_mesh, load_scene, run_batch
 from balloon_warp.lab.reference import Reference
 from balloon_warp.model import build_model
-from balloon_warp.model.timeline import active_laws
+from balloon_warp.model.parameters import active_laws
 from balloon_warp.scene import Balloon, Change, Ground, Inflation, Obstacle, Scene, Sphere, Stiffness, String
 
 STILL = Balloon(

@@ -20,9 +20,9 @@ from balloon_warp import InputError, PolygonMesh, Scene, Simulator, StageWriter,
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.mesh.topology import signed_volume
 from balloon_warp.scene import Balloon, Change, Ground, Inflation, Obstacle, Sphere, String, Water
-from balloon_warp.scene.schema import Picture
-from balloon_warp.studio.exports.parts import Animation
-from balloon_warp.usd.lines import points_around, string_curve
+from balloon_warp.scene.scene import Picture
+from balloon_warp.studio.parts import Animation
+from balloon_warp.usd.balloon import points_around, string_curve
 
 
 def everything(**fields) -> Scene:

@@ -16,17 +16,16 @@ from numpy.typing import NDArray
 
 from balloon_warp import InputError, MissingExtraError, TrajectoryFiles, repeat_batch, run_batch, simulate
 from balloon_warp.batch import trajectories
-from balloon_warp.batch.formats import FORMATS, Field, FileContents, chunks_of
-from balloon_warp.batch.output import BatchOutput, describe_batch
 from balloon_warp.batch.recorder import plan_groups
-from balloon_warp.batch.task import BatchTask, batch_checkpoints
+from balloon_warp.batch.table import FORMATS, Field, FileContents, chunks_of
+from balloon_warp.batch.task import BatchOutput, BatchTask, batch_checkpoints, describe_batch
 from balloon_warp.batch.trajectories import Moments, splits_of
 from balloon_warp.farm import cluster
 from balloon_warp.farm.cluster import ShareJournal
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.run.provenance import describe_scene, hash_of_file
+from balloon_warp.run.report import describe_scene, hash_of_file
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene
-from balloon_warp.system import arrays
+from balloon_warp.system import files as arrays
 
 DATA_PAGE = (Path(__file__).parents[1] / "docs" / "DATA.md").read_text()
 WORLDS = 5

@@ -12,8 +12,7 @@ import warp as wp
 from numpy.typing import NDArray
 from typing_extensions import TypeAliasType
 
-from balloon_warp.batch.formats import AXES, Field
-from balloon_warp.batch.table import EXTREMES
+from balloon_warp.batch.table import AXES, EXTREMES, Field
 from balloon_warp.errors import InputError
 from balloon_warp.frame import things_of
 from balloon_warp.frame_reader import HostBuffer
@@ -31,13 +30,20 @@ from balloon_warp.kernels.tables import HEALTHY
 from balloon_warp.laws import require_laws
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Model, ModelPlan, plan_model
-from balloon_warp.model.parameters import KEYFRAME_VALUES, places_of, rows_of, with_law_tables
-from balloon_warp.model.timeline import ALTITUDE, SHAPING, VaryError, check_vary
-from balloon_warp.run.provenance import mesh_label
+from balloon_warp.model.parameters import (
+    ALTITUDE,
+    KEYFRAME_VALUES,
+    SHAPING,
+    VaryError,
+    check_vary,
+    places_of,
+    rows_of,
+    with_law_tables,
+)
+from balloon_warp.run.report import mesh_label
 from balloon_warp.scene import Box, Scene
-from balloon_warp.scene.complaint import table_in
+from balloon_warp.scene.fields import meaning_of, table_in
 from balloon_warp.scene.load import override_scene
-from balloon_warp.scene.schema.fields import meaning_of
 from balloon_warp.simulator import Simulator
 from balloon_warp.steering.controls import rows_of_words
 from balloon_warp.system.warp_threads import launch, lock_of, recording, replay

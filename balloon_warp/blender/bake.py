@@ -65,7 +65,7 @@ def bake(folder: Path, device: str | None, resume: bool) -> None:
     from balloon_warp.blender.request import PointCaches, read_request  # these load Warp, which takes a second
     from balloon_warp.run.checkpoints import Checkpoints, describe_run, record_frames
     from balloon_warp.simulator import Simulator
-    from balloon_warp.system.streams import Interrupts
+    from balloon_warp.system.process import Interrupts
 
     request = read_request(folder)
     try:

@@ -16,7 +16,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from balloon_warp.errors import InputError
-from balloon_warp.scene.complaint import toml_value
+from balloon_warp.scene.fields import toml_value
 from balloon_warp.system.files import check_writable, whole_file
 
 ADDON = Path(__file__).parent / "addon"

@@ -18,7 +18,7 @@ from balloon_warp.frame import Frame
 from balloon_warp.kernels.laws.air import molar_volume
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.run.checkpoints import Part
-from balloon_warp.run.outcomes import predicted_swellings
+from balloon_warp.run.report import predicted_swellings
 from balloon_warp.scene import Balloon, Scene, load_scene
 from balloon_warp.simulator import Simulator
 

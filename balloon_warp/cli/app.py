@@ -1,23 +1,283 @@
-"""Command line: all commands, and the report of failures."""
+"""Command line: all commands, the report of failures, and commands on the machine and the bundled scenes."""
 
 import errno
+import json
 import signal
 import sys
+from collections.abc import Sequence
 from importlib import metadata
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich import box
+from rich.table import Table
 
-from balloon_warp.cli.batch import batch
+from balloon_warp.cli.files import check, compare, convert, foil, inspect, remesh, render
 from balloon_warp.cli.lab import design, fit
-from balloon_warp.cli.machine import bench, doctor, kernel, scenes, warm_up
-from balloon_warp.cli.meshes import foil, inspect, remesh
-from balloon_warp.cli.options import Command, UsageError, spread, usage_sentence
+from balloon_warp.cli.options import (
+    OUTPUT,
+    Changes,
+    Command,
+    Device,
+    Json,
+    MeshOptions,
+    Schedule,
+    Set,
+    UsageError,
+    spread,
+    usage_sentence,
+)
 from balloon_warp.cli.progress import Console, with_options
-from balloon_warp.cli.run import run, view
-from balloon_warp.cli.stages import check, compare, convert, render
+from balloon_warp.cli.simulate import batch, run, view
 from balloon_warp.errors import BlowUpError, InputError, MissingExtraError, StoppedError, WorkersLostError
-from balloon_warp.system.streams import OutputLostError, lose_output
+from balloon_warp.scene.load import bundled_scenes, load_scene, scene_name
+from balloon_warp.scene.write import scene_toml, write_scene
+from balloon_warp.system.process import OutputLostError, lose_output
+from balloon_warp.system.warp_setup import quiet_warp
+
+if TYPE_CHECKING:
+    from balloon_warp.benchmarks.result import Result
+    from balloon_warp.tools.doctor import Report, SelfTest
+
+
+FILE_WIDTH = 200
+"""Width of the table where standard output is no terminal [columns]"""
+
+
+def bench(
+    device: Device = None,
+    quick: Annotated[bool, typer.Option("--quick", metavar="", help="Measure a few cases only.")] = False,
+    scenes: Annotated[
+        bool,
+        typer.Option(
+            "--scenes", metavar="", help="Measure the bundled scenes instead, in each schedule, alone and in batches."
+        ),
+    ] = False,
+    gpus: Annotated[
+        str | None,
+        typer.Option(metavar="1,2,4", help="Measure scaling with these numbers of GPUs instead, 8,192 balloons each."),
+    ] = None,
+    workers: Annotated[
+        str | None,
+        typer.Option(metavar="1,2", help="Measure scaling with these numbers of processes instead, 64 balloons each."),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", metavar="FILE", help="Also write the results, to this .json file.", rich_help_panel=OUTPUT
+        ),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Benchmark the machine, side by side with Newton and Blender's cloth where they are installed.
+
+    The table is Markdown. Rates are in particle-substeps a second, unless the case names another unit.
+    """
+    quiet_warp()
+    from balloon_warp.benchmarks.auto import scene_results
+    from balloon_warp.benchmarks.run import run_cases
+    from balloon_warp.benchmarks.scaling import CPU_SHARE, GPU_SHARES, measure_scaling
+    from balloon_warp.system.files import check_writable, whole_file
+    from balloon_warp.system.warp_threads import pick_device
+
+    if output:
+        check_writable(output, (".json",))
+    if sum(choice is not None for choice in (device, gpus, workers)) > 1:
+        raise InputError("--device, --gpus, --workers: expected only one of them")
+    if sum((quick, scenes, bool(gpus or workers))) > 1:
+        raise InputError("--quick, --scenes, and --gpus or --workers: expected only one of them")
+    if gpus or workers:
+        counts = _counts(gpus or workers or "")
+        measured = (
+            result for share in (GPU_SHARES if gpus else [CPU_SHARE]) for result in measure_scaling(share, counts)
+        )
+    else:
+        measured = scene_results(pick_device(device)) if scenes else run_cases(pick_device(device), quick)
+    progress = Console(emoji=False, stderr=True, highlight=False)
+    results = []
+    for result in measured:
+        progress.print(f"{result.case} ({result.schedule}): {result.rate:.3g}", style="dim", markup=False)
+        results.append(result)
+    written = json.dumps([result.as_json() for result in results], indent=1)
+    if as_json:
+        print(written)
+    else:
+        _print_table(results)
+    if output:
+        with whole_file(output) as file:
+            file.write_text(f"{written}\n", encoding="utf-8")
+
+
+def _print_table(results: Sequence["Result"]) -> None:
+    """Print a line for each case, as Markdown."""
+    table = Table(box=box.MARKDOWN)
+    for header in (
+        "case",
+        "schedule",
+        "worlds",
+        "particles",
+        "rate",
+        "peer",
+        "its rate",
+        "ratio",
+        "of the bound",
+        "overlap",
+    ):
+        table.add_column(header, justify="left" if header in ("case", "schedule", "peer") else "right", no_wrap=True)
+    for result in results:
+        table.add_row(
+            result.case.replace("[", r"\["),
+            result.schedule,
+            f"{result.worlds:,}",
+            f"{result.particles:,}",
+            f"{result.rate:.3g}",
+            result.peer or "-",
+            f"{result.peer_rate:.3g}" if result.peer_rate else "-",
+            f"{result.ratio:.3g}" if result.ratio else "-",
+            f"{result.bound_fraction:.0%}" if result.bound_fraction else "-",
+            " / ".join(f"{each:.1%}" for each in (result.overlap, result.peer_overlap) if each is not None) or "-",
+        )
+    console = Console(emoji=False, highlight=False)
+    (console if console.is_terminal else Console(emoji=False, highlight=False, width=FILE_WIDTH)).print(table)
+
+
+def _counts(text: str) -> list[int]:
+    """Read the numbers of `1,2,4`."""
+    try:
+        return [int(word) for word in text.split(",")]
+    except ValueError:
+        raise InputError(f"--gpus, --workers: expected numbers such as 1,2,4 (got {text})") from None
+
+
+def doctor(device: Device = None, as_json: Json = False) -> None:
+    """Report the installation, the default device and missing extras, and run a self-test of one second.
+
+    The exit status is 1 if the test fails.
+    """
+    quiet_warp()
+    from balloon_warp.tools.doctor import examine  # loads Warp
+
+    report = examine(device)
+    if as_json:
+        print(json.dumps(report.as_json(), indent=2))
+    else:
+        _print(report, Console(emoji=False, highlight=False, soft_wrap=True))
+    if not report.self_test.passed:
+        raise typer.Exit(1)
+
+
+def _print(report: "Report", console: Console) -> None:
+    lines = {
+        "versions": ", ".join(f"{name} {version}" for name, version in report.versions.items()),
+        "system": report.system,
+        "device": f"{report.device}; Warp sees {', '.join(report.devices)}",
+        "kernels": f"cached in {report.kernel_cache}",
+        **{f"extra {name}": _extra(name, missing) for name, missing in report.missing.items()},
+        "self-test": _verdict(report.self_test),
+    }
+    for name, said in lines.items():
+        console.print(f"{name:<14} {said}", markup=False)
+
+
+def _extra(name: str, missing: list[str]) -> str:
+    return f"missing {', '.join(missing)}: pip install 'balloon-warp[{name}]'" if missing else "installed"
+
+
+def _verdict(test: "SelfTest") -> str:
+    found = f"fell {test.fallen:.5f} m in a second (expected {test.expected:.5f} m) and grew to {test.grown:.2f} times"
+    word = "passed" if test.passed else "FAILED"
+    return f"{word} in {test.seconds:.1f} s: a balloon {found} its volume"
+
+
+def kernel(
+    scene: Annotated[str, typer.Argument(metavar="SCENE", help="A bundled scene, a scene file, or a mesh.")],
+    overrides: Set = None,
+    *,
+    mesh: MeshOptions,
+    schedule: Annotated[
+        str,
+        typer.Option(metavar="NAME", help="Schedule: gather, scatter, block, lanes or octets."),
+    ] = "gather",
+) -> None:
+    """Print the source of a scene's kernels: the substep in readable form.
+
+    Try `balloon-warp kernel squirrel_tether`.
+    """
+    loaded = Changes(overrides, mesh).load(scene)
+    quiet_warp()
+    from balloon_warp.tools.doctor import kernel_source  # loads Warp: only once the scene is known to be good
+
+    print(kernel_source(loaded, schedule), end="")
+
+
+def scenes(
+    scene: Annotated[
+        str | None,
+        typer.Argument(
+            help="Bundled scene, scene file or mesh to start your own scene from. If not given, "
+            "all bundled scenes are listed.",
+            metavar="SCENE",
+        ),
+    ] = None,
+    *,
+    mesh: MeshOptions,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="Scene file to write, .toml. If not given, it is printed."),
+    ] = None,
+) -> None:
+    """List the bundled scenes, or write one as a file to edit.
+
+    Try `balloon-warp scenes squirrel_tether -o mine.toml`, then `balloon-warp run mine.toml`.
+    """
+    if scene is None:
+        if output or mesh.inflate is not None:
+            option = f"--output {output}" if output else f"--inflate {mesh.inflate:g}"
+            raise InputError(f"{option}: needs a SCENE to write")
+        _list_scenes()
+        return
+    loaded = Changes(mesh=mesh).load(scene)
+    if output is None:
+        print(scene_toml(loaded, Path()), end="")
+        return
+    for path in write_scene(loaded, output):
+        Console(emoji=False, highlight=False, soft_wrap=True).print(f"wrote {path}", markup=False)
+
+
+def _list_scenes() -> None:
+    table = Table(box=None, pad_edge=False)
+    table.add_column("scene", style="bold", no_wrap=True)
+    table.add_column("what it shows")
+    for name in bundled_scenes():
+        table.add_row(name, load_scene(name).description)
+    Console(emoji=False, highlight=False).print(table)
+
+
+def warm_up(
+    scenes: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="SCENE", help="Bundled scenes, scene files or meshes. All bundled scenes if not given."),
+    ] = None,
+    worlds: Annotated[int, typer.Option(metavar="COUNT", help="Approximate number of worlds of a later batch.")] = 1,
+    device: Device = None,
+    schedule: Schedule = "auto",
+) -> None:
+    """Compile the kernels of scenes ahead of time, so that a later command starts at once.
+
+    Try `balloon-warp warm-up squirrel_tether`. WARP_CACHE_PATH sets the folder of kernels, such as in an image.
+    """
+    loaded = {scene: load_scene(scene) for scene in scenes or bundled_scenes()}
+    quiet_warp()
+    from balloon_warp.tools import doctor
+
+    console = Console(emoji=False, highlight=False, soft_wrap=True)
+    for source, scene in loaded.items():
+        done = doctor.warm_up(scene, device, worlds, schedule)
+        console.print(
+            f"{scene_name(source)}: ready in {done.seconds:.1f} s on {done.device}, schedule {done.schedule}",
+            markup=False,
+        )
 
 
 def _print_version(wanted: bool) -> None:

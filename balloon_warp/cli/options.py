@@ -21,8 +21,9 @@ from balloon_warp.errors import InputError, ask, did_you_mean
 from balloon_warp.mesh.crossings import Taken
 from balloon_warp.mesh.load import LARGEST_GAP, LEAST_GAP, Parts, load_mesh
 from balloon_warp.mesh.polygon_mesh import METERS, UpAxis
-from balloon_warp.run.provenance import command_without_folders
+from balloon_warp.run.report import command_without_folders
 from balloon_warp.scene import Scene
+from balloon_warp.scene.balloon import Balloon
 from balloon_warp.scene.load import (
     Override,
     OverrideError,
@@ -33,7 +34,7 @@ from balloon_warp.scene.load import (
     override_scene,
     parse_override,
 )
-from balloon_warp.scene.schema import MESHED, Balloon
+from balloon_warp.scene.scene import MESHED
 from balloon_warp.system.files import STAGES, is_ours, replacing_any, require_ours
 
 GIB = 2**30
@@ -691,7 +692,7 @@ class Changes:
         """
         with self._naming_options():
             if vary:
-                from balloon_warp.model.timeline import scene_to_vary  # loads the simulator
+                from balloon_warp.model.parameters import scene_to_vary  # loads the simulator
 
                 loaded = scene_to_vary(scene, vary, self.overrides)
             else:

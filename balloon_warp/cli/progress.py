@@ -27,7 +27,7 @@ from rich.text import Text
 
 from balloon_warp.errors import MissingExtraError, StoppedError
 from balloon_warp.mesh.polygon_mesh import NO_AXIS
-from balloon_warp.run.provenance import RunHeader
+from balloon_warp.run.report import RunHeader
 from balloon_warp.scene import Scene, bundled_scenes
 
 if TYPE_CHECKING:

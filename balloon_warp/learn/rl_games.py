@@ -1,12 +1,17 @@
-"""Many worlds of a task as rl_games takes them, once `register` has named them."""
+"""Many worlds of a task as rl_games takes them, once `register` has named them.
+
+    worlds = {"output": "torch", "autoreset_mode": "SameStep"}
+    rl_games.register("balloon", lambda count: make_vec("Target", count, **worlds))
+
+In a configuration `env_name` is that name, and `num_actors` the number of worlds.
+"""
 
 from collections.abc import Callable
 from importlib.util import find_spec
 from typing import Any
 
 from balloon_warp.errors import MissingExtraError
-from balloon_warp.learn.torch_worlds import TorchWorlds
-from balloon_warp.learn.vector_env import BalloonVectorEnv
+from balloon_warp.learn.vector_env import BalloonVectorEnv, TorchWorlds
 
 if not find_spec("rl_games"):
     raise MissingExtraError("balloon_warp.learn.rl_games needs rl_games: pip install rl-games")

@@ -6,8 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.errors import MissingExtraError
-from balloon_warp.learn.torch_worlds import TorchWorlds
-from balloon_warp.learn.vector_env import BalloonVectorEnv
+from balloon_warp.learn.vector_env import BalloonVectorEnv, TorchWorlds
 
 if not find_spec("rsl_rl"):
     raise MissingExtraError("balloon_warp.learn.rsl_rl needs RSL-RL 3 or newer: pip install rsl-rl-lib")

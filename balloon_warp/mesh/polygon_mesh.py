@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
+from balloon_warp.system.api import Shown, described
 from balloon_warp.system.files import check_writable, clear_left_over, require_same, target_of, whole_file
-from balloon_warp.system.shown import Shown, described
 
 FOLDER = "textures"
 """Folder of images beside a stage"""

@@ -38,6 +38,8 @@ PART = 0.6
 """Fraction of a plane's area"""
 LEAST = 0.05
 """Least relative thickness"""
+RIBBONS = 16
+"""Number of open parts above which they are not panes but hair"""
 PATCHES = 400
 """Approximate number of patches of the surface, between which distances are taken"""
 VERTICES = 2

@@ -1,10 +1,9 @@
 """Model of a simulation, which is fixed, and its state, which changes."""
 
 from balloon_warp.model.model import Model, fitting
-from balloon_warp.model.plan import ModelPlan, build_model, lay_out, plan_model
-from balloon_warp.model.remarks import Remark, remark_sentences, remarks_on
+from balloon_warp.model.parameters import DueChange, Vary, worlds_of
+from balloon_warp.model.plan import ModelPlan, Remark, build_model, lay_out, plan_model, remark_sentences, remarks_on
 from balloon_warp.model.state import State, carried_over, copy_of, initial_state, overwrite, world_bytes
-from balloon_warp.model.timeline import DueChange, Vary, worlds_of
 
 __all__ = [
     "DueChange",

@@ -29,10 +29,9 @@ from balloon_warp.model.obstacles import (
     moves,
     obstacle_motion,
 )
-from balloon_warp.model.parameters import Parameters
+from balloon_warp.model.parameters import DueChange, Parameters
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.model.starts import start_of
-from balloon_warp.model.timeline import DueChange
 from balloon_warp.model.touch import FLAT, Ridges, with_tips
 from balloon_warp.scene import Scene
 

@@ -13,11 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import LAWS, Columns, Law
 from balloon_warp.model.obstacles import BodyShape, ObstacleShape
-from balloon_warp.model.parameters import VELOCITY, views_of
+from balloon_warp.model.parameters import VELOCITY, DueChange, views_of
 from balloon_warp.model.shape import BalloonShape
+from balloon_warp.model.stability import StrainBound
 from balloon_warp.model.starts import Carriers, Driven
-from balloon_warp.model.strain_bound import StrainBound
-from balloon_warp.model.timeline import DueChange
 from balloon_warp.model.touch import Ridges
 from balloon_warp.scene import Scene
 

@@ -25,10 +25,10 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws.contact import AS_OTHERS
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.crossings import check_mesh
+from balloon_warp.mesh.load import USD_LOADERS as STAGES
 from balloon_warp.mesh.load import Treatment, axes_matrix, load_mesh, place_mesh, prepared, rotation_matrix
 from balloon_warp.mesh.polygon_mesh import with_unit_and_up
 from balloon_warp.mesh.topology import even_samples, is_closed, mesh_edges, signed_volume, triangulate
-from balloon_warp.mesh.usd import LOADERS as STAGES
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.scene import Body, Obstacle, Scene
 

@@ -1,12 +1,14 @@
-"""Plan of a model on the host, before anything is on a device, and the model built from it.
+"""Plan of a model on the host, before anything is on a device; remarks on its values, and the model built from it.
 
 The scene's meshes become shapes. Its numbers become parameters, by the rows of its laws. Values that vary get a row for
 each world. Missing values get their defaults. Then the substeps follow from all of these.
 """
 
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from pathlib import Path
+from typing import Any, Literal, Self
 
 import numpy as np
 import warp as wp
@@ -15,9 +17,12 @@ from numpy.typing import ArrayLike, NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.frame import place_balloons
 from balloon_warp.kernels.laws import LAWS, Law
+from balloon_warp.kernels.laws.gas import max_pressure
 from balloon_warp.kernels.laws.membrane import SHEAR_MODULUS
 from balloon_warp.kernels.laws.outer import EVENED
 from balloon_warp.laws import require_laws
+from balloon_warp.mesh.load import size_of
+from balloon_warp.mesh.polygon_mesh import METERS, NO_AXIS
 from balloon_warp.model.materials import resolve_masses, resolve_tears
 from balloon_warp.model.model import Model
 from balloon_warp.model.obstacles import (
@@ -33,11 +38,15 @@ from balloon_warp.model.obstacles import (
     with_parts_apart,
 )
 from balloon_warp.model.parameters import (
+    DueChange,
     Parameters,
+    Vary,
     all_columns,
+    due_changes,
     pack,
     parameters_at,
     rows_of,
+    vary_parameters,
     views_of,
     with_law_tables,
 )
@@ -49,9 +58,18 @@ from balloon_warp.model.pressure import (
     resolve_gas,
     resolve_pressure,
 )
-from balloon_warp.model.remarks import implausible_values
 from balloon_warp.model.shape import BalloonShape, shape_balloon
-from balloon_warp.model.stability import Network, choose_substeps, names_of_the_step, update_dependents, warnings_of
+from balloon_warp.model.stability import (
+    Network,
+    StrainBound,
+    bounded_films,
+    bounded_moduli,
+    choose_substeps,
+    cut_to_size,
+    names_of_the_step,
+    update_dependents,
+    warnings_of,
+)
 from balloon_warp.model.starts import (
     Carriers,
     Driven,
@@ -65,8 +83,7 @@ from balloon_warp.model.starts import (
     start_velocities,
     string_lengths,
 )
-from balloon_warp.model.strain_bound import StrainBound, bounded_films, bounded_moduli, cut_to_size
-from balloon_warp.model.timeline import DueChange, Vary, due_changes, vary_parameters
+from balloon_warp.model.state import State
 from balloon_warp.model.touch import (
     Ridges,
     all_ridges,
@@ -76,10 +93,154 @@ from balloon_warp.model.touch import (
     resolve_touch,
     ridge_tree,
 )
-from balloon_warp.scene import Scene
-from balloon_warp.system.loading import without_garbage_collection
+from balloon_warp.scene import Balloon, Scene
+from balloon_warp.system.process import without_garbage_collection
 from balloon_warp.system.warp_setup import begin_driver
-from balloon_warp.system.warp_threads import begin_loading, pick_device
+from balloon_warp.system.warp_threads import begin_loading, lock_of, pick_device
+
+SMALLEST, LARGEST = 0.02, 30.0
+"""Range of balloon sizes without a warning [m]"""
+TOLD = (0.002, 300.0)
+"""Range of sizes without a warning, where the unit is given [m]"""
+THICKEST = 0.05
+"""Largest wall thickness over a balloon's size"""
+HEAVIEST = 100.0
+"""Largest mass over that of the air in a sphere of the balloon's size"""
+LIGHT = 5.0
+"""Largest mass without a warning [kg]: a mesh by itself has less"""
+LIFTED = 100.0
+"""Largest lift by helium over weight"""
+AIR = 1.2
+"""Density of air [kg/m^3]"""
+
+
+def implausible_values(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> list[str]:
+    """Return warnings of values that may be in another unit, or of another sign, in any world.
+
+    Of gravity, and of balloons' sizes, walls, masses and lift. Also of meshes turned to an up axis that their files do
+    not name.
+    """
+    found = []
+    if (gravity := float(parameters["gravity"].min())) < 0.0:
+        found.append(f"gravity: {gravity:g} m/s2 pulls up, since positive is down; meant {-gravity:g}?")
+    for number, (balloon, shape) in enumerate(zip(scene.balloon, shapes, strict=True)):
+        size, mass = size_of(shape.mesh), float(parameters["mass"][:, number].max())
+        if not SMALLEST <= size <= LARGEST and balloon.unit is None:
+            found.append(f"{shape.name}: {size:.3g} m? {_helps(balloon, shape, size)}")
+        elif not TOLD[0] <= size <= TOLD[1]:
+            found.append(f"{shape.name}: {size:.3g} m? --unit {balloon.unit}?")
+        if scene.up_axis != "Y" and isinstance(balloon.mesh, Path) and not shape.mesh.up_known:
+            found.append(
+                f"{shape.name}: its {NO_AXIS}, so its Y is turned to up_axis, {scene.up_axis}; --up {scene.up_axis} "
+                f'(up = "{scene.up_axis}") keeps the mesh as it is'
+            )
+        thickness = float(parameters["thickness"][:, number].max()) if balloon.material.is_membrane else 0.0
+        if thickness > THICKEST * size:
+            wall = f"a wall {thickness:.3g} m thick, for a balloon of {size:.3g} m?"
+            found.append(f"{shape.name}: {wall} material.thickness is in meters")
+        if mass > max(LIGHT, HEAVIEST * AIR * np.pi / 6.0 * size**3):
+            found.append(
+                f"{shape.name}: a mass of {mass:.3g} kg, for a balloon of {size:.3g} m? Masses are in kilograms"
+            )
+        lift, weight = float(parameters["helium"][:, number].max()), float(np.abs(parameters["gravity"]).max())
+        if lift > LIFTED * max(weight, 1.0):
+            found.append(
+                f"{shape.name}: helium accelerates upward by {lift:g} m/s2? {1.2 * weight:.3g} lets it rise slowly"
+            )
+    return found
+
+
+def _helps(balloon: Balloon, shape: BalloonShape, size: float) -> str:
+    """Return the option or field that would give the balloon an ordinary size."""
+    units = [unit for unit in ("cm", "mm", "in", "ft") if SMALLEST <= size * METERS[unit] <= LARGEST]
+    if size > LARGEST and units and not shape.mesh.unit_known:
+        return f"--unit {units[0]}?"
+    return f"balloon.scale = {10.0 ** -round(np.log10(size)) * balloon.scale:g}?"
+
+
+@dataclass(frozen=True)
+class Remark:
+    """Remark on a world."""
+
+    kind: Literal["unsettled", "overstretched", "pressed"]
+    world: int
+    frame: int
+    sentence: str
+
+
+def remarks_on(model: Model, state: State, worlds: NDArray[np.integer] | None = None) -> list[Remark]:
+    """Return the current remarks, world by world.
+
+    Args:
+        model: Model that was simulated.
+        state: State of all its worlds.
+        worlds: Numbers by which the worlds are named; their order, when missing.
+    """
+    with lock_of(model.device):
+        return _found(model, state, np.arange(model.world_count) if worlds is None else worlds)
+
+
+def _found(model: Model, state: State, worlds: NDArray[np.integer]) -> list[Remark]:
+    unsettled, overstretched = state.unsettled.numpy(), state.overstretched.numpy()
+    found = []
+    for row in np.flatnonzero(unsettled[:, 0]).tolist():
+        world, frame = int(worlds[row]), int(unsettled[row, 0])
+        found.append(Remark("unsettled", world, frame, _unsettled(model, frame, world, float(unsettled[row, 1]))))
+    for row in np.flatnonzero(overstretched).tolist():
+        world, frame = int(worlds[row]), int(overstretched[row])
+        found.append(Remark("overstretched", world, frame, _overstretched(model, frame, world, row)))
+    for row, balloon in np.argwhere(state.pressed.numpy()).tolist():
+        world, frame = int(worlds[row]), int(state.pressed.numpy()[row, balloon])
+        found.append(Remark("pressed", world, frame, _pressed(model, frame, world, row, balloon)))
+    return found
+
+
+def remarks_in_sentences(model: Model, state: State) -> list[str]:
+    """Return remarks on a model and a state as sentences, as `remarks_on`."""
+    return remark_sentences(remarks_on(model, state))
+
+
+def remark_sentences(remarks: Sequence[Remark]) -> list[str]:
+    """Return one sentence for each kind: of its first world, and how many others there are."""
+    counts = Counter(remark.kind for remark in remarks)
+    firsts = {remark.kind: remark for remark in sorted(remarks, key=lambda remark: remark.world, reverse=True)}
+    more = {kind: f" (and {_others(count - 1)})" if count > 1 else "" for kind, count in counts.items()}
+    return [f"{firsts[kind].sentence}{more[kind]}" for kind in counts]
+
+
+def _others(count: int) -> str:
+    return "1 more world" if count == 1 else f"{count:,} more worlds"
+
+
+def _unsettled(model: Model, frame: int, world: int, change: float) -> str:
+    said = model.scene.solver_iterations
+    helps = "more substeps or softer springs help" if said == "auto" else 'solver_iterations = "auto" helps'
+    return (
+        f'solver "projective": the iterations did not converge in frame {frame} of world {world}: the last one changed '
+        f"the springs' displacements by {change:.1%}, so balloons are too stiff or too small; {helps}"
+    )
+
+
+def _overstretched(model: Model, frame: int, world: int, row: int) -> str:
+    parameters = {name: model.parameters[name].numpy() for name in ("gent_limit", "most_stretch")}
+    number = [balloon.material.law for balloon in model.scene.balloon].index("gent")
+    limit, most = (float(values[row % len(values), number]) for values in parameters.values())
+    lock = (0.5 * (limit + 3.0)) ** 0.5
+    return (
+        f"material.most_stretch: rubber exceeded a biaxial stretch of {most:.3g} in frame {frame} of world {world}; "
+        f'beyond, the tension of "gent", which locks at {lock:.3g}, is extrapolated; less gas or pressure, a larger '
+        "gent_limit or a larger most_stretch helps"
+    )
+
+
+def _pressed(model: Model, frame: int, world: int, row: int, balloon: int) -> str:
+    masses = model.parameters["mass"].numpy()
+    bound = model.shapes[balloon].pressure_bound
+    most = max_pressure(bound, float(masses[row % len(masses), balloon]), model.step_seconds)
+    return (
+        f"{model.shapes[balloon].name}: its gas was pressed in frame {frame} of world {world} and pushed with just "
+        f"{most:,.3g} Pa, at which its skin is stable in {model.substeps:,} substeps a frame; more substeps help"
+    )
 
 
 @dataclass(frozen=True)
@@ -195,8 +356,8 @@ def plan_model(
     said = vary_parameters(parameters_at(scene, rows, 0), scene, rows, world_count, vary or {})
     bodies = [shape_body(number, body, scene) for number, body in enumerate(scene.body)]
     changes = list(due_changes(scene, rows))
-    parameters = _settled(scene, shapes, bodies, held, said, changes, vary or {})
-    uncut, exact = shapes, said[SHEAR_MODULUS.name]
+    uncut, exact = Network(shapes, held, (*LAWS, *laws), bodies), said[SHEAR_MODULUS.name]
+    parameters = _settled(scene, uncut, said, changes, vary or {})
     shapes = cut_to_size(scene, shapes, parameters, exact)
     obstacles = [shape_obstacle(number, obstacle, scene) for number, obstacle in enumerate(scene.obstacle)]
     parameters |= resolve_bodies(scene, bodies, parameters)
@@ -213,11 +374,11 @@ def plan_model(
         from balloon_warp.model.clearance import exposed_ridges  # takes long to load
 
         ridges = exposed_ridges(scene, obstacles, ridges, parameters, changes, kept_distance(shapes))
-    network = Network(shapes, held, (*LAWS, *laws), bodies)
+    network = replace(uncut, shapes=shapes)
     substeps = substeps_over_time(scene, network, parameters, changes, start_velocities(shapes, parameters))
     if scene.substeps == "auto":
         substeps = max(substeps, substeps_of_solids(scene, bodies, parameters))
-    bound = _strain_bound(scene, replace(network, shapes=uncut), parameters, exact, changes, substeps)
+    bound = _strain_bound(scene, uncut, parameters, exact, changes, substeps)
     return ModelPlan(
         scene=scene,
         world_count=world_count,
@@ -243,14 +404,13 @@ def resolved_parameters(plan: ModelPlan, vary: Vary) -> Parameters:
     """
     rows = rows_of(plan.laws)
     said = vary_parameters(parameters_at(plan.scene, rows, 0), plan.scene, rows, plan.world_count, vary)
-    return _settled(plan.scene, plan.shapes, plan.bodies, plan.held, said, plan.due_changes, vary, rounded=False)
+    network = Network(plan.shapes, plan.held, plan.laws, plan.bodies)
+    return _settled(plan.scene, network, said, plan.due_changes, vary, rounded=False)
 
 
 def _settled(
     scene: Scene,
-    shapes: Sequence[BalloonShape],
-    bodies: Sequence[BodyShape],
-    held: Sequence[int],
+    network: Network,
     said: Mapping[str, NDArray[np.float64]],
     changes: Sequence[DueChange],
     varied: Collection[str],
@@ -263,6 +423,7 @@ def _settled(
     Raises:
         InputError: a balloon cannot hold gas, or let it out so, is too far away for float32, or cannot be turned so.
     """
+    shapes, held = network.shapes, network.held
     for balloon, shape in zip(scene.balloon, shapes, strict=True):
         if balloon.inflation.kind == "gas":
             require_sealed(shape)
@@ -272,7 +433,7 @@ def _settled(
         del parameters[name]
     for number, particle in enumerate(held):
         require_same_extreme(scene, parameters, number, shapes[scene.string[number].balloon], particle)
-    parameters["string_length"] = string_lengths(scene, shapes, bodies, held, parameters)
+    parameters["string_length"] = string_lengths(scene, shapes, network.bodies, held, parameters)
     require_openings(scene, shapes, parameters)
     require_profile(parameters)
     parameters["keyframe_values"] = resolve_pressure(scene, shapes, parameters)

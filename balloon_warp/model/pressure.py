@@ -16,8 +16,8 @@ from balloon_warp.kernels.laws.air import ALIKE, GAS_CONSTANT, HIGHEST, density_
 from balloon_warp.kernels.laws.gas import STANDARD_PRESSURE
 from balloon_warp.kernels.laws.outer import EVENED
 from balloon_warp.kernels.laws.springs import KINDS
+from balloon_warp.mesh.load import open_seam, welded
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
-from balloon_warp.mesh.seams import open_seam, welded
 from balloon_warp.mesh.topology import (
     border_edges,
     face_areas,

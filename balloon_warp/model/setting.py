@@ -14,16 +14,19 @@ from balloon_warp.model.model import Model
 from balloon_warp.model.obstacles import substeps_of_solids
 from balloon_warp.model.parameters import (
     KEYFRAME_VALUES,
+    METHODS,
+    DueChange,
     Parameters,
     Place,
+    check_vary,
     places_of,
+    require_changeable,
     rows_of,
     scene_parameters,
     with_law_tables,
 )
 from balloon_warp.model.plan import substeps_over_time
 from balloon_warp.model.stability import Network, names_of_the_step, update_dependents
-from balloon_warp.model.timeline import METHODS, DueChange, check_vary, require_changeable
 from balloon_warp.scene import Scene
 from balloon_warp.scene.load import is_there, override_scene
 

@@ -21,11 +21,10 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws.springs import KINDS
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.crossings import check_mesh
-from balloon_warp.mesh.feasible import RIBBONS
 from balloon_warp.mesh.load import load_mesh, place_mesh, prepared
 from balloon_warp.mesh.orientation import pushed_outward, there_and_back
 from balloon_warp.mesh.polygon_mesh import with_unit_and_up
-from balloon_warp.mesh.thickness import LEAST, relative_thickness
+from balloon_warp.mesh.thickness import LEAST, RIBBONS, relative_thickness
 from balloon_warp.mesh.topology import (
     LEAST_SIZE,
     border_edges,

@@ -23,7 +23,7 @@ from balloon_warp.kernels.tables import HEALTHY
 from balloon_warp.mesh.load import rotation_matrix
 from balloon_warp.model.model import Model
 from balloon_warp.model.obstacles import initial_centers, initial_turns, max_body_contacts
-from balloon_warp.model.timeline import kept_values
+from balloon_warp.model.parameters import kept_values
 from balloon_warp.system.warp_threads import launch
 
 MIB = 2**20

@@ -26,11 +26,10 @@ from numpy.typing import NDArray
 from balloon_warp.blow_ups import MOST_HALVINGS
 from balloon_warp.errors import InputError
 from balloon_warp.frame import Frame
-from balloon_warp.model.strain_bound import strain_bound_described
-from balloon_warp.run.provenance import describe_simulation
+from balloon_warp.model.stability import strain_bound_described
+from balloon_warp.run.report import describe_simulation
 from balloon_warp.scene import Scene
 from balloon_warp.simulator import Simulator
-from balloon_warp.system.arrays import write_npz
 from balloon_warp.system.files import (
     clear_left_over,
     hold,
@@ -40,8 +39,9 @@ from balloon_warp.system.files import (
     temporary_in,
     whole_file,
     without_mark,
+    write_npz,
 )
-from balloon_warp.system.streams import Interrupts
+from balloon_warp.system.process import Interrupts
 
 if TYPE_CHECKING:
     from balloon_warp.usd import StageWriter

@@ -14,8 +14,8 @@ from balloon_warp.blow_ups import MOST_HALVINGS, check_policy, with_half_the_ste
 from balloon_warp.errors import BlowUpError
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model import Model
-from balloon_warp.model.remarks import remarks_in_sentences
-from balloon_warp.model.strain_bound import StrainBound, overstretched_films
+from balloon_warp.model.plan import remarks_in_sentences
+from balloon_warp.model.stability import StrainBound, overstretched_films
 from balloon_warp.run.checkpoints import (
     CHECKPOINT_SECONDS,
     Checkpoints,
@@ -25,21 +25,22 @@ from balloon_warp.run.checkpoints import (
     partial_path,
     record_frames,
 )
-from balloon_warp.run.outcomes import (
+from balloon_warp.run.report import (
     BadEnding,
+    RunHeader,
     Swelling,
     bad_endings,
     ending_sentences,
     swelling_sentences,
     swellings_of,
+    without_folders,
 )
-from balloon_warp.run.provenance import RunHeader, without_folders
 from balloon_warp.scene import Scene, SceneLike, scene_of
 from balloon_warp.scene.load import files_of_scene
 from balloon_warp.schedules.contact_lists import overflow_remarks
 from balloon_warp.simulator import Simulator
 from balloon_warp.system.files import check_writable, require_no_inputs, sole_writer
-from balloon_warp.system.streams import Interrupts
+from balloon_warp.system.process import Interrupts
 from balloon_warp.usd import STAGE_SUFFIXES, StageWriter
 from balloon_warp.usd.material import pictures_of
 

@@ -1,23 +1,22 @@
-"""Scenes: the contents of a TOML file, checked, with overrides and defaults applied."""
+"""Scenes: the contents of a TOML file, checked, with overrides and defaults applied. SI units throughout.
 
+Read `scene` first, a scene as a whole, its surroundings and solids; `balloon` has balloons, their materials and what
+fills them, `fields` what the fields of both are made of, and `load` the way from a file.
+"""
+
+from balloon_warp.scene.balloon import Balloon, Inflation, Material, Neck, Stiffness, Touch
 from balloon_warp.scene.load import SceneLike, bundled_scenes, load_scene, scene_of
-from balloon_warp.scene.schema import (
+from balloon_warp.scene.scene import (
     Atmosphere,
-    Balloon,
     Body,
     Box,
     Change,
     Force,
     Ground,
-    Inflation,
-    Material,
-    Neck,
     Obstacle,
     Scene,
     Sphere,
-    Stiffness,
     String,
-    Touch,
     Tube,
     Water,
 )

@@ -25,8 +25,8 @@ from balloon_warp.mesh.topology import (
     signed_volume,
     vertex_components,
 )
-from balloon_warp.scene.schema import Balloon, Body, Inflation, Obstacle, Scene, Stiffness, String
-from balloon_warp.scene.schema.scene import Picture
+from balloon_warp.scene.balloon import Balloon, Inflation, Stiffness
+from balloon_warp.scene.scene import Body, Obstacle, Picture, Scene, String
 from balloon_warp.system.files import legible, whole_path
 
 MOST = 0.5

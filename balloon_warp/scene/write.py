@@ -10,11 +10,11 @@ from typing import Any
 from pydantic import BaseModel
 
 from balloon_warp.errors import InputError
-from balloon_warp.scene.complaint import toml_value
+from balloon_warp.scene.balloon import Balloon
+from balloon_warp.scene.fields import first_line, meaning_of, toml_value
 from balloon_warp.scene.load import bundled_scenes, files_of, files_of_scene, with_files
 from balloon_warp.scene.reference import default_of
-from balloon_warp.scene.schema import MESHED, WITHOUT_MESHES, Balloon, Body, Obstacle, Scene
-from balloon_warp.scene.schema.fields import first_line, meaning_of
+from balloon_warp.scene.scene import MESHED, WITHOUT_MESHES, Body, Obstacle, Scene
 from balloon_warp.system.files import check_writable, marked_scene, replaces_any, require_ours, whole_file
 
 HEADER = """\

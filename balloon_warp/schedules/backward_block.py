@@ -25,17 +25,16 @@ from balloon_warp.kernels.working import Working
 from balloon_warp.model import Model, State
 from balloon_warp.model.state import Allocating, Room
 from balloon_warp.schedules.backward import BackwardFrames
-from balloon_warp.schedules.block_layout import CAPACITY_STEP, held_layout_of, max_particles
-from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.framing import Framing
 from balloon_warp.schedules.launched import working_arrays
+from balloon_warp.schedules.layouts import CAPACITY_STEP, held_layout_of, max_particles
 from balloon_warp.schedules.membranes import (
     membrane_face_entries,
     membrane_face_layout,
     membrane_face_table,
 )
 from balloon_warp.schedules.slices import kind_slots, min_valence, quad_rings, slot_pairs, slot_table, spring_ends
-from balloon_warp.schedules.tables import make_tables, world_state
+from balloon_warp.schedules.tables import make_tables, model_features, world_state
 from balloon_warp.system.warp_threads import launch_tiled
 
 THREADS, REGISTERS = 512, 128

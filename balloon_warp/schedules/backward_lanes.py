@@ -16,11 +16,10 @@ from balloon_warp.kernels.working import Working
 from balloon_warp.model import Model, State
 from balloon_warp.model.state import Allocating, Room
 from balloon_warp.schedules.backward import BackwardFrames
-from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.framing import Framing
-from balloon_warp.schedules.lane_tables import allocate_lanes, items_of, make_lane_tables, rows_of, shares_of
-from balloon_warp.schedules.tables import make_tables, world_state
-from balloon_warp.system.loading import Threads
+from balloon_warp.schedules.layouts import allocate_lanes, items_of, make_lane_tables, rows_of, shares_of
+from balloon_warp.schedules.tables import make_tables, model_features, world_state
+from balloon_warp.system.process import Threads
 from balloon_warp.system.warp_threads import launch
 
 LANES = int(LANE_COUNT)

@@ -54,13 +54,12 @@ from balloon_warp.schedules.backward_contact import (
 from balloon_warp.schedules.backward_lanes import LanesBackward, fits_in_lanes_backwards
 from balloon_warp.schedules.backward_sweeps import EdgesBackward, RidgesBackward, kept_of_ridges, kept_of_sweeps
 from balloon_warp.schedules.balloon_contact import TouchLaunches
-from balloon_warp.schedules.block_layout import fits_in_block
 from balloon_warp.schedules.choose import AS_OCTETS
-from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.framing import Framing
 from balloon_warp.schedules.gather import GatherSchedule
 from balloon_warp.schedules.launched import Launches, Moving, Own, step_arrays, team_threads
-from balloon_warp.schedules.tables import make_tables, world_state
+from balloon_warp.schedules.layouts import fits_in_block
+from balloon_warp.schedules.tables import make_tables, model_features, world_state
 from balloon_warp.system.warp_threads import launch, launch_tiled
 
 

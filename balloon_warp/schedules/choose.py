@@ -8,9 +8,9 @@ from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.outer import GAS
 from balloon_warp.model import Model, State
 from balloon_warp.model.touch import is_in_layers
-from balloon_warp.schedules.block_layout import fits_in_block, thread_a_particle
-from balloon_warp.schedules.contact_horizon import looks_at_parts
 from balloon_warp.schedules.contact_lists import ContactLists
+from balloon_warp.schedules.framing import looks_at_parts
+from balloon_warp.schedules.layouts import fits_in_block, thread_a_particle
 from balloon_warp.schedules.touch_table import small_spheres
 
 
@@ -55,17 +55,17 @@ class Schedule(Protocol):
 SCHEDULES = {
     "scatter": ("gather", "ScatterSchedule"),
     "gather": ("gather", "GatherSchedule"),
-    "block": ("block", "BlockSchedule"),
-    "lanes": ("lanes", "LanesSchedule"),
-    "octets": ("lanes", "OctetsSchedule"),
+    "block": ("one_launch", "BlockSchedule"),
+    "lanes": ("one_launch", "LanesSchedule"),
+    "octets": ("one_launch", "OctetsSchedule"),
 }
 """Module and class of each schedule; modules load when first needed, since Warp takes a while to read their kernels"""
 
 AS_OCTETS = "lanes as octets"
 """Schedule of gradients alone: many worlds in lanes move as one does in `octets`, to the bit"""
-OF_GRADIENTS = {AS_OCTETS: ("lanes", "LanesAsOctetsSchedule")}
+OF_GRADIENTS = {AS_OCTETS: ("one_launch", "LanesAsOctetsSchedule")}
 
-IN_FREE_PATCHES = ("free_frames", "PatchedSchedule")
+IN_FREE_PATCHES = ("one_launch", "PatchedSchedule")
 """Module and class of `gather` where only free frames are moved in patches"""
 NEVER_FREE = ("gather", "PullingOctets")
 """Module and class of `octets` where no frame is free"""
@@ -143,7 +143,7 @@ def fastest_schedule(model: Model, world_count: int) -> str:
         return "block" if world_count >= enough and fits_in_block(model) else "gather"
     if not fits_in_block(model):
         return "gather"
-    from balloon_warp.schedules.features import model_features
+    from balloon_warp.schedules.tables import model_features
 
     many_launches = GAS in model.inflation_kind.numpy() or model.scene.correction != "none"
     some_launches = model.sphere_count > 0 or model_features(model).directions_on_the_way
@@ -169,10 +169,10 @@ def _in_patches(model: Model) -> Features | None:
     """Return the features with which `gather` moves a model in patches, maybe in free frames alone, or None."""
     if model.device.is_cpu or thread_a_particle(model) or only_launched(model):
         return None  # so that nothing of patches need be imported
-    from balloon_warp.schedules.contact_horizon import free_features, has_free_frames
-    from balloon_warp.schedules.features import model_features
-    from balloon_warp.schedules.free_frames import busy_in_blocks
-    from balloon_warp.schedules.patches import cut_into_patches
+    from balloon_warp.schedules.framing import free_features, has_free_frames
+    from balloon_warp.schedules.gather import cut_into_patches
+    from balloon_warp.schedules.one_launch import busy_in_blocks
+    from balloon_warp.schedules.tables import model_features
 
     features = model_features(model)
     is_near = features.always_busy or features.touches_itself

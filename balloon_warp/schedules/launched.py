@@ -27,11 +27,17 @@ from balloon_warp.model import Model, State
 from balloon_warp.model.state import Allocating, Counting, Room, contact_shape
 from balloon_warp.schedules.balloon_contact import TouchLaunches, touch_arrays
 from balloon_warp.schedules.contact_lists import ContactLists, counting_arrays, has_lists, list_arrays, start_of_frame
-from balloon_warp.schedules.features import choosing_parameters, model_features
 from balloon_warp.schedules.frames import FramePiece, Rounds, make_clock
 from balloon_warp.schedules.framing import Framing
 from balloon_warp.schedules.membranes import left_array, tear_arrays
-from balloon_warp.schedules.tables import Worlds, clearance_arrays, kept_arguments, make_tables
+from balloon_warp.schedules.tables import (
+    Worlds,
+    choosing_parameters,
+    clearance_arrays,
+    kept_arguments,
+    make_tables,
+    model_features,
+)
 from balloon_warp.schedules.touch_table import ridge_arrays, solid_arrays, substeps_of_search, sweep_arrays
 from balloon_warp.system.warp_threads import begin_loading, launch, launch_tiled
 

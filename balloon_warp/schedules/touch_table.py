@@ -23,9 +23,9 @@ from balloon_warp.mesh.orientation import triangles_of
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.model.model import Model
 from balloon_warp.model.obstacles import max_body_contacts
+from balloon_warp.model.parameters import values_over_time
 from balloon_warp.model.stability import held_within, widest_opening
 from balloon_warp.model.state import Room
-from balloon_warp.model.timeline import values_over_time
 from balloon_warp.model.touch import (
     APART,
     NO_RIDGES,

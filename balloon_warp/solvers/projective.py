@@ -36,9 +36,8 @@ from balloon_warp.kernels.schedules.launched import GATHERED
 from balloon_warp.kernels.substep import PROJECTIVE_STEP
 from balloon_warp.model import Model, State
 from balloon_warp.model.state import Counting, Room
-from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.launched import LaunchedSchedule, Moving, Own
-from balloon_warp.schedules.tables import world_state
+from balloon_warp.schedules.tables import model_features, world_state
 from balloon_warp.system.warp_threads import launch, launch_tiled
 
 FACTORIZED = frozenset({"mass", "damping", "structural", "shear", "flexion", "string_stiffness"})

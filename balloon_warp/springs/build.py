@@ -20,7 +20,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.mesh.crossings import LARGEST_FACE, LARGEST_FAN
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.topology import corner_faces, face_starts, mesh_edges, next_corners
-from balloon_warp.system.arguments import checked
+from balloon_warp.system.api import checked
 
 MOST_FANS = 6
 """Largest number of fans that cover a face of more corners"""

@@ -27,13 +27,20 @@ from balloon_warp.kernels.steering import (
     write_control,
 )
 from balloon_warp.model import Model
-from balloon_warp.model.parameters import VELOCITY, Place, places_of, rows_of, scene_parameters
+from balloon_warp.model.parameters import (
+    METHODS,
+    VELOCITY,
+    Place,
+    places_of,
+    require_changeable,
+    rows_of,
+    scene_parameters,
+)
 from balloon_warp.model.setting import plan_setting
 from balloon_warp.model.stability import names_of_the_step
-from balloon_warp.model.timeline import METHODS, require_changeable
 from balloon_warp.scene import Scene
 from balloon_warp.scene.load import frame_at, is_there
-from balloon_warp.system.shown import Shown
+from balloon_warp.system.api import Shown
 from balloon_warp.system.warp_threads import launch
 
 

@@ -48,7 +48,7 @@ from balloon_warp.scene.around import (
 )
 from balloon_warp.schedules.tables import solid_array
 from balloon_warp.steering.controls import rows_of_words
-from balloon_warp.system.shown import Shown
+from balloon_warp.system.api import Shown
 from balloon_warp.system.warp_threads import launch
 
 ROW_THREADS = 128

@@ -25,7 +25,7 @@ from balloon_warp.steering.controls import (
     require_timeless,
 )
 from balloon_warp.steering.observations import Observations, RowCopies
-from balloon_warp.system.shown import Shown
+from balloon_warp.system.api import Shown
 from balloon_warp.system.warp_threads import launch, recording, replay
 
 IN_PARAMETERS = {"initial_velocities": "initial_velocities", "initial_spins": "initial_spins"}

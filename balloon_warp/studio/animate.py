@@ -14,11 +14,11 @@ from balloon_warp.kernels.laws import Law
 from balloon_warp.model import Model
 from balloon_warp.run.checkpoints import CHECKPOINT_SECONDS
 from balloon_warp.run.job import RunFiles, Summary, run_scene
-from balloon_warp.run.provenance import RunHeader
+from balloon_warp.run.report import RunHeader
 from balloon_warp.scene import Scene, SceneLike
 from balloon_warp.scene.load import files_of_scene
-from balloon_warp.studio.exports import HDF5_SUFFIXES, check_export, export_stage, files_of_frames
-from balloon_warp.system.arguments import checked
+from balloon_warp.studio.export import HDF5_SUFFIXES, check_export, export_stage, files_of_frames
+from balloon_warp.system.api import checked
 from balloon_warp.system.files import (
     check_writable,
     folder_beside,

@@ -20,8 +20,7 @@ from threading import Thread
 from typing import Any
 
 from balloon_warp.system.files import clear_left_over, folder_of_process, temporary_in
-from balloon_warp.system.loading import without_garbage_collection
-from balloon_warp.system.streams import open_closed_streams
+from balloon_warp.system.process import open_closed_streams, without_garbage_collection
 
 _linked: set[Path] = set()
 """Links of threads to shared files. Warp deletes one that does not fit, and makes a file in its place"""

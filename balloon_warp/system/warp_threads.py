@@ -27,7 +27,7 @@ from weakref import WeakSet
 import warp as wp
 
 from balloon_warp.errors import InputError
-from balloon_warp.system.loading import Threads, hold_in_forks
+from balloon_warp.system.process import Threads, hold_in_forks
 from balloon_warp.system.warp_setup import quiet_warp
 
 P = ParamSpec("P")

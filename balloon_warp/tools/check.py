@@ -28,10 +28,9 @@ from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.topology import first_coincident
 from balloon_warp.mesh.usd_open import open_meshes
 from balloon_warp.mesh.usd_stage import SCENERY
+from balloon_warp.studio.render.sampling import timing_of
 from balloon_warp.studio.render.stage_reader import left_out
-from balloon_warp.studio.render.timing import timing_of
-from balloon_warp.system.arguments import checked
-from balloon_warp.system.shown import Shown, described
+from balloon_warp.system.api import Shown, checked, described
 from balloon_warp.system.warp_threads import launch, pick_device
 from balloon_warp.usd import STAGE_SUFFIXES
 from balloon_warp.usd.material import is_shown

@@ -3,6 +3,7 @@
 import csv
 import itertools
 import math
+import re
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -17,15 +18,70 @@ from PIL import Image, ImageDraw, ImageFont
 from balloon_warp.batch.recorder import MEASURES, Recorder, columns_of
 from balloon_warp.errors import BlowUpError, InputError, MissingExtraError
 from balloon_warp.kernels.laws import Law
-from balloon_warp.run.provenance import RunHeader
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.run.report import RunHeader
 from balloon_warp.scene import Scene, SceneLike, scene_of
-from balloon_warp.scene.load import files_of_scene, override_scene
+from balloon_warp.scene.load import files_of_scene, find_mesh, override_scene, parse_value
 from balloon_warp.simulator import Simulator
 from balloon_warp.studio.render.render import MOST_PIXELS, MOST_SAMPLES, Picture, render_alike, write_png
-from balloon_warp.system.arguments import checked
+from balloon_warp.system.api import checked
 from balloon_warp.system.files import check_writable, require_no_inputs, scratch_folder, sole_writer, whole_file
-from balloon_warp.tools.choices import shown
 from balloon_warp.usd import StageWriter
+
+RANGE = r"[-+.\deE]+:[-+.\deE]+"
+"""Pattern of ranges, as `batch` takes them"""
+_OPENING, _CLOSING, _QUOTES = "[{", "]}", "\"'"
+
+
+def parse_choices(text: str, scene_source: str = "") -> tuple[str, list[Any]]:
+    """Split `PATH=VALUE,VALUE,...`; each value is read as in `--set`. Commas in brackets and quotes do not split.
+
+    Args:
+        text: argument of `--vary`.
+        scene_source: the scene that the command names; meshes are sought beside its file, too.
+
+    Raises:
+        InputError: there is no path, no `=`, an empty value, or a range.
+    """
+    path, _, words = (part.strip() for part in text.partition("="))
+    values = [word.strip() for word in _split(words)]
+    if len(values) == 1 and re.fullmatch(RANGE, values[0]):
+        raise InputError(
+            f"--vary {text}: takes values, as in --vary {path}={values[0].replace(':', ',')}; ranges are for `batch`"
+        )
+    if not all(path.split(".")) or not all(values):
+        raise InputError(
+            f"--vary {text}: expected PATH=VALUE,VALUE,..., as in --vary normals=cached,fresh or "
+            "--vary balloon.inflation.k_normal=1,2,4"
+        )
+    if path.split(".")[-1] == "mesh":
+        return path, [find_mesh(value, scene_source) for value in values]
+    return path, [parse_value(value) for value in values]
+
+
+def shown(value: Any) -> str:
+    """Show a value as a label or a table does: a mesh by its name."""
+    if isinstance(value, float):
+        return f"{value:g}"
+    return value.name if isinstance(value, Path | PolygonMesh) else str(value)
+
+
+def _split(words: str) -> list[str]:
+    """Split at commas that are in neither brackets nor quotes."""
+    parts, depth, quote = [""], 0, ""
+    for letter in words:
+        if quote:
+            quote = "" if letter == quote else quote
+        elif letter in _QUOTES:
+            quote = letter
+        else:
+            depth += (letter in _OPENING) - (letter in _CLOSING)
+        if letter == "," and not quote and depth <= 0:
+            parts.append("")
+        else:
+            parts[-1] += letter
+    return parts
+
 
 MOST_STRETCH = 100.0
 """Largest stretch of a spring in a run that is shown: one that explodes but stays finite would leave the others no room
@@ -78,7 +134,10 @@ def simulate(
     try:
         scene = override_scene(scene, values.items(), other_kinds=True)
         frame = scene.picture_frame if "picture_frame" in values else frame  # a label shows the value, or its refusal
-        figures, seconds = _measured(scene, stage, frame, device, schedule, laws, on_begin, on_frame, clock)
+        last = shown_frame(scene, frame)
+        simulator = Simulator(scene, device, schedule=schedule, laws=laws)
+        on_begin(replace(RunHeader.of(simulator.model, simulator.schedule.name), frames=last))
+        figures, seconds = _measured(simulator, last, stage, on_frame, clock)
     except (InputError, MissingExtraError) as refusal:
         return Run(values, "refused", str(refusal), {})
     except BlowUpError as failure:
@@ -87,20 +146,13 @@ def simulate(
 
 
 def _measured(
-    scene: Scene,
+    simulator: Simulator,
+    last: int,
     stage: Path | None,
-    frame: int | None,
-    device: str | None,
-    schedule: str,
-    laws: Sequence[Law],
-    on_begin: Callable[[RunHeader], None],
     on_frame: Callable[[int, int], None],
     clock: Callable[[], float],
 ) -> tuple[dict[str, float], list[float]]:
     """Measure the figures at the frame that is shown, and the wall time of each frame until then [s]."""
-    last = shown_frame(scene, frame)
-    simulator = Simulator(scene, device, schedule=schedule, laws=laws)
-    on_begin(replace(RunHeader.of(simulator.model, simulator.schedule.name), frames=last))
     recorder = Recorder(simulator, np.zeros(0, dtype=np.int32))
     seconds = []
     for number in range(1, last + 1):
@@ -109,7 +161,7 @@ def _measured(
         seconds.append(clock() - began)
         on_frame(number, last)
     record = recorder.read()
-    measured = dict(zip(columns_of(scene), map(float, record.measures[0]), strict=True))
+    measured = dict(zip(columns_of(simulator.model.scene), map(float, record.measures[0]), strict=True))
     figures = {name: measured[name] for name in MEASURES}
     if not record.healthy[0] or figures["largest_stretch"] > MOST_STRETCH:
         raise BlowUpError(

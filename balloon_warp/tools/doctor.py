@@ -16,17 +16,16 @@ from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.schedules.launched import source_of
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.model import build_model
-from balloon_warp.run.provenance import installed_versions
+from balloon_warp.run.report import installed_versions
 from balloon_warp.scene import Balloon, Inflation, Scene, SceneLike, scene_of
-from balloon_warp.schedules.block import BlockSchedule
 from balloon_warp.schedules.choose import schedule_named
-from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.gather import PullingOctets
-from balloon_warp.schedules.lanes import LanesSchedule
 from balloon_warp.schedules.launched import LaunchedSchedule
+from balloon_warp.schedules.one_launch import BlockSchedule, LanesSchedule
+from balloon_warp.schedules.tables import model_features
 from balloon_warp.simulator import Simulator
 from balloon_warp.studio.animate import animate
-from balloon_warp.system.arguments import checked
+from balloon_warp.system.api import checked
 from balloon_warp.system.files import scratch_folder
 from balloon_warp.system.warp_threads import pick_device
 

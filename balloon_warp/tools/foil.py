@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from balloon_warp.errors import InputError, MissingExtraError
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.topology import component_labels
-from balloon_warp.system.arguments import checked
+from balloon_warp.system.api import checked
 
 MARGIN = 0.5
 """Least distance of the kept squares from the outline [squares]; at most one more, so that a square fits between"""

@@ -23,14 +23,13 @@ from balloon_warp.mesh.topology import (
     vertex_components,
 )
 from balloon_warp.model import plan_model
-from balloon_warp.model.many_substeps import many_substeps_sentence
-from balloon_warp.model.remarks import implausible_values
-from balloon_warp.model.stability import Network
-from balloon_warp.model.strain_bound import strain_bound_sentence
+from balloon_warp.model.plan import implausible_values
+from balloon_warp.model.stability import Network, strain_bound_sentence
+from balloon_warp.run.report import many_substeps_sentence
 from balloon_warp.scene import SceneLike, scene_of
 from balloon_warp.scene.load import override_scene
 from balloon_warp.springs.even import balloon_springs
-from balloon_warp.system.arguments import checked
+from balloon_warp.system.api import checked
 
 
 @dataclass(frozen=True)

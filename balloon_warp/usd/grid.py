@@ -25,8 +25,14 @@ from balloon_warp.model import ModelPlan
 from balloon_warp.model.obstacles import initial_centers, moves, obstacle_motion, obstacle_poses
 from balloon_warp.model.starts import Carriers, anchors_of, start_of
 from balloon_warp.scene.load import is_there
-from balloon_warp.usd.balloon import author_velocities, define_balloon
-from balloon_warp.usd.lines import define_knot, define_string, knot_path, string_curve
+from balloon_warp.usd.balloon import (
+    author_velocities,
+    define_balloon,
+    define_knot,
+    define_string,
+    knot_path,
+    string_curve,
+)
 from balloon_warp.usd.material import identifier, prim_names, show_names
 from balloon_warp.usd.solids import (
     SIZES,
@@ -465,6 +471,11 @@ class GridGroup:
     """Values that differ between worlds: dotted paths, and numbers or the files of meshes, shape (chosen,)"""
 
 
+Shapes = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int8]]
+"""Points, sphere positions, body poses and torn faces of chosen worlds, shapes (chosen, particle_count, 3), (chosen,
+sphere_count, 3), (chosen, body_count, 7) and (chosen, face_count), or (chosen, 0)"""
+
+
 class GridWriter(GrowingStage):
     """Writes frames of the chosen worlds into a stage, which appears at `path` when the `with` block ends well.
 
@@ -516,20 +527,8 @@ class GridWriter(GrowingStage):
             for group, worlds in zip(self.groups, self._worlds, strict=True)
         ]
 
-    def write(
-        self,
-        number: int,
-        group: int,
-        points: NDArray[np.float32],
-        sphere_positions: NDArray[np.float32],
-        body_poses: NDArray[np.float32],
-        torn: NDArray[np.int8],
-        places: Sequence[int] | None = None,
-    ) -> None:
-        """Write a frame of one group.
-
-        The arrays have shape (chosen, particle_count, 3), (chosen, sphere_count, 3), (chosen, body_count, 7) and
-        (chosen, face_count), or (chosen, 0). It follows the one before it, whose velocities are known then.
+    def write(self, number: int, group: int, shapes: Shapes, places: Sequence[int] | None = None) -> None:
+        """Write a frame of one group. It follows the one before it, whose velocities are known then.
 
         Args:
             places: of the worlds that the arrays are of, among the group's; all of them, when missing.
@@ -537,7 +536,7 @@ class GridWriter(GrowingStage):
         worlds = self._worlds[group]
         with Sdf.ChangeBlock():
             for row, world in enumerate(worlds if places is None else [worlds[place] for place in places]):
-                world.write(number, points[row], sphere_positions[row], body_poses[row], torn[row])
+                world.write(number, *(of_worlds[row] for of_worlds in shapes))
                 for own, velocities in world.moving:
                     author_velocities(self.layer, velocities, self.layer, own, number - 1)
         self._end_frame(group, number)

@@ -18,8 +18,7 @@ from balloon_warp.scene import Scene
 from balloon_warp.scene.around import paper_of
 from balloon_warp.system.files import STAGE_KEY, check_writable, whole_file
 from balloon_warp.system.warp_threads import lock_of
-from balloon_warp.usd.balloon import BalloonPrim, NetForcesPrim, author_velocities, define_gravity
-from balloon_warp.usd.lines import StringPrim, TubePrim
+from balloon_warp.usd.balloon import BalloonPrim, NetForcesPrim, StringPrim, TubePrim, author_velocities, define_gravity
 from balloon_warp.usd.material import check_textures, prim_names, show_names, write_textures
 from balloon_warp.usd.solids import BodyPrim, ObstaclePrim, PlanePrim, SpherePrim, body_names, obstacle_names, planes_of
 from balloon_warp.usd.studio import define_studio, glow_like_floor

@@ -14,7 +14,7 @@ from meshes import quad_sphere
 from numpy.typing import NDArray
 
 import balloon_warp as bw
-from balloon_warp.batch.simulate import Trajectories
+from balloon_warp.batch.trajectories import Trajectories
 from balloon_warp.benchmarks.gradient_bounce import FLOORS, slope_and_gradients
 from balloon_warp.kernels import OPTIONS
 from balloon_warp.kernels.contact.triangles import find_places, place_of
@@ -23,14 +23,14 @@ from balloon_warp.kernels.loops.contact import Place, place_beside
 from balloon_warp.kernels.schedules.block import source_of_frame
 from balloon_warp.kernels.schedules.block_names import Layout
 from balloon_warp.kernels.working import EightPlaces
-from balloon_warp.lab.gradients.rollout import Moving, Steps
+from balloon_warp.lab.gradients.gradient import Moving, Steps
 from balloon_warp.model import build_model, initial_state
 from balloon_warp.scene import Balloon, Ground, Inflation, Material, Obstacle, Scene, Sphere, Stiffness, Touch, Water
-from balloon_warp.schedules import block_layout
-from balloon_warp.schedules.block_layout import step_of
+from balloon_warp.schedules import layouts
 from balloon_warp.schedules.choose import make_schedule
-from balloon_warp.schedules.features import model_features
+from balloon_warp.schedules.layouts import step_of
 from balloon_warp.schedules.slices import kind_slots, spring_ends
+from balloon_warp.schedules.tables import model_features
 
 PAPERS, GAS, FULL = Inflation(k_normal=0.2), *(Inflation(kind="gas", start_pressure=p) for p in (50.0, 400.0))
 LATEX = Material(kind="neo_hookean", shear_modulus=4e5, thickness=3e-4)
@@ -93,7 +93,7 @@ def test_blocks_do_what_launches_do(name: str, layout: str, monkeypatch: pytest.
     layout_of, cells = LAYOUTS[layout]
     scene = scenes(cells)[name]
     expected = after_frames(scene, "gather")
-    monkeypatch.setattr(block_layout, "layout_of", layout_of)
+    monkeypatch.setattr(layouts, "layout_of", layout_of)
     found = after_frames(scene, "block")
     most = {"velocities": OF_VELOCITIES, "pressures": ROUNDING * 1.0e5}
     for what, values in expected.items():

@@ -79,7 +79,7 @@ def of_umbrellas(law: Law, device: str, listed: bool, monkeypatch: pytest.Monkey
     if listed:
         for module in ("balloon_warp.model.plan", "balloon_warp.model.model"):
             monkeypatch.setattr(f"{module}.LAWS", (*LAWS, law))
-        monkeypatch.setattr("balloon_warp.schedules.features.LAWS", (*LAWS, law), raising=False)
+        monkeypatch.setattr("balloon_warp.schedules.tables.LAWS", (*LAWS, law), raising=False)
     balloon = Balloon(mesh=umbrella(), inflation=Inflation(kind="pressure", pressure=0.0))
     plan = plan_model(Scene(balloon=[balloon], substeps=STEPS), 2, laws=() if listed else (law,))
     plan.parameters[law.parameters[0].name][:] = 0.3

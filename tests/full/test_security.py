@@ -40,7 +40,7 @@ from balloon_warp.model import Model, build_model, state, world_bytes
 from balloon_warp.schedules import SCHEDULES
 from balloon_warp.schedules.choose import schedule_named
 from balloon_warp.system.files import LOCK, PREFIX
-from balloon_warp.system.loading import without_garbage_collection
+from balloon_warp.system.process import without_garbage_collection
 from balloon_warp.tools.remesh import handle_count, handles_lost, handles_of_level
 
 HERE = Path(__file__).parents[1]

@@ -31,7 +31,7 @@ from balloon_warp.model import build_model
 from balloon_warp.scene import Atmosphere, Balloon, Change, Inflation, Scene, Stiffness, Tube, Water
 from balloon_warp.scene.presets import EARTH_RADIUS
 from balloon_warp.scene.presets import standard_air as of_altitude
-from balloon_warp.schedules.features import model_features
+from balloon_warp.schedules.tables import model_features
 from balloon_warp.simulator import Simulator
 
 PARTY = with_volume(quad_sphere(3), np.pi / 6.0 * 0.28**3)

@@ -30,8 +30,8 @@ from balloon_warp import (
     load_scene,
     run_batch,
 )
-from balloon_warp.batch.output import STAGE_NAME
 from balloon_warp.batch.recorder import MEASURES, Recorder, columns_of
+from balloon_warp.batch.task import STAGE_NAME
 from balloon_warp.mesh.topology import beside_faces, signed_volume, total_area
 from balloon_warp.model import State, build_model, plan_model
 from balloon_warp.scene.load import override_scene

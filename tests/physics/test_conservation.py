@@ -39,9 +39,8 @@ from balloon_warp.kernels.tables import Tables
 from balloon_warp.mesh.topology import signed_volume
 from balloon_warp.model import build_model
 from balloon_warp.scene.load import override_scene
-from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.membranes import membrane_face_entries, membrane_face_layout, membrane_face_table
-from balloon_warp.schedules.tables import make_tables
+from balloon_warp.schedules.tables import make_tables, model_features
 
 NO_INFLATION = Inflation(k_normal=0.0)
 BALLOONS = {

@@ -17,8 +17,8 @@ from balloon_warp import Balloon, PolygonMesh, Scene, String, animate, export_st
 from balloon_warp.kernels.pictures.surfaces import LEAST_SEEN, turned_to_viewer
 from balloon_warp.mesh.orientation import CREASE, SOFT_CREASE, sharp_edges
 from balloon_warp.mesh.topology import signed_volume
+from balloon_warp.studio.render.sampling import SmoothSurface
 from balloon_warp.studio.render.stage_reader import RenderStage
-from balloon_warp.studio.render.surface import SmoothSurface
 from balloon_warp.studio.render.view import View
 from balloon_warp.usd.solids import AROUND, PROFILE, Knot, knot_mesh, knot_size
 from balloon_warp.usd.studio import Z_TO_Y_UP

@@ -22,8 +22,8 @@ from balloon_warp.mesh.obj import write_obj
 from balloon_warp.mesh.orientation import triangles_of
 from balloon_warp.mesh.topology import signed_volume
 from balloon_warp.model import plan_model
+from balloon_warp.model.parameters import VaryError, scene_to_vary
 from balloon_warp.model.setting import plan_setting
-from balloon_warp.model.timeline import VaryError, scene_to_vary
 from balloon_warp.scene import Atmosphere, Balloon, Ground, Inflation, Material, Scene, Tube, load_scene
 from balloon_warp.scene.load import OverrideError, override_scene, parse_override
 from balloon_warp.studio.page import playground as module

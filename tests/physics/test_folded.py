@@ -38,7 +38,7 @@ from balloon_warp.model.shape import shape_balloon
 from balloon_warp.model.touch import meeting_edges, sharp_edges
 from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Scene, Stiffness, Touch, load_scene
 from balloon_warp.scenes.model_airbag import GAP, airbag, airbag_flat
-from balloon_warp.schedules.contact_horizon import part_count, parts_of
+from balloon_warp.schedules.framing import part_count, parts_of
 
 LIMP = Stiffness(structural=50.0, shear=25.0, flexion=0.0)
 

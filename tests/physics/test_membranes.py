@@ -34,6 +34,7 @@ from balloon_warp import (
 from balloon_warp.benchmarks.design import cylinder as lids
 from balloon_warp.cli.app import app
 from balloon_warp.cli.lab import DesignOptions
+from balloon_warp.frame_reader import ForceReader
 from balloon_warp.kernels.laws.air import GAS_CONSTANT
 from balloon_warp.kernels.laws.membrane import MEMBRANES
 from balloon_warp.lab.design import design, measure
@@ -51,7 +52,6 @@ from balloon_warp.model import plan_model
 from balloon_warp.model.materials import numbers_of, slopes_by_stretches
 from balloon_warp.model.pressure import borne_pressures, passed_limit_point
 from balloon_warp.scene.load import override_scene
-from balloon_warp.schedules.readout import ForceReader
 
 AIR, KELVIN = 101325.0, 293.15
 BALL = quad_sphere(9, 0.1)

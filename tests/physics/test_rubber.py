@@ -45,13 +45,13 @@ from balloon_warp import (
     Stiffness,
     load_scene,
 )
+from balloon_warp.frame_reader import ForceReader
 from balloon_warp.mesh.load import Treatment, prepared
 from balloon_warp.mesh.orientation import pushed_outward, pushes, there_and_back
 from balloon_warp.mesh.topology import face_vector_areas, flipped, is_closed, mesh_edges, signed_volume
 from balloon_warp.model import plan_model
 from balloon_warp.model.shape import BalloonShape, shape_balloon
 from balloon_warp.scene import Ground, Obstacle, String, Touch
-from balloon_warp.schedules.readout import ForceReader
 from balloon_warp.springs.build import build_hinges
 
 NO_INFLATION = Inflation(k_normal=0.0)

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.lab.design.descent import Reached, begin, descend
 from balloon_warp.lab.design.job import (
     DAMPING_RATE,
     MORE_FRAMES,
@@ -30,13 +29,13 @@ from balloon_warp.lab.design.job import (
 )
 from balloon_warp.lab.design.latex import design_of_latex
 from balloon_warp.lab.design.panels import design_of_panels, panels_of
-from balloon_warp.lab.design.springs import OF_KINDS, Hold, SpringProblem, require_gravity
+from balloon_warp.lab.design.springs import OF_KINDS, Hold, Reached, SpringProblem, begin, descend, require_gravity
 from balloon_warp.lab.design.target import held_target_of, require_size, target_of
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.load import LOADERS, MeshLike
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.scene import Balloon, Scene, Stiffness
-from balloon_warp.system.arguments import checked
+from balloon_warp.system.api import checked
 
 MASS_OVER_SIZE = 0.05
 """Mass over size [kg/m]"""

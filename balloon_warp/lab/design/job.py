@@ -15,15 +15,15 @@ from PIL import Image
 
 from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.kernels.laws.air import GAS_CONSTANT
-from balloon_warp.lab.design.descent import Reached
 from balloon_warp.lab.design.measure import Error, Ruler, error_picture, stacked
-from balloon_warp.lab.design.springs import SLOW_SWING, Hold, swing_rate
+from balloon_warp.lab.design.springs import SLOW_SWING, Hold, Reached, swing_rate
 from balloon_warp.lab.statics import SealedGas
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.topology import component_labels, mesh_edges
 from balloon_warp.scene import Balloon, Inflation, Scene
 from balloon_warp.scene.write import write_scene
 from balloon_warp.simulator import Simulator
+from balloon_warp.system.api import Shown, described
 from balloon_warp.system.files import (
     manifest_text,
     png_mark,
@@ -34,7 +34,6 @@ from balloon_warp.system.files import (
     whole_file,
     without_mark,
 )
-from balloon_warp.system.shown import Shown, described
 
 Values = NDArray[np.float64]
 

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws.air import DRY_AIR_MOLAR_MASS
-from balloon_warp.lab.design.descent import Reached, Response, SmoothAim, Smoothing, begin, descend, smooth_step
 from balloon_warp.lab.design.job import (
     DAMPING_RATE,
     MORE_FRAMES,
@@ -24,7 +23,19 @@ from balloon_warp.lab.design.job import (
     write_stl,
 )
 from balloon_warp.lab.design.measure import Ruler
-from balloon_warp.lab.design.springs import DOWN, SWING_DAMPING, Hanging, swing_rate
+from balloon_warp.lab.design.springs import (
+    DOWN,
+    SWING_DAMPING,
+    Hanging,
+    Reached,
+    Response,
+    SmoothAim,
+    Smoothing,
+    begin,
+    descend,
+    smooth_step,
+    swing_rate,
+)
 from balloon_warp.lab.design.target import Flattening, Gaps
 from balloon_warp.lab.statics import Balance, FilmSkin, SealedGas, Volume, film_of
 from balloon_warp.mesh import PolygonMesh

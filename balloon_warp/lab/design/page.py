@@ -12,7 +12,7 @@ from viser import uplot
 from balloon_warp.lab.design.job import DesignStep
 from balloon_warp.lab.design.measure import FULL, error_colors
 from balloon_warp.mesh.topology import triangulate
-from balloon_warp.studio.page.camera import go_home, home_of
+from balloon_warp.studio.page.drawings import go_home, home_of
 from balloon_warp.studio.page.server import address_of, close, guarded_server
 
 UP, SIDE = np.array([0.0, 1.0, 0.0]), np.array([0.55, 0.0, 1.0])

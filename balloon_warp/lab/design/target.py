@@ -29,7 +29,7 @@ from balloon_warp.mesh.topology import (
     vertex_components,
     vertex_normals,
 )
-from balloon_warp.model.remarks import LARGEST, SMALLEST
+from balloon_warp.model.plan import LARGEST, SMALLEST
 from balloon_warp.model.shape import fixed_particles
 
 Values = NDArray[np.float64]

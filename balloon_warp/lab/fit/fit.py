@@ -15,7 +15,7 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.batch.simulate import Trajectories, simulate
+from balloon_warp.batch.trajectories import Trajectories, simulate
 from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.kernels.laws import Law
 from balloon_warp.lab.fit.search import (
@@ -35,9 +35,8 @@ from balloon_warp.lab.gradients.gradient import derived
 from balloon_warp.model import Vary
 from balloon_warp.scene import Scene, SceneLike
 from balloon_warp.scene.load import scene_of
-from balloon_warp.system.arguments import checked
+from balloon_warp.system.api import Shown, checked, described
 from balloon_warp.system.files import LINE, require_ours, sole_writer
-from balloon_warp.system.shown import Shown, described
 
 Values = NDArray[np.float64]
 NOISES = {"points": "noise", "volumes": "volume_noise", "pressures": "pressure_noise"}

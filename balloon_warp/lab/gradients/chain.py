@@ -19,13 +19,12 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Columns, Parameter
 from balloon_warp.model import Model, ModelPlan, State, Vary
 from balloon_warp.model.obstacles import FRICTION, OF_BALLOONS, SAID
-from balloon_warp.model.parameters import Place, is_numbered, parameters_at, places_of, rows_of
+from balloon_warp.model.parameters import Place, is_numbered, parameters_at, places_of, rows_of, vary_parameters
 from balloon_warp.model.plan import resolved_parameters
 from balloon_warp.model.shape import BalloonShape
-from balloon_warp.model.timeline import vary_parameters
 from balloon_warp.scene import Scene
 from balloon_warp.scene.load import frame_at, override_scene
-from balloon_warp.scene.schema.scene import Change
+from balloon_warp.scene.scene import Change
 from balloon_warp.schedules.backward import (
     OF_STRINGS,
     POSITION,

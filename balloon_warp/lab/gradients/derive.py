@@ -23,7 +23,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.batch.recorder import Group
-from balloon_warp.batch.simulate import Trajectories, by_balloon, empty_tracks, record
+from balloon_warp.batch.trajectories import Trajectories, by_balloon, empty_tracks, record
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.adjoints.spheres import COLUMNS as OF_SPHERES
 from balloon_warp.kernels.adjoints.spheres import EVENTS_OF_A_SPHERE
@@ -53,9 +53,9 @@ from balloon_warp.lab.statics import Volume
 from balloon_warp.mesh.topology import inconsistent_edges, is_closed, mesh_edges
 from balloon_warp.model import Model, ModelPlan, Vary, lay_out
 from balloon_warp.model.obstacles import FRICTION, SAID
+from balloon_warp.model.parameters import METHODS
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.model.state import require_memory, usable_memory
-from balloon_warp.model.timeline import METHODS
 from balloon_warp.model.touch import STIFFNESSES
 from balloon_warp.schedules.backward import ANCHOR, CONDUCTANCE, OF_STRINGS, POSITION, BackwardFrames
 from balloon_warp.schedules.backward_contact import OF_OBSTACLES as RESTITUTION
@@ -66,10 +66,10 @@ from balloon_warp.schedules.backward_launched import (
     gradient_step,
     kernels_of,
 )
-from balloon_warp.schedules.features import model_features
+from balloon_warp.schedules.tables import model_features
 from balloon_warp.schedules.touch_table import round_ridges
 from balloon_warp.simulator import Simulator
-from balloon_warp.system.shown import Shown, described
+from balloon_warp.system.api import Shown, described
 from balloon_warp.system.warp_threads import lock_of, pick_device
 
 Loss = Callable[[Trajectories], tuple[Any, Mapping[str, Any]]] | wp.Kernel

@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.batch.simulate import Trajectories
+from balloon_warp.batch.trajectories import Trajectories
 from balloon_warp.errors import InputError, MissingExtraError
 from balloon_warp.system.warp_threads import lock_of
 

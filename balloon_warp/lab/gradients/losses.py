@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
-from balloon_warp.batch.simulate import Trajectories
+from balloon_warp.batch.trajectories import Trajectories
 from balloon_warp.errors import InputError
 from balloon_warp.lab.gradients.derive import Loss
 from balloon_warp.lab.gradients.frameworks import of_jax as of_jax

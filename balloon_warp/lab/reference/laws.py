@@ -9,6 +9,7 @@ A gas has an amount n [mol], a free volume V0 [m^3] at one atmosphere and a gaug
 """
 
 from math import erf
+from typing import NamedTuple
 
 import numpy as np
 
@@ -369,12 +370,27 @@ def begin_frame(b, height):
     b.least = EMPTY * b.volume * b.outside / (R * b.temperature)
 
 
-def implicit_pressure(b, h, damping, volume, response, rate, height, response_height):
+class Breath(NamedTuple):
+    """Growth of a balloon's volume by a pressure P, at the rate r = rate + response P [m^3/s]."""
+
+    volume: float
+    response: float
+    """Sum over its particles of the gain times the area squared [m^3/(Pa s)]"""
+    rate: float
+    """Growth without a pressure [m^3/s]"""
+    height: float
+    """Mean height of its particles by their shares [m]"""
+    response_height: float
+    """Sum of the response times height [m^4/(Pa s)]"""
+
+
+def implicit_pressure(b, h, damping, breath):
     """Set the pressure P = p(V) - w s h r over a step, its load at height 0 and rise [Pa/m], and slope [Pa/m^3].
 
     s = -dp/dV, r = rate + response P the growth of the volume, by forces along all area vectors, and w its weight:
     backward Euler where breathing is damped, or the trapezoidal rule. Near empty the end's pressure is exact.
     """
+    volume, response, rate, height, response_height = breath
     outside, temperature, density = air(height, b.p)
     free = there(b.free_volume, b, temperature)
     explicit = ATMOSPHERE * (free / volume) ** b.p.gamma - outside
@@ -394,11 +410,12 @@ def implicit_pressure(b, h, damping, volume, response, rate, height, response_he
     b.load = b.pressure - b.rise * height
 
 
-def given_pressure(b, h, given, volume, response, rate, height, response_height):
+def given_pressure(b, h, given, breath):
     """Set pressure and load of a balloon of a given one, raised where its volume would fall below a least one.
 
     On a flat skin in a liquid it rises with depth as the liquid does, and nothing turns inside out.
     """
+    volume, response, rate, height, response_height = breath
     b.pressure, b.rise, middle = given, 0.0, height
     if b.enclosed >= 0.0 and response > 0.0:
         least, flat = EMPTY * b.enclosed, 0.1 * b.enclosed

@@ -8,6 +8,8 @@ Bodies have rows of `contact.Movers`. See `laws.rigid`. Impulses act as a step b
 body's angular momentum stays.
 """
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
 from balloon_warp.lab.reference.contact import apart, contacts, resolve
@@ -345,13 +347,29 @@ class Grips:
         return rows, *(each[rows] for each in (n, arm, other, moving, gap))
 
 
-def settle(a, b, n, least, friction, impulse, allowed, most):
+class Contacts(NamedTuple):
+    """Contacts that impulses of each other change, k of them; the reference has no types of arrays."""
+
+    a: Any
+    """Velocities by impulses, shape (k, 3, k, 3)"""
+    b: Any
+    """Velocities without them, shape (k, 3)"""
+    n: Any
+    """Normals, shape (k, 3)"""
+    friction: Any
+    """Coefficients, shape (k,)"""
+    impulse: Any
+    """Impulses to begin with, shape (k, 3)"""
+
+
+def settle(contacts, least, allowed, most):
     """Solve contacts' impulses one after the other, each with the latest of the others (projected Gauss-Seidel).
 
     All go on by a part of the last sweep's change (Nesterov; O'Donoghue and Candes 2015). Velocities at contacts are
-    b + a impulse, of shapes (k, 3) and (k, 3, k, 3), and are to be at least so along normals; they agree once a sweep
-    changes none by more than is allowed.
+    b + a impulse, and are to be at least so along normals; they agree once a sweep changes none by more than is
+    allowed.
     """
+    a, b, n, friction, impulse = contacts
     inverse_mass = np.einsum("kx,kxky,ky->k", n, a, n)
     ahead, age, before = np.zeros_like(impulse), 0.0, np.inf
     for _ in range(most):
@@ -376,12 +394,13 @@ def settle(a, b, n, least, friction, impulse, allowed, most):
     return impulse, False
 
 
-def apply_contact_impulses(a, b, before, n, least, closing, friction, impulse, group, allowed, most):
+def apply_contact_impulses(contacts, before, least, closing, group, allowed, most):
     """Return impulses that give no group of contacts energy, see `laws.rigid`.
 
     A group is of bodies that touch; velocities before are those before gravity acts, `closing` is `least` without
     rebounds.
     """
+    a, b = contacts.a, contacts.b
 
     def in_group(each):
         return np.bincount(group, each[:, 0])[group, None]
@@ -392,7 +411,7 @@ def apply_contact_impulses(a, b, before, n, least, closing, friction, impulse, g
     def work(pushed, after):
         return in_group(0.5 * dot(pushed, before + after))
 
-    whole, agrees = settle(a, b, n, least, friction, impulse, allowed, most)
+    whole, agrees = settle(contacts, least, allowed, most)
     rebounds = (least > 0.0).any()
     gain, exchanged = work(whole, after(whole)), in_group(0.5 * np.abs(dot(whole, before)))
     gains = gain > (1e-5 if agrees else 0.0) * exchanged
@@ -400,7 +419,8 @@ def apply_contact_impulses(a, b, before, n, least, closing, friction, impulse, g
         return whole
     jams, without = not agrees and (gains & (gain < 1e-2 * exchanged)).any(), whole
     if rebounds:
-        without, _ = settle(a, b, n, closing, (not jams) * friction, impulse, allowed, most)
+        slippery = contacts._replace(friction=(not jams) * contacts.friction)
+        without, _ = settle(slippery, closing, allowed, most)
     more, own, free = whole - without, work(without, after(without)), work(without, b)
     curve = in_group(0.5 * dot(more, after(whole) - after(without)))
     slope, lost = gain - own - curve, np.maximum(-own, 0.0)
@@ -443,7 +463,8 @@ def move(m, grips, tugs):
     gains, a = eased()
     if (gap < 0.0).any():  # overlaps are moved apart by mass, without speed
         out = np.where(gap < 0.0, np.minimum(-0.2 * gap, 3.0 * h), -gap) - dot(n, moving)[:, 0]
-        shifts, _ = settle(a, -moving, n, out, 0.0 * gap, np.zeros_like(n), 0.01 * -gap.min(), most)
+        overlaps = Contacts(a, -moving, n, 0.0 * gap, np.zeros_like(n))
+        shifts, _ = settle(overlaps, out, 0.01 * -gap.min(), most)
         gap, ways = gap + dot(n, np.einsum("kxly,ly->kx", a, shifts))[:, 0], np.einsum("bxkz,kz->bx", gains, shifts)
         turn = turn_by(ways[:, 3:])  # a turn of it turns its momentum, too
         m.x[bodies], m.turn[bodies] = m.x[bodies] + ways[:, :3], turn @ m.turn[bodies]
@@ -465,8 +486,8 @@ def move(m, grips, tugs):
     for one, another in zip(body, thing, strict=True):
         if another in bodies:
             group[group == max(group[one], group[another])] = min(group[one], group[another])
-    told = a, b, u, n, least, -away / h, rubs, grips.kept[rows], group[body], 3e-6 * fastest, most
-    impulse = apply_contact_impulses(*told)
+    contacts = Contacts(a, b, n, rubs, grips.kept[rows])
+    impulse = apply_contact_impulses(contacts, u, least, -away / h, group[body], 3e-6 * fastest, most)
     speeds += np.einsum("bxkz,kz->bx", gains, impulse)
     m.v[bodies], m.spin[bodies], m.x[bodies] = speeds[:, :3], speeds[:, 3:], m.start[bodies] + h * speeds[:, :3]
     grips.kept[:] = 0.0

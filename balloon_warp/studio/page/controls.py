@@ -19,11 +19,10 @@ from balloon_warp.kernels.laws import PARAMETERS, Law, Parameter
 from balloon_warp.kernels.laws.law import FAR
 from balloon_warp.model.parameters import value_of
 from balloon_warp.scene import Balloon, Scene, bundled_scenes, load_scene
-from balloon_warp.studio.page import colors
+from balloon_warp.studio.page import drawings
 from balloon_warp.studio.page.layers import LAYERS, Layers
 from balloon_warp.studio.page.playground import MATERIALS, Playground, Touch, made_of, material_of
-from balloon_warp.studio.page.recording import Picture
-from balloon_warp.studio.page.session import Session
+from balloon_warp.studio.page.session import Picture, Session
 
 
 @dataclass(frozen=True)
@@ -345,10 +344,10 @@ def key_sheet() -> str:
 
 def strain_legend() -> str:
     """Return the legend of the strain bands: length over rest length."""
-    bounds = ["", *(f"{bound:g}" for bound in colors.STRAIN_BOUNDS)]
+    bounds = ["", *(f"{bound:g}" for bound in drawings.STRAIN_BOUNDS)]
     cells = "".join(
         f'<div style="flex:1;border-top:0.6em solid rgb{color};padding-right:0.2em">{bound}</div>'
-        for color, bound in zip(colors.STRAIN, bounds, strict=True)
+        for color, bound in zip(drawings.STRAIN, bounds, strict=True)
     )
     title = '<div style="font-size:0.8em;margin:0 1em">stretch: length / rest length</div>'
     return title + f'<div style="display:flex;font-size:0.7em;margin:0 1.2em 0.6em">{cells}</div>'
@@ -411,7 +410,7 @@ class MainControls:
             self._material, self._wanted = self._wanted or material_of(scene), ""
             self.material.options = tuple(dict.fromkeys([*MATERIALS, self._material]))
         self.material.value = self._material
-        self.color.value = colors.balloon_color(scene, 0, picture.model.shapes[0].mesh)
+        self.color.value = drawings.balloon_color(scene, 0, picture.model.shapes[0].mesh)
 
     def _add_inflation(self) -> None:
         gui = self._server.gui
@@ -450,7 +449,7 @@ class MainControls:
         gui, session = self._server.gui, self._session
         self.scenes = gui.add_dropdown("scene", tuple(dict.fromkeys([session.name, *bundled_scenes()])))
         self.material = gui.add_dropdown("material", list[str](MATERIALS), hint="of all balloons; restarts the scene")
-        self.color = gui.add_rgb("color", colors.BRAND, hint="of all balloons")
+        self.color = gui.add_rgb("color", drawings.BRAND, hint="of all balloons")
         self.speed = gui.add_dropdown("time scale", SPEEDS, initial_value="1")
         on_change(self.scenes, self._load)
         on_change(self.material, self._make_of)
@@ -482,7 +481,7 @@ class MainControls:
         self._session.load(name, lambda: made_of(self._scene(name), material))
 
     def _paint(self, color: Any) -> None:
-        linear = colors.linear(color)
+        linear = drawings.linear(color)
         self._session.ask(lambda playground: playground.paint(linear), key="color")
 
     def _inflate(self, value: float) -> None:

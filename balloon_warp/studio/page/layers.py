@@ -24,8 +24,7 @@ from balloon_warp.mesh.topology import triangulate
 from balloon_warp.model.obstacles import ObstacleShape
 from balloon_warp.scene import Balloon
 from balloon_warp.scene.around import looks_of_file
-from balloon_warp.studio.page import colors
-from balloon_warp.studio.page.camera import go_home, hit_distance, home_of
+from balloon_warp.studio.page import drawings
 from balloon_warp.studio.page.drawings import (
     KNOTS,
     LEVELS,
@@ -35,10 +34,13 @@ from balloon_warp.studio.page.drawings import (
     Lines,
     Plain,
     Smooth,
+    go_home,
+    hit_distance,
+    home_of,
     string_reach,
     surfaces_of,
 )
-from balloon_warp.studio.page.recording import Picture
+from balloon_warp.studio.page.session import Picture
 from balloon_warp.studio.render.view import BACKDROP
 from balloon_warp.usd.solids import SIZES
 
@@ -64,8 +66,8 @@ class ObstacleLayer:
         self._meshes, self._surfaces, seen = [], [], [np.zeros((0, 3))]
         model = picture.model
         shapes = [*model.obstacles, *(body.solid for body in model.bodies)]
-        own_colors = [colors.obstacle_color(picture.scene, n, shape.mesh) for n, shape in enumerate(model.obstacles)]
-        own_colors += [colors.body_color(picture.scene, n, body.solid.mesh) for n, body in enumerate(model.bodies)]
+        own_colors = [drawings.obstacle_color(picture.scene, n, shape.mesh) for n, shape in enumerate(model.obstacles)]
+        own_colors += [drawings.body_color(picture.scene, n, body.solid.mesh) for n, body in enumerate(model.bodies)]
         for number, (shape, pose, color) in enumerate(zip(shapes, _poses(picture), own_colors, strict=True)):
             below = Rotation.from_quat(pose[3:]).inv().apply(center - pose[:3])
             points, triangles = surface_of(shape, picture.scene.up, below, SIZES * size)
@@ -159,7 +161,7 @@ class PressLayer:
         self._size, self._strongest = size, 0.0
         nothing, thin = np.zeros((1, 2, 3), np.float32), THIN * size
         self._arrows: Any = server.scene.add_arrows(
-            PRESSES, nothing, colors.CONTACTS, visible=False,
+            PRESSES, nothing, drawings.CONTACTS, visible=False,
             shaft_radius=thin, head_radius=2.5 * thin, head_length=6.0 * thin,
         )  # fmt: skip
 
@@ -265,10 +267,10 @@ LAYERS = {
 """Layers and their labels"""
 AT_START = ("balloon", "contacts", "shadow")
 LINES = {
-    "wire": colors.WIRE,
-    **colors.SPRINGS,
-    "normals": colors.NORMALS,
-    "forces": colors.FORCES,
+    "wire": drawings.WIRE,
+    **drawings.SPRINGS,
+    "normals": drawings.NORMALS,
+    "forces": drawings.FORCES,
 }
 LIGHT = 2.8
 """Intensity of the studio's key light; the page finds its place and its shadow itself (page_files/look.js)"""
@@ -317,7 +319,7 @@ class Layers:
         self.server.flush()
 
     def draw_pending_sphere(
-        self, position: NDArray[np.floating], radius: float, color: colors.Color, asked: int
+        self, position: NDArray[np.floating], radius: float, color: drawings.Color, asked: int
     ) -> None:
         """Draw a sphere that was asked for where it will start, until a picture shows the outcome.
 
@@ -371,7 +373,7 @@ class Layers:
             self._balloons.append(balloon)
             bands = [
                 scene.add_mesh_simple(f"/strain/{number}_{band}", points, triangles[:1], color=color, side="double")
-                for band, color in enumerate(colors.STRAIN)
+                for band, color in enumerate(drawings.STRAIN)
             ]
             self._bands.append(bands)
             if self._on_drag is not None:
@@ -396,11 +398,11 @@ class Layers:
         name, surface, color = (
             f"/balloons/{number}",
             self._surfaces[number],
-            colors.balloon_color(picture.scene, number, mesh),
+            drawings.balloon_color(picture.scene, number, mesh),
         )
         image = image_of(picture.scene.balloon[number].print or only_picture(mesh, picture.scene.balloon[number]))
         if image is not None:
-            surface, color = Printed(surface, mesh), colors.PAPER
+            surface, color = Printed(surface, mesh), drawings.PAPER
             self._surfaces[number] = surface
         balloon = self.server.scene.add_mesh_simple(
             name, surface.points(points), surface.triangles, color=color, side="double"
@@ -421,7 +423,7 @@ class Layers:
                 self._colors[number] = color
                 mesh = picture.model.shapes[number].mesh
                 if not isinstance(self._surfaces[number], Printed):
-                    balloon.color = colors.balloon_color(picture.scene, number, mesh)
+                    balloon.color = drawings.balloon_color(picture.scene, number, mesh)
             if balloon.visible:
                 balloon.vertices = self._surfaces[number].points(points)
                 self._hide_torn(picture, number, balloon)
@@ -452,7 +454,7 @@ class Layers:
             "wire": lambda: self._drawing.springs(picture, "structural"),
             "normals": lambda: self._drawing.normals(picture, 0.03 * self.size),
         }
-        for kind in colors.SPRINGS:
+        for kind in drawings.SPRINGS:
             wanted[kind] = lambda kind=kind: self._drawing.springs(picture, kind)
         if picture.frame.net_forces:
             wanted["forces"] = lambda: self._drawing.net_forces(picture, 0.15 * self.size)
@@ -475,7 +477,7 @@ class Layers:
         for number, place in there.items():
             position = tuple(picture.frame.sphere_positions[place].tolist())
             if number not in self._spheres:
-                color = colors.sphere_color(number, picture.scene.sphere[place].color)
+                color = drawings.sphere_color(number, picture.scene.sphere[place].color)
                 self._spheres[number] = self.server.scene.add_icosphere(
                     f"/spheres/{number}", radius=1.0, color=color, subdivisions=4, position=position
                 )
@@ -488,7 +490,9 @@ class Layers:
         segments, hands = self._drawing.strings(picture, curves)
         _see(self._strings, len(segments) > 0)
         if len(segments):
-            colored = np.where(hands[:, None, None], np.array(colors.HAND), np.array(colors.STRING)).astype(np.uint8)
+            colored = np.where(hands[:, None, None], np.array(drawings.HAND), np.array(drawings.STRING)).astype(
+                np.uint8
+            )
             colored = np.repeat(colored, 2, axis=1)
             if colored.shape == self._strings.colors.shape:
                 self._strings.points = segments

@@ -29,7 +29,7 @@ from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Request, Response
 
 from balloon_warp.errors import InputError
-from balloon_warp.studio.page import colors
+from balloon_warp.studio.page import drawings
 from balloon_warp.studio.page.controls import key_sheet
 
 MOST_TOLD = 20
@@ -402,7 +402,7 @@ def guarded_server(
         made.append(viser.ViserServer(host=host, port=port, label="Balloon Warp", verbose=False))
     server = made[0]
     server.request_share_url = _refuse_to_share  # a page's message would open this machine to the internet
-    server.gui.configure_theme(brand_color=colors.BRAND, show_logo=False, show_share_button=False)
+    server.gui.configure_theme(brand_color=drawings.BRAND, show_logo=False, show_share_button=False)
     server.gui.set_panel_label("Balloon Warp")
     server.gui.main_panel.dock_right()
     return server

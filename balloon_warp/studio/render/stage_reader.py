@@ -28,8 +28,7 @@ from balloon_warp.mesh.usd_stage import (
     owners_of_faces,
     places_of,
 )
-from balloon_warp.studio.render.surface import SmoothSurface
-from balloon_warp.studio.render.timing import LINEAR, timing_of
+from balloon_warp.studio.render.sampling import LINEAR, SmoothSurface, timing_of
 from balloon_warp.system.files import STAGE_KEY
 from balloon_warp.usd import STAGE_SUFFIXES
 from balloon_warp.usd.balloon import REST_POINTS

@@ -22,10 +22,11 @@ from meshes import quad_sphere
 from pxr import Sdf
 
 from balloon_warp import Cluster, InputError, MissingExtraError, Scene, TrajectoryFiles, WorkersLostError, run_batch
-from balloon_warp.batch.output import BatchOutput
+from balloon_warp.batch.task import BatchOutput
+from balloon_warp.farm import cluster as dask_workers
 from balloon_warp.farm import cluster as shares
-from balloon_warp.farm import local_workers, workers
-from balloon_warp.farm import remote as dask_workers
+from balloon_warp.farm import workers
+from balloon_warp.farm import workers as local_workers
 from balloon_warp.model import state
 from balloon_warp.scene import Balloon
 from balloon_warp.system.warp_setup import quiet_warp

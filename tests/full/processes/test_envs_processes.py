@@ -28,7 +28,7 @@ from balloon_warp.benchmarks.kills import KINDS, judge, kill_at_random
 from balloon_warp.benchmarks.trust import Count, counted, efforts_of
 from balloon_warp.benchmarks.worker_kills import kill_workers
 from balloon_warp.learn import BalloonVectorEnv, SpreadVectorEnv, make_vec
-from balloon_warp.learn.target import Target
+from balloon_warp.learn.tasks import Target
 from balloon_warp.studio.page.session import Session
 
 EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"

@@ -31,7 +31,7 @@ from balloon_warp import (
     load_scene,
     run_batch,
 )
-from balloon_warp.batch.output import STAGE_NAME
+from balloon_warp.batch.task import STAGE_NAME
 from balloon_warp.farm import cluster as shares
 from balloon_warp.mesh.obj import write_obj
 

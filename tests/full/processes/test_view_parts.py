@@ -42,11 +42,9 @@ from balloon_warp.mesh.topology import triangulate
 from balloon_warp.scene.load import bundled_scenes
 from balloon_warp.scene.write import scene_toml
 from balloon_warp.studio.page import playground as journal
-from balloon_warp.studio.page.camera import Follower, ground_distance, hit_distance, throw_at
-from balloon_warp.studio.page.drawings import Drawing, Smooth
+from balloon_warp.studio.page.drawings import Drawing, Follower, Smooth, ground_distance, hit_distance, throw_at
 from balloon_warp.studio.page.playground import MOST_THROWN, Playground
-from balloon_warp.studio.page.recording import save_recording
-from balloon_warp.studio.page.session import MOST_ASKED, MOST_BEHIND, Pace, Session
+from balloon_warp.studio.page.session import MOST_ASKED, MOST_BEHIND, Pace, Session, save_recording
 
 UP = (0.0, 1.0, 0.0)
 
@@ -222,7 +220,7 @@ def test_two_recordings_in_a_row_are_two(session, tmp_path, monkeypatch):
         both_ended.wait()
         return save_recording(*arguments)
 
-    monkeypatch.setattr("balloon_warp.studio.page.recording.save_recording", write)
+    monkeypatch.setattr("balloon_warp.studio.page.session.save_recording", write)
     for _ in range(2):
         session.record(True)
         until(lambda: session.recording and session.recording.frames, "it records")
@@ -234,7 +232,7 @@ def test_two_recordings_in_a_row_are_two(session, tmp_path, monkeypatch):
 
 def test_a_recording_is_a_valid_stage(session, tmp_path, monkeypatch):
     monkeypatch.setattr(
-        "balloon_warp.studio.page.recording.write_recording", lambda *_: pytest.fail("it is written here")
+        "balloon_warp.studio.page.session.write_recording", lambda *_: pytest.fail("it is written here")
     )
     until(lambda: session.picture.frame.number > 3, "some frames")
     session.record(True)
@@ -338,7 +336,7 @@ import sys, time
 import numpy as np
 import warp as wp
 from browsing import tethered
-from balloon_warp.studio.page.ahead import KernelPrecompiler
+from balloon_warp.studio.page.playground import KernelPrecompiler
 from balloon_warp.studio.page.playground import Playground
 
 wp.config.optimization_level = 0

@@ -34,11 +34,20 @@ from balloon_warp.mesh.crossings import Pictures
 from balloon_warp.mesh.topology import edges_of, triangulate, vertex_normals
 from balloon_warp.mesh.usd_open import open_stage
 from balloon_warp.mesh.usd_stage import content_of
-from balloon_warp.studio.exports.parts import Animation, Part
-from balloon_warp.studio.render.timing import timing_of
-from balloon_warp.system.arguments import checked
-from balloon_warp.system.arrays import PACKED, NamedArrays, require_h5py
-from balloon_warp.system.files import LINE, check_writable, folder_beside, require_ours, sole_writer, whole_file
+from balloon_warp.studio.parts import Animation, Part
+from balloon_warp.studio.render.sampling import timing_of
+from balloon_warp.system.api import checked
+from balloon_warp.system.files import (
+    LINE,
+    PACKED,
+    NamedArrays,
+    check_writable,
+    folder_beside,
+    require_h5py,
+    require_ours,
+    sole_writer,
+    whole_file,
+)
 from balloon_warp.usd import STAGE_SUFFIXES
 
 SCRIPT = """
@@ -409,7 +418,7 @@ def check_export(output: Path) -> None:
     elif suffix == ".abc":
         require_blender()
     elif suffix in HDF5_SUFFIXES:
-        from balloon_warp.system.arrays import require_h5py
+        from balloon_warp.system.files import require_h5py
 
         require_h5py()
 
@@ -453,10 +462,10 @@ def export_stage(
     check_export(output)
     if stage.exists() and output.exists() and stage.samefile(output):
         raise InputError(f"{output}: is the input stage; expected another name, with -o")
-    from balloon_warp.studio.exports.parts import Animation  # loads USD: only once the output is known to be good
+    from balloon_warp.studio.parts import Animation  # loads USD: only once the output is known to be good
 
     module, function = WRITERS[output.suffix.lower()].split(".")
-    write = getattr(import_module(f"balloon_warp.studio.exports.{module}"), function)
+    write = getattr(import_module(f"balloon_warp.studio.{module}"), function)
     animation = Animation(stage, on_note)
     for path in files_of_frames(output, animation.frames):
         require_ours(path)

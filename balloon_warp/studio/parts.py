@@ -24,6 +24,7 @@ from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.orientation import CREASE
 from balloon_warp.mesh.topology import triangulate, vertex_normals
 from balloon_warp.mesh.usd_stage import texture_coordinates
+from balloon_warp.studio.render.sampling import cut_at_creases, leave_whole
 from balloon_warp.studio.render.stage_reader import (
     DRAWN,
     Covering,
@@ -34,7 +35,6 @@ from balloon_warp.studio.render.stage_reader import (
     read_colors,
     read_covering,
 )
-from balloon_warp.studio.render.surface import cut_at_creases, leave_whole
 from balloon_warp.system.files import whole_file
 from balloon_warp.usd.material import is_shown
 from balloon_warp.usd.solids import tube_points, tube_topology

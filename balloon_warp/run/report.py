@@ -1,24 +1,34 @@
-"""Outcome of a run: the volume that an "auto" pressure foretells, and endings that are bad.
+"""Report of a run or batch: its summary, advice and provenance as it begins, and its outcome.
 
 A bad ending is a balloon that came apart, fell for ever, collapsed, swelled, swallowed parts or folded. Cheap measures
 of the last frame's points beside the mesh, on the host, in NumPy, find it. The bounds are far from the endings of the
 bundled scenes, and near to those of balloons in ruins (tests/test_diagnosis.py).
 """
 
+import copy
+import hashlib
+import inspect
+import platform
+import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.frame import Frame
+from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.laws.springs import KINDS
 from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.load import size_of
 from balloon_warp.mesh.repair import wrong_sides
 from balloon_warp.mesh.topology import (
     corner_faces,
+    face_areas,
     face_vector_areas,
     mesh_edges,
     signed_volume,
@@ -29,10 +39,164 @@ from balloon_warp.model import Model, ModelPlan, plan_model
 from balloon_warp.model.obstacles import obstacle_motion
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.pressure import volume_under
-from balloon_warp.model.shape import BalloonShape
-from balloon_warp.scene import Scene
-from balloon_warp.scene.load import is_there
+from balloon_warp.model.shape import BalloonShape, constants_of
+from balloon_warp.scene import Scene, load_scene
+from balloon_warp.scene.load import FILES, files_of, is_there
+from balloon_warp.scene.scene import MESHED, WITHOUT_MESHES
+from balloon_warp.springs.even import film_tension
+from balloon_warp.system.files import legible
 from balloon_warp.system.warp_threads import lock_of
+
+if TYPE_CHECKING:
+    from balloon_warp.model import Model
+
+
+ABSOLUTE = re.compile(r"(?<![^=,])(?:~[^/=,]*)?/(?:[^/=,]+/)*")
+"""Folders of an absolute path, which begins a word or a value in it"""
+LIBRARIES = ("balloon-warp", "warp-lang", "numpy", "scipy", "usd-core")
+
+
+def describe_scene(scene: Scene) -> dict[str, Any]:
+    """Describe a scene as JSON has it. A mesh from Python has its name only."""
+    described = scene.model_dump(mode="json", exclude=WITHOUT_MESHES)
+    for name in MESHED:
+        for table, meshed in zip(described[name], getattr(scene, name), strict=True):
+            if meshed.mesh is not None:
+                table["mesh"] = mesh_label(meshed.mesh)
+    return described
+
+
+def describe_simulation(scene: Scene, laws: Iterable[Law], substeps: int) -> dict[str, Any]:
+    """Describe the scene and the laws, files and versions it runs with. Before the run: files may change meanwhile."""
+    return {
+        "scene": describe_scene(scene),
+        "laws": describe_laws(laws),
+        "files": hash_files(scene),
+        "substeps": substeps,
+        "versions": installed_versions(),
+    }
+
+
+def hash_files(scene: Scene) -> dict[str, str]:
+    """Hash each file that a scene names, and each mesh from Python, by its place, such as `balloon.0.mesh`."""
+    hashes = {}
+    for name in MESHED:
+        for number, table in enumerate(getattr(scene, name)):
+            files = files_of(table) | ({"mesh": table.mesh} if isinstance(table.mesh, PolygonMesh) else {})
+            hashes |= {f"{name}.{number}.{place}": hash_of_mesh(file) for place, file in files.items()}
+    return hashes
+
+
+def without_folders(description: Mapping[str, Any]) -> dict[str, Any]:
+    """Describe the same as it is wherever the files are: those of its `scene` lose their folders."""
+    scene = copy.deepcopy(description["scene"])
+    for table, field in named_files(scene).values():
+        table[field] = Path(table[field]).name
+    return {**description, "scene": scene}
+
+
+def named_files(scene: Mapping[str, Any]) -> dict[str, tuple[dict[str, Any], str]]:
+    """Find where a scene as JSON names files: tables and their fields, by places such as `balloon.0.mesh`."""
+    found = {}
+    for name in MESHED:
+        for number, table in enumerate(scene.get(name, ())):
+            for file in FILES:
+                *within, field = file.split(".")
+                holder = table.get(within[0]) if within else table
+                if holder and isinstance(holder.get(field), str):
+                    found[f"{name}.{number}.{file}"] = holder, field
+    return found
+
+
+def command_without_folders(words: Iterable[str]) -> list[str]:
+    """Return the words of a command, of which absolute paths lose their folders."""
+    return [ABSOLUTE.sub("", word) for word in words]
+
+
+def describe_laws(laws: Iterable[Law]) -> dict[str, dict[str, str]]:
+    """Hash each law's functions, as their source has them, by its name (SHA-256)."""
+    described = {}
+    for law in laws:
+        functions = {"force": law.force} | ({"energy": law.energy} if law.energy else {})
+        described[law.name] = {what: _hash_of_source(function.func) for what, function in functions.items()}
+    return described
+
+
+def installed_versions() -> dict[str, str]:
+    """Return the versions of Python, and of the libraries that a result depends on."""
+    installed = {"python": platform.python_version()}
+    for library in LIBRARIES:
+        try:
+            installed[library] = metadata.version(library)
+        except metadata.PackageNotFoundError:  # an extra, or a source tree
+            continue
+    return installed
+
+
+def hash_of_file(path: Path) -> str:
+    """Return SHA-256 of its bytes, in hexadecimal digits, as `sha256sum` prints it."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _hash_of_source(function: Any) -> str:
+    return hashlib.sha256(inspect.getsource(function).encode()).hexdigest()
+
+
+def hash_of_mesh(mesh: str | Path | PolygonMesh) -> str:
+    """Return SHA-256 of a mesh's file; of one that came from Python, of its arrays, one after the other."""
+    if not isinstance(mesh, PolygonMesh):
+        return hash_of_file(Path(mesh))
+    arrays = (mesh.points, mesh.face_vertex_counts, mesh.face_vertex_indices)
+    return hashlib.sha256(b"".join(np.ascontiguousarray(array).tobytes() for array in arrays)).hexdigest()
+
+
+def mesh_label(mesh: str | Path | PolygonMesh) -> str:
+    """Return a mesh's file, or the name of a mesh made in Python."""
+    return mesh.name if isinstance(mesh, PolygonMesh) else legible(str(mesh))
+
+
+@dataclass(frozen=True)
+class RunHeader:
+    """Size of a simulation, its device and its schedule."""
+
+    worlds: int
+    particles: int
+    """Number of particles of all worlds together"""
+    frames: int
+    substeps: int
+    """Number of substeps in a frame; where meshes differ, of the first"""
+    frames_per_second: float
+    """Frame rate of the stage [1/s]"""
+    device: str
+    schedule: str
+    workers: int = 1
+    """Number of processes that simulate"""
+    many_substeps: str | None = None
+    """Sentence on the cause of many substeps of a mesh by itself, and its remedy; None if there are few"""
+    strain_bound: str | None = None
+    """Sentence on film that is softer than its material, and the substeps that this spares; None without such film"""
+    coarse: str | None = None
+    """Sentence on a mesh by itself whose faces show, and its remedy; else None"""
+
+    @classmethod
+    def of(cls, model: "Model", schedule: str) -> Self:
+        """Summarize a model before its first frame."""
+        from balloon_warp.model.stability import strain_bound_sentence
+
+        return cls(
+            worlds=model.world_count,
+            particles=model.world_count * model.particle_count,
+            frames=model.scene.frames,
+            substeps=model.substeps,
+            frames_per_second=model.scene.frames_per_second,
+            device=str(model.device),
+            schedule=schedule,
+            many_substeps=many_substeps_sentence(model.scene, model.shapes, model.substeps),
+            strain_bound=strain_bound_sentence(model),
+            coarse=coarse_sentence(model.scene, model.shapes),
+        )
+
 
 FALLEN = 5.0
 """Fall below the start, over the balloon's size, from which on a balloon with nothing below it counts as falling
@@ -348,3 +512,79 @@ def _size(points: NDArray[np.float64]) -> float:
 
 def _radius(points: NDArray[np.float64]) -> float:
     return float(np.sqrt(np.square(points - points.mean(axis=0)).sum(axis=1).mean()))
+
+
+MANY = 30
+"""Number of substeps of a frame up to which nothing needs to be said"""
+USUAL_PARTICLES, USUAL_MASS, USUAL_SUM = 2000.0, 2.0, 3.0
+"""Number of particles, mass [kg], and sum of a particle's springs over the skin's tension, of a mesh that takes 14"""
+FEW_PARTICLES = 300
+"""Number of particles below which a balloon shows its faces"""
+LARGE_FACE = 0.1
+"""Root of a face's area over the balloon's size above which the face shows"""
+OF_FILE = ("prim", "weld", "holes", "parts", "taken", "unit", "up", "scale")
+"""Fields of a balloon from which the springs of a mesh by itself follow"""
+
+
+def coarse_sentence(scene: Scene, shapes: Sequence[BalloonShape]) -> str | None:
+    """Return a sentence on a mesh by itself whose faces show, and its remedy; else None."""
+    if len(shapes) != 1 or not scene.balloon[0].stiffness.even:
+        return None
+    mesh = shapes[0].mesh
+    largest = float(face_areas(mesh).max()) ** 0.5 / size_of(mesh)
+    if mesh.vertex_count >= FEW_PARTICLES and largest <= LARGE_FACE:
+        return None
+    faces = f"{mesh.vertex_count:,} particles, faces up to {largest:.2g} of its size"
+    helps = "balloon-warp remesh --cells 32 makes them small and even"
+    return f"{shapes[0].name} is coarse and shows its faces ({faces}): {helps}"
+
+
+def many_substeps_sentence(scene: Scene, shapes: Sequence[BalloonShape], substeps: int) -> str | None:
+    """Return a sentence on the cause of a short step of a mesh by itself, and its remedy; else None.
+
+    Masses lie where springs are stiff, so that the frequency squared goes with the sum of all constants over the mass.
+    So one of these is unusual: the number of particles, the mass, or springs of a kind.
+
+    Args:
+        substeps: in a frame.
+    """
+    if substeps <= MANY or len(shapes) != 1 or not scene.balloon[0].stiffness.even:
+        return None
+    if scene.balloon[0].material.is_membrane:
+        return _membrane_sentence(scene, substeps)
+    shape, mass, constants = shapes[0], scene.balloon[0].mass, constants_of(scene.balloon[0].stiffness)
+    tension = film_tension(constants)
+    if not tension or not mass:
+        return None
+    each = constants[shape.springs.kind] * shape.stiffness_scale
+    parts = vertex_components(shape.mesh, mesh_edges(shape.mesh))
+    across = np.zeros(shape.springs.count, dtype=bool) if shape.across is None else shape.across
+    between = ~across & (parts[shape.springs.pairs[:, 0]] != parts[shape.springs.pairs[:, 1]])
+    surface = max(float(each[~across & ~between].sum()), 1e-30)
+    count = max(int(np.count_nonzero(shape.mass_share)), 1)
+    unusual = {
+        f"it has {count:,} particles; remesh with fewer --cells helps": count / USUAL_PARTICLES,
+        f"its mass of {mass:.3g} kg is small for its springs; more balloon.mass helps": USUAL_MASS / mass,
+        "its narrow faces have stiff springs; remesh helps": 2.0 * surface / count / tension / USUAL_SUM,
+        'springs across its thin walls are stiff; balloon.stiffness.thin = "alike" or remesh helps': (
+            1.0 + float(each[across].sum()) / surface
+        ),
+        'its parts are tied by stiff springs; balloon.parts = "free" or remesh helps': (
+            1.0 + float(each[between].sum()) / surface
+        ),
+    }
+    return f"A frame takes {substeps:,} substeps, since {max(unusual, key=lambda why: unusual[why])}"
+
+
+def _membrane_sentence(scene: Scene, substeps: int) -> str | None:
+    """Compare the step of rubber or film with that of the springs which the mesh would have by itself."""
+    (balloon,) = scene.balloon
+    kept = {f"balloon.{field}": getattr(balloon, field) for field in OF_FILE if field in balloon.model_fields_set}
+    springs = plan_model(load_scene(balloon.mesh, {**kept, "frames_per_second": scene.frames_per_second})).substeps
+    if substeps <= springs:
+        return None
+    material = balloon.material.preset or balloon.material.kind
+    return (
+        f"A frame takes {substeps:,} substeps, since {material} is stiff for its mass: springs take {springs:,}; "
+        'balloon.material.kind = "springs" or remesh with fewer --cells helps'
+    )
