@@ -245,7 +245,7 @@ def test_a_phase_that_lets_gas_out_makes_it_change(count, monkeypatch, schedule,
     found = simulator.state.gas_amounts.numpy() / before
     np.testing.assert_allclose(found, np.stack([left, np.ones(2)], axis=1)[:, :count], rtol=1e-5)
     np.testing.assert_array_equal(simulator.state.kept["opened"].numpy(), [[1.0, 0.0][:count]] * 2)
-    expected = stepped(Simulator(scene, device, 2, vary, schedule="gather"), scene.frames)
+    expected = stepped(Simulator(scene, device, 2, vary), scene.frames)
     np.testing.assert_allclose(simulator.state.points.numpy(), expected.state.points.numpy(), atol=2e-6)
 
 
@@ -261,7 +261,7 @@ def test_old_skin_is_weak_at_both_ends_of_a_spring(monkeypatch, schedule, device
         told = override_scene(scene, [("balloon.law.age.skin_limit", limit)])
         return stepped(Simulator(told, device, schedule=schedule), scene.frames)
 
-    old, peer, young = after(1e-3, schedule), after(1e-3, "gather"), after(10.0, schedule)
+    old, peer, young = after(1e-3, schedule), after(1e-3, "auto"), after(10.0, schedule)
     ages = old.state.kept["skin_age"].numpy()
     assert ages.min() > 1e-3
     np.testing.assert_allclose(ages, peer.state.kept["skin_age"].numpy(), rtol=1e-4)
