@@ -488,6 +488,7 @@ def test_just_over_what_forces_allow_a_body_blows_up(law: Law):
     assert not wild < 30.0 * calm
 
 
+@pytest.mark.full
 def test_most_bodies_stay_where_they_are():
     """Most bodies are in equilibrium, as the test above requires: for springs, strings, hinges, water and damping."""
     still = slopes("none")[2]

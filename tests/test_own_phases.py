@@ -281,7 +281,7 @@ def test_spheres_and_worlds_keep_values(monkeypatch, schedule, device):
     np.testing.assert_array_equal(simulator.state.kept["passed"].numpy(), [[2.0 * 12.0]] * 2)
 
 
-@pytest.mark.parametrize("contact", ["penalty", "impulse"])
+@pytest.mark.parametrize("contact", [pytest.param("penalty", marks=pytest.mark.full), "impulse"])
 def test_a_phase_pushes_spheres_whatever_their_contact(contact, monkeypatch, schedule, device):
     """Spheres and the balloon that they attract conserve momentum, also while a sphere hits it and exchanges some."""
     list_after(monkeypatch, "take", attract)

@@ -26,7 +26,7 @@ VARIED: dict[str, Any] = {
 }
 """Sets with other values: balloons that meet between two searches, in crowds that the step does not allow for"""
 USUAL = {
-    "scatter": ("paper", "bursting", "all"),
+    "scatter": ("paper", "all"),
     "gather": ("bodies", "bursting", "all"),
     "block": ("all",),
     "lanes": ("all",),

@@ -723,7 +723,7 @@ MEETINGS = {
     "two boxes": two_boxes(),
     **{f"body of {mass} kg": body_at_a_ball(mass) for mass in (0.02, 0.3, 20.0)},
 }
-BY_DEFAULT = ("wall at 2.0 m per s", "wall at 500.0 m per s", "end of a box", "two boxes", "body of 0.3 kg")
+BY_DEFAULT = ("wall at 2.0 m per s", "wall at 500.0 m per s", "end of a box", "two boxes")
 
 
 def momenta(simulator: Simulator) -> NDArray[np.float64]:
