@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from exported import animated, assert_valid
+from exported import animated, assert_valid, at_start
 from meshes import cube, fans, grid, quad_sphere
 from numpy.typing import NDArray
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade
@@ -260,9 +260,7 @@ def test_a_recorded_frame_alone_has_them(tmp_path):
 
 
 def test_the_stage_says_what_they_weigh(tmp_path: Path):
-    with StageWriter(tmp_path / "start.usda", build_model(bodies(), "cpu")) as writer:
-        writer.write(Simulator(bodies(), "cpu").read_frame())
-    stage = Usd.Stage.Open(str(tmp_path / "start.usda"))
+    stage = at_start(bodies(), tmp_path / "start.usda")
     box = UsdPhysics.MassAPI(stage.GetPrimAtPath("/World/Bodies/box"))
     assert box.GetMassAttr().Get() == 2.5
     sides = 2.5 / 12.0 * np.array([0.3**2 + 0.4**2, 0.2**2 + 0.4**2, 0.2**2 + 0.3**2])
@@ -329,7 +327,7 @@ def test_a_law_of_ones_own_numbers_too(tmp_path: Path, material: Material):
 def test_a_skin_that_is_not_as_thick_everywhere_says_so_of_each_point(tmp_path: Path):
     weights = np.linspace(1.0, 3.0, quad_sphere(2).vertex_count).tolist()
     material = Material(preset="latex", weights=weights)
-    stage = animated(made_of(material, inflation=Inflation(kind="pressure", pressure=1.0)), tmp_path / "stage.usda")
+    stage = at_start(made_of(material, inflation=Inflation(kind="pressure", pressure=1.0)), tmp_path / "stage.usda")
     prim = stage.GetPrimAtPath("/World/ball")
     np.testing.assert_allclose(prim.GetAttribute("physics:thicknesses").Get(), 2e-4 * np.array(weights), rtol=1e-6)
     assert prim.GetAttribute("physics:thicknesses:elementType").Get() == "point"

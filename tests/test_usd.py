@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from exported import FRAMES, animated, assert_valid, assert_velocities_are_those_of_the_points, scene
+from exported import FRAMES, animated, assert_valid, assert_velocities_are_those_of_the_points, at_start, scene
 from meshes import cube, grid, quad_sphere, tetrahedron
 from numpy.typing import NDArray
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdShade
@@ -348,7 +348,7 @@ def test_a_run_without_ground_goes_on_without_it(tmp_path):
 
 
 def test_triangles_are_refined_smoothly(tmp_path):
-    stage = animated(Scene(balloon=[Balloon(mesh=tetrahedron())], frames=1), tmp_path / "out.usda")
+    stage = at_start(Scene(balloon=[Balloon(mesh=tetrahedron())]), tmp_path / "out.usda")
     mesh = UsdGeom.Mesh(next(prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh)))
     assert mesh.GetSubdivisionSchemeAttr().Get() == "catmullClark"
     assert mesh.GetTriangleSubdivisionRuleAttr().Get() == "smooth"
@@ -457,9 +457,9 @@ def test_a_large_subject_is_as_bright_as_a_small_one(tmp_path):
     """Power over distance squared is that of a small subject."""
     shares = []
     for scale in (1.0, 30.0):
-        small = Scene(balloon=[Balloon(mesh=tetrahedron(), scale=scale)], frames=1, gravity=0.0)
-        stage = animated(small, tmp_path / "out.usda")
-        bound = UsdGeom.BBoxCache(1, ["default"]).ComputeWorldBound(stage.GetPrimAtPath("/World").GetChildren()[0])
+        small = Scene(balloon=[Balloon(mesh=tetrahedron(), scale=scale)])
+        stage = at_start(small, tmp_path / f"{scale}.usda")
+        bound = UsdGeom.BBoxCache(0, ["default"]).ComputeWorldBound(stage.GetPrimAtPath("/World").GetChildren()[0])
         shares.append([])
         for name in SOFTBOXES:
             prim = stage.GetPrimAtPath(f"/World/Studio/{name}")
