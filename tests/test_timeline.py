@@ -313,11 +313,11 @@ def test_the_stage_shows_what_is_there(tmp_path, batch):
 
 def test_the_table_follows_a_change_of_method(device, tmp_path):
     scene = Scene(balloon=[Balloon(mesh=quad_sphere(3))], frames=4, change=[Change(time=2 / 60, set={"substeps": 12})])
-    run_batch(scene, tmp_path, 2, export=[1], device=device, schedule="gather")
+    run_batch(scene, tmp_path, 2, export=[1], device=device)
     with np.load(tmp_path / "table.npz") as table:
         heights = table["center_height"].reshape(5, 2)
     stage = Usd.Stage.Open(str(tmp_path / "worlds.usdc"))
-    simulator = Simulator(scene, device, 2, schedule="gather")
+    simulator = Simulator(scene, device, 2)
     for number in range(5):
         points = simulator.read_frame(1).points[0]
         ball = next(prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh) and "World_1" in str(prim.GetPath()))
