@@ -172,7 +172,7 @@ def bouncing(device: str, floor: str, restitution: float, **fields: Any) -> Simu
     return started(device, ball, ground=Ground(restitution=restitution), **setting | fields)
 
 
-@pytest.mark.always("cpu-obstacle-0.3-1")
+@pytest.mark.always("cpu-ground-0.3-1")
 @pytest.mark.parametrize("substeps", ["auto", 1, 13, 64])
 @pytest.mark.parametrize("restitution", [0.3, 0.7, 1.0])
 @pytest.mark.parametrize("floor", ["ground", "obstacle"])
@@ -294,7 +294,7 @@ def test_auto_counts_bodies_and_spheres():
     assert substeps_of(body=[shot], gravity=0.0) == 167  # no step is shorter than a tenth of a millisecond
 
 
-@pytest.mark.always("cpu-obstacle")
+@pytest.mark.always("cpu-ground")
 @pytest.mark.parametrize("floor", ["ground", "obstacle"])
 def test_a_box_that_falls_comes_to_rest_on_its_side(floor, device):
     box = Body(size=(0.4, 0.2, 0.3), position=(0, 0.5, 0), rotation=(20, 30, 40), restitution=0.2)
