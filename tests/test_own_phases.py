@@ -78,6 +78,7 @@ SCENE = Scene(
     gravity=0.0, substeps=12, frames=3, normals="cached", faces=False,
 )  # fmt: skip
 SLOWED = {"sphere.1.law.slow.slow_radius": 0.7, "sphere.1.law.slow.slowing": 40.0}
+KEEPS = SLOWED | {"sphere.1.law.travel.odometer": 1.0}
 WARMED = {"balloon.law.warm.weakening": 2e-3, "balloon.law.warm.warming_seconds": 0.05, "atmosphere.temperature": 330.0}
 
 
@@ -125,14 +126,19 @@ def test_temperatures_follow_the_air_s(listed, schedule, device):
     np.testing.assert_allclose(found, np.broadcast_to((air + (300.0 - air) * left)[:, None], found.shape), rtol=1e-5)
 
 
-def test_the_phase_of_the_docs_goes_in_as_it_stands_there(monkeypatch, tmp_path, schedule, device):
-    """The phase of the docs moves the kinetic energy that it takes into heat."""
+@pytest.fixture
+def kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, schedule: str) -> None:
+    """List the phase of the docs as it stands there, and two that keep values of spheres and worlds."""
     blocks = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
     (code,) = (each for each in blocks if "keeps=" in each)
     (tmp_path / f"docs_{schedule}.py").write_text(f"{IMPORTS}\n{code}", encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
     list_after(monkeypatch, "push", import_module(f"docs_{schedule}").slow)
-    simulator = simulated({"frames_per_second": 200.0, "substeps": 1} | SLOWED, schedule, device, 0)
+    list_after(monkeypatch, "roll", travel, count_substeps)
+
+
+def test_the_phase_of_the_docs_moves_the_energy_that_it_takes_into_heat(kept, schedule, device):
+    simulator = simulated({"frames_per_second": 200.0, "substeps": 1} | KEEPS, schedule, device, 0)
     simulator.step()
     squared = (simulator.state.velocities.numpy() ** 2).sum(axis=-1)
     heat = simulator.state.kept["heat"].numpy()
@@ -271,10 +277,9 @@ def test_old_skin_is_weak_at_both_ends_of_a_spring(monkeypatch, schedule, device
     assert old.read_frame().volumes[0] > 1.05 * young.read_frame().volumes[0]
 
 
-def test_spheres_and_worlds_keep_values(monkeypatch, schedule, device):
-    list_after(monkeypatch, "roll", travel, count_substeps)
+def test_spheres_and_worlds_keep_values(kept, schedule, device):
     sphere = Sphere(position=(0.0, 9.0, 0.0), radius=0.1, velocity=(0.0, 0.0, 2.0))
-    scene = override_scene(SCENE.model_copy(update={"sphere": [sphere] * 2}), [("sphere.1.law.travel.odometer", 1.0)])
+    scene = override_scene(SCENE.model_copy(update={"sphere": [sphere] * 2}), list(KEEPS.items()))
     simulator = stepped(Simulator(scene, device, 2, schedule=schedule), 2)
     told = 2.0 * 2.0 / scene.frames_per_second
     np.testing.assert_allclose(simulator.state.kept["traveled"].numpy(), [[0.0, told]] * 2, rtol=1e-6)
