@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from meshes import grid, quad_sphere
+from meshes import cube, quad_sphere
 from pxr import Usd, UsdGeom, UsdValidation
 
 from balloon_warp import PolygonMesh, Scene, Simulator, StageWriter, animate
@@ -23,7 +23,7 @@ def scene(**fields) -> Scene:
     fields = {
         "balloon": [
             Balloon(mesh=textured, name="ball", position=(0, 2, 0), inflation=Inflation(k_normal=0.2)),
-            Balloon(mesh=grid(3, 2), name="box", position=(4, 3, 0), color=(0.1, 0.2, 0.3)),
+            Balloon(mesh=cube(), name="box", position=(4, 3, 0), color=(0.1, 0.2, 0.3)),
         ],
         "sphere": [Sphere(position=(0, 5, 0), radius=0.3), Sphere(position=(2, 5, 0), radius=0.1, start=2.0 / RATE)],
         "string": [String(anchor=(0, 0, 0), length=2.0)],
