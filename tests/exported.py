@@ -7,7 +7,7 @@ import numpy as np
 from meshes import cube, quad_sphere
 from pxr import Usd, UsdGeom, UsdValidation
 
-from balloon_warp import PolygonMesh, Scene, animate
+from balloon_warp import PolygonMesh, Scene, Simulator, StageWriter, animate
 from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Sphere, String, Water
 
 FRAMES = 6
@@ -60,6 +60,14 @@ def turned(stage: Usd.Stage) -> np.ndarray:
 def animated(scene: Scene, path: Path, **options: Any) -> Usd.Stage:
     """Return the stage of a run, on a CPU."""
     animate(scene, path, device="cpu", **options)
+    return Usd.Stage.Open(str(path))
+
+
+def at_start(scene: Scene, path: Path) -> Usd.Stage:
+    """Return the stage of the start alone, for which no kernel of the scene's own is compiled."""
+    simulator = Simulator(scene, "cpu")
+    with StageWriter(path, simulator.model) as writer:
+        writer.write(simulator.read_frame())
     return Usd.Stage.Open(str(path))
 
 

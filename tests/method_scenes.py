@@ -14,34 +14,24 @@ from balloon_warp.kernels.laws import LAWS
 from balloon_warp.kernels.phase import Phase
 from balloon_warp.kernels.substep import conditional_phases
 from balloon_warp.model import Model, build_model
-from balloon_warp.scene import Balloon, Body, Inflation, Material, Neck, Obstacle, Scene, Sphere, String, Touch, Tube
+from balloon_warp.scene import Balloon, Body, Inflation, Material, Obstacle, Scene, Sphere, String, Touch
 from balloon_warp.scene.load import bundled_scenes, override_scene, parse_override
 from balloon_warp.schedules.framing import has_free_frames
 from balloon_warp.schedules.tables import model_features
 
-SPRINGS = {"viscosity": 2e-3, "yield_stretch": 1.4, "torsion": 0.05, "variation": 0.3}
-BLOWN = {"litres": 2.0, "fill_time": 0.06, "gamma": 1.3, "breathing_damping": 0.3, "leak": 3e-5}
-PUMPED = Inflation(kind="gas", start_pressure=400.0, pump=0.02, gamma=1.3)
 TIED = String(anchor=(0.0, 3.0, 0.0), balloon=1, particle="highest", length=1.5)
 MOVES = [(0.0, (0.0, 0.0, 0.0)), (1.0, (0.5, 0.2, 0.0), (0.0, 90.0, 0.0))]
 
 
 def more(values: dict[str, Any] | None = None, **fields: Any) -> Scene:
-    """Return the set of all features apart, with more of springs, gas, rubber, spheres and obstacles, and other values
-    by their paths, in steps that all bear."""
+    """Return the set of all features apart, with another law of rubber, gas that is blown in, spheres that meet, and
+    other values by their paths, in steps that all bear."""
     of = feature_set("all")
-    told = {f"balloon.{number}.stiffness.{name}": value for number in (0, 1) for name, value in SPRINGS.items()}
-    told |= {f"balloon.0.inflation.{name}": value for name, value in BLOWN.items()}
-    told |= {"substeps": 64, "balloon.0.fixed": [3], "balloon.1.helium": 2.0}
     soft = Material(preset="natural_rubber_treloar", softening=0.4, softening_energy=3e4, viscosity=10.0)
-    first, second, third = of.balloon
-    jet = first.model_copy(update={"neck": Neck(at="highest", diameter=0.015, opens=0.02)})
-    rubber = third.model_copy(update={"material": soft, "inflation": PUMPED})
-    spheres = [ball.model_copy(update={"friction": 0.3}) for ball in of.sphere]
-    spheres += [Sphere(position=(0.7, -0.4, 0.9), radius=0.25, mass=0.2, velocity=(0.0, 0.0, -2.0), friction=0.2)]
-    tables: dict[str, Any] = {"balloon": [jet, second, rubber], "sphere": spheres, "touch": False}
-    tables["obstacle"] = [of.obstacle[0].model_copy(update={"motion": MOVES})]
-    tables["tube"] = [Tube(balloons=(0, 2), conductance=1e-4)]
+    rubber = of.balloon[2].model_copy(update={"material": soft})
+    other = Sphere(position=(0.7, -0.4, 0.9), radius=0.25, mass=0.2, velocity=(0.0, 0.0, -2.0), friction=0.2)
+    tables: dict[str, Any] = {"balloon": [*of.balloon[:2], rubber], "sphere": [*of.sphere, other], "touch": False}
+    told = {"substeps": 64, "balloon.0.inflation.litres": 2.0, "balloon.0.inflation.fill_time": 0.06}
     return load_scene(of.model_copy(update=tables | fields), told | (values or {}))
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import warp as wp
 from commands import lines_executed
+from feature_sets import feature_set
 from meshes import cube, mesh_of, quad_sphere
 from numpy.typing import NDArray
 from pxr import Gf, Usd
@@ -22,7 +23,7 @@ from balloon_warp.farm.cluster import cut_into_shares
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.model import ModelPlan, plan_model
 from balloon_warp.model.parameters import scene_to_vary
-from balloon_warp.scene import Balloon, Body, Change, Ground, Inflation, Scene, Sphere, Stiffness, String
+from balloon_warp.scene import Balloon, Change, Ground, Inflation, Scene, Sphere, Stiffness, String
 from balloon_warp.scene.load import override_scene
 
 NO_SPRINGS = Stiffness(structural=0.0, shear=0.0, flexion=0.0)
@@ -58,8 +59,7 @@ def end_alone(*overrides: tuple[str, float]) -> np.ndarray:
 
 def test_a_recorder_of_places_and_turns_writes_within_its_arrays(monkeypatch: pytest.MonkeyPatch):
     """Both are picked in one graph: what stands behind the places stays, from the first frame on."""
-    scene = Scene(balloon=[FREE_CUBE], body=[Body(size=(0.1, 0.1, 0.1), position=(3.0, 0.0, 0.0))], frames=2)
-    simulator = Simulator(scene, "cpu", 2)
+    simulator = Simulator(feature_set("bodies"), "cpu", 2)
     shape = (2, simulator.model.particle_count)
     for _ in range(2):  # once all kernels are compiled, too
         room = wp.full(3 * shape[0] * shape[1] + 8, 7.25, dtype=float, device="cpu")
@@ -194,10 +194,10 @@ OF_MODELS = {
 
 
 def test_each_world_is_as_it_is_alone():
-    found = simulate(BALL, world_count=4, vary=OF_MODELS, device="cpu", schedule="gather")
+    found = simulate(BALL, world_count=4, vary=OF_MODELS, device="cpu", schedule="octets")
     for world in range(4):
         own = {path: values[world] for path, values in OF_MODELS.items()}
-        alone = simulate(load_scene(BALL, own), device="cpu", schedule="gather")
+        alone = simulate(load_scene(BALL, own), device="cpu", schedule="octets")
         np.testing.assert_array_equal(found.points[0][world], alone.points[0])
     assert len({points.tobytes() for points in found.points[0][:, -1]}) == 4
 

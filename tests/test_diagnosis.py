@@ -417,7 +417,7 @@ def test_what_happened_to_many_is_said_once():
     assert ending_sentences([*many, other]) == ["a falls (and 2 more like it)", "d folded"]
 
 
-CUBES = [Balloon(mesh=cube(), damping=0.0, inflation=Inflation(k_normal=0.0))]
+CUBES = [Balloon(mesh=cube(), damping=1e-30, inflation=Inflation(pressure=0.0))]
 FALLING = Scene(frames=63, gravity=9.9, balloon=CUBES, substeps=8)
 FALLS = "mesh falls forever: 5 times its size below the start; a [ground] would stop it"
 

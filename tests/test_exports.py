@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 import trimesh
 import xarray
-from exported import BALL, FRAMES, RATE, STRING, UV, animated, assert_valid, points, scene, turned
+from exported import BALL, FRAMES, RATE, STRING, UV, animated, assert_valid, at_start, points, scene, turned
 from meshes import cube
 from painted import Glb, show_image
 from PIL import Image
@@ -502,7 +502,7 @@ def printed_scene(folder: Path, image: str = "image.png") -> Path:
 
 
 def test_a_balloon_is_printed_as_its_scene_says(image: Path, tmp_path: Path):
-    assert_valid(animated(load_scene(printed_scene(tmp_path)), tmp_path / "out.usdc"))
+    assert_valid(at_start(load_scene(printed_scene(tmp_path)), tmp_path / "out.usdc"))
     render_stage(tmp_path / "out.usdc", tmp_path / "out.png", size=(200, 200), azimuth=0.0, elevation=0.0, device="cpu")
     seen = np.asarray(Image.open(tmp_path / "out.png")).astype(int)
     _, red, green, blue = (seen[row, column] for row in (60, 140) for column in (60, 140))
@@ -565,7 +565,7 @@ def test_balloons_of_one_print_share_it_in_a_glb(image: Path, tmp_path: Path):
     other = '[[balloon]]\nmesh = "cloth.obj"\nprint = "image.png"\nposition = [4.0, 0.0, 0.0]\n'
     foil = '[[balloon]]\nmesh = "cloth.obj"\nlook = "foil"\nposition = [8.0, 0.0, 0.0]\n'
     scene.write_text(scene.read_text() + other + foil)
-    animate(load_scene(scene), tmp_path / "out.usdc", device="cpu")
+    at_start(load_scene(scene), tmp_path / "out.usdc")
     export_stage(tmp_path / "out.usdc", tmp_path / "out.glb")
     file = Glb(tmp_path / "out.glb")
     first, second, plain = (material["pbrMetallicRoughness"] for material in file.said["materials"])
@@ -648,7 +648,7 @@ def test_names_that_look_the_same_get_numbers(tmp_path: Path):
     named = named_balloons(composed, decomposed, composed, f"{decomposed}_1", "Ground").model_copy(
         update={"ground": Ground()}
     )
-    stage = animated(named, tmp_path / "same.usda")
+    stage = at_start(named, tmp_path / "same.usda")
     prims = meshes_of(stage)
     names = [prim.GetName() for prim in prims]
     assert names == ["é", "é_1", "é_2", "é_1_1", "Ground_1", "Ground"]

@@ -196,10 +196,11 @@ def test_what_is_counted_is_what_is_allocated():
     assert 2 * world_bytes(model) == taken + 4  # the number of the frame, which both have
 
 
-MODULE: dict[str, Any] = {"module": "unique", "module_options": {"enable_backward": True}}
+ALGEBRA = wp.get_module(f"{__name__}.algebra")
+ALGEBRA.options |= {"enable_backward": True}
 
 
-@wp.kernel(**MODULE)
+@wp.kernel(module=ALGEBRA)
 def in_lanes(
     vectors: wp.array[Lanes3],
     numbers: wp.array[Lanes],
@@ -229,7 +230,7 @@ def in_lanes(
     of_fives[0] = scaled(fives[0], f)
 
 
-@wp.kernel(**MODULE)
+@wp.kernel(module=ALGEBRA)
 def one_by_one(
     vectors: wp.array2d[wp.vec3],
     numbers: wp.array2d[float],

@@ -488,12 +488,14 @@ def test_just_over_what_forces_allow_a_body_blows_up(law: Law):
     assert not wild < 30.0 * calm
 
 
+@pytest.mark.full
 def test_most_bodies_stay_where_they_are():
     """Most bodies are in equilibrium, as the test above requires: for springs, strings, hinges, water and damping."""
     still = slopes("none")[2]
     assert sum(bool(np.abs(still[model_of_all(law, "cpu")[1]]).max() <= 1e-5) for law in BOUND) >= 7
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("law", [law for law in TESTED if law not in BOUND], ids=lambda law: law.name)
 def test_a_law_without_bounds_limits_no_step(law: Law):
     assert true_limit(law) == np.inf

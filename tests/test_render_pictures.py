@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 import render_stages
 import warp as wp
+from exported import at_start
 from meshes import quad_sphere as sphere_of_quads
 from PIL import Image
 from pxr import Gf, Usd, UsdGeom, UsdShade
 from render_stages import LATEX, add_ground, add_mesh, add_sphere, before_camera, new_stage, picture, quad_sphere
 
-from balloon_warp import Balloon, Ground, Scene, animate, load_scene, render_stage
+from balloon_warp import Balloon, Ground, Scene, load_scene, render_stage
 from balloon_warp.kernels import OPTIONS
 from balloon_warp.kernels.pictures.surfaces import (
     Hit,
@@ -676,8 +677,8 @@ PAPER = (0.10, 0.30, 0.32)
 def staged(folder: Path, **picture: object) -> Path:
     """Return the stage of a ball above the ground."""
     ball = Balloon(mesh=sphere_of_quads(6, 0.5), color=(0.5, 0.02, 0.02))
-    scene = Scene(balloon=[ball], gravity=0.0, frames=1, ground=Ground(height=-1.0), picture=picture)
-    animate(scene, folder / "ball.usdc", device="cpu")
+    scene = Scene(balloon=[ball], ground=Ground(height=-1.0), picture=picture)
+    at_start(scene, folder / "ball.usdc")
     return folder / "ball.usdc"
 
 

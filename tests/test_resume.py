@@ -26,7 +26,7 @@ SCENE = Scene(
     net_forces=True,
     normals="cached",
     balloon=[Balloon(mesh=quad_sphere(3), position=(0.0, 1.2, 0.0), inflation=Inflation(k_normal=0.2))],
-    sphere=[Sphere(position=(0.2, 2.1, 0.0), radius=0.3, start=0.05, end=0.15)],
+    sphere=[Sphere(position=(0.2, 2.2, 0.0), radius=0.4, start=0.05, end=0.15)],
     string=[String(anchor=(0.0, 0.0, 0.0), length=0.1)],
     ground=Ground(),
     change=[Change(time=0.06, set={"ground.height": 0.1}), Change(time=0.14, set={"normals": "fresh"})],

@@ -613,8 +613,8 @@ def test_what_is_said_of_a_run_and_a_batch_has_the_hashes_of_their_meshes(tmp_pa
     described = without_folders(describe_simulation(made, (), 10))
     assert described["files"]["obstacle.0.mesh"] == hash_of_file(tmp_path / "tile.obj")
     assert described["scene"]["obstacle"][0]["mesh"] == "tile.obj"
-    short = made.model_copy(update={"frames": 1})
-    run_batch(short, tmp_path / "out", 2, {"obstacle.1.friction": [0.1, 0.2]}, device="cpu", schedule="gather")
+    short = made.model_copy(update={"frames": 1, "faces": False})
+    run_batch(short, tmp_path / "out", 2, {"obstacle.1.friction": [0.1, 0.2]}, device="cpu")
     write_obj(tmp_path / "tile.obj", grid(2, 2))
     with pytest.raises(InputError, match=r"tile\.obj: has changed since the batch"):
         repeat_batch(tmp_path / "out" / "manifest.json", tmp_path / "again")

@@ -396,8 +396,8 @@ def test_the_same_bits_follow(way: tuple[str, str], device: str, tmp_path):
 
 
 def test_a_world_that_blew_up_is_still_known(device: str):
-    bad = Scene(balloon=[Balloon(mesh=cube(), inflation=Inflation(k_normal=0.2))])
-    vary: Vary = {"balloon.inflation.k_normal": [0.2, 9e11]}
+    bad = Scene(balloon=[Balloon(mesh=cube(), inflation=Inflation(pressure=0.2))])
+    vary: Vary = {"balloon.inflation.pressure": [0.2, 9e11]}
     left, restored = (Simulator(bad, device, 2, vary) for _ in range(2))
     for _ in range(3):
         left.advance()
@@ -445,7 +445,7 @@ def test_worlds_of_different_times_are_saved_and_restored() -> None:
 
 def test_a_control_of_ones_own_hears_of_what_is_planned() -> None:
     simulator = Simulator(PLANNED, "cpu", 2)
-    pressure = simulator.controls["balloon.inflation.pressure"]
+    pressure = simulator.controls.open("balloon.inflation.pressure", 0.0, 9.0)
     stepped(simulator, 1).reset([0, 1])
     stepped(simulator, 1)
     assert pressure.numpy().tolist() == [5.0, 5.0]

@@ -16,8 +16,10 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 import warp as wp
+from feature_sets import feature_set
 from meshes import quad_sphere
 from rich.console import Console
+from trajectories import stepped
 from typer.testing import CliRunner
 from warp._src.apic.capture import APICapture
 
@@ -27,7 +29,7 @@ from balloon_warp.cli.progress import LINE_SECONDS, SPINNER_SECONDS, Stages
 from balloon_warp.kernels import OPTIONS
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.model.state import Limit, lowest_limit
-from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Scene, Sphere
+from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere
 from balloon_warp.studio.page.playground import Playground
 from balloon_warp.studio.page.session import Session
 from balloon_warp.system import warp_setup, warp_threads
@@ -38,16 +40,12 @@ FRAMES, THREADS = 6, 4
 QUEUED = "launch", "launch_tiled", "copy", "clone", "empty", "zeros", "full", "capture_launch", "synchronize_event"
 """calls that Warp refuses, or records as well, while another thread records on the same GPU"""
 
-TURNS = Obstacle(
-    size=(4, 0.2, 4), position=(0, -0.1, 0), motion=[(0, (0, 0, 0), (0, 0, 0)), (1, (0, 1, 0), (0, 90, 0))]
-)
-
 
 def scene(number: int) -> Scene:
     """Return two scenes in turn, which record other graphs: one iterates until it has converged."""
     return Scene(
         balloon=[Balloon(mesh=quad_sphere(2 + number % 3), position=(0, 1, 0), inflation=Inflation(k_normal=0.2))],
-        sphere=[Sphere(position=(0, 3, 0), radius=0.2)] if number % 2 else [],
+        sphere=[Sphere(position=(0, 3, 0), radius=0.6)] if number % 2 else [],
         ground=Ground(),
         frames=FRAMES,
         substeps=20,
@@ -209,12 +207,11 @@ def test_a_recording_describes_a_launch_once_and_replays_the_numbers_of_each(mon
         return describe(recorder, kernel, *given, **named)
 
     monkeypatch.setattr(APICapture, "build_launch_info", counted)
-    moving = scene(1).model_copy(update={"obstacle": [TURNS]})
     found = []
     for few in (2, FRAMES):
         monkeypatch.setattr("balloon_warp.schedules.frames.FEW", few)
-        simulator = Simulator(moving, device="cpu", schedule="gather")
-        found.append([np.concatenate(frame.points) for frame in simulator.run()])
+        simulator = Simulator(feature_set("all"), device="cpu", schedule="gather")
+        found.append([stepped(simulator, 1).state.points.numpy().copy() for _ in range(FRAMES)])
     np.testing.assert_array_equal(*found)
     assert 0 < len(described) <= 3 * len(set(described))
 

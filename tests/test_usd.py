@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from exported import FRAMES, animated, assert_valid, assert_velocities_are_those_of_the_points, scene
-from meshes import cube, grid, quad_sphere, tetrahedron
+from exported import FRAMES, animated, assert_valid, assert_velocities_are_those_of_the_points, at_start, scene
+from meshes import cube, quad_sphere, tetrahedron
 from numpy.typing import NDArray
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdShade
 from render_stages import read_stage
@@ -26,11 +26,11 @@ from balloon_warp.usd.balloon import points_around, string_curve
 
 
 def everything(**fields) -> Scene:
-    """Return a small scene with one of each: two balloons (one open), spheres, a string, a ground, net forces."""
+    """Return a small scene with one of each: two balloons, spheres, a string, a ground, net forces."""
     inflating = Inflation(k_normal=[[0.0, 0.0], [0.05, 2.0]])
     balloons = [
         Balloon(mesh=quad_sphere(3), name="ball", position=(0, 2, 0), helium=20.0, inflation=inflating),
-        Balloon(mesh=grid(3, 2), name="ball", position=(4, 1, 0), color=(0.1, 0.2, 0.3)),
+        Balloon(mesh=cube(), name="ball", position=(4, 1, 0), color=(0.1, 0.2, 0.3)),
     ]
     spheres = [Sphere(position=(0, 4, 0), radius=0.3), Sphere(position=(1, 5, 0), radius=0.1)]
     apart = {"ground": Ground(height=-0.5), "net_forces": True}
@@ -76,7 +76,7 @@ def test_the_stage_says_what_it_is_and_measures_its_shape(stage: Usd.Stage):
 
 
 def test_balloons_are_the_frames_of_the_simulation(stage: Usd.Stage):
-    paths, meshes = ["/World/ball", "/World/ball_1"], [quad_sphere(3), grid(3, 2)]
+    paths, meshes = ["/World/ball", "/World/ball_1"], [quad_sphere(3), cube()]
     for path, mesh in zip(paths, meshes, strict=True):
         prim = UsdGeom.Mesh(stage.GetPrimAtPath(path))
         np.testing.assert_array_equal(prim.GetFaceVertexCountsAttr().Get(), mesh.face_vertex_counts)
@@ -348,7 +348,7 @@ def test_a_run_without_ground_goes_on_without_it(tmp_path):
 
 
 def test_triangles_are_refined_smoothly(tmp_path):
-    stage = animated(Scene(balloon=[Balloon(mesh=tetrahedron())], frames=1), tmp_path / "out.usda")
+    stage = at_start(Scene(balloon=[Balloon(mesh=tetrahedron())]), tmp_path / "out.usda")
     mesh = UsdGeom.Mesh(next(prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh)))
     assert mesh.GetSubdivisionSchemeAttr().Get() == "catmullClark"
     assert mesh.GetTriangleSubdivisionRuleAttr().Get() == "smooth"
@@ -457,9 +457,9 @@ def test_a_large_subject_is_as_bright_as_a_small_one(tmp_path):
     """Power over distance squared is that of a small subject."""
     shares = []
     for scale in (1.0, 30.0):
-        small = Scene(balloon=[Balloon(mesh=tetrahedron(), scale=scale)], frames=1, gravity=0.0)
-        stage = animated(small, tmp_path / "out.usda")
-        bound = UsdGeom.BBoxCache(1, ["default"]).ComputeWorldBound(stage.GetPrimAtPath("/World").GetChildren()[0])
+        small = Scene(balloon=[Balloon(mesh=tetrahedron(), scale=scale)])
+        stage = at_start(small, tmp_path / f"{scale}.usda")
+        bound = UsdGeom.BBoxCache(0, ["default"]).ComputeWorldBound(stage.GetPrimAtPath("/World").GetChildren()[0])
         shares.append([])
         for name in SOFTBOXES:
             prim = stage.GetPrimAtPath(f"/World/Studio/{name}")

@@ -294,7 +294,7 @@ def test_auto_counts_bodies_and_spheres():
     assert substeps_of(body=[shot], gravity=0.0) == 167  # no step is shorter than a tenth of a millisecond
 
 
-@pytest.mark.always
+@pytest.mark.always("cpu-ground")
 @pytest.mark.parametrize("floor", ["ground", "obstacle"])
 def test_a_box_that_falls_comes_to_rest_on_its_side(floor, device):
     box = Body(size=(0.4, 0.2, 0.3), position=(0, 0.5, 0), rotation=(20, 30, 40), restitution=0.2)
@@ -681,7 +681,7 @@ def on_gas() -> Meeting:
 def on_a_wall(speed: float) -> Meeting:
     """Return a sphere that a free wall throws back; in a step of the fast one's it goes ten times its thickness."""
     wall = Body(size=(0.05, 1.0, 1.0), mass=3.0, restitution=1.0)
-    moves = {"mass": 0.5, "velocity": (speed, 0, 0), "restitution": 1.0}
+    moves = {"mass": 0.5, "velocity": (speed, 0, 0), "restitution": 1.0, "friction": 1e-9}
     scene = scene_of(wall, sphere=[Sphere(position=(-0.5, 0.2, 0.1), radius=0.05, **moves)], **SPACE)
     return Meeting(scene, 40, 400 * EPSILON * speed, 0.5 * speed, gain=0.02, left=(0.98, 1.02))
 
@@ -723,7 +723,7 @@ MEETINGS = {
     "two boxes": two_boxes(),
     **{f"body of {mass} kg": body_at_a_ball(mass) for mass in (0.02, 0.3, 20.0)},
 }
-BY_DEFAULT = ("wall at 2.0 m per s", "wall at 500.0 m per s", "end of a box", "two boxes", "body of 0.3 kg")
+BY_DEFAULT = ("wall at 2.0 m per s", "wall at 500.0 m per s", "end of a box", "two boxes")
 
 
 def momenta(simulator: Simulator) -> NDArray[np.float64]:

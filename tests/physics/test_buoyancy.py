@@ -577,7 +577,6 @@ def forces_on(device: str, balloon: Balloon, air: Atmosphere) -> np.ndarray:
     return Simulator(scene, device).read_frame().net_forces[0].astype(np.float64)
 
 
-@pytest.mark.always("cpu-90.0")
 @pytest.mark.parametrize("angle", [10.0, 45.0, 90.0])
 def test_a_plate_at_an_angle_has_lift_and_drag(angle: float, device: str):
     """1/2 rho A C_n u^2 sin a along its normal, and 1/2 rho A C_t u^2 cos a along itself."""

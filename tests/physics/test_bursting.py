@@ -21,11 +21,12 @@ from balloon_warp.scene import Atmosphere, Balloon, Ground, Inflation, Material,
 from balloon_warp.schedules.membranes import neighbors_of, share_of_tear
 
 NEO = ENERGIES["neo_hookean"]
-GAS = Inflation(kind="gas", start_pressure=0.0)
+GAS = Inflation(kind="gas", start_pressure=0.0, pump=1e-30)
+"""Gas that is pumped so little that it stays, as damping below: kernels are those of a pump"""
 
 
 def scene_of(
-    mesh: PolygonMesh = BALL, damping: float = 0.0, rate: float = 2000.0, gas: Inflation = GAS, **material: Any
+    mesh: PolygonMesh = BALL, damping: float = 1e-30, rate: float = 2000.0, gas: Inflation = GAS, **material: Any
 ) -> Scene:
     made = {"thickness": THICKNESS, "density": DENSITY, "strength": 1.0e7, "tear_strength": 1.0e6, "most_stretch": 4.0}
     made |= material

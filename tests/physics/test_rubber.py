@@ -274,7 +274,6 @@ def test_inflated_and_deflated_the_pressure_is_the_analytic_one(device: str):
         assert (down[:30] < 0.9 * up[:30]).all()
 
 
-@pytest.mark.always
 def test_a_closed_way_costs_energy_and_the_same_way_again_costs_none(device: str):
     """The formula is Ogden and Roxburgh's; where it is soft already, none."""
     sheet = grid(3, 3)

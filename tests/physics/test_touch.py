@@ -221,7 +221,7 @@ def needles() -> PolygonMesh:
 def test_what_surfaces_there_are_stay_finite_and_slow(mesh: PolygonMesh, device: str):
     """Two of each open or odd surface thrown at each other stay finite, and nothing gets faster than both were."""
     balls = [
-        Balloon(mesh=mesh, damping=0.0, inflation=SLACK),
+        Balloon(mesh=mesh, damping=1e-30, inflation=SLACK),  # that does nothing, with the kernels of others
         Balloon(mesh=mesh, position=(0.3, 0.9, 0.1), velocity=(0.0, -2.0, 0.0), damping=0.0, inflation=SLACK),
     ]
     simulator = Simulator(Scene(balloon=balls, touch=Touch(itself=True), **VACUUM), device)
