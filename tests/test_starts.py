@@ -509,6 +509,10 @@ MOVED = TOUCHING.model_copy(
 )
 
 
+def test_a_default_pressure_rises_anew_in_a_world_that_begins_anew() -> None:
+    begun_anew(Scene(balloon=[Balloon(mesh=quad_sphere(3))], gravity=0.0), "octets", (5,), 2)
+
+
 @pytest.mark.full
 def test_keyframes_and_obstacles_follow_a_worlds_own_time(schedule: str) -> None:
     scene = MOVED if schedule == "gather" else MOVED.model_copy(update={"contacts": False, "body": []})

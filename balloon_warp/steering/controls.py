@@ -558,9 +558,12 @@ def _appearances(model: Model, begun: Begun) -> Iterator[Appearance]:
 
 
 def has_times(model: Model) -> bool:
-    """Return whether a scene has things with times: changes, keyframes, moving obstacles, things that appear or end."""
+    """Return whether a scene has things with times: changes, keyframes, moving obstacles, things that appear or end.
+
+    The default pressure has keyframes, too: it rises from zero.
+    """
     moves = any(np.ptp(np.asarray(each.numpy()), axis=0).any() for each in (model.obstacle_motion, model.anchor_motion))
-    keyed = any(balloon.inflation.has_keyframes for balloon in model.scene.balloon)
+    keyed = model.keyframe_times.shape[1] > 1
     return bool(model.due_changes or keyed or moves)
 
 
