@@ -26,6 +26,7 @@ class Moving(NamedTuple):
 
 
 MOVING = {
+    "airbag": Moving(0, 150, 15.0),
     "foil_letters": Moving(0, 80, 20.0),
     "bowl_to_sphere": Moving(0, 90, 20.0),
     "bunch_in_wind": Moving(24, 150, 15.0, zoom=1.1),
@@ -36,6 +37,7 @@ MOVING = {
     "rocket_balloon": Moving(40, 124, 20.0, zoom=1.15),
     "squirrel_inflate": Moving(0, 150, 15.0),
     "table": Moving(60, 240, 15.0),
+    "turtle_pillow": Moving(100, 280, 15.0),
 }
 """Scenes of which there is an animation, too"""
 
