@@ -18,7 +18,12 @@ from balloon_warp.errors import MissingExtraError
 MODULE = "bl_ext.user_default.balloon_warp"
 FRAMES = 36
 SIZE = (480, 270)
-SAMPLES = 24
+SAMPLES = 64
+QUALITY = 90
+"""of the JPEG files"""
+OAK = (0.36, 0.17, 0.06)
+LENS = 60.0
+"""Focal length [mm]"""
 
 
 def walk(folder: Path, frames: int = FRAMES, size: tuple[int, int] = SIZE, samples: int = SAMPLES) -> list[Path]:
@@ -44,8 +49,14 @@ def walk(folder: Path, frames: int = FRAMES, size: tuple[int, int] = SIZE, sampl
     return camera.taken
 
 
+KEY, RIM = (-0.62, 0.62, 1.0), (0.95, -0.15, 0.28)
+"""Directions to the lamps: to the right, toward the camera, and up; as in our own pictures"""
+KEY_DISTANCE, KEY_WIDTH, RIM_DISTANCE = 4.0, 1.7, 5.0
+"""in sizes of the subject"""
+
+
 class Camera:
-    """Blender's camera and light, which take pictures.
+    """Blender's camera, and the lights of our own studio around what it looks at.
 
     Args:
         bpy: Blender's module.
@@ -58,24 +69,35 @@ class Camera:
         self._bpy, self._folder, self._size, self._samples = bpy, folder, size, samples
         self.taken: list[Path] = []
 
-    def take(self, name: str, frame: int, at: Sequence[float], to: Sequence[float]) -> None:
-        """Take a picture of a frame from one place to another."""
+    def set_up(self, at: Sequence[float], to: Sequence[float], size: float) -> None:
+        """Look from one place to another, at a subject of a size, and dress the scene as a stage of ours."""
+        from bl_ext.user_default.balloon_warp.studio_look import dress  # as Blender installed it
         from mathutils import Vector  # Blender's
 
-        scene = self._bpy.context.scene
-        sun = self._bpy.data.objects["Light"].data
-        sun.type = "SUN"
-        sun = self._bpy.data.objects["Light"].data  # of that type
-        sun.energy, sun.angle = 2.6, 0.4
-        sky = scene.world.node_tree.nodes["Background"]
-        sky.inputs["Color"].default_value, sky.inputs["Strength"].default_value = (0.8, 0.8, 0.82, 1.0), 0.4
-        scene.view_settings.view_transform = "Khronos PBR Neutral"
-        camera = self._bpy.data.objects["Camera"]
+        bpy, middle = self._bpy, Vector(to)
+        bpy.data.objects.remove(bpy.data.objects["Light"])
+        camera = bpy.data.objects["Camera"]
         camera.location = at
-        camera.rotation_euler = (Vector(to) - camera.location).to_track_quat("-Z", "Y").to_euler()
-        scene.render.engine, scene.cycles.device, scene.cycles.samples = "CYCLES", "CPU", self._samples
+        camera.rotation_euler = (middle - camera.location).to_track_quat("-Z", "Y").to_euler()
+        camera.data.lens = LENS
+        back = (camera.location - middle) * Vector((1.0, 1.0, 0.0))
+        back.normalize()
+        right, up = Vector((-back.y, back.x, 0.0)), Vector((0.0, 0.0, 1.0))
+        for name, (across, toward, above), distance in (("Key", KEY, KEY_DISTANCE), ("Rim", RIM, RIM_DISTANCE)):
+            direction = (across * right + toward * back + above * up).normalized()
+            bpy.ops.object.light_add(type="AREA", location=middle + distance * size * direction)
+            lamp = bpy.context.object
+            lamp.name, lamp.data.size = name, KEY_WIDTH * size
+            lamp.rotation_euler = direction.to_track_quat("Z", "Y").to_euler()
+        bpy.context.view_layer.update()
+        dress(bpy.context.scene)
+
+    def take(self, name: str, frame: int) -> None:
+        """Take a picture of a frame."""
+        scene = self._bpy.context.scene
+        scene.cycles.device, scene.cycles.samples = "CPU", self._samples
         scene.render.resolution_x, scene.render.resolution_y = self._size
-        scene.render.image_settings.file_format = "JPEG"
+        scene.render.image_settings.file_format, scene.render.image_settings.quality = "JPEG", QUALITY
         scene.frame_set(frame)
         scene.render.filepath = str(self._folder / f"blender_{name}.jpg")
         self._bpy.ops.render.render(write_still=True)
@@ -96,28 +118,29 @@ def _model(bpy: Any, folder: Path, frames: int) -> None:
     bpy.data.objects.remove(bpy.data.objects["Cube"])
     bpy.ops.mesh.primitive_monkey_add(location=(0.0, 0.0, 1.1), rotation=(-0.3, 0.0, 0.5))
     suzanne = bpy.context.object
+    shape = suzanne.modifiers.new("Shape", "SUBSURF")
+    shape.levels = shape.render_levels = 1
     bpy.ops.balloon.inflate()
     balloon = suzanne.balloon_warp
     balloon.inflate, balloon.lift, balloon.mass = "PRESSURE", 9.0, 0.3
     for frame, pressure in ((1, 0.0), (frames // 2, 120.0), (frames + 1, 120.0)):
         balloon.pressure = pressure
         balloon.keyframe_insert("pressure", frame=frame)
-    bpy.ops.mesh.primitive_cube_add(size=1.0, location=(-2.6, 0.0, 1.2), scale=(0.2, 3.0, 2.4))
+    bpy.ops.mesh.primitive_cube_add(size=1.0, location=(-2.6, 0.0, 1.2), scale=(0.2, 2.2, 2.4))
     plate = bpy.context.object
     plate.balloon_warp.role = "OBSTACLE"
+    paint(bpy, plate, OAK)
     for frame, x in ((1, -2.6), (frames + 1, -0.7)):
         plate.location.x = x
         plate.keyframe_insert("location", frame=frame)
     scene.balloon_warp.ground = True
-    bpy.ops.mesh.primitive_plane_add(size=400.0)
+    _add_floor(bpy, (0.72, 0.70, 0.66))
 
 
 def _bake(bpy: Any) -> None:
     """Bake, and refine the result: steps 8 and 9."""
     wait_for_bake(bpy)
-    suzanne = bpy.data.objects["Suzanne"]
-    suzanne.modifiers.new("Smooth", "SUBSURF").render_levels = 2
-    paint(bpy, suzanne, (0.75, 0.02, 0.04, 1.0))
+    paint_latex(bpy, bpy.data.objects["Suzanne"], (0.75, 0.02, 0.04))
 
 
 def wait_for_bake(bpy: Any) -> None:
@@ -132,39 +155,56 @@ def wait_for_bake(bpy: Any) -> None:
         raise RuntimeError(said.message)
 
 
-def paint(bpy: Any, thing: Any, color: tuple[float, float, float, float]) -> None:
-    """Give a thing a smooth, glossy skin of a color."""
-    for polygon in thing.data.polygons:
-        polygon.use_smooth = True
+def paint(bpy: Any, thing: Any, color: Sequence[float]) -> Any:
+    """Give a thing a matte skin of a color, and return its shader."""
     skin = bpy.data.materials.new("Skin")
     shader = skin.node_tree.nodes["Principled BSDF"]
-    shader.inputs["Base Color"].default_value, shader.inputs["Roughness"].default_value = color, 0.2
+    shader.inputs["Base Color"].default_value, shader.inputs["Roughness"].default_value = (*color, 1.0), 0.7
     thing.data.materials.append(skin)
+    return shader
+
+
+def paint_latex(bpy: Any, thing: Any, color: Sequence[float]) -> None:
+    """Give a thing a skin as our stages have it for latex, refined."""
+    thing.modifiers.new("Smooth", "SUBSURF").render_levels = 2
+    for polygon in thing.data.polygons:
+        polygon.use_smooth = True
+    shader = paint(bpy, thing, color)
+    shader.inputs["Alpha"].default_value, shader.inputs["Coat Weight"].default_value = 0.92, 1.0
+
+
+def _add_floor(bpy: Any, color: Sequence[float]) -> None:
+    """Lay paper on the ground."""
+    bpy.ops.mesh.primitive_plane_add(size=400.0)
+    bpy.context.object.name = "Ground"
+    paint(bpy, bpy.context.object, color)
 
 
 def _render(bpy: Any, camera: Camera) -> None:
     """Render the first frame and the last: step 10."""
     scene = bpy.context.scene
+    camera.set_up(at=(3.0, -12.0, 4.3), to=(0.15, 0.0, 1.1), size=2.6)
     for name, frame in (("start", scene.frame_start), ("end", scene.frame_end)):
-        camera.take(name, frame, at=(6.4, -7.2, 5.2), to=(0.7, 0.0, 0.9))
+        camera.take(name, frame)
 
 
 def _push(bpy: Any, camera: Camera, frames: int) -> None:
     """Let a finger, which two bones bend, push a balloon."""
-    scene = _begin(bpy, frames)
-    bpy.ops.mesh.primitive_uv_sphere_add(segments=32, ring_count=16, radius=0.8, location=(0.9, 0.0, 1.2))
+    scene = _begin(bpy, frames, (0.62, 0.40, 0.10))
+    scene.balloon_warp.ground = True
+    bpy.ops.mesh.primitive_uv_sphere_add(segments=32, ring_count=16, radius=0.8, location=(0.7, 0.0, 0.9))
     ball = bpy.context.object
     bpy.ops.balloon.inflate()
-    ball.balloon_warp.volume, ball.balloon_warp.lift, ball.balloon_warp.mass = 1.3, 9.81, 0.02
-    paint(bpy, ball, (0.02, 0.2, 0.75, 1.0))
-    bpy.ops.mesh.primitive_cylinder_add(vertices=16, radius=0.25, depth=3.0, location=(-0.8, 0.0, 1.5))
+    ball.balloon_warp.volume, ball.balloon_warp.lift, ball.balloon_warp.mass = 1.3, 9.81, 0.3
+    paint_latex(bpy, ball, (0.02, 0.2, 0.75))
+    bpy.ops.mesh.primitive_cylinder_add(vertices=48, radius=0.25, depth=3.0, location=(-0.8, 0.0, 1.5))
     finger = bpy.context.object
     bpy.ops.object.mode_set(mode="EDIT")
     bpy.ops.mesh.subdivide(number_cuts=7)
     bpy.ops.object.mode_set(mode="OBJECT")
     bpy.ops.object.shade_auto_smooth()
     finger.balloon_warp.role = "OBSTACLE"
-    paint(bpy, finger, (0.8, 0.5, 0.3, 1.0))
+    paint(bpy, finger, OAK)
     bpy.ops.object.armature_add(location=(-0.8, 0.0, 0.0))
     bones = bpy.context.object
     bpy.ops.object.mode_set(mode="EDIT")
@@ -180,31 +220,39 @@ def _push(bpy: Any, camera: Camera, frames: int) -> None:
         pose.rotation_euler.z = angle
         pose.keyframe_insert("rotation_euler", frame=frame)
     wait_for_bake(bpy)
-    camera.take("push", scene.frame_end, at=(4.4, -6.3, 4.6), to=(0.4, 0.0, 1.0))
+    camera.set_up(at=(3.0, -7.6, 3.2), to=(0.5, 0.0, 1.0), size=2.6)
+    camera.take("push", scene.frame_end)
 
 
 def _burst(bpy: Any, camera: Camera) -> None:
     """Pierce a balloon of latex, at 200 frames a second."""
-    scene, needle = _begin(bpy, 50), 47
+    scene, needle = _begin(bpy, 50, (0.06, 0.10, 0.12)), 47
     scene.render.fps = 200
-    bpy.ops.mesh.primitive_uv_sphere_add(segments=32, ring_count=16, radius=0.1, location=(0.0, 0.0, 0.5))
+    bpy.ops.mesh.primitive_uv_sphere_add(
+        segments=32, ring_count=16, radius=0.1, location=(0.0, 0.0, 0.6), rotation=(-1.1, 0.0, 0.4)
+    )
     ball = bpy.context.object
+    for vertex in ball.data.vertices:  # narrow at one end, and bent: it stretches most beside that
+        below = max(-vertex.co.z / 0.1, 0.0)
+        narrow = 1.0 - 0.45 * below**2
+        vertex.co = vertex.co.x * narrow, vertex.co.y * narrow + 0.04 * below**2, vertex.co.z * (1.0 + 0.35 * below)
     bpy.ops.balloon.inflate()
     balloon = ball.balloon_warp
     balloon.material, balloon.inflate, balloon.litres, balloon.fill_time = "LATEX", "LITRES", 40.0, 0.2
     balloon.filling, balloon.burst, balloon.burst_frame = "AIR", "NEEDLE", needle
-    paint(bpy, ball, (0.75, 0.3, 0.02, 1.0))
+    paint_latex(bpy, ball, (0.75, 0.3, 0.02))
     wait_for_bake(bpy)
-    camera.take("burst", needle + 3, at=(0.9, -1.3, 0.84), to=(0.0, 0.0, 0.49))
+    camera.set_up(at=(-0.1, -1.5, 0.7), to=(0.0, 0.0, 0.48), size=0.44)
+    camera.take("burst", needle + 1)
 
 
-def _begin(bpy: Any, frames: int) -> Any:
-    """Begin a scene of frames on a floor, beside whose file it bakes."""
+def _begin(bpy: Any, frames: int, paper: Sequence[float]) -> Any:
+    """Begin a scene of frames on a floor of a color, beside whose file it bakes."""
     path = bpy.data.filepath
     bpy.ops.wm.read_homefile(use_factory_startup=True, load_ui=False)
     bpy.ops.wm.save_as_mainfile(filepath=path)
     bpy.data.objects.remove(bpy.data.objects["Cube"])
-    bpy.ops.mesh.primitive_plane_add(size=400.0)
+    _add_floor(bpy, paper)
     scene = bpy.context.scene
     scene.frame_end = frames + 1
     return scene

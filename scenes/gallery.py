@@ -21,19 +21,23 @@ class Moving(NamedTuple):
     first: int
     last: int
     frames_per_second: float
+    zoom: float | None = None
+    look_at: tuple[float, float, float] | None = None
 
 
 MOVING = {
+    "airbag": Moving(0, 150, 15.0),
     "foil_letters": Moving(0, 80, 20.0),
     "bowl_to_sphere": Moving(0, 90, 20.0),
-    "bunch_in_wind": Moving(72, 150, 15.0),
-    "helium_rise": Moving(0, 36, 30.0),
-    "knot": Moving(30, 300, 10.0),
+    "bunch_in_wind": Moving(24, 150, 15.0, zoom=1.1),
+    "helium_rise": Moving(0, 48, 30.0, zoom=1.8, look_at=(0.0, 0.72, 0.0)),
+    "knot": Moving(30, 200, 10.0, zoom=1.25),
     "latex_inflate": Moving(0, 120, 15.0),
     "letter_slot": Moving(70, 230, 15.0),
-    "rocket_balloon": Moving(0, 66, 20.0),
+    "rocket_balloon": Moving(40, 124, 20.0, zoom=1.15),
     "squirrel_inflate": Moving(0, 150, 15.0),
     "table": Moving(60, 240, 15.0),
+    "turtle_pillow": Moving(100, 280, 15.0),
 }
 """Scenes of which there is an animation, too"""
 
@@ -73,8 +77,9 @@ def make_pictures(folder: Path, names: Sequence[str] = ()) -> None:
             animate(load_scene(name), stage)
             render_stage(stage, folder / f"{name}.png", size=SIZE, samples=SAMPLES)
             if shown := MOVING.get(name):
-                moving, part = folder / f"{name}.webp", (shown.first, shown.last)
-                render_stage(stage, moving, size=MOVING_SIZE, frames=part, frames_per_second=shown.frames_per_second)
+                first, last, rate, zoom, look_at = shown
+                moving, view = folder / f"{name}.webp", {"zoom": zoom, "look_at": look_at}
+                render_stage(stage, moving, size=MOVING_SIZE, frames=(first, last), frames_per_second=rate, **view)
             print(f"wrote {folder / name}.png", flush=True)
         if names:
             return

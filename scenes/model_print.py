@@ -1,7 +1,8 @@
-"""The print of the pillow: white dots and a border on a ground of color."""
+"""Prints: white dots and a border for the pillow, names of gases for balls."""
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
 
 SIZE = 256
 """pixels to a side"""
@@ -26,3 +27,26 @@ def dots() -> NDArray[np.uint8]:
     ink = np.maximum(border, at_centers(0.0, DOTS - 1) | at_centers(0.5, DOTS - 2))
     share = ink.reshape(SIZE, 4, SIZE, 4).mean(axis=(1, 3))[..., None]
     return np.rint((1.0 - share) * GROUND + share * INK).astype(np.uint8)
+
+
+GASES = {
+    "helium": ("He", (222, 44, 40), (255, 248, 232)),
+    "air": ("air", (246, 240, 224), (40, 52, 84)),
+    "sulfur_hexafluoride": ("SF", (26, 70, 160), (255, 248, 232)),
+}
+"""Word, ground and ink of each gas, sRGB"""
+WORD, INDEX = 92.0, 50.0
+"""Height of letters, and of the six below the line of SF6 [pixels]"""
+
+
+def label(gas: str) -> NDArray[np.uint8]:
+    """Return an image around a ball with a gas's name in front, sRGB, shape (SIZE, 2 SIZE, 3)."""
+    word, ground, ink = GASES[gas]
+    image = Image.new("RGB", (2 * SIZE, SIZE), ground)
+    draw, font, small = ImageDraw.Draw(image), ImageFont.load_default(WORD), ImageFont.load_default(INDEX)
+    index = "6" if word == "SF" else ""
+    width, below = draw.textlength(word, font), draw.textlength(index, small)
+    left, line = SIZE - 0.5 * (width + below), 0.5 * SIZE + 0.36 * WORD
+    draw.text((left, line), word, ink, font, anchor="ls", stroke_width=2)
+    draw.text((left + width + 4.0, line + 0.3 * INDEX), index, ink, small, anchor="ls", stroke_width=1)
+    return np.asarray(image)

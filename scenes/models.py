@@ -17,7 +17,7 @@ from balloon_warp.scenes.model_bead import bead
 from balloon_warp.scenes.model_bowl import bowl
 from balloon_warp.scenes.model_knot import knot
 from balloon_warp.scenes.model_pillow import pillow
-from balloon_warp.scenes.model_print import SIZE, dots
+from balloon_warp.scenes.model_print import GASES, dots, label
 from balloon_warp.scenes.model_slot import slot
 from balloon_warp.scenes.model_squirrel import squirrel
 from balloon_warp.scenes.model_table import table
@@ -51,21 +51,22 @@ def make_model(name: str) -> PolygonMesh:
 
 
 def main(words: Sequence[str] | None = None) -> None:
-    """Write every model beside this file, and the pillow's print.
+    """Write every model beside this file, and the prints of the pillow and of balls.
 
     Args:
         words: of a command line; if missing, those that Python was started with.
     """
-    described = "Write every model beside this file, and the print of the pillow."
+    described = "Write every model beside this file, and the prints of the pillow and of balls."
     argparse.ArgumentParser(prog="python -m balloon_warp.scenes.models", description=described).parse_args(words)
     for name in MODELS:
         path = Path(__file__).parent / f"{name}.obj"
         mesh = make_model(name)
         write_obj(path, mesh)
         print(f"{path}: {mesh.vertex_count} vertices, {mesh.face_count} quads")
-    image = Path(__file__).parent / "pillow.png"
-    Image.fromarray(dots()).save(image, optimize=True)
-    print(f"{image}: {SIZE} pixels to a side")
+    for name, pixels in {"pillow": dots(), **{gas: label(gas) for gas in GASES}}.items():
+        image = Path(__file__).parent / f"{name}.png"
+        Image.fromarray(pixels).save(image, optimize=True)
+        print(f"{image}: {pixels.shape[1]}x{pixels.shape[0]} pixels")
 
 
 if __name__ == "__main__":

@@ -37,13 +37,14 @@ from balloon_warp import (
     PolygonMesh,
     Scene,
     animate,
+    bundled_scenes,
     export_stage,
     load_scene,
     run_batch,
 )
 from balloon_warp.mesh.obj import read_obj, write_obj
 from balloon_warp.scene.write import write_scene
-from balloon_warp.scenes.model_print import dots
+from balloon_warp.scenes.model_print import GASES, dots, label
 from balloon_warp.studio import export, parts
 from balloon_warp.studio.render import render_stage, stage_reader
 from balloon_warp.system import files as arrays
@@ -586,6 +587,17 @@ def test_a_scene_is_copied_with_its_print(tmp_path: Path):
     assert (tmp_path / "pillow.png").read_bytes() == kept.read_bytes()
     # It is the script's output; other machines round square roots their own way.
     assert np.abs(np.asarray(Image.open(kept)).astype(int) - dots()).max() <= 2
+
+
+@pytest.mark.parametrize("gas", GASES)
+def test_a_balls_print_is_its_gas_in_front(gas: str):
+    kept = bundled_scenes()["helium_rise"].with_name(f"{gas}.png")
+    drawn = label(gas).astype(int)
+    assert (
+        np.abs(np.asarray(Image.open(kept)).astype(int) - drawn).mean() < 2.0
+    )  # other versions draw letters otherwise
+    inked = (np.abs(drawn - drawn[0, 0]).sum(axis=2) > 100).any(axis=0)
+    assert 0.5 * len(inked) == pytest.approx(np.flatnonzero(inked)[[0, -1]].mean(), abs=8.0)
 
 
 def test_texture_coordinates_are_written(tmp_path: Path):

@@ -651,9 +651,11 @@ def test_what_a_scene_is_about_fills_a_third_of_its_pictures_height(name: str):
 
 @pytest.mark.parametrize("name", MOVING)
 def test_an_animation_stands_beside_the_command_that_makes_it(name: str):
-    first, last, rate = MOVING[name]
+    first, last, rate, zoom, look_at = MOVING[name]
     size = "x".join(map(str, MOVING_SIZE))
     options = f"-o {name}.webp --size {size} --frames {first}:{last} --fps {rate:g}"
+    options += f" --zoom {zoom:g}" if zoom else ""
+    options += " --look-at " + ",".join(f"{place:g}" for place in look_at) if look_at else ""
     gallery = (PICTURES.parent / "GALLERY.md").read_text(encoding="utf-8")
     assert f"`balloon-warp render {name}.usdc {options}`" in gallery
     with Image.open(PICTURES / f"{name}.webp") as shown:

@@ -207,6 +207,24 @@ def test_what_is_hidden_is_not_drawn(tmp_path):
     assert not (seen[..., 1] - seen[..., 0] > 20).any()
 
 
+def test_what_comes_and_goes_is_drawn_while_it_is_there(tmp_path):
+    """A string that is cut is gone from then on, and a film may end with nothing in it."""
+    stage = before_camera(tmp_path / "stage.usda", frames=3)
+    for name, place, color, there in (("Left", -0.8, RED, (1, 1, 0)), ("Right", 0.8, GREEN, (0, 1, 0))):
+        shown = add_sphere(stage, name, (place, 0.0, 0.0), 0.4, color, roughness=1.0).CreateVisibilityAttr()
+        for frame, seen in enumerate(there):
+            shown.Set(UsdGeom.Tokens.inherited if seen else UsdGeom.Tokens.invisible, frame)
+    stage.GetRootLayer().Save()
+    render_stage(tmp_path / "stage.usda", film := tmp_path / "film.webp", size=(64, 64), device="cpu")
+    found = []
+    with Image.open(film) as shown:
+        for frame in range(3):
+            shown.seek(frame)
+            red, green, _ = np.moveaxis(np.asarray(shown.convert("RGB"), int), 2, 0)
+            found.append(((red - green > 50).any(), (green - red > 20).any()))
+    assert found == [(True, False), (True, True), (False, False)]
+
+
 @pytest.mark.full
 def test_a_mesh_that_moves_looks_the_same_in_an_animation_as_alone(tmp_path):
     path = tmp_path / "stage.usda"

@@ -433,8 +433,8 @@ def test_a_bundled_scene_is_written_with_its_meshes_and_can_be_moved(tmp_path: P
 
 def test_a_copy_of_the_mesh_stays_and_another_file_is_not_replaced(tmp_path: Path):
     path = tmp_path / "mine.toml"
-    assert write_scene(load_scene("helium_rise"), path) == [path, tmp_path / "ball.obj"]
-    assert write_scene(load_scene("helium_rise"), path) == [path]
+    assert write_scene(load_scene("two_balloons"), path) == [path, tmp_path / "ball.obj"]
+    assert write_scene(load_scene("two_balloons"), path) == [path]
     before = path.read_bytes()
     (tmp_path / "ball.obj").write_text("of my own")
     mine = r"/ball\.obj: already exists and differs from the scene's file of that name; "

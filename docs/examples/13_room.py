@@ -13,7 +13,9 @@ FRAMES = 150
 SIZE = (960, 540)
 SAMPLES = 32
 MESHES = bw.bundled_scenes()["table"].parent
-PLASTER, OAK, PINE, WHITE = (0.88, 0.80, 0.66), (0.36, 0.17, 0.06), (0.58, 0.38, 0.20), (0.90, 0.90, 0.88)
+PLASTER, OAK, WHITE = (0.36, 0.56, 0.56), (0.36, 0.17, 0.06), (0.90, 0.90, 0.88)
+PINE = [(0.55, 0.34, 0.17), (0.47, 0.28, 0.13), (0.60, 0.39, 0.21), (0.51, 0.31, 0.15)]
+GRASS, LEAVES = (0.16, 0.30, 0.07), (0.06, 0.18, 0.05)
 SOFT = {"structural": 20.0, "shear": 10.0, "flexion": 2.0}
 AIR, HELIUM = 0.02897, 0.0040026
 
@@ -37,16 +39,35 @@ def back_wall() -> Obstacle:
 
 
 def room() -> list[Obstacle]:
-    """Return floor, walls and a window of six panes."""
+    """Return a floor of boards with a rug, walls and a window of six panes."""
+    boards = [box((4.6, 0.1, 0.245), (0.0, -0.05, -1.97 + 0.25 * n), PINE[3 * n % 4]) for n in range(20)]
+    rug = [
+        box((1.7, 0.012, 1.1), (0.15, 0.006, -0.15), (0.50, 0.09, 0.08)),
+        box((1.5, 0.016, 0.9), (0.15, 0.008, -0.15), (0.80, 0.70, 0.50)),
+    ]
     walls = [
-        box((4.6, 0.1, 5.0), (0.0, -0.05, 0.4), PINE),
         box((0.1, 2.6, 4.9), (-2.2, 1.3, 0.4), PLASTER),
         box((0.1, 2.6, 4.9), (2.2, 1.3, 0.4), PLASTER),
     ]
     frame = [box((1.9, 0.05, 0.24), (-0.3, 0.9, -1.87), WHITE), box((1.8, 0.04, 0.06), (-0.3, 1.6, -1.95), WHITE)]
     bars = [box((0.05, 1.3, 0.06), (x, 1.55, -1.95), WHITE) for x in (-1.18, -0.6, 0.0, 0.58)]
     skirting = box((4.3, 0.1, 0.02), (0.0, 0.05, -1.88), WHITE)
-    return [*walls, back_wall(), *frame, *bars, skirting]
+    painting = [
+        box((0.5, 0.4, 0.03), (1.35, 1.45, -1.87), OAK),
+        box((0.42, 0.32, 0.04), (1.35, 1.45, -1.87), (0.75, 0.42, 0.10)),
+    ]
+    return [*boards, *rug, *walls, back_wall(), *frame, *bars, skirting, *painting]
+
+
+def garden() -> list[Obstacle]:
+    """Return a hill and a tree behind the window."""
+    hills = [
+        Obstacle(shape="capsule", radius=r, length=0.0, position=p, color=GRASS)
+        for r, p in ((2.4, (-1.6, -1.3, -4.8)), (2.0, (0.9, -1.2, -4.6)))
+    ]
+    leaves = [((0.05, 1.55, -3.6), 0.34), ((0.36, 1.75, -3.7), 0.3), ((0.12, 1.95, -3.7), 0.26)]
+    tree = [Obstacle(shape="capsule", radius=r, length=0.0, position=p, color=LEAVES) for p, r in leaves]
+    return [*hills, *tree, box((0.09, 0.9, 0.09), (0.18, 1.0, -3.7), OAK)]
 
 
 def chair(x: float, z: float) -> list[Obstacle]:
@@ -100,16 +121,16 @@ scene = Scene(
     description="A room after a party",
     frames=FRAMES,
     balloon=balloons,
-    obstacle=[*room(), *chair(-0.7, -0.62), table],
+    obstacle=[*room(), *garden(), *chair(-0.7, -0.62), table],
     sphere=[Sphere(radius=0.11, mass=0.4, position=(1.35, 0.2, 0.6), color=(0.75, 0.20, 0.03))],
     string=[String(balloon=n, anchor=(-0.89, 0.95, -0.66 + 0.02 * n), stiffness=5.0) for n in range(5)],
     touch={"edges": True},
     picture={
-        "azimuth": -4.0,
-        "elevation": 5.0,
-        "zoom": 1.62,
-        "look_at": (0.0, 1.0, -0.6),
-        "light": 40.0,
+        "azimuth": 0.0,
+        "elevation": 6.0,
+        "zoom": 2.62,
+        "look_at": (0.0, 1.09, -0.6),
+        "light": 8.0,
         "paper": (0.55, 0.72, 0.85),
     },
 )

@@ -548,14 +548,20 @@ def _pictures(
     on_frame: Callable[[int, int], None],
 ) -> Iterator[Picture]:
 
+    def cast() -> RayCaster:
+        center, size = framing.center, framing.size
+        return RayCaster(stage, center, size, film.size, film.samples, device, transparent=film.transparent)
+
     stage.read_prims(frames[0])
     width, height = film.size
     framing, camera_of = view.cameras(stage, frames, width / height)
-    caster = RayCaster(
-        stage, framing.center, framing.size, film.size, film.samples, device, transparent=film.transparent
-    )
+    caster, seen = cast(), stage.seen(frames[0])
 
     def picture(moment: float, camera: Camera) -> Picture:
+        nonlocal caster, seen
+        if stage.seen(moment) != seen:  # a string is cut, or a sphere comes
+            stage.read_prims(moment, may_be_none=True)
+            caster, seen = cast(), stage.seen(moment)
         caster.place(moment, 0.5 * LEAST_LINE_PIXELS * camera.pixel_size(framing.center, height))
         return caster.picture(camera)
 

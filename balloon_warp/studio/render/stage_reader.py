@@ -538,6 +538,9 @@ class RenderStage:
             on_note(sentence)
         timing = timing_of(self._stage, path)
         self._stage, self.first_frame, self.last_frame, self.frames_per_second = timing
+        every = map(UsdGeom.Imageable, Usd.PrimRange(self._stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
+        seen = [prim.GetVisibilityAttr() for prim in every if prim]
+        self._comes_and_goes = [attribute for attribute in seen if attribute.ValueMightBeTimeVarying()]
 
     @property
     def picture_frame(self) -> int:
@@ -573,11 +576,11 @@ class RenderStage:
         """Stage that USD has opened."""
         return self._stage
 
-    def read_prims(self, frame: float) -> None:
+    def read_prims(self, frame: float, *, may_be_none: bool = False) -> None:
         """Find the visible prims, as they are at a frame.
 
         Raises:
-            InputError: there is nothing to draw.
+            InputError: there is nothing to draw, and there may not be nothing.
         """
         moment = Moment(self._stage, frame)
         self.meshes: list[MeshPrim] = []
@@ -587,8 +590,13 @@ class RenderStage:
         self._camera: UsdGeom.Camera | None = None
         for prim in Usd.PrimRange(self._stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()):
             self._take(prim, moment)
-        if not self.meshes and not self.rounds:
+        if not (self.meshes or self.rounds or may_be_none):
             raise InputError(f"{self.path}: has no visible mesh, solid shape or linear curves to draw at frame {frame}")
+
+    def seen(self, frame: float) -> tuple[bool, ...]:
+        """Return whether each prim that comes or goes is there: where that changes, prims are to be read again."""
+        time = Moment(self._stage, frame).time
+        return tuple(attribute.Get(time) != INVISIBLE for attribute in self._comes_and_goes)
 
     def points(self, frame: float) -> list[NDArray[np.float64]]:
         """Return the points of each mesh, shape (point_count, 3) each."""
