@@ -93,6 +93,10 @@ EQUIVALENT: Mapping[str, str] = {
     "kernels/laws/membrane.py : 20.0 -> 24.0": "how large an exponent somebody may ask for, with room",
     "balloon_warp/model/touch.py _form: max(float(points.max()), 1e-30) -> min(float(points.max()), 1e-30)": "meshes "
     "that differ in size are looked at one by one, for the same answer",
+    "kernels/loops/contact.py solid_contact_function.stand: with_another(partner, ON_GROUND) -> "
+    "with_another(ON_GROUND, partner)": "which of two is met first makes no difference",
+    "balloon_warp/springs/even.py _inverse: LEAST**2 -> LEAST**3": "a divisor below all that count",
+    "balloon_warp/model/shape.py spring_sums: 1.0 -> 0.9": "a divisor of nothing",
     "kernels/phases/forces.py wear: 0.0 -> 0.1": "0.1 Pa of an energy density that softens rubber from 1e3 Pa on",
 }  # fmt: skip
 """Mutants that change nothing that anyone could notice, by `Mutant.key`, and why"""

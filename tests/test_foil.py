@@ -335,6 +335,10 @@ def test_a_balls_modulus_is_by_its_radius_and_pressure():
     assert modulus(plan_model(scene_of(pressure=[(0.0, 0.0), (1.0, 80.0), (2.0, 10.0)]))) == pytest.approx(
         1.6 * expected, rel=1e-3
     )
+    beside = scene_of().balloon[0].model_copy(update={"inflation": Inflation(pressure=2.0 * PRESSURE)})
+    both = scene_of(more={"balloon": [scene_of().balloon[0], beside]})
+    moduli = plan_model(both).parameters["shear_modulus"]
+    np.testing.assert_allclose(3.0 * moduli, [[expected, 2.0 * expected]], rtol=1e-3)
     planned = [Change(time=0.1, set={"balloon.inflation.pressure": 100.0})]
     assert modulus(plan_model(scene_of(more={"change": planned}))) == pytest.approx(2.0 * expected, rel=1e-3)
     heavy = modulus(plan_model(scene_of(more={"gravity": 9.81})))

@@ -501,3 +501,11 @@ def test_gradients_of_hinges_are_the_slopes_of_their_angles(mesh: PolygonMesh) -
                     moved[part, axis] += way
                     slope[axis] += hinges.angles(moved)[number] / (2.0 * way)
             np.testing.assert_allclose(np.linalg.norm(slope), size, rtol=1e-7)
+
+
+@pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize(("height", "count"), [(2.5e-6, 1), (1.5e-6, 0)])
+def test_a_triangle_is_as_narrow_as_a_line_at_any_size(height: float, count: int, size: float):
+    """Half of base times height is compared with a millionth of the longest side squared."""
+    needle = mesh_of(size * np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.5, height, 0.0)]), [[0, 1, 2]])
+    assert len(build_membrane(needle).areas) == count

@@ -4,6 +4,7 @@
 import ctypes
 import re
 from collections import defaultdict
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import warp as wp
 from feature_sets import SETS, feature_set
 from meshes import cube, halved, joined, prism, quad_sphere
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 from warp._src import codegen
 
 from balloon_warp import PolygonMesh, Stiffness
@@ -41,9 +43,10 @@ from balloon_warp.kernels.warps import add_quanta
 from balloon_warp.kernels.working import Working
 from balloon_warp.mesh.topology import face_starts
 from balloon_warp.model import Model, build_model, initial_state, materials, plan_model, world_bytes
+from balloon_warp.model.clearance import Solid
 from balloon_warp.model.parameters import ROWS, places_of, rows_of, value_of
 from balloon_warp.model.state import Allocating, Counting
-from balloon_warp.scene import Balloon, Inflation, Material, Scene
+from balloon_warp.scene import Balloon, Inflation, Material, Obstacle, Scene
 from balloon_warp.scene.load import override_scene
 from balloon_warp.schedules.membranes import membrane_face_layout, membrane_face_table
 from balloon_warp.schedules.slices import kind_slots, quad_rings, slot_table, spring_ends
@@ -574,3 +577,12 @@ stack, with 8,200 those that were looked at had one of 23,000 bytes and more"""
 @pytest.mark.parametrize("struct", [Tables, WorldState, Working], ids=lambda struct: struct.key)
 def test_a_kernel_takes_no_more_than_its_compiler_sees_through(struct):
     assert ctypes.sizeof(struct.ctype) <= MOST_BYTES
+
+
+@pytest.mark.parametrize("thickness", [0.0, 0.03])
+def test_the_box_around_an_obstacle_has_its_thickness_on_each_side(thickness: float):
+    plan = plan_model(Scene(balloon=[Balloon(mesh=quad_sphere(2))], obstacle=[Obstacle(size=(1.0, 0.4, 0.6))]))
+    shape = replace(plan.obstacles[0], thickness=thickness)
+    lowest, highest = Solid(shape, np.array([0.0, 1.0, 0.0]), Rotation.identity()).bounds
+    np.testing.assert_allclose(highest, np.array([0.5, 0.2, 0.3]) + thickness)
+    np.testing.assert_allclose(lowest, -highest)

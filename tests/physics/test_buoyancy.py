@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -24,6 +24,8 @@ from numpy.typing import NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.kernels import OPTIONS
 from balloon_warp.kernels.laws.air import drag_bound, waves, wind_at
+from balloon_warp.kernels.phases.inflation import find_lift
+from balloon_warp.kernels.tables import Tables
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.load import place_mesh
 from balloon_warp.mesh.topology import signed_volume
@@ -611,3 +613,27 @@ def test_drag_on_a_sphere_is_the_textbooks(size: int, drag: dict, coefficient: f
     np.testing.assert_allclose(force, expected, atol=within * np.linalg.norm(expected))
     along = ball.model_copy(update={"velocity": air.wind})
     np.testing.assert_array_equal(forces_on(device, along, air), 0.0)
+
+
+NOTHING: Any = None
+lift_of = find_lift.make(NOTHING, NOTHING)  # which has no choice
+
+
+@wp.struct
+class OfParticle:
+    share: float
+
+
+@wp.kernel(enable_backward=False)
+def lift_along(t: Tables, loads: wp.array[wp.vec4], found: wp.array[float]):
+    i = wp.tid()
+    found[i] = lift_of(t, OfParticle(), wp.vec3(), wp.vec3(), loads[i])[0]
+
+
+@pytest.mark.always
+@pytest.mark.parametrize("up", [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)])
+def test_displaced_water_lifts_along_whichever_axis_is_up(up: tuple[float, float, float], device: str):
+    loads, t = np.random.default_rng(2).normal(size=(8, 4)), Tables()
+    t.up, found = wp.vec3(*up), wp.zeros(len(loads), dtype=float, device=device)
+    wp.launch(lift_along, len(loads), [t, wp.array(loads, dtype=wp.vec4, device=device), found], device=device)
+    np.testing.assert_allclose(found.numpy(), -loads[:, :3] @ np.array(up), rtol=1e-6)

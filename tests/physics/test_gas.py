@@ -33,6 +33,8 @@ from trajectories import after_frames
 from balloon_warp import Balloon, Change, Frame, Ground, Inflation, Neck, Scene, Sphere, StageWriter, Stiffness, Tube
 from balloon_warp.batch.recorder import Recorder, columns_of
 from balloon_warp.kernels.laws.flow import nozzle
+from balloon_warp.kernels.loops.gas import curve_flow
+from balloon_warp.kernels.tables import Tables
 from balloon_warp.mesh.topology import signed_volume, total_area
 from balloon_warp.simulator import Simulator
 
@@ -555,3 +557,21 @@ def test_what_leaves_and_pushes_is_told_in_table_and_stage(device: str, tmp_path
         assert prim.GetAttribute(f"userProperties:{name}").Get(1) == pytest.approx(value, rel=1e-5)
     np.testing.assert_allclose(frame.thrusts, expected["thrust"], rtol=1e-5)
     np.testing.assert_allclose(frame.stretches, expected["stretch"], rtol=1e-6)
+
+
+@wp.kernel(enable_backward=False)
+def pump_against(t: Tables, pressures: wp.array[float], found: wp.array[float]):
+    i = wp.tid()
+    found[i] = curve_flow(t, 0, pressures[i])
+
+
+@pytest.mark.always
+@pytest.mark.parametrize("flows", [(4.0, 0.0), (4.0, 3.0, 1.0), (2.0, 5.0, 4.0, 0.5)])
+def test_a_pumps_flow_is_linear_between_the_points_of_its_curve(flows: tuple[float, ...], device: str):
+    """It is the first one's below them, and nothing beyond the last."""
+    points = np.array([100.0, 300.0, 1000.0, 1100.0])[: len(flows)]
+    against = np.linspace(0.0, 1200.0, 49)
+    t, found = Tables(), wp.zeros(len(against), dtype=float, device=device)
+    t.pumps.pressures, t.pumps.flows = (wp.array([row], dtype=float, device=device) for row in (points, flows))
+    wp.launch(pump_against, len(against), [t, wp.array(against, dtype=float, device=device), found], device=device)
+    np.testing.assert_allclose(found.numpy(), np.interp(against, points, flows, right=0.0), rtol=1e-6)
