@@ -92,7 +92,7 @@ def after_frames(scene: Scene, schedule: str) -> dict[str, np.ndarray]:
 def test_blocks_do_what_launches_do(name: str, layout: str, monkeypatch: pytest.MonkeyPatch) -> None:
     layout_of, cells = LAYOUTS[layout]
     scene = scenes(cells)[name]
-    expected = after_frames(scene, "octets")
+    expected = after_frames(scene, "gather")
     monkeypatch.setattr(layouts, "layout_of", layout_of)
     found = after_frames(scene, "block")
     most = {"velocities": OF_VELOCITIES, "pressures": ROUNDING * 1.0e5}

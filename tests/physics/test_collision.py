@@ -178,7 +178,7 @@ def test_one_that_is_not_there_yet_meets_none(device: str):
 
 @pytest.mark.parametrize("rotation", [(10.0, 0.0, 20.0), (-35.0, 40.0, 15.0)])
 def test_a_sphere_leaves_a_tilted_box_from_where_it_met_it(rotation: tuple[float, float, float], device: str):
-    """Without friction and gravity a sphere goes on along the mirrored way, within the length of a step."""
+    """A sphere without friction and gravity follows the mirrored path, to within the length of a step."""
     normal = Rotation.from_euler("xyz", rotation, degrees=True).apply((0.0, 1.0, 0.0))
     way, start, radius, seconds = np.array([0.5, -3.0, 0.2]), np.array([0.1, 0.9, 0.0]), 0.2, 0.5
     floor = Obstacle(size=(8.0, 0.2, 8.0), rotation=rotation, friction=0.0, restitution=1.0)

@@ -568,7 +568,7 @@ def pump_against(t: Tables, pressures: wp.array[float], found: wp.array[float]):
 @pytest.mark.always
 @pytest.mark.parametrize("flows", [(4.0, 0.0), (4.0, 3.0, 1.0), (2.0, 5.0, 4.0, 0.5)])
 def test_a_pumps_flow_is_linear_between_the_points_of_its_curve(flows: tuple[float, ...], device: str):
-    """It is the first one's below them, and nothing beyond the last."""
+    """The first flow holds below the points, and none beyond the last."""
     points = np.array([100.0, 300.0, 1000.0, 1100.0])[: len(flows)]
     against = np.linspace(0.0, 1200.0, 49)
     t, found = Tables(), wp.zeros(len(against), dtype=float, device=device)
