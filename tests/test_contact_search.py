@@ -29,7 +29,13 @@ from balloon_warp import (
 )
 from balloon_warp.kernels import OPTIONS
 from balloon_warp.kernels.contact.boxes import SPARE, box_balloons, box_parts_of_worlds, lining_function
-from balloon_warp.kernels.contact.free_frames import OwnParts, min_distance_between, place_part
+from balloon_warp.kernels.contact.free_frames import (
+    FREE,
+    OwnParts,
+    find_strayed_balloons,
+    min_distance_between,
+    place_part,
+)
 from balloon_warp.kernels.contact.search import neighbor_function, next_of_eight
 from balloon_warp.kernels.contact.spheres import part_until_face
 from balloon_warp.kernels.contact.triangles import near_parts_kernel
@@ -546,3 +552,24 @@ def test_a_mesh_by_itself_stands_and_says_why(up: str, tmp_path: Path):
     turned = load_scene(path, {"balloon.up": other})
     assert (turned.up_axis, turned.balloon[0].up) == (other, other)
     assert turned.description.endswith(f"{other} is up, as given")
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_a_balloon_strays_by_its_motion_along_any_axis(axis: int):
+    """Half of its particles move by 0.2 m along an axis, the others back: 0.4 m in all."""
+    count, moves = 8, np.zeros((1, 8, 3))
+    moves[0, :, axis] = 0.2 * (-1.0) ** np.arange(count)
+    seen = np.random.default_rng(4).normal(size=moves.shape)
+    t, now, own = Tables(), WorldState(), OwnParts()
+    t.particles.offsets = wp.array([0, count], dtype=wp.int32, device="cpu")
+    t.touch.thickness = wp.array([0.01], dtype=float, device="cpu")
+    now.points = wp.array(seen + moves, dtype=wp.vec3, device="cpu")
+    own.needs_check = wp.zeros((1, 1), dtype=wp.int32, device="cpu")
+    own.drifts = wp.zeros((1, 1), dtype=wp.vec3, device="cpu")
+    verdicts, found = wp.array([int(FREE)], dtype=wp.int32, device="cpu"), []
+    for room in (0.3, 0.5):
+        rooms = wp.array([[room]], dtype=float, device="cpu")
+        given = [t, verdicts, now, now, wp.array(seen, dtype=wp.vec3, device="cpu"), rooms, own]
+        launch_tiled(find_strayed_balloons, dim=[1, 1], inputs=given, block_dim=1, device=wp.get_device("cpu"))
+        found.append(int(own.needs_check.numpy()[0, 0]))
+    assert found == [1, 0]
