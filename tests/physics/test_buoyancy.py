@@ -1,4 +1,5 @@
 """Buoyancy, added mass and thin air; wind that grows with height, gusts, and the drag and lift of faces."""
+# pyright: reportGeneralTypeIssues=false
 
 from dataclasses import replace
 from functools import cache

@@ -1,5 +1,6 @@
 """Pressure and sealed gas, with heat and without, pumped, in tubes and breathing, and out of open necks and leaks, with
 their thrust, against closed forms."""
+# pyright: reportGeneralTypeIssues=false
 
 from dataclasses import replace
 from pathlib import Path
