@@ -56,7 +56,7 @@ KEY_DISTANCE, KEY_WIDTH, RIM_DISTANCE = 4.0, 1.7, 5.0
 
 
 class Camera:
-    """Blender's camera, and the lights of our own studio around what it looks at.
+    """Blender's camera, and the lights of our own studio around its target.
 
     Args:
         bpy: Blender's module.

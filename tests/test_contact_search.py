@@ -556,7 +556,7 @@ def test_a_mesh_by_itself_stands_and_says_why(up: str, tmp_path: Path):
 
 @pytest.mark.parametrize("axis", range(3))
 def test_a_balloon_strays_by_its_motion_along_any_axis(axis: int):
-    """Half of its particles move by 0.2 m along an axis, the others back: 0.4 m in all."""
+    """Particles move by 0.2 m along an axis, every other one back: by 0.4 m in all."""
     count, moves = 8, np.zeros((1, 8, 3))
     moves[0, :, axis] = 0.2 * (-1.0) ** np.arange(count)
     seen = np.random.default_rng(4).normal(size=moves.shape)

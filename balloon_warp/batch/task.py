@@ -1,4 +1,4 @@
-"""Task of a batch and what comes of it, wherever it is simulated: outcomes, tables, the stage and the manifest.
+"""Task of a batch and its results, wherever it is simulated: outcomes, tables, the stage and the manifest.
 
 Worlds that blow up get a report of the first few, an end to all, or a new start in shorter steps.
 

@@ -1,4 +1,4 @@
-"""Tasks, what one is and those that are ours: `Altitude`, `Inflate`, `Juggle`, `Press` and `Target`.
+"""Tasks: the base class, and `Altitude`, `Inflate`, `Juggle`, `Press` and `Target`.
 
 Each has a scene, a kernel that turns actions into controls, and one for observations and rewards. `Altitude` is as in
 the Balloon Learning Environment (Bellemare et al. 2020, Autonomous navigation of stratospheric balloons using

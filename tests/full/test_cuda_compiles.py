@@ -133,7 +133,7 @@ def test_edges_that_touch_compile(tmp_path: Path):
 
 @pytest.mark.parametrize("name", ["all", "faces"])
 def test_launches_of_everything_compile(name: str, tmp_path: Path):
-    """Each piece of a substep, and each piece of the search for contacts: who touches what in every way."""
+    """Each piece of a substep, and each piece of the search for contacts, of all pairs of things that touch."""
     model = build_model(feature_set(name), "cpu", 2)
     features = model_features(model)
     step = GatherSchedule.step_of(model, features)

@@ -1,4 +1,4 @@
-"""Step of the reference: what it takes from a scene, and one substep of it, in the order of the product's list.
+"""Step of the reference: its inputs from a scene, and one substep, in the order of the product's list.
 
 It is written to be read, and the arbiter of all schedules: NumPy in float64, no Warp, and no thought of speed.
 """
