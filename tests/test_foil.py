@@ -1,4 +1,4 @@
-"""Foil balloons, their outlines and refusals; film of a lower modulus: who is told, and how near it stays."""
+"""Foil balloons, their outlines and refusals; film of a lower modulus: its report and its accuracy."""
 
 import json
 import re

@@ -42,7 +42,7 @@ within a hundredth of the distance that is kept, after one more or less by round
 
 
 def bend(scene: Scene, kind: str) -> tuple[Any, Any]:
-    """Return offsets of places and velocities at the start: of a substep, in which what is at rest would do nothing.
+    """Return offsets of places and velocities at the start: of a substep, in which a scene at rest would do nothing.
 
     They are smooth, so that layers that lie on each other stay so."""
     if kind == "frames":

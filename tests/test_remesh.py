@@ -155,7 +155,7 @@ def test_quads_do_not_cross_whatever_the_number_of_cells(cells: int) -> None:
 
 
 def remeshed(source: Path | str, target: Path | str, cells: int, *words: str) -> Result:
-    """Return what the command says of a surface that it can remesh; raise its refusal of another."""
+    """Return the output of the command for a surface that it can remesh; raise its refusal of another."""
     named = ["remesh", str(source), "-o", str(target), "--cells", str(cells), *words]
     said = CliRunner().invoke(app, named)
     if said.exception and not isinstance(said.exception, SystemExit):

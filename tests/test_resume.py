@@ -141,7 +141,7 @@ class Job:
         return {path.name: path.read_bytes() for path in (folder or self.partial).glob("*")}
 
     def refused(self, sentence: str, **how: Any) -> str:
-        """Require that the job cannot go on, by one sentence, and that what was saved stays."""
+        """Require that the job cannot go on, by one sentence, and that its saved state stays."""
         before = self.saved()
         with pytest.raises(InputError, match=sentence) as refusal:
             self.begin(**{"resume": True, "on_frame": lambda _: pytest.fail("simulates"), **how})

@@ -620,7 +620,7 @@ AT_REST = {"damping": 0.0, "inflation": Inflation(pressure=0.0)}
 
 
 class Meeting(NamedTuple):
-    """Things that meet, and what is allowed to change."""
+    """Scene of things that meet, and the largest changes of its invariants."""
 
     scene: Scene
     frames: int

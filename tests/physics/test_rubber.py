@@ -491,7 +491,7 @@ PRESSURE = 50.0
 
 
 def both(mesh: PolygonMesh, see: Callable[[PolygonMesh], Any], frames: int, balloon: Any, **scene: Any) -> np.ndarray:
-    """Return what is seen of a balloon in each frame, of softer film and of stiffer, shape (2, frames + 1, ...)."""
+    """Return the observations of a balloon in each frame, of softer film and of stiffer, shape (2, frames + 1, ...)."""
     film = {"kind": "neo_hookean", "thickness": 2e-5, "density": 1390.0, "most_stretch": 1.1}
     bounded = Balloon(mesh=mesh, material=Material(**film, shear_modulus=1e9, strain_bound=BOUND), **balloon)
     found = []

@@ -337,7 +337,7 @@ def test_contact_forces_are_arrows_where_a_scene_tells_them(fresh, served):
 
 
 def test_water_is_seen_where_its_level_is(fresh, served):
-    """Water tints all below its level blue, and the ground hides it: what is blue then are springs and arrows."""
+    """Water tints all below its level blue, and the ground hides it: only springs and arrows are blue then."""
     pool = tethered().model_copy(update={"water": Water(level=0.1, density=1.0)})
     with another_scene(served, "pool", lambda: pool):
         served.session.run(False)
