@@ -124,9 +124,9 @@ class Features(NamedTuple):
     """Parts of a balloon touch each other"""
     edges_meet: bool = False
     """Sharp edges touch edges, between particles"""
-    frames: Literal["all", "free", "apart", "busy"] = "all"
+    frames: Literal["all", "free", "apart", "clear", "busy"] = "all"
     """Frames that the kernels advance a world in: in a free frame its particles are far from obstacles and each other,
-    see `contact.free_frames`"""
+    see `contact.free_frames`; where it is clear, a search has found nothing that may touch until the next"""
 
     @property
     def kept(self) -> dict[str, Kept]:
@@ -248,6 +248,15 @@ class Features(NamedTuple):
     def watched(self) -> bool:
         """Return whether a frame is valid only up to a travel limit of its particles, see `contact.free_frames`."""
         return self.frames in ("free", "apart")
+
+    @property
+    def clears(self) -> bool:
+        """Return whether searches tell which worlds may go on without contact: where balloons touch themselves.
+
+        Nothing else may be left to launches, and nothing be found as a frame begins that lasts for all of it.
+        """
+        elsewhere = self.always_busy or self.ridges or self.spheres > 0 or self.bursts or self.tells_contacts
+        return self.touches_itself and not elsewhere and (self.fresh_normals or not self.inflation_directions)
 
     @property
     def touches_alone(self) -> bool:

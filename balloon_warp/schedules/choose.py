@@ -67,6 +67,8 @@ OF_GRADIENTS = {AS_OCTETS: ("one_launch", "LanesAsOctetsSchedule")}
 
 IN_FREE_PATCHES = ("one_launch", "PatchedSchedule")
 """Module and class of `gather` where only free frames are moved in patches"""
+BETWEEN_SEARCHES = ("searched", "SearchedSchedule")
+"""Module and class of `block` where searches tell which worlds are clear"""
 NEVER_FREE = ("gather", "PullingOctets")
 """Module and class of `octets` where no frame is free"""
 
@@ -100,6 +102,8 @@ def schedule_named(name: str, model: Model) -> type[Schedule]:
     module, schedule = (SCHEDULES | OF_GRADIENTS)[name]
     if name == "gather" and (features := _in_patches(model)) and features.watched:
         module, schedule = IN_FREE_PATCHES
+    elif name == "block" and _clears(model):
+        module, schedule = BETWEEN_SEARCHES
     elif name == "octets" and model.device.is_cpu and _never_free(model):
         module, schedule = NEVER_FREE
     return getattr(import_module(f"balloon_warp.schedules.{module}"), schedule)
@@ -127,8 +131,8 @@ def fastest_schedule(model: Model, world_count: int) -> str:
     give each multiprocessor one, with spheres a quarter of them, or where they could be moved in patches half of them,
     with fresh normals a third. Else, where they could not: with gas or corrections, when a substep would be many
     launches otherwise; and where it would be some, with spheres or fresh normals, which a block is done with sooner if
-    it has few particles. Where the scene says how balloons touch, only where there are enough worlds, and not
-    where they touch themselves. On the CPU, eight worlds side by side, or eight particles of a world that is alone or
+    it has few particles. Where the scene says how balloons touch, only where there are enough worlds; where they touch
+    themselves, also where a world has few particles, if nothing else is left to launches. On the CPU, eight worlds side by side, or eight particles of a world that is alone or
     that is free in no frame.
     `python -m balloon_warp.benchmarks.auto` measures whether that is right.
     """
@@ -136,6 +140,9 @@ def fastest_schedule(model: Model, world_count: int) -> str:
         return "gather"
     if model.device.is_cpu:
         return "octets" if world_count == 1 or _never_free(model) else "lanes"
+    if _clears(model):
+        many = world_count >= model.device.sm_count or model.particle_count <= FEW_PARTICLES
+        return "block" if many and fits_in_block(model) else "gather"
     if _never_free(model):
         return "gather"
     if features := _in_patches(model):
@@ -163,6 +170,15 @@ def _never_free(model: Model) -> bool:
         return True
     comes_free = looks_at_parts(model) and not any(is_in_layers(shape.mesh) for shape in model.shapes)
     return bool(model.scene.touches_itself) and not comes_free
+
+
+def _clears(model: Model) -> bool:
+    """Return whether searches tell which worlds may go on without contact."""
+    if not model.scene.touches_itself:
+        return False  # so that nothing of tables need be imported
+    from balloon_warp.schedules.tables import model_features
+
+    return model_features(model).clears
 
 
 def _in_patches(model: Model) -> Features | None:

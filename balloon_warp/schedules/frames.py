@@ -233,13 +233,40 @@ class Rounds:
         interval = self._interval
         if interval <= TURN:
             self._stretch(launch_substeps, 0, self._count, interval * (TURN // interval))
-        else:
-            turns, rest = divmod(self._count, interval)
-            self._stretch(launch_substeps, 0, min(interval, self._count), TURN)
             self._clock.done.zero_()
-            self._repeat(OUTER, turns - 1, interval, lambda: self._stretch(launch_substeps, interval, interval, TURN))
-            if rest and turns:
-                self._stretch(launch_substeps, interval, rest, TURN)
+        else:
+            self._go_through(lambda first, count: self._stretch(launch_substeps, first, count, TURN))
+
+    def go_from_search_to_search(self, launch_round: Callable[[int, int], None]) -> None:
+        """Launch all substeps of a frame.
+
+        Args:
+            launch_round: function of the number of the first substep of a round, and of how many it has; it leaves the
+                clock as it is.
+        """
+        interval = self._interval
+        if self.are_short:
+            self._go_through(lambda first, count: launch_round(first, count) or 0)
+        else:
+            for first in range(0, self._count, interval):
+                launch_round(first, min(interval, self._count - first))
+
+    def launch_round(self, launch_substeps: Substeps, first: int, count: int) -> None:
+        """Launch so many substeps, and set the clock back."""
+        if not self.are_short:
+            launch_substeps(range(first, first + count))
+        elif done := self._stretch(launch_substeps, first, count, TURN):
+            launch(end_turn, 1, [self._clock, INNER, -done], device=self._device)
+
+    def _go_through(self, launch_round: Callable[[int, int], int]) -> None:
+        """Launch rounds, of so many substeps from one on, that return by how many substeps the clock is further on."""
+        interval = self._interval
+        turns, rest = divmod(self._count, interval)
+        launch_round(0, min(interval, self._count))
+        self._clock.done.zero_()
+        self._repeat(OUTER, turns - 1, interval, lambda: launch_round(interval, interval))
+        if rest and turns:
+            launch_round(interval, rest)
         self._clock.done.zero_()
 
     def _stretch(self, launch_substeps: Substeps, first: int, count: int, turn: int) -> int:

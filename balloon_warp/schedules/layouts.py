@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from balloon_warp.errors import InputError
 from balloon_warp.kernels.contact.spheres import mark_count
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.lanes import LANE_COUNT, Lanes, Lanes3
@@ -76,6 +77,19 @@ def max_particles(model: Model, bytes_per_particle: int = BYTES_PER_PARTICLE) ->
     reserved = RESERVED_BYTES + presses + sums * (model.balloon_count + model.sphere_count)
     capacity = (model.device.max_shared_memory_per_block - reserved) // bytes_per_particle
     return capacity // CAPACITY_STEP * CAPACITY_STEP
+
+
+def require_block(model: Model, schedule: str) -> None:
+    """Make sure that a world fits in a block.
+
+    Raises:
+        InputError: it does not.
+    """
+    if not fits_in_block(model):
+        raise InputError(
+            f"schedule {schedule}: a world of {model.particle_count:,} particles is too large for a block's shared "
+            f"memory, which holds {max_particles(model):,}; use gather"
+        )
 
 
 WARP_THREADS = 32
@@ -293,22 +307,26 @@ class BlockFrames:
             working_arrays(model, features, room)
         _values(model, step_of(features, layout), layout, room)
 
-    @property
-    def _kernel(self) -> Any:
-        return kernel_of_frame(self.step, self.layout)
-
     def begin_loading(self) -> None:
         """Compile the kernel ahead."""
-        begin_loading(self._kernel, self.model.device)
+        begin_loading(kernel_of_frame(self.step, self.layout), self.model.device)
 
     def advance(self, state: State) -> None:
         """Advance by a frame."""
-        named_inputs = {**self._named_inputs, "state": world_state(state), **kept_arguments(state)}
+        self._launch(state, self.layout, {})
+
+    def advance_round(self, state: State, clock: Any, first: int, count: int) -> None:
+        """Advance by so many substeps, see `frames.Rounds`."""
+        layout = self.layout._replace(odd=count % 2 == 1)
+        self._launch(state, layout, {"clock": clock, "first_substep": first, "substeps": count})
+
+    def _launch(self, state: State, layout: Layout, told: dict[str, Any]) -> None:
+        named_inputs = {**self._named_inputs, "state": world_state(state), **kept_arguments(state), **told}
         launch_tiled(
-            self._kernel,
+            kernel_of_frame(self.step, layout),
             dim=[self.model.world_count],
-            inputs=[named_inputs[name] for name in arguments_of_frame(self.step, self.layout)],
-            block_dim=self.layout.threads,
+            inputs=[named_inputs[name] for name in arguments_of_frame(self.step, layout)],
+            block_dim=layout.threads,
             device=self.model.device,
         )
 

@@ -44,8 +44,8 @@ from balloon_warp.schedules.layouts import (
     fits_in_block,
     layout_of,
     make_lane_tables,
-    max_particles,
     put_far_away,
+    require_block,
     rows_of,
     shares_of,
     step_of,
@@ -372,19 +372,6 @@ class BlockSchedule(FreeFramesSchedule):
     def advance_free(self, state: State) -> None:
         """Run the substeps of a frame in blocks."""
         self.frames.advance(state)
-
-
-def require_block(model: Model, schedule: str) -> None:
-    """Make sure that a world fits in a block.
-
-    Raises:
-        InputError: it does not.
-    """
-    if not fits_in_block(model):
-        raise InputError(
-            f"schedule {schedule}: a world of {model.particle_count:,} particles is too large for a block's shared "
-            f"memory, which holds {max_particles(model):,}; use gather"
-        )
 
 
 class LanesSchedule(FreeFramesSchedule):

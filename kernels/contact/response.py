@@ -10,6 +10,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels import OPTIONS
+from balloon_warp.kernels.contact.free_frames import BUSY, FREE
 from balloon_warp.kernels.contact.triangles import (
     eight_of_list,
     find_places,
@@ -37,7 +38,7 @@ from balloon_warp.kernels.loops.contact import (
 from balloon_warp.kernels.memory import byte_in, four_in, four_on_page, int_at, one_of_four, triple_at, vector_at
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.warps import growth, quanta
-from balloon_warp.kernels.working import TOUCHING, Working
+from balloon_warp.kernels.working import PAIRS, TOUCHING, Working
 
 wp.set_module_options(OPTIONS)
 CONTACTS = wp.constant(3)
@@ -112,6 +113,28 @@ def take_counts(
     world, thread = wp.tid()
     for particle in range(thread, working.contacts.shape[1], threads):
         take_contact_forces(working, world, particle)
+
+
+@wp.kernel(enable_backward=False)
+def find_clear_worlds(
+    threads: wp.int32,
+    # in and out
+    working: Working,
+):
+    """Judge worlds clear for which a search has listed nothing, by some threads a world.
+
+    Their particles touch nothing, of which those in contact until now take notice.
+    """
+    world, thread = wp.tid()
+    clear = working.list_lengths[world, TOUCHING] == 0 and working.list_lengths[world, PAIRS] == 0
+    if thread == 0:
+        working.verdicts[world] = wp.where(clear, FREE, BUSY)
+        if not clear:
+            working.any_busy[0] = 1
+    if clear:
+        for particle in range(thread, working.contacts.shape[1], threads):
+            working.contacts[world, particle] = 0.0
+            working.touched[world, particle] = UNTOUCHED
 
 
 RESPONSE_REGISTERS = 96

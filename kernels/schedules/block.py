@@ -19,7 +19,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels import OPTIONS
-from balloon_warp.kernels.compose import kernel_from, params_beside_function, params_functions
+from balloon_warp.kernels.compose import Clock, kernel_from, params_beside_function, params_functions
 from balloon_warp.kernels.contact.free_frames import BUSY, FREE
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.spheres import shared_spheres
@@ -57,7 +57,8 @@ class BlockWriter(StateInBlock):
         """Return a sentence on the kernel."""
         held = self.layout.held
         keeps = f"keeps {held} particle{'s' * (held > 1)} in registers" if held else "loops over particles"
-        return f"A block for each world, for a frame; each of {self.layout.threads} threads {keeps}."
+        time = "round" if self._in_rounds else "frame"
+        return f"A block for each world, for a {time}; each of {self.layout.threads} threads {keeps}."
 
     def arguments(self) -> tuple[str, ...]:
         """Return the names of the kernel's arguments."""
@@ -68,6 +69,7 @@ class BlockWriter(StateInBlock):
             "t": "Tables", "slots": "SlotTable", "state": "WorldState", "working": "Working",
             "second_velocities": "wp.array2d[wp.vec3]", "membrane_face_pulls": "wp.array2d[wp.vec3]",
             "state_numbers": "wp.array[wp.int32]",
+            "clock": "Clock", "first_substep": "wp.int32", "substeps": "wp.int32",
             **{f"all_{value}": f"wp.array2d[{value}_type]" for value in self.step.kept}, **self.kept_arrays,
         }  # fmt: skip
 
@@ -77,7 +79,7 @@ class BlockWriter(StateInBlock):
             **self.scope(phase for piece in self.step.pieces for phase in piece.phases),
             "in_tile": in_tile, "put_in_tile": put_in_tile, "vector_at": vector_at, "put_vector": put_vector,
             "block_barrier": block_barrier, "any_in_block": any_in_block, "WARP_THREADS": WARP_THREADS,
-            "SlotTable": SlotTable, "BUSY": BUSY, "FREE": FREE,
+            "SlotTable": SlotTable, "BUSY": BUSY, "FREE": FREE, "Clock": Clock,
             "read_params_beside": params_beside_function(self.features.columns, self.features.balloons),
             "take_place": place_function(self.features), "load_in": load_in,
         }  # fmt: skip
@@ -104,6 +106,11 @@ class BlockWriter(StateInBlock):
         return names
 
     @property
+    def _in_rounds(self) -> bool:
+        """Return whether a launch is for the substeps from one search to the next."""
+        return self.features.frames == "clear"
+
+    @property
     def _compacted(self) -> tuple[str, ...]:
         """Return the names of phases that only those items go through on which they act."""
         found = ((piece, self.compacted(piece)) for piece in self.step.pieces)
@@ -119,7 +126,7 @@ class BlockWriter(StateInBlock):
     def _body(self) -> None:
         self._find_world()
         if self.features.frames != "all":
-            self.line(f"if working.verdicts[world] == {'BUSY' if self.features.watched else 'FREE'}: return")
+            self.line(f"if working.verdicts[world] == {'FREE' if self.features.frames == 'busy' else 'BUSY'}: return")
         self._places_of_values()
         self.line("# Particles come from the state.")
         self._take_particles()
@@ -190,21 +197,23 @@ class BlockWriter(StateInBlock):
 
     def _substeps(self) -> None:
         """Write the loop; where points or velocities have two places, a turn has two substeps."""
+        count = "substeps" if self._in_rounds else "t.substeps"
         if not self.step.doubled:
-            self.line("for substep in range(t.substeps):")
+            self.line(f"for substep in range({count}):")
             self._substep("substep")
             return
-        self.line("for pair in range(t.substeps // 2):")
+        self.line(f"for pair in range({count} // 2):")
         self._substep("2 * pair")
         self._substep("2 * pair + 1")
         if self.layout.odd:
-            self.line("if t.substeps % 2 == 1:")
-            self._substep("t.substeps - 1")
+            self.line(f"if {count} % 2 == 1:")
+            self._substep(f"{count} - 1")
 
     def _substep(self, number: str) -> None:
         with self.indented():
             self.turn, self.next_turn = TURNS.get(number, ("0", "1"))
-            self.line(f"time_in_frame = float({number}) * t.step_seconds")
+            begin = "clock.done[0] + first_substep + " if self._in_rounds else ""
+            self.line(f"time_in_frame = float({begin}{number}) * t.step_seconds")
             self._write_pieces(piece for piece in self.step.pieces if not piece.once and not piece.last)
 
     def _write_pieces(self, pieces: Iterable[Piece]) -> None:

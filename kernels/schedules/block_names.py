@@ -40,7 +40,7 @@ class Layout(NamedTuple):
     membrane_face: MembraneFaceLayout | None = None
     """Layout of the faces of membranes, if each face is measured once"""
     odd: bool = False
-    """Whether a frame has an odd number of substeps"""
+    """Whether a launch has an odd number of substeps"""
     registers: int = 64
     """Registers of a thread"""
 
