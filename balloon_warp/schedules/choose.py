@@ -132,8 +132,8 @@ def fastest_schedule(model: Model, world_count: int) -> str:
     with fresh normals a third. Else, where they could not: with gas or corrections, when a substep would be many
     launches otherwise; and where it would be some, with spheres or fresh normals, which a block is done with sooner if
     it has few particles. Where the scene says how balloons touch, only where there are enough worlds; where they touch
-    themselves, also where a world has few particles, if nothing else is left to launches. On the CPU, eight worlds side by side, or eight particles of a world that is alone or
-    that is free in no frame.
+    themselves, also where a world has few particles, if nothing else is left to launches. On the CPU, eight worlds side
+    by side, or eight particles of a world that is alone or that is free in no frame.
     `python -m balloon_warp.benchmarks.auto` measures whether that is right.
     """
     if only_launched(model):
