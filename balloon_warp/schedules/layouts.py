@@ -318,7 +318,7 @@ class BlockFrames:
     def advance_round(self, state: State, clock: Any, first: int, count: int) -> None:
         """Advance by so many substeps, see `frames.Rounds`."""
         layout = self.layout._replace(odd=count % 2 == 1)
-        self._launch(state, layout, {"clock": clock, "first_substep": first, "substeps": count})
+        self._launch(state, layout, {"clock": clock, "first_substep": first, "round_substeps": count})
 
     def _launch(self, state: State, layout: Layout, told: dict[str, Any]) -> None:
         named_inputs = {**self._named_inputs, "state": world_state(state), **kept_arguments(state), **told}

@@ -69,7 +69,7 @@ class BlockWriter(StateInBlock):
             "t": "Tables", "slots": "SlotTable", "state": "WorldState", "working": "Working",
             "second_velocities": "wp.array2d[wp.vec3]", "membrane_face_pulls": "wp.array2d[wp.vec3]",
             "state_numbers": "wp.array[wp.int32]",
-            "clock": "Clock", "first_substep": "wp.int32", "substeps": "wp.int32",
+            "clock": "Clock", "first_substep": "wp.int32", "round_substeps": "wp.int32",
             **{f"all_{value}": f"wp.array2d[{value}_type]" for value in self.step.kept}, **self.kept_arrays,
         }  # fmt: skip
 
@@ -197,7 +197,7 @@ class BlockWriter(StateInBlock):
 
     def _substeps(self) -> None:
         """Write the loop; where points or velocities have two places, a turn has two substeps."""
-        count = "substeps" if self._in_rounds else "t.substeps"
+        count = "round_substeps" if self._in_rounds else "t.substeps"
         if not self.step.doubled:
             self.line(f"for substep in range({count}):")
             self._substep("substep")
