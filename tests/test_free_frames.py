@@ -631,6 +631,37 @@ def test_every_substep_runs_once_in_order_and_searches_when_it_should(count: int
     assert a_frame.are_short == (count > frames.FLAT)
 
 
+@pytest.mark.parametrize("interval", [0, 1, 5, TURN, TURN + 1, 2 * TURN - 1, 2 * TURN, 119, 600, 5000])
+@pytest.mark.parametrize("count", [1, 50, 65, 96, 590, 782])
+def test_every_round_begins_with_a_search_and_leaves_the_clock_alone(count: int, interval: int):
+    """A round that launches nothing, as where no world is busy, shifts no later one."""
+    model: Any = SimpleNamespace(device=wp.get_device("cpu"), substeps=count, step_seconds=1.0e-4)
+    clock, begun, expected = make_clock(model), list[tuple[int, int]](), list[int]()
+    ran, a_frame, apart = list[int](), Rounds(model, interval, clock), interval or count
+
+    def done() -> int:
+        return int(clock.done.numpy()[0])
+
+    def launch_substeps(numbers: range) -> None:
+        ran.extend(number + done() for number in numbers)
+
+    def launch_round(first: int, substeps: int) -> None:
+        before = done()
+        assert first % apart == 0, "a search is due by the number of the substep"
+        assert (first == 0) == (first + before == 0), "the first of a frame is searched otherwise"
+        begun.append((first + before, substeps))
+        if len(begun) % 3:
+            expected.extend(range(first + before, first + before + substeps))
+            a_frame.launch_round(launch_substeps, first, substeps)
+        assert done() == before
+
+    for _ in range(2):
+        a_frame.go_from_search_to_search(launch_round)
+        assert done() == 0
+    assert begun == 2 * [(first, min(apart, count - first)) for first in range(0, count, apart)]
+    assert ran == expected
+
+
 def of_rounds(substeps: int = MANY) -> Scene:
     """Return the set of all features, in which a balloon inflates by a ramp, others touch and an obstacle moves."""
     return feature_set("all").model_copy(update={"frames": 2, "substeps": substeps})
