@@ -11,12 +11,21 @@ import warp as wp
 from balloon_warp.kernels.contact.free_frames import busy_kernel
 from balloon_warp.kernels.contact.response import find_clear_worlds
 from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.schedules.block import source_of_frame
+from balloon_warp.kernels.schedules.launched import source_of
 from balloon_warp.model import Model, State
 from balloon_warp.model.state import Allocating, Counting
 from balloon_warp.schedules.framing import busy_features
 from balloon_warp.schedules.gather import GatherSchedule
-from balloon_warp.schedules.layouts import BlockFrames, require_block
-from balloon_warp.schedules.tables import clear_clearances, model_features, place_anchors, place_obstacles
+from balloon_warp.schedules.layouts import BlockFrames, layout_of, require_block, step_of
+from balloon_warp.schedules.membranes import left_array
+from balloon_warp.schedules.tables import (
+    clear_clearances,
+    clearance_arrays,
+    model_features,
+    place_anchors,
+    place_obstacles,
+)
 from balloon_warp.system.warp_threads import launch
 
 
@@ -44,7 +53,17 @@ class SearchedSchedule(GatherSchedule):
     def world_bytes(cls, model: Model) -> int:
         """Return the device memory that it keeps for each world, beside the state."""
         BlockFrames.allocate(model, clear_features(model_features(model)), room := Counting(), shares_working=True)
+        left_array(model, room)  # of tables of their own
+        clearance_arrays(model, room)
         return super().world_bytes(model) + room.bytes // model.world_count
+
+    @classmethod
+    def source_of(cls, model: Model) -> str:
+        """Return the text of the kernel of a round of clear worlds, and of those of a substep of the others."""
+        features = model_features(model)
+        layout = layout_of(model, clear_features(features))
+        of_round = source_of_frame(step_of(clear_features(features), layout), layout)
+        return f"{of_round}\n\n{source_of(cls.step_of(model, busy_features(features)))}"
 
     def begin_loading(self) -> None:
         """Compile the kernels of a substep and of a round ahead."""

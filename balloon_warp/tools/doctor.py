@@ -22,6 +22,7 @@ from balloon_warp.schedules.choose import schedule_named
 from balloon_warp.schedules.gather import PullingOctets
 from balloon_warp.schedules.launched import LaunchedSchedule
 from balloon_warp.schedules.one_launch import BlockSchedule, LanesSchedule
+from balloon_warp.schedules.searched import SearchedSchedule
 from balloon_warp.schedules.tables import model_features
 from balloon_warp.simulator import Simulator
 from balloon_warp.studio.animate import animate
@@ -88,7 +89,7 @@ def kernel_source(scene: Scene, schedule: str = "gather") -> str:
     """
     model = build_model(scene, "cpu")
     named = schedule_named(schedule, model)
-    if issubclass(named, (LanesSchedule, BlockSchedule, PullingOctets)):
+    if issubclass(named, (LanesSchedule, BlockSchedule, PullingOctets, SearchedSchedule)):
         return named.source_of(model)
     assert issubclass(named, LaunchedSchedule)
     return source_of(named.step_of(model, model_features(model)))

@@ -22,12 +22,16 @@ import balloon_warp
 from balloon_warp import (
     Balloon,
     Ground,
+    Inflation,
     InputError,
+    Material,
+    Obstacle,
     PolygonMesh,
     Scene,
     Simulator,
     Sphere,
     String,
+    Touch,
     Water,
     animate,
     remesh,
@@ -39,6 +43,7 @@ from balloon_warp.mesh.surface_nets import Level, surface_nets
 from balloon_warp.model import Model, build_model, state, world_bytes
 from balloon_warp.schedules import SCHEDULES
 from balloon_warp.schedules.choose import schedule_named
+from balloon_warp.schedules.searched import SearchedSchedule
 from balloon_warp.system.files import LOCK, PREFIX
 from balloon_warp.system.process import without_garbage_collection
 from balloon_warp.tools.remesh import handle_count, handles_lost, handles_of_level
@@ -235,6 +240,18 @@ def test_the_estimate_is_what_is_allocated(schedule: str, water: Water | None, d
     taken = (bytes_taken(many) - bytes_taken(few)) / (MANY - FEW)
     estimate = world_bytes(many.model) + schedule_named(schedule, many.model).world_bytes(many.model)
     assert estimate == pytest.approx(taken, rel=0.005)
+
+
+def test_the_estimate_is_what_is_allocated_where_balloons_touch_themselves(device: str):
+    """Lists of contacts have most of the memory: the rest is counted to a hundred bytes."""
+    rubber = Material(kind="neo_hookean", shear_modulus=1e6, thickness=5e-4, softening=0.5)
+    balloon = Balloon(mesh=quad_sphere(2), material=rubber, inflation=Inflation(pressure=9.0))
+    wall = Obstacle(position=(0.0, -9.0, 0.0))
+    folded = Scene(balloon=[balloon], obstacle=[wall], faces=False, touch=Touch(itself=True), substeps=64)
+    few, many = (Simulator(folded, device, worlds, schedule="block") for worlds in (FEW, MANY))
+    assert isinstance(many.schedule, SearchedSchedule)
+    taken = (bytes_taken(many) - bytes_taken(few)) / (MANY - FEW)
+    assert world_bytes(many.model) + many.schedule.world_bytes(many.model) == pytest.approx(taken, abs=100)
 
 
 def test_lanes_counts_the_worlds_that_fill_up_the_last_eight():
