@@ -89,8 +89,8 @@ def after_frame(simulator: Simulator) -> dict[str, np.ndarray]:
 @pytest.mark.full
 @pytest.mark.parametrize("filled", FILLED)
 def test_worlds_go_from_blocks_to_launches_and_back_as_in_launches_alone(filled: str, device: str):
-    """All that a world keeps goes along: places, gas, and how far its rubber has been stretched. Differences are those
-    of rounding, and what contact makes of it: at most four times of what it makes of starts that are moved by MOVE."""
+    """Places, gas, and how far rubber has been stretched go along. Differences are those of rounding, and what contact
+    makes of it: at most four times of what it makes of starts that are moved by MOVE."""
     found, expected = course(filled, "block", device), course(filled, "gather", device)
     verdicts = np.array([each["verdicts"] for each in found])
     assert (verdicts[:, 0] == FREE).all()

@@ -121,15 +121,11 @@ class Launches:
                 for part in ("part", "parts") if piece.name in self._parts else ("all",):
                     begin_loading(self.kernel(piece, part), self.model.device)
 
-    def substep(self, state: State, substep: int, now: Moving, begins: bool | None = None) -> Moving:
-        """Execute a substep, and return where particles are then.
-
-        Args:
-            begins: whether values are found that last for a frame, or a round; in the first substep, when missing.
-        """
+    def substep(self, state: State, substep: int, now: Moving) -> Moving:
+        """Execute a substep, and return where particles are then."""
         if substep == 0 and self.step.features.ridges:
             self.working.ridge_budgets.zero_()  # others may have moved all since the last frame
-        return self.execute(state, substep, now, begins=substep == 0 if begins is None else begins)
+        return self.execute(state, substep, now, begins=substep == 0)
 
     def execute(
         self, state: State, substep: int, now: Moving, only: Collection[str] = (), begins: bool = True
@@ -138,7 +134,7 @@ class Launches:
 
         Args:
             only: the first phases of those, where not all are to be executed.
-            begins: whether pieces are executed that find what lasts.
+            begins: whether pieces are executed that find what lasts for a frame, or a round.
         """
         for piece in self.step.pieces:
             if (piece.once and not begins) or (only and piece.phases[0].name not in only):

@@ -98,7 +98,7 @@ class SearchedSchedule(GatherSchedule):
         def launch_substeps(numbers: range) -> None:
             now = kept = (state.points, state.velocities)
             for substep in numbers:
-                now = self.launches.substep(state, substep, now, begins=substep == first)
+                now = self.launches.execute(state, substep, now, begins=substep == first)
             for target, source in zip(kept, now, strict=True):
                 if source is not target:
                     self._copy_busy(target, source)
