@@ -32,6 +32,7 @@ from balloon_warp.schedules.framing import busy_features, free_features
 from balloon_warp.schedules.gather import GatherSchedule, cut_into_patches, layout_of_patches, step_of_patches
 from balloon_warp.schedules.launched import EDGE_THREADS, TEAM_THREADS, TEAM_THREADS_OF_SMALL
 from balloon_warp.schedules.layouts import layout_of, step_of
+from balloon_warp.schedules.searched import clear_features
 from balloon_warp.schedules.tables import model_features
 
 pytestmark = pytest.mark.skipif(sys.platform == "darwin", reason="Warp has no CUDA there")
@@ -89,8 +90,14 @@ def as_it_is(features: Features) -> Features:
 
 @pytest.mark.parametrize(
     ("source", "frames"),
-    [("sphere_launch", as_it_is), ("latex_inflate", as_it_is), (IN_A_CORNER, busy_features), (IN_WATER, as_it_is)],
-    ids=["spheres", "rubber", "near obstacles", "in water"],
+    [
+        ("sphere_launch", as_it_is),
+        ("latex_inflate", as_it_is),
+        (IN_A_CORNER, busy_features),
+        (IN_WATER, as_it_is),
+        ("airbag", clear_features),
+    ],
+    ids=["spheres", "rubber", "near obstacles", "in water", "between searches"],
 )
 def test_frames_in_blocks_compile(source: Any, frames: Any, tmp_path: Path):
     model = model_for_a_gpu(source)
