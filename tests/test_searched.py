@@ -195,7 +195,7 @@ def test_the_printed_kernels_are_those_of_a_round_and_of_the_launches_beside_it(
 
 
 def test_auto_takes_blocks_for_foil_on_a_gpu():
-    """One letter, or many, and a large balloon only where each multiprocessor has one."""
+    """Foil goes in blocks, one letter, too, and a large balloon where each multiprocessor has one."""
     film = Balloon(mesh=foil_mesh("I"), material=Material(preset="foil"), inflation=Inflation(pressure=50.0))
     for scene, taken in (
         (Scene(balloon=[film]), ("block", "block", "block")),
