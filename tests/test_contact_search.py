@@ -42,7 +42,8 @@ from balloon_warp.kernels.contact.triangles import near_parts_kernel
 from balloon_warp.kernels.laws.contact import NEAR_BODY, NEVER
 from balloon_warp.kernels.laws.touch import facing_of, part_until_contact
 from balloon_warp.kernels.loops.contact import A_STEP, solid_function
-from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.loops.paths import first_contact_with_mesh
+from balloon_warp.kernels.tables import Solid, Tables, WorldState
 from balloon_warp.kernels.working import Working
 from balloon_warp.lab.reference.contact import point_triangle
 from balloon_warp.mesh.crossings import find_crossings
@@ -253,6 +254,33 @@ def test_a_sphere_that_comes_through_a_triangle_is_met_before_half_its_radius():
     np.testing.assert_array_equal(looks[told == 0.0], 1.0)
     assert (looks[met & (told > 0.0)] > 1.0).all()
     assert min((outside & met).sum(), (~met).sum()) > 50
+
+
+@wp.kernel(enable_backward=False)
+def meet_sheet(solid: Solid, paths: wp.array2d[wp.vec3], found: wp.array2d[wp.vec3], parts: wp.array[float]):
+    i = wp.tid()
+    touch = first_contact_with_mesh(solid, wp.vec3(0.0, 1.0, 0.0), paths[0, i], paths[1, i], 0.0, 10.0)
+    found[0, i] = touch.normal
+    found[1, i] = touch.place
+    parts[i] = touch.part
+
+
+def test_a_path_meets_a_sheet_without_thickness_where_it_crosses_it():
+    """The sheet is a triangle across x. A path stops before it, by the rounding of so large a mesh."""
+    corners = np.array([(0.0, -9.0, -9.0), (0.0, 9.0, -9.0), (0.0, 0.0, 9.0)])
+    start, end = paths = np.random.default_rng(3).uniform(-1.0, 1.0, (2, 200, 3))
+    end[:, 0] += np.where(end[:, 0] < start[:, 0], -0.2, 0.2)  # no path is along the sheet
+    given = wp.array(corners, dtype=wp.vec3, device="cpu"), wp.array([0, 1, 2], dtype=wp.int32, device="cpu")
+    mesh, solid, count = wp.Mesh(*given), Solid(), len(start)
+    solid.mesh, solid.reach = mesh.id, float(np.linalg.norm(corners, axis=1).max())
+    found, parts = wp.zeros((2, count), dtype=wp.vec3, device="cpu"), wp.zeros(count, dtype=float, device="cpu")
+    wp.launch(meet_sheet, count, [solid, wp.array(paths, dtype=wp.vec3, device="cpu"), found, parts], device="cpu")
+    (normals, places), meets = found.numpy(), (start[:, 0] < 0.0) != (end[:, 0] < 0.0)
+    np.testing.assert_array_equal(normals[:, 0], np.where(meets, np.sign(start[:, 0]), 0.0))
+    part = (start[:, 0] / (start[:, 0] - end[:, 0]))[meets]
+    np.testing.assert_allclose(places[meets], start[meets] + part[:, None] * (end - start)[meets], atol=1e-5)
+    np.testing.assert_allclose(parts.numpy()[meets], part, atol=3e-4)
+    assert 50 < meets.sum() < count - 50
 
 
 def test_parts_list_those_whose_boxes_meet_theirs():

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from own_laws import AT_THE_END, TESTED, drawn, value_of
 
 from balloon_warp.kernels.laws import PARAMETERS, Law
+from balloon_warp.kernels.laws.air import ALIKE
 from balloon_warp.kernels.laws.contact import (
     BLURRED,
     NEAR_BODY,
@@ -21,7 +22,15 @@ from balloon_warp.kernels.laws.contact import (
     mesh_normal,
     push_of_ground,
 )
-from balloon_warp.kernels.laws.gas import EMPTY, STANDARD_PRESSURE, amount_when_flat, gas_energy, gas_pressure
+from balloon_warp.kernels.laws.gas import (
+    EMPTY,
+    STANDARD_PRESSURE,
+    Swelling,
+    amount_when_flat,
+    gas_energy,
+    gas_load,
+    gas_pressure,
+)
 from balloon_warp.kernels.laws.law import LAW_INPUTS, RESULT
 from balloon_warp.kernels.laws.springs import angle_beyond
 from balloon_warp.kernels.laws.touch import CROSSED, crosses, crossing_of
@@ -142,6 +151,30 @@ def test_the_pressure_is_the_slope_of_a_gas_s_energy(gamma: float):
     balanced = samples | {"volume": (samples["free_volume"] * balance).astype(np.float32)}
     np.testing.assert_allclose(called(gas_energy, balanced), 0.0, atol=0.05)  # a float32's 1e-7 of 1e5 J, twice over
     np.testing.assert_allclose(called(gas_pressure, balanced), 0.0, atol=0.05)
+
+
+@pytest.mark.parametrize("rate", [-0.2, -0.09, -0.05])
+def test_a_gas_that_collapses_in_a_step_has_the_pressure_of_its_end(rate: float):
+    """The volume would fall by `rate`; the pressure slows it to where the gas has that pressure, and rises with more
+    gas as differences say. Warp's functions run in Python."""
+    step_seconds, volume, response, amount = 0.01, 1e-3, 2.4e-4, 1e-4
+
+    def load(free_volume: float) -> NDArray[np.float64]:
+        """Return the load of an isothermal gas at the ground."""
+        return np.array(
+            gas_load(
+                Swelling(volume, response, rate, 0.0, 0.0), wp.vec2(0.0, free_volume), step_seconds, 1.0, 1.0, 0.004,
+                STANDARD_PRESSURE, 293.0, 1.2, ALIKE, 9.81,
+            ),
+            dtype=np.float64,
+        )  # fmt: skip
+
+    pressure, _at_ground, _rise, slope = load(amount)
+    end = volume + step_seconds * (rate + response * pressure)
+    assert end < 0.5 * volume
+    # the end is a small difference of 1e-3 m^3, and the pressure of 1e5 Pa: a float32 has 1e-7 of either
+    assert pressure == pytest.approx(STANDARD_PRESSURE * (amount / end - 1.0), abs=0.5)
+    assert slope == pytest.approx((load(1.05 * amount) - load(0.95 * amount))[0] / (0.1 * amount), rel=1e-2)
 
 
 @pytest.mark.parametrize("law", [law for law in TESTED if law.kind == "hinge"], ids=lambda law: law.name)
