@@ -366,9 +366,8 @@ def test_a_particle_comes_near_a_sphere_where_twice_its_way_does():
 
 OTHERS = (gas_pressure, gas_energy, angle_beyond, rubs, amount_when_flat, push_by, excess_at_sphere)
 compile_together(
-    "laws",
     {law.force: RESULT[law.kind].replace("float", "float32") for law in TESTED}
     | {law.energy: "float32" for law in TESTED if law.energy}
     | dict.fromkeys(OTHERS, "float32")
-    | {mesh_normal: "vec3"},
+    | {mesh_normal: "vec3"}
 )

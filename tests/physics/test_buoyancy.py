@@ -19,11 +19,11 @@ from gas_balloons import (
     wet_part,
     with_volume,
 )
+from law_functions import LAWS
 from meshes import cube, grid, prism, quad_sphere, torus
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels import OPTIONS
 from balloon_warp.kernels.laws.air import drag_bound, waves, wind_at
 from balloon_warp.kernels.phases.inflation import find_lift
 from balloon_warp.kernels.tables import Tables
@@ -390,14 +390,12 @@ def test_water_cannot_differ_where_there_is_none():
         Simulator(Scene(balloon=[Balloon(mesh=cube())]), "cpu", 2, {"water.level": [0.0, 1.0]})
 
 
-wp.set_module_options(OPTIONS)
-
 WIND, LENGTH, INTENSITY = (6.0, 0.0, 2.0), 5.0, 0.3
 ROOT_MEAN_SQUARE = INTENSITY * float(np.linalg.norm(WIND))
 RANDOM = np.random.default_rng(3)
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False, module=LAWS)
 def blow(
     places: wp.array[wp.vec3],
     time: float,
@@ -625,7 +623,7 @@ class OfParticle:
     share: float
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel(enable_backward=False, module=LAWS)
 def lift_along(t: Tables, loads: wp.array[wp.vec4], found: wp.array[float]):
     i = wp.tid()
     found[i] = lift_of(t, OfParticle(), wp.vec3(), wp.vec3(), loads[i])[0]

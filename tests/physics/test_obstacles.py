@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import warp as wp
 from conserved import advanced, put, square
-from law_functions import COUNT, called
+from law_functions import COUNT, called, compile_together
 from meshes import cube, mesh_of, quad_sphere
 from pxr import Gf, Usd, UsdGeom, UsdSkel, Vt
 from scipy.spatial.transform import Rotation
@@ -37,6 +37,9 @@ def normal_of_capsule(point: wp.vec3, up: wp.vec3):
     """Return the normal of a capsule of 0.1 m about an axis of 1 m."""
     _distance, normal = capsule_surface(point, 0.1, 0.5, up)
     return normal
+
+
+compile_together({normal_of_capsule: "vec3"})
 
 
 @pytest.mark.always
