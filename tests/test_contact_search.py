@@ -15,18 +15,7 @@ from feature_sets import feature_set
 from meshes import box, cube, grid, hook, joined, mesh_of, quad_sphere
 from scipy.spatial.transform import Rotation
 
-from balloon_warp import (
-    Balloon,
-    InputError,
-    PolygonMesh,
-    Scene,
-    Simulator,
-    String,
-    Touch,
-    bundled_scenes,
-    load_mesh,
-    load_scene,
-)
+from balloon_warp import Balloon, InputError, PolygonMesh, Scene, Simulator, String, Touch, load_mesh, load_scene
 from balloon_warp.kernels import OPTIONS
 from balloon_warp.kernels.contact.boxes import SPARE, box_balloons, box_parts_of_worlds, lining_function
 from balloon_warp.kernels.contact.free_frames import (
@@ -55,7 +44,7 @@ from balloon_warp.model import build_model, plan_model
 from balloon_warp.model.shape import shape_balloon
 from balloon_warp.model.state import Allocating
 from balloon_warp.model.touch import APART, bends_freely, edge_length
-from balloon_warp.scene import Ground, Inflation, Stiffness
+from balloon_warp.scene import Ground, Inflation, Stiffness, bundled_scenes
 from balloon_warp.scene.load import override_scene
 from balloon_warp.scene.write import write_scene
 from balloon_warp.schedules.framing import own_parts, own_parts_arrays

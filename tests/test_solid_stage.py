@@ -18,18 +18,9 @@ from scipy.spatial.transform import Rotation
 from test_mesh_files import add_mesh, move
 from trajectories import stepped
 
-from balloon_warp import (
-    Frame,
-    InputError,
-    PolygonMesh,
-    Simulator,
-    StageWriter,
-    animate,
-    check_stage,
-    export_stage,
-    load_mesh,
-    run_batch,
-)
+from balloon_warp import Frame, Simulator, StageWriter, animate, check_stage, export_stage, load_mesh, run_batch
+from balloon_warp.errors import InputError
+from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.topology import signed_volume
 from balloon_warp.mesh.usd_open import open_stage
 from balloon_warp.mesh.usd_stage import read_motions

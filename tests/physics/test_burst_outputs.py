@@ -16,24 +16,12 @@ from pxr import Usd, UsdGeom
 from render_stages import read_stage
 from test_bursting import BALL, filled, scene_of
 
-from balloon_warp import (
-    Balloon,
-    Change,
-    Inflation,
-    InputError,
-    Material,
-    Scene,
-    Simulator,
-    StageWriter,
-    Stiffness,
-    Water,
-    load_scene,
-    run_batch,
-)
+from balloon_warp import Balloon, Change, InputError, Material, Scene, Simulator, StageWriter, Water, run_batch
 from balloon_warp.batch.recorder import MEASURES, Recorder, columns_of
 from balloon_warp.batch.task import STAGE_NAME
 from balloon_warp.mesh.topology import beside_faces, signed_volume, total_area
 from balloon_warp.model import State, build_model, plan_model
+from balloon_warp.scene import Inflation, Stiffness, load_scene
 from balloon_warp.scene.load import override_scene
 from balloon_warp.solvers.projective import (
     MANY_WORLDS,

@@ -33,25 +33,14 @@ from numpy.typing import NDArray
 from rubber_theory import ENERGIES, MATERIALS, sphere_pressure
 from test_membranes import BALL, DENSITY, THICKNESS, stretched
 
-from balloon_warp import (
-    Atmosphere,
-    Balloon,
-    Inflation,
-    InputError,
-    Material,
-    PolygonMesh,
-    Scene,
-    Simulator,
-    Stiffness,
-    load_scene,
-)
+from balloon_warp import Balloon, Inflation, InputError, Material, PolygonMesh, Scene, Simulator, Stiffness, load_scene
 from balloon_warp.frame_reader import ForceReader
 from balloon_warp.mesh.load import Treatment, prepared
 from balloon_warp.mesh.orientation import pushed_outward, pushes, there_and_back
 from balloon_warp.mesh.topology import face_vector_areas, flipped, is_closed, mesh_edges, signed_volume
 from balloon_warp.model import plan_model
 from balloon_warp.model.shape import BalloonShape, shape_balloon
-from balloon_warp.scene import Ground, Obstacle, String, Touch
+from balloon_warp.scene import Atmosphere, Ground, Obstacle, String, Touch
 from balloon_warp.springs.build import build_hinges
 
 NO_INFLATION = Inflation(k_normal=0.0)
