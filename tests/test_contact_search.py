@@ -17,14 +17,8 @@ from scipy.spatial.transform import Rotation
 
 from balloon_warp import Balloon, InputError, PolygonMesh, Scene, Simulator, String, Touch, load_mesh, load_scene
 from balloon_warp.kernels import OPTIONS
+from balloon_warp.kernels.contact import free_frames
 from balloon_warp.kernels.contact.boxes import SPARE, box_balloons, box_parts_of_worlds, lining_function
-from balloon_warp.kernels.contact.free_frames import (
-    FREE,
-    OwnParts,
-    find_strayed_balloons,
-    min_distance_between,
-    place_part,
-)
 from balloon_warp.kernels.contact.search import neighbor_function, next_of_eight
 from balloon_warp.kernels.contact.spheres import part_until_face
 from balloon_warp.kernels.contact.triangles import near_parts_kernel
@@ -54,16 +48,16 @@ from balloon_warp.system.warp_threads import launch, launch_tiled
 
 
 @wp.kernel(enable_backward=False)
-def place_all(own: OwnParts, points: wp.array2d[wp.vec3], before: wp.array2d[wp.vec3], drift: wp.vec3):
+def place_all(own: free_frames.OwnParts, points: wp.array2d[wp.vec3], before: wp.array2d[wp.vec3], drift: wp.vec3):
     part = wp.tid()
-    place_part(own, 0, part, points, before, drift)
+    free_frames.place_part(own, 0, part, points, before, drift)
 
 
 @wp.kernel(enable_backward=False)
-def bound_all(own: OwnParts, found: wp.array2d[float]):
+def bound_all(own: free_frames.OwnParts, found: wp.array2d[float]):
     one = wp.tid()
     for other in range(found.shape[1]):
-        found[one, other] = min_distance_between(own, 0, one, other)
+        found[one, other] = free_frames.min_distance_between(own, 0, one, other)
 
 
 def bent(mesh: PolygonMesh, radius: float) -> np.ndarray:
@@ -577,16 +571,18 @@ def test_a_balloon_strays_by_its_motion_along_any_axis(axis: int):
     count, moves = 8, np.zeros((1, 8, 3))
     moves[0, :, axis] = 0.2 * (-1.0) ** np.arange(count)
     seen = np.random.default_rng(4).normal(size=moves.shape)
-    t, now, own = Tables(), WorldState(), OwnParts()
+    t, now, own = Tables(), WorldState(), free_frames.OwnParts()
     t.particles.offsets = wp.array([0, count], dtype=wp.int32, device="cpu")
     t.touch.thickness = wp.array([0.01], dtype=float, device="cpu")
     now.points = wp.array(seen + moves, dtype=wp.vec3, device="cpu")
     own.needs_check = wp.zeros((1, 1), dtype=wp.int32, device="cpu")
     own.drifts = wp.zeros((1, 1), dtype=wp.vec3, device="cpu")
-    verdicts, found = wp.array([int(FREE)], dtype=wp.int32, device="cpu"), []
+    verdicts, found = wp.array([int(free_frames.FREE)], dtype=wp.int32, device="cpu"), []
     for room in (0.3, 0.5):
         rooms = wp.array([[room]], dtype=float, device="cpu")
         given = [t, verdicts, now, now, wp.array(seen, dtype=wp.vec3, device="cpu"), rooms, own]
-        launch_tiled(find_strayed_balloons, dim=[1, 1], inputs=given, block_dim=1, device=wp.get_device("cpu"))
+        launch_tiled(
+            free_frames.find_strayed_balloons, dim=[1, 1], inputs=given, block_dim=1, device=wp.get_device("cpu")
+        )
         found.append(int(own.needs_check.numpy()[0, 0]))
     assert found == [1, 0]
