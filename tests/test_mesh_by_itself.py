@@ -197,10 +197,7 @@ def test_a_short_step_is_explained(mesh: PolygonMesh, overrides: dict, why: str)
 @pytest.mark.parametrize(
     ("mesh", "said"),
     [
-        (
-            quad_sphere(3),
-            "mesh is coarse and shows its faces (56 particles, faces up to 0.27 of its size): ",
-        ),
+        (quad_sphere(3), "mesh is coarse and shows its faces (56 particles, faces up to 0.27 of its size): "),
         (solid_shapes.blocks(), "mesh is coarse"),
         (quad_sphere(8), None),
         (quad_sphere(20), None),
