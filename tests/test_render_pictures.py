@@ -501,13 +501,9 @@ wp.set_module_options(OPTIONS)
 
 @wp.kernel
 def measure_capsules(
-    origins: wp.array[wp.vec3],
-    directions: wp.array[wp.vec3],
-    begins: wp.array[wp.vec3],
-    ends: wp.array[wp.vec3],
-    radii: wp.array[float],
-    distances: wp.array[float],
-):
+    origins: wp.array[wp.vec3], directions: wp.array[wp.vec3], begins: wp.array[wp.vec3], ends: wp.array[wp.vec3],
+    radii: wp.array[float], distances: wp.array[float],
+):  # fmt: skip
     ray = wp.tid()
     distances[ray] = surfaces.capsule_distance(origins[ray], directions[ray], begins[ray], ends[ray], radii[ray])
 

@@ -397,15 +397,9 @@ RANDOM = np.random.default_rng(3)
 
 @wp.kernel(enable_backward=False, module=LAWS)
 def blow(
-    places: wp.array[wp.vec3],
-    time: float,
-    seed: float,
-    shear: float,
-    roughness: float,
-    intensity: float,
-    wind: wp.vec3,
-    air: wp.array[wp.vec3],
-):
+    places: wp.array[wp.vec3], time: float, seed: float, shear: float, roughness: float, intensity: float,
+    wind: wp.vec3, air: wp.array[wp.vec3],
+):  # fmt: skip
     i = wp.tid()
     air[i] = wind_at(places[i], wp.vec3(0.0, 1.0, 0.0), time, wind, shear, 10.0, roughness, intensity, 5.0, seed)
 
