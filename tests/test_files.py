@@ -12,6 +12,7 @@ from unittest.mock import Mock
 
 import pytest
 from batches import files_limited_to, stop_after
+from commands import contents
 from meshes import cube, quad_sphere
 
 from balloon_warp import InputError, animate, export_stage, render_stage, run_batch
@@ -269,10 +270,6 @@ time.sleep(600)
 def scene(tmp_path) -> Scene:
     write_obj(tmp_path / "ball.obj", quad_sphere(6))
     return load_scene(tmp_path / "ball.obj", [("frames", 12)])
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 @pytest.mark.full

@@ -23,7 +23,7 @@ import numpy as np
 import pytest
 import warp as wp
 import yaml
-from commands import status_of
+from commands import contents, status_of
 from meshes import cube, quad_sphere
 from painted import atlas, write_obj_cube, write_painted
 from PIL import Image
@@ -295,10 +295,6 @@ def own_folder(tmp_path: Path, made_stage: Path, monkeypatch: pytest.MonkeyPatch
     write_painted(tmp_path, "obj")
     (tmp_path / "film.usdc").write_bytes(made_stage.read_bytes())
     return tmp_path
-
-
-def contents(own_folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(own_folder)): path.read_bytes() for path in own_folder.rglob("*") if path.is_file()}
 
 
 @pytest.mark.parametrize(
