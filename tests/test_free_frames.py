@@ -23,7 +23,6 @@ from balloon_warp.kernels.contact.free_frames import BUSY, FREE, HURRIED
 from balloon_warp.model import Model, State, build_model, initial_state, lay_out, plan_model
 from balloon_warp.scene import Atmosphere, Balloon, Ground, Inflation, Material, Obstacle, Scene, Sphere, Stiffness
 from balloon_warp.schedules import choose, frames, gather, slices
-from balloon_warp.schedules import slices as module
 from balloon_warp.schedules.choose import fastest_schedule, make_schedule
 from balloon_warp.schedules.frames import TURN, Rounds, make_clock
 from balloon_warp.schedules.tables import make_tables, model_features, other_corners
@@ -547,7 +546,7 @@ def test_what_was_found_is_not_sought_again():
 
 
 def test_an_answer_cannot_be_spoiled_and_only_the_last_are_kept(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(module, "LAST", 2)
+    monkeypatch.setattr(slices, "LAST", 2)
     sought: list[int] = []
 
     @slices.memoized

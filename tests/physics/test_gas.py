@@ -8,13 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import warp as wp
-from conserved import momentum
+from conserved import advanced, momentum
 from gas_balloons import (
     AIR_PRESSURE,
     GAS_CONSTANT,
     PRESSURE_ROUNDING,
     TEMPERATURE,
-    advanced,
     gas_balloon,
     isentropic,
     jittered,
