@@ -15,18 +15,34 @@ from feature_sets import feature_set
 from meshes import box, cube, grid, hook, joined, mesh_of, quad_sphere
 from scipy.spatial.transform import Rotation
 
-from balloon_warp import Balloon, InputError, PolygonMesh, Scene, Simulator, String, Touch, load_mesh, load_scene
+from balloon_warp import (
+    Balloon,
+    InputError,
+    PolygonMesh,
+    Scene,
+    Simulator,
+    String,
+    Touch,
+    bundled_scenes,
+    load_mesh,
+    load_scene,
+)
 from balloon_warp.kernels import OPTIONS
-from balloon_warp.kernels.contact import free_frames
 from balloon_warp.kernels.contact.boxes import SPARE, box_balloons, box_parts_of_worlds, lining_function
+from balloon_warp.kernels.contact.free_frames import (
+    FREE,
+    OwnParts,
+    find_strayed_balloons,
+    min_distance_between,
+    place_part,
+)
 from balloon_warp.kernels.contact.search import neighbor_function, next_of_eight
 from balloon_warp.kernels.contact.spheres import part_until_face
 from balloon_warp.kernels.contact.triangles import near_parts_kernel
 from balloon_warp.kernels.laws.contact import NEAR_BODY, NEVER
 from balloon_warp.kernels.laws.touch import facing_of, part_until_contact
 from balloon_warp.kernels.loops.contact import A_STEP, solid_function
-from balloon_warp.kernels.loops.paths import first_contact_with_mesh
-from balloon_warp.kernels.tables import Solid, Tables, WorldState
+from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.working import Working
 from balloon_warp.lab.reference.contact import point_triangle
 from balloon_warp.mesh.crossings import find_crossings
@@ -38,7 +54,7 @@ from balloon_warp.model import build_model, plan_model
 from balloon_warp.model.shape import shape_balloon
 from balloon_warp.model.state import Allocating
 from balloon_warp.model.touch import APART, bends_freely, edge_length
-from balloon_warp.scene import Ground, Inflation, Stiffness, bundled_scenes
+from balloon_warp.scene import Ground, Inflation, Stiffness
 from balloon_warp.scene.load import override_scene
 from balloon_warp.scene.write import write_scene
 from balloon_warp.schedules.framing import own_parts, own_parts_arrays
@@ -48,16 +64,16 @@ from balloon_warp.system.warp_threads import launch, launch_tiled
 
 
 @wp.kernel(enable_backward=False)
-def place_all(own: free_frames.OwnParts, points: wp.array2d[wp.vec3], before: wp.array2d[wp.vec3], drift: wp.vec3):
+def place_all(own: OwnParts, points: wp.array2d[wp.vec3], before: wp.array2d[wp.vec3], drift: wp.vec3):
     part = wp.tid()
-    free_frames.place_part(own, 0, part, points, before, drift)
+    place_part(own, 0, part, points, before, drift)
 
 
 @wp.kernel(enable_backward=False)
-def bound_all(own: free_frames.OwnParts, found: wp.array2d[float]):
+def bound_all(own: OwnParts, found: wp.array2d[float]):
     one = wp.tid()
     for other in range(found.shape[1]):
-        found[one, other] = free_frames.min_distance_between(own, 0, one, other)
+        found[one, other] = min_distance_between(own, 0, one, other)
 
 
 def bent(mesh: PolygonMesh, radius: float) -> np.ndarray:
@@ -237,33 +253,6 @@ def test_a_sphere_that_comes_through_a_triangle_is_met_before_half_its_radius():
     np.testing.assert_array_equal(looks[told == 0.0], 1.0)
     assert (looks[met & (told > 0.0)] > 1.0).all()
     assert min((outside & met).sum(), (~met).sum()) > 50
-
-
-@wp.kernel(enable_backward=False)
-def meet_sheet(solid: Solid, paths: wp.array2d[wp.vec3], found: wp.array2d[wp.vec3], parts: wp.array[float]):
-    i = wp.tid()
-    touch = first_contact_with_mesh(solid, wp.vec3(0.0, 1.0, 0.0), paths[0, i], paths[1, i], 0.0, 10.0)
-    found[0, i] = touch.normal
-    found[1, i] = touch.place
-    parts[i] = touch.part
-
-
-def test_a_path_meets_a_sheet_without_thickness_where_it_crosses_it():
-    """The sheet is a triangle across x. A path stops before it, by the rounding of so large a mesh."""
-    corners = np.array([(0.0, -9.0, -9.0), (0.0, 9.0, -9.0), (0.0, 0.0, 9.0)])
-    start, end = paths = np.random.default_rng(3).uniform(-1.0, 1.0, (2, 200, 3))
-    end[:, 0] += np.where(end[:, 0] < start[:, 0], -0.2, 0.2)  # no path is along the sheet
-    given = wp.array(corners, dtype=wp.vec3, device="cpu"), wp.array([0, 1, 2], dtype=wp.int32, device="cpu")
-    mesh, solid, count = wp.Mesh(*given), Solid(), len(start)
-    solid.mesh, solid.reach = mesh.id, float(np.linalg.norm(corners, axis=1).max())
-    found, parts = wp.zeros((2, count), dtype=wp.vec3, device="cpu"), wp.zeros(count, dtype=float, device="cpu")
-    wp.launch(meet_sheet, count, [solid, wp.array(paths, dtype=wp.vec3, device="cpu"), found, parts], device="cpu")
-    (normals, places), meets = found.numpy(), (start[:, 0] < 0.0) != (end[:, 0] < 0.0)
-    np.testing.assert_array_equal(normals[:, 0], np.where(meets, np.sign(start[:, 0]), 0.0))
-    part = (start[:, 0] / (start[:, 0] - end[:, 0]))[meets]
-    np.testing.assert_allclose(places[meets], start[meets] + part[:, None] * (end - start)[meets], atol=1e-5)
-    np.testing.assert_allclose(parts.numpy()[meets], part, atol=3e-4)
-    assert 50 < meets.sum() < count - 50
 
 
 def test_parts_list_those_whose_boxes_meet_theirs():
@@ -571,18 +560,16 @@ def test_a_balloon_strays_by_its_motion_along_any_axis(axis: int):
     count, moves = 8, np.zeros((1, 8, 3))
     moves[0, :, axis] = 0.2 * (-1.0) ** np.arange(count)
     seen = np.random.default_rng(4).normal(size=moves.shape)
-    t, now, own = Tables(), WorldState(), free_frames.OwnParts()
+    t, now, own = Tables(), WorldState(), OwnParts()
     t.particles.offsets = wp.array([0, count], dtype=wp.int32, device="cpu")
     t.touch.thickness = wp.array([0.01], dtype=float, device="cpu")
     now.points = wp.array(seen + moves, dtype=wp.vec3, device="cpu")
     own.needs_check = wp.zeros((1, 1), dtype=wp.int32, device="cpu")
     own.drifts = wp.zeros((1, 1), dtype=wp.vec3, device="cpu")
-    verdicts, found = wp.array([int(free_frames.FREE)], dtype=wp.int32, device="cpu"), []
+    verdicts, found = wp.array([int(FREE)], dtype=wp.int32, device="cpu"), []
     for room in (0.3, 0.5):
         rooms = wp.array([[room]], dtype=float, device="cpu")
         given = [t, verdicts, now, now, wp.array(seen, dtype=wp.vec3, device="cpu"), rooms, own]
-        launch_tiled(
-            free_frames.find_strayed_balloons, dim=[1, 1], inputs=given, block_dim=1, device=wp.get_device("cpu")
-        )
+        launch_tiled(find_strayed_balloons, dim=[1, 1], inputs=given, block_dim=1, device=wp.get_device("cpu"))
         found.append(int(own.needs_check.numpy()[0, 0]))
     assert found == [1, 0]

@@ -19,12 +19,24 @@ from numpy.typing import NDArray
 from small_batch import struck
 
 import balloon_warp
-from balloon_warp import InputError, PolygonMesh, Scene, Simulator, Sphere, String, Water, animate, remesh, run_batch
+from balloon_warp import (
+    Balloon,
+    Ground,
+    InputError,
+    PolygonMesh,
+    Scene,
+    Simulator,
+    Sphere,
+    String,
+    Water,
+    animate,
+    remesh,
+    run_batch,
+)
 from balloon_warp.benchmarks.long_run import CASES, QUICK, Growth, measure
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.mesh.surface_nets import Level, surface_nets
 from balloon_warp.model import Model, build_model, state, world_bytes
-from balloon_warp.scene import Balloon, Ground
 from balloon_warp.schedules import SCHEDULES
 from balloon_warp.schedules.choose import schedule_named
 from balloon_warp.system.files import LOCK, PREFIX
