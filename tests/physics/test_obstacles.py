@@ -1,5 +1,6 @@
 """Obstacles with given motion, against closed forms: nothing passes them, at any speed, angle and thickness, and
 sliding particles obey Coulomb; and with the motion of a USD stage. Particles without springs are independent."""
+# pyright: reportGeneralTypeIssues=false
 
 from dataclasses import replace
 from pathlib import Path
