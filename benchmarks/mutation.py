@@ -96,6 +96,8 @@ EQUIVALENT: Mapping[str, str] = {
     "kernels/loops/contact.py solid_contact_function.stand: with_another(partner, ON_GROUND) -> "
     "with_another(ON_GROUND, partner)": "which of two is met first makes no difference",
     "balloon_warp/springs/even.py _inverse: LEAST**2 -> LEAST**3": "a divisor below all that count",
+    "balloon_warp/springs/build.py build_hinges: beside[0] -> beside[1]": "a face that has no corner beside an edge goes "
+    "along it there and back: it is both of the edge's faces",
     "balloon_warp/model/shape.py spring_sums: 1.0 -> 0.9": "a divisor of nothing",
     "kernels/phases/forces.py wear: 0.0 -> 0.1": "0.1 Pa of an energy density that softens rubber from 1e3 Pa on",
 }  # fmt: skip

@@ -44,6 +44,11 @@ def lines_executed(call: Callable[[], Any]) -> int:
     return count
 
 
+def contents(folder: Path) -> dict[str, bytes]:
+    """Return the files in a folder and those below it, by their paths from there."""
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
 def with_faces(mesh: PolygonMesh, *faces: list[int]) -> PolygonMesh:
     """Return the mesh with more faces."""
     added = mesh_of([], faces)

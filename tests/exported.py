@@ -13,6 +13,7 @@ from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Sphere, Str
 FRAMES = 6
 RATE = 30.0
 STRING = ("String_0", "String_0_Knot")
+TURNS = [(0.0, (0, 0, 0), (0, 0, 0)), (0.2, (1, 0, 0), (0, 90, 0))]
 BALL = quad_sphere(3)
 UV = np.random.default_rng(1).random((len(BALL.face_vertex_indices), 2)).astype(np.float32)
 
@@ -27,20 +28,10 @@ def scene(**fields) -> Scene:
         ],
         "sphere": [Sphere(position=(0, 5, 0), radius=0.3), Sphere(position=(2, 5, 0), radius=0.1, start=2.0 / RATE)],
         "string": [String(anchor=(0, 0, 0), length=2.0)],
-        "obstacle": [
-            Obstacle(
-                shape="box",
-                size=(1.0, 0.5, 0.2),
-                position=(-4, 1, 0),
-                motion=[[0.0, [0, 0, 0], [0, 0, 0]], [0.2, [1, 0, 0], [0, 90, 0]]],
-            )
-        ],
+        "obstacle": [Obstacle(size=(1.0, 0.5, 0.2), position=(-4, 1, 0), motion=TURNS)],
         "ground": Ground(height=-5.0),
         "water": Water(level=-4.0),
-        "frames": FRAMES,
-        "frames_per_second": RATE,
-        "faces": False,
-        "touch": False,
+        **{"frames": FRAMES, "frames_per_second": RATE, "faces": False, "touch": False},
     } | fields
     return Scene(**fields)
 

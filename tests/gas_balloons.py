@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import trimesh
 import warp as wp
-from conserved import advanced as advanced
 from meshes import fans, mesh_of
 
 from balloon_warp import Balloon, Frame, Inflation, PolygonMesh, Simulator, Stiffness

@@ -34,10 +34,7 @@ CHANGES: list[dict[str, Any]] = [
     {"time": 4.0 / 240.0, "set": {"balloon.inflation.pressure": 30.0, "gravity": 5.0}},
     {"time": 4.0 / 240.0, "set": {"balloon.damping": 0.1}},
 ]
-DRIVEN: list[dict[str, Any]] = [
-    {"particles": [0, 3, 4], "newtons": (0.4, 0.3, -0.2)},
-    {"newtons": (0.0, 0.1, 0.2)},
-]
+DRIVEN: list[dict[str, Any]] = [{"particles": [0, 3, 4], "newtons": (0.4, 0.3, -0.2)}, {"newtons": (0.0, 0.1, 0.2)}]
 """Outer forces on some particles, and on all"""
 FORWARD, LANES = ("block", "launched"), ("block", "launched", "lanes")
 HELD = {"held": ("layout_backwards", "layout_again"), "held forward": ("layout_again",)}

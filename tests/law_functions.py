@@ -19,15 +19,17 @@ a float32's 1e-7 / STEP = 1e-5, of the function's size over the argument's"""
 Samples = Mapping[str, NDArray]
 """by argument, shape (COUNT,) or (COUNT, size)"""
 
+LAWS = wp.get_module("laws")
+"""Module of the kernels that call small functions, of whatever file of tests: it compiles once"""
 TYPES = {1: wp.float32, 3: wp.vec3, 4: wp.vec4}
 """by the count of numbers"""
 kernels: dict[Any, Any] = {}
 """that call functions"""
 
 
-def compile_together(name: str, results: Mapping[Any, str]) -> None:
+def compile_together(results: Mapping[Any, str], module: Any = LAWS) -> None:
     """Put the kernels that call functions into one module, which compiles once, by the functions' types of results."""
-    kernels.update({function: _kernel(function, result, wp.get_module(name)) for function, result in results.items()})
+    kernels.update({function: _kernel(function, result, module) for function, result in results.items()})
 
 
 def _kernel(function: Any, result: str, module: Any) -> Any:
@@ -66,7 +68,7 @@ def _launched(function: Any, samples: Samples, result: str, gradients: bool) -> 
     inputs = _arrays(samples, list(inspect.signature(function.func).parameters), gradients)
     out = wp.zeros(len(inputs[0]), dtype=getattr(wp, result), device="cpu", requires_grad=gradients)
     if function not in kernels:
-        compile_together(f"calls_{function.key}", {function: result})
+        compile_together({function: result}, wp.get_module(f"calls_{function.key}"))
     wp.launch(kernels[function], len(out), [*inputs, out], device="cpu")
     return out, inputs
 

@@ -9,23 +9,8 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh import PolygonMesh, topology
 from balloon_warp.mesh.repair import distinct_faces
-from balloon_warp.mesh.topology import (
-    component_count,
-    corner_faces,
-    face_centers,
-    face_vector_areas,
-    first_coincident,
-    flipped,
-    genus,
-    inconsistent_edges,
-    is_manifold,
-    mesh_edges,
-    signed_volume,
-    vertex_normals,
-    with_corners,
-)
 
 
 def mesh_of(points: Sequence | np.ndarray, faces: Sequence[Sequence[int]], **fields) -> PolygonMesh:
@@ -235,25 +220,25 @@ def with_tips(circles: np.ndarray, tips: Sequence | np.ndarray) -> PolygonMesh:
 
 
 def edge_lengths(mesh: PolygonMesh) -> NDArray[np.float64]:
-    ends = mesh.points[mesh_edges(mesh).ends]
+    ends = mesh.points[topology.mesh_edges(mesh).ends]
     return np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
 
 
 def assert_closed_quads(mesh: PolygonMesh, holes_through: int = 0, parts: int = 1) -> None:
-    edges = mesh_edges(mesh)
+    edges = topology.mesh_edges(mesh)
     assert (mesh.face_vertex_counts == 4).all()
     assert (edges.face_counts == 2).all()
-    assert is_manifold(mesh, edges)
-    assert len(inconsistent_edges(edges)) == 0
-    assert component_count(mesh, edges) == parts
-    assert genus(mesh, edges) == holes_through
-    assert signed_volume(mesh) > 0.0
+    assert topology.is_manifold(mesh, edges)
+    assert len(topology.inconsistent_edges(edges)) == 0
+    assert topology.component_count(mesh, edges) == parts
+    assert topology.genus(mesh, edges) == holes_through
+    assert topology.signed_volume(mesh) > 0.0
 
 
 def assert_none_folded(mesh: PolygonMesh) -> None:
     """Require that each face points along the normals at its corners."""
-    areas = face_vector_areas(mesh)
-    normals = vertex_normals(mesh)[mesh.face_vertex_indices.reshape(-1, 4)]
+    areas = topology.face_vector_areas(mesh)
+    normals = topology.vertex_normals(mesh)[mesh.face_vertex_indices.reshape(-1, 4)]
     assert (np.einsum("fcj,fj->fc", normals, areas) > 0.0).all()
 
 
@@ -264,14 +249,14 @@ def sphere_distance(points: NDArray[np.float64]) -> NDArray[np.float64]:
 def merged(mesh: PolygonMesh, digits: int = 6) -> PolygonMesh:
     """Return the mesh with coincident vertices merged: where boxes stand side by side, edges get three faces and four.
     Vertices of no face are left out."""
-    first = first_coincident(mesh.points.round(digits) + 0.0)[mesh.face_vertex_indices]
+    first = topology.first_coincident(mesh.points.round(digits) + 0.0)[mesh.face_vertex_indices]
     used, numbers = np.unique(first, return_inverse=True)
     return replace(mesh, points=mesh.points[used], face_vertex_indices=numbers.astype(np.int32))
 
 
 def without(mesh: PolygonMesh, drop: NDArray[np.bool_]) -> PolygonMesh:
     """Return the mesh without some faces, by a mask."""
-    kept = with_corners(mesh, ~drop[corner_faces(mesh)])
+    kept = topology.with_corners(mesh, ~drop[topology.corner_faces(mesh)])
     return replace(kept, face_vertex_counts=mesh.face_vertex_counts[~drop])
 
 
@@ -290,7 +275,7 @@ def chair(holes: bool = True, mixed: bool = True, seed: int = 1) -> PolygonMesh:
     numbers = np.random.default_rng(seed)
     if holes:
         mesh = without(mesh, numbers.random(mesh.face_count) < 0.06)
-    return flipped(mesh, numbers.random(mesh.face_count) < 0.3) if mixed else mesh
+    return topology.flipped(mesh, numbers.random(mesh.face_count) < 0.3) if mixed else mesh
 
 
 def walled() -> PolygonMesh:
@@ -347,8 +332,8 @@ def t_junction() -> PolygonMesh:
     """Return a box with one side meshed finer than its neighbors (T-junctions): borders run along each other."""
     whole = box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (4, 4, 4))
     top = box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (6, 6, 6))
-    upper = face_centers(whole)[:, 1] > 0.49
-    finer = face_centers(top)[:, 1] > 0.49
+    upper = topology.face_centers(whole)[:, 1] > 0.49
+    finer = topology.face_centers(top)[:, 1] > 0.49
     return merged(joined(without(whole, upper), without(top, ~finer)))
 
 
@@ -367,7 +352,7 @@ def _twice(mesh: PolygonMesh) -> NDArray[np.bool_]:
 def ball_with_holes() -> PolygonMesh:
     """Return a ball of quads, from whose underside a round patch is missing, and a face elsewhere."""
     ball = quad_sphere(16, 0.5)
-    centers = face_centers(ball)
+    centers = topology.face_centers(ball)
     drop = centers @ np.array([0.0, -1.0, 0.0]) > 0.5 * np.cos(0.22)
     drop[(centers @ np.array([1.0, 0.3, 0.0])).argmax()] = True
     return without(ball, drop)
@@ -394,7 +379,7 @@ def cup() -> PolygonMesh:
 def bowl() -> PolygonMesh:
     """Return an open hemisphere."""
     ball = quad_sphere(12, 0.5)
-    return without(ball, face_centers(ball)[:, 1] > 0.0)
+    return without(ball, topology.face_centers(ball)[:, 1] > 0.0)
 
 
 def sword() -> PolygonMesh:

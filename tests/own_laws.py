@@ -48,13 +48,9 @@ def hardening_energy(squared_length: float, rest_length: float, stiffness: float
 
 @wp.func
 def gust(
-    area_vector: wp.vec3,
-    velocity: wp.vec3,
-    time: float,
-    gust_velocity: wp.vec3,
-    gust_density: float,
+    area_vector: wp.vec3, velocity: wp.vec3, time: float, gust_velocity: wp.vec3, gust_density: float,
     gust_seconds: float,
-):
+):  # fmt: skip
     """Return the force of a gust on a windward face [N]: 1/2 density u^2 of its area, u the approach speed."""
     strength = wp.sin(wp.pi * wp.min(time / gust_seconds, 1.0))
     flux = wp.min(wp.dot(strength * gust_velocity - velocity, area_vector), 0.0)

@@ -15,11 +15,7 @@ SOFT = Stiffness(structural=20.0, shear=10.0, flexion=5.0)
 def kicked_balloon(iterations: int = 10, stiffness: Stiffness = SOFT, **fields) -> Scene:
     """Return a small balloon in large steps, with fixed particles, a taut string and a slack one; no contacts."""
     balloon = Balloon(
-        mesh=quad_sphere(2, radius=0.5),
-        damping=0.2,
-        stiffness=stiffness,
-        inflation=Inflation(k_normal=0.1),
-        fixed=[3],
+        mesh=quad_sphere(2, radius=0.5), damping=0.2, stiffness=stiffness, inflation=Inflation(k_normal=0.1), fixed=[3]
     )
     strings = [
         String(anchor=(0.0, -1.5, 0.0), particle="lowest", length=0.8),

@@ -18,7 +18,6 @@ from small_batch import FRAMES, WORLDS, scene, write_meshes
 
 from balloon_warp import Cluster, InputError, Scene, Simulator, Water, load_scene, run_batch
 from balloon_warp.batch import batch as batch_module
-from balloon_warp.batch import batch as sweep_memory
 from balloon_warp.batch.recorder import Group, plan_groups
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.model import lay_out, shape, state, world_bytes
@@ -276,25 +275,25 @@ def test_far_too_many_worlds_are_refused_before_much_work(
 
 def test_what_is_refused_early_would_be_refused_late(monkeypatch):
     monkeypatch.setattr(state, "free_memory", lambda device: 2**30)
-    monkeypatch.setattr(sweep_memory, "MANY", 1)
+    monkeypatch.setattr(batch_module, "MANY", 1)
     model = lay_out(plan_groups(scene(), 4096, {"balloon.mass": np.ones(4096)})[0].plan, pick_device("cpu"))
-    bytes_of_all = 4096 * (world_bytes(model) + LanesSchedule.world_bytes(model) + sweep_memory.table_bytes(scene()))
+    bytes_of_all = 4096 * (world_bytes(model) + LanesSchedule.world_bytes(model) + batch_module.table_bytes(scene()))
     for room, refused in ((1.02, False), (0.9, True)):
         monkeypatch.setattr(state, "free_memory", lambda device, room=room: room * bytes_of_all / state.USABLE)
         with pytest.raises(InputError, match="do not fit") if refused else contextlib.nullcontext():
-            sweep_memory.require_room(scene(), 4096, ["balloon.mass"], "cpu")
+            batch_module.require_room(scene(), 4096, ["balloon.mass"], "cpu")
 
 
 @pytest.mark.full
 def test_a_step_that_only_soft_thin_parts_allow_is_no_reason_for_an_early_refusal(monkeypatch):
-    monkeypatch.setattr(sweep_memory, "MANY", 1)
+    monkeypatch.setattr(batch_module, "MANY", 1)
     stiff = {"balloon.stiffness.structural": 5000.0}
     stable, stiffer = (
         plan_groups(load_scene("squirrel_tether", stiff | {"balloon.stiffness.thin": thin}), 1, {})[0].plan.substeps
         for thin in ("softer", "alike")
     )
     assert stable < stiffer
-    sweep_memory.require_room(load_scene("squirrel_tether", stiff | {"substeps": stable}), 2, device="cpu")
+    batch_module.require_room(load_scene("squirrel_tether", stiff | {"substeps": stable}), 2, device="cpu")
 
 
 def test_all_groups_take_the_step_of_the_stiffest_world(meshes: list[Path]):

@@ -28,8 +28,6 @@ from pyarrow import parquet
 
 from balloon_warp import Ground, InputError, MissingExtraError, PolygonMesh, Simulator, run_batch
 from balloon_warp.batch import table
-from balloon_warp.batch import table as table_csv
-from balloon_warp.batch import table as table_parquet
 from balloon_warp.batch.batch import BatchSummary
 from balloon_warp.batch.recorder import Recorder, columns_of, describe_columns, plan_groups
 from balloon_warp.batch.task import BatchOutput, BatchTask, Failures, batch_checkpoints, describe_batch
@@ -228,7 +226,7 @@ def test_parquet_has_the_numbers_of_the_npz(tmp_path):
 
 @pytest.mark.full
 def test_a_batch_that_was_stopped_goes_on_to_the_same_parquet(tmp_path, monkeypatch):
-    monkeypatch.setattr(table_parquet, "ROWS", 1)
+    monkeypatch.setattr(table, "ROWS", 1)
     run_batch(scene(), tmp_path / "whole", 3, KINDS_VARY, device="cpu", table="parquet")
     run_batch(scene(), tmp_path / "parts", 3, KINDS_VARY, device="cpu")
     how = {"device": "cpu", "table": "parquet", "checkpoint_seconds": OFTEN}
@@ -262,7 +260,7 @@ def test_many_rows_are_parquet_and_few_are_text_and_mistakes_are_told(monkeypatc
     with pytest.raises(InputError, match=r"^table xlsx: expected auto, csv, parquet$"):
         run_batch(scene(), tmp_path, 2, device="cpu", table="xlsx")
 
-    monkeypatch.setattr(table_parquet, "import_module", Mock(side_effect=ImportError))
+    monkeypatch.setattr(table, "import_module", Mock(side_effect=ImportError))
     with pytest.raises(MissingExtraError, match=r"^Parquet needs pyarrow: pip install 'balloon-warp\[data\]'$"):
         run_batch(scene(), tmp_path, 2, device="cpu", table="parquet")
 
@@ -275,10 +273,10 @@ VARIED = {"mesh": MESHES, "mass": np.linspace(0.1, 0.2, PARTS_WORLDS)}
 
 def test_row_groups_that_are_encoded_side_by_side_are_those_of_one_writer(tmp_path, monkeypatch):
     """Twenty row groups, which is a long list in Thrift, have the bytes that Arrow itself writes in turn."""
-    monkeypatch.setattr(table_parquet, "ROWS", 2 * PARTS_WORLDS)
+    monkeypatch.setattr(table, "ROWS", 2 * PARTS_WORLDS)
     heights = np.random.default_rng(0).normal(size=(PARTS_FRAMES, 1, PARTS_WORLDS)).astype(np.float32)
     health = np.ones(PARTS_WORLDS, dtype=np.int32)
-    rows = table_parquet.ParquetRows(tmp_path / "parts.parquet", COLUMNS, VARIED, PARTS_WORLDS)
+    rows = table.ParquetRows(tmp_path / "parts.parquet", COLUMNS, VARIED, PARTS_WORLDS)
     for frame in range(PARTS_FRAMES):
         rows.write(frame, frame / 60.0, heights[frame], health)
     rows.close()
@@ -321,7 +319,7 @@ def test_the_text_of_a_number_is_that_of_nine_digits(values: np.ndarray):
 
 def test_a_table_of_many_worlds_is_that_of_its_numbers(tmp_path, monkeypatch):
     """The table of text holds the numbers of the binary one, whatever the block of worlds and the varied values."""
-    monkeypatch.setattr(table_csv, "BLOCK", 3)
+    monkeypatch.setattr(table, "BLOCK", 3)
     varied = {"balloon.mass": RANDOM.normal(size=11), "balloon.mesh": np.array(['a,"ü".obj'] * 11)}
     with table.TableWriter(tmp_path, 2, 3.0, varied, ["volume", "area"], 11) as writer:
         writer.values[:] = RANDOM.lognormal(0.0, 9.0, (2, 2, 11))

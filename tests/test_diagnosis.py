@@ -11,22 +11,11 @@ import pytest
 import warp as wp
 from meshes import at, cube, grid, hook, joined, mesh_of, quad_sphere
 
-from balloon_warp import BlowUpError, InputError, PolygonMesh, Simulator, animate, run_batch
+from balloon_warp import Atmosphere, BlowUpError, InputError, PolygonMesh, Simulator, animate, run_batch
 from balloon_warp.blow_ups import BlowUp
 from balloon_warp.kernels.tables import HEALTHY
 from balloon_warp.run.report import BadEnding, bad_endings, ending_sentences
-from balloon_warp.scene import (
-    Atmosphere,
-    Balloon,
-    Change,
-    Ground,
-    Inflation,
-    Obstacle,
-    Scene,
-    Sphere,
-    Stiffness,
-    String,
-)
+from balloon_warp.scene import Balloon, Change, Ground, Inflation, Obstacle, Scene, Sphere, Stiffness, String
 from balloon_warp.scene.load import override_scene
 from balloon_warp.schedules.frames import FARTHEST, MOST_SPAN, HealthCheck
 

@@ -27,22 +27,9 @@ from test_resume import FRAMES as RESUMED_FRAMES
 from test_resume import SCENE as RESUMED_SCENE
 from test_resume import press_ctrl_c, stop
 
-from balloon_warp import (
-    Balloon,
-    Body,
-    Ground,
-    InputError,
-    MissingExtraError,
-    Obstacle,
-    PolygonMesh,
-    Scene,
-    animate,
-    bundled_scenes,
-    export_stage,
-    load_scene,
-    run_batch,
-)
+from balloon_warp import Body, InputError, MissingExtraError, PolygonMesh, Scene, animate, export_stage, run_batch
 from balloon_warp.mesh.obj import read_obj, write_obj
+from balloon_warp.scene import Balloon, Ground, Obstacle, bundled_scenes, load_scene
 from balloon_warp.scene.write import write_scene
 from balloon_warp.scenes.model_print import GASES, dots, label
 from balloon_warp.studio import export, parts

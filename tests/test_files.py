@@ -12,32 +12,24 @@ from unittest.mock import Mock
 
 import pytest
 from batches import files_limited_to, stop_after
+from commands import contents
 from meshes import cube, quad_sphere
 
 from balloon_warp import InputError, animate, export_stage, render_stage, run_batch
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.scene import Balloon, Scene, load_scene
 from balloon_warp.system import files
-from balloon_warp.system.files import (
-    check_writable,
-    clear_left_over,
-    folder_beside,
-    scratch_folder,
-    temporary_in,
-    whole_file,
-    write_npz,
-)
 from balloon_warp.system.warp_setup import quiet_warp
 
 
 def write_text(path: Path) -> None:
-    with whole_file(path) as temporary:
+    with files.whole_file(path) as temporary:
         temporary.write_text("new")
 
 
 def write_arrays(path: Path) -> None:
-    with whole_file(path) as temporary:
-        write_npz(temporary, [("place", cube().points)])
+    with files.whole_file(path) as temporary:
+        files.write_npz(temporary, [("place", cube().points)])
 
 
 @pytest.mark.parametrize("write", [write_text, write_arrays, lambda path: write_obj(path, cube())])
@@ -127,24 +119,24 @@ def test_what_a_killed_process_left_goes_and_what_a_living_one_has_stays(tmp_pat
         both = names(place), names(system_folder)
         kill(killed)
         assert (names(place), names(system_folder)) == both
-        check_writable(place / "other.usdc", (".usdc",))
-        with scratch_folder():
+        files.check_writable(place / "other.usdc", (".usdc",))
+        with files.scratch_folder():
             pass
         left = names(place), names(system_folder)
         assert [2 * len(kinds) for kinds in left] == [len(both[0]) + 1, len(both[1])]
     finally:
         kill(living)
-    check_writable(place / "other.usdc", (".usdc",))
-    with scratch_folder():
+    files.check_writable(place / "other.usdc", (".usdc",))
+    with files.scratch_folder():
         pass
     assert names(place) == [".mine"]
     assert names(system_folder) == []
 
 
 def test_another_thread_or_file_of_the_same_process_is_a_living_one(tmp_path):
-    with whole_file(tmp_path / "a.txt") as one, folder_beside(tmp_path / "a.txt") as other:
+    with files.whole_file(tmp_path / "a.txt") as one, files.folder_beside(tmp_path / "a.txt") as other:
         one.write_text("part")
-        clear_left_over(tmp_path)
+        files.clear_left_over(tmp_path)
         assert one.read_text() == "part"
         assert other.is_dir()
     assert names(tmp_path) == ["a.txt", "system"]
@@ -223,15 +215,15 @@ def test_without_locks_only_what_is_old_goes(tmp_path, monkeypatch):
     kill(begin(tmp_path / "out.usdc"))
     monkeypatch.setattr(files, "fcntl", None)
     left = names(tmp_path)
-    clear_left_over(tmp_path)
+    files.clear_left_over(tmp_path)
     assert names(tmp_path) == left
-    with whole_file(tmp_path / "fine.txt") as path:
+    with files.whole_file(tmp_path / "fine.txt") as path:
         path.write_text("whole")
     assert names(tmp_path) == sorted([*left, "fine.txt"])
     yesterday = time.time() - 2.0 * files.OLD_SECONDS
     for path in tmp_path.rglob("*"):
         os.utime(path, (yesterday, yesterday))
-    clear_left_over(tmp_path)
+    files.clear_left_over(tmp_path)
     assert names(tmp_path) == ["fine.txt", "system"]
 
 
@@ -241,11 +233,11 @@ def test_a_lock_that_is_cleared_away_before_it_is_held_is_made_again(tmp_path, m
     def come_between(descriptor: int) -> bool:
         if not taken:
             taken.append(descriptor)
-            clear_left_over(tmp_path)
+            files.clear_left_over(tmp_path)
         return held(descriptor)
 
     monkeypatch.setattr(files, "_is_held_elsewhere", come_between)
-    with temporary_in(tmp_path) as path:
+    with files.temporary_in(tmp_path) as path:
         locks = [name for name in names(tmp_path) if name.endswith(".lock")]
         assert locks == [f"{path.name}.lock"]
 
@@ -278,10 +270,6 @@ time.sleep(600)
 def scene(tmp_path) -> Scene:
     write_obj(tmp_path / "ball.obj", quad_sphere(6))
     return load_scene(tmp_path / "ball.obj", [("frames", 12)])
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 @pytest.mark.full

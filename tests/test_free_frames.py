@@ -22,29 +22,9 @@ from balloon_warp import InputError, PolygonMesh, Simulator, String, Touch, Wate
 from balloon_warp.kernels.contact.free_frames import BUSY, FREE, HURRIED
 from balloon_warp.model import Model, State, build_model, initial_state, lay_out, plan_model
 from balloon_warp.scene import Atmosphere, Balloon, Ground, Inflation, Material, Obstacle, Scene, Sphere, Stiffness
-from balloon_warp.schedules import choose, frames, gather
-from balloon_warp.schedules import slices as module
+from balloon_warp.schedules import choose, frames, gather, slices
 from balloon_warp.schedules.choose import fastest_schedule, make_schedule
 from balloon_warp.schedules.frames import TURN, Rounds, make_clock
-from balloon_warp.schedules.gather import (
-    GatherSchedule,
-    Patches,
-    ScatterSchedule,
-    cut_into_patches,
-    cut_patches,
-    patch_table,
-    slots_in_patches,
-    tables_in_patches,
-    worlds_at_once,
-)
-from balloon_warp.schedules.slices import (
-    memoized,
-    neighbors_in_slots,
-    quad_rings,
-    spread_over_banks,
-    spring_ends,
-    wavefronts,
-)
 from balloon_warp.schedules.tables import make_tables, model_features, other_corners
 
 ROUNDING = 2.0e-5  # of its size: the same sums in another order, over a few frames
@@ -87,7 +67,7 @@ def scene(request: pytest.FixtureRequest) -> Scene:
     return SCENES[request.param]
 
 
-def tiles_of(patches: Patches, model: Model) -> list[dict[int, int]]:
+def tiles_of(patches: gather.Patches, model: Model) -> list[dict[int, int]]:
     """Return the particles at the places of each patch, its own and those of its halo."""
     halos = np.split(patches.halo_keys % model.particle_count, patches.halo_offsets[1:-1])
     tiles = [{patches.threads + place: particle for place, particle in enumerate(halo.tolist())} for halo in halos]
@@ -100,15 +80,15 @@ def tiles_of(patches: Patches, model: Model) -> list[dict[int, int]]:
 def test_tables_of_patches_lead_where_the_models_do(scene: Scene):
     """Patches are alike in size and of one balloon each. Springs, faces and membranes lead to the same particles."""
     model = build_model(scene, "cpu")
-    assert cut_into_patches(model, model_features(model)) is None  # a CPU has none
-    patches = cut_patches(model, 256, model_features(model).gas)  # as for a GPU with enough multiprocessors
-    ends = spring_ends(model)
+    assert gather.cut_into_patches(model, model_features(model)) is None  # a CPU has none
+    patches = gather.cut_patches(model, 256, model_features(model).gas)  # as for a GPU with enough multiprocessors
+    ends = slices.spring_ends(model)
     sizes = np.bincount(patches.patch)
     assert sizes.max() <= patches.threads
     assert np.ptp(sizes) <= 0.3 * patches.threads
     assert (patches.balloons[patches.patch] == model.particle_balloon.numpy()).all()
     tiles = tiles_of(patches, model)
-    slots = slots_in_patches(model, patches, quad_rings(model))
+    slots = gather.slots_in_patches(model, patches, slices.quad_rings(model))
     neighbors, lengths, scales = (each.numpy() for each in (slots.neighbors, slots.rest_lengths, slots.scales))
     particle = np.broadcast_to(np.arange(model.particle_count), neighbors.shape)
     led_to = np.array([tiles[patches.patch[p]][n] for p, n in zip(particle.flat, neighbors.flat, strict=True)])
@@ -118,7 +98,7 @@ def test_tables_of_patches_lead_where_the_models_do(scene: Scene):
     assert found == sorted(zip(*expected, strict=True))
     np.testing.assert_array_equal(led_to[~there], particle[~there])
     tables = make_tables(model, model_features(model))
-    led = tables_in_patches(model, patches, tables)
+    led = gather.tables_in_patches(model, patches, tables)
     for there, known in (
         (led.fans.quads, tables.fans.quads),
         (led.fans.particles, tables.fans.particles),
@@ -134,9 +114,9 @@ def test_patches_are_compact_and_halos_are_mutual(scene: Scene):
     """Halo particles are marked, and halos are mutual, or one patch would run ahead of the other. A halo of two rings
     around a square of 256 has about 144 particles, not a strip's."""
     model = build_model(scene, "cpu")
-    patches = cut_patches(model, 256, volumes=False)
+    patches = gather.cut_patches(model, 256, volumes=False)
     assert patches.largest_halo < 220
-    table = patch_table(model, patches, measures_faces=False)
+    table = gather.patch_table(model, patches, measures_faces=False)
     halos = table.halos.numpy()
     assert set(halos[halos >= 0].tolist()) == set(np.flatnonzero(table.in_halos.numpy()).tolist())
     pairs = {(patch, int(patches.patch[particle])) for patch, row in enumerate(halos) for particle in row[row >= 0]}
@@ -154,7 +134,7 @@ def frames_of(model: Model, count: int) -> State:
 
 def assert_moves_as_in_launches(model: Model, frames: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Require that patches agree with launch after launch, and repeat bit-identically."""
-    assert cut_into_patches(model, model_features(model))
+    assert gather.cut_into_patches(model, model_features(model))
     found, again = frames_of(model, frames), frames_of(model, frames)
     monkeypatch.setattr(gather, "cut_into_patches", lambda model, features: None)
     expected = frames_of(model, frames)
@@ -178,7 +158,7 @@ def test_so_are_those_of_patches_on_nearly_all_multiprocessors(name: str, gpu: w
     balloon = Balloon(mesh=quad_sphere(129), mass=60.0, inflation=inflation)
     normals = "fresh" if name == "fresh normals" else "cached"
     model = build_model(Scene(balloon=[balloon], normals=normals, substeps=40), gpu)
-    patches: Any = cut_into_patches(model, model_features(model))
+    patches: Any = gather.cut_into_patches(model, model_features(model))
     assert patches.count > 0.9 * gpu.sm_count
     assert_moves_as_in_launches(model, 3, monkeypatch)
 
@@ -186,9 +166,9 @@ def test_so_are_those_of_patches_on_nearly_all_multiprocessors(name: str, gpu: w
 @pytest.mark.parametrize("name", ["fresh normals", "gas, on the ground"])
 def test_more_worlds_than_a_gpu_moves_at_once_are_each_as_alone(name: str, gpu: wp.Device):
     alone = build_model(SCENES[name], gpu)
-    patches: Any = cut_into_patches(alone, model_features(alone))
+    patches: Any = gather.cut_into_patches(alone, model_features(alone))
     many = build_model(SCENES[name], gpu, 2 * gpu.sm_count)
-    assert worlds_at_once(many, model_features(many), patches) < many.world_count
+    assert gather.worlds_at_once(many, model_features(many), patches) < many.world_count
     expected, found = frames_of(alone, 2).points.numpy()[0], frames_of(many, 2).points.numpy()
     assert (found == expected).all()
 
@@ -202,7 +182,7 @@ def test_auto_takes_patches_for_few_large_worlds_on_a_gpu(gpu: wp.Device):
 @pytest.mark.parametrize("mesh", [grid(3, 3), prism(5)], ids=["open", "pentagons"])
 def test_what_has_no_rings(mesh: PolygonMesh):
     model = build_model(Scene(balloon=[Balloon(mesh=mesh)]), "cpu")
-    assert quad_rings(model) is None
+    assert slices.quad_rings(model) is None
 
 
 @pytest.mark.parametrize("inflation", [Inflation(pressure=10.0), Inflation(k_normal=0.1)])
@@ -234,7 +214,7 @@ def launched(scene: Scene, gpu: wp.Device, monkeypatch: pytest.MonkeyPatch) -> S
     with monkeypatch.context() as patch:
         patch.setattr(choose, "_in_patches", lambda model: None)
         simulator = Simulator(scene, str(gpu), schedule="gather")
-    assert isinstance(simulator.schedule, GatherSchedule)
+    assert isinstance(simulator.schedule, gather.GatherSchedule)
     return simulator
 
 
@@ -503,7 +483,7 @@ def test_a_substep_of_scatter_is_few_launches(scene, kernels, monkeypatch):
     """A substep of `scatter` is few launches, which on a GPU take a single balloon as much time as its work. In water
     none may move before all have been looked at. Nothing is copied."""
     model = build_model(scene, "cpu")
-    state, scatter = initial_state(model), ScatterSchedule(model)
+    state, scatter = initial_state(model), gather.ScatterSchedule(model)
     launched = []
     monkeypatch.setattr(wp, "launch", lambda kernel, *args, **more: launched.append(kernel.func.__name__))
     monkeypatch.setattr(wp, "copy", lambda *args: launched.append("copy"))
@@ -531,28 +511,28 @@ def test_a_world_too_large_for_a_block_is_refused_and_not_taken_by_auto(device):
 
 def test_wavefronts_are_counted_by_hand():
     own = np.arange(64)
-    assert wavefronts(own[None]) == 1.0
+    assert slices.wavefronts(own[None]) == 1.0
     clash = own.copy()
     clash[1] = 32  # bank 0 for thread 1, beside particle 0 for thread 0
     clash[32:] = 7  # the same word for all threads
-    assert wavefronts(clash[None]) == (2 + 1) / 2
+    assert slices.wavefronts(clash[None]) == (2 + 1) / 2
 
 
 def test_slots_are_ordered_against_bank_conflicts_and_keep_neighbors():
     scene = Scene(balloon=[Balloon(mesh=quad_sphere(9), mass=5.0)])
-    ends = spring_ends(build_model(scene, "cpu"))
-    found = neighbors_in_slots(ends, 0)
+    ends = slices.spring_ends(build_model(scene, "cpu"))
+    found = slices.neighbors_in_slots(ends, 0)
     neighbors = np.where(found < 0, np.arange(488), found)
-    spread = np.take_along_axis(neighbors, spread_over_banks(neighbors), axis=0)
+    spread = np.take_along_axis(neighbors, slices.spread_over_banks(neighbors), axis=0)
     np.testing.assert_array_equal(np.sort(spread, axis=0), np.sort(neighbors, axis=0))
-    assert wavefronts(neighbors) > 1.8
-    assert wavefronts(spread) < 1.4
+    assert slices.wavefronts(neighbors) > 1.8
+    assert slices.wavefronts(spread) < 1.4
 
 
 def test_what_was_found_is_not_sought_again():
     sought: list[list[int]] = []
 
-    @memoized
+    @slices.memoized
     def doubled(values: NDArray[np.int64]) -> NDArray[np.int64]:
         sought.append(values.tolist())
         return 2 * values
@@ -566,10 +546,10 @@ def test_what_was_found_is_not_sought_again():
 
 
 def test_an_answer_cannot_be_spoiled_and_only_the_last_are_kept(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(module, "LAST", 2)
+    monkeypatch.setattr(slices, "LAST", 2)
     sought: list[int] = []
 
-    @memoized
+    @slices.memoized
     def same(values: NDArray[np.int64]) -> NDArray[np.int64]:
         sought.append(int(values[0]))
         return values

@@ -22,25 +22,13 @@ from render_stages import new_stage
 from typing_extensions import TypeAliasType
 
 import balloon_warp as bw
-from balloon_warp import (
-    Balloon,
-    BlowUpError,
-    Inflation,
-    InputError,
-    PolygonMesh,
-    Scene,
-    Simulator,
-    advise_step,
-    animate,
-    check_stage,
-    inspect_mesh,
-    load_mesh,
-    load_scene,
-)
+from balloon_warp import InputError, PolygonMesh, Simulator, advise_step, animate, check_stage, inspect_mesh, load_mesh
 from balloon_warp.cli.files import figure_console, print_comparison
+from balloon_warp.errors import BlowUpError
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.mesh.topology import signed_volume, total_area, triangulate
 from balloon_warp.mesh.usd_stage import SCENERY
+from balloon_warp.scene import Balloon, Inflation, Scene, load_scene
 from balloon_warp.scene.load import override_scene
 from balloon_warp.system.api import checked, fits
 from balloon_warp.tools.compare import Comparison, Run, Tile, compare, compose_sheet, parse_choices

@@ -11,17 +11,8 @@ from law_functions import COUNT, adjoint, called, compile_together, difference, 
 from numpy.typing import NDArray
 from own_laws import AT_THE_END, TESTED, drawn, value_of
 
-from balloon_warp.kernels.laws import PARAMETERS, Law
-from balloon_warp.kernels.laws.contact import (
-    BLURRED,
-    NEAR_BODY,
-    PRESSED,
-    Press,
-    meet_sphere,
-    mesh_normal,
-    push_of_ground,
-)
-from balloon_warp.kernels.laws.gas import EMPTY, STANDARD_PRESSURE, amount_when_flat, gas_energy, gas_pressure
+from balloon_warp.kernels.laws import PARAMETERS, Law, contact, gas
+from balloon_warp.kernels.laws.air import ALIKE
 from balloon_warp.kernels.laws.law import LAW_INPUTS, RESULT
 from balloon_warp.kernels.laws.springs import angle_beyond
 from balloon_warp.kernels.laws.touch import CROSSED, crosses, crossing_of
@@ -136,12 +127,32 @@ def test_the_pressure_is_the_slope_of_a_gas_s_energy(gamma: float):
         "gamma": np.full(COUNT, gamma),
     }
     samples = {name: values.astype(np.float32) for name, values in samples.items()}
-    pressure = called(gas_pressure, samples)
-    most_agree(pressure, -difference(gas_energy, samples, "volume"), size_of(pressure))
-    balance = (STANDARD_PRESSURE / samples["air_pressure"]) ** (1.0 / gamma)
+    pressure = called(gas.gas_pressure, samples)
+    most_agree(pressure, -difference(gas.gas_energy, samples, "volume"), size_of(pressure))
+    balance = (gas.STANDARD_PRESSURE / samples["air_pressure"]) ** (1.0 / gamma)
     balanced = samples | {"volume": (samples["free_volume"] * balance).astype(np.float32)}
-    np.testing.assert_allclose(called(gas_energy, balanced), 0.0, atol=0.05)  # a float32's 1e-7 of 1e5 J, twice over
-    np.testing.assert_allclose(called(gas_pressure, balanced), 0.0, atol=0.05)
+    np.testing.assert_allclose(called(gas.gas_energy, balanced), 0.0, atol=0.05)  # 1e-7 of 1e5 J, twice over
+    np.testing.assert_allclose(called(gas.gas_pressure, balanced), 0.0, atol=0.05)
+
+
+@pytest.mark.parametrize("rate", [-0.2, -0.09, -0.05])
+def test_a_gas_that_collapses_in_a_step_has_the_pressure_of_its_end(rate: float):
+    """The volume would fall by `rate`; the pressure slows it to where the gas has that pressure, and rises with more
+    gas as differences say. Warp's functions run in Python."""
+    step_seconds, volume, response, amount = 0.01, 1e-3, 2.4e-4, 1e-4
+
+    def load(free_volume: float) -> NDArray[np.float64]:
+        """Return the load of an isothermal gas at the ground."""
+        swelling, moles_and_free = gas.Swelling(volume, response, rate, 0.0, 0.0), wp.vec2(0.0, free_volume)
+        air = gas.STANDARD_PRESSURE, 293.0, 1.2, ALIKE
+        return np.array(gas.gas_load(swelling, moles_and_free, step_seconds, 1.0, 1.0, 0.004, *air, 9.81), dtype=float)
+
+    pressure, _at_ground, _rise, slope = load(amount)
+    end = volume + step_seconds * (rate + response * pressure)
+    assert end < 0.5 * volume
+    # the end is a small difference of 1e-3 m^3, and the pressure of 1e5 Pa: a float32 has 1e-7 of either
+    assert pressure == pytest.approx(gas.STANDARD_PRESSURE * (amount / end - 1.0), abs=0.5)
+    assert slope == pytest.approx((load(1.05 * amount) - load(0.95 * amount))[0] / (0.1 * amount), rel=1e-2)
 
 
 @pytest.mark.parametrize("law", [law for law in TESTED if law.kind == "hinge"], ids=lambda law: law.name)
@@ -269,8 +280,8 @@ def test_a_flat_balloon_has_a_part_of_the_gas_of_its_volume():
         rng.uniform(200.0, 400.0, COUNT),
     )
     air = np.stack([pressures, temperatures, np.ones(COUNT)], axis=1)
-    found = called(amount_when_flat, {"mesh_volume": volumes, "air": air})
-    np.testing.assert_allclose(found, float(EMPTY) * volumes * pressures / (8.314462618 * temperatures), rtol=1e-6)
+    found = called(gas.amount_when_flat, {"mesh_volume": volumes, "air": air})
+    np.testing.assert_allclose(found, float(gas.EMPTY) * volumes * pressures / (8.314462618 * temperatures), rtol=1e-6)
 
 
 def test_beside_a_mesh_the_normal_is_along_the_arm_where_float32_tells():
@@ -279,23 +290,23 @@ def test_beside_a_mesh_the_normal_is_along_the_arm_where_float32_tells():
     ways = rng.normal(size=(COUNT, 3))
     ways /= np.linalg.norm(ways, axis=1)[:, None]
     reach, far = rng.choice([0.1, 5.0], COUNT), rng.choice([0.5, 2.0], COUNT)
-    arms, side = (far * float(BLURRED) * reach)[:, None] * ways, rng.choice([-1.0, 1.0], COUNT)
-    found = called(mesh_normal, {"arm": arms, "face_normal": across, "side": side, "reach": reach}, "vec3")
+    arms, side = (far * float(contact.BLURRED) * reach)[:, None] * ways, rng.choice([-1.0, 1.0], COUNT)
+    found = called(contact.mesh_normal, {"arm": arms, "face_normal": across, "side": side, "reach": reach}, "vec3")
     np.testing.assert_allclose(found, np.where((far > 1.0)[:, None], side[:, None] * ways, across), atol=1e-6)
 
 
 @wp.func
 def push_by(diagonal: wp.vec3, beside: wp.vec3, change: wp.vec3):
-    press = Press()
+    press = contact.Press()
     for axis in range(3):
-        press[PRESSED + axis + 6] = 0.5
-    press[PRESSED] = diagonal[0]
-    press[PRESSED + 1] = beside[0]
-    press[PRESSED + 2] = beside[1]
-    press[PRESSED + 3] = diagonal[1]
-    press[PRESSED + 4] = beside[2]
-    press[PRESSED + 5] = diagonal[2]
-    return push_of_ground(press, 2.0, wp.vec3(0.36, 0.48, 0.8), change)
+        press[contact.PRESSED + axis + 6] = 0.5
+    press[contact.PRESSED] = diagonal[0]
+    press[contact.PRESSED + 1] = beside[0]
+    press[contact.PRESSED + 2] = beside[1]
+    press[contact.PRESSED + 3] = diagonal[1]
+    press[contact.PRESSED + 4] = beside[2]
+    press[contact.PRESSED + 5] = diagonal[2]
+    return contact.push_of_ground(press, 2.0, wp.vec3(0.36, 0.48, 0.8), change)
 
 
 def test_the_ground_pushes_a_body_by_what_it_and_what_presses_it_gain():
@@ -311,7 +322,7 @@ def test_the_ground_pushes_a_body_by_what_it_and_what_presses_it_gain():
 
 @wp.func
 def excess_at_sphere(start: wp.vec3, way: wp.vec3, radius: float, step_seconds: float):
-    _outward, excess, _out = meet_sphere(start, way, radius, wp.vec3(0.0, 1.0, 0.0), step_seconds)
+    _outward, excess, _out = contact.meet_sphere(start, way, radius, wp.vec3(0.0, 1.0, 0.0), step_seconds)
     return excess
 
 
@@ -322,7 +333,7 @@ def test_a_particle_comes_near_a_sphere_where_twice_its_way_does():
     radius = rng.uniform(0.05, 5.0, COUNT)
     start, way = rng.uniform(-2.0, 2.0, (2, COUNT, 3)) * radius[:, None]
     places = start[:, None] + np.linspace(0.0, 2.0, 20001)[:, None] * way[:, None]
-    near = np.linalg.norm(places, axis=2).min(axis=1) < float(NEAR_BODY) * radius
+    near = np.linalg.norm(places, axis=2).min(axis=1) < float(contact.NEAR_BODY) * radius
     assert 5 < near.sum() < COUNT - 5
     told = {"start": start, "way": way, "radius": radius, "step_seconds": np.full(COUNT, 0.25)}
     found, away = called(excess_at_sphere, told), np.linalg.norm(start, axis=1)
@@ -331,11 +342,10 @@ def test_a_particle_comes_near_a_sphere_where_twice_its_way_does():
     assert (found[~near] < -1e9).all()
 
 
-OTHERS = (gas_pressure, gas_energy, angle_beyond, rubs, amount_when_flat, push_by, excess_at_sphere)
+OTHERS = (gas.gas_pressure, gas.gas_energy, angle_beyond, rubs, gas.amount_when_flat, push_by, excess_at_sphere)
 compile_together(
-    "laws",
     {law.force: RESULT[law.kind].replace("float", "float32") for law in TESTED}
     | {law.energy: "float32" for law in TESTED if law.energy}
     | dict.fromkeys(OTHERS, "float32")
-    | {mesh_normal: "vec3"},
+    | {contact.mesh_normal: "vec3"}
 )

@@ -311,7 +311,8 @@ def test_taut_quads_of_a_linear_law_are_told_by_sums(mesh: PolygonMesh):
 
 
 ENERGIES_OF_LAWS = dict.fromkeys((law.energy for law in MEMBRANES.values()), "float32")
-compile_together("membranes", ENERGIES_OF_LAWS | {neo_hookean_slopes: "vec3", ogden_slopes: "vec3", power: "float32"})
+OTHERS = {neo_hookean_slopes: "vec3", ogden_slopes: "vec3", power: "float32"}
+compile_together(ENERGIES_OF_LAWS | OTHERS, wp.get_module("membranes"))
 
 
 def counts(mesh: PolygonMesh) -> tuple[int, int, int]:

@@ -16,21 +16,7 @@ from meshes import box, cube, grid, joined, mesh_of, quad_sphere, rings, without
 from pxr import Usd, UsdGeom
 from trajectories import stepped
 
-from balloon_warp import (
-    Balloon,
-    Inflation,
-    InputError,
-    PolygonMesh,
-    Scene,
-    Simulator,
-    Stiffness,
-    animate,
-    build_springs,
-    inspect_mesh,
-    load_mesh,
-    load_scene,
-    run_batch,
-)
+from balloon_warp import InputError, PolygonMesh, Simulator, animate, build_springs, inspect_mesh, load_mesh, run_batch
 from balloon_warp.benchmarks.bad_meshes import ACCEPTED, CUBE, GAS, REFUSED, WARNED, MeshCase, fan_at_an_edge, hub
 from balloon_warp.mesh.load import welded
 from balloon_warp.mesh.obj import write_obj
@@ -39,6 +25,7 @@ from balloon_warp.mesh.thickness import LEAST, relative_thickness
 from balloon_warp.mesh.topology import signed_volume, total_area, vertex_areas
 from balloon_warp.model import plan_model
 from balloon_warp.run.report import coarse_sentence, many_substeps_sentence, predicted_swellings
+from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness, load_scene
 from balloon_warp.scene.around import STRETCH
 from balloon_warp.scene.load import mesh_balloon, override_scene
 from balloon_warp.springs.even import _walls, even_scales, film_tension, springs_across
@@ -210,10 +197,7 @@ def test_a_short_step_is_explained(mesh: PolygonMesh, overrides: dict, why: str)
 @pytest.mark.parametrize(
     ("mesh", "said"),
     [
-        (
-            quad_sphere(3),
-            "mesh is coarse and shows its faces (56 particles, faces up to 0.27 of its size): ",
-        ),
+        (quad_sphere(3), "mesh is coarse and shows its faces (56 particles, faces up to 0.27 of its size): "),
         (solid_shapes.blocks(), "mesh is coarse"),
         (quad_sphere(8), None),
         (quad_sphere(20), None),

@@ -205,15 +205,9 @@ ALGEBRA.options |= {"enable_backward": True}
 
 @wp.kernel(module=ALGEBRA)
 def in_lanes(
-    vectors: wp.array[Lanes3],
-    numbers: wp.array[Lanes],
-    fives: wp.array[Lanes5],
-    factor: wp.array[float],
-    way: wp.array[wp.vec3],
-    of_vectors: wp.array[Lanes3],
-    of_numbers: wp.array[Lanes],
-    of_fives: wp.array[Lanes5],
-):
+    vectors: wp.array[Lanes3], numbers: wp.array[Lanes], fives: wp.array[Lanes5], factor: wp.array[float],
+    way: wp.array[wp.vec3], of_vectors: wp.array[Lanes3], of_numbers: wp.array[Lanes], of_fives: wp.array[Lanes5],
+):  # fmt: skip
     a = vectors[0]
     b = vectors[1]
     f = numbers[0]
@@ -235,15 +229,9 @@ def in_lanes(
 
 @wp.kernel(module=ALGEBRA)
 def one_by_one(
-    vectors: wp.array2d[wp.vec3],
-    numbers: wp.array2d[float],
-    fives: wp.array3d[float],
-    factor: wp.array[float],
-    way: wp.array[wp.vec3],
-    of_vectors: wp.array2d[wp.vec3],
-    of_numbers: wp.array2d[float],
-    of_fives: wp.array3d[float],
-):
+    vectors: wp.array2d[wp.vec3], numbers: wp.array2d[float], fives: wp.array3d[float], factor: wp.array[float],
+    way: wp.array[wp.vec3], of_vectors: wp.array2d[wp.vec3], of_numbers: wp.array2d[float], of_fives: wp.array3d[float],
+):  # fmt: skip
     lane = wp.tid()
     a = vectors[0, lane]
     b = vectors[1, lane]

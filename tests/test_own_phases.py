@@ -8,39 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import own_phases
 import pytest
 import warp as wp
 from block_layouts import LAYOUTS
 from feature_sets import feature_set
 from meshes import cube, quad_sphere
 from method_scenes import features, with_phase
-from own_phases import (
-    KEEPING,
-    LISTS,
-    Values,
-    add,
-    age,
-    attract,
-    by_numpy,
-    count_substeps,
-    double,
-    follow,
-    halve,
-    heed,
-    lead,
-    list_after,
-    look_aside,
-    release,
-    scribble,
-    slacken,
-    slow,
-    switch,
-    trade,
-    travel,
-    warm,
-    weaken,
-    weigh_spheres,
-)
 from trajectories import ROUNDING, after_frames, arrays, stepped
 
 from balloon_warp import Balloon, Body, Change, Inflation, InputError, Obstacle, Scene, Simulator, Sphere, load_scene
@@ -83,8 +57,8 @@ WARMED = {"balloon.law.warm.weakening": 2e-3, "balloon.law.warm.warming_seconds"
 
 @pytest.fixture
 def listed(monkeypatch: pytest.MonkeyPatch) -> None:
-    list_after(monkeypatch, "push", slow)
-    list_after(monkeypatch, "pull", warm, weaken)
+    own_phases.list_after(monkeypatch, "push", own_phases.slow)
+    own_phases.list_after(monkeypatch, "pull", own_phases.warm, own_phases.weaken)
 
 
 def scene_with(changes: dict[str, Any]) -> Scene:
@@ -132,8 +106,8 @@ def kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, schedule: str) -> None
     (code,) = (each for each in blocks if "keeps=" in each)
     (tmp_path / f"docs_{schedule}.py").write_text(f"{IMPORTS}\n{code}", encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
-    list_after(monkeypatch, "push", import_module(f"docs_{schedule}").slow)
-    list_after(monkeypatch, "roll", travel, count_substeps)
+    own_phases.list_after(monkeypatch, "push", import_module(f"docs_{schedule}").slow)
+    own_phases.list_after(monkeypatch, "roll", own_phases.travel, own_phases.count_substeps)
 
 
 def test_the_phase_of_the_docs_moves_the_energy_that_it_takes_into_heat(kept, schedule, device):
@@ -158,7 +132,7 @@ def test_blocks_of_any_layout_keep_values(layout, listed, monkeypatch):
         np.testing.assert_allclose(found[name], expected[name], rtol=1e-6, atol=ROUNDING)
 
 
-@pytest.mark.parametrize("phase", [slow, warm], ids=lambda phase: phase.name)
+@pytest.mark.parametrize("phase", [own_phases.slow, own_phases.warm], ids=lambda phase: phase.name)
 def test_a_phase_is_in_the_table_of_methods_and_in_scenes_of_every_schedule_because_it_is_listed(phase, listed):
     scenes = of_phase(phase).scene(), with_phase(phase)
     assert all(f"phase {phase.name}" in features(build_model(scene, "cpu")) for scene in scenes)
@@ -235,8 +209,8 @@ def test_a_solver_that_does_not_have_a_phase_says_so(listed):
 def test_a_phase_that_lets_gas_out_makes_it_change(count, monkeypatch, schedule, device):
     """Amounts follow the implicit steps n / (1 + h r) while the valve is open, from the second substep on, though no
     pump, neck or leak says that the gas changes; the second balloon's stays shut."""
-    list_after(monkeypatch, "pump", release)
-    list_after(monkeypatch, "find_volume_rate", switch)
+    own_phases.list_after(monkeypatch, "pump", own_phases.release)
+    own_phases.list_after(monkeypatch, "find_volume_rate", own_phases.switch)
     gas = Inflation(kind="gas", start_pressure=400.0)
     balls = [Balloon(mesh=quad_sphere(4, 0.5), inflation=gas, position=(2.0 * n, 0.0, 0.0)) for n in range(count)]
     scene = Scene(balloon=balls, gravity=0.0, substeps=16, frames=4, touch=False)
@@ -258,7 +232,7 @@ def test_a_phase_that_lets_gas_out_makes_it_change(count, monkeypatch, schedule,
 def test_old_skin_is_weak_at_both_ends_of_a_spring(monkeypatch, schedule, device):
     """Forces by what both ends keep add up to nothing, and schedules agree: a stretched ball relaxes less, once its age
     passes the limit."""
-    list_after(monkeypatch, "pull", age, slacken)
+    own_phases.list_after(monkeypatch, "pull", own_phases.age, own_phases.slacken)
     large = quad_sphere(3, 0.5)
     skin = Balloon(mesh=large, inflation=Inflation(pressure=20.0), mass=0.2, damping=0.5)
     scene = Scene(balloon=[skin], gravity=0.0, substeps=16, frames=8)
@@ -288,7 +262,7 @@ def test_spheres_and_worlds_keep_values(kept, schedule, device):
 @pytest.mark.parametrize("contact", [pytest.param("penalty", marks=pytest.mark.full), "impulse"])
 def test_a_phase_pushes_spheres_whatever_their_contact(contact, monkeypatch, schedule, device):
     """Spheres and the balloon that they attract conserve momentum, also while a sphere hits it and exchanges some."""
-    list_after(monkeypatch, "take", attract)
+    own_phases.list_after(monkeypatch, "take", own_phases.attract)
     rest = Balloon(mesh=quad_sphere(4, 0.5), inflation=Inflation(k_normal=0.0), damping=0.0)
     hits = {"position": (0.0, 0.9, 0.0), "velocity": (0.0, -8.0, 0.0)} if contact == "impulse" else {}
     struck = Sphere(**{"position": (0.0, 1.5, 0.0), "mass": 0.5, "radius": 0.3} | hits)
@@ -315,7 +289,7 @@ def test_a_phase_pushes_spheres_whatever_their_contact(contact, monkeypatch, sch
 def test_a_phase_pushes_a_body(monkeypatch, schedule, device):
     """A body and a balloon that pull each other keep their momentum, and come together as two masses on a spring:
     x' = -r w sin(w t), w^2 = k / M + k / m, within the 3 % of its first order in w h."""
-    list_after(monkeypatch, "take", lead)
+    own_phases.list_after(monkeypatch, "take", own_phases.lead)
     rest = Balloon(mesh=quad_sphere(4, 0.5), inflation=Inflation(k_normal=0.0), damping=0.0, mass=0.5)
     body = Body(shape="box", size=(0.2, 0.2, 0.2), mass=0.4, position=(3.0, 0.0, 0.0))
     scene = Scene(balloon=[rest], body=[body], gravity=0.0, substeps=16, frames=12, touch=False)
@@ -331,7 +305,7 @@ def test_a_phase_pushes_a_body(monkeypatch, schedule, device):
 
 
 def test_a_phase_that_writes_what_has_no_name_is_refused(monkeypatch, device):
-    list_after(monkeypatch, "pull", scribble)
+    own_phases.list_after(monkeypatch, "pull", own_phases.scribble)
     scene = Scene(balloon=[Balloon(mesh=quad_sphere(2), inflation=Inflation(k_normal=0.2))], gravity=0.0)
     with pytest.raises(TypeError, match=r"^phase scribble: writes `springs.valences`, which has no name; expected"):
         Simulator(scene, device)
@@ -339,17 +313,20 @@ def test_a_phase_that_writes_what_has_no_name_is_refused(monkeypatch, device):
 
 def test_a_barrier_stands_before_who_reads_what_others_have_got(monkeypatch):
     """A phase that reads sums on spheres waits for all particles that add to them; one that does not goes on."""
-    list_after(monkeypatch, "take", attract, weigh_spheres, slow)
+    own_phases.list_after(monkeypatch, "take", own_phases.attract, own_phases.weigh_spheres, own_phases.slow)
     features = model_features(build_model(SCENE, "cpu"))
-    pieces = [cut([attract, each], features, GATHERED).pieces for each in (weigh_spheres, slow)]
+    pieces = [
+        cut([own_phases.attract, each], features, GATHERED).pieces
+        for each in (own_phases.weigh_spheres, own_phases.slow)
+    ]
     assert [[phase.name for phase in piece.phases] for piece in pieces[0]] == [["attract"], ["weigh_spheres"]]
     assert [[phase.name for phase in piece.phases] for piece in pieces[1]] == [["attract", "slow"]]
 
 
 def test_a_phase_named_like_a_value_is_refused(listed):
-    twin = dataclasses.replace(slow, name="velocity")
+    twin = dataclasses.replace(own_phases.slow, name="velocity")
     with pytest.raises(TypeError, match="the phase velocity is named like what another reads; expected a name of its"):
-        cut([slow, twin], model_features(build_model(SCENE, "cpu")), GATHERED)
+        cut([own_phases.slow, twin], model_features(build_model(SCENE, "cpu")), GATHERED)
 
 
 DOCS = Path(__file__).parent.parent / "docs"
@@ -362,11 +339,11 @@ def model(request: pytest.FixtureRequest) -> Model:
     return build_model(Scene(balloon=[Balloon(mesh=mesh) for mesh in meshes], touch=False), "cpu", 3)
 
 
-def at_random(model: Model) -> tuple[State, Values]:
+def at_random(model: Model) -> tuple[State, own_phases.Values]:
     """Return a random state of worlds that differ, and its values."""
     rng = np.random.default_rng(2)
     shape = (model.world_count, model.particle_count, 3)
-    have: Values = {name: rng.uniform(-1.0, 1.0, shape).astype(np.float32) for name in ("point", "velocity")}
+    have: own_phases.Values = {name: rng.uniform(-1.0, 1.0, shape).astype(np.float32) for name in ("point", "velocity")}
     state = initial_state(model)
     state.points, state.velocities = (wp.array(each, dtype=wp.vec3, device="cpu") for each in have.values())
     have |= {"trace": np.full(shape[:2], 1.0), "height": np.full((shape[0], model.face_count), 2.0)}
@@ -376,18 +353,18 @@ def at_random(model: Model) -> tuple[State, Values]:
 
 def features_of(model: Model) -> Features:
     """Return features of a model with state for these phases."""
-    return model_features(model)._replace(keeps=tuple(kept for each in KEEPING for kept in each.kept))
+    return model_features(model)._replace(keeps=tuple(kept for each in own_phases.KEEPING for kept in each.kept))
 
 
 def assert_done(
-    phases: Sequence[Phase], model: Model, have: Values, now: Sequence[wp.array], kept: dict[str, wp.array]
+    phases: Sequence[Phase], model: Model, have: own_phases.Values, now: Sequence[wp.array], kept: dict[str, wp.array]
 ) -> None:
     """Require the result of three substeps of the phases."""
     first = model.face_particles.numpy()[model.face_offsets.numpy()[:-1]]
     for _ in range(3):
         for each in phases:
             if not each.light:
-                by_numpy(each.name, have, np.asarray(model.particle_offsets), first)
+                own_phases.by_numpy(each.name, have, np.asarray(model.particle_offsets), first)
     for found, name in zip((*now, *kept.values()), ("point", "velocity", *kept), strict=True):
         size = np.abs(have[name]).max()
         np.testing.assert_allclose(found.numpy(), have[name], atol=4e-6 * size)  # float32, sums of thousands among them
@@ -395,7 +372,7 @@ def assert_done(
 
 @pytest.mark.full
 @pytest.mark.parametrize("doubles", [True, False], ids=["two places", "barriers"])
-@pytest.mark.parametrize("phases", LISTS, ids=lambda phases: " ".join(each.name for each in phases))
+@pytest.mark.parametrize("phases", own_phases.LISTS, ids=lambda phases: " ".join(each.name for each in phases))
 def test_a_list_does_what_its_phases_do_one_after_the_other(phases, doubles, model):
     features = features_of(model)
     step = cut(phases, features, GATHERED, doubles=doubles)
@@ -410,7 +387,7 @@ def test_a_list_does_what_its_phases_do_one_after_the_other(phases, doubles, mod
 
 @pytest.mark.full
 @pytest.mark.parametrize("schedule", [LanesSchedule, OctetsSchedule], ids=["lanes", "octets"])
-@pytest.mark.parametrize("phases", LISTS, ids=lambda phases: " ".join(each.name for each in phases))
+@pytest.mark.parametrize("phases", own_phases.LISTS, ids=lambda phases: " ".join(each.name for each in phases))
 def test_eight_side_by_side_do_the_same(phases, schedule, model):
 
     class OfPhases(schedule):
@@ -427,7 +404,7 @@ def test_eight_side_by_side_do_the_same(phases, schedule, model):
 
 def test_what_nothing_writes_is_refused_by_name(model):
     with pytest.raises(TypeError, match="a phase reads seen, which nothing before it writes"):
-        source_of(cut((follow,), model_features(model), GATHERED))
+        source_of(cut((own_phases.follow,), model_features(model), GATHERED))
 
 
 def test_a_phase_that_looks_at_what_others_have_moved_waits_for_them(model):
@@ -435,11 +412,11 @@ def test_a_phase_that_looks_at_what_others_have_moved_waits_for_them(model):
         step = cut(phases, model_features(model), GATHERED, **how)
         return [[each.name for each in piece.phases] for piece in step.pieces]
 
-    assert names((look_aside, follow)) == [["look_aside", "follow"]]
-    assert names((look_aside, follow), doubles=False) == [["look_aside"], ["follow"]]
-    assert names((trade, look_aside, follow)) == [["trade"], ["look_aside", "follow"]]
-    assert names((look_aside, follow), apart=("follow",)) == [["look_aside"], ["follow"]]
-    assert names((add, halve, double, heed)) == [["add", "halve"], ["heed"]]
+    assert names((own_phases.look_aside, own_phases.follow)) == [["look_aside", "follow"]]
+    assert names((own_phases.look_aside, own_phases.follow), doubles=False) == [["look_aside"], ["follow"]]
+    assert names((own_phases.trade, own_phases.look_aside, own_phases.follow)) == [["trade"], ["look_aside", "follow"]]
+    assert names((own_phases.look_aside, own_phases.follow), apart=("follow",)) == [["look_aside"], ["follow"]]
+    assert names((own_phases.add, own_phases.halve, own_phases.double, own_phases.heed)) == [["add", "halve"], ["heed"]]
 
 
 def test_phases_of_a_step_have_names_of_their_own():

@@ -20,16 +20,7 @@ from balloon_warp.mesh.obj import MOST_GROUPS, read_obj, write_obj
 from balloon_warp.mesh.topology import mesh_edges, vertex_components
 from balloon_warp.model.shape import shape_balloon
 from balloon_warp.scene.around import pinned_at_borders
-from balloon_warp.springs.even import (
-    BRACED,
-    EACH,
-    LEAST_TIED,
-    TIED,
-    balloon_springs,
-    nearest_elsewhere,
-    spread,
-    tie_pairs,
-)
+from balloon_warp.springs import even
 
 BALL = quad_sphere(8)
 FINE = quad_sphere(24)
@@ -79,7 +70,7 @@ LEVERS = {"cubes far apart": 5e-3, "rungs between rails": 5e-3}
 @pytest.mark.parametrize("name", PARTS)
 def test_ties_are_few_and_hold_parts_against_motion_and_rotation(name: str) -> None:
     mesh = PARTS[name]
-    pairs = tie_pairs(mesh)
+    pairs = even.tie_pairs(mesh)
     eigenvalues = stiffness_of_parts(mesh, pairs)
     assert eigenvalues[5] < 1e-9  # all move and turn together
     assert eigenvalues[6] > LEVERS.get(name, 0.1)  # of one spring's constant
@@ -87,50 +78,50 @@ def test_ties_are_few_and_hold_parts_against_motion_and_rotation(name: str) -> N
     assert (component[pairs[:, 0]] != component[pairs[:, 1]]).all()
     assert len(np.unique(pairs, axis=0)) == len(pairs)
     # Rounds have half as many parts each: twice as many in all; each with its ties and a brace.
-    assert len(pairs) <= 2 * len(np.unique(component)) * (TIED * EACH + BRACED**2)
+    assert len(pairs) <= 2 * len(np.unique(component)) * (even.TIED * even.EACH + even.BRACED**2)
     for part in np.unique(component):  # each has some with as many ties as they are to have, however far those are
         there = np.flatnonzero(component == part)
         elsewhere = len(mesh.points) - len(there)
-        full = np.bincount(pairs.ravel(), minlength=len(mesh.points))[there] >= min(EACH, elsewhere)
-        assert full.sum() >= min(LEAST_TIED, len(there))
-    np.testing.assert_array_equal(tie_pairs(mesh), pairs)
+        full = np.bincount(pairs.ravel(), minlength=len(mesh.points))[there] >= min(even.EACH, elsewhere)
+        assert full.sum() >= min(even.LEAST_TIED, len(there))
+    np.testing.assert_array_equal(even.tie_pairs(mesh), pairs)
 
 
 def test_ties_that_hold_firmly_need_no_brace() -> None:
     """Cubes apart have sixteen, from each of four corners to each of the other's four; braces would be nine more."""
-    assert len(tie_pairs(PARTS["cubes apart"])) == EACH * LEAST_TIED
+    assert len(even.tie_pairs(PARTS["cubes apart"])) == even.EACH * even.LEAST_TIED
 
 
 def test_ties_are_structural_springs_at_rest() -> None:
     mesh = PARTS["balls in a row"]
-    springs, own = balloon_springs(mesh, "held"), build_springs(mesh)
-    assert springs.structural_count == own.structural_count + len(tie_pairs(mesh))
+    springs, own = even.balloon_springs(mesh, "held"), build_springs(mesh)
+    assert springs.structural_count == own.structural_count + len(even.tie_pairs(mesh))
     assert (springs.shear_count, springs.flexion_count) == (own.shear_count, own.flexion_count)
     rows = np.column_stack([springs.kind, springs.pairs]).tolist()
     assert rows == sorted(rows)
     lengths = np.linalg.norm(np.diff(mesh.points[springs.pairs], axis=1)[:, 0], axis=1)
     np.testing.assert_array_equal(springs.rest_lengths, lengths)
     assert (springs.pairs.dtype, springs.kind.dtype) == (np.int32, np.int32)
-    np.testing.assert_array_equal(balloon_springs(mesh, "free").pairs, own.pairs)
-    assert len(tie_pairs(BALL)) == 0
-    assert balloon_springs(mesh_of(cube().points, [[0, 1], [2, 3]]), "held").count == 2  # a net
+    np.testing.assert_array_equal(even.balloon_springs(mesh, "free").pairs, own.pairs)
+    assert len(even.tie_pairs(BALL)) == 0
+    assert even.balloon_springs(mesh_of(cube().points, [[0, 1], [2, 3]]), "held").count == 2  # a net
 
 
 @pytest.mark.parametrize("count", [2, 3, 7, 32])
 def test_the_nearest_of_another_label_is_found_and_points_are_spread(count: int) -> None:
     points, labels = np.random.default_rng(count).normal(size=(200, 3)), np.arange(200) % count
-    nearest, distances = nearest_elsewhere(points, labels)
+    nearest, distances = even.nearest_elsewhere(points, labels)
     between = np.linalg.norm(points[:, None] - points, axis=2)
     between[labels[:, None] == labels] = np.inf
     np.testing.assert_array_equal(nearest, between.argmin(axis=1))
     np.testing.assert_allclose(distances, between.min(axis=1), rtol=1e-12)
-    assert spread(np.arange(9.0)[:, None] * [1.0, 0.0, 0.0], 3).tolist() == [0, 8, 4]
-    assert spread(np.zeros((5, 3)), 3).tolist() == [0]
+    assert even.spread(np.arange(9.0)[:, None] * [1.0, 0.0, 0.0], 3).tolist() == [0, 8, 4]
+    assert even.spread(np.zeros((5, 3)), 3).tolist() == [0]
 
 
 def test_no_loop_goes_over_particles() -> None:
     few, many = (joined(ball, at(ball, (2.5, 0, 0))) for ball in (BALL, FINE))
-    assert lines_executed(lambda: tie_pairs(many)) <= 1.5 * lines_executed(lambda: tie_pairs(few))
+    assert lines_executed(lambda: even.tie_pairs(many)) <= 1.5 * lines_executed(lambda: even.tie_pairs(few))
 
 
 @pytest.mark.full

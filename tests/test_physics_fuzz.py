@@ -119,7 +119,7 @@ WRONG: dict[str, tuple[str, dict[str, Callable[[Any], Any]]]] = {
     "keeps_angular_momentum": ("springs", {"velocities": lambda v: v * (1.0, 1.01, 0.99) + np.roll(v, 1, axis=0)}),
     "keeps_gas": ("gas", {"gas_amounts": lambda n: 1.001 * n}),
     "follows_boyle": ("gas", {"pressures": lambda p: p + 1013.0}),
-    "stays_outside": ("spheres", {"points": lambda x: x - (0.0, 2.0 * np.abs(x).max(), 0.0)}),
+    "stays_outside": ("bodies", {"points": lambda x: x - (0.0, 2.0 * np.abs(x).max(), 0.0)}),
     "tells_contact_forces": ("spheres", {"contact_forces": lambda f: f + 1.0e9}),
 }
 """Kinds of scenes in which properties of one run are checked, and changes of states that break them"""

@@ -23,26 +23,13 @@ import numpy as np
 import pytest
 import warp as wp
 import yaml
-from commands import status_of
+from commands import contents, status_of
 from meshes import cube, quad_sphere
 from painted import atlas, write_obj_cube, write_painted
 from PIL import Image
 from pxr import Sdf, Usd
 
-from balloon_warp import (
-    Balloon,
-    Cluster,
-    InputError,
-    Material,
-    Obstacle,
-    Scene,
-    WorkersLostError,
-    animate,
-    design,
-    load_scene,
-    repeat_batch,
-    run_batch,
-)
+from balloon_warp import Balloon, Cluster, InputError, Scene, WorkersLostError, animate, design, repeat_batch, run_batch
 from balloon_warp.farm import cluster
 from balloon_warp.farm.workers import begin_children, start_child, worker_environments
 from balloon_warp.lab.fit.fit import Journal
@@ -50,6 +37,7 @@ from balloon_warp.mesh.obj import write_obj
 from balloon_warp.run import report
 from balloon_warp.run.checkpoints import WAITING, Background
 from balloon_warp.run.report import hash_of_file
+from balloon_warp.scene import Material, Obstacle, load_scene
 from balloon_warp.scene.write import write_scene
 from balloon_warp.studio import render
 from balloon_warp.studio.animate import RequestedOutputs
@@ -307,10 +295,6 @@ def own_folder(tmp_path: Path, made_stage: Path, monkeypatch: pytest.MonkeyPatch
     write_painted(tmp_path, "obj")
     (tmp_path / "film.usdc").write_bytes(made_stage.read_bytes())
     return tmp_path
-
-
-def contents(own_folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(own_folder)): path.read_bytes() for path in own_folder.rglob("*") if path.is_file()}
 
 
 @pytest.mark.parametrize(

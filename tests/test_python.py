@@ -182,10 +182,7 @@ def test_step_and_advance_take_frames():
     ("fields", "doubt"),
     [
         ({"gravity": -9.81}, "gravity: -9.81 m/s2 pulls up, since positive is down; meant 9.81?"),
-        (
-            {"helium": 14000.0},
-            "mesh: helium accelerates upward by 14000 m/s2? 11.8 lets it rise slowly",
-        ),
+        ({"helium": 14000.0}, "mesh: helium accelerates upward by 14000 m/s2? 11.8 lets it rise slowly"),
     ],
 )
 def test_signs_and_sizes_that_others_have_are_asked_back(fields: dict[str, float], doubt: str):

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 import warp as wp
-from feature_sets import feature_set
+from feature_sets import GROUND, feature_set, varied
 from gradient_losses import far
 from gradient_scenes import CASES
 from meshes import box, grid, joined, mesh_of, quad_sphere
@@ -81,17 +81,22 @@ SHORT = 4
 
 
 def test_worlds_that_share_the_ground_move_as_one_does(device: str):
-    """A ball falls on one that lies on the ground, of which all worlds read one row."""
-    balls = [Sphere(position=(0.02, y, 0.0), radius=0.2, mass=1.0, restitution=0.5) for y in (0.7, 0.21)]
-    scene = Scene(balloon=[Balloon(mesh=quad_sphere(2), position=(0.0, 5.0, 0.0))], sphere=balls, ground=Ground())
-    alone, beside = (Simulator(scene, device, worlds, schedule="gather") for worlds in (1, 3))
+    """A ball falls on one that lies on the ground, of which all worlds read one row, far below balloons."""
+    still = {"velocity": (0.0, 0.0, 0.0), "angular_velocity": (0.0, 0.0, 0.0), "restitution": 0.5}
+    balls = [still | {"position": (0.02, 0.26, 0.0)}, still | {"position": (0.0, -0.245, 0.0)}]
+    places = {f"sphere.{n}.{name}": value for n, ball in enumerate(balls) for name, value in ball.items()}
+    places |= {f"balloon.{n}.position": (0.0, 9.0 * (n + 1.0), 0.0) for n in range(2)}
+    scene = varied("paper", places)
+    alone, beside = (Simulator(scene, device, worlds, schedule="scatter") for worlds in (1, 3))
     for simulator in (alone, beside):
         for _ in range(24):
             simulator.step_unread()
     for name in ("sphere_positions", "sphere_velocities", "sphere_spins"):
         expected, found = (getattr(each.state, name).numpy() for each in (alone, beside))
         np.testing.assert_array_equal(found, np.broadcast_to(expected, found.shape))
-    assert alone.state.sphere_positions.numpy()[0, 1, 1] > 0.1999
+    heights, radii = alone.state.sphere_positions.numpy()[0, :, 1], [ball.radius for ball in scene.sphere]
+    assert heights[1] > GROUND["height"] + radii[1] - 1e-4
+    assert np.abs(alone.state.sphere_velocities.numpy()).max() > 1e-3
 
 
 @pytest.fixture

@@ -47,19 +47,6 @@ from balloon_warp.mesh.load import with_looks_of
 from balloon_warp.mesh.obj import read_obj, write_obj
 from balloon_warp.mesh.polygon_mesh import Look, Looks
 from balloon_warp.mesh.surface_nets import MeshDistance, extract, surface_nets, unfolded
-from balloon_warp.mesh.topology import (
-    component_count,
-    face_centers,
-    flipped,
-    genus,
-    inconsistent_edges,
-    is_closed,
-    is_manifold,
-    mesh_edges,
-    signed_volume,
-    total_area,
-    triangulate,
-)
 from balloon_warp.model.obstacles import MOST_SAMPLES, ObstacleShape, is_thin, sample, shape_obstacle
 from balloon_warp.scenes.models import MODELS, make_model
 from balloon_warp.tools.remesh import infidelity
@@ -73,13 +60,13 @@ def test_sphere_lies_on_its_distance_of_even_quads() -> None:
     # float64 Newton steps on an exact distance
     assert np.abs(sphere_distance(mesh.points)).max() < 1e-12
     # Chords of a tenth of the radius: the relative loss is about (0.1)^2 / 4 in volume, half of that in area.
-    assert signed_volume(mesh) == pytest.approx(4.0 / 3.0 * np.pi, rel=5e-3)
-    assert signed_volume(mesh) < 4.0 / 3.0 * np.pi
-    assert total_area(mesh) == pytest.approx(4.0 * np.pi, rel=3e-3)
+    assert topology.signed_volume(mesh) == pytest.approx(4.0 / 3.0 * np.pi, rel=5e-3)
+    assert topology.signed_volume(mesh) < 4.0 / 3.0 * np.pi
+    assert topology.total_area(mesh) == pytest.approx(4.0 * np.pi, rel=3e-3)
     lengths = edge_lengths(mesh)
     # Before relaxation the ratio is 2.5; with valences from 3 to 6 it comes to 1.6.
     assert lengths.max() / lengths.min() < 1.75
-    valence = np.bincount(mesh_edges(mesh).ends.ravel())
+    valence = np.bincount(topology.mesh_edges(mesh).ends.ravel())
     assert (valence.min(), valence.max() <= 6) == (3, True)
     mirrored = mesh.points * [-1.0, 1.0, 1.0]
     # The symmetry of the distance is kept: Warp places the first vertices in float32.
@@ -107,7 +94,7 @@ def test_torus_has_genus_one() -> None:
     assert_closed_quads(mesh, holes_through=1)
     assert_none_folded(mesh)
     # As on the sphere, the chord loss about a circle of 0.4: (0.1 / 0.4)^2 / 12 in area of its section, twice at most.
-    assert signed_volume(mesh) == pytest.approx(2.0 * np.pi**2 * 0.4**2, rel=1.5e-2)
+    assert topology.signed_volume(mesh) == pytest.approx(2.0 * np.pi**2 * 0.4**2, rel=1.5e-2)
 
 
 def test_every_edge_has_two_faces_whatever_the_samples() -> None:
@@ -115,10 +102,10 @@ def test_every_edge_has_two_faces_whatever_the_samples() -> None:
     for axis in range(3):
         np.moveaxis(values, axis, 0)[[0, -1]] = 1.0
     mesh = extract(values, np.zeros(3), 1.0)
-    edges = mesh_edges(mesh)
+    edges = topology.mesh_edges(mesh)
     assert mesh.face_count > 1000
     assert (edges.face_counts == 2).all()
-    assert is_manifold(mesh, edges)
+    assert topology.is_manifold(mesh, edges)
 
 
 CELLS = 24
@@ -182,7 +169,7 @@ def test_remeshed_ball(device: str) -> None:
     assert mesh.warnings == ()
     # The icosphere's own faces lie up to 0.1 % inside the sphere.
     assert np.abs(sphere_distance(mesh.points)).max() < 1.5e-3
-    assert signed_volume(mesh) == pytest.approx(4.0 / 3.0 * np.pi, rel=1e-2)
+    assert topology.signed_volume(mesh) == pytest.approx(4.0 / 3.0 * np.pi, rel=1e-2)
 
 
 @pytest.mark.full
@@ -195,7 +182,7 @@ def test_cells_are_the_quads_along_the_longest_side() -> None:
 
 @pytest.mark.full
 def test_hole_is_closed_by_a_membrane() -> None:
-    mesh = remesh(without(ball(), face_centers(ball())[:, 1] > 0.8), CELLS)
+    mesh = remesh(without(ball(), topology.face_centers(ball())[:, 1] > 0.8), CELLS)
     assert_closed_quads(mesh)
     assert_none_folded(mesh)
     # A membrane between the flat one, at 0.8, and the missing cap, up to half a cell of slack.
@@ -212,10 +199,10 @@ def test_loose_and_flipped_triangles_make_one_skin() -> None:
     corners = whole.points[whole.face_vertex_indices].reshape(-1, 3, 3)
     corners = corners.mean(axis=1, keepdims=True) + 0.99 * (corners - corners.mean(axis=1, keepdims=True))
     assert_closed_quads(remesh(mesh_of(corners, np.arange(3 * whole.face_count).reshape(-1, 3).tolist()), CELLS))
-    mesh = remesh(flipped(whole, np.arange(whole.face_count) % 3 == 0), CELLS)
+    mesh = remesh(topology.flipped(whole, np.arange(whole.face_count) % 3 == 0), CELLS)
     assert_closed_quads(mesh)
-    assert signed_volume(mesh) == pytest.approx(4.0 / 3.0 * np.pi, rel=1e-2)
-    assert_closed_quads(remesh(flipped(whole, np.ones(whole.face_count, dtype=bool)), CELLS))
+    assert topology.signed_volume(mesh) == pytest.approx(4.0 / 3.0 * np.pi, rel=1e-2)
+    assert_closed_quads(remesh(topology.flipped(whole, np.ones(whole.face_count, dtype=bool)), CELLS))
 
 
 def test_sheet_becomes_a_slab_and_a_wedge_keeps_its_edge_thin() -> None:
@@ -344,7 +331,7 @@ def test_real_meshes(name: str) -> None:
 def standing_out(surface: PolygonMesh, made: PolygonMesh, cells: int) -> float:
     """Return the largest distance of a vertex of the surface outside of the result [cells]."""
     cell = float(np.ptp(surface.points, axis=0).max()) / cells
-    distance = MeshDistance(made.points / cell, triangulate(made)[0], thickness=0.0)
+    distance = MeshDistance(made.points / cell, topology.triangulate(made)[0], thickness=0.0)
     return float(distance(surface.points / cell).max())
 
 
@@ -370,7 +357,7 @@ KEPT = {
         f"plate {size} cells thick": (partial(box, (0.0, 0.0, 0.0), (1.0, 0.6, size / 24), (24, 12, 1)), 24, None, 0.1)
         for size in (0.05, 0.5, 1.2)
     },
-    "patches with cracks": (patches, 16, signed_volume(quad_sphere(8, 0.5)), 0.05),
+    "patches with cracks": (patches, 16, topology.signed_volume(quad_sphere(8, 0.5)), 0.05),
 }
 """mesh, cells, volume, if it is not the mesh's own, and its tolerance"""
 
@@ -382,7 +369,7 @@ def test_volume_is_kept(make: Callable[[], PolygonMesh], cells: int, volume: flo
     assert_closed_quads(made)
     assert_none_folded(made)
     assert [each for each in made.warnings if "became one part" not in each] == []
-    assert signed_volume(made) == pytest.approx(volume or signed_volume(make()), rel=tolerance)
+    assert topology.signed_volume(made) == pytest.approx(volume or topology.signed_volume(make()), rel=tolerance)
 
 
 @pytest.mark.full
@@ -391,7 +378,7 @@ def test_ears_and_nose_stay() -> None:
     assert_closed_quads(made)
     assert_none_folded(made)
     assert standing_out(head(), made, 32) < 0.5
-    assert signed_volume(made) == pytest.approx(signed_volume(head()), rel=0.02)
+    assert topology.signed_volume(made) == pytest.approx(topology.signed_volume(head()), rel=0.02)
 
 
 def test_corners_of_a_box_stay() -> None:
@@ -451,7 +438,7 @@ def test_sheets_one_behind_the_other_are_closed() -> None:
     square = mesh_of([(0, 0, 0), (0, 0, 1), (1, 0, 1), (1, 0, 0)], [[0, 1, 2, 3]])
     made = remesh(joined(*(at(square, (0.0, 0.02 * n, 0.0)) for n in range(9))), 12)
     assert made.face_count > 100
-    assert (mesh_edges(made).face_counts == 2).all()
+    assert (topology.mesh_edges(made).face_counts == 2).all()
 
 
 @pytest.mark.full
@@ -487,7 +474,7 @@ def test_what_is_not_faithful_is_found() -> None:
 
 def within_sides(mesh: PolygonMesh) -> list[tuple[int, tuple[float, ...]]]:
     """Return sides and colors as `seen_sides` does, without faces that go around an edge of the cube."""
-    inner = (np.abs(face_centers(mesh)) > 0.8).sum(axis=1) == 1
+    inner = (np.abs(topology.face_centers(mesh)) > 0.8).sum(axis=1) == 1
     return [each for each, is_inner in zip(seen_sides(mesh), inner.tolist(), strict=True) if is_inner]
 
 
@@ -605,11 +592,11 @@ def test_file_is_what_the_script_makes(name: str) -> None:
 @pytest.mark.parametrize("name", [name for name in MODELS if "airbag" not in name])  # sewn of flat squares
 def test_one_closed_skin_of_even_quads(name: str) -> None:
     mesh = bundled(name)
-    edges = mesh_edges(mesh)
+    edges = topology.mesh_edges(mesh)
     assert (mesh.face_vertex_counts == 4).all()
     assert (edges.face_counts == 2).all()
-    assert genus(mesh, edges) == (name == "slot")  # its hole; None where the mesh is not manifold
-    assert (component_count(mesh, edges), len(inconsistent_edges(edges))) == (1, 0)
+    assert topology.genus(mesh, edges) == (name == "slot")  # its hole; None where the mesh is not manifold
+    assert (topology.component_count(mesh, edges), len(topology.inconsistent_edges(edges))) == (1, 0)
     assert topology.signed_volume(mesh) > 0.0
     valence = np.bincount(edges.ends.ravel())
     assert (valence.min(), valence.max() <= 6) == (3, True)
@@ -732,7 +719,7 @@ def test_a_small_mesh_stands_as_a_large_one() -> None:
 def test_a_box_is_as_large_as_it_is_simulated_with_round_edges(half: tuple[float, float, float]):
     sides = np.array(half)
     box, normals = beveled_box(sides)
-    assert is_closed(mesh_edges(box))
+    assert topology.is_closed(topology.mesh_edges(box))
     np.testing.assert_allclose([-box.points.min(axis=0), box.points.max(axis=0)], np.tile(sides, (2, 1)), rtol=1e-9)
     # Faces look outward and are flat but for the edges, whose radius is some of the sides.
     radius = 2.0 * min(OF_LARGEST * sides.max(), OF_LEAST * sides.min())

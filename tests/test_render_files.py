@@ -26,23 +26,9 @@ from render_stages import (
 )
 from render_stages import read_stage as read
 
-from balloon_warp import (
-    Balloon,
-    Body,
-    Ground,
-    Inflation,
-    InputError,
-    Material,
-    MissingExtraError,
-    Obstacle,
-    Scene,
-    Simulator,
-    Sphere,
-    bundled_scenes,
-    load_scene,
-    render_stage,
-)
+from balloon_warp import Balloon, Body, Ground, InputError, MissingExtraError, Scene, Simulator, Sphere, render_stage
 from balloon_warp.cli.options import parse_frames, parse_place
+from balloon_warp.scene import Inflation, Material, Obstacle, bundled_scenes, load_scene
 from balloon_warp.scenes.gallery import MOVING, MOVING_SIZE
 from balloon_warp.scenes.gallery import main as make_gallery
 from balloon_warp.steering.observations import WorldCamera

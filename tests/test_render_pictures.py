@@ -15,16 +15,7 @@ from render_stages import LATEX, add_ground, add_mesh, add_sphere, before_camera
 
 from balloon_warp import Balloon, Ground, Scene, load_scene, render_stage
 from balloon_warp.kernels import OPTIONS
-from balloon_warp.kernels.pictures.surfaces import (
-    Hit,
-    Shapes,
-    capsule_distance,
-    sky_share,
-    srgb_byte,
-    thickness_of,
-    tone,
-    wall_of,
-)
+from balloon_warp.kernels.pictures import surfaces
 from balloon_warp.mesh.orientation import CREASE
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.studio.render.render import RayCaster
@@ -406,7 +397,7 @@ def build_walls(
     forth: wp.array[wp.vec3],
 ):
     number = wp.tid()
-    wall = wall_of(color, thickness_of(opacities[number], shrunk[number]), facing[number])
+    wall = surfaces.wall_of(color, surfaces.thickness_of(opacities[number], shrunk[number]), facing[number])
     clear[number] = wall.clear
     back[number] = wall.back
     forth[number] = wall.forth
@@ -510,21 +501,17 @@ wp.set_module_options(OPTIONS)
 
 @wp.kernel
 def measure_capsules(
-    origins: wp.array[wp.vec3],
-    directions: wp.array[wp.vec3],
-    begins: wp.array[wp.vec3],
-    ends: wp.array[wp.vec3],
-    radii: wp.array[float],
-    distances: wp.array[float],
-):
+    origins: wp.array[wp.vec3], directions: wp.array[wp.vec3], begins: wp.array[wp.vec3], ends: wp.array[wp.vec3],
+    radii: wp.array[float], distances: wp.array[float],
+):  # fmt: skip
     ray = wp.tid()
-    distances[ray] = capsule_distance(origins[ray], directions[ray], begins[ray], ends[ray], radii[ray])
+    distances[ray] = surfaces.capsule_distance(origins[ray], directions[ray], begins[ray], ends[ray], radii[ray])
 
 
 @wp.kernel
 def develop_gray(light: wp.array[float], out: wp.array[wp.uint8]):
     step = wp.tid()
-    out[step] = srgb_byte(tone(wp.vec3(light[step]))[1])
+    out[step] = surfaces.srgb_byte(surfaces.tone(wp.vec3(light[step]))[1])
 
 
 def test_rays_meet_capsules_where_marching_finds_them():
@@ -668,13 +655,13 @@ def test_a_crease_between_a_round_and_a_flat_side_has_no_gap():
 @wp.kernel
 def measure_sky(distances: wp.array[float], ground_color: wp.vec3, shares: wp.array[wp.vec3]):
     place = wp.tid()
-    shapes = Shapes()
+    shapes = surfaces.Shapes()
     shapes.has_ground = 1
     shapes.ground_color = ground_color
-    hit = Hit()
+    hit = surfaces.Hit()
     hit.point = wp.vec3(0.0, distances[place], 0.0)
     hit.normal = wp.vec3(0.0, -1.0, 0.0)
-    shares[place] = sky_share(shapes, hit, wp.vec2(0.0, 0.0))
+    shares[place] = surfaces.sky_share(shapes, hit, wp.vec2(0.0, 0.0))
 
 
 def test_what_is_near_dims_the_sky_more_than_what_is_far():

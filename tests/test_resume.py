@@ -18,7 +18,6 @@ from pxr import Usd
 from balloon_warp import Balloon, Change, Ground, Inflation, InputError, Scene, Sphere, String, animate, run_batch
 from balloon_warp.run.checkpoints import differences
 from balloon_warp.usd import stage
-from balloon_warp.usd import stage as usd_stage
 
 FRAMES, STOPPED_AT = 12, 7
 SCENE = Scene(
@@ -102,14 +101,14 @@ def test_ctrl_c_saves_the_frames_so_far_in_a_stage_that_opens(tmp_path):
 
 @pytest.mark.full
 def test_a_checkpoint_waits_for_frames_that_are_still_being_written(tmp_path, monkeypatch):
-    write = usd_stage.StageWriter.write
+    write = stage.StageWriter.write
 
-    def write_slowly(self: usd_stage.StageWriter, frame: Any) -> None:
+    def write_slowly(self: stage.StageWriter, frame: Any) -> None:
         sleep(0.05)
         write(self, frame)
 
     output = tmp_path / "out.usdc"
-    monkeypatch.setattr(usd_stage.StageWriter, "write", write_slowly)
+    monkeypatch.setattr(stage.StageWriter, "write", write_slowly)
     with pytest.raises(KeyboardInterrupt):
         animate(SCENE, output, on_frame=press_ctrl_c)
     monkeypatch.undo()

@@ -18,18 +18,9 @@ from scipy.spatial.transform import Rotation
 from test_mesh_files import add_mesh, move
 from trajectories import stepped
 
-from balloon_warp import (
-    Frame,
-    InputError,
-    PolygonMesh,
-    Simulator,
-    StageWriter,
-    animate,
-    check_stage,
-    export_stage,
-    load_mesh,
-    run_batch,
-)
+from balloon_warp import Frame, Simulator, StageWriter, animate, check_stage, export_stage, load_mesh, run_batch
+from balloon_warp.errors import InputError
+from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.topology import signed_volume
 from balloon_warp.mesh.usd_open import open_stage
 from balloon_warp.mesh.usd_stage import read_motions
@@ -43,6 +34,8 @@ from balloon_warp.studio.render.stage_reader import RenderStage
 from balloon_warp.studio.render.view import frame_action
 
 FRAMES = 4
+BESIDE_A_BALL: dict[str, Any] = {"balloon": [Balloon(mesh=quad_sphere(3, 0.5))], "frames": FRAMES, "faces": False}
+BESIDE_A_BALL |= {"frames_per_second": 30}
 MOTION = [(0.0, (0.0, 0.0, 0.0)), (0.1, (0.5, 0.0, 0.25), (90.0, 0.0, 30.0))]
 PATHS = {
     "obstacles": [f"/World/Obstacles/{name}" for name in ("box", "capsule", "plane", "a_tile", "cap")],
@@ -59,13 +52,7 @@ def obstacles(**fields) -> Scene:
         Obstacle(mesh=cube(), scale=0.3, position=(-2.0, 0.0, 0.0), name="a tile"),
         Obstacle(mesh=grid(2, 2), position=(3.0, 0.0, 0.0), motion=MOTION, name="cap"),
     ]
-    fields = {
-        "balloon": [Balloon(mesh=quad_sphere(3, 0.5))],
-        "obstacle": things,
-        "frames": FRAMES,
-        "faces": False,
-    } | fields
-    return Scene(frames_per_second=30, **fields)
+    return Scene(**BESIDE_A_BALL | {"obstacle": things} | fields)
 
 
 def bodies(**fields) -> Scene:
@@ -76,14 +63,7 @@ def bodies(**fields) -> Scene:
         Body(mesh=quad_sphere(3, 0.5), scale=0.5, position=(0, 3, 0), density=100.0, rotation=(0, 30, 0)),
         Body(mesh=grid(2, 3), position=(0, 5, 0), thickness=0.05),
     ]
-    table = {
-        "balloon": [Balloon(mesh=quad_sphere(3, 0.5))],
-        "body": things,
-        "frames": FRAMES,
-        "frames_per_second": 30,
-        "faces": False,
-    }
-    return Scene(**table | fields)
+    return Scene(**BESIDE_A_BALL | {"body": things} | fields)
 
 
 SCENES = {"obstacles": obstacles, "bodies": bodies}

@@ -18,23 +18,7 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.linalg import eigsh
 
 import balloon_warp as bw
-from balloon_warp import (
-    Atmosphere,
-    Balloon,
-    Inflation,
-    InputError,
-    Material,
-    PolygonMesh,
-    Scene,
-    Simulator,
-    Stiffness,
-    String,
-    advise_step,
-    animate,
-    build_springs,
-    bundled_scenes,
-    load_scene,
-)
+from balloon_warp import Balloon, InputError, PolygonMesh, Scene, Simulator, String, advise_step, animate, build_springs
 from balloon_warp.batch.recorder import units_of
 from balloon_warp.frame_reader import ForceReader
 from balloon_warp.lab import statics as systems
@@ -45,6 +29,7 @@ from balloon_warp.model import Model, build_model, initial_state, plan_model
 from balloon_warp.model.materials import Bounds
 from balloon_warp.model.spectrum import FEW, MARGIN, highest_squared_frequency
 from balloon_warp.model.stability import Network
+from balloon_warp.scene import Atmosphere, Inflation, Material, Stiffness, bundled_scenes, load_scene
 from balloon_warp.scene.load import override_scene
 from balloon_warp.scene.presets import standard_air
 from balloon_warp.scene.write import scene_toml, write_scene

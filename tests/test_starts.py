@@ -11,26 +11,12 @@ from feature_sets import feature_set
 from meshes import cube, joined, mesh_of, open_cube, quad_sphere
 from trajectories import shape_at, stepped
 
-from balloon_warp import InputError, Simulator
+from balloon_warp import Inflation, InputError, Simulator, Stiffness
 from balloon_warp.kernels.steering import let_appear
 from balloon_warp.mesh.topology import signed_volume
 from balloon_warp.model import Vary, plan_model
 from balloon_warp.model.starts import start_velocities
-from balloon_warp.scene import (
-    Balloon,
-    Body,
-    Change,
-    Ground,
-    Inflation,
-    Material,
-    Neck,
-    Obstacle,
-    Scene,
-    Sphere,
-    Stiffness,
-    String,
-    Water,
-)
+from balloon_warp.scene import Balloon, Body, Change, Ground, Material, Neck, Obstacle, Scene, Sphere, String, Water
 from balloon_warp.system.files import write_npz
 
 BALL = Balloon(mesh=quad_sphere(3, 0.5), inflation=Inflation(pressure=5.0), velocity=(0.0, -1.0, 0.0))

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import xarray
 from batches import FRAMES, OFTEN, scene, stop_after
+from commands import contents
 from meshes import cube, quad_sphere
 from numpy.typing import NDArray
 
@@ -43,11 +44,6 @@ def batch(folder: Path, format_: str = "h5", vary: dict[str, Any] = VARY, every:
 
 def manifest(data: Path) -> dict[str, Any]:
     return json.loads((data / "manifest.json").read_text())
-
-
-def files_of(data: Path) -> dict[str, bytes]:
-    """Return the bytes of files, of folders those of the files in them."""
-    return {str(path.relative_to(data)): path.read_bytes() for path in sorted(data.rglob("*")) if path.is_file()}
 
 
 def world_file(data: Path, world: int) -> Path:
@@ -159,7 +155,7 @@ def test_they_do_not_tell_where_they_were_made(format_: str, tmp_path: Path):
         files = TrajectoryFiles(tmp_path / f"data_{number}", format=format_)
         vary = {"balloon.mesh": list(map(str, meshes))}
         run_batch(scene(balloon=[balloon]), home / "out", 2, vary, device="cpu", trajectories=files)
-        made.append(files_of(Path(files.folder)))
+        made.append(contents(Path(files.folder)))
     assert made[0] == made[1]
     assert not any(str(tmp_path).encode() in content for content in made[0].values())
     for world, mesh in enumerate(sorted((tmp_path / "elsewhere").glob("*.obj"))):
@@ -295,7 +291,7 @@ def test_a_batch_that_was_stopped_goes_on_to_the_same_bytes(format_: str, tmp_pa
     notes: list[str] = []
     data = batch(tmp_path / "parts", format_, BLOWS_UP, resume=True, on_note=notes.append)
     assert notes[0].startswith("resuming after frame 3")
-    assert files_of(data) == files_of(whole)
+    assert contents(data) == contents(whole)
 
 
 @pytest.mark.full
@@ -318,7 +314,7 @@ def test_shares_in_any_order_give_the_same_bytes(tmp_path, monkeypatch):
         for _ in range(GAINS_ENERGY.frames + 1):
             output.end_frame()
     trajectories.remove_partial(apart)
-    assert files_of(tmp_path / "apart") == files_of(tmp_path / "alone")
+    assert contents(tmp_path / "apart") == contents(tmp_path / "alone")
     assert manifest(tmp_path / "apart")["restarted"] == ["train/world_000001.h5"]
     restarted = arrays_of(world_file(tmp_path / "apart", 1))
     assert (restarted["health"] == 2).all()
@@ -347,7 +343,7 @@ def test_a_batch_repeats_them(tmp_path):
     files = TrajectoryFiles(tmp_path / "data", every=2, format="npz", seed=4)
     run_batch(ball, tmp_path / "out", 2, {"balloon.mass": [1.0, 2.0]}, device="cpu", trajectories=files)
     repeat_batch(tmp_path / "out" / "manifest.json", tmp_path / "again", trajectories=tmp_path / "more")
-    assert files_of(tmp_path / "more") == files_of(tmp_path / "data")
+    assert contents(tmp_path / "more") == contents(tmp_path / "data")
     run_batch(ball, tmp_path / "bare", 1, device="cpu")
     with pytest.raises(InputError, match=r"manifest\.json: has no trajectories; expected those of a batch with"):
         repeat_batch(tmp_path / "bare" / "manifest.json", tmp_path / "again", trajectories=tmp_path / "none")
@@ -355,10 +351,10 @@ def test_a_batch_repeats_them(tmp_path):
 
 def test_a_failed_batch_leaves_the_good_files(tmp_path):
     data = batch(tmp_path)
-    good = files_of(data)
+    good = contents(data)
     with pytest.raises(RuntimeError, match="stopped"):
         batch(tmp_path, vary={"gravity": [9.0] * WORLDS}, on_frame=stop_after(4))
-    assert files_of(data) == good
+    assert contents(data) == good
 
 
 @pytest.mark.full

@@ -26,19 +26,9 @@ from meshes import quad_sphere as looped_quad_sphere
 from pxr import Usd, UsdGeom, UsdPhysics, UsdShade, UsdValidation
 
 from balloon_warp import Simulator, animate, load_scene
-from balloon_warp.benchmarks import (
-    auto,
-    bound,
-    crowd_rate,
-    export,
-    first_frame,
-    fuzz,
-    health,
-    measure,
-    reading,
-    solvers,
-)
+from balloon_warp.benchmarks import auto, crowd_rate, export, first_frame, fuzz, health, measure, reading, solvers
 from balloon_warp.benchmarks.bad_meshes import MESH_CASES, MeshCase
+from balloon_warp.benchmarks.bound import GATHER_INSTRUCTIONS, bound, gather_bound
 from balloon_warp.benchmarks.cases import CPU_CASES, GPU_CASES, Case, ExportCase, FirstFrameCase, ReadingCase, beside
 from balloon_warp.benchmarks.crowd import CrowdCase
 from balloon_warp.benchmarks.lines import KINDS, folders, house, kinds_of
@@ -191,14 +181,14 @@ def test_a_process_simulates_a_first_frame_or_says_that_it_does_not(tmp_path):
 
 
 def test_gathers_bound_is_the_launch_for_few_particles_and_issue_or_bytes_for_many():
-    assert bound.gather_bound(10, 132, 1.5e-6, obstacles=False) == pytest.approx(10 / 1.5e-6, rel=1e-3)
-    issue = 132 * 128 * 1.98e9 / bound.GATHER_INSTRUCTIONS
-    assert bound.gather_bound(10**8, 132, 1.5e-6, obstacles=False) == pytest.approx(issue, rel=1e-3)
-    assert bound.gather_bound(10**8, 10**4, 1.5e-6, obstacles=False) == pytest.approx(10.1376e12 / 172, rel=1e-3)
-    with_sphere = bound.gather_bound(10**8, 132, 1.5e-6, obstacles=True)
-    assert with_sphere < bound.gather_bound(10**8, 132, 1.5e-6, obstacles=False)
+    assert gather_bound(10, 132, 1.5e-6, obstacles=False) == pytest.approx(10 / 1.5e-6, rel=1e-3)
+    issue = 132 * 128 * 1.98e9 / GATHER_INSTRUCTIONS
+    assert gather_bound(10**8, 132, 1.5e-6, obstacles=False) == pytest.approx(issue, rel=1e-3)
+    assert gather_bound(10**8, 10**4, 1.5e-6, obstacles=False) == pytest.approx(10.1376e12 / 172, rel=1e-3)
+    with_sphere = gather_bound(10**8, 132, 1.5e-6, obstacles=True)
+    assert with_sphere < gather_bound(10**8, 132, 1.5e-6, obstacles=False)
     model = build_model(Case("", "gather", 1, cells=2).scene(), "cpu")
-    assert bound.bound(model, "gather") is None
+    assert bound(model, "gather") is None
 
 
 def test_gather_on_a_gpu_stays_below_its_bound(device):

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from painted import linear
 from PIL import Image
 
 from balloon_warp import animate, load_scene, render_stage
@@ -14,10 +15,9 @@ SIZE = (160, 90)
 pytestmark = pytest.mark.skipif(blender_python() is None, reason="Blender's module is not installed")
 
 
-def linear(path: Path) -> np.ndarray:
-    """Return linear values of a picture's bytes, shape (height, width, 3)."""
-    shown = np.asarray(Image.open(path).convert("RGB"), np.float64) / 255.0
-    return np.where(shown <= 0.04045, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4)
+def shown(path: Path) -> np.ndarray:
+    """Return linear values of a picture, shape (height, width, 3)."""
+    return linear(Image.open(path).convert("RGB"))
 
 
 def vivid(picture: np.ndarray) -> np.ndarray:
@@ -32,7 +32,7 @@ def test_blender_shows_what_our_picture_shows(name: str, tmp_path: Path):
     frame = RenderStage(stage).picture_frame
     render_stage(stage, ours, size=SIZE, device="cpu", samples=16)
     render_in_blender(stage, blenders, frame, size=SIZE, samples=32)
-    one, other = linear(ours), linear(blenders)
+    one, other = shown(ours), shown(blenders)
     # Ours is framed for one frame, Blender's for the run: about as large.
     assert vivid(other).mean() == pytest.approx(vivid(one).mean(), rel=0.35)
     means = [picture[vivid(picture)].mean(axis=0) for picture in (one, other)]

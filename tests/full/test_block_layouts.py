@@ -150,12 +150,9 @@ def put_place(
 
 @wp.kernel(enable_backward=False)
 def measure_both_ways(
-    points: wp.array[wp.vec3],
-    corners: wp.array[wp.vec3],
-    triangles: wp.array[wp.vec3i],
-    places: wp.array[EightPlaces],
+    points: wp.array[wp.vec3], corners: wp.array[wp.vec3], triangles: wp.array[wp.vec3i], places: wp.array[EightPlaces],
     found: wp.array3d[float],
-):
+):  # fmt: skip
     """Measure each eight triangles beside their point, side by side and one by one."""
     row = wp.tid()
     numbers = LaneNumbers()

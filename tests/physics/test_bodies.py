@@ -12,18 +12,7 @@ from conserved import after_each, collision, masses, most_in, motion, sphere_mom
 from meshes import cube, fans, grid, joined, open_cube, prism, quad_sphere, torus
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom, UsdPhysics, UsdValidation
-from rigid import (
-    EPSILON,
-    SPACE,
-    body_energy,
-    body_masses,
-    body_state,
-    kinetic,
-    moved,
-    scene_of,
-    started,
-    whole,
-)
+from rigid import EPSILON, SPACE, body_energy, body_masses, body_state, kinetic, moved, scene_of, started, whole
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from trajectories import played, stepped

@@ -8,22 +8,13 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 import warp as wp
-from gas_balloons import (
-    NO_SPRINGS,
-    advanced,
-    displaced,
-    gas_balloon,
-    isentropic,
-    set_state,
-    volume_of,
-    wet_part,
-    with_volume,
-)
+from conserved import advanced
+from gas_balloons import NO_SPRINGS, displaced, gas_balloon, isentropic, set_state, volume_of, wet_part, with_volume
+from law_functions import LAWS
 from meshes import cube, grid, prism, quad_sphere, torus
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels import OPTIONS
 from balloon_warp.kernels.laws.air import drag_bound, waves, wind_at
 from balloon_warp.kernels.phases.inflation import find_lift
 from balloon_warp.kernels.tables import Tables
@@ -390,24 +381,16 @@ def test_water_cannot_differ_where_there_is_none():
         Simulator(Scene(balloon=[Balloon(mesh=cube())]), "cpu", 2, {"water.level": [0.0, 1.0]})
 
 
-wp.set_module_options(OPTIONS)
-
 WIND, LENGTH, INTENSITY = (6.0, 0.0, 2.0), 5.0, 0.3
 ROOT_MEAN_SQUARE = INTENSITY * float(np.linalg.norm(WIND))
 RANDOM = np.random.default_rng(3)
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False, module=LAWS)
 def blow(
-    places: wp.array[wp.vec3],
-    time: float,
-    seed: float,
-    shear: float,
-    roughness: float,
-    intensity: float,
-    wind: wp.vec3,
-    air: wp.array[wp.vec3],
-):
+    places: wp.array[wp.vec3], time: float, seed: float, shear: float, roughness: float, intensity: float,
+    wind: wp.vec3, air: wp.array[wp.vec3],
+):  # fmt: skip
     i = wp.tid()
     air[i] = wind_at(places[i], wp.vec3(0.0, 1.0, 0.0), time, wind, shear, 10.0, roughness, intensity, 5.0, seed)
 
@@ -625,7 +608,7 @@ class OfParticle:
     share: float
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel(enable_backward=False, module=LAWS)
 def lift_along(t: Tables, loads: wp.array[wp.vec4], found: wp.array[float]):
     i = wp.tid()
     found[i] = lift_of(t, OfParticle(), wp.vec3(), wp.vec3(), loads[i])[0]

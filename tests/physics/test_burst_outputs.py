@@ -16,33 +16,15 @@ from pxr import Usd, UsdGeom
 from render_stages import read_stage
 from test_bursting import BALL, filled, scene_of
 
-from balloon_warp import (
-    Balloon,
-    Change,
-    Inflation,
-    InputError,
-    Material,
-    Scene,
-    Simulator,
-    StageWriter,
-    Stiffness,
-    Water,
-    load_scene,
-    run_batch,
-)
+from balloon_warp import Balloon, Change, InputError, Material, Scene, Simulator, StageWriter, Water, run_batch
 from balloon_warp.batch.recorder import MEASURES, Recorder, columns_of
 from balloon_warp.batch.task import STAGE_NAME
 from balloon_warp.mesh.topology import beside_faces, signed_volume, total_area
 from balloon_warp.model import State, build_model, plan_model
+from balloon_warp.scene import Inflation, Stiffness, load_scene
 from balloon_warp.scene.load import override_scene
-from balloon_warp.solvers.projective import (
-    MANY_WORLDS,
-    MOST_PARTICLES,
-    DenseInverse,
-    ProjectiveSolver,
-    SparseFactor,
-    StepMatrices,
-)
+from balloon_warp.solvers import projective
+from balloon_warp.solvers.projective import MOST_PARTICLES
 
 
 def test_the_stage_loses_the_faces_that_tear(tmp_path, device: str):
@@ -231,9 +213,9 @@ def test_auto_takes_few_substeps_and_names_the_solver():
 @pytest.mark.parametrize("vary", [{}, {"balloon.0.mass": np.linspace(0.1, 0.3, 3)}])
 def test_the_inverse_and_the_factor_give_the_same_trajectory(vary, device):
     states: list[State] = []
-    for place, global_step in (("cpu", SparseFactor), (device, DenseInverse)):
+    for place, global_step in (("cpu", projective.SparseFactor), (device, projective.DenseInverse)):
         simulator = Simulator(full_scene(solver="projective"), place, 3, vary)
-        simulator.schedule = ProjectiveSolver(simulator.model, global_step)
+        simulator.schedule = projective.ProjectiveSolver(simulator.model, global_step)
         advanced(simulator, 3)
         states.append(simulator.state)
     assert np.abs(states[0].velocities.numpy()).max() > 0.1
@@ -244,20 +226,20 @@ def test_the_factor_refuses_a_gpu_which_it_would_compute_wrongly_on():
     on_a_gpu: Any = SimpleNamespace(device=SimpleNamespace(is_cpu=False))
     nothing: Any = None
     with pytest.raises(ValueError, match="SparseFactor runs on the CPU"):
-        SparseFactor(on_a_gpu, nothing)
+        projective.SparseFactor(on_a_gpu, nothing)
 
 
 def test_the_inverse_solves_the_system_alike_for_one_world_and_for_many(device):
     """Threads have one row each, or several rows of several worlds, for two balloons of 56 rows each."""
-    many = MANY_WORLDS + 5
+    many = projective.MANY_WORLDS + 5
     right_sides = np.random.default_rng(3).normal(size=(many, 112, 3)).astype(np.float32)
     solutions = []
     for rows in (right_sides, right_sides[-1:]):
         model = build_model(full_scene(), device, len(rows))
         solution = wp.zeros(rows.shape[:2], dtype=wp.vec3, device=device)
-        matrices = StepMatrices(model)
+        matrices = projective.StepMatrices(model)
         going = wp.full(len(rows), 1, dtype=wp.int32, device=device)
-        DenseInverse(model, matrices).solve(wp.array(rows, dtype=wp.vec3, device=device), solution, going)
+        projective.DenseInverse(model, matrices).solve(wp.array(rows, dtype=wp.vec3, device=device), solution, going)
         solutions.append(solution.numpy())
     np.testing.assert_array_equal(solutions[0][-1], solutions[1][0])
     back = np.einsum("pq,wqa->wpa", matrices.matrix(0).toarray(), solutions[0])
@@ -288,7 +270,7 @@ def test_a_world_alone_is_the_same_world_in_a_batch(device):
 def test_worlds_share_a_matrix_where_masses_and_spring_constants_are_alike():
     scene = full_scene(solver="projective")
     for vary, count in (({"gravity": [9.0, 10.0, 11.0, 12.0]}, 1), ({"balloon.0.mass": [0.1, 0.2, 0.1, 0.2]}, 2)):
-        matrices = StepMatrices(Simulator(scene, "cpu", 4, vary).model)
+        matrices = projective.StepMatrices(Simulator(scene, "cpu", 4, vary).model)
         assert matrices.count == count
         assert matrices.of_world.tolist() == [world % count for world in range(4)]
 
@@ -302,7 +284,7 @@ def test_what_it_cannot_simulate_is_refused():
     many = Balloon(mesh=quad_sphere(27), inflation=Inflation(k_normal=0.2))
     large = build_model(Scene(balloon=[many], solver="projective"), "cpu")
     with pytest.raises(InputError, match=rf"^solver: .* {MOST_PARTICLES:,} particles at most on a GPU \(got 4,376\)"):
-        ProjectiveSolver(large, DenseInverse)
+        projective.ProjectiveSolver(large, projective.DenseInverse)
 
 
 OGDEN = {"preset": "natural_rubber_treloar"}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import warp as wp
 from conserved import advanced, after_each, energy, masses, momentum, motion, put, sphere_momenta, sphere_spins, whole
-from law_functions import COUNT, called
+from law_functions import COUNT, called, compile_together
 from meshes import cube, mesh_of, quad_sphere
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -63,6 +63,9 @@ def gain_of(approach: float, restitution: float, gravity: float, step_seconds: f
     up = wp.vec3(0.0, 1.0, 0.0)
     _shift, gain, _part = collision(start, way, way / step_seconds, 0.3, restitution, gravity, up, step_seconds)
     return gain[1]
+
+
+compile_together({gain_of: "float32"})
 
 
 @pytest.mark.always

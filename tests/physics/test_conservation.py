@@ -13,23 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import balloon_warp as bw
-from balloon_warp import (
-    Atmosphere,
-    Balloon,
-    BlowUpError,
-    Change,
-    Force,
-    Frame,
-    Inflation,
-    InputError,
-    Material,
-    PolygonMesh,
-    Scene,
-    Simulator,
-    Sphere,
-    Stiffness,
-    String,
-)
+from balloon_warp import BlowUpError, Change, Force, Frame, InputError, PolygonMesh, Scene, Simulator, Sphere, String
 from balloon_warp.kernels import OPTIONS
 from balloon_warp.kernels.compose import numbers_reader, params_functions
 from balloon_warp.kernels.loops.membranes import membrane_faces_of
@@ -38,6 +22,7 @@ from balloon_warp.kernels.memory import put_in_tile
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.mesh.topology import signed_volume
 from balloon_warp.model import build_model
+from balloon_warp.scene import Atmosphere, Balloon, Inflation, Material, Stiffness
 from balloon_warp.scene.load import override_scene
 from balloon_warp.schedules.membranes import membrane_face_entries, membrane_face_layout, membrane_face_table
 from balloon_warp.schedules.tables import make_tables, model_features

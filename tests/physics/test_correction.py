@@ -19,24 +19,12 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 from trajectories import stepped
 
-from balloon_warp import (
-    Balloon,
-    Inflation,
-    InputError,
-    Material,
-    PolygonMesh,
-    Scene,
-    Simulator,
-    Stiffness,
-    advise_step,
-    animate,
-    run_batch,
-)
+from balloon_warp import Balloon, InputError, Material, PolygonMesh, Scene, Simulator, advise_step, animate, run_batch
 from balloon_warp.frame_reader import relax
 from balloon_warp.kernels.projective import LEAST_ITERATIONS, MOST_ITERATIONS
 from balloon_warp.lab.statics import rigid_motions, toppling_mode
 from balloon_warp.model import Model, plan_model
-from balloon_warp.scene import Body, Change, Ground, String
+from balloon_warp.scene import Body, Change, Ground, Inflation, Stiffness, String
 from balloon_warp.springs import build_springs
 from balloon_warp.springs.build import color_springs
 

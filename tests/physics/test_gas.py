@@ -8,13 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import warp as wp
-from conserved import momentum
+from conserved import advanced, momentum
 from gas_balloons import (
     AIR_PRESSURE,
     GAS_CONSTANT,
     PRESSURE_ROUNDING,
     TEMPERATURE,
-    advanced,
     gas_balloon,
     isentropic,
     jittered,
@@ -23,7 +22,7 @@ from gas_balloons import (
     volume_of,
     with_volume,
 )
-from law_functions import COUNT, called
+from law_functions import COUNT, LAWS, called, compile_together
 from meshes import cube, quad_sphere, torus
 from numpy.typing import NDArray
 from pxr import Usd
@@ -419,6 +418,9 @@ def of_nozzle(pressure: float, behind: float, gamma: float):
     return wp.vec3(of_flow[0], of_flow[1], 0.0)
 
 
+compile_together({of_nozzle: "vec3"})
+
+
 @pytest.mark.always
 @pytest.mark.parametrize("gamma", [1.4, 1.667])
 def test_a_nozzle_is_isentropic_and_chokes(gamma: float):
@@ -560,7 +562,7 @@ def test_what_leaves_and_pushes_is_told_in_table_and_stage(device: str, tmp_path
     np.testing.assert_allclose(frame.stretches, expected["stretch"], rtol=1e-6)
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel(enable_backward=False, module=LAWS)
 def pump_against(t: Tables, pressures: wp.array[float], found: wp.array[float]):
     i = wp.tid()
     found[i] = curve_flow(t, 0, pressures[i])

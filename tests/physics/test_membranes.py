@@ -18,19 +18,7 @@ from rubber_theory import ENERGIES, MATERIALS, sphere_pressure
 from typer.testing import CliRunner
 
 import balloon_warp as bw
-from balloon_warp import (
-    Atmosphere,
-    Balloon,
-    BlowUpError,
-    Inflation,
-    InputError,
-    Material,
-    PolygonMesh,
-    Scene,
-    Simulator,
-    animate,
-    run_batch,
-)
+from balloon_warp import Balloon, BlowUpError, InputError, Material, PolygonMesh, Scene, Simulator, animate, run_batch
 from balloon_warp.benchmarks.design import cylinder as lids
 from balloon_warp.cli.app import app
 from balloon_warp.cli.lab import DesignOptions
@@ -51,6 +39,7 @@ from balloon_warp.mesh.topology import signed_volume, total_area
 from balloon_warp.model import plan_model
 from balloon_warp.model.materials import numbers_of, slopes_by_stretches
 from balloon_warp.model.pressure import borne_pressures, passed_limit_point
+from balloon_warp.scene import Atmosphere, Inflation
 from balloon_warp.scene.load import override_scene
 
 AIR, KELVIN = 101325.0, 293.15

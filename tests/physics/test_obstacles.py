@@ -1,5 +1,6 @@
 """Obstacles with given motion, against closed forms: nothing passes them, at any speed, angle and thickness, and
 sliding particles obey Coulomb; and with the motion of a USD stage. Particles without springs are independent."""
+# pyright: reportGeneralTypeIssues=false
 
 from dataclasses import replace
 from pathlib import Path
@@ -9,13 +10,15 @@ import numpy as np
 import pytest
 import warp as wp
 from conserved import advanced, put, square
-from law_functions import COUNT, called
+from law_functions import COUNT, LAWS, called, compile_together
 from meshes import cube, mesh_of, quad_sphere
 from pxr import Gf, Usd, UsdGeom, UsdSkel, Vt
 from scipy.spatial.transform import Rotation
 
 from balloon_warp import Frame, InputError, PolygonMesh, Simulator
 from balloon_warp.kernels.laws.contact import capsule_surface
+from balloon_warp.kernels.loops.paths import first_contact_with_mesh
+from balloon_warp.kernels.tables import Solid
 from balloon_warp.model import plan_model
 from balloon_warp.model.obstacles import obstacle_motion
 from balloon_warp.scene import Balloon, Body, Ground, Inflation, Obstacle, Scene, Sphere, Stiffness
@@ -39,6 +42,9 @@ def normal_of_capsule(point: wp.vec3, up: wp.vec3):
     return normal
 
 
+compile_together({normal_of_capsule: "vec3"})
+
+
 @pytest.mark.always
 def test_the_normal_of_a_capsule_is_a_unit_vector_on_its_axis_too():
     """Any that is across may be that on the axis."""
@@ -51,6 +57,34 @@ def test_the_normal_of_a_capsule_is_a_unit_vector_on_its_axis_too():
     np.testing.assert_allclose((normals * ups).sum(axis=1)[: COUNT // 2], 0.0, atol=1e-6)
     arms = points - np.clip((points * ups).sum(axis=1), -0.5, 0.5)[:, None] * ups
     np.testing.assert_allclose((normals * arms).sum(axis=1), np.linalg.norm(arms, axis=1), atol=1e-6)
+
+
+@wp.kernel(enable_backward=False, module=LAWS)
+def meet_sheet(solid: Solid, paths: wp.array2d[wp.vec3], found: wp.array2d[wp.vec3], parts: wp.array[float]):
+    i = wp.tid()
+    touch = first_contact_with_mesh(solid, wp.vec3(0.0, 1.0, 0.0), paths[0, i], paths[1, i], 0.0, 10.0)
+    found[0, i] = touch.normal
+    found[1, i] = touch.place
+    parts[i] = touch.part
+
+
+@pytest.mark.always
+def test_a_path_meets_a_sheet_without_thickness_where_it_crosses_it():
+    """The sheet is a triangle across x. A path stops before it, by the rounding of so large a mesh."""
+    corners = np.array([(0.0, -9.0, -9.0), (0.0, 9.0, -9.0), (0.0, 0.0, 9.0)])
+    start, end = paths = np.random.default_rng(3).uniform(-1.0, 1.0, (2, 200, 3))
+    end[:, 0] += np.where(end[:, 0] < start[:, 0], -0.2, 0.2)  # no path is along the sheet
+    given = wp.array(corners, dtype=wp.vec3, device="cpu"), wp.array([0, 1, 2], dtype=wp.int32, device="cpu")
+    mesh, solid, count = wp.Mesh(*given), Solid(), len(start)
+    solid.mesh, solid.reach = mesh.id, float(np.linalg.norm(corners, axis=1).max())
+    found, parts = wp.zeros((2, count), dtype=wp.vec3, device="cpu"), wp.zeros(count, dtype=float, device="cpu")
+    wp.launch(meet_sheet, count, [solid, wp.array(paths, dtype=wp.vec3, device="cpu"), found, parts], device="cpu")
+    (normals, places), meets = found.numpy(), (start[:, 0] < 0.0) != (end[:, 0] < 0.0)
+    np.testing.assert_array_equal(normals[:, 0], np.where(meets, np.sign(start[:, 0]), 0.0))
+    part = (start[:, 0] / (start[:, 0] - end[:, 0]))[meets]
+    np.testing.assert_allclose(places[meets], start[meets] + part[:, None] * (end - start)[meets], atol=1e-5)
+    np.testing.assert_allclose(parts.numpy()[meets], part, atol=3e-4)
+    assert 50 < meets.sum() < count - 50
 
 
 def crowd(at: tuple, velocity: tuple, size: float = 0.2) -> Balloon:

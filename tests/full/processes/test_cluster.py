@@ -24,7 +24,6 @@ from pxr import Sdf
 from balloon_warp import Cluster, InputError, MissingExtraError, Scene, TrajectoryFiles, WorkersLostError, run_batch
 from balloon_warp.batch.task import BatchOutput
 from balloon_warp.farm import cluster as dask_workers
-from balloon_warp.farm import cluster as shares
 from balloon_warp.farm import workers
 from balloon_warp.farm import workers as local_workers
 from balloon_warp.model import state
@@ -38,8 +37,8 @@ scene = functools.partial(small_batch.scene, frames=4)
 @pytest.fixture(autouse=True)
 def fine_grain(monkeypatch) -> None:
     """Split small batches, too, and allow a busy machine more time."""
-    monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 1))
-    monkeypatch.setattr(shares, "SHARES", 8)
+    monkeypatch.setitem(dask_workers.GRAIN, "cpu", dask_workers.Grain(1, 1))
+    monkeypatch.setattr(dask_workers, "SHARES", 8)
     monkeypatch.setattr(dask_workers, "CONNECT_SECONDS", 120.0)
     monkeypatch.setattr(dask_workers, "WORKER_SECONDS", 120.0)
 
@@ -147,7 +146,7 @@ def test_the_share_of_a_killed_worker_is_done_again(tmp_path):
 
 def note_starts(folder: str) -> None:
     """Let a worker write a byte for each share that it starts; the first of all waits in it."""
-    lay_out = shares.lay_out
+    lay_out = dask_workers.lay_out
 
     def note_and_lay_out(*given: Any) -> Any:
         with open(f"{folder}/starts/{os.getpid()}", "ab") as file:
@@ -157,7 +156,7 @@ def note_starts(folder: str) -> None:
             time.sleep(600)
         return lay_out(*given)
 
-    shares.lay_out = note_and_lay_out
+    dask_workers.lay_out = note_and_lay_out
 
 
 def test_a_share_that_ends_processes_here_is_given_up(tmp_path, monkeypatch):
@@ -169,7 +168,7 @@ def test_a_share_that_ends_processes_here_is_given_up(tmp_path, monkeypatch):
 
 
 def end_in_share() -> None:
-    shares.lay_out = lambda *_: os._exit(1)
+    dask_workers.lay_out = lambda *_: os._exit(1)
 
 
 def is_at_work() -> bool:
@@ -262,8 +261,8 @@ def test_the_first_gpu_is_this_process_s(tmp_path, monkeypatch):
         here.add(threading.current_thread().name)
         return lay_out(*given)
 
-    lay_out = shares.lay_out
-    monkeypatch.setattr(shares, "lay_out", note_thread)
+    lay_out = dask_workers.lay_out
+    monkeypatch.setattr(dask_workers, "lay_out", note_thread)
     run_batch(scene(), tmp_path / "both", 8, export=[0, 3], cluster=Cluster(gpus=2))
     assert_same_files(tmp_path / "both", tmp_path / "alone")
     assert here == {"first GPU"}

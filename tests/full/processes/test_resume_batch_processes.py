@@ -19,21 +19,11 @@ from meshes import quad_sphere
 from pxr import Sdf, Usd
 from small_batch import struck
 
-from balloon_warp import (
-    Balloon,
-    BlowUpError,
-    Cluster,
-    Inflation,
-    InputError,
-    Scene,
-    Trajectories,
-    gradient,
-    load_scene,
-    run_batch,
-)
+from balloon_warp import Balloon, BlowUpError, Cluster, Inflation, InputError, Scene, Trajectories, gradient, run_batch
 from balloon_warp.batch.task import STAGE_NAME
 from balloon_warp.farm import cluster as shares
 from balloon_warp.mesh.obj import write_obj
+from balloon_warp.scene import load_scene
 
 LONG = 200
 """frames of a batch that is ended while it simulates"""
