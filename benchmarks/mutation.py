@@ -56,8 +56,6 @@ EQUIVALENT: Mapping[str, str] = {
     "kernels/contact/spheres.py : wp.constant(8) -> wp.constant(9)": "as many particles share a mark, on either side",
     "kernels/loops/holding.py contacts_function.list_contacts: count - 1 -> count + 1": "samples of an obstacle take "
     "the place of those at which it differs",
-    "balloon_warp/schedules/touch_table.py heights: part + 1 -> part - 1": "the second half of a part is never lower "
-    "than the first, which has no more triangles",
     "balloon_warp/springs/even.py : 0.01 -> 0.012": "a tolerance",
     "kernels/contact/boxes.py sweep_of: t.particles.offsets[balloon] + first -> t.particles.offsets[balloon] - first":
     "the only thread of a block on a CPU is the first, 0",
@@ -96,7 +94,7 @@ EQUIVALENT: Mapping[str, str] = {
     "kernels/loops/contact.py solid_contact_function.stand: with_another(partner, ON_GROUND) -> "
     "with_another(ON_GROUND, partner)": "which of two is met first makes no difference",
     "balloon_warp/springs/even.py _inverse: LEAST**2 -> LEAST**3": "a divisor below all that count",
-    "balloon_warp/springs/build.py build_hinges: beside[0] -> beside[1]": "a face that has no corner beside an edge goes "
+    "balloon_warp/springs/build.py build_hinges: beside[0] -> beside[1]": "a face without a corner beside an edge goes "
     "along it there and back: it is both of the edge's faces",
     "balloon_warp/model/shape.py spring_sums: 1.0 -> 0.9": "a divisor of nothing",
     "kernels/phases/forces.py wear: 0.0 -> 0.1": "0.1 Pa of an energy density that softens rubber from 1e3 Pa on",

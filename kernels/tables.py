@@ -161,28 +161,23 @@ class BodyTable:
 
 @wp.struct
 class TouchTable:
-    """Surfaces as triangles, in a tree of parts, for balloons that touch; empty where none do.
+    """Surfaces as triangles, in leaves of a few that lie together, for balloons that touch; empty where none do.
 
-    A balloon's parts stand in the order in which one comes to them who looks into each: a part, and then those in it.
+    Leaves that follow each other lie together, too: their order is that of a tree.
     """
 
     triangles: wp.array[wp.vec3i]
     """Particles of each triangle, counter-clockwise from outside"""
-    parts: wp.array[wp.vec4i]
-    """Bounding volume tree, by part: the next part outside this one's subtree; begin and end of its triangles; its
-    balloon. A part's children are the next part, and the one after that"""
-    parts_by_level: wp.array[wp.int32]
-    """Leaves first, then the other parts after their children"""
-    levels: wp.array[wp.int32]
-    """Begin of each level of parts whose boxes can be built in parallel, and the end of the last"""
+    leaves: wp.array[wp.vec4i]
+    """Begin and end of each leaf's triangles, and of its edges that touch others"""
+    balloon_leaves: wp.array[wp.int32]
+    """First leaf of each balloon, and the end of the last"""
     particles: wp.array[wp.int32]
     """Particles of the leaves, each once in a leaf"""
-    part_particles: wp.array[wp.vec2i]
-    """Begin and end of each leaf's particles; empty for other parts"""
-    balloon_parts: wp.array[wp.int32]
-    """Begin of each balloon's parts, and the end of the last"""
+    leaf_particles: wp.array[wp.vec2i]
+    """Begin and end of each leaf's particles"""
     rest_boxes: wp.array2d[wp.vec3]
-    """Boxes of parts at the start: lower and upper corner [m]; empty unless balloons touch themselves"""
+    """Boxes of leaves at the start: lower and upper corner [m]; empty unless balloons touch themselves"""
     closed: wp.array[wp.int32]
     """Whether each balloon has an inside, out of which others are pushed"""
     thickness: wp.array[float]
@@ -202,14 +197,12 @@ class TouchTable:
     one that is folded then, a particle may touch all triangles but its own"""
     seconds: float
     """Time between two searches [s]"""
-    homes: wp.array[wp.int32]
-    """Leaf of a triangle of each particle; empty unless balloons touch themselves"""
+    homes: wp.array[wp.vec2i]
+    """Particles, leaf by leaf, and the leaf of a triangle of each; the balloon's first where it has none"""
     edges: wp.array[wp.vec2i]
     """Particles of the edges that touch others, leaf by leaf; empty where none do"""
     edge_homes: wp.array[wp.int32]
     """Leaf of each edge"""
-    part_edges: wp.array[wp.vec2i]
-    """Begin and end of each leaf's edges; empty for other parts"""
 
 
 @wp.struct

@@ -273,6 +273,123 @@ def next_place(counts: wp.array2d[wp.int32], world: wp.int32, which: wp.int32) -
     ...
 
 
+@wp.func_native(
+    """
+#if defined(__CUDA_ARCH__)
+    return 32;
+#else
+    return 1;
+#endif
+    """
+)
+def warp_size() -> wp.int32:
+    """Return the number of threads of a warp."""
+    ...
+
+
+@wp.func_native(
+    """
+#if defined(__CUDA_ARCH__)
+    return threadIdx.x & 31;
+#else
+    return 0;
+#endif
+    """
+)
+def thread_of_warp() -> wp.int32:
+    """Return the number of a thread in its warp."""
+    ...
+
+
+@wp.func_native(
+    """
+#if defined(__CUDA_ARCH__)
+    return __ballot_sync(0xffffffffu, here);
+#else
+    return here;
+#endif
+    """
+)
+def votes_of_warp(here: bool) -> wp.int32:
+    """Return a bit for each thread of the warp in which a condition holds; called by all of them."""
+    ...
+
+
+@wp.func_native(
+    """
+#if defined(__CUDA_ARCH__)
+    return __ffs(bits) - 1;
+#else
+    return __builtin_ctz(bits);
+#endif
+    """
+)
+def first_vote(bits: wp.int32) -> wp.int32:
+    """Return the number of the lowest bit that is set."""
+    ...
+
+
+@wp.func_native(
+    """
+#if defined(__CUDA_ARCH__)
+    for (int apart = 16; apart > 0; apart /= 2) {
+        x = fmaxf(x, __shfl_xor_sync(0xffffffffu, x, apart));
+    }
+#endif
+    return x;
+    """
+)
+def warp_max(x: float) -> float:
+    """Return the largest number of the threads of the warp; called by all of them."""
+    ...
+
+
+QUEUE_WORDS = 128
+"""Shared words of a warp's queue: of as many pairs of numbers as two warps have threads"""
+
+
+@wp.func_native(
+    """
+#if defined(__CUDA_ARCH__)
+    const unsigned all = __ballot_sync(0xffffffffu, here);
+    if (here) {
+        const int place = count + __popc(all & ((1u << (threadIdx.x & 31)) - 1));
+        ((int2*)words)[threadIdx.x / 32 * 64 + place] = make_int2(pair[0], pair[1]);
+    }
+    __syncwarp();
+    return count + __popc(all);
+#else
+    return count + here;
+#endif
+    """
+)
+def put_in_queue(words: wp.uint64, here: bool, pair: wp.vec2i, count: wp.int32) -> wp.int32:
+    """Put the pairs of some threads into the queue of their warp, in shared words, and return its length.
+
+    All threads of the warp call it, and take a warp's pairs out of a queue that has as many.
+    """
+    ...
+
+
+@wp.func_native(
+    """
+#if defined(__CUDA_ARCH__)
+    const int2 pair = ((const int2*)words)[threadIdx.x / 32 * 64 + at + (threadIdx.x & 31)];
+    __syncwarp();
+    return wp::vec_t<2, wp::int32>(pair.x, pair.y);
+#else
+    return put_last;
+#endif
+    """
+)
+def take_from_queue(words: wp.uint64, at: wp.int32, put_last: wp.vec2i) -> wp.vec2i:
+    """Return the pair of each thread of a warp, of those in its queue from a place on; called by all of them.
+
+    On a CPU it is the one that was put there last.
+    """
+    ...
+
+
 @wp.func_native("return ((const float*)words)[index];")
 def word_at(words: wp.uint64, index: wp.int32) -> float:
     """Return a word of shared memory."""

@@ -111,16 +111,18 @@ class Working:
     clearances: wp.array2d[float]
     """Distance of each particle from triangles of its own balloon that it may touch at the last search [m], see
     `contact.triangles`; empty unless balloons touch themselves"""
-    part_boxes: wp.array2d[wp.vec4]
-    """Boxes around the parts of balloons' surfaces, without `PACE`: shape (world_count, 2 part_count)"""
+    leaf_boxes: wp.array2d[wp.vec4]
+    """Boxes around the leaves of balloons' surfaces, without `PACE`: shape (world_count, 2 leaf_count)"""
+    row_boxes: wp.array2d[wp.vec4]
+    """Boxes around as many leaves each as a warp has threads; empty on a CPU"""
     eight_boxes: wp.array2d[EightBoxes]
-    """Boxes of triangles and of parts, eight side by side, see `contact.boxes`; empty on a GPU"""
+    """Boxes of triangles and of leaves, eight side by side, see `contact.boxes`; empty on a GPU"""
     eight_places: wp.array2d[EightPlaces]
     """Positions of the particle at hand relative to eight triangles: shape (world_count, 1); empty on a GPU"""
-    near_parts: wp.array3d[wp.int32]
-    """Leaves of the same balloon near each leaf, see `contact.triangles`: shape (world_count, part_count, most); empty
-    unless balloons touch themselves, as is the next"""
-    near_part_counts: wp.array2d[wp.int32]
+    near_leaves: wp.array3d[wp.int32]
+    """Leaves of the same balloon near each leaf, see `contact.triangles`: shape (world_count, leaf_count, most); empty
+    on a GPU, and unless balloons touch themselves, as is the next"""
+    near_leaf_counts: wp.array2d[wp.int32]
     """Number of leaves near each leaf; -1 where there are more than fit"""
     neighbors: wp.array3d[wp.int32]
     """Balloons that each balloon may touch, perhaps itself: shape (world_count, balloon_count, balloon_count)"""
@@ -153,10 +155,6 @@ class Working:
     edge_boxes: wp.array2d[wp.vec4]
     """Box around the sweep of each edge until the next search [m], its two corners: shape (world_count, 2 edges); empty
     unless sharp edges meet, see `contact.edges`, as are the next"""
-    query_edges: wp.array2d[wp.vec2i]
-    """Edges that go through trees in a search, each with the balloon"""
-    boxed_edges: wp.array2d[wp.vec2i]
-    """Pairs of edges whose boxes meet in a search"""
     edge_clearances: wp.array2d[float]
     """Distance of each edge from edges of its own balloon that it may touch at the last search [m]; empty unless
     balloons touch themselves"""
@@ -189,9 +187,7 @@ LOOKING, TOUCHING = wp.constant(0), wp.constant(1)
 """Particles that search, and those that have found triangles"""
 PAIRS = wp.constant(2)
 """Pairs of edges, and of particles and triangles, that may touch until the next search"""
-SEEKING, BOXED = wp.constant(3), wp.constant(4)
-"""Edges that go through trees in a search, and pairs of edges whose boxes meet"""
-SUBSTEPS = wp.constant(5)
+SUBSTEPS = wp.constant(3)
 """Substeps in which edges have met since the search"""
-LENGTHS = 6
+LENGTHS = 4
 """Number of these"""

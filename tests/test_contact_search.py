@@ -28,7 +28,12 @@ from balloon_warp import (
     load_scene,
 )
 from balloon_warp.kernels import OPTIONS
-from balloon_warp.kernels.contact.boxes import SPARE, box_balloons, box_parts_of_worlds, lining_function
+from balloon_warp.kernels.contact.boxes import (
+    SPARE,
+    box_balloons,
+    lining_function,
+    nearing_function,
+)
 from balloon_warp.kernels.contact.free_frames import (
     FREE,
     OwnParts,
@@ -36,15 +41,14 @@ from balloon_warp.kernels.contact.free_frames import (
     min_distance_between,
     place_part,
 )
-from balloon_warp.kernels.contact.search import neighbor_function, next_of_eight
+from balloon_warp.kernels.contact.search import next_of_eight
 from balloon_warp.kernels.contact.spheres import part_until_face
-from balloon_warp.kernels.contact.triangles import near_parts_kernel
 from balloon_warp.kernels.laws.contact import NEAR_BODY, NEVER
 from balloon_warp.kernels.laws.touch import facing_of, part_until_contact
 from balloon_warp.kernels.loops.contact import A_STEP, solid_function
 from balloon_warp.kernels.tables import Tables, WorldState
-from balloon_warp.kernels.working import Working
-from balloon_warp.lab.reference.contact import point_triangle
+from balloon_warp.kernels.working import PAIRS, Working
+from balloon_warp.lab.reference.contact import edge_edge, point_triangle
 from balloon_warp.mesh.crossings import find_crossings
 from balloon_warp.mesh.orientation import triangles_of
 from balloon_warp.mesh.repair import wrong_sides
@@ -59,8 +63,7 @@ from balloon_warp.scene.load import override_scene
 from balloon_warp.scene.write import write_scene
 from balloon_warp.schedules.framing import own_parts, own_parts_arrays
 from balloon_warp.schedules.tables import world_state
-from balloon_warp.schedules.touch_table import surface_of
-from balloon_warp.system.warp_threads import launch, launch_tiled
+from balloon_warp.system.warp_threads import launch_tiled
 
 
 @wp.kernel(enable_backward=False)
@@ -167,7 +170,7 @@ def test_a_particle_looks_at_the_balloons_whose_boxes_its_way_meets():
     simulator = Simulator(feature_set("touch"), "cpu", schedule="gather")
     simulator.step_unread()
     t, working, features = simulator.schedule.tables, simulator.schedule.launches.working, simulator.schedule.features
-    next_neighbor, line_up = neighbor_function(features), lining_function(features)
+    is_nearing, line_up = nearing_function(features), lining_function(features)
     count, balloons = simulator.model.particle_count, simulator.model.balloon_count
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -183,16 +186,13 @@ def test_a_particle_looks_at_the_balloons_whose_boxes_its_way_meets():
             point = points[0, particle]
             velocity = velocities[0, particle]
             line_up(t, working, 0, particle, particle - 1)
-            for way in range(2):
-                place = wp.int32(0)
-                other = wp.int32(0)
-                while other >= 0:
-                    if way == 0:
-                        other, place = next_neighbor(t, working, 0, balloon, place, point, velocity)
-                    else:
-                        other, place = next_of_eight(t, working, 0, balloon, place, point, velocity)
-                    if other >= 0:
-                        found[way, particle, other] = found[way, particle, other] + 1
+            for other in range(found.shape[2]):
+                if is_nearing(t, working, 0, balloon, other, point, velocity):
+                    found[0, particle, other] = 1
+            other, place = next_of_eight(t, working, 0, balloon, 0, point, velocity)
+            while other >= 0:
+                found[1, particle, other] = found[1, particle, other] + 1
+                other, place = next_of_eight(t, working, 0, balloon, place, point, velocity)
 
     working.neighbors.assign(np.tile(np.arange(balloons), (1, balloons, 1)))
     working.neighbor_counts.fill_(balloons)
@@ -255,33 +255,86 @@ def test_a_sphere_that_comes_through_a_triangle_is_met_before_half_its_radius():
     assert min((outside & met).sum(), (~met).sum()) > 50
 
 
-def test_parts_list_those_whose_boxes_meet_theirs():
-    """Each part's box holds its triangles' sweeps; leaves of balloons too fast for clearances list those near them."""
-    simulator = Simulator(feature_set("touch"), "cpu", schedule="gather")
+def searched(device: str) -> tuple[Any, Any, np.ndarray, np.ndarray]:
+    """Return tables and memory after a search in the set of balloons that touch, and its points and their ways."""
+    simulator = Simulator(feature_set("touch"), device, schedule="gather")
     simulator.step_unread()
-    t, working, state = simulator.schedule.tables, simulator.schedule.launches.working, simulator.state
-    device, kernel = simulator.model.device, near_parts_kernel(simulator.schedule.features)
-    launch_tiled(box_parts_of_worlds, [1], [t, state.points, state.velocities, working], block_dim=1, device=device)
-    working.near_part_counts.zero_()
-    launch(kernel, (1, 2), [t, 2, working], device=device)
-    points, parts, triangles = state.points.numpy()[0], t.touch.parts.numpy(), t.touch.triangles.numpy()
-    both = np.stack([points, points + t.touch.seconds * state.velocities.numpy()[0]])
-    boxes = working.part_boxes.numpy()[0].reshape(-1, 2, 4)[..., :3]
-    for (_after, begin, end, _balloon), (lower, upper) in zip(parts, boxes, strict=True):
+    schedule, state = simulator.schedule, simulator.state
+    schedule._touch.search(state, 0, state.points, state.velocities)
+    t = schedule.tables
+    velocities = state.velocities.numpy()[0].astype(float)
+    return t, schedule.launches.working, state.points.numpy()[0].astype(float), t.touch.seconds * velocities
+
+
+def test_leaves_list_those_whose_boxes_meet_theirs():
+    """Each leaf's box holds its triangles' sweeps; those of balloons too fast for clearances list those near them."""
+    t, working, points, ways = searched("cpu")
+    leaves, triangles, first = (getattr(t.touch, name).numpy() for name in ("leaves", "triangles", "balloon_leaves"))
+    both = np.stack([points, points + ways])
+    boxes = working.leaf_boxes.numpy()[0].reshape(-1, 2, 4)[..., :3]
+    for (begin, end, *_edges), (lower, upper) in zip(leaves, boxes, strict=True):
         swept = both[:, triangles[begin:end].ravel()]
         np.testing.assert_allclose(lower, swept.min(axis=(0, 1)), atol=1e-6)
         np.testing.assert_allclose(upper, swept.max(axis=(0, 1)), atol=1e-6)
-    leaves = np.flatnonzero(parts[:, 0] == np.arange(len(parts)) + 1)
-    counts, listed = working.near_part_counts.numpy()[0], working.near_parts.numpy()[0]
-    searched = leaves[counts[leaves] >= 0]
-    assert set(parts[searched, 3]) == {len(simulator.model.shapes) - 1}
-    for leaf in searched:
-        balloon = parts[leaf, 3]
-        pad = float(t.touch.thickness.numpy()[balloon] + 2.0 * t.touch.slack.numpy()[balloon])
+    counts, listed = working.near_leaf_counts.numpy()[0], working.near_leaves.numpy()[0]
+    owners = np.repeat(np.arange(len(first) - 1), np.diff(first))
+    listing = np.flatnonzero(counts >= 0)
+    assert set(owners[listing]) == {len(first) - 2}
+    for leaf in listing:
+        pad = float(t.touch.thickness.numpy()[owners[leaf]] + 2.0 * t.touch.slack.numpy()[owners[leaf]])
         apart = np.maximum(boxes[leaf, 0] - boxes[:, 1], boxes[:, 0] - boxes[leaf, 1]).max(axis=1)
-        near = [other for other in leaves if parts[other, 3] == balloon and apart[other] <= pad]
-        assert sorted(listed[leaf, : counts[leaf]]) == near
-    assert 1 < counts[searched].min() < counts[searched].max() < len(leaves)
+        near = np.flatnonzero((owners == owners[leaf]) & (apart <= pad))
+        np.testing.assert_array_equal(np.sort(listed[leaf, : counts[leaf]]), near)
+    assert 1 < counts[listing].min() < counts[listing].max() < len(leaves)
+
+
+def test_edges_are_listed_that_may_touch_until_the_next_search(device: str):
+    """Lists have all pairs nearer than thickness, slack and their way towards each other, none beside on the skin."""
+    t, working, points, ways = searched(device)
+    edges, balloons, rest = t.touch.edges.numpy(), t.particles.balloon.numpy(), t.touch.rest_points.numpy()
+    count = int(working.list_lengths.numpy()[0, int(PAIRS)])
+    listed = {(first, other) for first, other, _ in working.edge_pairs.numpy()[0, :count].tolist() if first >= 0}
+    firsts, others = np.triu_indices(len(edges), 1)
+    ends = np.stack([edges[firsts], edges[others]])  # of the first and the other edge: shape (2, pairs, 2)
+    own = balloons[ends[..., 0]]
+    apart = np.linalg.norm(rest[ends[0]][:, :, None] - rest[ends[1]][:, None], axis=-1).min(axis=(1, 2))
+    is_far = (own[0] != own[1]) | (apart >= t.touch.apart.numpy()[own[0]])
+    fastest = np.linalg.norm(ways[ends[0]][:, :, None] - ways[ends[1]][:, None], axis=-1).max(axis=(1, 2))
+    pads = 0.5 * t.touch.thickness.numpy() + t.touch.slack.numpy()
+    within = pads[own].sum(axis=0) + fastest
+    middles = points[ends].mean(axis=2)
+    lengths = np.linalg.norm(points[ends[..., 0]] - points[ends[..., 1]], axis=-1).sum(axis=0) / 2.0
+    close = np.flatnonzero(is_far & (np.linalg.norm(middles[0] - middles[1], axis=-1) < within + lengths))
+    places = points[ends[:, close].transpose(1, 0, 2).reshape(-1, 4)]
+    gaps = np.linalg.norm((edge_edge(places) * places).sum(axis=1), axis=1) / within[close]
+
+    def pairs_within(part: float) -> set[tuple[int, int]]:
+        chosen = close[gaps < part]
+        return set(zip(firsts[chosen].tolist(), others[chosen].tolist(), strict=True))
+
+    assert pairs_within(0.999) <= listed <= pairs_within(1.001)
+    assert len(listed) > 100
+    assert len({balloons[edges[first][0]] == balloons[edges[other][0]] for first, other in listed}) == 2
+
+
+def test_particles_list_the_triangles_that_they_may_touch(device: str):
+    """Lists have those of other balloons that are nearer than thickness and slack."""
+    t, working, points, _ = searched(device)
+    triangles, balloons = t.touch.triangles.numpy(), t.particles.balloon.numpy()
+    counts, listed = working.candidate_counts.numpy()[0], working.candidates.numpy()[0] >> 2
+    pads = 0.5 * t.touch.thickness.numpy() + t.touch.slack.numpy()
+    particles, faced = np.meshgrid(np.unique(triangles), np.arange(len(triangles)), indexing="ij")
+    owners = balloons[particles], balloons[triangles[faced, 0]]
+    centers = points[triangles].mean(axis=1)
+    size = np.linalg.norm(points[triangles] - centers[:, None], axis=-1).max()
+    away = np.linalg.norm(points[particles] - centers[faced], axis=-1)
+    near = np.nonzero((owners[0] != owners[1]) & (away < size + pads[owners[0]] + pads[owners[1]]))
+    places = points[np.column_stack([particles[near], triangles[faced[near]]])]
+    gaps = np.linalg.norm((point_triangle(places) * places).sum(axis=1), axis=1)
+    close = gaps < 0.999 * (pads[owners[0][near]] + pads[owners[1][near]])
+    assert close.sum() > 30
+    for particle, triangle in zip(particles[near][close], faced[near][close], strict=True):
+        assert triangle in listed[particle, : counts[particle]]
 
 
 def test_balloons_that_part_have_no_lists():
@@ -299,17 +352,6 @@ def test_balloons_that_part_have_no_lists():
 
 
 LIMP = Stiffness(structural=50.0, shear=25.0, flexion=0.0)
-
-
-def test_a_part_is_as_high_as_the_parts_in_it():
-    """Parts are in the order in which a search goes down; a leaf's height is 0."""
-    for mesh in (cube(), quad_sphere(6), hook(0.1)):
-        surface = surface_of(mesh)
-        within = [set(range(part + 1, end)) for part, end in enumerate(surface.ends)]
-        for part, height in enumerate(surface.heights):
-            assert height == max((surface.heights[each] + 1 for each in within[part]), default=0)
-        depths = [sum(part in each for each in within) for part in range(len(within))]
-        assert surface.heights[0] == max(depths) > 0
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,6 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.contact.search import ROOM
 from balloon_warp.kernels.contact.spheres import MOST_IN_LUMP
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.law import FAR
@@ -220,8 +219,8 @@ FLAT = 0.999
 """Least initial extent of a balloon below which it is flat, over an edge: a cube of one quad a side is not, wherever"""
 ROUNDING = 2.0**20
 """Number of places that are told apart along a mesh, as it is cut into parts"""
-TRIANGLES = int(ROOM)
-"""Largest number of triangles of a leaf"""
+TRIANGLES = 8
+"""Largest number of triangles of a leaf: a CPU compares as many boxes at once"""
 
 
 def touch_table(model: Model, features: Features) -> Any:
@@ -233,30 +232,20 @@ def touch_table(model: Model, features: Features) -> Any:
     surfaces = [surface_of(shape.mesh) for shape in shapes]
     triangles = [surface.triangles + first for surface, first in zip(surfaces, offsets[:-1], strict=True)]
     first_triangles = np.cumsum([0, *(len(surface.triangles) for surface in surfaces)])
-    first_parts = np.cumsum([0, *(len(surface.ends) for surface in surfaces)])
-    own_triangles = [surface.ranges + first for surface, first in zip(surfaces, first_triangles[:-1], strict=True)]
-    ends = [surface.ends + first for surface, first in zip(surfaces, first_parts[:-1], strict=True)]
+    ranges = [surface.leaves + first for surface, first in zip(surfaces, first_triangles[:-1], strict=True)]
+    own_triangles = np.concatenate(ranges)
     edges = np.array([edge_length(shape.mesh) for shape in shapes])
 
     def array(values: Any, dtype: Any) -> wp.array:
         return wp.array(np.asarray(values), dtype=dtype, device=model.device)
 
-    table.triangles = array(np.concatenate(triangles), wp.vec3i)
-    whole = np.concatenate(ends) == np.arange(first_parts[-1]) + 1
-    own_particles = [
-        np.unique(np.concatenate(triangles)[begin:end]) if alone else np.zeros(0, dtype=np.int64)
-        for (begin, end), alone in zip(np.concatenate(own_triangles), whole, strict=True)
-    ]
-    places = np.cumsum([0, *(len(own) for own in own_particles)])
+    corners = np.concatenate(triangles)
+    table.triangles = array(corners, wp.vec3i)
+    own_particles = [np.unique(corners[begin:end]) for begin, end in own_triangles]
+    places = np.cumsum([0, *map(len, own_particles)])
     table.particles = array(np.concatenate(own_particles), wp.int32)
-    table.part_particles = array(np.stack([places[:-1], places[1:]], axis=1), wp.vec2i)
-    owners = np.repeat(np.arange(len(shapes)), np.diff(first_parts))
-    table.parts = array(np.column_stack([np.concatenate(ends), np.concatenate(own_triangles), owners]), wp.vec4i)
-    heights = np.concatenate([surface.heights for surface in surfaces])
-    levels = [np.flatnonzero(heights == height) for height in range(int(heights.max()) + 1)]
-    table.parts_by_level = array(np.concatenate(levels), wp.int32)
-    table.levels = array(np.cumsum([0, *map(len, levels)]), wp.int32)
-    table.balloon_parts = array(first_parts, wp.int32)
+    table.leaf_particles = array(np.stack([places[:-1], places[1:]], axis=1), wp.vec2i)
+    table.balloon_leaves = array(np.cumsum([0, *map(len, ranges)]), wp.int32)
     table.closed = array([shape.closed for shape in shapes], wp.int32)
     table.thickness = array(THICKNESS * edges, float)
     folded = [features.touches_itself and is_folded(shape.mesh) for shape in shapes]
@@ -266,23 +255,23 @@ def touch_table(model: Model, features: Features) -> Any:
         [contacts_per_particle(shapes, number, features.touches_itself) for number in range(len(shapes))], float
     )
     table.stiffness = model.parameters[STIFFNESSES]
-    leaves = np.repeat(np.arange(len(whole)), np.where(whole, np.diff(np.concatenate(own_triangles), axis=1)[:, 0], 0))
-    if features.touches_itself:
-        homes = np.zeros(int(offsets[-1]), dtype=np.int64)
-        homes[np.concatenate(triangles)] = leaves[:, None]
-        table.homes = array(homes, wp.int32)
+    leaves = np.repeat(np.arange(len(own_triangles)), np.diff(own_triangles, axis=1)[:, 0])
+    homes = np.repeat(table.balloon_leaves.numpy()[:-1], np.diff(offsets))
+    homes[corners] = leaves[:, None]
+    order = np.argsort(homes, kind="stable")
+    table.homes = array(np.stack([order, homes[order]], axis=1), wp.vec2i)
+    bounds = np.zeros(len(own_triangles) + 1, dtype=np.int64)
     if features.edges_meet:
         own_edges = meeting_edges(model.scene, shapes)
         ends = np.concatenate([own + first for own, first in zip(own_edges, offsets[:-1], strict=True)])
-        ends, edge_homes = edges_by_leaf(np.concatenate(triangles), leaves, ends)
+        ends, edge_homes = edges_by_leaf(corners, leaves, ends)
         table.edges, table.edge_homes = array(ends, wp.vec2i), array(edge_homes, wp.int32)
-        bounds = np.searchsorted(edge_homes, np.arange(len(whole) + 1))
-        table.part_edges = array(np.stack([bounds[:-1], bounds[1:]], axis=1), wp.vec2i)
+        bounds = np.searchsorted(edge_homes, np.arange(len(bounds)))
+    table.leaves = array(np.column_stack([own_triangles, bounds[:-1], bounds[1:]]), wp.vec4i)
     rest, boxes = np.zeros((0, 3)), np.zeros((0, 2, 3))
     if features.touches_itself:
         rest = np.concatenate([shape.mesh.points for shape in shapes])
-        corners = rest[np.concatenate(triangles)]
-        parts = [corners[begin:end].reshape(-1, 3) for begin, end in np.concatenate(own_triangles)]
+        parts = [rest[corners[begin:end]].reshape(-1, 3) for begin, end in own_triangles]
         boxes = np.array([(part.min(axis=0, initial=FAR), part.max(axis=0, initial=-FAR)) for part in parts])
     table.rest_points = array(rest, wp.vec3)
     table.rest_boxes = wp.array(boxes.reshape(-1, 2, 3), dtype=wp.vec3, device=model.device)
@@ -309,13 +298,9 @@ class Surface(NamedTuple):
     """Next part outside of each part's subtree, shape (parts,)"""
 
     @property
-    def heights(self) -> NDArray[np.int64]:
-        """Height of each part in the tree, shape (parts,)."""
-        heights = np.zeros(len(self.ends), dtype=np.int64)
-        for part in reversed(range(len(heights))):
-            if self.ends[part] > part + 1:
-                heights[part] = 1 + max(heights[part + 1], heights[self.ends[part + 1]])
-        return heights
+    def leaves(self) -> NDArray[np.int64]:
+        """Begin and end of the triangles of each leaf, shape (leaves, 2)."""
+        return self.ranges[self.ends == np.arange(len(self.ends)) + 1]
 
 
 def surface_of(mesh: PolygonMesh) -> Surface:
@@ -350,15 +335,15 @@ def _rounded(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.round((points - lower) * (ROUNDING / max(float((points - lower).max()), 1e-30)))
 
 
-def part_count(mesh: PolygonMesh) -> int:
-    """Return the parts that a mesh has, without looking for them."""
-    return _parts_of(int(np.maximum(mesh.face_vertex_counts - 2, 0).sum()))
+def leaf_count(mesh: PolygonMesh) -> int:
+    """Return the leaves that a mesh has, without looking for them."""
+    return _leaves_of(int(np.maximum(mesh.face_vertex_counts - 2, 0).sum()))
 
 
 @cache
-def _parts_of(triangles: int) -> int:
+def _leaves_of(triangles: int) -> int:
     half = triangles // 2
-    return 1 if triangles <= TRIANGLES else 1 + _parts_of(half) + _parts_of(triangles - half)
+    return 1 if triangles <= TRIANGLES else _leaves_of(half) + _leaves_of(triangles - half)
 
 
 def substeps_of_search(model: Model) -> int:

@@ -1,9 +1,8 @@
-"""Bounding boxes of balloons and of their parts, swept until the next search.
+"""Bounding boxes of balloons, and of leaves of a few triangles, swept until the next search.
 
-SIMD boxes: eight box tests at once in a CPU's vector registers. A row
-is of the triangles of a leaf, or of eight leaves that follow each other, or of eight such rows. Leaves have the order
-of the tree of parts, so that a search meets the same ones as in the tree, in the same order. The boxes of triangles are
-made when a search first looks into their leaf.
+Leaves that follow each other lie together. Rows of them have boxes, too: so a search skips most. On a GPU the threads
+of a warp share a row, and each tests a leaf; a CPU tests eight boxes at once in its vector registers. There the boxes
+of triangles are made when a search first looks into their leaf.
 """
 
 from functools import cache
@@ -13,10 +12,11 @@ import warp as wp
 
 from balloon_warp.kernels import OPTIONS
 from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.laws.contact import FAR_AWAY
 from balloon_warp.kernels.loops.contact import skin_functions
-from balloon_warp.kernels.memory import four_in, four_ints_at, int_at, int_pair_at, put_four_in, vector_at
+from balloon_warp.kernels.memory import four_in, int_at, int_pair_at, put_four_in, vector_at
 from balloon_warp.kernels.tables import Tables
-from balloon_warp.kernels.warps import any_in_block, block_barrier
+from balloon_warp.kernels.warps import any_in_block, any_in_warp, thread_of_warp, votes_of_warp, warp_max
 from balloon_warp.kernels.working import EightBoxes, Working
 
 wp.set_module_options(OPTIONS)
@@ -260,51 +260,31 @@ def is_searched(working: Working, world: wp.int32):
     return what > APART and what < STILL_NEAR
 
 
-@wp.func
-def lower_of_part(working: Working, world: wp.int32, part: wp.int32):
-    """Return the lower corner of a part's box [m]; the fourth component is unused."""
-    return four_in(working.part_boxes, world, 2 * part)
-
-
-@wp.func
-def upper_of_part(working: Working, world: wp.int32, part: wp.int32):
-    """Return the upper corner of a part's box [m]."""
-    return four_in(working.part_boxes, world, 2 * part + 1)
-
-
-@wp.func
-def put_box_of_part(working: Working, world: wp.int32, part: wp.int32, lower: wp.vec4, upper: wp.vec4):
-    """Store both corners of a part's box."""
-    put_four_in(working.part_boxes, world, 2 * part, lower)
-    put_four_in(working.part_boxes, world, 2 * part + 1, upper)
-
-
-@wp.func
-def is_boxed(working: Working, world: wp.int32, node: wp.vec4i):
-    """Return whether a part's balloon may touch any.
-
-    Balloons without faces, but with edges, have no triangles.
-    """
-    return node[2] > node[1] and working.near_balloons[world, node[3]] != ALONE
-
-
 @wp.struct
 class Swept:
-    """Box around the sweep of an edge or a part until the next search [m]."""
+    """Box around the sweep of an edge or a leaf until the next search [m]."""
 
     lower: wp.vec3
     upper: wp.vec3
 
 
 @wp.func
-def box_of_part(working: Working, world: wp.int32, part: wp.int32):
-    """Return the box around the sweep of a part."""
-    lower = lower_of_part(working, world, part)
-    upper = upper_of_part(working, world, part)
+def box_at(boxes: wp.array2d[wp.vec4], world: wp.int32, number: wp.int32):
+    """Return a stored box."""
+    lower = four_in(boxes, world, 2 * number)
+    upper = four_in(boxes, world, 2 * number + 1)
     swept = Swept()
     swept.lower = wp.vec3(lower[0], lower[1], lower[2])
     swept.upper = wp.vec3(upper[0], upper[1], upper[2])
     return swept
+
+
+@wp.func
+def put_box(boxes: wp.array2d[wp.vec4], world: wp.int32, number: wp.int32, swept: Swept):
+    """Store a box: many others will be compared with it."""
+    lower, upper = swept.lower, swept.upper
+    put_four_in(boxes, world, 2 * number, wp.vec4(lower[0], lower[1], lower[2], 0.0))
+    put_four_in(boxes, world, 2 * number + 1, wp.vec4(upper[0], upper[1], upper[2], 0.0))
 
 
 @wp.func
@@ -321,105 +301,81 @@ def swept_by_edge(t: Tables, ends: wp.vec2i, points: wp.array[wp.vec3], velociti
 
 
 @wp.func
-def box_of_edge(working: Working, world: wp.int32, edge: wp.int32):
-    """Return the stored box around the sweep of an edge."""
-    lower = four_in(working.edge_boxes, world, 2 * edge)
-    upper = four_in(working.edge_boxes, world, 2 * edge + 1)
+def swept_by_leaf(
+    t: Tables, working: Working, world: wp.int32, leaf: wp.int32, points: wp.array[wp.vec3],
+    velocities: wp.array[wp.vec3],
+):  # fmt: skip
+    """Return the box around the sweep of a leaf, if its balloon may touch any; else one that nothing meets."""
     swept = Swept()
-    swept.lower = wp.vec3(lower[0], lower[1], lower[2])
-    swept.upper = wp.vec3(upper[0], upper[1], upper[2])
+    swept.lower = wp.vec3(FAR_AWAY)
+    swept.upper = wp.vec3(-FAR_AWAY)
+    own = int_pair_at(t.touch.leaf_particles, leaf)
+    for place in range(own[0], own[1]):
+        particle = int_at(t.touch.particles, place)
+        if working.near_balloons[world, int_at(t.particles.balloon, particle)] != ALONE:
+            here = vector_at(points, particle)
+            there = here + t.touch.seconds * vector_at(velocities, particle)
+            swept.lower = wp.min(swept.lower, wp.min(here, there))
+            swept.upper = wp.max(swept.upper, wp.max(here, there))
     return swept
 
 
 @wp.func
-def put_box_of_edge(working: Working, world: wp.int32, edge: wp.int32, swept: Swept):
-    """Store the box of an edge: many others will compare theirs with it."""
-    lower, upper = swept.lower, swept.upper
-    put_four_in(working.edge_boxes, world, 2 * edge, wp.vec4(lower[0], lower[1], lower[2], 0.0))
-    put_four_in(working.edge_boxes, world, 2 * edge + 1, wp.vec4(upper[0], upper[1], upper[2], 0.0))
+def warp_box(swept: Swept, counts: bool):
+    """Return the box around those of the threads of a warp that count; called by all of them."""
+    around = Swept()
+    for axis in range(3):
+        around.lower[axis] = -warp_max(wp.where(counts, -swept.lower[axis], -FAR_AWAY))
+        around.upper[axis] = warp_max(wp.where(counts, swept.upper[axis], -FAR_AWAY))
+    return around
 
 
-@wp.func
-def box_whole_part(
-    t: Tables,
-    working: Working,
-    world: wp.int32,
-    part: wp.int32,
-    points: wp.array[wp.vec3],
-    velocities: wp.array[wp.vec3],
-):
-    """Build the box of a leaf."""
-    lower = wp.vec3(1.0e30)
-    upper = wp.vec3(-1.0e30)
-    own = int_pair_at(t.touch.part_particles, part)
-    for place in range(own[0], own[1]):
-        particle = int_at(t.touch.particles, place)
-        here = vector_at(points, particle)
-        there = here + t.touch.seconds * vector_at(velocities, particle)
-        lower = wp.min(lower, wp.min(here, there))
-        upper = wp.max(upper, wp.max(here, there))
-    put_box_of_part(
-        working, world, part,
-        wp.vec4(lower[0], lower[1], lower[2], 0.0), wp.vec4(upper[0], upper[1], upper[2], 0.0),
-    )  # fmt: skip
-
-
-@wp.func
-def box_both_halves(working: Working, world: wp.int32, part: wp.int32, second: wp.int32):
-    """Build the box of a part from those of its two children; the first is the next part."""
-    put_box_of_part(
-        working, world, part,
-        wp.min(lower_of_part(working, world, part + 1), lower_of_part(working, world, second)),
-        wp.max(upper_of_part(working, world, part + 1), upper_of_part(working, world, second)),
-    )  # fmt: skip
-
-
-@wp.func
-def box_parts(
-    t: Tables,
-    working: Working,
-    world: wp.int32,
-    thread: wp.int32,
-    threads: wp.int32,
-    points: wp.array[wp.vec3],
-    velocities: wp.array[wp.vec3],
-):
-    """Build boxes around the parts of balloons that may touch others, by all threads of a block.
-
-    It goes level by level from the leaves.
+@wp.func_native(
     """
-    for level in range(t.touch.levels.shape[0] - 1):
-        for place in range(t.touch.levels[level] + thread, t.touch.levels[level + 1], threads):
-            part = t.touch.parts_by_level[place]
-            node = four_ints_at(t.touch.parts, part)
-            if is_boxed(working, world, node):
-                if level == 0:
-                    box_whole_part(t, working, world, part, points, velocities)
-                else:
-                    box_both_halves(working, world, part, four_ints_at(t.touch.parts, part + 1)[0])
-        block_barrier()
+#if defined(__CUDA_ARCH__)
+    return 32;
+#else
+    return 8;
+#endif
+    """
+)
+def row_size() -> wp.int32:
+    """Return the number of leaves of a row: those that a thread compares at once, or the threads of a warp."""
+    ...
 
 
 @wp.kernel(enable_backward=False)
-def box_parts_of_worlds(
+def box_leaves(
     # model
     t: Tables,
+    threads: wp.int32,
     # state in
     points: wp.array2d[wp.vec3],
     velocities: wp.array2d[wp.vec3],
     # out
     working: Working,
 ):
-    """Build the boxes of parts; a block a world."""
+    """Box leaves, and rows of them, by some threads a world."""
     world, thread = wp.tid()
     if working.near_balloons[world, working.balloon_boxes.shape[1]] == ARE_NEAR:
-        box_parts(t, working, world, thread, wp.block_dim(), points[world], velocities[world])
+        leaf = wp.int32(thread)
+        while any_in_warp(leaf < t.touch.leaves.shape[0]):
+            swept = Swept()
+            is_there = leaf < t.touch.leaves.shape[0]
+            if is_there:
+                swept = swept_by_leaf(t, working, world, leaf, points[world], velocities[world])
+                put_box(working.leaf_boxes, world, leaf, swept)
+            row = leaf / row_size()
+            around = warp_box(swept, is_there)
+            if thread_of_warp() == 0 and 2 * row < working.row_boxes.shape[1]:
+                put_box(working.row_boxes, world, row, around)
+            leaf += threads
 
 
-def row_count(parts: int, leaves: int, balloons: int) -> int:
+def row_count(leaves: int, balloons: int) -> int:
     """Return the rows of a world: of triangles, of leaves, of such rows, and two for each eight neighbors."""
     rows = -(-leaves // 8)
-    return parts + rows + -(-rows // 8) + 2 * -(-balloons // 8)
+    return leaves + rows + -(-rows // 8) + 2 * -(-balloons // 8)
 
 
 @wp.func_native(
@@ -447,18 +403,6 @@ def which_are_near(boxes: wp.array[EightBoxes], row: wp.int32, point: wp.vec3, s
     It rounds as `boxes.squared_distance_to_box`.
     """
     ...
-
-
-@wp.func_native("return __builtin_ctz(bits);")
-def first_of(bits: wp.int32) -> wp.int32:
-    """Return the number of the lowest bit that is set."""
-    ...
-
-
-@wp.func
-def without_first(bits: wp.int32):
-    """Return bits without the lowest that is set."""
-    return bits & (bits - 1)
 
 
 @wp.func_native(
@@ -491,7 +435,7 @@ def forget_boxes(boxes: wp.array[EightBoxes], row: wp.int32):
     }
     """
 )
-def stretch_box(boxes: wp.array[EightBoxes], row: wp.int32, lane: wp.int32, lower: wp.vec4, upper: wp.vec4):
+def stretch_box(boxes: wp.array[EightBoxes], row: wp.int32, lane: wp.int32, lower: wp.vec3, upper: wp.vec3):
     """Stretch a box so that it contains another."""
     ...
 
@@ -525,61 +469,21 @@ def box_triangles(
 
 
 @wp.func
-def is_filled(node: wp.vec4i):
-    """Return whether a part has triangles: a balloon without faces has one without."""
-    return node[2] > node[1]
-
-
-@wp.func
 def first_leaf(t: Tables, balloon: wp.int32):
-    """Return the number of leaves before those of a balloon: every part has two halves, or is a leaf."""
-    return (int_at(t.touch.balloon_parts, balloon) + balloon) >> 1
+    """Return the first leaf of a balloon."""
+    return int_at(t.touch.balloon_leaves, balloon)
 
 
 @wp.func
-def begin_of_leaves(t: Tables, balloon: wp.int32, count: wp.int32):
-    """Return where a search among the leaves of a balloon begins, see `contact.triangles.begin_of_parts`."""
-    return wp.where(count >= 0, 0, first_leaf(t, balloon))
+def rows_of_leaves(t: Tables):
+    """Return the first row of boxes of leaves: after those of the triangles of each leaf."""
+    return t.touch.leaves.shape[0]
 
 
 @wp.func
-def end_of_leaves(t: Tables, balloon: wp.int32, count: wp.int32):
-    """Return where a search among the leaves of a balloon ends."""
-    return wp.where(count >= 0, count, first_leaf(t, balloon + 1))
-
-
-@wp.func
-def leaf_of_search(
-    t: Tables, working: Working, world: wp.int32, home: wp.int32, at: wp.int32, count: wp.int32
-):  # fmt: skip
-    """Return the part at a place of a search among leaves, see `contact.triangles.part_of_search`."""
-    if count >= 0:
-        return working.near_parts[world, home, at]
-    return int_at(t.touch.parts_by_level, at)
-
-
-@wp.func
-def next_near(
-    t: Tables, boxes: wp.array[EightBoxes], leaf: wp.int32, last: wp.int32, point: wp.vec3, squared: float
-):  # fmt: skip
-    """Return the first leaf from one on whose box is within a squared distance of a point [m^2], or the last."""
-    rows = t.touch.parts.shape[0]
-    rows_of_rows = rows + ((int_at(t.touch.levels, 1) + 7) >> 3)
-    at = leaf
-    while at < last:
-        near = which_are_near(boxes, rows + (at >> 3), point, squared) >> (at & 7)
-        if near != 0:
-            return wp.min(at + first_of(near), last)
-        row = (at >> 3) + 1
-        at = last
-        while 8 * row < last:
-            near = which_are_near(boxes, rows_of_rows + (row >> 3), point, squared) >> (row & 7)
-            if near != 0:
-                at = 8 * (row + first_of(near))
-                row = last
-            else:
-                row = ((row >> 3) + 1) << 3
-    return last
+def rows_of_such_rows(t: Tables):
+    """Return the first row of boxes of such rows."""
+    return rows_of_leaves(t) + ((t.touch.leaves.shape[0] + 7) >> 3)
 
 
 @wp.func_native(
@@ -599,8 +503,7 @@ def put_padded_box(
     ...
 
 
-@wp.func_native(
-    """
+WHICH_MEET = """
     typedef float eight __attribute__((vector_size(32), aligned(4)));
     typedef bool bits __attribute__((ext_vector_type(8)));
     const eight* box = reinterpret_cast<const eight*>(&boxes.data[(unsigned int)row]);
@@ -611,15 +514,139 @@ def put_padded_box(
         gaps[axis] = below > above ? below : above;
     }
     const eight two = gaps[0] > gaps[1] ? gaps[0] : gaps[1];
-    const bits near = __builtin_convertvector((two > gaps[2] ? two : gaps[2]) <= box[6], bits);
+    const bits near = __builtin_convertvector((two > gaps[2] ? two : gaps[2]) <= PAD, bits);
     unsigned char mask;
     __builtin_memcpy(&mask, &near, 1);
     return mask;
-    """
-)
+"""
+
+
+@wp.func_native(WHICH_MEET.replace("PAD", "box[6]"))
 def which_meet(boxes: wp.array[EightBoxes], row: wp.int32, lower: wp.vec3, upper: wp.vec3) -> wp.int32:
     """Return a bit for each padded box of a row that another meets, see `boxes.boxes_meet`."""
     ...
+
+
+@wp.func_native(WHICH_MEET.replace("PAD", "pad"))
+def which_are_within(
+    boxes: wp.array[EightBoxes], row: wp.int32, lower: wp.vec3, upper: wp.vec3, pad: float
+) -> wp.int32:
+    """Return a bit for each box of a row that is within a distance of another, see `boxes.boxes_meet`."""
+    ...
+
+
+@wp.func
+def first_rows(t: Tables, balloon: wp.int32):
+    """Return the first row of those compared at once with the first leaf of a balloon."""
+    return first_leaf(t, balloon) / (row_size() * row_size()) * row_size()
+
+
+@wp.func
+def end_of_rows(t: Tables, balloon: wp.int32):
+    """Return the end of the rows of leaves with those of a balloon."""
+    return (first_leaf(t, balloon + 1) + row_size() - 1) / row_size()
+
+
+@wp.func
+def votes_on_rows(t: Tables, working: Working, world: wp.int32, rows: wp.int32, around: Swept, pad: float):
+    """Return a bit for each of some rows of leaves whose box is near another; called by all threads of a warp."""
+    near = bool(False)
+    row = rows + thread_of_warp()
+    if 2 * row < working.row_boxes.shape[1]:
+        here = box_at(working.row_boxes, world, row)
+        near = boxes_meet(around.lower, around.upper, here.lower, here.upper, pad)
+    return votes_of_warp(near)
+
+
+@wp.func
+def votes_on_leaves(
+    t: Tables, working: Working, world: wp.int32, balloon: wp.int32, row: wp.int32, around: Swept, pad: float
+):  # fmt: skip
+    """Return a bit for each leaf of a balloon in a row whose box is near another; called by all threads of a warp."""
+    near = bool(False)
+    leaf = row_size() * row + thread_of_warp()
+    if leaf >= first_leaf(t, balloon) and leaf < first_leaf(t, balloon + 1):
+        here = box_at(working.leaf_boxes, world, leaf)
+        near = boxes_meet(around.lower, around.upper, here.lower, here.upper, pad)
+    return votes_of_warp(near)
+
+
+@wp.func
+def which_rows_meet(t: Tables, working: Working, world: wp.int32, rows: wp.int32, around: Swept, pad: float):
+    """Return the same bits by eight boxes at a time."""
+    row = rows_of_such_rows(t) + (rows >> 3)
+    return which_are_within(working.eight_boxes[world], row, around.lower, around.upper, pad)
+
+
+@wp.func
+def which_leaves_meet(
+    t: Tables, working: Working, world: wp.int32, balloon: wp.int32, row: wp.int32, around: Swept, pad: float
+):  # fmt: skip
+    """Return the same bits by eight boxes at a time."""
+    near = which_are_within(working.eight_boxes[world], rows_of_leaves(t) + row, around.lower, around.upper, pad)
+    return those_of_balloon(t, balloon, row, near)
+
+
+@wp.func
+def those_of_balloon(t: Tables, balloon: wp.int32, row: wp.int32, leaves: wp.int32):
+    """Return the bits of those leaves of a row of eight that are a balloon's."""
+    first = wp.max(first_leaf(t, balloon) - 8 * row, 0)
+    end = wp.clamp(first_leaf(t, balloon + 1) - 8 * row, 0, 8)
+    return wp.where(first < 8, (leaves & ((1 << end) - 1)) >> first << first, 0)
+
+
+@wp.func
+def which_rows_are_near(
+    t: Tables, working: Working, world: wp.int32, rows: wp.int32, point: wp.vec3, squared: float, asks: bool
+):  # fmt: skip
+    """Return a bit for each of eight rows of leaves whose box is within a squared distance of a point [m^2]."""
+    return which_are_near(working.eight_boxes[world], rows_of_such_rows(t) + (rows >> 3), point, squared)
+
+
+@wp.func
+def which_leaves_are_near(
+    t: Tables, working: Working, world: wp.int32, balloon: wp.int32, row: wp.int32, point: wp.vec3, squared: float,
+    asks: bool,
+):  # fmt: skip
+    """Return a bit for each leaf of a balloon in a row of eight that is so near."""
+    near = which_are_near(working.eight_boxes[world], rows_of_leaves(t) + row, point, squared)
+    return those_of_balloon(t, balloon, row, near)
+
+
+ROUNDING = wp.constant(1.0e-6)
+"""Part of a coordinate by which a box is larger than rounding may make it smaller"""
+
+
+@wp.func
+def box_around(point: wp.vec3, squared: float, counts: bool):
+    """Return the box around what is within a squared distance of the points of a warp that count [m^2]."""
+    distance = wp.sqrt(squared)
+    size = wp.max(wp.abs(point)) + distance
+    within = distance + ROUNDING * size
+    here = Swept()
+    here.lower = point - wp.vec3(within)
+    here.upper = point + wp.vec3(within)
+    return warp_box(here, counts)
+
+
+@wp.func
+def votes_on_near_rows(
+    t: Tables, working: Working, world: wp.int32, rows: wp.int32, point: wp.vec3, squared: float, asks: bool
+):  # fmt: skip
+    """Return a bit for each of some rows of leaves that may be within a squared distance [m^2] of a point that asks.
+
+    All threads of a warp call it, with their points.
+    """
+    return votes_on_rows(t, working, world, rows, box_around(point, squared, asks), 0.0)
+
+
+@wp.func
+def votes_on_near_leaves(
+    t: Tables, working: Working, world: wp.int32, balloon: wp.int32, row: wp.int32, point: wp.vec3, squared: float,
+    asks: bool,
+):  # fmt: skip
+    """Return a bit for each leaf of a balloon in a row that may be so near."""
+    return votes_on_leaves(t, working, world, balloon, row, box_around(point, squared, asks), 0.0)
 
 
 @wp.func
@@ -678,15 +705,11 @@ def line_up_boxes(
     world = wp.tid()
     if working.near_balloons[world, working.balloon_boxes.shape[1]] == ARE_NEAR:
         boxes = working.eight_boxes[world]
-        rows = t.touch.parts.shape[0]
-        rows_of_rows = rows + ((int_at(t.touch.levels, 1) + 7) >> 3)
+        rows = rows_of_leaves(t)
         for row in range(rows, boxes.shape[0]):
             clear_boxes(boxes, row)
-        for leaf in range(int_at(t.touch.levels, 1)):
-            part = int_at(t.touch.parts_by_level, leaf)
-            if is_boxed(working, world, four_ints_at(t.touch.parts, part)):
-                lower = lower_of_part(working, world, part)
-                upper = upper_of_part(working, world, part)
-                forget_boxes(boxes, part)
-                stretch_box(boxes, rows + (leaf >> 3), leaf & 7, lower, upper)
-                stretch_box(boxes, rows_of_rows + (leaf >> 6), (leaf >> 3) & 7, lower, upper)
+        for leaf in range(t.touch.leaves.shape[0]):
+            here = box_at(working.leaf_boxes, world, leaf)
+            forget_boxes(boxes, leaf)
+            stretch_box(boxes, rows + (leaf >> 3), leaf & 7, here.lower, here.upper)
+            stretch_box(boxes, rows_of_such_rows(t) + (leaf >> 6), (leaf >> 3) & 7, here.lower, here.upper)

@@ -3,9 +3,9 @@
 See `laws.touch`. Particles that would come through triangles are contacts of this kind, too: the spring between a
 particle and a triangle, see `laws.touch`, may let it through.
 
-A search finds the edges that may touch each other, every few substeps, by the boxes of parts, see `contact.boxes`.
-Threads go through the trees of balloons for edges, or compare those of two leaves of a balloon near each other, see
-`contact.triangles`. They list pairs whose boxes meet; others measure these, so that threads of a warp do the same.
+A search finds the edges that may touch each other, every few substeps, by the boxes of leaves, see `contact.boxes`.
+The threads of a warp go through leaves together, each with an edge. Pairs whose boxes meet wait in a queue of the warp
+until each thread has one to measure, so that all do the same.
 """
 
 from functools import cache
@@ -20,14 +20,20 @@ from balloon_warp.kernels.contact.boxes import (
     LOWER,
     UPPER,
     Swept,
-    box_of_edge,
-    box_of_part,
+    box_at,
     boxes_meet,
+    end_of_rows,
     exceeds_search_margin,
-    is_searched,
+    first_rows,
     pad_function,
-    put_box_of_edge,
+    put_box,
+    row_size,
     swept_by_edge,
+    votes_on_leaves,
+    votes_on_rows,
+    warp_box,
+    which_leaves_meet,
+    which_rows_meet,
 )
 from balloon_warp.kernels.contact.contact import NONE, Contact
 from balloon_warp.kernels.contact.ends import four_of
@@ -45,8 +51,20 @@ from balloon_warp.kernels.loops.contact import place_beside, skin_functions
 from balloon_warp.kernels.loops.fixtures import friction_of_balloons
 from balloon_warp.kernels.memory import four_ints_at, int_at, int_pair_at, vector_at
 from balloon_warp.kernels.tables import Tables, WorldState
-from balloon_warp.kernels.warps import any_in_warp, block_barrier, next_place
-from balloon_warp.kernels.working import BOXED, OF_PAIRS, PAIRS, SEEKING, SUBSTEPS, Working, request_capacity
+from balloon_warp.kernels.warps import (
+    QUEUE_WORDS,
+    any_in_warp,
+    block_barrier,
+    first_vote,
+    next_place,
+    of_thread,
+    put_in_queue,
+    shared_words,
+    take_from_queue,
+    votes_of_warp,
+    warp_size,
+)
+from balloon_warp.kernels.working import OF_PAIRS, PAIRS, SUBSTEPS, Working, request_capacity
 
 AHEAD = wp.constant(2.0)
 """Number of substeps ahead in which edges at their speeds would touch, so that they count as near in this one"""
@@ -245,82 +263,6 @@ def displacement_of_edge(working: Working, world: wp.int32, ends: wp.vec2i, poin
     return wp.max(first, wp.length(points[ends[1]] - working.sought[world, ends[1]]))
 
 
-@wp.func
-def append_edge_query(working: Working, world: wp.int32, edge: wp.int32, balloon: wp.int32):
-    """List an edge and a balloon whose tree it goes through."""
-    place = next_place(working.list_lengths, world, SEEKING)
-    if place < working.query_edges.shape[1]:
-        working.query_edges[world, place] = wp.vec2i(edge, balloon)
-
-
-@cache
-def edge_query_kernel(features: Features) -> Any:
-    """Kernel that boxes edges, and lists those that query trees."""
-    pad_between = pad_function(features)
-
-    @wp.func
-    def query_others(t: Tables, working: Working, world: wp.int32, edge: wp.int32, own: wp.int32, swept: Swept):
-        """List the other balloons, of a higher number, that an edge may come near, by the boxes that these sweep."""
-        for neighbor in range(working.neighbor_counts[world, own]):
-            balloon = working.neighbors[world, own, neighbor]
-            if balloon > own:
-                lower = working.balloon_boxes[world, balloon, LOWER]
-                upper = working.balloon_boxes[world, balloon, UPPER]
-                if boxes_meet(swept.lower, swept.upper, lower, upper, pad_between(t, world, own, balloon)):
-                    append_edge_query(working, world, edge, balloon)
-
-    @wp.func
-    def queries_own(
-        t: Tables, working: Working, world: wp.int32, own: wp.int32, edge: wp.int32, ends: wp.vec2i,
-        points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
-    ):  # fmt: skip
-        """Test for an edge that queries the tree of its own balloon."""
-        if working.near_part_counts[world, int_at(t.touch.edge_homes, edge)] >= 0:  # others do so for its leaf
-            if exceeds_search_margin(working, world, own):
-                working.edge_clearances[world, edge] = 0.0
-            return False
-        moved = displacement_of_edge(working, world, ends, points)
-        speed = wp.max(wp.length(velocities[ends[0]]), wp.length(velocities[ends[1]]))
-        pad = pad_between(t, world, own, own)
-        if is_clear_of_own(t, working, world, own, edge, working.edge_clearances, moved, speed, pad):
-            return False
-        if exceeds_search_margin(working, world, own):  # who measures may find less
-            working.edge_clearances[world, edge] = pad_with_search_margin(t, working, world, own, pad)
-        return True
-
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def find_query_edges(
-        # model
-        t: Tables,
-        threads: wp.int32,
-        turns: wp.int32,
-        # state in
-        points: wp.array2d[wp.vec3],
-        velocities: wp.array2d[wp.vec3],
-        # out
-        working: Working,
-    ):
-        """Box edges of balloons that may touch any, and list those that seek others, by some threads a world."""
-        world, thread = wp.tid()
-        if working.near_balloons[world, working.balloon_boxes.shape[1]] == ARE_NEAR:
-            for edge in range(thread, t.touch.edges.shape[0], threads):
-                ends = int_pair_at(t.touch.edges, edge)
-                own = int_at(t.particles.balloon, ends[0])
-                if working.near_balloons[world, own] != ALONE:
-                    swept = swept_by_edge(t, ends, points[world], velocities[world])
-                    put_box_of_edge(working, world, edge, swept)
-                    query_others(t, working, world, edge, own, swept)
-                    if wp.static(features.touches_itself):
-                        if queries_own(t, working, world, own, edge, ends, points[world], velocities[world]):
-                            append_edge_query(working, world, edge, own)
-
-    return find_query_edges
-
-
-BOXED_OF_EDGE, SEEKING_OF_EDGE = 12, 2
-"""Number of pairs whose boxes meet, and of trees gone through, that a world has room for, for each of its edges; a
-thread that finds no room for the first measures by itself, and without room for the second all edges go through all
-trees"""
 FIND_EDGES_REGISTERS = 64
 """Registers of a searching thread, so that more threads overlap their memory latencies"""
 
@@ -353,8 +295,8 @@ def are_near(first: Swept, second: Swept, pad: float):
 
 
 @cache
-def measuring_functions(features: Features) -> tuple[Any, Any]:
-    """Distance test of two edges, and the function that lists pairs for it."""
+def measuring_function(features: Features) -> Any:
+    """Return the function that lists two edges if they may touch until the next search."""
     pad_between = pad_function(features)
     thickness_between, _ = skin_functions(features)
 
@@ -388,174 +330,286 @@ def measuring_functions(features: Features) -> tuple[Any, Any]:
             else:
                 request_capacity(working, world, OF_PAIRS, place + 1, 1)
 
+    return measure
+
+
+QUERY_THREADS = 64
+"""Threads of a block that searches for edges: each takes many registers"""
+asking = shared_words("edges that look at a balloon", QUERY_THREADS // 32 * QUEUE_WORDS)
+queue = shared_words("pairs of edges whose boxes meet", QUERY_THREADS // 32 * QUEUE_WORDS)
+
+
+@wp.func_native(
+    """
+    const float* const box = reinterpret_cast<const float*>(boxes.data) + 8 * (size_t)world * (boxes.shape[1] / 2);
+    int bits = 0;
+    #pragma unroll 4
+    for (int edge = begin; edge < end; ++edge) {
+#if defined(__CUDA_ARCH__)
+        const float4 low = __ldg(reinterpret_cast<const float4*>(box + 8 * (unsigned int)edge));
+        const float4 high = __ldg(reinterpret_cast<const float4*>(box + 8 * (unsigned int)edge) + 1);
+        const float its_lower[3] = {low.x, low.y, low.z}, its_upper[3] = {high.x, high.y, high.z};
+#else
+        const float* const its_lower = box + 8 * (unsigned int)edge, *const its_upper = its_lower + 4;
+#endif
+        float gap = its_lower[0] - upper[0];
+        for (int axis = 0; axis < 3; ++axis) {
+            gap = wp::max(gap, wp::max(lower[axis] - its_upper[axis], its_lower[axis] - upper[axis]));
+        }
+        const wp::vec2i other = edges.data[(unsigned int)edge];
+        const bool joined = other[0] == ends[0] || other[0] == ends[1] || other[1] == ends[0] || other[1] == ends[1];
+        bits |= (gap <= pad && !joined) << (edge - begin);
+    }
+    return bits;
+    """
+)
+def edges_that_meet(
+    boxes: wp.array2d[wp.vec4], edges: wp.array[wp.vec2i], world: wp.int32, begin: wp.int32, end: wp.int32,
+    ends: wp.vec2i, lower: wp.vec3, upper: wp.vec3, pad: float,
+) -> wp.int32:  # fmt: skip
+    """Return a bit for each edge of a leaf whose box is within a distance of another's [m].
+
+    Without those that it joins. A loop without branches, so that loads for several edges overlap.
+    """
+    ...
+
+
+@cache
+def comparison_with_leaf(features: Features) -> Any:
+    """Return the function that compares edges with those of a leaf."""
+    measure = measuring_function(features)
+
+    @wp.func
+    def measure_queued(
+        t: Tables, working: Working, world: wp.int32, pair: wp.vec2i, count: wp.int32, points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3],
+    ):  # fmt: skip
+        """Measure the last pairs of the queue, a warp's, and return its length after it."""
+        first = count - warp_size()
+        queued = take_from_queue(queue(), first, pair)
+        measure(t, working, world, queued[0], queued[1], points, velocities)
+        return first
+
     @wp.func
     def compare_with_leaf(
-        t: Tables, working: Working, world: wp.int32, edge: wp.int32, swept: Swept, leaf: wp.int32,
-        search_distance: float, points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
+        t: Tables, working: Working, world: wp.int32, edge: wp.int32, ends: wp.vec2i, asks: bool, swept: Swept,
+        leaf: wp.int32, distance: float, count: wp.int32, points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
     ):  # fmt: skip
-        """List pairs of an edge and those of a leaf, of a higher number, to be measured where their boxes meet."""
-        its_edges = int_pair_at(t.touch.part_edges, leaf)
-        for other in range(wp.max(its_edges[0], edge + 1), its_edges[1]):
-            if are_near(swept, box_of_edge(working, world, other), search_distance):
-                place = next_place(working.list_lengths, world, BOXED)
-                if place < working.boxed_edges.shape[1]:
-                    working.boxed_edges[world, place] = wp.vec2i(edge, other)
-                else:
-                    measure(t, working, world, edge, other, points, velocities)
+        """Measure pairs of an edge and those of a leaf, of a higher number; return the queue's length."""
+        waiting = wp.int32(count)
+        own = four_ints_at(t.touch.leaves, leaf)
+        first = wp.max(own[2], edge + 1)
+        meets = edges_that_meet(
+            working.edge_boxes, t.touch.edges, world, first, own[3], ends, swept.lower, swept.upper, distance
+        )
+        meets = wp.where(asks, meets, 0)
+        while any_in_warp(meets != 0):
+            pair = wp.vec2i(edge, first + first_vote(meets))
+            waiting = put_in_queue(queue(), meets != 0, pair, waiting)
+            meets = meets & (meets - 1)
+            if waiting >= warp_size():
+                waiting = measure_queued(t, working, world, pair, waiting, points, velocities)
+        return waiting
 
-    return measure, compare_with_leaf
-
-
-@cache
-def measuring_kernel(features: Features) -> Any:
-    """Return the kernel that measures the pairs of edges whose boxes meet."""
-    measure, _ = measuring_functions(features)
-
-    @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=FIND_EDGES_REGISTERS, module_options=OPTIONS)
-    def measure_edges(
-        # model
-        t: Tables,
-        threads: wp.int32,
-        turns: wp.int32,
-        # state in
-        points: wp.array2d[wp.vec3],
-        velocities: wp.array2d[wp.vec3],
-        # out
-        working: Working,
-    ):
-        """List the pairs of edges that may touch, by some threads a world."""
-        world, thread = wp.tid()
-        if is_searched(working, world):
-            count = wp.min(working.list_lengths[world, BOXED], working.boxed_edges.shape[1])
-            for place in range(thread, count, threads):
-                pair = working.boxed_edges[world, place]
-                measure(t, working, world, pair[0], pair[1], points[world], velocities[world])
-
-    return measure_edges
+    return compare_with_leaf
 
 
 @cache
-def tree_query_function(features: Features) -> Any:
-    """Filter of edges that query a balloon's tree."""
+def comparison_function(features: Features, eight: bool) -> Any:
+    """Return the function that compares edges with those of the balloons that they look at."""
+    pad_between, compare_with_leaf = pad_function(features), comparison_with_leaf(features)
+    rows_that_meet = which_rows_meet if eight else votes_on_rows
+    leaves_that_meet = which_leaves_meet if eight else votes_on_leaves
 
     @wp.func
-    def needs_tree_query(
-        t: Tables, working: Working, world: wp.int32, edge: wp.int32, own: wp.int32, balloon: wp.int32
-    ):
-        if wp.static(features.touches_itself):
-            if balloon == own:
-                return working.near_part_counts[world, int_at(t.touch.edge_homes, edge)] < 0
-        return balloon > own
-
-    return needs_tree_query
-
-
-@cache
-def trees_kernel(features: Features) -> Any:
-    """Kernel of edge queries in trees."""
-    pad_between, needs_tree_query = pad_function(features), tree_query_function(features)
-    _, compare_with_leaf = measuring_functions(features)
-
-    @wp.func
-    def go_through(
-        t: Tables, working: Working, world: wp.int32, edge: wp.int32, own: wp.int32, balloon: wp.int32,
-        points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
+    def compare_with_balloon(
+        t: Tables, working: Working, world: wp.int32, edge: wp.int32, ends: wp.vec2i, asks: bool, swept: Swept,
+        own: wp.int32, balloon: wp.int32, count: wp.int32, points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
     ):  # fmt: skip
-        """List the edges of a balloon that an edge may touch, of its own those of a higher number."""
-        swept = box_of_edge(working, world, edge)
-        search_distance = float(pad_between(t, world, own, balloon))
-        at = int_at(t.touch.balloon_parts, balloon)
-        last = int_at(t.touch.balloon_parts, balloon + 1)
+        """Compare edges of a balloon with those of another, or of their own; return the queue's length."""
+        waiting = wp.int32(count)
+        distance = float(pad_between(t, world, own, balloon))
+        home = wp.int32(0)
         if balloon == own:
-            search_distance = pad_with_search_margin(t, working, world, own, search_distance)
-            at = wp.max(at, int_at(t.touch.edge_homes, edge))
-        while at < last:
-            after = four_ints_at(t.touch.parts, at)[0]
-            if are_near(swept, box_of_part(working, world, at), search_distance):
-                compare_with_leaf(t, working, world, edge, swept, at, search_distance, points, velocities)
-                after = at + 1
-            at = after
+            distance = pad_with_search_margin(t, working, world, own, distance)
+            home = int_at(t.touch.edge_homes, of_thread(edge, first_vote(votes_of_warp(asks))))
+            if wp.static(features.touches_itself and eight):
+                listed = working.near_leaf_counts[world, home]
+                for place in range(listed):
+                    leaf = working.near_leaves[world, home, place]
+                    if leaf >= home:
+                        waiting = compare_with_leaf(
+                            t, working, world, edge, ends, asks, swept, leaf, distance, waiting, points, velocities
+                        )
+                if listed >= 0:
+                    return waiting
+        around = warp_box(swept, asks)
+        rows = first_rows(t, balloon)
+        while rows < end_of_rows(t, balloon):
+            near_rows = rows_that_meet(t, working, world, rows, around, distance)
+            while near_rows != 0:
+                row = rows + first_vote(near_rows)
+                near_rows = near_rows & (near_rows - 1)
+                leaves = leaves_that_meet(t, working, world, balloon, row, around, distance)
+                while leaves != 0:
+                    leaf = row_size() * row + first_vote(leaves)
+                    leaves = leaves & (leaves - 1)
+                    if leaf >= home:
+                        waiting = compare_with_leaf(
+                            t, working, world, edge, ends, asks, swept, leaf, distance, waiting, points, velocities
+                        )
+            rows += row_size()
+        return waiting
 
-    @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=FIND_EDGES_REGISTERS, module_options=OPTIONS)
-    def find_edges_in_trees(
-        # model
-        t: Tables,
-        threads: wp.int32,
-        turns: wp.int32,
-        # state in
-        points: wp.array2d[wp.vec3],
-        velocities: wp.array2d[wp.vec3],
-        # out
-        working: Working,
-    ):
-        """Find the edges near those that seek any, by some threads a world."""
-        world, thread = wp.tid()
-        if is_searched(working, world):
-            count = working.list_lengths[world, SEEKING]
-            are_all = count > working.query_edges.shape[1]  # not listed all
-            for place in range(thread, wp.where(are_all, t.touch.edges.shape[0], count), threads):
-                sought = wp.vec2i(place, 0)
-                trees = wp.int32(1)
-                if not are_all:
-                    sought = working.query_edges[world, place]
-                own = int_at(t.particles.balloon, int_pair_at(t.touch.edges, sought[0])[0])
-                if are_all:
-                    trees = working.neighbor_counts[world, own]
-                for tree in range(trees):
-                    if are_all:
-                        sought[1] = working.neighbors[world, own, tree]
-                    if not are_all or needs_tree_query(t, working, world, sought[0], own, sought[1]):
-                        go_through(t, working, world, sought[0], own, sought[1], points[world], velocities[world])
+    @wp.func
+    def compare_asked(
+        t: Tables, working: Working, world: wp.int32, asked: wp.vec2i, is_there: bool, count: wp.int32,
+        points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
+    ):  # fmt: skip
+        """Compare edges with the balloons that they look at, if there are any; return the queue's length."""
+        queued = wp.int32(count)
+        edge, other = asked[0], asked[1]
+        ends = int_pair_at(t.touch.edges, edge)
+        own = int_at(t.particles.balloon, ends[0])
+        swept = box_at(working.edge_boxes, world, edge)
+        waiting = votes_of_warp(is_there)
+        while waiting != 0:
+            first = first_vote(waiting)
+            owner, balloon = of_thread(own, first), of_thread(other, first)
+            asks = own == owner and other == balloon
+            queued = compare_with_balloon(
+                t, working, world, edge, ends, is_there and asks, swept, owner, balloon, queued, points, velocities
+            )
+            waiting = waiting & votes_of_warp(not asks)
+        return queued
 
-    return find_edges_in_trees
+    return compare_asked
 
 
 @cache
-def leaves_kernel(features: Features) -> Any:
-    """Return the kernel that compares edges in leaves of a balloon that are near each other."""
+def asking_function(features: Features) -> Any:
+    """Return the function that tests for an edge that looks at a balloon."""
     pad_between = pad_function(features)
-    _, compare_with_leaf = measuring_functions(features)
 
     @wp.func
-    def compare_leaves(
-        t: Tables, working: Working, world: wp.int32, balloon: wp.int32, part: wp.int32, other: wp.int32,
+    def asks_own(
+        t: Tables, working: Working, world: wp.int32, own: wp.int32, edge: wp.int32, ends: wp.vec2i,
         points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
     ):  # fmt: skip
-        """List pairs of edges of two leaves, or of a leaf, whose boxes meet."""
-        pad = pad_between(t, world, balloon, balloon)
-        there = box_of_part(working, world, other)
-        edges = int_pair_at(t.touch.part_edges, part)
-        for edge in range(edges[0], edges[1]):
-            swept = box_of_edge(working, world, edge)
-            if are_near(swept, there, pad):
-                compare_with_leaf(t, working, world, edge, swept, other, pad, points, velocities)
+        """Test for an edge that looks at its own balloon."""
+        moved = displacement_of_edge(working, world, ends, points)
+        speed = wp.max(wp.length(velocities[ends[0]]), wp.length(velocities[ends[1]]))
+        pad = pad_between(t, world, own, own)
+        if is_clear_of_own(t, working, world, own, edge, working.edge_clearances, moved, speed, pad):
+            return False
+        if exceeds_search_margin(working, world, own):  # who measures may find less
+            working.edge_clearances[world, edge] = pad_with_search_margin(t, working, world, own, pad)
+        return True
+
+    @wp.func
+    def asks_balloon(
+        t: Tables, working: Working, world: wp.int32, edge: wp.int32, own: wp.int32, other: wp.int32,
+        points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
+    ):  # fmt: skip
+        """Test for an edge that looks at a balloon: its own, or one of a higher number."""
+        asks = bool(False)
+        if other > own:
+            swept = box_at(working.edge_boxes, world, edge)
+            lower = working.balloon_boxes[world, other, LOWER]
+            upper = working.balloon_boxes[world, other, UPPER]
+            asks = boxes_meet(swept.lower, swept.upper, lower, upper, pad_between(t, world, own, other))
+        if wp.static(features.touches_itself):
+            if other == own:
+                asks = asks_own(t, working, world, own, edge, int_pair_at(t.touch.edges, edge), points, velocities)
+        return asks
+
+    return asks_balloon
+
+
+@cache
+def query_kernel(features: Features, eight: bool = False) -> Any:
+    """Kernel that finds edges near each other.
+
+    The threads of a warp each have an edge, and go through leaves together, those that the box around all may meet.
+    They queue edges that look at a balloon, and pairs whose boxes meet, until each thread has one.
+
+    Args:
+        eight: whether one thread compares boxes eight at a time.
+    """
+    compare_asked, asks_balloon = comparison_function(features, eight), asking_function(features)
+    measure = measuring_function(features)
 
     @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=FIND_EDGES_REGISTERS, module_options=OPTIONS)
-    def find_edges_in_leaves(
+    def find_near_edges(
         # model
         t: Tables,
-        threads: wp.int32,
-        turns: wp.int32,
+        share: wp.int32,
         # state in
         points: wp.array2d[wp.vec3],
         velocities: wp.array2d[wp.vec3],
         # out
         working: Working,
     ):
-        """Compare edges of leaves near each other, by some threads a world, of which so many share a leaf."""
+        """Find the edges near each other; each warp of a world has a share of the edges, whole warps of them."""
         world, thread = wp.tid()
-        if working.near_balloons[world, working.balloon_boxes.shape[1]] == ARE_NEAR:
-            first = int_at(t.touch.levels, 0)
-            for place in range(thread, turns * (int_at(t.touch.levels, 1) - first), threads):
-                part = int_at(t.touch.parts_by_level, first + place // turns)
-                count = working.near_part_counts[world, part]
-                balloon = four_ints_at(t.touch.parts, part)[3]
-                if count > 0 and working.near_balloons[world, balloon] != ALONE:
-                    begin = wp.int32(0)
-                    while begin < count and working.near_parts[world, part, begin] < part:
-                        begin += 1
-                    for at in range(begin + place % turns, count, turns):
-                        other = working.near_parts[world, part, at]
-                        compare_leaves(t, working, world, balloon, part, other, points[world], velocities[world])
+        if working.near_balloons[world, working.balloon_boxes.shape[1]] != ARE_NEAR:
+            return
+        edges = t.touch.edges.shape[0]
+        lane = thread % warp_size()
+        edge = thread / warp_size() * share + lane
+        end = wp.min(edge - lane + share, edges)
+        asked, queued = wp.int32(0), wp.int32(0)
+        while any_in_warp(edge < end):
+            own = wp.int32(-1)
+            if edge < end:
+                own = int_at(t.particles.balloon, int_pair_at(t.touch.edges, edge)[0])
+                if working.near_balloons[world, own] == ALONE:
+                    own = wp.int32(-1)
+            waiting = votes_of_warp(own >= 0)
+            while waiting != 0:
+                balloon = of_thread(own, first_vote(waiting))
+                for place in range(working.neighbor_counts[world, balloon]):
+                    other = working.neighbors[world, balloon, place]
+                    asks = bool(False)
+                    if own == balloon:
+                        asks = asks_balloon(t, working, world, edge, own, other, points[world], velocities[world])
+                    if any_in_warp(asks):
+                        pair = wp.vec2i(edge, other)
+                        asked = put_in_queue(asking(), asks, pair, asked)
+                        if asked >= warp_size():
+                            asked = asked - warp_size()
+                            pair = take_from_queue(asking(), asked, pair)
+                            queued = compare_asked(
+                                t, working, world, pair, True, queued, points[world], velocities[world]
+                            )
+                waiting = waiting & votes_of_warp(own >= 0 and own != balloon)
+            edge += warp_size()
+        pair = take_from_queue(asking(), 0, wp.vec2i())
+        if asked > 0:
+            pair = wp.where(lane < asked, pair, wp.vec2i())
+            queued = compare_asked(t, working, world, pair, lane < asked, queued, points[world], velocities[world])
+        pair = take_from_queue(queue(), 0, wp.vec2i())
+        if lane < queued:
+            measure(t, working, world, pair[0], pair[1], points[world], velocities[world])
 
-    return find_edges_in_leaves
+    return find_near_edges
+
+
+@wp.kernel(enable_backward=False)
+def box_edges(
+    # model
+    t: Tables,
+    threads: wp.int32,
+    # state in
+    points: wp.array2d[wp.vec3],
+    velocities: wp.array2d[wp.vec3],
+    # out
+    working: Working,
+):
+    """Box edges of balloons that may touch any, by some threads a world."""
+    world, thread = wp.tid()
+    if working.near_balloons[world, working.balloon_boxes.shape[1]] == ARE_NEAR:
+        for edge in range(thread, t.touch.edges.shape[0], threads):
+            ends = int_pair_at(t.touch.edges, edge)
+            if working.near_balloons[world, int_at(t.particles.balloon, ends[0])] != ALONE:
+                put_box(working.edge_boxes, world, edge, swept_by_edge(t, ends, points[world], velocities[world]))

@@ -8,9 +8,8 @@ it has to, and keeps how far away the nearest is that a particle or an edge may 
 that of whatever moved most, have used that up, nothing can be near: a search would find nothing, and is left out. So
 results stay the same to the bit, whatever has been left out before.
 
-The parts of it that are near each other are found once for each leaf of the tree of parts, and all particles and edges
-of the leaf look into those: without, each would go through the tree by itself, and find mostly its neighborhood on the
-surface.
+On a CPU the leaves of it that are near each other are found once for each leaf, and all particles and edges of the leaf
+look into those: without, each would look for them by itself, and find mostly its neighborhood on the surface.
 """
 
 from functools import cache
@@ -24,20 +23,24 @@ from balloon_warp.kernels.contact.boxes import (
     MOVED,
     PACE,
     SPEED,
-    boxes_meet,
+    box_at,
+    end_of_rows,
     exceeds_search_margin,
-    lower_of_part,
+    first_leaf,
+    first_rows,
     pad_function,
     squared_distance_to_box,
-    upper_of_part,
+    which_leaves_meet,
+    which_rows_meet,
 )
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.lanes import LANE_COUNT, LaneNumbers
 from balloon_warp.kernels.laws.touch import FLAT, LEAST
 from balloon_warp.kernels.loops.contact import Place, Touching, faced, place_beside, skin_functions
 from balloon_warp.kernels.loops.fixtures import friction_of_balloons
-from balloon_warp.kernels.memory import float_at, float_in, four_ints_at, int_at, triple_at, vector_at
+from balloon_warp.kernels.memory import float_at, float_in, int_at, triple_at, vector_at
 from balloon_warp.kernels.tables import Tables, row_of_world
+from balloon_warp.kernels.warps import first_vote
 from balloon_warp.kernels.working import EightPlaces, Working
 
 
@@ -288,26 +291,6 @@ def place_of(places: wp.array[EightPlaces], lane: wp.int32):
 
 
 @wp.func
-def eight_of_queue(queue: wp.types.vector(length=16, dtype=wp.int32), begin: wp.int32, count: wp.int32):
-    """Return the triangles of a queue from a place on, and the last one again where it ends."""
-    numbers = LaneNumbers()
-    for lane in range(LANE_COUNT):
-        numbers[lane] = queue[wp.min(begin + lane, count - 1)]
-    return numbers
-
-
-@wp.func
-def place_in_queue(
-    t: Tables, places: wp.array[EightPlaces], points: wp.array[wp.vec3],
-    queue: wp.types.vector(length=16, dtype=wp.int32), turn: wp.int32, count: wp.int32, point: wp.vec3,
-):  # fmt: skip
-    """Return the position relative to a triangle of a queue; of each eighth together with those that follow."""
-    if turn % 8 == 0:
-        find_places(points, t.touch.triangles, eight_of_queue(queue, turn, count), point, places)
-    return place_of(places, turn % 8)
-
-
-@wp.func
 def eight_of_list(candidates: wp.array[wp.int32], begin: wp.int32, count: wp.int32):
     """Return the triangles of a particle's list from a place on, and the last one again where it ends."""
     numbers = LaneNumbers()
@@ -470,84 +453,54 @@ def keep_clearance(working: Working, world: wp.int32, balloon: wp.int32, particl
     working.clearances[world, particle] = wp.where(exceeds_search_margin(working, world, balloon), distance, 0.0)
 
 
-MOST_PARTS = wp.constant(32)
-"""Largest number of leaves near a leaf that are listed; where there are more, the tree is searched"""
+MOST_LEAVES = wp.constant(32)
+"""Largest number of leaves near a leaf that are listed; where there are more, all are searched"""
 TOO_MANY = wp.constant(-1)
 """Number of near leaves where there are more than fit"""
 
 
 @wp.func
-def list_near_parts(t: Tables, working: Working, world: wp.int32, part: wp.int32, balloon: wp.int32, pad: float):
+def list_near_leaves(t: Tables, working: Working, world: wp.int32, balloon: wp.int32, leaf: wp.int32, pad: float):
     """List the leaves of a balloon that may come within a distance of a leaf [m]."""
-    low = lower_of_part(working, world, part)
-    high = upper_of_part(working, world, part)
-    lower = wp.vec3(low[0], low[1], low[2])
-    upper = wp.vec3(high[0], high[1], high[2])
+    around = box_at(working.leaf_boxes, world, leaf)
     count = wp.int32(0)
-    other = t.touch.balloon_parts[balloon]
-    last = t.touch.balloon_parts[balloon + 1]
-    while other < last:
-        after = four_ints_at(t.touch.parts, other)[0]
-        its_low = lower_of_part(working, world, other)
-        its_high = upper_of_part(working, world, other)
-        its_lower = wp.vec3(its_low[0], its_low[1], its_low[2])
-        if boxes_meet(lower, upper, its_lower, wp.vec3(its_high[0], its_high[1], its_high[2]), pad):
-            if after == other + 1:
-                if count < MOST_PARTS:
-                    working.near_parts[world, part, count] = other
+    rows = first_rows(t, balloon)
+    while rows < end_of_rows(t, balloon):
+        near_rows = which_rows_meet(t, working, world, rows, around, pad)
+        while near_rows != 0:
+            row = rows + first_vote(near_rows)
+            near_rows = near_rows & (near_rows - 1)
+            leaves = which_leaves_meet(t, working, world, balloon, row, around, pad)
+            while leaves != 0:
+                if count < MOST_LEAVES:
+                    working.near_leaves[world, leaf, count] = 8 * row + first_vote(leaves)
+                leaves = leaves & (leaves - 1)
                 count += 1
-            after = other + 1
-        other = after
-    working.near_part_counts[world, part] = wp.where(count > MOST_PARTS, TOO_MANY, count)
-
-
-@wp.func
-def begin_of_parts(t: Tables, balloon: wp.int32, count: wp.int32):
-    """Return where a search among the parts of a balloon begins: in the list of near leaves, if it has a length."""
-    return wp.where(count >= 0, 0, t.touch.balloon_parts[balloon])
-
-
-@wp.func
-def end_of_parts(t: Tables, balloon: wp.int32, count: wp.int32):
-    """Return where a search among the parts of a balloon ends."""
-    return wp.where(count >= 0, count, t.touch.balloon_parts[balloon + 1])
-
-
-@wp.func
-def part_of_search(working: Working, world: wp.int32, home: wp.int32, at: wp.int32, count: wp.int32):
-    """Return the part at a place of a search.
-
-    Args:
-        home: Leaf whose list of near leaves is searched.
-        count: Length of that list; negative where the tree is searched.
-    """
-    if count >= 0:
-        return working.near_parts[world, home, at]
-    return at
+        rows += 8
+    working.near_leaf_counts[world, leaf] = wp.where(count > MOST_LEAVES, TOO_MANY, count)
 
 
 @cache
-def near_parts_kernel(features: Features) -> Any:
-    """Return the kernel that lists the leaves near each leaf."""
+def near_leaves_kernel(features: Features) -> Any:
+    """Return the kernel that lists the leaves near each leaf, on a CPU."""
     pad_between = pad_function(features)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def find_near_parts(
+    def find_near_leaves(
         # model
         t: Tables,
-        threads: wp.int32,
         # out
         working: Working,
     ):
-        """List the leaves near each leaf of the same balloon, by some threads a world."""
-        world, thread = wp.tid()
+        """List the leaves near each leaf of the same balloon; a thread a world."""
+        world = wp.tid()
         if working.near_balloons[world, working.balloon_boxes.shape[1]] == ARE_NEAR:
-            for place in range(t.touch.levels[0] + thread, t.touch.levels[1], threads):
-                part = t.touch.parts_by_level[place]
-                balloon = four_ints_at(t.touch.parts, part)[3]
-                if uses_search_margin(t, working, world, balloon):  # few search
-                    working.near_part_counts[world, part] = TOO_MANY
-                else:
-                    list_near_parts(t, working, world, part, balloon, pad_between(t, world, balloon, balloon))
+            for balloon in range(working.balloon_boxes.shape[1]):
+                pad = pad_between(t, world, balloon, balloon)
+                for leaf in range(first_leaf(t, balloon), first_leaf(t, balloon + 1)):
+                    if uses_search_margin(t, working, world, balloon):  # few search
+                        working.near_leaf_counts[world, leaf] = TOO_MANY
+                    else:
+                        list_near_leaves(t, working, world, balloon, leaf, pad)
 
-    return find_near_parts
+    return find_near_leaves

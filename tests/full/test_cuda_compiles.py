@@ -16,7 +16,7 @@ import balloon_warp
 from balloon_warp.kernels.adjoints.exchange import exchange_back_kernel
 from balloon_warp.kernels.compose import derive_helpers
 from balloon_warp.kernels.contact.boxes import meet_kernel
-from balloon_warp.kernels.contact.edges import edge_query_kernel, measuring_kernel, trees_kernel
+from balloon_warp.kernels.contact.edges import box_edges, query_kernel
 from balloon_warp.kernels.contact.free_frames import judge_kernel
 from balloon_warp.kernels.contact.response import response_kernel
 from balloon_warp.kernels.contact.search import find_kernel, searching_kernel
@@ -148,10 +148,10 @@ def test_launches_of_everything_compile(name: str, tmp_path: Path):
     kernels = [
         kernel_of(step, each, part) for each in pieces for part in (("part", "parts") if each.sums else ("all",))
     ]
-    searches = (meet_kernel, searching_kernel, edge_query_kernel, trees_kernel, measuring_kernel)
+    searches = (meet_kernel, searching_kernel, query_kernel)
     kernels += [make(features) for make in searches if features.touches]
     if features.touches:
-        kernels += [find_kernel(features, True), response_kernel(features, True, False)]
+        kernels += [box_edges, find_kernel(features, True), response_kernel(features, True, False)]
     assert len(kernels) > 10
     for kernel in kernels:
         assert compiled(kernel, TEAM_THREADS_OF_SMALL, tmp_path / kernel.module.name)
