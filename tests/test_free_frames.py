@@ -25,6 +25,7 @@ from balloon_warp.scene import Atmosphere, Balloon, Ground, Inflation, Material,
 from balloon_warp.schedules import choose, frames, gather, slices
 from balloon_warp.schedules.choose import fastest_schedule, make_schedule
 from balloon_warp.schedules.frames import TURN, Rounds, make_clock
+from balloon_warp.schedules.one_launch import LanesSchedule
 from balloon_warp.schedules.tables import make_tables, model_features, other_corners
 
 ROUNDING = 2.0e-5  # of its size: the same sums in another order, over a few frames
@@ -461,6 +462,15 @@ def test_a_world_of_a_batch_is_to_the_last_bit_that_world_alone_and_again(name, 
         for field, of_one in states_of_worlds(name, factors[world : world + 1], schedule, device).items():
             np.testing.assert_array_equal(batch[field][world], of_one[0], err_msg=f"{field} of world {world}")
     assert (batch["points"][4] != batch["points"][0]).any()
+
+
+def test_lanes_look_at_spheres_where_they_are_in_every_substep():
+    """Kernels of eight lanes see where spheres and obstacles are before particles are expected there: not only in the
+    first substep, in which cached normals are found."""
+    lines = LanesSchedule.source_of(build_model(METHODS["more by penalty, dry"], "cpu")).splitlines()
+    expected = next(number for number, line in enumerate(lines) if "predict_deflection_may_act" in line)
+    loop = next(number for number, line in enumerate(lines) if "for substep in range" in line)
+    assert "        show_solids(t, tables, state, solids, group, end)" in lines[loop:expected]
 
 
 def bare(**fields) -> Scene:

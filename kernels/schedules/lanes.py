@@ -340,6 +340,7 @@ class FrameWriter(ItemsInLanes):
                 with self.deeper(int(once)):
                     for piece in pieces:
                         self._piece(piece)
+                self.shown = self.shown and not once  # in the first substep alone
 
     def _begin_substep(self) -> None:
         self.line("time_in_frame = float(substep) * t.step_seconds")
