@@ -126,7 +126,7 @@ def test_a_world_does_not_feel_how_clear_another_is(world: int, filled: str, dev
 def test_a_frame_of_recorded_rounds_is_to_the_bit_one_of_single_substeps(
     substeps: int, filled: str, device: str, monkeypatch: pytest.MonkeyPatch
 ):
-    """Rounds have an odd number of substeps, what is left over an odd or even one."""
+    """Rounds have an odd number of substeps, the last, shorter one an odd or an even number."""
     vary = {"balloon.0.velocity.1": SPEEDS}
     simulator = Simulator(flying(filled, substeps), device, 4, vary, schedule="block")
     interval = substeps_of_search(simulator.model)

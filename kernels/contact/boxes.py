@@ -619,7 +619,7 @@ ROUNDING = wp.constant(1.0e-6)
 
 @wp.func
 def box_around(point: wp.vec3, squared: float, counts: bool):
-    """Return the box around what is within a squared distance of the points of a warp that count [m^2]."""
+    """Return the box around the spheres about those points of a warp that count, of a squared radius [m^2]."""
     distance = wp.sqrt(squared)
     size = wp.max(wp.abs(point)) + distance
     within = distance + ROUNDING * size

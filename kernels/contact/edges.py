@@ -288,12 +288,6 @@ def are_far(t: Tables, own: wp.int32, first: wp.vec2i, second: wp.vec2i):
     return True
 
 
-@wp.func
-def are_near(first: Swept, second: Swept, pad: float):
-    """Return whether two boxes are within a distance in each direction [m]."""
-    return boxes_meet(first.lower, first.upper, second.lower, second.upper, pad)
-
-
 @cache
 def measuring_function(features: Features) -> Any:
     """Return the function that lists two edges if they may touch until the next search."""
