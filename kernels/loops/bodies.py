@@ -161,8 +161,9 @@ def stop_function(features: Features) -> Any:
                 if wp.dot(back, stop.normal) < STRAIGHT * depth:  # it slid off more than one side of the body
                     stop.normal = wp.normalize(back)
                 beside = velocity - rigid.velocity - wp.cross(rigid.spin, stop.arm)
-                stop.excess = wp.min(depth / step_seconds, -wp.dot(beside, stop.normal))
-                stop.out = separation(step_seconds * wp.max(stop.excess, 0.0) - depth, step_seconds)
+                approach = -wp.dot(beside, stop.normal)
+                stop.excess = wp.min(depth / step_seconds, approach)
+                stop.out = separation(step_seconds * wp.max(approach, 0.0) - depth, step_seconds)
         return stop
 
     return stop_at

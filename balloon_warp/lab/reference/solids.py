@@ -226,8 +226,9 @@ def passing_body(m, body, turn, start, end, v, radius=0.0):
     back, normal = let @ turn.T - (end - m.x[body]), normal @ turn.T
     depth, held = size(back), normal.any(axis=1, keepdims=True)
     normal = np.where(held & (dot(back, normal) < 0.99 * depth), back / depth, normal)
-    excess = np.where(held, np.minimum(depth / h, -dot(v - m.v[body] - cross(m.spin[body], arm), normal)), -1e30)
-    return held, normal, arm, excess, apart(h * np.maximum(excess, 0.0) - depth, h) * held
+    approach = -dot(v - m.v[body] - cross(m.spin[body], arm), normal)
+    excess = np.where(held, np.minimum(depth / h, approach), -1e30)
+    return held, normal, arm, excess, apart(h * np.maximum(approach, 0.0) - depth, h) * held
 
 
 def exchange(m, ball, mass, passing):
