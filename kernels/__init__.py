@@ -16,14 +16,15 @@ def _flags() -> str:
     - Functions are inlined up to a quarter of Warp's limit: kernels are as fast, and those of free bodies compile
       in two thirds of the time.
     - Vector instructions are made of longer chains of sums and products: eight lanes of rubber run up to 1.5 times as
-      fast, and compile as soon.
+      fast, and compile as soon. They are of eight numbers at most, as lanes are: with the 16 of AVX-512 the compiler
+      mixed up rows of lanes in the adjoint of area vectors, and was slower.
     - Without the short floats that no kernel of ours has: a third of the headers' time.
     - The headers' templates are instantiated once: a tenth of each kernel's time.
     """
     flags = "-march=native" if wp.config.cpu_compiler_flags is None else wp.config.cpu_compiler_flags
     flags = flags.replace("-inline-threshold=9000", "-inline-threshold=2500")
     flags = flags.replace("-slp-recursion-max-depth=4", "-slp-recursion-max-depth=8")
-    return f"{flags} -DWP_NO_BFLOAT16= -fpch-instantiate-templates"
+    return f"{flags} -mllvm=-slp-max-vf=8 -DWP_NO_BFLOAT16= -fpch-instantiate-templates"
 
 
 def _leave_out_derivatives_of_structs() -> None:
