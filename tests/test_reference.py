@@ -104,8 +104,6 @@ def tolerances(scene: Scene, start: Any, way: Any, others: list[Any], frames: in
         most[field] = 4.0 * amplified + roundings * np.abs(values).max(initial=0.0)
     for thing in ("sphere", "body"):
         most[f"{thing}_positions"] += most[f"{thing}_velocities"] * frames / rate  # which they follow
-    flowed = np.abs(way["gas_amounts"] - start["gas_amounts"]).max()
-    most["gas_amounts"] = 1e-4 * flowed  # kept in float64; pressures, whose roots flows are, are known to 1e-5
     if scene.correction != "none":  # a velocity changes by the correction of a place, over the substep
         most["velocities"] += roundings * np.abs(way["points"]).max() * rate * scene.substeps
     if scene.obstacle:  # which stop an approach by the depth over the substep; rounding decides what passes an edge
@@ -113,6 +111,13 @@ def tolerances(scene: Scene, start: Any, way: Any, others: list[Any], frames: in
         most["body_velocities"] += ULP * np.abs(way["body_positions"]).max(initial=0.0) * rate * scene.substeps
     if any(balloon.inflation.kind == "gas" for balloon in scene.balloon):
         most["pressures"] += 8.0 * ULP * scene.atmosphere.pressure  # which is subtracted
+        shifts, gains = (
+            [np.abs(other[field] - way[field]).max() for other in others] for field in ("pressures", "gas_amounts")
+        )
+        flowed = np.abs(way["gas_amounts"] - start["gas_amounts"]).max()
+        by_pressure = max((gain / shift for gain, shift in zip(gains, shifts, strict=True) if shift > 0.0), default=0.0)
+        # kept in float64; flows are roots of pressures, which have a steep slope where these pass 0
+        most["gas_amounts"] = 1e-4 * flowed + by_pressure * most["pressures"]
     return most
 
 
