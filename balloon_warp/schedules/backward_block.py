@@ -23,7 +23,7 @@ from balloon_warp.kernels.substep import FILMED, phases_of
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.working import Working
 from balloon_warp.model import Model, State
-from balloon_warp.model.state import Allocating, Room
+from balloon_warp.model.state import Room
 from balloon_warp.schedules.backward import BackwardFrames
 from balloon_warp.schedules.framing import Framing
 from balloon_warp.schedules.launched import working_arrays
@@ -127,14 +127,14 @@ class BlockBackward(BackwardFrames):
     """Run frames backwards in blocks."""
 
     def __init__(self, model: Model, state: State, columns: Sequence[int]):
-        features, room, of = model_features(model), Allocating(model.device), plan_backwards(model)
+        features, of = model_features(model), plan_backwards(model)
         self._of, (tables, tables_again) = of, _tables(model, features, of)
-        super().__init__(model, state, columns, of.turned, tables, room, one_by_one=False)
+        super().__init__(model, state, columns, of.turned, tables, one_by_one=False)
         working = Working()
-        for name, array in working_arrays(model, features, room).items():
+        for name, array in working_arrays(model, features, self.room).items():
             setattr(working, name, array)
         self._framing = Framing(model, features, tables, working)
-        named_inputs = {"working": working, **rows(model, of, room), **self.arrays}
+        named_inputs = {"working": working, **rows(model, of, self.room), **self.arrays}
         self._named_inputs = {"t": tables, **named_inputs, **_slots(model, of.layout)}
         self._named_inputs_again = {"t": tables_again, **named_inputs, **_slots(model, of.layout_again)}
         self.carries_loads = features.gas and features.obstacles

@@ -14,7 +14,7 @@ from balloon_warp.kernels.schedules.writer import Step, cut, traces_of
 from balloon_warp.kernels.substep import SHARED, phases_of
 from balloon_warp.kernels.working import Working
 from balloon_warp.model import Model, State
-from balloon_warp.model.state import Allocating, Room
+from balloon_warp.model.state import Room
 from balloon_warp.schedules.backward import BackwardFrames
 from balloon_warp.schedules.framing import Framing
 from balloon_warp.schedules.layouts import allocate_lanes, items_of, make_lane_tables, rows_of, shares_of
@@ -74,18 +74,17 @@ class LanesBackward(BackwardFrames):
     """Run frames backwards, eight worlds or eight particles side by side; threads of Python have some groups each."""
 
     def __init__(self, model: Model, state: State, columns: Sequence[int]):
-        features, room = model_features(model), Allocating(model.device)
-        self._layout = layout_of(model)
+        features, self._layout = model_features(model), layout_of(model)
         step = step_backwards(features, self._layout)
         tables = make_tables(model, features)
-        super().__init__(model, state, columns, step, tables, room, one_by_one=False)
+        super().__init__(model, state, columns, step, tables, one_by_one=False)
         self.carries_loads = features.gas and features.obstacles
         self._framing = Framing(model, features, tables)
         self._shares = shares_of(model, self._layout)
         threads = len(self._shares)
         self._threads = Threads(threads) if threads > 1 else None
         self.recorded = threads == 1
-        self._named_inputs = {**self._tables(room, threads), **self.arrays}
+        self._named_inputs = {**self._tables(self.room, threads), **self.arrays}
         self._kernel = kernel_backwards(step, self._layout, self.columns)
 
     def _tables(self, room: Room, threads: int) -> dict[str, Any]:
