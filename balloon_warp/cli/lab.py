@@ -1,7 +1,9 @@
 """The commands `balloon-warp design` and `balloon-warp fit`."""
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -284,8 +286,11 @@ def fit(
         if not json:
             print(f"\n{of_curves.toml}", end="")
         return
+    from balloon_warp.lab.fit.fit import fit as fitted
+
     with stages(data.name) as stage:
-        found = _of_scene(data, others[0], free or [], starts, resume, device, schedule, stage)
+        fit_scene = partial(fitted, others[0], data, free=dict(map(_bounds, free or [])), starts=starts)
+        found = _of_scene(partial(fit_scene, device=device, schedule=schedule), data, resume, stage)
     unit = "times the noise" if found.noise_known else ""
     _say_fit(found, found.report() | {"misfit_unit": unit}, json, unit)
 
@@ -306,16 +311,15 @@ def _of_curves(paths: list[Path], rubber: Rubber, output: Path | None) -> "Curve
     return found
 
 
-def _of_scene(
-    data: Path, scene: str, free: list[str], starts: int, resume: bool, device: str | None, schedule: str, stage: Stages
-) -> "Fit":
+def _of_scene(fit_scene: Callable[..., "Fit"], data: Path, resume: bool, stage: Stages) -> "Fit":
     """Fit a scene; how far it is is kept beside the data, where that can be.
+
+    Args:
+        fit_scene: `balloon_warp.fit` with all but what is kept and told.
 
     Raises:
         StoppedError: Ctrl-C came.
     """
-    from balloon_warp.lab.fit.fit import fit as fitted
-
     kept, last = data.with_suffix(PROGRESS), ["before the first round"]
     can_keep = resume or os.access(data.absolute().parent, os.W_OK)
 
@@ -324,10 +328,7 @@ def _of_scene(
         stage(words)
 
     try:
-        return fitted(
-            scene, data, free=dict(map(_bounds, free)), starts=starts, progress=kept if can_keep else None,
-            resume=resume, device=device, schedule=schedule, on_stage=on_stage,
-        )  # fmt: skip
+        return fit_scene(progress=kept if can_keep else None, resume=resume, on_stage=on_stage)
     except KeyboardInterrupt:
         go_on = f"; --resume continues from {kept}" if can_keep else ""
         raise StoppedError(f"fit was interrupted {last[0]}{go_on}") from None

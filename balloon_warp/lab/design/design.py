@@ -20,6 +20,7 @@ from balloon_warp.lab.design.job import (
     MORE_FRAMES,
     Design,
     DesignStep,
+    Equilibrium,
     Job,
     common_fields,
     filled,
@@ -72,7 +73,8 @@ def design_of_springs(job: Job) -> Design:
     same = replace(problem, stretch=max(problem.mean_stretch(reached.design), LEAST_STRETCH))
     plain = begin(same, same.plain) or plain
     help_ = "; --hold any, which allows compression, may reduce the error" if job.hold == "tension" else ""
-    return job.proven(scene, reached.points, plain.points, problem.mean_stretch(reached.design), help_)
+    equilibrium = Equilibrium(reached.points, plain.points, problem.mean_stretch(reached.design))
+    return job.proven(scene, equilibrium, help_)
 
 
 def write_design(problem: SpringProblem, reached: Reached, folder: Path, frames: int = 240) -> Scene:

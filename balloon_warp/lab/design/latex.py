@@ -16,6 +16,7 @@ from balloon_warp.lab.design.job import (
     MORE_FRAMES,
     Design,
     DesignStep,
+    Equilibrium,
     Job,
     common_fields,
     filled,
@@ -285,7 +286,7 @@ def design_of_latex(job: Job) -> Design:
     same = replace(problem, stretch=_mean_stretch(problem, places))
     plain = begin(same, same.plain) or plain
     told: dict[str, Any] = {"thickness_to": job.thickness * float(weights.max())} if len(weights) else {}
-    return job.proven(scene, reached.points, plain.points, same.stretch, mould=mould.points, **told)
+    return job.proven(scene, Equilibrium(reached.points, plain.points, same.stretch), mould=mould.points, **told)
 
 
 def _written(job: Job, problem: MouldProblem, mould: PolygonMesh, weights: Values) -> Scene:

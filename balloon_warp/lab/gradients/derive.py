@@ -493,10 +493,10 @@ class BackwardPass:
     """
 
     def __init__(
-        self, plan: ModelPlan, model: Model, backward: BackwardFrames, parameters: KeptParameters,
-        frame_starts: FrameStarts, every: int, beside: ByLaunches,
+        self, plan: ModelPlan, backward: BackwardFrames, parameters: KeptParameters, frame_starts: FrameStarts,
+        every: int, beside: ByLaunches,
     ):  # fmt: skip
-        self._plan, self._model, self._backward = plan, model, backward
+        self._plan, self._model, self._backward = plan, backward.model, backward
         self._parameters, self._frame_starts, self._every, self._beside = parameters, frame_starts, every, beside
         kinds = {balloon.inflation.kind for balloon in plan.scene.balloon}
         self._given = "gas" not in kinds
@@ -665,7 +665,7 @@ def derive(
     times = np.arange(0, frames + 1, every) / plan.scene.frames_per_second
     moved = Trajectories(plan.scene, meshes, times, **by_balloon(tracks, meshes), worlds=group.worlds)
     told = evaluate_loss(loss, moved, plan.shapes, world_count)
-    bars = BackwardPass(plan, model, backward, parameters, frame_starts, every, beside).back(told, on_frame)
+    bars = BackwardPass(plan, backward, parameters, frame_starts, every, beside).back(told, on_frame)
     gradients = {chain.path: _by_path(chain, bars, world_count) for chain in chains}
     by_points, by_velocities = (_by_balloon(bars[0][f"particle_{name}"], model) for name in ("points", "velocities"))
     of_each = by_each(plan, model, beside.of_each(), each) if each else {}
