@@ -436,7 +436,6 @@ class CsvRows:
         path: of the file.
         columns: names of the columns.
         varied: the parameters that differ between the worlds: columns of shape (world_count,), numbers or words.
-        world_count: how many worlds there are.
     """
 
     def __init__(self, path: Path, columns: Sequence[str], varied: Mapping[str, NDArray], world_count: int):
@@ -525,7 +524,6 @@ class ParquetRows:
         path: of the file.
         columns: names of the columns.
         varied: the parameters that differ between the worlds: columns of shape (world_count,), numbers or words.
-        world_count: how many worlds there are.
 
     Raises:
         MissingExtraError: pyarrow is not installed.
@@ -646,22 +644,14 @@ class TableWriter:
         folder: where the files go.
         frame_count: how many frames there will be, the start among them.
         frames_per_second: of the column `time` [s].
-        columns: of the table.
-        world_count: how many worlds there are.
         kind: of the file beside the .npz: "csv" or "parquet".
     """
 
     def __init__(
-        self,
-        folder: Path,
-        frame_count: int,
-        frames_per_second: float,
-        columns: Columns,
-        world_count: int,
+        self, folder: Path, frame_count: int, frames_per_second: float, columns: Columns, world_count: int,
         kind: str = "csv",
-    ):
-        self.kind = kind
-        self.folder, self.frames_per_second = folder, frames_per_second
+    ):  # fmt: skip
+        self.folder, self.frames_per_second, self.kind = folder, frames_per_second, kind
         self.columns, self.world_count = columns, world_count
         self.values = np.zeros((frame_count, len(columns.measures), world_count), dtype=np.float32)
         """Measures of each frame and world, shape (frame_count, len(measures), world_count): columns, as files have"""

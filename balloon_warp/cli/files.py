@@ -42,8 +42,7 @@ from balloon_warp.mesh.polygon_mesh import PolygonMesh, with_unit_and_up
 from balloon_warp.mesh.thickness import standing, up_axis_sentence
 from balloon_warp.scene import Balloon, Scene, bundled_scenes
 from balloon_warp.scene.around import scene_of_foil
-from balloon_warp.scene.load import override_scene, scene_name
-from balloon_warp.scene.write import write_scene
+from balloon_warp.scene.load import override_scene, scene_name, write_scene
 from balloon_warp.system.files import check_writable, is_same_file, require_ours
 from balloon_warp.system.warp_setup import quiet_warp
 from balloon_warp.tools.foil import HEIGHT, foil_mesh, foil_parts, joined

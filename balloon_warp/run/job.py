@@ -38,7 +38,7 @@ from balloon_warp.run.report import (
 )
 from balloon_warp.scene import Scene, SceneLike, scene_of
 from balloon_warp.scene.load import files_of_scene
-from balloon_warp.schedules.contact_lists import overflow_remarks
+from balloon_warp.schedules.touch_table import overflow_remarks
 from balloon_warp.simulator import Simulator
 from balloon_warp.system.files import check_writable, require_no_inputs, sole_writer
 from balloon_warp.system.process import Interrupts

@@ -62,10 +62,16 @@ from balloon_warp.model import Model, State
 from balloon_warp.model.obstacles import FRICTION
 from balloon_warp.model.state import Room
 from balloon_warp.model.touch import STIFFNESSES
-from balloon_warp.schedules.contact_lists import FEW_THREADS, MOST_AT_ONCE, list_arrays, list_lengths, threads_of_list
 from balloon_warp.schedules.launched import Moving, team_threads
 from balloon_warp.schedules.tables import world_state
-from balloon_warp.schedules.touch_table import substeps_of_search
+from balloon_warp.schedules.touch_table import (
+    FEW_THREADS,
+    MOST_AT_ONCE,
+    list_arrays,
+    list_lengths,
+    substeps_of_search,
+    threads_of_list,
+)
 from balloon_warp.system.warp_threads import launch, launch_tiled
 
 STATE_OF_SPHERES = ("sphere_positions", "sphere_velocities", "sphere_spins")

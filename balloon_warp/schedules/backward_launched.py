@@ -43,7 +43,6 @@ from balloon_warp.schedules.backward import (
     StringsBackward,
     TubesBackward,
 )
-from balloon_warp.schedules.backward_block import BlockBackward, fits_in_block_backwards
 from balloon_warp.schedules.backward_contact import (
     STATE_OF_SPHERES,
     BackwardModel,
@@ -56,12 +55,16 @@ from balloon_warp.schedules.backward_contact import (
     kept_of_touch,
     log_of_spheres,
 )
-from balloon_warp.schedules.backward_lanes import LanesBackward, fits_in_lanes_backwards
-from balloon_warp.schedules.balloon_contact import TouchLaunches
+from balloon_warp.schedules.backward_one_launch import (
+    BlockBackward,
+    LanesBackward,
+    fits_in_block_backwards,
+    fits_in_lanes_backwards,
+)
 from balloon_warp.schedules.choose import AS_OCTETS
 from balloon_warp.schedules.framing import Framing
 from balloon_warp.schedules.gather import GatherSchedule
-from balloon_warp.schedules.launched import Launches, Moving, Own, step_arrays, team_threads
+from balloon_warp.schedules.launched import Launches, Moving, Own, TouchLaunches, step_arrays, team_threads
 from balloon_warp.schedules.layouts import fits_in_block
 from balloon_warp.schedules.tables import make_tables, model_features, world_state
 from balloon_warp.system.warp_threads import launch, launch_tiled

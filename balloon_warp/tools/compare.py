@@ -112,7 +112,7 @@ class Still(NamedTuple):
     """Frame of a run that is shown, and measured."""
 
     frame: int | None = None
-    """Its number, unless `picture_frame` is varied; when missing, the one that the scene names as its picture, else the
+    """Number, unless `picture_frame` is varied; when missing, the one that the scene names as its picture, else the
     last"""
     stage: Path | None = None
     """Stage to write that frame into, if any"""

@@ -21,7 +21,7 @@ from balloon_warp.lab.statics import SealedGas
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.topology import component_labels, mesh_edges
 from balloon_warp.scene import Balloon, Inflation, Scene
-from balloon_warp.scene.write import write_scene
+from balloon_warp.scene.load import write_scene
 from balloon_warp.simulator import Simulator
 from balloon_warp.system.api import Shown, described
 from balloon_warp.system.files import (
@@ -328,7 +328,7 @@ class Equilibrium(NamedTuple):
     held: Values
     """Places of particles, shape (n, 3)"""
     plain: Values | None
-    """Those of the rival"""
+    """Places of the rival's, if there is one"""
     stretch: float
     """Stretch of the design, in the mean"""
 

@@ -30,8 +30,9 @@ from balloon_warp.lab.fit.search import (
     slope_at,
     values_at,
 )
-from balloon_warp.lab.gradients.derive import DerivativeRequest, Gradient, Loss
+from balloon_warp.lab.gradients.derive import DerivativeRequest, Gradient
 from balloon_warp.lab.gradients.gradient import derived
+from balloon_warp.lab.gradients.losses import Loss
 from balloon_warp.model import Vary
 from balloon_warp.scene import Scene, SceneLike
 from balloon_warp.scene.load import scene_of

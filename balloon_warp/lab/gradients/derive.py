@@ -48,7 +48,7 @@ from balloon_warp.lab.gradients.chain import (
     taken_numbers,
     wanted_of,
 )
-from balloon_warp.lab.gradients.frameworks import of_kernel
+from balloon_warp.lab.gradients.losses import Loss, of_kernel
 from balloon_warp.lab.statics import Volume
 from balloon_warp.mesh.topology import inconsistent_edges, is_closed, mesh_edges
 from balloon_warp.model import Model, ModelPlan, Vary, lay_out
@@ -72,10 +72,6 @@ from balloon_warp.simulator import Simulator
 from balloon_warp.system.api import Shown, described
 from balloon_warp.system.warp_threads import lock_of, pick_device
 
-Loss = Callable[[Trajectories], tuple[Any, Mapping[str, Any]]] | wp.Kernel
-"""Function from trajectories to a number for each world, and a dictionary of its derivatives: by `points` and
-`velocities`, a list of arrays by balloon, and by `volumes`, `pressures`, `sphere_positions` and `sphere_velocities`,
-each of the shape that it has there. Or a kernel of Warp, see `frameworks.of_kernel`"""
 KNOWN = ("points", "velocities", "volumes", "pressures", "sphere_positions", "sphere_velocities")
 
 
