@@ -383,6 +383,14 @@ Port = Annotated[
 ]
 
 
+@dataclass(frozen=True)
+class WatchOptions:
+    """Options of the page of a design."""
+
+    view: View = False
+    port: Port = None
+
+
 def design(
     target: Annotated[str, typer.Argument(metavar="TARGET", help="Target shape: a closed mesh.")],
     output: Annotated[
@@ -394,9 +402,8 @@ def design(
     ] = 30,
     resume: Resume = False,
     device: Device = None,
-    view: View = False,
-    port: Port = None,
     *,
+    page: WatchOptions,
     wanted: DesignOptions,
 ) -> None:
     """Design the balloon that inflates to a target shape, and simulate it from rest.
@@ -407,11 +414,11 @@ def design(
     from balloon_warp.lab.design.design import design as designed  # loads SciPy and Warp
 
     quiet_warp()
-    if view and wanted.of == "foil" and wanted.panels is None:
+    if page.view and wanted.of == "foil" and wanted.panels is None:
         raise InputError("--view: needs --of springs, --of latex or panels of foil (got --of foil without --panels)")
     asked = {**vars(wanted), "thickness": _thickness(wanted.thickness), "fixed": _fixed(wanted.fixed)}
     last = ["before the first step"]
-    with watched(view, port, Path(target).name) as watch, stages(Path(target).name) as stage:
+    with watched(page.view, page.port, Path(target).name) as watch, stages(Path(target).name) as stage:
 
         def on_stage(words: str) -> None:
             last[0] = f"at {words}"
@@ -503,6 +510,25 @@ class Rubber:
     ] = None
 
 
+@dataclass(frozen=True)
+class SearchOptions:
+    """Options of a scene's unknown values."""
+
+    free: Free = None
+    starts: Annotated[
+        int, typer.Option(metavar="COUNT", help="Number of starting points of the search.", rich_help_panel=SCENE)
+    ] = 8
+
+
+@dataclass(frozen=True)
+class SearchRunOptions:
+    """Options of the run of a search."""
+
+    resume: Resume = False
+    device: Device = None
+    schedule: Annotated[str, typer.Option(metavar="NAME", hidden=True, rich_help_panel=MACHINE)] = "auto"
+
+
 def fit(
     data: Annotated[
         Path,
@@ -519,16 +545,11 @@ def fit(
             help="More tables of the same rubber; or the scene that DATA.npz was measured on.",
         ),
     ] = None,
-    free: Free = None,
-    starts: Annotated[
-        int, typer.Option(metavar="COUNT", help="Number of starting points of the search.", rich_help_panel=SCENE)
-    ] = 8,
-    output: Plot = None,
-    resume: Resume = False,
-    json: Json = False,
-    device: Device = None,
-    schedule: Annotated[str, typer.Option(metavar="NAME", hidden=True, rich_help_panel=MACHINE)] = "auto",
     *,
+    search: SearchOptions,
+    output: Plot = None,
+    json: Json = False,
+    search_run: SearchRunOptions,
     rubber: Rubber,
 ) -> None:
     """Fit rubber to measured curves of pressure over volume or stress over stretch, or a scene to a measured motion.
@@ -538,11 +559,11 @@ def fit(
     `balloon-warp fit points.npz scene.toml --free balloon.inflation.moles=0.01:0.1`.
     """
     is_curve, others = data.suffix.lower() in TABLES, more or []
-    if is_curve and resume:
+    if is_curve and search_run.resume:
         raise InputError(f"{data}: a fit to a curve takes seconds; expected no --resume")
-    if is_curve and (free or any(Path(each).suffix.lower() not in TABLES for each in others)):
+    if is_curve and (search.free or any(Path(each).suffix.lower() not in TABLES for each in others)):
         raise InputError(f"{data}: is a curve; SCENE and --free need a .npz file")
-    if not is_curve and not (len(others) == 1 and free):
+    if not is_curve and not (len(others) == 1 and search.free):
         raise InputError(
             f"{data}: expected a {', '.join(TABLES)} file of a curve, or a .npz file with a SCENE and "
             "--free PATH=LOW:HIGH"
@@ -559,8 +580,10 @@ def fit(
     from balloon_warp.lab.fit.fit import fit as fitted
 
     with stages(data.name) as stage:
-        fit_scene = partial(fitted, others[0], data, free=dict(map(_bounds, free or [])), starts=starts)
-        found = _of_scene(partial(fit_scene, device=device, schedule=schedule), data, resume, stage)
+        fit_scene = partial(fitted, others[0], data, free=dict(map(_bounds, search.free or [])), starts=search.starts)
+        found = _of_scene(
+            partial(fit_scene, device=search_run.device, schedule=search_run.schedule), data, search_run.resume, stage
+        )
     unit = "times the noise" if found.noise_known else ""
     _say_fit(found, found.report() | {"misfit_unit": unit}, json, unit)
 
