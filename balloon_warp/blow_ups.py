@@ -237,7 +237,7 @@ class Pulls:
         lengths = np.linalg.norm(self._points[pairs[:, 1]] - self._points[pairs[:, 0]], axis=1)
         self._pairs, self._kinds = pairs, kinds
         self._stretches = lengths / np.maximum(rest, 1.0e-30)
-        from balloon_warp.frame_reader import ForceReader  # its kernels load when first needed
+        from balloon_warp.frame import ForceReader  # its kernels load when first needed
 
         forces = ForceReader(model)
         forces.refresh(state)

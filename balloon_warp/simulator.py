@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from balloon_warp.blow_ups import BlowUp, Origin, Origins, diagnose
 from balloon_warp.errors import BlowUpError, InputError
-from balloon_warp.frame import Frame
-from balloon_warp.frame_reader import FrameReader, Reading, go_back_to, packed, plain_values, relax
+from balloon_warp.frame import Frame, FrameReader, Reading, go_back_to, packed, plain_values, relax
 from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.measure.worlds import SolidSums, measure_solids, sum_solids
 from balloon_warp.kernels.tables import HEALTHY
@@ -23,8 +22,8 @@ from balloon_warp.model.setting import PlannedChanges, Setting, changed_paramete
 from balloon_warp.model.state import carry_kept_values, require_memory
 from balloon_warp.scene import SceneLike
 from balloon_warp.schedules.choose import Schedule
-from balloon_warp.schedules.contact_lists import overflow_remarks
 from balloon_warp.schedules.frames import RecordedFrame
+from balloon_warp.schedules.touch_table import overflow_remarks
 from balloon_warp.solvers import solver_named
 from balloon_warp.steering import Controls, Observations, Starts
 from balloon_warp.system.api import Shown, checked, described

@@ -20,9 +20,8 @@ from balloon_warp.mesh.topology import quad_sphere
 from balloon_warp.model import Model, build_model, copy_of, overwrite
 from balloon_warp.scene import Inflation, Scene, Stiffness
 from balloon_warp.schedules.backward import BackwardFrames
-from balloon_warp.schedules.backward_block import fits_in_block_backwards
-from balloon_warp.schedules.backward_lanes import fits_in_lanes_backwards
 from balloon_warp.schedules.backward_launched import BACKWARDS, backwards_of, forward_of
+from balloon_warp.schedules.backward_one_launch import fits_in_block_backwards, fits_in_lanes_backwards
 from balloon_warp.schedules.choose import fastest_schedule
 from balloon_warp.simulator import Simulator
 from balloon_warp.system.warp_setup import quiet_warp

@@ -6,6 +6,7 @@ Run it by python -m balloon_warp.benchmarks.methods [DEVICE].
 import sys
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ import numpy as np
 from balloon_warp.errors import InputError
 from balloon_warp.scene import load_scene
 from balloon_warp.scene.load import parse_override
+from balloon_warp.simulator import Simulator
 from balloon_warp.system.warp_setup import quiet_warp
 from balloon_warp.system.warp_threads import pick_device
 from balloon_warp.tools.compare import Run, simulate
@@ -95,7 +97,7 @@ def measure_methods(
         for method in methods:
             values = dict(parse_override(text) for text in method.overrides)
             for schedule in dict.fromkeys([method.schedule, "gather"]):
-                run = simulate(scene, values, device=device, schedule=schedule, clock=clock)
+                run = simulate(scene, values, partial(Simulator, device=device, schedule=schedule), clock=clock)
                 done.setdefault((method, schedule), []).append(run)
                 on_run(run)
     for method in methods:

@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 
 from balloon_warp.batch.recorder import MEASURES
-from balloon_warp.batch.table import KINDS, TableWriter, table_names
+from balloon_warp.batch.table import KINDS, Columns, TableWriter, table_names
 
 
 def seconds_of(kind: str, world_count: int, frames: int, folder: Path) -> float:
     """Time to write the frames, without the .npz that both have [s]."""
     varied = {"balloon.helium": np.random.default_rng(0).uniform(8.0, 16.0, world_count)}
-    writer = TableWriter(folder, frames + 1, 60.0, varied, MEASURES, world_count, kind)
+    writer = TableWriter(folder, frames + 1, 60.0, Columns(varied, MEASURES), world_count, kind)
     writer.values[:] = np.random.default_rng(1).normal(size=writer.values.shape)
     writer.health[:] = 1
-    rows = KINDS[kind](folder / table_names(kind)[1], writer.columns, varied, world_count)
+    rows = KINDS[kind](folder / table_names(kind)[1], writer.columns.names, varied, world_count)
     begin = time.perf_counter()
     for frame in range(frames + 1):
         rows.write(frame, frame / 60.0, writer.values[frame], writer.health[frame])

@@ -15,7 +15,7 @@ import linecache
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import warp as wp
 
@@ -114,7 +114,7 @@ def sum_of_laws(kind: Kind, result: str, laws: tuple[Law, ...], columns: Columns
         air: Functions that give velocity and density of the air at a place, where a law names the air.
     """
     given = [each.name for each in LAW_INPUTS[kind]]
-    return _summed(f"{kind}_laws", result, laws, columns, given, air, str, _number, "n: Any")
+    return _summed(f"{kind}_laws", result, laws, columns, given, air, Spelling())
 
 
 @cache
@@ -124,8 +124,7 @@ def laws_added(kind: Kind, result: str, laws: tuple[Law, ...], columns: Columns,
     A law that is a product thereby becomes a fused multiply-add. The other arguments are those of `sum_of_laws`.
     """
     given = [each.name for each in LAW_INPUTS[kind]]
-    name = f"{kind}_laws_added"
-    return _summed(name, result, laws, columns, given, air, str, _number, "n: Any", "so_far")
+    return _summed(f"{kind}_laws_added", result, laws, columns, given, air, Spelling(begin="so_far"))
 
 
 @cache
@@ -142,7 +141,8 @@ def sum_of_laws_in_lane(kind: Kind, result: str, laws: tuple[Law, ...], columns:
     def number(column: int, size: int) -> str:
         return _number(column, size, "[lane]")
 
-    return _summed(f"{kind}_laws_in_lane", result, laws, columns, given, air, told, number, "n: Any, lane: wp.int32")
+    spelling = Spelling(told, number, "n: Any, lane: wp.int32")
+    return _summed(f"{kind}_laws_in_lane", result, laws, columns, given, air, spelling)
 
 
 @cache
@@ -157,7 +157,7 @@ def sum_of_laws_of_few(
         parts = [f"n[{few.index(each)}]" for each in range(column, column + size)]
         return parts[0] if size == 1 else f"wp.vec3({', '.join(parts)})"
 
-    return _summed(f"{kind}_laws_of_few", result, laws, columns, given, air, str, number, "n: Any"), tuple(few)
+    return _summed(f"{kind}_laws_of_few", result, laws, columns, given, air, Spelling(number=number)), tuple(few)
 
 
 @cache
@@ -257,6 +257,19 @@ def function_here(function: Any, given: Sequence[str], columns: Columns) -> Any:
     return function_from(f"{name}_here", source, {name: function})
 
 
+class Spelling(NamedTuple):
+    """Text of a sum's arguments."""
+
+    told: Callable[[str], str] = str
+    """Returns the text that finds a quantity of a name"""
+    number: Callable[[int, int], str] = _number
+    """Returns the text that finds a number, by its column and size"""
+    row: str = "n: Any"
+    """Parameters that hold the numbers"""
+    begin: str = ""
+    """Parameter to which the laws are added, if any"""
+
+
 def _summed(
     name: str,
     result: str,
@@ -264,11 +277,10 @@ def _summed(
     columns: Columns,
     given: Sequence[str],
     air: Air,
-    told: Callable[[str], str],
-    number: Callable[[int, int], str],
-    row: str,
-    begin: str = "",
+    spelling: Spelling,
 ) -> Any:
+    told, number, row, begin = spelling
+
     def told_or_found(each: str) -> str:
         return each if each == AIR else told(each)
 

@@ -134,7 +134,7 @@ LAYERS = (
     ("model",),
     ("schedules",),
     ("frame", "solvers"),
-    ("steering", "frame_reader"),
+    ("steering",),
     ("usd",),
     ("blow_ups",),
     ("simulator",),

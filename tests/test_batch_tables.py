@@ -240,7 +240,7 @@ def test_a_batch_that_was_stopped_goes_on_to_the_same_parquet(tmp_path, monkeypa
 
 
 def test_what_is_replaced_is_written_again(tmp_path):
-    columns = (tmp_path, 3, 60.0, {"mesh": np.array(["a", "b"])}, ["height"], 2, "parquet")
+    columns = (tmp_path, 3, 60.0, table.Columns({"mesh": np.array(["a", "b"])}, ["height"]), 2, "parquet")
     with table.TableWriter(*columns) as rows:
         for _ in range(3):
             rows.write_frame()
@@ -321,7 +321,7 @@ def test_a_table_of_many_worlds_is_that_of_its_numbers(tmp_path, monkeypatch):
     """The table of text holds the numbers of the binary one, whatever the block of worlds and the varied values."""
     monkeypatch.setattr(table, "BLOCK", 3)
     varied = {"balloon.mass": RANDOM.normal(size=11), "balloon.mesh": np.array(['a,"ü".obj'] * 11)}
-    with table.TableWriter(tmp_path, 2, 3.0, varied, ["volume", "area"], 11) as writer:
+    with table.TableWriter(tmp_path, 2, 3.0, table.Columns(varied, ["volume", "area"]), 11) as writer:
         writer.values[:] = RANDOM.lognormal(0.0, 9.0, (2, 2, 11))
         writer.health[:] = RANDOM.integers(0, 3, (2, 11))
         for _ in range(2):
@@ -500,7 +500,7 @@ def test_shares_that_are_done_are_taken_up_with_what_became_of_them(device: str,
     with BatchOutput(task, cut) as output:
         first = journal(output, resume=False)
         for number in (3, 0):
-            share = cut[number], task.chosen, device, "gather", 4, task.on_blowup
+            share = cut[number], cluster.ShareOptions(task.chosen, device, "gather", 4, task.on_blowup)
             first.add(number, cluster.simulate_share(*share, on_frame=lambda frame: None))
             first.save()
     played = Usd.Stage.Open(str(tmp_path / "partial" / "frames.usda"))

@@ -59,8 +59,7 @@ from balloon_warp.model.shape import shape_balloon
 from balloon_warp.model.state import Allocating
 from balloon_warp.model.touch import APART, bends_freely, edge_length
 from balloon_warp.scene import Ground, Inflation, Stiffness
-from balloon_warp.scene.load import override_scene
-from balloon_warp.scene.write import write_scene
+from balloon_warp.scene.load import override_scene, write_scene
 from balloon_warp.schedules.framing import own_parts, own_parts_arrays
 from balloon_warp.schedules.tables import world_state
 from balloon_warp.system.warp_threads import launch_tiled

@@ -15,9 +15,9 @@ import balloon_warp as bw
 from balloon_warp import Design, InputError, Material, PolygonMesh
 from balloon_warp.cli.app import app
 from balloon_warp.lab.design import foil, measure
+from balloon_warp.lab.design.design import STALLED, MouldProblem, ThicknessProblem, _descended, _film
 from balloon_warp.lab.design.foil import write_pattern
 from balloon_warp.lab.design.job import Job, places_off
-from balloon_warp.lab.design.latex import STALLED, MouldProblem, ThicknessProblem, _descended, _film
 from balloon_warp.lab.design.measure import Error, Ruler
 from balloon_warp.lab.design.springs import Reached, Response, SmoothAim, Smoothing, begin, descend, smooth_step
 from balloon_warp.lab.design.target import Gaps, target_of

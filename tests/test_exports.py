@@ -30,7 +30,7 @@ from test_resume import press_ctrl_c, stop
 from balloon_warp import Body, InputError, MissingExtraError, PolygonMesh, Scene, animate, export_stage, run_batch
 from balloon_warp.mesh.obj import read_obj, write_obj
 from balloon_warp.scene import Balloon, Ground, Obstacle, bundled_scenes, load_scene
-from balloon_warp.scene.write import write_scene
+from balloon_warp.scene.load import write_scene
 from balloon_warp.scenes.model_print import GASES, dots, label
 from balloon_warp.studio import export, parts
 from balloon_warp.studio.render import render_stage, stage_reader

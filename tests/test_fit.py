@@ -19,7 +19,7 @@ from balloon_warp.cli.app import app
 from balloon_warp.cli.progress import note, warn
 from balloon_warp.errors import InputError, StoppedError
 from balloon_warp.lab.fit.curve import fit_curves, lack_of_fit, sphere_pressures, ticks
-from balloon_warp.lab.fit.fit import ROUNDS, fit_of, least_loss, measured_of
+from balloon_warp.lab.fit.fit import ROUNDS, Residuals, fit_of, least_loss, measured_of
 from balloon_warp.lab.fit.search import minima_together, search
 from balloon_warp.lab.fit.tables import Curve
 from balloon_warp.mesh.obj import write_obj
@@ -382,7 +382,7 @@ def pulls(strength: float) -> Values:
 
         best = search(forward, rng.uniform(0.1, 0.9, (STARTS, 2)), OF_ROUGH, lambda number, misfit: None, seed).best
         misfit, roughness = np.sqrt(best.cost), best.roughness(True)
-        fit = fit_of(["a", "b"], best.place, best.jacobian, misfit, True, np.zeros(1), None, roughness)
+        fit = fit_of(["a", "b"], best.place, Residuals(best.jacobian, misfit, True), np.zeros(1), None, roughness)
         found.append((best.place - true) / np.array(list(fit.errors.values())))
     return np.array(found)
 

@@ -25,7 +25,7 @@ import balloon_warp as bw
 from balloon_warp.kernels.schedules.block_names import Layout
 from balloon_warp.lab.gradients.derive import require_paths
 from balloon_warp.model import Model, lay_out, plan_model
-from balloon_warp.schedules import backward_block
+from balloon_warp.schedules import backward_one_launch as backward_block
 from balloon_warp.schedules.tables import model_features
 
 BY_DEFAULT = "gas on the ground"

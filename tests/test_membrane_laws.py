@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rubber_theory import ENERGIES, MATERIALS, OGDEN, quad_energy, relaxed
 
 from balloon_warp import Balloon, Inflation, InputError, PolygonMesh, Scene
-from balloon_warp.frame_reader import ForceReader
+from balloon_warp.frame import ForceReader
 from balloon_warp.kernels.algebra import power
 from balloon_warp.kernels.laws.membrane import MEMBRANES, neo_hookean, ogden
 from balloon_warp.mesh.crossings import LARGEST_FAN

@@ -53,7 +53,7 @@ from balloon_warp.mesh.topology import (
 )
 from balloon_warp.model import plan_model
 from balloon_warp.model.shape import shape_balloon
-from balloon_warp.scene.write import write_scene
+from balloon_warp.scene.load import write_scene
 
 
 def inward(mesh: PolygonMesh) -> PolygonMesh:

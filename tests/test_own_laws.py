@@ -15,7 +15,7 @@ from own_laws import AT_THE_END, HARDENING, MAGNET, TESTED, magnet, model_of_all
 from trajectories import stepped
 
 import balloon_warp as bw
-from balloon_warp.frame_reader import ForceReader
+from balloon_warp.frame import ForceReader
 from balloon_warp.kernels.algebra import inverse_root
 from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.laws import require_laws
@@ -24,8 +24,7 @@ from balloon_warp.model import build_model, initial_state, plan_model
 from balloon_warp.model.parameters import active_laws
 from balloon_warp.run.report import describe_laws
 from balloon_warp.scene import Balloon, Change, Inflation, Scene, Stiffness
-from balloon_warp.scene.load import override_scene
-from balloon_warp.scene.write import scene_toml
+from balloon_warp.scene.load import override_scene, scene_toml
 from balloon_warp.schedules.gather import GatherSchedule
 from balloon_warp.studio.page.controls import VALUES, values_of
 from balloon_warp.studio.page.playground import Playground

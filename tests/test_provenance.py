@@ -38,7 +38,7 @@ from balloon_warp.run import report
 from balloon_warp.run.checkpoints import WAITING, Background
 from balloon_warp.run.report import hash_of_file
 from balloon_warp.scene import Material, Obstacle, load_scene
-from balloon_warp.scene.write import write_scene
+from balloon_warp.scene.load import write_scene
 from balloon_warp.studio import render
 from balloon_warp.studio.animate import RequestedOutputs
 from balloon_warp.studio.render.render import Film

@@ -23,7 +23,7 @@ from balloon_warp.mesh.crossings import crossings_of
 from balloon_warp.mesh.topology import triangulate
 from balloon_warp.model import build_model
 from balloon_warp.scene import load_scene
-from balloon_warp.schedules import contact_lists
+from balloon_warp.schedules import touch_table as contact_lists
 from balloon_warp.schedules.choose import fastest_schedule
 
 

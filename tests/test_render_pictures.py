@@ -18,7 +18,7 @@ from balloon_warp.kernels import OPTIONS
 from balloon_warp.kernels.pictures import surfaces
 from balloon_warp.mesh.orientation import CREASE
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
-from balloon_warp.studio.render.render import RayCaster
+from balloon_warp.studio.render.render import Film, RayCaster
 from balloon_warp.studio.render.sampling import TILE, SmoothSurface, disc_points, moments, one_over_the_other
 from balloon_warp.studio.render.view import frame_action
 from balloon_warp.usd.studio import MARGIN, Camera, CameraFit
@@ -71,7 +71,7 @@ def test_the_same_bytes_whatever_the_number_of_threads(tmp_path):
     for threads in (1, 2, 3, 1):
         stage = render_stages.read_stage(path)
         framing = frame_action([(stage, 0)], 16 / 9)
-        caster = RayCaster(stage, framing.center, framing.size, (160, 90), 4, "cpu", threads)
+        caster = RayCaster(stage, framing, Film((160, 90), 4), "cpu", threads)
         caster.place(0, 0.0)
         pictures.append(caster.picture(framing.camera).tobytes())
     assert len(set(pictures)) == 1
@@ -228,7 +228,7 @@ def test_a_mesh_that_moves_looks_the_same_in_an_animation_as_alone(tmp_path):
     alone = picture(stage, frame=2)
     reader = render_stages.read_stage(path)
     framing = frame_action([(reader, 2)], 1.0)
-    caster = RayCaster(reader, framing.center, framing.size, (200, 200), 4, "cpu")
+    caster = RayCaster(reader, framing, Film((200, 200), 4), "cpu")
     camera = reader.camera(2, 1.0)
     assert camera is not None
     for frame in range(3):

@@ -26,9 +26,8 @@ from balloon_warp.model.obstacles import shape_obstacle
 from balloon_warp.run.report import describe_scene, describe_simulation, hash_files, hash_of_file, without_folders
 from balloon_warp.scene import Balloon, Obstacle, Scene, Sphere, Stiffness, String, load_scene
 from balloon_warp.scene.fields import first_line, missed_between_frames
-from balloon_warp.scene.load import bundled_scenes, override_scene, parse_override, scene_name
+from balloon_warp.scene.load import bundled_scenes, override_scene, parse_override, scene_name, scene_toml, write_scene
 from balloon_warp.scene.reference import as_markdown, tables
-from balloon_warp.scene.write import scene_toml, write_scene
 
 SCENE = 'description = "a box and two balls"\nframes = 10\n[[balloon]]\nmesh = "box.obj"\n'
 SCENE += '[[balloon]]\nmesh = "box.obj"\nposition = [3, 0, 0]\n'

@@ -19,8 +19,7 @@ from balloon_warp.schedules import frames
 from balloon_warp.schedules.choose import fastest_schedule, schedule_named
 from balloon_warp.schedules.frames import TURN
 from balloon_warp.schedules.gather import GatherSchedule
-from balloon_warp.schedules.one_launch import BlockSchedule
-from balloon_warp.schedules.searched import SearchedSchedule
+from balloon_warp.schedules.one_launch import BlockSchedule, SearchedSchedule
 from balloon_warp.schedules.tables import model_features
 from balloon_warp.schedules.touch_table import substeps_of_search
 from balloon_warp.tools.doctor import kernel_source

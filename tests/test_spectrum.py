@@ -20,7 +20,7 @@ from scipy.sparse.linalg import eigsh
 import balloon_warp as bw
 from balloon_warp import Balloon, InputError, PolygonMesh, Scene, Simulator, String, advise_step, animate, build_springs
 from balloon_warp.batch.recorder import units_of
-from balloon_warp.frame_reader import ForceReader
+from balloon_warp.frame import ForceReader
 from balloon_warp.lab import statics as systems
 from balloon_warp.lab.statics import Balance, SealedGas, Volume, film_of, springs_of
 from balloon_warp.mesh.obj import write_obj
@@ -30,9 +30,8 @@ from balloon_warp.model.materials import Bounds
 from balloon_warp.model.spectrum import FEW, MARGIN, highest_squared_frequency
 from balloon_warp.model.stability import Network
 from balloon_warp.scene import Atmosphere, Inflation, Material, Stiffness, bundled_scenes, load_scene
-from balloon_warp.scene.load import override_scene
-from balloon_warp.scene.presets import standard_air
-from balloon_warp.scene.write import scene_toml, write_scene
+from balloon_warp.scene.fields import standard_air
+from balloon_warp.scene.load import override_scene, scene_toml, write_scene
 
 MESHES = {"sphere": quad_sphere(9), "cube": cube(), "sheet": grid(12, 12), "fine": quad_sphere(16)}
 

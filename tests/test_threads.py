@@ -144,7 +144,7 @@ def test_whatever_is_queued_takes_its_turn(monkeypatch: pytest.MonkeyPatch, tmp_
 
         def watched(*arguments: Any, **named: Any) -> Any:
             caller = sys._getframe(1).f_code.co_filename
-            on_host = name == "numpy" and caller.endswith("frame_reader.py")
+            on_host = name == "numpy" and caller.endswith("frame.py")
             if "unlocked" in repr(warp_threads.PROCESS_LOCK) and not on_host:
                 untaken.append(f"{name} in {caller}")
             return queued(*arguments, **named)

@@ -309,7 +309,7 @@ def test_shares_in_any_order_give_the_same_bytes(tmp_path, monkeypatch):
         journal = ShareJournal(task, output, batch_checkpoints(task, describe_batch(task), 0.0), "cpu")
         output.begin_trajectories(False)
         for number in (2, 0, 1):
-            told = (task.chosen, "cpu", "gather", 3, "restart", lambda frame: None, task.every)
+            told = cluster.ShareOptions(task.chosen, "cpu", "gather", 3, "restart", task.every), lambda frame: None
             journal.add(number, cluster.simulate_share(cut[number], *told))
         for _ in range(GAINS_ENERGY.frames + 1):
             output.end_frame()

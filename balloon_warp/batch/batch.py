@@ -57,7 +57,7 @@ from balloon_warp.run.checkpoints import CHECKPOINT_SECONDS, WAITING, Checkpoint
 from balloon_warp.run.report import BadEnding, RunHeader, describe_laws, ending_sentences, hash_of_file, named_files
 from balloon_warp.scene import Scene, SceneLike, bundled_scenes
 from balloon_warp.scene.load import find_mesh
-from balloon_warp.schedules.contact_lists import overflow_remarks
+from balloon_warp.schedules.touch_table import overflow_remarks
 from balloon_warp.simulator import Simulator
 from balloon_warp.solvers import resolved_solver, solver_named
 from balloon_warp.system.api import Shown, checked, described

@@ -14,8 +14,7 @@ from typing_extensions import TypeAliasType
 
 from balloon_warp.batch.table import AXES, EXTREMES, Field
 from balloon_warp.errors import InputError
-from balloon_warp.frame import things_of
-from balloon_warp.frame_reader import HostBuffer
+from balloon_warp.frame import HostBuffer, things_of
 from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.kernels.measure.observed import note_contacts
 from balloon_warp.kernels.measure.worlds import (

@@ -436,7 +436,6 @@ class CsvRows:
         path: of the file.
         columns: names of the columns.
         varied: the parameters that differ between the worlds: columns of shape (world_count,), numbers or words.
-        world_count: how many worlds there are.
     """
 
     def __init__(self, path: Path, columns: Sequence[str], varied: Mapping[str, NDArray], world_count: int):
@@ -525,7 +524,6 @@ class ParquetRows:
         path: of the file.
         columns: names of the columns.
         varied: the parameters that differ between the worlds: columns of shape (world_count,), numbers or words.
-        world_count: how many worlds there are.
 
     Raises:
         MissingExtraError: pyarrow is not installed.
@@ -622,6 +620,21 @@ def table_names(kind: str) -> tuple[str, str]:
     return "table.npz", f"table.{kind}"
 
 
+@dataclass(frozen=True)
+class Columns:
+    """Columns of a table, beside world, frame, time and health."""
+
+    varied: Mapping[str, NDArray]
+    """Parameters that differ between the worlds: numbers or words, shape (world_count,)"""
+    measures: Sequence[str]
+    """Names of what is measured in each frame"""
+
+    @property
+    def names(self) -> list[str]:
+        """Names of all columns, in order."""
+        return ["world", "frame", "time", *self.varied, *self.measures, "health"]
+
+
 class TableWriter:
     """Writes `table.npz` and `table.csv` or `table.parquet`, which appear when the `with` block ends well.
 
@@ -631,35 +644,21 @@ class TableWriter:
         folder: where the files go.
         frame_count: how many frames there will be, the start among them.
         frames_per_second: of the column `time` [s].
-        varied: the parameters that differ between the worlds: columns of shape (world_count,), numbers or words.
-        measures: names of the measured columns.
-        world_count: how many worlds there are.
         kind: of the file beside the .npz: "csv" or "parquet".
     """
 
     def __init__(
-        self,
-        folder: Path,
-        frame_count: int,
-        frames_per_second: float,
-        varied: Mapping[str, NDArray],
-        measures: Sequence[str],
-        world_count: int,
+        self, folder: Path, frame_count: int, frames_per_second: float, columns: Columns, world_count: int,
         kind: str = "csv",
-    ):
-        self.kind = kind
-        self.folder, self.frames_per_second = folder, frames_per_second
-        self.varied, self.measures, self.world_count = dict(varied), list(measures), world_count
-        self.values = np.zeros((frame_count, len(measures), world_count), dtype=np.float32)
+    ):  # fmt: skip
+        self.folder, self.frames_per_second, self.kind = folder, frames_per_second, kind
+        self.columns, self.world_count = columns, world_count
+        self.values = np.zeros((frame_count, len(columns.measures), world_count), dtype=np.float32)
         """Measures of each frame and world, shape (frame_count, len(measures), world_count): columns, as files have"""
         self.health = np.zeros((frame_count, world_count), dtype=np.int32)
         """Health of each frame and world, shape (frame_count, world_count)"""
         self._frames_written = 0
         self._measured, self._failed, self._ended = Event(), False, False
-
-    @property
-    def columns(self) -> list[str]:
-        return ["world", "frame", "time", *self.varied, *self.measures, "health"]
 
     def __enter__(self) -> Self:
         with ExitStack() as files:
@@ -670,7 +669,7 @@ class TableWriter:
             thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="arrays")
             self._arrays = thread.submit(write_npz, self._npz, self._arrays_in_turn())
             self._text = files.enter_context(whole_file(self.folder / rows))
-            self._rows = KINDS[self.kind](self._text, self.columns, self.varied, self.world_count)
+            self._rows = KINDS[self.kind](self._text, self.columns.names, self.columns.varied, self.world_count)
             files.callback(self.end_rows)
             self._files = files.pop_all()
         return self
@@ -727,8 +726,8 @@ class TableWriter:
 
     def _arrays_in_turn(self) -> Iterator[tuple[str, NDArray]]:
         """Iterate over columns, once they are known: of two in memory one is a copy. The first are known at once."""
-        for name in self.columns:
-            if name in (*self.measures, "health"):
+        for name in self.columns.names:
+            if name in (*self.columns.measures, "health"):
                 self._measured.wait()
             if self._failed:
                 return
@@ -745,9 +744,9 @@ class TableWriter:
                 return np.repeat(np.arange(frames) / self.frames_per_second, worlds)
             case "health":
                 return self.health.ravel()
-        if name in self.varied:
-            return np.tile(self.varied[name], frames)
-        return self.values[:, self.measures.index(name)].ravel()
+        if name in self.columns.varied:
+            return np.tile(self.columns.varied[name], frames)
+        return self.values[:, self.columns.measures.index(name)].ravel()
 
 
 WORLDS_NAMES = ("worlds.npz", "worlds.csv")
@@ -777,9 +776,10 @@ def write_worlds(
             writer.writerows(zip(*(_texts(column[block]) for column in columns.values()), strict=True))
 
 
-def worlds_columns(varied: list[str], measures: list[str]) -> list[str]:
+def worlds_columns(columns: Columns) -> list[str]:
     """Return the names of the columns, in order."""
-    return ["world", *varied, "health", "ending", "last_frame", *(f"{m}_{end}" for m in measures for end in EXTREMES)]
+    of_measures = (f"{measure}_{end}" for measure in columns.measures for end in EXTREMES)
+    return ["world", *columns.varied, "health", "ending", "last_frame", *of_measures]
 
 
 def _columns(table: TableWriter, endings: Mapping[int, str]) -> Iterator[tuple[str, NDArray]]:
@@ -788,9 +788,9 @@ def _columns(table: TableWriter, endings: Mapping[int, str]) -> Iterator[tuple[s
     health = table.health[-1]
     words = [endings.get(world, WELL) if well else BLEW_UP for world, well in enumerate(health.tolist())]
     values = table.values[-1], table.values.min(axis=0), table.values.max(axis=0)
-    measured = (each[number] for number in range(len(table.measures)) for each in values)
-    first = [worlds, *table.varied.values(), health, np.array(words), good.sum(axis=0, dtype=np.int32) - 1]
-    yield from zip(worlds_columns(list(table.varied), table.measures), [*first, *measured], strict=True)
+    measured = (each[number] for number in range(len(table.columns.measures)) for each in values)
+    first = [worlds, *table.columns.varied.values(), health, np.array(words), good.sum(axis=0, dtype=np.int32) - 1]
+    yield from zip(worlds_columns(table.columns), [*first, *measured], strict=True)
 
 
 def _texts(values: NDArray) -> list[str]:

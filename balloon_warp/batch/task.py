@@ -39,7 +39,7 @@ from balloon_warp.batch.recorder import (
     pressing_pairs,
     vary_columns,
 )
-from balloon_warp.batch.table import KINDS, WORLDS_NAMES, TableWriter, table_names, write_worlds
+from balloon_warp.batch.table import KINDS, WORLDS_NAMES, Columns, TableWriter, table_names, write_worlds
 from balloon_warp.batch.trajectories import Contents, TrajectoryFiles, TrajectoryWriter
 from balloon_warp.blow_ups import MOST_HALVINGS, BlowUp
 from balloon_warp.errors import BlowUpError, InputError
@@ -47,7 +47,7 @@ from balloon_warp.kernels.laws import Law
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Remark, lay_out
 from balloon_warp.model.stability import strain_bound_described, strain_bound_sentence
-from balloon_warp.run.checkpoints import JOB_NAME, Checkpoints, Part
+from balloon_warp.run.checkpoints import JOB_NAME, CheckpointOptions, Checkpoints, Part
 from balloon_warp.run.report import (
     BadEnding,
     LastFrame,
@@ -280,7 +280,7 @@ def batch_checkpoints(
     Args:
         task: the batch.
         description: of it, as of `describe_batch`.
-        seconds, resume, on_note: as in `Checkpoints`.
+        seconds, resume, on_note: as in `CheckpointOptions`.
     """
     job = {
         **description,
@@ -290,7 +290,7 @@ def batch_checkpoints(
         "versions": installed_versions(),
     }
     folder = task.folder / PARTIAL_NAME
-    return Checkpoints(folder, "batch", job, task.scene, seconds=seconds, resume=resume, on_note=on_note)
+    return Checkpoints(folder, "batch", job, task.scene, CheckpointOptions(seconds, resume, on_note))
 
 
 SimulateBatch = Callable[
@@ -405,8 +405,8 @@ class BatchOutput:
         worlds = sum(len(group.worlds) for group in groups)
         varied = vary_columns(vary)
         self._hashes = {path: np.array(column) for path, column in task.varied.items() if path.endswith(SHA256)}
-        measures, rate = columns_of(scene), scene.frames_per_second
-        self.table = TableWriter(folder, scene.frames + 1, rate, varied, measures, worlds, task.table)
+        columns, rate = Columns(varied, columns_of(scene)), scene.frames_per_second
+        self.table = TableWriter(folder, scene.frames + 1, rate, columns, worlds, task.table)
         self._plan = groups[0].plan
         self.contacts = np.zeros((worlds, *contacts_shape(self._plan), len(COLUMNS)), dtype=np.float32)
         """Contact measures of each pair, as in `Recorder`, of all worlds"""
@@ -506,7 +506,7 @@ class BatchOutput:
         frames = slice(part.frames.start, part.frames.stop)
         return {
             "worlds": worlds,
-            "columns": np.array(self.table.measures),
+            "columns": np.array(self.table.columns.measures),
             "values": self.table.values[frames][:, :, worlds].swapaxes(1, 2),
             "health": self.table.health[frames, worlds],
             "contacts": self.contacts[worlds],

@@ -430,55 +430,6 @@ STATIC_FOLDER = "static"
 """Name of the folder of static fields, and the beginning of its files' names"""
 
 
-def write_catalog(
-    folder: Path,
-    options: TrajectoryFiles,
-    contents: Contents,
-    world: WorldFile,
-    names: Sequence[str],
-    health: NDArray[np.integer],
-    static: Sequence[str],
-    moments: Mapping[str, Moments],
-) -> None:
-    """Write the manifest, after the files that it names.
-
-    Args:
-        world: contents of the first one.
-        names: of the files, by world.
-        health: of each world at the end.
-        static: names of the files with static fields.
-        moments: of each moving field, over the files for training, if there are any.
-
-    Raises:
-        InputError: it cannot be written.
-    """
-    scene = contents.scene
-    manifest: dict[str, Any] = {
-        "format": options.format,
-        "frames": contents.frames,
-        "every": options.every,
-        "time_step": options.every / scene.frames_per_second,
-        "seed": options.seed,
-        "static": list(static),
-        "splits": {split: [name for name in names if name.startswith(f"{split}/")] for split in SPLITS},
-        "blew_up": [name for name, well in zip(names, health.tolist(), strict=True) if well == 0],
-        "restarted": [name for name, well in zip(names, health.tolist(), strict=True) if well == 2],
-        "fields": {
-            **{field.name: field.as_json() for field, _ in (*world.static, *world.times)},
-            **{
-                field.name: field.as_json() | (moments[field.name].as_json() if field.name in moments else {})
-                for field in world.moving
-            },
-        },
-        "vary": contents.columns,
-        "units": json.loads(str(world.attributes["units"])),
-        **contents.described,
-        "versions": installed_versions(),
-    }
-    with whole_file(folder / MANIFEST_NAME) as path:
-        path.write_text(manifest_text(manifest), encoding="utf-8")
-
-
 def listed_files(folder: Path) -> set[str]:
     """List the files that an earlier manifest names; none where there is none, or it is something else."""
     try:
@@ -603,10 +554,7 @@ class TrajectoryWriter:
             for name in old - whole.keys():
                 _remove(self.folder / name)
         names, moments = [name for name in whole if name not in self._statics], _together(worlds)
-        write_catalog(
-            *(self.folder, self.options, self._contents, self._commons[0]),
-            *(names, health, list(self._statics), moments),
-        )
+        self._write_manifest(names, health, moments)
 
     def give_up(self) -> None:
         """Remove files that no checkpoint counts on, after a failure."""
@@ -641,6 +589,45 @@ class TrajectoryWriter:
             self._statics[name] = common.static
             commons[number] = replace(common, attributes={**common.attributes, STATIC_FOLDER: name})
         return commons
+
+    def _write_manifest(
+        self, names: Sequence[str], health: NDArray[np.integer], moments: Mapping[str, Moments]
+    ) -> None:
+        """Write the manifest, after the files that it names.
+
+        Args:
+            names: of the files, by world.
+            health: of each world at the end.
+            moments: of each moving field, over the files for training, if there are any.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        options, contents, world = self.options, self._contents, self._commons[0]
+        manifest: dict[str, Any] = {
+            "format": options.format,
+            "frames": contents.frames,
+            "every": options.every,
+            "time_step": options.every / contents.scene.frames_per_second,
+            "seed": options.seed,
+            "static": list(self._statics),
+            "splits": {split: [name for name in names if name.startswith(f"{split}/")] for split in SPLITS},
+            "blew_up": [name for name, well in zip(names, health.tolist(), strict=True) if well == 0],
+            "restarted": [name for name, well in zip(names, health.tolist(), strict=True) if well == 2],
+            "fields": {
+                **{field.name: field.as_json() for field, _ in (*world.static, *world.times)},
+                **{
+                    field.name: field.as_json() | (moments[field.name].as_json() if field.name in moments else {})
+                    for field in world.moving
+                },
+            },
+            "vary": contents.columns,
+            "units": json.loads(str(world.attributes["units"])),
+            **contents.described,
+            "versions": installed_versions(),
+        }
+        with whole_file(self.folder / MANIFEST_NAME) as path:
+            path.write_text(manifest_text(manifest), encoding="utf-8")
 
     def _finished_static(self, name: str) -> Path:
         return self._written(name, FileContents({}, self._statics[name]))

@@ -63,7 +63,7 @@ def bake(folder: Path, device: str | None, resume: bool) -> None:
         KeyboardInterrupt: it was stopped, after a checkpoint.
     """
     from balloon_warp.blender.request import PointCaches, read_request  # these load Warp, which takes a second
-    from balloon_warp.run.checkpoints import Checkpoints, describe_run, record_frames
+    from balloon_warp.run.checkpoints import CheckpointOptions, Checkpoints, describe_run, record_frames
     from balloon_warp.simulator import Simulator
     from balloon_warp.system.process import Interrupts
 
@@ -74,9 +74,8 @@ def bake(folder: Path, device: str | None, resume: bool) -> None:
             tell(warning=request.named(warning))
         output, progress = PointCaches(request, folder), Progress(request.scene.frames)
         job = describe_run(simulator)
-        checkpoints = Checkpoints(
-            *(folder / PARTIAL, "bake", job, request.scene), seconds=CHECKPOINT_SECONDS, resume=resume
-        )
+        options = CheckpointOptions(CHECKPOINT_SECONDS, resume)
+        checkpoints = Checkpoints(folder / PARTIAL, "bake", job, request.scene, options)
         with Interrupts() as interrupts:
             missing = max((part.frames.stop for part in checkpoints.take_up(output)), default=0)
             checkpoints.restore(missing, [simulator.restore])

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict, dataclass, fields
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -42,8 +42,7 @@ from balloon_warp.mesh.polygon_mesh import PolygonMesh, with_unit_and_up
 from balloon_warp.mesh.thickness import standing, up_axis_sentence
 from balloon_warp.scene import Balloon, Scene, bundled_scenes
 from balloon_warp.scene.around import scene_of_foil
-from balloon_warp.scene.load import override_scene, scene_name
-from balloon_warp.scene.write import write_scene
+from balloon_warp.scene.load import override_scene, scene_name, write_scene
 from balloon_warp.system.files import check_writable, is_same_file, require_ours
 from balloon_warp.system.warp_setup import quiet_warp
 from balloon_warp.tools.foil import HEIGHT, foil_mesh, foil_parts, joined
@@ -511,16 +510,23 @@ Frame = Annotated[
 ]
 
 
+@dataclass(frozen=True)
+class SheetOptions:
+    """Options of the picture and table of a comparison."""
+
+    output: Picture = None
+    table: TableFile = None
+    frame: Frame = None
+    size: Size = "480x270"
+
+
 def compare(
     scene: SceneName,
     vary: Vary = None,
     overrides: Set = None,
     *,
     length: LengthOptions,
-    output: Picture = None,
-    table: TableFile = None,
-    frame: Frame = None,
-    size: Size = "480x270",
+    sheet: SheetOptions,
     device: Device = None,
     schedule: Schedule = "auto",
 ) -> None:
@@ -531,7 +537,7 @@ def compare(
     loaded, name = Changes(overrides, length=length).load(scene), scene_name(scene)
     if not vary:
         raise InputError("--vary: is missing; expected a value to vary, as in --vary normals=cached,fresh")
-    picture = output or own_name(Path(f"{name}_compare.png"), loaded)
+    picture = sheet.output or own_name(Path(f"{name}_compare.png"), loaded)
     quiet_warp()
     from balloon_warp.tools.compare import compare as run_all  # loads Warp and USD: only for a good scene
     from balloon_warp.tools.compare import parse_choices
@@ -548,9 +554,9 @@ def compare(
             loaded,
             choices,
             picture,
-            table=table,
-            frame=frame,
-            size=parse_size(size),
+            table=sheet.table,
+            frame=sheet.frame,
+            size=parse_size(sheet.size),
             device=device,
             schedule=schedule,
             on_begin=lambda run, runs, beginning: progress.log_line(
@@ -648,6 +654,28 @@ def convert(
     Console(emoji=False, highlight=False, soft_wrap=True).print(f"wrote {output}", markup=False)
 
 
+@dataclass(frozen=True)
+class PictureOptions:
+    """Options of a picture or an animation."""
+
+    frame: Annotated[
+        int | None,
+        typer.Option(
+            metavar="NUMBER",
+            help="Frame that a .png shows. If not given, the stage's picture frame, or the last.",
+        ),
+    ] = None
+    size: Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="Size of the picture in pixels.")] = "960x540"
+    frames: Annotated[
+        str | None, typer.Option(metavar="FIRST:LAST", help="Range of frames of an animation, such as 10:90.")
+    ] = None
+    fps: Annotated[
+        float | None,
+        typer.Option(metavar="RATE", help="Frame rate of the animation, which keeps its true speed."),
+    ] = None
+    samples: Annotated[int, typer.Option(metavar="COUNT", help="Rays per pixel. More is smoother and slower.")] = 4
+
+
 def render(
     stage: Annotated[
         Path, typer.Argument(metavar="STAGE", help="A USD file that `run` wrote, or any other with meshes in it.")
@@ -662,23 +690,8 @@ def render(
             help="Picture to write: .png, .webp, .gif or .mp4. STAGE.png if not given.",
         ),
     ] = None,
-    frame: Annotated[
-        int | None,
-        typer.Option(
-            metavar="NUMBER",
-            help="Frame that a .png shows. If not given, the stage's picture frame, or the last.",
-        ),
-    ] = None,
-    size: Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="Size of the picture in pixels.")] = "960x540",
+    pictures: PictureOptions,
     camera: CameraOptions,
-    frames: Annotated[
-        str | None, typer.Option(metavar="FIRST:LAST", help="Range of frames of an animation, such as 10:90.")
-    ] = None,
-    fps: Annotated[
-        float | None,
-        typer.Option(metavar="RATE", help="Frame rate of the animation, which keeps its true speed."),
-    ] = None,
-    samples: Annotated[int, typer.Option(metavar="COUNT", help="Rays per pixel. More is smoother and slower.")] = 4,
     device: RenderDevice = None,
 ) -> None:
     """Render a picture or an animation of a stage. No display is needed.
@@ -686,8 +699,8 @@ def render(
     Try `balloon-warp render squirrel_tether.usdc -o squirrel.mp4 --azimuth 90`.
     """
     asked = camera.asked()
-    pixels = parse_size(size)
-    part = parse_frames(frames) if frames else None
+    pixels = parse_size(pictures.size)
+    part = parse_frames(pictures.frames) if pictures.frames else None
     quiet_warp()
     from balloon_warp.studio.render import render_stage  # loads USD: only once the arguments are known to be good
 
@@ -698,12 +711,12 @@ def render(
         render_stage(
             stage,
             picture,
-            frame=frame,
+            frame=pictures.frame,
             size=pixels,
-            samples=samples,
+            samples=pictures.samples,
             device=device,
             frames=part,
-            frames_per_second=fps,
+            frames_per_second=pictures.fps,
             on_frame=lambda done, count: progress.update(task, completed=done, total=count),
             on_note=warn,
             **asked,

@@ -7,6 +7,7 @@ import socket
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -48,10 +49,11 @@ if TYPE_CHECKING:
     from balloon_warp.studio.page.page import Page
 
 
-def view(
-    scene: SceneName,
-    *,
-    open_page: Annotated[bool, typer.Option("--open", metavar="", help="Open the page in the browser.")] = False,
+@dataclass(frozen=True)
+class PageOptions:
+    """Options of the page in a browser."""
+
+    open_page: Annotated[bool, typer.Option("--open", metavar="", help="Open the page in the browser.")] = False
     port: Annotated[
         int | None,
         typer.Option(
@@ -60,7 +62,29 @@ def view(
             metavar="NUMBER",
             help="Port of the page. If not given, 8080 or the next free one.",
         ),
-    ] = None,
+    ] = None
+    host: Annotated[
+        str,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Address to listen on. With 127.0.0.1 only this machine can open the page, with 0.0.0.0 "
+            "everybody in your network can.",
+        ),
+    ] = "127.0.0.1"
+    origins: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--origin",
+            metavar="https://HOST",
+            help="Origin that may show the page besides this machine, such as a reverse proxy. May be repeated.",
+        ),
+    ] = None
+
+
+def view(
+    scene: SceneName,
+    *,
+    page: PageOptions,
     folder: Annotated[
         Path,
         typer.Option(
@@ -74,22 +98,6 @@ def view(
     overrides: Set = None,
     mesh: MeshOptions,
     device: Device = None,
-    host: Annotated[
-        str,
-        typer.Option(
-            metavar="ADDRESS",
-            help="Address to listen on. With 127.0.0.1 only this machine can open the page, with 0.0.0.0 "
-            "everybody in your network can.",
-        ),
-    ] = "127.0.0.1",
-    origins: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--origin",
-            metavar="https://HOST",
-            help="Origin that may show the page besides this machine, such as a reverse proxy. May be repeated.",
-        ),
-    ] = None,
 ) -> None:
     """Play with a scene, or any mesh, in the browser: inflate it, pull it, throw things at it.
 
@@ -100,22 +108,22 @@ def view(
     quiet_warp()
     from balloon_warp.studio.page.view import view as play
 
-    def say(page: "Page") -> None:
+    def say(shown: "Page") -> None:
         if first:
             note(first)
-        _say_where(page.address, scene_name(scene))
-        if not _is_loopback(host):
-            _say_who_may_come(page.server.get_port(), folder.resolve())
+        _say_where(shown.address, scene_name(scene))
+        if not _is_loopback(page.host):
+            _say_who_may_come(shown.server.get_port(), folder.resolve())
 
     play(
         loaded,
         name=scene_name(scene),
         device=device,
         folder=folder,
-        host=host,
-        port=port,
-        origins=origins or [],
-        open_page=open_page,
+        host=page.host,
+        port=page.port,
+        origins=page.origins or [],
+        open_page=page.open_page,
         on_start=say,
         on_warning=warner(first),
     )

@@ -402,48 +402,51 @@ def cut_into_shares(groups: Sequence[Group], device_kind: str) -> list[Group]:
     return shares
 
 
-def simulate_share(
-    share: Group,
-    chosen: NDArray[np.integer],
-    device: str | None,
-    schedule: str,
-    world_count: int,
-    on_blowup: str,
-    on_frame: Callable[[int], None],
-    every: int = 0,
-) -> ShareResult:
+@dataclass(frozen=True)
+class ShareOptions:
+    """Options of the shares of a batch, the same for all."""
+
+    chosen: NDArray[np.integer]
+    """Worlds whose shape is wanted, by their numbers in the batch"""
+    device: str | None
+    """Warp device; the GPU, or else the CPU, if not given"""
+    schedule: str
+    """Parallel schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest"""
+    world_count: int
+    """Number of worlds of the whole batch"""
+    on_blowup: str
+    """Action after a blow-up, as in `run_batch`"""
+    every: int = 0
+    """Interval of recorded frames, as in `Recorder`"""
+
+
+def simulate_share(share: Group, options: ShareOptions, on_frame: Callable[[int], None]) -> ShareResult:
     """Simulate a share from its start to its end.
 
     Args:
-        chosen: the worlds whose shape is wanted, by their numbers in the batch.
-        device: Warp device; the GPU, or else the CPU, if not given.
-        schedule: Parallel schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
-        world_count: how many worlds the whole batch has.
-        on_blowup: as in `run_batch`.
         on_frame: Called with the number of each simulated frame.
-        every: Interval of recorded frames, as in `Recorder`.
 
     Raises:
         InputError: there is no such device or schedule, or the share does not fit into its memory.
         BlowUpError: a world blew up, which is to stop all.
     """
-    scene = share.plan.scene
-    model = lay_out(share.plan, pick_device(device))
-    settled = resolved_solver(schedule, model, world_count)
+    scene, chosen, every = share.plan.scene, options.chosen, options.every
+    model = lay_out(share.plan, pick_device(options.device))
+    settled = resolved_solver(options.schedule, model, options.world_count)
     require_batch_memory([model], [settled], [share], chosen, scene, scene.frames + 1, every)
     simulator = Simulator.of_model(model, settled)
     recorder = Recorder(simulator, share.rows_of(chosen), every)
     records: list[Record] = []
     for record in recorder.run():
         records.append(record)
-        if on_blowup == "stop":
+        if options.on_blowup == "stop":
             require_health(simulator, share, record)
         on_frame(record.number)
     health = np.stack([record.healthy for record in records])
     failures, overflow = Failures(report_failures(simulator, share, health)), simulator.schedule.overflow
     remarks = remarks_on(simulator.model, simulator.state, share.worlds)
     del simulator, recorder  # restarted worlds reuse their memory
-    if on_blowup == "restart":
+    if options.on_blowup == "restart":
         bad, put = np.flatnonzero(health[-1] == 0), partial(_replace, records)
         failures.restarted = restart_failures(share, bad, chosen, model.device, settled, put, every)
     return ShareResult(records, settled, failures, remarks, overflow)
@@ -610,10 +613,10 @@ def _require_table_memory(task: BatchTask) -> None:
 
 def _work(task: BatchTask, shares: Sequence[Group], done: Collection[int], device: str | None) -> Work:
     """Return the work for workers: the shares whose numbers are not among those that are done."""
-    told = (task.chosen, device, task.schedule, task.world_count, task.on_blowup)
+    options = ShareOptions(task.chosen, device, task.schedule, task.world_count, task.on_blowup, task.every)
     return Work(
-        partial(simulate_share, every=task.every),
-        {number: (share, *told) for number, share in enumerate(shares) if number not in done},
+        simulate_share,
+        {number: (share, options) for number, share in enumerate(shares) if number not in done},
         [len(share.worlds) / task.world_count for share in shares],
         task.scene.frames,
     )

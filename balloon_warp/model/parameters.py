@@ -20,6 +20,7 @@ from balloon_warp.kernels.phase import Phase
 from balloon_warp.kernels.substep import conditional_phases, rows_of_phases
 from balloon_warp.mesh.load import LOADERS
 from balloon_warp.scene import Inflation, Material, Scene, SceneLike, load_scene
+from balloon_warp.scene.fields import standard_air
 from balloon_warp.scene.load import (
     KIND_OF_FIELD,
     Override,
@@ -29,7 +30,6 @@ from balloon_warp.scene.load import (
     pairs_of,
     scenes_over_time,
 )
-from balloon_warp.scene.presets import standard_air
 
 START = "initial_"
 """Prefix of the names of parameters that count at the start alone, and so cannot change"""

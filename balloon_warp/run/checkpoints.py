@@ -220,6 +220,18 @@ CHECKPOINT_SECONDS = 30.0
 PLAYLIST, STILL = "frames.usda", "still.usdc"
 
 
+@dataclass(frozen=True)
+class CheckpointOptions:
+    """Options of a job's checkpoints."""
+
+    seconds: float = CHECKPOINT_SECONDS
+    """Time between two [s]; 0 for none but the last of a job that is stopped"""
+    resume: bool = False
+    """Whether to go on from those that are there"""
+    on_note: Callable[[str], None] = lambda sentence: None
+    """Called with a sentence on the checkpoints that are there"""
+
+
 class Checkpoints:
     """Keeps a job safe as it goes: a run, or a batch.
 
@@ -234,9 +246,6 @@ class Checkpoints:
         kind: of the job, in sentences: "run" or "batch".
         job: the inputs that decide the bits of the job.
         scene: of the stage.
-        seconds: between two checkpoints; 0 for none but the last of a job that is stopped.
-        resume: whether to go on from those that are there.
-        on_note: called with a sentence on the checkpoints that are there.
     """
 
     def __init__(
@@ -245,12 +254,9 @@ class Checkpoints:
         kind: str,
         job: Mapping[str, Any],
         scene: Scene,
-        *,
-        seconds: float = CHECKPOINT_SECONDS,
-        resume: bool = False,
-        on_note: Callable[[str], None] = lambda sentence: None,
+        options: CheckpointOptions,
     ):
-        self.seconds, self.resume, self.on_note = seconds, resume, on_note
+        self.seconds, self.resume, self.on_note = options.seconds, options.resume, options.on_note
         self.folder = PartialFolder(folder)
         self._kind, self._job, self._scene = kind, dict(job), scene
         self._begun = False

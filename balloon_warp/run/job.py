@@ -3,10 +3,10 @@
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 from pxr import Usd
 
@@ -18,6 +18,7 @@ from balloon_warp.model.plan import remarks_in_sentences
 from balloon_warp.model.stability import StrainBound, overstretched_films
 from balloon_warp.run.checkpoints import (
     CHECKPOINT_SECONDS,
+    CheckpointOptions,
     Checkpoints,
     RunOutput,
     describe_run,
@@ -37,7 +38,7 @@ from balloon_warp.run.report import (
 )
 from balloon_warp.scene import Scene, SceneLike, scene_of
 from balloon_warp.scene.load import files_of_scene
-from balloon_warp.schedules.contact_lists import overflow_remarks
+from balloon_warp.schedules.touch_table import overflow_remarks
 from balloon_warp.simulator import Simulator
 from balloon_warp.system.files import check_writable, require_no_inputs, sole_writer
 from balloon_warp.system.process import Interrupts
@@ -218,6 +219,7 @@ def run_scene(
     with files.checked(scene):
         simulator, inflation = _begun(scene, device, schedule, laws, on_begin, on_warning)
         on_frame, again = noting_before(inflation, on_note, on_frame), resume and on_blowup == "restart"
+        checkpoints = CheckpointOptions(checkpoint_seconds, resume, on_note)
         restarts = halvings_until(partial_path(files.output), simulator.model.substeps) if again else 0
         for _ in range(restarts):
             scene = with_half_the_step(scene, simulator.model.substeps)
@@ -225,20 +227,18 @@ def run_scene(
         while True:
             substeps = simulator.model.substeps  # at the start: the scene may change them
             try:
-                begin, blow_up = _write(
-                    simulator, files, provenance or {}, on_blowup, checkpoint_seconds, resume, on_frame, on_note
-                )
+                begin, blow_up = _write(simulator, files, provenance or {}, on_blowup, checkpoints, on_frame)
                 break
             except BlowUpError as failure:
                 if on_blowup != "restart":
                     raise
                 scene = _begun_again(scene, substeps, failure, restarts, on_warning)
-                restarts, resume = restarts + 1, False
+                restarts, checkpoints = restarts + 1, replace(checkpoints, resume=False)
                 simulator = Simulator(scene, device, schedule=schedule, laws=laws)
-        seconds = time.perf_counter() - began
+        written = _Written(begin, restarts, blow_up, time.perf_counter() - began)
         endings = _look_at_the_end(simulator, blow_up, on_warning)
         files.draw(device)
-    return _summary(simulator, name, files, begin, restarts, blow_up, endings, inflation, seconds)
+    return _summary(simulator, name, files, written, endings, inflation)
 
 
 def _begun_again(
@@ -290,19 +290,26 @@ def _begun(
     return simulator, swellings_of(simulator.model)
 
 
+class _Written(NamedTuple):
+    """Stage of a run, as `Summary` describes it."""
+
+    begin: int
+    restarts: int
+    blow_up: BlowUpError | None
+    seconds: float
+
+
 def _summary(
     simulator: Simulator,
     name: str,
     files: RunFiles,
-    begin: int,
-    restarts: int,
-    blow_up: BlowUpError | None,
+    written: _Written,
     endings: list[BadEnding],
     inflation: list[Swelling],
-    seconds: float,
 ) -> Summary:
     """Sum up a run of `animate`."""
-    model, frames = simulator.model, simulator.frame_number - bool(blow_up)
+    model, (begin, restarts, blow_up, seconds) = simulator.model, written
+    frames = simulator.frame_number - bool(blow_up)
     return Summary(
         output=str(files.output),
         picture=files.made["picture"],
@@ -332,10 +339,8 @@ def _write(
     files: RunFiles,
     provenance: Mapping[str, Any],
     on_blowup: str,
-    checkpoint_seconds: float,
-    resume: bool,
+    options: CheckpointOptions,
     on_frame: Callable[[int], None],
-    on_note: Callable[[str], None],
 ) -> tuple[int, BlowUpError | None]:
     """Simulate all frames, write them into a stage, and make the wanted outputs of it.
 
@@ -345,9 +350,7 @@ def _write(
     blow_up, job, scene = None, describe_run(simulator) | files.left_out, simulator.model.scene
     said = {**provenance, **without_folders(job)}
     writer = StageWriter(files.stage, simulator.model, said, lights=files.lights, ground=files.ground)
-    checkpoints = Checkpoints(
-        *(partial_path(files.output), "run", job, scene), seconds=checkpoint_seconds, resume=resume, on_note=on_note
-    )
+    checkpoints = Checkpoints(partial_path(files.output), "run", job, scene, options)
     with writer as stage, Interrupts() as interrupts:
         files.check_names(stage.stage)
         output = RunOutput(stage)
@@ -364,6 +367,6 @@ def _write(
             if on_blowup != "freeze":
                 raise
             blow_up = failure
-    files.export(on_note)
+    files.export(options.on_note)
     checkpoints.remove()
     return begin, blow_up

@@ -1,7 +1,8 @@
 """Scenes: the contents of a TOML file, checked, with overrides and defaults applied. SI units throughout.
 
 Read `scene` first, a scene as a whole, its surroundings and solids; `balloon` has balloons, their materials and what
-fills them, `fields` what the fields of both are made of, and `load` the way from a file.
+fills them, `fields` what the fields of both are made of, with materials and air that are known, and `load` the way from
+a file and back.
 """
 
 from balloon_warp.scene.balloon import Balloon, Inflation, Material, Neck, Stiffness, Touch

@@ -15,6 +15,7 @@ from balloon_warp.mesh.crossings import Taken
 from balloon_warp.mesh.load import LARGEST_GAP, LEAST_GAP, Holes, Parts, Treatment, is_mesh, load_mesh, mesh_from
 from balloon_warp.mesh.polygon_mesh import Unit, UpAxis
 from balloon_warp.scene.fields import (
+    PRESETS,
     Color,
     Index,
     Keyframe,
@@ -30,8 +31,10 @@ from balloon_warp.scene.fields import (
     Vector,
     field_of,
     optional_field_of,
+    pinned_by,
+    pins_of,
+    weighed_by,
 )
-from balloon_warp.scene.presets import PRESETS, pinned_by, pins_of, weighed_by
 
 
 class Inflation(Table):

@@ -12,7 +12,9 @@ from balloon_warp.mesh.load import is_mesh, mesh_from
 from balloon_warp.mesh.polygon_mesh import Unit, UpAxis
 from balloon_warp.scene.balloon import Balloon, Touch
 from balloon_warp.scene.fields import (
+    HIGHEST,
     LISTS,
+    LOWEST,
     MOST_MISSED,
     Color,
     Index,
@@ -26,8 +28,9 @@ from balloon_warp.scene.fields import (
     field_of,
     missed_between_frames,
     optional_field_of,
+    pins_of,
+    standard_air,
 )
-from balloon_warp.scene.presets import HIGHEST, LOWEST, pins_of, standard_air
 
 ShapeKind = Literal["box", "capsule", "plane", "mesh"]
 FIELDS_OF_SHAPES: dict[ShapeKind, tuple[str, ...]] = {

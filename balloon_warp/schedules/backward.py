@@ -35,8 +35,8 @@ from balloon_warp.kernels.loops.gas import SWEEPS
 from balloon_warp.kernels.schedules.writer import Step, values_of
 from balloon_warp.kernels.working import FixtureBars
 from balloon_warp.model import Model, State, copy_of
-from balloon_warp.model.state import Room
-from balloon_warp.schedules.backward_contact import STATE_OF_TOUCH, SpheresBackward, TouchBackward
+from balloon_warp.model.state import Allocating, Room
+from balloon_warp.schedules.backward_contact import STATE_OF_TOUCH, BackwardModel, SpheresBackward, TouchBackward
 from balloon_warp.schedules.launched import team_threads
 from balloon_warp.schedules.tables import world_state
 from balloon_warp.system.warp_threads import launch, launch_tiled, recording, replay
@@ -155,21 +155,14 @@ class FixturesBackward:
 
 
 class GasBackward:
-    """Run the gas of balloons backwards, a substep at a time.
+    """Run the gas of balloons backwards, a substep at a time."""
 
-    Args:
-        columns: of the numbers that are derived by.
-        working: of the launches that compute frames again.
-    """
-
-    def __init__(
-        self, model: Model, features: Features, columns: tuple[int, ...], tables: Any, working: Any, bars: Any
-    ):
-        self._model, self._tables, self._working, self._bars = model, tables, working, bars
-        self._pump_again = pump_again_kernel(features)
-        self._pump_back = pump_back_kernel(features, columns)
-        places = (model.world_count, model.balloon_count)
-        self._amounts, self._free_volumes = (wp.zeros(places, dtype=wp.float64, device=model.device) for _ in range(2))
+    def __init__(self, of: BackwardModel):
+        self._model, self._tables, self._working, self._bars = of.model, of.tables, of.working, of.bars
+        self._pump_again = pump_again_kernel(of.features)
+        self._pump_back = pump_back_kernel(of.features, of.columns)
+        places, device = (of.model.world_count, of.model.balloon_count), of.model.device
+        self._amounts, self._free_volumes = (wp.zeros(places, dtype=wp.float64, device=device) for _ in range(2))
 
     def found_again(self, state: State, carried: Mapping[str, wp.array], substep: int) -> dict[str, wp.array]:
         """Find how much gas there was in a substep, and return it by its names in the state."""
@@ -226,21 +219,13 @@ CONDUCTANCE = "tube_conductance"
 
 
 class TubesBackward:
-    """Run the flow through tubes backwards, a substep at a time.
+    """Run the flow through tubes backwards, a substep at a time."""
 
-    Args:
-        columns: of the numbers that are derived by.
-        arrays: bars of the substep that runs backwards, by name.
-        of_frame: bars of the frame.
-    """
-
-    def __init__(
-        self, model: Model, features: Features, columns: tuple[int, ...], tables: Any, arrays: Mapping[str, wp.array],
-        of_frame: Any,
-    ):  # fmt: skip
-        self._model, self._tables, self._of_frame = model, tables, of_frame
-        self._back = tubes_back_kernel(features, columns)
-        vented = model.balloon_count if features.vents else 0
+    def __init__(self, of: BackwardModel):
+        self._model, self._tables, self._of_frame = of.model, of.tables, of.bars
+        self._back = tubes_back_kernel(of.features, of.columns)
+        model, arrays = of.model, of.arrays
+        vented = model.balloon_count if of.features.vents else 0
         worlds, balloons, tubes = model.world_count, model.balloon_count, model.tube_count
         self._bars = bars = TubeBars()
         with wp.ScopedDevice(model.device):
@@ -311,15 +296,15 @@ class BackwardFrames(ABC):
     """Adjoint of gas that flows through tubes, where there are any"""
 
     def __init__(
-        self, model: Model, state: State, columns: Sequence[int], step: Step, tables: Any, room: Room,
-        one_by_one: bool = True,
-    ):  # fmt: skip
+        self, model: Model, state: State, columns: Sequence[int], step: Step, tables: Any, one_by_one: bool = True
+    ):
         derive_helpers()
+        self.room = Allocating(model.device)
         self.model, self.columns, self.step, self.tables = model, tuple(columns), step, tables
         self.state = copy_of(state)
         self._sum_bars = sum_kernel(step.features, self.columns, one_by_one)
         self._first_pressures = wp.clone(state.pressures)
-        self.bars, self.arrays = bar_arrays(model, step, len(self.columns), room, one_by_one)
+        self.bars, self.arrays = bar_arrays(model, step, len(self.columns), self.room, one_by_one)
         self._graph: Any = None
 
     @staticmethod

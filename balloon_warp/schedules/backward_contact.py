@@ -1,16 +1,16 @@
-"""Contact backwards: spheres, and balloons that touch.
+"""Contact backwards: spheres, balloons that touch, and sweeps over contacts.
 
-Spheres backwards: their bars from particles in a substep are added up, and carried on.
+Spheres: their bars from particles in a substep are added up, and carried on. The events that change their courses in a
+substep are computed again from its start.
 
-The events that change their courses in a substep are computed again from its start.
+Balloons that touch: results of searches are kept, and each substep's contacts are gone through again. Frozen is who
+touches whom. Counts of contacts, by which crowded ones share, and the state of friction are carried on.
 
-Balloons that touch, backwards: results of searches are kept, and each substep's contacts are gone through again.
-
-Frozen is who touches whom. Counts of contacts, by which crowded ones share, and the state of friction are carried on.
+Sweeps over contacts: the states before a substep's contacts, and of those before others, are kept.
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -19,8 +19,12 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.kernels.adjoints.pressing import (
-    KINDS,
-    SUMS,
+    KINDS as KINDS_OF_PRESSING,
+)
+from balloon_warp.kernels.adjoints.pressing import (
+    SUMS as SUMS_OF_PRESSING,
+)
+from balloon_warp.kernels.adjoints.pressing import (
     TouchBars,
     keep_holds,
     keep_search,
@@ -31,6 +35,7 @@ from balloon_warp.kernels.adjoints.pressing import (
 )
 from balloon_warp.kernels.adjoints.rolling import roll_back_kernel
 from balloon_warp.kernels.adjoints.spheres import (
+    BALL_SUMS,
     COLUMNS,
     EVENTS_OF_A_SPHERE,
     BarsOfSpheres,
@@ -39,16 +44,34 @@ from balloon_warp.kernels.adjoints.spheres import (
     roll_again_kernel,
     sum_sphere_bars,
 )
+from balloon_warp.kernels.adjoints.sums import SUMS
+from balloon_warp.kernels.adjoints.sweeps import (
+    EDGES_BACK,
+    RIDGES_BACK,
+    SweepBack,
+    SweepBars,
+    sweeps_back_kernel,
+)
+from balloon_warp.kernels.adjoints.sweeps import (
+    KINDS as KINDS_OF_SWEEPS,
+)
+from balloon_warp.kernels.contact.contact import Contact
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.working import LENGTHS, SphereBars, Working
 from balloon_warp.model import Model, State
 from balloon_warp.model.obstacles import FRICTION
 from balloon_warp.model.state import Room
 from balloon_warp.model.touch import STIFFNESSES
-from balloon_warp.schedules.contact_lists import FEW_THREADS, MOST_AT_ONCE, list_arrays, threads_of_list
-from balloon_warp.schedules.launched import team_threads
+from balloon_warp.schedules.launched import Moving, team_threads
 from balloon_warp.schedules.tables import world_state
-from balloon_warp.schedules.touch_table import substeps_of_search
+from balloon_warp.schedules.touch_table import (
+    FEW_THREADS,
+    MOST_AT_ONCE,
+    list_arrays,
+    list_lengths,
+    substeps_of_search,
+    threads_of_list,
+)
 from balloon_warp.system.warp_threads import launch, launch_tiled
 
 STATE_OF_SPHERES = ("sphere_positions", "sphere_velocities", "sphere_spins")
@@ -57,21 +80,30 @@ OF_OBSTACLES = "obstacle_restitution"
 """Name of the restitution of obstacles in the parameters"""
 
 
+@dataclass(frozen=True)
+class BackwardModel:
+    """Model whose frames run backwards, with the memory that its adjoints share."""
+
+    model: Model
+    features: Features
+    columns: tuple[int, ...]
+    """Columns of the numbers that are derived by"""
+    tables: Any
+    working: Any
+    """Working memory of the launches that compute frames again"""
+    arrays: Mapping[str, wp.array]
+    """Bars of the substep that runs backwards, by name"""
+    bars: Any
+    """Bars of the frame"""
+
+
 class SpheresBackward:
-    """Run the spheres of all worlds backwards, a substep at a time.
+    """Run the spheres of all worlds backwards, a substep at a time."""
 
-    Args:
-        columns: of the numbers that are derived by.
-        working: of the launches that compute frames again.
-        bars: of the frame.
-    """
-
-    def __init__(
-        self, model: Model, features: Features, columns: tuple[int, ...], tables: Any, working: Any, bars: Any,
-        room: Room,
-    ):  # fmt: skip
-        self._model, self._tables, self._working, self._of_frame = model, tables, working, bars
-        self._roll_again, self._roll_back = roll_again_kernel(features), roll_back_kernel(features, columns)
+    def __init__(self, of: BackwardModel, room: Room):
+        self._model, self._tables, self._working, self._of_frame = of.model, of.tables, of.working, of.bars
+        model, features, working = of.model, of.features, of.working
+        self._roll_again, self._roll_back = roll_again_kernel(features), roll_back_kernel(features, of.columns)
         worlds, spheres = model.world_count, model.sphere_count
         working.sphere_bars = room.array((worlds, model.particle_count, spheres), SphereBars)
         working.sphere_push_bars = room.array((worlds, spheres), wp.vec3)
@@ -175,29 +207,24 @@ class TouchBackward:
     """Run the contacts of balloons backwards, a substep at a time.
 
     Args:
-        columns: of the numbers that are derived by.
-        working: of the launches that compute frames again.
-        arrays: bars of the substep that runs backwards, by name.
         fast_math: whether a GPU's own division and root will do, as forwards.
     """
 
-    def __init__(
-        self, model: Model, features: Features, columns: tuple[int, ...], tables: Any, working: Any,
-        arrays: Mapping[str, wp.array], room: Room, fast_math: bool,
-    ):  # fmt: skip
-        self._model, self.tables, self._working, self._arrays = model, tables, working, arrays
+    def __init__(self, of: BackwardModel, room: Room, fast_math: bool):
+        self._model, self.tables, self._working, self._arrays = of.model, of.tables, of.working, of.arrays
+        model, features, arrays = of.model, of.features, of.arrays
         self._list_contacts = list_contacts_kernel(features, fast_math)
         self._press_back = press_back_kernel(features, fast_math)
-        self._take_back = take_back_kernel(features, columns)
+        self._take_back = take_back_kernel(features, of.columns)
         self._interval, self._threads = substeps_of_search(model), threads_of_list(model)
         worlds, particles, balloons = model.world_count, model.particle_count, model.balloon_count
         self.bars = TouchBars()
         self.bars.forces = arrays["all_force_bar"]
         self.bars.holds = room.array((worlds, particles), wp.vec4)
         self.bars.counts = room.array((worlds, particles), wp.float32)
-        self.bars.sums = room.array((worlds, particles, SUMS), wp.int64)
+        self.bars.sums = room.array((worlds, particles, SUMS_OF_PRESSING), wp.int64)
         self.bars.marks = room.array((worlds, -(-particles // 4) * 4), wp.int8)
-        self.bars.largest = room.array((worlds, KINDS), wp.float32)
+        self.bars.largest = room.array((worlds, KINDS_OF_PRESSING), wp.float32)
         self.bars.contacts = room.array(worlds * particles * balloons, wp.vec3i)
         self.bars.contact_counts = room.array((1, 1), wp.int32)
         self.bars.pairs = room.array((worlds, particles, balloons), wp.vec3)
@@ -297,3 +324,145 @@ def kept_of_touch(
         for _ in range(model.substeps)
     ]
     return found, before
+
+
+class SweepsBackward:
+    """Run sweeps over a kind of contacts backwards, a substep at a time."""
+
+    def __init__(self, back: SweepBack, of: BackwardModel, room: Room):
+        self._model, self._tables = of.model, of.tables
+        self._back = sweeps_back_kernel(back, of.features, of.columns)
+        self._came, self._again, self._bars = kept_of_sweeps(back, of.model, of.features, room)
+        self._bars.points, self._bars.velocities = of.arrays["all_point_bar"], of.arrays["all_velocity_bar"]
+        self._bars.gas_masses, self._bars.numbers = of.arrays["all_gas_mass_bar"], of.arrays["number_bars"]
+
+    def note(self, substep: int, points: wp.array, velocities: wp.array) -> None:
+        """Keep where particles are before contacts."""
+        _copy(self._came[substep], (points, velocities))
+
+    def _turn_back(self, state: State, working: Any, substep: int) -> None:
+        """Backward pass of the contacts; `state` has the solids before them."""
+        _copy(self._again, self._came[substep])
+        model = self._model
+        launch_tiled(
+            self._back, dim=[model.world_count],
+            inputs=[
+                self._tables, world_state(state), working, substep * model.step_seconds, self._came[substep][0],
+                *self._again, self._bars,
+            ],
+            block_dim=team_threads(model), device=model.device,
+        )  # fmt: skip
+
+
+class EdgesBackward(SweepsBackward):
+    """Run edges that meet backwards.
+
+    Args:
+        touch: the contacts of particles, which keeps the results of searches.
+    """
+
+    def __init__(self, of: BackwardModel, touch: TouchBackward, room: Room):
+        super().__init__(EDGES_BACK, of, room)
+        self._touch, self._bars.totals = touch, touch.bars.totals
+        standing = of.model.particle_count if of.features.ground else 0
+        self._stops = room.array((of.model.world_count, standing), wp.vec2)
+
+    def turn_back(self, state: State, substep: int) -> None:
+        """Backward pass of the contacts."""
+        working = self._touch.as_it_was(substep)
+        working.contact_stops = self._stops
+        self._turn_back(state, working, substep)
+
+
+class RidgesBackward(SweepsBackward):
+    """Run faces that meet ridges backwards.
+
+    Args:
+        spheres: which may meet faces as ridges do.
+    """
+
+    def __init__(self, of: BackwardModel, spheres: SpheresBackward | None, room: Room):
+        super().__init__(RIDGES_BACK, of, room)
+        self._working, self._spheres = of.working, spheres if of.features.round_ridges else None
+        self.left, self._left_spheres, self._again_spheres = kept_of_ridges(of.model, of.features, room)
+        if spheres:
+            self._bars.spheres = spheres.bars
+
+    def note_left(self, state: State, substep: int, points: wp.array, velocities: wp.array) -> None:
+        """Keep where particles are after the contacts, and how spheres move."""
+        _copy(self.left[substep], (points, velocities))
+        for name, array in self._left_spheres[substep].items():
+            wp.copy(array, getattr(state, name))
+
+    def spheres_left(self, substep: int) -> dict[str, wp.array]:
+        """Return how spheres moved after a substep's contacts, by names in the state; nothing where they met none."""
+        return self._left_spheres[substep]
+
+    def log_left(self, log: Any, substep: int) -> Any:
+        """Return the courses of spheres in a substep as they were after its contacts."""
+        left = LoggedSpheres()
+        for name in vars(LoggedSpheres.cls)["__annotations__"]:
+            setattr(left, name, self._left_spheres[substep].get(name, getattr(log, name)))
+        return left
+
+    def turn_back(self, state: State, substep: int) -> None:
+        """Backward pass of the contacts.
+
+        Args:
+            state: with where spheres came to them.
+        """
+        working = self._working
+        if self._spheres:
+            for name, array in self._again_spheres.items():
+                wp.copy(array, getattr(state, name))
+            working = Working()
+            for name in vars(Working.cls)["__annotations__"]:
+                setattr(working, name, getattr(self._working, name))
+            working.sphere_starts = self._spheres.log.sphere_starts
+        if substep == self._model.substeps - 1:
+            self._working.ridge_budgets.zero_()  # faces near as the frame began are so no longer
+        self._turn_back(replace(state, **self._again_spheres), working, substep)
+
+
+def _copy(to: Moving, what: Moving) -> None:
+    for target, array in zip(to, what, strict=True):
+        wp.copy(target, array)
+
+
+def _moving(model: Model, room: Room) -> Moving:
+    shape = (model.world_count, model.particle_count)
+    return room.array(shape, wp.vec3), room.array(shape, wp.vec3)
+
+
+def kept_of_sweeps(back: SweepBack, model: Model, features: Features, room: Room) -> tuple[list[Moving], Moving, Any]:
+    """Allocate the state before each substep's contacts, room to move that again, and bars."""
+    worlds, particles, sweeps = model.world_count, model.particle_count, back.of.most(features)
+    seen = back.of.seen(features)
+    came = [_moving(model, room) for _ in range(model.substeps)]
+    bars = SweepBars()
+    bars.inverse_masses = room.array((worlds, particles), wp.float32)
+    bars.listed_contacts = room.array((worlds, list_lengths(model, features)["listed_contacts"]), Contact)
+    bars.sweep_velocities = room.array((sweeps, worlds, particles), wp.vec3)
+    stopped = (sweeps + 1, worlds, particles if seen.ground else 0)
+    bars.rises, bars.falls = room.array(stopped, wp.float32), room.array(stopped, wp.float32)
+    bars.sums = room.array((worlds, particles, SUMS), wp.int64)
+    bars.pairs = room.array((worlds, 0 if seen.ridges else model.balloon_count**2, 2), wp.int64)
+    bars.largest = room.array((worlds, KINDS_OF_SWEEPS), wp.float32)
+    spheres = (worlds, model.sphere_count if seen.round_ridges else 0)
+    bars.ball_sums = room.array((*spheres, BALL_SUMS), wp.int64)
+    bars.ball_velocities, bars.ball_spins = (room.array((sweeps, *spheres), wp.vec3) for _ in range(2))
+    return came, _moving(model, room), bars
+
+
+def kept_of_ridges(
+    model: Model, features: Features, room: Room
+) -> tuple[list[Moving], list[dict[str, wp.array]], dict[str, wp.array]]:
+    """Allocate the state after each substep's contacts, how spheres move then, and room to move these again.
+
+    Spheres have arrays by names in the state; none where they meet no faces.
+    """
+    left = [_moving(model, room) for _ in range(model.substeps)]
+    shape = (model.world_count, model.sphere_count)
+    names = STATE_OF_SPHERES if features.round_ridges else ()
+    spheres = [{name: room.array(shape, wp.vec3) for name in names} for _ in range(model.substeps)]
+    return left, spheres, {name: room.array(shape, wp.vec3) for name in (*names, "sphere_forces")[: 4 * bool(names)]}

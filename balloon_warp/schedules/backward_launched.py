@@ -33,7 +33,7 @@ from balloon_warp.kernels.schedules.writer import Piece, Step, cut
 from balloon_warp.kernels.substep import phases_of
 from balloon_warp.kernels.working import Working
 from balloon_warp.model import Model, State
-from balloon_warp.model.state import Allocating, Counting, Room
+from balloon_warp.model.state import Counting, Room
 from balloon_warp.schedules.backward import (
     BackwardFrames,
     DirectionsBackward,
@@ -43,21 +43,28 @@ from balloon_warp.schedules.backward import (
     StringsBackward,
     TubesBackward,
 )
-from balloon_warp.schedules.backward_block import BlockBackward, fits_in_block_backwards
 from balloon_warp.schedules.backward_contact import (
     STATE_OF_SPHERES,
+    BackwardModel,
+    EdgesBackward,
+    RidgesBackward,
     SpheresBackward,
     TouchBackward,
+    kept_of_ridges,
+    kept_of_sweeps,
     kept_of_touch,
     log_of_spheres,
 )
-from balloon_warp.schedules.backward_lanes import LanesBackward, fits_in_lanes_backwards
-from balloon_warp.schedules.backward_sweeps import EdgesBackward, RidgesBackward, kept_of_ridges, kept_of_sweeps
-from balloon_warp.schedules.balloon_contact import TouchLaunches
+from balloon_warp.schedules.backward_one_launch import (
+    BlockBackward,
+    LanesBackward,
+    fits_in_block_backwards,
+    fits_in_lanes_backwards,
+)
 from balloon_warp.schedules.choose import AS_OCTETS
 from balloon_warp.schedules.framing import Framing
 from balloon_warp.schedules.gather import GatherSchedule
-from balloon_warp.schedules.launched import Launches, Moving, Own, step_arrays, team_threads
+from balloon_warp.schedules.launched import Launches, Moving, Own, TouchLaunches, step_arrays, team_threads
 from balloon_warp.schedules.layouts import fits_in_block
 from balloon_warp.schedules.tables import make_tables, model_features, world_state
 from balloon_warp.system.warp_threads import launch, launch_tiled
@@ -67,25 +74,18 @@ class ExchangeBackward:
     """Run the exchange of momentum backwards, a substep at a time.
 
     Args:
-        columns: of the numbers that are derived by.
-        working: of the launches that compute frames again.
         spheres: whose bars it turns into those of before the exchange.
-        arrays: bars of the substep that runs backwards, by name.
-        of_frame: bars of the frame.
     """
 
-    def __init__(
-        self, model: Model, features: Features, columns: tuple[int, ...], tables: Any, working: Any,
-        spheres: SpheresBackward, arrays: Mapping[str, wp.array], of_frame: Any, room: Room,
-    ):  # fmt: skip
-        self._model, self._tables, self._working, self._of_frame = model, tables, working, of_frame
-        self._again, self._back = exchange_again_kernel(features), exchange_back_kernel(features, columns)
-        self._came, self._exchanges = kept_of_exchange(model, room)
+    def __init__(self, of: BackwardModel, spheres: SpheresBackward, room: Room):
+        self._model, self._tables, self._working, self._of_frame = of.model, of.tables, of.working, of.bars
+        self._again, self._back = exchange_again_kernel(of.features), exchange_back_kernel(of.features, of.columns)
+        self._came, self._exchanges = kept_of_exchange(of.model, room)
         self._bars = ExchangeBars()
         self._bars.spheres = spheres.bars
-        self._bars.points, self._bars.velocities = arrays["all_point_bar"], arrays["all_velocity_bar"]
-        self._bars.masses = room.array((model.world_count, model.particle_count), wp.float32)
-        self._bars.gas_masses, self._bars.numbers = arrays["all_gas_mass_bar"], arrays["number_bars"]
+        self._bars.points, self._bars.velocities = of.arrays["all_point_bar"], of.arrays["all_velocity_bar"]
+        self._bars.masses = room.array((of.model.world_count, of.model.particle_count), wp.float32)
+        self._bars.gas_masses, self._bars.numbers = of.arrays["all_gas_mass_bar"], of.arrays["number_bars"]
 
     def note(self, substep: int, points: wp.array, velocities: wp.array) -> None:
         """Keep where particles are before the exchange, and which are near spheres."""
@@ -135,21 +135,15 @@ class FacesBackward:
     """Run contacts of small spheres with faces backwards, a substep at a time.
 
     Args:
-        columns: of the numbers that are derived by.
-        working: of the launches that compute frames again.
-        arrays: bars of the substep that runs backwards, by name.
         spheres: whose bars it turns into those of before the contacts.
     """
 
-    def __init__(
-        self, model: Model, features: Features, columns: tuple[int, ...], tables: Any, working: Any,
-        arrays: Mapping[str, wp.array], spheres: SpheresBackward, room: Room,
-    ):  # fmt: skip
-        self._model, self._tables, self._working, self._spheres = model, tables, working, spheres
-        self._back = faces_back_kernel(features, columns)
-        self._came, self._again, self._log, self._bars = kept_of_faces(model, room)
-        self._bars.points, self._bars.velocities = arrays["all_point_bar"], arrays["all_velocity_bar"]
-        self._bars.gas_masses, self._bars.numbers = arrays["all_gas_mass_bar"], arrays["number_bars"]
+    def __init__(self, of: BackwardModel, spheres: SpheresBackward, room: Room):
+        self._model, self._tables, self._working, self._spheres = of.model, of.tables, of.working, spheres
+        self._back = faces_back_kernel(of.features, of.columns)
+        self._came, self._again, self._log, self._bars = kept_of_faces(of.model, room)
+        self._bars.points, self._bars.velocities = of.arrays["all_point_bar"], of.arrays["all_velocity_bar"]
+        self._bars.gas_masses, self._bars.numbers = of.arrays["all_gas_mass_bar"], of.arrays["number_bars"]
         self._bars.spheres = spheres.bars
 
     def note(self, state: State, substep: int, points: wp.array, velocities: wp.array) -> None:
@@ -329,9 +323,10 @@ class LaunchedBackward(BackwardFrames):
     _faces: FacesBackward | None = None
 
     def __init__(self, model: Model, state: State, columns: Sequence[int]):
-        features, room = model_features(model), Allocating(model.device)
+        features = model_features(model)
         step, tables = gradient_step(model, features), make_tables(model, features)
-        super().__init__(model, state, columns, step, tables, room)
+        super().__init__(model, state, columns, step, tables)
+        room = self.room
         self.recorded = model.substeps <= MOST_RECORDED
         kernels = kernels_of(step, self.columns)
         self._remembered = _Remembered(model, step, self.state, room)
@@ -345,35 +340,30 @@ class LaunchedBackward(BackwardFrames):
         """Derivatives by single springs, faces and strings, where they are asked for"""
         self.fixtures: FixturesBackward | None = None
         """Derivatives by obstacles, where they are asked for"""
+        of = BackwardModel(model, features, self.columns, tables, working, self.arrays, self.bars)
         if features.inflation_directions:
             self._directions = DirectionsBackward(model, tables, working, self.bars.points, room)
         if features.touches:
             self._searching = TouchLaunches(model, features, tables, working, GatherSchedule.fast_math)
-            self.touch = TouchBackward(
-                model, features, self.columns, tables, working, self.arrays, room, GatherSchedule.fast_math
-            )
+            self.touch = TouchBackward(of, room, GatherSchedule.fast_math)
         if model.sphere_count:
-            self.spheres = SpheresBackward(model, features, self.columns, tables, working, self.bars, room)
+            self.spheres = SpheresBackward(of, room)
         if self.spheres and features.impulses:
-            self._exchange = ExchangeBackward(
-                model, features, self.columns, tables, working, self.spheres, self.arrays, self.bars, room
-            )
+            self._exchange = ExchangeBackward(of, self.spheres, room)
             self._launches.notes["meet_spheres"] = self._exchange
         if self.touch and features.edges_meet:
-            self._edges = EdgesBackward(model, features, self.columns, self.touch, self.arrays, room)
+            self._edges = EdgesBackward(of, self.touch, room)
             self._launches.notes["meet"] = self._edges
         if features.ridges:
-            self._ridges = RidgesBackward(
-                model, features, self.columns, tables, working, self.arrays, self.spheres, room
-            )
+            self._ridges = RidgesBackward(of, self.spheres, room)
             self._launches.notes["meet_ridges"] = self._ridges
         if self.spheres and features.small_spheres:
-            self._faces = FacesBackward(model, features, self.columns, tables, working, self.arrays, self.spheres, room)
+            self._faces = FacesBackward(of, self.spheres, room)
             self._launches.notes["meet_faces"] = self._faces
         if features.gas_changes:
-            self._gas_back = GasBackward(model, features, self.columns, tables, self._launches.working, self.bars)
+            self._gas_back = GasBackward(of)
         if features.tubes:
-            self.tubes = TubesBackward(model, features, self.columns, tables, self.arrays, self.bars)
+            self.tubes = TubesBackward(of)
         self.carries_loads = any(
             kernel.item == "particle" and not kernel.after_note and "all_load_bar" in kernel.arguments
             for kernel in kernels

@@ -8,10 +8,9 @@ from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.outer import GAS
 from balloon_warp.model import Model, State
 from balloon_warp.model.touch import is_in_layers
-from balloon_warp.schedules.contact_lists import ContactLists
 from balloon_warp.schedules.framing import looks_at_parts
 from balloon_warp.schedules.layouts import fits_in_block, thread_a_particle
-from balloon_warp.schedules.touch_table import small_spheres
+from balloon_warp.schedules.touch_table import ContactLists, small_spheres
 
 
 class Schedule(Protocol):
@@ -67,7 +66,7 @@ OF_GRADIENTS = {AS_OCTETS: ("one_launch", "LanesAsOctetsSchedule")}
 
 IN_FREE_PATCHES = ("one_launch", "PatchedSchedule")
 """Module and class of `gather` where only free frames are moved in patches"""
-BETWEEN_SEARCHES = ("searched", "SearchedSchedule")
+BETWEEN_SEARCHES = ("one_launch", "SearchedSchedule")
 """Module and class of `block` where searches tell which worlds are clear"""
 NEVER_FREE = ("gather", "PullingOctets")
 """Module and class of `octets` where no frame is free"""

@@ -24,8 +24,8 @@ from balloon_warp.model.pressure import pressure_bounds
 from balloon_warp.model.spectrum import ALL
 from balloon_warp.model.state import frames_of
 from balloon_warp.scene.load import frame_at
-from balloon_warp.schedules.contact_lists import ContactLists
 from balloon_warp.schedules.slices import particle_table
+from balloon_warp.schedules.touch_table import ContactLists
 from balloon_warp.system.warp_threads import launch, recording, replay
 
 MOST_SPAN = 1.0e5

@@ -36,7 +36,6 @@ from balloon_warp.kernels.substep import FACING, NOTHING, PULLED, SCATTERED, SHA
 from balloon_warp.kernels.tables import SLICE, FaceTable, FanTable, MembraneTable, Tables
 from balloon_warp.model import Model, State
 from balloon_warp.model.state import Room
-from balloon_warp.schedules.contact_lists import has_many
 from balloon_warp.schedules.launched import LaunchedSchedule, Moving, Own
 from balloon_warp.schedules.layouts import (
     MOST_REGISTERS,
@@ -49,6 +48,7 @@ from balloon_warp.schedules.layouts import (
 )
 from balloon_warp.schedules.slices import Ring, SpringEnds, kind_slots, neighbors_in_slots, quad_rings, spring_ends
 from balloon_warp.schedules.tables import Worlds, kept_arguments, model_features, volume_origins, world_state
+from balloon_warp.schedules.touch_table import has_many
 from balloon_warp.system.warp_threads import begin_loading, launch, launch_tiled
 
 LEAST_THREADS = 256

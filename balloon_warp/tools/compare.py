@@ -108,14 +108,21 @@ class Run:
         return [f"{path} = {shown(value)}" for path, value in self.values.items()]
 
 
+class Still(NamedTuple):
+    """Frame of a run that is shown, and measured."""
+
+    frame: int | None = None
+    """Number, unless `picture_frame` is varied; when missing, the one that the scene names as its picture, else the
+    last"""
+    stage: Path | None = None
+    """Stage to write that frame into, if any"""
+
+
 def simulate(
     scene: Scene,
     values: dict[str, Any],
-    stage: Path | None = None,
-    frame: int | None = None,
-    device: str | None = None,
-    schedule: str = "auto",
-    laws: Sequence[Law] = (),
+    simulator_of: Callable[[Scene], Simulator],
+    still: Still = Still(),  # noqa: B008
     on_begin: Callable[[RunHeader], None] = lambda header: None,
     on_frame: Callable[[int, int], None] = lambda done, count: None,
     clock: Callable[[], float] = time.perf_counter,
@@ -123,21 +130,18 @@ def simulate(
     """Run the scene with these values as far as the frame that is shown.
 
     Args:
-        stage: the stage to write that frame into, if any.
-        frame: the frame that is shown, unless `picture_frame` is varied; when missing, the one that the scene names as
-            its picture, else the last.
-        laws: User-defined laws beside the built-in ones; see `balloon_warp.laws`.
+        simulator_of: makes the simulator of a scene.
         on_begin: called with a summary of the run, whose frames end at the one that is shown.
         on_frame: Called with the number of frames done, and of all.
         clock: function that returns the time [s], by which frames are timed.
     """
     try:
         scene = override_scene(scene, values.items(), other_kinds=True)
-        frame = scene.picture_frame if "picture_frame" in values else frame  # a label shows the value, or its refusal
-        last = shown_frame(scene, frame)
-        simulator = Simulator(scene, device, schedule=schedule, laws=laws)
+        varied = "picture_frame" in values  # a label shows the value, or its refusal
+        last = shown_frame(scene, scene.picture_frame if varied else still.frame)
+        simulator = simulator_of(scene)
         on_begin(replace(RunHeader.of(simulator.model, simulator.schedule.name), frames=last))
-        figures, seconds = _measured(simulator, last, stage, on_frame, clock)
+        figures, seconds = _measured(simulator, last, still.stage, on_frame, clock)
     except (InputError, MissingExtraError) as refusal:
         return Run(values, "refused", str(refusal), {})
     except BlowUpError as failure:
@@ -338,10 +342,10 @@ def compare(
     require_no_inputs((picture, table), files_of_scene(scene))
     with scratch_folder() as folder, sole_writer(picture, table):
         stages = [folder / f"{number}.usdc" for number in range(len(combinations))]
-        runs = []
+        runs, simulator_of = [], partial(Simulator, device=device, schedule=schedule, laws=laws)
         for number, (values, stage) in enumerate(zip(combinations, stages, strict=True)):
             begin, report = (partial(told, number, len(combinations)) for told in (on_begin, on_frame))
-            runs.append(simulate(scene, values, stage, frame, device, schedule, laws, begin, report))
+            runs.append(simulate(scene, values, simulator_of, Still(frame, stage), begin, report))
         _require_one(runs)
         moments = [(stage, int(run.figures["frame"])) for run, stage in zip(runs, stages, strict=True) if run.figures]
         pictures = render_alike(moments, size, samples, device)

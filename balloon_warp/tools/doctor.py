@@ -21,8 +21,7 @@ from balloon_warp.scene import Balloon, Inflation, Scene, SceneLike, scene_of
 from balloon_warp.schedules.choose import schedule_named
 from balloon_warp.schedules.gather import PullingOctets
 from balloon_warp.schedules.launched import LaunchedSchedule
-from balloon_warp.schedules.one_launch import BlockSchedule, LanesSchedule
-from balloon_warp.schedules.searched import SearchedSchedule
+from balloon_warp.schedules.one_launch import BlockSchedule, LanesSchedule, SearchedSchedule
 from balloon_warp.schedules.tables import model_features
 from balloon_warp.simulator import Simulator
 from balloon_warp.studio.animate import animate

@@ -29,7 +29,7 @@ from balloon_warp.kernels.working import Working
 
 @phase("launches", when=lambda features: features.touches, adjoint=nothing)
 def touch_balloons(features: Features, access: Access) -> Any:
-    """Search for contacts now and then, and apply their forces: own launches, see `schedules.balloon_contact`.
+    """Search for contacts now and then, and apply their forces: own launches, see `schedules.launched`.
 
     Backwards it has launches of its own, too, once particles have gone back, see `schedules.backward_contact`.
     """

@@ -53,22 +53,30 @@ class Sinks:
         return "+=" if begun else "="
 
 
+class Stretch(NamedTuple):
+    """Turns of a trace that one kernel runs backwards."""
+
+    turns: Sequence[Turn]
+    left: Sequence[Turn]
+    """Turns of the trace that later kernels run"""
+    after_note: bool
+    """Whether it is of phases that read the pressure of this substep, not of the one before"""
+
+
 class BackwardWriter(PieceWriter):
     """Write one kernel of a trace backwards."""
 
     aliases: ClassVar = {"springs": "working"}
 
     def __init__(
-        self, trace: Trace, turns: Sequence[Turn], left: Sequence[Turn], done: set[str], sinks: Sinks,
-        columns: Sequence[int], external: set[str], after_note: bool,
-    ):  # fmt: skip
+        self, trace: Trace, stretch: Stretch, done: set[str], sinks: Sinks, columns: Sequence[int], external: set[str]
+    ):
         super().__init__(trace.step)
         self.known.add("time_in_frame")
-        self.trace, self.turns, self.left, self._done, self.sinks = trace, turns, left, done, sinks
+        self.trace, self._done, self.sinks = trace, done, sinks
+        self.turns, self.left, self.after_note = stretch
         self.columns, self.external = columns, external
         """Columns of the numbers that are derived by; values that later phases read"""
-        self.after_note = after_note
-        """Whether it is of phases that read the pressure of this substep, not of the one before"""
         self.bars: dict[str, str] = {}
         """Names by the variables whose bars are known here"""
         self.called: dict[str, Any] = {}
@@ -385,7 +393,7 @@ def writers_backwards(step: Step, columns: tuple[int, ...], make: Callable[..., 
         for number, turns in enumerate(cuts):
             left = [turn for later in cuts[number + 1 :] for turn in later]
             after = bool(notes) and place > notes[0]
-            yield make(trace, turns, left, done, sinks, columns, external, after)
+            yield make(trace, Stretch(turns, left, after), done, sinks, columns, external)
 
 
 def _met_before(trace: Trace) -> str:

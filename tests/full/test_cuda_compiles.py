@@ -27,12 +27,12 @@ from balloon_warp.kernels.schedules.launched import kernel_of
 from balloon_warp.kernels.schedules.patches import kernel_of_patches
 from balloon_warp.model import Model, build_model
 from balloon_warp.scene import Balloon, Inflation, Material, Obstacle, Scene, Water, load_scene
-from balloon_warp.schedules.backward_block import plan_backwards
+from balloon_warp.schedules.backward_one_launch import plan_backwards
 from balloon_warp.schedules.framing import busy_features, free_features
 from balloon_warp.schedules.gather import GatherSchedule, cut_into_patches, layout_of_patches, step_of_patches
 from balloon_warp.schedules.launched import EDGE_THREADS, TEAM_THREADS, TEAM_THREADS_OF_SMALL
 from balloon_warp.schedules.layouts import layout_of, step_of
-from balloon_warp.schedules.searched import clear_features
+from balloon_warp.schedules.one_launch import clear_features
 from balloon_warp.schedules.tables import model_features
 
 pytestmark = pytest.mark.skipif(sys.platform == "darwin", reason="Warp has no CUDA there")

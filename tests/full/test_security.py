@@ -43,7 +43,7 @@ from balloon_warp.mesh.surface_nets import Level, surface_nets
 from balloon_warp.model import Model, build_model, state, world_bytes
 from balloon_warp.schedules import SCHEDULES
 from balloon_warp.schedules.choose import schedule_named
-from balloon_warp.schedules.searched import SearchedSchedule
+from balloon_warp.schedules.one_launch import SearchedSchedule
 from balloon_warp.system.files import LOCK, PREFIX
 from balloon_warp.system.process import without_garbage_collection
 from balloon_warp.tools.remesh import handle_count, handles_lost, handles_of_level

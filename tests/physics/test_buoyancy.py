@@ -23,8 +23,8 @@ from balloon_warp.mesh.load import place_mesh
 from balloon_warp.mesh.topology import signed_volume
 from balloon_warp.model import build_model
 from balloon_warp.scene import Atmosphere, Balloon, Change, Inflation, Scene, Stiffness, Tube, Water
-from balloon_warp.scene.presets import EARTH_RADIUS
-from balloon_warp.scene.presets import standard_air as of_altitude
+from balloon_warp.scene.fields import EARTH_RADIUS
+from balloon_warp.scene.fields import standard_air as of_altitude
 from balloon_warp.schedules.tables import model_features
 from balloon_warp.simulator import Simulator
 

@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from trajectories import stepped
 
 from balloon_warp import Balloon, InputError, Material, PolygonMesh, Scene, Simulator, advise_step, animate, run_batch
-from balloon_warp.frame_reader import relax
+from balloon_warp.frame import relax
 from balloon_warp.kernels.projective import LEAST_ITERATIONS, MOST_ITERATIONS
 from balloon_warp.lab.statics import rigid_motions, toppling_mode
 from balloon_warp.model import Model, plan_model

@@ -20,9 +20,8 @@ from typer.testing import CliRunner
 import balloon_warp as bw
 from balloon_warp import Balloon, BlowUpError, InputError, Material, PolygonMesh, Scene, Simulator, animate, run_batch
 from balloon_warp.benchmarks.design import cylinder as lids
-from balloon_warp.cli.app import app
-from balloon_warp.cli.lab import DesignOptions
-from balloon_warp.frame_reader import ForceReader
+from balloon_warp.cli.app import DesignOptions, app
+from balloon_warp.frame import ForceReader
 from balloon_warp.kernels.laws.air import GAS_CONSTANT
 from balloon_warp.kernels.laws.membrane import MEMBRANES
 from balloon_warp.lab.design import design, measure

@@ -35,7 +35,7 @@ from scipy.integrate import quad
 from test_membranes import BALL, DENSITY, THICKNESS, stretched
 
 from balloon_warp import Balloon, Inflation, InputError, Material, PolygonMesh, Scene, Simulator, Stiffness, load_scene
-from balloon_warp.frame_reader import ForceReader
+from balloon_warp.frame import ForceReader
 from balloon_warp.mesh.load import Treatment, prepared
 from balloon_warp.mesh.orientation import pushed_outward, pushes, there_and_back
 from balloon_warp.mesh.topology import face_vector_areas, flipped, is_closed, mesh_edges, signed_volume

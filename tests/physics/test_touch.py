@@ -40,7 +40,7 @@ from balloon_warp.benchmarks.standing import stack
 from balloon_warp.errors import BlowUpError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.scene import Atmosphere, Balloon, Ground, Inflation, Scene, Stiffness, Touch, load_scene
-from balloon_warp.schedules import contact_lists
+from balloon_warp.schedules import touch_table as contact_lists
 from balloon_warp.simulator import Simulator
 from balloon_warp.studio.animate import animate
 

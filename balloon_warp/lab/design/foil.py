@@ -26,7 +26,7 @@ from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.mesh.topology import mesh_edges, total_area
 from balloon_warp.scene import Balloon, Inflation, Material, Scene
-from balloon_warp.scene.write import write_scene
+from balloon_warp.scene.load import write_scene
 from balloon_warp.simulator import Simulator
 from balloon_warp.system.files import whole_file
 from balloon_warp.tools.foil import border_loops, foil_parts, from_extra

@@ -7,7 +7,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from balloon_warp.lab.statics import SealedGas
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.topology import component_labels, mesh_edges
 from balloon_warp.scene import Balloon, Inflation, Scene
-from balloon_warp.scene.write import write_scene
+from balloon_warp.scene.load import write_scene
 from balloon_warp.simulator import Simulator
 from balloon_warp.system.api import Shown, described
 from balloon_warp.system.files import (
@@ -322,6 +322,17 @@ class Saved(Protocol):
 T = TypeVar("T", bound=Saved)
 
 
+class Equilibrium(NamedTuple):
+    """Equilibrium of forces that was designed."""
+
+    held: Values
+    """Places of particles, shape (n, 3)"""
+    plain: Values | None
+    """Places of the rival's, if there is one"""
+    stretch: float
+    """Stretch of the design, in the mean"""
+
+
 @dataclass(frozen=True)
 class Job:
     """Request for a design, and its output folder."""
@@ -410,9 +421,7 @@ class Job:
     def proven(
         self,
         scene: Scene,
-        held: Values,
-        plain: Values | None,
-        stretch: float,
+        equilibrium: Equilibrium,
         help_: str = "",
         rival: str = "plain, at the same stretch",
         below: Image.Image | None = None,
@@ -422,9 +431,7 @@ class Job:
         """Simulate a scene from rest, and write scene, picture and report.
 
         Args:
-            held: the balance that was designed, shape (n, 3).
-            plain: that of the rival.
-            stretch: of the design, in the mean.
+            equilibrium: that was designed.
             help_: remedy for places that are off, as the end of a sentence.
             rival: title of its picture.
             below: a picture that stands below the others.
@@ -438,25 +445,23 @@ class Job:
         simulated = simulate_from_rest(scene, self.ruler.size, self.device, self._slow)
         if isinstance(simulated, str):
             raise InputError(f"the design does not come to rest: {simulated}; expected a smaller stretch")
-        self.watch(DesignStep(self.ruler, self.steps, simulated.points, stretch, proven=True))
+        self.watch(DesignStep(self.ruler, self.steps, simulated.points, equilibrium.stretch, proven=True))
         scene = scene.model_copy(update={"frames": 30 * -(-(simulated.frames + MORE_FRAMES) // 30)})
         write_scene(scene, self.folder / SCENE)
-        design = self._judged(scene, simulated, held, plain, stretch, help_)
+        design = self._judged(scene, simulated, equilibrium, help_)
         said = {**self._asked, **design.report(), "pressure": simulated.pressure, **more}
         write_report(self.folder / REPORT, said)
         self.say("drawing the errors")
         shapes = [(f"simulated from rest: {design.got}", simulated.points)]
-        shapes += [] if plain is None else [(rival, plain)]
+        shapes += [] if equilibrium.plain is None else [(rival, equilibrium.plain)]
         moulds = [] if mould is None else [("its mould, drawn as large", mould)]
         picture = error_picture(self.ruler, shapes, moulds)
         write_picture(self.folder / "error.png", picture if below is None else stacked(picture, below))
         return design
 
-    def _judged(
-        self, scene: Scene, simulated: Simulated, held: Values, plain: Values | None, stretch: float, help_: str
-    ) -> Design:
+    def _judged(self, scene: Scene, simulated: Simulated, equilibrium: Equilibrium, help_: str) -> Design:
         """Return the design with its errors and limits."""
-        ruler = self.ruler
+        ruler, (held, plain, stretch) = self.ruler, equilibrium
         cannot = places_off(ruler, simulated.points, help_)
         elsewhere = np.linalg.norm(ruler.aligned(simulated.points) - ruler.aligned(held), axis=1).max() / ruler.size
         if elsewhere > MOVED:

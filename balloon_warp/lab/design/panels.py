@@ -30,6 +30,7 @@ from balloon_warp.lab.design.job import (
     SLOW_FOIL,
     Design,
     DesignStep,
+    Equilibrium,
     Job,
     common_fields,
     scene_of,
@@ -506,7 +507,7 @@ def design_of_panels(job: Job, panels: Panels) -> Design:
     pattern.write(job.folder / "pattern.svg")
     apart = float(np.abs(np.diff(seam_lengths(panels, flat), axis=1)).max())
     return job.proven(
-        scene, tried.points, tried.plain, _stretch(panels, flat), rival="laid flat without corrections",
+        scene, Equilibrium(tried.points, tried.plain, _stretch(panels, flat)), rival="laid flat without corrections",
         below=pattern.picture(), panels=panels.count, seams_differ_by=apart,
     )  # fmt: skip
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, overload
+from typing import Any, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,8 +30,9 @@ from balloon_warp.lab.fit.search import (
     slope_at,
     values_at,
 )
-from balloon_warp.lab.gradients.derive import DerivativeRequest, Gradient, Loss
+from balloon_warp.lab.gradients.derive import DerivativeRequest, Gradient
 from balloon_warp.lab.gradients.gradient import derived
+from balloon_warp.lab.gradients.losses import Loss
 from balloon_warp.model import Vary
 from balloon_warp.scene import Scene, SceneLike
 from balloon_warp.scene.load import scene_of
@@ -222,17 +223,25 @@ class Fit(Shown):
         return f"Fit({said}; misfit {self.misfit:.4g})"
 
 
+class Residuals(NamedTuple):
+    """Residuals of a fit: over the noise, or in the data's unit where that is not known."""
+
+    jacobian: NDArray[np.float64]
+    """Derivatives by the values, shape (m, n)"""
+    misfit: float
+    noise_known: bool
+
+
 def fit_of(
-    names: list[str], values: NDArray[np.float64], jacobian: NDArray[np.float64], misfit: float, noise_known: bool,
-    starts: NDArray[np.float64], at_bounds: Mapping[str, float] | None = None,
-    roughness: NDArray[np.float64] | None = None,
+    names: list[str], values: NDArray[np.float64], residuals: Residuals, starts: NDArray[np.float64],
+    at_bounds: Mapping[str, float] | None = None, roughness: NDArray[np.float64] | None = None,
 ) -> Fit:  # fmt: skip
-    """Return the fit whose residuals have these derivatives by the values.
+    """Return the fit of values with these residuals.
 
     Args:
-        jacobian: of residuals over the noise, or in the data's unit where that is not known, shape (m, n).
         roughness: covariance of the values over the minima that jumps of the residuals leave, shape (n, n).
     """
+    jacobian, misfit, noise_known = residuals
     size = np.maximum(np.abs(values), 1.0e-300)
     scaled = jacobian * size
     covariance = np.linalg.pinv(scaled.T @ scaled) * np.outer(size, size) * (1.0 if noise_known else misfit**2)
@@ -431,8 +440,8 @@ def _fit_of(found: Found, bounds: Bounds, noise_known: bool) -> Fit:
     slopes = np.array([slope_at(low, high, place) for (low, high), place in pairs])
     rough, misfit = best.roughness(noise_known) * np.outer(slopes, slopes), float(np.sqrt(best.cost))
     fit = fit_of(
-        list(bounds), values_at(bounds, best.place[None])[0], best.jacobian / slopes, misfit,
-        noise_known, np.sqrt(found.costs), at_bounds(bounds, best.place), rough,
+        list(bounds), values_at(bounds, best.place[None])[0], Residuals(best.jacobian / slopes, misfit, noise_known),
+        np.sqrt(found.costs), at_bounds(bounds, best.place), rough,
     )  # fmt: skip
     if not noise_known or misfit <= MISSES:
         return fit

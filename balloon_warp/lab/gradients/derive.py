@@ -48,7 +48,7 @@ from balloon_warp.lab.gradients.chain import (
     taken_numbers,
     wanted_of,
 )
-from balloon_warp.lab.gradients.frameworks import of_kernel
+from balloon_warp.lab.gradients.losses import Loss, of_kernel
 from balloon_warp.lab.statics import Volume
 from balloon_warp.mesh.topology import inconsistent_edges, is_closed, mesh_edges
 from balloon_warp.model import Model, ModelPlan, Vary, lay_out
@@ -72,10 +72,6 @@ from balloon_warp.simulator import Simulator
 from balloon_warp.system.api import Shown, described
 from balloon_warp.system.warp_threads import lock_of, pick_device
 
-Loss = Callable[[Trajectories], tuple[Any, Mapping[str, Any]]] | wp.Kernel
-"""Function from trajectories to a number for each world, and a dictionary of its derivatives: by `points` and
-`velocities`, a list of arrays by balloon, and by `volumes`, `pressures`, `sphere_positions` and `sphere_velocities`,
-each of the shape that it has there. Or a kernel of Warp, see `frameworks.of_kernel`"""
 KNOWN = ("points", "velocities", "volumes", "pressures", "sphere_positions", "sphere_velocities")
 
 
@@ -493,10 +489,10 @@ class BackwardPass:
     """
 
     def __init__(
-        self, plan: ModelPlan, model: Model, backward: BackwardFrames, parameters: KeptParameters,
-        frame_starts: FrameStarts, every: int, beside: ByLaunches,
+        self, plan: ModelPlan, backward: BackwardFrames, parameters: KeptParameters, frame_starts: FrameStarts,
+        every: int, beside: ByLaunches,
     ):  # fmt: skip
-        self._plan, self._model, self._backward = plan, model, backward
+        self._plan, self._model, self._backward = plan, backward.model, backward
         self._parameters, self._frame_starts, self._every, self._beside = parameters, frame_starts, every, beside
         kinds = {balloon.inflation.kind for balloon in plan.scene.balloon}
         self._given = "gas" not in kinds
@@ -665,7 +661,7 @@ def derive(
     times = np.arange(0, frames + 1, every) / plan.scene.frames_per_second
     moved = Trajectories(plan.scene, meshes, times, **by_balloon(tracks, meshes), worlds=group.worlds)
     told = evaluate_loss(loss, moved, plan.shapes, world_count)
-    bars = BackwardPass(plan, model, backward, parameters, frame_starts, every, beside).back(told, on_frame)
+    bars = BackwardPass(plan, backward, parameters, frame_starts, every, beside).back(told, on_frame)
     gradients = {chain.path: _by_path(chain, bars, world_count) for chain in chains}
     by_points, by_velocities = (_by_balloon(bars[0][f"particle_{name}"], model) for name in ("points", "velocities"))
     of_each = by_each(plan, model, beside.of_each(), each) if each else {}

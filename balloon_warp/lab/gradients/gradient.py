@@ -43,13 +43,13 @@ from balloon_warp.lab.gradients.chain import (
 from balloon_warp.lab.gradients.derive import (
     DerivativeRequest,
     Gradient,
-    Loss,
     derive,
     require_differentiable,
     require_paths,
     require_room_for_bounces,
     require_room_for_frames,
 )
+from balloon_warp.lab.gradients.losses import Loss
 from balloon_warp.model import ModelPlan, Vary, initial_state, lay_out, worlds_of
 from balloon_warp.model.parameters import scene_to_vary
 from balloon_warp.model.plan import resolved_parameters

@@ -132,20 +132,33 @@ def stand(m, start, x, v, predicted=False, at_once=False):
     return [np.where(several, *both) for both in zip(again, found, strict=True)]
 
 
-def rub(m, ball, n, moving, stopped, friction, seconds):
-    """Let a sphere rub at its radius on something immovable, which has changed its speed along the normal."""
+class Surface(NamedTuple):
+    """Something immovable where a sphere meets it."""
+
+    normal: np.ndarray
+    velocity: np.ndarray | float
+    friction: float
+
+
+def ground_under(m, ball):
+    """Return the ground as a sphere meets it."""
+    return Surface(m.up, 0.0, m.rub(ball, m.ground))
+
+
+def rub(m, ball, surface, stopped, seconds):
+    """Let a sphere rub at its radius on a surface, which has changed its speed along the normal."""
     if m.radius[ball]:  # it has begun
-        arm = -m.radius[ball] * n
-        slip = across(m.v[ball] + cross(m.spin[ball], arm) - moving, n)
-        gain = -min(1.0 / 3.5, friction * stopped / size(slip).item()) * slip
+        arm = -m.radius[ball] * surface.normal
+        slip = across(m.v[ball] + cross(m.spin[ball], arm) - surface.velocity, surface.normal)
+        gain = -min(1.0 / 3.5, surface.friction * stopped / size(slip).item()) * slip
         m.x[ball], m.v[ball] = m.x[ball] + seconds * gain, m.v[ball] + gain
         m.spin[ball] = m.spin[ball] + 2.5 / m.radius[ball] ** 2 * cross(arm, gain)
 
 
-def bounce(m, ball, n, moving, stopped, out, friction, seconds):
-    """Let a sphere gain a speed and a way along the normal of something immovable, on which it rubs."""
-    m.x[ball], m.v[ball] = m.x[ball] + out * n, m.v[ball] + stopped * n
-    rub(m, ball, n, moving, stopped, friction, seconds)
+def bounce(m, ball, surface, stopped, out, seconds):
+    """Let a sphere gain a speed and a way along the normal of a surface, on which it rubs."""
+    m.x[ball], m.v[ball] = m.x[ball] + out * surface.normal, m.v[ball] + stopped * surface.normal
+    rub(m, ball, surface, stopped, seconds)
 
 
 def stop_of(coming, depth, before, restitution, h):
@@ -160,7 +173,7 @@ def roll(m, ball, lift):
     m.v[ball] = m.v[ball] + m.h * (lift - m.gravity * m.up)
     m.x[ball], coming = m.x[ball] + m.h * m.v[ball], -(m.v[ball] @ m.up)
     stopped = stop_of(coming, m.h * coming - gap, -rise, m.restitution[m.ground], m.h)
-    bounce(m, ball, m.up, 0.0, stopped, m.h * stopped + apart(gap, m.h), m.rub(ball, m.ground), m.h)
+    bounce(m, ball, ground_under(m, ball), stopped, m.h * stopped + apart(gap, m.h), m.h)
 
 
 def put_beside(m, ball):
@@ -168,7 +181,7 @@ def put_beside(m, ball):
     depth, coming = m.height + m.radius[ball] - m.x[ball] @ m.up, -(m.v[ball] @ m.up)
     if depth > 0.0:
         stopped = stop_of(coming, m.h * coming, coming, m.restitution[m.ground], m.h)
-        bounce(m, ball, m.up, 0.0, stopped, depth, m.rub(ball, m.ground), m.h)
+        bounce(m, ball, ground_under(m, ball), stopped, depth, m.h)
     leave_obstacles(m, ball)
 
 
@@ -183,8 +196,8 @@ def leave_obstacles(m, ball):
                 coming, depth = (moving[0] - m.v[ball]) @ n, (let[0] - m.x[ball]) @ n
                 before = coming - m.h * m.gravity * m.up @ n
                 stopped = stop_of(coming, depth, before, m.restitution[obstacle], m.h)
-                out, rubs = max(m.h * stopped, depth), m.rub(ball, obstacle)
-                bounce(m, ball, n, moving[0], stopped, out, rubs, m.h * left[0, 0])
+                surface = Surface(n, moving[0], m.rub(ball, obstacle))
+                bounce(m, ball, surface, stopped, max(m.h * stopped, depth), m.h * left[0, 0])
         moved, way = np.linalg.norm(m.x[ball] - end), np.linalg.norm(end - start)
         if len(around) == 1 or moved <= 1e-3 * way + 2e-6 * np.linalg.norm(m.x[ball]):
             break
@@ -269,7 +282,7 @@ def exchange(m, ball, mass, passing):
     m.spin[ball] = m.spin[ball] - m.turning[ball] @ cross(arm, mass * rubs).sum(axis=0)
     if grounded:
         pushed = max(m.up @ (heavy * change + (w * gain).sum(axis=0)), 0.0)
-        rub(m, ball, m.up, 0.0, pushed / heavy, m.rub(ball, m.ground), h)
+        rub(m, ball, ground_under(m, ball), pushed / heavy, h)
 
 
 def turned(m, body):

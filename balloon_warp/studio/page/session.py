@@ -26,7 +26,7 @@ from balloon_warp.kernels.laws import Law
 from balloon_warp.model import Model, build_model
 from balloon_warp.run.report import describe_simulation, without_folders
 from balloon_warp.scene import Scene
-from balloon_warp.scene.write import scene_toml
+from balloon_warp.scene.load import scene_toml
 from balloon_warp.studio.page.playground import REASON, Journal, Kinds, Moments, Playground, Touch, kinds_of
 from balloon_warp.system.files import check_writable, marked_scene, whole_file
 from balloon_warp.system.process import open_closed_streams

@@ -20,7 +20,7 @@ from balloon_warp.mesh.polygon_mesh import Color
 from balloon_warp.scene.around import GROUND_COLOR
 from balloon_warp.studio.render.sampling import disc_points, moments, one_over_the_other, spread_points
 from balloon_warp.studio.render.stage_reader import Capsules, RenderStage
-from balloon_warp.studio.render.view import View, check_view, frame_action
+from balloon_warp.studio.render.view import Framing, View, check_view, frame_action
 from balloon_warp.system.api import checked
 from balloon_warp.system.files import check_writable, png_mark, sole_writer, whole_file
 from balloon_warp.system.process import Threads
@@ -60,6 +60,20 @@ WIDEST_BLUR = 9
 """Largest radius of the smoothing of light with four samples or less [pixels]"""
 
 
+@dataclass(frozen=True)
+class Film:
+    """Film of a picture: size, samples and exposure."""
+
+    size: tuple[int, int]
+    """Width and height [pixels]"""
+    samples: int
+    """Number of rays a pixel, in each moment"""
+    shutter: float = 0.0
+    """Shutter time [frames]"""
+    transparent: bool = False
+    """Whether to omit backdrop, water, and ground but for the shadows on it; pictures say how opaque they are then"""
+
+
 class RayCaster:
     """Pictures of one stage.
 
@@ -67,14 +81,10 @@ class RayCaster:
 
     Args:
         stage: its prims have been read.
-        center: the middle of the action in the world, shape (3,).
-        size: how large the action is, in the stage's unit.
-        picture_size: Width and height in pixels.
-        samples: Rays per pixel.
+        framing: of the action.
+        film: of the pictures.
         device: Warp device; the GPU, or else the CPU, if not given.
         threads: CPU threads; all cores when missing. The picture does not depend on it.
-        transparent: Omit backdrop, water, and ground but for the shadows on it; pictures say how opaque they are
-            then.
 
     Raises:
         InputError: there is no such device.
@@ -83,18 +93,14 @@ class RayCaster:
     def __init__(
         self,
         stage: RenderStage,
-        center: NDArray[np.float64],
-        size: float,
-        picture_size: tuple[int, int],
-        samples: int,
+        framing: Framing,
+        film: Film,
         device: str | None = None,
         threads: int | None = None,
-        *,
-        transparent: bool = False,
     ):
-        self._stage, self._center, self._size, self._samples = stage, center, size, samples
-        self._width, self._height = picture_size
-        self._transparent = transparent
+        self._stage, self._center, self._size, self._samples = stage, framing.center, framing.size, film.samples
+        self._width, self._height = film.size
+        self._transparent = film.transparent
         self.device = pick_device(device)
         self._bands = 1 if self.device.is_cuda else min(threads or os.cpu_count() or 1, self._height)
         self._mesh: wp.Mesh | None = None
@@ -376,20 +382,6 @@ LEAST_LINE_PIXELS = 1.3
 """Least width of lines in the middle of the action [pixels], or they would break up"""
 
 
-@dataclass(frozen=True)
-class Film:
-    """Film of a picture: size, samples and exposure."""
-
-    size: tuple[int, int]
-    """Width and height [pixels]"""
-    samples: int
-    """Number of rays a pixel, in each moment"""
-    shutter: float
-    """Shutter time [frames]"""
-    transparent: bool
-    """Whether to omit the backdrop"""
-
-
 @checked
 def render_stage(
     path: str | Path,
@@ -549,8 +541,7 @@ def _pictures(
 ) -> Iterator[Picture]:
 
     def cast() -> RayCaster:
-        center, size = framing.center, framing.size
-        return RayCaster(stage, center, size, film.size, film.samples, device, transparent=film.transparent)
+        return RayCaster(stage, framing, film, device)
 
     stage.read_prims(frames[0])
     width, height = film.size
@@ -593,6 +584,6 @@ def render_alike(
     framing = frame_action(stages, size[0] / size[1])
     pixel = framing.camera.pixel_size(framing.center, size[1])
     for stage, frame in stages:
-        caster = RayCaster(stage, framing.center, framing.size, size, samples, device)
+        caster = RayCaster(stage, framing, Film(size, samples), device)
         caster.place(frame, 0.5 * LEAST_LINE_PIXELS * pixel)
         yield caster.picture(framing.camera)

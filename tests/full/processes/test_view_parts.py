@@ -28,8 +28,7 @@ from strangers import wait_until as until
 from balloon_warp import Balloon, BlowUpError, Change, Ground, Inflation, InputError, Scene, Simulator, Sphere, String
 from balloon_warp.mesh.topology import triangulate
 from balloon_warp.scene import load_scene
-from balloon_warp.scene.load import bundled_scenes
-from balloon_warp.scene.write import scene_toml
+from balloon_warp.scene.load import bundled_scenes, scene_toml
 from balloon_warp.studio.page import playground as journal
 from balloon_warp.studio.page.drawings import Drawing, Follower, Smooth, ground_distance, hit_distance, throw_at
 from balloon_warp.studio.page.playground import MOST_THROWN, Playground

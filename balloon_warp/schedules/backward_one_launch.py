@@ -1,6 +1,7 @@
-"""Frames backwards in blocks: a block of threads has a world of one balloon.
+"""Frames backwards in one launch: a block of threads has a world of one balloon, or eight are side by side on a CPU.
 
-One launch computes a frame again, and another runs it backwards.
+A block computes a frame again in one launch, and runs it backwards in another. On a CPU eight worlds, or eight
+particles of a world, are side by side in vector registers, and one launch does both.
 """
 
 from collections.abc import Mapping, Sequence
@@ -9,6 +10,10 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.lanes import LANE_COUNT, Lanes, Lanes3
+from balloon_warp.kernels.loops.contact import Solids
+from balloon_warp.kernels.phase import NoAdjointError
+from balloon_warp.kernels.schedules import lanes_backward
 from balloon_warp.kernels.schedules.block_backward import (
     Backwards,
     arguments_again,
@@ -18,16 +23,29 @@ from balloon_warp.kernels.schedules.block_backward import (
     widths_of_rows,
 )
 from balloon_warp.kernels.schedules.block_names import Layout, access_of
-from balloon_warp.kernels.schedules.writer import Step, cut, values_of
-from balloon_warp.kernels.substep import FILMED, phases_of
+from balloon_warp.kernels.schedules.lanes import ACCESS, PARTS, Sums, kinds_of
+from balloon_warp.kernels.schedules.lanes_backward import bars_backwards
+from balloon_warp.kernels.schedules.lanes_layouts import OCTETS, WORLDS_AS_OCTETS
+from balloon_warp.kernels.schedules.lanes_layouts import Layout as LanesLayout
+from balloon_warp.kernels.schedules.writer import Step, cut, traces_of, values_of
+from balloon_warp.kernels.substep import FILMED, SHARED, phases_of
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.working import Working
 from balloon_warp.model import Model, State
-from balloon_warp.model.state import Allocating, Room
+from balloon_warp.model.state import Room
 from balloon_warp.schedules.backward import BackwardFrames
 from balloon_warp.schedules.framing import Framing
 from balloon_warp.schedules.launched import working_arrays
-from balloon_warp.schedules.layouts import CAPACITY_STEP, held_layout_of, max_particles
+from balloon_warp.schedules.layouts import (
+    CAPACITY_STEP,
+    allocate_lanes,
+    held_layout_of,
+    items_of,
+    make_lane_tables,
+    max_particles,
+    rows_of,
+    shares_of,
+)
 from balloon_warp.schedules.membranes import (
     membrane_face_entries,
     membrane_face_layout,
@@ -35,7 +53,8 @@ from balloon_warp.schedules.membranes import (
 )
 from balloon_warp.schedules.slices import kind_slots, min_valence, quad_rings, slot_pairs, slot_table, spring_ends
 from balloon_warp.schedules.tables import make_tables, model_features, world_state
-from balloon_warp.system.warp_threads import launch_tiled
+from balloon_warp.system.process import Threads
+from balloon_warp.system.warp_threads import launch, launch_tiled
 
 THREADS, REGISTERS = 512, 128
 """Threads of a block, and registers of each: with a particle each, if there are no more, or else in a loop"""
@@ -127,14 +146,14 @@ class BlockBackward(BackwardFrames):
     """Run frames backwards in blocks."""
 
     def __init__(self, model: Model, state: State, columns: Sequence[int]):
-        features, room, of = model_features(model), Allocating(model.device), plan_backwards(model)
+        features, of = model_features(model), plan_backwards(model)
         self._of, (tables, tables_again) = of, _tables(model, features, of)
-        super().__init__(model, state, columns, of.turned, tables, room, one_by_one=False)
+        super().__init__(model, state, columns, of.turned, tables, one_by_one=False)
         working = Working()
-        for name, array in working_arrays(model, features, room).items():
+        for name, array in working_arrays(model, features, self.room).items():
             setattr(working, name, array)
         self._framing = Framing(model, features, tables, working)
-        named_inputs = {"working": working, **rows(model, of, room), **self.arrays}
+        named_inputs = {"working": working, **rows(model, of, self.room), **self.arrays}
         self._named_inputs = {"t": tables, **named_inputs, **_slots(model, of.layout)}
         self._named_inputs_again = {"t": tables_again, **named_inputs, **_slots(model, of.layout_again)}
         self.carries_loads = features.gas and features.obstacles
@@ -205,3 +224,139 @@ def rows(model: Model, of: Backwards, room: Room) -> dict[str, Any]:
         for value, (step, dtype) in values.items()
         if f"all_{value}" in named
     }
+
+
+LANES = int(LANE_COUNT)
+
+
+def fits_in_lanes_backwards(model: Model) -> bool:
+    """Return whether eight side by side can run a world backwards: one balloon, all of whose phases take eight.
+
+    It is of Hooke's springs or of a membrane, and nothing but its particles and its gas moves.
+    """
+    if not model.device.is_cpu or model.balloon_count != 1:
+        return False
+    features = model_features(model)
+    left = features.gas_changes or features.in_water or features.inflation_directions or features.spheres
+    left = left or features.may_touch_obstacles or features.touches or features.meets_solids
+    return not (left or features.breathes_on) and _goes_side_by_side(step_backwards(features, OCTETS))
+
+
+def _goes_side_by_side(step: Step) -> bool:
+    """Return whether all phases of a particle take eight, or are rare and look at no other; each moves once at most."""
+    try:
+        entries = [entry for trace in traces_of(step) for entry in trace.entries if trace.item == "particle"]
+    except NoAdjointError:
+        return False
+    phases, asked = [entry.phase for entry in entries], (step.features, step.access)
+    moved = [name for piece in step.pieces for name in piece.moves]
+    return len(moved) == len(set(moved)) and all(
+        phase.takes_eight(*asked) or (phase.rare and not phase.views(*asked)) for phase in phases
+    )
+
+
+def step_backwards(features: Features, layout: LanesLayout) -> Step:
+    """Return the phases of a model in pieces, as they run backwards, and as they are computed again before.
+
+    Values that particles see of each other, and sums, are kept.
+    """
+    phases, access = phases_of(features, instead=SHARED), ACCESS[layout]
+    looking = (
+        phase for phase in phases if not phase.light and (phase.views(features, access) or phase.item == "balloon")
+    )
+    sums = (phase for phase in phases if phase.sums)
+    shown = [name for phase in (*looking, *sums) for name in phase.writes]
+    return cut(phases, features, access, sums_along=True, apart=("pull",), shown=shown)
+
+
+def layout_of(model: Model) -> LanesLayout:
+    """Return the layout of lanes: of worlds, or of particles of a world that is alone."""
+    return WORLDS_AS_OCTETS if model.world_count > 1 else OCTETS
+
+
+class LanesBackward(BackwardFrames):
+    """Run frames backwards, eight worlds or eight particles side by side; threads of Python have some groups each."""
+
+    def __init__(self, model: Model, state: State, columns: Sequence[int]):
+        features, self._layout = model_features(model), layout_of(model)
+        step = step_backwards(features, self._layout)
+        tables = make_tables(model, features)
+        super().__init__(model, state, columns, step, tables, one_by_one=False)
+        self.carries_loads = features.gas and features.obstacles
+        self._framing = Framing(model, features, tables)
+        self._shares = shares_of(model, self._layout)
+        threads = len(self._shares)
+        self._threads = Threads(threads) if threads > 1 else None
+        self.recorded = threads == 1
+        self._named_inputs = {**self._tables(self.room, threads), **self.arrays}
+        self._kernel = lanes_backward.kernel_backwards(step, self._layout, self.columns)
+
+    def _tables(self, room: Room, threads: int) -> dict[str, Any]:
+        """Return the kernel's arguments, by name."""
+        t, solids, working = (
+            make_lane_tables(self.model, self.step.features, self._layout, self.tables),
+            Solids(),
+            Working(),
+        )
+        memory = allocate_lanes(self.model, self.step, self._layout, room)
+        for struct, arrays in ((t, memory.of_tables), (solids, memory.solids), (working, memory.working)):
+            for name, array in arrays.items():
+                setattr(struct, name, array)
+        t.rows = rows_of(memory.of_tables["numbers"])
+        scratch = rows_backwards(self.model, self.step, self._layout, self.columns, room, threads)
+        return {"t": t, "tables": self.tables, "working": working, "solids": solids, **scratch}
+
+    @staticmethod
+    def room_of_frame(model: Model, room: Room) -> None:
+        """Allocate the memory of the values that a frame's substeps record."""
+        layout = layout_of(model)
+        threads = len(shares_of(model, layout))
+        rows_backwards(model, step_backwards(model_features(model), layout), layout, (), room, threads)
+
+    def frame(self) -> None:
+        """Launch a frame: forward, and then its substeps backwards."""
+        self._framing.begin(self.state)
+        named_inputs = {**self._named_inputs, "state": world_state(self.state)}
+        if not self._threads:
+            self._turn_groups(named_inputs, 0)
+            return
+        begun = [self._threads.submit(self._turn_groups, named_inputs, slot) for slot in range(len(self._shares))]
+        for each in begun:
+            each.result()
+
+    def _turn_groups(self, named_inputs: Mapping[str, Any], slot: int) -> None:
+        groups = self._shares[slot]
+        named_inputs = {**named_inputs, "slot": slot, "first_group": int(groups[0])}
+        inputs = [
+            named_inputs[name] for name in lanes_backward.arguments_backwards(self.step, self._layout, self.columns)
+        ]
+        launch(self._kernel, len(groups), inputs, device=self.model.device)
+
+
+def rows_backwards(
+    model: Model, step: Step, layout: LanesLayout, columns: tuple[int, ...], room: Room, threads: int
+) -> dict[str, Any]:
+    """Allocate the memory of each thread for the group at hand: a row each for the substeps, and bars."""
+    items, rows = items_of(model, layout).count, threads * (model.substeps + 1)
+    takes = lanes_backward.arguments_backwards(step, layout, columns)
+
+    def shape(item: str, dtype: Any) -> int:
+        """Return the number of entries: of each particle, where an octet's others see it."""
+        count = items if item == "particle" else model.balloon_count
+        return LANES * count if dtype is OCTETS.vector else count
+
+    kinds = kinds_of(step, layout)
+    seen = {
+        "all_points": layout.vector,
+        "all_velocities": layout.vector if "Seen" in takes["all_velocities"] else Lanes3,
+    }
+    noted = {name: ("particle", dtype) for name, dtype in seen.items()}
+    noted |= {f"all_{name}": kind for name, kind in kinds.items() if f"all_{name}" in takes}
+    arrays = {name: room.array((rows, shape(*kind)), kind[1]) for name, kind in noted.items()}
+    parts = {f"all_{name}_parts": dtype for name, (_, dtype) in kinds.items() if f"all_{name}_parts" in takes}
+    arrays |= {name: room.array((threads, LANES), dtype) for name, dtype in parts.items()}
+    bars = bars_backwards(step, layout)
+    arrays |= {
+        f"all_{name}_bars": room.array((threads, shape("particle", dtype)), dtype) for name, dtype in bars.items()
+    }
+    return arrays | {"sums": room.array((threads, Sums(len(columns)).total, PARTS), Lanes)}
