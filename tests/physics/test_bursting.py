@@ -197,17 +197,6 @@ def test_a_tear_around_takes_less_of_finer_skin_and_as_much_of_a_larger_one():
     assert fine == pytest.approx(0.5 * coarse, rel=0.02)
 
 
-@pytest.mark.always("cpu-12")
-@pytest.mark.parametrize("parts", [12, 24])
-def test_pieces_keep_the_skin_whatever_the_mesh(parts: int, device: str):
-    """The torn area is that of a line one face wide. All faces bear the same, and burst by their strength."""
-    scene = scene_of(quad_sphere(parts, 0.05), strength=0.9 * MU * (3.0**2 - 3.0**-4), rate=1000.0)
-    simulator = filled(scene, 3.0, device)
-    advanced(simulator, 14)
-    assert torn(simulator).sum() > 3 * parts
-    assert 0.9 < _kept(simulator) < 0.97
-
-
 def rest_areas(simulator: Simulator) -> NDArray[np.float64]:
     """Return the area of each face at rest [m^2]."""
     return np.linalg.norm(face_vector_areas(simulator.model.shapes[0].mesh), axis=1)
