@@ -86,6 +86,24 @@ def latex(depth: float = 0.5, density: float = 940.0, **gas: object) -> Scene:
     )
 
 
+@pytest.mark.parametrize("substeps", ["auto", 64])
+def test_a_ball_of_gas_dents_rises_and_floats(substeps: int | str, schedule: str, device: str):
+    """The volume is that of Boyle's law all the way, and at the surface it is as before."""
+    scene = latex(start_pressure=300.0).model_copy(update={"substeps": substeps})
+    simulator = Simulator(scene, device, schedule=schedule)
+    amount = (101325.0 + 300.0) * VOLUME
+    heights = []
+    for _ in range(120):
+        simulator.step()
+        volume = volume_of(simulator, simulator.read_frame())
+        inside = 101325.0 + float(simulator.state.pressures.numpy()[0, 0])
+        assert volume == pytest.approx(amount / inside, rel=2e-3)
+        heights.append(float(simulator.state.points.numpy()[0, :, 1].mean()))
+    assert min(np.diff(heights[:30])) > 0.0
+    assert heights[-1] == pytest.approx(heights[-10], abs=0.01)
+    assert heights[-1] > 0.05
+
+
 HEAVY = 3e5
 """Density of latex that sinks with a ball full of air [kg/m^3]"""
 RELEASED = [
