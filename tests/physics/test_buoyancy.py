@@ -310,11 +310,6 @@ def test_the_step_is_stable_on_water(device):
     assert max(np.abs(simulator.step().points[0][:, 1]).max() for _ in range(60)) < 4.0e-3
 
 
-def test_water_cannot_differ_where_there_is_none():
-    with pytest.raises(InputError, match=r"^water\.level: cannot differ between worlds, the scene has no water$"):
-        Simulator(Scene(balloon=[Balloon(mesh=cube())]), "cpu", 2, {"water.level": [0.0, 1.0]})
-
-
 WIND, LENGTH, INTENSITY = (6.0, 0.0, 2.0), 5.0, 0.3
 ROOT_MEAN_SQUARE = INTENSITY * float(np.linalg.norm(WIND))
 RANDOM = np.random.default_rng(3)
