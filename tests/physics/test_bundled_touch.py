@@ -181,7 +181,7 @@ def test_foil_letters_fill_without_stretching():
 
 
 def test_rocket_balloon_is_driven_by_its_jet_and_loops():
-    """It flies more than 2 m up, turns over, and comes down nearly empty."""
+    """Flight goes more than 2 m up, turns over, and ends nearly empty."""
     model, frames = played("rocket_balloon")
     centers = np.array([frame.points[0].mean(axis=0) for frame in frames])
     assert centers[:, 1].max() > centers[48, 1] + 2.0
