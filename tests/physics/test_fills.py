@@ -21,7 +21,7 @@ from balloon_warp.model import plan_model
 from balloon_warp.model.parameters import VaryError, scene_to_vary
 from balloon_warp.model.setting import plan_setting
 from balloon_warp.scene import Balloon, Ground, Inflation, Material, Scene, Tube, load_scene
-from balloon_warp.scene.load import OverrideError, override_scene, parse_override
+from balloon_warp.scene.load import OverrideError, parse_override
 from balloon_warp.studio.page import playground as module
 from balloon_warp.studio.page.playground import Playground, inflating
 
@@ -114,9 +114,6 @@ def test_what_cannot_be_is_said_of_what_differs(overrides: dict, litres: list, s
     assert caught.value.path == "balloon.inflation.litres"
 
 
-KEYFRAMED = Scene(
-    balloon=[Balloon(mesh="a.obj", inflation=Inflation(k_normal=[(0, 1), (1, 2)])), Balloon(mesh="b.obj")]
-)
 GAS = [("balloon.inflation.kind", "gas"), ("balloon.inflation.amount", 2.0), ("gravity", 3.0)]
 
 
@@ -126,31 +123,19 @@ def scene_file(folder: Path, *inflations: str) -> Path:
     return path
 
 
-OLD, NEW = Inflation(k_normal=3.0), Inflation(kind="pressure", pressure=9.0)
+@pytest.mark.parametrize("kind", ["", "kind = 'normal_force'\n"])
+@pytest.mark.parametrize("overrides", [*itertools.permutations(GAS)])
+def test_another_kind_takes_the_place_of_the_old_one_in_any_order(kind: str, overrides: list, tmp_path: Path):
+    scene = load_scene(scene_file(tmp_path, f"{kind}k_normal = [[0, 1], [1, 2]]"), overrides)
+    assert scene.balloon[0].inflation == Inflation(kind="gas", amount=2.0)
+    assert scene.gravity == 3.0
 
 
-@pytest.mark.parametrize(
-    ("inflations", "overrides", "expected"),
-    [
-        *(
-            ([f"{kind}k_normal = [[0, 1], [1, 2]]"], overrides, [Inflation(kind="gas", amount=2.0)])
-            for kind in ("", "kind = 'normal_force'\n")
-            for overrides in itertools.permutations(GAS)
-        ),
-        (["k_normal = 3"], [("balloon.inflation.pressure", 9.0)], [NEW]),
-        (
-            ["k_normal = 3", "k_normal = 3"],
-            [("balloon.1.inflation.pressure", 9.0), ("balloon.1.inflation.kind", "pressure")],
-            [OLD, NEW],
-        ),
-    ],
-)
-def test_another_kind_takes_the_place_of_the_old_one_in_any_order_where_it_is_named(
-    inflations: list[str], overrides: list, expected: list[Inflation], tmp_path: Path
-):
-    scene = load_scene(scene_file(tmp_path, *inflations), overrides)
+def test_a_kind_is_replaced_where_it_is_named(tmp_path: Path):
+    overrides = [("balloon.1.inflation.pressure", 9.0), ("balloon.1.inflation.kind", "pressure")]
+    scene = load_scene(scene_file(tmp_path, "k_normal = 3", "k_normal = 3"), overrides)
+    expected = [Inflation(k_normal=3.0), Inflation(kind="pressure", pressure=9.0)]
     assert [balloon.inflation for balloon in scene.balloon] == expected
-    assert scene.gravity == dict(overrides).get("gravity", 9.81)
 
 
 @pytest.mark.parametrize(
@@ -170,14 +155,6 @@ def test_what_is_set_beside_another_kind_is_refused_and_named(
     with pytest.raises(OverrideError, match=rf"inflation\.{said}") as caught:
         load_scene(scene_file(tmp_path, inflation), [parse_override(each) for each in words])
     assert caught.value.number == number
-
-
-def test_so_it_is_of_a_scene_that_is_loaded():
-    """Overrides of a loaded scene may change the kind, as `compare` does; a change during a run may not."""
-    changed = override_scene(KEYFRAMED, [("balloon.inflation.kind", "pressure"), ("balloon.inflation.pressure", 4.0)])
-    assert [each.inflation for each in changed.balloon] == [Inflation(kind="pressure", pressure=4.0)] * 2
-    with pytest.raises(InputError, match='needs kind = "pressure"'):
-        override_scene(KEYFRAMED, [("balloon.inflation.pressure", 4.0)])
 
 
 def filled(*inflations: dict) -> Scene:
