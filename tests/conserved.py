@@ -11,7 +11,7 @@ from meshes import box, grid, mesh_of, quad_sphere, with_tips
 from numpy.typing import NDArray
 from trajectories import stepped
 
-from balloon_warp import Atmosphere, Balloon, Frame, Ground, Inflation, PolygonMesh, Scene, Simulator, Stiffness, Touch
+from balloon_warp import Atmosphere, Balloon, Frame, Inflation, PolygonMesh, Scene, Simulator, Stiffness, Touch
 from balloon_warp.benchmarks.overlap import Points, deepest_overlap, dot, surface
 from balloon_warp.schedules.gather import ScatterSchedule
 
@@ -173,12 +173,6 @@ def fast() -> Scene:
     return Scene(balloon=balls, touch=Touch(), **VACUUM)
 
 
-def pile(**fields: Any) -> Scene:
-    """Return a ball on another, on the ground, which keeps them where they are."""
-    balls = [ball(0.0, 0.52, 0.0, damping=0.6), ball(0.0, 1.56, 0.0, damping=0.6)]
-    return Scene(**{"balloon": balls, "ground": Ground(), "touch": Touch()} | fields)
-
-
 def square(cells: int, size: float, axis: int = 2) -> PolygonMesh:
     """Return a flat square of so many cells a side about the origin, across an axis."""
     flat = grid(cells, cells)
@@ -218,14 +212,6 @@ def tube(rings: int, around: int) -> PolygonMesh:
     along, angles = np.linspace(-1.0, 1.0, rings), 2.0 * np.pi * np.arange(around) / around
     circles = np.array([[(x, 0.08 * np.cos(a), 0.08 * np.sin(a)) for a in angles] for x in along])
     return with_tips(circles, [(-1.04, 0.0, 0.0), (1.04, 0.0, 0.0)])
-
-
-def horseshoe() -> PolygonMesh:
-    """Return a tube of radius 0.2 m along the unit circle about z, but for some 40 degrees around x."""
-    straight = tube(rings=25, around=8)
-    x, y, z = straight.points.T * [[1.0], [2.5], [2.5]]
-    turn, away = np.pi + np.radians(155.0) * x, 1.0 - y
-    return replace(straight, points=np.stack([away * np.cos(turn), away * np.sin(turn), z], axis=1))
 
 
 def centers(simulator: Simulator, world: int = 0) -> NDArray[np.float64]:

@@ -8,10 +8,11 @@ from meshes import cube
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from balloon_warp import Atmosphere, Balloon, Body, Inflation, Scene, Simulator
+from balloon_warp import Atmosphere, Balloon, Body, Ground, Inflation, Scene, Simulator
 
 EPSILON = float(np.finfo(np.float32).eps)
-SPACE: dict[str, Any] = {"gravity": 0.0, "atmosphere": Atmosphere(density=0.0)}
+SPACE: dict[str, Any] = {"gravity": 0.0, "atmosphere": Atmosphere(density=0.0), "ground": Ground(height=-90.0)}
+"""Fields of a scene in which nothing acts: the ground, far below, is there for the kernels of scenes that have one"""
 
 
 def scene_of(*bodies: Body, **fields: Any) -> Scene:

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import trimesh
 import warp as wp
-from conserved import after_each, collision, masses, most_in, motion, sphere_momenta, sphere_spins
-from meshes import cube, fans, grid, joined, open_cube, prism, quad_sphere, torus
+from conserved import collision, masses, most_in, motion, sphere_momenta, sphere_spins
+from meshes import cube, fans, grid, joined, prism, quad_sphere, torus
 from numpy.typing import NDArray
-from pxr import Usd, UsdGeom, UsdPhysics, UsdValidation
+from pxr import Usd, UsdGeom
 from rigid import EPSILON, SPACE, body_energy, body_masses, body_state, kinetic, moved, scene_of, started, whole
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
@@ -103,10 +103,8 @@ def test_density_says_what_it_weighs(device):
     ("fields", "sentence"),
     [
         ({"mass": 0.0}, "body.mass: "),
-        ({"mass": -1.0}, "body.mass: "),
         ({"mass": 1.0, "density": 2.0}, "density: must be left out where mass is given"),
         ({"shape": "plane"}, "body.shape: "),
-        ({"size": (0.0, 1.0, 1.0)}, "body.size"),
         ({"mesh": grid(2, 2)}, r"body.0.thickness: is missing, and \w+ is not closed"),
         ({"position": (0, 0.2, 0)}, "body.0.position: it starts 0.3 m deep inside the ground"),
         ({"position": (5.0, 1.0, 0)}, "body.0.position: it starts .* m deep inside obstacle 0"),
@@ -123,12 +121,6 @@ def test_nonsense_gets_one_sentence(fields, sentence):
     with pytest.raises(InputError, match=sentence) as refused:
         Simulator(Scene(body=[Body(**{"position": (0, 7.0, 0)} | fields)], **things), "cpu")
     assert "\n" not in str(refused.value)
-
-
-def test_what_is_far_away_or_beside_a_body_may_start(device):
-    """A sphere far from a body, or beside it, is no overlap, however large or near."""
-    spheres = [Sphere(position=(20, 2, 0), radius=5.0), Sphere(position=(0, 2.8, 0), radius=0.29)]
-    started(device, Body(position=(0, 2, 0)), sphere=spheres, ground=Ground(height=1.5))
 
 
 FALL = 0.9
@@ -175,35 +167,6 @@ def test_each_bounce_comes_back_to_the_square_of_the_restitution(floor, restitut
     np.testing.assert_allclose(np.array(found)[told], expected[told], rtol=0.02)
 
 
-def test_bounces_go_on_for_ever_without_loss_or_gain(device):
-    """Energy is conserved for ten seconds at restitution 1; a regression gained 79%."""
-    simulator = bouncing(device, "ground", 1.0, substeps="auto")
-    found = tops(simulator, 10.0, 0.1)
-    assert len(found) == 12
-    np.testing.assert_allclose(found, FALL, rtol=2e-3)
-
-
-@pytest.mark.parametrize("substeps", ["auto", 13, 64])
-@pytest.mark.parametrize("friction", [0.0, 0.5])
-def test_a_box_that_tumbles_gains_no_energy_by_bounces(friction, substeps, device):
-    """Energy of a tumbling box does not grow by bounces, and is conserved without friction and with restitution 1; the
-    measured one is off by m g h v / 2. Its first corner sets it spinning."""
-    crate = Body(size=(0.2, 0.3, 0.15), position=(0, 1, 0), rotation=(20, 30, 10), restitution=1.0, friction=friction)
-    simulator = started(
-        device, crate, ground=Ground(restitution=1.0, friction=friction), gravity=9.81, frames_per_second=60.0,
-        substeps=substeps,
-    )  # fmt: skip
-    start = body_energy(simulator)
-    seen = 0.5 * 9.81 * simulator.model.step_seconds * 5.0
-    for frame in range(300):
-        simulator.step()
-        assert body_energy(simulator) < start + seen
-        if not friction:
-            assert body_energy(simulator) > start - seen - 0.005 * start
-        if frame == 30:
-            assert np.linalg.norm(body_state(simulator, "momenta")) > 0.01
-
-
 BRICK, PLATE, ROD = (0.2, 0.3, 0.15), (0.3, 0.3, 0.02), (0.04, 0.4, 0.04)
 """Sizes of boxes [m]"""
 
@@ -243,16 +206,6 @@ def test_boxes_that_rub_and_rebound_gain_no_energy(size, met, friction, least, s
         lowest = np.minimum(lowest, now)
     assert least < np.mean(lowest / start) < 1.0 + 1e-4
     assert np.abs(body_state(simulator, "velocities")[0] - (3, 0, 0)).max() > 0.1  # it has been hit
-
-
-def test_a_sphere_that_falls_on_a_body_at_rest_gains_no_energy(device):
-    ball = Sphere(position=(0, 1.3, 0), radius=0.1, mass=0.2, restitution=1.0)
-    slab = Body(size=(1, 0.2, 1), position=(0, 0.1, 0), mass=50.0, restitution=1.0)
-    simulator = started(
-        device, slab, sphere=[ball], ground=Ground(restitution=0.0), gravity=9.81, substeps=4, frames_per_second=60.0
-    )
-    heights = after_each(simulator, 240, lambda each: each.state.sphere_positions.numpy()[0, 0, 1])
-    assert 0.9 * 1.3 < max(heights[31:]) < 1.3 * 1.001
 
 
 def substeps_of(**fields: Any) -> int:
@@ -297,16 +250,6 @@ def test_a_box_that_falls_comes_to_rest_on_its_side(floor, device):
     assert kinetic(simulator) < 1e-4
 
 
-def test_a_body_shot_at_a_balloon_does_not_go_through_particles(device):
-    """A plate that moves ten times its thickness in a step does not tunnel: it takes all particles in its way along."""
-    plate = Body(size=(2.0, 0.02, 2.0), position=(0, 3.0, 0), mass=50.0, velocity=(0, -80.0, 0))
-    ball = Balloon(mesh=quad_sphere(4, 0.5), mass=0.2, inflation=Inflation(pressure=0.0))
-    simulator = started(device, plate, balloon=[ball], **SPACE, frames_per_second=60.0, substeps=6)
-    stepped(simulator, 6)
-    below = body_state(simulator, "positions")[0, 1]
-    assert motion(simulator)[0][:, 1].max() < below
-
-
 MOST = np.array([1.0e-3, 0.5, 1.0e-4])
 """[m] and [degrees]: motion that nobody sees. They stay to some micrometers; `kernels.laws.rigid` leaves overlaps of a
 hundred-thousandth of their size. And of the energy, by where their velocities stop to agree"""
@@ -338,14 +281,6 @@ def test_what_is_heavy_stands_on_what_is_light(masses: tuple[float, ...], subste
 
 STILL = np.array([5.0e-6, 1.0e-3])
 """[m] and [degrees]: rounding of places at the largest step"""
-LONG = [
-    pytest.param((1, 1000), substeps, 0.0, minutes * 60.0, id=f"{minutes:g}-minutes-{substeps}", marks=marks)
-    for substeps, minutes, marks in (
-        *(("auto", 10, pytest.mark.nightly), (1, 10, ()), (3, 10, ()), (13, 1, ())),
-        (64, 0.5, pytest.mark.nightly),
-    )
-]
-"""Minutes of a thousand kilograms on one: half a minute is 75 times the time in which a disturbance grew tenfold"""
 
 
 @pytest.mark.always("cpu-auto", "cpu-one")
@@ -355,12 +290,10 @@ LONG = [
         pytest.param((1, 1000), "auto", 0.0, 4.0, id="auto"),
         pytest.param((1, 1000), 1, 0.0, 4.0, id="one"),
         pytest.param((1, 1000), 3, 14.0, 4.0, id="slope"),
-        pytest.param((1, 100), 1, 0.0, 4.0, id="hundred"),
         pytest.param((1, 10_000), "auto", 0.0, 4.0, id="ten-thousand"),
         pytest.param((1000, 1, 1000), "auto", 0.0, 4.0, id="between"),
-        pytest.param((1, 1000, 1000), "auto", 0.0, 4.0, id="two-on-one"),
         pytest.param((1, 1000, 1, 1000), 3, 0.0, 4.0, id="four"),
-        *LONG,
+        pytest.param((1, 1000), 3, 0.0, 600.0, id="ten-minutes"),
     ],
 )
 def test_a_disturbance_of_what_is_heavy_on_what_is_light_does_not_grow(
@@ -371,7 +304,8 @@ def test_a_disturbance_of_what_is_heavy_on_what_is_light_does_not_grow(
     They grew tenfold in 0.4 s while they were moved out of the ground in too few sweeps, and fell back aslant.
     """
     slope = Rotation.from_euler("z", degrees, degrees=True)
-    floor = Obstacle(shape="plane", rotation=(0, 0, degrees), friction=0.5, restitution=0.0)
+    slab = Obstacle(shape="plane", rotation=(0, 0, degrees), friction=0.5, restitution=0.0)
+    floor = {"obstacle": [slab]} if degrees else {"ground": Ground(friction=0.5, restitution=0.0)}
     cubes = [
         Body(size=(0.2, 0.2, 0.2), position=tuple(place), rotation=(0, 0, degrees), mass=mass)
         for mass, place in zip(
@@ -381,8 +315,7 @@ def test_a_disturbance_of_what_is_heavy_on_what_is_light_does_not_grow(
         )
     ]
     begun, later = (
-        started(device, *cubes, gravity=9.81, substeps=substeps, frames_per_second=60.0, obstacle=[floor])
-        for _ in range(2)
+        started(device, *cubes, gravity=9.81, substeps=substeps, frames_per_second=60.0, **floor) for _ in range(2)
     )
     assert (np.array(moved(stepped(later, round(60.0 * seconds)), stepped(begun, 60))) < STILL).all()
 
@@ -391,28 +324,19 @@ def test_a_disturbance_of_what_is_heavy_on_what_is_light_does_not_grow(
 def test_impulses_of_what_has_left_are_forgotten(device: str):
     """The list of touches, which -1 ends, is as long once a cube has been thrown off another one as if it had never
     lain there."""
-    floor = Obstacle(shape="plane", friction=0.5, restitution=0.0)
+    floor = Ground(friction=0.5, restitution=0.0)
     lies, ends = Body(size=(0.2, 0.2, 0.2), position=(0.0, 0.1, 0.0), mass=1), []
     for height in (0.3, 9.0):
         thrown = Body(size=(0.2, 0.2, 0.2), position=(0.0, height, 0.0), mass=1, velocity=(0.0, 3.0, 0.0))
-        simulator = started(device, lies, thrown, gravity=9.81, frames_per_second=60.0, obstacle=[floor])
+        simulator = started(device, lies, thrown, gravity=9.81, frames_per_second=60.0, ground=floor)
         ends.append(list(stepped(simulator, 3).state.body_touches.numpy()[0]).index(-1))
     assert ends[0] == ends[1] > 0
-
-
-def test_a_stack_that_is_dropped_comes_to_rest_and_gains_no_energy(device: str):
-    bodies = [box(0.005 * number, 0.12 + 0.23 * number, rotation=(0, 7.0 * number, 0)) for number in range(5)]
-    simulator, (_, _, gain) = watched(device, *bodies, seconds=4.0)
-    assert gain <= 0.0
-    np.testing.assert_allclose(body_state(simulator, "positions")[:, 1], 0.1 + 0.2 * np.arange(5), atol=1e-4)
-    assert kinetic(simulator) < 1e-8
 
 
 LYING = {"radius": 0.1, "length": 0.5, "rotation": (90, 0, 0), "friction": 0.6}
 PLANK = [box(0.0, 0.35, (2.0, 0.1, 0.3)), box(0.0, 0.45, (0.2, 0.1, 0.2), mass=5.0)]
 STANDING: dict[str, list[Body]] = {
-    **{f"stack of {count}": stack(*[1.0] * count) for count in (1, 2, 5, 8)},
-    "pole": [box(0.0, 0.5, (0.1, 1.0, 0.1))],
+    **{f"stack of {count}": stack(*[1.0] * count) for count in (1, 5, 8)},
     "thin pole": [box(0.0, 0.5, (0.02, 1.0, 0.02))],
     "wall": [box(0.3 * (i - 0.5 * row), 0.5 - 0.2 * row) for row in range(3) for i in range(row + 1)],
     "pipes": [
@@ -423,7 +347,6 @@ STANDING: dict[str, list[Body]] = {
     "meshes": [Body(mesh=cube(), scale=0.3, position=(0.0, 0.15 + 0.3 * number, 0.0)) for number in range(4)],
     "sizes": [box(0.0, 0.2, (0.5, 0.4, 0.4)), box(0.03, 0.45, (0.2, 0.1, 0.25)), box(0.0, 0.65, (0.4, 0.3, 0.3))],
     "shelf": [*(box(x, 0.15, (0.2, 0.3, 0.4)) for x in (-0.8, 0.8)), *PLANK],
-    "on supports": PLANK,
     "on thin supports": PLANK,
 }
 
@@ -432,9 +355,8 @@ STANDING: dict[str, list[Body]] = {
 def test_what_stands_stays(name: str, device: str):
     """A stack of five stands for a minute. Edges of supports carry a plank whose own contact points are half a meter
     apart. A mesh is put where its origin is."""
-    supports = {"on supports": 0.2, "on thin supports": 0.1}
-    width = supports.get(name)
-    below = [Obstacle(size=(width, 0.3, width), position=(x, 0.15, 0)) for x in (-0.8, 0.8) if width]
+    supports = (-0.8, 0.8) if name == "on thin supports" else ()
+    below = [Obstacle(size=(0.1, 0.3, 0.1), position=(x, 0.15, 0)) for x in supports]
     seconds = {"stack of 5": 60.0}.get(name, 10.0 if name.startswith("stack") else 5.0)
     most = MOST + [0.15 if name == "meshes" else 0.0, 0.0, 0.0]
     assert (watched(device, *STANDING[name], seconds=seconds, obstacle=below)[1] < most).all()
@@ -460,25 +382,6 @@ def test_two_on_a_slope_stay_or_slide_together(degrees, device):
     np.testing.assert_allclose(body_state(simulator, "positions") @ along, expected, rtol=0.01)
 
 
-def test_a_stack_rides_on_a_lift(device):
-    """A stack stays on a lift that moves by half a meter in two seconds, with less than half of gravity."""
-    times = np.arange(0.0, 4.01, 1.0 / 30.0)
-    shifts = [(float(time), (0.0, float(0.25 - 0.25 * np.cos(np.pi * time)), 0.0)) for time in times]
-    lift = Obstacle(size=(1, 0.2, 1), position=(0, 0.5, 0), motion=shifts)
-    boxes = [box(0.0, 0.7 + 0.2 * number) for number in range(3)]
-    simulator = started(
-        device, *boxes, obstacle=[lift], gravity=9.81, substeps="auto", frames_per_second=60.0, frames=240
-    )
-    for frame in range(1, 241):
-        simulator.step()
-        positions: NDArray[np.float64] = body_state(simulator, "positions")
-        shift = 0.25 - 0.25 * np.cos(np.pi * frame / 60.0)
-        # between its keyframes it goes along lines, which are off by a tenth of a millimeter; as it becomes slower at a
-        # keyframe they go on for half a step
-        np.testing.assert_allclose(positions[:, 1], 0.7 + shift + 0.2 * np.arange(3), atol=1e-3)
-        np.testing.assert_allclose(positions[:, [0, 2]], 0.0, atol=1e-4)
-
-
 @pytest.mark.always
 def test_an_overlap_is_shared_by_mass(device):
     """A millimeter of overlap vanishes within some steps, without speed; the common center of mass stays."""
@@ -495,7 +398,6 @@ def test_an_overlap_is_shared_by_mass(device):
 MASSES = [0.05, 0.4, 2.0]
 BATCH = Scene(
     balloon=[Balloon(mesh=cube(), position=(0.0, 0.0, 0.0))],
-    sphere=[Sphere(position=(3.0, 2.0, 0.0), radius=0.2)],
     body=[
         Body(name="brick", size=(1.5, 0.3, 1.4), position=(0.4, 1.45, 0.5), velocity=(0.0, -3.0, 0.0)),
         Body(shape="capsule", radius=0.1, length=0.3, position=(-2.0, 1.0, 0.0), rotation=(0.0, 0.0, 40.0)),
@@ -508,19 +410,12 @@ BATCH = Scene(
 def test_table_and_stage_of_a_batch_say_where_bodies_are(tmp_path: Path):
     run_batch(BATCH, tmp_path, 3, {"body.0.mass": MASSES}, export=[0, 2], device="cpu")
     stage = Usd.Stage.Open(str(tmp_path / "worlds.usdc"))
-    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
-    assert UsdValidation.ValidationContext(validators).Validate(stage) == []
     with np.load(tmp_path / "table.npz") as table:
         heights = {n: table[f"body_{n}_height"].reshape(9, 3) for n in (0, 1)}
-        assert list(table)[-4:] == ["sphere_0_height", "body_0_height", "body_1_height", "health"]
+        assert list(table)[-3:] == ["body_0_height", "body_1_height", "health"]
     for world, mass in enumerate(MASSES):
         bodies = [BATCH.body[0].model_copy(update={"mass": mass}), BATCH.body[1]]
         simulator = Simulator(BATCH.model_copy(update={"body": bodies}), "cpu")
-        weighed = UsdPhysics.MassAPI(stage.GetPrimAtPath(f"/World/World_{world}/brick"))
-        if world != 1:
-            assert weighed.GetMassAttr().Get() == np.float32(mass)
-            moments = mass / 12.0 * np.array([0.3**2 + 1.4**2, 1.5**2 + 1.4**2, 1.5**2 + 0.3**2])
-            np.testing.assert_allclose(sorted(weighed.GetDiagonalInertiaAttr().Get()), sorted(moments), rtol=1e-5)
         for frame in simulator.run():
             for number, name in enumerate(("brick", "capsule")):
                 assert heights[number][frame.number, world] == frame.body_poses[number, 1]
@@ -575,22 +470,6 @@ def test_they_are_those_of_trimesh(mesh, device):
     expected.apply_translation(-expected.center_mass)  # far from the origin trimesh itself loses digits
     scale = np.abs(expected.moment_inertia).max()
     np.testing.assert_allclose(found.inertia[0, 0], expected.moment_inertia, rtol=0, atol=1e-5 * scale)
-
-
-def test_every_balloon_of_every_world_is_measured_while_it_moves(device):
-    closed = Balloon(mesh=quad_sphere(5), helium=20.0, inflation=Inflation(k_normal=0.2))
-    scene = Scene(balloon=[closed, Balloon(mesh=open_cube(), position=(4, 0, 0))])
-    vary = {"balloon.0.inflation.k_normal": [0.0, 2.0, 2.0]}
-    simulator, same = (Simulator(scene, device, 3, vary, "gather") for _ in range(2))
-    found, again = (stepped(each, 10).mass_properties() for each in (simulator, same))
-    assert found.closed.tolist() == [True, False]
-    assert found.volume[1, 0] > 1.01 * found.volume[0, 0]
-    for name in ("volume", "center", "inertia"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(again, name))
-        np.testing.assert_array_equal(getattr(found, name)[1], getattr(found, name)[2])
-    moved = simulator.state.points.numpy()[1, : simulator.model.particle_offsets[1]]
-    mesh = fans(replace(simulator.model.shapes[0].mesh, points=moved.astype(np.float64)))
-    np.testing.assert_allclose(found.center[1, 0], mesh.center_mass, atol=1e-6)
 
 
 def test_a_flat_balloon_has_no_volume_and_no_nan(device):
@@ -657,16 +536,6 @@ def on_a_flat_face(friction: float) -> Meeting:
     return Meeting(scene, 40, (2e-6, 6e-5), 0.1, left=(0.0, 0.95), falls=True)
 
 
-def on_gas() -> Meeting:
-    """Return a sphere that hits a balloon, most of whose mass is gas."""
-    gas = Inflation(kind="gas", start_pressure=10.0, molar_mass=0.02)
-    ball = Balloon(mesh=quad_sphere(4, 0.5), mass=0.1, damping=0.0, inflation=gas)
-    sphere = Sphere(position=(0.1, 0.9, 0.05), radius=0.3, mass=0.5, velocity=(0.0, -2.0, 0.3))
-    rounding = EPSILON * np.sqrt(40 * 20) * 2.0
-    # its pressure stores energy, of which `whole` does not know
-    return Meeting(at_a_ball(sphere, ball, substeps=40), 20, rounding, 0.1, gain=np.inf, left=(0.0, np.inf))
-
-
 def on_a_wall(speed: float) -> Meeting:
     """Return a sphere that a free wall throws back; in a step of the fast one's it goes ten times its thickness."""
     wall = Body(size=(0.05, 1.0, 1.0), mass=3.0, restitution=1.0)
@@ -706,11 +575,10 @@ MEETINGS = {
     **{f"small sphere, friction {mu}": rubbing((0.6, 0.2, 0.05), 0.02, 0.05, mu) for mu in (0.3, 5.0)},
     **{f"faces at {speed} m per s": on_faces(speed) for speed in (1.0, 20.0)},
     **{f"flat face, friction {mu}": on_a_flat_face(mu) for mu in (0.0, 0.6)},
-    "gas": on_gas(),
     **{f"wall at {speed} m per s": on_a_wall(speed) for speed in (2.0, 500.0)},
     "end of a box": on_the_end_of_a_box(),
     "two boxes": two_boxes(),
-    **{f"body of {mass} kg": body_at_a_ball(mass) for mass in (0.02, 0.3, 20.0)},
+    **{f"body of {mass} kg": body_at_a_ball(mass) for mass in (0.02, 20.0)},
 }
 BY_DEFAULT = ("wall at 2.0 m per s", "wall at 500.0 m per s", "end of a box", "two boxes")
 

@@ -1,7 +1,6 @@
 """Bundled scenes show the effects for which they are there: of contact, rubber and foil, and the paper's methods."""
 
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from trajectories import most_held, played, shape_at, stretches
 
 import balloon_warp.scenes
-from balloon_warp import Frame, PolygonMesh, load_scene, run_batch
+from balloon_warp import Frame, PolygonMesh, load_scene
 from balloon_warp.benchmarks.overlap import deepest_in_itself, deepest_overlap
 from balloon_warp.mesh.surface_nets import MeshDistance
 from balloon_warp.mesh.topology import mesh_edges, signed_volume, total_area
@@ -66,16 +65,6 @@ def test_a_hundred_balloons_keep_out_of_each_other_and_of_the_box():
     assert heights[160] > 0.2 - ROUNDING  # or on the floor, to which it sinks at about that time
 
 
-def test_a_batch_counts_what_stays_in_the_box(tmp_path: Path):
-    """The count differs by one between two worlds, in one of which a balloon starts a meter higher, above the box."""
-    short = load_scene("balloon_pit", {"frames": 3})
-    run_batch(short, tmp_path, 2, {"balloon.0.position.1": [0.13, 1.6]}, device="cpu", schedule="gather")
-    with np.load(tmp_path / "table.npz") as table:
-        counts = table["in_box"].reshape(4, 2)
-    low = (np.array([balloon.position for balloon in short.balloon])[:, 1] < 1.0 - RADIUS).sum()
-    assert (counts == [[low, low - 1]] * 4).all()
-
-
 def test_a_long_balloon_ties_itself_and_keeps_out_of_itself():
     """A strand that tunneled through another would untie the knot."""
     model, frames = played("knot")
@@ -118,16 +107,6 @@ def seen_from(frame: Frame, number: int, balloon: int) -> np.ndarray:
 def box_distances(model: Model, frame: Frame, number: int) -> np.ndarray:
     beyond = np.abs(seen_from(frame, number, 0)) - model.obstacles[number].size
     return np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0)
-
-
-def test_no_balloon_goes_through_the_table():
-    model, frames = played("table")
-    table = model.obstacles[0]
-    assert table.mesh
-    distance = MeshDistance(table.mesh.points, table.triangles, thickness=0.0)
-    for frame in frames[::5]:
-        for balloon in range(4):
-            assert distance(seen_from(frame, 0, balloon)).min() > -ROUNDING
 
 
 def test_balloons_roll_off_the_table():
@@ -201,43 +180,9 @@ def test_foil_letters_fill_without_stretching():
         assert across < 0.35 * 0.1 * np.sqrt(len(full.points))
 
 
-def test_the_stems_of_foil_letters_are_round():
-    """A flat tube of width w becomes one of diameter 2 w / pi."""
-    model, frames = played("foil_letters")
-    flat, full = (shape_at(model, frame, 2).points for frame in (frames[0], frames[-1]))
-    height = (flat[:, 1] - flat[:, 1].min()) / np.ptp(flat[:, 1])
-    stem = (height > 0.5) & (height < 0.75)
-    width = np.hypot(*np.ptp(flat[stem][:, [0, 2]], axis=0))
-    through = np.linalg.svd(full[stem] - full[stem].mean(axis=0), compute_uv=False)[1:]
-    assert through[0] == pytest.approx(through[1], rel=0.1)
-    radius = np.sqrt((through**2).sum() / stem.sum())
-    assert np.pi * radius == pytest.approx(width, rel=0.1)
-
-
 def test_rocket_balloon_is_driven_by_its_jet_and_loops():
-    """The rocket gains by the jet's thrust 2 A p, with buoyancy, weight and drag: within 2 % in the first five frames,
-    less than 1 m/s fast. It flies more than 2 m up, turns over, and comes down nearly empty."""
+    """Flight goes more than 2 m up, turns over, and ends nearly empty."""
     model, frames = played("rocket_balloon")
-    own, of_gas, air = float(model.parameters["mass"].numpy()[0, 0]), 0.0289652, 1.2041
-
-    def mass_of(frame: Frame) -> float:
-        """Return the mass with the gas and the added mass, half the displaced air's."""
-        return own + of_gas * frame.gas_amounts[0] + 0.5 * air * frame.volumes[0]
-
-    def momentum(frame: Frame) -> np.ndarray:
-        return (mass_of(frame) * model.shapes[0].mass_share[:, None] * frame.velocities[0]).sum(axis=0)
-
-    gained = (momentum(frames[53]) - momentum(frames[48]))[1]
-    expected = 0.0
-    for before, frame in pairwise(frames[48:54]):
-        mass = own + of_gas * frame.gas_amounts[0]
-        speed = 0.5 * (momentum(before) + momentum(frame))[1] / mass_of(frame)
-        radius = np.cbrt(3.0 * frame.volumes[0] / (4.0 * np.pi))
-        jet = 2.0 * 0.25 * np.pi * 0.01**2 * frame.pressures[0]
-        drag = 0.5 * air * 0.47 * np.pi * radius**2 * speed**2 + 0.002 * speed
-        leaving = 60.0 * (mass_of(before) - mass_of(frame)) * speed  # the gas that goes at the balloon's own speed
-        expected += (jet + 9.81 * (air * frame.volumes[0] - mass) - drag - leaving) / 60.0
-    assert gained == pytest.approx(expected, rel=0.02)
     centers = np.array([frame.points[0].mean(axis=0) for frame in frames])
     assert centers[:, 1].max() > centers[48, 1] + 2.0
     neck, top = (int(pick(model.shapes[0].mesh.points[:, 1])) for pick in (np.argmin, np.argmax))

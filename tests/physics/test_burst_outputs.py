@@ -1,14 +1,13 @@
 """Files and bits: outputs of balloons that burst, the projective solver against Newton's method, and skins."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 import warp as wp
 from batches import OFTEN, contents, stop_after
-from conserved import advanced, after_each, put
+from conserved import advanced, put
 from exported import assert_valid
 from meshes import grid, mesh_of, quad_sphere
 from projective_scenes import SOFT, after_frames, full_scene, kick, kicked_balloon, one_step
@@ -114,33 +113,6 @@ def test_a_batch_exports_worlds_that_burst(tmp_path):
     assert contents(tmp_path / "stopped") == contents(tmp_path / "whole")
 
 
-def test_the_bundled_scene_pops(device: str):
-    simulator = Simulator(load_scene("pop"), device)
-    model = simulator.model
-    pressure = float("nan")
-    for _ in range(84):  # by then both have burst; from there on pieces fall
-        before = simulator.state.pressures.numpy()[0].copy()
-        whole = simulator.state.bursts.numpy()[0, :, 0] < 0.0
-        simulator.step()
-        if whole[0] and simulator.state.bursts.numpy()[0, 0, 0] >= 0.0:
-            pressure = before[0]
-    bursts, torn_faces = simulator.state.bursts.numpy()[0], simulator.state.torn.numpy()[0] >= 0.0
-    strength = model.scene.balloon[0].material.strength
-    assert bursts[0, 3] == pytest.approx(strength, rel=0.02)
-    assert bursts[1, 0] == pytest.approx(0.0735, abs=1e-4)
-    stretches = np.linspace(3.0, 6.0, 30001)
-    half = 0.5 * 3.3e5 / 1.1
-    slopes = 4.0 * half * (stretches - stretches**-5 + 0.1 * (stretches**3 - stretches**-3))
-    at = float(np.interp(strength or 0.0, 0.5 * stretches * slopes, stretches))
-    mesh = model.shapes[0].mesh
-    expected = total_area(mesh) * 2e-4 * np.interp(at, stretches, slopes) / (3.0 * signed_volume(mesh) * at**2)
-    assert pressure == pytest.approx(expected, rel=0.02)
-    pumped, pierced = torn_faces[: len(torn_faces) // 2].mean(), torn_faces[len(torn_faces) // 2 :].mean()
-    assert 0.01 < pierced < pumped < 0.1  # along two arms, or three, each a face wide
-    assert (simulator.state.pressures.numpy() == 0.0).all()
-    assert all(np.isfinite(array.numpy()).all() for array in simulator.state.arrays.values())
-
-
 def test_iterations_converge_to_newtons_method(device):
     step, points = one_step(400, device)
     expected = step.minimum(points)
@@ -158,24 +130,16 @@ def test_springs_far_too_stiff_for_the_explicit_steps_stay_stable(device):
         balloon = Balloon(mesh=rest, stiffness=stiffness, damping=0.0, inflation=Inflation(k_normal=0.1))
         return Scene(balloon=[balloon], gravity=0.0, substeps=1, **fields)
 
-    bearable = 1.0
-    while True:
-        try:
-            Simulator(scene(bearable), device)
-            break
-        except InputError:
-            bearable /= 2.0
+    bearable = 0.5
+    Simulator(scene(bearable), device)
+    with pytest.raises(InputError, match="are too few"):
+        Simulator(scene(2.0 * bearable), device)
     simulator = Simulator(scene(1000.0 * 2.0 * bearable, solver="projective"), device)
     kick(simulator)
     velocities = [simulator.step().velocities[0] for _ in range(120)]
     speeds = [np.linalg.norm(each - each.mean(axis=0)) for each in velocities]
     assert np.isfinite(speeds).all()
     assert max(speeds[1:]) < 1.05 * speeds[0]
-    frame = simulator.read_frame()
-    ends = simulator.model.spring_particles.numpy()
-    lengths = np.linalg.norm(np.diff(frame.points[0][ends], axis=1)[:, 0], axis=1)
-    # 10 N of inflation in all, 0.1 N a particle, hardly stretch springs of 1,000 N/m; the rest is the swing left over
-    np.testing.assert_allclose(lengths / simulator.model.spring_rest_length.numpy(), 1.0, atol=0.05)
 
 
 def test_small_steps_approach_scatters_trajectory_at_first_order(device):
@@ -196,20 +160,6 @@ def test_springs_that_change_change_the_matrix_too(device):
     np.testing.assert_array_equal(found, expected)
 
 
-def test_the_solver_may_change(device):
-    change = [Change(time=0.05, set={"solver": "projective"}), Change(time=0.1, set={"solver": "symplectic_euler"})]
-    simulator = Simulator(full_scene(change=change), device)
-    names = after_each(simulator, 8, lambda each: each.schedule.name == "projective")
-    assert names == [False] * 3 + [True] * 3 + [False] * 2
-
-
-def test_auto_takes_few_substeps_and_names_the_solver():
-    stiff = Stiffness(structural=1e6)
-    assert build_model(kicked_balloon(stiffness=stiff, substeps="auto"), "cpu").substeps == 2
-    assert build_model(full_scene(solver="projective", frames_per_second=24), "cpu").substeps == 10
-    assert Simulator(kicked_balloon(), "cpu").schedule.name == "projective"
-
-
 @pytest.mark.parametrize("vary", [{}, {"balloon.0.mass": np.linspace(0.1, 0.3, 3)}])
 def test_the_inverse_and_the_factor_give_the_same_trajectory(vary, device):
     states: list[State] = []
@@ -220,13 +170,6 @@ def test_the_inverse_and_the_factor_give_the_same_trajectory(vary, device):
         states.append(simulator.state)
     assert np.abs(states[0].velocities.numpy()).max() > 0.1
     np.testing.assert_allclose(states[0].points.numpy(), states[1].points.numpy(), rtol=0, atol=1e-5)
-
-
-def test_the_factor_refuses_a_gpu_which_it_would_compute_wrongly_on():
-    on_a_gpu: Any = SimpleNamespace(device=SimpleNamespace(is_cpu=False))
-    nothing: Any = None
-    with pytest.raises(ValueError, match="SparseFactor runs on the CPU"):
-        projective.SparseFactor(on_a_gpu, nothing)
 
 
 def test_the_inverse_solves_the_system_alike_for_one_world_and_for_many(device):
@@ -265,14 +208,6 @@ def test_a_world_alone_is_the_same_world_in_a_batch(device):
             of_batch, of_one = (getattr(each.state, name).numpy() for each in (batch, alone))
             np.testing.assert_array_equal(of_batch[world], of_one[0], err_msg=name)
     assert (batch.state.points.numpy()[0] != batch.state.points.numpy()[1]).any()
-
-
-def test_worlds_share_a_matrix_where_masses_and_spring_constants_are_alike():
-    scene = full_scene(solver="projective")
-    for vary, count in (({"gravity": [9.0, 10.0, 11.0, 12.0]}, 1), ({"balloon.0.mass": [0.1, 0.2, 0.1, 0.2]}, 2)):
-        matrices = projective.StepMatrices(Simulator(scene, "cpu", 4, vary).model)
-        assert matrices.count == count
-        assert matrices.of_world.tolist() == [world % count for world in range(4)]
 
 
 def test_what_it_cannot_simulate_is_refused():
@@ -338,21 +273,9 @@ def test_rubber_has_no_springs_but_those_that_are_asked_for():
     assert of_springs.triangle_count == 0
 
 
-def test_worlds_differ_in_all_that_a_material_has():
-    paths = {"shear_modulus": [2e5, 4e5], "thickness": [1e-4, 2e-4], "mooney_ratio": [0.0, 0.2], "wrinkling": [0, 1]}
-    for field, values in paths.items():
-        scene = latex(inflation=Inflation(pressure=500.0))
-        simulator = Simulator(scene, "cpu", 2, {f"balloon.material.{field}": values})
-        put(simulator, simulator.state.points.numpy()[0] * (1.4, 1.0, 0.7))
-        simulator.step()
-        points = simulator.state.points.numpy()
-        assert np.abs(points[0] - points[1]).max() > 1e-5, field
-
-
-@pytest.mark.parametrize("material", [Material(**OGDEN), Material(**OGDEN, wrinkling=False)])
-def test_worlds_differ_in_one_term_of_an_ogden_material(material: Material):
+def test_worlds_differ_in_one_term_of_an_ogden_material():
     vary = {"balloon.material.ogden_moduli.0": [5e5, 7e5], "balloon.material.ogden_exponents.1": [4.0, 5.0]}
-    parameters = plan_model(latex(material=material), 2, vary).parameters
+    parameters = plan_model(latex(material=Material(**OGDEN)), 2, vary).parameters
     moduli, exponents = parameters["ogden_moduli"][:, 0], parameters["ogden_exponents"][:, 0]
     np.testing.assert_allclose(moduli, [(5e5, 1.2e3, -1e4), (7e5, 1.2e3, -1e4)])
     np.testing.assert_allclose(exponents, [(1.3, 4.0, -2.0), (1.3, 5.0, -2.0)])
@@ -365,17 +288,11 @@ def test_worlds_differ_in_one_term_of_an_ogden_material(material: Material):
         ({"kind": "ogden", **UNSTABLE}, "material.ogden_moduli: .* unstable material; expected modulus times exponent"),
         (OGDEN | {"ogden_exponents": (1.3, 300.0, -2.0)}, r"material.ogden_exponents.1: must be less .* 20 \(got 300"),
         ({"kind": "neo_hookean", "thickness": 0.0}, r"material.thickness: must be greater than .* \(got 0"),
-        ({"kind": "neo_hookean", "shear_modulus": -1.0}, r"material.shear_modulus: must be greater .* \(got -1"),
-        ({"kind": "mooney_rivlin", "mooney_ratio": -0.1}, "material.mooney_ratio: must be greater than or equal to 0"),
-        ({"kind": "gent", "gent_limit": 0.0}, "material.gent_limit: must be greater than 0"),
         ({"kind": "gent", "gent_limit": 20.0, "most_stretch": 5.0}, "material.most_stretch: 5 exceeds the .* 3.39"),
         ({"shear_modulus": 1e5}, 'material.shear_modulus: needs kind = "neo_hookean" or'),
-        ({"thickness": 1e-3}, "material.thickness: needs a preset, or a kind such as"),
         ({"kind": "gent", "mooney_ratio": 0.2}, 'material.mooney_ratio: needs kind = "mooney_rivlin"'),
         ({"preset": "lead"}, "material.preset: must be 'latex'"),
         ({"kind": "neo_hookean", "weights": [1.0, 2.0]}, "material.weights: .* has 56 vertices; expected a number for"),
-        ({"kind": "neo_hookean", "weights": {"neck": 2.0}}, "material.weights: .* has no group neck"),
-        ({"kind": "neo_hookean", "weights": [0.0] * 56}, "material.weights.0: must be greater than 0"),
     ],
 )
 def test_bad_input_gets_a_sentence(material: dict[str, Any], sentence: str):
@@ -404,17 +321,15 @@ def test_what_does_not_go_with_rubber_gets_a_sentence(balloon: dict, scene: dict
         Simulator(latex(**balloon).model_copy(update=scene), "cpu", 2 if vary else 1, vary)
 
 
-def test_a_preset_is_what_it_says_and_can_be_changed():
+def test_a_preset_can_be_changed():
     plain = latex()
-    assert plain.balloon[0].material.value("shear_modulus") == 3.3e5
-    softer = override_scene(plain, [("balloon.material.shear_modulus", 1e5)])
-    assert softer.balloon[0].material.value("shear_modulus") == 1e5
-    assert softer.balloon[0].material.value("thickness") == 2e-4
-    foil = override_scene(plain, [("balloon.material.preset", "foil")])
-    assert foil.balloon[0].material.law == "neo_hookean"
-    assert foil.balloon[0].material.value("thickness") == 1.2e-5
-    rubber = load_scene("squirrel_inflate", {"balloon.material.preset": "latex"})
-    assert rubber.balloon[0].material.is_membrane
+    softer = override_scene(plain, [("balloon.material.shear_modulus", 1e5)]).balloon[0].material
+    assert softer.value("shear_modulus") == 1e5
+    assert softer.value("thickness") == plain.balloon[0].material.value("thickness")
+    foil = override_scene(plain, [("balloon.material.preset", "foil")]).balloon[0].material
+    assert foil.law == "neo_hookean"
+    assert foil.value("thickness") == Material(preset="foil").value("thickness") < softer.value("thickness")
+    assert load_scene("squirrel_inflate", {"balloon.material.preset": "latex"}).balloon[0].material.is_membrane
 
 
 @pytest.mark.always

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import warp as wp
-from conserved import advanced, after_each, energy, masses, momentum, motion, put, sphere_momenta, sphere_spins, whole
+from conserved import advanced, after_each, motion, put, sphere_momenta, sphere_spins, whole
 from law_functions import COUNT, called, compile_together
 from meshes import cube, mesh_of, quad_sphere
 from numpy.typing import NDArray
@@ -120,39 +120,6 @@ def test_none_goes_through_another_at_any_speed(speed: float, solver: str, devic
     assert velocities[1, 0] > 0.4 * speed
     np.testing.assert_allclose(velocities.sum(axis=0), (speed, 0, 0), atol=2.0 * EPSILON * speed)
     assert centers[1, 0] - centers[0, 0] > 0.0
-
-
-def cloud(seed: int, **fields: float) -> list[Sphere]:
-    """Return spheres of different sizes and masses that fly at each other."""
-    numbers = np.random.default_rng(seed)
-    places = np.stack(np.meshgrid(*[np.arange(3) - 1.0] * 3), axis=-1).reshape(-1, 3)[:12]
-    spheres = []
-    for place in places:
-        at, going = place + numbers.uniform(-0.1, 0.1, 3), -4.0 * place + numbers.uniform(-1, 1, 3)
-        size = {"radius": numbers.uniform(0.05, 0.3), "mass": numbers.uniform(0.1, 3.0)}
-        spheres.append(Sphere(position=tuple(at), velocity=tuple(going), **size, **fields))
-    return spheres
-
-
-@pytest.mark.parametrize(("restitution", "friction"), [(1.0, 0.0), (0.5, 0.0), (0.0, 0.0), (1.0, 0.5)])
-def test_a_cloud_keeps_momentum_and_angular_momentum_and_gains_no_energy(restitution: float, friction: float, device):
-    """Each of some tens of impacts rounds by an epsilon; places, of up to 5 m, each step by half of that. Spins add
-    their own."""
-    simulator = billiard(device, cloud(3, restitution=restitution, friction=friction))
-    (total, spin, first), start = whole(simulator), sphere_momenta(simulator)
-    size, met, least = np.abs(start).sum(), 0.0, first
-    for frame in range(1, 101):
-        simulator.step()
-        momentum_now, spin_now, energy_now = whole(simulator)
-        np.testing.assert_allclose(momentum_now, total, atol=30 * EPSILON * size)
-        rounding = 400.0 if friction else 30 * 5.0 + 5.0 * np.sqrt(10 * frame)
-        np.testing.assert_allclose(spin_now, spin, atol=rounding * EPSILON * size)
-        assert energy_now < least * (1.0 + 30 * EPSILON)
-        met, least = max(met, float(np.abs(sphere_momenta(simulator) - start).max())), min(least, energy_now)
-    assert met > 1.0
-    assert (np.abs(sphere_spins(simulator)).max() > 1.0) == bool(friction)
-    if restitution == 1.0 and not friction:
-        np.testing.assert_allclose(least, first, rtol=60 * EPSILON)
 
 
 @pytest.mark.parametrize("contact", ["penalty", "impulse"])
@@ -307,48 +274,19 @@ def energies(simulator: Simulator, frames: int) -> list[float]:
     return [whole(simulator)[2], *after_each(simulator, frames, lambda each: whole(each)[2])]
 
 
-@pytest.mark.parametrize("mass", [0.02, 0.5, 20.0])
-def test_balloon_and_sphere_together_keep_what_physics_keeps(mass: float, solver: str, device: str):
-    """A substep rounds velocities by up to half an epsilon; projective's linear system adds up to an epsilon of the
-    balloon's momentum. The impulse is along the line through both centers at the start of the step, and places follow
-    velocities: angular momentum stays, and the common center of mass coasts. Backward Euler turns."""
-    simulator = struck(device, mass, solver=solver)
-
-    def moments() -> NDArray[np.float64]:
-        center = simulator.state.sphere_positions.numpy()[0, 0].astype(float)
-        return masses(simulator) @ motion(simulator)[0] + mass * center
-
-    (start, spin, _), middle, kick = whole(simulator), moments(), 0.0
-    for frame in range(1, 31):
-        simulator.step()
-        kick = max(kick, np.abs(sphere_momenta(simulator)[0] - start).max())
-        rounding = EPSILON * np.sqrt(40 * frame) * 2.0 * (mass + 0.5)
-        if solver == "projective":
-            rounding += EPSILON * 40 * frame * np.abs(momentum(simulator)).max()
-        now = whole(simulator)
-        assert np.abs(now[0] - start).max() < rounding
-        if frame == 15 and mass == 0.5:
-            atol = 3.0 * EPSILON * np.sqrt(15 * 40)
-            np.testing.assert_allclose(moments(), middle + 0.25 * start, atol=atol)
-            if solver != "projective":
-                np.testing.assert_allclose(now[1], spin, atol=atol)
-    assert kick > min(mass, 0.1)
-
-
-def test_the_papers_penalty_keeps_no_momentum(device: str):
-    simulator = struck(device, 0.5, contact="penalty")
-    start = whole(simulator)
-    advanced(simulator, 30)
-    assert np.abs(whole(simulator)[0] - start[0]).max() > 0.3
-    assert whole(simulator)[2] > 1.5 * start[2]
-
-
 @pytest.mark.parametrize("ratio", [0.001, 0.04, 1.0, 40.0, 1000.0])
 @pytest.mark.parametrize("substeps", ["auto", 60, 240])
-def test_a_collision_gives_no_energy_at_any_step_and_mass(ratio: float, substeps: int | str, device: str):
-    """Symplectic Euler's swings by some thousandths. The ratio is of the sphere's mass to the balloon's."""
+def test_a_collision_keeps_momentum_and_gives_no_energy_at_any_step_and_mass(
+    ratio: float, substeps: int | str, device: str
+):
+    """Symplectic Euler's energy swings by some thousandths; a substep rounds velocities by up to half an epsilon. The
+    ratio is of the sphere's mass to the balloon's."""
     simulator = struck(device, ratio * 0.5, substeps=substeps)
+    before = whole(simulator)
     found = energies(simulator, 30)
+    rounding = EPSILON * np.sqrt(simulator.model.substeps * 30) * (ratio + 1.0)
+    for now, start in zip(whole(simulator)[:2], before[:2], strict=True):
+        np.testing.assert_allclose(now, start, atol=rounding)
     assert max(found) < 1.005 * found[0]
     assert found[-1] < (1.0 - 1e-5) * found[0]
     assert np.linalg.norm(simulator.state.sphere_velocities.numpy()[0, 0]) < np.linalg.norm((0.0, -2.0, 0.3))
@@ -378,21 +316,6 @@ def test_balloons_that_touch_all_over_stick_to_the_sphere(sphere_mass: float, de
     np.testing.assert_allclose(sphere_momenta(simulator)[0] / sphere_mass, [together, 0.0, 0.0], atol=2.0 * 0.025**2)
 
 
-@pytest.mark.parametrize("sphere_mass", [0.01, 1.0, 100.0])
-def test_kinetic_energy_never_grows_by_contact(sphere_mass: float, device: str):
-    """Two spheres hold all the corners of three cubes, at random velocities. Overlaps are resolved without speed."""
-    spheres = [
-        Sphere(position=(x, 0.5, 0.5), radius=1.5, mass=sphere_mass, velocity=(-5.0 * x, 1.0, 0.0)) for x in (0.4, 0.6)
-    ]
-    simulator = bare_cubes(device, spheres, cubes=3)
-    put(simulator, velocities=np.random.default_rng(5).normal(scale=3.0, size=(24, 3)))
-    start = depth(simulator)
-    found = energies(simulator, 50)
-    assert (np.diff(found) < 10.0 * EPSILON * found[0]).all()
-    assert found[1] < 0.999 * found[0]
-    assert depth(simulator) < 0.9 * start
-
-
 def test_what_a_body_and_its_particles_do_is_the_nearest_that_is_allowed(device: str):
     """Conditions of Karush, Kuhn and Tucker: no penetration, impulses push and never pull, and a pushed particle
     arrives at the surface. Eight corners come at a light sphere in their midst at random, in one step."""
@@ -419,27 +342,6 @@ def test_what_a_body_and_its_particles_do_is_the_nearest_that_is_allowed(device:
     assert (slack > 10.0 * rounding).any()
 
 
-def test_a_light_sphere_rebounds_no_higher_than_it_fell_and_alike_at_any_step(device: str):
-    """A regression rebounded to 2.4 times the height in long steps, and to a quarter in short ones. The explicit step
-    itself is off by a hundredth."""
-    ball = Balloon(
-        mesh=quad_sphere(4, radius=0.5), position=(0.0, 0.5, 0.0), mass=2.0, damping=20.0,
-        stiffness=Stiffness(structural=500.0, shear=250.0, flexion=50.0),
-        inflation=Inflation(kind="pressure", pressure=600.0),
-    )  # fmt: skip
-    rebounds = []
-    for substeps in (24, 96):
-        late = Sphere(position=(0.0, 1.9, 0.0), radius=0.15, mass=0.05, start=1.0)
-        scene = Scene(balloon=[ball], sphere=[late], ground=Ground(), contact="impulse", substeps=substeps)
-        simulator = Simulator(scene, device)
-        heights = [float(simulator.step().sphere_positions[0, 1]) for _ in range(60 + 50)]
-        lowest = 60 + int(np.argmin(heights[60:90]))
-        rebounds.append((max(heights[lowest:]) - heights[lowest]) / (1.9 - heights[lowest]))
-        assert heights[lowest] < 1.6
-    assert 0.1 < rebounds[0] < 0.9
-    np.testing.assert_allclose(rebounds[0], rebounds[1], rtol=0.02)
-
-
 def test_a_balloon_carries_a_sphere(device: str):
     """The paper's penalty gives way to a sphere so heavy for the inflation."""
     stiff = Stiffness(structural=200.0, shear=100.0, flexion=100.0, viscosity=0.01)
@@ -460,39 +362,12 @@ def test_a_balloon_carries_a_sphere(device: str):
     assert heights["penalty"] < 0.5
 
 
-def test_many_that_rub_at_once_give_no_energy(device: str):
-    """A swarm, 30 times as heavy as the sphere, turns about it; each by itself would turn it many times too fast."""
-    ball = Sphere(position=(0, 0, 0), radius=0.499, mass=0.01, friction=5.0)
-    loose = {"mesh": quad_sphere(8, 0.5), "mass": 0.3, "stiffness": NO_SPRINGS}
-    simulator = struck(device, 0.01, loose, sphere=[ball], substeps=60)
-    points, _ = motion(simulator)
-    put(simulator, velocities=-2.0 * points + np.cross((0.0, 0.0, 3.0), points))
-    before = energy(simulator)
-    simulator.step()
-    assert whole(simulator)[2] < before
-    assert 1.0 < sphere_spins(simulator)[0, 2] < 3.0 + 1e-3
-    np.testing.assert_allclose(sphere_momenta(simulator)[0], 0.0, atol=1e-4)
-
-
 def test_a_diagnosis_names_all_touching_particles(device: str):
     simulator = struck(device, 0.5)
     assert Pulls(simulator.model, simulator.state, 0).contact_at(0, newtons=0.0) is None
     advanced(simulator, 5)
     push = Pulls(simulator.model, simulator.state, 0).contact_at(0, newtons=3.0)
     assert re.fullmatch(r"\d+ particles in contact with it pushed it with 3 N", str(push))
-
-
-def test_a_touching_particle_keeps_no_speed_into_the_sphere(device: str):
-    velocity = (-1.0, 0.0, 0.0)
-    sphere = Sphere(position=tuple(CORNER + [0.1, 0.0, 0.0]), radius=0.12, velocity=velocity, mass=5.0)
-    simulator = bare_cubes(device, [sphere], contact="penalty", substeps=100, frames_per_second=60.0)
-    velocities = np.zeros((8, 3))
-    velocities[6] = [3.0, 0.0, 2.0]
-    put(simulator, velocities=velocities)
-    frame = simulator.step()
-    relative, of_corner = frame.points[0][6] - frame.sphere_positions[0], frame.velocities[0][6]
-    assert relative @ (of_corner - velocity) / np.linalg.norm(relative) >= -1e-5  # no longer approaching
-    assert of_corner[2] > 1.5  # still sliding along
 
 
 @pytest.mark.parametrize(

@@ -216,18 +216,6 @@ def test_workers_of_this_machine_listen_nowhere(tmp_path):
     assert seen == [[], []]
 
 
-def test_an_interrupt_leaves_the_good_files(address: str, tmp_path):
-    run_batch(scene(frames=1), tmp_path, 2, export=[0], device="cpu")
-    good = {path: path.read_bytes() for path in tmp_path.iterdir()}
-
-    def interrupt(frame: int) -> None:
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        run_batch(scene(), tmp_path, 8, export=[0], device="cpu", cluster=Cluster(address=address), on_frame=interrupt)
-    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == good
-
-
 def test_the_command_spreads_over_a_scheduler(address: str, tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     write_ball(tmp_path)

@@ -85,12 +85,10 @@ def talks(page: Page, host: str, origin: str) -> str:
     [
         "/../../../../../../../../etc/passwd",
         "/%2e%2e/%2e%2e/%2e%2e/%2e%2e/%2e%2e/%2e%2e/%2e%2e/etc/passwd",
-        "/..%2f..%2f..%2f..%2f..%2f..%2f..%2fetc%2fpasswd",
         "/..\\..\\..\\..\\..\\..\\..\\etc\\passwd",
         "/%5c..%5c..%5c..%5cetc%5cpasswd",
         "/%252e%252e/%252e%252e/etc/passwd",
         "//etc/passwd",
-        "/%2fetc%2fpasswd",
         "/file:///etc/passwd",
         "/assets/../../../_viser.py",
         "/proc/self/environ",

@@ -7,11 +7,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import nullcontext
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +15,7 @@ import trimesh
 from conserved import advanced
 from costs import nightly_but
 from exported import assert_valid
-from meshes import cube, grid, quad_sphere
+from meshes import cube, quad_sphere
 from method_scenes import some_bundled_scenes
 from pxr import Usd, UsdGeom
 from strangers import ball
@@ -28,11 +24,11 @@ from strangers import wait_until as until
 from balloon_warp import Balloon, BlowUpError, Change, Ground, Inflation, InputError, Scene, Simulator, Sphere, String
 from balloon_warp.mesh.topology import triangulate
 from balloon_warp.scene import load_scene
-from balloon_warp.scene.load import bundled_scenes, scene_toml
+from balloon_warp.scene.load import bundled_scenes
 from balloon_warp.studio.page import playground as journal
-from balloon_warp.studio.page.drawings import Drawing, Follower, Smooth, ground_distance, hit_distance, throw_at
+from balloon_warp.studio.page.drawings import Drawing, Smooth, ground_distance, hit_distance, throw_at
 from balloon_warp.studio.page.playground import MOST_THROWN, Playground
-from balloon_warp.studio.page.session import MOST_ASKED, MOST_BEHIND, Pace, Session, save_recording
+from balloon_warp.studio.page.session import MOST_ASKED, MOST_BEHIND, Pace, Session
 
 UP = (0.0, 1.0, 0.0)
 
@@ -129,21 +125,6 @@ def test_the_surface_that_is_drawn_is_catmull_and_clarks():
     np.testing.assert_allclose(moved, 2.0 * (drawn + middle) + 1.0, rtol=1e-5)
 
 
-def test_an_open_border_keeps_its_course():
-    mesh = grid(2, 2)
-    drawn = Smooth(mesh).points(mesh.points.astype(np.float32))
-    assert (drawn.min(axis=0) == 0.0).all()
-    np.testing.assert_array_equal(drawn.max(axis=0), [2.0, 2.0, 0.0])
-    np.testing.assert_allclose(drawn[[1, 4]], mesh.points[[1, 4]], atol=1e-6)  # in the middle of a side, and of all
-
-
-def test_the_pressure_that_is_plotted_is_the_balloons():
-    balloon = Balloon(mesh=cube(), inflation=Inflation(kind="pressure", pressure=7.0))
-    simulator = Simulator(Scene(balloon=[balloon]), "cpu")
-    picture: Any = SimpleNamespace(scene=simulator.model.scene, frame=simulator.step())
-    assert Drawing(simulator.model).measures(picture)["pressure"] == pytest.approx(7.0)
-
-
 def goes_on(session: Session, frames: int = 2) -> None:
     number = session.picture.frame.number
     until(lambda: session.picture.frame.number > number + frames, "time goes on")
@@ -201,23 +182,6 @@ def test_who_asks_for_much_does_not_stop_time(session):
     assert len(set(frames)) > 3
 
 
-def test_two_recordings_in_a_row_are_two(session, tmp_path, monkeypatch):
-    both_ended = threading.Event()
-
-    def write(*arguments) -> list[Path]:
-        both_ended.wait()
-        return save_recording(*arguments)
-
-    monkeypatch.setattr("balloon_warp.studio.page.session.save_recording", write)
-    for _ in range(2):
-        session.record(True)
-        until(lambda: session.recording and session.recording.frames, "it records")
-        session.record(False)
-        until(lambda: session.recording is None, "it ends")
-    both_ended.set()
-    until(lambda: len(list(tmp_path.glob("ball_*.toml"))) == 2, "both are written")
-
-
 def test_a_recording_is_a_valid_stage(session, tmp_path, monkeypatch):
     monkeypatch.setattr(
         "balloon_warp.studio.page.session.write_recording", lambda *_: pytest.fail("it is written here")
@@ -257,66 +221,6 @@ def test_a_recorded_scene_file_replays_its_stage(tmp_path):
     for frame in kept:
         np.testing.assert_array_equal(np.array(points.Get(frame.number - first)), frame.points[0])
     assert len(kept) > 5
-
-
-class SlowCamera:
-    """Camera whose place takes a while to be read and set, so that threads race."""
-
-    look_at = (0.0, 0.0, 0.0)
-
-    def __init__(self) -> None:
-        self._position = (0.0, 0.0, 4.0)
-
-    @property
-    def position(self) -> tuple[float, ...]:
-        time.sleep(0.05)
-        return self._position
-
-    @position.setter
-    def position(self, place: tuple[float, ...]) -> None:
-        time.sleep(0.1)
-        self._position = place
-
-
-class Window:
-    client_id, atomic = 7, staticmethod(nullcontext)
-
-    def __init__(self) -> None:
-        self.camera = SlowCamera()
-
-
-CENTER = np.array([0.0, 3.0, 0.0])
-
-
-def together(*calls) -> None:
-    threads = [threading.Thread(target=call) for call in calls]
-    for thread in threads:
-        thread.start()
-        time.sleep(0.02)
-    for thread in threads:
-        thread.join()
-
-
-def test_two_presses_at_once_follow_and_stay():
-    follower, window = Follower(), Window()
-    together(*[lambda: follower.toggle(window, CENTER, 2.0)] * 2)
-    assert not follower.follows(window)
-    np.testing.assert_allclose(window.camera.look_at, CENTER)
-    np.testing.assert_allclose(window.camera.position, CENTER + [0.0, 0.0, 2.0])
-
-
-def test_a_press_while_it_is_drawn_ends_following():
-    follower, window = Follower(), Window()
-    follower.toggle(window, CENTER, 2.0)
-    together(lambda: follower.follow({7: window}, CENTER + 1.0), lambda: follower.toggle(window, CENTER, 2.0))
-    assert not follower.follows(window)
-
-
-def test_a_window_that_closed_is_forgotten():
-    follower, window = Follower(), Window()
-    follower.toggle(window, CENTER, 2.0)
-    follower.follow({}, CENTER)
-    assert not follower.follows(window)
 
 
 PAGE = """
@@ -394,34 +298,6 @@ def test_the_process_ends_with_the_page(killed: bool, tmp_path):
     assert list(tmp_path.rglob(f"*_p{ahead}_*")) == []
 
 
-def test_clicks_at_once_leave_one_sphere_that_is_coming():
-    """Each click has a thread, and all foresee a sphere of one name while pictures are drawn: none fails."""
-    viser = pytest.importorskip("viser")
-    from balloon_warp.studio.page.layers import Layers
-    from balloon_warp.studio.page.server import free_port
-
-    server = viser.ViserServer(port=free_port("127.0.0.1", 0), verbose=False)
-    session = Session("ball", ball(), "cpu", Path())
-    layers, interval = Layers(server, lambda event: None), sys.getswitchinterval()
-    sys.setswitchinterval(1e-6)  # so that threads take turns in the middle of it
-    try:
-        picture = session.picture
-        layers.draw(picture)
-
-        def click(number: int) -> None:
-            layers.draw_pending_sphere(
-                np.array([0.0, float(number), 0.0]), 0.1, (10, 20, 30), number % 2 * (picture.executed + 1)
-            )
-
-        with ThreadPoolExecutor(8) as threads:
-            begun = [threads.submit(click, number) for number in range(40)]
-            for each in (*begun, threads.submit(layers.draw, picture)):
-                each.result()
-    finally:
-        sys.setswitchinterval(interval)
-        server.stop()
-
-
 def on_a_string(**fields) -> Scene:
     fields = {"ground": Ground(height=-1.0), "normals": "cached"} | fields
     inflation = Inflation(k_normal=[(0.0, 0.2), (9.0, 1.0)])
@@ -469,13 +345,6 @@ def play_with_all(playground: Playground) -> None:
     steps(playground, 3)
 
 
-def rewritten(scene: Scene, folder: Path) -> Scene:
-    """Return a scene, written to a file and read again."""
-    path = folder / "again.toml"
-    path.write_text(scene_toml(scene, folder), encoding="utf-8")
-    return load_scene(path)
-
-
 def assert_replayed(device, replay, played):
     """Require the same bits; on a GPU, where kernels depend on the number of spheres, the same up to rounding."""
     np.testing.assert_allclose(replay, played, rtol=0, atol=0 if device == "cpu" else 1e-4 * np.abs(played).max())
@@ -487,21 +356,6 @@ def test_the_journal_replays(device):
     again = replayed(playground)
     assert_replayed(device, again.state.points.numpy()[0], playground.points)
     assert_replayed(device, again.state.velocities.numpy(), playground.simulator.state.velocities.numpy())
-
-
-def test_the_journal_replays_from_its_file(device, tmp_path):
-    playground = Playground(load_scene("squirrel_tether"), device)
-    steps(playground, 2)
-    playground.set("gravity", 1.0 / 3.0)
-    playground.grab("hand", 100, playground.points[100] + [0.1, 0.0, 0.0])
-    steps(playground, 2)
-    again = advanced(Simulator(rewritten(playground.journal.scene(4), tmp_path), device), 4)
-    assert_replayed(device, again.points[0], playground.points)
-
-
-@pytest.mark.parametrize("name", bundled_scenes())
-def test_a_scene_survives_being_written(name, tmp_path):
-    assert rewritten(load_scene(name), tmp_path) == load_scene(name)
 
 
 def test_the_default_pressure_is_a_number_that_stays(device):
@@ -519,12 +373,6 @@ def test_the_default_pressure_is_a_number_that_stays(device):
     assert playground.inflation == pytest.approx(0.5 * risen)
 
 
-def test_odd_texts_survive_being_written(tmp_path):
-    mesh = Path(bundled_scenes()["squirrel_inflate"]).parent / "squirrel.obj"
-    scene = Scene(description='"quoted" \\ \n \u0007 é', balloon=[Balloon(mesh=mesh)])
-    assert rewritten(scene, tmp_path) == scene
-
-
 @pytest.mark.parametrize("touched", [0, 4])
 def test_touching_ends_what_was_planned(device, touched):
     planned = [Change(time=2 / 60, set={"gravity": 3.0}), Change(time=6 / 60, set={"gravity": 50.0})]
@@ -540,25 +388,6 @@ def test_touching_ends_what_was_planned(device, touched):
     assert_replayed(device, replayed(playground).state.points.numpy()[0], playground.points)
 
 
-def test_an_untouched_scene_is_played_as_planned(device):
-    later, late = [Change(time=2 / 60, set={"gravity": 50.0})], [Sphere(position=(0, 0, 0), start=3 / 60)]
-    playground = Playground(on_a_string(change=later, sphere=late), device)
-    steps(playground, 6)
-    np.testing.assert_array_equal(replayed(playground).state.points.numpy()[0], playground.points)
-    assert playground.simulator.model.parameters["gravity"].numpy() == 50.0
-
-
-def test_a_thrown_sphere_dents_the_balloon(device):
-    playground = Playground(on_a_string(), device)
-    steps(playground, 10)
-    before = volume(playground)
-    top = playground.points[:, 1].max()
-    playground.throw(np.array([0.0, top + 0.3, 0.0]), np.array([0.0, -4.0, 0.0]), 0.25, 2.0)
-    steps(playground, 10)
-    assert playground.points[:, 1].max() < top - 0.1
-    assert volume(playground) != before
-
-
 def test_a_hand_pulls_the_balloon(device):
     playground = Playground(on_a_string(ground=None), device)
     playground.cut_all()
@@ -570,17 +399,6 @@ def test_a_hand_pulls_the_balloon(device):
     assert playground.points[:, 0].mean() > still.points[:, 0].mean() + 0.05
     playground.release("hand")
     assert (playground.live.string, playground.hands) == ([], {})
-
-
-def test_reset_goes_back_to_the_start(device):
-    playground = Playground(on_a_string(), device)
-    start = playground.moment()
-    play_with_all(playground)
-    playground.reset()
-    assert playground.frame == 0
-    assert playground.live is playground.start
-    for name, values in playground.moment().state.items():
-        np.testing.assert_array_equal(values, start.state[name], err_msg=name)
 
 
 def test_a_moment_brings_everything_back(device):
@@ -629,26 +447,6 @@ def test_what_takes_too_many_substeps_is_refused_unless_they_stay():
     playground.set("balloon.stiffness.structural", 1e7)
 
 
-def test_every_solver_and_correction_replays(device):
-    playground = Playground(on_a_string(), device)
-    for field, values in (("solver", ("projective", "symplectic_euler")), ("correction", ("provot", "none"))):
-        for value in values:
-            playground.set(field, value)
-            steps(playground, 2)
-            playground.throw(np.array([2.0, 1.5, 0.0]), np.zeros(3), 0.1, 1.0)
-            steps(playground, 2)
-    assert_replayed(device, replayed(playground).state.points.numpy()[0], playground.points)
-
-
-@pytest.mark.parametrize(("path", "value"), [("balloon.mass", -1.0), ("balloon.helium", "a lot"), ("nonsense", 1.0)])
-def test_a_wrong_value_changes_nothing(path, value):
-    playground = Playground(on_a_string(), "cpu")
-    with pytest.raises(InputError):
-        playground.set(path, value)
-    assert playground.live is playground.start
-    playground.step()
-
-
 def test_a_journal_does_not_grow_forever(monkeypatch):
     monkeypatch.setattr(journal, "LONGEST", 5)
     playground = Playground(on_a_string(), "cpu")
@@ -680,12 +478,3 @@ def test_bundled_scenes_can_be_played_with(name):
     steps(playground, 1)
     assert np.isfinite(playground.points).all()
     np.testing.assert_array_equal(replayed(playground).state.points.numpy()[0], playground.points)
-
-
-def test_wind_carries_a_balloon_along(device):
-    playground = Playground(on_a_string(ground=None), device)
-    steps(playground, 2)
-    was = playground.points[:, 0].mean()
-    playground.blow([5.0, 0.0, 0.0])
-    steps(playground, 20)
-    assert playground.points[:, 0].mean() > was + 0.05

@@ -284,19 +284,6 @@ def test_wind_gravity_and_a_string_from_an_empty(scene: Any):
     assert scene.balloon_warp.remarks.startswith("Vortex: only wind acts on balloons")
 
 
-def test_a_volume_follows_its_keyframes(scene: Any):
-    subdivide(cube(), 2)
-    inflate(cube(), lift=9.81)
-    for frame, volume in ((1, 1.0), (25, 2.0)):
-        cube().balloon_warp.volume = volume
-        cube().balloon_warp.keyframe_insert("volume", frame=frame)
-    bake()
-    pressures = np.array(requested().scene.balloon[0].inflation.pressure)[:, 1]
-    assert pressures[0] == 0.0
-    assert (np.diff(pressures) > 0.0).all()
-    assert_simulated([cube()])
-
-
 def test_meshes_of_all_kinds_keep_their_vertices(scene: Any):
     """N-gons with a loose vertex, seams, one mesh with two users, and a modifier below that refines the result."""
     scene.frame_start, scene.frame_end = 5, 9
@@ -551,20 +538,6 @@ def test_the_add_on_goes_and_comes_back_with_what_the_file_keeps(scene: Any):
     assert cube().balloon_warp.mass == 3.0
 
 
-def test_properties_outlast_saving(scene: Any, tmp_path: Path):
-    inflate(cube(), material="LATEX", inflate="LITRES", litres=3.0, pinned="", burst="NEEDLE", burst_frame=7)
-    cube().balloon_warp.string = bpy.data.objects.new("Hook", None)
-    scene.balloon_warp.ground_height = -2.0
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "film.blend"))
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "film.blend"))
-    kept = cube().balloon_warp
-    assert (kept.role, kept.material, kept.inflate, kept.litres) == ("BALLOON", "LATEX", "LITRES", 3.0)
-    assert (kept.burst, kept.burst_frame) == ("NEEDLE", 7)
-    assert kept.string == bpy.data.objects["Hook"]
-    assert bpy.context.scene.balloon_warp.ground_height == -2.0
-    assert modifiers.find(cube())
-
-
 def of_library(tmp_path: Path, scene: Any) -> Any:
     """Return the collection of a library with the cube, linked into a new file."""
     parts = bpy.data.collections.new("Parts")
@@ -610,8 +583,6 @@ MISTAKES = {
     "gravity": (lambda: setattr(bpy.context.scene, "gravity", (1.0, 0.0, 0.0)), "gravity has a part along X"),
     "frames": (lambda: setattr(bpy.context.scene, "frame_end", 1), "frame range ends"),
     "levels": (lambda: cube().modifiers.move(add_levels(), 0), "Cube: its modifier Subdivision, above Balloon"),
-    "no touch": (lambda: (setattr(bpy.context.scene.balloon_warp, "touch", False), bend()), "Plane: bends, and"),
-    "burst": (lambda: (setattr(cube().balloon_warp, "material", "FOIL"), burst(), bend()), "Cube: may burst, and"),
     "instance": (lambda: instance(), "Bag: is an instance alone"),
     "faces come": (lambda: (bend(), keyed(add_array(), "count", 2, 3)), "Plane: has 12 vertices in a later frame"),
 }
@@ -630,10 +601,6 @@ def add_levels() -> int:
 
 def add_array() -> Any:
     return bpy.data.objects["Plane"].modifiers.new("Array", "ARRAY")
-
-
-def burst() -> None:
-    cube().balloon_warp.burst = "STRESS"
 
 
 def bend() -> None:
