@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 import trimesh
 import warp as wp
-from conserved import tube
 from feature_sets import feature_set
 from meshes import box, cube, grid, hook, joined, mesh_of, quad_sphere
 from scipy.spatial.transform import Rotation
@@ -29,24 +28,14 @@ from balloon_warp import (
 )
 from balloon_warp.kernels import OPTIONS
 from balloon_warp.kernels.contact.boxes import (
-    SPARE,
-    box_balloons,
     lining_function,
     nearing_function,
 )
-from balloon_warp.kernels.contact.free_frames import (
-    FREE,
-    OwnParts,
-    find_strayed_balloons,
-    min_distance_between,
-    place_part,
-)
 from balloon_warp.kernels.contact.search import next_of_eight
 from balloon_warp.kernels.contact.spheres import part_until_face
-from balloon_warp.kernels.laws.contact import NEAR_BODY, NEVER
+from balloon_warp.kernels.laws.contact import NEVER
 from balloon_warp.kernels.laws.touch import facing_of, part_until_contact
-from balloon_warp.kernels.loops.contact import A_STEP, solid_function
-from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.working import PAIRS, Working
 from balloon_warp.lab.reference.contact import edge_edge, point_triangle
 from balloon_warp.mesh.crossings import find_crossings
@@ -56,27 +45,10 @@ from balloon_warp.mesh.thickness import nears_itself, standing
 from balloon_warp.mesh.topology import triangulate
 from balloon_warp.model import build_model, plan_model
 from balloon_warp.model.shape import shape_balloon
-from balloon_warp.model.state import Allocating
-from balloon_warp.model.touch import APART, bends_freely, edge_length
+from balloon_warp.model.touch import bends_freely
 from balloon_warp.scene import Ground, Inflation, Stiffness
 from balloon_warp.scene.load import override_scene
 from balloon_warp.scene.write import write_scene
-from balloon_warp.schedules.framing import own_parts, own_parts_arrays
-from balloon_warp.schedules.tables import world_state
-from balloon_warp.system.warp_threads import launch_tiled
-
-
-@wp.kernel(enable_backward=False)
-def place_all(own: OwnParts, points: wp.array2d[wp.vec3], before: wp.array2d[wp.vec3], drift: wp.vec3):
-    part = wp.tid()
-    place_part(own, 0, part, points, before, drift)
-
-
-@wp.kernel(enable_backward=False)
-def bound_all(own: OwnParts, found: wp.array2d[float]):
-    one = wp.tid()
-    for other in range(found.shape[1]):
-        found[one, other] = min_distance_between(own, 0, one, other)
 
 
 def bent(mesh: PolygonMesh, radius: float) -> np.ndarray:
@@ -84,85 +56,6 @@ def bent(mesh: PolygonMesh, radius: float) -> np.ndarray:
     x, y, z = mesh.points.T
     arc = np.stack([(radius - y) * np.sin(x / radius), radius - (radius - y) * np.cos(x / radius), z], axis=1)
     return 1.2 * Rotation.from_euler("xyz", [20.0, 40.0, 70.0], degrees=True).apply(arc) + 3.0
-
-
-@pytest.mark.parametrize("radius", [1e6, 4.0, 1.0])
-def test_no_two_parts_of_a_balloon_are_nearer_than_their_bound(radius: float):
-    """The bound is for all particles that may touch, far apart at the start; where nothing bends it says much."""
-    mesh = tube(17, 12)
-    model = build_model(Scene(balloon=[Balloon(mesh=mesh)], touch=Touch(itself=True)), "cpu")
-    own, points = own_parts(model), bent(mesh, radius)
-    for name, array in own_parts_arrays(model, Allocating(model.device)).items():
-        setattr(own, name, array)
-    count = len(own.balloons)
-    found = wp.zeros((count, count), dtype=float, device="cpu")
-    before, drift = points + np.random.default_rng(2).uniform(-0.3, 0.3, points.shape), np.array([0.2, 0.1, -0.3])
-    given = [wp.array(each[None], dtype=wp.vec3, device="cpu") for each in (points, points, before)]
-    wp.launch(place_all, count, [own, given[0], given[2], wp.vec3(*drift)], device="cpu")
-    first, particles = own.first.numpy(), own.particles.numpy()
-    parts = [particles[begin:end] for begin, end in pairwise(first)]
-    both = np.stack([points, before + drift])
-    around = [(both[:, part].min(axis=(0, 1)), both[:, part].max(axis=(0, 1))) for part in parts]
-    np.testing.assert_allclose(own.boxes.numpy()[0], around, atol=1e-6)
-    wp.launch(place_all, count, [own, *given[:2], wp.vec3()], device="cpu")
-    wp.launch(bound_all, count, [own, found], device="cpu")
-    rest, now = (np.linalg.norm(each[:, None] - each, axis=-1) for each in (mesh.points, points))
-    now[rest < APART * edge_length(mesh)] = np.inf
-    gaps = np.array([[now[np.ix_(one, other)].min() for other in parts] for one in parts])
-    assert (found.numpy() <= gaps + 1e-6).all()
-    far = np.isfinite(gaps) & (gaps > 0.5)
-    assert radius < 1e6 or (found.numpy()[far] > 0.3 * gaps[far]).all()
-
-
-def test_no_particle_that_may_meet_a_sphere_is_left_out_early():
-    """The early test looks at twice a particle's way, as does `comes_near`."""
-    simulator = Simulator(feature_set("spheres"), "cpu", schedule="gather")
-    solid_at = solid_function(simulator.schedule.features)
-
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def reach_all(t: Tables, state: WorldState, found: wp.array[float]):  # pyright: ignore[reportGeneralTypeIssues]
-        solid = wp.tid()
-        _center, _motion, reach = solid_at(t, state, 0, solid, 0.0)
-        found[solid] = reach
-
-    radii = np.array([sphere.radius for sphere in feature_set("spheres").sphere])
-    found = wp.zeros(len(radii), dtype=float, device="cpu")
-    wp.launch(reach_all, len(radii), [simulator.schedule.tables, world_state(simulator.state), found], device="cpu")
-    rng = np.random.default_rng(4)
-    for radius, reach in zip(radii, found.numpy(), strict=True):
-        distances, lengths = radius * rng.uniform(0.9, 2.0, 20_000), radius * rng.uniform(0.0, 0.5, 20_000)
-        towards = rng.normal(size=(20_000, 3)) * 0.1 - (1.0, 0.0, 0.0)
-        way = (lengths / np.linalg.norm(towards, axis=1))[:, None] * towards
-        end = distances[:, None] * (1.0, 0.0, 0.0)
-        part = np.clip(-(end * way).sum(axis=1) / np.maximum((way**2).sum(axis=1), 1e-12), -1.0, 1.0)
-        comes = np.linalg.norm(end + part[:, None] * way, axis=1) < float(NEAR_BODY) * radius
-        looks = distances**2 < reach + float(A_STEP) * lengths**2
-        assert looks[comes].all()
-        assert looks.mean() < 0.9
-
-
-def test_boxes_hold_what_particles_sweep_until_the_next_search():
-    """Boxes have where particles are and will be by their speeds, and how far they have come since the last search."""
-    simulator = Simulator(feature_set("touch"), "cpu", schedule="gather")
-    simulator.step_unread()
-    t, working, state = simulator.schedule.tables, simulator.schedule.launches.working, simulator.state
-    dim = (1, simulator.model.balloon_count)
-    launch_tiled(
-        box_balloons, dim, [t, state.points, state.velocities, 0, working], block_dim=1, device=simulator.model.device
-    )
-    points, sought = state.points.numpy()[0], working.sought.numpy()[0]
-    way = t.touch.seconds * state.velocities.numpy()[0]
-    both, speed = np.stack([points, points + way]), np.linalg.norm(way, axis=1) / t.touch.seconds
-    moved = np.linalg.norm(points - sought, axis=1)
-    straying, slack = moved + t.touch.seconds * speed, t.touch.slack.numpy()
-    for balloon, (begin, end) in enumerate(pairwise(simulator.model.particle_offsets)):
-        lower, upper, pace = working.balloon_boxes.numpy()[0, balloon]
-        np.testing.assert_allclose(lower, both[:, begin:end].min(axis=(0, 1)), atol=1e-6)
-        np.testing.assert_allclose(upper, both[:, begin:end].max(axis=(0, 1)), atol=1e-6)
-        strayed = straying[begin:end].max() > float(SPARE) * slack[balloon]
-        np.testing.assert_allclose(
-            pace, [speed[begin:end].max(), strayed, moved[begin:end].max()], rtol=1e-5, atol=1e-6
-        )
 
 
 def test_a_particle_looks_at_the_balloons_whose_boxes_its_way_meets():
@@ -264,28 +157,6 @@ def searched(device: str) -> tuple[Any, Any, np.ndarray, np.ndarray]:
     t = schedule.tables
     velocities = state.velocities.numpy()[0].astype(float)
     return t, schedule.launches.working, state.points.numpy()[0].astype(float), t.touch.seconds * velocities
-
-
-def test_leaves_list_those_whose_boxes_meet_theirs():
-    """Each leaf's box holds its triangles' sweeps; those of balloons too fast for clearances list those near them."""
-    t, working, points, ways = searched("cpu")
-    leaves, triangles, first = (getattr(t.touch, name).numpy() for name in ("leaves", "triangles", "balloon_leaves"))
-    both = np.stack([points, points + ways])
-    boxes = working.leaf_boxes.numpy()[0].reshape(-1, 2, 4)[..., :3]
-    for (begin, end, *_edges), (lower, upper) in zip(leaves, boxes, strict=True):
-        swept = both[:, triangles[begin:end].ravel()]
-        np.testing.assert_allclose(lower, swept.min(axis=(0, 1)), atol=1e-6)
-        np.testing.assert_allclose(upper, swept.max(axis=(0, 1)), atol=1e-6)
-    counts, listed = working.near_leaf_counts.numpy()[0], working.near_leaves.numpy()[0]
-    owners = np.repeat(np.arange(len(first) - 1), np.diff(first))
-    listing = np.flatnonzero(counts >= 0)
-    assert set(owners[listing]) == {len(first) - 2}
-    for leaf in listing:
-        pad = float(t.touch.thickness.numpy()[owners[leaf]] + 2.0 * t.touch.slack.numpy()[owners[leaf]])
-        apart = np.maximum(boxes[leaf, 0] - boxes[:, 1], boxes[:, 0] - boxes[leaf, 1]).max(axis=1)
-        near = np.flatnonzero((owners == owners[leaf]) & (apart <= pad))
-        np.testing.assert_array_equal(np.sort(listed[leaf, : counts[leaf]]), near)
-    assert 1 < counts[listing].min() < counts[listing].max() < len(leaves)
 
 
 def test_edges_are_listed_that_may_touch_until_the_next_search(device: str):
@@ -530,15 +401,6 @@ def test_rotations_go_about_x_then_y_then_z():
     assert placed(90, 90, 90) == pytest.approx([3, 2, -1], abs=1e-12)  # z first would give (3, -1, 2)
 
 
-def test_the_seed_chooses_the_draws_of_stiffness():
-    def scales(seed: int) -> np.ndarray:
-        balloon = Balloon(mesh=quad_sphere(3), stiffness=Stiffness(variation=0.5, seed=seed))
-        return shape_balloon(balloon, Scene(balloon=[balloon])).stiffness_scale
-
-    np.testing.assert_array_equal(scales(1), scales(1))
-    assert np.abs(scales(1) - scales(2)).max() > 0.1  # of 312 draws in a range of 1
-
-
 @pytest.mark.parametrize(("particle", "height"), [("highest", 1.0), ("lowest", 0.0)])
 def test_a_string_holds_a_particle_of_a_face(particle: Literal["highest", "lowest"], height: float):
     mesh = joined(mesh_of([(0, 50, 0), (0, -50, 0)], []), cube())  # after two vertices of no face
@@ -594,24 +456,3 @@ def test_a_mesh_by_itself_stands_and_says_why(up: str, tmp_path: Path):
     turned = load_scene(path, {"balloon.up": other})
     assert (turned.up_axis, turned.balloon[0].up) == (other, other)
     assert turned.description.endswith(f"{other} is up, as given")
-
-
-@pytest.mark.parametrize("axis", range(3))
-def test_a_balloon_strays_by_its_motion_along_any_axis(axis: int):
-    """Particles move by 0.2 m along an axis, every other one back: by 0.4 m in all."""
-    count, moves = 8, np.zeros((1, 8, 3))
-    moves[0, :, axis] = 0.2 * (-1.0) ** np.arange(count)
-    seen = np.random.default_rng(4).normal(size=moves.shape)
-    t, now, own = Tables(), WorldState(), OwnParts()
-    t.particles.offsets = wp.array([0, count], dtype=wp.int32, device="cpu")
-    t.touch.thickness = wp.array([0.01], dtype=float, device="cpu")
-    now.points = wp.array(seen + moves, dtype=wp.vec3, device="cpu")
-    own.needs_check = wp.zeros((1, 1), dtype=wp.int32, device="cpu")
-    own.drifts = wp.zeros((1, 1), dtype=wp.vec3, device="cpu")
-    verdicts, found = wp.array([int(FREE)], dtype=wp.int32, device="cpu"), []
-    for room in (0.3, 0.5):
-        rooms = wp.array([[room]], dtype=float, device="cpu")
-        given = [t, verdicts, now, now, wp.array(seen, dtype=wp.vec3, device="cpu"), rooms, own]
-        launch_tiled(find_strayed_balloons, dim=[1, 1], inputs=given, block_dim=1, device=wp.get_device("cpu"))
-        found.append(int(own.needs_check.numpy()[0, 0]))
-    assert found == [1, 0]
