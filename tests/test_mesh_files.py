@@ -35,12 +35,9 @@ FORMS = {
     "no final newline": SQUARE + b"f 1 2 3 4",
     "weights": b"v 0 0 0 1.0\nv 1 0 0 1\nv 1 1 0 1\nv 0 1 0 1\nf 1 2 3 4\n",
     "colors": b"v 0 0 0 .1 .2 .3\nv 1 0 0 1 1 1\nv 1 1 0 0 0 0\nv 0 1 0 1e-3 0 0\nf 1 2 3 4\n",
-    "weights and colors": b"v 0 0 0 1 .1 .2 .3\nv 1 0 0 1 1 1 1\nv 1 1 0 1 0 0 0\nv 0 1 0 1 0 0 0\nf 1 2 3 4\n",
     "forms of numbers": b"v 0 -0.0 +0\nv 1e0 0. .0\nv 10E-1 +1.0 0\nv 0e5 1.000 0\nf 1 2 3 4\n",
     "texture coordinates": SQUARE + b"vt 0 0\nvt 1 1\nf 1/1 2/2 3/1 4/2\n",
-    "normals": SQUARE + b"vn 0 0 1\nf 1//1 2//1 3//1 4//1\n",
     "texture coordinates and normals": SQUARE + b"vt 0 0\nvn 0 0 1\nf 1/1/1 2/1/1 3/1/1 4/1/1\n",
-    "negative indices": SQUARE + b"f -4 -3 -2 -1\n",
     "negative indices with normals": SQUARE + b"vn 0 0 1\nf -4//-1 -3//-1 -2//-1 -1//-1\n",
     "mixed indices": SQUARE + b"f 1 -3 3/7 -1\n",
     "a face above its vertices": b"f 1 2 3 4\n" + SQUARE,
@@ -87,33 +84,23 @@ def test_polygons_objects_and_unused_vertices_stay_in_place(tmp_path: Path) -> N
 CORNERS = b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 BAD = {
     "empty": (b"", ": has no vertices (no line begins with v)"),
-    "no vertices": (b"f 1 2 3\nvn 0 0 1\n", ": has no vertices (no line begins with v)"),
     "no faces": (CORNERS, ": has no faces (no line begins with f)"),
     "NaN": (b"v 0 0 0\nv nan 0 0\n" + CORNERS + b"f 1 2 3\n", ", line 2: coordinates must be finite"),
-    "infinity": (CORNERS + b"v 0 -inf 0\nf 1 2 3\n", ", line 4: coordinates must be finite"),
     "float32 overflow": (b"v 0 0 3.5e38\n" + CORNERS + b"f 1 2 3\n", ", line 1: coordinates must be finite and fit"),
-    "float64 overflow": (b"v 0 1e999 0\n" + CORNERS + b"f 1 2 3\n", ", line 1: coordinates must be finite"),
     "two coordinates": (CORNERS + b"v 1 2\n", ", line 4: a vertex needs three coordinates, not 2 (got 'v 1 2')"),
-    "no coordinates": (b"v\n", ", line 1: a vertex needs three coordinates, not 0"),
     "no number": (b"#\n#\nv 3.1+e2 0 0\n", ", line 3: coordinates must be decimal numbers (got 'v 3.1+e2 0 0')"),
-    "decimal commas": (b"v 1,5 2,5 3,5\n", ", line 1: coordinates must be decimal numbers (got 'v 1,5 2,5 3,5')"),
     "Python's digit groups": (b"v 1_0 0 0\n", ", line 1: coordinates must be decimal numbers"),
     "a word for a weight": (b"v 0 0 0 heavy\n", ", line 1: coordinates must be decimal numbers"),
     "index 0": (CORNERS + b"f 0 1 2\n", ", line 4: vertex numbers begin at 1, not 0 (got 'f 0 1 2')"),
     "past the end": (CORNERS + b"f 1 2 3\nf 1 2 4\n", ", line 5: there is no vertex 4, the file has 3"),
-    "past the end, at a corner": (CORNERS + b"f 1 2 3\nf 4 1 2\n", ", line 5: there is no vertex 4, the file has 3"),
     "before the start": (CORNERS + b"f -1 -2 -4\n", ", line 4: there is no vertex -4, only 3 stand above this line"),
     "negative before its vertices": (b"f -1 -2 -3\n" + CORNERS, ", line 1: there is no vertex -1, only 0 stand above"),
     "fraction": (CORNERS + b"f 1 2 3.0\n", ", line 4: vertex numbers must be integers (got 'f 1 2 3.0')"),
-    "no index": (CORNERS + b"f 1 2 /3\n", ", line 4: vertex numbers must be integers"),
     "grouped index": (CORNERS + b"f 1 2 0_3\n", ", line 4: vertex numbers must be integers"),
     "33 bits": (CORNERS + b"f 1 2 4294967297\n", ", line 4: there is no vertex 4294967297, which takes more than 32"),
-    "80 bits": (CORNERS + b"f 1 2 1" + b"0" * 24 + b"\n", ", line 4: there is no vertex 1000000000000000000000000,"),
     "two corners": (CORNERS + b"f 1 2\n", ", line 4: a face needs three corners or more, not 2 (got 'f 1 2')"),
-    "no corners": (CORNERS + b"f\n", ", line 4: a face needs three corners or more, not 0"),
     "a bad line after a continued one": (b"v 0 \\\n 0 \\\n 0\nv 1 x 0\n", ", line 4: coordinates must be decimal"),
     "UTF-16": ("v 0 0 0\n".encode("utf-16"), ": is binary or UTF-16, not the plain text of an OBJ file"),
-    "UTF-16 without a mark": ("v 0 0 0\n".encode("utf-16-le"), ": is binary or UTF-16"),
     "binary": (b"\x7fELF\x02\x01\x00\x00v 0 0 0\n", ": is binary or UTF-16"),
 }
 
@@ -134,10 +121,11 @@ def test_writing_and_reading_gives_the_same_mesh(tmp_path: Path) -> None:
     # All sizes of float64 that a float32 can hold, and values without a short decimal form.
     points = random.normal(size=(12, 3)) * 10.0 ** random.integers(-30, 30, size=(12, 3))
     points[0] = (1 / 3, np.nextafter(1.0, 2.0), -0.0)
-    mesh = replace(prism(6), points=points)
+    mesh = textured(replace(prism(6), points=points))
     write_obj(tmp_path / "mesh.obj", mesh)
     again = read_obj(tmp_path / "mesh.obj")
     assert again.points.tobytes() == mesh.points.tobytes()
+    np.testing.assert_array_equal(again.texture_coordinates, mesh.texture_coordinates)
     assert again.face_vertex_counts.tolist() == mesh.face_vertex_counts.tolist()
     assert again.face_vertex_indices.tolist() == mesh.face_vertex_indices.tolist()
 
@@ -169,13 +157,9 @@ TRIANGLE = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 MANY = {
     "vertices": b"v 0 0 0\n" * 20_000 + TRIANGLE,
     "faces": TRIANGLE + b"f 1 2 3\n" * 20_000,
-    "large faces": TRIANGLE + (b"f" + b" 1 2" * 2000 + b"\n") * 20,
     "empty comments": b"##\n" * 50_000 + TRIANGLE,
-    "a long comment": b"# " * 50_000 + b"\n" + TRIANGLE,
-    "returns": TRIANGLE + b"\r\n" * 50_000,
     "continued lines": TRIANGLE[:-1] + b"\\\n" * 50_000,
     "continued words": b"ab\\\n" * 50_000 + b"\n" + TRIANGLE,
-    "words": b"vt" + b" 1" * 50_000 + b"\n" + TRIANGLE,
 }
 
 
@@ -287,11 +271,9 @@ def test_quads_of_a_ply_become_triangles_and_those_of_an_obj_do_not(tmp_path: Pa
     ("name", "content"),
     [
         ("empty.stl", b""),
-        ("short.stl", bytes(80) + struct.pack("<I", 9)),
         ("text.ply", b"ply\nnonsense"),
         ("text.off", b"OFF\n1 2"),
         ("text.glb", b"glTF1234"),
-        ("none.gltf", b"{}"),
         ("text.gltf", b"nonsense"),
     ],
 )
@@ -539,9 +521,7 @@ def test_a_prim_is_named_in_a_scene_and_on_the_command_line(stage: Usd.Stage, tm
     [
         ("points", None, "/cube: has no points"),
         ("points", [], "/cube: has 0 vertices and 6 faces; expected both"),
-        ("points", [(0, 0, 0)], "/cube: a face refers to point 7; expected 0 to 0"),
         ("points", [(float("nan"), 0, 0)] * 8, "/cube: vertex 1: coordinates must be finite"),
-        ("faceVertexCounts", None, "/cube: has no faceVertexCounts"),
         ("faceVertexCounts", [4] * 5, "/cube: the face sizes add up to 20 corners, but 24 are given"),
         ("faceVertexCounts", [2, 6, 4, 4, 4, 4], "/cube: face 1: a face needs three corners or more (got 2)"),
         ("faceVertexIndices", [-1] * 24, "/cube: a face refers to point -1; expected 0 to 7"),
