@@ -26,17 +26,14 @@ from meshes import cube, open_cube, quad_sphere
 from pxr import Usd, UsdGeom
 from pyarrow import parquet
 
-from balloon_warp import Ground, InputError, MissingExtraError, PolygonMesh, Simulator, run_batch
+from balloon_warp import InputError, MissingExtraError, PolygonMesh, Simulator, run_batch
 from balloon_warp.batch import table
 from balloon_warp.batch.batch import BatchSummary
-from balloon_warp.batch.recorder import Recorder, columns_of, describe_columns, plan_groups
-from balloon_warp.batch.task import BatchOutput, BatchTask, Failures, batch_checkpoints, describe_batch
-from balloon_warp.blow_ups import BlowUp, Pull
-from balloon_warp.farm import cluster
-from balloon_warp.farm.cluster import FAILURES, ShareJournal
+from balloon_warp.batch.recorder import Recorder, columns_of, describe_columns
+from balloon_warp.batch.task import BatchOutput
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.mesh.topology import signed_volume, total_area
-from balloon_warp.run.checkpoints import Checkpoints, Part
+from balloon_warp.run.checkpoints import Part
 from balloon_warp.scene import Balloon, Box, Inflation, Scene, Sphere, Stiffness
 from balloon_warp.system.files import PAD, decimals
 from balloon_warp.usd import stage as growing
@@ -429,21 +426,6 @@ def test_rows_without_their_stage_are_never_there(tmp_path, monkeypatch):
     assert resumed(out, export=[1]) == [f"resuming after frame 1, from {out / 'partial'}"]
 
 
-def test_rows_without_their_state_are_never_there(tmp_path, monkeypatch):
-    """Rows without their state do not count, as a kill between the two leaves them."""
-    save_state = Checkpoints.save_state
-
-    def kill(self: Checkpoints, frame: int, *state: Any) -> None:
-        if frame == 2:
-            raise RuntimeError("killed")
-        save_state(self, frame, *state)
-
-    monkeypatch.setattr(Checkpoints, "save_state", kill)
-    with pytest.raises(RuntimeError, match="killed"):
-        run(tmp_path, checkpoint_seconds=OFTEN)
-    assert sorted(path.name for path in (tmp_path / "partial").glob("rows_*")) == ["rows_000000.npz", "rows_000001.npz"]
-
-
 def test_a_disk_that_fills_up_leaves_what_was_saved(stopped: Path):
     with files_limited_to(2000), pytest.raises(InputError, match=r"\A.*(state|rows)_.*: cannot be written: .*\Z"):
         run(stopped, resume=True, checkpoint_seconds=OFTEN)
@@ -472,47 +454,3 @@ def test_a_state_without_its_rows_is_not_gone_on_from(stopped: Path):
     """A kill between the two leaves it like that."""
     (stopped / "partial" / "state_000003_0000.npz").write_bytes(b"of a frame whose rows are not there")
     assert resumed(stopped) == [f"resuming after frame 2, from {stopped / 'partial'}"]
-
-
-BALL = Balloon(mesh=quad_sphere(3), position=(0, 2, 0), inflation=Inflation(k_normal=0.2))
-SCENE = Scene(balloon=[BALL], ground=Ground(), frames=6, substeps=40)
-
-
-def test_what_blew_up_in_a_share_is_kept_with_it():
-    spring = Pull("the structural spring to particle 7", 3.5, stretch=np.inf)
-    blow_up = BlowUp(5, 2, 40, 1e-4, "particle 7", 3, np.inf, spring, touched=("the ground",), stable_step=2e-5)
-    failures = Failures([blow_up], {3: 80, 11: 160})
-    assert FAILURES.validate_python(json.loads(json.dumps(FAILURES.dump_python(failures)))) == failures
-
-
-@pytest.mark.full
-def test_shares_that_are_done_are_taken_up_with_what_became_of_them(device: str, tmp_path, monkeypatch):
-    monkeypatch.setitem(cluster.GRAIN, "cpu", cluster.Grain(1, 1))
-    vary = {"balloon.inflation.k_normal": [9e11, 0.2, 0.3, 0.4]}
-    task = BatchTask(SCENE, plan_groups(SCENE, 4, vary), vary, np.array([0, 3]), tmp_path, on_blowup="restart")
-    cut = cluster.cut_into_shares(task.groups, "cpu")
-
-    def journal(output: BatchOutput, resume: bool) -> ShareJournal:
-        notes: list[str] = []
-        safe = batch_checkpoints(task, describe_batch(task), 0.0, resume, notes.append)
-        return ShareJournal(task, output, safe, "cpu")
-
-    with BatchOutput(task, cut) as output:
-        first = journal(output, resume=False)
-        for number in (3, 0):
-            share = cut[number], task.chosen, device, "gather", 4, task.on_blowup
-            first.add(number, cluster.simulate_share(*share, on_frame=lambda frame: None))
-            first.save()
-    played = Usd.Stage.Open(str(tmp_path / "partial" / "frames.usda"))
-    for part, world in enumerate((3, 0)):
-        alone = Usd.Stage.Open(str(tmp_path / "partial" / f"frames_{part:06d}.usdc"))
-        points, there = (stage.GetAttributeAtPath(f"/World/World_{world}/mesh.points") for stage in (played, alone))
-        assert points.GetNumTimeSamples() == SCENE.frames + 1
-        for frame in range(SCENE.frames + 1):
-            np.testing.assert_array_equal(points.Get(frame), there.Get(frame))
-    assert [report.world for report in first.failures.reports] == [0]
-    with BatchOutput(task, cut) as output_again:
-        again = journal(output_again, resume=True)
-    assert (again.schedules, again.failures, again.resumed) == (first.schedules, first.failures, 0.5)
-    np.testing.assert_array_equal(output_again.table.values, output.table.values)
-    np.testing.assert_array_equal(output_again.table.health, output.table.health)
