@@ -345,23 +345,3 @@ def test_meanings_of_fields_begin_with_a_noun(folder: str):
     found = [(place, text) for place, text in meanings(folder) if not text.startswith("Whether ")]
     assert len(found) > 500
     assert [f"{place}: {text}" for place, text in found if OPENING.match(text)] == []
-
-
-@pytest.mark.parametrize(
-    ("text", "opening", "pointing"),
-    [
-        ("Of the box [m].", True, False),
-        ("The same of smaller faces.", True, False),
-        ("Where one looks from.", True, False),
-        ("All of them, loop by loop.", True, None),
-        ("Write it down.", False, True),
-        ("Return whether it is visible.", False, True),
-        ("Forget them.", False, True),
-        ("Return the points.", False, False),
-        ("Offset of a spring [m].", False, False),
-        ("Oneness of a thing.", False, False),
-    ],
-)
-def test_half_a_sentence_and_a_pronoun_in_place_of_a_noun_are_found(text: str, opening: bool, pointing: bool | None):
-    assert bool(OPENING.match(text)) == opening
-    assert pointing is None or bool(POINTING.match(text)) == pointing

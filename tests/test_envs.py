@@ -313,44 +313,6 @@ def plain() -> tuple[list[Any], list[Any]]:
     return seen, told
 
 
-@pytest.mark.parametrize("mode", ["SameStep", "Disabled"])
-@pytest.mark.parametrize("output", ["numpy", "torch"])
-def test_torchrl_s_wrapper_sees_the_same(mode: str, output: str, plain: tuple[list[Any], list[Any]]):
-    """TorchRL gives observations before and after a step; it resets all worlds once more if all are over at once."""
-    torchrl, torch = pytest.importorskip("torchrl.envs"), pytest.importorskip("torch")
-    checked, env = (torchrl.GymWrapper(brief(mode, output=output)) for _ in range(2))
-    assert tuple(checked.batch_size) == (WORLDS,)
-    torchrl.check_env_specs(checked)
-    env.rollout(1)  # it needs one to see the keys beside observations
-    now = told = env.reset(seed=5)
-    for actions, seen, expected in zip(ACTIONS[: Brief.most_steps], plain[0], plain[1], strict=False):
-        told, after = env.step_and_maybe_reset(now.set("action", torch.from_numpy(actions)))
-        np.testing.assert_array_equal(told["observation"], seen)
-        before_reset = np.where(expected[4]["_final_obs"][:, None], expected[4]["final_obs"], expected[0])
-        np.testing.assert_array_equal(told["next", "observation"], before_reset)
-        np.testing.assert_array_equal(told["next", "reward"][:, 0], expected[1])
-        np.testing.assert_array_equal(told["next", "truncated"][:, 0], expected[3])
-        now = after
-    assert told["next", "truncated"].all()
-    assert not now["truncated"].any()
-    assert (now["observation"][:, 3:] == 0.0).all()  # at rest again
-
-
-@pytest.mark.filterwarnings("ignore:To copy construct from a tensor")
-@pytest.mark.parametrize("output", ["numpy", "torch"])
-def test_skrl_s_wrapper_sees_the_same(output: str, plain: tuple[list[Any], list[Any]]):
-    wrappers, torch = pytest.importorskip("skrl.envs.wrappers.torch"), pytest.importorskip("torch")
-    inner = brief("SameStep", output=output)
-    env = wrappers.wrap_env(inner, wrapper="gymnasium")
-    assert env.num_envs == WORLDS
-    env.reset()
-    inner.reset(seed=5)
-    for actions, expected in zip(ACTIONS, plain[1], strict=True):
-        seen, rewards, terminated, truncated, _ = env.step(torch.from_numpy(actions))
-        for found, wanted in zip((seen, rewards, terminated, truncated), expected, strict=False):
-            np.testing.assert_array_equal(found, wanted.reshape(found.shape))
-
-
 @pytest.fixture
 def stable_env() -> Callable[[str], Any]:
     pytest.importorskip("stable_baselines3")
@@ -376,15 +338,6 @@ def test_stable_baselines_sees_the_same(plain: tuple[list[Any], list[Any]], stab
     assert env.env_is_wrapped(object) == [False] * WORLDS
     with pytest.raises(InputError, match=r"autoreset_mode: Stable-Baselines3 needs \"SameStep\" \(got 'NextStep'\)"):
         stable_env("NextStep")
-
-
-def test_stable_baselines_learns_a_little(stable_env):
-    library, vectors = (pytest.importorskip(f"stable_baselines3{part}") for part in ("", ".common.vec_env"))
-    env = vectors.VecMonitor(stable_env("SameStep"))
-    learner = library.PPO("MlpPolicy", env, n_steps=6, batch_size=18, seed=0)
-    learner.learn(36)
-    assert learner.num_timesteps == 36
-    assert {episode["l"] for episode in learner.ep_info_buffer} == {4}
 
 
 def rsl_rl_config(steps: int) -> dict[str, Any]:

@@ -125,19 +125,6 @@ def test_the_table_in_the_docs_is_what_schedules_say():
 
 
 @pytest.mark.full
-def test_methods_are_measured():
-    """Methods are measured: one of each solver, and one schedule by name; test_matrix.py runs all their features."""
-    some = [
-        method for method in methods.METHODS if method.name in ("the paper's step", "projective", "schedule `scatter`")
-    ]
-    rows = methods.measure_methods(some, device="cpu", rounds=1, frames=2)
-    assert [row.method for row in rows] == some
-    assert rows[0].ratio == 1.0
-    assert all(row.ratio is not None and row.ratio > 0.0 for row in rows)
-    assert len(methods.as_markdown(rows).splitlines()) == 2 + len(some) == 5
-
-
-@pytest.mark.full
 @pytest.mark.parametrize("method", methods.METHODS, ids=lambda method: method.name)
 def test_every_method_can_be_measured(method: methods.Method):
     overrides = [parse_override(text) for text in (*methods.PAPER, *method.overrides)]

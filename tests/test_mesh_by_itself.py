@@ -28,7 +28,7 @@ from balloon_warp.run.report import coarse_sentence, many_substeps_sentence, pre
 from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness, load_scene
 from balloon_warp.scene.around import STRETCH
 from balloon_warp.scene.load import mesh_balloon, override_scene
-from balloon_warp.springs.even import _walls, even_scales, film_tension, springs_across
+from balloon_warp.springs.even import even_scales, film_tension, springs_across
 from balloon_warp.studio.render.sampling import SmoothSurface
 from balloon_warp.studio.render.stage_reader import RenderStage
 
@@ -112,19 +112,6 @@ def test_commands_say_what_a_mesh_by_itself_comes_to(words: str, said: str, tmp_
     assert status_of(*words.split()) == 0
     out, err = capsys.readouterr()
     assert re.search(said.replace(" ", r"\s+"), err + out)
-
-
-def test_samples_of_walls_lie_in_their_faces_and_cover_them():
-    """Samples of a face divided by n stand at the centers of n (n + 1) / 2 small triangles, within its corners."""
-    walls = _walls(mesh := quad_sphere(3), np.arange(len(mesh.points)), np.full(len(mesh.points), 0.07))
-    inner = walls.corners[:, 0] != walls.corners[:, 1]
-    weights = walls.weights[inner]
-    assert (weights > 0.0).all()
-    np.testing.assert_allclose(weights.sum(axis=1), 1.0)
-    counts = np.unique(walls.corners[inner], axis=0, return_counts=True)[1]
-    assert set(counts) <= {n * (n + 1) // 2 for n in range(2, 20)}
-    corners = mesh.points[walls.corners[inner]]
-    np.testing.assert_allclose(walls.places[inner], (weights[..., None] * corners).sum(axis=1), atol=1e-12)
 
 
 def test_an_even_skin_has_the_same_tension_both_ways_at_each_vertex():
@@ -234,14 +221,6 @@ def ball_with_handle(handle: float, length: float) -> PolygonMesh:
     radii = np.concatenate([np.cos(turn), np.full(len(tube), handle), [0.5 * handle]])
     top = np.sin(turn[-1])
     return rings(radii, np.concatenate([np.sin(turn), top + tube, [top + tube[-1] + 0.5 * handle]]))
-
-
-@pytest.mark.physics
-def test_a_sphere_is_as_thick_as_a_sphere_wherever_and_however_divided():
-    for cells in (4, 8, 12):
-        thickness = relative_thickness(quad_sphere(cells))
-        assert thickness.min() > 0.9
-        assert np.ptp(thickness) < 0.06
 
 
 @pytest.mark.physics
