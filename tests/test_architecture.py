@@ -202,7 +202,6 @@ def test_architecture_names_forty_files() -> None:
 
 
 def test_nothing_loads_what_loads_it() -> None:
-    """Imports have no cycle, be they at a file's top, within functions, for types alone, or by a string."""
     found = circle({path: loads(path) for path in MODULES.values() if path != FACE})
     assert not found, " loads\n".join(found)
     assert set(circle({"a": {"b"}, "b": {"c", "d"}, "d": {"b"}})) == {"b", "d"}
@@ -288,7 +287,6 @@ def test_no_kernel_is_generic() -> None:
 
 
 def test_laws_stand_in_their_folder() -> None:
-    """Code that simulates names no law's parameter and calls no law's function."""
     parameters = {row.name for law in LAWS for row in law.parameters} - ALSO_ASKED.keys()
     functions = {law.force.func.__name__ for law in LAWS} - {"string", "weight", "damping"}  # usual words, too
     folders = [f"kernels/{name}/" for name in ("loops", "contact", "phases", "schedules")]

@@ -1,6 +1,5 @@
 """Outputs of a batch: the table in both forms, the stage of the chosen worlds, the command, and refusals."""
 
-import contextlib
 import json
 from pathlib import Path
 from types import ModuleType
@@ -13,7 +12,7 @@ from batches import assert_text_has_the_numbers_of
 from commands import status_of
 from exported import assert_valid, assert_velocities_are_those_of_the_points
 from meshes import quad_sphere
-from pxr import Sdf, Usd, UsdGeom, UsdShade
+from pxr import Usd, UsdGeom, UsdShade
 from small_batch import FRAMES, WORLDS, scene, write_meshes
 
 from balloon_warp import Cluster, InputError, Scene, Simulator, Water, load_scene, run_batch
@@ -23,8 +22,6 @@ from balloon_warp.mesh.obj import write_obj
 from balloon_warp.model import lay_out, shape, state, world_bytes
 from balloon_warp.scene.load import override_scene
 from balloon_warp.schedules.one_launch import LanesSchedule
-from balloon_warp.system.warp_threads import pick_device
-from balloon_warp.usd import stage as growing
 from balloon_warp.usd.balloon import string_curve
 
 never = Mock(side_effect=AssertionError("is not to be called"))
@@ -214,13 +211,6 @@ def test_where_grounds_anchors_and_water_differ_each_world_has_its_own(tmp_path)
     assert prim_in(stage, 0, "Pool")
 
 
-def test_saving_often_gives_the_same_samples(written: Path, vary: dict, tmp_path, monkeypatch):
-    monkeypatch.setattr(growing, "SAVE_BYTES", 0)
-    run_batch(scene(), tmp_path / "out", WORLDS, vary, export=[4, 1, 2], device="cpu")
-    often, once = (Sdf.Layer.FindOrOpen(str(folder / "worlds.usdc")) for folder in (tmp_path / "out", written))
-    assert often.ExportToString() == once.ExportToString()
-
-
 MIXED = {"balloon.0.mesh": [quad_sphere(n) for n in (2, 3, 2, 3, 2)], "balloon.mass": [1.0, 1.0, 1.0, -1.0, 1.0]}
 """two groups of worlds, and a wrong value in the second of the second: it is told with its number in the batch"""
 
@@ -260,17 +250,6 @@ def test_far_too_many_worlds_are_refused_before_much_work(
     with pytest.raises(InputError, match=r"^100000000 worlds do not fit: they need .* GiB, and cpu has "):
         run_batch(many, tmp_path, 10**8, device=None if cluster else "cpu", cluster=cluster)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_what_is_refused_early_would_be_refused_late(monkeypatch):
-    monkeypatch.setattr(state, "free_memory", lambda device: 2**30)
-    monkeypatch.setattr(batch_module, "MANY", 1)
-    model = lay_out(plan_groups(scene(), 4096, {"balloon.mass": np.ones(4096)})[0].plan, pick_device("cpu"))
-    bytes_of_all = 4096 * (world_bytes(model) + LanesSchedule.world_bytes(model) + batch_module.table_bytes(scene()))
-    for room, refused in ((1.02, False), (0.9, True)):
-        monkeypatch.setattr(state, "free_memory", lambda device, room=room: room * bytes_of_all / state.USABLE)
-        with pytest.raises(InputError, match="do not fit") if refused else contextlib.nullcontext():
-            batch_module.require_room(scene(), 4096, ["balloon.mass"], "cpu")
 
 
 @pytest.mark.full
@@ -375,16 +354,6 @@ def test_the_summary_is_one_object_and_the_files_are_where_it_says(folder: Path,
         volume = table["volume"].reshape(4, 9)
     assert (np.diff(volume[-1]) > 0.0).all()  # the more a balloon is inflated, the larger it is
     assert names_of_worlds(Usd.Stage.Open(summary["stage"])) == ["World_0", "World_5"]
-
-
-@pytest.mark.full
-def test_meshes_differ_and_the_same_seed_gives_the_same_table(folder: Path):
-    varied = ["--worlds", "4", "--vary", "balloon.mesh=ball.obj,other.obj", "--vary", "gravity=1:9"]
-    for seed, out in (("0", "a"), ("0", "b"), ("1", "c")):
-        assert batch(*varied, "--seed", seed, "-o", out) == 0
-    first, again, other = ((folder / out / "table.csv").read_text() for out in "abc")
-    assert first == again != other
-    assert first.splitlines()[2].startswith("1,0,0.0,other.obj,")
 
 
 @pytest.mark.full

@@ -19,10 +19,8 @@ from balloon_warp.batch.batch import BatchSummary, Range, parse_export, parse_va
 from balloon_warp.batch.recorder import Recorder, plan_groups
 from balloon_warp.blow_ups import with_half_the_step
 from balloon_warp.farm import cluster
-from balloon_warp.farm.cluster import cut_into_shares
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.model import ModelPlan, plan_model
-from balloon_warp.model.parameters import scene_to_vary
 from balloon_warp.scene import Balloon, Change, Ground, Inflation, Scene, Sphere, Stiffness, String
 from balloon_warp.scene.load import override_scene
 
@@ -108,13 +106,6 @@ def test_strings_of_no_said_length_reach_from_each_worlds_anchor_to_its_balloon(
     np.testing.assert_array_equal(lengths[:, 1], 0.5)
 
 
-@pytest.mark.parametrize(("field", "kind"), [("k_normal", "normal_force"), ("litres", "gas"), ("pressure", "pressure")])
-def test_a_balloon_that_leaves_it_open_has_the_inflation_that_differs(field: str, kind: str):
-    for path in (f"balloon.inflation.{field}", f"balloon.0.inflation.{field}"):
-        varied = scene_to_vary(Scene(balloon=[Balloon(mesh=cube())]), {path: [1.0, 2.0]})
-        assert varied.balloon[0].inflation.kind == kind
-
-
 @pytest.mark.parametrize("particle", ["highest", "lowest"])
 def test_a_string_holds_the_same_particle_in_all_worlds(particle: str):
     """The next tip of an octahedron on its tip is as high once it has turned by 45 degrees."""
@@ -124,19 +115,6 @@ def test_a_string_holds_the_same_particle_in_all_worlds(particle: str):
     plan_model(scene, 2, {"balloon.rotation.2": [0.0, 40.0]})
     with pytest.raises(InputError, match=f"in world 1 string 0 would hold another particle, which is the {particle}"):
         plan_model(scene, 2, {"balloon.rotation.2": [0.0, 50.0]})
-
-
-@pytest.mark.full
-def test_overrides_keep_all_else_and_the_last_named_wins():
-    vary = {"balloon.mass": np.array([0.1, 0.2]), "balloon.0.mass": np.array([0.15, 0.3]), "gravity": [1.0, 2.0]}
-    batch = run(Simulator(EVERYTHING, "cpu", 2, vary, schedule="lanes"))
-    alone = end_alone(("balloon.mass", 0.2), ("balloon.0.mass", 0.3), ("gravity", 2.0))
-    np.testing.assert_array_equal(end_state(batch, 1), alone)
-    changed = override_scene(EVERYTHING, [("sphere.0.mass", 7.0)])
-    assert changed.sphere[0].mass == 7.0
-    assert changed.balloon[0].mesh is EVERYTHING.balloon[0].mesh
-    back = override_scene(changed, [("sphere.0.mass", EVERYTHING.sphere[0].mass)])
-    assert back.model_dump(exclude={"balloon"}) == EVERYTHING.model_dump(exclude={"balloon"})
 
 
 @pytest.mark.parametrize(
@@ -288,29 +266,6 @@ def test_exports_are_all_none_or_chosen_worlds():
         parse_export("0,6", 6)
     with pytest.raises(InputError, match=r"^export first: expected all, none, or worlds such as 0,5,9$"):
         parse_export("first", 6)
-
-
-@pytest.mark.parametrize(
-    ("worlds", "sizes"),
-    [
-        (1, [1]),
-        (9, [5, 4]),
-        (64, [8] * 8),
-        (65, [13] * 5),  # more than eight times eight: the next power of two, 16, makes five shares
-    ],
-)
-def test_the_cut_depends_on_the_batch_alone(worlds: int, sizes: list[int], monkeypatch):
-    """The cut has at most eight shares of at least eight cubes; each has its own part of the varied values."""
-    monkeypatch.setitem(cluster.GRAIN, "cpu", cluster.Grain(1, 64))
-    monkeypatch.setattr(cluster, "SHARES", 8)
-    mass = np.linspace(1.0, 0.01, worlds)
-    groups = plan_groups(Scene(balloon=[Balloon(mesh=cube())]), worlds, {"balloon.mass": mass})
-    cut = cut_into_shares(groups, "cpu")
-    assert [share.plan.world_count for share in cut] == sizes
-    np.testing.assert_array_equal(np.concatenate([share.worlds for share in cut]), np.arange(worlds))
-    np.testing.assert_array_equal(np.concatenate([share.plan.parameters["mass"][:, 0] for share in cut]), mass)
-    assert {len(share.plan.parameters["gravity"]) for share in cut} == {1}
-    assert {share.plan.substeps for share in cut} == {groups[0].plan.substeps}  # that of the lightest world
 
 
 PAIR = [Balloon(mesh=cube()), Balloon(mesh=quad_sphere(3), position=(5.0, 0.0, 0.0))]

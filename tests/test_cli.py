@@ -27,7 +27,7 @@ import balloon_warp as package
 from balloon_warp import bundled_scenes, load_scene
 from balloon_warp.cli import progress as console
 from balloon_warp.cli.options import Changes, LengthOptions
-from balloon_warp.cli.progress import FirstEstimate, FrameProgress, counted, time_left
+from balloon_warp.cli.progress import FrameProgress, counted, time_left
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.tools import doctor
 
@@ -140,8 +140,6 @@ def test_help_explains_itself_and_is_printed_without_a_command(command: Callable
 MISTAKES = [
     ("run zebra", "zebra: no such scene or file; bundled scenes are airbag, balloon_bunch, "),
     ("run ball.obj -o film.mp4", "….pvd; `balloon-warp render` renders pictures and films"),
-    ("scenes -o mine.toml", "--output mine.toml: needs a SCENE to write"),
-    ("run broken.obj", "broken.obj, line 1: "),
     ("run bad.toml", "bad.toml: frames: must be greater than or equal to 1 (got 0)"),
     ("run ball.obj --set balloon.mass=-1", "--set balloon.mass: balloon.0.mass: must be greater than 0"),
     ("run squirrel_inflate --set frames=9 --set substep=1", "--set substep: unknown field; did you mean substeps?"),
@@ -149,36 +147,28 @@ MISTAKES = [
     ("run ball.obj --device cuda:77", "--device cuda:77: no such device; this machine has cpu"),
     ("run ball.usda -o ball.usda", "ball.usda: is the scene's mesh; expected another name"),
     ("run ball.obj -o out.png", "out.png: cannot write .png; expected .usdc, .usda, .usd"),
-    ("remesh ball.obj -o out.stl", "out.stl: cannot write .stl; expected .obj"),
     ("render ball.obj --size big", "size: 'big'; expected WIDTHxHEIGHT"),
     ("rnu ball.obj", "rnu: no such command; did you mean run?"),
-    ("ball.obj", "ball.obj: no such command; did you mean balloon-warp run ball.obj?"),
     ("xyz run ball.obj", "xyz: no such command; commands are run, view, batch, compare, "),
     ("--vers", "--vers: unknown option of balloon-warp; did you mean --version?"),
     ("run", "run: SCENE is missing; balloon-warp run --help explains"),
     ("render bal.usdc", "bal.usdc: no such file; expected a USD stage"),
     ("remesh ball.obj", "remesh: --output is missing; balloon-warp remesh --help explains"),
     ("run ball.obj --picture=3", "--picture: takes no value; balloon-warp run --help explains"),
-    ("run ball.obj --zoom 2", "--zoom: needs --picture"),
     ("run ball.obj --picture --shutter 2", "shutter: 2; expected 0 to 1 of a frame"),
-    ("run ball.obj --picture --look-at 1,2", "--look-at 1,2: expected X,Y,Z"),
     ("run ball.obj --picture --look-at Ball", "look-at: 'Ball' is not visible in ball.usdc; did you mean"),
     ("run ball.obj --pictur", "--pictur: unknown option of run; did you mean --picture?"),
-    ("run ball.obj --duration 3", "--duration: unknown option of run; did you mean --seconds?"),
     ("run ball.obj --vary gravity=1,2", "--vary: unknown option of run; `batch` and `compare` have it; balloon"),
     (
         "run ball.obj --parts free",
         "--parts free: expected all, closed, largest; did you mean --set balloon.parts=free?",
     ),
-    ("run ball.obj -frames 3", "-frames: unknown option of run; did you mean --frames?"),
     ("run ball.obj balloon.mass=3", "run: did not expect balloon.mass=3; --set goes before PATH=VALUE; balloon-"),
     ("run ball.obj --frames few", "--frames: must be a valid integer (got few); balloon-warp run --help explains"),
-    ("run ball.obj --frames 0", "--frames 0: must be greater than or equal to 1 (got 0)"),
     ("run ball.obj --seconds -1", "--seconds -1: expected a time above 0"),
     ("run ball.obj --frames 3 --seconds 1", "--frames, --seconds: expected only one of them"),
     ("inspect ball.obj --set baloon.mass=1", "--set baloon.mass: baloon: unknown table; did you mean balloon?"),
     ("compare ball.obj", "--vary: is missing; expected a value to vary, as in --vary normals="),
-    ("compare ball.obj --vary gravity=1:3", "--vary gravity=1:3: takes values, as in --vary gravity=1,3; ranges "),
     ("bench --json x.json", "bench: did not expect x.json; balloon-warp bench --help explains"),
 ]
 """words, and the beginning of the sentence, or a part of it after …"""
@@ -201,7 +191,6 @@ def test_a_mistake_gets_one_sentence_and_status_2(ball: Path, command: Callable,
 
 @pytest.mark.full
 def test_a_blow_up_gets_one_sentence_and_status_1(tmp_path: Path):
-    """A blow-up beyond float32 prints one sentence: springs are stable, but nothing holds the balloon."""
     write_obj(tmp_path / "box.obj", cube())
     done = balloon_warp(tmp_path, "run", "box.obj", "--device", "cpu", "--set", "balloon.inflation.k_normal=9e11")
     note, _coarse, error = done.stderr.splitlines()
@@ -267,7 +256,6 @@ def test_a_process_imports_the_package_under_test_and_nothing_heavy(program: str
 
 @pytest.mark.full
 def test_a_run_on_a_terminal_shows_frames_a_second(ball: Path):
-    """A terminal shows frames a second on standard error; standard output is that of a pipe."""
     pty = pytest.importorskip("pty", reason="needs pseudo-terminals")
     terminal, end = pty.openpty()
     words = [sys.executable, "-m", "balloon_warp", "run", "ball.obj", "--device", "cpu", "--set", "frames=40"]
@@ -322,7 +310,6 @@ def test_a_log_gets_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch):
     ],
 )
 def test_the_first_line_of_a_log(ball: Path, command: Callable, words: str, opening: str, worlds: int):
-    """The simulation is described before notes, and after a mesh's default scene."""
     (ball / "ball.toml").write_text('[[balloon]]\nmesh = "ball.obj"\n')
     first, *_ = command(f"{words} --frames 2 --device cpu --schedule gather").stderr.splitlines()
     what = rf"{counted(worlds, 'world')}, {56 * worlds} particles, \d+ substeps? a frame, 2 frames at 60 frames/s"
@@ -344,17 +331,6 @@ def test_time_left(frames: int, seconds: float, left: int, said: str | None):
     assert time_left(frames, seconds, left) == said
 
 
-def test_the_time_is_estimated_once_and_without_what_is_compiled():
-    """The time is estimated anew for a run that begins again."""
-    compiled, again = FirstEstimate(), FirstEstimate()
-    said = [compiled.after(0, 100, 0.0), compiled.after(1, 100, 60.0)]  # a minute of compiling
-    said += [compiled.after(frame, 100, 60.0 + 2.0 * (frame - 1)) for frame in range(2, 101)]
-    assert [again.after(frame, 100, 0.1 * frame) for frame in range(20)] == [None] * 20
-    repeated = [again.after(frame, 100, 100.0 + 2.0 * frame) for frame in range(6)]
-    for each in (said, repeated):
-        assert [text for text in each if text] == ["about 3 min (96 frames at 0.5 frames/s)"]
-
-
 def test_names_in_lines_and_tables_are_text_and_colors_stay():
     file = io.StringIO()
     ours = console.Console(file=file, force_terminal=True, color_system="standard", width=100, highlight=False)
@@ -370,7 +346,6 @@ def test_names_in_lines_and_tables_are_text_and_colors_stay():
 @pytest.mark.full
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere names are no bytes")
 def test_names_and_logs_that_are_not_utf8_cost_no_work(tmp_path: Path):
-    """A mesh with a Latin-1 name is simulated under a valid USD name, and reported in a log of any encoding."""
     mesh = os.fsdecode(b"b\xe9.obj")
     write_obj(tmp_path / "ball.obj", quad_sphere(2))
     os.rename(tmp_path / "ball.obj", tmp_path / mesh)

@@ -2,7 +2,6 @@
 # pyright: reportGeneralTypeIssues=false
 
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
@@ -160,7 +159,6 @@ def searched(device: str) -> tuple[Any, Any, np.ndarray, np.ndarray]:
 
 
 def test_edges_are_listed_that_may_touch_until_the_next_search(device: str):
-    """Lists have all pairs nearer than thickness, slack and their way towards each other, none beside on the skin."""
     t, working, points, ways = searched(device)
     edges, balloons, rest = t.touch.edges.numpy(), t.particles.balloon.numpy(), t.touch.rest_points.numpy()
     count = int(working.list_lengths.numpy()[0, int(PAIRS)])
@@ -188,40 +186,6 @@ def test_edges_are_listed_that_may_touch_until_the_next_search(device: str):
     assert len({balloons[edges[first][0]] == balloons[edges[other][0]] for first, other in listed}) == 2
 
 
-def test_particles_list_the_triangles_that_they_may_touch(device: str):
-    """Lists have those of other balloons that are nearer than thickness and slack."""
-    t, working, points, _ = searched(device)
-    triangles, balloons = t.touch.triangles.numpy(), t.particles.balloon.numpy()
-    counts, listed = working.candidate_counts.numpy()[0], working.candidates.numpy()[0] >> 2
-    pads = 0.5 * t.touch.thickness.numpy() + t.touch.slack.numpy()
-    particles, faced = np.meshgrid(np.unique(triangles), np.arange(len(triangles)), indexing="ij")
-    owners = balloons[particles], balloons[triangles[faced, 0]]
-    centers = points[triangles].mean(axis=1)
-    size = np.linalg.norm(points[triangles] - centers[:, None], axis=-1).max()
-    away = np.linalg.norm(points[particles] - centers[faced], axis=-1)
-    near = np.nonzero((owners[0] != owners[1]) & (away < size + pads[owners[0]] + pads[owners[1]]))
-    places = points[np.column_stack([particles[near], triangles[faced[near]]])]
-    gaps = np.linalg.norm((point_triangle(places) * places).sum(axis=1), axis=1)
-    close = gaps < 0.999 * (pads[owners[0][near]] + pads[owners[1][near]])
-    assert close.sum() > 30
-    for particle, triangle in zip(particles[near][close], faced[near][close], strict=True):
-        assert triangle in listed[particle, : counts[particle]]
-
-
-def test_balloons_that_part_have_no_lists():
-    simulator = Simulator(feature_set("all"), "cpu", schedule="gather")
-    working, first = simulator.schedule.launches.working, simulator.model.particle_offsets
-    simulator.step_unread()
-    assert working.candidate_counts.numpy().any()
-    points = simulator.state.points.numpy()
-    for number, (begin, end) in enumerate(pairwise(first)):
-        points[:, begin:end, 2] += 20.0 * number
-    simulator.state.points.assign(points)
-    simulator.step_unread()
-    assert not working.candidate_counts.numpy().any()
-    assert not working.list_lengths.numpy().any()
-
-
 LIMP = Stiffness(structural=50.0, shear=25.0, flexion=0.0)
 
 
@@ -238,7 +202,6 @@ LIMP = Stiffness(structural=50.0, shear=25.0, flexion=0.0)
     ],
 )
 def test_balloons_touch_unless_the_scene_says_not_or_they_cannot(name: str, overrides: dict[str, Any], touches: bool):
-    """Contact is off by default for balloons that may burst, and for a solver without contact between them."""
     scene = load_scene(name, overrides)
     assert len(scene.balloon) > 1
     assert scene.touches is touches
@@ -256,7 +219,6 @@ def test_a_field_of_touch_asks_for_it_and_false_is_written_and_read(tmp_path: Pa
 
 
 def test_touch_by_default_hardly_shortens_the_step():
-    """Default contact uses the margin of "auto" before it shortens the step."""
     scene = load_scene("two_balloons")
     apart, touching = (plan_model(scene.model_copy(update={"touch": said})).substeps for said in (False, None))
     assert apart <= touching <= 1.15 * apart
@@ -265,7 +227,6 @@ def test_touch_by_default_hardly_shortens_the_step():
 @pytest.mark.full
 @pytest.mark.parametrize(("name", "itself"), [("foil_letters", True), ("letter_slot", False), ("two_balloons", False)])
 def test_foil_touches_itself_by_default(name: str, itself: bool):
-    """Foil folds anywhere, so it touches itself; sheets that resist bending do not, nor do balls."""
     assert plan_model(load_scene(name)).scene.touches_itself is itself
 
 
@@ -322,8 +283,6 @@ BESIDE, FAR = Balloon(mesh=hook(0.05)), Balloon(mesh=quad_sphere(4), position=(3
     ],
 )
 def test_a_balloon_touches_itself_where_it_is_near(scene: Scene | tuple[PolygonMesh, dict], itself: bool):
-    """Self-contact is on where an inflated skin comes near itself, of a mesh by itself, too, unless the scene disables
-    it or cannot have it; the scene's other settings stay."""
     scene = scene if isinstance(scene, Scene) else load_scene(*scene)
     touch = plan_model(scene).scene.touch
     assert (isinstance(touch, Touch) and touch.itself is True) == itself

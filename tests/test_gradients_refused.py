@@ -431,7 +431,6 @@ def remould(balloon: Any, membrane: Membrane, edges: np.ndarray) -> None:
 
 @pytest.mark.full
 def test_of_each_spring(device: str):
-    """Gradients along random directions of all lengths, constants and rest points."""
     of = CASES["pressure"].scene
     each = ["rest_lengths", "spring_constants", "rest_points"]
     found = bw.gradient(of, of=SPRINGS, each=each, loss=far, device=device)
@@ -478,7 +477,6 @@ def test_of_each_face(tmp_path: Path, device: str):
 
 @pytest.mark.full
 def test_of_panels_before_they_are_sewn(tmp_path: Path, device: str):
-    """Each face is a panel of its own, whose vertices go their own ways."""
     points = 0.9 * BALL.points[BALL.face_vertex_indices]
     panels = replace(BALL, points=points, face_vertex_indices=np.arange(len(points), dtype=np.int32))
     write_obj(tmp_path / "panels.obj", panels)

@@ -131,7 +131,6 @@ def test_checkpoints_are_beside_the_target_and_either_name_finds_them(tmp_path: 
 
 @pytest.mark.parametrize("named", ["link.obj", "folder/real.obj", "link to blob.obj", "scene.toml"])
 def test_a_mesh_is_read_through_links_and_called_as_the_link(named: str, tmp_path: Path):
-    """A scene behind a link finds its meshes beside its target."""
     away = tmp_path / "away"
     away.mkdir()
     write_obj(away / "real.obj", cube())
@@ -147,7 +146,6 @@ def test_a_mesh_is_read_through_links_and_called_as_the_link(named: str, tmp_pat
 
 
 def test_textures_are_beside_the_link_and_its_target(tmp_path: Path):
-    """Textures are beside the link and its target, as programs look for them here or there."""
     path, target = link("dangling", tmp_path, ".usdc")
     animate(load_scene(write_painted(tmp_path, "obj"), {"frames": 1}), path, device="cpu")
     for place in (path, target):

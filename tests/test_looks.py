@@ -367,7 +367,6 @@ def test_pictures_show_each_side_in_its_color(kind: str, tmp_path):
 
 @pytest.mark.parametrize(("suffix", "images"), [("glb", 0), ("usdz", 0), ("usda", 1)])
 def test_what_a_stage_is_converted_to_has_the_image(suffix: str, images: int, tmp_path):
-    """The image is in the file or beside it, and is needed nowhere else."""
     stage = written(write_painted(tmp_path, "obj"))
     export_stage(stage, stage.parent / f"other.{suffix}")
     stage.unlink()

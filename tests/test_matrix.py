@@ -98,11 +98,6 @@ def test_every_method_of_the_table_is_run_in_every_schedule(method: Method):
     assert features(model_with(method.name)) <= simulated()
 
 
-def test_methods_ask_for_different_things():
-    """Methods have distinct features, or the test above would leave some out."""
-    assert len({frozenset(features(model_with(method.name))) for method in METHODS}) == len(METHODS)
-
-
 ASKED_BY_CONTROLS = {"fixtures_steered True"}
 """features that no scene asks for; test_timeline.py runs them in every schedule"""
 

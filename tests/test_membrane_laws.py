@@ -227,11 +227,6 @@ def test_a_polygon_is_as_stiff_as_the_same_of_quads(device: str):
             np.testing.assert_allclose(work, 2.0e-4 * area * 1.7 * np.array(slopes), rtol=1e-4)
 
 
-def test_a_face_without_width_has_no_triangles():
-    line = mesh_of([(0, 0, 0), (1, 0, 0), (2, 0, 0), (0, 1, 0)], [[0, 1, 2], [0, 1, 3]])
-    assert build_membrane(line).count == 1
-
-
 @pytest.mark.parametrize("wrinkling", [True, False])
 @each_law
 def test_no_state_is_stiffer_than_the_bound(kind: str, wrinkling: bool):

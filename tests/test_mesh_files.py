@@ -23,7 +23,6 @@ from trimesh.exchange.stl import export_stl_ascii
 from balloon_warp import Balloon, Body, InputError, Obstacle, PolygonMesh, Scene, load_mesh, load_scene, remesh
 from balloon_warp.mesh.load import read_usd
 from balloon_warp.mesh.obj import read_obj, write_obj
-from balloon_warp.mesh.repair import repaired
 from balloon_warp.mesh.topology import component_count, is_closed, mesh_edges, signed_volume, total_area
 from balloon_warp.model import plan_model
 from balloon_warp.studio.render.stage_reader import RenderStage
@@ -491,7 +490,6 @@ def test_what_appears_or_goes_counts_as_at_first_and_is_named(stage: Usd.Stage, 
 
 
 def test_parts_of_one_name_are_told_apart(stage: Usd.Stage) -> None:
-    """Paths tell parts of one name apart, as exporters write a mesh of the same name below each object."""
     for x, wheel in enumerate(("left", "right")):
         move(add_mesh(stage, f"/{wheel}/mesh", cube()), 3.0 * x)
     assert sorted(read_again(stage).groups) == ["/left/mesh", "/right/mesh"]
@@ -593,19 +591,6 @@ def test_there_are_none_where_they_make_no_sense_and_the_mesh_is_what_it_is(tmp_
     mesh = read(tmp_path, TWO_FACES.replace(old, new).encode())
     assert mesh.texture_coordinates is None
     assert mesh.face_count == 2
-
-
-def test_repairs_take_them_along():
-    mesh = cube()
-    flipped = mesh.face_vertex_indices.reshape(-1, 4).copy()
-    flipped[2] = flipped[2, ::-1]
-    corners = np.concatenate([flipped.ravel(), flipped[0], [0, 1, 1, 0]]).astype(np.int32)
-    counts = np.full(8, 4, dtype=np.int32)
-    mesh = textured(replace(mesh, face_vertex_counts=counts, face_vertex_indices=corners))
-    mended = repaired(mesh, "cube")
-    assert mended.face_count == 6
-    assert (mended.face_vertex_indices[8:12] != flipped[2]).any()  # it was turned over
-    np.testing.assert_array_equal(mended.texture_coordinates, textured(mended).texture_coordinates)
 
 
 @pytest.mark.parametrize("interpolation", ["faceVarying", "vertex", "uniform"])
