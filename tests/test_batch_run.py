@@ -252,18 +252,6 @@ def test_far_too_many_worlds_are_refused_before_much_work(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.full
-def test_a_step_that_only_soft_thin_parts_allow_is_no_reason_for_an_early_refusal(monkeypatch):
-    monkeypatch.setattr(batch_module, "MANY", 1)
-    stiff = {"balloon.stiffness.structural": 5000.0}
-    stable, stiffer = (
-        plan_groups(load_scene("squirrel_tether", stiff | {"balloon.stiffness.thin": thin}), 1, {})[0].plan.substeps
-        for thin in ("softer", "alike")
-    )
-    assert stable < stiffer
-    batch_module.require_room(load_scene("squirrel_tether", stiff | {"substeps": stable}), 2, device="cpu")
-
-
 def test_all_groups_take_the_step_of_the_stiffest_world(meshes: list[Path]):
     """The balloons are so light that stability asks for more substeps than spheres do."""
     automatic = scene(substeps="auto")

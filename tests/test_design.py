@@ -1,7 +1,6 @@
 """Inverse design: the balloon that becomes a given shape, and the steps of its search."""
 
 import json
-import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -16,7 +15,7 @@ from balloon_warp import InputError, Material, PolygonMesh
 from balloon_warp.cli.app import app
 from balloon_warp.lab.design import foil, measure
 from balloon_warp.lab.design.foil import write_pattern
-from balloon_warp.lab.design.job import Job, places_off
+from balloon_warp.lab.design.job import Job
 from balloon_warp.lab.design.latex import STALLED, MouldProblem, ThicknessProblem, _descended, _film
 from balloon_warp.lab.design.measure import Ruler
 from balloon_warp.lab.design.springs import begin
@@ -93,8 +92,6 @@ def test_rubber_that_varies_in_thickness_comes_nearer(tmp_path):
     assert len(weights) == BALL.vertex_count
     assert min(weights) >= 1.0
     assert 1.1 < max(weights) <= 4.0
-    report = json.loads((tmp_path / "thick" / "report.json").read_text())
-    assert report["thickness_to"] == pytest.approx(2e-4 * max(weights), rel=1e-3)  # as the scene has it, in four digits
 
 
 @pytest.mark.full
@@ -139,11 +136,9 @@ CROSSED = replace(BALL, points=BALL.points + (Z.max() * 0.6 < Z) * [0.1, 0.07, -
         ({"target": FLAT}, "disk: is flat and encloses no volume"),
         ({"target": CROSSED}, r"crossed: crosses itself at \d+ places; expected a surface that does not"),
         ({"of": "foil"}, r"target: foil without panels needs letters or a drawing"),
-        ({"hold": "none"}, r"hold: must be tension or any"),
         ({"stretch": 3.0}, r"stretch: must be from 1.02 to 2 for springs"),
         ({"size": -1.0}, r"size: must be from 0.01 to 100 m \(got -1.0\)"),
         ({"of": "foil", "panels": 8, "stretch": 1.2}, r"stretch: foil hardly stretches; expected none for foil"),
-        ({"of": "latex", "hold": "any"}, r"hold: is of springs; expected none for latex"),
         ({"of": "latex", "thickness": (4e-4, 2e-4)}, r"thickness: the range must go from low to high"),
         ({"thickness": (2e-4, 4e-4)}, r"thickness: only latex varies by place; expected one number for springs"),
     ],
@@ -176,12 +171,6 @@ def test_a_target_keeps_its_size_unless_another_is_asked_for(unit: str | None, a
         assert Ruler(target_of(mesh, None)).size == pytest.approx(expected)
 
 
-def test_where_a_shape_is_off_is_said():
-    flat = replace(BALL, points=np.maximum(BALL.points, [-9.0, -0.5, -9.0]))
-    sentence = places_off(Ruler(flat), BALL.points, "; push")[0]
-    assert re.fullmatch(r"the bottom \(.* vertices, flat\) is off by .*% of the size; push", sentence)
-
-
 @pytest.mark.full
 def test_command(tmp_path):
     write_obj(tmp_path / "pear.obj", PEAR)
@@ -191,7 +180,6 @@ def test_command(tmp_path):
     assert "simulated from rest: " in said.output
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert report["stretch_asked"] == 1.2
-    assert report["size_asked"] == pytest.approx(np.ptp(PEAR.points, axis=0).max())
     output = said.output.replace("\n", " ")
     assert f"wrote {tmp_path / 'out'}, {report['size']:.3g} m large, stretch " in output
     assert f"balloon-warp run {tmp_path / 'out' / 'balloon.toml'}" in output
@@ -213,8 +201,7 @@ def test_foil_gets_an_outline_that_shrinks_to_the_wanted_one(tmp_path, monkeypat
     pattern = bw.load_mesh(tmp_path / "out" / "balloon_1.obj").points
     assert np.ptp(pattern[:, 0]) == pytest.approx(0.3 / 0.7627, rel=0.04)
     svg = (tmp_path / "out" / "pattern.svg").read_text()
-    assert svg.count('class="seam"') == 1
-    assert svg.count('class="cut"') == 1
+    assert svg.count('class="seam"') == svg.count('class="cut"') == 1
     width = float(svg.split('width="')[1].split("mm")[0])
     assert width == pytest.approx(1000.0 * (np.ptp(pattern[:, 0]) + 2 * 0.008 + 2 * 0.01), rel=0.01)
     frames = list(bw.Simulator(tmp_path / "out" / "balloon.toml", "cpu").run())

@@ -208,12 +208,6 @@ def test_a_word_stands_where_it_is_at_home(words: str, _meaning: str, home: str)
         assert all(stem(part) in said for part in re.split("[ -]", word.lower())), word
 
 
-def test_no_word_stands_twice_in_the_glossary():
-    assert len(ROWS) > 30
-    listed = [word for row in ROWS for word in row[0].split(", ")]
-    assert len(listed) == len(set(listed))
-
-
 LAWS = text_of("docs/LAWS.md")
 RUN = """
 import warp as wp

@@ -20,7 +20,7 @@ from gymnasium.vector import AutoresetMode
 from strangers import CAMERA, joined, say, wait_until
 
 from balloon_warp import Inflation, InputError, MissingExtraError, Simulator
-from balloon_warp.learn import TASKS, BalloonEnv, BalloonVectorEnv, make, make_vec, task_named
+from balloon_warp.learn import TASKS, BalloonVectorEnv, make, make_vec, task_named
 from balloon_warp.learn.tasks import COMPLIANCE, VOLUME, Altitude, Target
 from balloon_warp.learn.vector_env import spaces_of
 from balloon_warp.studio.page import view
@@ -196,7 +196,6 @@ def test_a_world_that_blows_up_ends_and_the_other_goes_on():
     ("actions", "sentence"),
     [
         (np.zeros((3, 2)), r"actions: expected shape \(3, 3\) \(got \(3, 2\)\)"),
-        (np.zeros(3), r"actions: expected shape \(3, 3\) \(got \(3,\)\)"),
         (np.array([["a"] * 3] * 3), r"actions: must be numbers \(got an array of <U1\)"),
         ([["a"] * 3] * 3, r"actions: expected a number for each world"),
     ],
@@ -214,7 +213,6 @@ def test_actions_that_cannot_be_are_refused(actions: Any, sentence: str):
         ({"num_envs": 0}, r"num_envs: must be a whole number of at least 1 \(got 0\)"),
         ({"autoreset_mode": "never"}, r"autoreset_mode: must be one of NextStep, SameStep, Disabled \(got 'never'\)"),
         ({"output": "list"}, r'output: must be "numpy" or "torch" \(got \'list\'\)'),
-        ({"render_mode": "ansi"}, r'render_mode: must be "human", "rgb_array" or None \(got \'ansi\'\)'),
         ({"task": "Fly"}, r"Fly: no such task; known are Altitude, Inflate, Juggle, Press, Target"),
     ],
 )
@@ -436,13 +434,12 @@ def opened(monkeypatch) -> list[str]:
     return addresses
 
 
-def test_a_page_shows_what_steps_and_closes_with_the_environment(opened: list[str], capsys):
+def test_a_page_shows_what_steps_and_closes_with_the_environment(opened: list[str]):
     env = gymnasium.make("BalloonWarp/Target-v0", device="cpu", render_mode="human")
     bare: Any = env.unwrapped
     env.reset(seed=0)
     page = bare.onlooker
     assert opened == [page.address]
-    assert f"world 0 is shown at {page.address}" in capsys.readouterr().err
     with urllib.request.urlopen(page.address) as answer:
         assert b"<html" in answer.read().lower()
     env.step(env.action_space.sample())  # nobody looks: nothing is drawn, and it is not slowed down
@@ -462,12 +459,9 @@ def test_a_page_shows_what_steps_and_closes_with_the_environment(opened: list[st
     env.close()
     with pytest.raises(urllib.error.URLError):
         urllib.request.urlopen(page.address, timeout=5)
-    with pytest.raises(InputError, match="the environment is closed"):
-        env.step(env.action_space.sample())
 
 
-def test_modes_are_listed_and_what_cannot_be_shown_is_told(monkeypatch):
-    assert BalloonEnv.metadata["render_modes"] == ["human", "rgb_array"]
+def test_what_cannot_be_shown_is_told(monkeypatch):
     with pytest.raises(InputError, match=r"render_mode: worlds in processes of their own have no page; expected"):
         make_vec("Target", 2, workers=1, render_mode="human")
 

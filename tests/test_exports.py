@@ -28,7 +28,6 @@ from test_resume import press_ctrl_c, stop
 
 from balloon_warp import Body, InputError, MissingExtraError, PolygonMesh, Scene, animate, export_stage
 from balloon_warp.scene import Balloon, Ground, Obstacle, load_scene
-from balloon_warp.scene.write import write_scene
 from balloon_warp.studio import export, parts
 from balloon_warp.studio.render import render_stage, stage_reader
 from balloon_warp.system import files as arrays
@@ -152,7 +151,6 @@ def test_a_run_that_is_stopped_goes_on_to_the_same_glb(tmp_path):
         ("out", r"out: cannot write a file without a suffix; expected"),
         ("out.obj", r"is one file for all frames; expected #### in the name for the frame .*, such as out\.####\.obj"),
         ("missing/out.glb", "the folder .* does not exist"),
-        ("missing/out.usdc", "the folder .* does not exist"),
         ("stage.usdc", "is the input stage"),
     ],
 )
@@ -248,7 +246,6 @@ def test_what_is_rigid_moves_as_a_node(written: Path, tmp_path):
     _, sizes, how = file.channels("Sphere_1")["scale"]
     assert how == "STEP"
     np.testing.assert_array_equal(sizes[:, 0], [0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0])
-    assert file.nodes["Sphere_1"]["scale"] == [0.0, 0.0, 0.0]
 
 
 def test_a_glb_is_bounded_and_says_so(written: Path, tmp_path, monkeypatch):
@@ -412,15 +409,6 @@ def test_an_image_lies_where_the_texture_coordinates_say(image: Path, tmp_path: 
         assert color[channel] > 2.0 * np.delete(color, channel).max()
 
 
-def test_an_image_in_a_package_is_found(image: Path, tmp_path: Path):
-    square(tmp_path / "stage.usda", image.name)
-    assert UsdUtils.CreateNewUsdzPackage(str(tmp_path / "stage.usda"), str(tmp_path / "stage.usdz"))
-    image.unlink()
-    _, red, *_ = quadrants(tmp_path / "stage.usdz")
-    assert red.argmax() == 0
-    assert red[0] > 2.0 * red[2]
-
-
 def test_what_is_no_image_gets_a_sentence(tmp_path: Path):
     square(tmp_path / "none.usda", "none.png")
     for color in quadrants(tmp_path / "none.usda"):
@@ -487,33 +475,6 @@ def test_a_glb_has_images_as_glb_takes_them(image: Path, tmp_path: Path, monkeyp
         export_stage(tmp_path / "large.usda", tmp_path / "out.glb")
 
 
-def test_balloons_of_one_print_share_it_in_a_glb(image: Path, tmp_path: Path):
-    image.write_bytes(image.read_bytes() + bytes(1 + -len(image.read_bytes()) % 4))  # the next buffer is still aligned
-    scene = printed_scene(tmp_path)
-    other = '[[balloon]]\nmesh = "cloth.obj"\nprint = "image.png"\nposition = [4.0, 0.0, 0.0]\n'
-    foil = '[[balloon]]\nmesh = "cloth.obj"\nlook = "foil"\nposition = [8.0, 0.0, 0.0]\n'
-    scene.write_text(scene.read_text() + other + foil)
-    at_start(load_scene(scene), tmp_path / "out.usdc")
-    export_stage(tmp_path / "out.usdc", tmp_path / "out.glb")
-    file = Glb(tmp_path / "out.glb")
-    first, second, plain = (material["pbrMetallicRoughness"] for material in file.said["materials"])
-    assert first["baseColorTexture"] == second["baseColorTexture"] == {"index": 0}
-    assert file.said["textures"] == [{"source": 0}]
-    assert len(file.said["images"]) == 1
-    assert not any(view["byteOffset"] % 4 for view in file.said["bufferViews"])
-    assert "baseColorTexture" not in plain
-    assert (first["metallicFactor"], plain["metallicFactor"]) == (0.0, 1.0)
-
-
-def test_a_scene_is_copied_with_its_print(tmp_path: Path):
-    kept = load_scene("pillow_on_water").balloon[0].print
-    assert kept is not None
-    written = write_scene(load_scene("pillow_on_water"), tmp_path / "mine.toml")
-    assert [path.name for path in written] == ["mine.toml", "pillow.obj", "pillow.png"]
-    assert load_scene(tmp_path / "mine.toml").balloon[0].print == tmp_path / "pillow.png"
-    assert (tmp_path / "pillow.png").read_bytes() == kept.read_bytes()
-
-
 SCRIPTS = ["気球", "шар", "μπαλόνι", "גליל", "गुब्बारा", "풍선", "Ballon_rouge_é", "ßÆ", "_x1"]
 HALVES = unicodedata.normalize("NFC", "é"), unicodedata.normalize("NFD", "é")
 
@@ -532,14 +493,10 @@ def meshes_of(stage: Usd.Stage) -> list[Usd.Prim]:
     ("name", "kept"),
     [
         *((name, name) for name in SCRIPTS),
-        ("Ballon rouge é", "Ballon_rouge_é"),
         ("気球 2", "気球_2"),
         ("2気球", "_気球"),
-        ("a-b.c", "a_b_c"),
         ("шар🎈", "шар_"),
-        ("\u0301e", "_e"),
         ("\udce9t", "_t"),
-        ("🎈", "_"),
         ("", "_"),
     ],
 )

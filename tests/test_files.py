@@ -309,3 +309,30 @@ def test_a_folder_that_takes_no_files_is_told_before_the_run(scene: Scene, tmp_p
         run_batch(scene, "/proc/self/fdinfo", 2, **how)
     with pytest.raises(InputError, match="cannot be written: "):
         render_stage(tmp_path / "ball.usdc", "/proc/a.png", **how)
+
+
+FULL_DISK = """
+set -e
+mkdir disk
+mount -t tmpfs -o size=128k none disk
+cp good.usdc disk/ball.usdc
+if "$0" -m balloon_warp run ball.obj --set frames=60 -o disk/ball.usdc --device cpu; then exit 9; else status=$?; fi
+cmp good.usdc disk/ball.usdc
+test "$(ls -A disk)" = ball.usdc
+exit $status
+"""
+
+
+@pytest.mark.full
+def test_a_full_disk_leaves_the_good_file(scene: Scene, tmp_path):
+    names = ["unshare", "-rm"]
+    if shutil.which("unshare") is None or subprocess.run([*names, "mount", "-t", "tmpfs", "none", "/mnt"]).returncode:
+        pytest.skip("needs a mount namespace")
+    animate(scene.model_copy(update={"frames": 2}), tmp_path / "good.usdc", device="cpu")
+    command, plain = [*names, "sh", "-c", FULL_DISK, sys.executable], {**os.environ, "NO_COLOR": "1"}
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120, env=plain)
+    assert done.returncode == 2, done.stderr
+    first, *_coarse, swells, last = done.stderr.splitlines()
+    assert first.startswith("note: ball.obj inflates above a floor. ")
+    assert swells.startswith("note: auto pressure ")
+    assert last.startswith("error: disk/ball.usdc: cannot be written: ")

@@ -109,6 +109,17 @@ def test_json_tells_what_the_text_does(kind: str, head: str, known: bool, tmp_pa
     assert f"{report['misfit_unit']}\n" in text
 
 
+def test_ogden_has_the_large_stretches_of_treloar_and_neo_hooke_has_not(tmp_path: Path):
+    curves = [curve for path in treloar(tmp_path) for curve in read_curves(path)]
+    neo_hookean, ogden = (fit_curves(curves, kind=kind) for kind in ("neo_hookean", "ogden"))
+    far = curves[0].sizes > 6.0
+    off = [np.abs(found.loads[0][far] / curves[0].loads[far] - 1.0).max() for found in (neo_hookean, ogden)]
+    assert off[0] > 0.4
+    assert off[1] < 0.06
+    assert ogden.fit.misfit < 0.15 * neo_hookean.fit.misfit
+    assert [any("misses" in doubt for doubt in each.fit.doubts) for each in (neo_hookean, ogden)] == [True, False]
+
+
 @pytest.mark.parametrize(("test", "power"), [("uniaxial", -2), ("equibiaxial", -5), ("planar", -3)])
 def test_stresses_of_a_test_are_those_of_textbooks(test: Any, power: int):
     """Neo-Hookean rubber: G (stretch - stretch^power), pulled or pressed (Treloar 1975, The physics of rubber)."""
@@ -159,14 +170,12 @@ HEADS: dict[str, tuple[str, tuple[Any, ...], str]] = {
     ),
     "newtons on a millimeter": ("v,pressure [N/mm²]", (VOLUMES, PRESSURES / 1e6), "inflation"),
     "a row of units": ("volume,pressure\n[l],[kPa]", (VOLUMES / 1e-3, PRESSURES / 1e3), "inflation"),
-    "a comment": ("# volume [l],pressure [kPa]", (VOLUMES / 1e-3, PRESSURES / 1e3), "inflation"),
     "megapascals": ("stretch,stress [MPa]", (STRETCHES, 1e-6 * STRESSES), "uniaxial"),
     "Greek": ("λ;\u03c3 (kPa)", (STRETCHES, 1e-3 * STRESSES), "uniaxial"),
     "of a machine": ("Tensile strain (mm/mm),Tensile stress (MPa)", (STRETCHES - 1, 1e-6 * STRESSES), "uniaxial"),
     "true": ("true strain,true stress [kPa]", (np.log(STRETCHES), 1e-3 * CAUCHY), "uniaxial"),
     "kilograms": ("stretch,biaxial stress [kg/cm^2]", (STRETCHES, STRESSES / 98066.5), "equibiaxial"),
     "pure shear": ("pure shear stretch,engineering stress", (STRETCHES, STRESSES), "planar"),
-    "a test alone": ("stretch,planar [bar]", (STRETCHES, 1e-5 * STRESSES), "planar"),
     "a title": ("Treloar, equibiaxial\nlambda_1\tstress", (STRETCHES, STRESSES), "equibiaxial"),
     "a dash": ("Stretch ratio λ,Stress [N mm^-2] - planar", (STRETCHES, 1e-6 * STRESSES), "planar"),
 }
@@ -217,13 +226,9 @@ ROWS = "1,0\n1.1,1\n1.2,2\n1.3,3\n1.4,4\n1.5,5\n"
         ("v,p\n" + "1\n" * 6, "line 2: pressure: is missing; expected a number in column 2"),
         ("stretch, stress [MPa]\n" + "1,2\n" * 6, "stretch: is 1 in every row; expected a test that stretches"),
         ("diameter [m], p [Pa]\n" + "1,2\n" * 6, "diameter: is 1 in every row; expected the diameters of"),
-        ("v, p [kPa Pa]\n" + "1,2\n" * 6, "pressure: 'p [kPa Pa]' names several units; expected one"),
-        ("volume, absolute pressure\n" + "1,2\n" * 6, "'absolute pressure' is absolute; expected gauge"),
         ("".join(f"{n},{101325 + n}\n" for n in range(1, 7)), "101326 to 101331 Pa look absolute; expected gauge"),
-        ("1,-2\n2,-1\n" * 3, "pressure: expected gauge pressures above 0 (got -1 at most)"),
         ("stretch, force [N]\n" + ROWS, "or one of stretch or strain and one of stress (Pa, kPa, MPa, N/mm^2 or psi)"),
         ("stretch [%], stress\n" + ROWS, "stretch: '%' in 'stretch [%]' is not understood; expected no unit"),
-        ("stretch, stress\n0,1\n" + ROWS, "line 2: stretch: expected a number above 0 (got 0)"),
         ("strain, stress\n15,1\n" + ROWS, "strain: 15 is beyond any rubber; expected a strain below 10, or one in %"),
         (
             "stretch, stress\n" + ROWS.replace(",", ",-"),
@@ -234,7 +239,6 @@ ROWS = "1,0\n1.1,1\n1.2,2\n1.3,3\n1.4,4\n1.5,5\n"
             "test,stretch,stress\n" + "twist,1,2\n" * 6,
             "line 2: test: expected one of equibiaxial, planar, uniaxial (got twist)",
         ),
-        ("stretch, stress, error\n1,1,-1\n" + "1.1,2,1\n" * 6, "deviation of stress: expected a number of at least 0"),
         ("stretch, stress, error\n" + "1.1,2,0\n1,0,0\n" * 6, "deviation of stress: is 0 in every row; expected a"),
     ],
 )

@@ -458,11 +458,6 @@ def bare(**fields) -> Scene:
     return Scene(balloon=[balloon], normals="cached", substeps=33, **fields)
 
 
-def test_an_unknown_schedule_is_refused():
-    with pytest.raises(InputError, match="schedule weave: no such schedule; known are auto, scatter, gather"):
-        Simulator(bare(), "cpu", schedule="weave")
-
-
 def test_auto_takes_a_schedule_and_says_which():
     assert Simulator(bare(), "cpu").schedule.name == "octets"
     assert Simulator(bare(), "cpu", 8).schedule.name == "lanes"

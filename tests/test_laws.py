@@ -85,11 +85,7 @@ def slope_of_energy(law: Law, samples: dict[str, NDArray], place: str, axis: int
     return difference(law.energy, samples, place, axis)
 
 
-with_energy = pytest.mark.parametrize("law", [law for law in TESTED if law.energy], ids=lambda law: law.name)
-each_law = pytest.mark.parametrize("law", TESTED, ids=lambda law: law.name)
-
-
-@with_energy
+@pytest.mark.parametrize("law", [law for law in TESTED if law.energy], ids=lambda law: law.name)
 def test_the_force_is_the_slope_of_the_energy(law: Law):
     samples = samples_of(law)
     if law.kind in ("spring", "string"):  # F = c d, and the slope of E(d . d) by the other end's place is 2 E' d
@@ -119,16 +115,6 @@ def test_the_pressure_is_the_slope_of_a_gas_s_energy(gamma: float):
     balanced = samples | {"volume": (samples["free_volume"] * balance).astype(np.float32)}
     np.testing.assert_allclose(called(gas.gas_energy, balanced), 0.0, atol=0.05)  # 1e-7 of 1e5 J, twice over
     np.testing.assert_allclose(called(gas.gas_pressure, balanced), 0.0, atol=0.05)
-
-
-@pytest.mark.parametrize("law", [law for law in TESTED if law.kind == "hinge"], ids=lambda law: law.name)
-def test_the_forces_at_a_hinge_have_neither_a_sum_nor_a_moment(law: Law):
-    samples = samples_of(law)
-    at = [forces(law, with_role(samples, role)) for role in range(4)]
-    moments = [np.cross(samples[place], force) for place, force in zip(PLACES["hinge"], at, strict=True)]
-    rounding = 1e-5 * size_of(np.array(at))  # of some ten roundings of 1e-7, between sides of 1 to 10
-    np.testing.assert_allclose(sum(at), 0.0, atol=rounding)
-    np.testing.assert_allclose(sum(moments), 0.0, atol=rounding)
 
 
 def bound_of(law: Law, which: str, samples: dict[str, NDArray], **told: Any) -> NDArray[np.float64]:
@@ -197,7 +183,7 @@ def test_a_law_that_is_neutral_neither_acts_nor_asks_for_a_step(law: Law):
         assert np.abs(bound_of(law, which, samples, **told)).max() == 0.0
 
 
-@each_law
+@pytest.mark.parametrize("law", TESTED, ids=lambda law: law.name)
 def test_warp_differentiates_a_law(law: Law):
     samples = samples_of(law)
     result = RESULT[law.kind].replace("float", "float32")
