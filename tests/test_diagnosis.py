@@ -323,7 +323,7 @@ ENDINGS: dict[str, tuple[np.ndarray, dict[str, Any], str]] = {
 
 @pytest.mark.parametrize("name", ENDINGS)
 def test_a_bad_ending_is_told_and_a_good_one_is_not(name: str):
-    """By our default pressure a balloon may grow to 1.6 times the volume of a ball's, 3.1 times its own."""
+    """A balloon may grow, by our default pressure, to 1.6 times the volume of a ball's, 3.1 times its own."""
     points, fields, said = ENDINGS[name]
     found = [f"{ending.kind}: {ending}" for ending in endings(points, **fields)]
     assert len(found) == bool(said)
