@@ -279,7 +279,7 @@ def test_a_law_goes_in_with_one_file_and_its_name(tmp_path: Path):
     files = [f"tests/{name}.py" for name in ("test_laws", "test_own_laws", "full/test_law_schedules")]
     options = ["-m", "pytest", "--full", "-n", "0", "-v", "-p", "no:cacheprovider"]
     tested = python(*options, *files, "-k", "charge and not block")
-    assert tested.count("[charge] PASSED") >= 6
+    assert tested.count("[charge] PASSED") >= 5
     assert re.search(r"in_every_schedule\[.*charge.*\] PASSED", tested)
 
 
