@@ -1,4 +1,4 @@
-"""Worlds that differ, by which values, how they are divided into shares, and those that blow up beside others."""
+"""Worlds that differ, by which values, and those that blow up beside others."""
 
 import json
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Searches of contact against all pairs; contact by default, of others and itself; placement of balloons."""
+"""Searches for contact, of boxes and spheres; contact by default, of others and itself; placement of balloons."""
 # pyright: reportGeneralTypeIssues=false
 
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Inverse design: the balloon that becomes a given shape, and the steps of its search."""
+"""Inverse design: the balloon that becomes a given shape, and refusals."""
 
 import json
 from collections.abc import Callable
