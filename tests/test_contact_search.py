@@ -176,12 +176,6 @@ def test_a_field_of_touch_asks_for_it_and_false_is_written_and_read(tmp_path: Pa
     assert load_scene(tmp_path / "apart.toml").touch is False
 
 
-@pytest.mark.full
-@pytest.mark.parametrize(("name", "itself"), [("foil_letters", True), ("letter_slot", False), ("two_balloons", False)])
-def test_foil_touches_itself_by_default(name: str, itself: bool):
-    assert plan_model(load_scene(name)).scene.touches_itself is itself
-
-
 @pytest.mark.parametrize("cells", [4, 12])
 def test_a_ball_of_limp_triangles_is_no_foil(cells: int):
     """Triangles have detours between neighbors, coarse ones long ones, but lie on no others."""
