@@ -227,6 +227,10 @@ ROWS = "1,0\n1.1,1\n1.2,2\n1.3,3\n1.4,4\n1.5,5\n"
         ("stretch, stress [MPa]\n" + "1,2\n" * 6, "stretch: is 1 in every row; expected a test that stretches"),
         ("diameter [m], p [Pa]\n" + "1,2\n" * 6, "diameter: is 1 in every row; expected the diameters of"),
         ("".join(f"{n},{101325 + n}\n" for n in range(1, 7)), "101326 to 101331 Pa look absolute; expected gauge"),
+        ("v, p [kPa Pa]\n" + "1,2\n" * 6, "pressure: 'p [kPa Pa]' names several units; expected one"),
+        ("volume [furlong], p\n" + "1,2\n" * 6, "volume: 'furlong' in 'volume [furlong]' is not understood; e"),
+        ("v, p, pressure 2\n" + "1,2,3\n" * 6, "has two columns of pressure, 'p' and 'pressure 2'"),
+        ("1,-2\n2,-1\n" * 3, "pressure: expected gauge pressures above 0 (got -1 at most)"),
         ("stretch, force [N]\n" + ROWS, "or one of stretch or strain and one of stress (Pa, kPa, MPa, N/mm^2 or psi)"),
         ("stretch [%], stress\n" + ROWS, "stretch: '%' in 'stretch [%]' is not understood; expected no unit"),
         ("strain, stress\n15,1\n" + ROWS, "strain: 15 is beyond any rubber; expected a strain below 10, or one in %"),
@@ -239,6 +243,7 @@ ROWS = "1,0\n1.1,1\n1.2,2\n1.3,3\n1.4,4\n1.5,5\n"
             "test,stretch,stress\n" + "twist,1,2\n" * 6,
             "line 2: test: expected one of equibiaxial, planar, uniaxial (got twist)",
         ),
+        ("stretch, stress, error\n1,1,-1\n" + "1.1,2,1\n" * 6, "deviation of stress: expected a number of at least 0"),
         ("stretch, stress, error\n" + "1.1,2,0\n1,0,0\n" * 6, "deviation of stress: is 0 in every row; expected a"),
     ],
 )

@@ -71,7 +71,6 @@ def test_drawings_are_read(tmp_path: Path, content: str, expected: float):
     ("text", "options", "sentence"),
     [
         ("", {}, "text: has no visible character"),
-        ("\u200b", {}, "text: "),
         ("漢", {}, "text: the font DejaVu Sans has no '漢'; expected another font"),
         ("L", {"font": "No Such Family"}, "font No Such Family: no such font family"),
         ("L", {"font": "missing.ttf"}, "font missing.ttf: no such file"),
