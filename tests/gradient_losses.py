@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Any, NamedTuple
 
+import feature_sets
 import numpy as np
 from gradient_scenes import CASES
 
@@ -123,12 +124,11 @@ def value_at(of: bw.Scene, path: str) -> float:
     if path.startswith("change."):
         number, inner = path.removeprefix("change.").split(".set.")
         return float(of.change[int(number)].set[inner])
-    value, names = of, path.split(".")
+    names = path.split(".")
     if names[0] == "balloon" and not names[1].isdecimal():
         names.insert(1, "0")
-    for name in names:
-        value = value[int(name)] if name.isdecimal() else getattr(value, name)  # type: ignore[index]
-    return float(plan_model(of).parameters[names[-1]][0, 0] if value is None else value)  # type: ignore[arg-type]
+    value = feature_sets.value_at(of, ".".join(names))
+    return float(plan_model(of).parameters[names[-1]][0, 0] if value is None else value)
 
 
 def ends(moved: Trajectories) -> tuple[Any, dict[str, Any]]:

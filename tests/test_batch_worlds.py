@@ -1,4 +1,4 @@
-"""Worlds that differ, by which values, how they are divided into shares, and those that blow up beside others."""
+"""Worlds that differ, by which values, and those that blow up beside others."""
 
 import json
 from collections.abc import Sequence
@@ -19,15 +19,10 @@ from balloon_warp.batch.batch import BatchSummary, Range, parse_export, parse_va
 from balloon_warp.batch.recorder import Recorder, plan_groups
 from balloon_warp.blow_ups import with_half_the_step
 from balloon_warp.farm import cluster
-from balloon_warp.farm.cluster import cut_into_shares
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.model import ModelPlan, plan_model
-from balloon_warp.model.parameters import scene_to_vary
 from balloon_warp.scene import Balloon, Change, Ground, Inflation, Scene, Sphere, Stiffness, String
-from balloon_warp.scene.load import override_scene
 
-NO_SPRINGS = Stiffness(structural=0.0, shear=0.0, flexion=0.0)
-FREE_CUBE = Balloon(mesh=cube(), mass=0.05, stiffness=NO_SPRINGS, inflation=Inflation(k_normal=0.0), damping=0.0)
 RAMPED = Balloon(mesh=quad_sphere(3), helium=3.0, inflation=Inflation(k_normal=[(0.0, 0.5), (0.05, 1.0), (0.1, 2.0)]))
 LATE = Balloon(mesh=cube(), position=(3.0, 0.0, 0.0), inflation=Inflation(k_normal=[(0.0, 0.1), (0.05, 0.4)]))
 FALLING = Sphere(position=(-3.0, -0.75, 0.0), velocity=(0.0, -1.0, 0.0), radius=0.3)
@@ -41,25 +36,9 @@ EVERYTHING = Scene(
 """a scene where every varied value matters: a sphere on the balloon, a taut string, ramped inflation"""
 
 
-def end_state(simulator: Simulator, world: int) -> np.ndarray:
-    frame = simulator.read_frame(world)
-    moving = [*frame.points, *frame.velocities, frame.sphere_positions, frame.sphere_velocities]
-    return np.concatenate([part.ravel() for part in moving])
-
-
-def run(simulator: Simulator) -> Simulator:
-    for _ in range(simulator.model.scene.frames):
-        simulator.step()
-    return simulator
-
-
-def end_alone(*overrides: tuple[str, float]) -> np.ndarray:
-    return end_state(run(Simulator(override_scene(EVERYTHING, overrides), "cpu", schedule="lanes")), 0)
-
-
 def test_a_recorder_of_places_and_turns_writes_within_its_arrays(monkeypatch: pytest.MonkeyPatch):
     """Both are picked in one graph: what stands behind the places stays, from the first frame on."""
-    simulator = Simulator(feature_set("bodies"), "cpu", 2)
+    simulator = Simulator(feature_set("bodies"), "cpu", 2, schedule="gather")
     shape = (2, simulator.model.particle_count)
     for _ in range(2):  # once all kernels are compiled, too
         room = wp.full(3 * shape[0] * shape[1] + 8, 7.25, dtype=float, device="cpu")
@@ -70,34 +49,6 @@ def test_a_recorder_of_places_and_turns_writes_within_its_arrays(monkeypatch: py
             np.testing.assert_array_equal(room.numpy()[-8:], 7.25)
         np.testing.assert_array_equal(picked.numpy(), simulator.state.points.numpy())
         simulator.reset()
-
-
-@pytest.mark.full
-@pytest.mark.parametrize(
-    ("path", "values"),
-    [
-        ("balloon.1.mass", (0.08, 0.2)),
-        ("balloon.inflation.k_normal", (0.0, 3.0)),
-        ("balloon.0.inflation.k_normal.1.1", (0.2, 3.0)),
-        ("balloon.0.inflation.k_normal.2.1", (0.2, 3.0)),
-        ("balloon.1.inflation.k_normal.1.1", (0.2, 3.0)),
-        ("sphere.1.position.1", (1.1, 2.0)),
-        ("sphere.0.velocity.0", (-1.0, 1.0)),
-        ("string.anchor.1", (-2.0, -1.7)),
-        ("balloon.position.0", (0.013, 0.31)),
-        ("balloon.1.position.2", (-0.2, 0.07)),
-        ("ground.height", (-1.1, -0.91)),
-    ],
-)
-def test_a_world_of_a_batch_is_the_overridden_scene_alone(path: str, values: tuple[float, float]):
-    """A world is bit-identical to the overridden scene on the CPU, where the order of the sums is fixed.
-
-    These paths lead to one of several, to keyframes and to places; test_model_parameters.py has every row, and
-    test_free_frames.py what schedules make of them."""
-    batch = run(Simulator(EVERYTHING, "cpu", 2, {path: np.array(values)}, schedule="lanes"))
-    for world, value in enumerate(values):
-        np.testing.assert_array_equal(end_state(batch, world), end_alone((path, value)))
-    assert np.abs(end_state(batch, 0) - end_state(batch, 1)).max() > 1e-4
 
 
 def test_strings_of_no_said_length_reach_from_each_worlds_anchor_to_its_balloon():
@@ -112,13 +63,6 @@ def test_strings_of_no_said_length_reach_from_each_worlds_anchor_to_its_balloon(
     np.testing.assert_array_equal(lengths[:, 1], 0.5)
 
 
-@pytest.mark.parametrize(("field", "kind"), [("k_normal", "normal_force"), ("litres", "gas"), ("pressure", "pressure")])
-def test_a_balloon_that_leaves_it_open_has_the_inflation_that_differs(field: str, kind: str):
-    for path in (f"balloon.inflation.{field}", f"balloon.0.inflation.{field}"):
-        varied = scene_to_vary(Scene(balloon=[Balloon(mesh=cube())]), {path: [1.0, 2.0]})
-        assert varied.balloon[0].inflation.kind == kind
-
-
 @pytest.mark.parametrize("particle", ["highest", "lowest"])
 def test_a_string_holds_the_same_particle_in_all_worlds(particle: str):
     """The next tip of an octahedron on its tip is as high once it has turned by 45 degrees."""
@@ -130,32 +74,14 @@ def test_a_string_holds_the_same_particle_in_all_worlds(particle: str):
         plan_model(scene, 2, {"balloon.rotation.2": [0.0, 50.0]})
 
 
-@pytest.mark.full
-def test_overrides_keep_all_else_and_the_last_named_wins():
-    vary = {"balloon.mass": np.array([0.1, 0.2]), "balloon.0.mass": np.array([0.15, 0.3]), "gravity": [1.0, 2.0]}
-    batch = run(Simulator(EVERYTHING, "cpu", 2, vary, schedule="lanes"))
-    alone = end_alone(("balloon.mass", 0.2), ("balloon.0.mass", 0.3), ("gravity", 2.0))
-    np.testing.assert_array_equal(end_state(batch, 1), alone)
-    changed = override_scene(EVERYTHING, [("sphere.0.mass", 7.0)])
-    assert changed.sphere[0].mass == 7.0
-    assert changed.balloon[0].mesh is EVERYTHING.balloon[0].mesh
-    back = override_scene(changed, [("sphere.0.mass", EVERYTHING.sphere[0].mass)])
-    assert back.model_dump(exclude={"balloon"}) == EVERYTHING.model_dump(exclude={"balloon"})
-
-
 @pytest.mark.parametrize(
     ("vary", "complaint"),
     [
         ({"balloon.mass": [1.0, 1.0, -1.0, 1.0]}, r"balloon\.0\.mass: must be .* 0 \(got -1\.0\), in world 2$"),
-        ({"sphere.1.radius": [1.0, 0.0, 1.0, 1.0]}, r"sphere\.1\.radius: must be greater than 0 .* in world 1$"),
-        ({"gravity": [1.0, 1.0, 1.0, np.nan]}, r"gravity: must be a finite number \(got nan\), in world 3$"),
         ({"balloon.mass": [1.0, 2.0]}, r"balloon\.mass: expected a value for each of 4 worlds \(got shape \(2,\)\)$"),
-        ({"balloon.mass": ["a", "b", "c", "d"]}, r"balloon\.mass: expected a number for each world \(got \['a'"),
-        ({"balloon.mas": [1.0] * 4}, r"balloon\.0\.mas: unknown field; did you mean mass\?$"),
         ({"sphere.5.mass": [1.0] * 4}, r"sphere\.5\.mass: no sphere 5, the scene has 3, counted from 0$"),
         ({"frames": [1] * 4}, r"frames: cannot differ .*; what can: gravity, corr.*, .*ground.*string\.length"),
         ({"balloon.1.position.2": [0, 1, 0, 1e6]}, r"mesh: is 1 m across and 1e\+06 m from the origin, too far"),
-        ({"water.level": [0.0] * 4}, r"water\.level: cannot differ between worlds, the scene has no water$"),
     ],
 )
 def test_a_wrong_value_is_told_in_a_sentence(vary: dict, complaint: str):
@@ -177,13 +103,6 @@ def test_many_worlds_are_planned_without_a_loop_over_them():
     assert plan.parameters["helium"].shape == (1, 2)
 
 
-@pytest.mark.parametrize("world", [-1, 2])
-def test_a_world_that_is_not_there_gets_a_sentence(world: int):
-    simulator = Simulator(Scene(balloon=[Balloon(mesh=cube())]), "cpu", world_count=2)
-    with pytest.raises(InputError, match=rf"^world: no world {world}; expected 0 to 1$"):
-        simulator.read_frame(world)
-
-
 BALL = Scene(frames=3, substeps=8, balloon=[Balloon(mesh=quad_sphere(2), mass=1.0)])
 OF_MODELS = {
     "balloon.stiffness.variation": [0.0, 0.5, 0.5, 0.5],
@@ -200,13 +119,6 @@ def test_each_world_is_as_it_is_alone():
         alone = simulate(load_scene(BALL, own), device="cpu", schedule="octets")
         np.testing.assert_array_equal(found.points[0][world], alone.points[0])
     assert len({points.tobytes() for points in found.points[0][:, -1]}) == 4
-
-
-def test_worlds_of_one_model_stay_together():
-    vary = {"balloon.stiffness.seed": [3, 5, 3, 3], "gravity": [1.0, 2.0, 3.0, 4.0]}
-    groups = plan_groups(BALL, 4, vary)
-    assert [group.worlds.tolist() for group in groups] == [[0, 2, 3], [1]]
-    assert groups[0].plan.parameters["gravity"].tolist() == [1.0, 3.0, 4.0]
 
 
 def test_what_is_wrong_is_told_with_its_world():
@@ -295,44 +207,6 @@ def test_exports_are_all_none_or_chosen_worlds():
         parse_export("0,6", 6)
     with pytest.raises(InputError, match=r"^export first: expected all, none, or worlds such as 0,5,9$"):
         parse_export("first", 6)
-
-
-@pytest.mark.parametrize(
-    ("worlds", "sizes"),
-    [
-        (1, [1]),
-        (9, [5, 4]),
-        (64, [8] * 8),
-        (65, [13] * 5),  # more than eight times eight: the next power of two, 16, makes five shares
-    ],
-)
-def test_the_cut_depends_on_the_batch_alone(worlds: int, sizes: list[int], monkeypatch):
-    """The cut has at most eight shares of at least eight cubes; each has its own part of the varied values."""
-    monkeypatch.setitem(cluster.GRAIN, "cpu", cluster.Grain(1, 64))
-    monkeypatch.setattr(cluster, "SHARES", 8)
-    mass = np.linspace(1.0, 0.01, worlds)
-    groups = plan_groups(Scene(balloon=[Balloon(mesh=cube())]), worlds, {"balloon.mass": mass})
-    cut = cut_into_shares(groups, "cpu")
-    assert [share.plan.world_count for share in cut] == sizes
-    np.testing.assert_array_equal(np.concatenate([share.worlds for share in cut]), np.arange(worlds))
-    np.testing.assert_array_equal(np.concatenate([share.plan.parameters["mass"][:, 0] for share in cut]), mass)
-    assert {len(share.plan.parameters["gravity"]) for share in cut} == {1}
-    assert {share.plan.substeps for share in cut} == {groups[0].plan.substeps}  # that of the lightest world
-
-
-def test_a_share_fills_the_lanes_of_a_cpu():
-    groups = plan_groups(Scene(balloon=[Balloon(mesh=quad_sphere(20))]), 20, {"balloon.mass": np.full(20, 1.0)})
-    assert groups[0].plan.particle_count > cluster.GRAIN["cpu"].particles
-    assert [len(share.worlds) for share in cut_into_shares(groups, "cpu")] == [7, 7, 6]
-
-
-@pytest.mark.parametrize(("frames", "count"), [(1, 2), (100, 4), (1000, 32)])
-def test_a_share_is_worth_its_beginning(frames: int, count: int, monkeypatch):
-    """A short batch is cut into fewer shares, as each has a start-up cost, which still fit into a small memory."""
-    monkeypatch.setattr(cluster, "MOST_PARTICLES", 8 * 128)
-    monkeypatch.setitem(cluster.GRAIN, "cuda", cluster.Grain(1, 8, 8 * 64 * 100 * 10))
-    scene = Scene(balloon=[Balloon(mesh=cube())], frames=frames, substeps=10)
-    assert len(cut_into_shares(plan_groups(scene, 256, {"balloon.mass": np.full(256, 100.0)}), "cuda")) == count
 
 
 PAIR = [Balloon(mesh=cube()), Balloon(mesh=quad_sphere(3), position=(5.0, 0.0, 0.0))]

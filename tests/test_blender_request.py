@@ -4,7 +4,6 @@ import math
 import struct
 import subprocess
 import sys
-import tomllib
 import zipfile
 from dataclasses import replace
 from importlib.metadata import packages_distributions
@@ -28,8 +27,7 @@ from balloon_warp.blender.addon.request import (
     write_request,
 )
 from balloon_warp.blender.bake import led_frames
-from balloon_warp.blender.bake import main as bake_or_play
-from balloon_warp.blender.extension import manifest, write_own_wheel
+from balloon_warp.blender.extension import write_own_wheel
 from balloon_warp.blender.request import Cached, local_points, moved, read_request, torn_faces
 from balloon_warp.mesh.topology import signed_volume
 
@@ -98,24 +96,19 @@ def test_a_mirrored_object_is_wound_outward(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("settings", "said"),
+    ("inflate", "amounts", "said"),
     [
-        ({"inflate": "PRESSURE"}, {"kind": "pressure", "pressure": 7.0}),
-        ({"inflate": "LITRES"}, {"kind": "gas", "litres": 7.0, "fill_time": 0.5, "molar_mass": 0.0289652}),
+        ("PRESSURE", [7.0], {"kind": "pressure", "pressure": 7.0}),
+        ("LITRES", [7.0], {"kind": "gas", "litres": 7.0, "fill_time": 0.5, "molar_mass": 0.0289652}),
+        ("PRESSURE", [0.0, 1.0, 3.0, 2.0], {"pressure": [(0.0, 0.0), (0.04, 1.0), (0.08, 3.0), (0.12, 2.0)]}),
     ],
 )
-def test_inflations_go_into_fields_of_their_names(settings: dict, said: dict, tmp_path: Path):
-    balloon = thing(**settings)
-    balloon.amounts = [7.0]
+def test_inflations_go_into_fields_of_their_names(inflate: str, amounts: list[float], said: dict, tmp_path: Path):
+    """An animated one has a keyframe a frame."""
+    balloon = thing(inflate=inflate)
+    balloon.amounts = amounts
     inflation = scene_of(tmp_path, snapshot(balloon)).balloon[0].inflation
     assert {name: getattr(inflation, name) for name in said} == said
-
-
-def test_an_animated_pressure_has_a_keyframe_a_frame(tmp_path: Path):
-    balloon = thing(inflate="PRESSURE")
-    balloon.amounts = [0.0, 1.0, 3.0, 3.0, 2.0]
-    keys = scene_of(tmp_path, snapshot(balloon)).balloon[0].inflation.pressure
-    assert keys == [(0.0, 0.0), (0.04, 1.0), (0.08, 3.0), (0.12, 3.0), (0.16, 2.0)]
 
 
 def test_an_animated_volume_is_reached(tmp_path: Path):
@@ -236,12 +229,6 @@ def test_a_mistake_names_the_object(tmp_path: Path):
         read_request(tmp_path / "nowhere")
 
 
-def test_a_preview_has_no_checkpoint_to_go_on_from(tmp_path: Path, capsys: pytest.CaptureFixture):
-    with pytest.raises(SystemExit, match="2"):
-        bake_or_play([str(tmp_path), "--preview", "--resume"])
-    assert "--preview: expected neither --resume nor --attached" in capsys.readouterr().err
-
-
 def test_points_return_to_the_axes_of_their_object():
     places = np.array([place(scale=(-2.0, 1.0, 0.5), turn=0.4, at=(1.0, 2.0, 3.0))])
     world = 0.1 * (BALL.points @ places[0, :3, :3].T + places[0, :3, 3])
@@ -279,16 +266,6 @@ def test_a_cache_grows_and_goes_on(tmp_path: Path):
     assert samples_of(path, 2) == 2
     assert samples_of(path, 3) == 0
     assert len(path.read_bytes()) == HEADER.size + 3 * 24
-
-
-def test_the_manifest_lists_what_blender_asks_for():
-    said = tomllib.loads(manifest(["scipy-1.0-cp311-cp311-win_amd64.whl"], ["windows-x64"]))
-    for name in ("schema_version", "id", "version", "name", "tagline", "maintainer", "type", "license"):
-        assert said[name]
-    assert said["blender_version_min"] == "4.2.0"
-    assert said["wheels"] == ["./wheels/scipy-1.0-cp311-cp311-win_amd64.whl"]
-    assert len(said["tagline"]) <= 64
-    assert "wheels" not in tomllib.loads(manifest([], []))
 
 
 def test_the_zip_without_wheels_is_the_add_on_alone(tmp_path: Path, capsys: pytest.CaptureFixture):

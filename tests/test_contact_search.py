@@ -1,8 +1,7 @@
-"""Searches of contact against all pairs; contact by default, of others and itself; placement of balloons."""
+"""Searches for contact, of boxes and spheres; contact by default, of others and itself; placement of balloons."""
 # pyright: reportGeneralTypeIssues=false
 
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
@@ -10,7 +9,6 @@ import numpy as np
 import pytest
 import trimesh
 import warp as wp
-from conserved import tube
 from feature_sets import feature_set
 from meshes import box, cube, grid, hook, joined, mesh_of, quad_sphere
 from scipy.spatial.transform import Rotation
@@ -23,59 +21,29 @@ from balloon_warp import (
     Simulator,
     String,
     Touch,
-    bundled_scenes,
-    load_mesh,
     load_scene,
 )
 from balloon_warp.kernels import OPTIONS
 from balloon_warp.kernels.contact.boxes import (
-    SPARE,
-    box_balloons,
     lining_function,
     nearing_function,
 )
-from balloon_warp.kernels.contact.free_frames import (
-    FREE,
-    OwnParts,
-    find_strayed_balloons,
-    min_distance_between,
-    place_part,
-)
 from balloon_warp.kernels.contact.search import next_of_eight
 from balloon_warp.kernels.contact.spheres import part_until_face
-from balloon_warp.kernels.laws.contact import NEAR_BODY, NEVER
+from balloon_warp.kernels.laws.contact import NEVER
 from balloon_warp.kernels.laws.touch import facing_of, part_until_contact
-from balloon_warp.kernels.loops.contact import A_STEP, solid_function
-from balloon_warp.kernels.tables import Tables, WorldState
-from balloon_warp.kernels.working import PAIRS, Working
-from balloon_warp.lab.reference.contact import edge_edge, point_triangle
+from balloon_warp.kernels.tables import Tables
+from balloon_warp.kernels.working import Working
+from balloon_warp.lab.reference.contact import point_triangle
 from balloon_warp.mesh.crossings import find_crossings
 from balloon_warp.mesh.orientation import triangles_of
-from balloon_warp.mesh.repair import wrong_sides
 from balloon_warp.mesh.thickness import nears_itself, standing
 from balloon_warp.mesh.topology import triangulate
 from balloon_warp.model import build_model, plan_model
 from balloon_warp.model.shape import shape_balloon
-from balloon_warp.model.state import Allocating
-from balloon_warp.model.touch import APART, bends_freely, edge_length
-from balloon_warp.scene import Ground, Inflation, Stiffness
+from balloon_warp.model.touch import bends_freely
+from balloon_warp.scene import Inflation, Stiffness
 from balloon_warp.scene.load import override_scene, write_scene
-from balloon_warp.schedules.framing import own_parts, own_parts_arrays
-from balloon_warp.schedules.tables import world_state
-from balloon_warp.system.warp_threads import launch_tiled
-
-
-@wp.kernel(enable_backward=False)
-def place_all(own: OwnParts, points: wp.array2d[wp.vec3], before: wp.array2d[wp.vec3], drift: wp.vec3):
-    part = wp.tid()
-    place_part(own, 0, part, points, before, drift)
-
-
-@wp.kernel(enable_backward=False)
-def bound_all(own: OwnParts, found: wp.array2d[float]):
-    one = wp.tid()
-    for other in range(found.shape[1]):
-        found[one, other] = min_distance_between(own, 0, one, other)
 
 
 def bent(mesh: PolygonMesh, radius: float) -> np.ndarray:
@@ -83,85 +51,6 @@ def bent(mesh: PolygonMesh, radius: float) -> np.ndarray:
     x, y, z = mesh.points.T
     arc = np.stack([(radius - y) * np.sin(x / radius), radius - (radius - y) * np.cos(x / radius), z], axis=1)
     return 1.2 * Rotation.from_euler("xyz", [20.0, 40.0, 70.0], degrees=True).apply(arc) + 3.0
-
-
-@pytest.mark.parametrize("radius", [1e6, 4.0, 1.0])
-def test_no_two_parts_of_a_balloon_are_nearer_than_their_bound(radius: float):
-    """The bound is for all particles that may touch, far apart at the start; where nothing bends it says much."""
-    mesh = tube(17, 12)
-    model = build_model(Scene(balloon=[Balloon(mesh=mesh)], touch=Touch(itself=True)), "cpu")
-    own, points = own_parts(model), bent(mesh, radius)
-    for name, array in own_parts_arrays(model, Allocating(model.device)).items():
-        setattr(own, name, array)
-    count = len(own.balloons)
-    found = wp.zeros((count, count), dtype=float, device="cpu")
-    before, drift = points + np.random.default_rng(2).uniform(-0.3, 0.3, points.shape), np.array([0.2, 0.1, -0.3])
-    given = [wp.array(each[None], dtype=wp.vec3, device="cpu") for each in (points, points, before)]
-    wp.launch(place_all, count, [own, given[0], given[2], wp.vec3(*drift)], device="cpu")
-    first, particles = own.first.numpy(), own.particles.numpy()
-    parts = [particles[begin:end] for begin, end in pairwise(first)]
-    both = np.stack([points, before + drift])
-    around = [(both[:, part].min(axis=(0, 1)), both[:, part].max(axis=(0, 1))) for part in parts]
-    np.testing.assert_allclose(own.boxes.numpy()[0], around, atol=1e-6)
-    wp.launch(place_all, count, [own, *given[:2], wp.vec3()], device="cpu")
-    wp.launch(bound_all, count, [own, found], device="cpu")
-    rest, now = (np.linalg.norm(each[:, None] - each, axis=-1) for each in (mesh.points, points))
-    now[rest < APART * edge_length(mesh)] = np.inf
-    gaps = np.array([[now[np.ix_(one, other)].min() for other in parts] for one in parts])
-    assert (found.numpy() <= gaps + 1e-6).all()
-    far = np.isfinite(gaps) & (gaps > 0.5)
-    assert radius < 1e6 or (found.numpy()[far] > 0.3 * gaps[far]).all()
-
-
-def test_no_particle_that_may_meet_a_sphere_is_left_out_early():
-    """The early test looks at twice a particle's way, as does `comes_near`."""
-    simulator = Simulator(feature_set("spheres"), "cpu", schedule="gather")
-    solid_at = solid_function(simulator.schedule.features)
-
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def reach_all(t: Tables, state: WorldState, found: wp.array[float]):  # pyright: ignore[reportGeneralTypeIssues]
-        solid = wp.tid()
-        _center, _motion, reach = solid_at(t, state, 0, solid, 0.0)
-        found[solid] = reach
-
-    radii = np.array([sphere.radius for sphere in feature_set("spheres").sphere])
-    found = wp.zeros(len(radii), dtype=float, device="cpu")
-    wp.launch(reach_all, len(radii), [simulator.schedule.tables, world_state(simulator.state), found], device="cpu")
-    rng = np.random.default_rng(4)
-    for radius, reach in zip(radii, found.numpy(), strict=True):
-        distances, lengths = radius * rng.uniform(0.9, 2.0, 20_000), radius * rng.uniform(0.0, 0.5, 20_000)
-        towards = rng.normal(size=(20_000, 3)) * 0.1 - (1.0, 0.0, 0.0)
-        way = (lengths / np.linalg.norm(towards, axis=1))[:, None] * towards
-        end = distances[:, None] * (1.0, 0.0, 0.0)
-        part = np.clip(-(end * way).sum(axis=1) / np.maximum((way**2).sum(axis=1), 1e-12), -1.0, 1.0)
-        comes = np.linalg.norm(end + part[:, None] * way, axis=1) < float(NEAR_BODY) * radius
-        looks = distances**2 < reach + float(A_STEP) * lengths**2
-        assert looks[comes].all()
-        assert looks.mean() < 0.9
-
-
-def test_boxes_hold_what_particles_sweep_until_the_next_search():
-    """Boxes have where particles are and will be by their speeds, and how far they have come since the last search."""
-    simulator = Simulator(feature_set("touch"), "cpu", schedule="gather")
-    simulator.step_unread()
-    t, working, state = simulator.schedule.tables, simulator.schedule.launches.working, simulator.state
-    dim = (1, simulator.model.balloon_count)
-    launch_tiled(
-        box_balloons, dim, [t, state.points, state.velocities, 0, working], block_dim=1, device=simulator.model.device
-    )
-    points, sought = state.points.numpy()[0], working.sought.numpy()[0]
-    way = t.touch.seconds * state.velocities.numpy()[0]
-    both, speed = np.stack([points, points + way]), np.linalg.norm(way, axis=1) / t.touch.seconds
-    moved = np.linalg.norm(points - sought, axis=1)
-    straying, slack = moved + t.touch.seconds * speed, t.touch.slack.numpy()
-    for balloon, (begin, end) in enumerate(pairwise(simulator.model.particle_offsets)):
-        lower, upper, pace = working.balloon_boxes.numpy()[0, balloon]
-        np.testing.assert_allclose(lower, both[:, begin:end].min(axis=(0, 1)), atol=1e-6)
-        np.testing.assert_allclose(upper, both[:, begin:end].max(axis=(0, 1)), atol=1e-6)
-        strayed = straying[begin:end].max() > float(SPARE) * slack[balloon]
-        np.testing.assert_allclose(
-            pace, [speed[begin:end].max(), strayed, moved[begin:end].max()], rtol=1e-5, atol=1e-6
-        )
 
 
 def test_a_particle_looks_at_the_balloons_whose_boxes_its_way_meets():
@@ -254,102 +143,6 @@ def test_a_sphere_that_comes_through_a_triangle_is_met_before_half_its_radius():
     assert min((outside & met).sum(), (~met).sum()) > 50
 
 
-def searched(device: str) -> tuple[Any, Any, np.ndarray, np.ndarray]:
-    """Return tables and memory after a search in the set of balloons that touch, and its points and their ways."""
-    simulator = Simulator(feature_set("touch"), device, schedule="gather")
-    simulator.step_unread()
-    schedule, state = simulator.schedule, simulator.state
-    schedule._touch.search(state, 0, state.points, state.velocities)
-    t = schedule.tables
-    velocities = state.velocities.numpy()[0].astype(float)
-    return t, schedule.launches.working, state.points.numpy()[0].astype(float), t.touch.seconds * velocities
-
-
-def test_leaves_list_those_whose_boxes_meet_theirs():
-    """Each leaf's box holds its triangles' sweeps; those of balloons too fast for clearances list those near them."""
-    t, working, points, ways = searched("cpu")
-    leaves, triangles, first = (getattr(t.touch, name).numpy() for name in ("leaves", "triangles", "balloon_leaves"))
-    both = np.stack([points, points + ways])
-    boxes = working.leaf_boxes.numpy()[0].reshape(-1, 2, 4)[..., :3]
-    for (begin, end, *_edges), (lower, upper) in zip(leaves, boxes, strict=True):
-        swept = both[:, triangles[begin:end].ravel()]
-        np.testing.assert_allclose(lower, swept.min(axis=(0, 1)), atol=1e-6)
-        np.testing.assert_allclose(upper, swept.max(axis=(0, 1)), atol=1e-6)
-    counts, listed = working.near_leaf_counts.numpy()[0], working.near_leaves.numpy()[0]
-    owners = np.repeat(np.arange(len(first) - 1), np.diff(first))
-    listing = np.flatnonzero(counts >= 0)
-    assert set(owners[listing]) == {len(first) - 2}
-    for leaf in listing:
-        pad = float(t.touch.thickness.numpy()[owners[leaf]] + 2.0 * t.touch.slack.numpy()[owners[leaf]])
-        apart = np.maximum(boxes[leaf, 0] - boxes[:, 1], boxes[:, 0] - boxes[leaf, 1]).max(axis=1)
-        near = np.flatnonzero((owners == owners[leaf]) & (apart <= pad))
-        np.testing.assert_array_equal(np.sort(listed[leaf, : counts[leaf]]), near)
-    assert 1 < counts[listing].min() < counts[listing].max() < len(leaves)
-
-
-def test_edges_are_listed_that_may_touch_until_the_next_search(device: str):
-    """Lists have all pairs nearer than thickness, slack and their way towards each other, none beside on the skin."""
-    t, working, points, ways = searched(device)
-    edges, balloons, rest = t.touch.edges.numpy(), t.particles.balloon.numpy(), t.touch.rest_points.numpy()
-    count = int(working.list_lengths.numpy()[0, int(PAIRS)])
-    listed = {(first, other) for first, other, _ in working.edge_pairs.numpy()[0, :count].tolist() if first >= 0}
-    firsts, others = np.triu_indices(len(edges), 1)
-    ends = np.stack([edges[firsts], edges[others]])  # of the first and the other edge: shape (2, pairs, 2)
-    own = balloons[ends[..., 0]]
-    apart = np.linalg.norm(rest[ends[0]][:, :, None] - rest[ends[1]][:, None], axis=-1).min(axis=(1, 2))
-    is_far = (own[0] != own[1]) | (apart >= t.touch.apart.numpy()[own[0]])
-    fastest = np.linalg.norm(ways[ends[0]][:, :, None] - ways[ends[1]][:, None], axis=-1).max(axis=(1, 2))
-    pads = 0.5 * t.touch.thickness.numpy() + t.touch.slack.numpy()
-    within = pads[own].sum(axis=0) + fastest
-    middles = points[ends].mean(axis=2)
-    lengths = np.linalg.norm(points[ends[..., 0]] - points[ends[..., 1]], axis=-1).sum(axis=0) / 2.0
-    close = np.flatnonzero(is_far & (np.linalg.norm(middles[0] - middles[1], axis=-1) < within + lengths))
-    places = points[ends[:, close].transpose(1, 0, 2).reshape(-1, 4)]
-    gaps = np.linalg.norm((edge_edge(places) * places).sum(axis=1), axis=1) / within[close]
-
-    def pairs_within(part: float) -> set[tuple[int, int]]:
-        chosen = close[gaps < part]
-        return set(zip(firsts[chosen].tolist(), others[chosen].tolist(), strict=True))
-
-    assert pairs_within(0.999) <= listed <= pairs_within(1.001)
-    assert len(listed) > 100
-    assert len({balloons[edges[first][0]] == balloons[edges[other][0]] for first, other in listed}) == 2
-
-
-def test_particles_list_the_triangles_that_they_may_touch(device: str):
-    """Lists have those of other balloons that are nearer than thickness and slack."""
-    t, working, points, _ = searched(device)
-    triangles, balloons = t.touch.triangles.numpy(), t.particles.balloon.numpy()
-    counts, listed = working.candidate_counts.numpy()[0], working.candidates.numpy()[0] >> 2
-    pads = 0.5 * t.touch.thickness.numpy() + t.touch.slack.numpy()
-    particles, faced = np.meshgrid(np.unique(triangles), np.arange(len(triangles)), indexing="ij")
-    owners = balloons[particles], balloons[triangles[faced, 0]]
-    centers = points[triangles].mean(axis=1)
-    size = np.linalg.norm(points[triangles] - centers[:, None], axis=-1).max()
-    away = np.linalg.norm(points[particles] - centers[faced], axis=-1)
-    near = np.nonzero((owners[0] != owners[1]) & (away < size + pads[owners[0]] + pads[owners[1]]))
-    places = points[np.column_stack([particles[near], triangles[faced[near]]])]
-    gaps = np.linalg.norm((point_triangle(places) * places).sum(axis=1), axis=1)
-    close = gaps < 0.999 * (pads[owners[0][near]] + pads[owners[1][near]])
-    assert close.sum() > 30
-    for particle, triangle in zip(particles[near][close], faced[near][close], strict=True):
-        assert triangle in listed[particle, : counts[particle]]
-
-
-def test_balloons_that_part_have_no_lists():
-    simulator = Simulator(feature_set("all"), "cpu", schedule="gather")
-    working, first = simulator.schedule.launches.working, simulator.model.particle_offsets
-    simulator.step_unread()
-    assert working.candidate_counts.numpy().any()
-    points = simulator.state.points.numpy()
-    for number, (begin, end) in enumerate(pairwise(first)):
-        points[:, begin:end, 2] += 20.0 * number
-    simulator.state.points.assign(points)
-    simulator.step_unread()
-    assert not working.candidate_counts.numpy().any()
-    assert not working.list_lengths.numpy().any()
-
-
 LIMP = Stiffness(structural=50.0, shear=25.0, flexion=0.0)
 
 
@@ -366,7 +159,6 @@ LIMP = Stiffness(structural=50.0, shear=25.0, flexion=0.0)
     ],
 )
 def test_balloons_touch_unless_the_scene_says_not_or_they_cannot(name: str, overrides: dict[str, Any], touches: bool):
-    """Contact is off by default for balloons that may burst, and for a solver without contact between them."""
     scene = load_scene(name, overrides)
     assert len(scene.balloon) > 1
     assert scene.touches is touches
@@ -381,20 +173,6 @@ def test_a_field_of_touch_asks_for_it_and_false_is_written_and_read(tmp_path: Pa
         plan_model(apart, 2, {"touch.friction": [0.1, 0.5]})
     write_scene(apart, tmp_path / "apart.toml")
     assert load_scene(tmp_path / "apart.toml").touch is False
-
-
-def test_touch_by_default_hardly_shortens_the_step():
-    """Default contact uses the margin of "auto" before it shortens the step."""
-    scene = load_scene("two_balloons")
-    apart, touching = (plan_model(scene.model_copy(update={"touch": said})).substeps for said in (False, None))
-    assert apart <= touching <= 1.15 * apart
-
-
-@pytest.mark.full
-@pytest.mark.parametrize(("name", "itself"), [("foil_letters", True), ("letter_slot", False), ("two_balloons", False)])
-def test_foil_touches_itself_by_default(name: str, itself: bool):
-    """Foil folds anywhere, so it touches itself; sheets that resist bending do not, nor do balls."""
-    assert plan_model(load_scene(name)).scene.touches_itself is itself
 
 
 @pytest.mark.parametrize("cells", [4, 12])
@@ -436,8 +214,6 @@ BESIDE, FAR = Balloon(mesh=hook(0.05)), Balloon(mesh=quad_sphere(4), position=(3
     [
         ((hook(0.05), {}), True),
         ((hook(0.2), {"balloon.inflation.stretch": 0.5}), True),
-        ((hook(0.2), {}), False),
-        ((quad_sphere(4), {}), False),
         *(
             (Scene(balloon=[BESIDE], touch=touch), True)
             for touch in (None, Touch(), Touch(friction=0.1, spheres=False))
@@ -450,29 +226,11 @@ BESIDE, FAR = Balloon(mesh=hook(0.05)), Balloon(mesh=quad_sphere(4), position=(3
     ],
 )
 def test_a_balloon_touches_itself_where_it_is_near(scene: Scene | tuple[PolygonMesh, dict], itself: bool):
-    """Self-contact is on where an inflated skin comes near itself, of a mesh by itself, too, unless the scene disables
-    it or cannot have it; the scene's other settings stay."""
     scene = scene if isinstance(scene, Scene) else load_scene(*scene)
     touch = plan_model(scene).scene.touch
     assert (isinstance(touch, Touch) and touch.itself is True) == itself
     if itself and isinstance(touch, Touch):
         assert touch.model_copy(update={"itself": "auto"}) == (scene.touch or Touch())
-
-
-@pytest.mark.full
-@pytest.mark.physics
-def test_strands_that_sag_into_each_other_are_kept_apart():
-    mesh, enclosed = load_mesh(bundled_scenes()["knot"].parent / "knot.obj"), dict[bool, float]()
-    for touching in (True, False):
-        balloon = Balloon(mesh=mesh, mass=0.1, damping=1.0, stiffness=Stiffness(thin="softer"))
-        scene = Scene(balloon=[balloon], ground=Ground(height=-0.05), touch=Touch(itself=touching))
-        simulator = Simulator(scene, "cpu")
-        for _ in range(110):
-            simulator.advance()
-        sides = wrong_sides(replace(mesh, points=simulator.read_frame().points[0].astype(np.float64)))
-        enclosed[touching] = float(sides.areas[sides.enclosed].sum() / sides.areas.sum())
-    assert enclosed[False] > 0.03
-    assert enclosed[True] < 0.2 * enclosed[False]
 
 
 def sheet(tilt: float, height: float = 0.0) -> PolygonMesh:
@@ -521,21 +279,9 @@ def test_rotations_go_about_x_then_y_then_z():
         points = shape_balloon(balloon, Scene(balloon=[balloon])).mesh.points
         return ((points[0] - [10, 20, 30]) / 2.0).tolist()
 
-    assert placed(90, 0, 0) == pytest.approx([1, -3, 2], abs=1e-12)
-    assert placed(0, 90, 0) == pytest.approx([3, 2, -1], abs=1e-12)
-    assert placed(0, 0, 90) == pytest.approx([-2, 1, 3], abs=1e-12)
     assert placed(90, 90, 0) == pytest.approx([2, -3, -1], abs=1e-12)  # y first would give (3, 1, 2)
     assert placed(0, 90, 90) == pytest.approx([-2, 3, -1], abs=1e-12)  # z first would give (3, 1, 2)
     assert placed(90, 90, 90) == pytest.approx([3, 2, -1], abs=1e-12)  # z first would give (3, -1, 2)
-
-
-def test_the_seed_chooses_the_draws_of_stiffness():
-    def scales(seed: int) -> np.ndarray:
-        balloon = Balloon(mesh=quad_sphere(3), stiffness=Stiffness(variation=0.5, seed=seed))
-        return shape_balloon(balloon, Scene(balloon=[balloon])).stiffness_scale
-
-    np.testing.assert_array_equal(scales(1), scales(1))
-    assert np.abs(scales(1) - scales(2)).max() > 0.1  # of 312 draws in a range of 1
 
 
 @pytest.mark.parametrize(("particle", "height"), [("highest", 1.0), ("lowest", 0.0)])
@@ -568,7 +314,6 @@ FOOT, CUSTOM = "which has its widest flat side below", "as by custom in STL file
     [
         pytest.param(figure("Z"), ".stl", ("Z", FOOT), id="a figure that is to be printed"),
         pytest.param(figure("Y"), ".stl", ("Y", FOOT), id="a figure with Y up"),
-        pytest.param(figure("Z"), ".ply", ("Z", FOOT), id="a scan with Z up"),
         pytest.param(figure("Y"), ".PLY", ("Y", FOOT), id="a scan with Y up"),
         pytest.param(SLAB, ".stl", ("Y", FOOT), id="a slab lies"),
         pytest.param(box((0, 0, 0), (0.2, 0.2, 4)), ".stl", ("Z", CUSTOM), id="a rod"),
@@ -593,24 +338,3 @@ def test_a_mesh_by_itself_stands_and_says_why(up: str, tmp_path: Path):
     turned = load_scene(path, {"balloon.up": other})
     assert (turned.up_axis, turned.balloon[0].up) == (other, other)
     assert turned.description.endswith(f"{other} is up, as given")
-
-
-@pytest.mark.parametrize("axis", range(3))
-def test_a_balloon_strays_by_its_motion_along_any_axis(axis: int):
-    """Particles move by 0.2 m along an axis, every other one back: by 0.4 m in all."""
-    count, moves = 8, np.zeros((1, 8, 3))
-    moves[0, :, axis] = 0.2 * (-1.0) ** np.arange(count)
-    seen = np.random.default_rng(4).normal(size=moves.shape)
-    t, now, own = Tables(), WorldState(), OwnParts()
-    t.particles.offsets = wp.array([0, count], dtype=wp.int32, device="cpu")
-    t.touch.thickness = wp.array([0.01], dtype=float, device="cpu")
-    now.points = wp.array(seen + moves, dtype=wp.vec3, device="cpu")
-    own.needs_check = wp.zeros((1, 1), dtype=wp.int32, device="cpu")
-    own.drifts = wp.zeros((1, 1), dtype=wp.vec3, device="cpu")
-    verdicts, found = wp.array([int(FREE)], dtype=wp.int32, device="cpu"), []
-    for room in (0.3, 0.5):
-        rooms = wp.array([[room]], dtype=float, device="cpu")
-        given = [t, verdicts, now, now, wp.array(seen, dtype=wp.vec3, device="cpu"), rooms, own]
-        launch_tiled(find_strayed_balloons, dim=[1, 1], inputs=given, block_dim=1, device=wp.get_device("cpu"))
-        found.append(int(own.needs_check.numpy()[0, 0]))
-    assert found == [1, 0]

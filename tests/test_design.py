@@ -1,7 +1,6 @@
-"""Inverse design: the balloon that becomes a given shape, and the steps of its search."""
+"""Inverse design: the balloon that becomes a given shape, and refusals."""
 
 import json
-import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -12,18 +11,18 @@ from PIL import Image
 from typer.testing import CliRunner
 
 import balloon_warp as bw
-from balloon_warp import Design, InputError, Material, PolygonMesh
+from balloon_warp import InputError, Material, PolygonMesh
 from balloon_warp.cli.app import app
 from balloon_warp.lab.design import foil, measure
 from balloon_warp.lab.design.design import STALLED, MouldProblem, ThicknessProblem, _descended, _film
 from balloon_warp.lab.design.foil import write_pattern
-from balloon_warp.lab.design.job import Job, places_off
-from balloon_warp.lab.design.measure import Error, Ruler
-from balloon_warp.lab.design.springs import Reached, Response, SmoothAim, Smoothing, begin, descend, smooth_step
-from balloon_warp.lab.design.target import Gaps, target_of
+from balloon_warp.lab.design.job import Job
+from balloon_warp.lab.design.measure import Ruler
+from balloon_warp.lab.design.springs import begin
+from balloon_warp.lab.design.target import target_of
 from balloon_warp.mesh.crossings import NearPairs, find_crossings, means_over_neighbors, uncrossed
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.mesh.topology import mesh_edges, triangulate
+from balloon_warp.mesh.topology import triangulate
 
 BALL = quad_sphere(4)
 
@@ -69,10 +68,7 @@ def test_a_design_becomes_the_shape_from_rest(of: str, stretch: float, steps: in
     ruler = Ruler(target_of(PEAR, 0.2))
     assert ruler.error(frames[-1].points[0].astype(float)).mean == pytest.approx(design.error.mean, abs=1e-4)
     assert ruler.error(frames[0].points[0].astype(float)).mean > 0.05
-    report = json.loads((tmp_path / "report.json").read_text())
-    assert report["error"]["mean"] == design.error.mean
-    assert report["plain_error"]["worst"] == design.plain_error.worst
-    assert (tmp_path / "error.png").stat().st_size > 1_000
+    assert json.loads((tmp_path / "report.json").read_text())["error"]["mean"] == design.error.mean
     width = Image.open(tmp_path / "error.png").width
     assert width // measure.SIZE[0] == (4 if of == "latex" else 3)  # of latex the mould, too
     if of == "latex":
@@ -96,8 +92,6 @@ def test_rubber_that_varies_in_thickness_comes_nearer(tmp_path):
     assert len(weights) == BALL.vertex_count
     assert min(weights) >= 1.0
     assert 1.1 < max(weights) <= 4.0
-    report = json.loads((tmp_path / "thick" / "report.json").read_text())
-    assert report["thickness_to"] == pytest.approx(2e-4 * max(weights), rel=1e-3)  # as the scene has it, in four digits
 
 
 @pytest.mark.full
@@ -142,15 +136,9 @@ CROSSED = replace(BALL, points=BALL.points + (Z.max() * 0.6 < Z) * [0.1, 0.07, -
         ({"target": FLAT}, "disk: is flat and encloses no volume"),
         ({"target": CROSSED}, r"crossed: crosses itself at \d+ places; expected a surface that does not"),
         ({"of": "foil"}, r"target: foil without panels needs letters or a drawing"),
-        ({"hold": "none"}, r"hold: must be tension or any"),
         ({"stretch": 3.0}, r"stretch: must be from 1.02 to 2 for springs"),
-        ({"stretch": float("nan")}, r"stretch: must be a number greater than 0"),
-        ({"of": "latex", "stretch": 9.0}, r"stretch: must be from 1.05 to 5 for latex"),
         ({"size": -1.0}, r"size: must be from 0.01 to 100 m \(got -1.0\)"),
         ({"of": "foil", "panels": 8, "stretch": 1.2}, r"stretch: foil hardly stretches; expected none for foil"),
-        ({"of": "latex", "hold": "any"}, r"hold: is of springs; expected none for latex"),
-        ({"steps": -1}, r"steps: must be a whole number"),
-        ({"thickness": 0.0}, r"thickness: must be a number greater than 0"),
         ({"of": "latex", "thickness": (4e-4, 2e-4)}, r"thickness: the range must go from low to high"),
         ({"thickness": (2e-4, 4e-4)}, r"thickness: only latex varies by place; expected one number for springs"),
     ],
@@ -164,7 +152,6 @@ def test_shapes_that_no_balloon_becomes_and_numbers_that_cannot_be_are_refused(a
 @pytest.mark.parametrize(
     ("unit", "across", "expected"),
     [
-        pytest.param("m", 0.7, 0.7, id="own"),
         pytest.param(None, 0.7, 0.7, id="own, of no unit"),
         pytest.param("mm", 700.0, 0.7, id="of a unit"),
         pytest.param("m", 60.0, 60.0, id="large, of a unit"),
@@ -184,32 +171,6 @@ def test_a_target_keeps_its_size_unless_another_is_asked_for(unit: str | None, a
         assert Ruler(target_of(mesh, None)).size == pytest.approx(expected)
 
 
-@pytest.mark.parametrize(
-    ("size", "stretch", "words"),
-    [
-        ((0.7, 0.7), (1.25, 1.25), "0.7 m large, stretch 1.25"),
-        ((0.703, 0.7), (1.247, 1.25), "0.703 m large, stretch 1.25"),
-        ((0.7, 0.7), (1.0975, 1.25), r"0.7 m large, stretch 1.097 \(not 1.25 as asked\)"),
-        ((0.62, 0.7), (1.4, 2.0), r"0.62 m \(not 0.7 m as asked\) large, stretch 1.4 \(not 2 as asked\)"),
-        ((0.3, 0.3), (1.0, None), "0.3 m large"),
-    ],
-)
-def test_size_and_stretch_are_told_beside_what_was_asked(size: tuple, stretch: tuple, words: str, tmp_path):
-    error = Error(0.01, 0.02)
-    got = {"stretch": stretch[0], "stretch_asked": stretch[1], "size": size[0], "size_asked": size[1]}
-    scene = bw.Scene(balloon=[bw.Balloon(mesh=BALL)])
-    design = Design(scene, tmp_path, error, error, None, **got, cannot=[], simulated=BALL.points)
-    assert re.fullmatch(words, design.got)
-    assert repr(design).endswith(f"{design.got})")
-    assert design.report() | got == design.report()
-
-
-def test_where_a_shape_is_off_is_said():
-    flat = replace(BALL, points=np.maximum(BALL.points, [-9.0, -0.5, -9.0]))
-    sentence = places_off(Ruler(flat), BALL.points, "; push")[0]
-    assert re.fullmatch(r"the bottom \(.* vertices, flat\) is off by .*% of the size; push", sentence)
-
-
 @pytest.mark.full
 def test_command(tmp_path):
     write_obj(tmp_path / "pear.obj", PEAR)
@@ -219,7 +180,6 @@ def test_command(tmp_path):
     assert "simulated from rest: " in said.output
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert report["stretch_asked"] == 1.2
-    assert report["size_asked"] == pytest.approx(np.ptp(PEAR.points, axis=0).max())
     output = said.output.replace("\n", " ")
     assert f"wrote {tmp_path / 'out'}, {report['size']:.3g} m large, stretch " in output
     assert f"balloon-warp run {tmp_path / 'out' / 'balloon.toml'}" in output
@@ -241,8 +201,7 @@ def test_foil_gets_an_outline_that_shrinks_to_the_wanted_one(tmp_path, monkeypat
     pattern = bw.load_mesh(tmp_path / "out" / "balloon_1.obj").points
     assert np.ptp(pattern[:, 0]) == pytest.approx(0.3 / 0.7627, rel=0.04)
     svg = (tmp_path / "out" / "pattern.svg").read_text()
-    assert svg.count('class="seam"') == 1
-    assert svg.count('class="cut"') == 1
+    assert svg.count('class="seam"') == svg.count('class="cut"') == 1
     width = float(svg.split('width="')[1].split("mm")[0])
     assert width == pytest.approx(1000.0 * (np.ptp(pattern[:, 0]) + 2 * 0.008 + 2 * 0.01), rel=0.01)
     frames = list(bw.Simulator(tmp_path / "out" / "balloon.toml", "cpu").run())
@@ -262,7 +221,6 @@ def test_parts_of_a_pattern_do_not_overlap(tmp_path):
 
 @pytest.mark.full
 def test_foil_of_an_inflated_size_is_drawn_larger(tmp_path, monkeypatch):
-    """A circle by `foil --inflated-size` is larger flat by 1 / 0.7627; its scene brings it to the size."""
     monkeypatch.setattr(foil, "EDGES", 12)
     monkeypatch.setattr(foil, "CORRECTIONS", 2)
     (tmp_path / "circle.svg").write_text(CIRCLE)
@@ -274,109 +232,6 @@ def test_foil_of_an_inflated_size_is_drawn_larger(tmp_path, monkeypatch):
     assert np.ptp(frames[-1].points[0][:, 0]) == pytest.approx(0.3, rel=0.03)
     said = CliRunner().invoke(app, [*asked, "--inflated-size", "0.3", "--height", "0.3"])
     assert "--inflated-size, --height: " in str(said.exception)
-
-
-COARSE = quad_sphere(3)
-TRIANGLES = Ruler(COARSE).triangles
-EDGE = float(np.linalg.norm(np.diff(COARSE.points[mesh_edges(COARSE).ends], axis=1), axis=2).mean())
-
-
-def squashed(height: float) -> PolygonMesh:
-    return replace(COARSE, points=COARSE.points * [1.0, 1.0, height])
-
-
-class Direct:
-    """Response of particles that move as the design does."""
-
-    def moves(self, change: np.ndarray) -> np.ndarray:
-        return change
-
-    def transposed(self, moves: np.ndarray) -> np.ndarray:
-        return moves
-
-
-def aim_of(error: np.ndarray, gaps: Gaps, damping: float) -> SmoothAim:
-    smoothing = Smoothing(mesh_edges(COARSE).ends, COARSE.vertex_count)
-    return SmoothAim(error, Ruler(COARSE).squares, smoothing, np.full(error.size, EDGE), gaps, damping)
-
-
-def test_gaps_change_as_their_derivatives_say():
-    """The widths of a flat ball's gaps change with random moves by central differences' slopes within a millionth."""
-    flat = squashed(0.05)
-    moves = np.random.default_rng(0).standard_normal(flat.points.shape)
-    gaps = Gaps.of(flat, flat, TRIANGLES, EDGE)
-    moved = [replace(flat, points=flat.points + step * moves) for step in (1e-6, -1e-6)]
-    further, back = (Gaps.of(mesh, flat, TRIANGLES, EDGE).widths for mesh in moved)
-    slopes = (further - back) / 2e-6
-    triangles = len(TRIANGLES)
-    assert len(gaps.widths) > triangles  # sides that face each other, too
-    found = gaps.widening @ moves.ravel()
-    np.testing.assert_allclose(found[-triangles:], slopes[-triangles:], rtol=1e-6, atol=1e-6)
-    assert (gaps.widths[:-triangles] < gaps.least[:-triangles]).mean() > 0.5
-
-
-def test_a_step_does_not_close_a_gap():
-    """A step that would flatten a flat ball to nothing leaves most of the least thickness, and without gaps none."""
-    flat = squashed(0.3)
-    error = flat.points * [0.0, 0.0, -1.0]
-    gaps = Gaps.of(flat, flat, TRIANGLES, EDGE)
-    change = smooth_step(Direct(), aim_of(error, gaps, 1e-6))  # pyright: ignore
-    facing = slice(0, len(gaps.widths) - len(TRIANGLES))
-    left = (gaps.widths + gaps.widening @ change)[facing]
-    assert left.min() > 0.6 * gaps.least[facing].min()
-    closed = smooth_step(Direct(), aim_of(error, replace(gaps, least=-np.ones(len(gaps.least))), 1e-6))  # pyright: ignore
-    assert (gaps.widths + gaps.widening @ closed)[facing].min() < 0.05 * EDGE
-
-
-def test_a_smooth_step_is_that_of_dense_least_squares(tmp_path):
-    """The step leaves as much of the error as dense solutions, with the damping's unit known within a factor of 4."""
-    target = target_of(replace(COARSE, points=COARSE.points * [1.0, 1.0, 1.3]), 0.2)
-    job = Job(target, "latex", 1.5, "tension", 2e-4, tmp_path, 1, "cpu", False, print)
-    problem = MouldProblem(job.ruler, _film(job, Material(preset="latex", thickness=2e-4)), 1.5)
-    balance = problem.balance(problem.plain)
-    points = balance.settle(target.points)
-    assert points is not None
-    response = Response.of(balance, points, problem.by_design(balance, points))
-    mould = replace(target, points=problem.plain.reshape(-1, 3))
-    aim = aim_of(target.points - points, Gaps.of(mould, mould, TRIANGLES, problem.edge), 1e-3)
-    aim = replace(aim, weights=problem.ruler.squares, gaps=replace(aim.gaps, least=-np.ones(len(aim.gaps.least))))
-    size = target.points.size
-    easy = np.stack([aim.scales * aim.smoothing(row) for row in np.eye(size)], axis=1)
-    dense = np.stack([response.moves(column) for column in easy.T], axis=1)
-    squared = dense.T @ (aim.weights @ dense)
-    largest, wanted = np.linalg.eigvalsh(squared)[-1], dense.T @ (aim.weights @ aim.error.ravel())
-    unit = largest * np.eye(size)
-    exact = [dense @ np.linalg.solve(squared + damping * unit, wanted) for damping in (0.25e-3, 1.0e-3)]
-    left = [aim.error.ravel() - moved for moved in (0.0, *exact, response.moves(smooth_step(response, aim)))]
-    before, least, most, found = (np.sqrt(each @ (aim.weights @ each)) for each in left)
-    assert most < 0.5 * before
-    assert least - 0.01 * before < found < most + 0.01 * before
-
-
-class Fussy:
-    """Problem whose steps help only with a damping of 5 or more."""
-
-    ruler = Ruler(COARSE)
-    topples = False
-
-    def balance(self, design: np.ndarray) -> "Fussy":
-        return Fussy()
-
-    def allowed(self, design: np.ndarray) -> bool:
-        return bool(design[0] >= 5.0)
-
-    def settle(self, points: np.ndarray, strays) -> np.ndarray:
-        return 0.5 * (points + COARSE.points)
-
-    def next_design(self, balance, design: np.ndarray, points: np.ndarray, damping: float):
-        return np.array([damping]), damping
-
-
-def test_the_damping_is_not_eased_at_once_after_a_step_that_failed():
-    seen: list[float] = []
-    first = Reached(np.zeros(1), 1.3 * COARSE.points, Fussy.ruler.cost(1.3 * COARSE.points))
-    descend(Fussy(), first, 4, 0.0, 0.01, lambda reached: seen.append(reached.damping))  # pyright: ignore
-    np.testing.assert_allclose(seen, [8.0, 8.0, 8.0 / 3.0, 64.0 / 3.0])
 
 
 @pytest.mark.full

@@ -7,7 +7,6 @@ import sys
 import unicodedata
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
-from pkgutil import resolve_name
 from unittest.mock import Mock
 
 import h5py
@@ -16,7 +15,7 @@ import numpy as np
 import pytest
 import trimesh
 import xarray
-from exported import BALL, FRAMES, RATE, STRING, UV, animated, assert_valid, at_start, points, scene, turned
+from exported import BALL, FRAMES, RATE, STRING, animated, assert_valid, at_start, points, scene, turned
 from meshes import cube
 from painted import Glb, show_image
 from PIL import Image
@@ -27,11 +26,8 @@ from test_resume import FRAMES as RESUMED_FRAMES
 from test_resume import SCENE as RESUMED_SCENE
 from test_resume import press_ctrl_c, stop
 
-from balloon_warp import Body, InputError, MissingExtraError, PolygonMesh, Scene, animate, export_stage, run_batch
-from balloon_warp.mesh.obj import read_obj, write_obj
-from balloon_warp.scene import Balloon, Ground, Obstacle, bundled_scenes, load_scene
-from balloon_warp.scene.load import write_scene
-from balloon_warp.scenes.model_print import GASES, dots, label
+from balloon_warp import Body, InputError, MissingExtraError, PolygonMesh, Scene, animate, export_stage
+from balloon_warp.scene import Balloon, Ground, Obstacle, load_scene
 from balloon_warp.studio import export, parts
 from balloon_warp.studio.render import render_stage, stage_reader
 from balloon_warp.system import files as arrays
@@ -148,20 +144,6 @@ def test_a_run_that_is_stopped_goes_on_to_the_same_glb(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out.glb", "whole.glb"]
 
 
-@pytest.mark.full
-def test_a_failure_keeps_what_was_there_and_the_checkpoints(tmp_path, monkeypatch):
-    output = tmp_path / "out.glb"
-    output.write_bytes(b"good")
-    with monkeypatch.context() as patch:
-        patch.setattr(parts.GlbBuffer, "write", Mock(side_effect=OSError(28, "No space left on device")))
-        with pytest.raises(InputError, match=r"out\.glb: cannot be written: No space left"):
-            animate(RESUMED_SCENE, output, device="cpu", checkpoint_seconds=1e-9)
-    assert output.read_bytes() == b"good"
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.glb", "out.glb.partial"]
-    assert animate(RESUMED_SCENE, output, device="cpu", resume=True).begin > 0
-    assert Glb(output).said["asset"]["version"] == "2.0"
-
-
 @pytest.mark.parametrize(
     ("name", "complaint"),
     [
@@ -169,7 +151,6 @@ def test_a_failure_keeps_what_was_there_and_the_checkpoints(tmp_path, monkeypatc
         ("out", r"out: cannot write a file without a suffix; expected"),
         ("out.obj", r"is one file for all frames; expected #### in the name for the frame .*, such as out\.####\.obj"),
         ("missing/out.glb", "the folder .* does not exist"),
-        ("missing/out.usdc", "the folder .* does not exist"),
         ("stage.usdc", "is the input stage"),
     ],
 )
@@ -237,35 +218,13 @@ def test_morph_targets_are_the_frames(written: Path, tmp_path):
         mesh = UsdGeom.Mesh(stage.GetPrimAtPath(f"/World/{name}"))
         for frame, shape in enumerate(shapes):
             expected = np.array(mesh.GetPointsAttr().Get(frame), np.float64)
-            # Vertices are split by their texture coordinates: as sets of points they are the same.
-            both = np.unique(np.round(shape, 5), axis=0), np.unique(np.round(expected, 5), axis=0)
-            distance = np.linalg.norm(shape[:, None] - expected, axis=-1).min(axis=1)
-            assert distance.max() < 1e-6  # a difference of two float32 near 3 is rounded by 1e-7
-            assert len(both[0]) == pytest.approx(len(both[1]), abs=3)
+            distance = np.linalg.norm(shape[:, None] - expected, axis=-1)
+            assert distance.min(axis=1).max() < 1e-6  # a difference of two float32 near 3 is rounded by 1e-7
+            assert distance.min(axis=0).max() < 1e-6  # all are there: texture coordinates split vertices
         normals = file.shapes(name, "NORMAL")
         np.testing.assert_allclose(np.linalg.norm(normals, axis=-1), 1.0, atol=1e-5)
         outward = (normals * (shapes - shapes.mean(axis=1, keepdims=True))).sum(axis=-1)
         assert (outward > 0.0).all()
-
-
-@pytest.mark.full
-def test_trimesh_reads_the_glb(written: Path, tmp_path):
-    """Trimesh reads the first frame without ground and water; objects that appear later have negligible size."""
-    export_stage(written, tmp_path / "out.glb")
-    found = trimesh.load(tmp_path / "out.glb", merge_primitives=True)
-    assert isinstance(found, trimesh.Scene)
-    assert set(found.geometry) == {"ball", "box", "Sphere_0", "Sphere_1", *STRING, "Obstacles_box"}
-    placed = {name: found.graph.get(name) for name in found.graph.nodes_geometry}
-    for name in ("ball", "box"):
-        transform, _ = placed[name]
-        here, expected = found.geometry[name].copy().apply_transform(transform), points(written, f"/World/{name}", 0)
-        np.testing.assert_allclose(here.bounds, [expected.min(axis=0), expected.max(axis=0)], atol=1e-5)
-        assert len(found.geometry[name].faces) == 2 * (54 if name == "ball" else 6)
-    color = found.geometry["box"].visual.material.baseColorFactor
-    np.testing.assert_allclose(color[:3], np.array([0.1, 0.2, 0.3]) * 255, atol=1.0)
-    assert found.geometry["ball"].visual.uv is not None
-    uv = np.unique(np.round(found.geometry["ball"].visual.uv, 5), axis=0)
-    np.testing.assert_allclose(uv, np.unique(np.round(UV, 5), axis=0), atol=2e-5)
 
 
 def test_what_is_rigid_moves_as_a_node(written: Path, tmp_path):
@@ -287,7 +246,6 @@ def test_what_is_rigid_moves_as_a_node(written: Path, tmp_path):
     _, sizes, how = file.channels("Sphere_1")["scale"]
     assert how == "STEP"
     np.testing.assert_array_equal(sizes[:, 0], [0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0])
-    assert file.nodes["Sphere_1"]["scale"] == [0.0, 0.0, 0.0]
 
 
 def test_a_glb_is_bounded_and_says_so(written: Path, tmp_path, monkeypatch):
@@ -326,8 +284,6 @@ def test_h5py_reads_all_that_moved(written: Path, tmp_path):
             np.testing.assert_array_equal(ball["velocity"][frame], prim.GetVelocitiesAttr().Get(frame))
             assert ball["volume"][frame] == prim.GetPrim().GetAttribute("userProperties:volume").Get(frame)
         np.testing.assert_array_equal(ball["face_vertex_indices"], BALL.face_vertex_indices)
-        edges = np.unique(np.sort(ball["edges"], axis=1), axis=0)
-        assert len(ball["edges"]) == len(edges) == len(BALL.points) + BALL.face_count - 2  # Euler's formula
         sphere = UsdGeom.XformCache(3.0).GetLocalToWorldTransform(stage.GetPrimAtPath("/World/Spheres/Sphere_0"))
         np.testing.assert_allclose(file["Sphere_0"]["pose"][3], np.array(sphere), rtol=1e-6)
 
@@ -358,9 +314,6 @@ def test_a_file_has_what_its_page_says(page_file: Path):
         for attribute in ("up_axis", "meters_per_unit", "frames_per_second"):
             assert attribute in PAGE
             assert attribute in file.attrs
-        for group in ("Sphere_0", "box", "String_0_Knot"):
-            ((count, three), pose) = (file[group][name].shape for name in ("points", "pose"))
-            assert (count > 0, three, pose) == (True, 3, (FRAMES + 1, 4, 4))
 
 
 @pytest.mark.full
@@ -375,11 +328,6 @@ def test_xarray_takes_it_and_makes_a_zarr_store_as_its_page_says(page_file: Path
             assert found["mesh_pos"].dims == found["velocity"].dims == ("time", "particle", "axis")
             assert found["edges"].dims == ("edge", "end")
             assert float(found["volume"].sel(time=3.0 / RATE, method="nearest")) > 0.0
-
-
-@pytest.mark.parametrize("place", export.WRITERS.values())
-def test_every_writer_is_there(place: str):
-    assert callable(resolve_name(f"balloon_warp.studio.{place}"))
 
 
 def test_a_grid_for_each_frame_and_a_list_of_their_times(written: Path, tmp_path):
@@ -461,17 +409,7 @@ def test_an_image_lies_where_the_texture_coordinates_say(image: Path, tmp_path: 
         assert color[channel] > 2.0 * np.delete(color, channel).max()
 
 
-def test_an_image_in_a_package_is_found(image: Path, tmp_path: Path):
-    square(tmp_path / "stage.usda", image.name)
-    assert UsdUtils.CreateNewUsdzPackage(str(tmp_path / "stage.usda"), str(tmp_path / "stage.usdz"))
-    image.unlink()
-    _, red, *_ = quadrants(tmp_path / "stage.usdz")
-    assert red.argmax() == 0
-    assert red[0] > 2.0 * red[2]
-
-
 def test_what_is_no_image_gets_a_sentence(tmp_path: Path):
-    """A surface without its image has its own color."""
     square(tmp_path / "none.usda", "none.png")
     for color in quadrants(tmp_path / "none.usda"):
         assert np.ptp(color) < 20
@@ -521,17 +459,7 @@ def assert_printed(path: Path, corners: int) -> None:
     np.testing.assert_array_equal(cloth.visual.material.baseColorFactor[:3], 255)
 
 
-@pytest.mark.parametrize("interpolation", ["faceVarying", "vertex"])
-def test_a_glb_has_the_image_in_it(image: Path, tmp_path: Path, interpolation: str):
-    square(tmp_path / "stage.usda", image.name, interpolation)
-    export_stage(tmp_path / "stage.usda", tmp_path / "out.glb")
-    assert image.read_bytes() in (tmp_path / "out.glb").read_bytes()
-    image.unlink()
-    assert_printed(tmp_path / "out.glb", 4)
-
-
 def test_a_glb_has_images_as_glb_takes_them(image: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Images in a .glb are PNG or JPEG of bounded size: another kind is converted, and a large one reduced."""
     Image.open(image).save(tmp_path / "image.bmp")
     square(tmp_path / "stage.usda", "image.bmp")
     export_stage(tmp_path / "stage.usda", tmp_path / "out.glb")
@@ -545,55 +473,6 @@ def test_a_glb_has_images_as_glb_takes_them(image: Path, tmp_path: Path, monkeyp
     image.write_text("hello")
     with pytest.raises(InputError, match=NO_IMAGE):
         export_stage(tmp_path / "large.usda", tmp_path / "out.glb")
-
-
-def test_balloons_of_one_print_share_it_in_a_glb(image: Path, tmp_path: Path):
-    image.write_bytes(image.read_bytes() + bytes(1 + -len(image.read_bytes()) % 4))  # the next buffer is still aligned
-    scene = printed_scene(tmp_path)
-    other = '[[balloon]]\nmesh = "cloth.obj"\nprint = "image.png"\nposition = [4.0, 0.0, 0.0]\n'
-    foil = '[[balloon]]\nmesh = "cloth.obj"\nlook = "foil"\nposition = [8.0, 0.0, 0.0]\n'
-    scene.write_text(scene.read_text() + other + foil)
-    at_start(load_scene(scene), tmp_path / "out.usdc")
-    export_stage(tmp_path / "out.usdc", tmp_path / "out.glb")
-    file = Glb(tmp_path / "out.glb")
-    first, second, plain = (material["pbrMetallicRoughness"] for material in file.said["materials"])
-    assert first["baseColorTexture"] == second["baseColorTexture"] == {"index": 0}
-    assert file.said["textures"] == [{"source": 0}]
-    assert len(file.said["images"]) == 1
-    assert not any(view["byteOffset"] % 4 for view in file.said["bufferViews"])
-    assert "baseColorTexture" not in plain
-    assert (first["metallicFactor"], plain["metallicFactor"]) == (0.0, 1.0)
-
-
-def test_a_scene_is_copied_with_its_print(tmp_path: Path):
-    kept = load_scene("pillow_on_water").balloon[0].print
-    assert kept is not None
-    written = write_scene(load_scene("pillow_on_water"), tmp_path / "mine.toml")
-    assert [path.name for path in written] == ["mine.toml", "pillow.obj", "pillow.png"]
-    assert load_scene(tmp_path / "mine.toml").balloon[0].print == tmp_path / "pillow.png"
-    assert (tmp_path / "pillow.png").read_bytes() == kept.read_bytes()
-    # It is the script's output; other machines round square roots their own way.
-    assert np.abs(np.asarray(Image.open(kept)).astype(int) - dots()).max() <= 2
-
-
-@pytest.mark.parametrize("gas", GASES)
-def test_a_balls_print_is_its_gas_in_front(gas: str):
-    kept = bundled_scenes()["helium_rise"].with_name(f"{gas}.png")
-    drawn = label(gas).astype(int)
-    assert (
-        np.abs(np.asarray(Image.open(kept)).astype(int) - drawn).mean() < 2.0
-    )  # other versions draw letters otherwise
-    inked = (np.abs(drawn - drawn[0, 0]).sum(axis=2) > 100).any(axis=0)
-    assert 0.5 * len(inked) == pytest.approx(np.flatnonzero(inked)[[0, -1]].mean(), abs=8.0)
-
-
-def test_texture_coordinates_are_written(tmp_path: Path):
-    (tmp_path / "cloth.obj").write_text(CLOTH)
-    mesh = read_obj(tmp_path / "cloth.obj")
-    write_obj(tmp_path / "again.obj", mesh)
-    again = read_obj(tmp_path / "again.obj")
-    np.testing.assert_array_equal(again.texture_coordinates, mesh.texture_coordinates)
-    np.testing.assert_array_equal(again.points, mesh.points)
 
 
 SCRIPTS = ["気球", "шар", "μπαλόνι", "גליל", "गुब्बारा", "풍선", "Ballon_rouge_é", "ßÆ", "_x1"]
@@ -614,14 +493,10 @@ def meshes_of(stage: Usd.Stage) -> list[Usd.Prim]:
     ("name", "kept"),
     [
         *((name, name) for name in SCRIPTS),
-        ("Ballon rouge é", "Ballon_rouge_é"),
         ("気球 2", "気球_2"),
         ("2気球", "_気球"),
-        ("a-b.c", "a_b_c"),
         ("шар🎈", "шар_"),
-        ("\u0301e", "_e"),
         ("\udce9t", "_t"),
-        ("🎈", "_"),
         ("", "_"),
     ],
 )
@@ -653,29 +528,6 @@ def test_names_that_look_the_same_get_numbers(tmp_path: Path):
     assert names == ["é", "é_1", "é_2", "é_1_1", "Ground_1", "Ground"]
     assert all(name == unicodedata.normalize("NFC", name) for name in names)
     assert [prim.GetDisplayName() for prim in prims] == ["", "é", "é", "é_1", "Ground", ""]
-
-
-@pytest.mark.parametrize("name", ["気球", "Ballon rouge é"])
-def test_a_file_s_name_stays(name: str, tmp_path: Path):
-    write_obj(tmp_path / f"{name}.obj", cube())
-    stage = animated(load_scene(tmp_path / f"{name}.obj", {"frames": 1}), tmp_path / "out.usdc")
-    prim = meshes_of(stage)[0]
-    assert prim.GetName() == identifier(name)
-    assert (prim.GetDisplayName() or prim.GetName()) == name
-
-
-@pytest.mark.full
-def test_the_worlds_of_a_batch_have_the_names(tmp_path: Path):
-    named = named_balloons("気球", "Ballon rouge é").model_copy(
-        update={"obstacle": [Obstacle(shape="box", name="стена 1")]}
-    )
-    named = named.model_copy(update={"obstacle": [named.obstacle[0].model_copy(update={"position": (0, -9, 0)})]})
-    run_batch(named, tmp_path / "batch", 2, {"gravity": [1.0, 2.0]}, export=[0, 1], device="cpu")
-    stage = Usd.Stage.Open(str(tmp_path / "batch" / "worlds.usdc"))
-    for world in ("World_0", "World_1"):
-        assert stage.GetPrimAtPath(f"/World/{world}/気球").GetDisplayName() == ""
-        assert stage.GetPrimAtPath(f"/World/{world}/Ballon_rouge_é").GetDisplayName() == "Ballon rouge é"
-        assert stage.GetPrimAtPath(f"/World/{world}/стена_1").GetDisplayName() == "стена 1"
 
 
 @pytest.fixture(scope="module")

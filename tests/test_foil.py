@@ -18,7 +18,7 @@ from balloon_warp import Frame, InputError, MissingExtraError, PolygonMesh, Simu
 from balloon_warp.cli.app import app
 from balloon_warp.mesh import topology
 from balloon_warp.mesh.obj import read_obj, write_obj
-from balloon_warp.mesh.topology import euler_characteristic, face_areas, mesh_edges, signed_volume, total_area
+from balloon_warp.mesh.topology import euler_characteristic, mesh_edges, signed_volume, total_area
 from balloon_warp.model import ModelPlan, plan_model
 from balloon_warp.model.stability import inflated_volume, mean_strain
 from balloon_warp.scene import Balloon, Change, Force, Inflation, Material, Scene, Touch, load_scene
@@ -28,7 +28,6 @@ from balloon_warp.tools.foil import (
     EDGES,
     HEIGHT,
     corner_areas,
-    enclosed,
     foil_mesh,
     foil_parts,
     outlines_of_drawing,
@@ -37,9 +36,6 @@ from balloon_warp.tools.foil import (
 )
 from balloon_warp.tools.inspect import advise_step
 
-SQUARE = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]])
-STAR = np.array([[np.sin(0.8 * np.pi * k), np.cos(0.8 * np.pi * k)] for k in range(5)])
-
 
 def drawing(folder: Path, content: str, attributes: str = "") -> Path:
     path = folder / "drawing.svg"
@@ -47,27 +43,8 @@ def drawing(folder: Path, content: str, attributes: str = "") -> Path:
     return path
 
 
-def area(loops: list[np.ndarray], rule: str = "nonzero") -> float:
-    return sum(polygon.area for polygon in enclosed(loops, rule))  # pyright: ignore[reportArgumentType]
-
-
 def lengths_of(mesh: PolygonMesh) -> np.ndarray:
     return np.linalg.norm(np.diff(mesh.points[mesh_edges(mesh).ends], axis=1)[:, 0], axis=1)
-
-
-def test_inside_is_what_lines_wind_around():
-    inner = 1.0 + 0.5 * SQUARE
-    assert area([SQUARE]) == area([SQUARE[::-1]]) == 16.0
-    assert area([SQUARE, inner]) == 16.0
-    assert area([SQUARE, inner[::-1]]) == area([SQUARE, inner], "evenodd") == 12.0
-    assert area([SQUARE, SQUARE + 2.0]) == 28.0  # they overlap
-    assert area([SQUARE, SQUARE + 2.0], "evenodd") == 24.0
-    # a star drawn in one line: twice around its middle, a pentagon
-    assert (len(enclosed([STAR], "evenodd")), len(enclosed([STAR]))) == (5, 1)
-    assert area([STAR]) > area([STAR], "evenodd") + 0.3
-    # crumbs and lines are left out
-    assert area([SQUARE, SQUARE[:2], 1e-4 * SQUARE + 9.0]) == 16.0
-    assert enclosed([SQUARE[:2]]) == enclosed([]) == []
 
 
 @pytest.mark.parametrize(
@@ -75,10 +52,7 @@ def test_inside_is_what_lines_wind_around():
     [
         ('<rect width="40" height="30"/>', 1200.0),
         ('<circle cx="50" cy="50" r="10"/>', 100.0 * np.pi),
-        ('<ellipse cx="50" cy="50" rx="10" ry="20"/>', 200.0 * np.pi),
-        ('<polygon points="0,0 10,0 0,10"/>', 50.0),
         ('<path d="M0 0h10v10h-10z"/><path d="M5 5h10v10h-10z"/>', 175.0),
-        ('<path d="M0 0h10v10h-10zM2 2h5v5h-5z"/>', 100.0),
         ('<path d="M0 0h10v10h-10zM2 2v5h5v-5z"/>', 75.0),
         ('<path fill-rule="evenodd" d="M0 0h10v10h-10zM2 2h5v5h-5z"/>', 75.0),
         ('<g style="fill-rule:evenodd"><path d="M0 0h10v10h-10zM2 2h5v5h-5z"/></g>', 75.0),
@@ -97,24 +71,18 @@ def test_drawings_are_read(tmp_path: Path, content: str, expected: float):
     ("text", "options", "sentence"),
     [
         ("", {}, "text: has no visible character"),
-        ("  \t", {}, "text: has no visible character"),
-        ("\u200b", {}, "text: "),
         ("漢", {}, "text: the font DejaVu Sans has no '漢'; expected another font"),
         ("L", {"font": "No Such Family"}, "font No Such Family: no such font family"),
         ("L", {"font": "missing.ttf"}, "font missing.ttf: no such file"),
         ("L", {"font": "broken.ttf"}, "font broken.ttf: cannot be read as a font"),
         ("L", {"height": 0.0}, "height: must be a number greater than 0 (got 0.0)"),
-        ("L", {"height": float("nan")}, "height: must be"),
-        ("L", {"edge": -1.0}, "edge: must be a number greater than 0 (got -1.0)"),
         ("L", {"edge": 1e-6}, "edge: 1e-06 m makes "),
         ("missing.svg", {}, "missing.svg: cannot be read: No such file or directory"),
-        ("folder.svg", {}, "folder.svg: cannot be read: Is a directory"),
     ],
 )
 def test_text_and_options_that_cannot_be_get_one_sentence(text, options: dict, sentence: str, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("broken.ttf").write_bytes(b"no font")
-    Path("folder.svg").mkdir()
     with pytest.raises(InputError, match=rf"\A{re.escape(sentence)}.*\Z"):
         foil_mesh(Path(text) if text.endswith(".svg") else text, **options)
 
@@ -126,17 +94,12 @@ SVG = '<svg xmlns="http://www.w3.org/2000/svg">{}</svg>'
     ("content", "reason"),
     [
         ("", "is no SVG drawing"),
-        ("<svg", "is no SVG drawing"),
         ('<svg xmlns="http://www.w3.org/2000/svg"/>', "has no closed path with an area; expected one"),
         (SVG.format('<path d="M0 0L9 9L5 0"/>'), "has no closed path"),
-        (SVG.format('<path d="M0 0L9 9z"/>'), "has no closed path"),
-        (SVG.format('<text x="9">A</text>'), "has no closed path"),
         (SVG.format('<rect width="1e999" height="1"/>'), ""),
         (SVG.format('<path d="M0 0L9 9 garbage"/>'), ""),
-        (SVG.format('<rect width="no" height="1"/>'), ""),
         (SVG.format('<path d="C10 60 0 20 30 15z"/>'), "is no SVG drawing, or a damaged one"),
         (SVG.format('<path d="M0 0h9v9z"/>').replace("svg", "svgs", 1), "is no SVG drawing, or a damaged one"),
-        ("\0\1\2", "is no SVG drawing"),
     ],
 )
 def test_drawings_without_outlines_get_one_sentence(content: str, reason: str, tmp_path: Path):
@@ -185,7 +148,6 @@ def test_letters_are_closed_and_have_their_holes(text: str, characteristic: int,
 @pytest.mark.full
 @pytest.mark.parametrize("text", "ABEGKMQRSWXgky&@358?*")
 def test_sheets_are_even_and_as_large_as_their_outline(text: str):
-    """Quads are not folded over, and fill a letter's outline whatever its corners."""
     for outline in outlines_of_text(text):
         low, high = outline.bounds[1::2]
         outline = shapely.transform(outline, lambda points, size=high - low: points * (HEIGHT / size))
@@ -201,33 +163,6 @@ def test_sheets_are_even_and_as_large_as_their_outline(text: str):
         # where an outline runs aslant to the grid, three or five quads meet, whose edges differ
         assert 0.25 * EDGE < lengths.min() <= lengths.max() < 2.0 * EDGE
         assert np.percentile(lengths, 95) < 1.8 * np.percentile(lengths, 5)
-
-
-def test_a_sheet_that_leaves_out_a_part_is_no_good():
-    """A sheet fails that misses a knob of 0.6% of the area, or whose edges are 2.5 times too long."""
-    square = shapely.box(0.0, 0.0, 1.0, 1.0)
-    sheet: Any = sheet_of(square, 0.1)
-    assert sheet.quality(square, 0.1) > 0.8
-    assert sheet.quality(square.union(shapely.box(1.0, 0.45, 1.06, 0.55)), 0.1) == -np.inf
-    assert sheet.quality(square, 0.04) == -np.inf
-
-
-def test_both_sheets_have_the_area_of_the_outline(tmp_path: Path):
-    """A ring's area is pi (R^2 - r^2), to a per cent: chords take 0.3%."""
-    outer, inner = "M5,50a45,45 0 1 0 90 0a45,45 0 1 0-90 0z", "M30,50a20,20 0 1 0 40 0a20,20 0 1 0-40 0z"
-    ring = drawing(tmp_path, f'<path fill-rule="evenodd" d="{outer}{inner}"/>')
-    mesh = foil_mesh(ring, height=0.9, edge=0.03)
-    assert euler_characteristic(mesh, mesh_edges(mesh)) == 0
-    assert face_areas(mesh).sum() == pytest.approx(2.0 * np.pi * (0.45**2 - 0.2**2), rel=1e-2)
-
-
-def test_sheets_share_the_rims_vertices_alone():
-    mesh = foil_mesh("S")
-    front, back = mesh.points[:, 2] > 0.0, mesh.points[:, 2] < 0.0
-    faces = mesh.face_vertex_indices.reshape(-1, 4)
-    assert not (front[faces].any(axis=1) & back[faces].any(axis=1)).any()
-    mirrored = mesh.points[back] * [1.0, 1.0, -1.0]
-    np.testing.assert_array_equal(np.sort(mesh.points[front], axis=0), np.sort(mirrored, axis=0))
 
 
 def test_parts_are_what_the_whole_is_made_of():
@@ -339,6 +274,8 @@ def test_a_balls_modulus_is_by_its_radius_and_pressure():
     both = scene_of(more={"balloon": [scene_of().balloon[0], beside]})
     moduli = plan_model(both).parameters["shear_modulus"]
     np.testing.assert_allclose(3.0 * moduli, [[expected, 2.0 * expected]], rtol=1e-3)
+    worlds = plan_model(scene_of(), 2, {"balloon.inflation.pressure": [50.0, 100.0]}).parameters["shear_modulus"]
+    np.testing.assert_allclose(3.0 * worlds[:, 0], [expected, 2.0 * expected], rtol=1e-3)
     planned = [Change(time=0.1, set={"balloon.inflation.pressure": 100.0})]
     assert modulus(plan_model(scene_of(more={"change": planned}))) == pytest.approx(2.0 * expected, rel=1e-3)
     heavy = modulus(plan_model(scene_of(more={"gravity": 9.81})))
@@ -374,12 +311,6 @@ def test_the_modulus_and_the_mass_stay_where_they_should():
     np.testing.assert_array_equal(exact.parameters["mass"], plan_model(scene_of()).parameters["mass"])
 
 
-def test_each_world_has_the_modulus_of_its_pressure():
-    plan = plan_model(scene_of(), 2, {"balloon.inflation.pressure": [50.0, 100.0]})
-    moduli = plan.parameters["shear_modulus"][:, 0]
-    assert moduli[1] == pytest.approx(2.0 * moduli[0])
-
-
 def test_who_asks_is_told(tmp_path: Path, capfd: pytest.CaptureFixture[str]):
     write_obj(tmp_path / "ball.obj", BALL)
     file = tmp_path / "ball.toml"
@@ -389,20 +320,17 @@ def test_who_asks_is_told(tmp_path: Path, capfd: pytest.CaptureFixture[str]):
     )
     advice = advise_step(load_scene(file))
     exact = advise_step(load_scene(file, {"balloon.material.exact": True}))
-    assert exact.strain_bound is None
     expected = (
         f"foil: stretches by at most 0.3% on average at 50 Pa: modulus 140 MPa instead of 4.5 GPa, {advice.substeps:,} "
         f"substeps instead of {exact.substeps:,}"
     )
     assert advice.strain_bound == expected
     assert advice.substeps < 0.2 * exact.substeps
-    assert advise_step(load_scene(file, {"substeps": 10_000})).strain_bound == expected, "of auto, as all advice"
     told = CliRunner().invoke(app, ["inspect", str(file), "--json"])
     assert json.loads(told.stdout)["step"]["strain_bound"] == expected
     summary = animate(load_scene(file), tmp_path / "ball.usda", on_begin=lambda begun: print(begun.strain_bound))
     assert capfd.readouterr().out.strip() == expected
-    (film,) = summary.as_json()["strain_bound"]["films"]
-    assert film["strain_bound"] == BOUND
+    assert summary.as_json()["strain_bound"]["films"][0]["strain_bound"] == BOUND
     assert "double strain_bound = 0.003" in (tmp_path / "ball.usda").read_text()
     run_batch(load_scene(file), tmp_path / "batch", 2)
     assert json.loads((tmp_path / "batch/manifest.json").read_text())["strain_bound"]["balloon.0"]["pressure"] == 50.0
@@ -424,7 +352,6 @@ def test_a_bound_that_cannot_be_is_refused(material: dict[str, Any], said: str):
 
 @pytest.mark.parametrize("filled", [{"fill_to_pressure": 40.0}, {"pump_curve": [(0.0, 0.1), (40.0, 0.0)]}])
 def test_a_gas_that_is_filled_to_a_pressure_plans_it(filled: dict[str, Any]):
-    """Film has the modulus of that pressure, as if it were given."""
     balloon = Balloon(mesh=BALL, material=Material(preset="foil"), inflation=Inflation(kind="gas", **filled))
     assert modulus(plan_model(scene_of(more={"balloon": [balloon]}))) == pytest.approx(
         modulus(plan_model(scene_of(pressure=40.0)))
@@ -479,20 +406,7 @@ def apart(first: np.ndarray, second: np.ndarray) -> float:
     return float(np.sqrt(np.square(first @ turn - second).sum(axis=1).mean()) / np.ptp(second, axis=0).max())
 
 
-@pytest.mark.parametrize("letter", ["I", pytest.param("S", marks=pytest.mark.full)])
-def test_a_letter_is_nearly_that_of_the_material_itself(letter: str):
-    """Strain is within the bound on average, volume within 1%, and the shape within 0.3% of the size; of S, whose
-    strokes open where stress gathers at their rims, within 0.8%."""
-    mesh = foil_mesh(letter, height=0.35)
-    ramp = [(0.0, 0.0), (0.4, PRESSURE)]
-    (soft, last), (own, expected) = (settled(scene_of(mesh, ramp, exact=exact)) for exact in (False, True))
-    assert soft.model.substeps < 0.15 * own.model.substeps
-    assert 0.3 * BOUND < strain(soft, last) < BOUND
-    assert last.volumes[0] == pytest.approx(expected.volumes[0], rel=0.01)
-    assert apart(last.points[0], expected.points[0]) < (0.003 if letter == "I" else 0.008)
-    assert inflated_volume(soft.model.shapes[0]) == pytest.approx(expected.volumes[0], rel=0.05)
-
-
+@pytest.mark.full
 def test_a_mylar_disc_has_its_volume():
     """Volumes are within 0.3% of that of film of its own modulus; the disc's own is by an elliptic integral."""
     radius = 0.3

@@ -11,14 +11,13 @@ import trimesh
 import warp as wp
 from costs import nightly_but
 from feature_sets import feature_set
-from meshes import grid, mesh_of, prism, quad_sphere
+from meshes import mesh_of, quad_sphere
 from method_scenes import SCENES as METHODS
-from numpy.typing import NDArray
 from trajectories import ROUNDING as ROUNDING_OF_PLACES
 from trajectories import after_frames, arrays, assert_close, stepped
 from warp._src.apic.capture import APICapture
 
-from balloon_warp import InputError, PolygonMesh, Simulator, String, Touch, Water, load_scene
+from balloon_warp import InputError, Simulator, String, Touch, load_scene
 from balloon_warp.kernels.contact.free_frames import BUSY, FREE, HURRIED
 from balloon_warp.model import Model, State, build_model, initial_state, lay_out, plan_model
 from balloon_warp.scene import Atmosphere, Balloon, Ground, Inflation, Material, Obstacle, Scene, Sphere, Stiffness
@@ -26,7 +25,7 @@ from balloon_warp.schedules import choose, frames, gather, slices
 from balloon_warp.schedules.choose import fastest_schedule, make_schedule
 from balloon_warp.schedules.frames import TURN, Rounds, make_clock
 from balloon_warp.schedules.one_launch import LanesSchedule
-from balloon_warp.schedules.tables import make_tables, model_features, other_corners
+from balloon_warp.schedules.tables import make_tables, model_features
 
 ROUNDING = 2.0e-5  # of its size: the same sums in another order, over a few frames
 OF_PRESSURES = 0.5  # [Pa]: five millionths of the air's; an excess is the difference of two such pressures, in float32
@@ -79,7 +78,9 @@ def tiles_of(patches: gather.Patches, model: Model) -> list[dict[int, int]]:
 
 
 def test_tables_of_patches_lead_where_the_models_do(scene: Scene):
-    """Patches are alike in size and of one balloon each. Springs, faces and membranes lead to the same particles."""
+    """Patches are alike in size and of one balloon each. Springs, faces and membranes lead to the same particles. Halo
+    particles are marked, and halos are mutual, or one patch would run ahead of the other. A halo of two rings around a
+    square of 256 has about 144 particles, not a strip's."""
     model = build_model(scene, "cpu")
     assert gather.cut_into_patches(model, model_features(model)) is None  # a CPU has none
     patches = gather.cut_patches(model, 256, model_features(model).gas)  # as for a GPU with enough multiprocessors
@@ -98,6 +99,14 @@ def test_tables_of_patches_lead_where_the_models_do(scene: Scene):
     expected = (ends.particle.tolist(), ends.neighbor.tolist(), ends.rest_length.astype(np.float32).tolist())
     assert found == sorted(zip(*expected, strict=True))
     np.testing.assert_array_equal(led_to[~there], particle[~there])
+    without_volumes = gather.cut_patches(model, 256, volumes=False)
+    assert without_volumes.largest_halo < 220
+    table, patch_of = gather.patch_table(model, without_volumes, measures_faces=False), without_volumes.patch
+    halos = table.halos.numpy()
+    assert set(halos[halos >= 0].tolist()) == set(np.flatnonzero(table.in_halos.numpy()).tolist())
+    pairs = {(patch, int(patch_of[particle])) for patch, row in enumerate(halos) for particle in row[row >= 0]}
+    assert pairs == {(other, patch) for patch, other in pairs}
+    assert all(patch != other for patch, other in pairs)
     tables = make_tables(model, model_features(model))
     led = gather.tables_in_patches(model, patches, tables)
     for there, known in (
@@ -109,20 +118,6 @@ def test_tables_of_patches_lead_where_the_models_do(scene: Scene):
             rows = (each.numpy().reshape(len(each), -1).tolist() for each in (there, known))
             for places, particles in zip(*rows, strict=True):
                 assert any([tile.get(place) for place in places] == particles for tile in tiles)
-
-
-def test_patches_are_compact_and_halos_are_mutual(scene: Scene):
-    """Halo particles are marked, and halos are mutual, or one patch would run ahead of the other. A halo of two rings
-    around a square of 256 has about 144 particles, not a strip's."""
-    model = build_model(scene, "cpu")
-    patches = gather.cut_patches(model, 256, volumes=False)
-    assert patches.largest_halo < 220
-    table = gather.patch_table(model, patches, measures_faces=False)
-    halos = table.halos.numpy()
-    assert set(halos[halos >= 0].tolist()) == set(np.flatnonzero(table.in_halos.numpy()).tolist())
-    pairs = {(patch, int(patches.patch[particle])) for patch, row in enumerate(halos) for particle in row[row >= 0]}
-    assert pairs == {(other, patch) for patch, other in pairs}
-    assert all(patch != other for patch, other in pairs)
 
 
 def frames_of(model: Model, count: int) -> State:
@@ -178,12 +173,6 @@ def test_auto_takes_patches_for_few_large_worlds_on_a_gpu(gpu: wp.Device):
     model = build_model(load_scene("squirrel_inflate"), gpu)
     assert fastest_schedule(model, 1) == "gather"
     assert fastest_schedule(model, 4096) == "block"
-
-
-@pytest.mark.parametrize("mesh", [grid(3, 3), prism(5)], ids=["open", "pentagons"])
-def test_what_has_no_rings(mesh: PolygonMesh):
-    model = build_model(Scene(balloon=[Balloon(mesh=mesh)]), "cpu")
-    assert slices.quad_rings(model) is None
 
 
 @pytest.mark.parametrize("inflation", [Inflation(pressure=10.0), Inflation(k_normal=0.1)])
@@ -416,16 +405,6 @@ def test_a_fixed_particle_feels_neither_sphere_nor_ground(schedule, device):
     assert others[:, 1].min() > -1e-6
 
 
-@pytest.mark.full
-def test_among_thousands_of_worlds_sums_have_the_order_of_one(device):
-    """The order of a sum does not depend on the number of worlds, by which a GPU's threads might be chosen."""
-    ball = quad_sphere(3, radius=0.2)
-    gas = Balloon(mesh=ball, position=(0.0, 1.0, 0.0), inflation=Inflation(kind="gas", start_pressure=40.0))
-    alone, among = (arrays(after_frames(Scene(balloon=[gas]), "gather", device, 2, worlds=n)) for n in (1, 2100))
-    for field in ("points", "velocities", "pressures"):
-        np.testing.assert_array_equal(among[field][2099], alone[field][0], err_msg=field)
-
-
 PER_WORLD = (
     *("structural", "shear", "flexion", "torsion", "viscosity", "yield_stretch", "correction_limit", "mass", "helium"),
     *("damping", "keyframe_values", "gravity", "initial_gas_amounts", "initial_free_volumes", "gamma"),
@@ -479,33 +458,6 @@ def bare(**fields) -> Scene:
     return Scene(balloon=[balloon], normals="cached", substeps=33, **fields)
 
 
-@pytest.mark.full
-@pytest.mark.parametrize(
-    ("scene", "kernels"),
-    [
-        (bare(), ["elements_add_forces", "particles_pull_to_move"]),
-        (feature_set("springs"), ["elements_add_forces", "faces_add_area_vectors", "particles_pull_to_leave"]),
-        (bare(water=Water()), ["elements_add_forces", "particles_find_water_load_to_push", "particles_move"]),
-    ],
-    ids=["springs", "strings, hinges and a pressure", "water"],
-)
-def test_a_substep_of_scatter_is_few_launches(scene, kernels, monkeypatch):
-    """A substep of `scatter` is few launches, which on a GPU take a single balloon as much time as its work. In water
-    none may move before all have been looked at. Nothing is copied."""
-    model = build_model(scene, "cpu")
-    state, scatter = initial_state(model), gather.ScatterSchedule(model)
-    launched = []
-    monkeypatch.setattr(wp, "launch", lambda kernel, *args, **more: launched.append(kernel.func.__name__))
-    monkeypatch.setattr(wp, "copy", lambda *args: launched.append("copy"))
-    scatter.launches.substep(state, 1, (state.points, state.velocities))
-    assert launched == kernels
-
-
-def test_an_unknown_schedule_is_refused():
-    with pytest.raises(InputError, match="schedule weave: no such schedule; known are auto, scatter, gather"):
-        Simulator(bare(), "cpu", schedule="weave")
-
-
 def test_auto_takes_a_schedule_and_says_which():
     assert Simulator(bare(), "cpu").schedule.name == "octets"
     assert Simulator(bare(), "cpu", 8).schedule.name == "lanes"
@@ -517,75 +469,6 @@ def test_a_world_too_large_for_a_block_is_refused_and_not_taken_by_auto(device):
     with pytest.raises(InputError, match=r"^schedule block: a world of 11,096 particles is too large .* use gather$"):
         Simulator(scene, device, schedule="block")
     assert Simulator(scene, device).schedule.name == ("octets" if device == "cpu" else "gather")
-
-
-def test_wavefronts_are_counted_by_hand():
-    own = np.arange(64)
-    assert slices.wavefronts(own[None]) == 1.0
-    clash = own.copy()
-    clash[1] = 32  # bank 0 for thread 1, beside particle 0 for thread 0
-    clash[32:] = 7  # the same word for all threads
-    assert slices.wavefronts(clash[None]) == (2 + 1) / 2
-
-
-def test_slots_are_ordered_against_bank_conflicts_and_keep_neighbors():
-    scene = Scene(balloon=[Balloon(mesh=quad_sphere(9), mass=5.0)])
-    ends = slices.spring_ends(build_model(scene, "cpu"))
-    found = slices.neighbors_in_slots(ends, 0)
-    neighbors = np.where(found < 0, np.arange(488), found)
-    spread = np.take_along_axis(neighbors, slices.spread_over_banks(neighbors), axis=0)
-    np.testing.assert_array_equal(np.sort(spread, axis=0), np.sort(neighbors, axis=0))
-    assert slices.wavefronts(neighbors) > 1.8
-    assert slices.wavefronts(spread) < 1.4
-
-
-def test_what_was_found_is_not_sought_again():
-    sought: list[list[int]] = []
-
-    @slices.memoized
-    def doubled(values: NDArray[np.int64]) -> NDArray[np.int64]:
-        sought.append(values.tolist())
-        return 2 * values
-
-    first, other = np.arange(4), np.arange(4).reshape(2, 2)
-    assert doubled(first).tolist() == doubled(first.copy()).tolist() == [0, 2, 4, 6]
-    assert doubled(other).tolist() == [[0, 2], [4, 6]]
-    first[0] = 5
-    assert doubled(first).tolist() == [10, 2, 4, 6]
-    assert sought == [[0, 1, 2, 3], [[0, 1], [2, 3]], [5, 1, 2, 3]]
-
-
-def test_an_answer_cannot_be_spoiled_and_only_the_last_are_kept(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(slices, "LAST", 2)
-    sought: list[int] = []
-
-    @slices.memoized
-    def same(values: NDArray[np.int64]) -> NDArray[np.int64]:
-        sought.append(int(values[0]))
-        return values
-
-    for number in (0, 1, 0, 2, 0, 1):
-        answer = same(given := np.array([number]))
-        given[0] = 7
-        assert answer.tolist() == [number]
-        with pytest.raises(ValueError, match="read-only"):
-            answer[0] = 1
-    assert sought == [0, 1, 2, 1]
-
-
-FACES = ((0, 1, 2), (2, 1, 3, 4), (4, 3, 5, 6, 0))
-
-
-def test_each_corner_has_the_rest_of_its_face_in_turn():
-    points = np.random.default_rng(0).normal(size=(7, 3))
-    mesh = PolygonMesh(points, np.array([3, 4, 5]), np.concatenate(FACES))
-    corners = other_corners(build_model(Scene(balloon=[{"mesh": mesh, "holes": "keep"}]), "cpu"))
-    listed = [face[turn:] + face[:turn] for face in FACES for turn in range(len(face))]
-    expected = sorted(listed, key=lambda fan: fan[0])  # stable: those of a particle in the order of the faces
-    assert corners.particles.tolist() == [fan[0] for fan in expected]
-    assert corners.sizes.tolist() == [len(fan) - 1 for fan in expected]
-    assert np.diff(corners.begins).tolist() == corners.sizes.tolist()
-    assert corners.others.tolist() == [corner for fan in expected for corner in fan[1:]]
 
 
 TURNS = Obstacle(
@@ -619,37 +502,6 @@ def test_every_substep_runs_once_in_order_and_searches_when_it_should(count: int
     assert ran == 2 * list(range(count))
     assert clock.done.numpy()[0] == 0
     assert a_frame.are_short == (count > frames.FLAT)
-
-
-@pytest.mark.parametrize("interval", [0, 1, 5, TURN, TURN + 1, 2 * TURN - 1, 2 * TURN, 119, 600, 5000])
-@pytest.mark.parametrize("count", [1, 50, 65, 96, 590, 782])
-def test_every_round_begins_with_a_search_and_leaves_the_clock_alone(count: int, interval: int):
-    """A round that launches nothing, as where no world is busy, shifts no later one."""
-    model: Any = SimpleNamespace(device=wp.get_device("cpu"), substeps=count, step_seconds=1.0e-4)
-    clock, begun, expected = make_clock(model), list[tuple[int, int]](), list[int]()
-    ran, a_frame, apart = list[int](), Rounds(model, interval, clock), interval or count
-
-    def done() -> int:
-        return int(clock.done.numpy()[0])
-
-    def launch_substeps(numbers: range) -> None:
-        ran.extend(number + done() for number in numbers)
-
-    def launch_round(first: int, substeps: int) -> None:
-        before = done()
-        assert first % apart == 0, "a search is due by the number of the substep"
-        assert (first == 0) == (first + before == 0), "the first of a frame is searched otherwise"
-        begun.append((first + before, substeps))
-        if len(begun) % 3:
-            expected.extend(range(first + before, first + before + substeps))
-            a_frame.launch_round(launch_substeps, first, substeps)
-        assert done() == before
-
-    for _ in range(2):
-        a_frame.go_from_search_to_search(launch_round)
-        assert done() == 0
-    assert begun == 2 * [(first, min(apart, count - first)) for first in range(0, count, apart)]
-    assert ran == expected
 
 
 def of_rounds(substeps: int = MANY) -> Scene:

@@ -23,8 +23,7 @@ from gradient_scenes import CASES, HELD, OF_MEETING, OF_RUBBING, PLANE, SLAB, me
 
 import balloon_warp as bw
 from balloon_warp.kernels.schedules.block_names import Layout
-from balloon_warp.lab.gradients.derive import require_paths
-from balloon_warp.model import Model, lay_out, plan_model
+from balloon_warp.model import Model
 from balloon_warp.schedules import backward_one_launch as backward_block
 from balloon_warp.schedules.tables import model_features
 
@@ -121,20 +120,6 @@ def test_a_world_of_a_batch_has_the_gradients_that_it_has_alone_and_the_frames_o
 
 
 @pytest.mark.full
-def test_threads_share_worlds_without_a_trace(monkeypatch: pytest.MonkeyPatch):
-    of, paths, *_ = CASES["some fixed, on the ground"]
-    vary = {path: value_at(of, path) * np.linspace(1.0, 1.3, 17) for path in paths[:2]}
-    asked = {"of": paths, "loss": far, "world_count": 17, "vary": vary, "device": "cpu", "schedule": "lanes"}
-    found = []
-    for cores in (1, 3):
-        monkeypatch.setattr("os.cpu_count", lambda cores=cores: cores)
-        found.append(bw.gradient(of, **asked).gradients)
-    for path in paths:
-        np.testing.assert_array_equal(found[0][path], found[1][path])
-        assert len(set(found[0][path])) == 17
-
-
-@pytest.mark.full
 def test_slack_rubber_leaves_no_trace_in_worlds_beside_it():
     """Eight worlds of which some are slack are computed otherwise than taut ones alone, with the same bits."""
     of = scene(frames=6, substeps=24, material={"kind": "mooney_rivlin"})
@@ -200,10 +185,3 @@ def test_what_the_reference_does_not_have():
         vary = {path: [0.98 * value, 1.02 * value]}
         less, more = bw.gradient(of, of=[path], world_count=2, vary=vary, **asked).loss
         assert found[path][0] == pytest.approx((more - less) / (0.04 * value), rel=0.01), path
-
-
-@pytest.mark.full
-@pytest.mark.parametrize("name", ["balloon_pit", "letter_slot", "table"])
-def test_bundled_scenes_with_edges_can_be_derived(name: str):
-    plan = plan_model(bw.load_scene(name))
-    require_paths(plan, lay_out(plan, "cpu"), [])

@@ -13,7 +13,7 @@ from balloon_warp import InputError, animate, export_stage, load_mesh, load_scen
 from balloon_warp.cli.app import app
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.scene import Balloon, Scene
-from balloon_warp.system.files import target_of, whole_file
+from balloon_warp.system.files import whole_file
 
 SCENE = Scene(balloon=[Balloon(mesh=cube(), name="box")], frames=1)
 KINDS = ["file", "dangling", "chain", "relative", "folder", "dangling in a folder"]
@@ -70,16 +70,12 @@ def test_the_target_is_written_and_the_links_stay(writer: str, suffix: str, kind
     assert [each for each in tmp_path.rglob("*") if ".partial" in each.name] == []
 
 
-@pytest.mark.parametrize("suffix", [".usdc", ".glb", ".png", ".obj"])
-def test_links_in_a_circle_are_one_sentence(suffix: str, tmp_path: Path):
-    one, other = tmp_path / f"one{suffix}", tmp_path / f"other{suffix}"
+def test_links_in_a_circle_are_one_sentence(tmp_path: Path):
+    one, other = tmp_path / "one.usdc", tmp_path / "other.usdc"
     one.symlink_to(other)
     other.symlink_to(one)
-    with pytest.raises(InputError, match=rf"^.*one{suffix}: is a circular link; expected .*$"):
-        target_of(one)
-    if suffix == ".usdc":
-        with pytest.raises(InputError, match="is a circular link"):
-            animate(SCENE, one, device="cpu", on_frame=lambda _: pytest.fail("simulates"))
+    with pytest.raises(InputError, match=r"^.*one\.usdc: is a circular link; expected .*$"):
+        animate(SCENE, one, device="cpu", on_frame=lambda _: pytest.fail("simulates"))
     assert one.is_symlink()
     assert other.is_symlink()
 
@@ -131,7 +127,6 @@ def test_checkpoints_are_beside_the_target_and_either_name_finds_them(tmp_path: 
 
 @pytest.mark.parametrize("named", ["link.obj", "folder/real.obj", "link to blob.obj", "scene.toml"])
 def test_a_mesh_is_read_through_links_and_called_as_the_link(named: str, tmp_path: Path):
-    """A scene behind a link finds its meshes beside its target."""
     away = tmp_path / "away"
     away.mkdir()
     write_obj(away / "real.obj", cube())
@@ -147,7 +142,6 @@ def test_a_mesh_is_read_through_links_and_called_as_the_link(named: str, tmp_pat
 
 
 def test_textures_are_beside_the_link_and_its_target(tmp_path: Path):
-    """Textures are beside the link and its target, as programs look for them here or there."""
     path, target = link("dangling", tmp_path, ".usdc")
     animate(load_scene(write_painted(tmp_path, "obj"), {"frames": 1}), path, device="cpu")
     for place in (path, target):

@@ -24,7 +24,6 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
 from balloon_warp import InputError, PolygonMesh, StageWriter, export_stage, load_mesh, load_scene, render_stage
 from balloon_warp.mesh.load import Treatment, prepared
 from balloon_warp.model import build_model, plan_model
-from balloon_warp.scene.around import palette_color
 from balloon_warp.studio.parts import Animation
 from balloon_warp.studio.render.stage_reader import RenderStage
 from balloon_warp.usd.grid import GridGroup, GridWriter
@@ -252,12 +251,6 @@ def test_colors_of_vertices_are_taken(kind: str, tmp_path):
     np.testing.assert_allclose(mesh.looks.color_at_corners((0, 0, 0))[0], linear((200, 100, 0)), atol=0.01)
 
 
-@pytest.mark.parametrize("kind", ["stl", "ply", "off", "glb", "obj"])
-def test_a_file_that_says_no_color_has_no_looks(kind: str, tmp_path):
-    trimesh.creation.icosphere(1).export(tmp_path / f"ball.{kind}")
-    assert load_mesh(tmp_path / f"ball.{kind}").looks is None
-
-
 def test_a_mesh_of_trimesh_keeps_its_looks(tmp_path):
     assert_painted(load_mesh(trimesh.load(write_painted(tmp_path, "glb"), process=False).to_mesh()))
     ball = trimesh.creation.icosphere(1)
@@ -367,7 +360,6 @@ def test_pictures_show_each_side_in_its_color(kind: str, tmp_path):
 
 @pytest.mark.parametrize(("suffix", "images"), [("glb", 0), ("usdz", 0), ("usda", 1)])
 def test_what_a_stage_is_converted_to_has_the_image(suffix: str, images: int, tmp_path):
-    """The image is in the file or beside it, and is needed nowhere else."""
     stage = written(write_painted(tmp_path, "obj"))
     export_stage(stage, stage.parent / f"other.{suffix}")
     stage.unlink()
@@ -465,9 +457,6 @@ def test_a_batch_keeps_them(tmp_path):
 
 
 def test_without_looks_each_balloon_has_another_color_and_one_is_red(tmp_path):
-    colors = np.array([palette_color(number) for number in range(20)])
-    apart = np.abs(colors[:, None] - colors).max(axis=2) + np.eye(20)
-    assert apart.min() > 0.02
     trimesh.creation.icosphere(1).export(tmp_path / "ball.stl")
     path = written(tmp_path / "ball.stl", SCENE.format(mesh="ball.stl"))
     for name, color in (("ball", (0.80, 0.07, 0.06)), ("ball_1", (0.05, 0.30, 0.75))):

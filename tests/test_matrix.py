@@ -98,11 +98,6 @@ def test_every_method_of_the_table_is_run_in_every_schedule(method: Method):
     assert features(model_with(method.name)) <= simulated()
 
 
-def test_methods_ask_for_different_things():
-    """Methods have distinct features, or the test above would leave some out."""
-    assert len({frozenset(features(model_with(method.name))) for method in METHODS}) == len(METHODS)
-
-
 ASKED_BY_CONTROLS = {"fixtures_steered True"}
 """features that no scene asks for; test_timeline.py runs them in every schedule"""
 
@@ -122,19 +117,6 @@ def test_the_table_in_the_docs_is_what_schedules_say():
         r"<!-- matrix -->\n\n(.*?)\n\n<!-- end -->", (DOCS / "MATRIX.md").read_text(encoding="utf-8"), re.DOTALL
     )
     assert table == as_markdown(), "python -m balloon_warp.benchmarks.matrix makes it anew"
-
-
-@pytest.mark.full
-def test_methods_are_measured():
-    """Methods are measured: one of each solver, and one schedule by name; test_matrix.py runs all their features."""
-    some = [
-        method for method in methods.METHODS if method.name in ("the paper's step", "projective", "schedule `scatter`")
-    ]
-    rows = methods.measure_methods(some, device="cpu", rounds=1, frames=2)
-    assert [row.method for row in rows] == some
-    assert rows[0].ratio == 1.0
-    assert all(row.ratio is not None and row.ratio > 0.0 for row in rows)
-    assert len(methods.as_markdown(rows).splitlines()) == 2 + len(some) == 5
 
 
 @pytest.mark.full

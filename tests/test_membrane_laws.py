@@ -1,7 +1,6 @@
 """Laws of rubber and film against textbooks' energies and their derivatives; springs against closed forms."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,6 @@ from balloon_warp.model import build_model, initial_state
 from balloon_warp.model.materials import numbers_of, on_arrays, slopes_by_stretches, stiffest_modulus
 from balloon_warp.model.plan import plan_model
 from balloon_warp.schedules.gather import ScatterSchedule
-from balloon_warp.schedules.membranes import membrane_quads, sums_of
 from balloon_warp.springs import SpringKind, Springs, build_springs
 from balloon_warp.springs.build import build_hinges, build_membrane
 
@@ -138,21 +136,6 @@ def test_powers_are_those_of_the_library():
     np.testing.assert_allclose(slopes["exponent"], expected * np.log(samples["base"]), rtol=1e-5)
 
 
-@pytest.mark.full
-@each_law
-def test_energies_are_those_of_textbooks(kind: str):
-    random, told = np.random.default_rng(1), told_of(kind)
-    first, second = np.sort(random.uniform(0.7, 4.0, (2, COUNT)), axis=0)[::-1]
-    samples = {"trace": first**2 + second**2, "det": (first * second) ** 2, "spread": first**2 - second**2}
-    for row in MEMBRANES[kind].parameters:
-        numbers = told[row.name][..., 0, 0]
-        samples[row.name] = np.broadcast_to(numbers, (COUNT, *numbers.shape))
-    samples = {name: np.ascontiguousarray(values, dtype=np.float32) for name, values in samples.items()}
-    expected = ENERGIES[kind](first, second)
-    found = called(MEMBRANES[kind].energy, samples)
-    np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-5 * expected.max())
-
-
 def deformed(points: NDArray, seed: int, least: float) -> NDArray:
     """Return points stretched two and a half times one way and down to so much another, and shaken."""
     random = np.random.default_rng(seed)
@@ -204,16 +187,6 @@ def test_forces_are_the_slopes_of_the_energy(shape: str, device: str):
 
 
 @pytest.mark.full
-def test_forces_add_up_to_nothing_and_turn_nothing(device: str):
-    mesh = quad_sphere(3)
-    points = deformed(mesh.points, 5, 0.5)
-    for forces in forces_at(mesh, points, device):
-        size = np.abs(forces).sum(axis=(2, 3))
-        assert (np.abs(forces.sum(axis=2)).max(axis=-1) < 1e-6 * size).all()
-        assert (np.abs(np.cross(points, forces).sum(axis=2)).max(axis=-1) < 1e-6 * size).all()
-
-
-@pytest.mark.full
 def test_what_is_slack_has_no_forces_and_wrinkles_none_across(device: str):
     square = mesh_of([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [[0, 1, 2, 3]])
     slack, wrinkled, narrower = ((0.9, 0.5, 1.0), (2.0, 0.5, 1.0), (2.0, 0.3, 1.0))
@@ -252,11 +225,6 @@ def test_a_polygon_is_as_stiff_as_the_same_of_quads(device: str):
             np.testing.assert_allclose(work, 2.0e-4 * area * 1.7 * np.array(slopes), rtol=1e-4)
 
 
-def test_a_face_without_width_has_no_triangles():
-    line = mesh_of([(0, 0, 0), (1, 0, 0), (2, 0, 0), (0, 1, 0)], [[0, 1, 2], [0, 1, 3]])
-    assert build_membrane(line).count == 1
-
-
 @pytest.mark.parametrize("wrinkling", [True, False])
 @each_law
 def test_no_state_is_stiffer_than_the_bound(kind: str, wrinkling: bool):
@@ -287,37 +255,9 @@ def test_no_state_is_stiffer_than_the_bound(kind: str, wrinkling: bool):
     assert stiffness.max() >= 0.7 * bound
 
 
-def uneven() -> PolygonMesh:
-    """Return quads with angles of all kinds."""
-    mesh = grid(12, 12)
-    aside = np.random.default_rng(0).uniform(-0.25, 0.25, (len(mesh.points), 3))
-    return replace(mesh, points=np.asarray(mesh.points) + aside)
-
-
-@pytest.mark.parametrize("mesh", [quad_sphere(3, 0.1), uneven()], ids=["sphere", "uneven"])
-def test_taut_quads_of_a_linear_law_are_told_by_sums(mesh: PolygonMesh):
-    """The bound by sums is above the trace of each triangle, whatever its shape; also of a flat one, with opposite
-    edges."""
-    quads = membrane_quads(build_model(scene_of("neo_hookean", mesh), "cpu"))
-    steep = sums_of(quads)[2, :, 2:]
-    g11, g12, g22, _ = np.moveaxis(quads.rests, -1, 0)
-    cotangents = np.stack([g11 + g12, g22 + g12, -g12], axis=-1) / np.sqrt(g11 * g22 - g12 * g12)[..., None]
-    d1, beside = np.random.default_rng(0).normal(size=(2, len(steep), 3))
-    for d2 in (beside, -d1):
-        squares = np.stack([(d**2).sum(axis=1) for d in (d1, d2, d2 - d1)], axis=1)
-        for corner in range(4):
-            bound = (np.roll(steep, -corner, axis=1) * squares[:, :2]).sum(axis=1)
-            assert ((cotangents[:, corner] * squares).sum(axis=1) <= bound * (1.0 + 1e-6)).all()
-
-
 ENERGIES_OF_LAWS = dict.fromkeys((law.energy for law in MEMBRANES.values()), "float32")
 OTHERS = {neo_hookean_slopes: "vec3", ogden_slopes: "vec3", power: "float32"}
 compile_together(ENERGIES_OF_LAWS | OTHERS, wp.get_module("membranes"))
-
-
-def counts(mesh: PolygonMesh) -> tuple[int, int, int]:
-    springs = build_springs(mesh)
-    return springs.structural_count, springs.shear_count, springs.flexion_count
 
 
 def pairs_of(springs: Springs, kind: SpringKind) -> set[tuple[int, int]]:
@@ -377,35 +317,28 @@ def _should_create_shear_spring(face: list[int], p: int, p2: int) -> bool:
 
 # Counted on paper: edges of faces; diagonals of faces; pairs two edges apart that share no face.
 HAND_COUNTS = {
-    "one quad": (grid(1, 1), (4, 2, 0)),
-    "2x2 grid: three rows and three columns of three particles each": (grid(2, 2), (12, 8, 6)),
     "3x3 grid: four rows and four columns of four particles each": (grid(3, 3), (24, 18, 16)),
     "cube: opposite corners are three edges apart": (cube(), (12, 12, 0)),
-    "tetrahedron": (tetrahedron(), (6, 0, 0)),
     "pentagonal prism: 2 x 5 diagonals of pentagons, 5 x 2 of quads": (prism(5), (15, 20, 0)),
     "two quads at one vertex: two neighbors on either side of it": (two_quads(), (8, 4, 4)),
     "Moebius strip of 7: 7 rungs and a border of 14 edges, flexion along the border": (moebius(7), (21, 14, 14)),
-    "octagon: 8 x 5 / 2 diagonals": (polygon(8), (8, 20, 0)),
-    "three triangles on one edge": (mesh_of(np.eye(5, 3), [[0, 1, 2], [0, 1, 3], [0, 1, 4]]), (7, 0, 3)),
     "a vertex of valence 6 amid triangles: three opposite pairs and six of every second": (
         mesh_of([[0, 0, 0], *polygon(6).points], [[0, i, i % 6 + 1] for i in range(1, 7)]),
         (12, 0, 9),
     ),
     "torus of 4 around: opposite particles have two between them, and one spring": (torus(4, 5), (40, 40, 2 * 5 + 20)),
     "a diagonal that is an edge": (mesh_of(np.eye(4, 3), [[0, 1, 2, 3], [0, 1, 2]]), (5, 1, 0)),
-    "a triangle written as a quad with a repeated corner": (mesh_of(np.eye(3), [[0, 1, 1, 2]]), (3, 0, 0)),
-    "two cubes": (joined(cube(), cube()), (24, 24, 0)),
-    "7x4 grid": (grid(7, 4), (7 * 5 + 4 * 8, 2 * 7 * 4, 6 * 5 + 8 * 3)),
     # 6 n^2 quads have 12 n^2 edges and 12 n^2 diagonals. Two neighbors of a particle of valence 4 that share no quad
     # are opposite to each other: two pairs around each of the 6 n^2 + 2 particles but the 8 corners, of valence 3.
-    **{f"quad sphere {n}": (quad_sphere(n), (12 * n**2, 12 * n**2, 12 * n**2 - 12)) for n in (1, 2, 3, 4, 9, 16)},
+    **{f"quad sphere {n}": (quad_sphere(n), (12 * n**2, 12 * n**2, 12 * n**2 - 12)) for n in (1, 3, 16)},
 }
 
 
 @pytest.mark.parametrize("case", HAND_COUNTS)
 def test_hand_counts(case: str) -> None:
     mesh, expected = HAND_COUNTS[case]
-    assert counts(mesh) == expected
+    springs = build_springs(mesh)
+    assert (springs.structural_count, springs.shear_count, springs.flexion_count) == expected
 
 
 @pytest.mark.parametrize("seed", range(60))
@@ -427,9 +360,8 @@ def test_closed_and_one_sided_meshes_match_the_listings_of_the_paper() -> None:
     assert tuple(pairs_of(springs, kind) for kind in SpringKind) == paper_springs(mesh)
 
 
-def test_order_types_and_rest_lengths() -> None:
+def test_order_and_rest_lengths() -> None:
     springs = build_springs(cube())
-    assert (springs.pairs.dtype, springs.kind.dtype, springs.rest_lengths.dtype) == (np.int32, np.int32, np.float64)
     assert (springs.pairs[:, 0] < springs.pairs[:, 1]).all()
     rows = np.column_stack([springs.kind, springs.pairs]).tolist()
     assert rows == sorted(rows)

@@ -23,7 +23,6 @@ from trimesh.exchange.stl import export_stl_ascii
 from balloon_warp import Balloon, Body, InputError, Obstacle, PolygonMesh, Scene, load_mesh, load_scene, remesh
 from balloon_warp.mesh.load import read_usd
 from balloon_warp.mesh.obj import read_obj, write_obj
-from balloon_warp.mesh.repair import repaired
 from balloon_warp.mesh.topology import component_count, is_closed, mesh_edges, signed_volume, total_area
 from balloon_warp.model import plan_model
 from balloon_warp.studio.render.stage_reader import RenderStage
@@ -35,19 +34,13 @@ FORMS = {
     "no final newline": SQUARE + b"f 1 2 3 4",
     "weights": b"v 0 0 0 1.0\nv 1 0 0 1\nv 1 1 0 1\nv 0 1 0 1\nf 1 2 3 4\n",
     "colors": b"v 0 0 0 .1 .2 .3\nv 1 0 0 1 1 1\nv 1 1 0 0 0 0\nv 0 1 0 1e-3 0 0\nf 1 2 3 4\n",
-    "weights and colors": b"v 0 0 0 1 .1 .2 .3\nv 1 0 0 1 1 1 1\nv 1 1 0 1 0 0 0\nv 0 1 0 1 0 0 0\nf 1 2 3 4\n",
     "forms of numbers": b"v 0 -0.0 +0\nv 1e0 0. .0\nv 10E-1 +1.0 0\nv 0e5 1.000 0\nf 1 2 3 4\n",
     "texture coordinates": SQUARE + b"vt 0 0\nvt 1 1\nf 1/1 2/2 3/1 4/2\n",
-    "normals": SQUARE + b"vn 0 0 1\nf 1//1 2//1 3//1 4//1\n",
     "texture coordinates and normals": SQUARE + b"vt 0 0\nvn 0 0 1\nf 1/1/1 2/1/1 3/1/1 4/1/1\n",
-    "negative indices": SQUARE + b"f -4 -3 -2 -1\n",
-    "negative indices with normals": SQUARE + b"vn 0 0 1\nf -4//-1 -3//-1 -2//-1 -1//-1\n",
     "mixed indices": SQUARE + b"f 1 -3 3/7 -1\n",
     "a face above its vertices": b"f 1 2 3 4\n" + SQUARE,
     "inline comments": b"v 0 0 0 # first\nv 1 0 0#second\nv 1 1 0\nv 0 1 0\nf 1 2 3 4 # v 9 9 9\n# f 1 2 3\n",
     "continued lines": b"v 0 \\\n0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 \\\n  3 \\\n 4\n",
-    "a continued line at the end": SQUARE + b"f 1 2 3 4 \\",
-    "a comment that ends in a backslash": b"# C:\\models\\\n" + SQUARE + b"f 1 2 3 4\n",
     "a byte order mark": b"\xef\xbb\xbf" + SQUARE + b"f 1 2 3 4\n",
     "leading blanks and tabs": b"  v 0 0 0\n\tv\t1\t0\t0\nv  1   1  0 \t\nv 0 1 0\n \t f\t1 2  3 4\t\n\n\n",
     "Latin-1": b"# caf\xe9\no \xfcber_all\n" + SQUARE + b"usemtl gr\xfcn\nf 1 2 3 4\n",
@@ -87,33 +80,20 @@ def test_polygons_objects_and_unused_vertices_stay_in_place(tmp_path: Path) -> N
 CORNERS = b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 BAD = {
     "empty": (b"", ": has no vertices (no line begins with v)"),
-    "no vertices": (b"f 1 2 3\nvn 0 0 1\n", ": has no vertices (no line begins with v)"),
     "no faces": (CORNERS, ": has no faces (no line begins with f)"),
     "NaN": (b"v 0 0 0\nv nan 0 0\n" + CORNERS + b"f 1 2 3\n", ", line 2: coordinates must be finite"),
-    "infinity": (CORNERS + b"v 0 -inf 0\nf 1 2 3\n", ", line 4: coordinates must be finite"),
     "float32 overflow": (b"v 0 0 3.5e38\n" + CORNERS + b"f 1 2 3\n", ", line 1: coordinates must be finite and fit"),
-    "float64 overflow": (b"v 0 1e999 0\n" + CORNERS + b"f 1 2 3\n", ", line 1: coordinates must be finite"),
-    "two coordinates": (CORNERS + b"v 1 2\n", ", line 4: a vertex needs three coordinates, not 2 (got 'v 1 2')"),
-    "no coordinates": (b"v\n", ", line 1: a vertex needs three coordinates, not 0"),
     "no number": (b"#\n#\nv 3.1+e2 0 0\n", ", line 3: coordinates must be decimal numbers (got 'v 3.1+e2 0 0')"),
-    "decimal commas": (b"v 1,5 2,5 3,5\n", ", line 1: coordinates must be decimal numbers (got 'v 1,5 2,5 3,5')"),
     "Python's digit groups": (b"v 1_0 0 0\n", ", line 1: coordinates must be decimal numbers"),
     "a word for a weight": (b"v 0 0 0 heavy\n", ", line 1: coordinates must be decimal numbers"),
     "index 0": (CORNERS + b"f 0 1 2\n", ", line 4: vertex numbers begin at 1, not 0 (got 'f 0 1 2')"),
-    "past the end": (CORNERS + b"f 1 2 3\nf 1 2 4\n", ", line 5: there is no vertex 4, the file has 3"),
-    "past the end, at a corner": (CORNERS + b"f 1 2 3\nf 4 1 2\n", ", line 5: there is no vertex 4, the file has 3"),
     "before the start": (CORNERS + b"f -1 -2 -4\n", ", line 4: there is no vertex -4, only 3 stand above this line"),
     "negative before its vertices": (b"f -1 -2 -3\n" + CORNERS, ", line 1: there is no vertex -1, only 0 stand above"),
     "fraction": (CORNERS + b"f 1 2 3.0\n", ", line 4: vertex numbers must be integers (got 'f 1 2 3.0')"),
-    "no index": (CORNERS + b"f 1 2 /3\n", ", line 4: vertex numbers must be integers"),
-    "grouped index": (CORNERS + b"f 1 2 0_3\n", ", line 4: vertex numbers must be integers"),
     "33 bits": (CORNERS + b"f 1 2 4294967297\n", ", line 4: there is no vertex 4294967297, which takes more than 32"),
-    "80 bits": (CORNERS + b"f 1 2 1" + b"0" * 24 + b"\n", ", line 4: there is no vertex 1000000000000000000000000,"),
     "two corners": (CORNERS + b"f 1 2\n", ", line 4: a face needs three corners or more, not 2 (got 'f 1 2')"),
-    "no corners": (CORNERS + b"f\n", ", line 4: a face needs three corners or more, not 0"),
     "a bad line after a continued one": (b"v 0 \\\n 0 \\\n 0\nv 1 x 0\n", ", line 4: coordinates must be decimal"),
     "UTF-16": ("v 0 0 0\n".encode("utf-16"), ": is binary or UTF-16, not the plain text of an OBJ file"),
-    "UTF-16 without a mark": ("v 0 0 0\n".encode("utf-16-le"), ": is binary or UTF-16"),
     "binary": (b"\x7fELF\x02\x01\x00\x00v 0 0 0\n", ": is binary or UTF-16"),
 }
 
@@ -134,10 +114,11 @@ def test_writing_and_reading_gives_the_same_mesh(tmp_path: Path) -> None:
     # All sizes of float64 that a float32 can hold, and values without a short decimal form.
     points = random.normal(size=(12, 3)) * 10.0 ** random.integers(-30, 30, size=(12, 3))
     points[0] = (1 / 3, np.nextafter(1.0, 2.0), -0.0)
-    mesh = replace(prism(6), points=points)
+    mesh = replace(textured(prism(6)), points=points)
     write_obj(tmp_path / "mesh.obj", mesh)
     again = read_obj(tmp_path / "mesh.obj")
     assert again.points.tobytes() == mesh.points.tobytes()
+    np.testing.assert_allclose(again.texture_coordinates, mesh.texture_coordinates, rtol=1e-6)  # of float32
     assert again.face_vertex_counts.tolist() == mesh.face_vertex_counts.tolist()
     assert again.face_vertex_indices.tolist() == mesh.face_vertex_indices.tolist()
 
@@ -165,17 +146,16 @@ def test_each_line_is_worked_on_once(tmp_path: Path) -> None:
     assert counts[1] < 25
 
 
+BOX = trimesh.creation.box((1.0, 2.0, 3.0))
+
+
 TRIANGLE = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 MANY = {
     "vertices": b"v 0 0 0\n" * 20_000 + TRIANGLE,
     "faces": TRIANGLE + b"f 1 2 3\n" * 20_000,
-    "large faces": TRIANGLE + (b"f" + b" 1 2" * 2000 + b"\n") * 20,
     "empty comments": b"##\n" * 50_000 + TRIANGLE,
-    "a long comment": b"# " * 50_000 + b"\n" + TRIANGLE,
-    "returns": TRIANGLE + b"\r\n" * 50_000,
     "continued lines": TRIANGLE[:-1] + b"\\\n" * 50_000,
     "continued words": b"ab\\\n" * 50_000 + b"\n" + TRIANGLE,
-    "words": b"vt" + b" 1" * 50_000 + b"\n" + TRIANGLE,
 }
 
 
@@ -190,9 +170,6 @@ def test_reading_takes_a_few_times_the_memory_of_the_file(tmp_path: Path, what: 
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 9 * path.stat().st_size + 50_000
-
-
-BOX = trimesh.creation.box((1.0, 2.0, 3.0))
 
 
 def assert_is_the_box(path: Path) -> None:
@@ -287,11 +264,9 @@ def test_quads_of_a_ply_become_triangles_and_those_of_an_obj_do_not(tmp_path: Pa
     ("name", "content"),
     [
         ("empty.stl", b""),
-        ("short.stl", bytes(80) + struct.pack("<I", 9)),
         ("text.ply", b"ply\nnonsense"),
         ("text.off", b"OFF\n1 2"),
         ("text.glb", b"glTF1234"),
-        ("none.gltf", b"{}"),
         ("text.gltf", b"nonsense"),
     ],
 )
@@ -509,7 +484,6 @@ def test_what_appears_or_goes_counts_as_at_first_and_is_named(stage: Usd.Stage, 
 
 
 def test_parts_of_one_name_are_told_apart(stage: Usd.Stage) -> None:
-    """Paths tell parts of one name apart, as exporters write a mesh of the same name below each object."""
     for x, wheel in enumerate(("left", "right")):
         move(add_mesh(stage, f"/{wheel}/mesh", cube()), 3.0 * x)
     assert sorted(read_again(stage).groups) == ["/left/mesh", "/right/mesh"]
@@ -539,9 +513,7 @@ def test_a_prim_is_named_in_a_scene_and_on_the_command_line(stage: Usd.Stage, tm
     [
         ("points", None, "/cube: has no points"),
         ("points", [], "/cube: has 0 vertices and 6 faces; expected both"),
-        ("points", [(0, 0, 0)], "/cube: a face refers to point 7; expected 0 to 0"),
         ("points", [(float("nan"), 0, 0)] * 8, "/cube: vertex 1: coordinates must be finite"),
-        ("faceVertexCounts", None, "/cube: has no faceVertexCounts"),
         ("faceVertexCounts", [4] * 5, "/cube: the face sizes add up to 20 corners, but 24 are given"),
         ("faceVertexCounts", [2, 6, 4, 4, 4, 4], "/cube: face 1: a face needs three corners or more (got 2)"),
         ("faceVertexIndices", [-1] * 24, "/cube: a face refers to point -1; expected 0 to 7"),
@@ -613,19 +585,6 @@ def test_there_are_none_where_they_make_no_sense_and_the_mesh_is_what_it_is(tmp_
     mesh = read(tmp_path, TWO_FACES.replace(old, new).encode())
     assert mesh.texture_coordinates is None
     assert mesh.face_count == 2
-
-
-def test_repairs_take_them_along():
-    mesh = cube()
-    flipped = mesh.face_vertex_indices.reshape(-1, 4).copy()
-    flipped[2] = flipped[2, ::-1]
-    corners = np.concatenate([flipped.ravel(), flipped[0], [0, 1, 1, 0]]).astype(np.int32)
-    counts = np.full(8, 4, dtype=np.int32)
-    mesh = textured(replace(mesh, face_vertex_counts=counts, face_vertex_indices=corners))
-    mended = repaired(mesh, "cube")
-    assert mended.face_count == 6
-    assert (mended.face_vertex_indices[8:12] != flipped[2]).any()  # it was turned over
-    np.testing.assert_array_equal(mended.texture_coordinates, textured(mended).texture_coordinates)
 
 
 @pytest.mark.parametrize("interpolation", ["faceVarying", "vertex", "uniform"])
