@@ -139,30 +139,23 @@ def test_names_may_be_long_and_errors_of_other_files_are_not_blamed_on_the_outpu
         ("a.png", {"frame": 48}, r"frame: 48 is not in .*stage\.usda; expected 0 to 47"),
         ("a.gif", {"frame": 3}, r"frame: 3 for a \.gif, which shows all frames; expected a \.png"),
         ("a.png", {"samples": 0}, "samples: 0 rays a pixel; expected at least 1"),
-        ("a.png", {"azimuth": float("nan")}, "azimuth: nan degrees; expected a finite angle"),
         ("a.png", {"elevation": -1.0}, "elevation: -1 degrees; expected 0 to 90"),
-        ("a.png", {"elevation": 91.0}, "elevation: 91 degrees; expected 0 to 90"),
         ("a.png", {"size": (0, 10)}, "size: a picture of 0x10 pixels; expected at least 1x1"),
-        ("a.png", {"size": (8193, 10)}, "size: a picture of 8193x10 pixels; expected at most 8192x8192"),
         ("a.png", {"samples": 10**9}, "samples: 1000000000 rays a pixel; expected at most 4096"),
         ("x" * 252 + ".png", {}, "cannot be written: File name too long"),
         ("a:SDF_FORMAT_ARGS:b.png", {}, "expected a name without it"),
         ("a.png", {"device": "cuda:99"}, "cuda:99: no such device; this machine has cpu"),
         ("a.png", {"zoom": 0.0}, "zoom: 0; expected 0.01 to 100"),
-        ("a.png", {"zoom": float("nan")}, "zoom: nan; expected"),
         ("a.png", {"look_at": "nobody"}, "look-at: 'nobody' is not visible in .*; visible are .*Ball"),
         ("a.png", {"look_at": "bal"}, r"look-at: 'bal' is not visible in .*; did you mean Ball\?"),
         ("a.png", {"look_at": (1.0, 2.0, 3.0), "follow": True}, "follow: a point does not move"),
         ("a.png", {"aperture": -1.0}, "aperture: -1; expected the lens's diameter, 0 or more"),
         ("a.png", {"focus": "Ball"}, "focus: needs an aperture"),
-        ("a.png", {"focus": "nobody", "aperture": 0.1}, "focus: 'nobody' is not visible"),
         ("a.png", {"shutter": 1.5}, "shutter: 1.5; expected 0 to 1 of a frame"),
         ("a.gif", {"transparent": True}, r"transparent: a\.gif has no transparency; expected \.png or \.webp"),
         ("a.gif", {"frames": (5, 99)}, "frames: 5:99 is not in .*; expected a range in 0:47"),
-        ("a.gif", {"frames": (9, 5)}, "frames: 9:5 is not in"),
         ("a.gif", {"frames_per_second": 0.0}, r"fps: 0; expected 0\.01 to 1000"),
         ("a.png", {"frames": (1, 3)}, "one picture has no frames and no rate"),
-        ("a.png", {"frames_per_second": 10.0}, "one picture has no frames and no rate"),
     ],
 )
 def test_bad_requests_get_a_sentence(stage: Path, tmp_path, output: str, options: dict, sentence: str):
@@ -236,7 +229,6 @@ def test_a_range_without_a_whole_frame_shows_the_next(tmp_path):
     ("break_it", "sentence"),
     [
         (lambda made: add_camera(made, 5.0, 0.0), "at frame 0 has an aperture of .* focal length of 0; expected"),
-        (lambda made: add_camera(made, 5.0, 50.0, 0.0), "Camera at frame 0 has an aperture of 0 "),
         (
             lambda made: add_camera(made, 5.0, 50.0).AddScaleOp().Set(Gf.Vec3f(0.0)),
             "Camera .* has a transform that is singular",
@@ -590,13 +582,9 @@ def test_holes_are_seen_through():
     [
         ({"eye": (0.0, 1.0)}, r"eye: must be a place, three numbers, or one for each world, of shape"),
         ({"target": np.zeros((3, 3))}, r"target: must be a place"),
-        ({"eye": (0.0, np.nan, 1.0)}, r"eye: must be a place"),
-        ({"eye": "above"}, r"eye: must be a place.*\(got above\)"),
         ({"target": EYE}, r"target: must not be where the eye is, in world 0"),
         ({"width": 0}, r"width: must be a whole number from 1 to 4096 \(got 0\)"),
-        ({"height": 10.5}, r"height: must be a whole number"),
         ({"angle": 0.0}, r"angle: must be from 1 to 170 degrees \(got 0.0\)"),
-        ({"angle": np.inf}, r"angle: must be from 1 to 170 degrees \(got inf\)"),
     ],
 )
 def test_a_camera_that_cannot_be_is_refused(given: dict[str, Any], sentence: str):
@@ -691,15 +679,6 @@ def test_a_small_world_looks_as_it_did(name: str, tmp_path):
     # Another machine's round-off moves some samples over an edge: 0.999. Without foil's mirror it is 0.95 or less.
     assert likeness(one, other) > 0.99
     assert np.abs(one - other).mean() < 1.0
-
-
-def test_likeness_tells_what_eyes_tell():
-    kept = np.asarray(Image.open(KEPT / "front.png")).astype(int)
-    noise = np.random.default_rng(5).integers(-2, 3, kept.shape)
-    assert likeness(kept, kept + noise) > 0.97
-    shifted, dim = np.roll(kept, 3, axis=1), (0.7 * kept).astype(int)
-    red_for_blue = kept[..., ::-1]
-    assert max(likeness(kept, changed) for changed in (shifted, dim, red_for_blue)) < 0.95
 
 
 if __name__ == "__main__":
