@@ -24,7 +24,7 @@ from balloon_warp.kernels.phase import Phase
 from balloon_warp.kernels.schedules.lanes import ACCESS
 from balloon_warp.kernels.schedules.launched import GATHERED, SUMMED, source_of
 from balloon_warp.kernels.schedules.writer import Step, cut
-from balloon_warp.kernels.substep import PROJECTIVE_STEP, READING, STEP, phases_of
+from balloon_warp.kernels.substep import STEP, phases_of
 from balloon_warp.model import Model, State, build_model, initial_state, plan_model
 from balloon_warp.model.state import Allocating
 from balloon_warp.scene.load import override_scene
@@ -286,6 +286,8 @@ def test_a_phase_pushes_spheres_whatever_their_contact(contact, monkeypatch, sch
     np.testing.assert_allclose(own + theirs, before, atol=1e-6 * max(1.0, np.linalg.norm(before)))
 
 
+@pytest.mark.full
+@pytest.mark.full
 def test_a_phase_pushes_a_body(monkeypatch, schedule, device):
     """A body and a balloon that pull each other keep their momentum, and come together as two masses on a spring:
     x' = -r w sin(w t), w^2 = k / M + k / m, within the 3 % of its first order in w h."""
@@ -419,12 +421,6 @@ def test_a_phase_that_looks_at_what_others_have_moved_waits_for_them(model):
     assert names((own_phases.add, own_phases.halve, own_phases.double, own_phases.heed)) == [["add", "halve"], ["heed"]]
 
 
-def test_phases_of_a_step_have_names_of_their_own():
-    for step in (STEP, READING, PROJECTIVE_STEP):
-        names = [each.name for each in step]
-        assert len(names) == len(set(names))
-
-
 def test_a_scene_has_in_its_source_only_what_it_needs():
     model = build_model(Scene(balloon=[Balloon(mesh=cube())]), "cpu")
     features = model_features(model)
@@ -456,17 +452,6 @@ def test_a_source_has_its_phases_in_the_order_of_the_list():
         assert len(called) > 10
         places = [re.search(rf"\b{name}\(", printed) for name in called]
         assert [place.start() for place in places if place] == sorted(place.start() for place in places if place)
-
-
-@pytest.mark.full
-def test_octets_of_a_model_with_bodies_are_launches_and_their_forces_for_eight():
-    """Kernels are those that `gather` launches, in the same order, but for the forces."""
-    printed, launched = (kernel_source(load_scene("turtle_pillow"), schedule) for schedule in ("octets", "gather"))
-    kernels = re.findall(r"^def (\w+)\(", printed, re.M)
-    assert kernels.count("pull_octets") == 1
-    assert kernels.index("worlds_move_bodies") < kernels.index("pull_octets") < kernels.index("worlds_meet")
-    assert "pull_octets" not in launched
-    assert printed[printed.index("def worlds_meet(") :] in launched
 
 
 def test_who_has_no_kernels_is_refused():
