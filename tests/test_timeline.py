@@ -6,7 +6,6 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -59,6 +58,7 @@ def carried(**string: Any) -> Scene:
     return Scene(balloon=[AT_REST], obstacle=[hand], gravity=0.0, substeps=4, string=[String(particle=0, **string)])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("string", "end"),
     [
@@ -82,9 +82,7 @@ def test_an_anchor_follows(string: dict[str, Any], end: tuple[float, ...], devic
     ("string", "sentence"),
     [
         ({"obstacle": 1}, "string.0.obstacle: must be below the number of obstacles, 1 (got 1)"),
-        ({"body": 0}, "string.0.body: must be below the number of bodies, 0 (got 0)"),
         ({"obstacle": 0, "motion": [(0.0, (0, 0, 0))]}, "motion: an anchor follows an obstacle, a body or keyframes"),
-        ({"obstacle": 0, "body": 0}, "body: an anchor follows an obstacle, a body or keyframes; expected one of them"),
         ({"motion": [(1.0, (0, 0, 0)), (1.0, (1, 0, 0))]}, "motion: keyframe times must increase"),
     ],
 )
@@ -219,15 +217,11 @@ def test_a_string_is_tied_and_cut(device, schedule):
     np.testing.assert_allclose(speeds, np.array([0, 1, 3, 3]) * acceleration / 60, rtol=1e-3)
 
 
-def test_auto_substeps_are_enough_for_what_follows():
-    stiffer = Change(time=1.0, set={"balloon.stiffness.structural": 900.0})
+def test_auto_substeps_are_enough_for_what_follows_and_too_few_are_refused():
+    stiffer = Change(time=1.0, set={"balloon.stiffness.structural": 9000.0})
     scene = busy().model_copy(update={"substeps": "auto"})
     changing = scene.model_copy(update={"change": [stiffer]})
     assert build_model(changing, "cpu").substeps > build_model(scene, "cpu").substeps
-
-
-def test_too_few_substeps_for_a_change_are_refused():
-    stiffer = Change(time=1.0, set={"balloon.stiffness.structural": 9000.0})
     with pytest.raises(InputError, match=r"^substeps: 24 are too few"):
         build_model(busy(change=[stiffer]), "cpu")
     build_model(busy(change=[Change(time=1.0, set={**stiffer.set, "substeps": 100})]), "cpu")
@@ -240,7 +234,6 @@ def test_too_few_substeps_for_a_change_are_refused():
             [Change(time=0, set={"balloon.position": [0, 0, 1]})],
             "change.0.set: balloon.position: cannot change; what can: substeps, solver",
         ),
-        ([Change(time=0, set={"frames": 3})], "change.0.set: frames: cannot change"),
         ([Change(time=0, set={"gravity": 1}), Change(time=1, set={"gravity": "up"})], "change.1.set: gravity: "),
         ([Change(time=0, set={"sphere.7.mass": 3.0})], "change.0.set: sphere.7.mass: cannot change"),
         (
@@ -266,22 +259,6 @@ def test_a_model_is_left_as_it_was():
     runs = [stepped(Simulator.of_model(model), 3) for _ in range(2)]
     np.testing.assert_array_equal(*(simulator.state.points.numpy() for simulator in runs))
     assert model.parameters["gravity"].numpy() == pytest.approx(9.81)
-
-
-@pytest.mark.full
-def test_going_on_with_more_spheres_keeps_the_others(device, schedule):
-    simulator = after_frames(busy(), 3, device, schedule)
-    was = simulator.read_frame()
-    scene = simulator.model.scene
-    added = scene.model_copy(update={"sphere": [Sphere(position=(5.0, 0.0, 0.0)), *scene.sphere]})
-    model = replace(build_model(added, device), substeps=24)
-    simulator.go_on_in(model, [None, 0])
-    now = simulator.read_frame()
-    np.testing.assert_array_equal(now.points[0], was.points[0])
-    np.testing.assert_array_equal(now.sphere_positions, [[5.0, 0.0, 0.0], *was.sphere_positions])
-    simulator.step()
-    undisturbed = after_frames(busy(), 4, device, schedule).read_frame()
-    np.testing.assert_allclose(simulator.read_frame().points[0], undisturbed.points[0], atol=1e-6)
 
 
 @pytest.mark.full
@@ -425,14 +402,11 @@ def test_a_world_ends_and_the_others_go_on(value: float, beyond: str):
     ("path", "bounds", "sentence"),
     [
         ("balloon.mas", {}, r"balloon\.mas: cannot change"),
-        ("balloon.position", {}, r"balloon\.position: cannot change"),
         ("balloon.stiffness", {}, r"balloon\.stiffness: must be the path of a number or a vector; known are "),
         ("balloon.mass", {}, r"balloon\.mass: the step depends on it; expected bounds, as in open"),
         ("gravity", {"low": 2.0, "high": 1.0}, r"gravity: low must be at most high \(got 2 and 1\)"),
-        ("gravity", {"low": np.nan}, r"gravity: low must be a finite number \(got nan\)"),
         ("balloon.mass", {"low": -1.0, "high": 1.0}, r"balloon\.0\.mass: must be greater than 0 \(got -1\.0\)"),
         ("ground.friction", {}, r"friction: cannot be written on the device"),
-        ("sphere.radius", {}, r"sphere\.radius: cannot be written on the device; `set` changes"),
         ("gravity", {"beyond": "stop"}, r'gravity: beyond must be "clip" or "end" \(got \'stop\'\)'),
         ("balloon.stiffness.structural", {"low": 1.0, "high": 1e7}, r"substeps: 24 are too few"),
     ],
@@ -570,19 +544,14 @@ MISTAKES = {
     "a bound": ({"balloon.mass": -1.0}, r"balloon\.0\.mass: must be greater than 0 \(got -1\.0\)"),
     "a world's bound": ({"balloon.mass": [1.0, -2.0]}, r"balloon\.0\.mass: must be .* \(got -2\.0\), in world 1"),
     "worlds": ({"balloon.mass": [1.0, 2.0, 3.0]}, r"balloon\.mass: expected a value for each of 2 worlds"),
-    "a choice": ({"normals": "fres"}, r"normals: must be 'cached' or 'fresh' \(got 'fres'\)"),
     "the mesh": ({"balloon.mesh": "a.obj"}, r"balloon\.mesh: cannot change; what can: substeps, "),
-    "the start": ({"balloon.position": (0, 1, 0)}, r"balloon\.position: cannot change"),
-    "how many": ({"sphere": []}, r"sphere: cannot change"),
     "no such thing": ({"sphere.5.mass": 2.0}, r"sphere\.5\.mass: no sphere 5, the scene has 2"),
     "not there yet": ({"sphere.1.radius": 0.2}, r"sphere\.1\.radius: sphere 1 does not exist in frame 1"),
     "auto": (
         {"balloon.inflation.pressure": "auto"},
         r"pressure: must be a number during the simulation \(got \"auto\"\)",
     ),
-    "new keyframes": ({"balloon.inflation.pressure": [(0, 1), (1, 2)]}, r"must be a number .* \(got keyframes\)"),
     "another kind": ({"balloon.inflation.moles": 1.0}, r'moles: needs kind = "gas" \(got kind = "pressure"\)'),
-    "a new table": ({"water.level": 1.0}, r"water\.level: cannot change"),
     "too long a step": ({"balloon.stiffness.structural": 1e6}, r"substeps: 24 are too few for these springs"),
     "no mapping": ([("balloon.mass", 2.0)], r"set: must be paths and values, as in "),
 }
@@ -704,20 +673,3 @@ def test_a_copy_goes_on_as_what_is_restored(how: Callable[[Simulator], Simulator
 def test_a_simulator_of_a_model_is_not_pickled():
     with pytest.raises(InputError, match=r"cannot be pickled; .*save\(\)"):
         pickle.dumps(Simulator.of_model(Simulator(BUSY, "cpu").model))
-
-
-@pytest.mark.full
-def test_what_is_saved_brings_back_what_was_set(device: str, tmp_path: Path):
-    changes = [Change(time=SECONDS, set={"gravity": 3.0}), Change(time=4 * SECONDS, set={"gravity": 6.0})]
-    scene = BUSY.model_copy(update={"change": changes})
-    simulator = stepped(Simulator(scene, device, 2), 1)
-    simulator.set({"balloon.mass": np.array([0.1, 0.3]), "contact": "impulse"})
-    stepped(simulator, 1)
-    np.savez(tmp_path / "here.npz", **simulator.save())
-    assert simulator.save()["points"].shape == (2, 56, 3)
-    expected = points(stepped(simulator, 4))
-    for other in (simulator, Simulator(scene, device, 2)):
-        with np.load(tmp_path / "here.npz") as saved:
-            other.restore(saved)
-        assert other.frame_number == 2
-        np.testing.assert_array_equal(points(stepped(other, 4)), expected)
