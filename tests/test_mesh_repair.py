@@ -516,14 +516,6 @@ def test_solids_and_sheets_have_known_areas_volumes_and_normals() -> None:
     assert geometry.signed_volume(inside_out) == pytest.approx(-geometry.signed_volume(quad_sphere(4)), abs=ROUND_OFF)
 
 
-@pytest.mark.parametrize("n", [3, 5, 12])
-def test_polygons_of_any_size(n: int) -> None:
-    area = n / 2.0 * np.sin(2.0 * np.pi / n)
-    np.testing.assert_allclose(geometry.face_vector_areas(polygon(n)), [[0.0, 0.0, area]], atol=ROUND_OFF)
-    assert geometry.signed_volume(prism(n)) == pytest.approx(area, abs=ROUND_OFF)
-    assert geometry.total_area(prism(n)) == pytest.approx(2.0 * area + 2.0 * n * np.sin(np.pi / n), abs=ROUND_OFF)
-
-
 @pytest.mark.parametrize("mesh", [quad_sphere(5), torus(9, 7), prism(7), cube()])
 def test_volume_is_the_mean_of_that_of_triangulations_by_trimesh_at_any_place(mesh: PolygonMesh) -> None:
     volumes = []
@@ -610,13 +602,6 @@ def test_a_repeated_corner_makes_no_edge_and_no_hole() -> None:
     assert edges.count == 6
     assert topology.is_manifold(mesh, edges)
     assert topology.genus(mesh, edges) == 0
-
-
-def test_unused_vertices_are_no_component() -> None:
-    mesh = replace(cube(), points=np.concatenate([cube().points, np.ones((2, 3))]))
-    assert topology.unused_vertices(mesh).tolist() == [8, 9]
-    assert topology.component_count(mesh, topology.mesh_edges(mesh)) == 1
-    assert topology.genus(mesh, topology.mesh_edges(mesh)) == 0
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -22,7 +22,6 @@ from balloon_warp.laws import require_laws
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.model import build_model, initial_state, plan_model
 from balloon_warp.model.parameters import active_laws
-from balloon_warp.run.report import describe_laws
 from balloon_warp.scene import Balloon, Change, Inflation, Scene, Stiffness
 from balloon_warp.scene.load import override_scene
 from balloon_warp.scene.write import scene_toml
@@ -250,12 +249,6 @@ def test_a_law_travels_as_its_global_name():
         pickle.dumps(magnetic())
 
 
-def test_the_source_is_hashed():
-    with_energy, without = describe_laws([MAGNET]), describe_laws([magnetic()])
-    assert with_energy["magnet"].keys() == {"force", "energy"}
-    assert with_energy["magnet"]["force"] == without["magnet"]["force"] != with_energy["magnet"]["energy"]
-
-
 def test_numbers_have_sliders_and_vectors_do_not():
     (slider,) = values_of([MAGNET, *LAWS])
     said = override_scene(scene(), [("balloon.0.law.magnet.strength", 5.0)])
@@ -286,16 +279,6 @@ def test_a_law_acts_in_every_schedule(schedule, device):
     """Each particle oscillates about the pole like a cosine, each world by its own strength."""
     simulator = stepped(bw.Simulator(loose(), device, 2, {PATH: [9.0, 25.0]}, schedule, [MAGNET]), 30)
     np.testing.assert_allclose(sizes(simulator), np.abs(np.cos([1.5, 2.5])), atol=5e-3)
-
-
-@pytest.mark.full
-def test_a_law_begins_when_its_parameters_change(device):
-    change = Change(time=0.5, set={PATH: 9.0})
-    simulator = bw.Simulator(loose(0.0, change=[change]), device, laws=[MAGNET])
-    for frame in range(60):
-        assert frame > 30 or sizes(simulator) == 1.0
-        simulator.step()
-    np.testing.assert_allclose(sizes(simulator), np.cos(1.5), atol=5e-3)
 
 
 def test_a_batch_is_repeated_with_the_same_law_alone(tmp_path: Path):

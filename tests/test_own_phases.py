@@ -74,22 +74,6 @@ def temperatures(simulator: Simulator) -> np.ndarray:
 
 
 @pytest.mark.full
-def test_a_sphere_slows_what_is_near(listed, schedule, device):
-    one_step = {"frames_per_second": 200.0, "substeps": 1} | SLOWED
-    rates = {"sphere.1.law.slow.slowing": 40.0}, {"sphere.1.law.slow.slowing": 0.0}
-    simulators = [simulated(one_step | rate, schedule, device, 0) for rate in rates]
-    shape = (*simulators[0].state.points.shape, 3)
-    velocities = np.random.default_rng(1).uniform(-1.0, 1.0, shape).astype(np.float32)
-    near = np.linalg.norm(simulators[0].state.points.numpy() - (0.0, 0.9, 0.0), axis=2) < 0.7
-    for each in simulators:
-        each.state.velocities.assign(velocities)
-        each.step()
-    found, expected = (each.state.velocities.numpy() for each in simulators)
-    assert 0 < near.sum() < near.size
-    np.testing.assert_allclose(found, expected / np.where(near, 1.2, 1.0)[..., None], atol=1e-6)
-
-
-@pytest.mark.full
 def test_temperatures_follow_the_air_s(listed, schedule, device):
     """Temperatures relax exponentially from substep to substep and frame to frame, by world."""
     air = np.array([330.0, 300.0, 280.0])

@@ -164,13 +164,6 @@ def test_names_of_colors_and_presets_are_taken():
     assert springs.mass == 2.0  # which stays
 
 
-def test_step_and_advance_take_frames():
-    stepped, advanced = simulator(), simulator()
-    assert stepped.step(3).time == pytest.approx(0.05)
-    advanced.advance(3)
-    np.testing.assert_array_equal(stepped.read_frame().points[0], advanced.read_frame().points[0])
-
-
 @pytest.mark.parametrize(
     ("fields", "doubt"),
     [

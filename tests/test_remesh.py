@@ -45,7 +45,7 @@ from balloon_warp.mesh.crossings import crossings_sentence
 from balloon_warp.mesh.load import with_looks_of
 from balloon_warp.mesh.obj import read_obj, write_obj
 from balloon_warp.mesh.polygon_mesh import Look, Looks
-from balloon_warp.mesh.surface_nets import MeshDistance, extract, surface_nets, unfolded
+from balloon_warp.mesh.surface_nets import MeshDistance, extract, surface_nets
 from balloon_warp.model.obstacles import MOST_SAMPLES, ObstacleShape, is_thin, sample, shape_obstacle
 from balloon_warp.scenes.models import MODELS, make_model
 from balloon_warp.tools.remesh import infidelity
@@ -350,18 +350,6 @@ def test_ears_and_nose_stay() -> None:
 def test_corners_of_a_box_stay() -> None:
     cube = box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (4, 4, 4))
     assert standing_out(cube, remesh(cube, 12), 12) < 0.2
-
-
-def test_what_folds_goes_back_and_nothing_else() -> None:
-    ball = quad_sphere(8, 0.5)
-    first, other = int(ball.points[:, 0].argmax()), int(ball.points[:, 0].argmin())
-    points = ball.points.copy()
-    points[first] += (0.0, 0.5, 0.0)
-    points[other] *= 1.1
-    made = unfolded(ball, replace(ball, points=points))
-    assert_none_folded(made)
-    np.testing.assert_array_equal(made.points[first], ball.points[first])
-    np.testing.assert_array_equal(made.points[other], points[other])
 
 
 @pytest.mark.full

@@ -509,20 +509,6 @@ def test_the_camera_is_as_near_as_the_margin_lets_it(aspect: float, angles: tupl
     assert np.linalg.det(camera.axes) == pytest.approx(1.0)
 
 
-def test_refining_a_sphere_keeps_its_vertices_and_comes_closer_to_round():
-    ball = sphere_of_quads(4)
-    surface, points = SmoothSurface(ball), ball.points
-    refined, normals = surface.place(points)
-    assert len(surface.triangles) == 6 * 16 * 2 * 4**2
-    assert surface.triangles.max() == len(refined) - 1
-    assert (refined[: len(points)] == points).all()
-    assert np.linalg.norm(normals, axis=1) == pytest.approx(1.0)
-    # A chord of the coarse sphere dips by 1 - cos(pi / 16) = 2% of the radius, twice that across a quad; the curves
-    # through the vertices, which are only as good as the normals, by less than a quarter of that.
-    assert np.abs(np.linalg.norm(refined, axis=1) - 1.0).max() < 0.01
-    assert np.einsum("ij,ij->i", refined, normals).min() > 0.98
-
-
 def test_a_crease_between_a_round_and_a_flat_side_has_no_gap():
     sides = 12  # 30 degrees from one to the next, which is smooth; 90 to the lids
     angle = 2 * np.pi * np.arange(sides) / sides

@@ -494,18 +494,6 @@ def test_obstacles_of_ones_own_control_do_not_know_the_time(schedule: str) -> No
     require_same(late, fresh)
 
 
-@pytest.mark.full
-def test_a_camera_sees_obstacles_where_they_are_in_each_world() -> None:
-    whole, masked = (Simulator(MOVED, "cpu", 2) for _ in range(2))
-    cameras = [each.observations.camera((0.0, 0.5, 4.0), (0.0, -0.5, 0.0), 16, 12) for each in (whole, masked)]
-    stepped(masked, 4).reset([0, 1])
-    stepped(masked, 2)
-    stepped(whole, 2)
-    depths = [camera.depth.numpy() for camera in cameras]
-    np.testing.assert_array_equal(depths[1][1], depths[0][1])
-    assert not np.array_equal(depths[1][0], depths[0][0])
-
-
 BLOWN = Inflation(kind="gas", litres=1.0)
 NEEDLE = Material(preset="latex", strength=1e7, needle_time=0.2)
 LATE = {

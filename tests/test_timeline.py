@@ -17,7 +17,7 @@ from pxr import Usd, UsdGeom
 from trajectories import stepped
 from trimesh.transformations import quaternion_matrix
 
-from balloon_warp import BlowUpError, InputError, Material, Simulator, animate, foil_mesh, load_scene, run_batch
+from balloon_warp import InputError, Material, Simulator, animate, foil_mesh, load_scene, run_batch
 from balloon_warp.lab.reference import Reference
 from balloon_warp.model import build_model
 from balloon_warp.model.parameters import active_laws
@@ -453,16 +453,6 @@ def test_arrays_of_others_are_taken():
         assert pressure.numpy().tolist() == [1.0, 2.0]
     simulator.controls[PRESSURE] = 4.0
     assert pressure.numpy().tolist() == [4.0, 4.0]
-
-
-@pytest.mark.full
-def test_a_blow_up_is_explained_by_the_frame_that_it_came_in():
-    simulator = Simulator(SCENE, "cpu", 2)
-    pressure = simulator.controls[PRESSURE]
-    simulator.step()
-    pressure.assign([5.0, 1e9])
-    with pytest.raises(BlowUpError, match=r"in frame 2, world 1.* inflation pushed it"):
-        simulator.step()
 
 
 SAVED_BALL = BALL.model_copy(update={"position": (0.0, 2.0, 0.0)})

@@ -25,7 +25,7 @@ from balloon_warp.farm import cluster
 from balloon_warp.farm.cluster import ShareJournal
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.run.report import describe_scene, hash_of_file
-from balloon_warp.scene import Balloon, Ground, Inflation, Scene
+from balloon_warp.scene import Balloon, Inflation, Scene
 from balloon_warp.system import files as arrays
 
 DATA_PAGE = (Path(__file__).parents[1] / "docs" / "DATA.md").read_text()
@@ -99,22 +99,6 @@ def test_they_hold_what_moved(data: Path):
         mesh = moved.meshes[0]
         assert len(found["edges"]) == mesh.vertex_count + mesh.face_count - 2  # Euler's formula
         np.testing.assert_array_equal(found["rest_pos"], mesh.points.astype(np.float32))
-
-
-@pytest.mark.full
-def test_contact_forces_on_particles_add_up(tmp_path):
-    ball = Balloon(mesh=quad_sphere(3, 0.5), position=(0.0, 0.5, 0.0), velocity=(0.0, -1.0, 0.0))
-    for contacts in (True, False):
-        falling = Scene(balloon=[ball], ground=Ground(), contacts=contacts, frames=4)
-        out, files = tmp_path / f"out_{contacts}", TrajectoryFiles(tmp_path / f"data_{contacts}", 2, "npz")
-        run_batch(falling, out, 2, {"balloon.mass": [0.1, 0.3]}, device="cpu", trajectories=files)
-    for world in range(2):
-        found = arrays_of(world_file(tmp_path / "data_True", world))
-        net = found["contact_force"].sum(axis=2)[:, 0]
-        np.testing.assert_allclose(found["particle_contact_force"].sum(axis=1), net, atol=1e-5 * np.abs(net).max())
-        assert (net[1:, 1] > 0.0).all()
-        without = arrays_of(world_file(tmp_path / "data_False", world))
-        assert found.keys() - without.keys() == {"contact_force", "particle_contact_force"}
 
 
 def test_they_say_what_differs_and_the_manifest_lists_them(data: Path):
