@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from balloon_warp.benchmarks import mutation
-from balloon_warp.benchmarks.mutant_tests import Verdict, candidates, judge_all, trace
-from balloon_warp.benchmarks.mutants import Mutant, Stratum, all_mutants, draw, mutants_of, signatures_of
+from balloon_warp.benchmarks.mutant_tests import Verdict, judge_all, trace
+from balloon_warp.benchmarks.mutants import Stratum, all_mutants, draw, mutants_of, signatures_of
 from balloon_warp.benchmarks.traced_tests import Traced
 
 ROOT = Path(__file__).parent.parent
@@ -87,26 +87,6 @@ def test_a_pattern_without_files_is_named(tmp_path: Path) -> None:
 def test_what_is_answered_is_still_there() -> None:
     keys = {each.key for of_stratum in all_mutants(ROOT, mutation.STRATA).values() for each in of_stratum}
     assert set(mutation.EQUIVALENT) <= keys
-
-
-def mutant_at(text: str, new: str) -> Mutant:
-    """Return the mutant of a file in which something becomes `new`."""
-    return next(each for each in mutants_of("toy", "toy.py", text.encode(), {}) if each.new == new)
-
-
-def test_the_quickest_and_most_particular_tests_come_first(tmp_path: Path) -> None:
-    """Tests of the function around the place alone; one of each with parameters, before others of any."""
-    text = "def outer():\n    def inner():\n        return a + b\n    return inner\n\ndef other():\n    return a * b\n"
-    traced = [
-        Traced("a.py::wide", 1.0, {"toy.py": [1, 2], "more.py": [1, 2, 3]}),
-        Traced("a.py::narrow[1]", 1.0, {"toy.py": [2]}),
-        Traced("a.py::narrow[2]", 0.5, {"toy.py": [2]}),
-        Traced("a.py::factory", 0.1, {"toy.py": [1]}),
-        Traced("a.py::beside", 0.1, {"toy.py": [6]}),
-    ]
-    chosen = candidates(mutant_at(text, "a - b"), traced, tmp_path)
-    assert [each.test for each in chosen] == ["a.py::narrow[2]", "a.py::wide", "a.py::narrow[1]"]
-    assert [each.test for each in candidates(mutant_at(text, "a / b"), traced, tmp_path)] == ["a.py::beside"]
 
 
 def test_an_answered_survivor_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:

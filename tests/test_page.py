@@ -8,7 +8,6 @@ import urllib.request
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 from unittest.mock import MagicMock
 
 import numpy as np
@@ -289,21 +288,6 @@ def test_an_arrow_for_each_pair_says_how_hard_it_presses():
     np.testing.assert_allclose(arrow[1] - arrow[0], LONGEST * along, atol=1e-6)
     assert along[1] > 0.99
     assert abs(arrow[0][1]) < 0.05
-
-
-def test_a_blow_does_not_dwarf_for_long_what_follows():
-    layer = PressLayer(MagicMock(), size=1.0)
-
-    def length(force: float) -> float:
-        contact = SimpleNamespace(force=np.array([0.0, force, 0.0]), place=np.zeros(3))
-        picture: Any = SimpleNamespace(frame=SimpleNamespace(contacts=[contact]))
-        arrows = layer.arrows_of(picture)
-        return float(np.ptp(arrows[:, :, 1])) if len(arrows) else 0.0
-
-    assert length(100.0) == pytest.approx(LONGEST)
-    assert length(10.0) < 0.2 * LONGEST
-    assert [length(10.0) for _ in range(300)][-1] == pytest.approx(LONGEST)
-    assert length(0.0) == 0.0
 
 
 @pytest.mark.parametrize("kind", [Plain, Smooth])

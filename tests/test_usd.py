@@ -393,28 +393,6 @@ def test_the_backdrop_is_all_that_is_behind(up_axis: str, side: Picture | None, 
 
 @pytest.mark.full
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
-def test_the_ground_lies_on_the_backdrop_and_gives_as_much_light(up_axis: str, tmp_path):
-    stage = staged(tmp_path, up_axis=up_axis, ground=Ground(height=-3.0))
-    up = "XYZ".index(up_axis)
-    lowest = backdrop_of(stage)[0][:, :, up].min()
-    assert -3.1 < lowest < -3.0
-    glows = []
-    for path in ("/World/Ground", "/World/Studio/Backdrop"):
-        material = UsdShade.MaterialBindingAPI(stage.GetPrimAtPath(path)).ComputeBoundMaterial()[0]
-        surface = material.ComputeSurfaceSource()[0]
-        source = surface.GetInput("emissiveColor").GetConnectedSources()[0]
-        if source:
-            glows.append(UsdShade.Shader(source[0].source.GetPrim()).GetInput("fallback").Get())
-            primvar = UsdGeom.PrimvarsAPI(stage.GetPrimAtPath(path)).GetPrimvar("glow")
-            assert np.allclose(primvar.Get()[0], glows[-1])  # its middle is floor
-        else:
-            glows.append(surface.GetInput("emissiveColor").Get())
-    assert 0.0 < max(glows[0]) < 1.0
-    assert np.allclose(*glows)
-
-
-@pytest.mark.full
-@pytest.mark.parametrize("up_axis", ["Y", "Z"])
 @pytest.mark.parametrize("side", SIDES)
 def test_softboxes_shine_at_the_subject_and_are_not_seen(up_axis: str, side: Picture | None, tmp_path):
     """Softboxes face the subject, out of view: the key on the camera's left, the rim on its right, the top above."""
