@@ -319,26 +319,6 @@ def test_an_image_is_made_small_enough_and_none_is_made_of_what_is_none(tmp_path
     assert image_of(None) is None
 
 
-@pytest.mark.full
-def test_a_skin_that_blew_up_goes_back_to_the_last_good_shape_and_on(tmp_path):
-    inflation = Inflation(kind="pressure", pressure=1e7)
-    ball = Balloon(mesh=quad_sphere(3, 0.5), material=Material(preset="latex"), inflation=inflation)
-    session = Session("ball", Scene(balloon=[ball]), "cpu", tmp_path)
-    session.watched = True
-    session.start()
-    wait_until(lambda: session.picture.trouble not in ("", LOOKING), "it blows up")
-    assert session.picture.trouble == "Too much pressure for this skin."
-    assert session.picture.why.startswith("the simulation blew up in frame")
-    assert np.abs(session.picture.frame.points[0]).max() < 5.0
-    session.go_back()
-    wait_until(lambda: not session.picture.trouble, "it goes back")
-    session.ask(lambda playground: playground.inflate(0.01))
-    frame = session.picture.frame.number
-    session.run(True)
-    wait_until(lambda: session.picture.frame.number > frame + 3, "it goes on")
-    session.stop()
-
-
 def test_a_touch_waits_for_its_kernels_and_time_does_not_wait_for_it(tmp_path):
     session = Session("ball", Scene(balloon=[Balloon(mesh=quad_sphere(3, 0.5))]), "cpu", tmp_path)
     ready: set[Kinds] = {frozenset()}
@@ -391,7 +371,7 @@ def test_a_blow_up_is_told_before_its_reason_is_known(tmp_path):
         wait_until(lambda: session.picture.trouble == LOOKING, "it blows up")
         assert not session.picture.running
         assert np.abs(session.picture.frame.points[0]).max() < 5.0  # the last good shape
-        assert session.picture.executed == session.asked  # the panel shows its values
+        wait_until(lambda: session.picture.executed == session.asked, "the panel shows its values")
 
     session.start()
     blow_up()

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import warp as wp
 from feature_sets import GROUND, feature_set, varied
 from gradient_losses import far
 from gradient_scenes import CASES
@@ -21,10 +20,8 @@ from balloon_warp.lab.reference import Reference
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.crossings import crossings_of
 from balloon_warp.mesh.topology import triangulate
-from balloon_warp.model import build_model
 from balloon_warp.scene import load_scene
 from balloon_warp.schedules import contact_lists
-from balloon_warp.schedules.choose import fastest_schedule
 
 
 def test_a_sphere_that_has_yet_to_begin_waits_above_the_ground():
@@ -273,9 +270,3 @@ def test_a_list_of_those_that_leave_obstacles_changes_nothing(changed, is_told, 
     assert np.isclose(heights, 0.0, atol=1e-6).any()
     assert np.isclose(heights, LID, atol=1e-6).any()
     np.testing.assert_equal(found, expected)
-
-
-@pytest.mark.parametrize(("name", "taken"), [("press", "gather"), ("knot", "block"), ("balloon_bunch", "block")])
-def test_auto_takes_what_is_faster_for_many_worlds_that_touch(name: str, taken: str, gpu: wp.Device):
-    """The automatic schedule of a crowded batch: `press` touches itself, and edges, which are left to launches."""
-    assert fastest_schedule(build_model(load_scene(name), gpu), 1024) == taken

@@ -19,7 +19,7 @@ from test_resume import crash, gone_on, stop
 from balloon_warp import InputError, PolygonMesh, Scene, Simulator, StageWriter, animate, load_mesh
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.mesh.topology import signed_volume
-from balloon_warp.scene import Balloon, Change, Ground, Inflation, Obstacle, Sphere, String, Water
+from balloon_warp.scene import Balloon, Change, Ground, Inflation, Obstacle, Sphere, Water
 from balloon_warp.scene.scene import Picture
 from balloon_warp.studio.parts import Animation
 from balloon_warp.usd.balloon import string_curve
@@ -211,24 +211,6 @@ def test_blender_reads_the_stage(written: Path):
     expected = np.array(UsdGeom.Mesh(stage.GetPrimAtPath("/World/ball")).GetPointsAttr().Get(FRAMES))
     expected = expected[:, [0, 2, 1]] * [1, -1, 1]  # Blender's up axis is Z
     np.testing.assert_allclose(points, expected, atol=1e-4)
-
-
-@pytest.mark.full
-def test_strings_go_from_anchor_to_particle(stage: Usd.Stage, tmp_path):
-    curve = UsdGeom.BasisCurves(stage.GetPrimAtPath("/World/Strings/String_0"))
-    ball = UsdGeom.Mesh(stage.GetPrimAtPath("/World/ball"))
-    assert curve.GetTypeAttr().Get() == "linear"
-    balloons = [Balloon(mesh=cube(), name="first"), Balloon(mesh=quad_sphere(3), name="second", position=(5, 3, 0))]
-    scene = Scene(balloon=balloons, string=[String(anchor=(5, 0, 0), balloon=1)], frames=3)
-    stage = animated(scene, tmp_path / "two.usda")
-    other = UsdGeom.BasisCurves(stage.GetPrimAtPath("/World/Strings/String_0"))
-    second = UsdGeom.Mesh(stage.GetPrimAtPath("/World/second"))
-    held = int(quad_sphere(3).points[:, 1].argmin())
-    for string, mesh, anchor, frames in ((curve, ball, (0, 0, 0), FRAMES), (other, second, (5, 0, 0), 3)):
-        for time in range(frames + 1):
-            points = np.array(string.GetPointsAttr().Get(time))
-            np.testing.assert_array_equal(points[0], anchor)
-            np.testing.assert_allclose(points[-1], mesh.GetPointsAttr().Get(time)[held], atol=1e-6)
 
 
 def test_a_slack_string_hangs_by_its_length_and_a_taut_one_is_straight():
