@@ -135,8 +135,6 @@ def test_seams_are_welded_until_the_mesh_is_closed(mesh: PolygonMesh) -> None:
 
 
 def test_bodies_that_touch_stay_apart() -> None:
-    """Bodies that touch at a corner, along an edge or over a face stay apart: they share no seam. Nor do two quads
-    beside a longer one: no edge of theirs lies on its edge from end to end."""
     wide = mesh_of([(0, -1, 0), (2, -1, 0), (2, 0, 0), (0, 0, 0)], [[0, 1, 2, 3]])
     corners = joined(grid(1, 1), at(grid(1, 1), (1, 1, 0)))
     boxes = [joined(cube(), at(cube(), shift)) for shift in ((1, 1, 1), (1, 1, 0), (1, 0, 0))]
@@ -486,7 +484,6 @@ def test_a_lid_covers_its_loop_once(count: int) -> None:
 
 @pytest.mark.parametrize("taken", [{(0, 3)}, {(1, 4)}, {(0, 3), (2, 5)}, {(0, 3), (1, 4), (2, 5)}])
 def test_a_rung_is_no_edge_that_is_there_already(taken: set[tuple[int, int]]) -> None:
-    """A rung across a hexagon avoids existing edges where possible: three faces would share the edge."""
     (rung,) = lid_across(np.arange(6), polygon(6).points, taken).rungs
     assert tuple(sorted(rung)) in ({(0, 3), (1, 4), (2, 5)} - taken or taken)
 

@@ -81,7 +81,6 @@ def scene_that_has(row: Parameter) -> Scene:
 
 
 def test_every_row_stands_in_a_scene():
-    """Each row has a place in a scene, and the schema of a law's field agrees with it."""
     scene, rows = everything(), rows_of(LAWS)
     scenes = scene, *map(of, MATERIALS)
     names = {name for each in scenes for places in places_of(each, rows).values() for name, _ in places}

@@ -70,16 +70,6 @@ def by_a_choice(position: wp.vec3):
 
 
 @wp.func
-def by_a_mesh(position: wp.vec3):
-    return wp.mesh_query_point_no_sign(wp.uint64(0), position, 1.0).u * position
-
-
-@wp.func
-def beyond_numbers(position: wp.vec3, strength: float):
-    return position * (1.0 // (strength - strength))
-
-
-@wp.func
 def a_number(position: wp.vec3, strength: float):
     return strength * wp.length(position)
 
@@ -136,9 +126,7 @@ def test_a_bad_law_gets_one_sentence(make, sentence):
 
 def test_what_only_kernels_have_is_no_mistake():
     assert bw.spring_law(native).name == "native"
-    for function in (by_a_choice, by_a_mesh):
-        assert bw.particle_law(function).force is function
-    assert bw.particle_law(beyond_numbers, [STRENGTH]).force is beyond_numbers
+    assert bw.particle_law(by_a_choice).force is by_a_choice
 
 
 @pytest.mark.parametrize(

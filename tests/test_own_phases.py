@@ -22,9 +22,9 @@ from balloon_warp.benchmarks.matrix import of_phase
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.phase import Phase
 from balloon_warp.kernels.schedules.lanes import ACCESS
-from balloon_warp.kernels.schedules.launched import GATHERED, SUMMED, source_of
+from balloon_warp.kernels.schedules.launched import GATHERED, source_of
 from balloon_warp.kernels.schedules.writer import Step, cut
-from balloon_warp.kernels.substep import STEP, phases_of
+from balloon_warp.kernels.substep import STEP
 from balloon_warp.model import Model, State, build_model, initial_state, plan_model
 from balloon_warp.model.state import Allocating
 from balloon_warp.scene.load import override_scene
@@ -75,7 +75,6 @@ def temperatures(simulator: Simulator) -> np.ndarray:
 
 @pytest.mark.full
 def test_temperatures_follow_the_air_s(listed, schedule, device):
-    """Temperatures relax exponentially from substep to substep and frame to frame, by world."""
     air = np.array([330.0, 300.0, 280.0])
     simulator = simulated(WARMED, schedule, device, 2, world_count=3, vary={"atmosphere.temperature": air})
     left = (0.05 / (0.05 + simulator.model.step_seconds)) ** (2 * SCENE.substeps)
@@ -405,16 +404,6 @@ def test_a_phase_that_looks_at_what_others_have_moved_waits_for_them(model):
     assert names((own_phases.add, own_phases.halve, own_phases.double, own_phases.heed)) == [["add", "halve"], ["heed"]]
 
 
-def test_a_scene_has_in_its_source_only_what_it_needs():
-    model = build_model(Scene(balloon=[Balloon(mesh=cube())]), "cpu")
-    features = model_features(model)
-    source = source_of(cut(phases_of(features), features, GATHERED))
-    assert "leave" not in source
-    assert "pull(" in source
-    scattered = source_of(cut(phases_of(features), features, SUMMED, doubles=False))
-    assert "points" not in scattered.partition("force, area_vector")[2].partition(")")[0]
-
-
 def code_blocks(page: Path) -> list[str]:
     """Return the blocks of Python on a page of the docs."""
     return re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.S | re.M)
@@ -436,8 +425,3 @@ def test_a_source_has_its_phases_in_the_order_of_the_list():
         assert len(called) > 10
         places = [re.search(rf"\b{name}\(", printed) for name in called]
         assert [place.start() for place in places if place] == sorted(place.start() for place in places if place)
-
-
-def test_who_has_no_kernels_is_refused():
-    with pytest.raises(InputError, match="schedule weave: no such schedule"):
-        kernel_source(load_scene("latex_inflate"), "weave")

@@ -76,8 +76,6 @@ def test_mistakes_are_refused_in_a_sentence(arguments, sentence):
 
 
 def test_the_page_sees_as_far_as_a_string_lets_a_balloon_come():
-    """The view reaches as far as a balloon on a string: one that floats goes up to the string's length and its own size
-    above the anchor, one that hangs down as far."""
     up = np.array([0.0, 1.0, 0.0])
     for height, far in ((0.5, 1.5 + 2.0), (-0.5, -1.5 - 2.0)):
         balloon = Balloon(mesh=quad_sphere(2), position=(0.0, height, 0.0))

@@ -467,7 +467,6 @@ def test_ctrl_c_while_the_program_loads_is_a_word_too(tmp_path):
 
 
 def test_what_is_ignored_stays_ignored(monkeypatch, capsys):
-    """An ignored signal stays ignored, as Ctrl-C is by a process that a shell started in the background."""
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         monkeypatch.setattr("balloon_warp.cli.app._list_scenes", lambda: os.kill(os.getpid(), signal.SIGINT))
@@ -490,7 +489,6 @@ def test_a_picture_that_is_stopped_leaves_the_stage_and_says_so(tmp_path, monkey
 
 
 def test_a_failed_job_takes_what_is_behind_it_along():
-    """Jobs queued behind a failed one do not run, so that no checkpoint follows frames that could not be written."""
     done: list[int] = []
     gate = threading.Event()
 

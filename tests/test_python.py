@@ -62,7 +62,6 @@ def test_whoever_asks_warp_for_more_hears_it(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_the_package_has_a_version_and_asks_about_a_name_that_is_not_there():
-    """A misspelled name gets Python's suggestion, from `dir` of the object in the error."""
     with pytest.raises(AttributeError, match="has no attribute 'Simulater'") as caught:
         _ = bw.Simulater
     assert (caught.value.name, caught.value.obj) == ("Simulater", bw)
@@ -246,7 +245,6 @@ def test_help_of_a_result_says_every_field(cls: type):
 
 @pytest.mark.parametrize("name", [name for name in bw.__all__ if callable(getattr(bw, name))])
 def test_signatures_are_short(name: str):
-    """A function's signature has its types; that of the longest, `animate`, fits into ten lines."""
     found = getattr(bw, name)
     if not (inspect.isclass(found) and issubclass(found, Exception)):
         signature = str(inspect.signature(found))

@@ -378,7 +378,6 @@ BALL = quad_sphere(8)
 
 @pytest.mark.full
 def test_a_rod_of_any_thickness_stays_in_one_piece() -> None:
-    """From thinner than a cell of 1/8 to thicker than two, and leaning."""
     heights = np.linspace(0.0, 3.0, 60)
     mesh = deformed(rings(0.015 + 0.05 * heights, heights, 12), lambda p: p + np.outer(p[:, 2], [0.3, 0.0, 0.0]))
     made = remesh(mesh, 24)
@@ -434,7 +433,6 @@ def within_sides(mesh: PolygonMesh) -> list[tuple[int, tuple[float, ...]]]:
 @pytest.mark.full
 @pytest.mark.parametrize("kind", ["obj", "glb", "usda"])
 def test_a_texture_stays_where_it_was(tmp_path: Path, kind: str):
-    """A texture stays in place: each side has a tile of its own, and a quad across an edge lies in one of them."""
     made = remesh(load_mesh(write_painted(tmp_path, kind)), 12)
     found = within_sides(made)
     assert {side for side, _ in found} == set(range(6))
@@ -493,7 +491,6 @@ def test_a_texture_in_crumbs_becomes_its_mean(tmp_path: Path, monkeypatch: pytes
 
 
 def test_faces_without_looks_stay_so(tmp_path: Path):
-    """Faces without looks keep none: half of a sheet is red; the other mesh is coarser, and a little above."""
     sheet = grid(8, 2)
     red = np.repeat(np.where(np.arange(sheet.face_count) % 8 < 4, 0, -1), 4).astype(np.int32)
     sheet = replace(sheet, looks=Looks((Look("my red", (1.0, 0.0, 0.0)),), red))

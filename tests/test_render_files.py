@@ -29,7 +29,6 @@ from balloon_warp import Balloon, Body, Ground, InputError, MissingExtraError, S
 from balloon_warp.cli.options import parse_frames, parse_place
 from balloon_warp.scene import Inflation, Material, Obstacle, bundled_scenes, load_scene
 from balloon_warp.scenes.gallery import MOVING, MOVING_SIZE
-from balloon_warp.scenes.gallery import main as make_gallery
 from balloon_warp.steering.observations import WorldCamera
 from balloon_warp.studio.render.render import _choose_frames
 from balloon_warp.studio.render.stage_reader import RenderStage
@@ -61,7 +60,6 @@ def test_png_has_the_size_asked_for(stage: Path, tmp_path):
     [({"pictureFrame": 12}, 12), *((data, 47) for data in ("text", *({"pictureFrame": n} for n in ("soon", 0.5, 48))))],
 )
 def test_the_stage_names_its_picture(stage: Path, tmp_path, data: object, shown: int):
-    """The last frame is drawn, or the one that a call names."""
     opened = Usd.Stage.Open(str(stage))
     opened.GetRootLayer().customLayerData = {"balloonWarp": data}
     opened.GetRootLayer().Save()
@@ -468,7 +466,6 @@ def test_each_world_is_seen_as_it_is_alone(device: str):
 
 
 def test_a_capsule_a_plane_and_the_ground_are_where_they_are():
-    """A capsule seen along its axis is a ball at its near end; a plane is the ground."""
     toward = rays()
     with np.errstate(divide="ignore"):
         told = np.where(toward[..., 1] < 0.0, -2.0 / toward[..., 1], np.inf)
@@ -613,22 +610,6 @@ def test_an_animation_stands_beside_the_command_that_makes_it(name: str):
         assert shown.size == MOVING_SIZE
         count = int((last - first) * rate / load_scene(name).frames_per_second + 1e-9) + 1
         assert 0.7 * count <= shown.n_frames <= count  # frames that are alike are one
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["--help"], "usage: python -m balloon_warp.scenes.gallery"),
-        (["{here}/new", "squirel_tether"], "squirel_tether: no such bundled scene; did you mean squirrel_tether?"),
-        (["{here}/file", "table"], "cannot be a folder: File exists"),
-    ],
-)
-def test_the_command_says_what_it_takes_and_makes_nothing_else(words: list[str], said: str, tmp_path, capsys):
-    (tmp_path / "file").touch()
-    with pytest.raises(SystemExit):
-        make_gallery([word.format(here=tmp_path) for word in words])
-    assert said in "".join(capsys.readouterr())
-    assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
 def likeness(one: np.ndarray, other: np.ndarray) -> float:

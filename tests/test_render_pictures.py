@@ -104,8 +104,6 @@ def test_units_and_axes_do_not_show(tmp_path):
     [(0.0, 0.0, RED), (180.0, 0.0, GREEN), (90.0, 0.0, BLUE), (40.0, 90.0, WHITE), (0.0, None, RED)],
 )
 def test_one_looks_from_where_one_asks(up_axis: str, azimuth: float, elevation: float, nearest, tmp_path):
-    """A given view replaces the stage's camera: of balls in front, behind, to the right and above, the middle of the
-    picture shows the nearest."""
     stage = new_stage(tmp_path / "stage.usda", up_axis)
     render_stages.add_camera(stage, distance=20.0, focal_length=40.0, aperture=24.0)
     places = {RED: (0, 0, 2), GREEN: (0, 0, -2), BLUE: (2, 0, 0), BLACK: (-2, 0, 0), WHITE: (0, 2, 0), GRAY: (0, -2, 0)}
@@ -560,7 +558,6 @@ def test_ground_and_backdrop_are_of_the_paper(tmp_path: Path):
 
 @pytest.mark.parametrize("light", [-120.0, -45.0, 40.0, 120.0])
 def test_the_main_light_comes_from_its_azimuth(light: float, tmp_path: Path):
-    """The lamp is there in the stage, and a picture's highlight is on that side of the ball."""
     path = staged(tmp_path, light=light, azimuth=20.0, elevation=10.0)
     stage = Usd.Stage.Open(str(path))
     matrix = UsdGeom.XformCache(0).GetLocalToWorldTransform(stage.GetPrimAtPath("/World/Studio/Key"))

@@ -300,7 +300,6 @@ def test_a_mesh_scene_follows_how_its_mesh_is_placed(tmp_path: Path):
 @pytest.mark.parametrize("kind", ["normal_force", "gas"])
 @pytest.mark.parametrize(("unit", "size"), [("cm", 0.5), ("in", 1.27), ("m", 50.0)])
 def test_a_known_unit_gives_true_size_and_gravity(tmp_path: Path, unit: str, size: float, kind: str):
-    """The balloon sags by its weight as one of a meter does."""
     said = f"balloon.unit={unit}", f"balloon.inflation.kind={kind}"
     scene = scene_of(tmp_path, quad_sphere(3), *said, factor=50.0 / np.ptp(quad_sphere(3).points[:, 1]))
     (balloon,) = scene.balloon
@@ -350,7 +349,6 @@ def test_the_command_says_it_first_and_takes_a_unit(tmp_path: Path, capsys):
 
 
 def test_the_axis_of_a_file_that_points_up_can_be_told(tmp_path: Path):
-    """A cone along Z stands once the up axis is given, in any world; a file that names its axis needs no option."""
     cone = trimesh.creation.cone(radius=0.3, height=1.2)
     cone.export(tmp_path / "cone.obj")
     for world, up_axis in (("Y", 1), ("Z", 2)):
@@ -479,7 +477,6 @@ def test_a_size_a_wall_and_a_mass_are_asked_about() -> None:
 
 
 def test_inspect_asks_too(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    """The report of a mesh asks, with the axis and the unit that are assumed, and so does that of a scene."""
     ball = quad_sphere(4, 0.5)
     write_obj(tmp_path / "ball.obj", replace(ball, points=500.0 * ball.points))
     (tmp_path / "big.toml").write_text('up_axis = "Z"\n[[balloon]]\nmesh = "ball.obj"\nmass = 2.0\n')
@@ -495,7 +492,6 @@ def test_inspect_asks_too(tmp_path: Path, capsys: pytest.CaptureFixture) -> None
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
 @pytest.mark.parametrize("source", ["ball.obj", "ball.toml"])
 def test_the_axis_is_said_once(source: str, up_axis: str, command: str, tmp_path: Path, capfd) -> None:
-    """The up axis is named once: in the line about a mesh's default scene, or where a scene's mesh is turned."""
     write_obj(tmp_path / "ball.obj", quad_sphere(3, 0.5))
     (tmp_path / "ball.toml").write_text('[[balloon]]\nmesh = "ball.obj"\n')
     name, *options = command.split()
@@ -600,7 +596,6 @@ def starts(obstacle: Obstacle, **fields) -> None:
     ],
 )
 def test_a_balloon_that_starts_inside_an_obstacle_is_refused(fields, touching, direction, kind, up_axis: str):
-    """A balloon inside an obstacle is refused; one in contact is not, nor one clear of it by its motion."""
     for gap, refused in ((0.0, False), (-0.05, kind is not None)):
         place = tuple((touching + gap) * np.array(direction))
         with pytest.raises(InputError, match=INSIDE.format(kind)) if refused else nullcontext():

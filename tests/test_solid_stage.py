@@ -294,7 +294,6 @@ def test_a_skin_that_is_not_as_thick_everywhere_says_so_of_each_point(tmp_path: 
 
 
 def test_velocities_stand_where_points_do(tmp_path: Path):
-    """Velocities at the default time are those at the start, in the stage's meters and axes."""
     scene = made_of(Material(), fixed=[3])
     stage = animated(scene, tmp_path / "stage.usda")
     mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/World/ball"))
@@ -327,7 +326,6 @@ def test_springs_say_their_sheet_and_their_masses(tmp_path: Path):
 
 @pytest.mark.parametrize("triangles", [False, True])
 def test_the_sheet_swells_as_its_springs(triangles: bool):
-    """The sheet has the energy of its springs in equibiaxial strain, whatever the mesh."""
     mesh = fans(grid(9, 7)) if triangles else grid(9, 7)
     shape, sheet, _ = _sheet(mesh, Stiffness(structural=13.0, shear=5.0, flexion=3.0))
     constants = np.array([13.0, 5.0, 3.0])[shape.springs.kind]
@@ -604,7 +602,6 @@ def test_a_range_narrower_than_the_samples_bounds_them_and_one_of_one_sample_is_
 
 
 def test_keyframes_far_apart_are_shown_at_the_rate_that_the_stage_says(tmp_path: Path):
-    """Two keyframes, a second apart, are sampled at the stage's rate, in seconds and in 4,800 codes a second."""
     for rate in (1.0, 4800.0):
         told = {"where": np.array([0.0, 1.0]), "framesPerSecond": 24.0}
         path = moving(tmp_path / f"{rate:g}.usda", np.array([0.0, rate]), rate, **told)

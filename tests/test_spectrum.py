@@ -148,7 +148,6 @@ def fastest(scene: Scene, substeps: int, device: str) -> float:
 
 
 def test_the_step_allows_for_viscosity(device: str):
-    """High viscosity reduces the step to an eighth, in which the ball comes to rest."""
     elastic, viscous = Material(kind="neo_hookean"), Material(kind="neo_hookean", viscosity=100.0)
     steps = [stable_step(scene_of(BALLS["quads"], material)) for material in (elastic, viscous)]
     assert steps[1] < 0.2 * steps[0]

@@ -553,7 +553,6 @@ def test_its_pressure_is_in_balance_with_a_round_balloon_stretched_by_a_quarter(
 
 
 def test_a_balloon_of_any_size_resolution_and_stiffness_swells_alike_and_keeps_still():
-    """Each balloon's mean stretch after three seconds is as designed, at the same place and nearly at rest."""
     kinds = [(6, 1.0, 1.0), (2, 1.0, 1.0), (10, 1.0, 1.0)]  # cells, size, factor on the springs
     kinds += [(4, 0.02, 1.0), (4, 50.0, 1.0), (4, 1.0, 0.3), (4, 1.0, 3.0)]
     balloons = []
@@ -573,7 +572,6 @@ def test_a_balloon_of_any_size_resolution_and_stiffness_swells_alike_and_keeps_s
 
 
 def test_worlds_get_the_pressure_of_their_own_springs():
-    """A pressure that is given stays, and a balloon that is not pinned gets none."""
     given = Balloon(mesh=cube(), inflation=Inflation(pressure=7.0))
     scene = Scene(balloon=[Balloon(mesh=quad_sphere(3)), given, Balloon(mesh=open_cube())])
     constants = {"structural": 9.0, "shear": 5.0, "flexion": 1.0}

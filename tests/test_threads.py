@@ -100,7 +100,6 @@ def test_one_thread_at_a_time_runs_kernels_with_tiles(monkeypatch: pytest.Monkey
 
 @pytest.mark.full
 def test_batches_and_pictures_are_made_beside_simulators(device: str, tmp_path: Path):
-    """A batch records its measures, and a picture launches its rays."""
     stage = tmp_path / "still.usdc"
     animate(scene(1), stage, device=device)
     run_batch(scene(1), tmp_path / "before", 3, {"gravity": [1.0, 5.0, 9.0]}, device=device)

@@ -131,7 +131,6 @@ def test_a_value_that_stays_changes_nothing(device, schedule):
 
 
 def test_other_substeps_go_on_from_the_same_state(device, schedule):
-    """A change of the step alone keeps a smooth trajectory within the step's own error."""
     change = Change(time=2 / 60, set={"substeps": 48})
     found = after_frames(BUSY.model_copy(update={"change": [change]}), 6, device, schedule)
     assert (found.model.substeps, found.frame_number) == (48, 6)
@@ -202,7 +201,6 @@ def test_a_sphere_waits_where_it_will_appear(device, schedule):
 
 @pytest.mark.full
 def test_a_sphere_ends(device, schedule):
-    """A sphere that would push the cube apart ends before the cube falls into it."""
     scene = Scene(balloon=[AT_REST], sphere=[Sphere(position=(0.0, -0.2, 0.0), radius=0.1, end=1 / 60)], substeps=4)
     scenes = scene, scene.model_copy(update={"sphere": []})
     np.testing.assert_array_equal(*(after_frames(each, 12, device, schedule).read_frame().points[0] for each in scenes))
@@ -264,8 +262,6 @@ def test_a_model_is_left_as_it_was():
 @pytest.mark.full
 @pytest.mark.parametrize("batch", [False, True])
 def test_the_stage_shows_what_is_there(tmp_path, batch):
-    """The stage shows spheres and strings from their start to their end, and a string with its current anchor and
-    length: it hangs."""
     moved = {"string.0.anchor": [0.5, -1.0, 0.0], "string.0.length": 5.0}
     scene = busy(change=[Change(time=2 / 60, set=moved)], frames=4)
     late = scene.sphere[0].model_copy(update={"start": 2 / 60, "end": 3 / 60})
@@ -329,7 +325,6 @@ def values_of(frame: int) -> dict[str, np.ndarray]:
 
 
 def test_a_control_is_what_set_sets_bit_for_bit(schedule: str, device: str):
-    """Set values have the bits of planned changes, and of worlds alone (test_timeline.py)."""
     controlled, told = (Simulator(SCENE, device, 3, schedule=schedule) for _ in range(2))
     for path, (low, high) in BOUNDED.items():
         controlled.controls.open(path, low, high)
@@ -573,7 +568,6 @@ def test_gravity_that_is_set_bends_the_fall(device: str, schedule: str):
 @pytest.mark.full
 @pytest.mark.parametrize("name", SETS)
 def test_what_is_set_does_what_the_same_change_of_a_scene_does(name: str, device: str):
-    """A set value is bit-identical to the planned change of a scene, for which kernels are prepared."""
     listed = {path: list(value) if isinstance(value, np.ndarray) else value for path, value in SETS[name].items()}
     planned = Simulator(BUSY.model_copy(update={"change": [Change(time=2 * SECONDS, set=listed)]}), device)
     simulator = stepped(Simulator(BUSY, device), 2)

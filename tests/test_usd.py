@@ -400,7 +400,6 @@ def test_softboxes_shine_at_the_subject_and_are_not_seen(up_axis: str, side: Pic
 
 
 def test_a_large_subject_is_as_bright_as_a_small_one(tmp_path):
-    """Power over distance squared is that of a small subject."""
     shares = []
     for scale in (1.0, 30.0):
         small = Scene(balloon=[Balloon(mesh=tetrahedron(), scale=scale)])
@@ -418,7 +417,6 @@ def test_a_large_subject_is_as_bright_as_a_small_one(tmp_path):
 @pytest.mark.full
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
 def test_the_camera_looks_from_where_the_scene_says(up_axis: str, tmp_path):
-    """A camera at 90 degrees azimuth and 30 elevation looks along -X, and down."""
     stage = staged(tmp_path, up_axis=up_axis, picture=Picture(azimuth=90.0, elevation=30.0))
     direction = UsdGeom.Camera(stage.GetPrimAtPath("/World/Studio/Camera")).GetCamera(0).frustum.ComputeViewDirection()
     expected = np.zeros(3)
@@ -428,7 +426,6 @@ def test_the_camera_looks_from_where_the_scene_says(up_axis: str, tmp_path):
 
 @pytest.mark.full
 def test_the_scene_may_look_nearer(tmp_path):
-    """A zoom of 2 halves the field of view, around a target of its own, as in the scene's picture."""
     at = (0.5, 0.25, -0.125)
     far, near = (staged(tmp_path, f"{zoom}.usdc", picture=Picture(zoom=zoom, look_at=at)) for zoom in (1.0, 2.0))
     cameras = [UsdGeom.Camera(stage.GetPrimAtPath("/World/Studio/Camera")) for stage in (far, near)]
