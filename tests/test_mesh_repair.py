@@ -592,15 +592,6 @@ def test_non_manifold_parts_are_found() -> None:
     assert topology.non_manifold_vertices(touching, topology.mesh_edges(touching)).tolist() == [7]
 
 
-def test_a_repeated_corner_makes_no_edge_and_no_hole() -> None:
-    faces = [[0, 2, 1], [0, 1, 1, 3], [1, 2, 3], [0, 3, 2]]
-    mesh = mesh_of(tetrahedron().points, faces)
-    edges = topology.mesh_edges(mesh)
-    assert edges.count == 6
-    assert topology.is_manifold(mesh, edges)
-    assert topology.genus(mesh, edges) == 0
-
-
 @pytest.mark.parametrize("seed", range(5))
 def test_component_labels_of_random_graphs(seed: int) -> None:
     first, second = np.random.default_rng(seed).integers(0, 200, size=(2, 150))

@@ -126,14 +126,8 @@ k_normal = 0.2
 position = [0, 3, 0]
 """
 BATCH_COMMAND = ["balloon-warp", "batch", "ball.toml", "--worlds", "9", "--seed", "5", "--export", "2,8", "-o", "first"]
-BATCH_COMMAND += [
-    "--device",
-    "cpu",
-    "--vary",
-    "balloon.inflation.k_normal=0:8",
-    "--vary",
-    "balloon.mesh=ball.obj,other.obj",
-]
+BATCH_COMMAND += ["--device", "cpu", "--vary", "balloon.inflation.k_normal=0:8"]
+BATCH_COMMAND += ["--vary", "balloon.mesh=ball.obj,other.obj"]
 
 
 @pytest.fixture

@@ -212,19 +212,12 @@ def test_a_range_without_a_whole_frame_shows_the_next(tmp_path):
     ("break_it", "sentence"),
     [
         (lambda made: add_camera(made, 5.0, 0.0), "at frame 0 has an aperture of .* focal length of 0; expected"),
-        (
-            lambda made: add_camera(made, 5.0, 50.0).AddScaleOp().Set(Gf.Vec3f(0.0)),
-            "Camera .* has a transform that is singular",
-        ),
+        (lambda made: add_camera(made, 5.0, 50.0).AddScaleOp().Set(Gf.Vec3f(0.0)), "has a transform that is singular"),
         (lambda made: add_curves(made, "Lines", [(0, 0, 0)] * 3, [4, -1], 0.1, [(1, 0, 0)]), "a curve has -1 points"),
         (lambda made: add_curves(made, "Lines", [(0, 0, 0)] * 3, [4], 0.1, [(1, 0, 0)]), "has 3 points .* expected 4"),
         (lambda made: add_curves(made, "Lines", [(0, 0, 0)] * 2, [2], np.nan, [(1, 0, 0)]), "a width is negative or"),
         (lambda made: add_sphere(made, "Bad", (0, 0, 0), np.inf, (1, 0, 0)), "its center or radius at frame 0 is not"),
         (lambda made: add_mesh(made, "Bad", np.eye(3), [4, -1], [0, 1, 2], (1, 0, 0)), "its faces do not match its 3"),
-        (
-            lambda made: add_mesh(made, "Bad", BALL[0][:-1], *BALL[1:], (1, 0, 0)),
-            "its faces do not match its 25 points",
-        ),
         (
             lambda made: add_mesh(made, "Bad", np.where(BALL[0] > 0.9, np.nan, BALL[0]), *BALL[1:], (1, 0, 0)),
             "/World/Bad: a point at frame 0 is not finite",

@@ -467,16 +467,6 @@ def test_a_size_that_is_none_gets_a_sentence(stage_files: Files, value: float, s
         stage_files.read()
 
 
-def test_what_grows_is_no_rigid_obstacle(stage_files: Files):
-    radius = UsdGeom.Sphere.Define(stage_files.stage, "/Ball").CreateRadiusAttr()
-    for time in (0.0, 1.0):
-        radius.Set(1.0 + time, time)
-    assert np.ptp(stage_files.read().points, axis=0).max() == pytest.approx(2.0, rel=0.01)
-    (motion,) = read_motions(stage_files.path, None)
-    with pytest.raises(InputError, match="/Ball deforms"):
-        motion.matrices([0.0, 1.0])
-
-
 @pytest.mark.parametrize("kind", ["NurbsPatch", "Points", "BasisCurves"])
 def test_what_cannot_be_taken_is_named(stage_files: Files, kind: str):
     """Curves are drawn if they are linear, which these are not."""

@@ -552,25 +552,6 @@ def test_its_pressure_is_in_balance_with_a_round_balloon_stretched_by_a_quarter(
     assert plan.parameters["keyframe_values"][0, 0].tolist() == [0.0, pytest.approx(expected, rel=0.02)]
 
 
-def test_a_balloon_of_any_size_resolution_and_stiffness_swells_alike_and_keeps_still():
-    kinds = [(6, 1.0, 1.0), (2, 1.0, 1.0), (10, 1.0, 1.0)]  # cells, size, factor on the springs
-    kinds += [(4, 0.02, 1.0), (4, 50.0, 1.0), (4, 1.0, 0.3), (4, 1.0, 3.0)]
-    balloons = []
-    for cells, size, factor in kinds:
-        stiffness = Stiffness(structural=20.0 * factor, shear=10.0 * factor, flexion=2.0 * factor)
-        balloons.append(Balloon(mesh=quad_sphere(cells, 0.5), scale=size, damping=1.0, stiffness=stiffness))
-    simulator = Simulator(Scene(balloon=balloons, gravity=0.0, frames=180, touch=False), "cpu")
-    *_, frame = simulator.run()
-    for number, (_, size, _) in enumerate(kinds):
-        shape = simulator.model.shapes[number]
-        ends = frame.points[number].astype(np.float64)[shape.springs.pairs]
-        stretch = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / shape.springs.rest_lengths
-        assert stretch.mean() == pytest.approx(STRETCH, abs=0.04)  # 1.22 on 24 faces, which are hardly round
-        assert np.linalg.norm(frame.velocities[number], axis=1).max() < 1e-3 * size
-        off = frame.points[number].mean(axis=0) - shape.mesh.points.mean(axis=0)
-        assert np.abs(off).max() < 1e-5 * size
-
-
 def test_worlds_get_the_pressure_of_their_own_springs():
     given = Balloon(mesh=cube(), inflation=Inflation(pressure=7.0))
     scene = Scene(balloon=[Balloon(mesh=quad_sphere(3)), given, Balloon(mesh=open_cube())])
