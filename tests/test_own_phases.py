@@ -73,10 +73,17 @@ def temperatures(simulator: Simulator) -> np.ndarray:
     return simulator.state.kept["temperature"].numpy()
 
 
+BESIDE = Obstacle(position=(0.0, -1.01, 0.0), size=(1.0, 1.0, 1.0))
+"""So near that no frame is free"""
+
+
 @pytest.mark.full
-def test_temperatures_follow_the_air_s(listed, schedule, device):
+@pytest.mark.parametrize("obstacles", [[], [BESIDE]], ids=["alone", "in frames that are repeated"])
+def test_temperatures_follow_the_air_s_once_a_substep(obstacles, listed, schedule, device):
     air = np.array([330.0, 300.0, 280.0])
-    simulator = simulated(WARMED, schedule, device, 2, world_count=3, vary={"atmosphere.temperature": air})
+    scene = scene_with(WARMED).model_copy(update={"obstacle": obstacles})
+    simulator = Simulator(scene, device, 3, {"atmosphere.temperature": air}, schedule)
+    stepped(simulator, 2)
     left = (0.05 / (0.05 + simulator.model.step_seconds)) ** (2 * SCENE.substeps)
     found = temperatures(simulator)
     np.testing.assert_allclose(found, np.broadcast_to((air + (300.0 - air) * left)[:, None], found.shape), rtol=1e-5)
@@ -157,16 +164,6 @@ def test_a_phase_may_begin_and_end_while_it_is_simulated(listed, device):
     changing = Simulator(SCENE.model_copy(update={"change": [planned]}), device)
     assert "temperature" in changing.state.kept
     changing.step()
-
-
-@pytest.mark.full
-def test_worlds_that_are_simulated_again_keep_what_they_had(listed, schedule, device):
-    """Repeated frames do not warm twice, beside an obstacle so near that no frame is free."""
-    beside = scene_with(WARMED).model_copy(update={"obstacle": [Obstacle(position=(0.0, -1.01, 0.0), size=(1, 1, 1))]})
-    simulator = Simulator(beside, device, schedule=schedule)
-    simulator.step()
-    left = (0.05 / (0.05 + simulator.model.step_seconds)) ** SCENE.substeps
-    np.testing.assert_allclose(temperatures(simulator), 330.0 - 30.0 * left, rtol=1e-5)
 
 
 @pytest.mark.parametrize(

@@ -569,18 +569,12 @@ def block(width: float, depth: float, height: float, x: float = 0.0, y: float = 
     return box((x, y, 0.0), (width, height, depth), (1, 1, 1))
 
 
-def test_a_large_thing_with_thin_parts_is_thin() -> None:
-    """A top of 40 mm, and legs of 50 mm, though the table is 0.7 m high and 1 m wide."""
+def test_a_thing_is_as_thin_as_its_thinnest_part() -> None:
+    """A table with a top of 40 mm and legs of 50 mm, though it is 0.7 m high; a cube and a ball of 1 m."""
     legs = [block(0.05, 0.05, 0.7, x, -0.4) for x in (-0.4, 0.4)]
-    table = solid(joined(block(1.0, 1.0, 0.04), *legs))
-    assert is_thin(table, 0.1)
-    assert not is_thin(table, 0.03)
-
-
-@pytest.mark.parametrize("mesh", [block(1.0, 1.0, 1.0), quad_sphere(8, 0.5)])
-def test_what_is_thick_everywhere_is_not_thin(mesh: PolygonMesh) -> None:
-    assert not is_thin(solid(mesh), 0.5)
-    assert is_thin(solid(mesh), 1.01)
+    table = joined(block(1.0, 1.0, 0.04), *legs)
+    for mesh, less, more in ((table, 0.03, 0.1), (block(1.0, 1.0, 1.0), 0.5, 1.01), (quad_sphere(8, 0.5), 0.5, 1.01)):
+        assert [is_thin(solid(mesh), than) for than in (less, more)] == [False, True]
 
 
 def test_a_mesh_of_many_vertices_stands_on_its_hull() -> None:
