@@ -434,22 +434,6 @@ def test_ctrl_c_waits_until_it_is_delivered_but_for_the_second():
     assert done_of([press, press, lambda _: None], "") == 1
 
 
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_command_that_is_stopped_says_so(tmp_path, monkeypatch, capsys, number: signal.Signals, status: int):
-
-    def interrupted(_: Path, copy: Path) -> None:
-        copy.touch()
-        os.kill(os.getpid(), number)
-
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("shutil.copyfile", interrupted)
-    before = signal.getsignal(number)
-    assert status_of("scenes", "net_forces", "-o", "mine.toml") == status
-    assert capsys.readouterr() == ("", "error: scenes was interrupted\n")
-    assert list(tmp_path.iterdir()) == []
-    assert signal.getsignal(number) == before
-
-
 def test_ctrl_c_while_the_program_loads_is_a_word_too(tmp_path):
     """Ctrl-C during the program's import gives the message, too; a module that is imported first sends it, as a real
     one would have to meet a few tenths of a second."""

@@ -12,20 +12,16 @@ import pytest
 import xarray
 from batches import FRAMES, OFTEN, scene, stop_after
 from commands import contents
-from meshes import cube, quad_sphere
+from meshes import quad_sphere
 from numpy.typing import NDArray
 
 from balloon_warp import InputError, MissingExtraError, TrajectoryFiles, repeat_batch, run_batch, simulate
 from balloon_warp.batch import trajectories
-from balloon_warp.batch.recorder import plan_groups
 from balloon_warp.batch.table import FORMATS, Field, FileContents, chunks_of
-from balloon_warp.batch.task import BatchOutput, BatchTask, batch_checkpoints, describe_batch
 from balloon_warp.batch.trajectories import Moments, splits_of
-from balloon_warp.farm import cluster
-from balloon_warp.farm.cluster import ShareJournal
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.run.report import describe_scene, hash_of_file
-from balloon_warp.scene import Balloon, Inflation, Scene
+from balloon_warp.scene import Balloon, Scene
 from balloon_warp.system import files as arrays
 
 DATA_PAGE = (Path(__file__).parents[1] / "docs" / "DATA.md").read_text()
@@ -234,15 +230,6 @@ def test_xarray_knows_the_dimensions_as_the_page_says(data: Path):
         assert found.attrs["gravity"] == 1.0
 
 
-GAINS_ENERGY = Scene(
-    balloon=[Balloon(mesh=cube(), mass=1.0, damping=50.0, inflation=Inflation(k_normal=0.2))],
-    solver="forward_euler",
-    substeps=3,
-    frames=40,
-)
-"""with a stiff spring, in such steps"""
-
-
 @pytest.mark.full
 @pytest.mark.parametrize("format_", ["h5", "npz"])
 def test_a_batch_that_was_stopped_goes_on_to_the_same_bytes(format_: str, tmp_path, monkeypatch):
@@ -258,33 +245,6 @@ def test_a_batch_that_was_stopped_goes_on_to_the_same_bytes(format_: str, tmp_pa
     data = batch(tmp_path / "parts", format_, BLOWS_UP, resume=True, on_note=notes.append)
     assert notes[0].startswith("resuming after frame 3")
     assert contents(data) == contents(whole)
-
-
-@pytest.mark.full
-def test_shares_in_any_order_give_the_same_bytes(tmp_path, monkeypatch):
-    monkeypatch.setitem(cluster.GRAIN, "cpu", cluster.Grain(1, 1))
-    stiff = {"balloon.stiffness.structural": [100.0, 3000.0, 200.0]}
-    groups, none = plan_groups(GAINS_ENERGY, 3, stiff), np.array([], dtype=np.int64)
-    alone, apart = (TrajectoryFiles(tmp_path / name, every=3) for name in ("alone", "apart"))
-    how = {"device": "cpu", "schedule": "gather", "on_blowup": "restart"}
-    run_batch(GAINS_ENERGY, tmp_path / "out", 3, stiff, **how, trajectories=alone)
-    task = BatchTask(GAINS_ENERGY, groups, stiff, none, tmp_path / "other", "gather", "restart", apart)
-    cut = cluster.cut_into_shares(task.groups, "cpu")
-    assert len(cut) == 3
-    with BatchOutput(task, cut) as output:
-        journal = ShareJournal(task, output, batch_checkpoints(task, describe_batch(task), 0.0), "cpu")
-        output.begin_trajectories(False)
-        for number in (2, 0, 1):
-            told = (task.chosen, "cpu", "gather", 3, "restart", lambda frame: None, task.every)
-            journal.add(number, cluster.simulate_share(cut[number], *told))
-        for _ in range(GAINS_ENERGY.frames + 1):
-            output.end_frame()
-    trajectories.remove_partial(apart)
-    assert contents(tmp_path / "apart") == contents(tmp_path / "alone")
-    assert manifest(tmp_path / "apart")["restarted"] == ["train/world_000001.h5"]
-    restarted = arrays_of(world_file(tmp_path / "apart", 1))
-    assert (restarted["health"] == 2).all()
-    assert (np.diff(restarted["mesh_pos"], axis=0) != 0.0).any(axis=(1, 2)).all()
 
 
 @pytest.mark.full
