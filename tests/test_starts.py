@@ -447,36 +447,20 @@ def test_things_appear_and_end_in_a_worlds_own_time(schedule: str) -> None:
     require_same(stepped(masked, 4), fresh, slice(1, 2))
 
 
-INFLATED = Inflation(pressure=[(0.0, 2.0), (0.05, 9.0), (0.12, 4.0)])
-LIFTING: list[Any] = [
-    (0.0, (0.0, -0.1, 0.0)),
-    (0.04, (0.05, 0.05, 0.0), (0.0, 0.0, 10.0)),
-    (0.11, (0.0, 0.02, 0.1), (0.0, 5.0, 40.0)),
-]
-MOVED = TOUCHING.model_copy(
-    update={
-        "balloon": [BALL.model_copy(update={"inflation": INFLATED})],
-        "obstacle": [Obstacle(size=(1.5, 0.2, 1.5), position=(0.0, -0.7, 0.0), motion=LIFTING)],
-        "sphere": [Sphere(position=(0.0, 0.75, 0.0), radius=0.2)],
-        "ground": None,
-    }
-)
-
-
 def test_a_default_pressure_rises_anew_in_a_world_that_begins_anew() -> None:
     begun_anew(Scene(balloon=[Balloon(mesh=quad_sphere(3))], gravity=0.0), "octets", (5,), 2)
 
 
 @pytest.mark.full
-def test_keyframes_and_obstacles_follow_a_worlds_own_time(schedule: str) -> None:
-    scene = MOVED if schedule == "gather" else MOVED.model_copy(update={"contacts": False, "body": []})
-    whole, masked, fresh = begun_anew(scene, schedule, (5, 1), 6)
+@pytest.mark.parametrize("name", ["paper", "obstacles"])
+def test_keyframes_and_obstacles_follow_a_worlds_own_time(name: str, schedule: str) -> None:
+    whole, masked, fresh = begun_anew(feature_set(name), schedule, (3, 1), 4)
     seen = masked.observations["obstacle_positions"].numpy()
     for world, frame in enumerate((whole.read_frame(), fresh.read_frame())):
         np.testing.assert_array_equal(masked.read_frame(world).obstacle_poses, frame.obstacle_poses)
         np.testing.assert_array_equal(seen[world], frame.obstacle_poses[:, :3].astype(np.float32))
     masked.reset()
-    require_same(stepped(masked, 6), fresh, slice(0, 1))
+    require_same(stepped(masked, 4), fresh, slice(0, 1))
 
 
 @pytest.mark.full
