@@ -11,14 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 import warp as wp
+from feature_sets import feature_set
 from meshes import cube, quad_sphere
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
+from scipy.spatial.transform import Rotation
 from trajectories import stepped
 from trimesh.transformations import quaternion_matrix
 
 from balloon_warp import InputError, Material, Simulator, animate, foil_mesh, load_scene, run_batch
-from balloon_warp.lab.reference import Reference
 from balloon_warp.model import build_model
 from balloon_warp.model.parameters import active_laws
 from balloon_warp.scene import Balloon, Change, Ground, Inflation, Obstacle, Scene, Sphere, Stiffness, String
@@ -52,52 +53,31 @@ def test_gravity_that_changes_or_is_set_bends_the_fall(device, schedule):
     np.testing.assert_allclose(falls, np.tile([-(10.0 + 30.0) * 2 / 60, -(10.0 + 4.0) * 2 / 60], (8, 1)), rtol=1e-5)
 
 
-WAY = [(0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), (0.1, (0.5, 1.0, 0.0), (0.0, 40.0, 0.0))]
-"""Shifts and turns of a hand"""
-
-
-def carried(**string: Any) -> Scene:
-    """Return a cube on a string that is taut once its anchor has moved, and a hand that is far from the cube."""
-    hand = Obstacle(size=(0.1, 0.1, 0.1), position=(0.0, 5.0, 0.0), motion=WAY)
-    return Scene(balloon=[AT_REST], obstacle=[hand], gravity=0.0, substeps=4, string=[String(particle=0, **string)])
-
-
-@pytest.mark.full
-@pytest.mark.parametrize(
-    ("string", "end"),
-    [
-        pytest.param({"anchor": (0.0, 5.0, 0.0), "motion": [way[:2] for way in WAY]}, (0.5, 6.0, 0.0), id="keyframes"),
-        pytest.param({"anchor": (0.3, 0.0, 0.0), "obstacle": 0}, (0.729813, 6.0, -0.192836), id="an obstacle"),
-    ],
-)
-def test_an_anchor_follows(string: dict[str, Any], end: tuple[float, ...], device: str):
-    """A hand carries the balloon, as in the reference; a turn about y takes x to (cos, 0, -sin)."""
-    scene = carried(**string)
-    simulator, reference = after_frames(scene, 9, device, worlds=2), Reference(scene)
-    for _ in range(9):
-        reference.frame()
-    frame = simulator.read_frame(1)
-    np.testing.assert_allclose(frame.string_anchors, [end], rtol=1e-5)
-    np.testing.assert_allclose(frame.points[0], reference.points[0], atol=1e-5)
-    assert np.linalg.norm(frame.velocities[0][0]) > 0.1
+def test_an_anchor_follows_keyframes_or_an_obstacle(device: str):
+    """Strings pull from there in test_reference.py."""
+    frame = after_frames(feature_set("springs"), 3, device).read_frame()
+    np.testing.assert_allclose(frame.string_anchors[1], (3.1, 2.3, 0.0), atol=1e-6)  # its last keyframe is at 0.04 s
+    simulator = Simulator(feature_set("all"), device)
+    begin, end = simulator.read_frame(), stepped(simulator, 3).read_frame()
+    (before,), (after,) = begin.obstacle_poses, end.obstacle_poses
+    turn = Rotation.from_quat(after[3:]) * Rotation.from_quat(before[3:]).inv()
+    assert np.degrees(turn.magnitude()) == pytest.approx(90.0 * 3 / 60, rel=1e-5)
+    told = after[:3] + turn.apply(begin.string_anchors[0] - before[:3])
+    np.testing.assert_allclose(end.string_anchors[0], told, atol=1e-5)
 
 
 @pytest.mark.parametrize(
-    ("string", "sentence"),
+    ("name", "values", "sentence"),
     [
-        ({"obstacle": 1}, "string.0.obstacle: must be below the number of obstacles, 1 (got 1)"),
-        ({"obstacle": 0, "motion": [(0.0, (0, 0, 0))]}, "motion: an anchor follows an obstacle, a body or keyframes"),
-        ({"motion": [(1.0, (0, 0, 0)), (1.0, (1, 0, 0))]}, "motion: keyframe times must increase"),
+        ("all", {"string.0.obstacle": 1}, "string.0.obstacle: must be below the number of obstacles, 1 (got 1)"),
+        ("all", {"string.0.motion": [(0.0, (0, 0, 0))]}, "motion: an anchor follows an obstacle, a body or keyframes"),
+        ("springs", {"string.1.motion": [(1.0, (0, 0, 0)), (1.0, (1, 0, 0))]}, "motion: keyframe times must increase"),
+        ("springs", {"solver": "projective"}, "needs another solver"),
     ],
 )
-def test_an_anchor_that_cannot_follow_is_refused(string: dict[str, Any], sentence: str):
+def test_an_anchor_that_cannot_follow_is_refused(name: str, values: dict[str, Any], sentence: str):
     with pytest.raises((InputError, ValueError), match=re.escape(sentence)):
-        carried(anchor=(0.0, 0.0, 0.0), **string)
-
-
-def test_projective_refuses_an_anchor_that_moves():
-    with pytest.raises((InputError, ValueError), match="needs another solver"):
-        Scene(**{**dict(carried(anchor=(0.0, 5.0, 0.0), obstacle=0)), "solver": "projective"})
+        load_scene(feature_set(name), values)
 
 
 ALL_AT_ONCE = {
