@@ -526,14 +526,6 @@ def test_the_citation_and_versions_without_git_are_those_of_the_changelog():
     assert {"cff-version", "title", "message", "authors"} <= citation.keys()
 
 
-def test_the_workflow_runs_what_a_newcomer_does_on_each_python_that_is_claimed():
-    jobs = yaml.safe_load((ROOT / ".github/workflows/ci.yml").read_text())["jobs"]
-    newcomer = jobs["newcomer"]
-    assert [step["run"] for step in newcomer["steps"] if "run" in step] == [".ci/run"]
-    claimed = {name.rpartition(" ")[2] for name in PROJECT["classifiers"] if re.search(r"Python :: 3\.\d+$", name)}
-    assert claimed <= set(newcomer["strategy"]["matrix"]["python"])
-
-
 def test_the_papers_references_and_pages_for_language_models_exist():
     paper, references = ((ROOT / "docs/paper" / name).read_text() for name in ("paper.md", "paper.bib"))
     cited = set(re.findall(r"@([a-z_0-9]+)", paper.partition("# Summary")[2]))

@@ -511,12 +511,9 @@ def pressure_of(balloon: Balloon, **fields) -> float:
     ("given", "kind"),
     [
         ({}, "pressure"),
-        ({"pressure": 3.0}, "pressure"),
         ({"k_normal": 3.0}, "normal_force"),
-        ({"amount": 3.0}, "gas"),
         ({"start_pressure": 3.0}, "gas"),
         ({"pump": [(0.0, 1.0), (1.0, 0.0)]}, "gas"),
-        ({"gamma": 1.4}, "gas"),
         ({"kind": "normal_force"}, "normal_force"),
     ],
 )
