@@ -411,7 +411,7 @@ def write(root: Path, path: str, text: str) -> None:
 def test_a_cgroup_leaves_its_limit_less_what_is_in_use(
     tmp_path: Path, groups: str, group: str, names: tuple[str, str, str]
 ):
-    """Limits of this group or one that it is in, of version 2 or 1; inactive files do not count."""
+    """Memory of a group of either version, or of one around it; inactive files do not count."""
     folder, (most, used, inactive) = f"sys/fs/cgroup/{group}", names
     write(tmp_path, "proc/self/cgroup", f"{groups}\n")
     write(tmp_path, "sys/fs/cgroup/job/task/memory.max", "max\n")
