@@ -169,17 +169,6 @@ def test_parameters_differ_between_worlds():
         plan_model(scene(), 2, {"balloon.law.magnet.strength": [1.0, -2.0]}, laws=[MAGNET])
 
 
-def test_parameters_change_on_the_way():
-    changing = scene(change=[Change(time=0.5, set={"balloon.0.law.magnet.strength": 7.0})])
-    (change,) = plan_model(changing, laws=[MAGNET]).due_changes
-    rows = np.array([[2.0, 2.0]])
-    change.apply("strength", rows)
-    assert rows.tolist() == [[7.0, 2.0]]
-    wrong = scene(change=[Change(time=0.5, set={"balloon.0.law.magnet.strength": -7.0})])
-    with pytest.raises(bw.InputError, match=r"must be at least 0 \(got -7"):
-        plan_model(wrong, laws=[MAGNET])
-
-
 def test_bounds_count_in_the_step():
     """The step includes a law's bounds: each particle of a slack balloon on a magnet has omega^2 the strength."""
     slack = Stiffness(structural=0.0, shear=0.0, flexion=0.0)
@@ -194,6 +183,9 @@ def test_bounds_count_in_the_step():
     assert bw.advise_step(apart, [magnetic(name="unbound")]) == soft
     later = Change(time=0.5, set={"balloon.law.magnet.strength": 1.0e8})
     assert plan_model(scene(change=[later]), laws=[MAGNET]).substeps > 10 * plan_model(scene(), laws=[MAGNET]).substeps
+    wrong = scene(change=[Change(time=0.5, set={"balloon.0.law.magnet.strength": -7.0})])
+    with pytest.raises(bw.InputError, match=r"must be at least 0 \(got -7"):
+        plan_model(wrong, laws=[MAGNET])
 
 
 def test_what_is_neutral_or_not_wanted_does_not_act():
