@@ -152,9 +152,9 @@ class Glb:
         assert (magic, version, length) == (b"glTF", 2, len(data))
         size, kind = struct.unpack_from("<I4s", data, 12)
         assert kind == b"JSON"
-        self.said: dict[str, Any] = json.loads(data[20 : 20 + size])
+        said = data[20 : 20 + size]
         binary, kind = struct.unpack_from("<I4s", data, 20 + size)
-        self.said: dict[str, Any] = json.loads(data[20 : 20 + size])
+        self.said: dict[str, Any] = json.loads(said)
         json.dumps(self.said, allow_nan=False)  # JSON has no NaN
         assert 28 + size + binary == length
         self.binary = data[28 + size :]

@@ -24,7 +24,7 @@ from gradient_scenes import CASES, HELD, OF_MEETING, OF_RUBBING, PLANE, SLAB, me
 import balloon_warp as bw
 from balloon_warp.kernels.schedules.block_names import Layout
 from balloon_warp.model import Model
-from balloon_warp.schedules import backward_one_launch as backward_block
+from balloon_warp.schedules import backward_one_launch
 from balloon_warp.schedules.tables import model_features
 
 BY_DEFAULT = "gas on the ground"
@@ -46,13 +46,13 @@ def schedule_back(way: str, device: str, monkeypatch: pytest.MonkeyPatch) -> str
     if device != "cpu" and way in ("lanes", *HELD):
         pytest.skip("is for a CPU; a GPU takes these layouts by itself")
     for layout in HELD.get(way, ()):
-        monkeypatch.setattr(backward_block, layout, _layout_of_one_thread)
+        monkeypatch.setattr(backward_one_launch, layout, _layout_of_one_thread)
     return "block" if way in HELD else way
 
 
 def _layout_of_one_thread(model: Model) -> Layout:
     layout = held_layout(model, model_features(model))
-    return layout._replace(odd=False, registers=backward_block.REGISTERS)
+    return layout._replace(odd=False, registers=backward_one_launch.REGISTERS)
 
 
 @pytest.mark.parametrize(("case", "way"), cases(CASES))

@@ -135,8 +135,6 @@ def test_seams_are_welded_until_the_mesh_is_closed(mesh: PolygonMesh) -> None:
 
 
 def test_bodies_that_touch_stay_apart() -> None:
-    """Bodies that touch at a corner, along an edge or over a face stay apart: they share no seam. Nor do two quads
-    beside a longer one: no edge of theirs lies on its edge from end to end."""
     wide = mesh_of([(0, -1, 0), (2, -1, 0), (2, 0, 0), (0, 0, 0)], [[0, 1, 2, 3]])
     corners = joined(grid(1, 1), at(grid(1, 1), (1, 1, 0)))
     boxes = [joined(cube(), at(cube(), shift)) for shift in ((1, 1, 1), (1, 1, 0), (1, 0, 0))]
@@ -204,7 +202,6 @@ def in_floats(points: np.ndarray) -> np.ndarray:
 
 SEWN = {
     "uv": uv_sphere(8, 4),
-    "finer": uv_sphere(32, 16),
     "quads": uv_sphere(32, 16, quads=True),
     "moved": replace(uv_sphere(24, 12), points=turned(uv_sphere(24, 12).points * 3.0, 17.0) + 5.0),
     "mirrored": halves(noise(1e-9)),
@@ -275,11 +272,9 @@ def test_gas_behind_a_wider_seam_says_what_closes_it() -> None:
     [
         ("mesh.obj", False),
         ("mesh.obj --weld 2e-4", True),
-        ("--weld 2e-4 mesh.obj", True),
         ("mesh.obj --weld=1e-3", True),
         ("--weld mesh.obj", False),
         ("mesh.obj --weld", False),
-        ("mesh.obj --weld --json", False),
         ("mesh.obj --set balloon.weld=2e-4", True),
     ],
 )
@@ -328,10 +323,7 @@ TWICE = {
     "apart": joined(SOUND, inward(SOUND)),
     "shuffled": joined(SOUND, shuffled(inward(SOUND))),
     "rounded": joined(SOUND, rounded(inward(SOUND))),
-    "inward": joined(inward(SOUND), SOUND),
     "soups": joined(loose(SOUND), loose(inward(SOUND))),
-    "of a soup": joined(SOUND, shuffled(loose(inward(SOUND)))),
-    "soup": joined(loose(SOUND), inward(SOUND)),
     "thrice": joined(SOUND, inward(SOUND), rounded(SOUND)),
 }
 
@@ -407,7 +399,6 @@ def tube(count: int, radius: float = 0.2) -> PolygonMesh:
 BALL = quad_sphere(16)
 EYES = toward((0.4, 0.2, 0.9), (-0.4, 0.2, 0.9), angle=0.2)
 NECK = toward((0.0, -1.0, 0.0), angle=0.5)
-"""an opening of 6% of the surface"""
 
 
 def test_eye_sockets_are_closed_and_hold_gas() -> None:
@@ -430,17 +421,10 @@ def test_eye_sockets_are_closed_and_hold_gas() -> None:
         plan_model(kept)
 
 
-def test_a_head_with_an_open_neck_keeps_that_alone() -> None:
-    mesh = whole(without(BALL, lambda at: EYES(at) | NECK(at)))
-    (loop,) = border_loops(mesh, mesh_edges(mesh))
-    assert (mesh.points[loop, 1] < -0.8).all()
-
-
 OPEN: dict[str, PolygonMesh] = {
     "a bowl": without(BALL, lambda at: at[:, 1] > 0.0),
     "a cup": without(BALL, lambda at: at[:, 1] > 0.7),
     "a cube without a side": open_cube(),
-    "a sheet": grid(5, 5),
     "a strip with one side": moebius(9),
     "a sleeve": tube(12),
     "a long sleeve, whose ends are 1% of it each": tube(12, radius=0.04),
@@ -455,7 +439,11 @@ def test_what_is_meant_to_be_open_stays_so(name: str) -> None:
     assert len(border_edges(mesh_edges(mesh))) > 0
 
 
-def test_a_neck_a_fifth_of_the_hem_stays_and_a_button_hole_does_not() -> None:
+def test_a_neck_stays_where_eyes_and_button_holes_are_closed() -> None:
+    """An opening of 6% of the surface, or of a fifth of a shirt's hem."""
+    mesh = whole(without(BALL, lambda at: EYES(at) | NECK(at)))
+    (loop,) = border_loops(mesh, mesh_edges(mesh))
+    assert (mesh.points[loop, 1] < -0.8).all()
     hem, neck, pin = toward((0, -1, 0), angle=0.7), toward((0, 1, 0), angle=0.4), toward((0, 0, 1), angle=0.09)
     shirt = without(BALL, lambda at: hem(at) | neck(at) | pin(at))
     assert [len(border_loops(mesh, mesh_edges(mesh))) for mesh in (shirt, whole(shirt))] == [3, 2]
@@ -496,7 +484,6 @@ def test_a_lid_covers_its_loop_once(count: int) -> None:
 
 @pytest.mark.parametrize("taken", [{(0, 3)}, {(1, 4)}, {(0, 3), (2, 5)}, {(0, 3), (1, 4), (2, 5)}])
 def test_a_rung_is_no_edge_that_is_there_already(taken: set[tuple[int, int]]) -> None:
-    """A rung across a hexagon avoids existing edges where possible: three faces would share the edge."""
     (rung,) = lid_across(np.arange(6), polygon(6).points, taken).rungs
     assert tuple(sorted(rung)) in ({(0, 3), (1, 4), (2, 5)} - taken or taken)
 
@@ -520,63 +507,14 @@ def test_solids_and_sheets_have_known_areas_volumes_and_normals() -> None:
         found = geometry.signed_volume(solid), geometry.total_area(solid)
         assert found == pytest.approx((volume, area), abs=ROUND_OFF)
     assert geometry.total_area(grid(3, 5)) == pytest.approx(15.0, abs=ROUND_OFF)
-    assert np.isfinite(geometry.face_areas(moebius(9))).all()
     # Least where three squares of the cube met: their normals are known to half a cell.
     assert np.einsum("ij,ij->i", geometry.vertex_normals(quad_sphere(16)), quad_sphere(16).points).min() > 0.999
     inside_out = replace(quad_sphere(4), face_vertex_indices=quad_sphere(4).face_vertex_indices[::-1].copy())
     assert geometry.signed_volume(inside_out) == pytest.approx(-geometry.signed_volume(quad_sphere(4)), abs=ROUND_OFF)
 
 
-@pytest.mark.parametrize("mesh", [quad_sphere(5, 0.7), torus(7, 5), tetrahedron(), prism(5), open_cube()])
-def test_quads_alone_are_measured_as_among_others(mesh: PolygonMesh) -> None:
-    points = np.random.default_rng(0).normal(1.0, 0.02, mesh.points.shape) * mesh.points + 3.0  # faces are not flat
-    alone = replace(mesh, points=points)
-    crumb = np.array([0, 0, 0], dtype=np.int32)  # adds nothing but its one point three times to the mean of all
-    among = replace(
-        alone,
-        face_vertex_counts=np.append(mesh.face_vertex_counts, np.int32(3)),
-        face_vertex_indices=np.append(mesh.face_vertex_indices, crumb),
-    )
-    areas = [geometry.face_vector_areas(each) for each in (alone, among)]
-    np.testing.assert_allclose(areas[0], areas[1][:-1], atol=ROUND_OFF)
-    expected = geometry.signed_volume(alone), geometry.total_area(alone)
-    assert geometry.volume_and_area(alone) == pytest.approx(expected, abs=ROUND_OFF)
-    assert geometry.total_area(alone) == pytest.approx(geometry.total_area(among), abs=ROUND_OFF)
-
-
-@pytest.mark.parametrize("n", [3, 5, 12])
-def test_polygons_of_any_size(n: int) -> None:
-    area = n / 2.0 * np.sin(2.0 * np.pi / n)
-    np.testing.assert_allclose(geometry.face_vector_areas(polygon(n)), [[0.0, 0.0, area]], atol=ROUND_OFF)
-    assert geometry.signed_volume(prism(n)) == pytest.approx(area, abs=ROUND_OFF)
-    assert geometry.total_area(prism(n)) == pytest.approx(2.0 * area + 2.0 * n * np.sin(np.pi / n), abs=ROUND_OFF)
-
-
-def test_concave_polygon() -> None:
-    dart = mesh_of([(0, 0, 0), (2, -1, 0), (0.5, 0, 0), (2, 1, 0)], [[0, 1, 2, 3]])
-    # Two triangles of base 0.5 and height 1, about the dart's axis.
-    np.testing.assert_allclose(geometry.face_areas(dart), [0.5], atol=ROUND_OFF)
-
-
-def test_sphere_converges_to_the_analytic_one() -> None:
-    errors = [abs(geometry.signed_volume(quad_sphere(n)) / (4.0 / 3.0 * np.pi) - 1.0) for n in (8, 16, 32)]
-    orders = np.log2(np.array(errors[:-1]) / errors[1:])
-    np.testing.assert_allclose(orders, 2.0, atol=0.05)  # chords of a circle: second order
-    assert errors[-1] < 2e-3
-
-
-@pytest.mark.parametrize("mesh", [quad_sphere(6), torus(9, 7), prism(7), tetrahedron(), open_cube()])
-def test_volume_does_not_depend_on_place_and_first_corner(mesh: PolygonMesh) -> None:
-    volume = geometry.signed_volume(mesh)
-    # Coordinates of 1e6 are rounded at 1e-10, which moves the surface by as much.
-    assert geometry.signed_volume(replace(mesh, points=mesh.points + 1e6)) == pytest.approx(volume, rel=1e-8)
-    if (mesh.face_vertex_counts == 4).all():
-        turned = np.roll(mesh.face_vertex_indices.reshape(-1, 4), 1, axis=1).ravel()
-        assert geometry.signed_volume(replace(mesh, face_vertex_indices=turned)) == pytest.approx(volume, abs=ROUND_OFF)
-
-
 @pytest.mark.parametrize("mesh", [quad_sphere(5), torus(9, 7), prism(7), cube()])
-def test_quad_volume_is_the_mean_of_its_triangulations_by_trimesh(mesh: PolygonMesh) -> None:
+def test_volume_is_the_mean_of_that_of_triangulations_by_trimesh_at_any_place(mesh: PolygonMesh) -> None:
     volumes = []
     for shift in (0, 1):
         faces = np.split(mesh.face_vertex_indices, np.cumsum(mesh.face_vertex_counts)[:-1])
@@ -584,14 +522,10 @@ def test_quad_volume_is_the_mean_of_its_triangulations_by_trimesh(mesh: PolygonM
         triangles, _ = geometry.triangulate(shifted)
         volumes.append(trimesh.Trimesh(mesh.points, triangles, process=False).volume)
     assert geometry.signed_volume(mesh) == pytest.approx(np.mean(volumes), abs=ROUND_OFF)
-
-
-def test_triangle_meshes_agree_with_trimesh() -> None:
-    reference = trimesh.creation.icosphere(subdivisions=2)
-    mesh = mesh_of(reference.vertices, reference.faces.tolist())
-    assert geometry.signed_volume(mesh) == pytest.approx(reference.volume, rel=1e-12)
-    assert geometry.total_area(mesh) == pytest.approx(reference.area, rel=1e-12)
-    np.testing.assert_allclose(geometry.face_centers(mesh), reference.triangles_center, atol=ROUND_OFF)
+    # Coordinates of 1e6 are rounded at 1e-10, which moves the surface by as much.
+    far = replace(mesh, points=mesh.points + 1e6)
+    assert geometry.signed_volume(far) == pytest.approx(np.mean(volumes), rel=1e-8)
+    assert geometry.volume_and_area(far)[1] == pytest.approx(geometry.total_area(mesh), rel=1e-8)
 
 
 def test_vertex_normal_is_the_mean_of_unit_normals() -> None:
@@ -602,19 +536,6 @@ def test_vertex_normal_is_the_mean_of_unit_normals() -> None:
     np.testing.assert_allclose(normals[0], np.array([0, 1, 1]) / np.sqrt(2.0), atol=ROUND_OFF)
     np.testing.assert_allclose(normals[1], [0, 0, 1], atol=ROUND_OFF)
     np.testing.assert_array_equal(normals[7], 0.0)  # of no face
-
-
-def test_triangulate() -> None:
-    mesh = mesh_of(np.eye(6, 3), [[0, 1, 2], [2, 3, 4, 5], [0, 1, 2, 3, 4]])
-    triangles, face = geometry.triangulate(mesh)
-    assert triangles.tolist() == [[0, 1, 2], [2, 3, 4], [2, 4, 5], [0, 1, 2], [0, 2, 3], [0, 3, 4]]
-    assert face.tolist() == [0, 1, 1, 2, 2, 2]
-    assert (triangles.dtype, face.dtype) == (np.int32, np.int32)
-
-
-def test_first_coincident() -> None:
-    points = np.array([(1, 2, 3), (0, 0, 0), (1, 2, 3), (-0.0, 0, 0), (1, 2, 3.0000001)])
-    assert geometry.first_coincident(points).tolist() == [0, 1, 0, 1, 4]
 
 
 def double_torus() -> PolygonMesh:
@@ -633,15 +554,12 @@ def double_torus() -> PolygonMesh:
 FINS = mesh_of(np.eye(5, 3), [[0, 1, 2], [0, 1, 3], [0, 1, 4]])
 KNOWN = {
     "cube": (cube(), 0, True, 1, 0, 2, True),
-    "tetrahedron": (tetrahedron(), 0, True, 1, 0, 2, True),
-    "prism": (prism(6), 0, True, 1, 0, 2, True),
     "quad sphere": (quad_sphere(5), 0, True, 1, 0, 2, True),
     "torus": (torus(7, 5), 0, True, 1, 1, 0, True),
     "double torus": (double_torus(), 0, True, 1, 2, -2, True),
     "torus and cube": (joined(torus(7, 5), cube()), 0, True, 2, 1, 2, True),
     "grid": (grid(3, 2), 10, True, 1, None, 1, True),
     "Moebius strip": (moebius(9), 18, True, 1, None, 0, False),
-    "even Moebius strip": (moebius(8), 16, True, 1, None, 0, False),
     "Klein bottle": (klein(6, 5), 0, True, 1, None, 0, False),
     "two quads at a vertex": (two_quads(), 8, False, 1, None, 1, True),
     "three triangles on an edge": (FINS, 6, False, 1, None, 1, None),
@@ -662,24 +580,6 @@ def test_known_topology(case: str) -> None:
     assert orientable is None or topology.is_orientable(mesh, edges) == orientable
 
 
-def test_edges_of_a_triangle_pair() -> None:
-    edges = topology.mesh_edges(mesh_of(np.eye(4, 3), [[0, 1, 2], [2, 1, 3]]))
-    assert edges.ends.tolist() == [[0, 1], [0, 2], [1, 2], [1, 3], [2, 3]]
-    assert edges.face_counts.tolist() == [1, 1, 2, 1, 1]
-
-
-def test_turning_one_face_spoils_the_winding_and_nothing_else() -> None:
-    mesh = cube()
-    indices = mesh.face_vertex_indices.copy()
-    indices[:4] = indices[:4][::-1]
-    turned = replace(mesh, face_vertex_indices=indices)
-    edges = topology.mesh_edges(turned)
-    assert len(topology.inconsistent_edges(topology.mesh_edges(mesh))) == 0
-    assert len(topology.inconsistent_edges(edges)) == 4
-    assert topology.is_orientable(turned, edges)
-    assert topology.genus(turned, edges) == 0
-
-
 def test_non_manifold_parts_are_found() -> None:
     edges = topology.mesh_edges(FINS)
     assert edges.ends[topology.non_manifold_edges(edges)].tolist() == [[0, 1]]
@@ -690,22 +590,6 @@ def test_non_manifold_parts_are_found() -> None:
     touching = replace(pair, face_vertex_indices=np.where(pair.face_vertex_indices == 8, 7, pair.face_vertex_indices))
     assert topology.is_closed(topology.mesh_edges(touching))
     assert topology.non_manifold_vertices(touching, topology.mesh_edges(touching)).tolist() == [7]
-
-
-def test_a_repeated_corner_makes_no_edge_and_no_hole() -> None:
-    faces = [[0, 2, 1], [0, 1, 1, 3], [1, 2, 3], [0, 3, 2]]
-    mesh = mesh_of(tetrahedron().points, faces)
-    edges = topology.mesh_edges(mesh)
-    assert edges.count == 6
-    assert topology.is_manifold(mesh, edges)
-    assert topology.genus(mesh, edges) == 0
-
-
-def test_unused_vertices_are_no_component() -> None:
-    mesh = replace(cube(), points=np.concatenate([cube().points, np.ones((2, 3))]))
-    assert topology.unused_vertices(mesh).tolist() == [8, 9]
-    assert topology.component_count(mesh, topology.mesh_edges(mesh)) == 1
-    assert topology.genus(mesh, topology.mesh_edges(mesh)) == 0
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -1,13 +1,12 @@
 """Mutants of the source, and the tests that are run on them."""
 
-import ast
 from pathlib import Path
 
 import pytest
 
 from balloon_warp.benchmarks import mutation
-from balloon_warp.benchmarks.mutant_tests import Verdict, candidates, judge_all, trace
-from balloon_warp.benchmarks.mutants import Mutant, Stratum, all_mutants, draw, mutants_of, signatures_of
+from balloon_warp.benchmarks.mutant_tests import Verdict, judge_all, trace
+from balloon_warp.benchmarks.mutants import Stratum, all_mutants, draw, mutants_of, signatures_of
 from balloon_warp.benchmarks.traced_tests import Traced
 
 ROOT = Path(__file__).parent.parent
@@ -25,44 +24,30 @@ def mutants(text: str) -> dict[str, set[str]]:
     ("operator", "before", "after"),
     [
         ("another sign", "x = a + (b)", ["x = a - (b)"]),
-        ("another sign", "x = (a - b)", ["x = (a + b)"]),
         ("another sign", "x = -a", ["x = a"]),
         ("another sign", "x += f(\n    a)", ["x -= f(\n    a)"]),
         ("another sign", "x = 'a' + b", []),
-        ("another sign", "x = a + [b]", []),
         ("times or divided by", "x = (a) * (b + c)", ["x = (a) / (b + c)"]),
         ("times or divided by", "x = a / b", ["x = a * b"]),
         ("times or divided by", "x = a ** b", []),
-        ("times or divided by", "x = a // b", []),
         ("times or divided by", "x = there.side * a", []),
-        ("times or divided by", "x = a * b > 0.0", []),
-        ("times or divided by", "x = a * b > c", ["x = a / b > c"]),
         ("a comparison turned", "x = a <= b", ["x = a > b"]),
         ("a comparison turned", "x = f(a < b) == 'name'", ["x = f(a >= b) == 'name'", "x = f(a < b) != 'name'"]),
         ("a comparison turned", "x = a is b", []),
         ("another constant", "x = 0.5", ["x = 0.6"]),
-        ("another constant", "x = f(1.0, 0.0)", ["x = f(0.9, 0.0)", "x = f(1.0, 0.1)"]),
         ("another constant", "x = max(a, 1.0e-20)", []),
-        ("another constant", "x = vec3(-1.0e30)", []),
         ("another constant", "NEAR = wp.constant(1.0e-4)\nMOST_LOOKS, LOOKS = wp.constant(8), wp.constant(8)",
          ["NEAR = wp.constant(1.0e-4)\nMOST_LOOKS, LOOKS = wp.constant(8), wp.constant(9)"]),
-        ("another constant", "FAR = 1.0e-2", ["FAR = 0.012"]),
         ("another constant", "x = 3 * a", ["x = 4 * a"]),
-        ("another constant", "x = wp.constant(0)", ["x = wp.constant(1)"]),
-        ("another index", "x = a[0]", ["x = a[1]"]),
         ("another index", "x = a[i, 2]", ["x = a[i, 1]"]),
         ("arguments exchanged", "x = wp.cross(a, f(b))", ["x = wp.cross(f(b), a)"]),
         ("arguments exchanged", "x = np.where(c, a, b)", ["x = np.where(c, b, a)"]),
-        ("arguments exchanged", "x = np.where(c, a, a)", []),
         (
             "arguments exchanged",
             "def f(a: int, b: float, c: float): ...\nf(u, v, w)",
             ["def f(a: int, b: float, c: float): ...\nf(u, w, v)"],
         ),
         ("a term dropped", "x = (a if b else c) + d + e", ["x = (a if b else c) + d", "x = (a if b else c) + e"]),
-        ("a term dropped", "x += a", ["pass"]),
-        ("a term dropped", "x *= a", []),
-        ("minimum or maximum", "x = wp.min(a, b)", ["x = wp.max(a, b)"]),
         ("minimum or maximum", "x = np.maximum(a, b)", ["x = np.minimum(a, b)"]),
         ("minimum or maximum", "x = (a + b).max()", ["x = (a + b).min()"]),
         ("a condition negated", "f(when=lambda n: n.gas or n.air)", ["f(when=lambda n: not (n.gas or n.air))"]),
@@ -79,49 +64,13 @@ def test_an_operator_changes_one_place(operator: str, before: str, after: list[s
         '"""1.0 + 2.0"""',
         "# 1.0 + 2.0",
         "def f(a: Callable[[1], 2]) -> g[0]: ...",
-        "x: g[0]",
         "raise ValueError(a + 1.0)",
         "x = f'{1.0 + a}'",
-        "assert a, b + 1.0",
         "x = 'a number' if a == 1 else b",
     ],
 )
 def test_what_no_test_should_notice_stays(text: str) -> None:
     assert not mutants(text)
-
-
-def fewest_differences(one: ast.AST, other: ast.AST) -> ast.AST | None:
-    """Return the smallest part of a tree that has all differences from another; None if there are none."""
-    if ast.dump(one) == ast.dump(other):
-        return None
-    parts = [list(ast.iter_child_nodes(each)) for each in (one, other)]
-    own = [[(name, value) for name, value in ast.iter_fields(each) if not isinstance(value, ast.AST | list)]
-           for each in (one, other)]  # fmt: skip
-    if type(one) is not type(other) or len(parts[0]) != len(parts[1]) or own[0] != own[1]:
-        return one
-    pairs = [pair for pair in zip(*parts, strict=True) if ast.dump(pair[0]) != ast.dump(pair[1])]
-    return fewest_differences(*pairs[0]) if len(pairs) == 1 else one
-
-
-@pytest.mark.full
-def test_all_drawn_mutants_parse_and_differ_in_one_statement_or_expression() -> None:
-    drawn = draw(ROOT, mutation.STRATA, 40, seed=7)
-    assert len({each.key for each in drawn}) == 40
-    for each in drawn:
-        before = (ROOT / each.path).read_bytes()
-        place = fewest_differences(ast.parse(before), ast.parse(each.source(before)))
-        assert isinstance(place, ast.expr | ast.AugAssign | ast.operator | ast.cmpop), each.key
-        assert before[each.edit.start : each.edit.end] != each.edit.text
-
-
-@pytest.mark.full
-def test_each_stratum_has_its_share() -> None:
-    assert sum(each.share for each in mutation.STRATA) == pytest.approx(1.0)
-    drawn = draw(ROOT, mutation.STRATA, 60, seed=1)
-    assert len(drawn) == 60
-    for stratum in mutation.STRATA:
-        of_it = sum(each.stratum == stratum.name for each in drawn)
-        assert abs(of_it - 60 * stratum.share) <= 1.0  # both ends of a stratum are rounded
 
 
 def test_a_seed_says_which_are_drawn() -> None:
@@ -140,26 +89,6 @@ def test_what_is_answered_is_still_there() -> None:
     assert set(mutation.EQUIVALENT) <= keys
 
 
-def mutant_at(text: str, new: str) -> Mutant:
-    """Return the mutant of a file in which something becomes `new`."""
-    return next(each for each in mutants_of("toy", "toy.py", text.encode(), {}) if each.new == new)
-
-
-def test_the_quickest_and_most_particular_tests_come_first(tmp_path: Path) -> None:
-    """Tests of the function around the place alone; one of each with parameters, before others of any."""
-    text = "def outer():\n    def inner():\n        return a + b\n    return inner\n\ndef other():\n    return a * b\n"
-    traced = [
-        Traced("a.py::wide", 1.0, {"toy.py": [1, 2], "more.py": [1, 2, 3]}),
-        Traced("a.py::narrow[1]", 1.0, {"toy.py": [2]}),
-        Traced("a.py::narrow[2]", 0.5, {"toy.py": [2]}),
-        Traced("a.py::factory", 0.1, {"toy.py": [1]}),
-        Traced("a.py::beside", 0.1, {"toy.py": [6]}),
-    ]
-    chosen = candidates(mutant_at(text, "a - b"), traced, tmp_path)
-    assert [each.test for each in chosen] == ["a.py::narrow[2]", "a.py::wide", "a.py::narrow[1]"]
-    assert [each.test for each in candidates(mutant_at(text, "a / b"), traced, tmp_path)] == ["a.py::beside"]
-
-
 def test_an_answered_survivor_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
     verdicts = [Verdict(name, "toy.py:1", "", "", "", found, "", 1.0, "") for name, found in
                 (("a", True), ("b", True), ("c", False), ("d", False))]  # fmt: skip
@@ -173,7 +102,6 @@ def test_an_answered_survivor_does_not_count(monkeypatch: pytest.MonkeyPatch) ->
     ("arguments", "sentence"),
     [
         (["--count", "0"], "--count, --processes and --seconds must be at least 1"),
-        (["--seconds", "-1"], "--count, --processes and --seconds must be at least 1"),
         (["--write", "gone/mutants.json"], "gone/mutants.json: its folder is not there"),
     ],
 )
@@ -253,20 +181,14 @@ def test_what_tests_execute_is_traced(toy: Path) -> None:
 
 
 @pytest.mark.full
-def test_a_mutant_is_found_survives_or_is_found_by_chance(toy: Path, tmp_path: Path) -> None:
+def test_a_mutant_is_found_survives_hangs_or_is_found_by_chance(toy: Path, tmp_path: Path) -> None:
     """A test that looks at a function's value finds its mutants; one that fails without them, too, does not."""
     (tmp_path / "seen").touch()
-    assert verdicts_on(toy, {"k / d", "a - b", "a + b"}, 30.0) == {
+    assert verdicts_on(toy, {"k / d", "a - b", "a + b", "number -= 1", "0.9"}, 10.0) == {
         "k / d": (True, "tests/test_toy.py::test_force"),
         "a - b": (False, "1 of 1 tests pass"),
         "a + b": (False, "tests/test_toy.py::test_odd fails without it, too"),
+        "number -= 1": (True, "hangs in tests/test_toy.py::test_count"),
+        "0.9": (True, "tests/test_toy.py"),  # which cannot be imported
     }
     assert (toy / "toy" / "law.py").read_text() == LAW
-
-
-@pytest.mark.full
-def test_a_mutant_that_hangs_or_cannot_be_imported_is_found(toy: Path) -> None:
-    assert verdicts_on(toy, {"number -= 1", "0.9"}, 5.0) == {
-        "number -= 1": (True, "hangs in tests/test_toy.py::test_count"),
-        "0.9": (True, "tests/test_toy.py"),
-    }

@@ -22,7 +22,6 @@ from balloon_warp.laws import require_laws
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.model import build_model, initial_state, plan_model
 from balloon_warp.model.parameters import active_laws
-from balloon_warp.run.report import describe_laws
 from balloon_warp.scene import Balloon, Change, Inflation, Scene, Stiffness
 from balloon_warp.scene.load import override_scene, scene_toml
 from balloon_warp.schedules.gather import GatherSchedule
@@ -50,21 +49,6 @@ def misspelt(position: wp.vec3):
 
 
 @wp.func
-def without_helper(position: wp.vec3):
-    return helper_that_is_not_there(position)  # noqa: F821  # pyright: ignore[reportUndefinedVariable]
-
-
-@wp.func
-def out_of_range(position: wp.vec3):
-    return position[3] * position
-
-
-@wp.func
-def of_too_many(position: wp.vec3):
-    return wp.length(position, position) * position
-
-
-@wp.func
 def silent(position: wp.vec3):
     twice = 2.0 * position  # noqa: F841
 
@@ -77,16 +61,6 @@ def native(squared_length: float):
 @wp.func
 def by_a_choice(position: wp.vec3):
     return wp.where(position[0] > 0.0, position, inverse_root(2.0) * position)
-
-
-@wp.func
-def by_a_mesh(position: wp.vec3):
-    return wp.mesh_query_point_no_sign(wp.uint64(0), position, 1.0).u * position
-
-
-@wp.func
-def beyond_numbers(position: wp.vec3, strength: float):
-    return position * (1.0 // (strength - strength))
 
 
 @wp.func
@@ -106,31 +80,17 @@ def scene(**fields) -> Scene:
     ("make", "sentence"),
     [
         (lambda: law(plain), r"^particle law: expected a function with @wp\.func before it \(got <function"),
-        (lambda: bw.face_law(wp.length), r"^face law: expected a function with @wp\.func"),
-        (
-            lambda: law(lost),
-            r"^law lost: unknown argument distance; expected some of position, velocity, mass, .*time$",
-        ),
-        (lambda: bw.spring_law(lost), r"^law lost: unknown argument position; .* squared_length,"),
-        (
-            lambda: law(of_whole_numbers, [STRENGTH]),
-            r"^law of_whole_numbers: its argument strength is of another type; expected float$",
-        ),
+        (lambda: law(lost), r"^law lost: unknown argument distance; expected some of position, velocity, .*time$"),
+        (lambda: law(of_whole_numbers, [STRENGTH]), r"its argument strength is of another type; expected float$"),
         (lambda: law(a_number, [STRENGTH]), r"^law a_number: returns a float; expected a vec3f$"),
         (lambda: law(misspelt), r"^law misspelt: cannot be called: module 'warp' has no .* 'lenght'$"),
-        (lambda: law(without_helper), r"^law without_helper: cannot be called: name 'helper_that_is_not_"),
-        (lambda: law(out_of_range), r"^law out_of_range: cannot be called: .*index"),
-        (lambda: law(of_too_many), r"^law of_too_many: cannot be called: .*'length' compatible with"),
         (lambda: law(silent), r"^law silent: returns nothing; expected a return with a value$"),
         (lambda: law(magnet, energy=plain), r"^law magnet: unknown argument strength"),
         (
             lambda: magnetic(stiffness=lambda height: height),
-            r"^law magnet: its stiffness takes height; expected mass, mass_share, area, velocity, strength, pole$",
+            r"^law magnet: its stiffness takes height; expected mass, ",
         ),
-        (
-            lambda: magnetic(neutral={"weakness": 0.0}),
-            r"^law magnet: neutral names weakness; expected one of its parameters, strength, pole$",
-        ),
+        (lambda: magnetic(neutral={"weakness": 0.0}), r"^law magnet: neutral names weakness; expected one of its par"),
         (lambda: magnetic(color="red"), r"^law magnet: .* argument 'color'$"),
         (
             lambda: law(a_number, [bw.Parameter("strength", "1", of="sphere")]),
@@ -150,26 +110,20 @@ def test_a_bad_law_gets_one_sentence(make, sentence):
 
 def test_what_only_kernels_have_is_no_mistake():
     assert bw.spring_law(native).name == "native"
-    for function in (by_a_choice, by_a_mesh):
-        assert bw.particle_law(function).force is function
-    assert bw.particle_law(beyond_numbers, [STRENGTH]).force is beyond_numbers
-
-
-EXTENDED = "^law magnet: its parameter {} is also a parameter of a built-in law, with another definition"
+    assert bw.particle_law(by_a_choice).force is by_a_choice
 
 
 @pytest.mark.parametrize(
     ("laws", "sentence"),
     [
         ([MAGNET, MAGNET], "^law magnet: another law has this name"),
-        ([magnetic(name="hooke")], "^law hooke: another law has this name"),
         (
             [MAGNET, law(magnet, MAGNET.parameters[1:] + (STRENGTH,), name="other")],
             "^law other: its parameter strength is also a parameter of law magnet, with another definition",
         ),
-        *(
-            ([law(magnet, [*MAGNET.parameters, bw.Parameter(name, "1")])], EXTENDED.format(name))
-            for name in ("helium", "softening")
+        (
+            [law(magnet, [*MAGNET.parameters, bw.Parameter("helium", "1")])],
+            "^law magnet: its parameter helium is also a parameter of a built-in law, with another definition",
         ),
         ([magnet], r"^laws: expected a Law \(got"),
     ],
@@ -177,10 +131,7 @@ EXTENDED = "^law magnet: its parameter {} is also a parameter of a built-in law,
 def test_laws_that_do_not_go_together_are_refused(laws, sentence):
     with pytest.raises(bw.InputError, match=sentence):
         require_laws(laws)
-
-
-def test_laws_may_share_a_row():
-    require_laws([MAGNET, magnetic(name="second")])
+    require_laws([MAGNET, magnetic(name="second")])  # which share a row
 
 
 def test_parameters_stand_in_the_law_s_table():
@@ -196,12 +147,9 @@ def test_parameters_stand_in_the_law_s_table():
     ("path", "value", "sentence"),
     [
         ("balloon.law.magnet.strength", -1.0, r"^balloon\.0\.law\.magnet\.strength: must be at least 0 \(got -1\.0\)$"),
-        ("balloon.1.law.hardening.hardness", 11, r"^balloon\.1\.law\.hardening\.hardness: must be at most 10 \(got 11"),
         ("law.magnet.pole", 1.0, r"^law\.magnet\.pole: must be 3 numbers \(got 1\.0\)$"),
         ("balloon.law.magnet.force", 1.0, r"^balloon\.0\.law\.magnet\.force: unknown field; known here are strength$"),
         ("law.hardening.hardness", 1.0, r"^law\.hardening: unknown law; known here are magnet"),
-        ("balloon.law.gravity.g", 1.0, r"^balloon\.0\.law\.gravity: unknown law; .* magnet, hardening$"),
-        ("balloon.law.magnet.strength", "much", r"^balloon\.0\.law\.magnet\.strength: must be a valid number .*'much'"),
     ],
 )
 def test_values_that_do_not_fit_are_refused(path, value, sentence):
@@ -220,17 +168,6 @@ def test_parameters_differ_between_worlds():
         plan_model(scene(), 2, {"balloon.law.magnet.strength": [1.0, -2.0]}, laws=[MAGNET])
 
 
-def test_parameters_change_on_the_way():
-    changing = scene(change=[Change(time=0.5, set={"balloon.0.law.magnet.strength": 7.0})])
-    (change,) = plan_model(changing, laws=[MAGNET]).due_changes
-    rows = np.array([[2.0, 2.0]])
-    change.apply("strength", rows)
-    assert rows.tolist() == [[7.0, 2.0]]
-    wrong = scene(change=[Change(time=0.5, set={"balloon.0.law.magnet.strength": -7.0})])
-    with pytest.raises(bw.InputError, match=r"must be at least 0 \(got -7"):
-        plan_model(wrong, laws=[MAGNET])
-
-
 def test_bounds_count_in_the_step():
     """The step includes a law's bounds: each particle of a slack balloon on a magnet has omega^2 the strength."""
     slack = Stiffness(structural=0.0, shear=0.0, flexion=0.0)
@@ -243,11 +180,11 @@ def test_bounds_count_in_the_step():
     assert hard.stable_step < 0.55 * soft.stable_step  # four times the constant
     assert soft == bw.advise_step(apart)
     assert bw.advise_step(apart, [magnetic(name="unbound")]) == soft
-
-
-def test_a_change_of_what_bounds_name_counts_too():
-    change = Change(time=0.5, set={"balloon.law.magnet.strength": 1.0e8})
-    assert plan_model(scene(change=[change]), laws=[MAGNET]).substeps > 10 * plan_model(scene(), laws=[MAGNET]).substeps
+    later = Change(time=0.5, set={"balloon.law.magnet.strength": 1.0e8})
+    assert plan_model(scene(change=[later]), laws=[MAGNET]).substeps > 10 * plan_model(scene(), laws=[MAGNET]).substeps
+    wrong = scene(change=[Change(time=0.5, set={"balloon.0.law.magnet.strength": -7.0})])
+    with pytest.raises(bw.InputError, match=r"must be at least 0 \(got -7"):
+        plan_model(wrong, laws=[MAGNET])
 
 
 def test_what_is_neutral_or_not_wanted_does_not_act():
@@ -274,12 +211,6 @@ def test_a_law_travels_as_its_global_name():
     nowhere = r"^law magnet: other processes cannot find it; expected a global name"
     with pytest.raises(pickle.PicklingError, match=nowhere):
         pickle.dumps(magnetic())
-
-
-def test_the_source_is_hashed():
-    with_energy, without = describe_laws([MAGNET]), describe_laws([magnetic()])
-    assert with_energy["magnet"].keys() == {"force", "energy"}
-    assert with_energy["magnet"]["force"] == without["magnet"]["force"] != with_energy["magnet"]["energy"]
 
 
 def test_numbers_have_sliders_and_vectors_do_not():
@@ -314,16 +245,6 @@ def test_a_law_acts_in_every_schedule(schedule, device):
     np.testing.assert_allclose(sizes(simulator), np.abs(np.cos([1.5, 2.5])), atol=5e-3)
 
 
-@pytest.mark.full
-def test_a_law_begins_when_its_parameters_change(device):
-    change = Change(time=0.5, set={PATH: 9.0})
-    simulator = bw.Simulator(loose(0.0, change=[change]), device, laws=[MAGNET])
-    for frame in range(60):
-        assert frame > 30 or sizes(simulator) == 1.0
-        simulator.step()
-    np.testing.assert_allclose(sizes(simulator), np.cos(1.5), atol=5e-3)
-
-
 def test_a_batch_is_repeated_with_the_same_law_alone(tmp_path: Path):
     write_obj(tmp_path / "cube.obj", cube())
     scene = loose(mesh=tmp_path / "cube.obj")
@@ -341,17 +262,13 @@ def test_a_batch_is_repeated_with_the_same_law_alone(tmp_path: Path):
             bw.repeat_batch(summary.manifest, tmp_path / "c", laws=laws)
 
 
-def test_a_batch_on_workers_is_the_batch_here(tmp_path: Path):
+def test_a_batch_on_workers_is_the_batch_here_if_they_can_find_the_law(tmp_path: Path):
     vary = {PATH: [1.0, 9.0]}
     here = bw.run_batch(loose(), tmp_path / "a", 2, vary, device="cpu", laws=[MAGNET])
     there = bw.run_batch(loose(), tmp_path / "b", 2, vary, cluster=bw.Cluster(workers=1), laws=[MAGNET])
     assert Path(here.table[1]).read_bytes() == Path(there.table[1]).read_bytes()
-
-
-def test_workers_refuse_a_law_that_they_cannot_find(tmp_path: Path):
-    nameless = bw.particle_law(magnet, MAGNET.parameters)
     with pytest.raises(bw.InputError, match=r"^workers 1: law magnet: other processes cannot find it; expected a gl"):
-        bw.run_batch(loose(), tmp_path, 2, cluster=bw.Cluster(workers=1), laws=[nameless])
+        bw.run_batch(loose(), tmp_path, 2, cluster=bw.Cluster(workers=1), laws=[magnetic()])
 
 
 @pytest.mark.full
@@ -485,16 +402,3 @@ def test_just_over_what_forces_allow_a_body_blows_up(law: Law):
     over = 1.05 * limit
     calm, wild = fastest(law, 0.1 * over, 200, 1e-4, 1e-4), fastest(law, over, 200, 1e-4, 1e-4)
     assert not wild < 30.0 * calm
-
-
-@pytest.mark.full
-def test_most_bodies_stay_where_they_are():
-    """Most bodies are in equilibrium, as the test above requires: for springs, strings, hinges, water and damping."""
-    still = slopes("none")[2]
-    assert sum(bool(np.abs(still[model_of_all(law, "cpu")[1]]).max() <= 1e-5) for law in BOUND) >= 7
-
-
-@pytest.mark.full
-@pytest.mark.parametrize("law", [law for law in TESTED if law not in BOUND], ids=lambda law: law.name)
-def test_a_law_without_bounds_limits_no_step(law: Law):
-    assert true_limit(law) == np.inf

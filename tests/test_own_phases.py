@@ -22,9 +22,9 @@ from balloon_warp.benchmarks.matrix import of_phase
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.phase import Phase
 from balloon_warp.kernels.schedules.lanes import ACCESS
-from balloon_warp.kernels.schedules.launched import GATHERED, SUMMED, source_of
+from balloon_warp.kernels.schedules.launched import GATHERED, source_of
 from balloon_warp.kernels.schedules.writer import Step, cut
-from balloon_warp.kernels.substep import PROJECTIVE_STEP, READING, STEP, phases_of
+from balloon_warp.kernels.substep import STEP
 from balloon_warp.model import Model, State, build_model, initial_state, plan_model
 from balloon_warp.model.state import Allocating
 from balloon_warp.scene.load import override_scene
@@ -73,27 +73,17 @@ def temperatures(simulator: Simulator) -> np.ndarray:
     return simulator.state.kept["temperature"].numpy()
 
 
-@pytest.mark.full
-def test_a_sphere_slows_what_is_near(listed, schedule, device):
-    one_step = {"frames_per_second": 200.0, "substeps": 1} | SLOWED
-    rates = {"sphere.1.law.slow.slowing": 40.0}, {"sphere.1.law.slow.slowing": 0.0}
-    simulators = [simulated(one_step | rate, schedule, device, 0) for rate in rates]
-    shape = (*simulators[0].state.points.shape, 3)
-    velocities = np.random.default_rng(1).uniform(-1.0, 1.0, shape).astype(np.float32)
-    near = np.linalg.norm(simulators[0].state.points.numpy() - (0.0, 0.9, 0.0), axis=2) < 0.7
-    for each in simulators:
-        each.state.velocities.assign(velocities)
-        each.step()
-    found, expected = (each.state.velocities.numpy() for each in simulators)
-    assert 0 < near.sum() < near.size
-    np.testing.assert_allclose(found, expected / np.where(near, 1.2, 1.0)[..., None], atol=1e-6)
+BESIDE = Obstacle(position=(0.0, -1.01, 0.0), size=(1.0, 1.0, 1.0))
+"""So near that no frame is free"""
 
 
 @pytest.mark.full
-def test_temperatures_follow_the_air_s(listed, schedule, device):
-    """Temperatures relax exponentially from substep to substep and frame to frame, by world."""
+@pytest.mark.parametrize("obstacles", [[], [BESIDE]], ids=["alone", "in frames that are repeated"])
+def test_temperatures_follow_the_air_s_once_a_substep(obstacles, listed, schedule, device):
     air = np.array([330.0, 300.0, 280.0])
-    simulator = simulated(WARMED, schedule, device, 2, world_count=3, vary={"atmosphere.temperature": air})
+    scene = scene_with(WARMED).model_copy(update={"obstacle": obstacles})
+    simulator = Simulator(scene, device, 3, {"atmosphere.temperature": air}, schedule)
+    stepped(simulator, 2)
     left = (0.05 / (0.05 + simulator.model.step_seconds)) ** (2 * SCENE.substeps)
     found = temperatures(simulator)
     np.testing.assert_allclose(found, np.broadcast_to((air + (300.0 - air) * left)[:, None], found.shape), rtol=1e-5)
@@ -176,23 +166,11 @@ def test_a_phase_may_begin_and_end_while_it_is_simulated(listed, device):
     changing.step()
 
 
-@pytest.mark.full
-def test_worlds_that_are_simulated_again_keep_what_they_had(listed, schedule, device):
-    """Repeated frames do not warm twice, beside an obstacle so near that no frame is free."""
-    beside = scene_with(WARMED).model_copy(update={"obstacle": [Obstacle(position=(0.0, -1.01, 0.0), size=(1, 1, 1))]})
-    simulator = Simulator(beside, device, schedule=schedule)
-    simulator.step()
-    left = (0.05 / (0.05 + simulator.model.step_seconds)) ** SCENE.substeps
-    np.testing.assert_allclose(temperatures(simulator), 330.0 - 30.0 * left, rtol=1e-5)
-
-
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
         ({"sphere.0.law.slow.slowing": -1.0}, r"sphere.0.law.slow.slowing: must be at least 0 \(got -1.0\)"),
-        ({"sphere.0.law.slow.speed": 1.0}, "sphere.0.law.slow.speed: unknown field; known here are slow_radius"),
         ({"sphere.0.law.warm.weakening": 1.0}, "sphere.0.law.warm: unknown law; known"),
-        ({"balloon.law.warm.warming_seconds": 0.0}, "balloon.0.law.warm.warming_seconds: must be at least 1e-06"),
     ],
 )
 def test_bad_values_of_rows_are_refused_in_a_sentence(changes, sentence, listed):
@@ -286,6 +264,8 @@ def test_a_phase_pushes_spheres_whatever_their_contact(contact, monkeypatch, sch
     np.testing.assert_allclose(own + theirs, before, atol=1e-6 * max(1.0, np.linalg.norm(before)))
 
 
+@pytest.mark.full
+@pytest.mark.full
 def test_a_phase_pushes_a_body(monkeypatch, schedule, device):
     """A body and a balloon that pull each other keep their momentum, and come together as two masses on a spring:
     x' = -r w sin(w t), w^2 = k / M + k / m, within the 3 % of its first order in w h."""
@@ -419,22 +399,6 @@ def test_a_phase_that_looks_at_what_others_have_moved_waits_for_them(model):
     assert names((own_phases.add, own_phases.halve, own_phases.double, own_phases.heed)) == [["add", "halve"], ["heed"]]
 
 
-def test_phases_of_a_step_have_names_of_their_own():
-    for step in (STEP, READING, PROJECTIVE_STEP):
-        names = [each.name for each in step]
-        assert len(names) == len(set(names))
-
-
-def test_a_scene_has_in_its_source_only_what_it_needs():
-    model = build_model(Scene(balloon=[Balloon(mesh=cube())]), "cpu")
-    features = model_features(model)
-    source = source_of(cut(phases_of(features), features, GATHERED))
-    assert "leave" not in source
-    assert "pull(" in source
-    scattered = source_of(cut(phases_of(features), features, SUMMED, doubles=False))
-    assert "points" not in scattered.partition("force, area_vector")[2].partition(")")[0]
-
-
 def code_blocks(page: Path) -> list[str]:
     """Return the blocks of Python on a page of the docs."""
     return re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.S | re.M)
@@ -456,19 +420,3 @@ def test_a_source_has_its_phases_in_the_order_of_the_list():
         assert len(called) > 10
         places = [re.search(rf"\b{name}\(", printed) for name in called]
         assert [place.start() for place in places if place] == sorted(place.start() for place in places if place)
-
-
-@pytest.mark.full
-def test_octets_of_a_model_with_bodies_are_launches_and_their_forces_for_eight():
-    """Kernels are those that `gather` launches, in the same order, but for the forces."""
-    printed, launched = (kernel_source(load_scene("turtle_pillow"), schedule) for schedule in ("octets", "gather"))
-    kernels = re.findall(r"^def (\w+)\(", printed, re.M)
-    assert kernels.count("pull_octets") == 1
-    assert kernels.index("worlds_move_bodies") < kernels.index("pull_octets") < kernels.index("worlds_meet")
-    assert "pull_octets" not in launched
-    assert printed[printed.index("def worlds_meet(") :] in launched
-
-
-def test_who_has_no_kernels_is_refused():
-    with pytest.raises(InputError, match="schedule weave: no such schedule"):
-        kernel_source(load_scene("latex_inflate"), "weave")

@@ -8,7 +8,6 @@ import urllib.request
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 from unittest.mock import MagicMock
 
 import numpy as np
@@ -39,7 +38,7 @@ def served(tmp_path: Path) -> Page:
 @pytest.mark.full
 @pytest.mark.parametrize(
     ("host", "place"),
-    [("127.0.0.1", "127.0.0.1"), ("0.0.0.0", "127.0.0.1"), ("::", "[::1]"), ("::1", "[::1]"), ("here.example",) * 2],
+    [("0.0.0.0", "127.0.0.1"), ("::", "[::1]"), ("here.example", "here.example")],
 )
 def test_the_page_says_where_it_is(host, place, tmp_path, monkeypatch):
     page = served(tmp_path)
@@ -77,8 +76,6 @@ def test_mistakes_are_refused_in_a_sentence(arguments, sentence):
 
 
 def test_the_page_sees_as_far_as_a_string_lets_a_balloon_come():
-    """The view reaches as far as a balloon on a string: one that floats goes up to the string's length and its own size
-    above the anchor, one that hangs down as far."""
     up = np.array([0.0, 1.0, 0.0])
     for height, far in ((0.5, 1.5 + 2.0), (-0.5, -1.5 - 2.0)):
         balloon = Balloon(mesh=quad_sphere(2), position=(0.0, height, 0.0))
@@ -89,15 +86,16 @@ def test_the_page_sees_as_far_as_a_string_lets_a_balloon_come():
     assert string_reach(without, up).shape == (0, 3)
 
 
-@pytest.mark.parametrize(
-    ("most", "end"), [(16.0, 16.0), (13.743272, 14.0), (0.0123, 0.013), (100.0, 100.0), (995.0, 1000.0), (0.3, 0.3)]
-)
-def test_a_slider_ends_at_a_value_with_two_digits(most: float, end: float):
-    slider = SimpleNamespace()
-    span(slider, most, signed=True)
-    assert (slider.min, slider.max, slider.step) == (-end, end, pytest.approx(end / 500))
-    span(slider, most, signed=False)
-    assert (slider.min, slider.max) == (0.0, end)
+def test_a_slider_and_a_plot_end_at_values_that_one_can_read():
+    """A slider at two digits; a plot where its five ticks differ."""
+    for most, end in ((13.743272, 14.0), (0.0123, 0.013), (995.0, 1000.0), (0.3, 0.3)):
+        slider = SimpleNamespace()
+        span(slider, most, signed=True)
+        assert (slider.min, slider.max, slider.step) == (-end, end, pytest.approx(end / 500))
+    for curve in ([0.0, 0.0], [174.01, 174.02], [1.0, 1.0001], [-5.0, 1.0]):
+        low, high = span_of(np.array(curve))
+        assert low <= min(curve) <= max(curve) <= high
+        assert len({f"{tick:.3f}" for tick in np.linspace(low, high, 5)}) == 5
 
 
 def shown(scene: Scene) -> dict[str, list[str]]:
@@ -215,16 +213,6 @@ def test_the_line_of_status_says_how_fast_time_runs_and_why():
     assert said(rate=0.5, step_seconds=0.006)[1].endswith("this machine is busy; simulating a frame takes 6 ms")
 
 
-@pytest.mark.parametrize(
-    "curve", [[0.0, 0.0], [576.4, 576.4], [174.01, 174.02], [1.0, 1.0001], [3.0, 9.0], [-5.0, 1.0]]
-)
-def test_ticks_of_a_plot_differ(curve: list[float]):
-    low, high = span_of(np.array(curve))
-    assert low <= min(curve)
-    assert high >= max(curve)
-    assert len({f"{tick:.3f}" for tick in np.linspace(low, high, 5)}) == 5
-
-
 UPS = {"Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
 
 
@@ -300,21 +288,6 @@ def test_an_arrow_for_each_pair_says_how_hard_it_presses():
     assert abs(arrow[0][1]) < 0.05
 
 
-def test_a_blow_does_not_dwarf_for_long_what_follows():
-    layer = PressLayer(MagicMock(), size=1.0)
-
-    def length(force: float) -> float:
-        contact = SimpleNamespace(force=np.array([0.0, force, 0.0]), place=np.zeros(3))
-        picture: Any = SimpleNamespace(frame=SimpleNamespace(contacts=[contact]))
-        arrows = layer.arrows_of(picture)
-        return float(np.ptp(arrows[:, :, 1])) if len(arrows) else 0.0
-
-    assert length(100.0) == pytest.approx(LONGEST)
-    assert length(10.0) < 0.2 * LONGEST
-    assert [length(10.0) for _ in range(300)][-1] == pytest.approx(LONGEST)
-    assert length(0.0) == 0.0
-
-
 @pytest.mark.parametrize("kind", [Plain, Smooth])
 def test_a_print_is_where_its_coordinates_say(kind: type[Plain] | type[Smooth]):
     """A print is cut where its halves meet: each face of a cube shows the left or the right half of an image. The
@@ -342,33 +315,6 @@ def test_an_image_is_made_small_enough_and_none_is_made_of_what_is_none(tmp_path
     (tmp_path / "text.png").write_text("no image", encoding="utf-8")
     assert image_of(tmp_path / "text.png") is None
     assert image_of(None) is None
-
-
-@pytest.mark.full
-@pytest.mark.parametrize(
-    ("material", "inflation", "sentence"),
-    [
-        (Material(), Inflation(kind="pressure", pressure=1e5), "Too much pressure for these springs."),
-        (Material(preset="latex"), Inflation(kind="pressure", pressure=1e7), "Too much pressure for this skin."),
-        (Material(), Inflation(k_normal=1e8), "Too much pressure for these springs."),
-    ],
-)
-def test_a_blow_up_says_what_was_too_much_and_leaves_the_last_good_shape(tmp_path, material, inflation, sentence):
-    scene = Scene(balloon=[Balloon(mesh=quad_sphere(3, 0.5), material=material, inflation=inflation)])
-    session = Session("ball", scene, "cpu", tmp_path)
-    session.watched = True
-    session.start()
-    wait_until(lambda: session.picture.trouble not in ("", LOOKING), "it blows up")
-    assert session.picture.trouble == sentence
-    assert session.picture.why.startswith("the simulation blew up in frame")
-    assert np.abs(session.picture.frame.points[0]).max() < 5.0
-    session.go_back()
-    wait_until(lambda: not session.picture.trouble, "it goes back")
-    session.ask(lambda playground: playground.inflate(0.01))
-    frame = session.picture.frame.number
-    session.run(True)
-    wait_until(lambda: session.picture.frame.number > frame + 3, "it goes on")
-    session.stop()
 
 
 def test_a_touch_waits_for_its_kernels_and_time_does_not_wait_for_it(tmp_path):
@@ -423,7 +369,7 @@ def test_a_blow_up_is_told_before_its_reason_is_known(tmp_path):
         wait_until(lambda: session.picture.trouble == LOOKING, "it blows up")
         assert not session.picture.running
         assert np.abs(session.picture.frame.points[0]).max() < 5.0  # the last good shape
-        assert session.picture.executed == session.asked  # the panel shows its values
+        wait_until(lambda: session.picture.executed == session.asked, "the panel shows its values")
 
     session.start()
     blow_up()

@@ -23,15 +23,13 @@ LENGTHS = {"substep": ("substep", 1), "frame": ("frames", 1), "three frames": ("
 MOST = 3
 VARIED: dict[str, Any] = {
     "touch at speed": ("touch", {"balloon.0.position": (0.1, 1.2, 0.05), "balloon.0.velocity": (0.0, -60.0, 0.2)}),
+    "hinges of both": ("springs", {"balloon.1.stiffness.torsion": 0.05}),
 }
-"""Sets with other values: balloons that meet between two searches, in crowds that the step does not allow for"""
-USUAL = {
-    "scatter": ("paper", "all"),
-    "gather": ("bodies", "bursting", "all"),
-    "block": ("all",),
-    "lanes": ("all",),
-}
-"""Sets by schedule that between them have what it does in a way of its own; octets, the CPU's own, are above"""
+"""Sets with other values: balloons that meet between two searches, in crowds that the step does not allow for; and
+hinges whose particles have numbers after those of another balloon"""
+USUAL = {"scatter": ("paper",), "gather": ("bursting", "all"), "block": ("all",), "lanes": ("all",)}
+"""Sets by schedule that have what it does in a way of its own; others run with --full. Octets, the CPU's own, stand
+above; no device takes scatter by itself, but for forces"""
 WAVES = np.array([[9.0, 4.0, -3.0], [-5.0, 8.0, 4.0], [3.0, -6.0, 9.0]])
 """Wave vectors of the bent start [1/m]: at some vertex of a balloon every spring, hinge and triangle is deformed"""
 BENT, STIRRED = 0.015, 0.4

@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-import warp as wp
 from meshes import (
     assert_closed_quads,
     assert_none_folded,
@@ -46,7 +45,7 @@ from balloon_warp.mesh.crossings import crossings_sentence
 from balloon_warp.mesh.load import with_looks_of
 from balloon_warp.mesh.obj import read_obj, write_obj
 from balloon_warp.mesh.polygon_mesh import Look, Looks
-from balloon_warp.mesh.surface_nets import MeshDistance, extract, surface_nets, unfolded
+from balloon_warp.mesh.surface_nets import MeshDistance, extract, surface_nets
 from balloon_warp.model.obstacles import MOST_SAMPLES, ObstacleShape, is_thin, sample, shape_obstacle
 from balloon_warp.scenes.models import MODELS, make_model
 from balloon_warp.tools.remesh import infidelity
@@ -84,17 +83,6 @@ def test_a_slit_narrower_than_a_cell_is_bridged() -> None:
     assert_none_folded(mesh)
     # Nowhere does the surface sink into the slit.
     assert np.linalg.norm(mesh.points, axis=1).min() > 0.97
-
-
-def test_torus_has_genus_one() -> None:
-    def distance(points: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.hypot(np.hypot(points[:, 0], points[:, 2]) - 1.0, points[:, 1]) - 0.4
-
-    mesh = surface_nets(distance, [-1.5, -0.5, -1.5], [1.5, 0.5, 1.5], cell=0.1)
-    assert_closed_quads(mesh, holes_through=1)
-    assert_none_folded(mesh)
-    # As on the sphere, the chord loss about a circle of 0.4: (0.1 / 0.4)^2 / 12 in area of its section, twice at most.
-    assert topology.signed_volume(mesh) == pytest.approx(2.0 * np.pi**2 * 0.4**2, rel=1.5e-2)
 
 
 def test_every_edge_has_two_faces_whatever_the_samples() -> None:
@@ -161,18 +149,6 @@ def test_quads_that_cross_are_refused(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 @pytest.mark.full
-def test_remeshed_ball(device: str) -> None:
-    with wp.ScopedDevice(device):
-        mesh = remesh(ball(), CELLS)
-    assert_closed_quads(mesh)
-    assert_none_folded(mesh)
-    assert mesh.warnings == ()
-    # The icosphere's own faces lie up to 0.1 % inside the sphere.
-    assert np.abs(sphere_distance(mesh.points)).max() < 1.5e-3
-    assert topology.signed_volume(mesh) == pytest.approx(4.0 / 3.0 * np.pi, rel=1e-2)
-
-
-@pytest.mark.full
 def test_cells_are_the_quads_along_the_longest_side() -> None:
     ellipsoid = deformed(ball(), lambda points: points * [3.0, 1.0, 1.0])
     for cells in (24, 48):
@@ -221,7 +197,9 @@ def test_sheet_becomes_a_slab_and_a_wedge_keeps_its_edge_thin() -> None:
 @pytest.mark.full
 def test_far_away_and_tiny_is_as_good() -> None:
     mesh = remesh(deformed(ball(), lambda points: points * 1e-3 + 1e3), CELLS)
-    # float64 leaves 1e-13 / 1e-3 of it; the rest is Warp's float32 in cells.
+    assert_closed_quads(mesh)
+    assert_none_folded(mesh)
+    # float64 leaves 1e-13 / 1e-3 of it; the rest is Warp's float32 in cells; the icosphere is 0.1 % inside the sphere.
     assert np.abs(np.linalg.norm((mesh.points - 1e3) / 1e-3, axis=1) - 1.0).max() < 1.5e-3
 
 
@@ -252,16 +230,6 @@ def test_bad_cells(cells: int) -> None:
         remesh(ball(), cells)
     with pytest.raises(InputError, match="all vertices coincide"):
         remesh(deformed(ball(), np.ones_like), CELLS)
-
-
-@pytest.mark.full
-def test_command(tmp_path: Path) -> None:
-    source, target = tmp_path / "ball.obj", tmp_path / "out.obj"
-    write_obj(source, ball())
-    result = remeshed(source, target, 12)
-    written = read_obj(target)
-    assert_closed_quads(written)
-    assert result.output.strip().endswith(f"{written.vertex_count:,} vertices, {written.face_count:,} quads")
 
 
 @pytest.mark.parametrize(
@@ -311,7 +279,7 @@ def test_command_refuses_before_the_long_measurement(tmp_path: Path, monkeypatch
     [
         "spot_quadrangulated",
         "mh_tongue",
-        *(pytest.param(name, marks=pytest.mark.full) for name in ("mh_fedora", "mh_casualsuit01")),
+        pytest.param("mh_casualsuit01", marks=pytest.mark.full),
     ],
 )
 def test_real_meshes(name: str) -> None:
@@ -351,11 +319,9 @@ KEPT = {
     "two balls": (lambda: joined(ball(), ball(1.0, (1.0, 0.0, 0.0))), CELLS, TWO_BALLS, 1.5e-2),
     # A blade a sixth of a cell thick, where a slab had seven times its volume.
     "blade": (sword, 48, None, 0.1),
-    # A rod of a cell and less across, though a chord of it is well within.
-    "rod": (lambda: deformed(quad_sphere(8, 0.5), lambda p: p * [1.0, 0.05, 0.05]), 24, None, 0.1),
     **{
         f"plate {size} cells thick": (partial(box, (0.0, 0.0, 0.0), (1.0, 0.6, size / 24), (24, 12, 1)), 24, None, 0.1)
-        for size in (0.05, 0.5, 1.2)
+        for size in (0.05, 1.2)
     },
     "patches with cracks": (patches, 16, topology.signed_volume(quad_sphere(8, 0.5)), 0.05),
 }
@@ -386,18 +352,6 @@ def test_corners_of_a_box_stay() -> None:
     assert standing_out(cube, remesh(cube, 12), 12) < 0.2
 
 
-def test_what_folds_goes_back_and_nothing_else() -> None:
-    ball = quad_sphere(8, 0.5)
-    first, other = int(ball.points[:, 0].argmax()), int(ball.points[:, 0].argmin())
-    points = ball.points.copy()
-    points[first] += (0.0, 0.5, 0.0)
-    points[other] *= 1.1
-    made = unfolded(ball, replace(ball, points=points))
-    assert_none_folded(made)
-    np.testing.assert_array_equal(made.points[first], ball.points[first])
-    np.testing.assert_array_equal(made.points[other], points[other])
-
-
 @pytest.mark.full
 def test_a_car_is_made_with_the_cells_that_are_asked_for() -> None:
     made = remesh(car(windshield=False), 32)
@@ -423,11 +377,9 @@ BALL = quad_sphere(8)
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("lean", [0.0, 0.3])
-def test_a_rod_of_any_thickness_stays_in_one_piece(lean: float) -> None:
-    """A rod stays in one piece, from thinner than a cell of 1/8 to thicker than two."""
+def test_a_rod_of_any_thickness_stays_in_one_piece() -> None:
     heights = np.linspace(0.0, 3.0, 60)
-    mesh = deformed(rings(0.015 + 0.05 * heights, heights, 12), lambda p: p + np.outer(p[:, 2], [lean, 0.0, 0.0]))
+    mesh = deformed(rings(0.015 + 0.05 * heights, heights, 12), lambda p: p + np.outer(p[:, 2], [0.3, 0.0, 0.0]))
     made = remesh(mesh, 24)
     assert_closed_quads(made)
     assert not [warning for warning in made.warnings if "were used" in warning]
@@ -481,7 +433,6 @@ def within_sides(mesh: PolygonMesh) -> list[tuple[int, tuple[float, ...]]]:
 @pytest.mark.full
 @pytest.mark.parametrize("kind", ["obj", "glb", "usda"])
 def test_a_texture_stays_where_it_was(tmp_path: Path, kind: str):
-    """A texture stays in place: each side has a tile of its own, and a quad across an edge lies in one of them."""
     made = remesh(load_mesh(write_painted(tmp_path, kind)), 12)
     found = within_sides(made)
     assert {side for side, _ in found} == set(range(6))
@@ -540,7 +491,6 @@ def test_a_texture_in_crumbs_becomes_its_mean(tmp_path: Path, monkeypatch: pytes
 
 
 def test_faces_without_looks_stay_so(tmp_path: Path):
-    """Faces without looks keep none: half of a sheet is red; the other mesh is coarser, and a little above."""
     sheet = grid(8, 2)
     red = np.repeat(np.where(np.arange(sheet.face_count) % 8 < 4, 0, -1), 4).astype(np.int32)
     sheet = replace(sheet, looks=Looks((Look("my red", (1.0, 0.0, 0.0)),), red))
@@ -606,61 +556,6 @@ def test_one_closed_skin_of_even_quads(name: str) -> None:
     assert_none_folded(mesh)
 
 
-@pytest.mark.parametrize(
-    ("name", "fewest", "most", "longest"),
-    [
-        ("squirrel", 2000, 3000, 1.0),
-        ("turtle", 2000, 3000, 1.1),
-        ("pillow", 1200, 2000, 1.0),
-        ("bowl", 1500, 2500, 1.0),
-        ("knot", 2500, 3500, 0.97),
-    ],
-)
-def test_size_and_place(name: str, fewest: int, most: int, longest: float) -> None:
-    mesh = bundled(name)
-    assert fewest <= mesh.vertex_count <= most
-    assert np.ptp(mesh.points, axis=0).max() == pytest.approx(longest, abs=0.03)
-    assert mesh.points[:, 1].min() == 0.0
-    np.testing.assert_allclose(mesh.points[:, [0, 2]].mean(axis=0), 0.0, atol=1e-5)
-
-
-@pytest.mark.full
-@pytest.mark.parametrize("name", ["squirrel", "turtle"])
-def test_animals_are_symmetric(name: str) -> None:
-    points = bundled(name).points
-    apart = np.linalg.norm((points * [-1.0, 1.0, 1.0])[:, None] - points[None], axis=2).min(axis=1)
-    # The last of five decimals.
-    assert apart.max() < 2e-5
-
-
-def test_squirrel_hangs_by_its_tail() -> None:
-    """The tip of the tail is the highest vertex, behind the head, less than 30 degrees off the vertical."""
-    mesh = bundled("squirrel")
-    areas = topology.face_areas(mesh)
-    centroid = (areas[:, None] * topology.face_centers(mesh)).sum(axis=0) / areas.sum()
-    order = np.argsort(mesh.points[:, 1])
-    tip = mesh.points[order[-1]]
-    assert abs(tip[0]) < 1e-5
-    assert tip[2] < -0.25
-    up = (tip - centroid) / np.linalg.norm(tip - centroid)
-    assert np.degrees(np.arccos(up[1])) < 30.0
-    ears = mesh.points[(mesh.points[:, 2] > 0.0) & (mesh.points[:, 1] > 0.7)]
-    assert 0.1 < tip[1] - ears[:, 1].max() < 0.25
-
-
-def test_bowl_is_far_from_a_sphere_and_a_pillow_thin_and_pointed() -> None:
-    mesh = bundled("bowl")
-    assert 36.0 * np.pi * topology.signed_volume(mesh) ** 2 / topology.total_area(mesh) ** 3 < 0.3
-    # Half of a shell between 0.39 and 0.5, and half of a torus as its rim (Pappus); chords lose about 1 %.
-    rim = np.pi * 0.445 * np.pi * 0.055**2
-    assert topology.signed_volume(mesh) == pytest.approx(2.0 / 3.0 * np.pi * (0.5**3 - 0.39**3) + rim, rel=2e-2)
-    points = bundled("pillow").points
-    assert np.ptp(points[:, 1]) == pytest.approx(0.25, abs=1e-4)
-    # The middle of a side is pulled in behind the line from corner to corner.
-    assert np.abs(points[np.abs(points[:, 2]) < 0.01, 0]).max() < 0.46
-    assert np.abs(points[:, 0]).max() == pytest.approx(0.5, abs=1e-4)
-
-
 UP = np.array([0.0, 1.0, 0.0])
 
 
@@ -674,18 +569,12 @@ def block(width: float, depth: float, height: float, x: float = 0.0, y: float = 
     return box((x, y, 0.0), (width, height, depth), (1, 1, 1))
 
 
-def test_a_large_thing_with_thin_parts_is_thin() -> None:
-    """A top of 40 mm, and legs of 50 mm, though the table is 0.7 m high and 1 m wide."""
+def test_a_thing_is_as_thin_as_its_thinnest_part() -> None:
+    """A table with a top of 40 mm and legs of 50 mm, though it is 0.7 m high; a cube and a ball of 1 m."""
     legs = [block(0.05, 0.05, 0.7, x, -0.4) for x in (-0.4, 0.4)]
-    table = solid(joined(block(1.0, 1.0, 0.04), *legs))
-    assert is_thin(table, 0.1)
-    assert not is_thin(table, 0.03)
-
-
-@pytest.mark.parametrize("mesh", [block(1.0, 1.0, 1.0), quad_sphere(8, 0.5)])
-def test_what_is_thick_everywhere_is_not_thin(mesh: PolygonMesh) -> None:
-    assert not is_thin(solid(mesh), 0.5)
-    assert is_thin(solid(mesh), 1.01)
+    table = joined(block(1.0, 1.0, 0.04), *legs)
+    for mesh, less, more in ((table, 0.03, 0.1), (block(1.0, 1.0, 1.0), 0.5, 1.01), (quad_sphere(8, 0.5), 0.5, 1.01)):
+        assert [is_thin(solid(mesh), than) for than in (less, more)] == [False, True]
 
 
 def test_a_mesh_of_many_vertices_stands_on_its_hull() -> None:

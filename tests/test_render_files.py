@@ -1,6 +1,5 @@
 """Picture files, their views and frames, cameras in each world, kept pictures, and messages where none can be made."""
 
-import errno
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -30,7 +29,6 @@ from balloon_warp import Balloon, Body, Ground, InputError, MissingExtraError, S
 from balloon_warp.cli.options import parse_frames, parse_place
 from balloon_warp.scene import Inflation, Material, Obstacle, bundled_scenes, load_scene
 from balloon_warp.scenes.gallery import MOVING, MOVING_SIZE
-from balloon_warp.scenes.gallery import main as make_gallery
 from balloon_warp.steering.observations import WorldCamera
 from balloon_warp.studio.render.render import _choose_frames
 from balloon_warp.studio.render.stage_reader import RenderStage
@@ -62,7 +60,6 @@ def test_png_has_the_size_asked_for(stage: Path, tmp_path):
     [({"pictureFrame": 12}, 12), *((data, 47) for data in ("text", *({"pictureFrame": n} for n in ("soon", 0.5, 48))))],
 )
 def test_the_stage_names_its_picture(stage: Path, tmp_path, data: object, shown: int):
-    """The last frame is drawn, or the one that a call names."""
     opened = Usd.Stage.Open(str(stage))
     opened.GetRootLayer().customLayerData = {"balloonWarp": data}
     opened.GetRootLayer().Save()
@@ -103,23 +100,9 @@ def test_mp4_without_ffmpeg_names_the_extra(stage: Path, tmp_path, monkeypatch):
         render_stage(stage, tmp_path / "a.mp4", **SMALL)
 
 
-def full_disk(_: Path) -> None:
-    raise OSError(errno.ENOSPC, "No space left on device")
-
-
-def usd_failure(folder: Path) -> None:
-    Usd.Stage.Open(str(folder / "none.usda"))  # raises one of USD's own exceptions
-
-
-@pytest.mark.parametrize("fail", [full_disk, usd_failure])
-def test_a_write_that_fails_gets_a_sentence(fail: Callable[[Path], None], tmp_path):
-    def write_half() -> None:
-        with whole_file(tmp_path / "a.usda") as temporary:
-            temporary.write_text("half a st")
-            fail(tmp_path)
-
-    with pytest.raises(InputError, match=r"a\.usda: cannot be written: "):
-        write_half()
+def test_a_write_that_fails_in_usd_gets_a_sentence(tmp_path):
+    with pytest.raises(InputError, match=r"a\.usda: cannot be written: "), whole_file(tmp_path / "a.usda"):
+        Usd.Stage.Open(str(tmp_path / "none.usda"))  # raises one of USD's own exceptions
     assert list(tmp_path.iterdir()) == []
 
 
@@ -139,30 +122,23 @@ def test_names_may_be_long_and_errors_of_other_files_are_not_blamed_on_the_outpu
         ("a.png", {"frame": 48}, r"frame: 48 is not in .*stage\.usda; expected 0 to 47"),
         ("a.gif", {"frame": 3}, r"frame: 3 for a \.gif, which shows all frames; expected a \.png"),
         ("a.png", {"samples": 0}, "samples: 0 rays a pixel; expected at least 1"),
-        ("a.png", {"azimuth": float("nan")}, "azimuth: nan degrees; expected a finite angle"),
         ("a.png", {"elevation": -1.0}, "elevation: -1 degrees; expected 0 to 90"),
-        ("a.png", {"elevation": 91.0}, "elevation: 91 degrees; expected 0 to 90"),
         ("a.png", {"size": (0, 10)}, "size: a picture of 0x10 pixels; expected at least 1x1"),
-        ("a.png", {"size": (8193, 10)}, "size: a picture of 8193x10 pixels; expected at most 8192x8192"),
         ("a.png", {"samples": 10**9}, "samples: 1000000000 rays a pixel; expected at most 4096"),
         ("x" * 252 + ".png", {}, "cannot be written: File name too long"),
         ("a:SDF_FORMAT_ARGS:b.png", {}, "expected a name without it"),
         ("a.png", {"device": "cuda:99"}, "cuda:99: no such device; this machine has cpu"),
         ("a.png", {"zoom": 0.0}, "zoom: 0; expected 0.01 to 100"),
-        ("a.png", {"zoom": float("nan")}, "zoom: nan; expected"),
         ("a.png", {"look_at": "nobody"}, "look-at: 'nobody' is not visible in .*; visible are .*Ball"),
         ("a.png", {"look_at": "bal"}, r"look-at: 'bal' is not visible in .*; did you mean Ball\?"),
         ("a.png", {"look_at": (1.0, 2.0, 3.0), "follow": True}, "follow: a point does not move"),
         ("a.png", {"aperture": -1.0}, "aperture: -1; expected the lens's diameter, 0 or more"),
         ("a.png", {"focus": "Ball"}, "focus: needs an aperture"),
-        ("a.png", {"focus": "nobody", "aperture": 0.1}, "focus: 'nobody' is not visible"),
         ("a.png", {"shutter": 1.5}, "shutter: 1.5; expected 0 to 1 of a frame"),
         ("a.gif", {"transparent": True}, r"transparent: a\.gif has no transparency; expected \.png or \.webp"),
         ("a.gif", {"frames": (5, 99)}, "frames: 5:99 is not in .*; expected a range in 0:47"),
-        ("a.gif", {"frames": (9, 5)}, "frames: 9:5 is not in"),
         ("a.gif", {"frames_per_second": 0.0}, r"fps: 0; expected 0\.01 to 1000"),
         ("a.png", {"frames": (1, 3)}, "one picture has no frames and no rate"),
-        ("a.png", {"frames_per_second": 10.0}, "one picture has no frames and no rate"),
     ],
 )
 def test_bad_requests_get_a_sentence(stage: Path, tmp_path, output: str, options: dict, sentence: str):
@@ -236,20 +212,12 @@ def test_a_range_without_a_whole_frame_shows_the_next(tmp_path):
     ("break_it", "sentence"),
     [
         (lambda made: add_camera(made, 5.0, 0.0), "at frame 0 has an aperture of .* focal length of 0; expected"),
-        (lambda made: add_camera(made, 5.0, 50.0, 0.0), "Camera at frame 0 has an aperture of 0 "),
-        (
-            lambda made: add_camera(made, 5.0, 50.0).AddScaleOp().Set(Gf.Vec3f(0.0)),
-            "Camera .* has a transform that is singular",
-        ),
+        (lambda made: add_camera(made, 5.0, 50.0).AddScaleOp().Set(Gf.Vec3f(0.0)), "has a transform that is singular"),
         (lambda made: add_curves(made, "Lines", [(0, 0, 0)] * 3, [4, -1], 0.1, [(1, 0, 0)]), "a curve has -1 points"),
         (lambda made: add_curves(made, "Lines", [(0, 0, 0)] * 3, [4], 0.1, [(1, 0, 0)]), "has 3 points .* expected 4"),
         (lambda made: add_curves(made, "Lines", [(0, 0, 0)] * 2, [2], np.nan, [(1, 0, 0)]), "a width is negative or"),
         (lambda made: add_sphere(made, "Bad", (0, 0, 0), np.inf, (1, 0, 0)), "its center or radius at frame 0 is not"),
         (lambda made: add_mesh(made, "Bad", np.eye(3), [4, -1], [0, 1, 2], (1, 0, 0)), "its faces do not match its 3"),
-        (
-            lambda made: add_mesh(made, "Bad", BALL[0][:-1], *BALL[1:], (1, 0, 0)),
-            "its faces do not match its 25 points",
-        ),
         (
             lambda made: add_mesh(made, "Bad", np.where(BALL[0] > 0.9, np.nan, BALL[0]), *BALL[1:], (1, 0, 0)),
             "/World/Bad: a point at frame 0 is not finite",
@@ -491,7 +459,6 @@ def test_each_world_is_seen_as_it_is_alone(device: str):
 
 
 def test_a_capsule_a_plane_and_the_ground_are_where_they_are():
-    """A capsule seen along its axis is a ball at its near end; a plane is the ground."""
     toward = rays()
     with np.errstate(divide="ignore"):
         told = np.where(toward[..., 1] < 0.0, -2.0 / toward[..., 1], np.inf)
@@ -526,14 +493,6 @@ def test_a_box_is_seen_as_a_mesh_a_body_and_a_balloon_of_that_shape_are():
     )
     for other in others:
         np.testing.assert_allclose(depths(other), told, rtol=2e-5)
-
-
-def test_from_inside_a_balloon_its_inside_is_all_around():
-    center = np.zeros(3)
-    found = depths(scene(balloon=[ball(center)]), (0.0, 0.1, 0.0), (1.0, 0.2, 0.3))
-    assert np.isfinite(found).all()
-    assert found.min() > 0.4
-    assert found.max() < RADIUS + 0.1
 
 
 @pytest.mark.full
@@ -590,13 +549,9 @@ def test_holes_are_seen_through():
     [
         ({"eye": (0.0, 1.0)}, r"eye: must be a place, three numbers, or one for each world, of shape"),
         ({"target": np.zeros((3, 3))}, r"target: must be a place"),
-        ({"eye": (0.0, np.nan, 1.0)}, r"eye: must be a place"),
-        ({"eye": "above"}, r"eye: must be a place.*\(got above\)"),
         ({"target": EYE}, r"target: must not be where the eye is, in world 0"),
         ({"width": 0}, r"width: must be a whole number from 1 to 4096 \(got 0\)"),
-        ({"height": 10.5}, r"height: must be a whole number"),
         ({"angle": 0.0}, r"angle: must be from 1 to 170 degrees \(got 0.0\)"),
-        ({"angle": np.inf}, r"angle: must be from 1 to 170 degrees \(got inf\)"),
     ],
 )
 def test_a_camera_that_cannot_be_is_refused(given: dict[str, Any], sentence: str):
@@ -650,22 +605,6 @@ def test_an_animation_stands_beside_the_command_that_makes_it(name: str):
         assert 0.7 * count <= shown.n_frames <= count  # frames that are alike are one
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["--help"], "usage: python -m balloon_warp.scenes.gallery"),
-        (["{here}/new", "squirel_tether"], "squirel_tether: no such bundled scene; did you mean squirrel_tether?"),
-        (["{here}/file", "table"], "cannot be a folder: File exists"),
-    ],
-)
-def test_the_command_says_what_it_takes_and_makes_nothing_else(words: list[str], said: str, tmp_path, capsys):
-    (tmp_path / "file").touch()
-    with pytest.raises(SystemExit):
-        make_gallery([word.format(here=tmp_path) for word in words])
-    assert said in "".join(capsys.readouterr())
-    assert [path.name for path in tmp_path.iterdir()] == ["file"]
-
-
 def likeness(one: np.ndarray, other: np.ndarray) -> float:
     """Return the structural similarity (Wang et al. 2004) of two pictures, averaged over windows and colors."""
     size, c1, c2 = 8, (0.01 * 255.0) ** 2, (0.03 * 255.0) ** 2
@@ -691,15 +630,6 @@ def test_a_small_world_looks_as_it_did(name: str, tmp_path):
     # Another machine's round-off moves some samples over an edge: 0.999. Without foil's mirror it is 0.95 or less.
     assert likeness(one, other) > 0.99
     assert np.abs(one - other).mean() < 1.0
-
-
-def test_likeness_tells_what_eyes_tell():
-    kept = np.asarray(Image.open(KEPT / "front.png")).astype(int)
-    noise = np.random.default_rng(5).integers(-2, 3, kept.shape)
-    assert likeness(kept, kept + noise) > 0.97
-    shifted, dim = np.roll(kept, 3, axis=1), (0.7 * kept).astype(int)
-    red_for_blue = kept[..., ::-1]
-    assert max(likeness(kept, changed) for changed in (shifted, dim, red_for_blue)) < 0.95
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from balloon_warp.kernels.pictures import surfaces
 from balloon_warp.mesh.orientation import CREASE
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.studio.render.render import Film, RayCaster
-from balloon_warp.studio.render.sampling import TILE, SmoothSurface, disc_points, moments, one_over_the_other
+from balloon_warp.studio.render.sampling import SmoothSurface, moments, one_over_the_other
 from balloon_warp.studio.render.view import frame_action
 from balloon_warp.usd.studio import MARGIN, Camera, CameraFit
 
@@ -104,8 +104,6 @@ def test_units_and_axes_do_not_show(tmp_path):
     [(0.0, 0.0, RED), (180.0, 0.0, GREEN), (90.0, 0.0, BLUE), (40.0, 90.0, WHITE), (0.0, None, RED)],
 )
 def test_one_looks_from_where_one_asks(up_axis: str, azimuth: float, elevation: float, nearest, tmp_path):
-    """A given view replaces the stage's camera: of balls in front, behind, to the right and above, the middle of the
-    picture shows the nearest."""
     stage = new_stage(tmp_path / "stage.usda", up_axis)
     render_stages.add_camera(stage, distance=20.0, focal_length=40.0, aperture=24.0)
     places = {RED: (0, 0, 2), GREEN: (0, 0, -2), BLUE: (2, 0, 0), BLACK: (-2, 0, 0), WHITE: (0, 2, 0), GRAY: (0, -2, 0)}
@@ -380,62 +378,13 @@ def test_there_is_no_shadow_at_the_bottom_of_water_that_is_left_out(tmp_path):
     assert (picture(stage, transparent=True)[..., 3] > 0).sum() < 0.9 * shaded
 
 
-wp.set_module_options(OPTIONS)
-
 FOIL = {"roughness": 0.12, "metallic": 1.0}
-
-
-@wp.kernel
-def build_walls(
-    color: wp.vec3,
-    opacities: wp.array[float],
-    shrunk: wp.array[float],
-    facing: wp.array[float],
-    # out
-    clear: wp.array[wp.vec3],
-    back: wp.array[wp.vec3],
-    forth: wp.array[wp.vec3],
-):
-    number = wp.tid()
-    wall = surfaces.wall_of(color, surfaces.thickness_of(opacities[number], shrunk[number]), facing[number])
-    clear[number] = wall.clear
-    back[number] = wall.back
-    forth[number] = wall.forth
-
-
-def walls(opacities, shrunk, facing) -> list[np.ndarray]:
-    """Return the shares clear, back and forth of walls of red rubber, shape (count, 3) each."""
-    rows = [wp.array(np.asarray(row), dtype=float, device="cpu") for row in (opacities, shrunk, facing)]
-    shares = [wp.empty(len(opacities), dtype=wp.vec3, device="cpu") for _ in range(3)]
-    wp.launch(build_walls, len(opacities), [wp.vec3(*LATEX_RED), *rows], outputs=shares, device="cpu")
-    return [share.numpy() for share in shares]
 
 
 def saturation(colors: np.ndarray) -> float:
     """Return the saturation of the mean color, sRGB: 0 for gray, 1 for a pure color."""
     mean = colors.reshape(-1, 3).mean(axis=0)
     return float(1.0 - mean.min() / mean.max())
-
-
-def test_walls_of_rubber_make_no_light_deepen_and_fade():
-    many = np.random.default_rng(3)
-    opacity = np.append(many.uniform(0.0, 1.0, 500), 1.0)
-    clear, back, forth = walls(opacity, many.uniform(0.05, 4.0, 501), many.uniform(0.0, 1.0, 501))
-    assert min(clear.min(), back.min(), forth.min()) >= 0.0
-    assert (clear + back + forth).max() <= 1.0 + 1e-6
-    assert (clear[-1] + forth[-1]).max() < 1e-4
-    assert back[-1, 0] > 0.5
-
-    def redness(shares: np.ndarray) -> np.ndarray:
-        return shares[:, 0] / shares[:, 1]
-
-    facing = np.linspace(1.0, 0.05, 8)
-    at_angles = walls(np.full(8, 0.92), np.ones(8), facing)[0]
-    assert (np.diff(redness(at_angles)) > 0.0).all()
-    assert (np.diff(at_angles[:, 0]) < 0.0).all(), "darker toward the rim"
-    stretched = walls(np.full(8, 0.92), np.linspace(1.0, 0.1, 8), np.ones(8))[0]
-    assert (np.diff(redness(stretched)) < 0.0).all()
-    assert (np.diff(stretched[:, 0]) > 0.0).all(), "clearer, the thinner"
 
 
 def test_a_stretched_balloon_is_paler_in_the_middle_than_at_its_rim_and_than_before(tmp_path):
@@ -488,12 +437,9 @@ def test_foil_mirrors_what_is_beside_it_and_lets_nothing_through(tmp_path):
 
 
 def test_materials_look_like_what_they_are_unless_said():
-    looks = {
-        preset: load_scene("latex_inflate", {"balloon.0.material.preset": preset}).balloon[0].looks_like
-        for preset in ("latex", "foil")
-    }
-    assert looks == {"latex": "latex", "foil": "foil"}
-    assert load_scene("latex_inflate", {"balloon.0.look": "foil"}).balloon[0].looks_like == "foil"
+    for said, looks in (({"material.preset": "foil"}, "foil"), ({}, "latex"), ({"look": "foil"}, "foil")):
+        scene = load_scene("latex_inflate", {f"balloon.0.{name}": value for name, value in said.items()})
+        assert scene.balloon[0].looks_like == looks
 
 
 wp.set_module_options(OPTIONS)
@@ -512,40 +458,6 @@ def measure_capsules(
 def develop_gray(light: wp.array[float], out: wp.array[wp.uint8]):
     step = wp.tid()
     out[step] = surfaces.srgb_byte(surfaces.tone(wp.vec3(light[step]))[1])
-
-
-def test_rays_meet_capsules_where_marching_finds_them():
-    random = np.random.default_rng(7)
-    count = 400
-    begins = random.uniform(-1, 1, (count, 3))
-    ends = begins + random.normal(0, 0.5, (count, 3))
-    ends[::5] = begins[::5]  # spheres
-    radii = random.uniform(0.02, 0.5, count)
-    origins = random.normal(0, 1, (count, 3))
-    origins *= 6.0 / np.linalg.norm(origins, axis=1, keepdims=True)
-    directions = 0.5 * (begins + ends) + random.normal(0, 0.3, (count, 3)) - origins
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    directions[1::5] = (ends - begins)[1::5] / np.linalg.norm((ends - begins)[1::5], axis=1, keepdims=True)
-    origins[1::5] = begins[1::5] - 5.0 * directions[1::5]  # straight along the axis
-
-    def outside(points):
-        axis = ends - begins
-        along = np.einsum("ij,ij->i", points - begins, axis) / np.maximum(np.einsum("ij,ij->i", axis, axis), 1e-30)
-        return np.linalg.norm(points - begins - np.clip(along, 0, 1)[:, None] * axis, axis=1) - radii
-
-    marched = np.zeros(count)
-    for _ in range(3000):
-        marched += np.where(marched < 20.0, outside(origins + marched[:, None] * directions), 0.0)
-    distances = wp.zeros(count, dtype=float, device="cpu")
-    vectors = [wp.array(each, dtype=wp.vec3, device="cpu") for each in (origins, directions, begins, ends)]
-    measured = [*vectors, wp.array(radii, dtype=float, device="cpu"), distances]
-    wp.launch(measure_capsules, count, inputs=measured, device="cpu")
-    hit = marched < 20.0
-    # Rays that pass within a hair of the outline may go either way; there are none among these.
-    assert 0.3 < hit.mean() < 0.95
-    assert (distances.numpy()[~hit] == -1.0).all()
-    # float32 from 6 units away, and worse where the ray grazes.
-    assert distances.numpy()[hit] == pytest.approx(marched[hit], abs=2e-3)
 
 
 def test_a_thin_line_is_met_from_afar():
@@ -595,39 +507,6 @@ def test_the_camera_is_as_near_as_the_margin_lets_it(aspect: float, angles: tupl
     assert np.linalg.det(camera.axes) == pytest.approx(1.0)
 
 
-def test_refining_a_sphere_keeps_its_vertices_and_comes_closer_to_round():
-    ball = sphere_of_quads(4)
-    surface, points = SmoothSurface(ball), ball.points
-    refined, normals = surface.place(points)
-    assert len(surface.triangles) == 6 * 16 * 2 * 4**2
-    assert surface.triangles.max() == len(refined) - 1
-    assert (refined[: len(points)] == points).all()
-    assert np.linalg.norm(normals, axis=1) == pytest.approx(1.0)
-    # A chord of the coarse sphere dips by 1 - cos(pi / 16) = 2% of the radius, twice that across a quad; the curves
-    # through the vertices, which are only as good as the normals, by less than a quarter of that.
-    assert np.abs(np.linalg.norm(refined, axis=1) - 1.0).max() < 0.01
-    assert np.einsum("ij,ij->i", refined, normals).min() > 0.98
-
-
-def test_disc_samples_of_a_tile_are_spread_evenly():
-    points = disc_points(4).reshape(-1, 2)
-    assert len(points) == 4 * TILE * TILE
-    assert (np.linalg.norm(points, axis=1) <= 1.0).all()
-    # Uniform in area: mean at the middle, mean squared distance 1/2. 64 random points would be off by 0.06 and 0.04.
-    assert points.mean(axis=0) == pytest.approx([0.0, 0.0], abs=0.03)
-    assert (points**2).sum(axis=1).mean() == pytest.approx(0.5, abs=0.02)
-
-
-def test_a_cube_stays_a_cube():
-    surface = SmoothSurface(sphere_of_quads(1, np.sqrt(3.0)), CREASE)  # whose corners are at 1
-    points, normals = surface.place(sphere_of_quads(1, np.sqrt(3.0)).points)
-    # Four vertices a side; then the sides' 5, and then their 16 edges' and triangles' middles: a 5 x 5 grid.
-    assert len(points) == surface.vertex_count == 6 * 25
-    assert np.abs(normals).max(axis=1) == pytest.approx(1.0)
-    assert np.einsum("ij,ij->i", points, normals) == pytest.approx(1.0)
-    assert np.abs(points).max() == pytest.approx(1.0)
-
-
 def test_a_crease_between_a_round_and_a_flat_side_has_no_gap():
     sides = 12  # 30 degrees from one to the next, which is smooth; 90 to the lids
     angle = 2 * np.pi * np.arange(sides) / sides
@@ -650,30 +529,6 @@ def test_a_crease_between_a_round_and_a_flat_side_has_no_gap():
     # Halfway up, where nothing is sharp, the wall is as round as ever: its chords would dip to 0.966.
     middle = np.abs(placed[:, 1]) < 0.01
     assert np.linalg.norm(placed[middle], axis=1).min() > 0.985
-
-
-@wp.kernel
-def measure_sky(distances: wp.array[float], ground_color: wp.vec3, shares: wp.array[wp.vec3]):
-    place = wp.tid()
-    shapes = surfaces.Shapes()
-    shapes.has_ground = 1
-    shapes.ground_color = ground_color
-    hit = surfaces.Hit()
-    hit.point = wp.vec3(0.0, distances[place], 0.0)
-    hit.normal = wp.vec3(0.0, -1.0, 0.0)
-    shares[place] = surfaces.sky_share(shapes, hit, wp.vec2(0.0, 0.0))
-
-
-def test_what_is_near_dims_the_sky_more_than_what_is_far():
-    distances = np.array([0.01, 0.1, 0.35, 0.6, 0.69, 0.75, 5.0])
-    color = np.array([0.2, 0.5, 0.9])
-    shares = wp.zeros(len(distances), dtype=wp.vec3, device="cpu")
-    given = [wp.array(distances, dtype=float, device="cpu"), wp.vec3(*color.tolist()), shares]
-    wp.launch(measure_sky, len(distances), inputs=given, device="cpu")
-    # Straight down onto the ground: 0.35 of its color where it is touched, all of the sky from 0.7 away.
-    far = np.minimum(distances / 0.7, 1.0)[:, None]
-    # 2e-3: rays start 1e-3 off the surface, which is 1e-3 / 0.7 of the way.
-    assert shares.numpy() == pytest.approx(0.35 * color * (1.0 - far) + far, abs=2e-3)
 
 
 PAPER = (0.10, 0.30, 0.32)
@@ -703,7 +558,6 @@ def test_ground_and_backdrop_are_of_the_paper(tmp_path: Path):
 
 @pytest.mark.parametrize("light", [-120.0, -45.0, 40.0, 120.0])
 def test_the_main_light_comes_from_its_azimuth(light: float, tmp_path: Path):
-    """The lamp is there in the stage, and a picture's highlight is on that side of the ball."""
     path = staged(tmp_path, light=light, azimuth=20.0, elevation=10.0)
     stage = Usd.Stage.Open(str(path))
     matrix = UsdGeom.XformCache(0).GetLocalToWorldTransform(stage.GetPrimAtPath("/World/Studio/Key"))

@@ -16,18 +16,16 @@ from meshes import cube, grid, quad_sphere
 from pxr import Usd, UsdGeom
 from trajectories import stepped
 
-from balloon_warp import InputError, PolygonMesh, Simulator, run_batch
-from balloon_warp.batch.batch import repeat_batch
+from balloon_warp import InputError, PolygonMesh, Simulator
 from balloon_warp.cli.app import app
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.mesh.topology import signed_volume
 from balloon_warp.model import Model, build_model, plan_model
 from balloon_warp.model.obstacles import shape_obstacle
-from balloon_warp.run.report import describe_scene, describe_simulation, hash_files, hash_of_file, without_folders
+from balloon_warp.run.report import describe_scene, hash_files, without_folders
 from balloon_warp.scene import Balloon, Obstacle, Scene, Sphere, Stiffness, String, load_scene
 from balloon_warp.scene.fields import first_line, missed_between_frames
 from balloon_warp.scene.load import bundled_scenes, override_scene, parse_override, scene_name, scene_toml, write_scene
-from balloon_warp.scene.reference import as_markdown, tables
+from balloon_warp.scene.reference import as_markdown, tables, unsaid
 
 SCENE = 'description = "a box and two balls"\nframes = 10\n[[balloon]]\nmesh = "box.obj"\n'
 SCENE += '[[balloon]]\nmesh = "box.obj"\nposition = [3, 0, 0]\n'
@@ -89,54 +87,25 @@ def test_an_override_reaches_all_or_one_and_makes_tables_that_are_not_there(scen
         ("sphere.0.mass=1e-46", r"sphere\.0\.mass: must be at least 1e-12 \(got 1e-46\)"),
         ("balloon.inflation.k_norml=3", r"balloon\.0\.inflation\.k_norml: unknown field; did you mean k_normal\?"),
         ("k_normal=3", r"k_normal: unknown field; did you mean balloon\.inflation\.k_normal\?$"),
-        ("mass=3", r"mass: unknown field; did you mean balloon\.mass, sphere\.mass or body\.mass\?$"),
         ("balloon.shear=3", r"balloon\.0\.shear: unknown field; did you mean balloon\.stiffness\.shear\?$"),
-        ("balloon.penalty=3", r"balloon\.0\.penalty: unknown field; did you mean sphere\.penalty\?$"),
         ("balloon.color=redd", r"balloon\.0\.color: must be a color such as \"red\" or \"#ff8000\", or three numbers"),
-        (
-            "balloon.material.kind=latex",
-            r"balloon\.0\.material\.kind: \"latex\" is a preset; expected preset = \"latex\"$",
-        ),
-        (
-            "balloon.material.preset=gent",
-            r"balloon\.0\.material\.preset: \"gent\" is a kind; expected kind = \"gent\"$",
-        ),
+        ("balloon.material.kind=latex", r"kind: \"latex\" is a preset; expected preset = \"latex\"$"),
         ("balloon.parts=closed", r"balloon\.0\.parts: \"closed\" is a value of taken; expected taken = \"closed\"$"),
-        ("balloon.taken=free", r"balloon\.0\.taken: \"free\" is a value of parts; expected parts = \"free\"$"),
         ("balloon.material=rubber", r"balloon\.0\.material\.preset: must be 'latex', .* \(got 'rubber'\)"),
         ("fps=24", r"^fps: unknown field; did you mean frames_per_second\?$"),
-        ("duration=3", r"^duration: unknown field; did you mean frames\?$"),
-        (
-            "colour=1",
-            r"colour: unknown field; did you mean balloon\.color, sphere\.color, obstacle\.color or body\.color\?$",
-        ),
-        ("k_norml=1", r"k_norml: unknown field; did you mean balloon\.inflation\.k_normal\?$"),
+        ("colour=1", r"colour: unknown field; did you mean balloon\.color, sphere\.color, .* or body\.color\?$"),
         ("xyzzy=1", r"xyzzy: unknown field; known here are description, up_axis, gravity, .*"),
         ("baloon.mass=1", r"baloon: unknown table; did you mean balloon\?$"),
         ("balloon.inflation.k_normal=much", r"k_normal: must be a valid number or a valid list \(got 'much'\)"),
-        (
-            "balloon.inflation.k_normal=[[0, 1], [0, 2]]",
-            r"k_normal: keyframe times must increase \(got \[0\.0, 0\.0\]\)",
-        ),
-        ("balloon.position=[1, 2]", r"balloon\.0\.position\.2: is missing"),
-        ("balloon.stiffness=3", r"balloon\.0\.stiffness: must be a table \(got 3\)"),
-        ("balloon.mesh=3", r"balloon\.0\.mesh: must be a path or a PolygonMesh \(got 3\)"),
+        ("balloon.inflation.k_normal=[[0, 1], [0, 2]]", r"k_normal: keyframe times must increase \(got \[0\.0, "),
         ("balloon=[]", r"balloon: must be a list of at least one item \(got \[\]\)"),
         ("up_axis=X", r"up_axis: must be 'Y' or 'Z' \(got 'X'\)"),
         ("gravity=nan", r"gravity: must be .* \(got nan\)"),
-        ("frames=2.5", r"frames: must be a valid integer.* \(got 2\.5\)"),
-        ("frames=0", r"frames: must be greater than or equal to 1 \(got 0\)"),
-        ("substeps=fast", r"substeps: must be a valid integer or 'auto' \(got 'fast'\)"),
         ("balloon.inflation.k_normal=[[0, 1], [0.01, 2]]", r"keyframes must be at least a frame apart, 0\.0166667 s"),
-        ("string=[{}]", r"string\.0\.anchor: is missing"),
         ("string=[{anchor=[0, 0, 0], balloon=2}]", r"string\.0\.balloon: must be below .* balloons, 2 \(got 2\)"),
-        ("sphere.2.mass=1", r"^sphere\.2\.mass: no sphere 2, the scene has 2, counted from 0$"),
-        ("balloon.1.position.3=1", r"^balloon\.1\.position\.3: no balloon\.1\.position 3, the scene has 3, "),
         ("string.stiffness=1", r"^string\.stiffness: cannot be set, the scene has no string$"),
-        ("string.0.stiffness=1", r"^string\.0\.stiffness: cannot be set, the scene has no string$"),
         ("frames.x=1", r"^frames\.x: cannot be set, since a plain value has no field 'x'$"),
         ("frames", r"^--set frames: expected PATH=VALUE"),
-        ("a..b=1", r"^--set a\.\.b=1: expected PATH=VALUE"),
     ],
 )
 def test_a_wrong_value_gets_one_sentence(scene_file: Path, override: str, sentence: str):
@@ -152,12 +121,9 @@ def test_a_wrong_value_gets_one_sentence(scene_file: Path, override: str, senten
         (b"\xff\xfe", r"cannot be read as a scene file"),
         (b"", r"balloon: is missing"),
         (b"[[baloon]]\nmesh = 'a.obj'", r"baloon: unknown table; did you mean balloon\?$"),
-        (b"[[balloon]]\nmsh = 'a.obj'", r"balloon\.0\.msh: unknown field; did you mean mesh\?$"),
         (b"[balloon]\nmesh = 'a.obj'", r"balloon: is one table, \[balloon\]; expected a list .* \[\[balloon\]\]$"),
-        (b"[[balloons]]\nmesh = 'a.obj'", r"balloons: unknown table; did you mean balloon\?$"),
         (b"[[balloon]]\nmesh = a.obj", r"Invalid value \(at line 2, column 8\); text needs quotes$"),
         (b"balloon = 3", r"balloon: must be a valid list \(got 3\)"),
-        (b"[[balloon]]", r"balloon\.0\.mesh: is missing"),
         (b"[[balloon]]\nmesh = 'a'\n'b.c.d' = 1", r"balloon\.0\.b\.c\.d: unknown field; known here are mesh, .*"),
         (b"[[balloon]]\nmesh = 'a'\n" + 9999 * b"x" + b" = 1", r"balloon\.0\.x{57}\.\.\.: unknown field; .*"),
         (b"frames = " + 4301 * b"9", r"is not valid TOML: Exceeds the limit \(4300 digits\) .* has 4301 digits$"),
@@ -187,10 +153,8 @@ def test_a_pipe_is_refused_unread_and_a_byte_order_mark_is_no_matter(tmp_path: P
         # without a list of scenes where none has a similar name
         ("elephants_and_mice.obj", r"^elephants_and_mice\.obj: no such file in HERE$"),
         ("HERE/empty/zebra.toml", r"^HERE/empty/zebra\.toml: no such file$"),
-        ("squirel_tether", r"^squirel_tether: no such scene or file; did you mean squirrel_tether\?$"),
         ("boxs.toml", r"^boxs\.toml: no such scene or file; did you mean boxes\.toml\?$"),
         ("BOX.OBJ", r"^BOX\.OBJ: no such scene or file; did you mean box\.obj\?$"),
-        ("./bx.obj", r"^\./bx\.obj: no such scene or file; did you mean box\.obj\?$"),
         ("nowhere/box.obj", r"^nowhere/box\.obj: no such scene or file; no folder nowhere$"),
     ],
 )
@@ -220,7 +184,6 @@ def test_a_bundled_scene_describes_itself_in_a_line_and_names_no_default(name: s
     ("fields", "sentence"),
     [
         ({"scale": 1e11}, r"box: is 1e\+11 m across; expected 1e-06 to 1e\+09 m"),
-        ({"scale": 1e-9}, r"box: is 1e-09 m across; expected"),
         ({"position": (1e7, 0.0, 0.0)}, r"box: is 1 m across and 1e\+07 m from the origin, too far for 32-bit floats"),
         ({"stiffness": Stiffness(structural=1e11), "mass": 1e-6}, "needs more than 100,000 in a frame"),
         ({"fixed": [8]}, r"box has particles 0 to 7 \(got 8\)"),
@@ -232,11 +195,6 @@ def test_what_a_model_cannot_hold_is_refused(fields: dict, sentence: str):
         model_of(Balloon(mesh=box, **fields))
     with pytest.raises(InputError, match=r"box has particles 0 to 7 \(got 8\)"):
         model_of(Balloon(mesh=box), string=[String(anchor=(0, 0, 0), particle=8)])
-
-
-def test_a_heavy_balloon_still_gets_one_substep():
-    soft = Stiffness(structural=0.0, shear=0.0, flexion=0.0)
-    assert model_of(Balloon(mesh=cube(), stiffness=soft, damping=0.0)).substeps == 1
 
 
 def test_a_mesh_with_z_up_is_turned_upright_in_meters():
@@ -329,7 +287,6 @@ def test_a_mesh_scene_follows_how_its_mesh_is_placed(tmp_path: Path):
 @pytest.mark.parametrize("kind", ["normal_force", "gas"])
 @pytest.mark.parametrize(("unit", "size"), [("cm", 0.5), ("in", 1.27), ("m", 50.0)])
 def test_a_known_unit_gives_true_size_and_gravity(tmp_path: Path, unit: str, size: float, kind: str):
-    """The balloon sags by its weight as one of a meter does."""
     said = f"balloon.unit={unit}", f"balloon.inflation.kind={kind}"
     scene = scene_of(tmp_path, quad_sphere(3), *said, factor=50.0 / np.ptp(quad_sphere(3).points[:, 1]))
     (balloon,) = scene.balloon
@@ -378,16 +335,7 @@ def test_the_command_says_it_first_and_takes_a_unit(tmp_path: Path, capsys):
         assert capsys.readouterr().err.startswith(first)
 
 
-def test_a_closed_mesh_wound_inward_is_turned_outward():
-    inward = replace(cube(), face_vertex_indices=cube().face_vertex_indices.reshape(-1, 4)[:, ::-1].ravel())
-    (shape,) = model_of(Balloon(mesh=inward)).shapes
-    assert signed_volume(shape.mesh) == pytest.approx(1.0)
-    said = "1 closed component winds inward; it has face 1, counting from 1. Such a component is flipped outward."
-    assert shape.mesh.warnings == (said,)
-
-
 def test_the_axis_of_a_file_that_points_up_can_be_told(tmp_path: Path):
-    """A cone along Z stands once the up axis is given, in any world; a file that names its axis needs no option."""
     cone = trimesh.creation.cone(radius=0.3, height=1.2)
     cone.export(tmp_path / "cone.obj")
     for world, up_axis in (("Y", 1), ("Z", 2)):
@@ -473,27 +421,14 @@ def test_each_value_has_its_unit_and_default_beside_it():
 
 
 def test_the_tables_in_the_docs_are_what_the_schema_says():
-    """Every field has a description, shared fields included; that of a table fits into a row and a scene file."""
+    """Every field has a description, also below it, for editors; that of a table fits into a row and a scene file."""
     (found,) = re.findall(r"<!-- fields -->\n\n(.*?)\n\n<!-- end -->", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     assert found == as_markdown(), "python -m balloon_warp.scene.reference makes them anew"
     rows = [line.strip("| ").split(" | ") for line in found.splitlines() if line.startswith("| `")]
     assert len(rows) > 150
     assert [row[0] for row in rows if len(row) < 4 or not row[1].strip()] == []
     assert [heading for heading, table in tables() if table.__doc__ and not first_line(table).endswith(".")] == []
-
-
-def test_every_default_of_a_scene_stands_in_them():
-    """Every default is printed, unless it is a table, nothing, or empty."""
-    cells = [[cell.strip(" |") for cell in row.split(" | ")] for row in as_markdown().splitlines()]
-    rows = {(row[0], *row[2:]) for row in cells if len(row) == 4}
-    assert rows >= {
-        ("`gravity`", "number", "`9.81`"),
-        ("`mesh`", "file", "required"),
-        ("`molar_mass`", "number ≥ 0", "`0.0040026`"),
-        ("`particle`", 'whole number ≥ 0 or `"highest"` or `"lowest"`', '`"lowest"`'),
-        ("`color`", "3 numbers from 0 to 1 or text", "-"),
-        ("`restitution`", "number from 0 to 1", "`0.3`"),
-    }
+    assert [f"{table.__name__}.{field}: {meaning}" for table, field, meaning in unsaid()] == []
 
 
 def asked(size: float, **said: object) -> list[str]:
@@ -529,7 +464,6 @@ def test_a_size_a_wall_and_a_mass_are_asked_about() -> None:
 
 
 def test_inspect_asks_too(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    """The report of a mesh asks, with the axis and the unit that are assumed, and so does that of a scene."""
     ball = quad_sphere(4, 0.5)
     write_obj(tmp_path / "ball.obj", replace(ball, points=500.0 * ball.points))
     (tmp_path / "big.toml").write_text('up_axis = "Z"\n[[balloon]]\nmesh = "ball.obj"\nmass = 2.0\n')
@@ -545,7 +479,6 @@ def test_inspect_asks_too(tmp_path: Path, capsys: pytest.CaptureFixture) -> None
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
 @pytest.mark.parametrize("source", ["ball.obj", "ball.toml"])
 def test_the_axis_is_said_once(source: str, up_axis: str, command: str, tmp_path: Path, capfd) -> None:
-    """The up axis is named once: in the line about a mesh's default scene, or where a scene's mesh is turned."""
     write_obj(tmp_path / "ball.obj", quad_sphere(3, 0.5))
     (tmp_path / "ball.toml").write_text('[[balloon]]\nmesh = "ball.obj"\n')
     name, *options = command.split()
@@ -582,15 +515,11 @@ def scene(folder: Path) -> Scene:
     return load_scene(path)
 
 
-def test_the_shape_is_that_of_the_fields(tmp_path: Path):
-    tile, capsule = scene(tmp_path).obstacle
+def test_obstacles_are_as_their_fields_say_and_stay_so_in_a_written_scene(tmp_path: Path):
+    before = scene(tmp_path)
+    tile, capsule = before.obstacle
     assert (tile.shape, tile.mesh, tile.motion) == ("mesh", tmp_path / "tile.obj", MOTION)
     assert (capsule.shape, capsule.length) == ("capsule", 1.0)
-    assert Obstacle().shape == "box"
-
-
-def test_a_written_scene_has_the_same_obstacles(tmp_path: Path):
-    before = scene(tmp_path)
     (tmp_path / "elsewhere").mkdir()
     (written,) = write_scene(before, tmp_path / "elsewhere" / "mine.toml")
     after = load_scene(written)
@@ -607,31 +536,14 @@ def test_overrides_keep_a_mesh_that_came_from_python():
     assert (changed.obstacle[0].friction, changed.obstacle[0].position) == (0.1, (0.0, -2.0, 0.0))
 
 
-def test_what_is_said_of_a_run_and_a_batch_has_the_hashes_of_their_meshes(tmp_path: Path):
-    made = scene(tmp_path)
-    described = without_folders(describe_simulation(made, (), 10))
-    assert described["files"]["obstacle.0.mesh"] == hash_of_file(tmp_path / "tile.obj")
-    assert described["scene"]["obstacle"][0]["mesh"] == "tile.obj"
-    short = made.model_copy(update={"frames": 1, "faces": False})
-    run_batch(short, tmp_path / "out", 2, {"obstacle.1.friction": [0.1, 0.2]}, device="cpu")
-    write_obj(tmp_path / "tile.obj", grid(2, 2))
-    with pytest.raises(InputError, match=r"tile\.obj: has changed since the batch"):
-        repeat_batch(tmp_path / "out" / "manifest.json", tmp_path / "again")
-
-
 NO_FACES = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 MISTAKES = {
     'mesh = "none.obj"': r"none\.obj: has no faces \(no line begins with f\)$",
     'mesh = "nan.obj"': r"nan\.obj, line 2: coordinates must be finite and fit in 32-bit floats \(got nan 0\.0 0\.0\)$",
     'mesh = "point.obj"': r"point\.obj: all vertices coincide; expected a mesh with an extent$",
-    'mesh = "tiles.obj"': r"tiles\.obj: no such file; did you mean .*tile\.obj",
     'shape = "mesh"': r'obstacle\.0\.mesh: is missing; shape = "mesh" needs a mesh file$',
-    'shape = "ball"': r"obstacle\.0\.shape: must be 'box', 'capsule', 'plane' or 'mesh' \(got 'ball'\)$",
     "size = [1, 1, 1]\nradius = 0.2": r'obstacle\.0\.radius: needs shape = "capsule" \(got shape = "box"\)$',
     'shape = "plane"\nscale = 2.0': r'obstacle\.0\.scale: needs shape = "mesh" \(got shape = "plane"\)$',
-    "friction = -0.1": r"obstacle\.0\.friction: must be greater than or equal to 0 \(got -0\.1\)$",
-    "frition = 0.1": r"obstacle\.0\.frition: unknown field; did you mean friction\?$",
-    "motion = [[0.5, [0, 0, 0]], [0.5, [0, 1, 0]]]": r"motion: keyframe times must increase \(got \[0\.5, 0\.5\]\)$",
     "motion = [[0.0, [0, 0, 0]], [1e9, [0, 1, 0]]]": r"motion: ends after 1e\+09 s; expected 16666\.7 s at most$",
     "motion = [[0.0, [0, 0, 0]], [0.1, [0, 0, 0], [0, 3600, 0]]]": (
         r"obstacle\.0\.motion: turns by 600 degrees in a frame; expected at most 90$"
@@ -671,7 +583,6 @@ def starts(obstacle: Obstacle, **fields) -> None:
     ],
 )
 def test_a_balloon_that_starts_inside_an_obstacle_is_refused(fields, touching, direction, kind, up_axis: str):
-    """A balloon inside an obstacle is refused; one in contact is not, nor one clear of it by its motion."""
     for gap, refused in ((0.0, False), (-0.05, kind is not None)):
         place = tuple((touching + gap) * np.array(direction))
         with pytest.raises(InputError, match=INSIDE.format(kind)) if refused else nullcontext():

@@ -1,6 +1,5 @@
 """Schedule `block` of balloons that touch themselves: worlds go on in blocks while a search has listed nothing."""
 
-import re
 from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
@@ -22,7 +21,6 @@ from balloon_warp.schedules.gather import GatherSchedule
 from balloon_warp.schedules.one_launch import BlockSchedule, SearchedSchedule
 from balloon_warp.schedules.tables import model_features
 from balloon_warp.schedules.touch_table import substeps_of_search
-from balloon_warp.tools.doctor import kernel_source
 from balloon_warp.tools.foil import foil_mesh
 
 BALL, GAP = quad_sphere(2, 0.5), 0.25
@@ -173,7 +171,6 @@ ONLY_LAUNCHED = {"contact forces": "contact forces", "bursting": "balloons that 
 
 @pytest.mark.parametrize("name", CLEARS | DOES_NOT)
 def test_worlds_are_clear_where_searches_tell_all_that_may_touch(name: str):
-    """Others have the schedules that they have had."""
     told: dict[str, Any] = {"balloon": [LIES], "touch": Touch(itself=True), "substeps": 64}
     model = build_model(Scene(**told | (CLEARS | DOES_NOT)[name]), "cpu")
     assert model_features(model).clears == (name in CLEARS)
@@ -185,16 +182,7 @@ def test_worlds_are_clear_where_searches_tell_all_that_may_touch(name: str):
         assert schedule_named("block", model) is (SearchedSchedule if name in CLEARS else BlockSchedule)
 
 
-def test_the_printed_kernels_are_those_of_a_round_and_of_the_launches_beside_it():
-    folded = Scene(balloon=[LIES], touch=Touch(itself=True), substeps=64)
-    printed, launched = (kernel_source(folded, schedule) for schedule in ("block", "gather"))
-    names, of_launches = (re.findall(r"^def (\w+)\(", text, re.M) for text in (printed, launched))
-    assert names == ["advance_worlds", *of_launches]
-    assert "for a round" in printed
-
-
 def test_auto_takes_blocks_for_foil_on_a_gpu():
-    """Foil goes in blocks, one letter, too, and a large balloon where each multiprocessor has one."""
     film = Balloon(mesh=foil_mesh("I"), material=Material(preset="foil"), inflation=Inflation(pressure=50.0))
     for scene, taken in (
         (Scene(balloon=[film]), ("block", "block", "block")),

@@ -16,9 +16,8 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade
 from render_stages import read_stage
 from scipy.spatial.transform import Rotation
 from test_mesh_files import add_mesh, move
-from trajectories import stepped
 
-from balloon_warp import Frame, Simulator, StageWriter, animate, check_stage, export_stage, load_mesh, run_batch
+from balloon_warp import Frame, Simulator, animate, check_stage, export_stage, load_mesh, run_batch
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.topology import signed_volume
@@ -230,15 +229,6 @@ def test_the_camera_frames_the_balloons_and_not_a_plane(file_of: Callable[[str],
     assert max(np.ptp(points, axis=0).max() for points in reader.points(0)) > 30.0
 
 
-def test_a_recorded_frame_alone_has_them(tmp_path):
-    frame = stepped(Simulator(obstacles(), "cpu"), 3).read_frame()
-    with StageWriter(tmp_path / "one.usda", build_model(obstacles(), "cpu")) as writer:
-        writer.write(frame)
-    stage = Usd.Stage.Open(str(tmp_path / "one.usda"))
-    found = placed(stage, "/World/Obstacles/capsule", 3)
-    np.testing.assert_allclose(found, expected_matrix(frame.obstacle_poses[1]), atol=1e-6)
-
-
 def test_the_stage_says_what_they_weigh(tmp_path: Path):
     stage = at_start(bodies(), tmp_path / "start.usda")
     box = UsdPhysics.MassAPI(stage.GetPrimAtPath("/World/Bodies/box"))
@@ -294,16 +284,6 @@ def test_rubber_and_film_are_as_stiff_and_thick_as_the_scene_says(tmp_path: Path
     assert_valid(stage)
 
 
-@pytest.mark.full
-@pytest.mark.parametrize(
-    "material", [Material(kind="gent", gent_limit=30.0), Material(kind="neo_hookean", shear_modulus=1e5)]
-)
-def test_a_law_of_ones_own_numbers_too(tmp_path: Path, material: Material):
-    stage = animated(made_of(material, inflation=Inflation(kind="pressure", pressure=1.0)), tmp_path / "stage.usda")
-    modulus = physics_of(stage).GetAttribute("physics:youngsModulus").Get()
-    assert modulus == pytest.approx(3.0 * (material.shear_modulus or 3.3e5), rel=1e-6)
-
-
 def test_a_skin_that_is_not_as_thick_everywhere_says_so_of_each_point(tmp_path: Path):
     weights = np.linspace(1.0, 3.0, quad_sphere(2).vertex_count).tolist()
     material = Material(preset="latex", weights=weights)
@@ -313,10 +293,8 @@ def test_a_skin_that_is_not_as_thick_everywhere_says_so_of_each_point(tmp_path: 
     assert prim.GetAttribute("physics:thicknesses:elementType").Get() == "point"
 
 
-@pytest.mark.parametrize("fixed", [[], [3]])
-def test_velocities_stand_where_points_do(tmp_path: Path, fixed: list[int]):
-    """Velocities at the default time are those at the start, in the stage's meters and axes."""
-    scene = made_of(Material(), fixed=fixed)
+def test_velocities_stand_where_points_do(tmp_path: Path):
+    scene = made_of(Material(), fixed=[3])
     stage = animated(scene, tmp_path / "stage.usda")
     mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/World/ball"))
     frame = Simulator(scene, "cpu").read_frame()
@@ -340,18 +318,14 @@ def test_springs_say_their_sheet_and_their_masses(tmp_path: Path):
     assert prim.GetAttribute("physics:masses:elementType").Get() == "point"
     assert sum(prim.GetAttribute("physics:masses").Get()) == pytest.approx(0.2, rel=1e-5)
     assert prim.GetAttribute("physics:mass").Get() == pytest.approx(0.2)
-
-
-def test_what_is_fixed_has_no_mass_and_so_none_is_said_of_points(tmp_path: Path):
-    stage = animated(made_of(Material(), fixed=[0]), tmp_path / "stage.usda")
-    prim = stage.GetPrimAtPath("/World/ball")
-    assert not prim.HasAttribute("physics:masses")
-    assert prim.GetAttribute("physics:mass").Get() == pytest.approx(0.1)
+    stage = at_start(made_of(Material(), mass=0.2, fixed=[0]), tmp_path / "held.usda")
+    held = stage.GetPrimAtPath("/World/ball")
+    assert not held.HasAttribute("physics:masses"), "what is fixed has none"
+    assert held.GetAttribute("physics:mass").Get() == pytest.approx(0.2)
 
 
 @pytest.mark.parametrize("triangles", [False, True])
 def test_the_sheet_swells_as_its_springs(triangles: bool):
-    """The sheet has the energy of its springs in equibiaxial strain, whatever the mesh."""
     mesh = fans(grid(9, 7)) if triangles else grid(9, 7)
     shape, sheet, _ = _sheet(mesh, Stiffness(structural=13.0, shear=5.0, flexion=3.0))
     constants = np.array([13.0, 5.0, 3.0])[shape.springs.kind]
@@ -422,7 +396,6 @@ SHAPES = {
     "Cylinder_1": ({"radiusTop": 0.25, "radiusBottom": 0.5, "height": 3.0, "axis": "Y"}, ROUND * 7 / 16, (1, 3, 1)),
     "Cone": ({"radius": 0.5, "height": 3.0}, ROUND * 0.25, (1, 1, 3)),
     "Capsule": ({"radius": 0.5, "height": 2.0}, ROUND * (0.5 + 1.0 / 6.0), (1, 1, 3)),
-    "Capsule_1": ({"radiusTop": 0.5, "radiusBottom": 0.5, "height": 2.0}, ROUND * (0.5 + 1.0 / 6.0), (1, 1, 3)),
     "Plane": ({"width": 2.0, "length": 4.0, "axis": "Y"}, 0.0, (2, 0, 4)),
 }
 
@@ -452,7 +425,7 @@ def test_a_shape_is_a_mesh_for_all_that_read_stages(stage_files: Files, kind: st
     assert part.color == (1.0, 0.0, 0.0)
 
 
-@pytest.mark.parametrize("kind", ["Cube", "Cylinder", "Cone", "Capsule", "Sphere"])
+@pytest.mark.parametrize("kind", ["Cube", "Sphere"])
 def test_check_finds_what_crosses_a_shape(stage_files: Files, kind: str):
     ball = add_mesh(stage_files.stage, "/Ball", cube())
     for frame in (0, 1):
@@ -492,16 +465,6 @@ def test_a_size_that_is_none_gets_a_sentence(stage_files: Files, value: float, s
     UsdGeom.Sphere.Define(stage_files.stage, "/Ball").CreateRadiusAttr(value)
     with pytest.raises(InputError, match=said):
         stage_files.read()
-
-
-def test_what_grows_is_no_rigid_obstacle(stage_files: Files):
-    radius = UsdGeom.Sphere.Define(stage_files.stage, "/Ball").CreateRadiusAttr()
-    for time in (0.0, 1.0):
-        radius.Set(1.0 + time, time)
-    assert np.ptp(stage_files.read().points, axis=0).max() == pytest.approx(2.0, rel=0.01)
-    (motion,) = read_motions(stage_files.path, None)
-    with pytest.raises(InputError, match="/Ball deforms"):
-        motion.matrices([0.0, 1.0])
 
 
 @pytest.mark.parametrize("kind", ["NurbsPatch", "Points", "BasisCurves"])
@@ -608,11 +571,9 @@ def times_and_places(path: Path) -> tuple[list[float], list[float]]:
         (24.0 * SECONDS, 24.0, {}),  # no range
         (1001.0 + 24.0 * SECONDS, 24.0, {"startTimeCode": 1001.0, "endTimeCode": 1025.0}),
         (1.0 * SECONDS, 1.0, {"startTimeCode": 0.0, "endTimeCode": 1.0}),  # seconds
-        (4800.0 * SECONDS, 4800.0, {"startTimeCode": 0.0, "endTimeCode": 4800.0}),
         (24.0 * SECONDS, 24.0, {"startTimeCode": -1e7, "endTimeCode": 2e7}),  # wider than the samples
         (24.0 * SECONDS, 24.0, {"startTimeCode": 500.0, "endTimeCode": 600.0}),  # of other samples
         (0.5 + 24.0 * SECONDS, 24.0, {}),  # between codes
-        (7.3 + 100.0 * SECONDS, 100.0, {}),
     ],
 )
 def test_frames_are_the_samples_own_times(tmp_path: Path, codes: np.ndarray, rate: float, told: dict[str, float]):
@@ -621,20 +582,16 @@ def test_frames_are_the_samples_own_times(tmp_path: Path, codes: np.ndarray, rat
     np.testing.assert_allclose(places, SECONDS, atol=1e-6)  # samples are shifted by a millionth of a frame
 
 
-def test_a_range_narrower_than_the_samples_bounds_them(tmp_path: Path):
+def test_a_range_narrower_than_the_samples_bounds_them_and_one_of_one_sample_is_a_frame(tmp_path: Path):
+    path = moving(tmp_path / "still.usda", SECONDS[:1], 24.0, SECONDS[:1], startTimeCode=-1e7, endTimeCode=2e7)
+    assert times_and_places(path) == ([0.0], [0.0])
     path = moving(tmp_path / "cube.usda", 24.0 * SECONDS, 24.0, startTimeCode=6.0, endTimeCode=18.0)
     times, places = times_and_places(path)
     np.testing.assert_allclose(times, SECONDS[:13], atol=1e-9)
     np.testing.assert_allclose(places, SECONDS[6:19], atol=1e-9)
 
 
-def test_where_nothing_moves_there_is_one_frame(tmp_path: Path):
-    path = moving(tmp_path / "cube.usda", SECONDS[:1], 24.0, SECONDS[:1], startTimeCode=-1e7, endTimeCode=2e7)
-    assert times_and_places(path) == ([0.0], [0.0])
-
-
 def test_keyframes_far_apart_are_shown_at_the_rate_that_the_stage_says(tmp_path: Path):
-    """Two keyframes, a second apart, are sampled at the stage's rate, in seconds and in 4,800 codes a second."""
     for rate in (1.0, 4800.0):
         told = {"where": np.array([0.0, 1.0]), "framesPerSecond": 24.0}
         path = moving(tmp_path / f"{rate:g}.usda", np.array([0.0, rate]), rate, **told)
@@ -710,7 +667,6 @@ TEXTS = {
         "its references go in a circle, through /",
     ),
     "a pipe": ('def "a" (references = @./pipe.usdc@) {}\n', "pipe.usdc: is not a regular file"),
-    "a pipe as a payload": ('def "a" (payload = @./pipe.usdc@) {}\n', "pipe.usdc: is not a regular file"),
     "a device as a layer": ("(subLayers = [@./zero.usda@])\n", "zero.usda: is not a regular file"),
 }
 

@@ -15,21 +15,18 @@ from gas_balloons import gas_balloon
 from meshes import cube, grid, halved, klein, moebius, quad_sphere, torus
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
-from scipy.sparse.linalg import eigsh
 
 import balloon_warp as bw
 from balloon_warp import Balloon, InputError, PolygonMesh, Scene, Simulator, String, advise_step, animate, build_springs
 from balloon_warp.batch.recorder import units_of
 from balloon_warp.frame import ForceReader
-from balloon_warp.lab import statics as systems
-from balloon_warp.lab.statics import Balance, SealedGas, Volume, film_of, springs_of
+from balloon_warp.lab.statics import Balance, SealedGas, Volume, film_of, solver_of, springs_of
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.mesh.topology import signed_volume
 from balloon_warp.model import Model, build_model, initial_state, plan_model
-from balloon_warp.model.materials import Bounds
 from balloon_warp.model.spectrum import FEW, MARGIN, highest_squared_frequency
 from balloon_warp.model.stability import Network
-from balloon_warp.scene import Atmosphere, Inflation, Material, Stiffness, bundled_scenes, load_scene
+from balloon_warp.scene import Atmosphere, Inflation, Material, Stiffness, load_scene
 from balloon_warp.scene.fields import standard_air
 from balloon_warp.scene.load import override_scene, scene_toml, write_scene
 
@@ -69,56 +66,6 @@ def test_of_a_spring_between_two_masses_it_is_that_of_the_textbook(masses: tuple
     """The squared frequency is k (1/m + 1/M), and that of fixed particles is zero."""
     found = highest_squared_frequency(np.array([[0, 1]]), np.array([6.0]), np.zeros(2), np.array(masses))
     assert found == pytest.approx(expected)
-
-
-def is_of_springs(name: str) -> bool:
-    """Return whether no balloon of a scene is of rubber."""
-    return not any(balloon.material.is_membrane for balloon in load_scene(name).balloon)
-
-
-OF_SPRINGS = [name for name in bundled_scenes() if is_of_springs(name)]
-"""rubber has a bound of its own, see below"""
-
-
-@pytest.mark.full
-@pytest.mark.parametrize("name", OF_SPRINGS)
-def test_bundled_scenes_are_within_the_margin(name: str):
-    """The margin covers Lanczos's underestimate of the largest eigenvalue on all bundled networks; the reference takes
-    a hundred times as much work."""
-    plan = plan_model(load_scene(name))
-    shape = plan.shapes[0]
-    bounds = Bounds(plan.scene, plan.laws, 0, plan.parameters)
-    around = Network(plan.shapes, plan.held, plan.laws)._around(plan.scene, 0, bounds)
-    stiffest = bounds.stiffest(around, plan.parameters["mass"][:, 0])
-    constants = stiffest.springs[shape.springs.kind].sum(axis=1)
-    held = np.zeros(len(shape.mass_share))
-    held[shape.mass_share > 0.0] = stiffest.held
-    found = highest_squared_frequency(shape.springs.pairs, constants, held, shape.mass_share)
-    matrix = whole_matrix(shape.springs.pairs, constants, held, shape.mass_share)
-    largest = eigsh(matrix, k=1, which="LA", return_eigenvectors=False)
-    expected = float(np.max(np.asarray(largest)))
-    rounding = 1e-12  # small networks are solved exactly here and there, and differ by rounding alone
-    assert (1.0 - rounding) * expected <= found <= 1.001 * MARGIN * expected
-
-
-@pytest.mark.full
-def test_it_lets_bundled_scenes_take_a_fifth_to_a_third_more_than_gershgorins_bound():
-    """The step is a fifth to a third longer than Gershgorin's 2 / omega, omega^2 twice the largest sum of constants at
-    a particle over its mass, as docs/PHYSICS.md says."""
-    ratios = []
-    for name in OF_SPRINGS:
-        plan = plan_model(load_scene(name, {"touch": False}))
-        network = Network(plan.shapes, plan.held, plan.laws)
-        step = network.stable_step(plan.scene, plan.parameters)
-        bounds = [network._bounds(plan.scene, number, plan.parameters) for number in range(len(plan.shapes))]
-        steps = []
-        for number, bound in enumerate(bounds):
-            around = network._around(plan.scene, number, bound)
-            mass = plan.parameters["mass"][:, number]
-            rate = 2.0 * bound.largest("drag", around) / mass
-            steps.append(4.0 / (np.sqrt(rate**2 + 8.0 * bound.largest("stiffness", around) / mass) + rate))
-        ratios.append(step / np.min(steps))
-    assert (round(min(ratios), 2), round(max(ratios), 2)) == (1.18, 1.32)
 
 
 BALLS = {"quads": quad_sphere(6, 0.1), "triangles": halved(quad_sphere(6, 0.1))}
@@ -200,7 +147,6 @@ def fastest(scene: Scene, substeps: int, device: str) -> float:
 
 
 def test_the_step_allows_for_viscosity(device: str):
-    """High viscosity reduces the step to an eighth, in which the ball comes to rest."""
     elastic, viscous = Material(kind="neo_hookean"), Material(kind="neo_hookean", viscosity=100.0)
     steps = [stable_step(scene_of(BALLS["quads"], material)) for material in (elastic, viscous)]
     assert steps[1] < 0.2 * steps[0]
@@ -256,10 +202,10 @@ def test_statics_are_those_of_what_is_simulated(name: str):
     assert np.linalg.norm(settled - settled.mean(0) - points + points.mean(0), axis=1).max() < 1e-3
 
 
-def test_a_singular_matrix_gets_an_answer():
-    """A singular matrix is solved where it has stiffness: coarse meshes may have displacements that nothing resists."""
+def test_a_singular_matrix_is_solved_where_it_has_stiffness():
+    """Coarse meshes may have displacements that nothing resists."""
     matrix = sparse.diags([2.0, 0.0, 4.0], format="csc")
-    np.testing.assert_allclose(systems.solver_of(matrix)(np.array([2.0, 0.0, 4.0])), [1.0, 0.0, 1.0], rtol=1e-9)
+    np.testing.assert_allclose(solver_of(matrix)(np.array([2.0, 0.0, 4.0])), [1.0, 0.0, 1.0], rtol=1e-9)
 
 
 def test_what_still_moves_is_not_called_at_rest():
@@ -310,7 +256,6 @@ def refused(sentence: str, material: bw.Material = MATERIALS["springs"], **of_ba
         ({"pairs": [[0, 1]]}, "expected pairs of shape"),
         ({"pairs": "none"}, "expected a .npz file with pairs"),
         ({"constants": -1.0}, "constants: expected numbers of at least 0"),
-        ({"rest_lengths": np.nan}, "rest_lengths: expected numbers"),
     ],
 )
 def test_a_file_that_says_no_springs_is_refused(changed: dict, sentence: str, tmp_path: Path):
@@ -435,14 +380,10 @@ def test_strings_that_start_overstretched_are_named_with_how_much():
 TABLE = {
     -1000.0: (294.651, 1.1393e5, 1.3470),
     0.0: (288.150, 1.01325e5, 1.2250),
-    1000.0: (281.651, 8.9876e4, 1.1117),
-    5000.0: (255.676, 5.4048e4, 7.3643e-1),
     10000.0: (223.252, 2.6499e4, 4.1351e-1),
     20000.0: (216.650, 5.5293e3, 8.8910e-2),
-    30000.0: (226.509, 1.1970e3, 1.8410e-2),
     40000.0: (250.350, 2.8714e2, 3.9957e-3),
     50000.0: (270.650, 7.9779e1, 1.0269e-3),
-    60000.0: (247.021, 2.1958e1, 3.0968e-4),
     70000.0: (219.585, 5.2209, 8.2829e-5),
 }
 """Temperature [K], pressure [Pa] and density [kg/m^3] by altitude, from table I of the U.S. Standard Atmosphere 1976"""
@@ -479,12 +420,6 @@ def test_gas_begins_at_the_pressure_of_the_air_that_thins_out():
     pressure = air["pressure"] * (temperature / air["temperature"]) ** power
     amount = pressure * signed_volume(plan.shapes[0].mesh) / (8.31446 * temperature)
     assert plan.parameters["initial_gas_amounts"][0, 0] == pytest.approx(amount, rel=1e-4)
-
-
-def test_without_a_lapse_gas_begins_alike_at_every_height():
-    balls = [Balloon(mesh=cube(), position=(0.0, y, 0.0), inflation=Inflation(kind="gas")) for y in (0.0, 3000.0)]
-    low, high = plan_model(Scene(balloon=balls)).parameters["initial_gas_amounts"][0]
-    assert high == pytest.approx(low, rel=1e-6)
 
 
 def test_a_scene_at_an_altitude_has_its_air():
@@ -554,32 +489,18 @@ GAS, ONE = "balloon.0.inflation", "; expected only one of them"
     ("name", "overrides", "complaint"),
     [
         ("two", {f"{GAS}.k_normal": 3.0}, 'inflation.k_normal: needs kind = "normal_force" (got kind = "gas"'),
-        ("two", {f"{GAS}.pressure": 3.0}, 'inflation.pressure: needs kind = "pressure"'),
-        ("two", {f"{GAS}.kind": "steam"}, "kind: must be 'pressure', 'gas' or 'normal_force' (got 'steam'"),
         ("two", {"balloon.0.helium": 3.0}, "balloon.0.helium: must be 0, since its gas lifts it (got 3"),
-        ("two", {f"{GAS}.pump": [[0.0, 1.0], [0.0, 2.0]]}, "pump: keyframe times must increase"),
         ("two", {"tube.0.balloons": [0, 0]}, "tube.0.balloons: must be two balloons below the number of balloons, 2"),
-        ("two", {"tube.0.balloons": [0, 2]}, "tube.0.balloons: must be two balloons below the number of balloons, 2"),
         ("two", {"balloon.1.inflation": {}}, 'tube.0.balloons: both must have inflation.kind = "gas"'),
         ("two", {"balloon.1.inflation.gamma": 1.4}, "both must have the same gamma and molar_mass"),
-        ("two", {"atmosphere.temperature": 0.0}, "atmosphere.temperature: must be greater than 0"),
-        ("two", {"atmosphere.lapse": 6.5}, "atmosphere.lapse: must be less than or equal to 0.1"),
         ("two", {"atmosphere.altitude": 80001.0}, "atmosphere.altitude: must be less than or equal to 80000"),
-        ("two", {"atmosphere.altitude": -5001.0}, "atmosphere.altitude: must be greater than or equal to -5000"),
-        ("two", {"atmosphere.altitude": "high"}, "atmosphere.altitude: must be a valid number"),
         ("two", {f"{GAS}.breaths": 1.0, f"{GAS}.litres": 2.0}, f"litres: gives the same quantity as breaths{ONE}"),
-        ("two", {f"{GAS}.amount": 1.0, f"{GAS}.moles": 2.0}, f"moles: gives the same quantity as amount{ONE}"),
         ("two", {f"{GAS}.pump": 0.1, f"{GAS}.breaths": 2.0}, f"breaths: gives the same quantity as pump{ONE}"),
         ("two", {f"{GAS}.pump_curve": [(5.0, 1.0), (5.0, 0.0)]}, "pump_curve: pressures must increase (got [5.0, 5.0]"),
-        ("two", {f"{GAS}.breaths": -1.0}, "breaths: must be"),
-        ("two", {f"{GAS}.fill_time": 0.0}, "fill_time: must be"),
         ("two", {f"{GAS}.kind": "pressure", f"{GAS}.litres": 1.0}, 'litres: needs kind = "gas" (got kind = "pressure"'),
         ("neck", {"balloon.0.neck.at": 500}, "neck.at: mesh has particles 0 to 97 (got 500"),
         ("neck", {"balloon.0.neck.at": "spout"}, "neck.at: mesh has no group spout; it has none"),
         ("neck", {"balloon.0.neck.diameter": 1.0}, "balloon.0.neck.diameter: must be at most 0.3"),
-        ("neck", {"balloon.0.neck.diameter": -1.0}, "neck.diameter: "),
-        ("neck", {"balloon.0.neck.discharge": 1.5}, "neck.discharge: "),
-        ("neck", {"balloon.0.neck.opens": -1.0}, "neck.opens: "),
         ("neck", {"balloon.0.neck.closes": 0.5}, "closes: must not come before it opens, at 1 s (got 0.5 s"),
         ("neck", {f"{GAS}.leak": 1.0}, "balloon.0.inflation.leak: must be at most"),
         ("neck", {f"{GAS}.molar_mass": 0.0}, "molar_mass: must be above 0 where gas leaves"),
@@ -590,8 +511,6 @@ GAS, ONE = "balloon.0.inflation", "; expected only one of them"
             "roughness: gives another wind profile than shear",
         ),
         ("wind", {"atmosphere.roughness": 10.0}, "roughness: must be less than wind_height, 10 m (got 10)"),
-        ("wind", {"atmosphere.gusts": -0.1}, "atmosphere.gusts: must be"),
-        ("wind", {"atmosphere.gust_seed": 1.5}, "gust_seed"),
     ],
 )
 def test_what_does_not_fit_gas_or_air_is_refused(name: str, overrides: dict[str, Any], complaint: str):
@@ -599,9 +518,7 @@ def test_what_does_not_fit_gas_or_air_is_refused(name: str, overrides: dict[str,
         Simulator(override_scene(SCENES[name], list(overrides.items())), "cpu")
 
 
-def test_it_is_refused_from_python_and_in_any_world_too():
-    with pytest.raises(InputError, match='amount: needs kind = "gas"'):
-        Inflation(pressure=1.0, amount=1.0)
+def test_roughness_is_below_the_height_of_the_wind_in_every_world():
     rough = override_scene(SCENES["wind"], [("atmosphere.roughness", 0.1)])
     with pytest.raises(InputError, match=r"less than wind_height, 0.05 m \(got 0.1\)"):
         plan_model(rough, 2, {"atmosphere.wind_height": [10.0, 0.05]})

@@ -63,14 +63,6 @@ def simulated(number: int, device: str) -> bytes:
 
 
 @pytest.mark.full
-def test_simulators_in_threads_give_the_bytes_of_one_after_the_other(device: str):
-    expected = [simulated(number, device) for number in range(8)]
-    for _ in range(2):
-        with ThreadPoolExecutor(THREADS) as threads:
-            assert list(threads.map(simulated, range(8), [device] * 8)) == expected
-
-
-@pytest.mark.full
 def test_one_thread_at_a_time_runs_kernels_with_tiles(monkeypatch: pytest.MonkeyPatch):
     """No two threads launch kernels with tiles, or replay graphs of such, at once on a CPU: it has one place for tiles.
 
@@ -107,17 +99,7 @@ def test_one_thread_at_a_time_runs_kernels_with_tiles(monkeypatch: pytest.Monkey
 
 
 @pytest.mark.full
-def test_simulators_made_before_step_beside_each_other(device: str):
-    """First steps record at about the same time, and give the same bytes."""
-    expected = [simulated(number, device) for number in range(6)]
-    simulators = [Simulator(scene(number), device=device) for number in range(6)]
-    with ThreadPoolExecutor(THREADS) as threads:
-        assert list(threads.map(points_of, simulators)) == expected
-
-
-@pytest.mark.full
 def test_batches_and_pictures_are_made_beside_simulators(device: str, tmp_path: Path):
-    """A batch records its measures, and a picture launches its rays."""
     stage = tmp_path / "still.usdc"
     animate(scene(1), stage, device=device)
     run_batch(scene(1), tmp_path / "before", 3, {"gravity": [1.0, 5.0, 9.0]}, device=device)
@@ -406,6 +388,9 @@ def test_a_machine_without_a_driver_is_left_alone(monkeypatch: pytest.MonkeyPatc
 
 
 GIB = 2**30
+OF_VERSION_2 = "memory.max", "memory.current", "inactive_file"
+OF_VERSION_1 = "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"
+"""Limit, usage, and what of it is inactive"""
 
 
 def write(root: Path, path: str, text: str) -> None:
@@ -413,41 +398,31 @@ def write(root: Path, path: str, text: str) -> None:
     (root / path).write_text(text)
 
 
-def status(root: Path, gib: float) -> None:
-    write(root, "proc/self/status", f"Name:\tpython3\nVmRSS:\t  {int(gib * 2**20)} kB\nThreads:\t1\n")
-
-
-@pytest.mark.parametrize("limited", ["job/task", "job", ""])
-def test_a_cgroup_of_version_2_and_those_it_is_in(tmp_path: Path, limited: str):
-    """The limit of a cgroup is its maximum less the memory in use, not counting inactive files."""
-    write(tmp_path, "proc/self/cgroup", "0::/job/task\n")
-    for group in ("job/task", "job", ""):
-        folder = f"sys/fs/cgroup/{group}"
-        write(tmp_path, f"{folder}/memory.max", f"{4 * GIB}\n" if group == limited else "max\n")
-        write(tmp_path, f"{folder}/memory.current", f"{3 * GIB}\n")
-        write(tmp_path, f"{folder}/memory.stat", f"anon {GIB}\ninactive_file {GIB // 2}\nactive_file {GIB}\n")
-    assert lowest_limit(tmp_path, {}) == Limit("the cgroup's memory.max", 3 * GIB // 2)
-
-
-def test_a_cgroup_of_version_1(tmp_path: Path):
-    write(tmp_path, "proc/self/cgroup", "9:cpu,cpuacct:/a\n7:memory:/a\n1:name=systemd:/a\n0::/a\n")
-    folder = "sys/fs/cgroup/memory/a"
-    write(tmp_path, f"{folder}/memory.limit_in_bytes", f"{2 * GIB}\n")
-    write(tmp_path, f"{folder}/memory.usage_in_bytes", f"{GIB}\n")
-    write(tmp_path, f"{folder}/memory.stat", f"inactive_file 5\ntotal_inactive_file {GIB // 4}\n")
-    assert lowest_limit(tmp_path, {}) == Limit("the cgroup's memory.limit_in_bytes", 5 * GIB // 4)
-
-
-def test_a_container_sees_its_own_group_as_the_root(tmp_path: Path):
-    """A container sees its own group as the root: the path in the process is the host's, and does not exist."""
-    write(tmp_path, "proc/self/cgroup", "0::/system.slice/docker-1234.scope\n")
-    write(tmp_path, "sys/fs/cgroup/memory.max", f"{GIB}\n")
-    write(tmp_path, "sys/fs/cgroup/memory.current", f"{GIB // 4}\n")
-    assert lowest_limit(tmp_path, {}) == Limit("the cgroup's memory.max", 3 * GIB // 4)
+@pytest.mark.parametrize(
+    ("groups", "group", "names"),
+    [
+        ("0::/job/task", "job/task", OF_VERSION_2),
+        ("0::/job/task", "job", OF_VERSION_2),
+        # A container sees its own group as the root: the path in the process is the host's, and does not exist.
+        ("0::/system.slice/it.scope", "", OF_VERSION_2),
+        ("9:cpu,cpuacct:/a\n7:memory:/a\n1:name=systemd:/a\n0::/a", "memory/a", OF_VERSION_1),
+    ],
+)
+def test_a_cgroup_leaves_its_limit_less_what_is_in_use(
+    tmp_path: Path, groups: str, group: str, names: tuple[str, str, str]
+):
+    """Memory of a group of either version, or of one around it; inactive files do not count."""
+    folder, (most, used, inactive) = f"sys/fs/cgroup/{group}", names
+    write(tmp_path, "proc/self/cgroup", f"{groups}\n")
+    write(tmp_path, "sys/fs/cgroup/job/task/memory.max", "max\n")
+    write(tmp_path, f"{folder}/{most}", f"{4 * GIB}\n")
+    write(tmp_path, f"{folder}/{used}", f"{3 * GIB}\n")
+    write(tmp_path, f"{folder}/memory.stat", f"anon {GIB}\n{inactive} {GIB}\nactive_file {GIB}\n")
+    assert lowest_limit(tmp_path, {}) == Limit(f"the cgroup's {most}", 2 * GIB)
 
 
 def test_a_job_of_slurm(tmp_path: Path):
-    status(tmp_path, 0.5)
+    write(tmp_path, "proc/self/status", f"Name:\tpython3\nVmRSS:\t  {2**19} kB\nThreads:\t1\n")
     node, cpu = {"SLURM_MEM_PER_NODE": "4096"}, {"SLURM_MEM_PER_CPU": "1024", "SLURM_CPUS_ON_NODE": "3"}
     assert lowest_limit(tmp_path, node) == Limit("SLURM_MEM_PER_NODE", 7 * GIB // 2)
     assert lowest_limit(tmp_path, cpu) == Limit("SLURM_MEM_PER_CPU", 5 * GIB // 2)
@@ -536,55 +511,23 @@ def test_a_log_gets_a_line_of_each_stage_that_lasts(timers: list[Later]):
     assert log.getvalue() == "[cow].obj: checking\n"
 
 
-class Screen:
-    """Terminal with one spinner."""
-
-    is_terminal = True
-
-    def __init__(self):
-        self.shown: list[str] = []
-        self._beside, self._turns = "", False
-
-    def status(self, beside: str) -> "Screen":
-        self.update(beside)
-        return self
-
-    def update(self, beside: str) -> None:
-        self._beside = beside
-        if self._turns:
-            self.shown.append(beside)
-
-    def start(self) -> None:
-        self._turns = True
-        self.update(self._beside)
-
-    def stop(self) -> None:
-        self._turns = False
-
-
-def test_a_terminal_shows_the_stage_that_it_is_at(timers: list[Later]):
-    screen: Any = Screen()
-    stages = Stages("[cow].obj", screen)
+def test_a_terminal_shows_the_stage_that_it_is_at_but_nothing_of_what_is_short(timers: list[Later]):
+    shown = io.StringIO()
+    short, stages = (Stages("[cow].obj", Console(file=shown, force_terminal=True, width=80)) for _ in range(2))
+    short("reading")
+    short.end()
+    timers[0].come()
     stages("reading")
     stages("checking")
-    assert screen.shown == []
-    assert [timer.seconds for timer in timers] == [SPINNER_SECONDS]  # from the beginning on
-    timers[0].come()
+    assert shown.getvalue() == ""
+    assert [timer.seconds for timer in timers[1:]] == [SPINNER_SECONDS]  # from the beginning on
+    timers[1].come()
     stages("writing")
     stages.end()
     stages("resting")
-    assert screen.shown == [r"\[cow].obj: checking", r"\[cow].obj: writing"]
-
-
-def test_what_is_short_shows_nothing(timers: list[Later]):
-    for terminal in (True, False):
-        shown = io.StringIO()
-        stages = Stages("cow", Console(file=shown, force_terminal=terminal))
-        stages("reading")
-        stages.end()
-        for timer in timers:
-            timer.come()
-        assert shown.getvalue() == ""
+    assert "[cow].obj: writing" in shown.getvalue()
+    assert "reading" not in shown.getvalue()
+    assert "resting" not in shown.getvalue()
 
 
 @pytest.mark.full
