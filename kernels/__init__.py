@@ -16,7 +16,7 @@ def _flags() -> str:
     - Functions are inlined up to a quarter of Warp's limit: kernels are as fast, and those of free bodies compile
       in two thirds of the time.
     - Vector instructions are made of longer chains of sums and products: eight lanes of rubber run up to 1.5 times as
-      fast, and compile as soon. They are of eight numbers at most, as lanes are: with the 16 of AVX-512 the compiler
+      fast, and compile as soon. They are of eight numbers at most, as lanes are: without a limit the compiler
       mixed up rows of lanes in the adjoint of area vectors, and was slower.
     - Without the short floats that no kernel of ours has: a third of the headers' time.
     - The headers' templates are instantiated once: a tenth of each kernel's time.

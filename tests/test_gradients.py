@@ -19,7 +19,7 @@ from gradient_losses import (
     slope_of,
     value_at,
 )
-from gradient_scenes import CASES, HELD, OF_MEETING, OF_RUBBING, PLANE, SLAB, meeting, scene
+from gradient_scenes import CASES, HELD, OF_MEETING, OF_RUBBING, PLANE, SLAB, TRIANGLES, meeting, scene
 
 import balloon_warp as bw
 from balloon_warp.kernels.schedules.block_names import Layout
@@ -117,6 +117,16 @@ def test_a_world_of_a_batch_has_the_gradients_that_it_has_alone_and_the_frames_o
             np.testing.assert_array_equal(ours, theirs)
     for name in ("pressures", "sphere_positions"):
         np.testing.assert_array_equal(getattr(found.trajectories, name), getattr(told, name))
+
+
+def test_eight_worlds_have_the_gradients_of_eight_particles_of_one():
+    """Gas in triangles, whose rows of lanes a compiler mixed up in vectors of more than eight numbers."""
+    of = scene("gas", substeps=12, mesh=TRIANGLES)
+    alone, among = (
+        bw.gradient(of, of=["gravity"], loss=far, world_count=worlds, device="cpu", schedule="lanes")
+        for worlds in (1, 2)
+    )
+    np.testing.assert_array_equal(among.by_points[0][1], alone.by_points[0])
 
 
 @pytest.mark.full

@@ -74,6 +74,7 @@ SHORT = 4
 """Length of short lists of triangles, whole fours; of others it is 1"""
 
 
+@pytest.mark.full
 def test_worlds_that_share_the_ground_move_as_one_does(device: str):
     """A ball falls on one that lies on the ground, of which all worlds read one row, far below balloons."""
     still = {"velocity": (0.0, 0.0, 0.0), "angular_velocity": (0.0, 0.0, 0.0), "restitution": 0.5}
@@ -134,6 +135,7 @@ def test_lists_that_grow_change_no_bit(name: str, lists: set[str], device: str, 
             np.testing.assert_array_equal(getattr(batch.state, field).numpy()[[0, 2]], np.repeat(expected, 2, axis=0))
 
 
+@pytest.mark.full
 def test_gradients_have_the_lists_that_frames_have_come_to_need(device: str, short_lists: pytest.MonkeyPatch):
     of, path = CASES["touch in a crowd"].scene, "balloon.1.velocity.1"
     found = bw.gradient(of, of=[path], loss=far, device=device)

@@ -47,9 +47,10 @@ WORLDS = (0, 1, 2, 3)
 ROUNDINGS = {"points": 4e-6, "velocities": 2e-4, "pressures": 5e-4, "gas_amounts": 1e-9, "peak": 1e-5}
 """Rounding over the largest value: of places and speeds by sums in another order, of pressures by that of the air's,
 which are a hundred times as large; amounts of gas are kept in float64, and rates in float32"""
-MOVE, MOVES = 2e-7, 8
-"""Offset of all places at the start [m], of 3 m, which shows how contact amplifies the rounding of float32; and the
-number of times that each world starts so, as it decides how a ball hits"""
+MOVE, MOVES = 1e-6, 8
+"""Offset of all places at the start [m], of 3 m, which shows how contact amplifies the rounding of float32: each of a
+frame's 171 substeps rounds a place by 1e-7, which adds up as a random walk; and the number of times that each world
+starts so, as it decides how a ball hits"""
 
 
 def flying(filled: str, substeps: int) -> Scene:

@@ -53,10 +53,14 @@ def test_gravity_that_changes_or_is_set_bends_the_fall(device, schedule):
     np.testing.assert_allclose(falls, np.tile([-(10.0 + 30.0) * 2 / 60, -(10.0 + 4.0) * 2 / 60], (8, 1)), rtol=1e-5)
 
 
-def test_an_anchor_follows_keyframes_or_an_obstacle(device: str):
+def test_an_anchor_follows_keyframes(device: str):
     """Strings pull from there in test_reference.py."""
     frame = after_frames(feature_set("springs"), 3, device).read_frame()
     np.testing.assert_allclose(frame.string_anchors[1], (3.1, 2.3, 0.0), atol=1e-6)  # its last keyframe is at 0.04 s
+
+
+@pytest.mark.full
+def test_an_anchor_follows_an_obstacle(device: str):
     simulator = Simulator(feature_set("all"), device)
     begin, end = simulator.read_frame(), stepped(simulator, 3).read_frame()
     (before,), (after,) = begin.obstacle_poses, end.obstacle_poses
