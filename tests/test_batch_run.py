@@ -385,3 +385,15 @@ def test_a_mistake_gets_one_sentence_and_status_2(folder: Path, capsys, argument
     assert captured.err.startswith(f"error: {sentence}")
     assert len(captured.err.splitlines()) == 1
     assert not (folder / "ball_batch").exists()
+
+
+@pytest.mark.full
+def test_a_step_that_only_soft_thin_parts_allow_is_no_reason_for_an_early_refusal(monkeypatch):
+    monkeypatch.setattr(batch_module, "MANY", 1)
+    stiff = {"balloon.stiffness.structural": 5000.0}
+    stable, stiffer = (
+        plan_groups(load_scene("squirrel_tether", stiff | {"balloon.stiffness.thin": thin}), 1, {})[0].plan.substeps
+        for thin in ("softer", "alike")
+    )
+    assert stable < stiffer
+    batch_module.require_room(load_scene("squirrel_tether", stiff | {"substeps": stable}), 2, device="cpu")

@@ -16,6 +16,7 @@ from batches import (
     OFTEN,
     assert_text_has_the_numbers_of,
     contents,
+    press_ctrl_c_once,
     scene,
     stop_after,
 )
@@ -418,3 +419,21 @@ def test_a_state_without_its_rows_is_not_gone_on_from(stopped: Path):
     """A kill between the two leaves it like that."""
     (stopped / "partial" / "state_000003_0000.npz").write_bytes(b"of a frame whose rows are not there")
     assert resumed(stopped) == [f"resuming after frame 2, from {stopped / 'partial'}"]
+
+
+def test_ctrl_c_saves_the_frame_that_it_finds_and_no_later_one_is_simulated(tmp_path):
+    frames: list[int] = []
+    press = press_ctrl_c_once(lambda frame: frame == 3)
+
+    def look(frame: int) -> None:
+        frames.append(frame)
+        press(frame)
+
+    plays = r"partial/frames\.usda plays the frames so far, and --resume continues from them$"
+    with pytest.raises(KeyboardInterrupt, match=plays):
+        run(tmp_path / "out", export=[1], checkpoint_seconds=0.0, on_frame=look)
+    assert frames == [0, 1, 2, 3]
+    run(tmp_path / "out", export=[1], resume=True, on_frame=frames.append)
+    assert frames == [*range(BATCH_FRAMES + 1)]
+    run(tmp_path / "whole", export=[1])
+    assert contents(tmp_path / "out") == contents(tmp_path / "whole")

@@ -338,3 +338,10 @@ def test_a_mesh_by_itself_stands_and_says_why(up: str, tmp_path: Path):
     turned = load_scene(path, {"balloon.up": other})
     assert (turned.up_axis, turned.balloon[0].up) == (other, other)
     assert turned.description.endswith(f"{other} is up, as given")
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(("name", "itself"), [("foil_letters", True), ("letter_slot", False), ("two_balloons", False)])
+def test_foil_touches_itself_by_default(name: str, itself: bool):
+    """Foil folds anywhere, so it touches itself; sheets that resist bending do not, nor do balls."""
+    assert plan_model(load_scene(name)).scene.touches_itself is itself

@@ -478,3 +478,21 @@ def test_a_bad_particle_is_named_by_its_number(schedule, device):
     simulator.state.points.assign(points)
     simulator.advance()
     assert simulator.state.first_bad.numpy() == [1000]
+
+
+def test_only_the_frames_since_the_last_kept_state_are_simulated_again(device, monkeypatch):
+    """States are kept at frames 1, 9 and 17; in the second substep of frame 21 the inflation has begun to rise."""
+    monkeypatch.setattr("balloon_warp.blow_ups.KEPT_FRAMES", 8)
+    rises = Inflation(k_normal=[(0.0, 0.0), (20.5 / 60.0, 0.0), (21.5 / 60.0, 9e11)])
+    simulator = Simulator(Scene(balloon=[Balloon(mesh=cube(), inflation=rises)], substeps=4), device)
+    frames: list[int] = []
+    advance = Simulator.advance
+
+    def counted(self: Simulator) -> None:
+        frames.append(self.frame_number + 1)
+        advance(self)
+
+    monkeypatch.setattr(Simulator, "advance", counted)
+    report = blow_up(simulator)
+    assert (report.frame, report.substep) == (21, 2)
+    assert frames == [*range(1, 22), *range(17, 21)]

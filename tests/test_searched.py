@@ -78,6 +78,11 @@ def course(filled: str, schedule: str, device: str, worlds: tuple[int, ...] = WO
     return [after_frame(simulator) for _ in range(FRAMES)]
 
 
+def apart(some: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Return root mean squares of differences in each world: one particle that touches a substep sooner says little."""
+    return np.sqrt(np.square(some - others, dtype=float).reshape(len(some), -1).mean(axis=1))
+
+
 def after_frame(simulator: Simulator) -> dict[str, np.ndarray]:
     simulator.step_unread()
     arrays = simulator.state.arrays | {"verdicts": simulator.schedule.launches.working.verdicts}
@@ -88,7 +93,7 @@ def after_frame(simulator: Simulator) -> dict[str, np.ndarray]:
 @pytest.mark.parametrize("filled", FILLED)
 def test_worlds_go_from_blocks_to_launches_and_back_as_in_launches_alone(filled: str, device: str):
     """Places, gas, and how far rubber has been stretched go along. Differences are those of rounding, and what contact
-    makes of it: at most four times of what it makes of starts that are moved by MOVE."""
+    makes of it: at most four times of what it has made so far of starts that are moved by MOVE."""
     found, expected = course(filled, "block", device), course(filled, "gather", device)
     verdicts = np.array([each["verdicts"] for each in found])
     assert (verdicts[:, 0] == FREE).all()
@@ -98,13 +103,13 @@ def test_worlds_go_from_blocks_to_launches_and_back_as_in_launches_alone(filled:
     assert (expected[-1]["peak"].max(axis=1)[1:3] > 1.02 * expected[-1]["peak"][0].max()).all(), (
         "contact stretches them"
     )
-    for frame, (mine, launched) in enumerate(zip(found, expected, strict=True)):
+    spreads = {field: np.zeros(len(WORLDS)) for field in ROUNDINGS}
+    for mine, launched, asides in zip(found, expected, moved, strict=True):
         for field, rounding in ROUNDINGS.items():
-            asides = np.split(moved[frame][field], MOVES)
-            for world, values in enumerate(launched[field]):
-                spread = max(np.abs(aside[world] - values).max() for aside in asides)
-                most = 4.0 * spread + rounding * np.abs(values).max()
-                np.testing.assert_allclose(mine[field][world], values, rtol=0, atol=most, err_msg=f"{field}, {world}")
+            spread = np.max([apart(launched[field], aside) for aside in np.split(asides[field], MOVES)], axis=0)
+            spreads[field] = np.maximum(spreads[field], spread)
+            most = 4.0 * spreads[field] + rounding * np.abs(launched[field]).reshape(len(WORLDS), -1).max(axis=1)
+            assert (apart(launched[field], mine[field]) <= most).all(), field
 
 
 @pytest.mark.full

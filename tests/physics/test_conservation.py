@@ -509,3 +509,16 @@ def gradient(mesh: PolygonMesh, points: np.ndarray, step: float = 1e-4) -> np.nd
             moved[place] += sign * step
             found[place] += sign * signed_volume(replace(mesh, points=moved)) / (2.0 * step)
     return found
+
+
+def test_stable_step_holds_and_is_not_wasteful(device):
+    balloon = Balloon(mesh=quad_sphere(4), damping=0.0, inflation=NO_INFLATION)
+    scene = Scene(balloon=[balloon], gravity=0.0, frames_per_second=6, frames=20)
+    fewest = int(0.801 * Simulator(scene, device).model.substeps)  # "auto" takes 0.8 of the stable step
+    simulator = Simulator(scene.model_copy(update={"substeps": fewest}), device)
+    kick = np.random.default_rng(1).normal(0.0, 0.01, (simulator.model.particle_count, 3))
+    put(simulator, velocities=kick)
+    # all the energy is kinetic at first, so the rms speed can hardly grow while the scheme is stable
+    assert np.std(advanced(simulator, 20).velocities[0]) < 1.5 * np.std(kick)
+    with pytest.raises(InputError, match=r"^substeps: \d+ are too few .* at least \d+ are needed"):
+        Simulator(scene.model_copy(update={"substeps": fewest // 2}), device)

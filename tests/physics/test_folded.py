@@ -34,6 +34,7 @@ from balloon_warp.model import plan_model
 from balloon_warp.model.shape import shape_balloon
 from balloon_warp.model.touch import meeting_edges, sharp_edges
 from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Scene, Stiffness, Touch, load_scene
+from balloon_warp.scenes.model_airbag import GAP, airbag, airbag_flat
 
 LIMP = Stiffness(structural=50.0, shear=25.0, flexion=0.0)
 
@@ -253,3 +254,12 @@ def test_a_ball_on_a_thin_rod_does_not_cross_itself_where_it_touches_itself_soft
         most[itself] = max(crossings(points, mesh) for points in places[30:])
     assert most[False] > 50
     assert most["soft"] == 0
+
+
+def test_the_airbag_is_folded_without_a_crossing_or_a_stretch():
+    mesh, flat = airbag(), airbag_flat()
+    assert np.ptp(mesh.points[:, 1]) == pytest.approx(31 * GAP)
+    assert crossings(mesh.points, mesh) == 0
+    ends = triangle_edges(mesh)
+    lengths, sewn = (np.linalg.norm(m.points[ends[:, 0]] - m.points[ends[:, 1]], axis=1) for m in (mesh, flat))
+    assert (lengths < 1.001 * sewn).all()
