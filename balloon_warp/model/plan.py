@@ -334,12 +334,14 @@ def plan_model(
     vary: Vary | None = None,
     shapes: list[BalloonShape] | None = None,
     laws: Sequence[Law] = (),
+    films: Mapping[int, float] | None = None,
 ) -> ModelPlan:
     """Read the scene's meshes, string them, and give each world its parameters.
 
     Args:
         shapes: of the scene's balloons, where they are known already.
         laws: User-defined laws beside the built-in ones.
+        films: Shear moduli of film that was planned already [Pa], by number of the balloon: no bound is asked there.
 
     Raises:
         InputError: a law is not right, a mesh cannot be read or strung, or not hold gas, a particle is not in its
@@ -357,7 +359,7 @@ def plan_model(
     bodies = [shape_body(number, body, scene) for number, body in enumerate(scene.body)]
     changes = list(due_changes(scene, rows))
     uncut, exact = Network(shapes, held, (*LAWS, *laws), bodies), said[SHEAR_MODULUS.name]
-    parameters = _settled(scene, uncut, said, changes, vary or {})
+    parameters = _settled(scene, uncut, said, changes, vary or {}, films=films)
     shapes = cut_to_size(scene, shapes, parameters, exact)
     obstacles = [shape_obstacle(number, obstacle, scene) for number, obstacle in enumerate(scene.obstacle)]
     parameters |= resolve_bodies(scene, bodies, parameters)
@@ -415,6 +417,7 @@ def _settled(
     changes: Sequence[DueChange],
     varied: Collection[str],
     rounded: bool = True,
+    films: Mapping[int, float] | None = None,
 ) -> Parameters:
     """Return the parameters with those that follow from them and from the shapes.
 
@@ -437,7 +440,7 @@ def _settled(
     require_openings(scene, shapes, parameters)
     require_profile(parameters)
     parameters["keyframe_values"] = resolve_pressure(scene, shapes, parameters)
-    parameters[SHEAR_MODULUS.name] = bounded_moduli(scene, shapes, parameters, changes, varied)
+    parameters[SHEAR_MODULUS.name] = bounded_moduli(scene, shapes, parameters, changes, varied, films)
     parameters |= resolve_touch(scene, shapes, parameters) | resolve_friction(parameters, rounded)
     parameters |= resolve_tears(scene, parameters)
     parameters |= resolve_gas(scene, shapes, parameters, rounded)

@@ -7,7 +7,7 @@ Real film hardly stretches, and its modulus makes short steps: a letter of foil 
 nothing changes that one sees. Ten times as soft in frequency it takes a tenth of them.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from math import ceil
 from typing import Any, Protocol
@@ -437,6 +437,7 @@ def bounded_moduli(
     parameters: Parameters,
     changes: Sequence[DueChange],
     varied: Collection[str] = (),
+    films: Mapping[int, float] | None = None,
 ) -> Values:
     """Return shear moduli of all balloons [Pa], shape (W, balloon_count), of film no higher than its bound asks for.
 
@@ -447,6 +448,7 @@ def bounded_moduli(
 
     Args:
         varied: paths of values that differ between worlds: a modulus among them stays, unless a bound is asked for.
+        films: Moduli of film that was planned already [Pa], by number of the balloon.
 
     Raises:
         InputError: a bound is asked for where no pressure is planned, or the balloon has no inside.
@@ -455,6 +457,10 @@ def bounded_moduli(
     for number, (balloon, shape) in enumerate(zip(scene.balloon, shapes, strict=True)):
         bound = balloon.material.bound_on_strain
         told = balloon.material.strain_bound is None and any(path.endswith(SHEAR_MODULUS.path) for path in varied)
+        if films and number in films:
+            moduli = moduli.copy()
+            moduli[:, number] = films[number]
+            continue
         if bound is None or told or not _has_plan(scene, shape, parameters, number):
             continue
         pressure = _planned_pressure(scene, parameters, changes, number)

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from balloon_warp.blow_ups import BlowUp
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Law
+from balloon_warp.kernels.laws.membrane import SHEAR_MODULUS
 from balloon_warp.model import lay_out, plan_model
 from balloon_warp.model.plan import ModelPlan
 from balloon_warp.model.pressure import with_resolved_pressure
@@ -501,7 +502,10 @@ class Playground:
             InputError: it needs too many.
         """
         scene = scene.model_copy(update={"substeps": self._asked_substeps(scene)})
-        plan = plan_model(scene, shapes=self._first_model.shapes, laws=self._first_model.own_laws)
+        first, moduli = self._first_model, self.simulator.model.parameters[SHEAR_MODULUS.name].numpy()[0]
+        bounded = first.strain_bound.films if first.strain_bound else ()
+        films = {film.number: float(moduli[film.number]) for film in bounded}  # whatever the pressure is by now
+        plan = plan_model(scene, shapes=first.shapes, laws=first.own_laws, films=films)
         self._require_playable(plan.substeps)
         values = plan.parameters["keyframe_values"]  # as many as at the start, for a bit-identical replay
         missing = self._first_model.parameters["keyframe_values"].shape[2] - values.shape[2]
