@@ -140,7 +140,7 @@ def first_contact_with_mesh(solid: Solid, up: wp.vec3, start: wp.vec3, end: wp.v
     if inside:
         touch.normal = facing
         touch.place = start - first * facing
-        touch.clear = start
+        touch.clear = touch.place
     else:
         unseen = near + UNSEEN * skin - wp.min(first, 0.0)
         iterations = wp.where(
