@@ -515,9 +515,8 @@ def points_of(made: Scene, schedule: str, device: str = "cpu") -> np.ndarray:
     return np.stack([stepped(simulator, 1).state.points.numpy().copy() for _ in range(made.frames)])
 
 
-@pytest.mark.parametrize(
-    "schedule", ["gather", "octets", "scatter", pytest.param("projective", marks=pytest.mark.full)]
-)
+@pytest.mark.full
+@pytest.mark.parametrize("schedule", ["gather", "octets", "scatter", "projective"])
 def test_a_frame_of_rounds_is_to_the_bit_one_of_single_substeps(
     monkeypatch: pytest.MonkeyPatch, device: str, schedule: str
 ):

@@ -267,6 +267,7 @@ def squared_way(moved: Trajectories) -> tuple[Any, dict[str, Any]]:
     return way**2 + JUMP * (way > AT), {"points": [slopes]}
 
 
+@pytest.mark.full
 def test_means_over_samples_are_those_of_a_normal_distribution():
     """Quantiles of 64 samples find the integrals of the loss to 1e-4, of its slope to 2 %: their variance is 1 % less
     than 1, and the jump lies between two of them."""

@@ -27,7 +27,7 @@ VARIED: dict[str, Any] = {
 }
 """Sets with other values: balloons that meet between two searches, in crowds that the step does not allow for; and
 hinges whose particles have numbers after those of another balloon"""
-USUAL = {"scatter": ("paper",), "gather": ("bursting", "all"), "block": ("all",), "lanes": ("all",)}
+USUAL = {"scatter": (), "gather": ("bursting", "all"), "block": ("all",), "lanes": ("all",)}
 """Sets by schedule that have what it does in a way of its own; others run with --full. Octets, the CPU's own, stand
 above; no device takes scatter by itself, but for forces"""
 WAVES = np.array([[9.0, 4.0, -3.0], [-5.0, 8.0, 4.0], [3.0, -6.0, 9.0]])

@@ -433,9 +433,9 @@ FULL = 150
 
 
 def test_turtle_pillow_lifts_the_turtle_level():
-    """The turtle rests on the ground through the flat pillow, and then a tenth of a meter higher. It tips by less than 15
-    degrees, by 7 or 13 as rounding decides, see docs/LIMITS.md; no particle is in it by more than a hundredth of its
-    height."""
+    """The turtle rests on the ground through the flat pillow, and then a tenth of a meter higher. It tips by less than
+    15 degrees, by 7 or 13 as rounding decides, see docs/LIMITS.md; no particle is in it by more than a hundredth of
+    its height."""
     model, frames = played("turtle_pillow")
     body = model.bodies[0]
     assert body.solid.mesh

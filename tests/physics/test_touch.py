@@ -123,7 +123,6 @@ def test_an_open_surface_stops_what_comes_from_either_side(side: float, device: 
     assert side * centers(simulator)[1, 2] > 0.6
 
 
-@pytest.mark.always
 def test_a_chain_lies_on_a_ball(device: str):
     """A chain lies on a ball: its particles touch, and nothing touches its edges, which have no surface."""
     chain = mesh_of([(x, 0.0, 0.0) for x in np.linspace(-0.2, 0.2, 9)], [[n, n + 1] for n in range(8)])
