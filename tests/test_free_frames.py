@@ -504,9 +504,9 @@ def test_every_substep_runs_once_in_order_and_searches_when_it_should(count: int
     assert a_frame.are_short == (count > frames.FLAT)
 
 
-def of_rounds(substeps: int = MANY) -> Scene:
-    """Return the set of all features, in which a balloon inflates by a ramp, others touch and an obstacle moves."""
-    return feature_set("all").model_copy(update={"frames": 2, "substeps": substeps})
+def of_rounds(substeps: int = MANY, name: str = "all") -> Scene:
+    """Return a set; in that of all features a balloon inflates by a ramp, others touch and an obstacle moves."""
+    return feature_set(name).model_copy(update={"frames": 2, "substeps": substeps})
 
 
 def points_of(made: Scene, schedule: str, device: str = "cpu") -> np.ndarray:
@@ -540,6 +540,6 @@ def test_what_is_recorded_does_not_grow_with_the_substeps(monkeypatch: pytest.Mo
     monkeypatch.setattr(APICapture, "build_launch_info", counted)
     for substeps in (MANY, MORE):
         recorded.append(0)
-        points_of(of_rounds(substeps), "octets")
+        points_of(of_rounds(substeps, "touch"), "octets")
     _, few, many = recorded
     assert 0 < many <= 1.2 * few, "what is left over of a turn, and between two searches, has fewer than a turn"
