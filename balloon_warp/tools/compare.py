@@ -118,11 +118,15 @@ class Still(NamedTuple):
     """Stage to write that frame into, if any"""
 
 
+OF_THE_SCENE = Still()
+"""Still of the frame that the scene names"""
+
+
 def simulate(
     scene: Scene,
     values: dict[str, Any],
     simulator_of: Callable[[Scene], Simulator],
-    still: Still = Still(),  # noqa: B008
+    still: Still = OF_THE_SCENE,
     on_begin: Callable[[RunHeader], None] = lambda header: None,
     on_frame: Callable[[int, int], None] = lambda done, count: None,
     clock: Callable[[], float] = time.perf_counter,

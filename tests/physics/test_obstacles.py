@@ -16,9 +16,10 @@ from pxr import Gf, Usd, UsdGeom, UsdSkel, Vt
 from scipy.spatial.transform import Rotation
 
 from balloon_warp import Frame, InputError, PolygonMesh, Simulator
-from balloon_warp.kernels.laws.contact import capsule_surface
-from balloon_warp.kernels.loops.paths import first_contact_with_mesh
+from balloon_warp.kernels.laws.contact import MESH, capsule_surface
+from balloon_warp.kernels.loops.paths import first_contact_with_mesh, path_function
 from balloon_warp.kernels.tables import Solid
+from balloon_warp.mesh.topology import triangulate
 from balloon_warp.model import plan_model
 from balloon_warp.model.obstacles import obstacle_motion
 from balloon_warp.scene import Balloon, Body, Ground, Inflation, Obstacle, Scene, Sphere, Stiffness
@@ -85,6 +86,37 @@ def test_a_path_meets_a_sheet_without_thickness_where_it_crosses_it():
     np.testing.assert_allclose(places[meets], start[meets] + part[:, None] * (end - start)[meets], atol=1e-5)
     np.testing.assert_allclose(parts.numpy()[meets], part, atol=3e-4)
     assert 50 < meets.sum() < count - 50
+
+
+let_through = path_function(True)
+
+
+@wp.kernel(enable_backward=False, module=LAWS)
+def lead_out(solid: Solid, paths: wp.array2d[wp.vec3], led: wp.array[wp.vec3]):
+    i = wp.tid()
+    let, _outward, _free, _slides, _part = let_through(solid, wp.vec3(0.0, 1.0, 0.0), paths[0, i], paths[1, i], 0.0)
+    led[i] = let
+
+
+@pytest.mark.parametrize("size", [(1.0, 0.4, 2.5), (1.0, 1.0, 0.12)], ids=["box", "plate"])
+def test_who_begins_inside_a_mesh_ends_on_its_surface(size: tuple[float, float, float]):
+    """Starts are near sides, edges and corners of a turned box; the tolerance is the lift of paths above a surface."""
+    turn, half = Rotation.from_euler("xyz", (20.0, 35.0, 10.0), degrees=True), 0.5 * np.array(size)
+    box, random, count = plate(*size), np.random.default_rng(4), 2000
+    start = half * random.uniform(-1.0, 1.0, (count, 3))
+    nearest = (half - np.abs(start)).argmin(axis=1)
+    depth = random.uniform(1e-3, 0.04, count)  # deeper than a tenth of its size a solid looks for no surface
+    start[np.arange(count), nearest] = np.sign(start[np.arange(count), nearest]) * (half[nearest] - depth)
+    end = start + 0.1 * random.normal(size=(count, 3))
+    corners = wp.array(turn.apply(box.points), dtype=wp.vec3, device="cpu")
+    mesh = wp.Mesh(corners, wp.array(triangulate(box)[0].ravel(), dtype=wp.int32, device="cpu"))
+    solid, led = Solid(), wp.zeros(count, dtype=wp.vec3, device="cpu")
+    solid.kind, solid.mesh, solid.closed = int(MESH), mesh.id, 1
+    solid.reach, solid.blur = float(np.linalg.norm(half)), 1e-4
+    paths = wp.array([turn.apply(start), turn.apply(end)], dtype=wp.vec3, device="cpu")
+    wp.launch(lead_out, count, [solid, paths, led], device="cpu")
+    beyond = (np.abs(turn.inv().apply(led.numpy())) - half).max(axis=1)
+    assert beyond.min() > -1e-5
 
 
 def crowd(at: tuple, velocity: tuple, size: float = 0.2) -> Balloon:

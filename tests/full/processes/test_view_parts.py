@@ -475,7 +475,7 @@ QUICK = [name for name in bundled_scenes() if name not in SLOW]
 
 
 def test_foil_keeps_the_modulus_that_it_was_planned_with():
-    """The bound asks for the largest pressure of the scene, not for what a slider says as a ball is thrown."""
+    """Strain is bounded at the largest pressure of the scene, whatever a slider says as a ball is thrown."""
     blown = Inflation(pressure=[(0.0, 0.0), (1.0, 50.0)])
     foil = Balloon(mesh=quad_sphere(4), material=Material(preset="foil"), inflation=blown)
     playground = Playground(Scene(balloon=[foil], touch=False), "cpu")

@@ -674,7 +674,7 @@ def test_a_preview_of_many_vertices_is_refused(scene: Any):
 
 def test_the_panel_draws_each_role(scene: Any):
     class Drawn:
-        """Layout that notes what is drawn."""
+        """Recorder of a panel's layout calls."""
 
         def __init__(self) -> None:
             self.names: list[str] = []
